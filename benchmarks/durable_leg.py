@@ -65,7 +65,7 @@ def letters_leg(way: str, numbers: Array = HOLY_VARIED) -> Robot:
 
 
 def _link(name: str, sides: list[float]) -> Bar | Triangle:
-    mass = DENSITY * sum(sides)
+    mass = DENSITY * math.fsum(sides)
     if len(sides) == 1:
         return Bar(sides[0], mass).slender()
     return Triangle.from_sides(*sides, mass=mass, outward=name == "foot").slender()

@@ -50,9 +50,9 @@ def with_legs(design: str, factor: float, heaviest: float = 0.0) -> Robot:
 def twelve_legs(share: float) -> Robot:
     """Twelve legs of bars without friction on 10 kg in all, which cannot pitch."""
     robot = ROBOTS["holy_slender"](6)
-    sides = [sum(one.distance(*pair) for pair in combinations(range(len(one.corners)), 2))
+    sides = [math.fsum(one.distance(*pair) for pair in combinations(range(len(one.corners)), 2))
              for one in robot.bodies]  # fmt: skip
-    a_metre = share * 10.0 / 12.0 / sum(sides[1:])
+    a_metre = share * 10.0 / 12.0 / math.fsum(sides[1:])
     links = {name: replace(one, mass=a_metre * side).slender() for name, one, side
              in zip(robot.linkage.names, robot.bodies, sides, strict=True)}  # fmt: skip
     links["frame"] = replace(robot.frame, mass=1e-3, inertia=1e-6)
@@ -102,7 +102,7 @@ def account(
     design: str, make: Callable[[Any], Any], robot: Robot, speed: float, count: int
 ) -> list[str]:
     """Masses, falls, torques (N m), and energies a turn of the crank (J), over some episodes."""
-    parts, legs = [], len(robot.legs) * sum(one.mass for one in robot.bodies[1:])
+    parts, legs = [], len(robot.legs) * math.fsum(one.mass for one in robot.bodies[1:])
     envs = make_envs(ENVS[design], {"robot": robot}, count)
     seen, _ = envs.reset(seed=[*range(count)], options={"speed_command": np.full(count, speed)})
     policy, state, starts, stood = make(envs), None, np.ones(count, bool), np.ones(count, bool)

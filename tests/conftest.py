@@ -2,6 +2,7 @@
 browser for the tests of pages.
 """
 
+import os
 import signal
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,6 +16,8 @@ from numpy.typing import NDArray
 from jansen_env.dynamics.reduced import Tables, compile_robot
 from jansen_env.robot import Robot
 from jansen_env.robot.motor import IDEAL
+
+os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # tests open no windows
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

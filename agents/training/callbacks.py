@@ -114,9 +114,10 @@ class Saver(BaseCallback):
         row: dict[str, Any] = {"steps": float(self.num_timesteps), "seconds": seconds, **scored}
         names = dict.fromkeys(("return", self.benchmark.chosen_by))
         found = ", ".join(f"{name} {scored[name]:.3g}" for name in names)
-        best = " (the best so far)" * (row["score"] > self.best)
-        print(f"evaluation: {self.num_timesteps} steps, {seconds:.0f} s, {found}{best}", flush=True)
-        if row["score"] > self.best:
+        better = row["score"] > self.best  # of equal ones the first is kept
+        note = " (the best so far)" * better
+        print(f"evaluation: {self.num_timesteps} steps, {seconds:.0f} s, {found}{note}", flush=True)
+        if better:
             self.best = row["score"]
             # Its score in the same file: no kill can part the two.
             save_model(self.model, self.folder / BEST, row)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import os
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -79,6 +80,8 @@ def _engraving(part: CutPart) -> list[Round]:
 
 def to_dxf(parts: Sequence[CutPart], sheet: complex | None = None) -> str:
     """Parts, and the edge of a sheet, as DXF R2010 in mm; the same text every time."""
+    if os.path.expanduser("~") == "~":  # ezdxf cannot be imported without a home
+        os.environ["HOME"] = os.devnull
     import ezdxf
 
     fixed = ezdxf.options.write_fixed_meta_data_for_testing

@@ -214,14 +214,13 @@ def build(name: str, folder: Path = FOLDER, say: Callable[[str], None] = print) 
 
 def link(target: Target, code: Path, library: Path) -> None:
     """Link an object to a shared library by Zig, which links for every platform."""
+    command = "-m", "ziglang", "cc", "-target", target.zig, "-shared", "-nostdlib"
+    caches = dict.fromkeys(("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR"), str(code.parent))
     subprocess.run(
-        [
-            sys.executable, "-m", "ziglang", "cc", "-target", target.zig, "-shared", "-nostdlib",
-            "-o", str(library), str(code),
-        ],
+        [sys.executable, *command, "-o", str(library), str(code)],
         check=True,
-        env={**os.environ, "ZIG_GLOBAL_CACHE_DIR": str(code.parent), "ZIG_LOCAL_CACHE_DIR": str(code.parent)},
-    )  # fmt: skip
+        env={**os.environ, **caches},
+    )
 
 
 if __name__ == "__main__":

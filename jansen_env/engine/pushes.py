@@ -59,8 +59,9 @@ def fill_pushes(
                 any_pushed = True
         if at_random and random[r]:
             episode = number(seeds[r], STREAM)
+            first = int(mathematics.floor(begin * push.time_step / push.interval))
             last = int(mathematics.floor((begin + steps) * push.time_step / push.interval))
-            for window in range(int(mathematics.floor(begin * push.time_step / push.interval)), last + 1):
+            for window in range(first, last + 1):
                 key = number(episode, window)
                 start = push.interval * window + uniform(key, 0) * (push.interval - push.duration)
                 x = strength[r] * push.impulse_x * (2.0 * uniform(key, 1) - 1.0)

@@ -64,7 +64,7 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
     ``crank_angle`` rad (not wrapped), ``crank_speed`` rad/s, ``crank_torque`` N m,
     ``tracking_error`` rad, ``speed_command`` rad/s, and ``energy``, J in this step: ``motor_work``,
     ``joint_loss``, ``mechanical_energy_change``, ``residual``; the first is the sum of the others;
-    ``electrical_work`` is what the motor drew.
+    ``electrical_work`` is what the motor drew. At a reset these and the terms of the reward are 0.
     With ``track_joint_forces``: ``joint_force_max`` N, the largest force with which a link bears
     on any of its joints at the end of the step. ``joint_forces()`` has all of them.
 

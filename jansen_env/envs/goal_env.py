@@ -55,7 +55,7 @@ class JansenGoalEnv(SingleEnv[GoalTask]):
     ## Information
     ``goal`` and ``distance`` m, ``held`` s near the goal without a break, ``is_success``: for the last
     second, ``fallen``; positions, torque, ``slip``, ``contact_force``, ``energy``, ``parameters`` ... as
-    of ``JansenWalker-v0``.
+    of ``JansenWalker-v0``. At a reset the terms of the reward are 0.
 
     ## Arguments
     ``energy_weight``, ``arrival_weight`` (1), and those of ``JansenWalker-v0`` that are not about commands,

@@ -95,7 +95,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         self._begun = True
         if self.render_mode == "human":
             self.render()
-        return self.task.observation[0].copy(), self.task.information.single(0, stepped=False)
+        return self.task.observation[0].copy(), self.task.information.single(0)
 
     def step(
         self, action: NDArray[np.float32]
@@ -116,7 +116,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
             task.reward.item(0),
             task.terminated.item(0),
             task.truncated.item(0),
-            task.information.single(0, stepped=True),
+            task.information.single(0),
         )
 
     def _check_begun(self) -> None:

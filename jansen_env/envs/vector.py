@@ -161,8 +161,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
             self._generators, self._seeds = before
             raise
         self._begun |= mask
-        infos = self._infos(mask, np.zeros(self.num_envs, bool))
-        return self.task.observation.copy(), infos
+        return self.task.observation.copy(), self._infos(mask)
 
     def restart(self, rows: Ints, options: Sequence[dict[str, Any]] | None = None) -> None:
         """Start the next episodes of some robots."""
@@ -180,13 +179,12 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
             gymnasium.error.ResetNeeded: before the first :meth:`reset`, and with
                 ``AutoresetMode.DISABLED`` while an episode is over.
         """
-        stepped = ~self._done
         terminated, truncated = self.advance(actions)
         rewards = self.task.reward.copy()
         if self.autoreset_mode == AutoresetMode.SAME_STEP and self._done.any():
             infos = self._restart_in_step(terminated | truncated)
         else:
-            infos = self._infos(np.ones(self.num_envs, bool), stepped)
+            infos = self._infos(np.ones(self.num_envs, bool))
         return self.task.observation.copy(), rewards, terminated, truncated, infos
 
     def advance(self, actions: NDArray[np.float32]) -> tuple[Bools, Bools]:
@@ -208,15 +206,15 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         final = np.full(self.num_envs, None, object)
         for i in np.flatnonzero(done).tolist():
             final[i] = self.task.observation[i].copy()
-        last = self._infos(done, done)
+        last = self._infos(done)
         self.restart(np.flatnonzero(done))
-        infos = self._infos(np.ones(self.num_envs, bool), ~done)
+        infos = self._infos(np.ones(self.num_envs, bool))
         infos["final_obs"], infos["_final_obs"] = final, done.copy()
         infos["final_info"], infos["_final_info"] = last, done.copy()
         return infos
 
-    def _infos(self, known: Bools, stepped: Bools) -> dict[str, Any]:
-        return self.task.information.batched(known, stepped, self.info_keys)
+    def _infos(self, known: Bools) -> dict[str, Any]:
+        return self.task.information.batched(known, self.info_keys)
 
     def _awaiting_reset(self) -> Bools:
         """Return which robots (num_envs,) cannot take a step before :meth:`reset`."""

@@ -55,9 +55,9 @@ def _lumps(robot: Robot) -> list[tuple[float, float, Array]]:
         load = robot.payload
         if k == CHASSIS and (load.mass > 0.0 or load.inertia > 0.0):
             parts.append((load.mass, load.inertia, np.array(load.position)))
-        mass = sum(m for m, _, _ in parts)
+        mass = math.fsum(m for m, _, _ in parts)
         centre = np.sum([m * r for m, _, r in parts], axis=0) / mass
-        inertia = sum(j + m * float((r - centre) @ (r - centre)) for m, j, r in parts)
+        inertia = math.fsum(j + m * float((r - centre) @ (r - centre)) for m, j, r in parts)
         lumps.append((mass, inertia, centre))
     return lumps
 

@@ -58,7 +58,8 @@ def set_arms(rows: NDArray[np.void], centre: NDArray[np.float64], pad: NDArray[n
     scale, mass = rows["mass_scale"], rows["mass"]
     for k, name in enumerate(("pitch_arm", "crank_arm")):
         rows[name] = BOUND * (scale * centre[..., k] / mass + pad[..., k])
-    rows["pitch_arm"] += rows["load_mass"] * np.sqrt(rows["load_x"] ** 2 + rows["load_y"] ** 2) / mass
+    load = np.sqrt(rows["load_x"] ** 2 + rows["load_y"] ** 2)
+    rows["pitch_arm"] += rows["load_mass"] * load / mass
 
 
 def set_motor(row: NDArray[np.void], robot: Robot) -> None:

@@ -99,7 +99,7 @@ class BatchVecEnv(VecEnv):
         self._reset_options()
         observations, _ = self.env.reset_each(seeds, options)
         information = self.env.task.information
-        self.reset_infos = [information.single(i, False) for i in range(self.num_envs)]
+        self.reset_infos = [information.single(i) for i in range(self.num_envs)]
         return observations
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
@@ -114,16 +114,16 @@ class BatchVecEnv(VecEnv):
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         if self.info_keys is None or self.info_keys:
             for i in np.flatnonzero(~dones).tolist():
-                info = task.information.single(i, True)
+                info = task.information.single(i)
                 infos[i] = {key: info[key] for key in self.info_keys or info}
         for i in np.flatnonzero(dones).tolist():
-            infos[i] = task.information.single(i, True)
+            infos[i] = task.information.single(i)
             infos[i]["terminal_observation"] = task.observation[i].copy()
             infos[i]["TimeLimit.truncated"] = bool(truncated[i] and not terminated[i])
         if dones.any():
             self.env.restart(np.flatnonzero(dones))
             for i in np.flatnonzero(dones).tolist():
-                self.reset_infos[i] = task.information.single(i, False)
+                self.reset_infos[i] = task.information.single(i)
         return task.observation.copy(), rewards, dones, infos
 
     def get_states(self) -> list[dict[str, Any]]:

@@ -17,12 +17,12 @@ class InfoBuilder:
     Args:
         world: (n,) structured rows: their field ``info`` has numbers and flags, ``energy`` becomes
             a dictionary of its own. task: (n,) rows: ``info`` has more numbers and flags,
-            ``reward`` the reward's terms, which only a step has.
-        arrays: (n, ...) more of it. step_arrays: (n,) more numbers that only a step has.
+            ``reward`` the reward's terms, which are 0 at a reset.
+        arrays: (n,) or (n, ...) more of it.
         groups: (n,) structured rows that become dictionaries, by name.
 
     Attributes:
-        keys: all that a step's information has.
+        keys: those of the information of every reset and step.
     """
 
     def __init__(
@@ -30,7 +30,6 @@ class InfoBuilder:
         world: NDArray[Any],
         task: NDArray[Any],
         arrays: Mapping[str, NDArray[Any]],
-        step_arrays: Mapping[str, NDArray[Any]],
         groups: Mapping[str, NDArray[Any]],
     ) -> None:
         self._world, self._task = world[["info", "energy"]], task[["info", "reward"]]
@@ -39,37 +38,27 @@ class InfoBuilder:
         self._groups = {name: (rows, rows.dtype.names or ()) for name, rows in every.items()}
         infos: Any = (world["info"], task["info"])
         of_any = {name: info[name] for info in infos for name in info.dtype.names}
-        self._names = tuple(of_any)
         rewards: Any = task["reward"]
-        self._terms = {f"reward/{term}": rewards[term] for term in rewards.dtype.names}
-        self._names_of_step = (*self._names, *self._terms)
-        self._step_arrays, self._of_any = dict(step_arrays), {**of_any, **arrays}
-        self.keys: tuple[str, ...] = (*self._of_any, *self._groups, *self._terms, *step_arrays)
+        of_any |= {f"reward/{term}": rewards[term] for term in rewards.dtype.names}
+        self._names, self._of_any = tuple(of_any), {**of_any, **arrays}
+        self.keys: tuple[str, ...] = (*self._of_any, *self._groups)
 
-    def single(self, row: int, stepped: bool) -> dict[str, Any]:
-        """Return that of one robot, in Python's own types; ``stepped``: of a step, not a reset."""
+    def single(self, row: int) -> dict[str, Any]:
+        """Return that of one robot, in Python's own types."""
         world: Any = self._world.item(row)
         task: Any = self._task.item(row)
-        names, numbers = self._names, world[0] + task[0]
-        if stepped:
-            names, numbers = self._names_of_step, numbers + task[1]
-        info = dict(zip(names, numbers, strict=True))
+        info = dict(zip(self._names, world[0] + task[0] + task[1], strict=True))
         info["energy"] = dict(zip(self._groups["energy"][1], world[1], strict=True))
         for group, rows in self._more.items():
             info[group] = dict(zip(self._groups[group][1], rows.item(row), strict=True))
         for name, array in self._arrays.items():
-            info[name] = array[row].copy()
-        if stepped:
-            for name, array in self._step_arrays.items():
-                info[name] = array.item(row)
+            info[name] = array[row].copy() if array.ndim > 1 else array.item(row)
         return info
 
-    def batched(
-        self, known: Bools, stepped: Bools, keys: Sequence[str] | None = None
-    ) -> dict[str, Any]:
+    def batched(self, known: Bools, keys: Sequence[str] | None = None) -> dict[str, Any]:
         """Return Gymnasium's vector information: arrays, 0 where not ``known``, each with a mask.
 
-        ``stepped``: (n,) whether it is of a step; ``keys``: those wanted, None for all.
+        ``keys``: those wanted, None for all.
         """
         wanted = self.keys if keys is None else keys
         if not wanted:
@@ -79,8 +68,6 @@ class InfoBuilder:
             if group in wanted:
                 infos[group] = _masked({name: rows[name] for name in names}, names, known)
                 infos[f"_{group}"] = known.copy()
-        if stepped.any():
-            infos |= _masked({**self._terms, **self._step_arrays}, wanted, stepped)
         return infos
 
 

@@ -96,7 +96,7 @@ class Task(ABC):
 
     def _make_info(self) -> InfoBuilder:
         world = self.world
-        return InfoBuilder(world.rows, self.rows, world.arrays, world.step_arrays, world.groups)
+        return InfoBuilder(world.rows, self.rows, world.arrays, world.groups)
 
     # Defined by each task.
 

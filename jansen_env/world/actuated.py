@@ -35,7 +35,7 @@ class ActuatedRobots:
         robots: of these episodes, before parameters. control_dt: s for which an action is held.
         rows: (n,) with fields ``action``, ``action_before``, ``info`` and ``energy``.
         lengths: of the present episodes.
-        arrays, step_arrays, groups: see :class:`jansen_env.tasks.information.InfoBuilder`.
+        arrays, groups: see :class:`jansen_env.tasks.information.InfoBuilder`.
         full_torque: (n,) N m, the torque of action 1, with its sign.
         elapsed: (n,) control steps since the reset.
         torque: (n,) that the last step ended with, N m; earlier: (n,) that of its first ``switch``
@@ -87,7 +87,6 @@ class ActuatedRobots:
         self.truncated, self._any_truncated = np.zeros(n, bool), False
         self.groups: dict[str, NDArray[Any]] = {}
         self.arrays: dict[str, NDArray[Any]] = {}
-        self.step_arrays: dict[str, NDArray[Any]] = {}
 
     @classmethod
     def driven_robot(

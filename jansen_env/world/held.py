@@ -78,7 +78,7 @@ class HeldRobots(ActuatedRobots):
             Observed("crank_speed", "rad/s", -np.inf, np.inf),
         ]
         if machine.track_joint_forces:
-            self.step_arrays = {"joint_force_max": np.zeros(1)}
+            self.arrays = {"joint_force_max": np.zeros(1)}
 
     @classmethod
     def driven_robot(
@@ -133,6 +133,8 @@ class HeldRobots(ActuatedRobots):
         self.rows[rows] = np.zeros((), crank_tracking.HELD_ROW)
         self.rows["action"][rows] = self.rows["action_before"][rows] = action
         self.rows["steps"][rows] = self.elapsed[rows] = steps
+        for largest in self.arrays.values():
+            largest[:] = 0.0
 
     def step(
         self,
@@ -150,8 +152,9 @@ class HeldRobots(ActuatedRobots):
             meanwhile()
         if plant.any_diverged or self._any_truncated:
             self._truncate(plant.diverged & active)
-        for largest in self.step_arrays.values():
-            largest[0] = plant.joint_forces(0, float(self.torque[0])).largest()[0]
+        if self.arrays and active[0]:  # the one robot
+            loads = plant.joint_forces(0, float(self.torque[0]))
+            self.arrays["joint_force_max"][0] = loads.largest()[0]
 
     def checked(self, row: int, changes: Mapping[str, Any]) -> dict[str, Any]:
         """Return a change of the delay, s, ready for :meth:`apply`."""

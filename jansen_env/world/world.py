@@ -128,7 +128,7 @@ class World(ActuatedRobots):
             self.arrays["true_observation"] = self.sensors.truth
         if self.track_joint_forces:
             names = "joint_force_max", "joint_impulse_max"
-            self.step_arrays = {k: self._joint_loads[i : i + 1] for i, k in enumerate(names)}
+            self.arrays |= {k: self._joint_loads[i : i + 1] for i, k in enumerate(names)}
 
     def connect(
         self,
@@ -272,6 +272,7 @@ class World(ActuatedRobots):
         kept["x_before"][rows], info["x_velocity"][rows] = states[:, 0], states[:, 4]
         info["joint_gap"][rows] = self.plant.joint_gap[rows]
         self.elapsed[rows] = 0
+        self._joint_loads[:] = 0.0
 
     def step(
         self,
@@ -302,7 +303,7 @@ class World(ActuatedRobots):
             self.rows["info"]["joint_gap"] = plant.joint_gap
         if plant.any_diverged or self._any_truncated:
             self._truncate(plant.diverged & active)
-        if self.track_joint_forces:
+        if self.track_joint_forces and active[0]:  # the one robot
             self._joint_loads[:] = (0.0, 0.0) if plant.any_diverged else plant.peak_loads()
 
     def _sense(self, finish: Callable[[Ints], None], rows: Ints) -> None:

@@ -86,6 +86,13 @@ def test_resumed_run_keeps_a_better_model(tmp_path, returns):
     assert runs.best_score(tmp_path) == 6.0
 
 
+def test_of_equal_models_the_first_is_kept(tmp_path, returns, capsys):
+    returns += [5.0, 5.0]
+    go(small_config(), tmp_path)
+    assert read_model(tmp_path / runs.BEST)[1] == KEPT
+    assert capsys.readouterr().out.count("(the best so far)") == 1
+
+
 def test_best_model_outlives_a_kill_before_its_row_is_written(tmp_path, returns, monkeypatch):
     def killed(*given):
         raise KeyboardInterrupt

@@ -11,14 +11,14 @@ import time
 from pathlib import Path
 
 import pytest
+from jansen_env.engine.jit import Kernel, compiled, prepare
+from jansen_env.engine.parts import parts
+from jansen_env.engine.second_process import Task, compile_all
 from numba import float64, njit, typeof
 
 from jansen_env import Terrain, paper_robot
 from jansen_env.commands.compile import main as compile_ahead
 from jansen_env.engine import jit, second_process
-from jansen_env.engine.jit import Kernel, compiled, prepare
-from jansen_env.engine.parts import parts
-from jansen_env.engine.second_process import Task, compile_all
 from jansen_env.plants.fixed_base import FixedBasePlant
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.tasks.walking import WalkerTask

@@ -61,7 +61,7 @@ def test_special_values():
             with np.errstate(over="ignore"):
                 expected = float(getattr(np, name)(x))
             found = getattr(mathematics, name)(x)
-            assert found == expected or math.isnan(found) and math.isnan(expected), (name, x)
+            assert found == expected or (math.isnan(found) and math.isnan(expected)), (name, x)
     for x in (math.inf, -math.inf, math.nan):
         assert math.isnan(mathematics.sin(x)) and math.isnan(mathematics.cos(x))
     assert mathematics.log(0.0) == -math.inf and mathematics.log(math.inf) == math.inf

@@ -11,6 +11,7 @@ from gymnasium.vector import AutoresetMode
 from side_by_side import compare
 from stable_baselines3.common.env_checker import check_env as check_for_sb3
 
+from jansen_env.sb3 import make_vec_env
 from jansen_env.scoring.benchmarks import vector_env
 from jansen_env.world.randomization import Uniform
 
@@ -79,6 +80,34 @@ def test_the_same_seed_gives_the_same_episode(env_id):
     assert not np.array_equal(episode(env, 4), first)
     np.testing.assert_array_equal(episode(env, 3), first)
     np.testing.assert_array_equal(episode(other, 3), first)
+
+
+def kinds(info):
+    """Keys and types of information, shapes and types of its arrays."""
+    return {
+        name: kinds(value) if isinstance(value, dict)
+        else (value.shape, value.dtype) if isinstance(value, np.ndarray)
+        else type(value)
+        for name, value in info.items()
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_reset_and_step_inform_of_the_same(env_id):
+    """In the same types, as those need who stack infos: one robot, many, and for SB3."""
+    env, envs = gym.make(env_id, track_joint_forces=True), gym.make_vec(env_id, 3)
+    venv = make_vec_env(env_id, 2, info_keys=None)
+    venv.reset()
+    resets = [env.reset()[1], envs.reset()[1], venv.reset_infos[0]]
+    actions = [np.full(shape, 0.5, np.float32) for shape in ((1,), (3, 1), (2, 1))]
+    steps = [env.step(actions[0])[4], envs.step(actions[1])[4], venv.step(actions[2])[3][0]]
+    again = [env.reset()[1], envs.reset()[1], resets[2]]
+    for first, step, second in zip(resets, steps, again, strict=True):
+        assert kinds(first) == kinds(step) == kinds(second)
+        terms = [name for name in step if name.startswith(("reward/", "joint_"))]
+        assert len(terms) >= 2 and any(np.any(step[name]) for name in terms)
+        assert not any(np.any(info[name]) for info in (first, second) for name in terms)
+    env.close(), envs.close(), venv.close()
 
 
 @pytest.mark.parametrize("env_id", WALKERS)

@@ -77,6 +77,21 @@ def test_information_of_a_step():
         make_vec_env(ENV, 2, info_keys=["slop"])
 
 
+@pytest.mark.parametrize("batched", [True, False])
+def test_a_fall_in_the_last_step_of_the_time_limit_is_a_fall(batched):
+    """Its value is not bootstrapped, as ``TimeLimit.truncated`` would have it."""
+    arguments = {"fall_pitch": 1e-6, "max_episode_steps": 1}  # which ends the first step
+    venv = (
+        make_vec_env(ENV, 2, arguments)
+        if batched
+        else DummyVecEnv([lambda: make_env(ENV, arguments)] * 2)
+    )
+    venv.seed(0), venv.reset()
+    _, _, dones, infos = venv.step(np.ones((2, 1), np.float32))
+    for done, info in zip(dones, infos, strict=True):
+        assert done and info["fallen"] and info["TimeLimit.truncated"] is False
+
+
 def test_attributes_methods_and_options():
     """Through ``indices``, for some robots or all; options of the next reset alone."""
     venv = make_vec_env(ENV, 3, {"friction": 0.4})

@@ -196,10 +196,16 @@ def test_reset_options():
 
 @pytest.mark.parametrize("robot", [*sorted(jansen_env.ROBOTS), jansen_env.paper_robot(3)])
 def test_every_design_turns(robot):
-    """200 random steps each, with the control period of 20 time steps of another length."""
+    """More than a turn, after the reference; with other control periods and time steps."""
     env = JansenCrankEnv(robot=robot, control_dt=0.02, time_step=5e-4, speed_command=2.0)
-    env.reset(seed=0)
-    assert np.isfinite(roll(env, 200)).all() and env.metadata["render_fps"] == 50
+    start = env.reset(seed=0)[1]["crank_angle"]
+    for _ in range(200):
+        error, speed = env.task.rows["info"]["tracking_error"][0], env.plant.state[1]
+        share = np.clip((20.0 * error + 2.0 * (2.0 - speed)) / env.torque_limit, -1.0, 1.0)
+        _, _, terminated, _, info = env.step(np.array([share]))
+        assert not terminated and abs(info["energy"]["residual"]) < 1e-6
+    assert info["crank_angle"] - start == pytest.approx(200 * 0.02 * 2.0, abs=1.0)
+    assert env.metadata["render_fps"] == 50
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])

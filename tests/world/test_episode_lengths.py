@@ -75,7 +75,7 @@ def test_a_state_holds_the_lengths(env_id, kwargs, steps):
 
 
 def lengths_by_info(env):
-    return dict(env.task.information.single(0, False)["lengths"])
+    return dict(env.task.information.single(0)["lengths"])
 
 
 @pytest.mark.parametrize("env_id", IDS)

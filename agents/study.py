@@ -21,6 +21,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from agents import need
 from agents.command_line import add_run_flags
 from agents.studies.backends import Watch, has_ray, run_locally, run_on_ray
 from agents.studies.plan import STUDY, Run, Study, enter, make_study, read_study
@@ -66,9 +67,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         parser.error("--report takes a study as it stands in its folder, and nothing else")
     if args.local and args.address:
         parser.error("--local and --address exclude each other")
-    if args.address and not has_ray():
-        parser.error("--address needs Ray, which the extra 'distributed' installs: "
-                     'pip install "jansen-env[distributed]"')  # fmt: skip
+    if args.address:
+        need("distributed", "ray", who="--address")
     return args
 
 

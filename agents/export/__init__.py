@@ -11,16 +11,12 @@ import argparse
 import re
 import shlex
 import sys
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import torch
 
 from agents import need
-
-need("export", "jinja2", "onnx", "onnxscript")
-
 from agents.export import agreement, c_source, onnx_model
 from agents.export.model_card import card
 from agents.pack import TOLERANCE, from_run, in_float64
@@ -152,10 +148,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--seed", type=non_negative_int, default=0, help="of the scores; default: 0")
     args = parser.parse_args(arguments)
     args.error, args.to = parser.error, tuple(dict.fromkeys(args.to))
-    missing = [one for one in onnx_model.NEEDED if find_spec(one) is None]
-    if "onnx" in args.to and missing:
-        parser.error(f"--to onnx needs {', '.join(missing)}, which the extra 'export' installs: "
-                     'python -m pip install -e ".[export]"')  # fmt: skip
+    if "onnx" in args.to:
+        need("export", *onnx_model.NEEDED, who="--to onnx")
     return args
 
 

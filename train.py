@@ -117,7 +117,7 @@ def _run(
     trained = time.perf_counter()
     baselines = ", ".join(find_benchmark(env_id).baselines)
     print(f"scoring: the best model against {baselines}, after {trained - start:.0f} s", flush=True)
-    print(f"\n{outcome(folder, env_id, score_run(folder, config, args.eval_episodes))}")
+    print(f"\n{outcome(folder, score_run(folder, config, args.eval_episodes))}")
 
 
 def _configure(args: argparse.Namespace) -> dict[str, Any]:

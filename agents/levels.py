@@ -114,7 +114,7 @@ def main(arguments: list[str] | None = None) -> None:
     command = shlex.join(["python", "-m", "agents.levels", *(arguments or sys.argv[1:])])
     head = f"# {args.env} by terrain level\n\n`{command}`: {note}\n\n![Scores](levels.png)"
     write_text(out / "levels.md", f"{head}\n\n{tables}\n")
-    print(f"{tables}\n\n{note} Written: {out}")
+    print(f"Success:\n\n{successes}\n\n{note} All scores: {out}/levels.md")
 
 
 if __name__ == "__main__":

@@ -54,6 +54,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--local", action="store_true", help="processes of this machine, though Ray is installed")
     add("--address", help="of the Ray cluster to join, or 'auto'; default: one of this machine's")
     add("--report", metavar="FOLDER", help="of a search: only write its report again")
+    add("--all", action="store_true", help="print the whole report")
     add("--trust", metavar="FOLDER",
         help="of a search: rank 100 of its designs again, elsewhere")  # fmt: skip
     args = parser.parse_args(arguments)
@@ -70,8 +71,10 @@ def main(arguments: list[str] | None = None) -> int:
         if args.report or args.trust:
             folder = Path(args.report or args.trust)
             plan = make_plan(read_yaml(folder / PLAN))
-            write = write_report if args.report else trust_report
-            print(write(plan, folder, load_policy(plan)))
+            if args.trust:
+                print(trust_report(plan, folder, load_policy(plan)))
+            else:
+                report(plan, folder, args.all)
             return 0
         plan = read_plan(args.plan)
         asked = {
@@ -83,7 +86,7 @@ def main(arguments: list[str] | None = None) -> int:
         folder = Path(args.log_folder) / (args.name or Path(args.plan).stem)
         enter(folder, plan)
         failed = search_all(plan, folder, args)
-        print(f"\n{write_report(plan, folder, load_policy(plan))}\n{folder / REPORT}")
+        report(plan, folder, args.all)
     except (OSError, ValueError) as error:
         args.error(" ".join(str(error).split()))
     except KeyboardInterrupt:
@@ -91,6 +94,12 @@ def main(arguments: list[str] | None = None) -> int:
               f"{shlex.join(sys.argv[1:] if arguments is None else arguments)}")  # fmt: skip
         return 130
     return int(failed)
+
+
+def report(plan: Plan, folder: Path, everything: bool) -> None:
+    """Write a search's report; print the start and the best design, or everything."""
+    short, path = write_report(plan, folder, load_policy(plan)), folder / REPORT
+    print(f"\n{path.read_text(encoding='utf-8') if everything else short}\n\nall: {path}")
 
 
 def enter(folder: Path, plan: Plan) -> None:

@@ -115,7 +115,9 @@ class Saver(BaseCallback):
         names = dict.fromkeys(("return", self.benchmark.chosen_by))
         found = ", ".join(f"{name} {scored[name]:.3g}" for name in names)
         best = " (the best so far)" * (row["score"] > self.best)
-        print(f"evaluation: {self.num_timesteps} steps, {seconds:.0f} s, {found}{best}", flush=True)
+        text = f"evaluation: {self.num_timesteps} steps, {seconds:.0f} s, {found}{best}"
+        if not self.history or scored.items() - self.history[-1].items():  # else the same policy
+            print(text, flush=True)
         if row["score"] > self.best:
             self.best = row["score"]
             # Its score in the same file: no kill can part the two.

@@ -289,7 +289,7 @@ def test_a_robot_file_is_drawn_under_its_own_name(tmp_path, monkeypatch, capsys)
 
 @pytest.mark.parametrize("name", ["built", "klann", "strider"])
 def test_the_machine_that_would_be_cut_is_a_robot(name, tmp_path, capsys):
-    """With the masses of the bill of materials and the robot's joints; a difference is a warning."""
+    """With the masses of the bill of materials and the robot's joints; others are warned."""
     path, robot = tmp_path / "machine.json", ROBOTS[name]()
     command.main([name, "--out", str(tmp_path / "out"), "--as-robot-file", str(path)])
     cut, mass = read_robot(path), sum(part.mass for part in bill_of_materials(robot))

@@ -148,7 +148,7 @@ def search_all(plan: Plan, folder: Path, args: argparse.Namespace) -> bool:
 
 
 class Shown:
-    """A bar of the generations, with the best so far."""
+    """A bar of the generations, with the best so far and how many of the last keep all limits."""
 
     def __init__(self, plan: Plan) -> None:
         self._plan, self._best = plan, np.inf
@@ -158,10 +158,12 @@ class Shown:
         """Take a generation."""
         fine = objectives_of(self._plan, measured)[violation == 0.0, 0]
         self._best = min(self._best, fine.min(initial=np.inf))
-        way = 1.0 if next(iter(self._plan.objectives.values())) == "min" else -1.0
+        name, sense = next(iter(self._plan.objectives.items()))
+        way = 1.0 if sense == "min" else -1.0
         best = f"{way * self._best:.4g}" if np.isfinite(self._best) else "none yet"
         self._bar.n = number + 1
-        self._bar.set_postfix({"keep all limits": len(fine), "best": best})
+        kept = f"{len(fine)} of {len(violation)} keep all limits"
+        self._bar.set_postfix_str(f"{kept}, best {name}: {best}")
 
 
 def show_all(plan: Plan, folder: Path, bar: Any, results: dict[str, RunResult]) -> None:

@@ -76,8 +76,11 @@ def success_table(levels: dict[str, dict[str, dict[str, Any]]]) -> str:
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line."""
     parser = policy_parser(
-        "python -m agents.levels", __doc__, "JansenWalkerRough-v0", required=True, plants=True
-    )
+        "python -m agents.levels", __doc__,
+        "python -m agents.levels --policy pretrained --policy pid",
+        "python -m agents.levels --env JansenWalkerHardcore-v0 --policy pretrained --levels 0 4 8",
+        default="JansenWalkerRough-v0", required=True, plants=True,
+    )  # fmt: skip
     add = parser.add_argument
     add("--levels", type=non_negative_int, nargs="+", default=list(range(HIGHEST + 1)), metavar="L",
         help=f"terrain levels, 0 to {HIGHEST}; default: all")  # fmt: skip

@@ -34,7 +34,17 @@ def test_each_command_tells_its_arguments(command, capsys):
     with pytest.raises(SystemExit) as ended:
         main([command, "--help"])
     assert ended.value.code == 0
-    assert capsys.readouterr().out.startswith(f"usage: jansen-env {command} ")
+    shown = capsys.readouterr().out
+    assert shown.startswith(f"usage: jansen-env {command} ")
+    assert shown.count(f"\n  jansen-env {command}") == 2 or command == "compile"  # examples
+
+
+def test_an_error_comes_before_the_usage_and_suggests_an_id(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["evaluate", "--policy", "pid", "--env", "JansenRough-v0"])
+    error, usage, *_ = capsys.readouterr().err.splitlines()
+    assert ended.value.code == 2 and usage.startswith("usage: ")
+    assert error.endswith("did you mean 'JansenWalkerRough-v0'?")
 
 
 def test_a_wrong_command_is_refused(capsys):

@@ -330,5 +330,5 @@ def test_wrong_arguments_are_refused_in_a_line(arguments, said, tmp_path, monkey
     with pytest.raises(SystemExit) as exited:
         command.main(arguments)
     assert exited.value.code == 2
-    assert said in capsys.readouterr().err.splitlines()[-1]
+    assert said in capsys.readouterr().err.splitlines()[0]
     assert [path.name for path in tmp_path.iterdir()] == ["other.json"]

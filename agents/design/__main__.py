@@ -22,7 +22,7 @@ from agents.design.design_report import REPORT, ROBOT, write_report
 from agents.design.search import JOURNAL, Measured, objectives_of, run_search
 from agents.design.seeds import SearchRequest, execute_search, load_policy
 from agents.design.trust import trust_report
-from jansen_env.commands.flags import mapping, positive_int
+from jansen_env.commands.flags import Parser, mapping, positive_int
 from jansen_env.cores import available_cores
 from jansen_env.files import write_text
 from jansen_env.plain_yaml import read_yaml
@@ -37,7 +37,8 @@ PLAN = "plan.yml"
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line."""
     shipped = ", ".join(sorted(path.stem for path in PLANS.glob("*.yml")))
-    parser = argparse.ArgumentParser(prog="python -m agents.design", description=__doc__)
+    parser = Parser("python -m agents.design", __doc__, "python -m agents.design cost",
+                    "python -m agents.design cost --speed 0.5 --seeds 3 --name fast")  # fmt: skip
     add = parser.add_argument
     add("plan", nargs="?", metavar="PLAN", help=f"a file, or one of: {shipped}")
     add("--name", help="of the search; default: the plan's")

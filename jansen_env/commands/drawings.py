@@ -32,7 +32,11 @@ def _sheet(text: str) -> complex:
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    parser = robot_parser("jansen-env drawings", __doc__, "FOLDER", "the robot's name")
+    parser = robot_parser(
+        "jansen-env drawings", __doc__, "FOLDER", "the robot's name",
+        "jansen-env drawings built --sheet 1000x500",
+        "jansen-env drawings klann --out klann --as-robot-file klann.json",
+    )  # fmt: skip
     parser.add_argument("--sheet", type=_sheet, default=SHEET, metavar="WIDTHxHEIGHT",
                         help="mm; default: %(default)s")  # fmt: skip
     parser.add_argument("--as-robot-file", type=Path, metavar="FILE",

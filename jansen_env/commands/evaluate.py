@@ -16,7 +16,12 @@ from jansen_env.scoring.evaluation import Scores, evaluate
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line; incompatible options are refused."""
-    parser = policy_parser("jansen-env evaluate", __doc__, required=True, plants=True)
+    parser = policy_parser(
+        "jansen-env evaluate", "Score policies side by side.",
+        "jansen-env evaluate --policy pretrained --policy pid",
+        "jansen-env evaluate --env JansenWalkerRough-v0 --policy pretrained --all --out scores",
+        required=True, plants=True,
+    )  # fmt: skip
     add = parser.add_argument
     add("--commands", type=float, nargs="+", metavar="V",
         help="speeds or goals; default: the benchmark's grid")  # fmt: skip

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
 import time
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from jansen_env.commands.flags import Parser
 from jansen_env.files import writable, write_json, write_text
 from jansen_env.paper.claims import check_claims
 from jansen_env.paper.errata import errata
@@ -18,7 +18,8 @@ from jansen_env.paper.results import compute
 
 def main(arguments: list[str] | None = None) -> None:
     """Compute, check, draw, write: claims.md, claims.json and the figures."""
-    parser = argparse.ArgumentParser(prog="jansen-env paper", description=__doc__)
+    parser = Parser("jansen-env paper", "Reproduce the paper.", "jansen-env paper --out paper",
+                    "jansen-env paper --out paper --all")  # fmt: skip
     parser.add_argument("--out", type=Path, required=True, metavar="DIR",
                         help="folder for tables and figures")  # fmt: skip
     parser.add_argument("--all", action="store_true", help="print all tables")

@@ -356,7 +356,7 @@ def test_bad_arguments_get_one_line(arguments, message, capsys):
     """And no traceback."""
     with pytest.raises(SystemExit):
         command.main(arguments)
-    assert message in capsys.readouterr().err.splitlines()[-1]
+    assert message in capsys.readouterr().err.splitlines()[0]
 
 
 @pytest.mark.slow

@@ -311,7 +311,8 @@ def test_the_command_searches_and_reports(method, tmp_path, capsys):
     arguments = [str(path), "--log-folder", str(tmp_path / "logs"), "--generations", "2"]
     arguments += ["--variables", "{lengths: 0.01, harmonics: 1}"]
     assert command.main(arguments) == 0
-    printed = capsys.readouterr().out
+    printed, progress = capsys.readouterr()
+    assert f"of {SMALL['population']} keep all limits, best steady_cost_of_transport: " in progress
     assert "steady_cost_of_transport" in printed and "half the time step" not in printed
     assert max(map(len, printed.splitlines())) <= 80 + len(str(tmp_path))
     folder = tmp_path / "logs" / "own"

@@ -35,19 +35,21 @@ from agents.training.runs import (
 )
 from agents.training.scores import outcome, score_run
 from agents.training.train_model import prepare, train
-from jansen_env.commands.flags import non_negative_int
+from jansen_env.commands.flags import Parser, env_id, non_negative_int
 from jansen_env.sb3.run_config import ALGORITHMS, TO_RESUME, load_config
-from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT, find_benchmark
+from jansen_env.scoring.benchmarks import DEFAULT, find_benchmark
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line, with flags named as in RL Baselines3 Zoo."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = Parser("train.py", "Train a policy, score it beside the baselines, draw the scores.",
+                    "python train.py --env JansenWalkerRough-v0 --seed 1",
+                    "python train.py --resume logs/ppo/JansenWalkerBuilt-v0_1")  # fmt: skip
     add_run_flags(parser)
     parser.set_defaults(save_freq=100_000, eval_episodes=10)
     add = parser.add_argument
     add("--algo", choices=sorted(ALGORITHMS), help="algorithm; default: --config's, or ppo")
-    add("--env", choices=sorted(BENCHMARKS),
+    add("--env", type=env_id, metavar="ID",
         help=f"environment id; default: --config's, or {DEFAULT}")  # fmt: skip
     add("--seed", type=non_negative_int,
         help="seed of networks and environments; default: --config's, or 0")  # fmt: skip
@@ -117,7 +119,7 @@ def _run(
     trained = time.perf_counter()
     baselines = ", ".join(find_benchmark(env_id).baselines)
     print(f"scoring: the best model against {baselines}, after {trained - start:.0f} s", flush=True)
-    print(f"\n{outcome(folder, env_id, score_run(folder, config, args.eval_episodes))}")
+    print(f"\n{outcome(folder, score_run(folder, config, args.eval_episodes))}")
 
 
 def _configure(args: argparse.Namespace) -> dict[str, Any]:

@@ -3,17 +3,16 @@
 from importlib.util import find_spec
 
 
-def need(extra: str, *names: str) -> None:
-    """Raise ModuleNotFoundError where a package is missing, with the extra that brings it."""
+def need(extra: str, *names: str, who: str = "agents") -> None:
+    """Raise SystemExit, with the extra that brings them, where packages are missing."""
     if missing := [name for name in names if find_spec(name) is None]:
-        raise ModuleNotFoundError(
-            f"agents needs {', '.join(missing)}, which the extra {extra!r} installs: "
-            f'python -m pip install -c constraints.txt -e ".[{extra}]"',
-            name=missing[0],
+        raise SystemExit(
+            f"{who} needs {', '.join(missing)}, which the extra {extra!r} installs: "
+            f'python -m pip install -c constraints.txt -e ".[{extra}]"'
         )
 
 
-NEEDED = ("PIL", "cma", "filelock", "imageio", "imageio_ffmpeg", "matplotlib", "rich",
-          "scipy", "stable_baselines3", "tabulate", "tensorboard", "torch", "tqdm",
-          "yaml")  # fmt: skip
+NEEDED = ("PIL", "cma", "filelock", "imageio", "imageio_ffmpeg", "jinja2", "matplotlib",
+          "rich", "scipy", "stable_baselines3", "tabulate", "tensorboard", "torch",
+          "tqdm", "yaml")  # fmt: skip
 need("train", *NEEDED)

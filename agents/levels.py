@@ -76,8 +76,11 @@ def success_table(levels: dict[str, dict[str, dict[str, Any]]]) -> str:
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line."""
     parser = policy_parser(
-        "python -m agents.levels", __doc__, "JansenWalkerRough-v0", required=True, plants=True
-    )
+        "python -m agents.levels", __doc__,
+        "python -m agents.levels --policy pretrained --policy pid",
+        "python -m agents.levels --env JansenWalkerHardcore-v0 --policy pretrained --levels 0 4 8",
+        default="JansenWalkerRough-v0", required=True, plants=True,
+    )  # fmt: skip
     add = parser.add_argument
     add("--levels", type=non_negative_int, nargs="+", default=list(range(HIGHEST + 1)), metavar="L",
         help=f"terrain levels, 0 to {HIGHEST}; default: all")  # fmt: skip
@@ -114,7 +117,7 @@ def main(arguments: list[str] | None = None) -> None:
     command = shlex.join(["python", "-m", "agents.levels", *(arguments or sys.argv[1:])])
     head = f"# {args.env} by terrain level\n\n`{command}`: {note}\n\n![Scores](levels.png)"
     write_text(out / "levels.md", f"{head}\n\n{tables}\n")
-    print(f"{tables}\n\n{note} Written: {out}")
+    print(f"Success:\n\n{successes}\n\n{note} All scores: {out}/levels.md")
 
 
 if __name__ == "__main__":

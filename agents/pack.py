@@ -19,7 +19,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, Flatten
 from torch import nn
 
 import jansen_env
-from jansen_env.commands.flags import non_negative_int, positive_int
+from jansen_env.commands.flags import Parser, non_negative_int, positive_int
 from jansen_env.commands.named_policies import model_file
 from jansen_env.files import write_bytes, write_json
 from jansen_env.policies import pretrained
@@ -195,7 +195,9 @@ def scores_of(policy: PretrainedPolicy, episodes: int, seed: int = 0) -> dict[st
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = Parser("python -m agents.pack", __doc__,
+                    "python -m agents.pack logs/ppo/JansenWalkerBuilt-v0_1",
+                    "python -m agents.pack model.zip --name mine --out policies")  # fmt: skip
     add = parser.add_argument
     add("run", help="a run's folder, a model's zip file with config.yml beside it, or the json "
         "file of a policy whose scores are to be made again")  # fmt: skip

@@ -21,6 +21,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from agents import need
 from agents.command_line import add_run_flags
 from agents.studies.backends import Watch, has_ray, run_locally, run_on_ray
 from agents.studies.plan import STUDY, Run, Study, enter, make_study, read_study
@@ -28,24 +29,26 @@ from agents.studies.run import STATUS, TOKEN, RunRequest, RunResult, is_finished
 from agents.studies.study_report import write_report
 from agents.training.runs import read_evaluations
 from agents.training.train_model import prepare
-from jansen_env.commands.flags import positive_int
+from jansen_env.commands.flags import Parser, env_id, positive_int
 from jansen_env.cores import available_cores
 from jansen_env.files import write_text
 from jansen_env.plain_yaml import read_yaml
 from jansen_env.sb3.run_config import ALGORITHMS
-from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT
+from jansen_env.scoring.benchmarks import DEFAULT
 
 FLAGS = tuple(STUDY)[:-1]  # those that describe a study, named as in its file, without variants
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse flags; those of a run are named as in train.py."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = Parser("python -m agents.study", "Train many runs and compare them over seeds.",
+                    "python -m agents.study --seeds 10",
+                    "python -m agents.study agents/studies/ten_seeds.yml --cores 2")  # fmt: skip
     add_run_flags(parser)
     add, count = parser.add_argument, positive_int
     add("study", nargs="?", metavar="FILE", help="the study as YAML, in place of flags")
     add("--seeds", type=count, help="runs of each kind, with seeds from 0; default: 10")
-    add("--env", dest="envs", nargs="+", choices=sorted(BENCHMARKS),
+    add("--env", dest="envs", nargs="+", type=env_id, metavar="ID",
         help=f"environment ids; default: {DEFAULT}")  # fmt: skip
     add("--algo", dest="algos", nargs="+", choices=sorted(ALGORITHMS),
         help="algorithms; default: ppo")  # fmt: skip
@@ -66,9 +69,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         parser.error("--report takes a study as it stands in its folder, and nothing else")
     if args.local and args.address:
         parser.error("--local and --address exclude each other")
-    if args.address and not has_ray():
-        parser.error("--address needs Ray, which the extra 'distributed' installs: "
-                     'pip install "jansen-env[distributed]"')  # fmt: skip
+    if args.address:
+        need("distributed", "ray", who="--address")
     return args
 
 

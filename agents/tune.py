@@ -6,7 +6,6 @@ searched for on it (:mod:`agents.tuning.profile_search`).
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -31,7 +30,7 @@ from jansen_env.baselines.walker_baselines import (
     walking_pid,
 )
 from jansen_env.checks import listed
-from jansen_env.commands.flags import non_negative_int, positive_int
+from jansen_env.commands.flags import Parser, non_negative_int, positive_int
 from jansen_env.files import write_json
 from jansen_env.robot import ROBOTS
 from jansen_env.scoring.benchmarks import BENCHMARKS
@@ -132,7 +131,12 @@ def tune_profile(seed: int, path: Path, env_id: str, effort: float) -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Measure and search for the named baselines' numbers."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(
+        "python -m agents.tune",
+        "Make the baselines' data.",
+        "python -m agents.tune pid constant",
+        "python -m agents.tune profile",
+    )
     add = parser.add_argument
     add("baselines", nargs="*", metavar="NAME", help=f"of {', '.join(BASELINES)}; default: all")
     add("--env", default=ENV, choices=FLAT, help="whose robot walks; default: %(default)s")

@@ -6,6 +6,7 @@ import argparse
 import importlib.util
 import os
 import platform
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
@@ -96,7 +97,9 @@ def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
 
 def options(doc: str | None, out: str, **counts: int) -> argparse.ArgumentParser:
     """A command line with ``--out``, ``--quick`` and options for counts, by their defaults."""
-    parser = argparse.ArgumentParser(description=(doc or "").partition("\n")[0])
+    parser = argparse.ArgumentParser(
+        f"python -m benchmarks.{Path(sys.argv[0]).stem}", description=(doc or "").partition("\n")[0]
+    )
     parser.add_argument("--out", type=Path, default=Path(out), metavar="DIR",
                         help=f"folder for tables and figures ({out})")  # fmt: skip
     parser.add_argument("--quick", action="store_true", help="try the program; proves nothing")

@@ -6,6 +6,7 @@ import argparse
 import os
 import sys
 from importlib import import_module
+from pathlib import Path
 
 from jansen_env import __version__
 
@@ -20,12 +21,9 @@ COMMANDS = {
     "compile": "compile all that environments need, for containers",
 }
 """Commands, each a module of :mod:`jansen_env.commands`, and what they do."""
-INSTALLS = {
-    "mujoco": '"jansen-env[mujoco]"',
-    "stable_baselines3": "stable-baselines3",
-    "torch": "stable-baselines3",
-}
-"""Packages that the extra ``tools`` does not include, and what to install for them."""
+EXTRAS = {"mujoco": "mujoco", "stable_baselines3": "train", "torch": "train"}
+"""Packages that the extra ``tools`` does not include, and the extra that does."""
+CHECKOUT = Path(__file__).parents[1] / "pyproject.toml"
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -47,8 +45,9 @@ def main(arguments: list[str] | None = None) -> None:
         missing = (error.name or "").partition(".")[0]
         if missing in ("", "jansen_env"):
             raise
-        wanted = INSTALLS.get(missing, '"jansen-env[tools]"')
-        text = f"jansen-env {found.command} needs {missing}: python -m pip install {wanted}"
+        extra = f"[{EXTRAS.get(missing, 'tools')}]"
+        package = f'-e ".{extra}"' if CHECKOUT.exists() else f'"jansen-env{extra}"'
+        text = f"jansen-env {found.command} needs {missing}: python -m pip install {package}"
         raise SystemExit(text) from error
     except BrokenPipeError:  # whoever read the output has ended
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

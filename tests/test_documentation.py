@@ -99,6 +99,12 @@ def test_links_lead_somewhere(page: Path) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=IDS)
+def test_no_line_is_a_comment_of_myst(page: Path) -> None:
+    """MyST leaves a line out that begins with a per cent sign."""
+    assert not re.findall(r"^\s*%.*", page.read_text(encoding="utf-8"), re.MULTILINE)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=IDS)
 def test_files_that_are_named_exist(page: Path) -> None:
     if page.name == "CHANGELOG.md":  # of what was
         return

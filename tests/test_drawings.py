@@ -31,11 +31,12 @@ from jansen_env.drawings.shaft_order import (
     units,
 )
 from jansen_env.drawings.sheets import MARGIN, nest, to_dxf, to_svg
-from jansen_env.robot import Leg
-from jansen_env.robot.kinematics import joint_positions
+from jansen_env.robot import ROBOTS, Leg
+from jansen_env.robot.kinematics import joint_positions, toe_positions
 from jansen_env.robot.lengths import with_lengths
 from jansen_env.robot.linkage import CRANK
-from jansen_env.robot.robot_file import write_robot
+from jansen_env.robot.robot_file import read_robot, write_robot
+from jansen_env.scoring.rollout import make_env
 
 DIFFERENT = [name for name in DESIGNS if not name.endswith("slender")]
 OTHER_LINKS = [name for name in DIFFERENT if name not in ("paper", "phases3", "odd")]
@@ -274,7 +275,8 @@ def test_files_are_the_same_every_time(tmp_path, capsys):
     """In another process too, where sets have another order."""
     arguments = ["built", "--sheet", "1000x500", "--out"]
     command.main([*arguments, str(tmp_path / "one")])
-    assert "37 parts to cut, 5.21 kg" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "37 parts to cut; the machine weighs 5.21 kg" in printed and "warning" not in printed
     again = [sys.executable, "-m", "jansen_env", "drawings", *arguments, str(tmp_path / "two")]
     subprocess.run(again, check=True, env=os.environ | {"PYTHONHASHSEED": "1"})
     for file in (tmp_path / "one").rglob("*.*"):
@@ -306,6 +308,24 @@ def test_a_robot_file_is_drawn_under_its_own_name(tmp_path, monkeypatch, capsys)
     assert not (tmp_path / "mine" / "assembly.svg").exists()
 
 
+@pytest.mark.parametrize("name", ["built", "klann", "strider"])
+def test_the_machine_that_would_be_cut_is_a_robot(name, tmp_path, capsys):
+    """With the masses of the bill of materials and the robot's joints; others are warned."""
+    path, robot = tmp_path / "machine.json", ROBOTS[name]()
+    command.main([name, "--out", str(tmp_path / "out"), "--as-robot-file", str(path)])
+    cut, mass = read_robot(path), sum(part.mass for part in bill_of_materials(robot))
+    assert cut.mass == pytest.approx(mass, rel=1e-12)
+    warned = f"warning: the simulated robot weighs {robot.mass:.2f} kg" in capsys.readouterr().out
+    assert warned == (name != "built")
+    psi = np.linspace(0.0, 6.0, 7)
+    assert np.allclose(toe_positions(cut, psi), toe_positions(robot, psi), atol=1e-12)
+    if name == "built":
+        for one, other in zip(cut.bodies, robot.bodies, strict=True):
+            assert one.inertia == pytest.approx(other.inertia, rel=0.05)
+        assert cut.pad_compliance == robot.pad_compliance
+    make_env("JansenWalker-v0", {"robot": str(path)}).reset(seed=0)
+
+
 def test_parts_too_small_for_their_pins_are_refused():
     robot = built_robot().with_bodies(crank=Bar(0.01))
     with pytest.raises(ValueError, match="crank has holes of 6 and 3"):
@@ -331,5 +351,5 @@ def test_wrong_arguments_are_refused_in_a_line(arguments, said, tmp_path, monkey
     with pytest.raises(SystemExit) as exited:
         command.main(arguments)
     assert exited.value.code == 2
-    assert said in capsys.readouterr().err.splitlines()[-1]
+    assert said in capsys.readouterr().err.splitlines()[0]
     assert [path.name for path in tmp_path.iterdir()] == ["other.json"]

@@ -22,7 +22,7 @@ from agents.design.design_report import REPORT, ROBOT, write_report
 from agents.design.search import JOURNAL, Measured, objectives_of, run_search
 from agents.design.seeds import SearchRequest, execute_search, load_policy
 from agents.design.trust import trust_report
-from jansen_env.commands.flags import mapping, positive_int
+from jansen_env.commands.flags import Parser, mapping, positive_int
 from jansen_env.cores import available_cores
 from jansen_env.files import write_text
 from jansen_env.plain_yaml import read_yaml
@@ -37,7 +37,8 @@ PLAN = "plan.yml"
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line."""
     shipped = ", ".join(sorted(path.stem for path in PLANS.glob("*.yml")))
-    parser = argparse.ArgumentParser(prog="python -m agents.design", description=__doc__)
+    parser = Parser("python -m agents.design", __doc__, "python -m agents.design cost",
+                    "python -m agents.design cost --speed 0.5 --seeds 3 --name fast")  # fmt: skip
     add = parser.add_argument
     add("plan", nargs="?", metavar="PLAN", help=f"a file, or one of: {shipped}")
     add("--name", help="of the search; default: the plan's")
@@ -54,6 +55,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--local", action="store_true", help="processes of this machine, though Ray is installed")
     add("--address", help="of the Ray cluster to join, or 'auto'; default: one of this machine's")
     add("--report", metavar="FOLDER", help="of a search: only write its report again")
+    add("--all", action="store_true", help="print the whole report")
     add("--trust", metavar="FOLDER",
         help="of a search: rank 100 of its designs again, elsewhere")  # fmt: skip
     args = parser.parse_args(arguments)
@@ -70,8 +72,10 @@ def main(arguments: list[str] | None = None) -> int:
         if args.report or args.trust:
             folder = Path(args.report or args.trust)
             plan = make_plan(read_yaml(folder / PLAN))
-            write = write_report if args.report else trust_report
-            print(write(plan, folder, load_policy(plan)))
+            if args.trust:
+                print(trust_report(plan, folder, load_policy(plan)))
+            else:
+                report(plan, folder, args.all)
             return 0
         plan = read_plan(args.plan)
         asked = {
@@ -83,7 +87,7 @@ def main(arguments: list[str] | None = None) -> int:
         folder = Path(args.log_folder) / (args.name or Path(args.plan).stem)
         enter(folder, plan)
         failed = search_all(plan, folder, args)
-        print(f"\n{write_report(plan, folder, load_policy(plan))}\n{folder / REPORT}")
+        report(plan, folder, args.all)
     except (OSError, ValueError) as error:
         args.error(" ".join(str(error).split()))
     except KeyboardInterrupt:
@@ -91,6 +95,12 @@ def main(arguments: list[str] | None = None) -> int:
               f"{shlex.join(sys.argv[1:] if arguments is None else arguments)}")  # fmt: skip
         return 130
     return int(failed)
+
+
+def report(plan: Plan, folder: Path, everything: bool) -> None:
+    """Write a search's report; print the start and the best design, or everything."""
+    short, path = write_report(plan, folder, load_policy(plan)), folder / REPORT
+    print(f"\n{path.read_text(encoding='utf-8') if everything else short}\n\nall: {path}")
 
 
 def enter(folder: Path, plan: Plan) -> None:
@@ -139,7 +149,7 @@ def search_all(plan: Plan, folder: Path, args: argparse.Namespace) -> bool:
 
 
 class Shown:
-    """A bar of the generations, with the best so far."""
+    """A bar of the generations, with the best so far and how many of the last keep all limits."""
 
     def __init__(self, plan: Plan) -> None:
         self._plan, self._best = plan, np.inf
@@ -149,10 +159,12 @@ class Shown:
         """Take a generation."""
         fine = objectives_of(self._plan, measured)[violation == 0.0, 0]
         self._best = min(self._best, fine.min(initial=np.inf))
-        way = 1.0 if next(iter(self._plan.objectives.values())) == "min" else -1.0
+        name, sense = next(iter(self._plan.objectives.items()))
+        way = 1.0 if sense == "min" else -1.0
         best = f"{way * self._best:.4g}" if np.isfinite(self._best) else "none yet"
         self._bar.n = number + 1
-        self._bar.set_postfix({"keep all limits": len(fine), "best": best})
+        kept = f"{len(fine)} of {len(violation)} keep all limits"
+        self._bar.set_postfix_str(f"{kept}, best {name}: {best}")
 
 
 def show_all(plan: Plan, folder: Path, bar: Any, results: dict[str, RunResult]) -> None:

@@ -35,8 +35,10 @@ from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import toe_positions, world_joints
 from jansen_env.robot.lengths import lengths
 from jansen_env.robot.robot_file import write_robot
+from jansen_env.scoring.metrics import screen_table
 
 ROBOT, PROFILE, REPORT = "robot.json", "profile.json", "report.md"
+OTHER_STARTS = "other starts"
 FRESH = 16  # crank angles, others than those of the search
 MOST_OF_FRONT = 20  # designs of a front or map that are written
 
@@ -48,6 +50,11 @@ class Found(NamedTuple):
     searched: Searched
     best: int
     candidate: Candidate
+
+    def rank(self, plan: Plan) -> tuple[float, float]:
+        """Return how far the best design violates the limits, and its first objective."""
+        objective = objectives_of(plan, self.searched.measured)[self.best, 0]
+        return float(self.searched.violation[self.best]), float(objective)
 
 
 def read_found(plan: Plan, folder: Path) -> list[Found]:
@@ -69,7 +76,11 @@ def read_found(plan: Plan, folder: Path) -> list[Found]:
 
 
 def write_report(plan: Plan, folder: Path, policy: Policy | None = None) -> str:
-    """Write robot files, profiles, pictures and the report of a search; returns the report."""
+    """Write robot files, profiles, pictures and the report of a search.
+
+    Returns:
+        The start and the best design, walked from other starts than the search's: a short table.
+    """
     found, space = read_found(plan, folder), plan.space()
     designs = {"start": space.candidate(space.start)}
     for one in found:
@@ -82,16 +93,18 @@ def write_report(plan: Plan, folder: Path, policy: Policy | None = None) -> str:
                 write_found(folder / one.name / f"front_{number}", plan, candidate)
     names, step = plan.measured, float(plan.env_kwargs.get("time_step", 1e-3))
     places = {
-        "search": make_walker(plan, policy), "other starts": fresh_walker(plan, policy),
+        "search": make_walker(plan, policy), OTHER_STARTS: fresh_walker(plan, policy),
         "half the time step": fresh_walker(plan, policy, time_step=0.5 * step),
     }  # fmt: skip
-    rows = []
+    rows, walked = [], {}
     for name, candidate in designs.items():
         for place, walker in places.items():
             measured, violation = measure(plan, walker, [candidate])
             cells = [f"{float(measured[key][0]):.3g}" for key in names]
             kept = "yes" if violation[0] == 0.0 else "no"
             rows.append([name if place == "search" else "", place, *cells, kept])
+            if place == OTHER_STARTS:
+                walked[name] = [*cells, kept]
         rows[-1].append("yes" if assembles(candidate.robot) else "no")
     head = ["", "where", *(f"{key} ({MEASURES[key].unit})" for key in names), "limits kept",
             "can be assembled"]  # fmt: skip
@@ -114,7 +127,9 @@ def write_report(plan: Plan, folder: Path, policy: Policy | None = None) -> str:
     draw_designs({name: one.robot for name, one in designs.items()}, folder / "designs.png")
     draw_search(plan, found, folder / "search.png")
     write_text(folder / REPORT, text)
-    return text
+    best = min(found, key=lambda one: one.rank(plan)).name
+    columns = [OTHER_STARTS, *head[2:-1]], ["start", *walked["start"]], [best, *walked[best]]
+    return screen_table([*zip(*columns, strict=True)])
 
 
 def agreement(robots: Sequence[Robot]) -> str:

@@ -26,7 +26,7 @@ def check_installed(method: str) -> None:
     if library and find_spec(library) is None:
         raise ValueError(
             f"{method} needs {library}, which the extra 'design' installs: "
-            'python -m pip install "jansen-env[design]", or in a checkout -e ".[design]"'
+            'python -m pip install -c constraints.txt -e ".[design]"'
         )
 
 

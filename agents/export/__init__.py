@@ -11,26 +11,23 @@ import argparse
 import re
 import shlex
 import sys
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import torch
 
 from agents import need
-
-need("export", "jinja2", "onnx", "onnxscript")
-
 from agents.export import agreement, c_source, onnx_model
 from agents.export.model_card import card
 from agents.pack import TOLERANCE, from_run, in_float64
 from agents.unpack import to_policy
-from jansen_env.commands.flags import non_negative_int, positive_int
+from jansen_env.commands.flags import Parser, non_negative_int, positive_int
+from jansen_env.commands.flags import env_id as find_env_id
 from jansen_env.commands.named_policies import ALIASES, SHIPPED
 from jansen_env.files import write_bytes
 from jansen_env.policies import pretrained
 from jansen_env.policies.pretrained import PretrainedPolicy
-from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT, find_benchmark
+from jansen_env.scoring.benchmarks import DEFAULT, find_benchmark
 from jansen_env.scoring.evaluation import evaluate
 from jansen_env.scoring.rollout import make_env
 
@@ -138,13 +135,16 @@ def _c(policy: PretrainedPolicy, name: str, cases: Any) -> tuple[dict[str, bytes
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line."""
-    parser = argparse.ArgumentParser("python -m agents.export", description=__doc__)
+    parser = Parser("python -m agents.export", __doc__,
+                    "python -m agents.export pretrained --to c",
+                    "python -m agents.export logs/ppo/JansenWalkerBuilt-v0_1 --to onnx --out robot"
+                    )  # fmt: skip
     add = parser.add_argument
     add("run", metavar="RUN", help="a run's folder, a model's zip file with config.yml beside it, "
         "a policy's json file, 'pretrained' or 'pretrained:NAME'")  # fmt: skip
     add("--to", action="append", required=True, choices=KINDS,
         help="what to write; given again, several of them")  # fmt: skip
-    add("--env", choices=sorted(BENCHMARKS), help=f"of 'pretrained'; default: {DEFAULT}")
+    add("--env", type=find_env_id, metavar="ID", help=f"of 'pretrained'; default: {DEFAULT}")
     add("--out", default="exports", metavar="DIR", help="folder of the files; default: exports")
     add("--name", help="of the files and of functions in C; default: such as jansen_walker_v0_ppo")
     add("--episodes", type=positive_int, default=10,
@@ -152,10 +152,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--seed", type=non_negative_int, default=0, help="of the scores; default: 0")
     args = parser.parse_args(arguments)
     args.error, args.to = parser.error, tuple(dict.fromkeys(args.to))
-    missing = [one for one in onnx_model.NEEDED if find_spec(one) is None]
-    if "onnx" in args.to and missing:
-        parser.error(f"--to onnx needs {', '.join(missing)}, which the extra 'export' installs: "
-                     'python -m pip install -e ".[export]"')  # fmt: skip
+    if "onnx" in args.to:
+        need("export", *onnx_model.NEEDED, who="--to onnx")
     return args
 
 

@@ -67,6 +67,24 @@ def example(policy: PretrainedPolicy, name: str) -> str:
     return _part(policy, name, "main.c")
 
 
+def _width(policy: PretrainedPolicy) -> int:
+    """Return how many numbers a layer takes or gives at most."""
+    features = sum(block.size for block in policy.features)
+    return max(features, *(len(layer.bias) for layer in policy.layers))
+
+
+def footprint(policy: PretrainedPolicy) -> dict[str, Any]:
+    """Return bytes of constants, which a linker puts into flash, bytes of buffers on the stack, in
+    double, and the functions of math.h, by name."""
+    text = _part(policy, "policy", "c")
+    arrays = re.findall(r"static const (float|int|real) \w+\[(\d+)\]", text)
+    return {
+        "constants": sum((8 if kind == "real" else 4) * int(count) for kind, count in arrays),
+        "stack": 8 * (len(policy.observed) + 2 * _width(policy)),
+        "functions": sorted(set(re.findall(r"R\((\w+)\)\(", text))),
+    }
+
+
 def _part(policy: PretrainedPolicy, name: str, part: str) -> str:
     blocks = [block for block in policy.features if block.size]
     sizes = [block.size for block in blocks]
@@ -76,7 +94,7 @@ def _part(policy: PretrainedPolicy, name: str, part: str) -> str:
         # Of each block its kind and where its features begin.
         "blocks": [(type(block).__name__, block, sum(sizes[:k])) for k, block in enumerate(blocks)],
         "harmonics": any(isinstance(block, Harmonics) for block in blocks),
-        "width": max(sum(sizes), *(len(layer.bias) for layer in policy.layers)),
+        "width": _width(policy),
     }  # fmt: skip
     filters = {"comment": comment, "single": _single, "real": _real, "array": _array}
     return render("policy.c.in", filters, **values)
@@ -84,7 +102,7 @@ def _part(policy: PretrainedPolicy, name: str, part: str) -> str:
 
 def _single(value: float) -> str:
     """Return a float's text in C."""
-    return f"{np.float32(value)}f"
+    return f"{np.float32(value)!s}f"
 
 
 def _real(value: float) -> str:

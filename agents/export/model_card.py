@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 import jansen_env
-from agents.export.c_source import render
+from agents.export.c_source import footprint, render
 from jansen_env.engine.walk_reward import FURTHEST_TARGET, LONGEST_MEAN, SHORTEST_MEAN
 from jansen_env.policies.environment import arguments_of
 from jansen_env.policies.network import Normalized
@@ -57,6 +57,7 @@ def card(policy: PretrainedPolicy, files: dict[str, bytes], told: dict[str, Any]
         "clips": [block.clip for block in policy.features if isinstance(block, Normalized)],
         "units": [policy.layers[0].weight.shape[1], *(len(a.bias) for a in policy.layers)],
         "numbers": numbers,
+        "footprint": footprint(policy),
         "answer": f"{policy.predict(np.array(numbers, np.float32))[0][0]:.4f}",
         "files": [("file", "bytes", "SHA-256")]
         + [(code(file), len(data), code(checksum(data))) for file, data in files.items()],

@@ -115,8 +115,10 @@ class Saver(BaseCallback):
         names = dict.fromkeys(("return", self.benchmark.chosen_by))
         found = ", ".join(f"{name} {scored[name]:.3g}" for name in names)
         better = row["score"] > self.best  # of equal ones the first is kept
-        note = " (the best so far)" * better
-        print(f"evaluation: {self.num_timesteps} steps, {seconds:.0f} s, {found}{note}", flush=True)
+        best = " (the best so far)" * better
+        text = f"evaluation: {self.num_timesteps} steps, {seconds:.0f} s, {found}{best}"
+        if not self.history or scored.items() - self.history[-1].items():  # else the same policy
+            print(text, flush=True)
         if better:
             self.best = row["score"]
             # Its score in the same file: no kill can part the two.

@@ -1,22 +1,17 @@
-"""Scores of a run's best model beside the baselines: files in its folder, and its last words."""
+"""Scores of a run's best model beside the baselines: files in its folder, and the final summary."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
-from tabulate import tabulate
-
 from agents.training.runs import BEST, FINAL, read_evaluations
 from jansen_env.commands.named_policies import label, load_named
-from jansen_env.commands.plots import plot_scores
-from jansen_env.files import write_json, write_text
+from jansen_env.commands.plots import write_scores
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.evaluation import Scores, evaluate
-from jansen_env.scoring.metrics import INTERVALS, interval_text, score_table, tabled
+from jansen_env.scoring.metrics import interval_text
 from jansen_env.scoring.rollout import make_env
-
-MATTER = 5  # metrics of the last words
 
 
 def score_run(folder: Path, config: dict[str, Any], episodes: int) -> Scores:
@@ -29,25 +24,15 @@ def score_run(folder: Path, config: dict[str, Any], episodes: int) -> Scores:
     policies[label(str(model))] = load_named(str(model), env)
     env.close()
     scores = evaluate(policies, env_id, env_kwargs, episodes=episodes)
-    write_json(folder / "scores.json", scores)
-    table = score_table(benchmark.metrics, scores, "metric")
-    write_text(folder / "scores.md", f"{table}\n\n{INTERVALS}\n")
-    plot_scores(benchmark, scores, folder / "scores.png")
+    write_scores(scores, folder)
     return scores
 
 
-def outcome(folder: Path, env_id: str, scores: Scores) -> str:
-    """Return the last words of a run, within 100 columns: its :func:`score_run` in the metrics that
-    matter most, beside the baselines', and what it has missed."""
-    drawn = {name: metric for name, metric in tabled(find_benchmark(env_id).metrics).items()
-             if metric.axis}  # fmt: skip
-    first = sorted(drawn, key=lambda name: (name != "return", drawn[name].unit != "fraction"))
+def outcome(folder: Path, scores: Scores) -> str:
+    """Return the summary printed at the end of a run: its :func:`score_run` in the main metrics,
+    beside the baselines', and whether it beats them."""
     *baselines, run = scores
-    rows = [
-        [drawn[name].heading,
-         *(interval_text(scores[policy]["overall"][name][:1]) for policy in (run, *baselines))]
-        for name in first[:MATTER]
-    ]  # fmt: skip
+    shown = {"this run": scores[run], **{name: scores[name] for name in baselines}}
     own, *others = (scores[policy]["overall"]["return"] for policy in (run, *baselines))
     most, best = max(zip(others, baselines, strict=True))
     way, since = "misses", ""
@@ -56,9 +41,9 @@ def outcome(folder: Path, env_id: str, scores: Scores) -> str:
         way, since = "is above", f" (since {ahead[0]:,.0f} steps)" if ahead else ""
     here, best_return = interval_text(own), interval_text(most)
     return "\n".join([
-        tabulate(rows, ["", "this run", *baselines], "simple", disable_numparse=True),
+        Scores(scores.env_id, shown).table(),
         f"return {here} {way} the best baseline, {best}'s {best_return}{since}",
         f"brackets: 95 % intervals over {scores[run]['episodes']} episodes; all scores: "
         f"{folder}/scores.md, scores.png",
-        f"watch it: jansen-env enjoy --env {env_id} --policy {folder}",
+        f"watch it: jansen-env enjoy --env {scores.env_id} --policy {folder}",
     ])  # fmt: skip

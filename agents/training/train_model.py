@@ -55,7 +55,7 @@ def prepare(config: dict[str, Any], resume: Path | None = None) -> BaseAlgorithm
         ValueError: something in the configuration or the files is wrong.
     """
     kwargs, variants = training_envs(config)
-    venv = make_vec_env(config["env"], config["n_envs"], kwargs, variants)
+    venv = make_vec_env(config["env"], config["n_envs"], env_kwargs=kwargs, variants=variants)
     scale, fall_cost = config.get("reward_scale", 1.0), config.get("fall_cost", 0.0)
     venv = TrainingReward(VecMonitor(venv), scale, fall_cost)
     model = build_model(config["algo"], config, venv, seed=config["seed"])

@@ -12,8 +12,10 @@ import re
 from pathlib import Path
 
 from jansen_env.commands.flags import robot_parser
+from jansen_env.drawings.machine import machine
 from jansen_env.drawings.sheets import drawings
 from jansen_env.files import writable, write_text
+from jansen_env.robot.robot_file import write_robot
 from jansen_env.world.settings import load_robot
 
 SHEET = "2000x1000"  # mm, a common stock size
@@ -30,14 +32,23 @@ def _sheet(text: str) -> complex:
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    parser = robot_parser("jansen-env drawings", __doc__, "FOLDER", "the robot's name")
+    parser = robot_parser(
+        "jansen-env drawings", __doc__, "FOLDER", "the robot's name",
+        "jansen-env drawings built --sheet 1000x500",
+        "jansen-env drawings klann --out klann --as-robot-file klann.json",
+    )  # fmt: skip
     parser.add_argument("--sheet", type=_sheet, default=SHEET, metavar="WIDTHxHEIGHT",
                         help="mm; default: %(default)s")  # fmt: skip
+    parser.add_argument("--as-robot-file", type=Path, metavar="FILE",
+                        help="also write the machine that would be cut, to simulate it"
+                        )  # fmt: skip
     found = parser.parse_args(arguments)
     name = Path(found.robot).stem
     out = Path(name) if found.out is None else found.out
     try:
-        files, said = drawings(load_robot("ROBOT", found.robot), name, found.sheet)
+        robot = load_robot("ROBOT", found.robot)
+        files, said = drawings(robot, name, found.sheet)
+        cut = machine(robot)
     except ValueError as error:
         parser.error(str(error))
     if not writable(out):
@@ -45,6 +56,8 @@ def main(arguments: list[str] | None = None) -> None:
     try:
         for file, text in files.items():
             write_text(out / file, text)
+        if found.as_robot_file:
+            write_robot(found.as_robot_file, cut)
     except OSError as error:
         parser.error(f"{error.filename} cannot be written: {error.strerror}")
-    print(f"{said}; written: {out}")
+    print(f"{said}\nwritten: {out}")

@@ -95,7 +95,10 @@ def record(policies: dict[str, Policy], args: argparse.Namespace, path: Path) ->
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line."""
     parser = policy_parser(
-        "jansen-env enjoy", f"{__doc__} Policies are filmed one above the other."
+        "jansen-env enjoy",
+        "Show a policy in a window, or film policies one above the other.",
+        "jansen-env enjoy --env JansenWalkerRough-v0",
+        "jansen-env enjoy --policy pretrained --policy pid --video both.mp4",
     )
     add = parser.add_argument
     add("--command", type=float, nargs="+", metavar="V",

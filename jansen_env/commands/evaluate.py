@@ -8,16 +8,20 @@ from pathlib import Path
 from jansen_env.commands import robustness
 from jansen_env.commands.flags import parse_policies, policy_parser, positive_int
 from jansen_env.commands.named_policies import load_all
-from jansen_env.commands.plots import plot_scores
-from jansen_env.files import writable, write_json
+from jansen_env.commands.plots import write_scores
+from jansen_env.files import writable
 from jansen_env.scoring.benchmarks import WALKERS, find_benchmark
 from jansen_env.scoring.evaluation import Scores, evaluate
-from jansen_env.scoring.metrics import INTERVALS, score_table
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line; incompatible options are refused."""
-    parser = policy_parser("jansen-env evaluate", __doc__, required=True, plants=True)
+    parser = policy_parser(
+        "jansen-env evaluate", "Score policies side by side.",
+        "jansen-env evaluate --policy pretrained --policy pid",
+        "jansen-env evaluate --env JansenWalkerRough-v0 --policy pretrained --all --out scores",
+        required=True, plants=True,
+    )  # fmt: skip
     add = parser.add_argument
     add("--commands", type=float, nargs="+", metavar="V",
         help="speeds or goals; default: the benchmark's grid")  # fmt: skip
@@ -28,8 +32,9 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--robustness", action="store_true",
         help="scores over friction and foot stiffness with random commands, in place of those by "
         "command; a tenth of the episodes on 'rigid_body'")  # fmt: skip
-    add("--out", default="logs/evaluation", metavar="DIR",
-        help="folder of scores.json and scores.png, or of those of --robustness")  # fmt: skip
+    add("--all", action="store_true", help="print all metrics with their 95 %% intervals")
+    add("--out", type=Path, metavar="DIR",
+        help="write all scores: scores.json, .md and .png, or those of --robustness")  # fmt: skip
     args = parse_policies(parser, arguments, "--commands")
     if args.plant and args.env not in WALKERS:
         parser.error(f"--plant is {args.plant}, but {args.env} has one plant only")
@@ -44,29 +49,27 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 def main(arguments: list[str] | None = None) -> None:
     """Score, draw, print; nothing is written before all arguments are checked."""
     args = parse(arguments)
-    benchmark, out = find_benchmark(args.env), Path(args.out)
+    benchmark, out = find_benchmark(args.env), args.out
     try:
         loaded = load_all(args, args.commands)
-        if not writable(out):  # before the work, not after it
+        if out and not writable(out):  # before the work, not after it
             raise ValueError(f"--out is {out}, must be a folder that can be written to")
         if args.robustness:
-            print(robustness.report(loaded, args.env, args.episodes, args.seed, out))
+            print(robustness.report(loaded, args.env, args.episodes, args.seed, out, args.all))
             return
     except ValueError as error:
         args.error(str(error))
-    scores: Scores = {}
-    drawn: Scores = {}
+    scores, drawn = Scores(args.env), Scores(args.env)
     for policies, env_kwargs in loaded:
         scores |= evaluate(policies, args.env, env_kwargs, args.commands, args.episodes, args.seed)
         if count := args.random_commands:
             drawn |= evaluate(policies, args.env, env_kwargs, None, count, args.seed, drawn=True)
-    both = {name: {**own, "drawn": drawn[name]} for name, own in scores.items() if drawn}
-    write_json(out / "scores.json", both or scores)
-    plot_scores(benchmark, scores, out / "scores.png")
-    print(score_table(benchmark.metrics, scores, "metric"))
+    if out:
+        write_scores(scores, out, drawn)
+    grid = " ".join(f"{command:g}" for command in args.commands)
+    print(f"commands {grid} {benchmark.command_unit}, episodes at each {args.episodes}, "
+          f"seed {args.seed}\n\n{scores.table(args.all)}")  # fmt: skip
     if drawn:
-        print(f"\n{count} episodes with commands drawn from the environment's range:\n")
-        print(score_table(benchmark.metrics, drawn, "metric"))
-    print(f"\n{args.episodes} episodes at each of {args.commands} {benchmark.command_unit}, "
-          f"seed {args.seed}; {INTERVALS}. "
-          f"Written: {out}/scores.json, {out}/scores.png")  # fmt: skip
+        print(f"\n{count} episodes with commands drawn from the environment's range:\n\n"
+              f"{drawn.table(args.all)}")  # fmt: skip
+    print(f"\n{robustness.where(args.all, out, 'scores')}")

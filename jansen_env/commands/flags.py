@@ -6,12 +6,34 @@ import argparse
 import math
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
-from jansen_env.checks import MAX_STEPS
+from jansen_env.checks import MAX_STEPS, listed
 from jansen_env.plants.make import PLANTS
 from jansen_env.robot import ROBOTS
 from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT, find_benchmark
+
+
+class Parser(argparse.ArgumentParser):
+    """Parser that prints an error before the usage, and examples at the end of its help."""
+
+    def __init__(self, prog: str, description: str | None, *examples: str) -> None:
+        super().__init__(
+            prog, description=(description or "").partition("\n\n")[0],
+            epilog="\n  ".join(["examples:", *examples]),
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )  # fmt: skip
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: error: {message}\n{self.format_usage()}")
+
+
+def env_id(text: str) -> str:
+    """Parse the id of an environment that has a benchmark."""
+    if text not in BENCHMARKS:
+        known = listed(sorted(BENCHMARKS), text)
+        raise argparse.ArgumentTypeError(f"is {text!r}, must be one of {known}")
+    return text
 
 
 def mapping(text: str) -> dict[str, Any]:
@@ -44,11 +66,10 @@ non_negative_int = partial(positive_int, low=0)
 
 
 def robot_parser(
-    prog: str, description: str | None, metavar: str, out: str
+    prog: str, description: str | None, metavar: str, out: str, *examples: str
 ) -> argparse.ArgumentParser:
     """Return a parser of a robot and of ``--out``, which is ``out`` by default."""
-    about = (description or "").partition("\n")[0]
-    parser = argparse.ArgumentParser(prog, description=about)
+    parser = Parser(prog, description, *examples)
     parser.add_argument("robot", metavar="ROBOT", help=f"{', '.join(ROBOTS)}; or a robot file")
     parser.add_argument("--out", type=Path, metavar=metavar, help=f"default: {out}")
     return parser
@@ -57,19 +78,20 @@ def robot_parser(
 def policy_parser(
     prog: str,
     description: str | None,
-    env_id: str = DEFAULT,
+    *examples: str,
+    default: str = DEFAULT,
     required: bool = False,
     plants: bool = False,
 ) -> argparse.ArgumentParser:
     """Return a parser with the flags of policies and their environment."""
     named = "; ".join(f"{one}: {', '.join(own.baselines)}" for one, own in BENCHMARKS.items())
-    parser = argparse.ArgumentParser(prog, description=description)
+    parser = Parser(prog, description, *examples)
     add = parser.add_argument
     add("--policy", action="append", default=[], required=required, metavar="NAME",
         help=f"a baseline ({named}), 'pretrained', a run's folder, or a file of a model or policy; "
         "repeat to compare")  # fmt: skip
-    add("--env", default=env_id, choices=sorted(BENCHMARKS),
-        help="environment id; default: %(default)s")  # fmt: skip
+    add("--env", default=default, type=env_id, metavar="ID",
+        help=f"environment: {', '.join(BENCHMARKS)}; default: %(default)s")  # fmt: skip
     add("--env-kwargs", default={}, type=mapping, metavar="YAML",
         help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
     add("--seed", type=non_negative_int, default=0, help="seed of the starts; default: 0")

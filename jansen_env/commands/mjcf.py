@@ -11,7 +11,10 @@ from jansen_env.world.settings import load_robot
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    parser = robot_parser("jansen-env mjcf", __doc__, "FILE", "standard output")
+    parser = robot_parser(
+        "jansen-env mjcf", __doc__, "FILE", "standard output",
+        "jansen-env mjcf built --out built.xml", "jansen-env mjcf robot.json",
+    )  # fmt: skip
     found = parser.parse_args(arguments)
     try:
         text = to_mjcf(load_robot("ROBOT", found.robot), Terrain.flat())

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-import argparse
 import time
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from jansen_env.commands.flags import Parser
 from jansen_env.files import writable, write_json, write_text
 from jansen_env.paper.claims import check_claims
 from jansen_env.paper.errata import errata
 from jansen_env.paper.figures import draw
-from jansen_env.paper.report import as_markdown
+from jansen_env.paper.report import as_lines, as_markdown
 from jansen_env.paper.results import compute
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Compute, check, draw, write: claims.md, claims.json and the figures."""
-    parser = argparse.ArgumentParser(prog="jansen-env paper", description=__doc__)
+    parser = Parser("jansen-env paper", "Reproduce the paper.", "jansen-env paper --out paper",
+                    "jansen-env paper --out paper --all")  # fmt: skip
     parser.add_argument("--out", type=Path, required=True, metavar="DIR",
                         help="folder for tables and figures")  # fmt: skip
+    parser.add_argument("--all", action="store_true", help="print all tables")
     parser.add_argument("--workers", type=int, default=2, help="processes; default: 2")
     args = parser.parse_args(arguments)
     if args.workers < 1:
@@ -31,7 +33,7 @@ def main(arguments: list[str] | None = None) -> None:
     results = compute(args.workers)
     claims, found = check_claims(results), errata()
     text = as_markdown(claims, found, results.levels, results.pid_levels)
-    print(text)
+    print(text if args.all else as_lines(claims))
     write_text(out / "claims.md", text)
     tables: dict[str, list[Any]] = {
         "claims": claims, "levels": results.levels, "pid_levels": results.pid_levels,

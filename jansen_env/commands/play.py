@@ -7,6 +7,7 @@ import asyncio
 import errno
 from ipaddress import IPv4Address
 
+from jansen_env.commands.flags import Parser
 from jansen_env.play.choices import BY_HAND, ENVIRONMENTS, ROBOTS, TERRAINS
 from jansen_env.play.session import Session
 from jansen_env.policies import pretrained
@@ -20,7 +21,9 @@ HAND = "hand"  # in place of a policy
 def parser() -> argparse.ArgumentParser:
     """The command line."""
     policies = sorted({name for env_id in ENVIRONMENTS for name in pretrained.names(env_id)})
-    found = argparse.ArgumentParser(prog="jansen-env play", description=__doc__)
+    found = Parser("jansen-env play", "Walk a robot on a page, by hand or by command.",
+                   "jansen-env play --env JansenWalkerRough-v0 --level 4",
+                   "jansen-env play --robot klann --terrain stairs")  # fmt: skip
     add = found.add_argument
     add("--env", default=ENVIRONMENTS[0], choices=ENVIRONMENTS,
         help=f"environment id; default: {ENVIRONMENTS[0]}")  # fmt: skip

@@ -1,4 +1,4 @@
-"""Figures of scores and of training."""
+"""Figures and files of scores."""
 
 from __future__ import annotations
 
@@ -11,11 +11,24 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from jansen_env.files import write_whole
-from jansen_env.scoring.benchmarks import Benchmark
-from jansen_env.scoring.metrics import Metric, tabled
+from jansen_env.files import write_json, write_text, write_whole
+from jansen_env.scoring.benchmarks import Benchmark, find_benchmark
+from jansen_env.scoring.evaluation import Scores
+from jansen_env.scoring.metrics import INTERVALS, Metric, score_table, tabled
 
 LEAST = 1e-4  # at which a logarithmic axis shows all that is less: rigid feet may not slip at all
+
+
+def write_scores(scores: Scores, folder: Path, drawn: Scores | None = None) -> None:
+    """Write scores.json, .md and .png; ``drawn``: those of drawn commands, if any."""
+    benchmark, both = find_benchmark(scores.env_id), dict(scores)
+    text = score_table(benchmark.metrics, scores, "metric")
+    if drawn:
+        both = {name: {**own, "drawn": drawn[name]} for name, own in scores.items()}
+        text += f"\n\nDrawn commands:\n\n{score_table(benchmark.metrics, drawn, 'metric')}"
+    write_json(folder / "scores.json", both)
+    write_text(folder / "scores.md", f"{text}\n\n{INTERVALS}\n")
+    plot_scores(benchmark, scores, folder / "scores.png")
 
 
 def plot_scores(benchmark: Benchmark, scores: dict[str, dict[str, Any]], path: str | Path) -> Path:

@@ -20,7 +20,10 @@ from jansen_env.viewer.web.page import MOST_RECORDINGS, page
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line."""
-    parser = policy_parser("jansen-env replay", __doc__)
+    parser = policy_parser(
+        "jansen-env replay", __doc__, "jansen-env replay",
+        "jansen-env replay --policy pretrained --policy pid --command 0.4 --out both.html",
+    )  # fmt: skip
     add = parser.add_argument
     add("--recording", action="append", default=[], metavar="FILE",
         help="a saved .npz to show, in place of a policy or beside one")  # fmt: skip

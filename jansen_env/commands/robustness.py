@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import astuple
 from pathlib import Path
+from textwrap import fill
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -17,10 +18,17 @@ from matplotlib.figure import Figure
 
 from jansen_env.baselines.policy import Policy
 from jansen_env.commands.plots import draw_curve, finish_panel, legend_above, save
-from jansen_env.files import write_json
+from jansen_env.files import write_json, write_text
 from jansen_env.robot import RIGID, Compliance, Robot, built_robot
 from jansen_env.scoring.benchmarks import find_benchmark
-from jansen_env.scoring.metrics import INTERVALS, Metric, pooled, score_table
+from jansen_env.scoring.metrics import (
+    INTERVALS,
+    Metric,
+    interval_text,
+    pooled,
+    score_table,
+    screen_table,
+)
 from jansen_env.scoring.rollout import draw_episodes, make_env, run_episodes
 
 FRICTIONS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
@@ -111,16 +119,39 @@ def plot(scores: Scores, metrics: dict[str, Metric], path: Path) -> Path:
     return save(figure, path)
 
 
-def report(loaded: Loaded, env_id: str, episodes: int, seed: int, out: Path) -> str:
-    """Score, write ``robustness.json`` and ``robustness.png`` into ``out``, return the table."""
+def short_table(scores: Scores) -> str:
+    """Return the return under each condition, a column per policy."""
+    rows = [
+        [f"{sweep} {condition}",
+         *(interval_text(own["overall"]["return"][:1]) for own in policies.values())]
+        for sweep, conditions in scores.items() for condition, policies in conditions.items()
+    ]  # fmt: skip
+    return screen_table([["return", *next(iter(scores[FRICTION].values()))], *rows])
+
+
+def where(everything: bool, out: Path | None, name: str) -> str:
+    """Return the lines below scores: how intervals are made, where all scores are."""
+    intervals = f"{fill(INTERVALS, 80)}\n" if everything else ""
+    files = f"all scores: {out}/{name}.md, {name}.json, {name}.png"
+    return intervals + (files if out else "all scores: --all prints them, --out DIR writes them")
+
+
+def report(
+    loaded: Loaded, env_id: str, episodes: int, seed: int, out: Path | None, everything: bool
+) -> str:
+    """Score, write ``robustness.json``, ``.md`` and ``.png`` into ``out``, if any; return a table
+    of the returns, or of everything."""
     scores = score(loaded, env_id, episodes, seed)
-    write_json(out / "robustness.json", scores)
     metrics = {name: find_benchmark(env_id).metrics[name] for name in METRICS}
-    plot(scores, metrics, out / "robustness.png")
+    text = table(scores, metrics)
+    if out:
+        write_json(out / "robustness.json", scores)
+        write_text(out / "robustness.md", f"{text}\n\n{INTERVALS}\n")
+        plot(scores, metrics, out / "robustness.png")
     slow = [plant for _, kwargs in loaded if (plant := kwargs.get("plant")) in FEWER]
     fewer = "".join(f" (on {plant} 1/{FEWER[plant]} of that)" for plant in slow)
     return (
-        f"{table(scores, metrics)}\n\n{episodes} episodes of {env_id} under each condition{fewer}, "
-        f"commands drawn from its range, seed {seed}; {INTERVALS}. "
-        f"Written: {out}/robustness.json, {out}/robustness.png"
+        f"{text if everything else short_table(scores)}\n\n{episodes} episodes of {env_id} under "
+        f"each condition{fewer}, commands drawn from its range, seed {seed}\n"
+        f"{where(everything, out, 'robustness')}"
     )

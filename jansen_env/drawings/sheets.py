@@ -19,6 +19,7 @@ MARGIN = 5.0  # mm, between parts, and to the edge of a sheet
 CROSS = 3.0  # mm, half a line of a mark
 COLORS = {"CUT": (1, "#d00000"), "ENGRAVE": (5, "#0000d0"), "MARK": (3, "#00a000")}
 """Colours of the layers: AutoCAD's number, and SVG's."""
+ALIKE = 0.02  # of the mass: difference of machine and robot that is no warning
 LETTERS, ROOM = 5.0, 0.7  # mm, height of a font's square; of the length that a name may take
 
 
@@ -150,12 +151,15 @@ def drawings(robot: Robot, title: str, sheet: complex) -> tuple[dict[str, str], 
         drawn |= {f"sheets/{thickness:g}mm_{k}": (laid, sheet) for k, laid in enumerate(sheets, 1)}
     files = {f"{name}.dxf": to_dxf(*what) for name, what in drawn.items()}
     files |= {f"{name}.svg": to_svg(*what) for name, what in drawn.items()}
-    said = f"{sum(number.values())} parts to cut, {sum(part.mass for part in bill):.2f} kg with "
-    said += f"all others; the robot is of {robot.mass:.2f} kg"
+    mass = sum(part.mass for part in bill)
+    said = f"{sum(number.values())} parts to cut; the machine weighs {mass:.2f} kg with all others"
+    if abs(mass - robot.mass) > ALIKE * robot.mass:
+        said += f"\nwarning: the simulated robot weighs {robot.mass:.2f} kg, so this machine will "
+        said += "walk differently; --as-robot-file FILE writes the machine as a robot"
     try:
         placed = layers(robot)
     except CollisionError as error:
-        said += f"; no assembly: {error}"
+        said += f"\nno assembly: {error}"
     else:
         title += f": the first of {len(units(robot))} crank pins with its legs; "
         title += f"{placed[-1].top:.0f} mm wide"

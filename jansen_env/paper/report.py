@@ -7,7 +7,7 @@ from dataclasses import astuple
 
 from tabulate import tabulate
 
-from jansen_env.paper.claims import Claim
+from jansen_env.paper.claims import HOLDS, Claim
 from jansen_env.paper.errata import Erratum
 from jansen_env.paper.interpretations import NEAR, PRINTED_LEVEL, Level, PIDLevel
 
@@ -23,6 +23,13 @@ def as_markdown(
         f"# Torque at a constant 1 rad/s, by interpretation\n\n{levels_table(levels)}\n"
         f"# Torque under the PID, by interpretation\n\n{pid_table(pid_levels)}"
     )
+
+
+def as_lines(claims: list[Claim]) -> str:
+    """Return the verdicts, one a line within 80 columns, and the number of claims that hold."""
+    lines = [f"{c.verdict:<24}{c.key.replace('_', ' ')} ({c.where})" for c in claims]
+    held = sum(c.verdict == HOLDS for c in claims)
+    return "\n".join([*lines, f"{held} of {len(claims)} claims hold without a condition"])
 
 
 def claims_table(claims: list[Claim]) -> str:

@@ -150,7 +150,7 @@ def find_config(model: str | Path) -> Path:
         if (place / "config.yml").is_file():
             return place / "config.yml"
     raise ValueError(
-        f"no config.yml beside {model}: it must say how the model is built, at least "
-        f"{list(TO_LOAD)}, and hyperparameters' use_sde and policy_kwargs where they are not "
-        "Stable-Baselines3's own"
+        f"no config.yml beside {model}. Write what the model was trained by and on into "
+        f"{folder / 'config.yml'}:\n\n    algo: ppo\n    env: JansenWalkerBuilt-v0\n"
+        "    policy: MlpPolicy\n\nand policy_kwargs, if any, such as {net_arch: [128, 128]}"
     )

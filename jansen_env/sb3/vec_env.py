@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
-from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecMonitor
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 from typing_extensions import Unpack
 
-from jansen_env.checks import whole_number
+from jansen_env.checks import positive_integer, whole_number
 from jansen_env.envs import arguments
 from jansen_env.envs.typed import ManyArguments
 from jansen_env.envs.vector import TaskVectorEnv
@@ -26,16 +27,26 @@ from jansen_env.world.argument_checks import Each
 
 def make_vec_env(
     env_id: str,
-    num_envs: int,
+    n_envs: int = 1,
+    seed: int | None = None,
+    *,
+    monitor_dir: str | Path | None = None,
+    wrapper_class: Callable[..., gym.Env[Any, Any]] | None = None,
     env_kwargs: dict[str, Any] | None = None,
+    wrapper_kwargs: dict[str, Any] | None = None,
     variants: Sequence[dict[str, Any]] = ({},),
     info_keys: Sequence[str] | None = (),
     **kwargs: Unpack[ManyArguments],
 ) -> VecEnv:
-    """``num_envs`` environments for Stable-Baselines3, simulated together where that is possible.
+    """``n_envs`` environments for Stable-Baselines3, simulated together where that is possible.
+
+    The first eight arguments are those of Stable-Baselines3's own ``make_vec_env``.
 
     Args:
         env_id: one of :data:`jansen_env.scoring.benchmarks.BENCHMARKS`.
+        seed: of the starts, environment i has seed + i, and of the action space.
+        monitor_dir: folder of the returns and lengths of episodes, ``monitor.csv``.
+        wrapper_class, wrapper_kwargs: wrapper of each environment; they are simulated one by one.
         env_kwargs, kwargs: arguments of all; type checkers know the second. variants: further ones;
             environment i takes number i mod m.
         info_keys: as of :class:`BatchVecEnv`; single environments give all of their information.
@@ -43,14 +54,33 @@ def make_vec_env(
     Raises:
         ValueError: an argument out of range.
     """
+    n_envs = positive_integer("n_envs", n_envs)
+    if seed is not None:
+        seed = whole_number("seed", seed)
     if not variants:
         raise ValueError("variants is empty, must have at least one entry, such as {}")
     common = {**(env_kwargs or {}), **kwargs}
-    each = [{**common, **variants[i % len(variants)]} for i in range(num_envs)]
-    if can_be_batched(env_id, common, variants):
+    each = [{**common, **variants[i % len(variants)]} for i in range(n_envs)]
+    venv: VecEnv
+    if wrapper_class is None and can_be_batched(env_id, common, variants):
         varied = {name for variant in variants for name in variant}
-        return BatchVecEnv(_make_batch(env_id, common, each, varied), info_keys)
-    return DummyVecEnv([partial(make_env, env_id, own) for own in each])
+        venv = BatchVecEnv(_make_batch(env_id, common, each, varied), info_keys)
+    else:
+        wrap = partial(wrapper_class, **(wrapper_kwargs or {})) if wrapper_class else None
+        venv = DummyVecEnv([partial(_make_single, env_id, own, wrap) for own in each])
+    if seed is not None:
+        venv.seed(seed)
+        venv.action_space.seed(seed)
+    if monitor_dir is not None:
+        Path(monitor_dir).mkdir(parents=True, exist_ok=True)
+        venv = VecMonitor(venv, str(monitor_dir))
+    return venv
+
+
+def _make_single(env_id: str, kwargs: dict[str, Any], wrap: Callable[..., Any] | None) -> Any:
+    """One environment, wrapped if ``wrap`` is given."""
+    env = make_env(env_id, kwargs)
+    return wrap(env) if wrap else env
 
 
 def _make_batch(

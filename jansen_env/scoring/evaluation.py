@@ -10,13 +10,34 @@ import numpy as np
 from jansen_env.baselines.policy import Policy
 from jansen_env.checks import instance, positive_integer, whole_number
 from jansen_env.scoring.benchmarks import DEFAULT, find_benchmark
-from jansen_env.scoring.metrics import pooled, summarise
+from jansen_env.scoring.metrics import (
+    main_metrics,
+    pooled,
+    score_cells,
+    screen_table,
+    summarise,
+    tabled,
+)
 from jansen_env.scoring.rollout import draw_episodes, make_env, run_episodes
 
 FIRST_SEED = 40_000  # of scored episodes; training, tuning and selection use others
 
-Scores = dict[str, dict[str, Any]]
-"""Summary of :func:`evaluate` by policy."""
+
+class Scores(dict[str, dict[str, Any]]):
+    """Summary of :func:`evaluate` by policy, on the environment ``env_id``."""
+
+    def __init__(self, env_id: str, summaries: Mapping[str, dict[str, Any]] | None = None) -> None:
+        super().__init__(summaries or {})
+        self.env_id = env_id
+
+    def table(self, all_metrics: bool = False) -> str:
+        """Return a table of the main metrics, or of all with their 95 % intervals."""
+        metrics = find_benchmark(self.env_id).metrics
+        shown, parts = (tabled(metrics), 3) if all_metrics else (main_metrics(metrics), 1)
+        cells = score_cells(shown, self, parts)
+        if len(self) <= len(shown):
+            cells = [list(row) for row in zip(*cells, strict=True)]
+        return screen_table(cells)
 
 
 def evaluate(
@@ -36,7 +57,8 @@ def evaluate(
 
     Returns:
         For each policy :func:`jansen_env.scoring.metrics.summarise`, or with ``drawn``
-        :func:`jansen_env.scoring.metrics.pooled`, and its episodes under ``"raw"``.
+        :func:`jansen_env.scoring.metrics.pooled`, and its episodes under ``"raw"``;
+        ``print(scores.table())`` shows them.
 
     Raises:
         ValueError: an argument, also of the environment, or a command is not allowed.
@@ -44,7 +66,7 @@ def evaluate(
     instance("policies", policies, Mapping)
     episodes, seed = positive_integer("episodes", episodes), whole_number("seed", seed)
     env_kwargs = env_kwargs or {}
-    benchmark, env, scores = find_benchmark(env_id), make_env(env_id, env_kwargs), {}
+    benchmark, env, scores = find_benchmark(env_id), make_env(env_id, env_kwargs), Scores(env_id)
     if drawn:
         command, seeds = draw_episodes(env, episodes, seed)
     else:

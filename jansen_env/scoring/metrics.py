@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from io import StringIO
+from shutil import get_terminal_size
 from typing import Any, Literal, NamedTuple, TypeAlias
 from warnings import catch_warnings, simplefilter
 
@@ -16,6 +18,7 @@ Episodes: TypeAlias = dict[str, NDArray[Any]]
 Interval: TypeAlias = tuple[float, float, float]
 """Value, lower and upper end of its 95 % interval; NaN for ends that are not known."""
 
+MAIN = 5  # metrics of short tables
 RESAMPLES = 2000
 TAIL = 0.025  # beyond either end of a 95 % interval
 ENDS = 100.0 * TAIL, 100.0 - 100.0 * TAIL  # percentiles
@@ -80,6 +83,13 @@ def point_estimates(metrics: dict[str, Metric], run: Episodes, env: Any) -> dict
 def tabled(metrics: dict[str, Metric]) -> dict[str, Metric]:
     """Return the metrics of tables and figures: those that have no ``steady_`` one beside them."""
     return {name: metric for name, metric in metrics.items() if f"steady_{name}" not in metrics}
+
+
+def main_metrics(metrics: dict[str, Metric]) -> dict[str, Metric]:
+    """Return the metrics that matter most: the return, fractions, then others of the figures."""
+    drawn = {name: metric for name, metric in tabled(metrics).items() if metric.axis}
+    first = sorted(drawn, key=lambda name: (name != "return", drawn[name].unit != "fraction"))
+    return {name: drawn[name] for name in first[:MAIN]}
 
 
 def proportion_with_interval(k: int, n: int) -> Interval:
@@ -174,18 +184,46 @@ def interval_text(interval: Sequence[float | None], digits: int = 3) -> str:
     return f"{value} [{', '.join(ends)}]" if ends and ends[0] != "-" else value
 
 
+def screen_table(cells: Sequence[Sequence[str]]) -> str:
+    """Return a table in plain text, its head first, whose cells wrap at the terminal's width."""
+    from rich.box import MARKDOWN
+    from rich.console import Console
+    from rich.table import Column, Table
+
+    table = Table(*(Column(name, overflow="fold") for name in cells[0]), box=MARKDOWN)
+    for row in cells[1:]:
+        table.add_row(*row)
+    width = get_terminal_size().columns
+    console = Console(file=StringIO(), width=width, markup=False, emoji=False, color_system=None)
+    with console.capture() as captured:
+        console.print(table)
+    return captured.get().strip()
+
+
+def score_cells(
+    metrics: dict[str, Metric], scores: Mapping[str, dict[str, Any]], parts: int = 3
+) -> list[list[str]]:
+    """Return the cells of a table, its head first: a row per policy, a column per metric.
+
+    ``parts`` is 3 for values [low, high], 1 for values alone.
+    """
+    rows = [
+        [policy, *(interval_text(own["overall"][name][:parts], metric.digits)
+                   for name, metric in metrics.items())]
+        for policy, own in scores.items()
+    ]  # fmt: skip
+    return [["", *(metric.heading for metric in metrics.values())], *rows]
+
+
 def score_table(
-    metrics: dict[str, Metric], scores: dict[str, dict[str, Any]], rows_are: str = "policy"
+    metrics: dict[str, Metric], scores: Mapping[str, dict[str, Any]], rows_are: str = "policy"
 ) -> str:
     """A Markdown table of each policy's value [low, high] of each metric of :func:`tabled`: a row
-    per policy, or with "metric" for ``rows_are`` a row per metric, which fits a screen."""
+    per policy, or with "metric" for ``rows_are`` a row per metric."""
     from tabulate import tabulate
 
-    table = [[rows_are, *(metric.heading for metric in tabled(metrics).values())]]
-    for policy, summary in scores.items():
-        own = summary["overall"]
-        shown = (interval_text(own[name], m.digits) for name, m in tabled(metrics).items())
-        table.append([policy, *shown])
+    table = score_cells(tabled(metrics), scores)
+    table[0][0] = rows_are
     if rows_are == "metric":
         table = [list(row) for row in zip(*table, strict=True)]
     return tabulate(table[1:], table[0], tablefmt="github", disable_numparse=True)

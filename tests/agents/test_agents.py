@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest, kstest
 
-import jansen_env  # noqa: F401
+import jansen_env
 from agents import tune
 from jansen_env.baselines.pid import PID
 from jansen_env.baselines.walker_baselines import (
@@ -292,13 +292,45 @@ def test_evaluation_command(tmp_path, capsys):
                  "--env-kwargs", "{max_episode_steps: 40}"]  # fmt: skip
     evaluate.main([*arguments, "--out", str(tmp_path / "a")])
     out = capsys.readouterr().out.splitlines()
-    assert "| pid " in out[0]
+    assert "| pid " in out[2]
     assert "3 episodes with commands drawn from the environment's range:" in out
     table = json.loads((tmp_path / "a" / "scores.json").read_text())
     assert set(table) == {"pid", "constant"}
     assert table["pid"]["drawn"]["episodes"] == 3
     assert table["pid"]["drawn"]["raw"]["command"] == table["constant"]["drawn"]["raw"]["command"]
     assert (tmp_path / "a" / "scores.png").stat().st_size > 10_000
+    assert (tmp_path / "a" / "scores.md").read_text().count("| change of torque per step") == 2
+
+
+@pytest.mark.parametrize("policies", [("pid", "constant"), tuple(WALKER.baselines)], ids=len)
+def test_an_evaluation_fits_a_terminal_and_writes_nothing(policies, tmp_path, capsys, monkeypatch):
+    """At 80 columns, on two plants, too: five metrics, all of them with ``--all``."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "80")
+    arguments = [f"--policy={name}" for name in policies] + ["--episodes", "2", "--env-kwargs",
+                 "{max_episode_steps: 120}", "--commands", "0.3", "0.4"]  # fmt: skip
+    if len(policies) > 2:
+        arguments += ["--plant", "projection", "--plant", "rigid_body"]
+    evaluate.main(arguments)
+    short = capsys.readouterr().out
+    assert max(map(len, short.splitlines())) <= 80 and not list(tmp_path.iterdir())
+    assert "falls (fraction)" in " ".join(short.split()) or len(policies) > 2
+    assert "change of torque" not in short and "[" not in short
+    if len(policies) == 2:
+        assert sum(line.startswith("| ") for line in short.splitlines()) == 6
+        evaluate.main([*arguments, "--all"])
+        everything = capsys.readouterr().out
+        assert "change of torque" in everything and "95 % intervals" in everything
+
+
+def test_scores_show_themselves():
+    """A table of the main metrics; names are no markup."""
+    kwargs = {"max_episode_steps": 5}
+    policies = {"[red]": load_named("pid", make_env("JansenWalker-v0", kwargs))}
+    scores = jansen_env.evaluate(policies, "JansenWalker-v0", kwargs, [0.3], 2)
+    lines = scores.table().splitlines()
+    assert "[red]" in lines[0] and len(lines) == 2 + metrics.MAIN
+    assert "peak torque" in scores.table(all_metrics=True)
 
 
 def test_evaluation_on_both_plants(tmp_path, capsys):
@@ -309,7 +341,7 @@ def test_evaluation_on_both_plants(tmp_path, capsys):
          "--env-kwargs", "{max_episode_steps: 25, friction: 0.3}",
          "--out", str(tmp_path)]
     )  # fmt: skip
-    assert "| pid on rigid_body" in capsys.readouterr().out
+    assert "| pid on rigid_body" in capsys.readouterr().out.replace("\n", " ")
     table = json.loads((tmp_path / "scores.json").read_text())
     torque = [table[f"pid on {plant}"]["overall"]["rms_torque"][0] for plant in PLANTS]
     assert torque[0] == pytest.approx(torque[1], rel=0.02) and torque[0] != torque[1]

@@ -183,19 +183,30 @@ def test_training_refuses_before_it_runs(text, tmp_path):
     assert not (tmp_path / "logs").exists()
 
 
-@pytest.mark.parametrize("script", ["agents.study", "agents.tune", "train"])
-def test_a_missing_extra_is_named(script):
-    code = f"import sys, runpy; sys.modules['torch'] = sys.modules['yaml'] = None; {script=}"
-    done = subprocess.run(
-        [sys.executable, "-c", f"{code}; runpy.run_module(script, run_name='__main__')"],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-    )
-    assert done.returncode != 0
-    last = done.stderr.splitlines()[-1]
-    assert "agents needs torch, yaml, which the extra 'train' installs: python -m pip" in last
+def run_without(packages, script, *arguments):
+    code = f"import sys, runpy; sys.modules |= dict.fromkeys({packages})"
+    return subprocess.run(
+        [sys.executable, "-c", f"{code}; runpy.run_module({script!r}, run_name='__main__')",
+         *arguments],
+        capture_output=True, text=True, check=False, timeout=60,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("script", ["agents.design", "agents.export", "agents.study", "agents.tune",
+                                    "train"])  # fmt: skip
+def test_a_missing_extra_is_named_in_one_line(script):
+    done = run_without(["torch", "yaml"], script, "--help")
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("agents needs torch, yaml, which the extra 'train' installs: python -m")
+
+
+def test_only_onnx_needs_the_extra_export():
+    packages = ["onnx", "onnxscript"]
+    assert run_without(packages, "agents.export", "--help").stdout.startswith("usage: ")
+    done = run_without(packages, "agents.export", "pretrained", "--to", "onnx")
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("--to onnx needs onnx, onnxscript, which the extra 'export' installs")
 
 
 def test_whole_numbers_may_be_written_with_an_exponent():

@@ -311,12 +311,17 @@ def test_the_command_searches_and_reports(method, tmp_path, capsys):
     arguments = [str(path), "--log-folder", str(tmp_path / "logs"), "--generations", "2"]
     arguments += ["--variables", "{lengths: 0.01, harmonics: 1}"]
     assert command.main(arguments) == 0
-    assert "steady_cost_of_transport" in capsys.readouterr().out
+    printed, progress = capsys.readouterr()
+    assert f"of {SMALL['population']} keep all limits, best steady_cost_of_transport: " in progress
+    assert "steady_cost_of_transport" in printed and "half the time step" not in printed
+    assert max(map(len, printed.splitlines())) <= 80 + len(str(tmp_path))
     folder = tmp_path / "logs" / "own"
     for name in ("report.md", "designs.png", "search.png", "plan.yml"):
         assert (folder / name).stat().st_size > 100
     report = (folder / "report.md").read_text()
     assert command.main(arguments) == 0 and (folder / "report.md").read_text() == report
+    assert command.main(["--report", str(folder), "--all"]) == 0
+    assert report in capsys.readouterr().out
     robot = read_robot(folder / "seed_0" / design_report.ROBOT)
     assert isinstance(robot.body("rocker"), Bar)
     with gym.make("JansenWalkerBuilt-v0", robot=robot) as env:
@@ -352,7 +357,7 @@ def test_bad_arguments_get_one_line(arguments, message, capsys):
     """And no traceback."""
     with pytest.raises(SystemExit):
         command.main(arguments)
-    assert message in capsys.readouterr().err.splitlines()[-1]
+    assert message in capsys.readouterr().err.splitlines()[0]
 
 
 @pytest.mark.slow

@@ -62,5 +62,5 @@ def test_arguments_are_refused(command, given, message, tmp_path, monkeypatch, c
     with pytest.raises(SystemExit) as error:
         module.main([*before, *given])
     assert error.value.code == 2
-    assert message in capsys.readouterr().err.splitlines()[-1]
+    assert message in capsys.readouterr().err.splitlines()[0]
     assert not list(tmp_path.iterdir())

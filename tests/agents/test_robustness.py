@@ -62,5 +62,7 @@ def test_robustness_command(few, tmp_path, capsys):
             pytest.approx(0.7076, 1e-3),
         ]
     printed = capsys.readouterr().out
-    assert "| 0.3, pid on projection " in printed and "| rigid, profile on rigid_body " in printed
+    assert "| friction 0.3 " in printed and "[" not in printed
+    table = (tmp_path / "robustness.md").read_text()
+    assert "| 0.3, pid on projection " in table and "| rigid, profile on rigid_body " in table
     assert (tmp_path / "robustness.png").stat().st_size > 10_000

@@ -17,6 +17,7 @@ from agents.training.scores import outcome
 from jansen_env import sb3
 from jansen_env.sb3.model_files import read_model
 from jansen_env.scoring.benchmarks import BENCHMARKS, find_benchmark
+from jansen_env.scoring.evaluation import Scores
 
 SMALL_PPO = Path(__file__).parents[1] / "small_ppo.yml"
 SMALL = ["--config", str(SMALL_PPO), "-n", "1024", "--n-envs", "4", "--eval-episodes", "1",
@@ -44,8 +45,18 @@ def test_run_folder_holds_all(run):
     assert "train.py" in (run / "command.txt").read_text()
 
 
+def test_the_same_policy_is_reported_once(tmp_path, monkeypatch, capsys):
+    """A policy that has not changed between evaluations, as at the end, has one line."""
+    monkeypatch.setattr(callbacks, "EPISODES", 1)
+    train.main([*SMALL[:-1], "64", "--log-folder", str(tmp_path)])
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("evaluation")]
+    rows = json.loads(next(tmp_path.glob("*/*/evaluations.json")).read_text())
+    scores = [row["return"] for row in rows]
+    assert len(lines) == len({*scores}) < len(scores)
+
+
 @pytest.mark.parametrize("env_id", BENCHMARKS)
-def test_last_words_of_a_run_fit_a_terminal(env_id, tmp_path):
+def test_last_words_of_a_run_fit_a_terminal(env_id, tmp_path, monkeypatch):
     """Five rows, and in one sentence whether the best baseline is reached, and since when."""
     benchmark = find_benchmark(env_id)
     (tmp_path / "evaluations.json").write_text('[{"steps": 64, "return": 1}, '
@@ -55,13 +66,15 @@ def test_last_words_of_a_run_fit_a_terminal(env_id, tmp_path):
                      "episodes": 90}
               for rank, name in enumerate([*benchmark.baselines, "ppo/run"])}  # fmt: skip
     best = [*scores][-2]
-    lines = outcome(tmp_path, env_id, scores).replace(str(tmp_path), "logs").splitlines()
+    scores = Scores(env_id, scores)
+    monkeypatch.setenv("COLUMNS", "100")
+    lines = outcome(tmp_path, scores).replace(str(tmp_path), "logs").splitlines()
     assert len(lines) == 10 and max(map(len, lines)) <= 100
-    assert (lines[2].startswith("return") and "falls" in lines[3] + lines[4]) or "Crank" in env_id
+    assert (lines[2].startswith("| return") and "falls" in lines[3] + lines[4]) or "Crank" in env_id
     assert f"is above the best baseline, {best}'s" in lines[7]
     assert lines[7].endswith("(since 3,194,880 steps)")
     scores["ppo/run"]["overall"]["return"] = [99.0, None, None]
-    assert f"misses the best baseline, {best}'s" in outcome(tmp_path, env_id, scores)
+    assert f"misses the best baseline, {best}'s" in outcome(tmp_path, scores)
 
 
 def test_policy_files_never_run_code(run, tmp_path):

@@ -41,7 +41,7 @@ def test_of_many_robots(tmp_path):
 
 
 def test_of_the_vec_env(tmp_path):
-    venv = make_vec_env("JansenWalker-v0", 2, {"render_mode": "rgb_array"})
+    venv = make_vec_env("JansenWalker-v0", 2, env_kwargs={"render_mode": "rgb_array"})
     venv = VecVideoRecorder(venv, str(tmp_path), lambda step: step == 0, video_length=STEPS)
     venv.seed(0)
     venv.reset()

@@ -3,6 +3,7 @@
 import gymnasium as gym
 import numpy as np
 import pytest
+from stable_baselines3.common.env_util import make_vec_env as their_vec_env
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from jansen_env import Payload, Terrain
@@ -33,7 +34,7 @@ def equal(a, b):
 def test_it_is_what_single_environments_are(noise):
     """Variants of everything, through time limits and falls: returns bit for bit, infos too."""
     shared = {"slip_weight": 2.0, "max_episode_steps": 100, "noise": noise}
-    together = make_vec_env(ENV, 6, shared, VARIANTS, info_keys=None)
+    together = make_vec_env(ENV, 6, env_kwargs=shared, variants=VARIANTS, info_keys=None)
     each = [{**shared, **VARIANTS[i % 3]} for i in range(6)]
     apart = DummyVecEnv([lambda own=own: make_env(ENV, own) for own in each])
     assert isinstance(together, BatchVecEnv)
@@ -62,7 +63,7 @@ def test_it_is_what_single_environments_are(noise):
 
 def test_information_of_a_step():
     """None but at the end of an episode, or the keys asked for; unknown ones are refused."""
-    venv = make_vec_env(ENV, 2, {"max_episode_steps": 2})
+    venv = make_vec_env(ENV, 2, env_kwargs={"max_episode_steps": 2})
     venv.reset()
     assert venv.step(np.zeros((2, 1)))[3] == [{}, {}]
     last = venv.step(np.zeros((2, 1)))[3]
@@ -94,7 +95,7 @@ def test_a_fall_in_the_last_step_of_the_time_limit_is_a_fall(batched):
 
 def test_attributes_methods_and_options():
     """Through ``indices``, for some robots or all; options of the next reset alone."""
-    venv = make_vec_env(ENV, 3, {"friction": 0.4})
+    venv = make_vec_env(ENV, 3, env_kwargs={"friction": 0.4})
     assert venv.get_attr("friction") == [0.4] * 3 and venv.has_attr("control_dt")
     assert not venv.has_attr("nothing")
     venv.set_attr("friction", 0.9, indices=[0, 2])
@@ -110,12 +111,34 @@ def test_attributes_methods_and_options():
     assert [info["crank_angle"] for info in venv.reset_infos] == [0.0, 1.0, 2.0]
 
 
+@pytest.mark.parametrize("wrapper", [None, gym.wrappers.TimeAwareObservation], ids=["", "wrapped"])
+def test_arguments_of_stable_baselines3(wrapper, tmp_path):
+    """Its own function, with the same arguments, starts alike and writes the same episodes."""
+    given = {"n_envs": 3, "seed": 7, "wrapper_class": wrapper,
+             "env_kwargs": {"max_episode_steps": 4}}  # fmt: skip
+    ours = make_vec_env(ENV, monitor_dir=tmp_path / "monitor", **given)
+    theirs = their_vec_env(ENV, **given)
+    assert np.array_equal(ours.reset(), theirs.reset())
+    assert ours.action_space.sample() == theirs.action_space.sample()
+    for _ in range(4):
+        (*_, infos), (*_, expected) = (venv.step(np.ones((3, 1))) for venv in (ours, theirs))
+    for info, other in zip(infos, expected, strict=True):
+        a, b = info["episode"], other["episode"]
+        assert a["r"] == pytest.approx(b["r"], abs=1e-6) and a["l"] == b["l"]
+    ours.close()
+    assert (tmp_path / "monitor" / "monitor.csv").read_text().count("\n") == 2 + 3
+    assert make_vec_env(ENV).num_envs == 1
+    for name, value in (("n_envs", 0), ("seed", -1)):
+        with pytest.raises(ValueError, match=f"{name} is {value}, must be"):
+            make_vec_env(ENV, **{name: value})
+
+
 def test_what_is_refused():
     with pytest.raises(gym.error.ResetNeeded):
         make_vec_env(ENV, 2).step(np.zeros((2, 1)))
     for variants, named in (((), "variants"), ([{"speed_command": [1, 2, 3]}], "speed_command")):
         with pytest.raises(ValueError, match=named):
-            make_vec_env(ENV, 2, {}, variants)
+            make_vec_env(ENV, 2, env_kwargs={}, variants=variants)
 
 
 def test_options_may_differ():
@@ -130,9 +153,9 @@ def test_options_may_differ():
 
 def test_ground_from_points():
     points = [[-1.0, 0.0], [0.2, 0.05], [1.0, 0.0]]
-    venv = make_vec_env(ENV, 2, {"terrain": points})
+    venv = make_vec_env(ENV, 2, env_kwargs={"terrain": points})
     assert venv.get_attr("terrain") == [Terrain(points)] * 2
-    venv = make_vec_env(ENV, 2, {}, [{"terrain": points}, {}])
+    venv = make_vec_env(ENV, 2, env_kwargs={}, variants=[{"terrain": points}, {}])
     assert venv.get_attr("terrain") == [Terrain(points), Terrain.flat()]
 
 
@@ -143,4 +166,6 @@ def test_what_cannot_move_together_takes_turns():
     assert not can_be_batched(ENV, {}, [{"control_dt": 0.01}])
     assert can_be_batched("JansenCrank-v0", {"reset_noise_scale": 1.0})
     assert not can_be_batched("JansenCrank-v0", {"track_joint_forces": True})
-    assert isinstance(make_vec_env("JansenCrank-v0", 2, {"track_joint_forces": True}), DummyVecEnv)
+    assert isinstance(
+        make_vec_env("JansenCrank-v0", 2, env_kwargs={"track_joint_forces": True}), DummyVecEnv
+    )

@@ -261,6 +261,10 @@ def test_command(results, monkeypatch, tmp_path, capsys):
     """Writes the claims and eleven figures, and says so; nothing is left half written."""
     monkeypatch.setattr(command, "compute", lambda workers: results)
     command.main(["--out", str(tmp_path / "new" / "folder")])
+    verdicts = capsys.readouterr().out.splitlines()[: len(VERDICTS)]  # one a line
+    assert all(line.startswith(v) for line, v in zip(verdicts, VERDICTS.values(), strict=True))
+    assert max(map(len, verdicts)) <= 80
+    command.main(["--out", str(tmp_path / "new" / "folder"), "--all"])
     printed = capsys.readouterr().out
     folder = tmp_path / "new" / "folder"
     data = json.loads((folder / "claims.json").read_text())

@@ -240,20 +240,39 @@ def test_a_link_holds_the_design(alone):
         assert "=" not in fragment(page) or fragment(page).startswith("klann")
 
 
+def test_a_link_is_named_and_highlighted_by_its_lengths(alone):
+    """And a changed design is called so."""
+    page = alone("built").page
+    assert page.locator("#base option:checked").text_content() == "built"
+    page.locator("#length-upper_triangle_BD").hover()
+    page.locator("#drawing text", has_text="upper triangle").wait_for()
+    assert page.locator("#drawing .lit").get_attribute("d").count("L") == 2  # a triangle
+    page.locator("#length-rocker").focus()
+    page.locator("#drawing text", has_text="rocker").wait_for()
+    page.locator('[data-name="rocker"] [type="number"]').fill("240")
+    assert page.locator("#base option:checked").text_content() == "built (changed)"
+
+
 def test_files_are_taken_away(alone, tmp_path):
     """A robot file that Python reads, and a drawing with all lengths."""
-    page = alone("built&rocker=240.5&foot_CE=250&frame_angle=9").page
+    page = alone("built&rocker=240.08&foot_CE=250&frame_angle=9").page
     with page.expect_download() as robot:
         page.locator("#file").click()
     robot.value.save_as(tmp_path / "robot.json")
-    changed = {"rocker": 0.2405, "foot_CE": 0.25, "frame_angle": math.radians(9.0)}
+    text = (tmp_path / "robot.json").read_text()
+    assert (
+        max(map(len, re.findall(r"[\d.]+(?=,?\n)", text))) <= 8
+    )  # rounded: not 0.24008000000000002
+    changed = {"rocker": 0.24008, "foot_CE": 0.25, "frame_angle": math.radians(9.0)}
     expected = with_lengths(ROBOTS["built"](), changed)
-    assert lengths(read_robot(tmp_path / "robot.json")) == pytest.approx(lengths(expected))
+    assert lengths(read_robot(tmp_path / "robot.json")) == pytest.approx(
+        lengths(expected), abs=1e-6
+    )
     with page.expect_download() as drawing:
         page.locator("#drawn").click()
     drawing.value.save_as(tmp_path / "drawing.svg")
     text = (tmp_path / "drawing.svg").read_text()
-    assert text.startswith("<svg ") and ">240.50</text>" in text and ">383.22</text>" in text
+    assert text.startswith("<svg ") and ">240.08</text>" in text and ">383.22</text>" in text
 
 
 def test_the_file_needs_nothing(alone):
@@ -322,4 +341,4 @@ def test_the_command_writes_the_file(tmp_path):
     result = subprocess.run(
         [*command, tmp_path / "file" / "x.html"], capture_output=True, text=True
     )
-    assert result.returncode == 2 and "--bench-file is" in result.stderr.splitlines()[-1]
+    assert result.returncode == 2 and "--bench-file is" in result.stderr.splitlines()[0]

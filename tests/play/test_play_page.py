@@ -362,6 +362,25 @@ def test_on_a_phone_in_the_dark_by_touch(open_window):
         stop(process)
 
 
+def test_on_a_phone_held_across(open_window):
+    """Picture, score, help and crank buttons are on the screen together; nothing scrolls but the
+    panel."""
+    process, address = start()
+    try:
+        size = {"width": 844, "height": 390}
+        page = open_window(viewport=size, has_touch=True, is_mobile=True).page
+        page.goto(address)
+        for name in ("begin", "picture", "distance", "left", "right"):
+            box = page.locator(f"#{name}").bounding_box()
+            assert box["y"] >= 0 and box["y"] + box["height"] <= size["height"], name
+        whole = "[document.documentElement.scrollWidth, document.documentElement.scrollHeight]"
+        assert page.evaluate(whole) == [*size.values()]
+        page.locator("#begin").tap()
+        reads(page, "time", r"^0\.[5-9]|^[1-9]")
+    finally:
+        stop(process)
+
+
 def test_everything_has_a_name(window):
     names = window.page.evaluate(
         """() => [...document.querySelectorAll("button, select, input, canvas")].map((one) =>

@@ -20,7 +20,7 @@ def test_goals_are_scored(tmp_path, capsys):
     assert by_goal["time"]["value"][0] == by_goal["time"]["value"][2] == 4.0
     assert 0.9 < by_goal["time"]["value"][1] < 4.0  # a second at the goal
     assert max(map(abs, score["drawn"]["raw"]["command"])) > 0.8
-    assert "episodes at each of [0.01, 2.5, -3.0] m" in capsys.readouterr().out
+    assert "commands 0.01 2.5 -3 m, episodes at each 1" in capsys.readouterr().out
 
 
 def test_goals_are_watched(tmp_path, capsys):

@@ -277,7 +277,7 @@ def test_robots_of_other_links_are_refused_where_lengths_are_shown():
 
 def test_stable_baselines_draws_anew_and_goes_on_from_states():
     env_kwargs = {**DRAWN, "observe_lengths": True, "max_episode_steps": 15}
-    venv, other = (make_vec_env("JansenWalkerBuilt-v0", 4, env_kwargs) for _ in range(2))
+    venv, other = (make_vec_env("JansenWalkerBuilt-v0", 4, env_kwargs=env_kwargs) for _ in range(2))
     venv.seed(3)
     venv.reset()
     actions = np.full((4, 1), 0.3, np.float32)

@@ -67,7 +67,10 @@ function rework() {
   showMessage();
   $("undo").disabled = now === 0;
   $("redo").disabled = now === past.length - 1;
-  $("original").disabled = Object.keys(of.changes).length === 0;
+  const changed = Object.keys(of.changes).length > 0;
+  $("original").disabled = !changed;
+  for (const option of $("base").options)
+    option.textContent = `${plain(option.value)}${changed && option.value === of.base ? " (changed)" : ""}`;
   $("back").disabled = !kept || design.linkOf(kept.of) === design.linkOf(of);
   for (const id of ["walk", "dead", "drawn"]) $(id).disabled = !numbers;
   touch();
@@ -179,6 +182,19 @@ function showLengths() {
     if (!draft || document.activeElement !== field) field.value = value;
   }
 }
+
+/** Highlight the link of a row of the lengths, with its name; null for none. */
+function light(row) {
+  const length = row?.dataset.name ?? "";
+  const own = view.linkage.bodies.filter(({ name }) => `${length}_`.startsWith(`${name}_`));
+  view.lit = own[0]?.name;
+  touch();
+}
+
+for (const kind of ["pointerover", "focusin"])
+  $("lengths").addEventListener(kind, ({ target }) => light(target.closest(".length")));
+for (const kind of ["pointerleave", "focusout"])
+  $("lengths").addEventListener(kind, () => light(null));
 
 /** Lengths, m and rad, that are tried until they are settled. */
 function attempt(lengths, from = present()) {

@@ -67,7 +67,9 @@ export function designOf(designs, fragment) {
 
 /** A robot file, which jansen_env/robot/robot_file.py reads. */
 export function robotFile({ base, changes }) {
-  const content = { format: "jansen_env robot 1", design: base, lengths: changes };
+  const rounded = ([name, value]) => [name, Number(value.toFixed(isAngle(name) ? 6 : 5))];
+  const lengths = Object.fromEntries(Object.entries(changes).map(rounded));
+  const content = { format: "jansen_env robot 1", design: base, lengths };
   return `${JSON.stringify(content, null, 1)}\n`;
 }
 

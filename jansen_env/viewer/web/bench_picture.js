@@ -20,12 +20,13 @@ export const STYLE = `
 .link { stroke: var(--ink, #263242); }
 .crank { stroke: #f08c10; }
 .frame { stroke: var(--muted, #566274); }
+.lit { stroke: var(--second, #c05f00); }
 .dead { fill: var(--force, #7c3abe); }
 .far { --ink: var(--edge); --muted: var(--edge); --accent: var(--edge); }
 .far .crank { opacity: 0.35; }
 .pin { stroke: var(--page, #fff); }
 text { font-family: system-ui, sans-serif; fill: var(--ink, #263242); stroke: none; }
-.label { text-anchor: middle; paint-order: stroke; stroke: #fff; stroke-width: 5; }
+.label { text-anchor: middle; paint-order: stroke; stroke: var(--page, #fff); stroke-width: 5; }
 `;
 
 const number = (value) => (1000 * value).toFixed(2);
@@ -67,9 +68,9 @@ export function toePaths({ toes }, turn, shows = () => true) {
  * Markup of a linkage at crank angle `psi`.
  *
  * view: {linkage, turn, numbers: of `measure`, or null, psi, pixel, box}; others: whether all legs are
- * drawn; kept: `toePaths` of another design.
+ * drawn; kept: `toePaths` of another design. view.lit: name of the link that is highlighted, if any.
  */
-export function pictureOf({ linkage, turn, numbers, psi, pixel, box }, others, kept = []) {
+export function pictureOf({ linkage, turn, numbers, psi, pixel, box, lit }, others, kept = []) {
   const { design, bodies } = linkage;
   const legs = design.legs.map((leg) => placeLeg(linkage, leg, psi));
   const parts = [];
@@ -104,9 +105,21 @@ export function pictureOf({ linkage, turn, numbers, psi, pixel, box }, others, k
   for (const d of toePaths(design, turn, (toe, k) => numbers?.grounded[toe][k]))
     add("stance", d, 5);
   addLeg(add, linkage, legs[0]);
+  if (lit) parts.push(lightOf(add, linkage, legs[0], lit, pixel));
   const mark = (turned, r) => at(on(numbers.dead.psi + turned, r));
   if (numbers) add("dead", `M${mark(0, 1.04)}L${mark(-0.12, 1.3)}L${mark(0.12, 1.3)}Z`);
   return `<g class="drawing">${parts.join("")}</g>`;
+}
+
+/** A link once more, highlighted, and its name beside it. */
+function lightOf(add, { bodies }, { at: places }, lit, pixel) {
+  const { joints } = bodies.find(({ name }) => name === lit);
+  const ends = joints.map((joint) => places[joint]);
+  if (!ends.every(Boolean)) return "";
+  add("lit", `M${ends.map(at).join("L")}${ends.length > 2 ? "Z" : ""}`, 7);
+  const [x, y] = [0, 1].map((k) => ends.reduce((sum, end) => sum + end[k], 0) / ends.length);
+  const text = escaped(lit.replaceAll("_", " "));
+  return `<text class="label" x="${number(x)}" y="${number(-y)}" font-size="${14 * pixel}">${text}</text>`;
 }
 
 /** A leg, and in red the two links that do not reach each other. */

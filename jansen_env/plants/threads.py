@@ -38,7 +38,8 @@ class Threads:
         self._count = count_threads(robots, threads)
         self._robots, self._shares = robots, _shares(robots, self._count)
         self._memory = [memory() for _ in range(self._count)]
-        self._alone = np.zeros((2, 2), np.int64)
+        self._alone, self._all = np.zeros((2, 2, 2), np.int64)
+        self._all[:] = (0, robots), (robots, robots)
         self._others_move = False
         self._pool: tuple[int, SimpleQueue[Any]] | None = None
 
@@ -55,7 +56,7 @@ class Threads:
         count = 1 if self._others_move else self._count
         whole = robots == self._robots and count == self._count
         if count == 1 and meanwhile is None:
-            self._alone[:] = (0, robots), (robots, robots)
+            self._alone[:] = self._all if whole else ((0, robots), (robots, robots))
             return move(0, self._alone, robots, self.memory)
         shares = self._shares.copy() if whole else _shares(robots, count)
 

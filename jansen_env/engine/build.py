@@ -226,4 +226,6 @@ def link(target: Target, code: Path, library: Path) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("target", nargs="?", default=host(), choices=TARGETS)
-    print(build(parser.parse_args().target))
+    parser.add_argument("--tag", action="store_true", help="print the tag of its wheel alone")
+    chosen = parser.parse_args()
+    print(TARGETS[chosen.target].tag if chosen.tag else build(chosen.target))

@@ -30,8 +30,8 @@ class Threads:
 
     Args:
         robots: how many. memory: makes the memory of one thread.
-        threads: at most, a whole number above 0; None for as many as there are cores, or numba's
-            own limit ``NUMBA_NUM_THREADS``, where that pays.
+        threads: at most, a whole number above 0; None for as many as there are cores, or
+            ``JANSEN_ENV_THREADS`` says, where that pays.
     """
 
     def __init__(self, robots: int, threads: int | None, memory: Callable[[], Any]) -> None:
@@ -116,7 +116,7 @@ def count_threads(robots: int, threads: int | None) -> int:
     """Return how many threads move so many robots."""
     if threads is not None:
         return min(positive_integer("threads", threads), robots)
-    limit = os.environ.get("NUMBA_NUM_THREADS", "")
+    limit = os.environ.get("JANSEN_ENV_THREADS", "")
     available = int(limit) if limit.isdecimal() else available_cores()
     return max(1, min(available, robots // ROBOTS_PER_THREAD))
 

@@ -1,4 +1,4 @@
-"""Builds the engine into the wheel, for the platform of the variable JANSEN_ENV_TARGET or this one."""
+"""Builds the engine into the wheel, for the platform JANSEN_ENV_TARGET, a variable, or this one."""
 
 import os
 import shutil
@@ -35,10 +35,6 @@ class BuildEngine(build_py):
 
 class PlatformWheel(bdist_wheel):
     """A wheel for every Python, but one platform."""
-
-    def finalize_options(self) -> None:
-        super().finalize_options()
-        self.root_is_pure = False
 
     def get_tag(self) -> tuple[str, str, str]:
         return "py3", "none", build("--tag")

@@ -21,16 +21,13 @@ def build(*options: str) -> str:
 
 
 class BuildEngine(build_py):
-    """Builds the library beside its sources; a wheel has that one alone."""
+    """Builds the library beside its sources, and copies that one alone into a wheel."""
 
     def run(self) -> None:
         library = build()
         super().run()
         if not self.editable_mode:
-            built = Path(self.build_lib, "jansen_env", "engine")
-            for old in built.glob("engine-*"):
-                old.unlink()
-            shutil.copy(library, built)
+            shutil.copy(library, Path(self.build_lib, "jansen_env", "engine"))
 
 
 class PlatformWheel(bdist_wheel):

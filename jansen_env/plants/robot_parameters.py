@@ -128,7 +128,7 @@ def apply_to_kernels(
 
     Args:
         params: (k,) of ``PARAMS``. values: (k,) of ``ROBOT_PARAMETERS``. links_mass: kg, of the
-            design. centre, pad: of :func:`jansen_env.engine.tables.farthest`.
+            design. centre, pad: of :func:`jansen_env.plants.robot_data.farthest`.
     """
     for name, field in COPIED.items():
         params[field] = values[name]

@@ -32,7 +32,7 @@ from jansen_env.scoring.evaluation import evaluate
 from jansen_env.scoring.rollout import make_env
 
 ACTIVATIONS = {nn.Tanh: "tanh", nn.ReLU: "relu", nn.ELU: "elu"}
-LIBRARIES = ("gymnasium", "numba", "numpy", "stable-baselines3", "torch")
+LIBRARIES = ("gymnasium", "numpy", "stable-baselines3", "torch")
 COPY = "critic_target."  # SAC's, of the critic: it need not be kept
 DIGITS = 6  # of an episode's numbers: for a comparison with those of another processor
 TOLERANCE = 1e-6  # of an action, between the network in torch and in NumPy

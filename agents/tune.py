@@ -110,7 +110,7 @@ def tune_profile(seed: int, path: Path, env_id: str, effort: float) -> None:
     made = {
         "command": f"python -m agents.tune profile --env {env_id} --seed {seed} "
         f"--effort {effort:g}",
-        "versions": {name: version(name) for name in ("cma", "numba", "numpy")}
+        "versions": {name: version(name) for name in ("cma", "numpy")}
         | {"jansen_env": jansen_env.__version__},
         "columns": list(profile.number_names(profile_search.HARMONICS)),
     }

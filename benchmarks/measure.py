@@ -25,7 +25,7 @@ K = TypeVar("K")
 T = TypeVar("T")
 
 PACKAGES = (
-    "box2d", "envpool", "gymnasium", "mujoco", "numba", "numpy", "pymunk", "stable-baselines3",
+    "box2d", "envpool", "gymnasium", "mujoco", "numpy", "pymunk", "stable-baselines3",
     "torch",
 )  # fmt: skip
 

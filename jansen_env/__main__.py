@@ -18,7 +18,6 @@ COMMANDS = {
     "drawings": "draw a robot's parts, to be cut",
     "paper": "run the paper's simulation, draw its figures, test its claims",
     "mjcf": "export a robot to MuJoCo",
-    "compile": "compile all that environments need, for containers",
 }
 """Commands, each a module of :mod:`jansen_env.commands`, and what they do."""
 EXTRAS = {"mujoco": "mujoco", "stable_baselines3": "train", "torch": "train"}

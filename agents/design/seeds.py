@@ -29,7 +29,7 @@ def execute_search(request: SearchRequest) -> RunResult:
     """Run a seed's search; errors are the result."""
     from agents.studies.run import RunResult
 
-    os.environ["NUMBA_NUM_THREADS"] = str(request.cores)
+    os.environ["JANSEN_ENV_THREADS"] = str(request.cores)
     try:
         run_search(request.plan, request.seed, request.folder, load_policy(request.plan))
     except (OSError, ValueError) as error:

@@ -81,7 +81,7 @@ def execute_run(request: RunRequest) -> RunResult:
     Its output goes to log.txt in its folder.
     """
     folder = request.run.folder
-    os.environ["NUMBA_NUM_THREADS"] = str(request.cores)
+    os.environ["JANSEN_ENV_THREADS"] = str(request.cores)
     try:
         _check_shared(folder.parent.parent, request.token)
         folder.mkdir(parents=True, exist_ok=True)

@@ -39,6 +39,7 @@ from numba.np.arrayobj import populate_array
 from jansen_env.engine import kernel as kernel_module
 from jansen_env.engine.kernel import FOLDER, Kernel, library_path
 
+NJIT: Any = numba.njit  # its types lack some of its options
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
 """Of numba: dividing by zero gives inf or nan; arrays are not counted, as nothing is allocated.
 
@@ -119,7 +120,7 @@ def _take(_: Any, place: Any) -> Any:
 
 def _lower(function: Callable[..., Any], inline: bool) -> Any:
     """A stage as numba compiles it."""
-    return numba.njit(forceinline=inline, **OPTIONS)(function)
+    return NJIT(forceinline=inline, **OPTIONS)(function)
 
 
 def _import_kernels() -> list[Kernel]:
@@ -153,7 +154,7 @@ def _entry(kernel: Kernel) -> tuple[str, str]:
         + RETURNS[kernel.returns].format(call)
     )
     exec(source, names)
-    entry = numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **OPTIONS)(names["entry"])
+    entry = NJIT(no_cpython_wrapper=True, no_cfunc_wrapper=True, **OPTIONS)(names["entry"])
     entry.compile((types.int64,))
     name = entry.overloads[types.int64,].fndesc.mangled_name
     return entry.inspect_llvm((types.int64,)), name
@@ -226,4 +227,6 @@ def link(target: Target, code: Path, library: Path) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("target", nargs="?", default=host(), choices=TARGETS)
-    print(build(parser.parse_args().target))
+    parser.add_argument("--tag", action="store_true", help="print the tag of its wheel alone")
+    chosen = parser.parse_args()
+    print(TARGETS[chosen.target].tag if chosen.tag else build(chosen.target))

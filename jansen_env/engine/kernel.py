@@ -18,7 +18,8 @@ import logging
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from operator import is_
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
@@ -28,6 +29,7 @@ from numpy.typing import NDArray
 PYTHON = os.environ.get("JANSEN_ENV_PYTHON", "") not in ("", "0")
 FOLDER = Path(__file__).parent
 ENDINGS = {"win32": "dll", "darwin": "dylib"}
+RESULTS = {None: None, bool: ctypes.c_bool, int: ctypes.c_int64, float: ctypes.c_double}
 BUILDERS = ("llvmlite", "numba", "ziglang")
 
 # Arguments of kernels; the digit is the number of axes.
@@ -99,21 +101,30 @@ class Kernel:
         library: Any = _libraries()[0 if self.nogil else 1]
         entry = getattr(library, self.symbol)
         entry.argtypes = [ctypes.c_int64]
-        entry.restype = {float: ctypes.c_double, bool: ctypes.c_bool}.get(
-            self.returns, ctypes.c_int64
-        )
+        entry.restype = RESULTS[self.returns]
         return entry
 
     def bound(self) -> Callable[..., Any]:
-        """Return a caller that remembers arrays, for calls with mostly the same ones.
+        """Return a caller that remembers its arguments, for calls with mostly the same ones.
 
-        Any number of threads may call it at once.
+        It takes tuples of arguments, too, which are looked at again only if they are others. Any
+        number of threads may call it at once.
         """
-        return self.function if PYTHON else BoundKernel(self)
+        return functools.partial(Kernel.run_python, self) if PYTHON else BoundKernel(self)
+
+    def run_python(self, *arguments: Any) -> Any:
+        """Run the function itself."""
+        return self.function(*flat(arguments))
 
     def __call__(self, *arguments: Any) -> Any:
         """Run it. Raises TypeError: an argument is no such array or number."""
-        return self.bound()(*arguments)
+        if PYTHON:
+            return self.run_python(*arguments)
+        return self._caller(*arguments)
+
+    @functools.cached_property
+    def _caller(self) -> BoundKernel:
+        return BoundKernel(self)
 
     def __reduce__(self) -> str:
         return self.__name__  # pickled by its name
@@ -126,31 +137,56 @@ class BoundKernel:
 
     def __init__(self, kernel: Kernel) -> None:
         self._kernel = kernel
-        self._entry, self._count = kernel.entry, len(kernel.parameters)
-        self._converts = kernel.returns is not None
-        self._free = list[tuple[NDArray[np.int64], int, list[Any]]]()
+        self._entry = kernel.entry
+        self._free = list[tuple[Slots, tuple[Any, ...]]]()
 
     def __call__(self, *arguments: Any) -> Any:
-        """Run the kernel; see :class:`Kernel`."""
+        """Run the kernel; an argument may be a tuple of several, see :meth:`Kernel.bound`."""
         try:
-            memory = self._free.pop()  # two threads never hold the same
+            slots, known = self._free.pop()  # two threads never hold the same
         except IndexError:
-            slots = np.zeros(self._kernel.slots + 1, np.int64)
-            memory = slots, slots.ctypes.data, [self] * self._count
-        slots, address, known = memory
-        if len(arguments) != self._count:
-            name = self._kernel.symbol
-            raise TypeError(f"{name} has {len(arguments)} arguments, must have {self._count}")
-        for i, argument in enumerate(arguments):
-            if argument is not known[i]:
-                _fill(slots, self._kernel.parameters[i], argument)
-                known[i] = argument
-        result = self._entry(address)
-        self._free.append(memory)
-        return result if self._converts else None
+            slots, known = Slots(self._kernel), ()
+        if len(arguments) != len(known) or not all(map(is_, arguments, known)):
+            slots.fill(flat(arguments))
+            known = arguments
+        result = self._entry(slots.address)
+        self._free.append((slots, known))
+        return result
 
     def __reduce__(self) -> Any:
         return Kernel.bound, (self._kernel,)
+
+
+class Slots:
+    """Memory of a kernel's arguments."""
+
+    def __init__(self, kernel: Kernel) -> None:
+        self._kernel = kernel
+        self._memory = np.zeros(kernel.slots + 1, np.int64)
+        self._known: list[Any] = [self] * len(kernel.parameters)
+        self.address = self._memory.ctypes.data
+
+    def fill(self, arguments: list[Any]) -> None:
+        """Put those arguments into their slots that are not there yet."""
+        known, count = self._known, len(self._known)
+        if len(arguments) != count:
+            name = self._kernel.symbol
+            raise TypeError(f"{name} has {len(arguments)} arguments, must have {count}")
+        for i, argument in enumerate(arguments):
+            if argument is not known[i]:
+                _fill(self._memory, self._kernel.parameters[i], argument)
+                known[i] = argument
+
+
+def flat(arguments: Iterable[Any]) -> list[Any]:
+    """Return the arguments, with what is in tuples in their places."""
+    found = list[Any]()
+    for argument in arguments:
+        if isinstance(argument, tuple):
+            found.extend(flat(argument))
+        else:
+            found.append(argument)
+    return found
 
 
 def _fill(slots: NDArray[np.int64], parameter: Parameter, argument: Any) -> None:
@@ -172,7 +208,7 @@ def _fill(slots: NDArray[np.int64], parameter: Parameter, argument: Any) -> None
         shape = getattr(argument, "shape", ())
         raise TypeError(f"{name} is {kind} {shape}, must be contiguous {dtype} of {ndim} axes")
     try:  # what is quickest
-        slots[slot] = ctypes.addressof(ctypes.c_char.from_buffer(argument))
+        slots[slot] = ctypes.addressof(ctypes.c_char.from_buffer(argument))  # type: ignore[arg-type]
     except (TypeError, ValueError):  # read only, or empty
         slots[slot] = argument.ctypes.data
     for axis in range(ndim):

@@ -261,7 +261,7 @@ class Batch(PlacedRobots):
 
         def move(thread: int, shares: Ints, most: int, memory: Any) -> tuple[bool, bool]:
             count = self._advance(
-                thread, shares, most, rows, fresh, steps, *asked, plain, *memory, *self._shared
+                thread, shares, most, rows, fresh, steps, *asked, plain, memory, self._shared
             )
             *_, moved, (unknown, diverged) = memory
             if finish is not None and count > 0:

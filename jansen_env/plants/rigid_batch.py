@@ -98,7 +98,7 @@ class RigidBodyBatch:
         self.fixed_base = bool(fixed_base)
         self.toes = toes = len(robot.toes)
         self.slip, self.contact_force = np.zeros((1, toes)), np.zeros((1, toes, 2))
-        self.rows, self.joint_gap = np.zeros(1, ROBOT), np.zeros(1)
+        self.states, self.rows, self.joint_gap = np.zeros((1, 8)), np.zeros(1, ROBOT), np.zeros(1)
         self.accumulators = self.rows["accumulators"]
         self.diverged, self.any_diverged = np.zeros(1, bool), False
         self.lookahead_steps = max(1, round(LOOKAHEAD / self.time_step))
@@ -164,7 +164,7 @@ class RigidBodyBatch:
 
     def keep(self, rows: Ints) -> Callable[[], None]:
         own = self.__dict__.copy()  # pymunk's space is built again, not changed
-        kept = {name: own[name].copy() for name in (*CHANGING, "nominal")}
+        kept = {name: own[name].copy() for name in (*CHANGING, "nominal", "states")}
 
         def undo() -> None:
             self.__dict__.update(own)
@@ -198,16 +198,12 @@ class RigidBodyBatch:
         """Put the robot into ``state`` in a new space; bristle: (pads,) m, of compliant pads."""
         pull, h = self._effective_gravity, self.time_step
         self._space = BodySpace(self._machine, self._ground, pull, h, state, self.fixed_base)
-        self._contacts = self._space.contacts
+        self.states[0], self._contacts = self._space.state, self._space.contacts
         now = self._space.snapshot()
         if self._springs is not None:
             self._springs.start(now, self._space.space, bristle)
         if self._rotor is not None:
             self._rotor.start(now.motion)
-
-    @property
-    def states(self) -> Array:
-        return self._space.state[None]
 
     def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
         """Close the joints in a state (8,); without ``deflection`` (pads, 2), m, bristles rest."""
@@ -292,6 +288,7 @@ class RigidBodyBatch:
         if self.any_diverged:
             self._build(before)
             return
+        self.states[0] = self._space.state
         sums.fill(self.accumulators[0], self.toes, torque, len(impulses), h)
         self.accumulators["energy_change"] = now.energy + self._held - start
         self.slip[0], self.joint_gap[0] = sums.slip[: self.toes], sums.joint_gap

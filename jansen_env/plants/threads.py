@@ -30,15 +30,16 @@ class Threads:
 
     Args:
         robots: how many. memory: makes the memory of one thread.
-        threads: at most, a whole number above 0; None for as many as there are cores, or numba's
-            own limit ``NUMBA_NUM_THREADS``, where that pays.
+        threads: at most, a whole number above 0; None for as many as there are cores, or
+            ``JANSEN_ENV_THREADS`` says, where that pays.
     """
 
     def __init__(self, robots: int, threads: int | None, memory: Callable[[], Any]) -> None:
         self._count = count_threads(robots, threads)
         self._robots, self._shares = robots, _shares(robots, self._count)
         self._memory = [memory() for _ in range(self._count)]
-        self._alone = np.zeros((2, 2), np.int64)
+        self._alone, self._all = np.zeros((2, 2, 2), np.int64)
+        self._all[:] = (0, robots), (robots, robots)
         self._others_move = False
         self._pool: tuple[int, SimpleQueue[Any]] | None = None
 
@@ -55,7 +56,7 @@ class Threads:
         count = 1 if self._others_move else self._count
         whole = robots == self._robots and count == self._count
         if count == 1 and meanwhile is None:
-            self._alone[:] = (0, robots), (robots, robots)
+            self._alone[:] = self._all if whole else ((0, robots), (robots, robots))
             return move(0, self._alone, robots, self.memory)
         shares = self._shares.copy() if whole else _shares(robots, count)
 
@@ -115,7 +116,7 @@ def count_threads(robots: int, threads: int | None) -> int:
     """Return how many threads move so many robots."""
     if threads is not None:
         return min(positive_integer("threads", threads), robots)
-    limit = os.environ.get("NUMBA_NUM_THREADS", "")
+    limit = os.environ.get("JANSEN_ENV_THREADS", "")
     available = int(limit) if limit.isdecimal() else available_cores()
     return max(1, min(available, robots // ROBOTS_PER_THREAD))
 

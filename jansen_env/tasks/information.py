@@ -40,6 +40,7 @@ class InfoBuilder:
         of_any = {name: info[name] for info in infos for name in info.dtype.names}
         rewards: Any = task["reward"]
         of_any |= {f"reward/{term}": rewards[term] for term in rewards.dtype.names}
+        self._energy = world.dtype["energy"].names or ()
         self._names, self._of_any = tuple(of_any), {**of_any, **arrays}
         self.keys: tuple[str, ...] = (*self._of_any, *self._groups)
 
@@ -47,8 +48,8 @@ class InfoBuilder:
         """Return that of one robot, in Python's own types."""
         world: Any = self._world.item(row)
         task: Any = self._task.item(row)
-        info = dict(zip(self._names, world[0] + task[0] + task[1], strict=True))
-        info["energy"] = dict(zip(self._groups["energy"][1], world[1], strict=True))
+        info = dict(zip(self._names, world[0] + task[0] + task[1]))  # noqa: B905 - as long
+        info["energy"] = dict(zip(self._energy, world[1]))  # noqa: B905
         for group, rows in self._more.items():
             info[group] = dict(zip(self._groups[group][1], rows.item(row), strict=True))
         for name, array in self._arrays.items():

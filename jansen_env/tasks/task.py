@@ -188,7 +188,7 @@ class Task(ABC):
 
     def finish_step(self, rows: Ints) -> None:
         """Account for the step of robots (k,) in one kernel, on the thread that moved them."""
-        self._finish(rows, *self.step_arguments())
+        self._finish(rows, self._step_arguments)
 
     def complete_step(self, active: Bools) -> None:
         """Score the step of the ``active`` robots (n,), and observe them."""
@@ -198,6 +198,7 @@ class Task(ABC):
 
     def describe(self, rows: Ints) -> None:
         """Fill observations and information of some robots as they are now."""
+        self._step_arguments = self.step_arguments()  # a longer terrain has another array
         self._describe(rows, *self.describe_arguments())
         self.observe(rows)
         self.world.disturb(rows)
@@ -285,6 +286,7 @@ class Task(ABC):
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self.connect()  # with this copy's arrays
+        self._step_arguments = self.step_arguments()
         self.information = self._make_info()
 
 

@@ -204,7 +204,7 @@ class ActuatedRobots:
         if values.shape != (count, 1):
             raise ValueError(f"actions have shape {values.shape}, must have ({count}, 1)")
         self._actions[:] = values
-        bad = self._keep_actions(self._actions, active, *self._delayed)
+        bad = self._keep_actions(self._actions, active, self._delayed)
         if bad >= 0:
             raise ValueError(f"actions[{bad}] is {values[bad, 0]}, must be finite")
 

@@ -292,7 +292,8 @@ class World(ActuatedRobots):
         plant = self.plant
         pushes = self.pushes.of_step(active, self.elapsed, self.seeds)
         self._take_actions(actions, active)
-        self._moved = self._every if active.all() else active.nonzero()[0]
+        every = np.count_nonzero(active) == self.num_envs
+        self._moved = self._every if every else active.nonzero()[0]
         if self.sensors is not None:
             finish = partial(self._sense, finish)
         plant.step(

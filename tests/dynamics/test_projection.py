@@ -12,7 +12,6 @@ from jansen_env.dynamics import projection as pr
 from jansen_env.robot import paper_robot
 from jansen_env.robot.kinematics import coordinates
 
-pytestmark = pytest.mark.processor  # tolerances are those of rounding
 TURN = np.linspace(0.0, 2.0 * math.pi, 120, endpoint=False)
 
 

@@ -13,7 +13,6 @@ from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.plants.robot_data import kernel_model
 from jansen_env.robot.kinematics import coordinates, joint_positions
 
-pytestmark = pytest.mark.processor  # tolerances are those of rounding
 LOAD = Payload(mass=1.7, inertia=0.3, position=(0.2, 0.4))
 
 

@@ -83,7 +83,7 @@ def test_a_fall_in_the_last_step_of_the_time_limit_is_a_fall(batched):
     """Its value is not bootstrapped, as ``TimeLimit.truncated`` would have it."""
     arguments = {"fall_pitch": 1e-6, "max_episode_steps": 1}  # which ends the first step
     venv = (
-        make_vec_env(ENV, 2, arguments)
+        make_vec_env(ENV, 2, env_kwargs=arguments)
         if batched
         else DummyVecEnv([lambda: make_env(ENV, arguments)] * 2)
     )

@@ -49,7 +49,6 @@ CHAOTIC = {"constant_torque", "stable_walking", "toe_speeds", "no_walking_withou
 """Claims with numbers of walks: another processor's last bits may give others within the spread."""
 
 
-@pytest.mark.processor
 def test_documentation(judged, results):
     """The page has every claim's verdict and reason, and what is not chaotic to the last digit."""
     text = DOCS.read_text()
@@ -113,7 +112,6 @@ def test_torque_level(judged, results):
             assert mean == pytest.approx(level.loss, abs=1e-9), level.name
 
 
-@pytest.mark.processor
 def test_constant_torque(judged, results):
     """Ripple of the speed on a fixed base: 67 % to 8 %, slender links 41 %, to 1 % of the mean."""
     numbers = judged["constant_torque"].numbers
@@ -150,7 +148,6 @@ def test_standing_toes_part(judged, results):
     assert numbers["mean"] == pytest.approx(support.per_turn / (2.0 * math.pi), rel=1e-12)
 
 
-@pytest.mark.processor
 def test_a_slow_walk_slips_as_its_geometry_says(results):
     """No dynamics against all of it: 2 % (a turn is not quite slow); half of it where toes grip."""
     certain = results.support.per_turn
@@ -175,14 +172,12 @@ def test_sliding_on_two_toes_breaks_down_above_a_friction_of_0525():
             assert walk.slip < 0.9 * certain, (mu, step)
 
 
-@pytest.mark.processor
 def test_slip_of_a_rattling_walk_is_not_the_time_steps(results):
     """Friction 0.8, half the time step: the same slip within 4 % (a chaotic rattle, two turns)."""
     walk = free_walk.walk(paper_robot(), 0.25, turns=2, time_step=5e-4)
     assert walk.slip == pytest.approx(results.slow[0.8].slip, rel=0.04)
 
 
-@pytest.mark.processor
 def test_slip_of_walks_at_constant_crank_speed(results):
     """Falls somewhere from 2 to 3.5 rad/s (chaotic: rounding says where); slides below, on one toe
     at a time above, slides again faster."""
@@ -196,7 +191,6 @@ def test_slip_of_walks_at_constant_crank_speed(results):
     assert by_speed[1.0].torque == pytest.approx(1.92, rel=0.05)
 
 
-@pytest.mark.processor
 def test_a_walk_without_slip(results):
     """Twelve turns at 4 rad/s, more than 10 m, without a toe sliding by a micrometre a metre."""
     walk = results.no_slip

@@ -171,7 +171,6 @@ def test_bad_steps_of_the_pinned_plant():
         pinned().step(1e9, 0.1)
 
 
-@pytest.mark.processor
 @pytest.mark.parametrize(
     "torque, duration, message", [(1e4, 0.1, "came apart"), (1e6, 0.02, "the simulation diverged")]
 )

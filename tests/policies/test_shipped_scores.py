@@ -44,7 +44,6 @@ def by_episode(scores):
     return {name: np.array(values) for name, values in scores["by_episode"].items()}
 
 
-@pytest.mark.processor
 @pytest.mark.parametrize(("env_id", "name"), SHIPPED)
 def test_scores_are_those_shipped(env_id, name):
     policy = pretrained.load(env_id, name)

@@ -15,7 +15,6 @@ from jansen_env.robot.kinematics import (
     joint_positions,
 )
 
-pytestmark = pytest.mark.processor  # tolerances are those of rounding
 TURN = np.linspace(0.0, 2.0 * math.pi, 1440, endpoint=False)  # rad, a quarter of a degree apart
 
 

@@ -15,8 +15,6 @@ from jansen_env.robot import Leg
 from jansen_env.robot.kinematics import toe_positions
 from jansen_env.robot.zoo import klann_robot
 
-pytestmark = pytest.mark.processor
-
 
 def holy_path(samples):
     robot = holy_numbers_robot(1)

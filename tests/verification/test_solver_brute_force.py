@@ -145,7 +145,7 @@ def test_singular_problems_obey_the_law(kind, count, measured):
     """With the kernels' own compliance, 1e-11: W as singular as a robot's on many toes."""
     W, q, mu = draw(kind, count, 625)
     for w in W:
-        regularise.py_func(count, w, SOLVERS_OWN)
+        regularise(count, w, SOLVERS_OWN)
     P, _ = solved(W, q, mu)
     wrong = violations(W, q, mu, P).max()
     measured(f"contact law violated, singular, {count} contacts, {kind}", wrong, 3e-8)

@@ -59,7 +59,7 @@ def mean_speeds(observations, command, dt):
     velocity = command - np.diff(kept["lag"]) / dt
     velocity[np.abs(kept["lag"][1:]) > 0.499] = np.nan
     path = walker().task.rows["mean_path"][0]
-    share = -np.expm1(-dt / walk_reward.mean_time.py_func(command, path))
+    share = -np.expm1(-dt / walk_reward.mean_time(command, path))
     power = kept["mean_power"][:-1] + np.diff(kept["mean_power"]) / share
     square = kept["rms_torque"] ** 2
     square = square[:-1] + np.diff(square) / share

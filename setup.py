@@ -1,0 +1,43 @@
+"""Builds the engine into the wheel, for the platform JANSEN_ENV_TARGET, a variable, or this one."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from setuptools import setup
+from setuptools.command.bdist_wheel import bdist_wheel
+from setuptools.command.build_py import build_py
+
+ENGINE = Path(__file__).parent / "jansen_env" / "engine"
+
+
+def build(*options: str) -> str:
+    """Run the build for the target; return the last word that it prints."""
+    target = os.environ.get("JANSEN_ENV_TARGET", "")
+    command = [sys.executable, str(ENGINE / "build.py"), *options, *target.split()]
+    return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout.split()[-1]
+
+
+class BuildEngine(build_py):
+    """Builds the library beside its sources; a wheel has that one alone."""
+
+    def run(self) -> None:
+        library = build()
+        super().run()
+        if not self.editable_mode:
+            built = Path(self.build_lib, "jansen_env", "engine")
+            for old in built.glob("engine-*"):
+                old.unlink()
+            shutil.copy(library, built)
+
+
+class PlatformWheel(bdist_wheel):
+    """A wheel for every Python, but one platform."""
+
+    def get_tag(self) -> tuple[str, str, str]:
+        return "py3", "none", build("--tag")
+
+
+setup(cmdclass={"bdist_wheel": PlatformWheel, "build_py": BuildEngine})

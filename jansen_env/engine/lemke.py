@@ -7,6 +7,7 @@ contact, in a tableau w | z | artificial | right-hand side.
 from __future__ import annotations
 
 from jansen_env.engine.kernel import stage
+from jansen_env.engine.mathematics import floor
 
 PIVOT = 1e-11  # smallest pivot, after scaling
 PERTURBATION = 1e-9  # of the right-hand side, after scaling
@@ -76,7 +77,8 @@ def _fill(count, problem, compliance, mass, speed, T, basis):
         T[row + 3, size + 4 * c] = -problem.mu[c]
         T[row + 3, size + 4 * c + 1] = T[row + 3, size + 4 * c + 2] = 1.0
     for r in range(size):  # no two rows alike, so that no cycle can form
-        T[r, right] += PERTURBATION * (1.0 + (0.618033988749895 * r) % 1.0)
+        turns = 0.618033988749895 * r
+        T[r, right] += PERTURBATION * (1.0 + (turns - floor(turns)))
 
 
 @stage

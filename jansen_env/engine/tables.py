@@ -130,11 +130,12 @@ def pad_place(pads, pad, psi):
 @stage
 def bearing_friction(bearings, psi):
     """Coulomb friction torque of all bearings on the crank at a crank angle, N m, interpolated."""
-    place = psi / (2.0 * np.pi) * len(bearings)
+    count = len(bearings)
+    place = psi / (2.0 * np.pi) * count
     whole = mathematics.floor(place)
     share = place - whole
-    row = int(whole % len(bearings))
-    following = row + 1 if row + 1 < len(bearings) else 0
+    row = int(whole - count * mathematics.floor(whole / count))
+    following = row + 1 if row + 1 < count else 0
     return (1.0 - share) * bearings[row] + share * bearings[following]
 
 

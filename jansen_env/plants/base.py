@@ -39,17 +39,20 @@ class StepResult(NamedTuple):
     electrical_work: float = 0.0  #: drawn by the motor, see :class:`jansen_env.robot.motor.Motor`
     torque: float = math.nan  #: N m, mean, of the motor
     push_work: float = 0.0  #: of pushes on the chassis
+    #: Of taking pads out of the ground: little from touchdowns, much where a robot began in it.
+    correction_work: float = 0.0
 
     @property
     def energy_residual(self) -> float:
-        """Work of motor and pushes less losses and energy change, J: the time step's error."""
+        """Work less losses and energy change, J: the time step's error."""
         losses = self.joint_loss + self.slip_loss + self.impact_loss
-        return self.motor_work + self.push_work - losses - self.energy_change
+        work = self.motor_work + self.push_work + self.correction_work
+        return work - losses - self.energy_change
 
 
 ENERGIES = (
     "motor_work", "push_work", "joint_loss", "slip_loss", "impact_loss", "energy_change",
-    "contact_gain", "electrical_work",
+    "contact_gain", "electrical_work", "correction_work",
 )  # fmt: skip
 """Numbers of a :class:`StepResult` that are sums of their names in a batch, J."""
 

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.checks import positive, shown, within
 
-LARGEST = 1e6  # of an inertia at the crank, kg m^2, and of frictions: far beyond any machine
+LARGEST = 1e6  # of a gear, an inertia at the crank, kg m^2, and frictions: far beyond any machine
 Array = NDArray[np.float64]
 
 
@@ -66,6 +66,7 @@ class Motor:
             )
         for name in ("torque_limit", "gear_ratio"):
             object.__setattr__(self, name, positive(f"Motor.{name}", getattr(self, name)))
+        within("Motor.gear_ratio", self.gear_ratio, 0.0, LARGEST)
         for name in ("rotor_inertia", "friction", "viscous_friction"):
             number = within(f"Motor.{name}", getattr(self, name), 0.0, LARGEST)
             object.__setattr__(self, name, number)

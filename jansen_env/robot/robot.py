@@ -24,6 +24,8 @@ from jansen_env.robot.links import (
 )
 from jansen_env.robot.motor import IDEAL, Motor
 
+MOST_PADS = 500  # at all toes and other joints of all legs: their contact problem takes 250 MB
+
 PAPER_BODIES = (
     Bar(0.32436),
     Bar(CRANK_RADIUS),
@@ -85,6 +87,12 @@ class Robot:
         if not all(isinstance(leg, Leg) for leg in self.legs):
             raise ValueError(
                 f"Robot.legs is {shown(self.legs)}, must be at least one Leg and nothing else"
+            )
+        pads = len(self.linkage.all_pads)
+        if len(self.legs) * pads > MOST_PADS:
+            raise ValueError(
+                f"Robot.legs are {len(self.legs)} of {pads} pads each, must have at most "
+                f"{MOST_PADS} pads in all"
             )
         if self.legs[0].phase != 0.0:
             raise ValueError(

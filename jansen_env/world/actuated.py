@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.checks import positive, shown, within
+from jansen_env.plants.base import numbers_of
 from jansen_env.robot import Robot
 from jansen_env.robot.motor import Motor
 from jansen_env.robot.robot_file import robot_from_json, robot_to_json
@@ -179,9 +180,11 @@ class ActuatedRobots:
 
     def checked_state(self, row: int, state: Mapping[str, Any]) -> dict[str, Any]:
         """Return a state, ready for ``restore``; ValueError: an entry is out of range."""
-        longest, asked = self.asked.shape[1], np.array(state["asked"], dtype=float)
+        longest, asked = self.asked.shape[1], numbers_of(state["asked"])
         if asked.shape != (longest,) or not np.isfinite(asked).all():
-            raise ValueError(f"state['asked'] is {asked}, must be {longest} finite numbers")
+            raise ValueError(
+                f"state['asked'] is {shown(state['asked'])}, must be {longest} finite numbers"
+            )
         delay = within("state['delay']", state["delay"], 0.0, self._longest_delay)
         action = within("state['action']", state["action"], -1.0, 1.0)
         robot = self.lengths.own[row]

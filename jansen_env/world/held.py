@@ -26,6 +26,7 @@ from jansen_env.world.argument_checks import Bools, Filled, Ints, PerRobot, Rang
 from jansen_env.world.entries import Observed
 from jansen_env.world.episode_lengths import EpisodeLengths
 from jansen_env.world.randomization import load_randomization
+from jansen_env.world.single_robots import MOST_STEPS
 
 TORQUE_LIMIT = 5.0  # N m, of an ideal motor
 START_ANGLE, FURTHEST = crank_tracking.START_ANGLE, crank_tracking.LOST
@@ -176,7 +177,7 @@ class HeldRobots(ActuatedRobots):
         return {
             **super().checked_state(row, state),
             "plant": check_state(state["plant"], 2),
-            "steps": whole_number("state['steps']", state["steps"]),
+            "steps": whole_number("state['steps']", state["steps"], MOST_STEPS),
         }
 
     def restore(self, row: int, state: dict[str, Any]) -> None:

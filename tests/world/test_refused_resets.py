@@ -173,3 +173,10 @@ def test_an_entry_of_a_state_that_is_none(name, value):
     with pytest.raises(ValueError, match="state is" if name == "plant" else name):
         env.set_state({**before, name: value})
     assert same(env.get_state(), before)
+
+
+def test_a_held_robot_has_no_more_steps_than_can_be_counted():
+    env = gym.make("JansenCrank-v0").unwrapped
+    env.reset(seed=3)
+    with pytest.raises(ValueError, match=r"^state\['steps'\] is 1000"):
+        env.set_state({**env.get_state(), "steps": 10**400})

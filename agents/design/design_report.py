@@ -65,7 +65,7 @@ def read_found(plan: Plan, folder: Path) -> list[Found]:
     """
     found, space = [], plan.space()
     for path in sorted(folder.glob(f"seed_*/{JOURNAL}"), key=lambda p: (len(p.parts[-2]), p)):
-        if parts := read_journal(path):
+        if parts := read_journal(path, plan):
             searched = joined(parts)
             best = searched.best(plan)
             one = space.candidate(searched.unit[best])

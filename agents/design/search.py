@@ -143,7 +143,7 @@ def _search(
     """Run a search as in :func:`run_search`, in a folder that is locked."""
     space, walker = plan.space(), make_walker(plan, policy)
     optimiser = make_optimiser(plan, space.start, seed)
-    told = read_journal(folder / JOURNAL)
+    told = read_journal(folder / JOURNAL, plan)
     cut_torn_line(folder / JOURNAL)
     parts = []
     for number in range(plan.generations):
@@ -205,8 +205,8 @@ def _append(path: Path, part: Searched) -> None:
         os.fsync(file.fileno())
 
 
-def read_journal(path: Path) -> list[Searched]:
-    """Return a journal's generations, without a last line that is not written to its end.
+def read_journal(path: Path, plan: Plan) -> list[Searched]:
+    """Return the generations of a plan's journal, but for a last line without its end.
 
     Raises:
         ValueError: it is damaged; says in which line.
@@ -215,7 +215,7 @@ def read_journal(path: Path) -> list[Searched]:
         return []
     with open_regular(path) as file:
         data = file.read()
-    found = []
+    found, names = [], {*plan.measured, "closure"}
     for number, line in enumerate(data.split(b"\n")[:-1], start=1):
         try:
             row = json.loads(line)
@@ -224,9 +224,11 @@ def read_journal(path: Path) -> list[Searched]:
                 np.array(row["unit"], float), measured, np.array(row["violation"], float)
             )
             if part.unit.ndim != 2 or any(
-                len(each) != len(part.unit) for each in (part.violation, *measured.values())
+                each.shape != (len(part.unit),) for each in (part.violation, *measured.values())
             ):
                 raise ValueError("its rows differ in length")
+            if {*measured} != names:
+                raise ValueError(f"it has measured {sorted(measured)}, must have {sorted(names)}")
         except (ValueError, TypeError, KeyError, AttributeError) as error:
             raise ValueError(f"{path}, line {number}, is damaged: {shown(str(error))}") from error
         found.append(part)

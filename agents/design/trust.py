@@ -50,7 +50,7 @@ def trust_report(plan: Plan, folder: Path, policy: Policy | None = None) -> str:
         ValueError: too few designs keep all limits, or a journal is damaged.
     """
     parts = [part for path in sorted(folder.glob(f"seed_*/{JOURNAL}"))
-             for part in read_journal(path)]  # fmt: skip
+             for part in read_journal(path, plan)]  # fmt: skip
     every = joined(parts) if parts else None
     picks = chosen(plan, every, DESIGNS) if every else []
     if every is None or len(picks) < 3:

@@ -76,7 +76,7 @@ def _others_near(state, status, ground):
 def _rises_above(surface, status, left, right, height):
     """Whether a robot's terrain rises above a height between two x."""
     begin, end = status.first_vertex, status.end_vertex
-    first, last = _segment(surface, begin, end, left), _segment(surface, begin, end, right)
+    first, last = segment_at(surface, begin, end, left), segment_at(surface, begin, end, right)
     above = _height(surface, first, left) > height or _height(surface, last, right) > height
     for k in range(first + 1, last + 1):
         above = above or surface[k, 1] > height
@@ -84,7 +84,7 @@ def _rises_above(surface, status, left, right, height):
 
 
 @stage
-def _segment(surface, begin, end, x):
+def segment_at(surface, begin, end, x):
     """Index of the segment of the terrain surface[begin:end] above or below ``x``."""
     low, high = begin, end - 1
     while high - low > 1:
@@ -106,7 +106,7 @@ def _height(surface, k, x):
 @stage(inline=False)
 def height_at(surface, begin, end, x):
     """Height of the terrain surface[begin:end] at ``x``, m; it goes on beyond its ends."""
-    return _height(surface, _segment(surface, begin, end, x), x)
+    return _height(surface, segment_at(surface, begin, end, x), x)
 
 
 @kernel
@@ -149,7 +149,7 @@ def keep_candidates(
         status = robots[row_of[_find(known_ids, ids[n])]].status
         if status.renewed:
             x = points[2 * n] - status.cell_x
-            touched = _segment(surface, status.first_vertex, status.end_vertex, x)
+            touched = segment_at(surface, status.first_vertex, status.end_vertex, x)
             status.first_segment = min(status.first_segment, touched)
             status.last_segment = max(status.last_segment, touched)
     for r in rows:
@@ -245,8 +245,8 @@ def list_planes(x, y, pad, status, surface, world, planes):
     no_plane = True
     if status.last_segment >= status.first_segment:
         low, high = status.first_segment, status.last_segment + 2
-        first = _segment(surface, low, high, x - near)
-        last = _segment(surface, low, high, x + near)
+        first = segment_at(surface, low, high, x - near)
+        last = segment_at(surface, low, high, x + near)
         begin, nearest, least = status.end_plane, first, -np.inf
         for k in range(first, last + 1):
             found, nx, ny, offset = _plane(surface, start, end, k, x, y, near)
@@ -290,7 +290,10 @@ def _list_near_side(x, y, pad, first, last, nearest, near, status, surface, worl
 def _way_out(surface, start, end, x, y, reach):
     """The nearest plane whose ground a point is in: (whether within ``reach``, normal, offset)."""
     highest, best_x, best_y, best_offset = -reach, 0.0, 0.0, 0.0
-    first, last = _segment(surface, start, end, x - reach), _segment(surface, start, end, x + reach)
+    first, last = (
+        segment_at(surface, start, end, x - reach),
+        segment_at(surface, start, end, x + reach),
+    )
     for k in range(first, last + 1):
         found, nx, ny, offset = _plane(surface, start, end, k, x, y, reach)
         distance = nx * x + ny * y - offset

@@ -307,7 +307,7 @@ def _time_step(h, asked, torque, pushes, renewed, state, robot, model, planes, s
         accumulate_contacts(h, count, velocity, after, contacts, planes, total, statistics)
         moved_x, moved_y = correct_penetration(h, count, state, after, contacts)
         lifted = params.gravity_x * moved_x + params.gravity_y * moved_y
-        total.impact_loss += params.mass * lifted
+        total.correction_work -= params.mass * lifted
     return count, torque, dry
 
 

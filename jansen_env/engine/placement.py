@@ -1,11 +1,11 @@
-"""Placing a robot on the ground: the heights by which its toes clear it, and the level pitch."""
+"""Placing a robot on the ground: the heights by which its pads clear it, and the level pitch."""
 
 from __future__ import annotations
 
 import math
 
 from jansen_env.engine import mathematics
-from jansen_env.engine.collision import find_centres, find_planes, height_at
+from jansen_env.engine.collision import find_centres, find_planes, height_at, segment_at
 from jansen_env.engine.kernel import Floats1, Floats2, Floats4, Floats5, Ints1, kernel, stage
 from jansen_env.engine.records import Layouts, Planes, Robots, World
 from jansen_env.engine.tables import centre_of_mass, pad_place
@@ -14,6 +14,7 @@ GRADIENT_STEP = 1e-4  # m, to either side of where a slope is measured
 WIDEST_PITCH = 0.7  # rad, tried to either side
 TRIES, LEVELS = 33, 4  # pitches tried at once, and how often around the best of them
 ROUNDS = 3  # Newton steps of lowering a robot onto the ground
+CLOSE = 1e-6  # m, how near they must come; near steep faces, and pads that are no toes, they do not
 # By which a robot is placed in the ground, m: within what is left uncorrected, and so deep that its
 # toes carry at once and stay down; at a nanometre they rattle.
 PLACEMENT_DEPTH = 1e-5
@@ -72,16 +73,43 @@ def settle(
                 least = min(least, gap / plane.normal_y)
             if least < math.inf:
                 state[1] -= least
+        find_centres(state, pads[design], layout[design], centres)
+        count = layout.shape[1]
+        left = _clearance(
+            centres[:count], surface, status.first_vertex, status.end_vertex, status.pad_radius
+        )
+        if abs(left) > CLOSE:
+            state[1] -= left
         state[1] -= PLACEMENT_DEPTH + sags[k]
 
 
 @kernel
-def clearance(
-    toes: Floats2, centre: Floats1, surface: Floats2, begin: int, end: int, x: float, radius: float,
-    pitch: float,
-) -> float:  # fmt: skip
-    """The smallest height of :func:`clearances`, m."""
-    return clearances(toes, centre, surface, begin, end, x, radius, pitch)[0]
+def clearance(centres: Floats2, surface: Floats2, begin: int, end: int, radius: float) -> float:
+    """Height by which discs with ``centres`` (n, 2), m, clear the terrain surface[begin:end], m."""
+    return _clearance(centres, surface, begin, end, radius)
+
+
+@stage(inline=False)
+def _clearance(centres, surface, begin, end, radius):
+    """:func:`clearance`, within kernels."""
+    least = math.inf
+    for j in range(len(centres)):
+        x, y = centres[j, 0], centres[j, 1]
+        for k in range(
+            segment_at(surface, begin, end, x - radius),
+            segment_at(surface, begin, end, x + radius) + 1,
+        ):
+            ax, ay = surface[k, 0], surface[k, 1]
+            slope = (surface[k + 1, 1] - ay) / (surface[k + 1, 0] - ax)
+            # Where the disc touches the segment's line, or its end; the terrain goes on beyond its.
+            touched = x + radius * slope / math.sqrt(1.0 + slope * slope)
+            if k > begin:
+                touched = max(touched, ax)
+            if k < end - 2:
+                touched = min(touched, surface[k + 1, 0])
+            rise = math.sqrt(max(0.0, radius * radius - (touched - x) * (touched - x)))
+            least = min(least, y - rise - ay - slope * (touched - ax))
+    return least
 
 
 @stage(inline=False)

@@ -28,8 +28,8 @@ STATE = ("x_position", "x_velocity", "pitch", "crank_angle", "crank_speed", "cra
 INFORMATION = row_dtype([*floats(*STATE, "joint_gap"), ("diverged", bool)])
 ENERGIES = row_dtype(
     floats(
-        "motor_work", "push_work", "electrical_work", "joint_loss", "slip_loss", "impact_loss",
-        "mechanical_energy_change", "residual",
+        "motor_work", "push_work", "correction_work", "electrical_work", "joint_loss", "slip_loss",
+        "impact_loss", "mechanical_energy_change", "residual",
     )
 )  # fmt: skip
 # A robot's row: its last actions, what it is, and its last step.
@@ -144,10 +144,11 @@ def inform(state, total, row):
     info.x_position, info.pitch = state[0], state[2]
     info.crank_angle, info.crank_speed = state[3], state[7]
     energy.motor_work, energy.push_work = total.motor_work, total.push_work
+    energy.correction_work = total.correction_work
     energy.joint_loss = total.joint_loss
     energy.electrical_work = total.electrical_work
     energy.slip_loss, energy.impact_loss = total.slip_loss, total.impact_loss
     energy.mechanical_energy_change = total.energy_change
     losses = energy.joint_loss + energy.slip_loss + energy.impact_loss
-    work = energy.motor_work + energy.push_work
+    work = energy.motor_work + energy.push_work + energy.correction_work
     energy.residual = work - losses - energy.mechanical_energy_change

@@ -114,6 +114,7 @@ ACCUMULATORS = row_dtype(
         ("torque_impulse", "f8"),  # N m s, of the motor, beyond the torque last asked for
         ("electrical_work", "f8"),  # J, drawn
         ("push_work", "f8"),  # J, of the pushes on the chassis
+        ("correction_work", "f8"),  # J, of taking pads out of the ground
     ]
 )
 """Sums over the time steps of a control step."""

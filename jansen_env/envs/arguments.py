@@ -129,7 +129,7 @@ def info_keys(value: Any, known: Sequence[str]) -> tuple[str, ...] | None:
 
 def complete_state(state: Mapping[str, Any], example: Mapping[str, Any]) -> None:
     """Raises ValueError where a state to go on from has not all that ``example`` has."""
-    if missing := sorted({*example} - {*state, "lengths"}):  # without: a robot's own lengths
+    if missing := sorted({*example} - {*state, "robot", "lengths"}):  # without: a robot's own
         raise ValueError(f"state lacks {missing}, must come from get_state()")
 
 

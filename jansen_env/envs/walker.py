@@ -135,8 +135,8 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     and ``mean_slip`` m/s, ``mean_power`` W, ``rms_torque`` N m (see Rewards), ``slip`` (n,) m slid by each
     toe while loaded in this step, ``contact_force`` (n, 2) mean tangential and normal force on each
     toe in N, ``fallen`` (since the last reset), and ``energy``, J in this step: ``motor_work``, ``push_work``,
-    ``joint_loss``, ``slip_loss``, ``impact_loss``, ``mechanical_energy_change``, ``residual``; the first two are
-    the sum of the others; ``electrical_work`` is what the motor drew; ``joint_gap`` m, the widest gap of any joint in this step (0 on the projection
+    ``correction_work`` (what taking sunken pads out of the ground adds), ``joint_loss``, ``slip_loss``, ``impact_loss``,
+    ``mechanical_energy_change``, ``residual``; the first three are the sum of the others; ``electrical_work`` is what the motor drew; ``joint_gap`` m, the widest gap of any joint in this step (0 on the projection
     plant). With ``track_joint_forces``: ``joint_force_max`` N, the largest force with which a
     link bears on any of its joints in this step, but for the time steps in which a toe lands, and
     ``joint_impulse_max`` N s, the largest impulse in those (0 if there were none). ``joint_forces()`` has all of them.

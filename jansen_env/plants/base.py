@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env.checks import within
+from jansen_env.checks import shown, within
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine.integrator import DIVERGED
 from jansen_env.plants.trace import PeakLoads
@@ -18,6 +18,7 @@ from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
 SHORTEST_STEP, LONGEST_STEP = 1e-9, 1.0  # s, of the integration
+LARGEST = 1e12  # of a state's numbers, m, rad, m/s and rad/s
 
 
 class StepResult(NamedTuple):
@@ -39,17 +40,20 @@ class StepResult(NamedTuple):
     electrical_work: float = 0.0  #: drawn by the motor, see :class:`jansen_env.robot.motor.Motor`
     torque: float = math.nan  #: N m, mean, of the motor
     push_work: float = 0.0  #: of pushes on the chassis
+    #: Of taking pads out of the ground: little from touchdowns, much where a robot began in it.
+    correction_work: float = 0.0
 
     @property
     def energy_residual(self) -> float:
-        """Work of motor and pushes less losses and energy change, J: the time step's error."""
+        """Work less losses and energy change, J: the time step's error."""
         losses = self.joint_loss + self.slip_loss + self.impact_loss
-        return self.motor_work + self.push_work - losses - self.energy_change
+        work = self.motor_work + self.push_work + self.correction_work
+        return work - losses - self.energy_change
 
 
 ENERGIES = (
     "motor_work", "push_work", "joint_loss", "slip_loss", "impact_loss", "energy_change",
-    "contact_gain", "electrical_work",
+    "contact_gain", "electrical_work", "correction_work",
 )  # fmt: skip
 """Numbers of a :class:`StepResult` that are sums of their names in a batch, J."""
 
@@ -228,17 +232,26 @@ def check_time_step(value: Any) -> float:
     return within("time_step", value, SHORTEST_STEP, LONGEST_STEP)
 
 
-def check_state(value: Any) -> Array:
-    """Return a plant's state. Raises ValueError unless it is 8 finite numbers."""
-    state = np.asarray(value, dtype=float)
-    if state.shape != (8,) or not np.isfinite(state).all():
-        raise ValueError(f"state is {value!r}, must be 8 finite numbers")
+def numbers_of(value: Any) -> Array:
+    """Return a value as an array of floats, a copy; NaN alone for what is none."""
+    try:
+        return np.array(value, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        return np.array(math.nan)
+
+
+def check_state(value: Any, count: int = 8) -> Array:
+    """Return a plant's state. Raises ValueError unless it is 8 (``count``) finite numbers."""
+    state = numbers_of(value)
+    if state.shape != (count,) or not (np.abs(state) <= LARGEST).all():
+        allowed = f"{count} finite numbers, within {LARGEST:g}"
+        raise ValueError(f"state is {shown(value)}, must be {allowed}")
     return state
 
 
 def check_deflection(value: Any, pads: int) -> Array:
     """Return pads' deflection (pads, 2), m, or raise ValueError: shape, compression, bend."""
-    deflection = np.array(value, dtype=float)
+    deflection = numbers_of(value)
     shape = deflection.shape == (pads, 2)
     if not (shape and (deflection[:, 0] >= 0.0).all() and np.isfinite(deflection[:, 1]).all()):
         raise ValueError(

@@ -12,7 +12,7 @@ from jansen_env.checks import finite, non_negative, positive
 from jansen_env.dynamics.joint_forces import JointForces, joint_forces
 from jansen_env.engine import runge_kutta
 from jansen_env.gravity import GRAVITY
-from jansen_env.plants.base import check_time_step
+from jansen_env.plants.base import check_state, check_time_step
 from jansen_env.plants.design_tables import DesignTables
 from jansen_env.plants.robot_data import parameters
 from jansen_env.robot import Robot
@@ -161,7 +161,7 @@ class FixedBasePlant:
 
     @state.setter
     def state(self, value: Array) -> None:
-        self.batch.states[0] = check_crank_state(value)
+        self.batch.states[0] = check_state(value, 2)
 
     def reset(self, crank_angle: float = 0.0, crank_speed: float = 0.0) -> Array:
         """Start from a crank angle (rad) and speed (rad/s); returns the new state (2,)."""
@@ -193,11 +193,3 @@ class FixedBasePlant:
     def joint_forces(self, torque: float = 0.0) -> JointForces:
         """Forces in every joint at the present state under a crank torque (N m)."""
         return self.batch.joint_forces(0, torque)
-
-
-def check_crank_state(value: Any) -> Array:
-    """A crank's angle and speed as an array. Raises ValueError unless it is 2 finite numbers."""
-    state = np.asarray(value, dtype=float)
-    if state.shape != (2,) or not np.isfinite(state).all():
-        raise ValueError(f"state is {value!r}, must be 2 finite numbers")
-    return state

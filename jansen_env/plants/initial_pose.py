@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from jansen_env.checks import finite
 from jansen_env.dynamics.pads import pad_layout
+from jansen_env.engine.mathematics import directions
 from jansen_env.engine.placement import clearance, level_pitch
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import positions_of, toe_positions
@@ -44,8 +45,6 @@ def resting_pose(
 ) -> tuple[float, float]:
     """Height and pitch (y, theta) of the chassis at which the lowest pad has no gap.
 
-    Pads are taken as discs on their local slope.
-
     Args:
         centre: (2,) centre of mass in the chassis frame, m. x: crank axis, m. crank_angle: rad.
         pitch: rad, or None for the pitch at which the lowest toe ahead of the centre of mass and
@@ -56,12 +55,13 @@ def resting_pose(
     """
     x, crank_angle = finite("x", x), finite("crank_angle", crank_angle)
     pitch = None if pitch is None else finite("pitch", pitch)
-    toes = toe_positions(robot, crank_angle)
-    surface = terrain.polyline
-    common = toes, centre, surface, 0, len(surface), x, robot.pad_radius
+    surface, radius = terrain.polyline, robot.pad_radius
     if pitch is None:
-        pitch = level_pitch(*common)
+        toes = toe_positions(robot, crank_angle)
+        pitch = level_pitch(toes, centre, surface, 0, len(surface), x, radius)
     layout = pad_layout(robot)
     known = [robot.linkage.all_pads[k][0] for k in layout.joint]
     pads = positions_of(robot, crank_angle, [*zip(layout.leg.tolist(), known, strict=True)])
-    return -clearance(pads, *common[1:], pitch), float(pitch)
+    (c, s), places = directions([pitch])[0], pads.T
+    centres = np.stack([x + c * places[0] - s * places[1], s * places[0] + c * places[1]], axis=1)
+    return -clearance(centres, surface, 0, len(surface), radius), float(pitch)

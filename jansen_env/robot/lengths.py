@@ -17,9 +17,7 @@ from jansen_env.checks import finite, listed, positive, shown
 from jansen_env.engine.mathematics import cos, hypot, sin
 from jansen_env.robot.designs import is_of_built_parts, with_built_parts
 from jansen_env.robot.links import Bar, Link, Plate, Triangle
-from jansen_env.robot.robot import Robot
-
-LONGEST = 1e3  # m, of a length
+from jansen_env.robot.robot import LONGEST, Robot
 
 
 def lengths(robot: Robot) -> dict[str, float]:

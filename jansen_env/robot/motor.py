@@ -19,9 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env.checks import positive, shown, within
+from jansen_env.checks import positive, positive_single, shown, within
 
-LARGEST = 1e6  # of an inertia at the crank, kg m^2, and of frictions: far beyond any machine
+LARGEST = 1e6  # of a gear, an inertia at the crank, kg m^2, and frictions: far beyond any machine
 Array = NDArray[np.float64]
 
 
@@ -65,7 +65,9 @@ class Motor:
                 f"{shown(self.no_load_speed)}"
             )
         for name in ("torque_limit", "gear_ratio"):
-            object.__setattr__(self, name, positive(f"Motor.{name}", getattr(self, name)))
+            # of float32, as observations have torques
+            object.__setattr__(self, name, positive_single(f"Motor.{name}", getattr(self, name)))
+        within("Motor.gear_ratio", self.gear_ratio, 0.0, LARGEST)
         for name in ("rotor_inertia", "friction", "viscous_friction"):
             number = within(f"Motor.{name}", getattr(self, name), 0.0, LARGEST)
             object.__setattr__(self, name, number)

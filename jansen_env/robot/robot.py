@@ -7,7 +7,16 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from jansen_env.checks import entries, finite, instance, non_negative, one_of, positive, shown
+from jansen_env.checks import (
+    entries,
+    finite,
+    instance,
+    non_negative,
+    one_of,
+    positive,
+    shown,
+    within,
+)
 from jansen_env.engine.mathematics import atan2
 from jansen_env.robot.linkage import CRANK, FRAME, JANSEN, Linkage
 from jansen_env.robot.links import (
@@ -23,6 +32,9 @@ from jansen_env.robot.links import (
     set_checked,
 )
 from jansen_env.robot.motor import IDEAL, Motor
+
+LONGEST = 1e3  # m, of a length
+MOST_PADS = 1200  # of all legs: the contact problem of as many reserves 1.5 GB
 
 PAPER_BODIES = (
     Bar(0.32436),
@@ -77,6 +89,7 @@ class Robot:
         instance("Robot.pad_compliance", self.pad_compliance, Compliance)
         set_checked(self, finite, "frame_angle")
         set_checked(self, positive, "pad_radius")
+        within("Robot.pad_radius", self.pad_radius, 0.0, LONGEST)
         self._set_pairs("damping", "joint pairs", self.linkage.damped)
         self._set_pairs("bearing_friction", "bearings", self.linkage.bearings)
         object.__setattr__(self, "legs", entries("Robot.legs", self.legs, "at least one Leg"))
@@ -85,6 +98,12 @@ class Robot:
         if not all(isinstance(leg, Leg) for leg in self.legs):
             raise ValueError(
                 f"Robot.legs is {shown(self.legs)}, must be at least one Leg and nothing else"
+            )
+        pads = len(self.linkage.all_pads)
+        if len(self.legs) * pads > MOST_PADS:
+            raise ValueError(
+                f"Robot.legs are {len(self.legs)} of {pads} pads each, must have at most "
+                f"{MOST_PADS} pads in all"
             )
         if self.legs[0].phase != 0.0:
             raise ValueError(
@@ -108,6 +127,8 @@ class Robot:
                     f"Robot.bodies: {name} is {shown(body)}, must be {kinds} or a Plate with "
                     f"joints {joints}"
                 )
+            farthest = max(abs(radius) for radius, _ in body.corners)
+            within(f"Robot.bodies: of {name}, a joint's distance", farthest, 0.0, LONGEST)
         object.__setattr__(self, "bodies", tuple(bodies))
 
     def _set_pairs(self, name: str, label: str, pairs: tuple[tuple[int, int], ...]) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from jansen_env.checks import listed, within
+from jansen_env.checks import MOST_SINGLE, listed, within
 from jansen_env.engine import readings
 from jansen_env.rendering import Frame
 from jansen_env.tasks.information import InfoBuilder
@@ -252,7 +252,8 @@ class Task(ABC):
     def in_range(self, label: str, name: str, value: Any) -> float:
         """Return a number within the limits of its name, if observed. Raises ValueError."""
         limits = {one.name: (one.low, one.high) for one in self.observed}
-        return within(f"{label}[{name!r}]", value, *limits.get(name, (-np.inf, np.inf)))
+        low, high = limits.get(name, (-MOST_SINGLE, MOST_SINGLE))  # as it will be observed
+        return within(f"{label}[{name!r}]", value, max(low, -MOST_SINGLE), min(high, MOST_SINGLE))
 
     def set_state(self, row: int, state: Mapping[str, Any]) -> None:
         """Go on from a complete state of :meth:`get_state`; ValueError: an entry out of range."""

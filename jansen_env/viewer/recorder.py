@@ -27,9 +27,11 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     ``env.recording``. The environment goes on as it would without, bit for bit.
 
     One episode is kept: a reset begins another one, and so does a step before which time went back
-    (``Autoreset`` below, ``set_state``). Observations and actions are those at this place among the
-    wrappers. The scene is that of the reset, whatever ``set_parameters`` changes later. Of longer
-    episodes the first ``MOST_STEPS`` (of ``recording``) are kept, with a warning.
+    or another robot came (``Autoreset`` below, ``set_state``). A robot that a reset has exchanged
+    is among the recording's ``options``, as in a robot file. Observations and actions are those at
+    this place among the wrappers. The scene is that of the reset, whatever ``set_parameters``
+    changes later. Of longer episodes the first ``MOST_STEPS`` (of ``recording``) are kept, with a
+    warning.
 
     Args:
         env: one robot's, of any task of this package, under any wrappers.
@@ -51,6 +53,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self._rows: dict[str, list[Any]] = {}
         self._description: dict[str, Any] = {}
         self._robot: Any = None
+        self._legs: Any = None
 
     @property
     def recording(self) -> Recording:
@@ -82,7 +85,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         results = self.env.step(action)
         observation, reward, terminated, truncated, info = results
         frame = self._inner.frame()
-        if not self._rows or frame.time <= self._rows["time"][-1]:
+        if not self._rows or frame.time <= self._rows["time"][-1] or self._shape != self._legs:
             self._begin(observation, info, None, None)
         elif len(self._rows["reward"]) == MOST_STEPS:
             gym.logger.warn(f"the episode has more than {MOST_STEPS} steps: these are recorded")
@@ -102,11 +105,19 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     def _inner(self) -> Any:
         return self.env.unwrapped
 
+    @property
+    def _shape(self) -> Any:
+        """What of the robot no change within an episode can be."""
+        robot = self._inner.robot
+        return robot.bodies, robot.legs, robot.frame_angle
+
     def _begin(
         self, observation: Any, info: dict[str, Any], seed: int | None, options: Any
     ) -> None:
         scene, spec = scene_of(self.env), self.env.spec
-        self._robot = self._inner.scene()["robot"]
+        self._robot, self._legs = self._inner.scene()["robot"], self._shape
+        state = self._inner.get_state()
+        exchanged = {"robot": state["robot"]} if "robot" in state else {}
         ground = scene.pop("terrain")
         named = [(one.name, one.unit) for one in self._inner.observed]
         flat = spaces.flatdim(self.observation_space)
@@ -116,10 +127,10 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             "energies": tuple(info.get("energy", {})),
             "observed": tuple(named) if len(named) == flat else (),
             "robot": as_json(asdict(self._robot)),
-            "parameters": dict(self._inner.get_state().get("parameters", {})),
+            "parameters": dict(state.get("parameters", {})),
             "env_id": str(type(self._inner).__name__ if spec is None else spec.id)[:LONGEST_NAME],
             "env_kwargs": as_json({} if spec is None else spec.kwargs),
-            "options": as_json(options or {}),
+            "options": as_json({**(options or {}), **exchanged}),
             "seed": None if seed is None else int(seed),
             "terminated": False,
             "truncated": False,

@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.checks import positive, shown, within
+from jansen_env.plants.base import numbers_of
 from jansen_env.robot import Robot
 from jansen_env.robot.motor import Motor
+from jansen_env.robot.robot_file import robot_from_json, robot_to_json
 from jansen_env.world import argument_checks as arguments
 from jansen_env.world.argument_checks import Array, Bools, Ints
 from jansen_env.world.entries import Observed
@@ -166,8 +168,9 @@ class ActuatedRobots:
 
     def get_state(self, row: int) -> dict[str, Any]:
         """Return all that a robot's future depends on but the task and random numbers."""
-        changed = self.lengths.changed[row]
+        changed, exchanged = self.lengths.changed[row], self.lengths.exchanged(row)
         return {
+            **({"robot": robot_to_json(self.lengths.nominal[row])} if exchanged else {}),
             **({"lengths": dict(changed)} if changed else {}),
             "plant": self.plant.states[row].copy(),
             "delay": self.delay_of(row),
@@ -177,12 +180,25 @@ class ActuatedRobots:
 
     def checked_state(self, row: int, state: Mapping[str, Any]) -> dict[str, Any]:
         """Return a state, ready for ``restore``; ValueError: an entry is out of range."""
-        longest, asked = self.asked.shape[1], np.array(state["asked"], dtype=float)
+        longest, asked = self.asked.shape[1], numbers_of(state["asked"])
         if asked.shape != (longest,) or not np.isfinite(asked).all():
-            raise ValueError(f"state['asked'] is {asked}, must be {longest} finite numbers")
+            raise ValueError(
+                f"state['asked'] is {shown(state['asked'])}, must be {longest} finite numbers"
+            )
         delay = within("state['delay']", state["delay"], 0.0, self._longest_delay)
         action = within("state['action']", state["action"], -1.0, 1.0)
-        build = self.lengths.plan(row, state.get("lengths", {}), None)
+        robot = self.lengths.own[row]
+        if "robot" in state:
+            if "robot" not in self.OPTIONS:
+                raise ValueError("state has 'robot', must have none: this robot is not exchanged")
+            try:
+                robot = robot_from_json(state["robot"])
+            except (ValueError, RecursionError) as error:
+                raise ValueError(f"state['robot'] is no robot: {error}") from error
+        other = robot if robot != self.lengths.nominal[row] else None
+        if other is not None:
+            self.plant.check_robot(other)
+        build = self.lengths.plan(row, state.get("lengths", {}), None, other)
         builds = {} if build is None else {row: build}
         return {"delay": delay, "asked": asked, "action": action, "builds": builds}
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from typing_extensions import TypeAliasType
 
 from jansen_env.checks import entries, listed, positive, shown, within
+from jansen_env.engine.integrator import DIVERGED
 from jansen_env.plants.base import check_time_step
 
 Array = NDArray[np.float64]
@@ -57,6 +58,11 @@ def flag(name: str, value: Any) -> bool:
     if not isinstance(value, (bool, np.bool_)):
         raise ValueError(f"{name} is {shown(value)}, must be True or False")
     return bool(value)
+
+
+def start_noise(name: str, value: Any) -> float:
+    """The scale of an error of a start: at most the speed beyond which a state has diverged."""
+    return within(name, value, 0.0, DIVERGED)
 
 
 def optional(check: Check) -> Check:

@@ -39,7 +39,8 @@ class EpisodeLengths:
         observed: whether observations show the lengths.
 
     Attributes:
-        nominal: robots with their own lengths. changed: of each, lengths of this episode that are
+        own: robots that were never exchanged by a reset. nominal: robots with their own lengths, as
+            exchanged. changed: of each, lengths of this episode that are
             not its own, m. factors: of each, distributions of factors by length.
         entries: numbers for observations. values: (n,) all lengths of this episode, m, by name;
             None where they are neither drawn nor observed.
@@ -51,7 +52,7 @@ class EpisodeLengths:
     def __init__(
         self, robots: Sequence[Robot], randomizations: Sequence[Mapping[str, Any]], observed: bool
     ) -> None:
-        self.nominal = list(robots)
+        self.own, self.nominal = list(robots), list(robots)
         self.changed: list[dict[str, float]] = [{} for _ in robots]
         self.entries: list[Observed] = []
         self.values: NDArray[Any] | None = None
@@ -126,7 +127,14 @@ class EpisodeLengths:
     def equip(self, row: int, robot: Robot) -> None:
         """Let a robot, with its own lengths too, have the payload, motor and feet of another."""
         parts = {name: getattr(robot, name) for name in ("payload", "motor", "pad_compliance")}
+        exchanged = self.exchanged(row)
         self.nominal[row] = replace(self.nominal[row], **parts) if self.changed[row] else robot
+        if not exchanged:
+            self.own[row] = self.nominal[row]
+
+    def exchanged(self, row: int) -> bool:
+        """Return whether a reset has put another robot in the place of a robot."""
+        return self.nominal[row] != self.own[row]
 
 
 def _by_name(factors: dict[str, Distribution], names: Sequence[str]) -> dict[str, Distribution]:

@@ -11,10 +11,12 @@ from typing import Annotated, Any, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.checks import non_negative, whole_number
+from jansen_env.checks import whole_number
 from jansen_env.engine import crank_tracking
+from jansen_env.engine.runge_kutta import DIVERGED
 from jansen_env.parameters import LONGEST_DELAY
-from jansen_env.plants.fixed_base import FixedBaseBatch, check_crank_state
+from jansen_env.plants.base import check_state
+from jansen_env.plants.fixed_base import FixedBaseBatch
 from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
 from jansen_env.robot.motor import IDEAL, Motor
@@ -24,6 +26,7 @@ from jansen_env.world.argument_checks import Bools, Filled, Ints, PerRobot, Rang
 from jansen_env.world.entries import Observed
 from jansen_env.world.episode_lengths import EpisodeLengths
 from jansen_env.world.randomization import load_randomization
+from jansen_env.world.single_robots import MOST_STEPS
 
 TORQUE_LIMIT = 5.0  # N m, of an ideal motor
 START_ANGLE, FURTHEST = crank_tracking.START_ANGLE, crank_tracking.LOST
@@ -38,7 +41,7 @@ class HeldMachine(TypedDict, total=False):
     delay: Annotated[PerRobot[Range], arguments.range_per_robot(0.0, 0.0, LONGEST_DELAY)]
     control_dt: Annotated[float, field(default=0.01)]
     time_step: Annotated[float, field(default=0.001)]
-    reset_noise_scale: Annotated[PerRobot[float], arguments.per_robot(0.1, non_negative)]
+    reset_noise_scale: Annotated[PerRobot[float], arguments.per_robot(0.1, arguments.start_noise)]
     track_joint_forces: Annotated[bool, single(False, arguments.flag, only=True)]
     randomize: Annotated[
         PerRobot[Mapping[str, Any] | None],
@@ -127,7 +130,7 @@ class HeldRobots(ActuatedRobots):
         delay = self._draw_delay(row, rng, options)
         limits = START_ANGLE - FURTHEST, START_ANGLE + FURTHEST
         angle = option(options, "crank_angle", angle, *limits)
-        return angle, option(options, "crank_speed", speed), delay, own
+        return angle, option(options, "crank_speed", speed, -DIVERGED, DIVERGED), delay, own
 
     def _clear_episode(self, rows: Ints, action: float = 0.0, steps: int = 0) -> None:
         self.rows[rows] = np.zeros((), crank_tracking.HELD_ROW)
@@ -173,8 +176,8 @@ class HeldRobots(ActuatedRobots):
         """Return a state ready for ``restore``, see ``World``."""
         return {
             **super().checked_state(row, state),
-            "plant": check_crank_state(state["plant"]),
-            "steps": whole_number("state['steps']", state["steps"]),
+            "plant": check_state(state["plant"], 2),
+            "steps": whole_number("state['steps']", state["steps"], MOST_STEPS),
         }
 
     def restore(self, row: int, state: dict[str, Any]) -> None:

@@ -147,7 +147,7 @@ class Randomness(TypedDict, total=False):
     """Randomisation between episodes; the starting crank speed in rad/s."""
 
     randomize: Annotated[PerRobot[Mapping[str, Any] | None], per_robot(None, load_randomization)]
-    reset_noise_scale: Annotated[PerRobot[float], per_robot(0.1, non_negative)]
+    reset_noise_scale: Annotated[PerRobot[float], per_robot(0.1, arguments.start_noise)]
 
 
 class Sensing(TypedDict, total=False):

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jansen_env.checks import whole_number
+from jansen_env.checks import shown, whole_number
 from jansen_env.dynamics.pads import pad_layout
 from jansen_env.parameters import CHANGES, PARAMETERS, check
-from jansen_env.plants.base import check_deflection, check_in_contact, check_state
+from jansen_env.plants.base import check_deflection, check_in_contact, check_state, numbers_of
 from jansen_env.rendering import Frame
 from jansen_env.world.actuated import ActuatedRobots
 from jansen_env.world.argument_checks import Check
@@ -115,10 +115,11 @@ def get_state(world: World, row: int) -> dict[str, Any]:
 
 def checked_state(world: World, row: int, state: Mapping[str, Any]) -> dict[str, Any]:
     """Return a state of :func:`get_state` for :func:`restore`; ValueError: out of range."""
-    loads = np.array(state["loads"], dtype=float)
+    loads = numbers_of(state["loads"])
     if loads.shape != world.loads[row].shape or not np.isfinite(loads).all():
         raise ValueError(
-            f"state['loads'] is {loads}, must be {len(world.loads[row])} finite numbers"
+            f"state['loads'] is {shown(state['loads'])}, must be {len(world.loads[row])} finite "
+            "numbers"
         )
     pads = len(pad_layout(world.robots[0]).leg)
     own = ActuatedRobots.checked_state(world, row, state)

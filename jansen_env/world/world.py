@@ -16,7 +16,7 @@ from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine import readings
 from jansen_env.gravity import GRAVITY
 from jansen_env.parameters import CHANGED_BY, LONGEST_DELAY, PARAMETERS
-from jansen_env.plants.base import BatchedPlant
+from jansen_env.plants.base import LARGEST, BatchedPlant
 from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.plants.make import make_batch, plant_time_step
 from jansen_env.robot.kinematics import advance_per_turn
@@ -243,7 +243,8 @@ class World(ActuatedRobots):
         own = draw(row, rng, options)
         crank_speed = self.reset_noise_scale[row] * rng.uniform(-1.0, 1.0)
         delay = self._draw_delay(row, rng, options)
-        return option(options, "crank_angle", crank_angle), crank_speed, delay, own
+        crank_angle = option(options, "crank_angle", crank_angle, -LARGEST, LARGEST)
+        return crank_angle, crank_speed, delay, own
 
     def apply_parameters(self, rows: Ints, plans: Sequence[Plan]) -> None:
         """Apply planned parameters and terrains."""

@@ -245,7 +245,7 @@ def test_a_killed_search_goes_on_bit_for_bit(method, tmp_path):
     part = search.run_search(plan._replace(generations=2), 0, tmp_path / "b")
     journal = tmp_path / "b" / search.JOURNAL
     journal.write_bytes(journal.read_bytes()[:-20])
-    told = search.read_journal(journal)
+    told = search.read_journal(journal, plan)
     assert len(told) == 1 and np.array_equal(told[0].unit, part.unit[:4])
     again = search.run_search(plan, 0, tmp_path / "b")
     assert journal.read_bytes() == (tmp_path / "a" / search.JOURNAL).read_bytes()
@@ -259,7 +259,8 @@ def test_a_policy_turns_the_crank(tmp_path):
     path.write_text(yaml.safe_dump(own))
     assert command.main([str(path), "--log-folder", str(tmp_path)]) == 0
     assert not (tmp_path / "own" / "seed_0" / design_report.PROFILE).exists()
-    found = search.joined(search.read_journal(tmp_path / "own" / "seed_0" / search.JOURNAL))
+    journal = tmp_path / "own" / "seed_0" / search.JOURNAL
+    found = search.joined(search.read_journal(journal, read_plan(path)))
     assert found.measured["falls"][0] == 0.0 and len(found.unit) == 4
 
 
@@ -289,6 +290,11 @@ def test_what_cannot_turn_is_not_walked(walker):
     [
         (lambda line: line.replace('"unit"', '"units"'), "line 1, is damaged"),
         (lambda line: "[]", "line 1, is damaged"),
+        (lambda line: line.replace('"falls"', '"fells"'), "line 1, is damaged: .*must have"),
+        (
+            lambda line: json.dumps({**json.loads(line), "violation": [[0.0]] * 4}),
+            "differ in length",
+        ),
         (lambda line: line.replace("0.", "1.", 1), "line 1, is not what this search asks for"),
     ],
 )

@@ -8,13 +8,17 @@ import sys
 import numpy as np
 import pytest
 
-from jansen_env import Bar, LinkageError, Robot, Terrain
+from jansen_env import ROBOTS, Bar, LinkageError, Robot, Terrain
 from jansen_env.engine.placement import PLACEMENT_DEPTH
+from jansen_env.gravity import GRAVITY
 from jansen_env.plants.fixed_base import FixedBasePlant
+from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.rigid_body import RigidBodyPlant
+from jansen_env.robot.lengths import lengths, with_lengths
 
 ROUGH = Terrain.rough(np.random.default_rng(7), start=-20.0)
+STEPS = Terrain.steps(np.random.default_rng(7), height=0.2, start=0.1)
 
 
 def run(plant, torques):
@@ -100,6 +104,57 @@ def test_set_down_touches_a_rounded_ridge_everywhere():
     for x in np.linspace(-0.6, 0.6, 121):
         plant.reset(x, 1.0, pitch=0.1)
         assert plant.step(0.0, 2.0 * plant.time_step).contact_force[:, 1].max() > 0.0
+
+
+def depth(plant):
+    """How deep the deepest pad of a plant's robot is in the ground, m, by its distance from it."""
+    line = plant.terrain.polyline
+    start, side = line[:-1], np.diff(line, axis=0)
+    deepest = -math.inf
+    for x, y in plant.batch.pad_centres(0):
+        away = np.array([x, y]) - start
+        share = np.clip((away * side).sum(axis=1) / (side**2).sum(axis=1), 0.0, 1.0)
+        distance = np.hypot(*(away - share[:, None] * side).T).min()
+        above = math.copysign(1.0, y - np.interp(x, *line.T))
+        deepest = max(deepest, plant.robot.pad_radius - above * distance)
+    return deepest
+
+
+@pytest.mark.parametrize("make", [ProjectionPlant, RigidBodyPlant])
+@pytest.mark.parametrize("name", ROBOTS)
+def test_set_down_on_the_lowest_of_all_pads(name, make, rng):
+    """Of any lengths, within 60 %, on any ground; the first step gets no energy from nothing."""
+    own, placed = ROBOTS[name](), 0
+    wanted = PLACEMENT_DEPTH if make is ProjectionPlant else 0.0
+    while placed < 12:
+        changed = rng.choice([*lengths(own)], rng.integers(1, 4), replace=False)
+        given = {one: lengths(own)[one] * rng.uniform(0.4, 1.6) for one in changed}
+        terrain = [Terrain.flat(), ROUGH, STEPS][placed % 3]
+        try:
+            plant = make(with_lengths(own, given), terrain)
+        except ValueError:
+            continue
+        plant.reset(rng.uniform(-10.0, 10.0), rng.uniform(0.0, 2.0 * math.pi))
+        sag = static_deflection(plant.robot, GRAVITY)
+        if plant.robot.pad_compliance.rigid:
+            sag = 0.0
+        assert -1e-9 < depth(plant) < wanted + sag + 1e-6, given  # as deep on level ground
+        result = plant.step(0.0, 0.01)
+        assert result.correction_work < 1e-2, given
+        placed += 1
+
+
+def test_what_a_robot_in_the_ground_gets_from_nothing():
+    """Is in the account: 2 J for 7 cm, and neither in losses nor in the residual."""
+    plant = ProjectionPlant(Robot(), Terrain.flat())
+    plant.reset(0.0, 1.0)
+    before, plant.state = plant.energy(), plant.state - [0.0, 0.07, *[0.0] * 6]
+    deep = plant.energy()
+    results = [plant.step(0.0, 0.02) for _ in range(5)]
+    found = sum(one.correction_work for one in results)
+    assert found == pytest.approx(before - deep, rel=0.1) and found > 2.0
+    assert all(one.impact_loss > -1e-6 for one in results)
+    assert max(abs(one.energy_residual) for one in results) < 1e-3
 
 
 ABSURD_TORQUES = """

@@ -137,7 +137,7 @@ NOTHING = {
     "efficiency alone": dict(motor=Motor(efficiency=0.5)),
     "no bearing friction": dict(bearing_friction=(0.0,) * len(JANSEN.bearings)),
     "pads of infinite stiffness": dict(pad_compliance=Compliance(math.inf, 0.0)),
-    "a line out of reach": dict(motor=Motor(stall_torque=1e300, torque_limit=1e300)),
+    "a line out of reach": dict(motor=Motor(stall_torque=1e30, torque_limit=1e30)),
 }
 
 

@@ -53,7 +53,7 @@ def walk(robot, seed: int, episodes: int, time_step: float = 1e-3):
         assert not batch.diverged.any()
         sums, impulse = batch.accumulators, batch.contact_statistics["impulse"]
         force = np.hypot(*np.moveaxis(impulse, -1, 0)).max(axis=1) / 0.02
-        unaccounted = sums["motor_work"] - sums["energy_change"]
+        unaccounted = sums["motor_work"] + sums["correction_work"] - sums["energy_change"]
         for loss in ("joint_loss", "slip_loss", "impact_loss"):
             unaccounted -= sums[loss]
         found = sums["contact_gain"], np.abs(unaccounted), force, sums["worst_residual"]

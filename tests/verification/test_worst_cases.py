@@ -88,7 +88,8 @@ def bounced(step):
         start = [0.0, height, 0.1, 0.3, 0.2, 0.0, 0.5, 0.0]
         plant = placed(None, ground, state=start, locked=True, time_step=step)
         start = plant.energy()
-        losses = [plant.step(0.0, HOLD).impact_loss for _ in range(200)]
+        results = [plant.step(0.0, HOLD) for _ in range(200)]
+        losses = [one.impact_loss - one.correction_work for one in results]
         lost += abs(sum(losses)) / start / 6.0
         missed = max(missed, abs(plant.energy() - start + sum(losses)) / start)
     return lost, missed

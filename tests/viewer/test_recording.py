@@ -189,7 +189,7 @@ def test_what_is_no_number_is_refused(short):
     [
         ({"time": np.zeros(6)}, "time has a step of 0 s, must increase by at least 1e-09 s"),
         ({"time": 1e-290 * np.arange(6)}, "time has a step of 1e-290 s, must increase"),
-        ({"energies": tuple("abcdefgh")}, "must have 'motor_work'"),
+        ({"energies": tuple("abcdefghi")}, "must have 'motor_work'"),
         ({"pose": np.full((6, 4), 1e12)}, "pose has a place 1e[+]12 m from the origin, must be"),
         ({"contact": np.full((6, 4), 3)}, "contact has other numbers"),
         ({"terrain": [[1.0, 0.0], [0.0, 0.0]]}, "x that increases"),

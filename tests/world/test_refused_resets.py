@@ -146,3 +146,37 @@ def test_a_robot_is_checked_with_the_lengths_that_are_drawn_later():
     env = gym.make("JansenWalkerBuilt-v0", randomize={"lengths": {"crank": (1.09, 1.1)}})
     with pytest.raises(ValueError, match=r"randomize\['lengths'\] gave no robot"):
         env.reset(options={"robot": long, "lengths": {"crank": 0.11}})
+
+
+@pytest.mark.parametrize(
+    ("env_id", "options"),
+    [
+        ("JansenWalkerBuilt-v0", {"crank_angle": 1e300}),
+        ("JansenCrank-v0", {"crank_speed": 1e300}),
+    ],
+)
+def test_a_start_that_no_observation_can_have(env_id, options):
+    name = next(iter(options))
+    with pytest.raises(ValueError, match=rf"^options\['{name}'\] is 1e\+300, must be between"):
+        gym.make(env_id).reset(options=options)
+    with pytest.raises(ValueError, match=r"^reset_noise_scale is 1e\+300, must be between"):
+        gym.make(env_id, reset_noise_scale=1e300)
+
+
+@pytest.mark.parametrize("value", [10**400, 1e300, "x", {"a": 1}, None, [10**400] * 8])
+@pytest.mark.parametrize("name", ["plant", "asked", "loads", "deflection", "mean_speed"])
+def test_an_entry_of_a_state_that_is_none(name, value):
+    """Of whatever kind, also what overflows a float or, observed, a float32."""
+    env = gym.make("JansenWalkerBuilt-v0").unwrapped
+    env.reset(seed=3)
+    before = env.get_state()
+    with pytest.raises(ValueError, match="state is" if name == "plant" else name):
+        env.set_state({**before, name: value})
+    assert same(env.get_state(), before)
+
+
+def test_a_held_robot_has_no_more_steps_than_can_be_counted():
+    env = gym.make("JansenCrank-v0").unwrapped
+    env.reset(seed=3)
+    with pytest.raises(ValueError, match=r"^state\['steps'\] is 1000"):
+        env.set_state({**env.get_state(), "steps": 10**400})

@@ -1,5 +1,6 @@
 """Robots of different lengths in one batch, and robots that a reset exchanges."""
 
+import json
 from copy import deepcopy
 from dataclasses import replace
 
@@ -11,7 +12,10 @@ from jansen_env import Bar, LinkageError, Payload, built_robot, holy_numbers_rob
 from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.plants.design_tables import DesignTables
 from jansen_env.robot import Leg
+from jansen_env.robot.robot_file import FORMAT, robot_from_json, robot_to_json
 from jansen_env.scoring.benchmarks import can_be_batched
+from jansen_env.viewer.recorder import Recorder
+from jansen_env.viewer.recording import Recording
 
 STEPS = 40
 LONGER = replace(built_robot().with_bodies(coupler=Bar(0.2405, 0.11, 0.001)), payload=Payload(0.5))
@@ -158,3 +162,75 @@ def test_legs_on_other_sides_are_simulated_apart():
     variants = [{"robot": "paper"}, {"robot": replace(paper_robot(), legs=legs)}]
     assert not can_be_batched("JansenWalker-v0", {}, variants)
     assert can_be_batched("JansenWalker-v0", {}, [{"robot": "built"}, {}])
+
+
+@pytest.mark.parametrize("plant", ["projection", "rigid_body"])
+def test_a_state_holds_an_exchanged_robot(plant):
+    """Elsewhere, after JSON, and for the episodes to come; without one it is the first robot."""
+    steps = STEPS if plant == "projection" else 2
+    env, other = (
+        gym.make("JansenWalkerBuilt-v0", plant=plant, terrain="flat").unwrapped for _ in range(2)
+    )
+    env.reset(seed=1)
+    first = env.get_state()
+    env.reset(seed=2, options={"robot": LONGER, "lengths": {"rocker": 0.24}})
+    state = env.get_state()
+    held = {**state, "robot": json.loads(json.dumps(state["robot"]))}
+    other.set_state(held)
+    assert other.robot == env.robot and other.get_state()["robot"] == state["robot"]
+    env.set_state(state)
+    assert (walk(env, steps=steps) == walk(other, steps=steps)).all()
+    env.reset(seed=3)
+    other.reset(seed=3)
+    assert other.robot == env.robot == LONGER
+    assert (walk(env, steps=steps) == walk(other, steps=steps)).all()
+    other.set_state(first)
+    assert other.robot == built_robot() and "robot" not in other.get_state()
+
+
+@pytest.mark.parametrize(
+    ("robot", "match"),
+    [
+        ({"format": FORMAT, "design": "klann", "lengths": {}}, "a robot's linkage has the bodies"),
+        ({"format": FORMAT, "design": "paper", "lengths": {"crank": 0.2}}, "does not close"),
+        ({}, r"^state\['robot'\] is no robot: a robot file is \{\}, must be of format"),
+        (None, r"^state\['robot'\] is no robot: a robot file is None"),
+    ],
+)
+@pytest.mark.parametrize("plant", ["projection", "rigid_body"])
+def test_a_state_with_a_wrong_robot_changes_nothing(plant, robot, match):
+    env = gym.make("JansenWalkerBuilt-v0", plant=plant, terrain="flat").unwrapped
+    env.reset(seed=1, options={"robot": LONGER})
+    before = env.get_state()
+    with pytest.raises(ValueError, match=match):
+        env.set_state({**before, "robot": robot})
+    after = env.get_state()
+    assert env.robot == LONGER and repr(after) == repr(before)
+
+
+def test_a_held_robot_is_not_exchanged_by_a_state():
+    env = gym.make("JansenCrank-v0").unwrapped
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"^state has 'robot', must have none"):
+        env.set_state({**env.get_state(), "robot": robot_to_json(paper_robot())})
+
+
+def test_a_recording_has_the_exchanged_robot():
+    """Among its options, in resets after the exchange, too; another robot begins another one."""
+    env = Recorder(gym.make("JansenWalkerBuilt-v0"))
+    env.reset(seed=1, options={"robot": LONGER})
+    env.step([0.3])
+    state = env.unwrapped.get_state()
+    for _ in range(2):
+        recording = env.recording
+        assert robot_from_json(recording.options["robot"]) == LONGER
+        assert Recording.from_bytes(recording.to_bytes()).options == recording.options
+        env.reset(seed=1)
+        env.step([0.3])
+    env.reset(seed=1, options={"robot": "built"})
+    env.step([0.3])
+    assert env.recording.options == {"robot": "built"}
+    env.unwrapped.set_state({**state, "steps": 5})
+    env.step([0.3])
+    env.step([0.3])
+    assert env.recording.steps == 1 and robot_from_json(env.recording.options["robot"]) == LONGER

@@ -43,12 +43,12 @@ def walk(env, env_id):
 
 
 def main():
-    """Print a line of JSON: name of a walk to its hashes, alone and in a batch."""
+    """Print as JSON: name of a walk to its hashes, alone and in a batch."""
     hashes = {}
     for name, (env_id, arguments) in WALKS.items():
         alone, batch = gym.make(env_id, **arguments), gym.make_vec(env_id, ROBOTS, **arguments)
         hashes[name] = [walk(alone, env_id), walk(batch, env_id)]
-    print(json.dumps(hashes))
+    print(json.dumps(hashes, indent=2))
 
 
 if __name__ == "__main__":

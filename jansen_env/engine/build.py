@@ -53,6 +53,27 @@ RETURNS = {
     float: "    return {}\n",
 }
 
+MEMSET = """
+define hidden ptr @memset(ptr %to, i32 %value, {size} %count) "no-builtins" {{
+  %byte = trunc i32 %value to i8
+  %none = icmp eq {size} %count, 0
+  br i1 %none, label %end, label %loop
+loop:
+  %i = phi {size} [ 0, %0 ], [ %next, %loop ]
+  %place = getelementptr i8, ptr %to, {size} %i
+  store i8 %byte, ptr %place
+  %next = add {size} %i, 1
+  %done = icmp eq {size} %next, %count
+  br i1 %done, label %end, label %loop
+end:
+  ret ptr %to
+}}
+"""
+"""The one function of C's library that LLVM calls of itself, so that the library needs none."""
+
+ENTRY = "define i32 @DllMainCRTStartup(ptr %0, i32 %1, ptr %2) {\n  ret i32 1\n}\n"
+"""What Windows calls when it loads a library: nothing is to be done."""
+
 
 class Target(NamedTuple):
     """A platform: for LLVM, for Zig, as Python names its system, and its wheel's tag."""
@@ -76,6 +97,12 @@ TARGETS = {
     "macos-arm64": Target("arm64-apple-macosx11.0", "aarch64-macos", "darwin", "macosx_11_0_arm64"),
     "windows-x86_64": Target("x86_64-pc-windows-gnu", "x86_64-windows-gnu", "win32", "win_amd64"),
     "wasm32": Target("wasm32-unknown-unknown", "wasm32-freestanding", "wasm", ""),
+}
+LINKED_AS = {  # nothing may be undefined, as it is of itself but on Linux
+    "linux": ["-shared", "-Wl,-z,defs"],
+    "darwin": ["-shared"],
+    "win32": ["-shared"],
+    "wasm": [f"-Wl,{a}" for a in ("--no-entry", "--export-dynamic", "--export=__heap_base", "-s")],
 }
 
 
@@ -190,6 +217,12 @@ def compile_module(target: Target, say: Callable[[str], None] = print) -> tuple[
         else:
             whole.link_in(module)
     assert whole is not None
+    size = "i32" if "p:32" in layout else "i64"
+    whole.link_in(llvm.parse_assembly(MEMSET.format(size=size)))
+    exported.add("memset")
+    if target.system == "win32":
+        whole.link_in(llvm.parse_assembly(ENTRY))
+        exported.add("DllMainCRTStartup")
     for value in (*whole.functions, *whole.global_variables):
         if not value.is_declaration and value.name not in exported:
             value.linkage = "internal"
@@ -215,7 +248,7 @@ def build(name: str, folder: Path = FOLDER, say: Callable[[str], None] = print) 
 
 def link(target: Target, code: Path, library: Path) -> None:
     """Link an object to a shared library by Zig, which links for every platform."""
-    command = "-m", "ziglang", "cc", "-target", target.zig, "-shared", "-nostdlib"
+    command = "-m", "ziglang", "cc", "-target", target.zig, "-nostdlib", *LINKED_AS[target.system]
     caches = dict.fromkeys(("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR"), str(code.parent))
     subprocess.run(
         [sys.executable, *command, "-o", str(library), str(code)],
@@ -227,6 +260,7 @@ def link(target: Target, code: Path, library: Path) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("target", nargs="?", default=host(), choices=TARGETS)
+    parser.add_argument("--folder", type=Path, default=FOLDER, help="where it goes")
     parser.add_argument("--tag", action="store_true", help="print the tag of its wheel alone")
     chosen = parser.parse_args()
-    print(TARGETS[chosen.target].tag if chosen.tag else build(chosen.target))
+    print(TARGETS[chosen.target].tag if chosen.tag else build(chosen.target, chosen.folder))

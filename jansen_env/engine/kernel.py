@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 PYTHON = os.environ.get("JANSEN_ENV_PYTHON", "") not in ("", "0")
 FOLDER = Path(__file__).parent
-ENDINGS = {"win32": "dll", "darwin": "dylib"}
+ENDINGS = {"win32": "dll", "darwin": "dylib", "wasm": "wasm"}
 RESULTS = {None: None, bool: ctypes.c_bool, int: ctypes.c_int64, float: ctypes.c_double}
 BUILDERS = ("llvmlite", "numba", "ziglang")
 

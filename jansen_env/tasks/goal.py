@@ -9,6 +9,7 @@ import numpy as np
 
 from jansen_env.checks import non_negative, positive
 from jansen_env.tasks.task import Task
+from jansen_env.uniform import uniform
 from jansen_env.world.argument_checks import Filled, Ints, option, single
 from jansen_env.world.entries import EXACT, Observed
 
@@ -51,7 +52,7 @@ class GoalTask(Task):
 
     def draw(self, row: int, rng: np.random.Generator, options: dict[str, Any]) -> float:
         """Draw a goal, m."""
-        return option(options, "goal", rng.uniform(-FARTHEST, FARTHEST), -FARTHEST, FARTHEST)
+        return option(options, "goal", uniform(rng, -FARTHEST, FARTHEST), -FARTHEST, FARTHEST)
 
     def begin(self, rows: Ints, drawn: Sequence[Any]) -> None:
         """Start with goals, m."""

@@ -15,6 +15,7 @@ from jansen_env.checks import MOST_SINGLE, listed, within
 from jansen_env.engine import readings
 from jansen_env.rendering import Frame
 from jansen_env.tasks.information import InfoBuilder
+from jansen_env.uniform import uniform
 from jansen_env.world import argument_checks as arguments
 from jansen_env.world.argument_checks import Array, Bools, Ints
 from jansen_env.world.entries import Observed
@@ -305,7 +306,7 @@ class CommandedTask(Task):
 
     def draw(self, row: int, rng: np.random.Generator, options: dict[str, Any]) -> float:
         """Draw a robot's command."""
-        command = rng.uniform(*self.speed_command[row])
+        command = uniform(rng, *self.speed_command[row])
         return arguments.option(options, "speed_command", command, -self.FASTEST, self.FASTEST)
 
     def begin(self, rows: Ints, drawn: Sequence[Any]) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from jansen_env.checks import finite, non_negative, positive, shown
 from jansen_env.engine import walk_reward
 from jansen_env.tasks.task import CompiledTask
+from jansen_env.uniform import uniform
 from jansen_env.world.argument_checks import (
     Bools,
     Ints,
@@ -162,7 +163,7 @@ class WalkerTask(CompiledTask):
         for row in np.flatnonzero(active & (elapsed % self._command_steps == 0)).tolist():
             # By the time, so that a state to go on from needs no more than the seed.
             rng = np.random.default_rng((self.world.seeds[row], elapsed[row]))
-            self.rows[row]["next_command"] = rng.uniform(*self.speed_command[row])
+            self.rows[row]["next_command"] = uniform(rng, *self.speed_command[row])
 
     def _cover(self, rows: Ints) -> None:
         """Add the step of robots (k,) to :attr:`covered`."""

@@ -15,6 +15,7 @@ import numpy as np
 
 from jansen_env.checks import finite, listed, one_of, shown, whole_number
 from jansen_env.terrain import Terrain, shapes
+from jansen_env.uniform import uniform
 
 Random: TypeAlias = np.random.Generator
 Generator: TypeAlias = Callable[[Random, int], Terrain]
@@ -91,7 +92,7 @@ class NamedGenerator:
         if self.name == "steps":
             return Terrain.steps(rng, **values)
         # The start is drawn, or the way to its first step could be learned by heart.
-        start = float(shapes.uniform(rng, shapes.START, shapes.START + SHIFT, ()))
+        start = uniform(rng, shapes.START, shapes.START + SHIFT)
         if self.name == "rough":  # unlike ``Terrain.rough`` on both sides
             return Terrain.of(shapes.rough(rng, **values, start=start, reach=shapes.REACH))
         maker: Callable[..., Terrain] = getattr(Terrain, self.name)

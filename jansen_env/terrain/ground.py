@@ -17,6 +17,7 @@ from jansen_env.checks import entries, finite, instance, non_negative, positive,
 from jansen_env.engine.mathematics import tan
 from jansen_env.terrain import shapes
 from jansen_env.terrain.shapes import MAX_SLOPE, MOST_POINTS
+from jansen_env.uniform import uniform
 
 Array = NDArray[np.float64]
 Maker: TypeAlias = "classmethod[Terrain, ..., Terrain]"
@@ -151,7 +152,7 @@ class Terrain:
             )
         count = max(2, int(length / spacing))
         x = start + spacing * np.arange(1, count + 1)
-        y = shapes.uniform(rng, -height, height, count)
+        y = uniform(rng, -height, height, count)
         lead = [(start - 1.0, 0.0), (start, 0.0)]
         tail = [(x[-1] + spacing, 0.0), (x[-1] + spacing + 1.0, 0.0)]
         return cls(tuple(lead + list(zip(x, y, strict=True)) + tail), friction, restitution)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from jansen_env.checks import finite, instance, positive, within
 from jansen_env.engine.mathematics import cos, tan
+from jansen_env.uniform import uniform
 
 Array = NDArray[np.float64]
 Random: TypeAlias = np.random.Generator
@@ -34,11 +35,6 @@ def level_ends(start: float, reach: float) -> tuple[float, float]:
     if start >= reach:
         raise ValueError(f"start is {start:g}, must be below reach, {reach:g}")
     return start, reach
-
-
-def uniform(rng: Random, low: float, high: float, size: int | tuple[int, ...]) -> Array:
-    """As ``rng.uniform``, which some processors round once, after multiplying and adding."""
-    return low + (high - low) * rng.random(size)
 
 
 def periods(start: float, reach: float, period: float) -> int:

@@ -15,6 +15,7 @@ from jansen_env.plants.base import numbers_of
 from jansen_env.robot import Robot
 from jansen_env.robot.motor import Motor
 from jansen_env.robot.robot_file import robot_from_json, robot_to_json
+from jansen_env.uniform import uniform
 from jansen_env.world import argument_checks as arguments
 from jansen_env.world.argument_checks import Array, Bools, Ints
 from jansen_env.world.entries import Observed
@@ -126,7 +127,7 @@ class ActuatedRobots:
 
     def _draw_delay(self, row: int, rng: np.random.Generator, options: Mapping[str, Any]) -> float:
         low, high = self.delay_range[row].tolist()
-        drawn = rng.uniform(low, high) if high > low else low
+        drawn = uniform(rng, low, high) if high > low else low
         return arguments.option(options, "delay", drawn, 0.0, self._longest_delay)
 
     def checked_delay_range(self, name: str, value: Any) -> tuple[float, float]:

@@ -20,6 +20,7 @@ from jansen_env.plants.fixed_base import FixedBaseBatch
 from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
 from jansen_env.robot.motor import IDEAL, Motor
+from jansen_env.uniform import uniform
 from jansen_env.world import argument_checks as arguments
 from jansen_env.world.actuated import ActuatedRobots, Draw
 from jansen_env.world.argument_checks import Bools, Filled, Ints, PerRobot, Range, option, single
@@ -125,8 +126,8 @@ class HeldRobots(ActuatedRobots):
         # Drawn in any case, so that fixing one leaves the others as they were.
         own = draw(row, rng, options)
         noise = self.reset_noise_scale[row]
-        angle = START_ANGLE + noise * rng.uniform(-1.0, 1.0)
-        speed = noise * rng.uniform(-1.0, 1.0)
+        angle = START_ANGLE + noise * uniform(rng, -1.0, 1.0)
+        speed = noise * uniform(rng, -1.0, 1.0)
         delay = self._draw_delay(row, rng, options)
         limits = START_ANGLE - FURTHEST, START_ANGLE + FURTHEST
         angle = option(options, "crank_angle", angle, *limits)

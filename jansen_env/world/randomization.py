@@ -9,6 +9,7 @@ import numpy as np
 
 from jansen_env.checks import entries, listed, shown, within
 from jansen_env.parameters import PARAMETERS, SCALE, check
+from jansen_env.uniform import uniform
 from jansen_env.world.argument_checks import number_range
 
 
@@ -31,7 +32,7 @@ class Uniform(NamedTuple):
         """Draw a number."""
         if self.whole:
             return float(rng.integers(int(self.low), int(self.high), endpoint=True))
-        return float(rng.uniform(self.low, self.high))
+        return float(uniform(rng, self.low, self.high))
 
 
 Randomization: TypeAlias = dict[str, Distribution]

@@ -20,6 +20,7 @@ from jansen_env.plants.base import LARGEST, BatchedPlant
 from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.plants.make import make_batch, plant_time_step
 from jansen_env.robot.kinematics import advance_per_turn
+from jansen_env.uniform import uniform
 from jansen_env.world import settings, single_robots
 from jansen_env.world.actuated import ActuatedRobots, Draw
 from jansen_env.world.argument_checks import Array, Bools, Filled, Ints, option
@@ -239,9 +240,9 @@ class World(ActuatedRobots):
     ) -> tuple[float, float, float, Any]:
         """Draw crank angle (rad) and speed (rad/s), delay (s), and the task's numbers."""
         # Drawn in any case, so that fixing one leaves the others as they were.
-        crank_angle = rng.uniform(0.0, 2.0 * math.pi)
+        crank_angle = uniform(rng, 0.0, 2.0 * math.pi)
         own = draw(row, rng, options)
-        crank_speed = self.reset_noise_scale[row] * rng.uniform(-1.0, 1.0)
+        crank_speed = self.reset_noise_scale[row] * uniform(rng, -1.0, 1.0)
         delay = self._draw_delay(row, rng, options)
         crank_angle = option(options, "crank_angle", crank_angle, -LARGEST, LARGEST)
         return crank_angle, crank_speed, delay, own

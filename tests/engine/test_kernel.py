@@ -1,0 +1,146 @@
+"""Kernels: what they take, and the library that they are in."""
+
+import multiprocessing
+import os
+import pickle
+import shutil
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from jansen_env.engine import integrator, kernel, reach
+from jansen_env.engine.kernel import FOLDER, PYTHON, library_path
+
+POINTS = np.array([[3.0, 4.0], [0.0, 1.0]])
+WAYS = np.array([[1.0, 0.0], [0.0, 1.0]])
+WALK = """
+import gymnasium as gym, jansen_env
+env = gym.make("JansenWalkerBuilt-v0")
+seen = [env.reset(seed=3)[0].tobytes().hex()]
+for _ in range(3):
+    observation, reward, *_ = env.step([0.4])
+    seen += [observation.tobytes().hex(), float(reward).hex()]
+print(seen)
+"""
+
+
+def run(code, folder=FOLDER.parents[1], **variables):
+    """Run Python on the package in a folder; returns what has ended."""
+    return subprocess.run(
+        [sys.executable, "-c", code], cwd=folder, env={**os.environ, **variables},
+        capture_output=True, text=True,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def copy(tmp_path):
+    """A second checkout, in a path with a space."""
+    folder = tmp_path / "a copy"
+    leave_out = shutil.ignore_patterns("__pycache__", "*.zip", "*.gif")
+    shutil.copytree(FOLDER.parent, folder / "jansen_env", ignore=leave_out)
+    return folder
+
+
+@pytest.mark.skipif(PYTHON, reason="Python's own functions take anything")
+@pytest.mark.parametrize(
+    "wrong",
+    [POINTS.astype("f4"), POINTS.tolist(), POINTS[0], POINTS.T, POINTS[:, ::-1], None],
+    ids=["float32", "a list", "one axis", "another order", "backwards", "none"],
+)
+def test_what_is_no_such_array_is_refused(wrong):
+    with pytest.raises(TypeError, match=r"points is .*, must be contiguous float64 of 2 axes"):
+        reach.put_reach(wrong, WAYS, np.zeros(2))
+
+
+@pytest.mark.skipif(PYTHON, reason="Python has an error of its own")
+def test_the_number_of_arguments_is_checked():
+    with pytest.raises(TypeError, match="reach_put_reach has 2 arguments, must have 3"):
+        reach.put_reach(POINTS, WAYS)
+
+
+def test_rows_are_aligned_as_in_c():
+    rows = [p.dtype for one in kernel.kernels for p in one.parameters if p.dtype.names]
+    assert len(rows) > 10 and all(dtype.isalignedstruct for dtype in rows)
+
+
+def test_a_kernel_is_pickled_by_its_name():
+    assert pickle.loads(pickle.dumps(integrator.advance)) is integrator.advance
+
+
+def test_threads_share_a_bound_kernel():
+    bound = reach.put_reach.bound()
+
+    def far(number):
+        out = np.zeros(2)
+        bound(POINTS * number, WAYS, out)
+        return out.tolist()
+
+    with ThreadPoolExecutor(8) as pool:
+        assert [*pool.map(far, range(2000))] == [[3.0 * k, 4.0 * k] for k in range(2000)]
+
+
+def walk():
+    """A robot's observations in a short walk, as bytes."""
+    import jansen_env  # noqa: F401 - in another process
+
+    with gym.make("JansenWalker-v0") as env:
+        env.reset(seed=1)
+        return b"".join(env.step([0.5])[0].tobytes() for _ in range(5))
+
+
+@pytest.mark.parametrize("method", multiprocessing.get_all_start_methods())
+def test_other_processes_walk_alike(method):
+    with multiprocessing.get_context(method).Pool(1) as pool:
+        assert pool.apply(walk) == walk()
+
+
+def test_python_itself_walks_alike():
+    compiled, python = run(WALK), run(WALK, JANSEN_ENV_PYTHON="1")
+    assert compiled.returncode == 0 and compiled.stdout == python.stdout, python.stderr
+
+
+def test_two_checkouts_have_a_library_each(copy):
+    found = run("from jansen_env.engine import kernel; print(kernel._libraries())", copy)
+    assert str(copy) in found.stdout and found.stderr == ""
+    with (copy / "jansen_env/engine/lemke.py").open("a") as file:
+        file.write("# another\n")
+    other = run("from jansen_env.engine.kernel import library_path; print(library_path())", copy)
+    assert Path(other.stdout.strip()).name != library_path().name
+
+
+def test_an_older_library_is_refused_by_name_where_none_can_be_built(copy):
+    with (copy / "jansen_env/engine/lemke.py").open("a") as file:
+        file.write("# changed\n")
+    before = sorted(path.name for path in (copy / "jansen_env/engine").iterdir())
+    without = "import importlib.util as util; util.find_spec = lambda *_: None\n"
+    ended = run(without + "from jansen_env.engine import kernel; kernel._libraries()", copy)
+    last = ended.stderr.strip().splitlines()[-1]
+    assert ended.returncode == 1 and "sources have changed since it was built" in last
+    after = sorted(path.name for path in (copy / "jansen_env/engine").iterdir())
+    assert [name for name in after if name != "__pycache__"] == before
+
+
+@pytest.mark.slow
+def test_an_older_library_is_built_again(copy):
+    with (copy / "jansen_env/engine/lemke.py").open("a") as file:
+        file.write("# changed\n")
+    ended = run(WALK, copy)
+    assert ended.returncode == 0 and "builds its engine" in ended.stderr
+    assert ended.stdout.splitlines()[-1] == run(WALK).stdout.splitlines()[-1]
+    assert "builds" not in run(WALK, copy).stderr
+
+
+def test_nothing_is_written_at_run_time(copy):
+    before = sorted(copy.rglob("*"))
+    assert run(WALK, copy, PYTHONDONTWRITEBYTECODE="1").returncode == 0
+    assert sorted(copy.rglob("*")) == before
+
+
+def test_numba_is_not_imported():
+    code = WALK + "import sys; assert 'numba' not in sys.modules and 'llvmlite' not in sys.modules"
+    assert run(code).returncode == 0

@@ -8,5 +8,11 @@ import numpy as np
 
 
 def uniform(rng: np.random.Generator, low: float, high: float, size: Any = None) -> Any:
-    """As ``rng.uniform``, which some processors round once, after multiplying and adding."""
+    """Draw numbers from ``low`` to ``high``, as ``rng.uniform`` does on x86-64.
+
+    On some processors NumPy's own fuses the multiplication and the addition, and so rounds once.
+
+    Args:
+        size: shape of the array to return; None for a float.
+    """
     return low + (high - low) * rng.random(size)

@@ -69,10 +69,10 @@ end:
   ret ptr %to
 }}
 """
-"""The one function of C's library that LLVM calls of itself, so that the library needs none."""
+"""A function of C's library that LLVM calls by itself; with this one, ours needs no other."""
 
 ENTRY = "define i32 @DllMainCRTStartup(ptr %0, i32 %1, ptr %2) {\n  ret i32 1\n}\n"
-"""What Windows calls when it loads a library: nothing is to be done."""
+"""Windows calls this function when it loads the library; it has nothing to do."""
 
 
 class Target(NamedTuple):
@@ -98,7 +98,7 @@ TARGETS = {
     "windows-x86_64": Target("x86_64-pc-windows-gnu", "x86_64-windows-gnu", "win32", "win_amd64"),
     "wasm32": Target("wasm32-unknown-unknown", "wasm32-freestanding", "wasm", ""),
 }
-LINKED_AS = {  # nothing may be undefined, as it is of itself but on Linux
+LINKED_AS = {  # an undefined symbol is an error; on Linux only if asked for
     "linux": ["-shared", "-Wl,-z,defs"],
     "darwin": ["-shared"],
     "win32": ["-shared"],

@@ -48,7 +48,7 @@ class InfoBuilder:
         """Return that of one robot, in Python's own types."""
         world: Any = self._world.item(row)
         task: Any = self._task.item(row)
-        info = dict(zip(self._names, world[0] + task[0] + task[1]))  # noqa: B905 - as long
+        info = dict(zip(self._names, world[0] + task[0] + task[1]))  # noqa: B905 - strict costs time
         info["energy"] = dict(zip(self._energy, world[1]))  # noqa: B905
         for group, rows in self._more.items():
             info[group] = dict(zip(self._groups[group][1], rows.item(row), strict=True))

@@ -1,4 +1,4 @@
-"""The engine as WebAssembly has the results of this processor's, bit for bit, under Node.js."""
+"""The engine as WebAssembly gives the same bits in Node.js as the library does here."""
 
 import gzip
 import json
@@ -62,7 +62,7 @@ class Calls:
 
     def call(self, bound, *arguments):
         """In the place of BoundKernel.__call__."""
-        made, words, pointers = bound._kernel, [], []
+        made, pointers = bound._kernel, []
         arguments = kernel.flat(arguments)
         ranges = ranges_of([one for one in arguments if isinstance(one, np.ndarray)])
         firsts = sorted(ranges)

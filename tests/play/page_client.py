@@ -33,10 +33,12 @@ def talk(host, root="", **options):
 
 
 def next_of(connection, kind):
-    while True:
+    """The next message of a kind; 10 s of others may come before it."""
+    for _ in range(500):
         message = json.loads(connection.recv(timeout=10))
         if message["kind"] == kind:
             return message
+    raise AssertionError(f"no {kind} comes; the last message was {message}")
 
 
 def until(connection, fits):

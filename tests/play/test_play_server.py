@@ -284,6 +284,8 @@ def test_a_robot_is_built_for_the_page_that_asks(served):
         wanted = {"do": "build", "robot": "klann", "lengths": {"rod_AD": 0.47}}
         asking.send(json.dumps(wanted))
         assert next_of(asking, "built") == {"kind": "built"}
+        while next_of(other, "scene")["lengths"] != wanted["lengths"]:
+            pass  # those of the robot before it
         until(other, lambda state: state["score"]["distance"] > 0.01)
         asking.send(json.dumps({**wanted, "lengths": {"rod_AD": 0.1}}))
         message = next_of(asking, "error")["message"]

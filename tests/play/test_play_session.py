@@ -52,7 +52,7 @@ def test_the_input_is_a_policys_command():
     walk(session, 5.0)
     assert session.frame().command == pytest.approx(0.4)
     assert session.env.get_state()["command"] == pytest.approx(0.4)
-    assert session.score().speed == pytest.approx(0.4, abs=0.15)
+    assert session.score().distance == pytest.approx(0.4 * 5.0, abs=0.15)
     session.hold(1)
     walk(session, 0.2)
     session.hold(0)

@@ -96,12 +96,9 @@ class Renderer:
     def show(self, robot: Robot, terrain_points: Array | None, **_: Any) -> None:
         """Draw this robot and this ground from now on."""
         self.robot, self._terrain = robot, terrain_points
-        turn = joint_positions(robot, "fore", np.linspace(-math.pi, math.pi, 180))
-        self._reach = reach = float(np.hypot(turn[..., 0], turn[..., 1]).max())
+        self._reach = reach = reach_of(robot)
         self._scale = min(HEIGHT / (1.66 * reach), WIDTH / (2.3 * reach))  # canvas pixels per m
-        phases = [leg.phase % (2.0 * math.pi) for leg in robot.legs]
-        layers = sorted(set(phases))  # 0, the first leg's, is the nearest
-        self._depth = [layers.index(phase) / max(1, len(layers) - 1) for phase in phases]
+        self._depth = depths_of(robot)
         self._weight = robot.mass * GRAVITY
 
     def draw(self, frame: Frame) -> Picture | None:
@@ -360,6 +357,19 @@ class Renderer:
             self._labels[text, size, color] = image
         width, height = image.get_size()
         self._canvas.blit(image, (round(x - align * width), round(y - 0.5 * height)))
+
+
+def reach_of(robot: Robot) -> float:
+    """Distance of a robot's farthest joint from the crank axis over a turn, m."""
+    turn = joint_positions(robot, "fore", np.linspace(-math.pi, math.pi, 180))
+    return float(np.hypot(turn[..., 0], turn[..., 1]).max())
+
+
+def depths_of(robot: Robot) -> list[float]:
+    """Depth of each leg in a picture, from 0, the nearest, to 1, the farthest."""
+    phases = [leg.phase % (2.0 * math.pi) for leg in robot.legs]
+    layers = sorted(set(phases))  # 0, the first leg's, is the nearest
+    return [layers.index(phase) / max(1, len(layers) - 1) for phase in phases]
 
 
 def _mix(color: Color, other: Color, share: float) -> Color:

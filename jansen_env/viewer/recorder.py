@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict
 from typing import Any
 
 import gymnasium as gym
@@ -15,23 +14,25 @@ from gymnasium.utils import RecordConstructorArgs
 
 from jansen_env.checks import shown
 from jansen_env.envs.single import SingleEnv
+from jansen_env.gravity import GRAVITY
+from jansen_env.rendering import Frame
+from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import world_joints
 from jansen_env.viewer.recording import LONGEST_NAME, MOST_STEPS, Recording
 from jansen_env.viewer.web.geometry import contacts, scene_of, world_forces
 
 
 class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """Records the episode that is walked in an environment, whoever acts.
+    """Records the episode that any policy walks in an environment.
 
     ``env = Recorder(gym.make("JansenWalker-v0"))``; then, at any time after a step,
     ``env.recording``. The environment goes on as it would without, bit for bit.
 
-    One episode is kept: a reset begins another one, and so does a step before which time went back
-    or another robot came (``Autoreset`` below, ``set_state``). A robot that a reset has exchanged
+    One episode is kept. A reset begins a new one, and so does a step at which time went back or
+    the robot was exchanged (``Autoreset`` below, ``set_state``). A robot that a reset has exchanged
     is among the recording's ``options``, as in a robot file. Observations and actions are those at
-    this place among the wrappers. The scene is that of the reset, whatever ``set_parameters``
-    changes later. Of longer episodes the first ``MOST_STEPS`` (of ``recording``) are kept, with a
-    warning.
+    this place among the wrappers; the robot and its ground are those at the reset. Only the first
+    ``MOST_STEPS`` of an episode are kept, with a warning.
 
     Args:
         env: one robot's, of any task of this package, under any wrappers.
@@ -50,10 +51,9 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             if not getattr(env, name).is_np_flattenable:
                 raise ValueError(f"env has {name} {getattr(env, name)}, must be of arrays")
         self.label = label
-        self._rows: dict[str, list[Any]] = {}
-        self._description: dict[str, Any] = {}
-        self._robot: Any = None
-        self._legs: Any = None
+        self._frames: dict[str, list[Any]] = {}
+        self._episode: dict[str, Any] = {}  # what does not change during it
+        self._shape: tuple[object, ...] = ()
 
     @property
     def recording(self) -> Recording:
@@ -63,70 +63,71 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             gymnasium.error.ResetNeeded: before the first step of an episode.
             ValueError: a wrapper has made a number of it that is not finite.
         """
-        if not self._rows.get("reward"):
+        if not self._frames.get("reward"):
             raise gym.error.ResetNeeded("reset() and then step() must be called first")
-        joints = world_joints(self._robot, self._rows["pose"])
-        content: dict[str, Any] = {**self._rows, **self._description, "label": self.label}
+        joints = world_joints(self._episode["robot"], np.array(self._frames["pose"]))
+        content: dict[str, Any] = {**self._frames, **self._episode, "label": self.label}
         return Recording(**content, joints=joints.astype(np.float32))
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Reset the environment and begin another recording."""
-        self._rows = {}  # also where the reset fails
+        self._frames = {}  # also where the reset fails
         observation, info = self.env.reset(seed=seed, options=options)
         self._begin(observation, info, seed, options)
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Step the environment and record what happens."""
-        if self._rows:  # set_parameters may have given another command
-            self._rows["command"][-1] = self._inner.frame().command or 0.0
+        if self._frames:  # set_parameters may have given another command
+            self._frames["command"][-1] = self._inner.frame().command or 0.0
         results = self.env.step(action)
         observation, reward, terminated, truncated, info = results
         frame = self._inner.frame()
-        if not self._rows or frame.time <= self._rows["time"][-1] or self._shape != self._legs:
+        goes_on = self._frames and frame.time > self._frames["time"][-1]
+        if not goes_on or _shape_of(self._inner.robot) != self._shape:
             self._begin(observation, info, None, None)
-        elif len(self._rows["reward"]) == MOST_STEPS:
+        elif len(self._frames["reward"]) == MOST_STEPS:
             gym.logger.warn(f"the episode has more than {MOST_STEPS} steps: these are recorded")
-        elif len(self._rows["reward"]) < MOST_STEPS:
+        elif len(self._frames["reward"]) < MOST_STEPS:
             self._add_frame(frame, observation, info)
             flat = flatten(self.action_space, np.asarray(action))
             self._add(
                 action=np.array(flat, np.float32),
                 reward=float(reward),
                 slip=np.array(info.get("slip", np.zeros(len(frame.slipping)))),
-                energy=[info["energy"][name] for name in self._description["energies"]],
+                energy=[info["energy"][name] for name in self._episode["energies"]],
             )
-            self._description.update(terminated=bool(terminated), truncated=bool(truncated))
+            self._episode.update(terminated=bool(terminated), truncated=bool(truncated))
         return results
 
     @property
-    def _inner(self) -> Any:
-        return self.env.unwrapped
-
-    @property
-    def _shape(self) -> Any:
-        """What of the robot no change within an episode can be."""
-        robot = self._inner.robot
-        return robot.bodies, robot.legs, robot.frame_angle
+    def _inner(self) -> SingleEnv[Any]:
+        inner: SingleEnv[Any] = self.env.unwrapped  # type: ignore[assignment]
+        return inner
 
     def _begin(
-        self, observation: Any, info: dict[str, Any], seed: int | None, options: Any
+        self,
+        observation: Any,
+        info: dict[str, Any],
+        seed: int | None,
+        options: dict[str, Any] | None,
     ) -> None:
-        scene, spec = scene_of(self.env), self.env.spec
-        self._robot, self._legs = self._inner.scene()["robot"], self._shape
-        state = self._inner.get_state()
+        scene, spec, state = scene_of(self.env), self.env.spec, self._inner.get_state()
         exchanged = {"robot": state["robot"]} if "robot" in state else {}
-        ground = scene.pop("terrain")
-        named = [(one.name, one.unit) for one in self._inner.observed]
-        flat = spaces.flatdim(self.observation_space)
-        self._description = {
-            "scene": scene,
+        ground, observed = scene["terrain"], self._inner.observed
+        named = len(observed) == spaces.flatdim(self.observation_space)
+        self._shape = _shape_of(self._inner.robot)
+        self._episode = {
+            "robot": self._inner.scene()["robot"],
             "terrain": np.zeros((0, 2)) if ground is None else np.array(ground),
+            "torque_limit": scene["torqueLimit"],
+            "speed_unit": scene["speedUnit"],
+            "speed_range": scene["speedRange"],
+            "control_dt": scene["controlDt"],
             "energies": tuple(info.get("energy", {})),
-            "observed": tuple(named) if len(named) == flat else (),
-            "robot": as_json(asdict(self._robot)),
+            "observed": tuple((entry.name, entry.unit) for entry in observed) if named else (),
             "parameters": dict(state.get("parameters", {})),
             "env_id": str(type(self._inner).__name__ if spec is None else spec.id)[:LONGEST_NAME],
             "env_kwargs": as_json({} if spec is None else spec.kwargs),
@@ -135,12 +136,12 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             "terminated": False,
             "truncated": False,
         }
-        self._rows = {name: [] for name in ("action", "reward", "slip", "energy")}
+        self._frames = {name: [] for name in ("action", "reward", "slip", "energy")}
         self._add_frame(self._inner.frame(), observation, info)
 
-    def _add_frame(self, frame: Any, observation: Any, info: dict[str, Any]) -> None:
+    def _add_frame(self, frame: Frame, observation: Any, info: dict[str, Any]) -> None:
         flat = flatten(self.observation_space, observation)
-        weight = self._description["scene"]["weight"]
+        weight = getattr(self._inner, "weight", self._episode["robot"].mass * GRAVITY)
         self._add(
             time=frame.time,
             state=self._inner.get_state()["plant"],
@@ -148,7 +149,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             command=frame.command or 0.0,
             speed=frame.speed,
             torque=info.get("crank_torque", frame.torque),  # the mean of the step
-            weight=getattr(self._inner, "weight", weight),
+            weight=weight,
             contact=contacts(frame, weight),
             contact_point=np.array(frame.contact_point),
             contact_force=world_forces(frame),
@@ -157,7 +158,12 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     def _add(self, **values: Any) -> None:
         for name, value in values.items():
-            self._rows.setdefault(name, []).append(value)
+            self._frames.setdefault(name, []).append(value)
+
+
+def _shape_of(robot: Robot) -> tuple[object, ...]:
+    """Parts of a robot that cannot change within an episode."""
+    return robot.bodies, robot.legs, robot.frame_angle
 
 
 def as_json(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -98,7 +98,7 @@ def test_round_trip(env_id, tmp_path):
     same(Recording.load(path), one)
     assert path.read_bytes() == one.to_bytes()
     assert "Robot(" in one.env_kwargs["robot"] and one.env_id == env_id
-    assert one.robot["bodies"][1]["length"] == jansen_env.ROBOTS["holy"]().crank.length
+    assert one.robot.bodies == jansen_env.ROBOTS["holy"]().bodies
     with np.load(path, allow_pickle=False) as arrays:  # as anybody may
         np.testing.assert_array_equal(arrays["torque"], one.torque)
 
@@ -197,7 +197,8 @@ def test_what_is_no_number_is_refused(short):
         ({"label": "\ud800"}, "must be text that UTF-8 has"),
         ({"seed": "1"}, "seed is '1', must be a int"),
         ({"parameters": {"friction": None}}, "friction"),
-        ({"scene": {}}, "scene has"),
+        ({"robot": {}}, "robot is {}, must be a Robot"),
+        ({"robot": jansen_env.paper_robot(3)}, "joints has shape"),
     ],
 )
 def test_other_contents_are_refused(short, change, message):
@@ -243,15 +244,12 @@ def claimed(shape):
     [
         ({"time": np.array([Harmful()], object)}, "time has type"),
         ({"time": np.arange(6, dtype=np.int64)}, "time has type"),
-        ({"time": claimed((10**15,))}, "cannot reshape"),
-        ({"time": claimed((-6,))}, "negative size"),
-        ({"time": b"\x93NUMPY\x03\x00" + bytes(60)}, "another version"),
+        ({"time": claimed((10**15,))}, "must be as large as its data"),
+        ({"time": claimed((-6,))}, "must be as large as its data"),
         ({"more": np.zeros(1)}, "must have"),
-        ({"description": described(b"{")}, "no JSON"),
         ({"description": described(b"[" * 100_000)}, "no JSON"),
         ({"description": described(b"9" * 2**21)}, "more than"),
-        ({"description": described(b'{"format": "jansen_env recording 1"}')}, "recording 1"),
-        ({"description": described(b'{"seed": NaN}')}, "NaN is no number"),
+        ({"description": described(b'{"format": "jansen_env recording 2"}')}, "recording 2"),
     ],
 )
 def test_other_files_are_refused(short, changed, message):
@@ -259,11 +257,27 @@ def test_other_files_are_refused(short, changed, message):
         Recording.from_bytes(rewritten(short, **changed))
 
 
+@pytest.mark.parametrize(
+    ("entry", "value", "message"),
+    [
+        ("torque_limit", np.nan, "torque_limit is nan"),
+        ("robot", {"format": "jansen_env robot 1", "is": "Leg", "side": "fore"}, "of a 'Leg'"),
+        ("energies", "motor_work", "must be a list"),
+        ("observed", [["one", "two", "three"]], "a name and a unit"),
+    ],
+)
+def test_other_descriptions_are_refused(short, entry, value, message):
+    with np.load(io.BytesIO(short.to_bytes())) as archive:
+        entries = json.loads(archive["description"].tobytes())
+    text = json.dumps({**entries, entry: value}).encode()
+    with pytest.raises(ValueError, match=message):
+        Recording.from_bytes(rewritten(short, description=described(text)))
+
+
 def test_numbers_of_pages_are_finite(short):
-    """Of any recording: of the largest and the smallest numbers, however they come together."""
+    """The largest and the smallest numbers overflow nothing, in any combination."""
     rng = np.random.default_rng(0)
     numbers = [0.0, 5e-324, 1e-9, 1.0, *(sign * recording.LARGEST for sign in (1.0, -1.0))]
-    reach = 1e3  # from which a robot may be anywhere
     for _ in range(50):
         drawn = {
             name: rng.choice(numbers, np.shape(getattr(short, name)))
@@ -272,37 +286,40 @@ def test_numbers_of_pages_are_finite(short):
         }
         drawn["time"] = np.cumsum(rng.choice([1.1e-9, 1.0, 1e3], 6))
         drawn["weight"] = np.maximum(np.abs(drawn["weight"]), 1e-9)
-        one = replace(short, scene={**short.scene, "reach": reach}, **drawn)
+        drawn["pose"][:, :2] = np.clip(drawn["pose"][:, :2], -1e8, 1e8)
         with np.errstate(over="raise", invalid="raise", divide="raise"):
-            page(one)
+            page(replace(short, **drawn))
+
+
+def refused_within(data, message, most):
+    """Check that a file is refused, and how much memory that takes."""
+    tracemalloc.start()
+    with pytest.raises(ValueError, match=message):
+        Recording.from_bytes(bytes(data))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < most
+
+
+def with_declared_size(data, name, size):
+    """An archive whose directory gives another size for one of its members."""
+    out, place = bytearray(data), data.rindex(f"{name}.npy".encode()) - 46
+    assert out[place : place + 4] == recording.DIRECTORY_ENTRY
+    out[place + 24 : place + 28] = size.to_bytes(4, "little")
+    return out
 
 
 def test_bombs_stay_small(short, tmp_path, monkeypatch):
     """What would unpack to too much is refused before it does, as is an endless directory."""
-    monkeypatch.setattr(recording, "MAX_UNPACKED", 2**22)
-    file = io.BytesIO()
-    with (
-        zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive,
-        archive.open("time.npy", "w", force_zip64=True) as member,
-    ):
-        for _ in range(64):
-            member.write(bytes(2**20))
     many = io.BytesIO()
     with zipfile.ZipFile(many, "w") as archive:
         for i in range(5000):
             archive.writestr(str(i), b"")
-    liar = bytearray(file.getvalue())  # that says it is small
-    place = liar.rindex(b"PK\x01\x02")
-    liar[place + 24 : place + 28] = (100).to_bytes(4, "little")
-    whole = rewritten(short, time=bytes(2**25))
-    tracemalloc.start()
-    for data in (file.getvalue(), many.getvalue(), bytes(liar), whole):
-        tracemalloc.reset_peak()
-        with pytest.raises(ValueError, match=r"\bits? "):
-            Recording.from_bytes(data)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < 2**23
+    refused_within(many.getvalue(), "more than 64 members", 2**21)
+    bomb = rewritten(short, time=claimed((2**22,)) + bytes(2**25))
+    refused_within(with_declared_size(bomb, "time", 100), "it is damaged", 2**21)
+    monkeypatch.setattr(recording, "MAX_UNPACKED", 2**22)
+    refused_within(bomb, "unpacks to more than", 2**21)
     large = tmp_path / "large.npz"
     with large.open("wb") as out:
         out.truncate(2**40)
@@ -312,16 +329,9 @@ def test_bombs_stay_small(short, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("packed", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
 def test_bombs_of_other_kinds_stay_packed(short, packed):
-    """Of these kinds zipfile unpacks all that it has read, however little is asked for."""
-    data = bytearray(rewritten(short, packed, reward=bytes(2**25)))
-    place = data.rindex(b"reward.npy") - 46  # in the directory, which says that it is small
-    data[place + 24 : place + 28] = (100).to_bytes(4, "little")
-    tracemalloc.start()
-    with pytest.raises(ValueError, match="packed in another way"):
-        Recording.from_bytes(bytes(data))
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < 2**20
+    """Of these kinds zipfile unpacks all that it has read, whatever size is asked for."""
+    bomb = rewritten(short, packed, reward=bytes(2**25))
+    refused_within(with_declared_size(bomb, "reward", 100), "packed in another way", 2**21)
 
 
 def test_damaged_files_are_refused_or_read(short):

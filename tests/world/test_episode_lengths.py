@@ -297,8 +297,7 @@ def test_recordings_have_the_robot_of_the_episode():
     for seed in (1, 2):
         _, info = env.reset(seed=seed)
         env.step(np.zeros(1, np.float32))
-        bodies = env.recording.robot["bodies"]
-        assert bodies[1]["length"] == pytest.approx(info["lengths"]["crank"], rel=1e-12)
+        assert env.recording.robot.crank.length == pytest.approx(info["lengths"]["crank"], rel=1e-12)
 
 
 def test_pictures_show_the_robot_of_the_episode():

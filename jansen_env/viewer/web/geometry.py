@@ -5,16 +5,15 @@ Colours, widths and meaning are those of :mod:`jansen_env.rendering`.
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.gravity import GRAVITY
-from jansen_env.rendering import Frame
+from jansen_env.rendering import Frame, depths_of, reach_of
 from jansen_env.robot import Robot
-from jansen_env.robot.kinematics import joint_positions, world_joints
+from jansen_env.robot.kinematics import world_joints
 from jansen_env.robot.linkage import CRANK, FRAME, Linkage
 
 Array = NDArray[np.float64]
@@ -24,40 +23,54 @@ TOUCHING = 1e-6  # of the robot's weight: the normal force from which a toe is o
 
 
 def scene_of(env: Any) -> dict[str, Any]:
-    """Scene of one robot's environment, of any task: what does not change while it moves.
+    """:func:`scene_of_robot` of one robot's environment, of any task, with its ``terrain``."""
+    inner = env.unwrapped
+    scene, frame = inner.scene(), inner.frame()
+    ground, robot = scene["terrain_points"], scene["robot"]
+    weight = float(getattr(inner, "weight", robot.mass * GRAVITY))
+    unit, fastest = scene.get("speed_unit", "m/s"), float(scene.get("speed_range", 1.0))
+    dt, limit = float(inner.control_dt), float(frame.torque_limit)
+    return {
+        **scene_of_robot(robot, weight, limit, unit, fastest, dt),
+        "terrain": None if ground is None else np.asarray(ground).tolist(),
+    }
+
+
+def scene_of_robot(
+    robot: Robot,
+    weight: float,
+    torque_limit: float,
+    speed_unit: str,
+    speed_range: float,
+    control_dt: float,
+) -> dict[str, Any]:
+    """Scene of a robot: what does not change while it moves.
 
     Returns:
         :func:`drawing_of` its linkage, and ``legs``: for each its ``side`` and ``depth`` (0 the
         nearest, 1 the farthest); ``toes``: leg and joint of each; ``padRadius`` m; ``reach`` m, of
         the farthest joint from the crank axis; ``weight`` N; ``payload``: ``mass`` kg and ``x``,
-        ``y`` m in the chassis frame, or None; ``terrain``: (n, 2) m, or None where the frame is
-        held in the air; ``torqueLimit`` N m; ``speedUnit`` and ``speedRange`` of the speed gauge;
-        ``controlDt`` s.
+        ``y`` m in the chassis frame, or None; ``torqueLimit`` N m; ``speedUnit`` and
+        ``speedRange`` of the speed gauge; ``controlDt`` s.
     """
-    inner = env.unwrapped
-    scene, frame = inner.scene(), inner.frame()
-    robot: Robot = scene["robot"]
-    turn = joint_positions(robot, "fore", np.linspace(-math.pi, math.pi, 180))
-    phases = [leg.phase % (2.0 * math.pi) for leg in robot.legs]
-    layers = sorted(set(phases))
-    depths = [layers.index(phase) / max(1, len(layers) - 1) for phase in phases]
-    load, ground = robot.payload, scene["terrain_points"]
-    sides = [leg.side for leg in robot.legs]
+    depths, load = depths_of(robot), robot.payload
     return {
-        "legs": [{"side": side, "depth": depth} for side, depth in zip(sides, depths, strict=True)],
+        "legs": [
+            {"side": leg.side, "depth": depth}
+            for leg, depth in zip(robot.legs, depths, strict=True)
+        ],
         "toes": [list(toe) for toe in robot.toes],
         **drawing_of(robot.linkage),
         "padRadius": float(robot.pad_radius),
-        "reach": float(np.hypot(turn[..., 0], turn[..., 1]).max()),
-        "weight": float(getattr(inner, "weight", robot.mass * GRAVITY)),
+        "reach": reach_of(robot),
+        "weight": weight,
         "payload": {"mass": load.mass, "x": load.position[0], "y": load.position[1]}
         if load.mass > 0.0
         else None,
-        "terrain": None if ground is None else np.asarray(ground).tolist(),
-        "torqueLimit": float(frame.torque_limit),
-        "speedUnit": scene.get("speed_unit", "m/s"),
-        "speedRange": float(scene.get("speed_range", 1.0)),
-        "controlDt": float(inner.control_dt),
+        "torqueLimit": torque_limit,
+        "speedUnit": speed_unit,
+        "speedRange": speed_range,
+        "controlDt": control_dt,
     }
 
 

@@ -44,7 +44,7 @@ def page(*recordings: Recording) -> str:
     if not 1 <= len(recordings) <= MOST_RECORDINGS:
         raise ValueError(f"there are {len(recordings)} recordings, must be 1 or 2")
     first = recordings[0]
-    if len(units := {one.scene["speedUnit"] for one in recordings}) > 1:
+    if len(units := {recording.speed_unit for recording in recordings}) > 1:
         raise ValueError(f"recordings have speeds in {sorted(units)}, must have them in one unit")
     labels = _labels(recordings)
     title = " and ".join(labels)
@@ -155,7 +155,7 @@ def _subtitle(recordings: tuple[Recording, ...]) -> str:
     """Events of a recording, each kind once."""
     told = []
     for one in recordings:
-        unit, commands = one.scene["speedUnit"], np.unique(one.command)
+        unit, commands = one.speed_unit, np.unique(one.command)
         least, most = commands[0], commands[-1]
         command = f"{least:.3g}" if least == most else f"{least:.3g} to {most:.3g}"
         arguments = ", ".join(f"{name}={shown(value)}" for name, value in one.env_kwargs.items())

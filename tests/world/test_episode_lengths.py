@@ -297,7 +297,8 @@ def test_recordings_have_the_robot_of_the_episode():
     for seed in (1, 2):
         _, info = env.reset(seed=seed)
         env.step(np.zeros(1, np.float32))
-        assert env.recording.robot.crank.length == pytest.approx(info["lengths"]["crank"], rel=1e-12)
+        length = env.recording.robot.crank.length
+        assert length == pytest.approx(info["lengths"]["crank"], rel=1e-12)
 
 
 def test_pictures_show_the_robot_of_the_episode():

@@ -7,7 +7,6 @@ import pytest
 
 from jansen_env import ROBOTS, Compliance, Leg, Payload, Robot, Terrain, paper_robot
 from jansen_env.dynamics import reduced as rd
-from jansen_env.plants.fixed_base import FixedBasePlant
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.robot import RIGID
 from jansen_env.robot.kinematics import coordinates, joint_positions
@@ -59,8 +58,8 @@ def walked(plant, speed, duration):
 
 def pinned(robot, psi=0.3, speed=0.0, time_step=1e-3, **arguments):
     """A plant whose chassis is held, its crank at an angle, rad, and a speed, rad/s."""
-    plant = FixedBasePlant(robot, time_step, **arguments)
-    plant.reset(psi, speed)
+    plant = ProjectionPlant(robot, Terrain.flat(), time_step, held=True, **arguments)
+    plant.state = shift(psi=psi, crank=speed)
     return plant
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from jansen_env.engine import mathematics
 from jansen_env.engine.actions import keep_actions
 from jansen_env.engine.kernel import Bools1, Floats1, Floats2, Ints1, Ints2, Singles2, kernel, stage
-from jansen_env.engine.records import floats, row_dtype
+from jansen_env.engine.records import Robots, floats, row_dtype
 
 START_ANGLE = math.pi  # rad, of the reference at time 0, as in the paper
 LOST = math.pi  # rad, tracking error at which an episode ends
@@ -56,23 +56,25 @@ def take_actions(
 
 @kernel
 def finish_step(
-    which: Ints1, states: Floats2, sums: Floats2, period: float, weights: Weights, rows: HeldRows,
-    own: Rows, reward: Floats1, terminated: Bools1, out: Singles2,
+    which: Ints1, states: Floats2, robots: Robots, torque: Floats1, period: float,
+    weights: Weights, rows: HeldRows, own: Rows, reward: Floats1, terminated: Bools1, out: Singles2,
 ) -> None:  # fmt: skip
-    """Reward the step of ``period`` seconds that led to ``states`` (n, 6), and describe it.
+    """Reward the step of ``period`` seconds that led to ``states`` (n, 8), and describe it.
 
     Args:
         which: (k,) robots that have taken it.
-        sums: (n, 5) see :func:`jansen_env.engine.runge_kutta.turn_each`.
+        robots: (n,) ROBOT of :mod:`jansen_env.engine.records`. torque: (n,) last asked for, N m.
         weights: (1,) of :data:`REWARD`. rows: (n,) of :data:`HELD_ROW`, own: (n,) of :data:`ROW`.
         reward, terminated: (n,). out: (n, 5) observations.
     """
     for r in which:
         rows[r].steps += 1.0
-        energy, work, loss, change = rows[r].energy, sums[r, 0], sums[r, 1], sums[r, 2]
-        energy.motor_work, energy.joint_loss, energy.electrical_work = work, loss, sums[r, 3]
+        energy, total = rows[r].energy, robots[r].accumulators
+        work, loss, change = total.motor_work, total.joint_loss, total.energy_change
+        energy.motor_work, energy.joint_loss = work, loss
+        energy.electrical_work = total.electrical_work
         energy.mechanical_energy_change, energy.residual = change, work - loss - change
-        rows[r].info.crank_torque = sums[r, 4]
+        rows[r].info.crank_torque = torque[r] + total.torque_impulse / period
         _describe(states[r], period, rows[r], own[r], out[r])
         term, error = own[r].reward, own[r].info.tracking_error
         term.tracking = weights[0].tracking / (1.0 + (error / TRACKING_WIDTH) ** 2)
@@ -88,7 +90,7 @@ def describe(
     """Write observations of robots ``which`` (k,) to ``out`` (n, 5), and information to both rows.
 
     Args:
-        states: (n, 6). period: s, of a step.
+        states: (n, 8). period: s, of a step.
     """
     for r in which:
         _describe(states[r], period, rows[r], own[r], out[r])
@@ -96,7 +98,7 @@ def describe(
 
 @stage
 def _describe(state, period, row, own, out):
-    info, angle, speed = own.info, state[0], state[1]
+    info, angle, speed = own.info, state[3], state[7]
     row.info.crank_angle, row.info.crank_speed = angle, speed
     info.tracking_error = info.speed_command * row.steps * period + START_ANGLE - angle
     out[0], out[1], out[2] = mathematics.cos(angle), mathematics.sin(angle), speed

@@ -12,6 +12,9 @@ Time step (Moreau and Jean): everything is evaluated at the middle, q + h v / 2;
 terms use the mean of the old and the new velocity (two passes), the viscous joint torque too
 (implicit midpoint); pads that touch at the middle get impulses P so that the velocity at the end of
 the step obeys Signorini's and Coulomb's laws. Second order while the contacts stay as they are.
+
+Of a held chassis the crank's equation alone remains, equation (12) of the paper, about the crank
+axis: k psi'' + k' psi'^2 / 2 = torque - f psi' + gravity . R c'. Nothing touches it.
 """
 
 from __future__ import annotations
@@ -176,7 +179,8 @@ def advance(
             asked = torque[r], earlier[r], switch[r], pushes[r : r + 1]
             traced = trace if r == 0 else trace[:0]
             while robot.status.steps_left > 0:
-                if not detect(state, robot, model, ground, world_row, planes):
+                held = robot.params.held
+                if not held and not detect(state, robot, model, ground, world_row, planes):
                     unknown = True
                     break
                 if robot.status.too_deep:
@@ -270,8 +274,8 @@ def _time_step(h, asked, torque, pushes, renewed, state, robot, model, planes, s
     x, y = state[0] + 0.5 * h * velocity.x, state[1] + 0.5 * h * velocity.y
     theta, psi = state[2] + 0.5 * h * velocity.pitch, state[3] + 0.5 * h * velocity.crank
     inertia = _read_inertia(h, params, model.body, psi, work.sums)
-    push = Push(0.0, 0.0, 0.0, 0.0)
-    if len(pushes) > 0:
+    weight, push = _weight(theta, inertia, params), Push(0.0, 0.0, 0.0, 0.0)
+    if len(pushes) > 0 and not params.held:
         push = _push(h, pushes[0, robot.status.step], theta, inertia, params)
     count, impact = find_contacts(
         h, (x, y, theta, psi), velocity, inertia, robot, model, planes, work
@@ -285,12 +289,13 @@ def _time_step(h, asked, torque, pushes, renewed, state, robot, model, planes, s
     if params.dry:
         friction = params.gear_friction + bearing_friction(model.bearings, psi)
     outcome = solve_velocities(
-        h, torque, friction, push, velocity, inertia, params, count, impact, wedged, contacts
-    )
+        h, torque, friction, weight, push, velocity, inertia, params, count, impact, wedged,
+        contacts,
+    )  # fmt: skip
     after, torque, dry = outcome.end, outcome.torque, outcome.dry
     if params.prescribed_speed:
         dry = -h * np.sign(velocity.crank) * friction
-        torque = _crank_torque(h, push, velocity, after, inertia, count, contacts) - dry / h
+        torque = _crank_torque(h, weight, push, velocity, after, inertia, count, contacts) - dry / h
     accumulate_step(
         h, torque, asked, dry, push, velocity, outcome, inertia, count, params, contacts,
         robot.accumulators,
@@ -324,8 +329,10 @@ def _read_inertia(h, params, body, psi, sums):
     pitch_slope = sums[FIRST, INERTIA] - 2.0 * m * (sx * dx + sy * dy)
     coupling = sums[VALUE, COUPLING] - m * (sx * dy - sy * dx)
     coupling_slope = sums[FIRST, COUPLING] - m * (sx * ddy - sy * ddx)
-    crank = sums[VALUE, CRANK] - m * (dx * dx + dy * dy)
-    crank_slope = sums[FIRST, CRANK] - 2.0 * m * (dx * ddx + dy * ddy)
+    crank, crank_slope = sums[VALUE, CRANK], sums[FIRST, CRANK]
+    if not params.held:
+        crank -= m * (dx * dx + dy * dy)
+        crank_slope -= 2.0 * m * (dx * ddx + dy * ddy)
     damping = sums[VALUE, DAMPING] + params.viscous_friction
     pitch += params.rotor_pitch
     coupling += params.rotor_coupling
@@ -335,10 +342,25 @@ def _read_inertia(h, params, body, psi, sums):
     m11, m12, m22 = crank_implicit / determinant, -coupling / determinant, pitch / determinant
     if params.prescribed_speed:  # nothing that acts on the robot changes the crank's speed
         m11, m12, m22 = 1.0 / pitch, 0.0, 0.0
+    if params.held:  # nothing changes the chassis' speed
+        m11, m12 = 0.0, 0.0
+        m22 = 0.0 if params.prescribed_speed else 1.0 / crank_implicit
     return Inertia(
         (sx, sy), (dx, dy), (ddx, ddy), pitch, pitch_slope, coupling, coupling_slope, crank,
         crank_slope, damping, m11, m12, m22,
     )  # fmt: skip
+
+
+@stage
+def _weight(theta, inertia, params):
+    """Gravity's force: on the centre of mass, or on the crank of a held chassis."""
+    gx, gy = params.gravity_x, params.gravity_y
+    if not params.held:
+        return Push(gx, gy, 0.0, 0.0)
+    cos, sin = mathematics.cos(theta), mathematics.sin(theta)
+    dx, dy = inertia.ds
+    torque = params.mass * (gx * (cos * dx - sin * dy) + gy * (sin * dx + cos * dy))
+    return Push(0.0, 0.0, 0.0, torque)
 
 
 @stage
@@ -354,12 +376,12 @@ def _push(h, impulse, theta, inertia, params):
 
 
 @stage
-def _crank_torque(h, push, velocity, after, inertia, count, contacts):
+def _crank_torque(h, weight, push, velocity, after, inertia, count, contacts):
     """The torque that a prescribed crank speed takes: what is left over in the crank's equation."""
     mean, mw = 0.5 * (velocity.crank + after.crank), 0.5 * (velocity.pitch + after.pitch)
     coupled = inertia.coupling * (after.pitch - velocity.pitch)
     torque = (coupled + inertia.crank * (after.crank - velocity.crank)) / h
-    torque = torque + inertia.damping * mean - push.crank
+    torque = torque + inertia.damping * mean - push.crank - weight.crank
     torque -= 0.5 * mw * mw * inertia.pitch_slope - 0.5 * mean * mean * inertia.crank_slope
     for i in range(2 * count):
         torque -= contacts.J[i, 3] * contacts.problem.P[i] / h

@@ -50,6 +50,7 @@ PARAMS = row_dtype(
         ("pad_radius", "f8"),  # m
         ("pitch_arm", "f8"),  # m, the farthest that a pad gets from the centre of mass
         ("crank_arm", "f8"),  # m, a pad's fastest motion against that per crank speed
+        ("held", "?"),  # whether the chassis stays where it is, and only the crank turns
         ("prescribed_speed", "?"),  # whether the crank keeps its speed whatever torque that takes
         # The motor, see :class:`jansen_env.robot.motor.Motor`; inertias it adds, kg m^2.
         ("rotor_pitch", "f8"),

@@ -51,7 +51,7 @@ class Outcome(NamedTuple):
 
 @stage
 def solve_velocities(
-    h, torque, friction, push, velocity, inertia, params, count, impact, wedged, contacts
+    h, torque, friction, weight, push, velocity, inertia, params, count, impact, wedged, contacts
 ):
     """The velocities at the end of a step; ``contacts`` gets its impulses and modes.
 
@@ -68,8 +68,8 @@ def solve_velocities(
     while True:
         held = dry and sliding == 0.0
         end, free, residual, used = _solve_step(
-            h, torque, sliding, held, friction, push, velocity, inertia, params, count, trial,
-            contacts,
+            h, torque, sliding, held, friction, weight, push, velocity, inertia, params, count,
+            trial, contacts,
         )  # fmt: skip
         if dry and not held and end.crank * velocity.crank <= 0.0:
             sliding = 0.0
@@ -123,8 +123,9 @@ def _next_trial(trial, asked, creates, excess):
 
 @stage
 def _solve_step(
-    h, torque, sliding, held, friction, push, velocity, inertia, params, count, trial, contacts
-):
+    h, torque, sliding, held, friction, weight, push, velocity, inertia, params, count, trial,
+    contacts,
+):  # fmt: skip
     """Velocities at the end of the step and without contacts, residual of the contact law, torque.
 
     The speed-dependent terms use the mean of the old and the new velocity.
@@ -137,7 +138,7 @@ def _solve_step(
         add_dry_friction(h, count, friction, inertia, contacts)
     problem, MJ = contacts.problem, contacts.MJ
     nw, nn, residual, from_contacts = w, n, 0.0, 0.0
-    ax, ay = params.gravity_x + push.x, params.gravity_y + push.y
+    ax, ay = weight.x + push.x, weight.y + push.y
     nx, ny = velocity.x + h * ax, velocity.y + h * ay
     free = Velocity(nx, ny, nw, nn)
     for _ in range(PASSES):
@@ -145,7 +146,7 @@ def _solve_step(
         pitch_force = -(mw * mn * inertia.pitch_slope + mn * mn * inertia.coupling_slope)
         crank_force = 0.5 * mw * mw * inertia.pitch_slope - 0.5 * mn * mn * inertia.crank_slope
         pitch_force += push.pitch
-        crank_force += push.crank - sliding
+        crank_force += weight.crank + push.crank - sliding
         if params.limited:
             used = motor_torque(
                 h, torque, n, from_contacts, pitch_force, crank_force, inertia, params

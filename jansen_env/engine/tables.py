@@ -151,7 +151,12 @@ def centre_of_mass(body, params, psi):
 
 @stage(inline=False)
 def to_centroid(body, params, state, sign, sums):
-    """Shift a state (8,) from the crank axis to the centre of mass (sign 1), or back (-1)."""
+    """Shift a state (8,) from the crank axis to the centre of mass (sign 1), or back (-1).
+
+    That of a held chassis stays: its equation is about the crank axis.
+    """
+    if params.held:
+        return
     read_sums(body, params, state[3], sums)
     m = params.mass
     sx = (sums[VALUE, C_X] + params.load_mass * params.load_x) / m

@@ -9,7 +9,7 @@ from typing_extensions import Unpack
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.typed import CrankArguments, JansenVectorEnv
-from jansen_env.plants.fixed_base import FixedBasePlant
+from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.tasks.crank import CrankTask
 
 
@@ -95,9 +95,10 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
         def __init__(self, **own: Unpack[CrankArguments]) -> None: ...
 
     @property
-    def plant(self) -> FixedBasePlant:
-        """The plant."""
-        return FixedBasePlant.of(self.task.world.plant)
+    def plant(self) -> ProjectionPlant:
+        """The plant, its chassis held."""
+        plant: ProjectionPlant = ProjectionPlant.of(self.task.world.plant)
+        return plant
 
     @property
     def reference(self) -> float:
@@ -107,7 +108,7 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
     def joint_forces(self) -> JointForces:
         """Return the forces in every joint now, under the last action's torque."""
         world = self.task.world
-        return world.plant.joint_forces(0, float(world.torque[0]))
+        return world.plant.joint_forces(float(world.torque[0]))
 
 
 JansenCrankVectorEnv: type[JansenVectorEnv] = JansenVectorEnv.of(JansenCrankEnv)

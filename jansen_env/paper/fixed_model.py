@@ -13,14 +13,16 @@ from numpy.typing import ArrayLike, NDArray
 from jansen_env.baselines.pid import PID
 from jansen_env.dynamics.joint_forces import joint_forces
 from jansen_env.dynamics.projection import Projection, project
-from jansen_env.plants.fixed_base import FixedBasePlant
+from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.robot import Robot
+from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
 
 START = math.pi  # rad, crank angle and reference at time 0
 DURATION = 10.0  # s
 SAMPLING = 0.01  # s, of the controller; the torque is held in between
+TIME_STEP = 1e-4  # s, of the integration
 SETTLED = 3.0  # s, from where on the motion is taken to be periodic
 
 
@@ -43,15 +45,14 @@ Advance = Callable[[float, float, float], tuple[float, float]]
 """(angle, speed, torque) at a sample -> (angle, speed) at the next."""
 
 
-def tables_advance(robot: Robot, time_step: float = SAMPLING) -> Advance:
-    """The compiled tables, Runge-Kutta's steps of ``time_step`` s, which divides SAMPLING."""
-    plant = FixedBasePlant(robot, time_step)
+def tables_advance(robot: Robot, time_step: float = TIME_STEP) -> Advance:
+    """The projection plant with its chassis held; ``time_step``, s, divides SAMPLING."""
+    plant = ProjectionPlant(robot, Terrain.flat(), time_step, held=True)
 
     def advance(angle: float, speed: float, torque: float) -> tuple[float, float]:
-        plant.reset(angle, speed)
+        plant.state = np.concatenate([crank_only(angle), crank_only(speed)])
         plant.step(torque, SAMPLING)
-        angle, speed = plant.state.tolist()
-        return angle, speed
+        return float(plant.state[3]), float(plant.state[7])
 
     return advance
 

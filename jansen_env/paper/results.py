@@ -105,7 +105,7 @@ def _run(duration: float) -> fixed_model.Run:
 def _ripple(robot: Robot, torque: float) -> free_walk.Ripple:
     """The second half of a run on a fixed base at a constant torque."""
     run = fixed_model.simulate(
-        fixed_model.tables_advance(robot, time_step=1e-3), lambda *_: torque, duration=RIPPLE
+        fixed_model.tables_advance(robot), lambda *_: torque, duration=RIPPLE
     )
     return free_walk.Ripple.of(run.speed[len(run.speed) // 2 :])
 

@@ -249,6 +249,12 @@ def check_state(value: Any, count: int = 8) -> Array:
     return state
 
 
+def check_held(state: ArrayLike) -> None:
+    """Raise ValueError if the chassis of a state (8,) moves."""
+    if np.asarray(state)[4:7].any():
+        raise ValueError(f"state is {state!r}, its chassis must not move: its base is fixed")
+
+
 def check_deflection(value: Any, pads: int) -> Array:
     """Return pads' deflection (pads, 2), m, or raise ValueError: shape, compression, bend."""
     deflection = numbers_of(value)

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.checks import positive
-from jansen_env.dynamics.joint_forces import JointForces
+from jansen_env.dynamics.joint_forces import JointForces, joint_forces
 from jansen_env.engine import integrator
 from jansen_env.engine.records import UNKNOWN_DEFLECTION, WORLD
 from jansen_env.engine.tables import energy
 from jansen_env.gravity import GRAVITY, Gravity
 from jansen_env.parameters import CHANGES
-from jansen_env.plants.base import check_pushes, check_time_step, divergence
+from jansen_env.plants.base import check_held, check_pushes, check_time_step, divergence
 from jansen_env.plants.detector import ContactDetector
 from jansen_env.plants.placing import PlacedRobots
 from jansen_env.plants.threads import Threads
@@ -52,6 +52,8 @@ class Batch(PlacedRobots):
         gravity: m/s^2 downwards, or a vector (x, y).
         detection_interval: time between two looks for the ground, s.
         threads: see :class:`jansen_env.plants.threads.Threads`.
+        held: whether all chassis stay where they are, as in the paper's fixed model: there is no
+            ground then, pushes do nothing, and robots are placed level, the axis at (x, 0).
 
     Attributes:
         designs: the kernels' tables of the robots.
@@ -82,9 +84,10 @@ class Batch(PlacedRobots):
         gravity: Gravity = GRAVITY,
         detection_interval: float = DETECTION_INTERVAL,
         threads: int | None = None,
+        held: bool = False,
     ) -> None:
-        self._arguments = (time_step, gravity, detection_interval, threads)
-        super().__init__(robots, terrains, gravity)
+        self._arguments = (time_step, gravity, detection_interval, threads, held)
+        super().__init__(robots, terrains, gravity, held)
         self.toes = len(robots[0].toes)
         self.accumulators = self.rows["accumulators"]
         self.deflection: Array = self.contact_statistics["deflection"]
@@ -190,6 +193,8 @@ class Batch(PlacedRobots):
             self.in_contact = in_contact
 
     def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
+        if self.held:
+            check_held(state)
         self.states[row] = state
         self.deflection[row] = UNKNOWN_DEFLECTION if deflection is None else deflection
         if row == 0:
@@ -310,6 +315,10 @@ class Batch(PlacedRobots):
         return lost
 
     def joint_forces(self, torque: float = 0.0, push: Array | None = None) -> JointForces:
+        if self.held:  # no impacts: forces at this instant
+            robot, (q, q_dot) = self.tables_in_force(0).robot, np.split(self.states[0], 2)
+            gravity = self.effective_gravity
+            return joint_forces(robot, q, q_dot, torque, fixed_base=True, gravity=gravity)
         pushes = None if push is None else check_pushes(push)[None, None]
         kept = self.tracing, self.trace, self.touchdowns
         self.tracing = True

@@ -29,7 +29,7 @@ from jansen_env.terrain import Terrain
 
 Ints = NDArray[np.int64]
 
-NOT_THE_ROBOT = "gravity_x", "gravity_y", "steepest", "design"
+NOT_THE_ROBOT = "gravity_x", "gravity_y", "steepest", "design", "held"
 """Numbers of a row that are not the robot's own."""
 
 
@@ -42,8 +42,9 @@ class BatchRobots:
     honours = HONOURED_BY_KERNELS
 
     def __init__(
-        self, robots: Sequence[Robot], terrains: Sequence[Terrain], gravity: Gravity
+        self, robots: Sequence[Robot], terrains: Sequence[Terrain], gravity: Gravity, held: bool
     ) -> None:
+        self.held = held
         self.robots, self.terrains = list(robots), list(terrains)
         if len(robots) != len(terrains) or not robots:
             raise ValueError(
@@ -61,6 +62,7 @@ class BatchRobots:
         self.nominal_params = np.concatenate([rows[id(robot)] for robot in robots])
         self.nominal_params["steepest"] = [terrain.steepest for terrain in terrains]
         self.nominal_params["design"] = self.designs.number
+        self.nominal_params["held"] = held
         values = [nominal(*pair) for pair in zip(robots, terrains, strict=True)]
         self.nominal = np.array(values, ROBOT_PARAMETERS)
         self.parameters = self.nominal.copy()

@@ -29,6 +29,11 @@ class PlacedRobots(BatchRobots):
 
     def _lower(self, rows: Ints, crank_angles: Array, x: float, pitch: float | None) -> None:
         """Lower robots (k,) onto their terrains, see ``Batch.place_at``."""
+        if self.held:
+            self.states[rows] = 0.0
+            self.states[rows, 0], self.states[rows, 3] = finite("x", x), crank_angles
+            self.states[rows, 2] = 0.0 if pitch is None else finite("pitch", pitch)
+            return
         places = np.full(len(rows), finite("x", x))
         pitches = np.full(len(rows), math.nan if pitch is None else finite("pitch", pitch))
         depths = np.zeros(len(rows))
@@ -69,10 +74,12 @@ class PlacedRobots(BatchRobots):
     def contact_frames(self, row: int) -> tuple[Array, Array]:
         """See :meth:`jansen_env.plants.base.BatchedPlant.contact_frames`."""
         centres, radius = self.pad_centres(row)[: self.toes], self.robots[row].pad_radius
-        self.detector.find_candidates(np.array([row]), self.states)
-        planes = self.detector.planes_near(row, centres)
         points = centres - np.array([0.0, radius])
         tangents = np.tile([1.0, 0.0], (self.toes, 1))
+        if self.held:
+            return points, tangents
+        self.detector.find_candidates(np.array([row]), self.states)
+        planes = self.detector.planes_near(row, centres)
         for plane in planes[::-1]:  # a pad's nearest comes last
             pad, normal = plane["pad"], np.array([plane["normal_x"], plane["normal_y"]])
             points[pad] = centres[pad] - radius * normal

@@ -25,10 +25,9 @@ class ProjectionPlant(PlantOfOne[Batch]):
         time_step: float = TIME_STEP,
         gravity: Gravity = GRAVITY,
         detection_interval: float = DETECTION_INTERVAL,
+        held: bool = False,
     ) -> None:
-        super().__init__(
-            Batch([robot], [terrain], time_step, gravity, detection_interval, threads=1)
-        )
+        super().__init__(Batch([robot], [terrain], time_step, gravity, detection_interval, 1, held))
 
     @property
     def detection_interval(self) -> float:

@@ -28,7 +28,13 @@ from jansen_env.engine.records import ROBOT, UNKNOWN_DEFLECTION
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.parameters import ROBOT_PARAMETERS, nominal, take_load
 from jansen_env.plants import bodies as links
-from jansen_env.plants.base import check_legs, check_pushes, check_time_step, divergence
+from jansen_env.plants.base import (
+    check_held,
+    check_legs,
+    check_pushes,
+    check_time_step,
+    divergence,
+)
 from jansen_env.plants.bodies import CHASSIS, SHAFT
 from jansen_env.plants.body_space import BodySpace
 from jansen_env.plants.geared_rotor import GearedRotor
@@ -208,8 +214,8 @@ class RigidBodyBatch:
     def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
         """Close the joints in a state (8,); without ``deflection`` (pads, 2), m, bristles rest."""
         state = np.asarray(state, dtype=float)
-        if self.fixed_base and state[4:7].any():
-            raise ValueError(f"state is {state!r}, its chassis must not move: its base is fixed")
+        if self.fixed_base:
+            check_held(state)
         self._build(state)
         if deflection is not None and self._springs is not None:
             self._memory = self._space.state, self.in_contact, deflection[:, 1]

@@ -60,13 +60,13 @@ class CrankTask(CompiledTask):
     def step_arguments(self) -> tuple[Any, ...]:
         world = self.world
         return (
-            world.plant.rows, world.plant.sums, self.control_dt, self._weights, world.rows,
-            self.rows, self.reward, self.terminated, self.observation,
+            world.plant.states, world.plant.rows, world.torque, self.control_dt, self._weights,
+            world.rows, self.rows, self.reward, self.terminated, self.observation,
         )  # fmt: skip
 
     def describe_arguments(self) -> tuple[Any, ...]:
         world = self.world
-        return world.plant.rows, self.control_dt, world.rows, self.rows, self.observation
+        return world.plant.states, self.control_dt, world.rows, self.rows, self.observation
 
     def scene(self, row: int) -> dict[str, Any]:
         """Return the arguments of the renderer."""

@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 
 from jansen_env.checks import whole_number
 from jansen_env.engine import crank_tracking
-from jansen_env.engine.runge_kutta import DIVERGED
+from jansen_env.engine.integrator import DIVERGED
 from jansen_env.parameters import LONGEST_DELAY
-from jansen_env.plants.base import check_state
-from jansen_env.plants.fixed_base import FixedBaseBatch
+from jansen_env.plants.base import check_held, check_state
+from jansen_env.plants.batch import Batch
 from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
 from jansen_env.robot.motor import IDEAL, Motor
+from jansen_env.terrain import Terrain
 from jansen_env.uniform import uniform
 from jansen_env.world import argument_checks as arguments
 from jansen_env.world.actuated import ActuatedRobots, Draw
@@ -72,7 +73,8 @@ class HeldRobots(ActuatedRobots):
             machine.delay,
         )  # fmt: skip
         self.reset_noise_scale = machine.reset_noise_scale
-        self.plant = FixedBaseBatch(robot, num_envs, self.time_step)
+        ground = [Terrain.flat()] * num_envs
+        self.plant = Batch(self.robots, ground, self.time_step, threads=threads, held=True)
         self.lengths = EpisodeLengths(self.robots, machine.randomize, machine.observe_lengths)
         if self.lengths.values is not None:
             self.groups["lengths"] = self.lengths.values
@@ -113,7 +115,8 @@ class HeldRobots(ActuatedRobots):
         factors = self.lengths.factors
         seeds = [int(rng.integers(2**63)) if factors[row] else None for row, rng, _ in each]
         self.exchange(self._plan_robots(each, seeds))
-        self.plant.states[rows] = [start[:2] for start in drawn]
+        self.plant.place(rows, np.array([start[0] for start in drawn]))
+        self.plant.states[rows, 7] = [start[1] for start in drawn]
         self.begin_delay(rows, np.array([start[2] for start in drawn]))
         self._clear_episode(rows)
         self.truncated[rows] = False
@@ -150,14 +153,14 @@ class HeldRobots(ActuatedRobots):
         """Hold torques for ``control_dt`` seconds, see ``World``."""
         plant = self.plant
         self._take_actions(actions, active)
-        plant.step(self.torque, self.steps, self.earlier, self.switch)
-        finish(active.nonzero()[0])
-        if meanwhile is not None:
-            meanwhile()
+        moved = active.nonzero()[0]
+        plant.step(
+            self.torque, self.steps, self.earlier, self.switch, moved, meanwhile, finish=finish
+        )
         if plant.any_diverged or self._any_truncated:
             self._truncate(plant.diverged & active)
         if self.arrays and active[0]:  # the one robot
-            loads = plant.joint_forces(0, float(self.torque[0]))
+            loads = plant.joint_forces(float(self.torque[0]))
             self.arrays["joint_force_max"][0] = loads.largest()[0]
 
     def checked(self, row: int, changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -175,9 +178,11 @@ class HeldRobots(ActuatedRobots):
 
     def checked_state(self, row: int, state: Mapping[str, Any]) -> dict[str, Any]:
         """Return a state ready for ``restore``, see ``World``."""
+        plant = check_state(state["plant"])
+        check_held(plant)
         return {
             **super().checked_state(row, state),
-            "plant": check_state(state["plant"], 2),
+            "plant": plant,
             "steps": whole_number("state['steps']", state["steps"], MOST_STEPS),
         }
 
@@ -185,7 +190,7 @@ class HeldRobots(ActuatedRobots):
         """Go on from a state of :meth:`checked_state`."""
         one = np.array([row])
         self.exchange(state["builds"])
-        self.plant.states[row] = state["plant"]
+        self.plant.set_state(row, state["plant"])
         self.begin_delay(one, np.array([state["delay"]]), state["asked"])
         self._clear_episode(one, state["action"], state["steps"])
 
@@ -195,11 +200,11 @@ class HeldRobots(ActuatedRobots):
 
     def frame(self, row: int, command: float | None) -> Frame:
         """Return the picture data of a robot as it stands."""
-        angle, speed = self.plant.states[row].tolist()
+        state = self.plant.states[row]
         none = np.zeros((len(self.robots[row].toes), 2))
         return Frame(
-            q=np.array([0.0, 0.0, 0.0, angle]), contact_point=none, contact_tangent=none,
-            contact_force=none, slipping=none[:, 0] > 0.0, command=command, speed=speed,
+            q=state[:4].copy(), contact_point=none, contact_tangent=none,
+            contact_force=none, slipping=none[:, 0] > 0.0, command=command, speed=float(state[7]),
             torque=float(self.torque[row]), torque_limit=float(self.full_torque[row]),
             time=float(self.rows[row]["steps"]) * self.control_dt,
         )  # fmt: skip

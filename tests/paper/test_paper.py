@@ -83,13 +83,15 @@ def test_projection_and_tables_agree(results):
 
     dense = fixed_model.simulate_pid(advance)
     for name in ("angle", "speed", "torque"):
-        assert np.abs(getattr(dense, name) - getattr(results.run, name)).max() <= 1e-11, name
+        assert np.abs(getattr(dense, name) - getattr(results.run, name)).max() <= 5e-9, name
 
 
 def test_time_step_of_the_fixed_model(results):
-    """A tenth of the step moves the angle by less than 1e-9 rad: Runge-Kutta's h^4, h = 0.01."""
-    fine = fixed_model.simulate_pid(fixed_model.tables_advance(paper_robot(), time_step=1e-3))
-    assert np.abs(fine.angle - results.run.angle).max() <= 1e-9
+    """A tenth of the step moves the angle by less than 1e-9 rad; ten times the step, by h^2."""
+    for factor, most in ((0.1, 1e-9), (10.0, 5e-8)):
+        step = factor * fixed_model.TIME_STEP
+        other = fixed_model.simulate_pid(fixed_model.tables_advance(paper_robot(), step))
+        assert np.abs(other.angle - results.run.angle).max() <= most
 
 
 def test_torque_level(judged, results):

@@ -41,7 +41,7 @@ def test_observation_is_the_documented_table(env):
     env.reset(seed=1, options={"speed_command": -2.5})
     for k in range(1, 30):
         obs, *_, info = env.step(np.array([-0.6], np.float32))
-        psi, n = env.unwrapped.plant.state
+        psi, n = env.unwrapped.plant.state[[3, 7]]
         error = math.pi - 2.5 * k * 0.01 - psi
         expected = np.array([math.cos(psi), math.sin(psi), n, error, -2.5], np.float32)
         assert obs == pytest.approx(expected, abs=1e-6) and obs.dtype == np.float32
@@ -101,8 +101,10 @@ def test_states_that_are_none():
     state = env.get_state()
     with pytest.raises(ValueError, match=r"state lacks \['action', 'steps'\]"):
         env.set_state({k: v for k, v in state.items() if k not in ("steps", "action")})
-    with pytest.raises(ValueError, match="must be 2 finite numbers"):
-        env.set_state({**state, "plant": np.zeros(8)})
+    with pytest.raises(ValueError, match="must be 8 finite numbers"):
+        env.set_state({**state, "plant": np.zeros(2)})
+    with pytest.raises(ValueError, match="must not move: its base is fixed"):
+        env.set_state({**state, "plant": np.ones(8)})
 
 
 @pytest.mark.parametrize("action", [-2.0, -0.3, 0.0, 0.7, 1.0, 5.0])
@@ -140,7 +142,7 @@ def test_losing_the_reference_ends_the_episode(direction):
 
 
 def test_energy_balances_in_every_step():
-    """Motor work = the other entries (1e-12), residual below 1e-9 J, over random hard torque."""
+    """Motor work = the other entries (1e-12), residual below 1e-7 J, over random hard torque."""
     env = JansenCrankEnv()
     env.reset(seed=0)
     rng = np.random.default_rng(1)
@@ -151,11 +153,11 @@ def test_energy_balances_in_every_step():
         parts = ("joint_loss", "mechanical_energy_change", "residual")
         assert set(energy) == {"motor_work", "electrical_work", *parts}
         assert energy["motor_work"] == pytest.approx(sum(energy[p] for p in parts), abs=1e-12)
-        assert abs(energy["residual"]) < 1e-9 and energy["joint_loss"] >= 0.0
+        assert abs(energy["residual"]) < 1e-7 and energy["joint_loss"] >= 0.0
         work, miss = work + abs(energy["motor_work"]), miss + abs(energy["residual"])
         if terminated:
             env.reset()
-    assert work > 5.0 and miss < 1e-8 * work
+    assert work > 5.0 and miss < 1e-6 * work
 
 
 def test_joint_forces(env):
@@ -200,10 +202,10 @@ def test_every_design_turns(robot):
     env = JansenCrankEnv(robot=robot, control_dt=0.02, time_step=5e-4, speed_command=2.0)
     start = env.reset(seed=0)[1]["crank_angle"]
     for _ in range(200):
-        error, speed = env.task.rows["info"]["tracking_error"][0], env.plant.state[1]
+        error, speed = env.task.rows["info"]["tracking_error"][0], env.plant.state[7]
         share = np.clip((20.0 * error + 2.0 * (2.0 - speed)) / env.torque_limit, -1.0, 1.0)
         _, _, terminated, _, info = env.step(np.array([share]))
-        assert not terminated and abs(info["energy"]["residual"]) < 1e-6
+        assert not terminated and abs(info["energy"]["residual"]) < 5e-6
     assert info["crank_angle"] - start == pytest.approx(200 * 0.02 * 2.0, abs=1.0)
     assert env.metadata["render_fps"] == 50
 

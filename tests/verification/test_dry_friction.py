@@ -66,7 +66,7 @@ def test_it_breaks_away_at_friction_and_weight(sign, measured):
     def fixed(torque):
         plant = pinned(tables.robot, 1.0)
         plant.step(torque, 0.01)
-        return plant.state[0] != 1.0
+        return plant.state[3] != 1.0
 
     def free(torque):
         plant = placed(tables.robot, state=shift(y=5.0, pitch=0.1, psi=1.0), gravity=0.0)
@@ -90,18 +90,18 @@ def test_a_free_crank_stops_in_time(measured):
     plant = pinned(robot, 0.3, 0.01, gravity=0.0)
     k = float(body_sums(tables, 0.3).k)
     times, stop = 0, k * 0.01 / TORQUE
-    while plant.state[1] > 0.0:
+    while plant.state[7] > 0.0:
         plant.step(0.0, 1e-3)
         times += 1
     measured("fixed base: time to stop off k n / F", abs(times * 1e-3 - stop), 1.1e-3, "s")
     turned = 0.5 * k * 0.01**2 / TORQUE
-    measured("fixed base: angle to stop", abs(plant.state[0] - 0.3 - turned) / turned, 1e-7)
+    measured("fixed base: angle to stop", abs(plant.state[3] - 0.3 - turned) / turned, 1e-7)
     light = replace(SMOOTH, motor=GEAR)
-    plant = pinned(light, 0.3, 6.0, gravity=0.0)
+    plant = pinned(light, 0.3, 6.0, 2.5e-4, gravity=0.0)
     energy = plant.energy()
     result = plant.step(0.0, 10.0)
-    assert plant.state[1] == 0.0
-    share = TORQUE * (plant.state[0] - 0.3) / energy
+    assert plant.state[7] == 0.0
+    share = TORQUE * (plant.state[3] - 0.3) / energy
     measured("fixed base: F psi off the energy lost", abs(share - 1.0), 1e-7)
     measured("fixed base: joint loss off it", abs(result.joint_loss / energy - 1.0), 1e-7)
 
@@ -132,12 +132,12 @@ def test_bearings_hold_and_stop_it_as_the_gear_does(measured):
     plant = pinned(robot, 0.3, 5.0, 5e-4)
     missed = turned = 0.0
     for _ in range(300):
-        before = plant.state[0]
+        before = plant.state[3]
         result = plant.step(0.0, 0.01)
         missed += abs(result.energy_residual)
-        turned += abs(plant.state[0] - before)
-    assert plant.state[1] == 0.0 and turned > 0.5
-    measured("bearings, fixed base: energy unaccounted for", missed, 1e-11, "J")
+        turned += abs(plant.state[3] - before)
+    assert plant.state[7] == 0.0 and turned > 0.5
+    measured("bearings, fixed base: energy unaccounted for", missed, 5e-6, "J")
     before = plant.state
     plant.step(0.0, 10.0)
     assert (plant.state == before).all()

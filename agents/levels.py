@@ -19,10 +19,11 @@ from tabulate import tabulate
 from jansen_env.baselines.policy import Policy
 from jansen_env.commands.flags import non_negative_int, parse_policies, policy_parser, positive_int
 from jansen_env.commands.named_policies import load_all
-from jansen_env.commands.robustness import Scores, plot, table
+from jansen_env.commands.plots import Sweeps, plot_sweeps
+from jansen_env.commands.robustness import by_condition
 from jansen_env.files import write_json, write_text
 from jansen_env.scoring.benchmarks import ENOUGH, WORLD, succeeded
-from jansen_env.scoring.metrics import INTERVALS, pooled, proportion_with_interval
+from jansen_env.scoring.metrics import INTERVALS, pooled, proportion_with_interval, score_table
 from jansen_env.scoring.rollout import make_env, run_episodes
 from jansen_env.terrain.generators import HIGHEST
 
@@ -96,7 +97,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Score, draw, print."""
     args = parse(arguments)
     out = Path(args.out)
-    scores: Scores = {LEVEL: {}}
+    scores: Sweeps = {LEVEL: {}}
     given = args.levels, args.episodes, args.seed, args.commands
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -105,15 +106,17 @@ def main(arguments: list[str] | None = None) -> None:
                 for level, own in score_levels(policy, args.env, env_kwargs, *given).items():
                     scores[LEVEL].setdefault(level, {})[name] = own
     except (OSError, ValueError) as error:
-        args.error(str(error))
+        args.parser.error(str(error))
     write_json(out / "levels.json", scores)
-    plot(scores, METRICS, out / "levels.png")
+    plot_sweeps(scores, METRICS, out / "levels.png")
     note = (
         f"{args.episodes} episodes at each level of {args.env}, seed {args.seed}; success: no fall "
         f"and at least {ENOUGH:g} of the commanded distance; {INTERVALS}."
     )
     successes = success_table(scores[LEVEL])
-    tables = f"Success:\n\n{successes}\n\nAll scores:\n\n{table(scores, METRICS)}"
+    tables = (
+        f"Success:\n\n{successes}\n\nAll scores:\n\n{score_table(METRICS, by_condition(scores))}"
+    )
     command = shlex.join(["python", "-m", "agents.levels", *(arguments or sys.argv[1:])])
     head = f"# {args.env} by terrain level\n\n`{command}`: {note}\n\n![Scores](levels.png)"
     write_text(out / "levels.md", f"{head}\n\n{tables}\n")

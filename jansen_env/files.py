@@ -1,4 +1,4 @@
-"""Files written atomically, folders that are a user's own, and the removal of unused ones."""
+"""Files written atomically, and regular files to read."""
 
 from __future__ import annotations
 
@@ -8,11 +8,9 @@ import json
 import os
 import re
 import secrets
-import shutil
 import stat
 import tempfile
-import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -84,56 +82,11 @@ def write_json(path: str | Path, value: Any) -> Path:
     return write_text(path, text + "\n")
 
 
-def writable(folder: Path) -> bool:
-    """Whether a folder can be written to: it is made, and a file in it, which is removed again."""
+def check_writable(name: str, folder: Path) -> None:
+    """Make a folder, and a file in it, which is removed again. Raises ValueError: it cannot be."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=folder, prefix=PART)
-        try:
-            os.write(handle, b"0")
-        finally:
-            os.close(handle)
-            os.unlink(name)
+        with tempfile.NamedTemporaryFile(dir=folder, prefix=PART) as file:
+            file.write(b"0")
     except OSError:
-        return False
-    return True
-
-
-def own_folder(folder: Path) -> Path:
-    """Make a folder whose files no other user but root can change; return its real path.
-
-    All folders above it count, but those with the sticky bit. The folder must not be a link. In a
-    container root's own folders may appear as those of the root folder's owner. On Windows
-    nothing is checked: permissions are not in a file's mode there.
-
-    Raises:
-        OSError: it cannot be made. ValueError: others could change its files; says where.
-    """
-    for place in reversed([place for place in (folder, *folder.parents) if not place.exists()]):
-        place.mkdir(0o700 if place == folder else 0o755, exist_ok=True)
-    real = Path(os.path.realpath(folder.parent)) / folder.name
-    if not stat.S_ISDIR(real.lstat().st_mode):
-        raise ValueError(f"{real} is a link or a file, must be a folder")
-    if hasattr(os, "geteuid"):
-        ours = {0, os.geteuid()}
-        above = ours | {Path(real.anchor).lstat().st_uid}
-        for place in (*reversed(real.parents), real):
-            status = place.lstat()
-            if status.st_uid not in (ours if place == real else above):
-                raise ValueError(f"{place} belongs to user {status.st_uid}, must be ours or root's")
-            sticky = place != real and status.st_mode & stat.S_ISVTX
-            if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH) and not sticky:
-                # Files in the folder itself may be theirs already.
-                way = "remove it" if place == real else "'chmod go-w' would end that"
-                raise ValueError(f"others can write to {place} ({way})")
-        with contextlib.suppress(OSError):  # some file systems know no modes
-            real.chmod(0o700)  # or what is made in there could be open to others, by the umask
-    return real
-
-
-def remove_unused(paths: Iterable[Path], seconds: float) -> None:
-    """Remove the folders that were last changed more than ``seconds`` ago."""
-    for path in paths:
-        with contextlib.suppress(OSError):  # gone already, or not ours
-            if time.time() - path.stat().st_mtime > seconds:
-                shutil.rmtree(path, ignore_errors=True)
+        raise ValueError(f"{name} is {folder}, must be a folder that can be written to") from None

@@ -14,7 +14,7 @@ from pathlib import Path
 from jansen_env.commands.flags import robot_parser
 from jansen_env.drawings.machine import machine
 from jansen_env.drawings.sheets import drawings
-from jansen_env.files import writable, write_text
+from jansen_env.files import check_writable, write_text
 from jansen_env.robot.robot_file import write_robot
 from jansen_env.world.settings import load_robot
 
@@ -23,8 +23,8 @@ SHEET = "2000x1000"  # mm, a common stock size
 
 def _sheet(text: str) -> complex:
     """Size of a sheet, mm."""
-    found = re.fullmatch(r"(\d{1,5}(?:\.\d+)?)x(\d{1,5}(?:\.\d+)?)", text)
-    size = complex(*map(float, found.groups())) if found else 0j
+    match = re.fullmatch(r"(\d{1,5}(?:\.\d+)?)x(\d{1,5}(?:\.\d+)?)", text)
+    size = complex(*map(float, match.groups())) if match else 0j
     if not size.real * size.imag:
         raise argparse.ArgumentTypeError(f"is {text}, must be WIDTHxHEIGHT in mm, such as {SHEET}")
     return size
@@ -42,22 +42,16 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--as-robot-file", type=Path, metavar="FILE",
                         help="also write the machine that would be cut, to simulate it"
                         )  # fmt: skip
-    found = parser.parse_args(arguments)
-    name = Path(found.robot).stem
-    out = Path(name) if found.out is None else found.out
-    try:
-        robot = load_robot("ROBOT", found.robot)
-        files, said = drawings(robot, name, found.sheet)
+    args = parser.parse_args(arguments)
+    name = Path(args.robot).stem
+    out = args.out or Path(name)
+    with parser.refusing():
+        robot = load_robot("ROBOT", args.robot)
+        files, summary = drawings(robot, name, args.sheet)
         cut = machine(robot)
-    except ValueError as error:
-        parser.error(str(error))
-    if not writable(out):
-        parser.error(f"--out is {out}, must be a folder that can be written to")
-    try:
+        check_writable("--out", out)
         for file, text in files.items():
             write_text(out / file, text)
-        if found.as_robot_file:
-            write_robot(found.as_robot_file, cut)
-    except OSError as error:
-        parser.error(f"{error.filename} cannot be written: {error.strerror}")
-    print(f"{said}\nwritten: {out}")
+        if args.as_robot_file:
+            write_robot(args.as_robot_file, cut)
+    print(f"{summary}\nwritten: {out}")

@@ -8,20 +8,19 @@ import re
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
-from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from jansen_env.baselines.policy import Policy
 from jansen_env.commands.film import (
+    FRAME_TIME,
     Progress,
     check_suffix,
     film,
     play,
     save_video,
     stack,
-    steps_per_frame,
 )
 from jansen_env.commands.flags import parse_policies, policy_parser, positive_int
 from jansen_env.commands.named_policies import default_policy, label, load_all
@@ -63,11 +62,11 @@ def episodes(policy: Policy, env: Any, args: argparse.Namespace) -> Iterator[Pro
 def show(policy: Policy, env: Any, args: argparse.Namespace) -> bool:
     """Play in a window until it is closed; return False at once if there is no display."""
     moments = episodes(policy, env, args)
-    first = next(moments)
+    next(moments)
     if env.unwrapped.window_closed:
         return False
     print(f"{label(args.policy[0])} on {args.env} in a window; close it to end", flush=True)
-    for _ in chain([first], moments):
+    for _ in moments:
         pass
     return True
 
@@ -75,20 +74,20 @@ def show(policy: Policy, env: Any, args: argparse.Namespace) -> bool:
 def record(policies: dict[str, Policy], args: argparse.Namespace, path: Path) -> None:
     """Film the episodes; policies, by title, one above the other from the same starts."""
     with ExitStack() as made:
-        new = partial(make_env, args.env, args.env_kwargs, render_mode="rgb_array")
-        envs: list[Any] = [made.enter_context(closing(new())) for _ in policies]
-        every, titled = steps_per_frame(path, envs[0]), len(policies) > 1
-        shown = [(env, policy, title if titled else None)
-                 for env, (title, policy) in zip(envs, policies.items(), strict=True)]  # fmt: skip
-        frames = (
-            frame
+        shown: list[tuple[Any, Policy, str | None]] = [
+            (made.enter_context(closing(make_env(args.env, args.env_kwargs,
+                                                 render_mode="rgb_array"))),
+             policy, title if len(policies) > 1 else None)
+            for title, policy in policies.items()
+        ]  # fmt: skip
+        dt = shown[0][0].unwrapped.control_dt
+        every = max(1, round(FRAME_TIME[path.suffix] / dt))
+        films = (
+            stack([film(env, episode(policy, env, args, number, title), every, title)
+                   for env, policy, title in shown])
             for number in range(args.episodes)
-            for frame in stack([
-                film(env, episode(policy, env, args, number, title), every, title)
-                for env, policy, title in shown
-            ])
         )  # fmt: skip
-        save_video(frames, path, every * envs[0].unwrapped.control_dt)
+        save_video(chain.from_iterable(films), path, every * dt)
     print(f"written: {path}")
 
 
@@ -124,10 +123,8 @@ def prepare(args: argparse.Namespace) -> dict[str, Policy]:
 def main(arguments: list[str] | None = None) -> None:
     """Show a policy, or film it."""
     args = parse(arguments)
-    try:
+    with args.parser.refusing():
         policies = prepare(args)
-    except ValueError as error:
-        args.error(str(error))
     title, *others = policies
     if args.video is None and not others and display():
         with closing(make_env(args.env, args.env_kwargs, render_mode="human")) as env:
@@ -136,7 +133,5 @@ def main(arguments: list[str] | None = None) -> None:
     path = Path(args.video or f"{args.env}_{re.sub('[/ :]', '_', '_'.join(policies))}.mp4")
     why = "" if args.video or others else "no display to open a window on: "
     print(f"{why}filming {' and '.join(policies)} on {args.env} to {path} ...", flush=True)
-    try:
+    with args.parser.refusing():
         record(policies, args, path)
-    except OSError as error:
-        args.error(str(error))

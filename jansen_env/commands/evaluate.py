@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from textwrap import fill
 
 from jansen_env.commands import robustness
 from jansen_env.commands.flags import parse_policies, policy_parser, positive_int
-from jansen_env.commands.named_policies import load_all
-from jansen_env.commands.plots import write_scores
-from jansen_env.files import writable
+from jansen_env.commands.named_policies import Loaded, load_all
+from jansen_env.commands.plots import Sweeps, write_files, write_scores
+from jansen_env.files import check_writable
 from jansen_env.scoring.benchmarks import WALKERS, find_benchmark
 from jansen_env.scoring.evaluation import Scores, evaluate
+from jansen_env.scoring.metrics import INTERVALS, score_table
+
+WRITTEN_NOWHERE = "--all prints them, --out DIR writes them"
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -49,27 +53,50 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 def main(arguments: list[str] | None = None) -> None:
     """Score, draw, print; nothing is written before all arguments are checked."""
     args = parse(arguments)
-    benchmark, out = find_benchmark(args.env), args.out
-    try:
+    out: Path | None = args.out
+    name = "robustness" if args.robustness else "scores"
+    with args.parser.refusing():
         loaded = load_all(args, args.commands)
-        if out and not writable(out):  # before the work, not after it
-            raise ValueError(f"--out is {out}, must be a folder that can be written to")
-        if args.robustness:
-            print(robustness.report(loaded, args.env, args.episodes, args.seed, out, args.all))
-            return
-    except ValueError as error:
-        args.error(str(error))
+        if out:
+            check_writable("--out", out)  # before the work
+        text = _robustness(args, loaded) if args.robustness else _scores(args, loaded)
+    intervals = f"{fill(INTERVALS, 80)}\n" if args.all else ""
+    where = f"{out}/{name}.md, {name}.json, {name}.png" if out else WRITTEN_NOWHERE
+    print(f"{text}\n\n{intervals}all scores: {where}")
+
+
+def _scores(args: argparse.Namespace, loaded: Loaded) -> str:
+    """Score by command, and with drawn commands."""
     scores, drawn = Scores(args.env), Scores(args.env)
     for policies, env_kwargs in loaded:
         scores |= evaluate(policies, args.env, env_kwargs, args.commands, args.episodes, args.seed)
         if count := args.random_commands:
             drawn |= evaluate(policies, args.env, env_kwargs, None, count, args.seed, drawn=True)
-    if out:
-        write_scores(scores, out, drawn)
-    grid = " ".join(f"{command:g}" for command in args.commands)
-    print(f"commands {grid} {benchmark.command_unit}, episodes at each {args.episodes}, "
-          f"seed {args.seed}\n\n{scores.table(args.all)}")  # fmt: skip
+    if args.out:
+        write_scores(scores, args.out, drawn)
+    grid, unit = " ".join(f"{c:g}" for c in args.commands), find_benchmark(args.env).command_unit
+    text = (f"commands {grid} {unit}, episodes at each {args.episodes}, seed {args.seed}\n\n"
+            f"{scores.table(args.all)}")  # fmt: skip
     if drawn:
-        print(f"\n{count} episodes with commands drawn from the environment's range:\n\n"
-              f"{drawn.table(args.all)}")  # fmt: skip
-    print(f"\n{robustness.where(args.all, out, 'scores')}")
+        text += (f"\n\n{count} episodes with commands drawn from the environment's range:\n\n"
+                 f"{drawn.table(args.all)}")  # fmt: skip
+    return text
+
+
+def _robustness(args: argparse.Namespace, loaded: Loaded) -> str:
+    """Score over friction and foot stiffness."""
+    sweeps: Sweeps = {}
+    for policies, env_kwargs in loaded:
+        more = robustness.score(policies, args.env, env_kwargs, args.episodes, args.seed)
+        for sweep, conditions in more.items():
+            for condition, scores in conditions.items():
+                sweeps.setdefault(sweep, {}).setdefault(condition, {}).update(scores)
+    metrics = {name: find_benchmark(args.env).metrics[name] for name in robustness.METRICS}
+    table = score_table(metrics, robustness.by_condition(sweeps))
+    if args.out:
+        write_files(args.out / "robustness", sweeps, table, sweeps, metrics)
+    slow = {plant: n for plant, n in robustness.FEWER.items() if plant in args.plant}
+    fewer = "".join(f" (on {plant} 1/{n} of that)" for plant, n in slow.items())
+    shown = table if args.all else robustness.return_table(sweeps)
+    return (f"{args.episodes} episodes under each condition{fewer}, commands drawn from the "
+            f"environment's range, seed {args.seed}\n\n{shown}")  # fmt: skip

@@ -17,17 +17,15 @@ from jansen_env.scoring.benchmarks import find_benchmark
 
 FRAME_TIME = {".gif": 0.08, ".mp4": 0.02}  # s from one frame to the next
 GIF_WIDTH, GIF_COLOURS = 480, 32
-TITLE_PLACE, TITLE_COLOUR = (24, 42), GROUND_TEXT  # pixels from the lower left corner
-TITLE_SIZE, TITLE_WIDTH, TITLE_GAP = 30, 190, 30  # pixels: letters; a title, at least; behind it
+TITLE_LEFT, TITLE_HEIGHT = 24, 42  # pixels, from the lower left corner
+TITLE_SIZE, TITLE_WIDTH, TITLE_GAP = 30, 190, 30  # pixels: letters; least of a title; behind it
 
 Picture = NDArray[np.uint8]
 
 
 class Progress(NamedTuple):
-    """Steps and return of an episode so far, and whether it ended early.
-
-    Of a walker also the distance walked and the slip of all toes together, m.
-    """
+    """Steps and return of an episode so far, and whether it ended early; of a walker also the
+    distance walked and the slip of all toes together, m."""
 
     steps: int
     returned: float
@@ -54,29 +52,29 @@ def play(policy: Policy, env: Any, command: float, seed: int) -> Iterator[Progre
 def film(
     env: Any, moments: Iterable[Progress], every: int, title: str | None = None
 ) -> Iterator[Picture]:
-    """Give a frame of one in ``every`` moments, and of a failure; a title is written into it, with
-    how far a walker has come and its toes have slid."""
+    """Give a frame of one in ``every`` moments, and of a failure, with a title if there is one."""
     for moment in moments:
         if moment.steps % every == 0 or moment.failed:
             yield env.render() if title is None else _titled(env.render(), title, moment)
 
 
 def _titled(frame: Picture, title: str, moment: Progress) -> Picture:
+    """A frame with a title, and with how far a walker has come and its toes have slid."""
     from PIL import Image, ImageDraw, ImageFont
 
     image = Image.fromarray(frame)
-    draw, (x, y) = ImageDraw.Draw(image), (TITLE_PLACE[0], frame.shape[0] - TITLE_PLACE[1])
-    font, text = ImageFont.load_default(TITLE_SIZE), ""
+    draw, y, text = ImageDraw.Draw(image), image.height - TITLE_HEIGHT, ""
     if moment.slipped is not None and moment.walked is not None:
         end = "then fell" if moment.failed else f"toes slid {1e3 * moment.slipped:.0f} mm"
         text = f"{moment.walked:.2f} m walked, {end}"
-    room = frame.shape[1] - 2 * x - TITLE_GAP - draw.textlength(text, font)
-    share = min(1.0, room / draw.textlength(title, font))  # of a long title's letters
+    font = ImageFont.load_default(TITLE_SIZE)
+    room = image.width - 2 * TITLE_LEFT - TITLE_GAP - draw.textlength(text, font)
+    share = min(1.0, room / draw.textlength(title, font))  # letters of a long title are smaller
     title_font = ImageFont.load_default(TITLE_SIZE * share)
-    draw.rectangle((0, y + 2, *frame.shape[1::-1]), GROUND)  # over the marks of the ground
-    draw.text((x, y), title, TITLE_COLOUR, title_font)
+    draw.rectangle((0, y + 2, *image.size), GROUND)  # over the marks of the ground
+    draw.text((TITLE_LEFT, y), title, GROUND_TEXT, title_font)
     behind = max(TITLE_WIDTH, round(draw.textlength(title, title_font)) + TITLE_GAP)
-    draw.text((x + behind, y), text, SLIP, font)
+    draw.text((TITLE_LEFT + behind, y), text, SLIP, font)
     return np.asarray(image)
 
 
@@ -95,22 +93,16 @@ def check_suffix(path: str | Path) -> str:
     return suffix
 
 
-def steps_per_frame(path: str | Path, env: Any) -> int:
-    """Return how many control steps a file's kind of video has from one frame to the next."""
-    return max(1, round(FRAME_TIME[Path(path).suffix] / env.unwrapped.control_dt))
-
-
 def save_video(frames: Iterable[Picture], path: str | Path, frame_time: float) -> None:
     """Write frames (height, width, 3), of one even size, as they come, as an endless .gif or .mp4.
 
     Raises:
         ValueError: no frames, or another suffix.
     """
-    suffix = check_suffix(path)
+    write = _write_mp4 if check_suffix(path) == ".mp4" else _write_gif
     first = next(frames := iter(frames), None)
     if first is None:
-        raise ValueError(f"{path} with 0 frames, must be {list(FRAME_TIME)} with some")
-    write = _write_mp4 if suffix == ".mp4" else _write_gif
+        raise ValueError(f"{path} has 0 frames, must have some")
     write_whole(path, lambda name: write(chain([first], frames), name, frame_time))
 
 
@@ -127,17 +119,17 @@ def _write_mp4(frames: Iterable[Picture], name: str, frame_time: float) -> None:
 def _write_gif(frames: Iterable[Picture], name: str, frame_time: float) -> None:
     from PIL import Image
 
-    small = (
-        Image.fromarray(frame).resize(
-            (GIF_WIDTH, round(GIF_WIDTH * frame.shape[0] / frame.shape[1])),
-            Image.Resampling.LANCZOS,
-        )
-        for frame in frames
-    )
-    first: Image.Image = next(small)
-    # One palette for all, or still parts would flicker; this one keeps a toe's few red pixels.
+    def small(frame: Picture) -> Image.Image:
+        size = GIF_WIDTH, round(GIF_WIDTH * frame.shape[0] / frame.shape[1])
+        return Image.fromarray(frame).resize(size, Image.Resampling.LANCZOS)
+
+    first = small(next(frames := iter(frames)))
+    # One palette for all keeps still parts from flickering; this one keeps a toe's few red pixels.
     palette = first.quantize(GIF_COLOURS, Image.Quantize.MAXCOVERAGE, kmeans=3)
-    first, *others = (
-        image.quantize(palette=palette, dither=Image.Dither.NONE) for image in chain([first], small)
+    pictures = (
+        image.quantize(palette=palette, dither=Image.Dither.NONE)
+        for image in chain([first], map(small, frames))
     )
-    first.save(name, save_all=True, append_images=others, duration=1e3 * frame_time, loop=0)
+    next(pictures).save(
+        name, save_all=True, append_images=pictures, duration=1e3 * frame_time, loop=0
+    )

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
@@ -26,6 +27,16 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: error: {message}\n{self.format_usage()}")
+
+    @contextmanager
+    def refusing(self) -> Iterator[None]:
+        """Report a ValueError or OSError of the work within as a wrong argument."""
+        try:
+            yield
+        except OSError as error:
+            self.error(f"{error.filename}: {error.strerror or error}")
+        except ValueError as error:
+            self.error(str(error))
 
 
 def env_id(text: str) -> str:
@@ -54,7 +65,7 @@ def positive_int(text: str, low: int = 1) -> int:
     try:
         value = float(text)
     except ValueError:
-        value = math.nan
+        value = -1.0
     if not (low <= value <= MAX_STEPS and value.is_integer()):
         raise argparse.ArgumentTypeError(
             f"{text!r} is not allowed, must be a whole number from {low} to {MAX_STEPS}"
@@ -67,7 +78,7 @@ non_negative_int = partial(positive_int, low=0)
 
 def robot_parser(
     prog: str, description: str | None, metavar: str, out: str, *examples: str
-) -> argparse.ArgumentParser:
+) -> Parser:
     """Return a parser of a robot and of ``--out``, which is ``out`` by default."""
     parser = Parser(prog, description, *examples)
     parser.add_argument("robot", metavar="ROBOT", help=f"{', '.join(ROBOTS)}; or a robot file")
@@ -82,9 +93,9 @@ def policy_parser(
     default: str = DEFAULT,
     required: bool = False,
     plants: bool = False,
-) -> argparse.ArgumentParser:
+) -> Parser:
     """Return a parser with the flags of policies and their environment."""
-    named = "; ".join(f"{one}: {', '.join(own.baselines)}" for one, own in BENCHMARKS.items())
+    named = "; ".join(f"{name}: {', '.join(b.baselines)}" for name, b in BENCHMARKS.items())
     parser = Parser(prog, description, *examples)
     add = parser.add_argument
     add("--policy", action="append", default=[], required=required, metavar="NAME",
@@ -102,12 +113,10 @@ def policy_parser(
     return parser
 
 
-def parse_policies(
-    parser: argparse.ArgumentParser, arguments: list[str] | None, flag: str
-) -> argparse.Namespace:
+def parse_policies(parser: Parser, arguments: list[str] | None, flag: str) -> argparse.Namespace:
     """Parse a command line of :func:`policy_parser`, whose commands are given by ``flag``."""
     args = parser.parse_args(arguments)
     if (option := find_benchmark(args.env).option) in args.env_kwargs:
         parser.error(f"{option} in --env-kwargs has no effect here, must be in {flag}")
-    args.error = parser.error
+    args.parser = parser
     return args

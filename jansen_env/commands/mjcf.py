@@ -15,12 +15,10 @@ def main(arguments: list[str] | None = None) -> None:
         "jansen-env mjcf", __doc__, "FILE", "standard output",
         "jansen-env mjcf built --out built.xml", "jansen-env mjcf robot.json",
     )  # fmt: skip
-    found = parser.parse_args(arguments)
-    try:
-        text = to_mjcf(load_robot("ROBOT", found.robot), Terrain.flat())
-        if found.out is not None:
-            write_text(found.out, text)
-    except (OSError, ValueError) as error:
-        parser.error(str(error))
-    if found.out is None:
+    args = parser.parse_args(arguments)
+    with parser.refusing():
+        text = to_mjcf(load_robot("ROBOT", args.robot), Terrain.flat())
+        if args.out is not None:
+            write_text(args.out, text)
+    if args.out is None:
         print(text, end="")

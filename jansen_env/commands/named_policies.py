@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from jansen_env.baselines.policy import Policy
 from jansen_env.baselines.profile import load_profile
@@ -19,25 +20,33 @@ ALIASES = {"pid-paper": "pid", "pretrained": f"pretrained:{pretrained.DEFAULT}"}
 SHIPPED = "pretrained:"  # before the name of a policy that comes with the package
 SEARCHED = "profile:"  # before the file of a profile that a search has found
 
+Loaded: TypeAlias = list[tuple[dict[str, Policy], dict[str, Any]]]
+"""Policies by label, and the environment's arguments, for each plant."""
+
 
 def default_policy(env_id: str) -> str:
-    """Return the name of an environment's own policy, or else of its first baseline."""
-    own = pretrained.names(env_id)
-    return "pretrained" if own else next(iter(find_benchmark(env_id).baselines))
+    """Return the name of an environment's trained policy, or else of its first baseline."""
+    trained = pretrained.names(env_id)
+    return "pretrained" if trained else next(iter(find_benchmark(env_id).baselines))
 
 
 def load_named(name: str, env: Any) -> Policy:
-    """Load a policy for ``env``: a baseline, ``"pretrained"`` or ``"pretrained:NAME"``, a searched
-    profile ``"profile:FILE"``, or that of a run's folder or of the file of a model or policy; a
-    ValueError where it does not fit."""
-    env_id, own, path = env.spec.id, ALIASES.get(name, name), Path(name)
+    """Load a policy for ``env``.
+
+    ``name``: a baseline, ``"pretrained"``, ``"pretrained:NAME"``, a searched profile
+    ``"profile:FILE"``, a run's folder, or the file of a model or policy.
+
+    Raises:
+        ValueError: there is none of this name, or it does not fit the environment.
+    """
+    env_id, full_name, path = env.spec.id, ALIASES.get(name, name), Path(name)
     baselines = find_benchmark(env_id).baselines
-    if own in baselines:
-        return baselines[own](env.unwrapped)
-    if own.startswith(SHIPPED):
-        path = pretrained.shipped(env_id, own.removeprefix(SHIPPED))
-    elif own.startswith(SEARCHED):
-        return load_profile(own.removeprefix(SEARCHED), "found").policy(env.unwrapped)
+    if full_name in baselines:
+        return baselines[full_name](env.unwrapped)
+    if full_name.startswith(SHIPPED):
+        path = pretrained.shipped(env_id, full_name.removeprefix(SHIPPED))
+    elif full_name.startswith(SEARCHED):
+        return load_profile(full_name.removeprefix(SEARCHED), "found").policy(env.unwrapped)
     elif not path.exists():
         raise ValueError(
             f"policy is {name!r}, no run's folder, model's zip file or policy's json file: must be "
@@ -81,33 +90,33 @@ def label(name: str) -> str:
 
 
 def labels(names: list[str]) -> list[str]:
-    """Return :func:`label` of each policy, or the given names where two would share one; a
-    ValueError where a policy is given twice."""
+    """Return :func:`label` of each policy, or the given names where two would share one.
+
+    Raises:
+        ValueError: a policy is given twice.
+    """
     policies = [model_file(name) or ALIASES.get(name, name) for name in names]
     for policy, name in zip(policies, names, strict=True):
         if (times := policies.count(policy)) > 1:
             raise ValueError(f"policy {name!r} is given {times} times, must be once")
     short = [label(name) for name in names]
-    return [name if short.count(own) > 1 else own for name, own in zip(names, short, strict=True)]
+    return [a if short.count(b) > 1 else b for a, b in zip(names, short, strict=True)]
 
 
-def load_all(
-    args: argparse.Namespace, commands: Sequence[float] = ()
-) -> list[tuple[dict[str, Policy], dict[str, Any]]]:
+def load_all(args: argparse.Namespace, commands: Sequence[float] = ()) -> Loaded:
     """Return for each plant the policies by label, and the environment's arguments.
 
     Raises:
         ValueError: a policy, an argument or one of the commands is not allowed.
     """
     names = dict(zip(labels(args.policy), args.policy, strict=True))
-    loaded = []
+    loaded: Loaded = []
     for plant in dict.fromkeys(getattr(args, "plant", ())) or [None]:
         env_kwargs = args.env_kwargs if plant is None else {**args.env_kwargs, "plant": plant}
         suffix = "" if plant is None else f" on {plant}"
-        env = make_env(args.env, env_kwargs)
-        policies = {own + suffix: load_named(name, env) for own, name in names.items()}
-        for command in commands:
-            env.reset(options={find_benchmark(args.env).option: command})
-        env.close()
+        with closing(make_env(args.env, env_kwargs)) as env:
+            policies = {short + suffix: load_named(name, env) for short, name in names.items()}
+            for command in commands:
+                env.reset(options={find_benchmark(args.env).option: command})
         loaded.append((policies, env_kwargs))
     return loaded

@@ -18,13 +18,13 @@ PORT = 8765
 HAND = "hand"  # in place of a policy
 
 
-def parser() -> argparse.ArgumentParser:
-    """The command line."""
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
+    """Parse the command line."""
     policies = sorted({name for env_id in ENVIRONMENTS for name in pretrained.names(env_id)})
-    found = Parser("jansen-env play", "Walk a robot on a page, by hand or by command.",
-                   "jansen-env play --env JansenWalkerRough-v0 --level 4",
-                   "jansen-env play --robot klann --terrain stairs")  # fmt: skip
-    add = found.add_argument
+    parser = Parser("jansen-env play", "Walk a robot on a page, by hand or by command.",
+                    "jansen-env play --env JansenWalkerRough-v0 --level 4",
+                    "jansen-env play --robot klann --terrain stairs")  # fmt: skip
+    add = parser.add_argument
     add("--env", default=ENVIRONMENTS[0], choices=ENVIRONMENTS,
         help=f"environment id; default: {ENVIRONMENTS[0]}")  # fmt: skip
     add("--robot", choices=ROBOTS, help="default: the environment's")
@@ -41,27 +41,22 @@ def parser() -> argparse.ArgumentParser:
         help=f"of the page; default: {PORT}, 0 for any that is free")  # fmt: skip
     add("--bench-file", metavar="PATH",
         help="write the bench, the page to design on, as one HTML file, and end")  # fmt: skip
-    add("--web", action="store_true", help=argparse.SUPPRESS)  # once beside a window
-    return found
+    args = parser.parse_args(arguments)
+    if not 0 <= args.port < 2**16:
+        parser.error(f"--port is {args.port}, must be from 0 to {2**16 - 1}")
+    args.parser = parser
+    return args
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Serve the page until the user ends the program."""
-    command_line = parser()
-    args = command_line.parse_args(arguments)
-    if not 0 <= args.port < 2**16:
-        command_line.error(f"--port is {args.port}, must be from 0 to {2**16 - 1}")
-    if args.bench_file:
-        try:
+    args = parse(arguments)
+    with args.parser.refusing():
+        if args.bench_file:
             print(write_bench(args.bench_file))
-        except OSError as error:
-            command_line.error(f"--bench-file is {args.bench_file}: {error.strerror}")
-        return
-    try:
+            return
         control = BY_HAND if args.policy == HAND else args.policy
         session = Session(args.env, args.robot, args.terrain, args.level, control, args.seed)
-    except ValueError as error:
-        command_line.error(str(error))
     from jansen_env.play.server import serve
 
     def tell(address: str) -> None:
@@ -72,7 +67,7 @@ def main(arguments: list[str] | None = None) -> None:
         asyncio.run(serve(session, args.port, tell, str(args.host)))
     except OSError as error:
         name = "port" if error.errno in (errno.EADDRINUSE, errno.EACCES) else "host"
-        command_line.error(
+        args.parser.error(
             f"--{name} is {getattr(args, name)}, must be one that can be used: "
             f"{error.strerror or error}"
         )

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import matplotlib
 
@@ -12,88 +13,84 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from jansen_env.files import write_json, write_text, write_whole
-from jansen_env.scoring.benchmarks import Benchmark, find_benchmark
+from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.evaluation import Scores
 from jansen_env.scoring.metrics import INTERVALS, Metric, score_table, tabled
 
-LEAST = 1e-4  # at which a logarithmic axis shows all that is less: rigid feet may not slip at all
+LEAST = 1e-4  # shown for all that is less on a logarithmic axis: rigid feet may not slip at all
+
+Sweeps: TypeAlias = dict[str, dict[str, dict[str, dict[str, Any]]]]
+"""Result of :func:`jansen_env.scoring.metrics.pooled` by sweep, condition and policy."""
 
 
 def write_scores(scores: Scores, folder: Path, drawn: Scores | None = None) -> None:
     """Write scores.json, .md and .png; ``drawn``: those of drawn commands, if any."""
-    benchmark, both = find_benchmark(scores.env_id), dict(scores)
+    benchmark = find_benchmark(scores.env_id)
     text = score_table(benchmark.metrics, scores, "metric")
     if drawn:
-        both = {name: {**own, "drawn": drawn[name]} for name, own in scores.items()}
         text += f"\n\nDrawn commands:\n\n{score_table(benchmark.metrics, drawn, 'metric')}"
-    write_json(folder / "scores.json", both)
-    write_text(folder / "scores.md", f"{text}\n\n{INTERVALS}\n")
-    plot_scores(benchmark, scores, folder / "scores.png")
+        both = {name: {**summary, "drawn": drawn[name]} for name, summary in scores.items()}
+    sweep = {f"command ({benchmark.command_unit})": by_command(scores)}
+    metrics = {name: m for name, m in tabled(benchmark.metrics).items() if m.axis}
+    write_files(folder / "scores", both if drawn else scores, text, sweep, metrics)
 
 
-def plot_scores(benchmark: Benchmark, scores: dict[str, dict[str, Any]], path: str | Path) -> Path:
-    """Draw each metric against the command, a line per policy with its 95 % interval; with one
-    command a point per policy instead, side by side."""
-    shown = {name: metric for name, metric in tabled(benchmark.metrics).items() if metric.axis}
-    columns = (len(shown) + 1) // 2
-    figure, axes = plt.subplots(2, columns, figsize=(12, 6.4), layout="constrained", sharex=True)
+def write_files(
+    stem: Path, scores: object, table: str, sweeps: Sweeps, metrics: dict[str, Metric]
+) -> None:
+    """Write scores as JSON, their table as Markdown and their figure, named ``stem``."""
+    write_json(stem.with_suffix(".json"), scores)
+    write_text(stem.with_suffix(".md"), f"{table}\n\n{INTERVALS}\n")
+    plot_sweeps(sweeps, metrics, stem.with_suffix(".png"))
+
+
+def by_command(scores: Scores) -> dict[str, dict[str, dict[str, Any]]]:
+    """Return scores as a sweep over the commands."""
     commands = next(iter(scores.values()))["by_command"]["return"]["command"]
-    single = len(commands) == 1
-    for axis, (name, metric) in zip(axes.flat, shown.items(), strict=False):
-        for i, (policy, summary) in enumerate(scores.items()):
-            rows = summary["by_command"][name]
-            intervals = [rows[key] for key in ("value", "low", "high")]
-            if single:
-                value, low, high = (_drawable(part, metric.axis) for part in intervals)
-                spread = np.nan_to_num(np.maximum([value - low, high - value], 0.0))
-                axis.errorbar([i], value, spread, fmt="o", capsize=4, color=f"C{i}", label=policy)
-            else:
-                draw_curve(axis, metric, commands, intervals, policy)
+    return {
+        f"{command:g}": {
+            policy: {"overall": {name: [row["value"][k], row["low"][k], row["high"][k]]
+                                 for name, row in summary["by_command"].items()}}
+            for policy, summary in scores.items()
+        }
+        for k, command in enumerate(commands)
+    }  # fmt: skip
+
+
+def plot_sweeps(sweeps: Sweeps, metrics: dict[str, Metric], path: Path) -> Path:
+    """Draw a panel per metric and sweep, a line per policy with 95 % intervals."""
+    rows, columns = len(metrics), len(sweeps)
+    if columns == 1:
+        rows, columns = 2, (len(metrics) + 1) // 2
+    figure, axes = plt.subplots(rows, columns, figsize=(3.8 * columns, 2.7 * rows),
+                                layout="constrained", squeeze=False)  # fmt: skip
+    panels = [*product(metrics.items(), sweeps.items())]
+    for axis, ((name, metric), (sweep, conditions)) in zip(axes.flat, panels, strict=False):
+        for i, policy in enumerate(next(iter(conditions.values()))):
+            scores = [policies[policy]["overall"][name] for policies in conditions.values()]
+            places = np.arange(len(scores)) if len(scores) > 1 else [0.1 * i]
+            _draw_curve(axis, metric, places, np.array(scores, float).T, policy)
         axis.set_title(metric.heading, fontsize=11)
-        finish_panel(axis, metric)
-        if single:
-            axis.set_xticks([])
-            axis.margins(x=0.3)
-    for axis in axes.flat[len(shown) :]:
+        axis.set_xlabel(sweep)
+        axis.set_xticks(range(len(conditions)), conditions)
+        axis.grid(alpha=0.3)
+    for axis in axes.flat[len(panels) :]:
         axis.remove()
-        axes[0, -1].xaxis.set_tick_params(labelbottom=True)  # which now is the lowest of its column
-    legend_above(figure, axes.flat[0])
-    at = f" {commands[0]:g} {benchmark.command_unit}" if single else f", {benchmark.command_unit}"
-    figure.supxlabel(f"command{at}", fontsize=11)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=min(len(labels), 4))
     return save(figure, path)
 
 
-def draw_curve(axis: Any, metric: Metric, x: Any, intervals: Any, label: str) -> None:
+def _draw_curve(axis: Any, metric: Metric, x: Any, intervals: Any, label: str) -> None:
     """Draw a metric over ``x`` (n,): ``intervals`` (3, n) are values, lower and upper ends."""
-    value, low, high = (_drawable(part, metric.axis) for part in intervals)
-    line = axis.plot(x, value, marker="o", markersize=4, label=label)[0]
-    if metric.axis == "fraction":  # whose bands would cover one another
-        axis.vlines(x, low, high, color=line.get_color(), alpha=0.4)
-    else:
-        axis.fill_between(x, low, high, color=line.get_color(), alpha=0.18)
-
-
-def finish_panel(axis: Any, metric: Metric) -> None:
-    """Set scale and grid of a metric's panel, once its curves are drawn."""
-    if metric.axis == "log" and np.isfinite(axis.dataLim.get_points()[:, 1]).all():
+    if metric.axis == "log":
+        intervals = np.maximum(intervals, LEAST)
         axis.set_yscale("log")
     elif metric.axis == "fraction":
         axis.set_ylim(-0.03, 1.03)
-    axis.grid(alpha=0.3)
-
-
-def legend_above(figure: Any, axis: Any) -> None:
-    """Put the labels of a panel's curves above the whole figure."""
-    handles, labels = axis.get_legend_handles_labels()
-    columns = min(len(labels), 4)  # more would not fit
-    figure.legend(handles, labels, loc="outside upper center", ncols=columns, frameon=False)
-
-
-def _drawable(values: Any, axis: str) -> Any:
-    """Return numbers to draw: NaN for what is none; on a logarithmic axis at least LEAST."""
-    numbers = np.array(values, float)
-    numbers[~np.isfinite(numbers)] = np.nan
-    return np.maximum(numbers, LEAST) if axis == "log" else numbers
+    value, low, high = intervals
+    spread = np.nan_to_num(np.maximum([value - low, high - value], 0.0))
+    axis.errorbar(x, value, spread, fmt="o-", markersize=4, elinewidth=0.8, capsize=2, label=label)
 
 
 def save(figure: Any, path: str | Path) -> Path:

@@ -59,18 +59,15 @@ def main(arguments: list[str] | None = None) -> None:
     """Record, and write recordings and page."""
     args = parse(arguments)
     out = Path(args.out)
-    try:
+    with args.parser.refusing():
         named = zip(args.policy, labels(args.policy), strict=True)
         made = [record(name, label[-LONGEST_NAME:], args) for name, label in named]
-        saved = [Recording.load(path) for path in args.recording]
-        content = page(*made, *saved)  # or nothing is written
-        names = [re.sub("[^A-Za-z0-9._-]", "_", one.label) for one in made]
-        paths = [out.with_name(f"{out.stem}_{name}.npz") for name in names]
-        if len({*paths}) < len(paths):  # labels differ in other characters alone
-            paths = [path.with_stem(f"{path.stem}_{i}") for i, path in enumerate(paths, start=1)]
-        written = [one.save(path) for one, path in zip(made, paths, strict=True)]
+        content = page(*made, *map(Recording.load, args.recording))  # before anything is written
+        names = [re.sub("[^A-Za-z0-9._-]", "_", recording.label) for recording in made]
+        if len({*names}) < len(names):  # labels differ in other characters alone
+            names = [f"{name}_{i}" for i, name in enumerate(names, start=1)]
+        written = [recording.save(out.with_name(f"{out.stem}_{name}.npz"))
+                   for recording, name in zip(made, names, strict=True)]  # fmt: skip
         written.append(write_text(out, content))
-    except (OSError, ValueError) as error:
-        args.error(str(error))
     for path in written:
         print(f"written: {path} ({path.stat().st_size / 1000:.0f} kB)")

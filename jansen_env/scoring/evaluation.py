@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jansen_env.baselines.policy import Policy
 from jansen_env.checks import instance, positive_integer, whole_number
@@ -44,7 +45,7 @@ def evaluate(
     policies: Mapping[str, Policy], env_id: str = DEFAULT,
     env_kwargs: dict[str, Any] | None = None,
     commands: Sequence[float] | None = None, episodes: int = 10, seed: int = 0,
-    drawn: bool = False,
+    drawn: bool = False, options: dict[str, NDArray[Any]] | None = None,
 ) -> Scores:  # fmt: skip
     """Score policies, by name, on the same episodes, each with a different start.
 
@@ -54,6 +55,7 @@ def evaluate(
         commands: speeds or goals; None for the benchmark's own grid. drawn: whether they are drawn
             from the environment's whole range instead.
         episodes: per command, or of ``drawn`` ones in all. seed: of commands and starts.
+        options: of each episode's reset, (n,) by name.
 
     Returns:
         For each policy :func:`jansen_env.scoring.metrics.summarise`, or with ``drawn``
@@ -74,7 +76,7 @@ def evaluate(
         seeds = FIRST_SEED + seed * len(command) + np.arange(len(command))
     summary = pooled if drawn else summarise
     for name, policy in policies.items():
-        run = run_episodes(policy, env_id, env_kwargs, command, seeds)
+        run = run_episodes(policy, env_id, env_kwargs, command, seeds, options=options)
         raw = {key: values.tolist() for key, values in run.items()}
         scores[name] = {**summary(benchmark.metrics, run, env, seed), "raw": raw}
     env.close()

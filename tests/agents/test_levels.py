@@ -56,7 +56,9 @@ def test_scores_by_level_are_written(tmp_path, capsys):
     ]
     assert rows[0] == ["level", "pid", "profile", "any of them"]
     assert [row[0] for row in rows[1:3]] == ["0", "9"]
-    assert [row[0] for row in rows[4:]] == [f"{k}, {p}" for k in "09" for p in ("pid", "profile")]
+    assert [row[0] for row in rows[4:]] == [
+        f"terrain level {k}, {p}" for k in "09" for p in ("pid", "profile")
+    ]
     found = json.loads((tmp_path / "levels.json").read_text())["terrain level"]
     assert set(found) == {"0", "9"} and set(found["9"]) == {"pid", "profile"}
     assert (tmp_path / "levels.png").stat().st_size > 10_000

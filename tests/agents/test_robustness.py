@@ -33,9 +33,8 @@ def test_feet_are_scaled():
 def test_conditions_are_what_they_are_called(few):
     """On the same starts: at its own friction and feet a robot walks as it does without."""
     env_id, plain = "JansenWalker-v0", {}
-    env = make_env(env_id, SHORT)
-    policies = {"pid": load_named("pid", env)}
-    scores = robustness.score([(policies, SHORT)], env_id, 8)
+    policies = {"pid": load_named("pid", make_env(env_id, SHORT))}
+    scores = robustness.score(policies, env_id, SHORT, 8, 0)
     for sweep, (other, own) in (("friction", ("0.3", "0.8")), (robustness.FEET, ("20", "rigid"))):
         plain[sweep] = scores[sweep][own]["pid"]
         assert plain[sweep]["overall"]["return"] != scores[sweep][other]["pid"]["overall"]["return"]
@@ -64,5 +63,6 @@ def test_robustness_command(few, tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "| friction 0.3 " in printed and "[" not in printed
     table = (tmp_path / "robustness.md").read_text()
-    assert "| 0.3, pid on projection " in table and "| rigid, profile on rigid_body " in table
+    assert "| friction 0.3, pid on projection " in table
+    assert "| foot stiffness (kN/m) rigid, profile on rigid_body " in table
     assert (tmp_path / "robustness.png").stat().st_size > 10_000

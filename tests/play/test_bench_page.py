@@ -341,4 +341,4 @@ def test_the_command_writes_the_file(tmp_path):
     result = subprocess.run(
         [*command, tmp_path / "file" / "x.html"], capture_output=True, text=True
     )
-    assert result.returncode == 2 and "--bench-file is" in result.stderr.splitlines()[0]
+    assert result.returncode == 2 and ": error: /" in result.stderr.splitlines()[0]

@@ -343,9 +343,9 @@ def test_wrong_arguments(arguments, message, capsys):
 
 def test_a_policy_walks_unless_the_hand_does():
     for env_id in ENVIRONMENTS:
-        args = program.parser().parse_args(["--env", env_id])
+        args = program.parse(["--env", env_id])
         assert args.policy in controls_of(env_id)
-    assert program.parser().parse_args(["--policy", "hand"]).policy == "hand"
+    assert program.parse(["--policy", "hand"]).policy == "hand"
 
 
 def test_an_address_of_another_machine(capsys):

@@ -34,7 +34,6 @@ from jansen_env.scoring.rollout import make_env
 ACTIVATIONS = {nn.Tanh: "tanh", nn.ReLU: "relu", nn.ELU: "elu"}
 LIBRARIES = ("gymnasium", "numpy", "stable-baselines3", "torch")
 COPY = "critic_target."  # SAC's, of the critic: it need not be kept
-DIGITS = 6  # of an episode's numbers: for a comparison with those of another processor
 TOLERANCE = 1e-6  # of an action, between the network in torch and in NumPy
 
 
@@ -185,12 +184,8 @@ def scores_of(policy: PretrainedPolicy, episodes: int, seed: int = 0) -> dict[st
     scores = evaluate(
         {"pretrained": policy}, policy.env_id, policy.env_kwargs, episodes=episodes, seed=seed
     )["pretrained"]
-    episode = {
-        name: [float(f"{value:.{DIGITS}g}") for value in values]
-        for name, values in scores["raw"].items()
-    }
     return {"episodes_per_command": episodes, "seed": seed, "overall": scores["overall"],
-            "by_command": scores["by_command"], "by_episode": episode}  # fmt: skip
+            "by_command": scores["by_command"]}  # fmt: skip
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:

@@ -60,6 +60,22 @@ def test_actions_are_the_networks(env_id, name):
     assert pack.check_equal(policy, model, 10_000) < 1e-6
 
 
+@pytest.mark.parametrize(("env_id", "name"), SHIPPED)
+def test_scores_are_those_shipped(env_id, name):
+    """Equal on every machine; the ends of intervals are SciPy's, and rounded. If motions change on
+    purpose, ``python -m agents.pack FILE.json --episodes N`` makes the scores again."""
+    policy = pretrained.load(env_id, name)
+    shipped = policy.description["scores"]
+    scores = pack.scores_of(policy, shipped["episodes_per_command"], shipped["seed"])
+    assert set(scores["overall"]) == set(BENCHMARKS[env_id].metrics)
+    for metric, interval in scores["overall"].items():
+        expected = shipped["overall"][metric]
+        assert interval[0] == expected[0], metric
+        assert interval[1:] == pytest.approx(expected[1:], rel=1e-9), metric
+        values = scores["by_command"][metric]["value"]
+        assert values == shipped["by_command"][metric]["value"], metric
+
+
 def test_scores_can_be_made_again(made, tmp_path, capsys):
     for file in made[1].parent.glob("mine.*"):
         shutil.copy(file, tmp_path)

@@ -45,7 +45,7 @@ OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
 
 ``_nrt`` is not documented: with it, code would hold atomic instructions for every array.
 """
-SPEED_LEVEL = 2  # of LLVM's optimisation
+SPEED_LEVEL = 3  # of LLVM's optimisation
 RETURNS = {
     None: "    {}\n    return 0\n",
     bool: "    return 1 if {} else 0\n",
@@ -228,6 +228,7 @@ def compile_module(target: Target, say: Callable[[str], None] = print) -> tuple[
             value.linkage = "internal"
     whole.verify()
     options = llvm.create_pipeline_tuning_options(speed_level=SPEED_LEVEL)
+    options.loop_vectorization = False  # loops of a few numbers, which are slower then
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(whole, builder)
     return whole, machine

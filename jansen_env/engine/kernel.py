@@ -164,7 +164,7 @@ class Slots:
         self._kernel = kernel
         self._memory = np.zeros(kernel.slots + 1, np.int64)
         self._known: list[Any] = [self] * len(kernel.parameters)
-        self.address = self._memory.ctypes.data
+        self.address = ctypes.c_int64(self._memory.ctypes.data)  # which is quicker than a number
 
     def fill(self, arguments: list[Any]) -> None:
         """Put those arguments into their slots that are not there yet."""

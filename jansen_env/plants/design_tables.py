@@ -103,7 +103,7 @@ def non_toe_depths(tables: Tables) -> Array:
 
     Of their centres, with the speculative margin.
     """
-    joints = np.unique(tables.layout.joint[tables.layout.toes :])
+    joints = sorted({*tables.layout.joint[tables.layout.toes :].tolist()})
     places = BETWEEN * tables.pads[joints, ::SPARSE, 0, :2].reshape(-1, 2)
     farthest, fore = float(lengths_of(places).max()), np.empty(PITCHES)
     cos, sin = directions(2.0 * math.pi * (np.arange(PITCHES) + 0.5) / PITCHES).T

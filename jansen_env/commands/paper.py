@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from jansen_env.commands.flags import Parser, positive_int
+from jansen_env.commands.flags import Parser
 from jansen_env.files import check_writable, write_json, write_text
 from jansen_env.paper.claims import check_claims
 from jansen_env.paper.errata import errata
@@ -23,12 +23,11 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, required=True, metavar="DIR",
                         help="folder for tables and figures")  # fmt: skip
     parser.add_argument("--all", action="store_true", help="print all tables")
-    parser.add_argument("--workers", type=positive_int, default=2, help="processes; default: 2")
     args = parser.parse_args(arguments)
     start, out = time.perf_counter(), args.out
     with parser.refusing():
         check_writable("--out", out)  # before the work
-    results = compute(args.workers)
+    results = compute()
     claims, found = check_claims(results), errata()
     text = as_markdown(claims, found, results.levels, results.pid_levels)
     print(text if args.all else as_lines(claims))

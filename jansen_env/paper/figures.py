@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 DPI = 130
 FLOOR = 1e-4  # m of slip per metre, the lower edge of a logarithmic axis
 LEG_COLORS = {"rf": "#c2410c", "lf": "#f59e0b", "rb": "#1d4ed8", "lb": "#38bdf8"}
+LINK_COLORS = {f"link {body}": matplotlib.colormaps["turbo"](0.08 + 0.12 * (body - 1))
+               for body in range(1, 9)}  # fmt: skip
 INK, MUTED, ACCENT = "#1f2937", "#9ca3af", "#7c3aed"
 STYLE: dict[str, Any] = {
     "axes.axisbelow": True,
@@ -99,63 +101,51 @@ def toe_paths(r: Results) -> Figure:
     return figure
 
 
+def _in_time(
+    r: Results, values: Array, colors: Mapping[str, Any], title: str, label: str
+) -> tuple[Figure, Any]:
+    """A curve for each column of ``values``, named and coloured, over the PID's run."""
+    figure, axes = _figure(7.2, 3.4 if len(colors) == 4 else 3.8)
+    for column, (name, color) in zip(values.T, colors.items(), strict=True):
+        axes.plot(r.run.time[: len(values)], column, color=color, label=name)
+    axes.set(title=title, xlabel="time (s)", ylabel=label, xlim=(0, 10))
+    if len(colors) == 4:
+        axes.legend(ncols=4, loc="upper center", bbox_to_anchor=(0.5, 1.0))
+        axes.margins(y=0.18)
+    else:
+        axes.legend(ncols=1, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return figure, axes
+
+
 def toe_x(r: Results) -> Figure:
     """Fig. 6: toe x against time."""
-    return _toes_in_time(r, 0, "Toe x (Fig. 6)", "x (m)")
+    return _in_time(r, _toes(r)[..., 0], LEG_COLORS, "Toe x (Fig. 6)", "x (m)")[0]
 
 
 def toe_y(r: Results) -> Figure:
     """Fig. 7: toe y against time."""
     title = f"Toe y (Fig. 7): the lowest toe moves by {r.heaves[1].level:.3f} m"
-    figure = _toes_in_time(r, 1, title, "y (m)")
-    axes = figure.axes[0]
-    lowest = _toes(r)[..., 1].min(axis=1)
+    figure, axes = _in_time(r, height := _toes(r)[..., 1], LEG_COLORS, title, "y (m)")
+    lowest = height.min(axis=1)
     axes.plot(r.run.time, lowest, color=INK, lw=1.0, ls=":")
     for level in (lowest.min(), lowest.max()):
         axes.axhline(level, color=MUTED, lw=0.8)
     return figure
 
 
-def _toes_in_time(r: Results, axis: int, title: str, label: str) -> Figure:
-    figure = _in_time(r, 3.4, _toes(r)[..., axis], LEG_COLORS.items(), title, label)
-    axes = figure.axes[0]
-    axes.legend(ncols=4, loc="upper center", bbox_to_anchor=(0.5, 1.0))
-    axes.margins(y=0.18)
-    return figure
-
-
-def _links_in_time(r: Results, values: Array, title: str, label: str) -> Figure:
-    colors = matplotlib.colormaps["turbo"](np.linspace(0.08, 0.92, 8))
-    names = [f"link {body}" for body in range(1, 9)]
-    figure = _in_time(r, 3.8, values, zip(names, colors, strict=True), title, label)
-    figure.axes[0].legend(ncols=1, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    return figure
-
-
-def _in_time(
-    r: Results, height: float, values: Array, style: Iterable[Any], title: str, label: str
-) -> Figure:
-    """A curve for each column of ``values``, named and coloured, over the PID's run."""
-    figure, axes = _figure(7.2, height)
-    for column, (name, color) in zip(values.T, style, strict=True):
-        axes.plot(r.run.time[: len(values)], column, color=color, label=name)
-    axes.set(title=title, xlabel="time (s)", ylabel=label, xlim=(0, 10))
-    return figure
-
-
 def rotation(r: Results) -> Figure:
     """Fig. 8: constraint moment on every link of the right forepaw."""
     title = "Constraint moment, right forepaw (Fig. 8)"
-    return _links_in_time(r, r.forces[..., 0], title, "moment (N m)")
+    return _in_time(r, r.forces[..., 0], LINK_COLORS, title, "moment (N m)")[0]
 
 
 def translation(r: Results) -> Figure:
     """Fig. 9: norm of the constraint force on every link of the right forepaw."""
     force = np.hypot(r.forces[..., 1], r.forces[..., 2])
     title = "Norm of the constraint force, right forepaw (Fig. 9)"
-    figure = _links_in_time(r, force, title, "force (N)")
+    figure, axes = _in_time(r, force, LINK_COLORS, title, "force (N)")
     weight = paper_robot().bodies[6].mass * GRAVITY
-    figure.axes[0].annotate(
+    axes.annotate(
         "weight of a link (link 1 rests)", (3.4, weight), (2.0, 1.01), fontsize=8.5, color=INK,
         arrowprops={"arrowstyle": "-", "color": MUTED},
     )  # fmt: skip
@@ -191,13 +181,13 @@ def mechanism(_: Results) -> Figure:
     robot = paper_robot()
     figure, grid = _figure(11.0, 4.5, 2, 4, sharex=True, sharey=True)
     path = toes.toe_positions(robot, toes.turn(360))
-    for k, axes in enumerate(grid.flat):
+    angles = ("0", "π/4", "π/2", "3π/4", "π", "5π/4", "3π/2", "7π/4")
+    for k, (angle, axes) in enumerate(zip(angles, grid.flat, strict=True)):
         joints = world_joints(robot, np.array([0.0, 0.0, 0.0, k * np.pi / 4.0]))
-        axes.plot(*path[:, 0].T, color="#e5e7eb", lw=1.2)
-        axes.plot(*path[:, 2].T, color="#e5e7eb", lw=1.2)
+        for leg in (0, 2):
+            axes.plot(*path[:, leg].T, color="#e5e7eb", lw=1.2)
         for i in (1, 3, 0, 2):
-            name = robot.leg_names[i]
-            front = name.startswith("r")
+            front = (name := robot.leg_names[i]).startswith("r")
             color = LEG_COLORS[name] if front else "#cbd5e1"
             for a, b in JANSEN.skeleton:
                 width = 3.0 if (a, b) in ((P, O), (O, P)) else 1.6 if front else 1.0
@@ -207,12 +197,8 @@ def mechanism(_: Results) -> Figure:
                 axes.plot(*joints[i, :T].T, "o", color=color, ms=2.2)
                 axes.plot(*joints[i, T], "o", color=color, ms=5)
         axes.set(aspect="equal")
-        angle = ("0", "π/4", "π/2", "3π/4", "π", "5π/4", "3π/2", "7π/4")[k]
         axes.set_title(f"crank angle {angle}", fontsize=9.5, fontweight="normal")
-    for axes in grid[-1]:
-        axes.set_xlabel("x (m)")
-    for axes in grid[:, 0]:
-        axes.set_ylabel("y (m)")
+        axes.set(xlabel="x (m)" if k > 3 else "", ylabel="" if k % 4 else "y (m)")
     return figure
 
 

@@ -28,13 +28,24 @@ ANGLES = 360  # crank angles in a turn
 
 @dataclass(frozen=True)
 class Level:
-    """The torque of one interpretation over a turn at a constant 1 rad/s (or -1), N m."""
+    """The torque of one interpretation, N m, over a turn at a constant 1 rad/s (or -1)."""
 
     name: str
     low: float
     mean: float
     high: float
     loss: float  # W, the joints' mean loss of power, from their rates alone
+
+
+@dataclass(frozen=True)
+class PIDLevel:
+    """The torque of one interpretation under the PID (13), after 3 s, N m."""
+
+    name: str
+    low: float
+    mean: float
+    high: float
+    near: float  # share of the time within NEAR of the printed level's size
 
 
 def torque_levels() -> list[Level]:
@@ -87,7 +98,12 @@ def _level(name: str, robot: Robot, direction: float = 1.0, motors: int = 1) -> 
 
 
 def _summary(name: str, torque: Array, robot: Robot) -> Level:
-    return Level(name, float(torque.min()), float(torque.mean()), float(torque.max()), _loss(robot))
+    return Level(name, *_range(torque), _loss(robot))
+
+
+def _range(torque: Array) -> tuple[float, float, float]:
+    """Lowest, mean and highest."""
+    return float(torque.min()), float(torque.mean()), float(torque.max())
 
 
 def _loss(robot: Robot) -> float:
@@ -111,17 +127,6 @@ def _without_reaction(robot: Robot) -> Level:
     return _summary("no C58 term in h_f's last row, as printed", torque, robot)
 
 
-@dataclass(frozen=True)
-class PIDLevel:
-    """The torque of one interpretation under the PID (13), after 3 s, N m."""
-
-    name: str
-    low: float
-    mean: float
-    high: float
-    near: float  # share of the time within NEAR of the printed level's size
-
-
 def pid_run(robot: Robot, motors: int = 1, direction: float = 1.0) -> fixed.Run:
     """The PID's 10 s, with its torque on the shaft ``motors`` times; its torque is one motor's."""
     advance = fixed.tables_advance(robot)
@@ -143,14 +148,7 @@ def pid_levels() -> list[PIDLevel]:
 def _pid_level(name: str, run: fixed.Run) -> PIDLevel:
     torque = run.torque[run.settled]
     near = float((np.abs(torque - abs(PRINTED_LEVEL)) <= NEAR).mean())
-    return PIDLevel(name, float(torque.min()), float(torque.mean()), float(torque.max()), near)
-
-
-def printed_controller_torque() -> float:
-    """Torque (N m) after 10 s of (13) as printed, on theta_rf1: the frame's angle, a constant."""
-    error = math.pi + 10.0 - paper_robot().frame_angle
-    integral = 10.0 * (math.pi - paper_robot().frame_angle) + 0.5 * 10.0**2
-    return 10.0 * error + integral + 1.0
+    return PIDLevel(name, *_range(torque), near)
 
 
 def reversed_valley() -> tuple[float, float]:

@@ -34,33 +34,33 @@ def as_lines(claims: list[Claim]) -> str:
 
 def claims_table(claims: list[Claim]) -> str:
     """The claims in Markdown."""
-    rows = [(f"{c.key} ({c.where})", c.says, c.computed, f"**{c.verdict}**", c.why) for c in claims]
-    return _table(("claim", "says", "computed", "verdict", "why"), rows)
+    cells = [(f"{c.key} ({c.where})", c.says, c.computed, f"**{c.verdict}**", c.why)
+             for c in claims]  # fmt: skip
+    return _table(("claim", "says", "computed", "verdict", "why"), cells)
 
 
 def levels_table(levels: list[Level]) -> str:
     """The torque by interpretation, in Markdown."""
-    rows = [
-        (name, *(f"{round(value, 3) + 0.0:.3f}" for value in values))
-        for name, *values in map(astuple, levels)
-    ]
-    return _table((*TORQUE, "joint loss (W)"), rows)
+    cells = [(name, *map(_number, values)) for name, *values in map(astuple, levels)]
+    return _table((*TORQUE, "joint loss (W)"), cells)
 
 
 def errata_table(errata: list[Erratum]) -> str:
-    """Return effects of the errata as Markdown."""
+    """Effects of the errata, in Markdown."""
     return _table(("erratum", "comes to"), [(e.name, e.found) for e in errata])
 
 
 def pid_table(levels: list[PIDLevel]) -> str:
     """The PID's torque by interpretation, in Markdown."""
-    rows = [
-        (v.name, f"{v.low:.3f}", f"{v.mean:.3f}", f"{v.high:.3f}", f"{100 * v.near:.0f} %")
-        for v in levels
-    ]
-    return _table((*TORQUE, f"within {NEAR} of {abs(PRINTED_LEVEL)} N m"), rows)
+    cells = [(name, *map(_number, values), f"{100 * near:.0f} %")
+             for name, *values, near in map(astuple, levels)]  # fmt: skip
+    return _table((*TORQUE, f"within {NEAR} of {abs(PRINTED_LEVEL)} N m"), cells)
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def _number(value: float) -> str:
+    return f"{round(value, 3) + 0.0:.3f}"  # not -0.000
+
+
+def _table(head: Sequence[str], cells: Sequence[Sequence[str]]) -> str:
     # Cells of whole sentences: not padded to one width.
-    return tabulate(rows, head, "github", disable_numparse=True, stralign=None) + "\n"
+    return tabulate(cells, head, "github", disable_numparse=True, stralign=None) + "\n"

@@ -1,12 +1,9 @@
-"""All that the claims and figures need, computed once; independent parts side by side."""
+"""All numbers that the claims and figures need, computed once."""
 
 from __future__ import annotations
 
 import math
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,48 +51,32 @@ class Results:
     no_slip: free_walk.Walk
 
 
-def compute(workers: int = 2) -> Results:
-    """Compute everything in ``workers`` processes; about half a minute on two cores."""
-    robot = paper_robot()
-    # Compiled here, so that the processes find it in the cache.
-    free_walk.walk(robot, 50.0, 1)
-    _run(fixed_model.SAMPLING)
-    # Spawned, not forked: a process with threads (torch's, say) must not be forked.
-    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
-        submit = pool.submit
-        jobs: dict[str, Any] = {  # long ones first
-            "walks": [submit(_walk, speed) for speed in SPEEDS],
-            "slow": {mu: submit(free_walk.walk, robot, SLOW, 2, mu) for mu in FRICTIONS},
-            "heaves": [submit(toes.heave, phases) for phases in toes.PHASES],
-            "other_heaves": {
-                name: submit(toes.level_heave, other)
-                for name, other in interpretations.other_lengths().items()
-            },
-            "levels": submit(interpretations.torque_levels),
-            "pid_levels": submit(interpretations.pid_levels),
-            "support": submit(toes.double_support, robot),
-            "walking_loads": {at: submit(_walking_loads, *at) for at in LOADS},
-            "walking_ripples": {
-                torque: submit(free_walk.walking_ripple, robot, torque)
-                for torque in WALKING_TORQUES
-            },
-            "fixed_loads": submit(_fixed_loads),
-            "run": submit(_run, fixed_model.DURATION),
-            "long": submit(_run, LONG),
-            "ripples": {torque: submit(_ripple, robot, torque) for torque in TORQUES},
-            "slender_ripple": submit(_ripple, robot.with_slender_inertias(), TORQUES[2]),
-            "no_slip": submit(free_walk.walk, robot, NO_SLIP[0], 12, start=NO_SLIP[1]),
-            "reversed_valley": submit(interpretations.reversed_valley),
-        }
-        found = {name: _finished(job) for name, job in jobs.items()}
-    return Results(**found, forces=fixed_model.constraint_forces(robot, found["run"]))
-
-
-def _finished(job: Any) -> Any:
-    """Return the result of a job, or of each in a list or dictionary of jobs."""
-    if isinstance(job, dict):
-        return {key: one.result() for key, one in job.items()}
-    return [one.result() for one in job] if isinstance(job, list) else job.result()
+def compute() -> Results:
+    """Compute everything; 15 s."""
+    robot, run = paper_robot(), _run(fixed_model.DURATION)
+    return Results(
+        run=run,
+        long=_run(LONG),
+        ripples={torque: _ripple(robot, torque) for torque in TORQUES},
+        slender_ripple=_ripple(robot.with_slender_inertias(), TORQUES[2]),
+        walking_ripples={torque: free_walk.walking_ripple(robot, torque)
+                         for torque in WALKING_TORQUES},
+        forces=fixed_model.constraint_forces(robot, run),
+        fixed_loads=_fixed_loads(),
+        walking_loads={(speed, mu): free_walk.largest_loads(
+            free_walk.walking_forces(robot, speed, 3, mu)) for speed, mu in LOADS},
+        levels=interpretations.torque_levels(),
+        pid_levels=interpretations.pid_levels(),
+        reversed_valley=interpretations.reversed_valley(),
+        heaves=[toes.heave(phases) for phases in toes.PHASES],
+        other_heaves={name: toes.level_heave(other)
+                      for name, other in interpretations.other_lengths().items()},
+        support=toes.double_support(robot),
+        slow={mu: free_walk.walk(robot, SLOW, 2, mu) for mu in FRICTIONS},
+        walks=[free_walk.walk(robot, speed, round(WALK * speed / (2.0 * math.pi)))
+               for speed in SPEEDS],
+        no_slip=free_walk.walk(robot, NO_SLIP[0], 12, start=NO_SLIP[1]),
+    )  # fmt: skip
 
 
 def _run(duration: float) -> fixed_model.Run:
@@ -110,16 +91,8 @@ def _ripple(robot: Robot, torque: float) -> free_walk.Ripple:
     return free_walk.Ripple.of(run.speed[len(run.speed) // 2 :])
 
 
-def _walk(speed: float) -> free_walk.Walk:
-    return free_walk.walk(paper_robot(), speed, round(WALK * speed / (2.0 * math.pi)))
-
-
 def _fixed_loads() -> free_walk.Loads:
     robot, angle = paper_robot(), toes.turn(interpretations.ANGLES)
     q, q_dot = fixed_model.crank_only(angle), fixed_model.crank_only(np.ones(len(angle)))
     torque = crank_torque(robot, angle).total
     return free_walk.largest_loads(joint_forces(robot, q, q_dot, torque, fixed_base=True))
-
-
-def _walking_loads(speed: float, friction: float) -> free_walk.Loads:
-    return free_walk.largest_loads(free_walk.walking_forces(paper_robot(), speed, 3, friction))

@@ -91,45 +91,43 @@ class Page:
         }
         self._files[BENCH] = bench.served_bench_page(), FILES[BENCH][1]
         self._sockets = 0
-        self._choosing = asyncio.Lock()  # one choice at a time
         self._fresh = asyncio.Event()  # set at the next state
         self._scene, self._scene_version, self._state = "", -1, ""
 
     def answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """The response to a request; None for a socket that may be opened."""
-        status, text, kind = self._answer(request)
+        path = request.path[len(self.root) :]
+        status = self._status(request, path)
         if status == HTTPStatus.SWITCHING_PROTOCOLS:
             return None
+        text, kind = f"{status.value} {status.phrase}\n", "text/plain"
+        if status == HTTPStatus.OK:
+            text, kind = self._files[path]
         response = connection.respond(status, text)
         del response.headers["Content-Type"]
-        response.headers["Content-Type"] = f"{kind}; charset=utf-8"
-        for name, value in self.headers.items():
+        for name, value in {**self.headers, "Content-Type": f"{kind}; charset=utf-8"}.items():
             response.headers[name] = value
         return response
 
-    def _answer(self, request: Request) -> tuple[HTTPStatus, str, str]:
-        def refused(status: HTTPStatus) -> tuple[HTTPStatus, str, str]:
-            return status, f"{status.value} {status.phrase}\n", "text/plain"
-
+    def _status(self, request: Request, path: str) -> HTTPStatus:
         hosts, origins = (request.headers.get_all(name) for name in ("Host", "Origin"))
+        root = request.path[: len(self.root)].encode(errors="replace")
         if getattr(request, "method", "GET") != "GET":  # older versions refuse others themselves
-            return refused(HTTPStatus.METHOD_NOT_ALLOWED)
+            return HTTPStatus.METHOD_NOT_ALLOWED
         if len(hosts) != 1 or hosts[0] not in self.hosts:
-            return refused(HTTPStatus.MISDIRECTED_REQUEST)
+            return HTTPStatus.MISDIRECTED_REQUEST
         if origins not in ([], [f"http://{hosts[0]}"]):
-            return refused(HTTPStatus.FORBIDDEN)
-        root, path = request.path[: len(self.root)], request.path[len(self.root) :]
-        if not compare_digest(root.encode(errors="replace"), self.root.encode()):
-            return refused(HTTPStatus.FORBIDDEN)
+            return HTTPStatus.FORBIDDEN
+        if not compare_digest(root, self.root.encode()):
+            return HTTPStatus.FORBIDDEN
         if path in self._files:
-            return HTTPStatus.OK, *self._files[path]
+            return HTTPStatus.OK
         if path != SOCKET:
-            return refused(HTTPStatus.NOT_FOUND)
+            return HTTPStatus.NOT_FOUND
         if not origins:
-            return refused(HTTPStatus.FORBIDDEN)
-        if self._sockets >= MOST_SOCKETS:
-            return refused(HTTPStatus.SERVICE_UNAVAILABLE)
-        return HTTPStatus.SWITCHING_PROTOCOLS, "", ""
+            return HTTPStatus.FORBIDDEN
+        full = self._sockets >= MOST_SOCKETS
+        return HTTPStatus.SERVICE_UNAVAILABLE if full else HTTPStatus.SWITCHING_PROTOCOLS
 
     async def converse(self, connection: ServerConnection) -> None:
         """Send states to a page, and do what it asks for, until it goes."""
@@ -162,35 +160,26 @@ class Page:
                     return await connection.close(VIOLATION, "too many errors")
                 await connection.send(json.dumps({"kind": "error", "message": str(error)}))
             else:
-                if (reply := await self._do(action, arguments)) is not None:
+                if (reply := self._do(action, arguments)) is not None:
                     await connection.send(json.dumps(reply))
             before = monotonic()  # the work for a message, such as another robot's, earns nothing
             await asyncio.sleep(0.0)  # others have their turn, however many messages there are
 
-    async def _do(self, action: str, arguments: dict[str, Any]) -> dict[str, Any] | None:
-        """Do what a message asks for, and return the answer to it alone, if there is one.
-
-        All but this page and other choices go on meanwhile.
-        """
-        if action not in ("choose", "build", "replay"):
-            self.session.attempt(action, **arguments)
-            return None
-        async with self._choosing:
+    def _do(self, action: str, arguments: dict[str, Any]) -> dict[str, Any] | None:
+        """Do what a message asks for, and return the answer to it alone, if there is one."""
+        if action == "replay":
             try:
-                if action == "replay":
-                    recording = self.session.recording()
-                    text = await asyncio.to_thread(replay_page, recording)
-                    return {"kind": "replay", "page": text}
-                if action == "build":
-                    arguments = {"name": "robot", "value": arguments.pop("robot"), **arguments}
-                env = await asyncio.to_thread(self.session.make, **arguments)
-                self.session.choose(**arguments, env=env)
-                if action == "build":
-                    self.session.pause(False)
-                    return {"kind": "built"}
+                return {"kind": "replay", "page": replay_page(self.session.recording())}
             except ValueError as error:
                 self.session.say(str(error))
-                return {"kind": "error", "message": str(error)} if action == "build" else None
+        elif action == "build":
+            robot, lengths = arguments["robot"], arguments["lengths"]
+            if not self.session.attempt("choose", name="robot", value=robot, lengths=lengths):
+                return {"kind": "error", "message": self.session.message}
+            self.session.pause(False)
+            return {"kind": "built"}
+        else:
+            self.session.attempt(action, **arguments)
         return None
 
     async def _send_states(self, connection: ServerConnection) -> None:

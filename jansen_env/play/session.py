@@ -88,8 +88,7 @@ class Session:
             "control": control,
             "lengths": {},
         }
-        chosen = self._chosen("level", level)
-        self._begin_with(make_env(self.env_id, chosen), chosen)
+        self._begin_with(self._chosen("level", level))
 
     @property
     def env(self) -> Any:
@@ -181,28 +180,17 @@ class Session:
         self.settings[name] = number
         self.version += 1
 
-    def choose(
-        self, name: str, value: Any, lengths: Mapping[str, float] | None = None, env: Any = None
-    ) -> None:
+    def choose(self, name: str, value: Any, lengths: Mapping[str, float] | None = None) -> None:
         """Choose a robot, a terrain, a level or a control; all but a control start again.
 
-        ``lengths``: of a robot that is to walk with others than its own, its crank at a constant
-        speed; see :func:`jansen_env.robot.lengths.with_lengths`. ``env``: of :meth:`make` for this
-        choice; None: it is made here.
+        ``lengths``: of a robot that is to walk with other lengths, its crank at a constant speed;
+        see :func:`jansen_env.robot.lengths.with_lengths`.
         """
         chosen = self._chosen(name, value, lengths)
         if name == "control":
             self._take_control(policy_of(self.env_id, value, self._env), value)
         else:
-            self._begin_with(make_env(self.env_id, chosen) if env is None else env, chosen)
-
-    def make(self, name: str, value: Any, lengths: Mapping[str, float] | None = None) -> Any:
-        """Return the environment for a choice, None for a control; changes nothing.
-
-        It takes a tenth of a second, and may run in another thread than the session does.
-        """
-        chosen = self._chosen(name, value, lengths)
-        return None if name == "control" else make_env(self.env_id, chosen)
+            self._begin_with(chosen)
 
     def push(self, x: float, y: float) -> None:
         """Push the chassis by an impulse, N s in x and y, no larger than :data:`LARGEST_PUSH`."""
@@ -286,15 +274,16 @@ class Session:
         one_of("choice", name, self.options)
         chosen = {**self._choices, name: value}
         if name == "robot":
-            chosen["lengths"] = dict(lengths or {})
+            chosen["lengths"] = {}
             if lengths is not None:
-                chosen["control"] = STEADY
+                chosen |= {"lengths": dict(instance("lengths", lengths, dict)), "control": STEADY}
         if name == "level" and chosen["terrain"] == FLAT and value != 0:
             raise ValueError(f"level is {shown(value)}, must be 0 on flat ground")
         return chosen
 
-    def _begin_with(self, env: Any, choices: dict[str, Any]) -> None:
+    def _begin_with(self, choices: dict[str, Any]) -> None:
         """Start the environment of these choices, with the settings there are."""
+        env = make_env(self.env_id, choices)
         try:
             if self.settings:
                 env.unwrapped.set_parameters(**self.settings)

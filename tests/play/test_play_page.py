@@ -207,41 +207,6 @@ def test_clicks_and_drags_push(window):
     assert pushed(600.0)["x"] == heard["scene"]["largestPush"]
 
 
-def test_words_explain_themselves(window):
-    """By the title, and by a click or a tap, which moves nothing else; keys are the robot's."""
-    page = window.page
-    word = page.get_by_text("payload", exact=True)
-    assert word.get_attribute("title") == "Mass that the chassis carries."
-    shown = "one => getComputedStyle(one, '::after').content"
-    assert word.evaluate(shown) == "none"
-    word.click()
-    assert word.evaluate(shown) == '"Mass that the chassis carries."'
-    page.keyboard.down("ArrowRight")
-    reads(page, "input-value", r"^20\.0 N m$")
-    page.keyboard.up("ArrowRight")
-    assert settings(window, "payload") == 0.0
-    page.get_by_text("cost of transport", exact=True).click()
-    assert word.evaluate(shown) == "none"
-
-
-def test_a_policy_on_stairs_and_what_is_refused(window):
-    page, heard = window.page, window.heard
-    page.locator("#begin").click()
-    page.get_by_label("control", exact=True).select_option("ppo")
-    page.get_by_label("terrain", exact=True).select_option("stairs")
-    page.get_by_label("level", exact=True).select_option("2")
-    assert soon(window, lambda: heard["scene"]["choices"]["level"] == 2)
-    reads(page, "input-value", r"^0\.20 m/s$")
-    reads(page, "distance", r"^(0\.[1-9]|[1-9])")
-    page.get_by_label("restitution", exact=True).fill("0.5")
-    assert soon(window, lambda: settings(window, "restitution") == 0.5)
-    page.get_by_label("robot", exact=True).select_option("built")
-    reads(page, "message", "restitution")
-    assert heard["scene"]["choices"]["robot"] == "paper"
-    page.get_by_label("robot", exact=True).select_option("holy")
-    assert soon(window, lambda: heard["scene"]["choices"]["robot"] == "holy")
-
-
 def test_a_fall_is_reported_and_a_start_offered(window):
     page, heard = window.page, window.heard
     page.get_by_label("slope").fill("0.25")
@@ -278,44 +243,6 @@ def test_a_gamepad_is_the_input(window):
     reads(page, "time", r"^[3-9]\.\d s$")
     page.evaluate("window.pad.buttons = [{ pressed: true }]")
     reads(page, "time", r"^[01]\.\d s$")
-
-
-def test_a_fast_display_sends_no_more_than_the_server_takes(window):
-    """Of a slider that is moved at each of 250 pictures in what the page takes for a second."""
-    page, sent = window.page, []
-    page.add_init_script(
-        """window.pictures = 0;
-        requestAnimationFrame = (draw) => setTimeout(() => {
-          window.pictures += 1;
-          const slider = document.getElementById("input");
-          slider.value = Math.sin(window.pictures);
-          slider.dispatchEvent(new Event("input"));
-          draw(4 * window.pictures);
-        }, 1);"""
-    )
-    page.on("websocket", lambda socket: socket.on("framesent", lambda frame: sent.append(frame)))
-    page.reload()
-    assert soon(window, lambda: page.evaluate("window.pictures") > 300)
-    assert 10 < len(sent) < page.evaluate("window.pictures") / 3
-
-
-def test_lists_and_buttons_by_keys_and_by_the_pointer(window):
-    page, heard = window.page, window.heard
-    focus = "document.activeElement.id"
-    page.locator("#terrain").focus()
-    names = heard["scene"]["options"]["terrain"]
-    for name in names[1:4]:  # the list keeps the focus
-        page.keyboard.press("ArrowDown")
-        assert soon(window, lambda name=name: heard["scene"]["choices"]["terrain"] == name)
-    assert page.evaluate(focus) == "terrain"
-    page.locator("#another").click()
-    assert page.evaluate(focus) == ""  # the space bar is the robot's
-    for key in ("Enter", " "):
-        page.locator("#right").focus()
-        page.keyboard.down(key)
-        reads(page, "input-value", r"^20\.0 N m$")
-        page.keyboard.up(key)
-        reads(page, "input-value", r"^0\.0 N m$")
 
 
 def test_it_comes_back_when_the_program_does(window):
@@ -358,25 +285,6 @@ def test_on_a_phone_in_the_dark_by_touch(open_window):
         page.locator("#right").dispatch_event("pointerup")
         reads(page, "input-value", r"^0\.0 N m$")
         assert all(url.startswith(address) for url in found.requests)
-    finally:
-        stop(process)
-
-
-def test_on_a_phone_held_across(open_window):
-    """Picture, score, help and crank buttons are on the screen together; nothing scrolls but the
-    panel."""
-    process, address = start()
-    try:
-        size = {"width": 844, "height": 390}
-        page = open_window(viewport=size, has_touch=True, is_mobile=True).page
-        page.goto(address)
-        for name in ("begin", "picture", "distance", "left", "right"):
-            box = page.locator(f"#{name}").bounding_box()
-            assert box["y"] >= 0 and box["y"] + box["height"] <= size["height"], name
-        whole = "[document.documentElement.scrollWidth, document.documentElement.scrollHeight]"
-        assert page.evaluate(whole) == [*size.values()]
-        page.locator("#begin").tap()
-        reads(page, "time", r"^0\.[5-9]|^[1-9]")
     finally:
         stop(process)
 

@@ -8,8 +8,6 @@ import socket
 import time
 from contextlib import ExitStack
 from importlib.resources import files
-from ipaddress import IPv4Address
-from itertools import pairwise
 
 import pytest
 from page_client import apart, ask, next_of, opening, talk, until
@@ -18,7 +16,6 @@ from websockets.sync.client import connect
 
 from jansen_env.commands import play as program
 from jansen_env.play import server
-from jansen_env.play.choices import ENVIRONMENTS, controls_of
 from jansen_env.play.server import (
     BENCH,
     BURST,
@@ -27,7 +24,6 @@ from jansen_env.play.server import (
     MOST_CONNECTIONS,
     MOST_ERRORS,
     MOST_SOCKETS,
-    Page,
 )
 from jansen_env.play.session import SLIDERS, Session
 from jansen_env.viewer.web.bench import served_bench_page
@@ -56,46 +52,42 @@ def test_localhost_is_this_machine_too(served):
 
 
 @pytest.mark.parametrize(
-    "hosts",
-    [[], ["evil.example"], ["127.0.0.1"], ["{}.evil.example"], ["127.0.0.1:1"], ["{}", "{}"],
-     ["{}", "evil.example"], ["localhost"], [""]],
-)  # fmt: skip
+    "hosts", [[], ["evil.example"], ["127.0.0.1:1"], ["{}.evil.example"], ["{}", "evil.example"]]
+)
 def test_other_hosts_are_refused(served, hosts):
     headers = [("Host", host.format(served[1])) for host in hosts]
     assert ask(served[1], headers=[*headers, ("Accept", "*/*")])[0] == 421
 
 
-@pytest.mark.parametrize("method", ["HEAD", "POST", "PUT", "DELETE", "OPTIONS", "TRACE", "X"])
+@pytest.mark.parametrize("method", ["HEAD", "POST", "X"])
 def test_other_methods_are_refused(served, method):
     assert ask(served[1], method=method)[0] in (400, 405)
 
 
 @pytest.mark.parametrize(
     "path",
-    ["/play.html", "/geometry.py", "/../play/server.py", "/..%2f..%2fpyproject.toml", "//", "/?a",
-     "/play.js/..", "/%2e%2e/", "/etc/passwd", "/play.js%00", "*", "http://evil.example/"],
+    ["/play.html", "/geometry.py", "/../play/server.py", "/..%2f..%2fpyproject.toml", "/?a",
+     "/play.js%00", "http://evil.example/"],
 )  # fmt: skip
 def test_other_paths_are_refused(served, path):
     status, headers, body = ask(served[1], path)
     assert status == 404 and body == b"404 Not Found\n" and headers["Cache-Control"] == "no-store"
 
 
-@pytest.mark.parametrize("path", ["/", "/play.js", "/socket"])
+@pytest.mark.parametrize("path", ["/", "/socket"])
 @pytest.mark.parametrize("origin", ["http://evil.example", "null", "https://{}", "http://{}.x"])
 def test_other_origins_are_refused(served, path, origin):
     headers = [("Host", served[1]), ("Origin", origin.format(served[1]))]
     assert ask(served[1], path, headers=headers)[0] == 403
 
 
-@pytest.mark.parametrize("origin", [None, "http://evil.example", "null", "http://localhost:1"])
+@pytest.mark.parametrize("origin", [None, "http://evil.example", "http://localhost:1"])
 def test_a_socket_needs_the_pages_origin(served, origin):
     with (
         pytest.raises(InvalidStatus, match="403"),
         connect(f"ws://{served[1]}/socket", origin=origin),
     ):
         pass
-    status, *_ = ask(served[1], "/socket", headers=[("Host", served[1])])
-    assert status == 403
 
 
 def test_beyond_this_machine_every_request_needs_the_token(monkeypatch):
@@ -133,13 +125,6 @@ def test_beyond_this_machine_every_request_needs_the_token(monkeypatch):
         await asyncio.wait([one, two])
 
     apart(asyncio.run, run())
-
-
-def test_the_machines_own_address():
-    try:
-        assert IPv4Address(server.own_address())
-    except OSError:
-        pytest.skip("this machine is in no network")
 
 
 def test_a_page_steers_the_robot(served):
@@ -184,14 +169,12 @@ def test_too_much_closes_the_socket(served, messages, code):
         assert close_code(one) == code
 
 
-def test_there_are_only_so_many_sockets(served):
-    with ExitStack() as open_ones:
+def test_there_are_only_so_many_pages(served):
+    with ExitStack() as pages:
         for _ in range(MOST_SOCKETS):
-            open_ones.enter_context(talk(served[1]))
+            pages.enter_context(talk(served[1]))
         with pytest.raises(InvalidStatus, match="503"):
-            open_ones.enter_context(talk(served[1]))
-    with talk(served[1]) as one:
-        next_of(one, "state")
+            pages.enter_context(talk(served[1]))
 
 
 def test_there_are_only_so_many_connections(served):
@@ -207,75 +190,6 @@ def test_there_are_only_so_many_connections(served):
         assert select.select(idle, [], [], 1.0)[0] == idle[:11]  # are closed
         assert ask(served[1])[0] == 200
         next_of(page, "state")
-
-
-def test_messages_that_are_much_work_do_not_stop_the_others(monkeypatch):
-    class Flood:
-        def __init__(self):
-            self.count, self.closed = 0, None
-
-        def __aiter__(self):
-            return self
-
-        async def __anext__(self):
-            self.count += 1
-            if self.count > 1000:
-                raise StopAsyncIteration
-            return '{"do": "reset"}'
-
-        async def close(self, code, reason):
-            self.closed = reason
-
-    session = Session()
-    monkeypatch.setattr(session, "attempt", lambda action: time.sleep(0.008))
-
-    async def run():
-        page, flood, published = Page(session, 1), Flood(), []
-        page._sockets = 1
-        monkeypatch.setattr(page, "_publish", lambda: published.append(flood.count))
-        task = asyncio.create_task(page.run())
-        await page._listen(flood)
-        task.cancel()
-        assert flood.closed == "too many messages" and flood.count < 2 * BURST
-        assert len(published) > 20
-
-    apart(asyncio.run, run())
-
-
-def test_the_robot_walks_on_while_another_one_is_made(monkeypatch):
-    """For all pages, which are listened to meanwhile; what they set holds for the other one."""
-
-    async def of(*messages):
-        for message in messages:
-            yield json.dumps(message)
-
-    session = Session()
-    make = session.make
-    monkeypatch.setattr(session, "make", lambda **choice: time.sleep(1.5) or make(**choice))
-
-    async def run():
-        page, published = Page(session, 1), []
-        page._sockets = 2
-        publish = page._publish
-        monkeypatch.setattr(
-            page, "_publish", lambda: publish() or published.append((time.monotonic(), page._state))
-        )
-        running = asyncio.create_task(page.run())
-        wanted = {"do": "choose", "name": "robot", "value": "holy"}
-        choosing = asyncio.create_task(page._listen(of(wanted, {"do": "steer", "value": 0.5})))
-        await asyncio.sleep(0.1)
-        await page._listen(of({"do": "set", "name": "friction", "value": 0.3}))
-        assert session.values()["friction"] == 0.3 and not choosing.done()
-        await page._listen(of({"do": "choose", "name": "level", "value": 12}))  # after the robot
-        assert session.choices["robot"] == "holy" and session.values()["friction"] == 0.3
-        await choosing
-        running.cancel()
-        times = [at for at, _ in published]
-        assert len(times) > 20 and max(b - a for a, b in pairwise(times)) < 1.0
-        assert max(json.loads(state)["score"]["time"] for _, state in published) > 0.5
-        assert session.input == 0.5 and "level is 12" in session.message
-
-    apart(asyncio.run, run())
 
 
 def test_a_robot_is_built_for_the_page_that_asks(served):
@@ -339,13 +253,6 @@ def test_wrong_arguments(arguments, message, capsys):
     with pytest.raises(SystemExit) as ended:
         program.main(arguments)
     assert ended.value.code == 2 and message in capsys.readouterr().err
-
-
-def test_a_policy_walks_unless_the_hand_does():
-    for env_id in ENVIRONMENTS:
-        args = program.parse(["--env", env_id])
-        assert args.policy in controls_of(env_id)
-    assert program.parse(["--policy", "hand"]).policy == "hand"
 
 
 def test_an_address_of_another_machine(capsys):

@@ -10,18 +10,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from agents.tuning.profile_search import ENV
 from benchmarks import measure
-from benchmarks.profile_scores import chosen_with_policies
+from benchmarks.measure import WALKER
 from jansen_env import Terrain
 from jansen_env.baselines.policy import Array, Bools, Policy
 from jansen_env.plants.projected import ProjectionPlant
-from jansen_env.robot import JANSEN, Robot, paper_robot
-from jansen_env.robot.kinematics import T, joint_positions, world_joints
+from jansen_env.robot import JANSEN, paper_robot
+from jansen_env.robot.kinematics import world_joints
 from jansen_env.scoring.benchmarks import ENOUGH, succeeded
 from jansen_env.scoring.rollout import make_env, run_episodes
 from jansen_env.terrain import shapes
@@ -32,7 +31,7 @@ FRICTION = 0.8
 EPISODES = 24  # of each case
 AT_ONCE = 256  # robots
 FIRST_SEED = 90_000  # apart from all others
-ENVS = (ENV, "JansenWalkerBuilt-v0", "JansenWalkerRough-v0")  # the last with a look ahead
+ENVS = (WALKER, "JansenWalkerBuilt-v0", "JansenWalkerRough-v0")  # the last with a look ahead
 HALF = 0.5  # of the walks: up to which size the machine is said to climb
 BEYOND = 2  # sizes beyond the highest level
 UNITS = {"angle": "rad"}  # the others are in m
@@ -82,13 +81,21 @@ Found: TypeAlias = dict[str, Walked]
 
 
 def walk(
-    policy: Policy, cases: Sequence[tuple[Terrain, float, int]], env_id: str = ENV, **more: Any
+    policy: Policy,
+    cases: Sequence[tuple[Terrain, float, int]],
+    env_id: str = WALKER,
+    **more: object,
 ) -> Walked:
     """One walk of each case (terrain, speed command, seed), (n,); ``more``: arguments."""
     parts = []
     for begin in range(0, len(cases), AT_ONCE):
         terrains, speeds, seeds = zip(*cases[begin : begin + AT_ONCE], strict=True)
-        kwargs = {"friction": FRICTION, "terrain": list(terrains), "randomize": {}, **more}
+        kwargs: dict[str, object] = {
+            "friction": FRICTION,
+            "terrain": list(terrains),
+            "randomize": {},
+            **more,
+        }
         run = run_episodes(policy, env_id, kwargs, np.array(speeds), np.array(seeds))
         won = succeeded(run, make_env(env_id, {})).astype(bool)
         parts.append(Walked(~run["fell"].astype(bool), won))
@@ -97,7 +104,7 @@ def walk(
 
 def climb(
     policies: dict[str, Policy], obstacle: str, speeds: Sequence[float], episodes: int,
-    env_id: str = ENV,
+    env_id: str = WALKER,
 ) -> Found:  # fmt: skip
     """Walks over all sizes of an obstacle; episode k has the same ground at all speeds."""
     grown = sizes(obstacle)
@@ -114,7 +121,7 @@ def climb(
     }
 
 
-def anyhow(found: Found) -> Array:
+def by_any_policy(found: Found) -> Array:
     """(sizes,) share of the grounds on which some policy succeeded at some speed."""
     every = np.stack([walked.succeeded for walked in found.values()])
     return np.asarray(every.any(axis=(0, 2)).mean(axis=1))
@@ -127,44 +134,36 @@ def last(grown: Array, share: Array) -> str:
     return "-" if count == 0 else f"{'' if len(below) else '>= '}{abs(grown[count - 1]):.3g}"
 
 
-def best(values: Bools) -> tuple[Array, int]:
-    """Shares (sizes,) at the speed that has the largest in the mean, and which speed it is."""
+def best(values: Bools) -> Array:
+    """Shares (sizes,) at the speed that has the largest in the mean."""
     shares = values.mean(axis=2)
-    speed = int(np.argmax(shares.mean(axis=0)))
-    return shares[:, speed], speed
+    return np.asarray(shares[:, np.argmax(shares.mean(axis=0))])
 
 
-def limit_table(results: dict[str, Found], speeds: Sequence[float]) -> str:
-    """Up to which size each policy succeeds at its best speed, as Markdown."""
+def limit_table(results: dict[str, Found]) -> str:
+    """Up to which size each policy succeeds at its best speed, and any at any, as Markdown."""
     rows = []
     for obstacle, found in results.items():
-        grown = sizes(obstacle)
-        unit = UNITS.get(parameter(obstacle), "m")
-        for i, (name, walked) in enumerate(found.items()):
-            cells = [f"{obstacle}, {parameter(obstacle)} ({unit})" if i == 0 else "", name]
-            for values in (walked.succeeded, walked.up):
-                share, speed = best(values)
-                cells += [last(grown, share), f"{speeds[speed]:g}"]
-            rows.append((*cells, last(grown, anyhow(found)) if i == 0 else ""))
-    head = ("obstacle", "policy", "succeeds up to", "at (m/s)", "stays up to", "at (m/s)",
-            "any of them")  # fmt: skip
-    return measure.table(head, rows)
+        grown, unit = sizes(obstacle), UNITS.get(parameter(obstacle), "m")
+        limits = [last(grown, best(walked.succeeded)) for walked in found.values()]
+        label = f"{obstacle}, {parameter(obstacle)} ({unit})"
+        rows.append((label, *limits, last(grown, by_any_policy(found))))
+    return measure.table(("obstacle", *next(iter(results.values())), "any, at any speed"), rows)
 
 
 def walkable_table(results: dict[str, Found]) -> str:
-    """Return success by level, of the best policy and speed and of any, as Markdown."""
+    """Return success by level, of any policy at any speed, as Markdown."""
     by_kind: dict[str, list[Array]] = {name: [] for name in LEVELS}
     rows = []
     for obstacle, found in results.items():
         if obstacle == "one step":
             continue
-        one = np.max([walked.succeeded.mean(axis=2) for walked in found.values()], axis=(0, 2))
-        both = np.stack([one, anyhow(found)])
-        by_kind[obstacle.split()[0]].append(both)
-        rows.append((obstacle, *(f"{own:.2f} / {some:.2f}" for own, some in both.T)))
+        share = by_any_policy(found)
+        by_kind[obstacle.split()[0]].append(share)
+        rows.append((obstacle, *(f"{value:.2f}" for value in share)))
     if all(by_kind.values()):
-        mixed = np.mean([np.mean(both, axis=0) for both in by_kind.values()], axis=0)
-        rows.append(("mixed", *(f"{own:.2f} / {some:.2f}" for own, some in mixed.T)))
+        mixed = np.mean([np.mean(shares, axis=0) for shares in by_kind.values()], axis=0)
+        rows.append(("mixed", *(f"{value:.2f}" for value in mixed)))
     levels = (*range(HIGHEST + 1), *(f"({HIGHEST + 1 + i})" for i in range(BEYOND)))
     return measure.table(("level", *map(str, levels)), rows)
 
@@ -181,13 +180,6 @@ def level_table() -> str:
                 each = (f"{at_level(name, level)[key]:.3g}" for level in range(HIGHEST + 1))
                 rows.append((label, *each))
     return measure.table(("level", *map(str, range(HIGHEST + 1))), rows)
-
-
-def toe_lift(robot: Robot) -> float:
-    """Return the height of a toe over the lowest one over a turn, the chassis level, m."""
-    psi = np.linspace(0.0, 2.0 * np.pi, 1440)
-    toes = [joint_positions(robot, leg.side, psi + leg.phase)[:, T, 1] for leg in robot.legs]
-    return float((np.max(toes, axis=0) - np.min(toes, axis=0)).max())
 
 
 def draw_generators(path: Path, levels: Sequence[int] = (0, 4, HIGHEST)) -> None:
@@ -214,37 +206,35 @@ def draw_generators(path: Path, levels: Sequence[int] = (0, 4, HIGHEST)) -> None
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    found, policies = chosen_with_policies(__doc__, "docs/terrain", EPISODES, arguments, ENVS)
-    count, speeds = (2, SPEEDS[-1:]) if found.quick else (found.episodes, SPEEDS)
+    parser = measure.options(__doc__, "docs/terrain", episodes=EPISODES)
+    args, policies = measure.parse_with_policies(parser, arguments, ENVS)
+    count, speeds = (2, SPEEDS[-1:]) if args.quick else (args.episodes, SPEEDS)
     results = {
-        obstacle: climb(policies, obstacle, speeds, count, found.env)
-        for obstacle in (OBSTACLES[:1] if found.quick else OBSTACLES)
+        obstacle: climb(policies, obstacle, speeds, count, args.env)
+        for obstacle in (OBSTACLES[:1] if args.quick else OBSTACLES)
     }
-    more = "".join(f" --policy {name}" for name in found.policy)
-    command = f"python -m benchmarks.climbing --env {found.env} --episodes {count}{more}"
+    more = "".join(f" --policy {name}" for name in args.policy)
+    command = f"python -m benchmarks.climbing --env {args.env} --episodes {count}{more}"
     shown = ", ".join(f"{speed:g}" for speed in speeds)
     measure.report(
-        found.out / "climbing.md",
+        args.out / "climbing.md",
         "# Limits of climbing",
         f"`{command}`: {count} walks of 10 s of each policy over each size at {shown} m/s, "
         f"friction {FRICTION:g}; a success does not fall and gets {ENOUGH:g} of the commanded "
         "distance. All meet the same grounds. The sizes are those of the levels 0 to 9 and two "
         "beyond.",
-        "Up to which size at least half of the walks succeed at the policy's best speed, and stay "
-        "up; the last column: up to which size some policy succeeds at some speed on at least half "
-        "of the grounds.",
-        limit_table(results, speeds),
-        "By level: the share of successes of the best policy at its best speed / the share of the "
-        "grounds on which any of them succeeded at any speed. Mixed: the mean of the seven kinds.",
+        "The largest size at which at least half of the walks succeed, each policy at its best "
+        "speed; last, at which on half of the grounds some policy succeeds at some speed.",
+        limit_table(results),
+        "By level: the share of the grounds on which some policy succeeds at some speed. Mixed: "
+        "the mean of the seven kinds.",
         walkable_table(results),
-        f"Kinematics: with a level chassis a toe comes {1e3 * toe_lift(paper_robot()):.0f} mm over "
-        "the lowest one. Beyond that, a toe that meets a face has to be pulled up it.",
     )
-    if found.env != ENV:
+    if args.env != WALKER:
         return
-    measure.report(found.out / "levels.md", "# Levels", "`python -m benchmarks.climbing`: values "
+    measure.report(args.out / "levels.md", "# Levels", "`python -m benchmarks.climbing`: values "
                    "of `jansen_env.terrain.generators.LEVELS`.", level_table())  # fmt: skip
-    draw_generators(found.out / "generators.png")
+    draw_generators(args.out / "generators.png")
 
 
 if __name__ == "__main__":

@@ -30,7 +30,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Draw bodies, walk, print and write the table."""
     parser = measure.options(__doc__, "logs/held_out", starts=3)
     parser.add_argument("--policy", action="append", required=True)
-    args = measure.chosen(parser, arguments)
+    args = measure.parse(parser, arguments)
     env = gym.make(ENV, randomize={"lengths": 0.1}, observe_lengths=True)
     bodies = [env.reset(seed=BODIES + k)[1]["lengths"] for k in range(2 if args.quick else COUNT)]
     weights = np.array([with_lengths(built_robot(), body).mass * GRAVITY for body in bodies])
@@ -43,10 +43,10 @@ def main(arguments: list[str] | None = None) -> None:
         run["forward"] = np.maximum(run["distance"], 0.0)
         kept = ("returns", "slip", "work", "fell", "forward")
         total, slip, work, falls, way = (run[k].reshape(-1, each).sum(axis=1) for k in kept)
-        found = np.array([total / each, slip / way, work / way / weights, falls / each])
-        lines = [*enumerate(found.T), ("median", np.median(found, 1)), ("mean", found.mean(1))]
-        short = Path(name).stem
-        rows += [(short, body, *(f"{one:.3g}" for one in own)) for body, own in lines]
+        numbers = np.array([total / each, slip / way, work / way / weights, falls / each])
+        lines = [*enumerate(numbers.T), ("median", np.median(numbers, axis=1))]
+        rows += [(Path(name).stem, body, *(f"{value:.3g}" for value in values))
+                 for body, values in lines]  # fmt: skip
     title = f"# {len(bodies)} bodies, {each} walks of each by each policy"
     measure.report(args.out / "held_out.md", title, measure.table(COLUMNS, rows))
 

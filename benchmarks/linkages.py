@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import gymnasium as gym
 import numpy as np
@@ -22,32 +22,39 @@ from jansen_env.baselines.pid import PID
 from jansen_env.baselines.policy import Array, Policy
 from jansen_env.baselines.profile import Profile
 from jansen_env.baselines.walker_baselines import nearest_setting, walking_pid
+from jansen_env.envs.walker import JansenWalkerEnv
 from jansen_env.files import write_json
+from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.trace import find_touchdowns, peak_loads, trace_forces
 from jansen_env.robot import ROBOTS, Bar, Robot
 from jansen_env.robot.kinematics import advance_per_turn, toe_positions, world_joints
 from jansen_env.robot.zoo import standing_height
 from jansen_env.scoring.benchmarks import WALKER, succeeded
-from jansen_env.scoring.metrics import SETTLING, point_estimates, proportion_with_interval
+from jansen_env.scoring.metrics import SETTLING, point_estimates
 from jansen_env.scoring.rollout import make_env, run_episodes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 LINKAGES = {
     "paper_slender": "Jansen (paper)", "holy_slender": "Jansen (holy)", "klann": "Klann",
     "chebyshev": "Chebyshev", "trotbot": "TrotBot", "strider": "Strider",
 }  # fmt: skip
 SPEEDS = np.array([0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7])  # m/s
-SHOWN = (0.1, 0.3, 0.5, 0.7)  # m/s, in the table
+SHOWN = (0.1, 0.3, 0.5, 0.7)  # m/s, of the table's costs of transport
 SWEEPS = (Sweep(12, 6, 0.5), Sweep(6, 8, 0.25))  # through all speeds, of the search for profiles
 COLD = (5.0, 2.0, 1.0, *[0.0] * 2 * HARMONICS)  # kp, tau0, g and no harmonics, at first
 EPISODES, WATCHED = 32, 4  # walks at each speed; those whose heave and forces are worked out
 FIRST_SEED = 120_000  # apart from all others
 STEPS = np.array([0.02, 0.03, 0.04, 0.06, 0.08, 0.1, 0.13, 0.16, 0.2, 0.25, 0.3])  # m
 STEP_SPEEDS = (0.4, 0.5, 0.6, 0.7)  # m/s: a walk that gets there has its last toe over the step
-COLUMNS = (("cost", 1.0, 2), ("slip", 1e3, 0), ("heave", 1e3, 0), ("pin", 1.0, 0))
+SINGLE = 0.5  # m/s, of the columns that are shown at one speed
+COLUMNS = (("slip", 1e3), ("heave", 1e3), ("pin", 1.0))
 LOSSES = ("joint_loss", "slip_loss", "impact_loss")
 
-Cells = list[dict[str, Any]]  # of each of SPEEDS: outcomes, and numbers of the steady walk
+Cells = list[dict[str, float]]  # of each of SPEEDS: outcomes, and numbers of the steady walk
 Scores = dict[str, dict[str, Cells]]  # by linkage and controller
+Kwargs = dict[str, Any]  # of an environment
 
 
 def as_tall(name: str) -> Robot:
@@ -62,13 +69,13 @@ def as_tall(name: str) -> Robot:
     return replace(robot, bodies=tuple(bodies)).with_slender_inertias()
 
 
-def search(robot: Robot, quick: bool, seed: int = 0) -> dict[str, Any]:
+def search(robot: Robot, quick: bool, seed: int = 0) -> Kwargs:
     """Find the gains and crank speeds of a PID, and a profile, for each of :data:`SPEEDS`.
 
     The search for a profile begins at the PID's crank speed, held, or where a neighbouring speed's
     search stands, whichever walks better.
     """
-    kwargs: dict[str, Any] = {"robot": robot}
+    kwargs: Kwargs = {"robot": robot}
     turns = abs(advance_per_turn(ROBOTS["paper"]()) / advance_per_turn(robot))
     cranks, few = tune.CRANK_SPEEDS[::2] * turns, slice(0, 1 if quick else None)
     pid = tune.measure_pid(1 if quick else 4, ENV, tune.GAINS[few], cranks, **kwargs)
@@ -88,56 +95,60 @@ def search(robot: Robot, quick: bool, seed: int = 0) -> dict[str, Any]:
 
 
 def best_of(
-    choices: list[Array], command: float, sweep: Sweep, rng: Any, kwargs: dict[str, Any]
+    choices: list[Array], command: float, sweep: Sweep, rng: np.random.Generator, kwargs: Kwargs
 ) -> Array:
     """The profile that walks best at a speed, of those given; all walk the same episodes."""
     n, env = sweep.episodes, make_env(ENV, kwargs)
     seeds = np.tile(rng.integers(2**31) + np.arange(n), len(choices))
-    own = profiles(np.repeat(choices, n, axis=0), env)
-    run = run_episodes(own, ENV, kwargs, np.full(len(seeds), command), seeds)
+    together = profiles(np.repeat(choices, n, axis=0), env)
+    run = run_episodes(together, ENV, kwargs, np.full(len(seeds), command), seeds)
     return choices[int(worth(run, env).reshape(-1, n).mean(axis=1).argmax())]
 
 
-def controllers_of(found: dict[str, Any], robot: Robot) -> dict[str, Policy]:
+def controllers_of(found: Kwargs, robot: Robot) -> dict[str, Policy]:
     """A linkage's profile and PID, interpolated between the speeds of the search."""
     env, cranks = make_env(ENV, {"robot": robot}).unwrapped, found["crank_speeds"]
     pid = walking_pid(lambda v: np.interp(v, SPEEDS, cranks), env, PID(*found["gains"]))
     return {"profile": Profile(SPEEDS, np.array(found["profile"])).policy(env), "pid": pid}
 
 
-def score(kwargs: dict[str, Any], own: Policy, count: int, watched: int) -> Cells:
+def score(kwargs: Kwargs, policy: Policy, count: int, watched: int) -> Cells:
     """Score ``count`` walks at each of :data:`SPEEDS`; ``kwargs``: of the environment."""
     env, seeds, cells = make_env(ENV, kwargs), FIRST_SEED + np.arange(count), []
-    run = run_episodes(own, ENV, kwargs, np.repeat(SPEEDS, count), np.tile(seeds, len(SPEEDS)))
+    run = run_episodes(policy, ENV, kwargs, np.repeat(SPEEDS, count), np.tile(seeds, len(SPEEDS)))
     for k, command in enumerate(SPEEDS.tolist()):
         part = {name: values[k * count : (k + 1) * count] for name, values in run.items()}
         found = point_estimates(WALKER.metrics, part, env)
-        seen = [watch(kwargs, own, command, seed) for seed in seeds[:watched].tolist()]
+        seen = [watch(kwargs, policy, command, seed) for seed in seeds[:watched].tolist()]
         cells.append({
             "command": command, "walks": int(succeeded(part, env).sum()),
             "falls": int(part["fell"].sum()), "cost": found["steady_cost_of_transport"],
             "slip": found["steady_slip_per_metre"],
-            **{name: float(np.median([one[name] for one in seen])) for name in seen[0]},
+            **{name: float(np.median([walk[name] for walk in seen])) for name in seen[0]},
         })  # fmt: skip
     return cells
 
 
-def watch(kwargs: dict[str, Any], own: Policy, command: float, seed: int) -> dict[str, float]:
-    """One walk from :data:`SETTLING` s on, until a fall: heave and largest pin force but for the
-    time steps of landings; shares of :data:`LOSSES` in the work lost."""
-    env: Any = gym.make(ENV, speed_command=command, **kwargs)
-    plant, dt, state, over = env.unwrapped.plant, env.unwrapped.control_dt, None, False
-    traces: list[Any] = []
+def watch(kwargs: Kwargs, policy: Policy, command: float, seed: int) -> dict[str, float]:
+    """Walk once and return heave, largest pin force and shares of :data:`LOSSES` in the work lost.
+
+    They are from :data:`SETTLING` s on, until a fall; the force without time steps of landings.
+    """
+    env = gym.make(ENV, speed_command=command, **kwargs)
+    unwrapped = cast(JansenWalkerEnv, env.unwrapped)
+    plant = cast(ProjectionPlant, unwrapped.plant)
+    traces, state, over = [], None, False
     rows: list[list[float]] = []
     plant.tracing = True
     seen, _ = env.reset(seed=seed)
     while not over:
-        action, state = own.predict(seen, state, np.array(not rows), True)
+        action, state = policy.predict(seen, state, np.array(not rows), True)
         seen, _, fallen, late, info = env.step(action)
         traces.append(plant.trace)
-        rows.append([plant.state[1], *(info["energy"][name] for name in LOSSES)])
+        rows.append([float(plant.state[1]), *(info["energy"][name] for name in LOSSES)])
         over = fallen or late
-    steady = round(SETTLING / dt) if len(rows) > SETTLING / dt else 0
+    steady = round(SETTLING / unwrapped.control_dt)
+    steady = steady if len(rows) > steady else 0
     (height, *losses), trace = np.array(rows[steady:]).T, np.concatenate(traces[steady:])
     load = trace_forces(plant.tables, trace, plant.time_step).bearing
     return {
@@ -147,7 +158,7 @@ def watch(kwargs: dict[str, Any], own: Policy, command: float, seed: int) -> dic
     }  # fmt: skip
 
 
-def highest_step(kwargs: dict[str, Any], own: Policy, heights: Array, count: int) -> str:
+def highest_step(kwargs: Kwargs, policy: Policy, heights: Array, count: int) -> str:
     """Up to which height (m) half of the walks up one step, which begin with all toes in front of
     it, succeed at the best speed; as text."""
     reach = float(toe_positions(kwargs["robot"], np.linspace(0.0, 6.3, 500))[..., 0].max())
@@ -155,33 +166,24 @@ def highest_step(kwargs: dict[str, Any], own: Policy, heights: Array, count: int
         (climbing.ground("one step", height, k, reach), speed, FIRST_SEED + k)
         for height in heights.tolist() for speed in STEP_SPEEDS for k in range(count)
     ]  # fmt: skip
-    won = climbing.walk(own, cases, **kwargs).succeeded
-    shares, _ = climbing.best(won.reshape(len(heights), len(STEP_SPEEDS), count))
+    won = climbing.walk(policy, cases, **kwargs).succeeded
+    shares = climbing.best(won.reshape(len(heights), len(STEP_SPEEDS), count))
     return climbing.last(heights, shares)
 
 
-def score_table(scores: Scores, steps: dict[str, list[str]], count: int) -> str:
-    """A row a linkage and controller, as Markdown; / between values at each of :data:`SHOWN`."""
+def score_table(scores: Scores, steps: dict[str, list[str]]) -> str:
+    """A row a linkage and controller, as Markdown."""
     rows = []
     for name, by_controller in scores.items():
         for (controller, cells), step in zip(by_controller.items(), steps[name], strict=True):
-            falls, total = sum(cell["falls"] for cell in cells), count * len(cells)
-            _, low, high = proportion_with_interval(falls, total)
-            failed = [
-                f"{c['command']:g}: {c['falls']} fall, {count - c['walks'] - c['falls']} too slow"
-                for c in cells if 2 * c["walks"] < count
-            ]  # fmt: skip
+            at = {cell["command"]: cell for cell in cells}
             rows.append((
-                LINKAGES[name], controller,
-                *(" / ".join(f"{size * (c[key] or np.nan):.{digits}f}"
-                             for c in cells if c["command"] in SHOWN)
-                  for key, size, digits in COLUMNS),
-                f"{falls} of {total} ({100.0 * low:.1f} to {100.0 * high:.1f})",
-                ", ".join(failed) or "-", step,
+                LINKAGES[name], controller, *(f"{at[v]['cost'] or np.nan:.2f}" for v in SHOWN),
+                *(f"{size * (at[SINGLE][key] or np.nan):.0f}" for key, size in COLUMNS),
+                str(sum(cell["falls"] for cell in cells)), step,
             ))  # fmt: skip
-    head = ("linkage", "controller", f"cost of transport at {' / '.join(map(str, SHOWN))} m/s",
-            "slip (mm/m)", "heave (mm)", "largest pin force (N)", "falls (%)",
-            "cannot walk at (m/s)", "step (m)")  # fmt: skip
+    head = ("linkage", "controller", *(f"cost at {v:g} m/s" for v in SHOWN),
+            "slip (mm/m)", "heave (mm)", "pin force (N)", "falls", "step (m)")  # fmt: skip
     return measure.table(head, rows)
 
 
@@ -217,7 +219,7 @@ def draw_linkages(robots: dict[str, Robot], folder: Path) -> None:
     measure.save(figure, folder / "zoo.png")
 
 
-def _draw_linkage(axis: Any, robot: Robot, title: str = "") -> None:
+def _draw_linkage(axis: Axes, robot: Robot, title: str = "") -> None:
     """Draw a robot's linkage in m, all legs but the first pale."""
     for k, joints in enumerate(world_joints(robot, np.array([0.0, 0.0, 0.0, 0.6]))):
         for a, b in robot.linkage.skeleton:
@@ -234,24 +236,26 @@ def main(arguments: list[str] | None = None) -> None:
     parser = measure.options(__doc__, "docs/linkages", seed=0)
     parser.add_argument("--search", action="store_true", help="find all controllers again")
     parser.add_argument("--time-step", type=float, default=1e-3, metavar="S", help="(0.001)")
-    found = measure.chosen(parser, arguments)
-    count, watched, heights = (2, 1, STEPS[:2]) if found.quick else (EPISODES, WATCHED, STEPS)
-    robots = {name: as_tall(name) for name in [*LINKAGES][: 3 if found.quick else None]}
-    path, scores, steps = found.out / "controllers.json", {}, {}
-    if found.search or not path.exists():
-        write_json(path, {n: search(r, found.quick, found.seed) for n, r in robots.items()})
+    args = measure.parse(parser, arguments)
+    count, watched, heights = (2, 1, STEPS[:2]) if args.quick else (EPISODES, WATCHED, STEPS)
+    robots = {name: as_tall(name) for name in [*LINKAGES][: 3 if args.quick else None]}
+    path, scores, steps = args.out / "controllers.json", {}, {}
+    if args.search or not path.exists():
+        write_json(path, {n: search(r, args.quick, args.seed) for n, r in robots.items()})
     for name, numbers in json.loads(path.read_text(encoding="utf-8")).items():
-        kwargs = {"robot": robots[name], "time_step": found.time_step}
-        own = controllers_of(numbers, robots[name])
-        scores[name] = {k: score(kwargs, one, count, watched) for k, one in own.items()}
-        steps[name] = [highest_step(kwargs, one, heights, count) for one in own.values()]
-    write_json(found.out / "scores.json", scores)
-    command = f"`python -m benchmarks.linkages --time-step {found.time_step:g}`: {count} walks of "
-    command += f"each at each of {len(SPEEDS)} speeds; heave and pin forces of {watched}."
-    measure.report(found.out / "scores.md", "# Scores of the linkages", command,
-                   score_table(scores, steps, count))  # fmt: skip
-    draw_scores(scores, found.out / "comparison.png", count)
-    draw_linkages(robots, found.out)
+        kwargs = {"robot": robots[name], "time_step": args.time_step}
+        policies = controllers_of(numbers, robots[name])
+        scores[name] = {k: score(kwargs, p, count, watched) for k, p in policies.items()}
+        steps[name] = [highest_step(kwargs, p, heights, count) for p in policies.values()]
+    write_json(args.out / "scores.json", scores)
+    command = f"`python -m benchmarks.linkages --time-step {args.time_step:g}`: {count} walks of "
+    command += f"each at each of {len(SPEEDS)} speeds. Slip, heave and largest pin force: at "
+    command += f"{SINGLE:g} m/s, the last two medians of {watched} walks. Falls: of "
+    command += f"{count * len(SPEEDS)} walks. Step: the highest that half of the walks get over."
+    measure.report(args.out / "scores.md", "# Scores of the linkages", command,
+                   score_table(scores, steps))  # fmt: skip
+    draw_scores(scores, args.out / "comparison.png", count)
+    draw_linkages(robots, args.out)
 
 
 if __name__ == "__main__":

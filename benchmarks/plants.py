@@ -3,10 +3,9 @@
     python -m benchmarks.plants [--machines | --linkages] [--out logs/plants] [--jobs 2] [--quick]
 
 Both plants side by side, with the time step halved on both: walks at many crank speeds and
-frictions, on slopes, with loads; and a steady walk as pymunk's solver iterates longer. Writes
-``plants.md``. With ``--machines`` walks with compliant feet, dry bearings, a rotor, a motor's line
-and the robot that could be built: ``machines.md``. With ``--linkages`` walks of the other linkages:
-``linkages.md``.
+frictions, on slopes, with loads (``plants.md``); with ``--machines`` walks with compliant feet, dry
+bearings, a rotor, a motor's line, and of the built robot (``machines.md``); with ``--linkages``
+walks of the other linkages (``linkages.md``).
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ import sys
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,7 +30,6 @@ from jansen_env.robot.zoo import ZOO
 SPEEDS = (0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)  # of the crank, rad/s
 FRICTIONS = (0.1, 0.3, 0.6, 1.0)
 SLOPES, PAYLOADS, HARDER = (-0.15, -0.05, 0.05, 0.15), (1.0, 5.0), 4.0  # rad; kg; at so many rad/s
-ITERATIONS: tuple[int, ...] = (60, 200, 600, 2000)  # of pymunk's solver in a time step
 STARTS = (0.0, 2.5e-4, 5e-4, 7.5e-4, 1e-3)  # rad, crank angles of an ensemble
 SLENDER = paper_robot().with_slender_inertias()
 FEET = Compliance(5e4, 60.0, 3e4, 40.0)
@@ -51,12 +49,11 @@ MACHINE_SPEEDS = (1.0, 4.0)  # of the crank, rad/s
 MACHINE_DURATION = 3.0  # s
 OTHER_STARTS = tuple(math.pi * k / 12.0 for k in range(12))  # rad; half a turn on, all is the same
 ALLOWED = 0.05  # difference in distance and cost of transport up to which the plants agree
-
+COMPARED = ("distance", "cost_of_transport")
 HOW_COMPARED = (
-    "Projection plant (median of six runs) / rigid-body plant (time step / half of it). "
-    "Spread: of the six runs' distances, which start within 1 mrad of one another or have half "
-    "the time step. Other starts: distances on the projection plant from crank angles over "
-    f"half a turn. Agree: distance and cost of transport within {100 * ALLOWED:.0f} %."
+    "Projection plant: the median of six runs, which start within 1 mrad of one another or have "
+    "half the time step; spread: of their distances. Rigid-body plant: at half its time step. "
+    f"Agree: distance and cost of transport within {100 * ALLOWED:.0f} %."
 )
 
 
@@ -86,13 +83,13 @@ class Walk:
         words = [self.machine, *words] if self.machine != "paper" else words
         return ", ".join(words)
 
-    def plant(self, name: str, halvings: int = 0, **arguments: Any) -> Plant:
+    def plant(self, name: str, halvings: int = 0) -> Plant:
         """Return a plant by name, its own time step halved so many times."""
         robot = {**MACHINES, **LINKAGES}[self.machine]
         robot = replace(robot, payload=Payload(self.payload))
         terrain = Terrain.slope(self.slope, friction=self.friction)
         kind, time_step = PLANTS[name]
-        made: Plant = kind(robot, terrain, time_step / 2**halvings, **arguments)
+        made: Plant = kind(robot, terrain, time_step / 2**halvings)
         return made
 
     def run(self, plant: Plant, start: float = 0.0) -> Walked:
@@ -161,37 +158,42 @@ def compare(walk: Walk) -> Comparison:
 
 
 def walk_table(compared: list[Comparison]) -> str:
-    columns = {
-        "distance": "distance (m)", "cost_of_transport": "cost of transport",
-        "rms_torque": "RMS torque (N m)", "heave": "heave (mm)", "slip": "slip (m/m)",
-    }  # fmt: skip
+    """A row a walk: distance and cost on both plants, of the rigid-body plant at half its step."""
     rows = []
     for c in compared:
-        cells = []
-        for name in columns:
-            values = (c.projection(name), *(getattr(run, name) for run in c.rigid))
-            cells.append(" / ".join(f"{v * (1e3 if name == 'heave' else 1.0):.3g}" for v in values))
-        reach = sorted(run.distance for run in c.others if not run.fell)
+        pairs = [(c.projection(name), getattr(c.rigid[-1], name)) for name in COMPARED]
         rows.append((
-            c.walk.label, *cells, f"{1e3 * c.rigid[0].joint_gap:.2g}",
-            "falls" if math.isinf(c.spread) else f"{100 * c.spread:.1f}",
-            f"{reach[0]:.3g} to {reach[-1]:.3g}" if reach else "all fall", c.verdict,
+            c.walk.label, *(f"{value:.3g}" for pair in pairs for value in pair),
+            "falls" if math.isinf(c.spread) else f"{100 * c.spread:.1f}", c.verdict,
         ))  # fmt: skip
-    others = ("joint gap (mm)", "spread (%)", "other starts (m)", "verdict")
-    head = ("walk", *columns.values(), *others)
+    head = ("walk", "distance (m)", "rigid bodies", "cost of transport", "rigid bodies",
+            "spread (%)", "verdict")  # fmt: skip
     return table(head, rows)
 
 
+def verdict_table(compared: list[Comparison]) -> str:
+    """How many walks of each machine have which verdict."""
+    verdicts = sorted({c.verdict for c in compared})
+    rows = []
+    for machine in dict.fromkeys(c.walk.machine for c in compared):
+        count = Counter(c.verdict for c in compared if c.walk.machine == machine)
+        rows.append((machine, count.total(), *(count[verdict] for verdict in verdicts)))
+    return table(("machine", "walks", *verdicts), rows)
+
+
 def compare_all(walks: list[Walk], jobs: int) -> tuple[str, str, str]:
-    """Return how walks are compared, their table, and how many have which verdict."""
+    """Return how walks are compared, their verdicts, and the table of walks.
+
+    Where several machines are compared, the latter has the walks that do not agree.
+    """
     compared = []
     with ProcessPoolExecutor(jobs) as pool:
         for number, comparison in enumerate(pool.map(compare, walks), 1):
             compared.append(comparison)
             print(f"{number}/{len(walks)} {comparison.walk.label}", file=sys.stderr)
-    verdicts = sorted(Counter(c.verdict for c in compared).items())
-    counted = ", ".join(f"{name}: {number}" for name, number in verdicts)
-    return HOW_COMPARED, walk_table(compared), f"{len(compared)} walks; {counted}."
+    many = len({walk.machine for walk in walks}) > 1
+    shown = [c for c in compared if c.verdict != "agree" or not many]
+    return HOW_COMPARED, verdict_table(compared), walk_table(shown)
 
 
 def machine_walks(quick: bool) -> list[Walk]:
@@ -235,44 +237,20 @@ def main(arguments: list[str] | None = None) -> None:
     others = parser.add_mutually_exclusive_group()
     others.add_argument("--machines", action="store_true", help="other machines instead")
     others.add_argument("--linkages", action="store_true", help="other linkages instead")
-    found = measure.chosen(parser, arguments)
+    args = measure.parse(parser, arguments)
     head = measure.machine()
-    if found.machines:
-        measure.report(
-            found.out / "machines.md",
-            "# Two plants, other machines",
-            f"`python -m benchmarks.plants --machines`. {head}",
-            "The machines are `MACHINES` in `benchmarks/plants.py`.",
-            *compare_all(machine_walks(found.quick), found.jobs),
-        )
-        return
-    if found.linkages:
-        measure.report(
-            found.out / "linkages.md",
-            "# Two plants, other linkages",
-            f"`python -m benchmarks.plants --linkages`. {head}",
-            *compare_all(linkage_walks(found.quick), found.jobs),
-        )
-        return
-    steady = Walk(6.0, 0.3, duration=0.5 if found.quick else 3.0)
-    runs = {
-        str(n): steady.run(steady.plant("rigid_body", iterations=n, touchdown_iterations=n))
-        for n in ITERATIONS[: 2 if found.quick else None]
-    }
-    runs["projection plant"] = steady.run(steady.plant("projection"))
-    rows = [(name, f"{run.distance:.3f}", f"{run.cost_of_transport:.3f}", f"{run.slip:.3f}")
-            for name, run in runs.items()]  # fmt: skip
-    measure.report(
-        found.out / "plants.md",
-        "# Two plants, walk by walk",
-        f"`python -m benchmarks.plants`. {head}",
-        "## Walks",
-        *compare_all(paper_walks(found.quick), found.jobs),
-        "## More iterations",
-        f"{steady.label}, {steady.measured:.2f} s.",
-        table(("iterations in every time step", "distance (m)", "cost of transport", "slip (m/m)"),
-              rows),
-    )  # fmt: skip
+    for name, chosen, walks in (
+        ("machines", args.machines, machine_walks), ("linkages", args.linkages, linkage_walks)
+    ):  # fmt: skip
+        if chosen:
+            compared = compare_all(walks(args.quick), args.jobs)
+            command = f"`python -m benchmarks.plants --{name}`. {head}"
+            measure.report(args.out / f"{name}.md", f"# Two plants, other {name}", command,
+                           *compared)  # fmt: skip
+            return
+    compared = compare_all(paper_walks(args.quick), args.jobs)
+    command = f"`python -m benchmarks.plants`. {head}"
+    measure.report(args.out / "plants.md", "# Two plants, walk by walk", command, *compared)
 
 
 if __name__ == "__main__":

@@ -11,22 +11,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import TypeAlias, cast
 
+import gymnasium as gym
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import rankdata, spearmanr
 
 from benchmarks import measure
 from jansen_env.baselines.pid import PID
-from jansen_env.baselines.policy import Array, Policy, TorquePolicy, columns
+from jansen_env.baselines.policy import Array, Bools, Policy, TorquePolicy, columns
 from jansen_env.baselines.walker_baselines import BASELINES, measured_setting, walking_pid
 from jansen_env.commands.named_policies import load_named
+from jansen_env.envs.walker import JansenWalkerEnv
 from jansen_env.robot import Robot
 from jansen_env.scoring.benchmarks import WALKER
 from jansen_env.scoring.metrics import Episodes, point_estimates
 from jansen_env.scoring.rollout import make_env, run_episodes
 
 ENV = "JansenWalker-v0"
+HORIZON = 10.0  # s, of an episode
 FIRST_SEED = 50_000  # of the episodes, apart from all others
 TABLE = ("speed_error", "slip_per_metre", "cost_of_transport", "falls", "rms_torque")
 WALKS = 0.5  # share of the commanded distance from which a controller counts as walking
@@ -34,15 +38,18 @@ NOWHERE = 1e6  # more than any number of the table
 BANG, NOISE = 12.0, 10.0  # N m: of bang-bang control, and at most of noise
 SHIPPED = "PPO, shipped"
 
+Loader: TypeAlias = Callable[[JansenWalkerEnv], Policy]
+"""Makes a policy for an environment."""
 
-def speed_control(gain: float) -> Callable[[Any], Policy]:
+
+def speed_control(gain: float) -> Loader:
     """Proportional control of the crank speed (gain: N m s/rad), and a mean torque with it."""
 
-    def load(env: Any) -> Policy:
+    def load(env: JansenWalkerEnv) -> Policy:
         setting = measured_setting("pid", Robot())
         command, rate = columns(env, "speed_command", "crank_speed")
 
-        def controller(seen: Array, *_: Any) -> tuple[Array, None]:
+        def controller(seen: Array, *_: object) -> tuple[Array, None]:
             wanted = setting(seen[:, command])
             return gain * (wanted - seen[:, rate]) + 1.5 * wanted, None
 
@@ -51,19 +58,19 @@ def speed_control(gain: float) -> Callable[[Any], Policy]:
     return load
 
 
-def pid_with(pid: PID, pace: float = 1.0) -> Callable[[Any], Policy]:
+def pid_with(pid: PID, pace: float = 1.0) -> Loader:
     """The PID with other gains, or with ``pace`` times the measured crank speed."""
     setting = measured_setting("pid", Robot())
     return lambda env: walking_pid(lambda command: pace * setting(command), env, pid)
 
 
-def changed_pid(change: Callable[[Array, np.random.Generator], Array]) -> Callable[[Any], Policy]:
+def changed_pid(change: Callable[[Array, np.random.Generator], Array]) -> Loader:
     """The PID with its torques (n,), N m, changed."""
 
-    def load(env: Any) -> Policy:
+    def load(env: JansenWalkerEnv) -> Policy:
         pid, rng = BASELINES["pid"](env), np.random.default_rng(0)
 
-        def controller(seen: Array, memory: Any, starts: Any) -> tuple[Array, Any]:
+        def controller(seen: Array, memory: object, starts: Bools) -> tuple[Array, object]:
             actions, memory = pid.predict(seen, memory, starts)
             return change(env.torque_limit * actions[:, 0], rng), memory
 
@@ -72,7 +79,7 @@ def changed_pid(change: Callable[[Array, np.random.Generator], Array]) -> Callab
     return load
 
 
-def random_torque(env: Any, size: float = 1.0) -> Policy:
+def random_torque(env: JansenWalkerEnv, size: float = 1.0) -> Policy:
     """Uniform over a share of the whole range, at each step."""
     rng, limit = np.random.default_rng(1), env.torque_limit
     return TorquePolicy(
@@ -80,7 +87,7 @@ def random_torque(env: Any, size: float = 1.0) -> Policy:
     )
 
 
-CONTROLLERS: dict[str, Callable[[Any], Policy]] = {
+CONTROLLERS: dict[str, Loader] = {
     "profile": BASELINES["profile"],
     "PID, the paper's": BASELINES["pid"],
     "PID, stiff": pid_with(PID(100.0, 10.0, 10.0)),
@@ -95,20 +102,20 @@ CONTROLLERS: dict[str, Callable[[Any], Policy]] = {
     "random torque": random_torque,
     "standing": partial(random_torque, size=0.0),
 }
-"""Each is made for an unwrapped environment."""
 
 
-def score(policy: Policy, env: Any, commands: Array, seeds: Any) -> list[dict[str, float]]:
+def score(
+    policy: Policy, env: gym.Env[Array, Array], commands: Array, seeds: NDArray[np.int64]
+) -> list[dict[str, float]]:
     """The table's numbers over all commands, then at each; nan where there is none."""
     run: Episodes = run_episodes(policy, ENV, {}, commands, seeds)
-    horizon = env.spec.max_episode_steps * env.unwrapped.control_dt
     rows = []
     for command in (None, *np.unique(commands)):
         part = slice(None) if command is None else run["command"] == command
         own = {name: values[part] for name, values in run.items()}
         found = point_estimates(WALKER.metrics, own, env)
         row = {name: np.nan if value is None else value for name, value in found.items()}
-        row["share"] = float((own["distance"] / own["command"]).mean() / horizon)  # of the way
+        row["share"] = float((own["distance"] / own["command"]).mean() / HORIZON)  # of the way
         rows.append(row)
     return rows
 
@@ -141,19 +148,20 @@ def rank(rows: dict[str, list[dict[str, float]]]) -> tuple[str, float]:
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    found = measure.chosen(measure.options(__doc__, "logs/ranking", episodes=10), arguments)
-    grid, episodes = ((0.3,), 1) if found.quick else (WALKER.commands, found.episodes)
+    args = measure.parse(measure.options(__doc__, "logs/ranking", episodes=10), arguments)
+    grid, episodes = ((0.3,), 1) if args.quick else (WALKER.commands, args.episodes)
     commands = np.repeat(grid, episodes)
     seeds = FIRST_SEED + np.arange(len(commands))
     env = make_env(ENV, {})
     policies = {SHIPPED: load_named("pretrained", env)}
-    policies |= {name: load(env.unwrapped) for name, load in CONTROLLERS.items()}
+    unwrapped = cast(JansenWalkerEnv, env.unwrapped)
+    policies |= {name: load(unwrapped) for name, load in CONTROLLERS.items()}
     table, correlation = rank(
         {name: score(policy, env, commands, seeds) for name, policy in policies.items()}
     )
     env.close()
     conclusion = f"Spearman's rank correlation: {correlation:.3f}"
-    measure.report(found.out / "ranking.md", table, conclusion)
+    measure.report(args.out / "ranking.md", table, conclusion)
 
 
 if __name__ == "__main__":

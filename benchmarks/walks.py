@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -105,7 +105,7 @@ def fallen(plant: Plant, result: StepResult) -> bool:
     return bool(result.non_toe_contact) or abs(float(plant.state[2])) > FALLEN_PITCH
 
 
-def rough_ground(segments: int, spacing: float = 0.2, seed: int = 0, **arguments: Any) -> Terrain:
+def rough_ground(segments: int, spacing: float = 0.2, seed: int = 0, **arguments: float) -> Terrain:
     """Rough ground of 5 or more segments around x = 0, equally steep whatever the spacing (m)."""
     length, rng = (segments - 2.5) * spacing, np.random.default_rng(seed)
     return Terrain.rough(rng, STEEPNESS * spacing, spacing, length, -0.5 * length, **arguments)

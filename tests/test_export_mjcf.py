@@ -94,4 +94,4 @@ def test_the_benchmark_runs(tmp_path):
     mujoco_witness.main(["--quick", "--out", str(tmp_path)])
     text = (tmp_path / "mujoco.md").read_text(encoding="utf-8")
     assert text.startswith("# ")
-    assert text.count("\n|:--") == 4
+    assert text.count("\n|:--") == 3

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from lettered_legs import LEGS, OTHER_WAY, letters_leg
 
 from agents.design.held_leg import (
     held_leg_measures,
@@ -13,7 +14,6 @@ from agents.design.held_leg import (
     pin_loads,
     wear_of_pins,
 )
-from benchmarks.durable_leg import LEGS, OTHER_WAY, letters_leg
 from jansen_env import ROBOTS
 from jansen_env.dynamics.joint_forces import joint_forces
 from jansen_env.gravity import GRAVITY

@@ -1,18 +1,12 @@
 """The benchmarks: turns, ratios, verdicts, and that each runs to its end and writes its tables."""
 
-from pathlib import Path
-
 import pytest
 
 from benchmarks import (
     built_robot,
-    convergence,
-    durable_leg,
     held_out,
-    leg_mass,
     measure,
     plants,
-    probe,
     profile_scores,
     ranking,
     speed,
@@ -26,13 +20,12 @@ def test_contestants_take_turns():
     plays = {name: lambda name=name: called.append(name) or len(called) for name in "ab"}
     assert measure.take_turns(plays, 2) == {"a": [3, 6], "b": [4, 5]}
     assert called == list("ababba")
-    assert measure.take_turns({1: lambda: 2}, 1, warm_up=False) == {1: [2]}
 
 
 def test_ratios():
     """Of the medians, not the median of the ratios; the range is that of the rounds."""
     found = measure.ratio([2.0, 4.0, 6.0], [1.0, 2.0, 1.0])
-    assert found == (4.0, 2.0, 6.0) and str(found) == "4.00 (2.00 to 6.00)"
+    assert found == (4.0, 2.0, 6.0)
     assert measure.spread([1000.0, 3000.0, 2500.0]) == ("2,500", "1,000", "3,000")
 
 
@@ -56,16 +49,6 @@ def test_verdicts():
     assert verdict([run(1.0, fell=True)] * 3, [run(1.0, fell=True)] * 2) == "falls on both"
 
 
-def test_another_tree_is_measured():
-    """A process of its own answers with rates, one robot or several; a broken tree is reported."""
-    here = probe.Tree(Path(__file__).parents[2])
-    here._variables = dict  # the cache of this process is good enough
-    assert [here.rate(count, 20) > 0.0 for count in (1, 2)] == [True, True]
-    here.close()
-    with pytest.raises(RuntimeError, match="must be in"):
-        probe.Tree(Path(__file__).parents[2] / "benchmarks").later()
-
-
 @pytest.mark.parametrize("arguments", (["--rounds", "0"], ["--only", "x"], ["--out", "FILE"]))
 def test_what_cannot_be_measured_is_refused(arguments, tmp_path, capsys):
     (tmp_path / "FILE").touch()
@@ -80,15 +63,12 @@ def test_what_cannot_be_measured_is_refused(arguments, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("main", "needs", "arguments", "written"),
     [
-        (speed.main, ("mujoco", "Box2D"), ["--only", "one", "many", "size", "worlds"], "speed"),
+        (speed.main, ("mujoco", "Box2D"), ["--only", "one", "many", "worlds"], "speed"),
         (speed.main, ("stable_baselines3", "mujoco"), ["--only", "ppo"], "speed"),
-        (convergence.main, (), [], "convergence"),
         (plants.main, (), [], "plants"),
         (plants.main, (), ["--machines"], "machines"),
         (built_robot.main, (), ["--plant", "rigid_body"], "motors_rigid_body"),
         (held_out.main, (), ["--policy", "pid", "--starts", "1"], "held_out"),
-        (durable_leg.main, ("pymoo",), [], "durable_leg"),
-        (leg_mass.main, ("mujoco",), [], "leg_mass"),
     ],
 )
 def test_a_benchmark_runs(main, needs, arguments, written, tmp_path):
@@ -97,14 +77,8 @@ def test_a_benchmark_runs(main, needs, arguments, written, tmp_path):
     main(["--quick", "--out", str(tmp_path), *arguments])
     text = (tmp_path / f"{written}.md").read_text(encoding="utf-8")
     assert text.startswith("# ") and "\n|:--" in text
-    assert written not in ("plants", "machines") or "2 walks; agree: 2." in text
-
-
-@pytest.mark.slow
-def test_starting_is_measured(tmp_path):
-    tree = probe.Tree(Path(__file__).parents[2])
-    assert sum(tree.first()) > 2.0 * sum(tree.later())
-    tree.close()
+    if written in ("plants", "machines"):
+        assert not any(verdict in text for verdict in ("chaotic", "differ", "falls", "gait"))
 
 
 def scored(error, slip, cost, falls, torque, share=1.0, returned=0.0):
@@ -143,11 +117,10 @@ def test_ranking_runs(tmp_path, capsys):
 def test_profile_scores_run(tmp_path, capsys):
     profile_scores.main(["--quick", "--out", str(tmp_path)])
     lines = (tmp_path / "scores.md").read_text().splitlines()
-    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if "0 of 2" in line]
-    assert [row[1] for row in rows] == ["pid", "profile"] and rows[0][0] == "0.3"
-    assert rows[1][3:5] == ["0 of 2", "78 %"]  # 1 - 0.05 ** (1 / 2)
-    assert lines[-1].startswith("profile: 0 falls in the 2 episodes") and "78 %" in lines[-1]
-    assert (tmp_path / "turn.png").stat().st_size > 10_000
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if "| 0.3" in line]
+    assert [row[1] for row in rows] == ["pid", "profile"] and rows[1][3] == "0"
+    assert lines[-1].startswith("profile: 0 falls in the 2 episodes")
+    assert "78 %" in lines[-1]  # 1 - 0.05 ** (1 / 2)
     with pytest.raises(SystemExit):
         profile_scores.main(["--policy", str(tmp_path / "none"), "--out", str(tmp_path)])
     assert "must be one of" in capsys.readouterr().err

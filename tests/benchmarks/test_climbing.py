@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks import climbing
 from benchmarks.climbing import Walked
-from benchmarks.profile_scores import load
+from benchmarks.measure import load_policies
 from jansen_env import Terrain
 from jansen_env.plants.make import PLANTS
 from jansen_env.terrain.generators import LEVELS, at_level
@@ -29,8 +29,8 @@ def test_limits_of_shares():
     ok = np.zeros((12, 2, 4), bool)
     ok[:5, 1] = True
     ok[5, 1, :2] = ok[8, 1] = True
-    share, speed = climbing.best(ok)
-    assert speed == 1 and share[:7] == pytest.approx([1, 1, 1, 1, 1, 0.5, 0])
+    share = climbing.best(ok)
+    assert share[:7] == pytest.approx([1, 1, 1, 1, 1, 0.5, 0])
     grown = climbing.sizes("slope down")
     assert climbing.last(grown, share) == f"{abs(grown[5]):.3g}"
     assert climbing.last(grown, np.zeros(12)) == "-"
@@ -38,7 +38,7 @@ def test_limits_of_shares():
     other = np.zeros_like(ok)
     other[6, 0, :1] = True
     found = {"a": Walked(ok, ok), "b": Walked(other, other)}
-    assert climbing.anyhow(found)[5:9] == pytest.approx([0.5, 0.25, 0.0, 1.0])
+    assert climbing.by_any_policy(found)[5:9] == pytest.approx([0.5, 0.25, 0.0, 1.0])
 
 
 @pytest.mark.slow
@@ -54,7 +54,7 @@ def test_climbing_runs(tmp_path):
 @pytest.mark.parametrize("plant", sorted(PLANTS))
 def test_walks_over_faces_do_not_diverge(plant):
     """5 s over stumps of 3 cm: nothing is refused, joints stay shut, and it gets there."""
-    policy = load(["profile"])["profile"]
+    policy = load_policies(["profile"])["profile"]
     terrain = Terrain.stumps(height=0.03, width=0.2, spacing=0.6)
     env = gym.make("JansenWalker-v0", terrain=terrain, plant=plant, speed_command=0.45)
     observation, _ = env.reset(seed=1)

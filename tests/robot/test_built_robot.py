@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import built_parts
 from benchmarks import built_robot as measured
 from jansen_env import MOTORS, Terrain, built_robot
 from jansen_env.drawings.materials import bill_of_materials
@@ -98,7 +97,7 @@ def test_the_list_of_parts_adds_up_to_the_robot(phases):
     parts = bill_of_materials(robot)
     assert sum(part.mass for part in parts) == pytest.approx(robot.mass, rel=1e-12)
     assert all(part.number > 0 and part.each > 0.0 for part in parts)
-    documented = built_parts.parts_table(robot) in PAGE.read_text(encoding="utf-8")
+    documented = measured.parts_table(robot) in PAGE.read_text(encoding="utf-8")
     assert documented == (phases == 2)
 
 

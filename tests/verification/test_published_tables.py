@@ -7,9 +7,9 @@ import math
 
 import numpy as np
 import pytest
+from lettered_legs import letters_leg
 
 from agents.design.held_leg import held_leg_measures
-from benchmarks.durable_leg import letters_leg
 from jansen_env import holy_numbers_robot, robot_from_joints
 from jansen_env.robot import Leg
 from jansen_env.robot.kinematics import toe_positions

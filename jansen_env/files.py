@@ -31,6 +31,19 @@ def open_regular(path: str | Path) -> BinaryIO:
     return open(path, "rb", opener=opener)
 
 
+def read_bounded(path: str | Path, most: int) -> bytes:
+    """Read a regular file of at most ``most`` bytes.
+
+    Raises:
+        OSError: it cannot be read. ValueError: it is larger.
+    """
+    with open_regular(path) as file:
+        data = file.read(most + 1)
+    if len(data) > most:
+        raise ValueError(f"{path} is larger than {most} bytes, the most allowed")
+    return data
+
+
 def write_whole(path: str | Path, write: Callable[[str], object]) -> Path:
     """Let ``write`` fill a temporary file of the same suffix beside ``path``, then move it there.
 

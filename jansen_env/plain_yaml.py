@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import yaml
 
 from jansen_env.checks import listed, shown
-from jansen_env.files import open_regular
+from jansen_env.files import read_bounded
 
 MAX_BYTES = 65_536  # of a file, some 30 times a training configuration
 TINY, HUGE = 1e-30, 1e30
@@ -58,11 +58,7 @@ def parse_yaml(text: str, name: str) -> Any:
 def read_yaml(path: str | Path) -> Any:
     """Parse a file; a ValueError names it where it is missing, too large, no UTF-8 or no YAML."""
     try:
-        with open_regular(path) as file:
-            data = file.read(MAX_BYTES + 1)
-        if len(data) > MAX_BYTES:
-            raise ValueError(f"{path} is larger than {MAX_BYTES} bytes, the most allowed")
-        return parse_yaml(data.decode("utf-8-sig"), str(path))
+        return parse_yaml(read_bounded(path, MAX_BYTES).decode("utf-8-sig"), str(path))
     except OSError as error:
         raise ValueError(f"{path} cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:

@@ -21,19 +21,14 @@ SHORTEST_PERIOD, LONGEST_PERIOD = 1e-4, 1.0  # s, for which an action is held
 MOST_TIME_STEPS = 200_000  # of an episode; walkers have 10,000 by default
 
 
-def registered() -> dict[str, gym.envs.registration.EnvSpec]:
-    """Return the package's environments in Gymnasium's registry, by id."""
-    return {name: spec for name, spec in gym.registry.items()
-            if str(spec.entry_point).startswith("jansen_env.")}  # fmt: skip
-
-
 def arguments_of(env_id: str) -> dict[str, Any]:
     """Return the default arguments of an environment of this package, and its time limit.
 
     Raises:
         ValueError: the package has no environment of this id.
     """
-    specs = registered()
+    specs = {name: spec for name, spec in gym.registry.items()
+             if str(spec.entry_point).startswith("jansen_env.")}  # fmt: skip
     env: Any = load_env_creator(str(specs[one_of("env.id", env_id, sorted(specs))].entry_point))
     parameters = inspect.signature(env).parameters
     limit = {"max_episode_steps": specs[env_id].max_episode_steps}

@@ -12,14 +12,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.engine.layers import (
-    ELU,
-    LINEAR,
-    RELU,
-    TANH,
-    put_actions,
-    put_harmonics,
-)
+from jansen_env.engine.layers import ELU, LINEAR, RELU, TANH, put_actions, put_harmonics
 
 Array = NDArray[np.float64]
 

@@ -25,7 +25,7 @@ from jansen_env.checks import (
     shown,
     whole_number,
 )
-from jansen_env.files import open_regular
+from jansen_env.files import read_bounded
 from jansen_env.policies.environment import check_action
 from jansen_env.policies.network import (
     ACTIVATIONS,
@@ -73,8 +73,8 @@ class PretrainedPolicy:
 
     def __init__(self, description: dict[str, Any], tensors: Tensors) -> None:
         instance("the whole", description, dict)
-        if (found := description.get("format")) != FORMAT:
-            raise ValueError(f"format is {shown(found)}, must be {FORMAT!r}")
+        if (given := description.get("format")) != FORMAT:
+            raise ValueError(f"format is {shown(given)}, must be {FORMAT!r}")
         if unknown := sorted({*description} - {*ENTRIES}):
             raise ValueError(f"there are entries {shown(unknown)}, must be among {list(ENTRIES)}")
         self.description, self.tensors = description, tensors
@@ -87,69 +87,59 @@ class PretrainedPolicy:
         self.torque_limit = positive_single("torque_limit", action.get("torque_limit"))
         self.control_dt = positive_single("control_dt", action.get("control_dt"))
         check_action(self.env_id, self.env_kwargs, self.torque_limit, self.control_dt)
-        rows = _entry(description, "observation", list)
-        self.observed = tuple(_entry(row, "name", str) for row in rows)
-        self.units = tuple(_entry(row, "unit", str) for row in rows)
-        self._columns, self._shown = [*range(len(rows))], len(rows)  # of what it is given
+        observation = _entry(description, "observation", list)
+        self.observed = tuple(_entry(entry, "name", str) for entry in observation)
+        self.units = tuple(_entry(entry, "unit", str) for entry in observation)
+        self._columns, self._shown = [*range(len(observation))], len(observation)
         self.scale: tuple[Any, Any] = (0.0, 1.0)
-        self.features = self._read_features(_entry(network, "features", list))
+        self.features = [*map(self._feature, _entry(network, "features", list))]
         width = sum(block.size for block in self.features)
         if width == 0:
             raise ValueError("network.features has no numbers, must have some")
-        self.layers = self._read_layers(_entry(network, "layers", list), width)
+        self.layers: list[Layer] = []
+        for layer in _entry(network, "layers", list):
+            self.layers.append(self._layer(layer, width))
+            width = len(self.layers[-1].bias)
+        if width != 1 or not self.layers:
+            raise ValueError(f"the last layer has {width} units, must have 1: the action")
         self.limit = np.inf if (m := network.get("limit")) is None else positive_single("limit", m)
         self.squash: str = one_of("squash", network.get("squash"), SQUASH)
         self._network = Network(self.layers, self.limit, self.squash)
 
-    def _read_features(self, blocks: list[Any]) -> list[Features]:
-        """Return the network's inputs as functions of observations (n, d)."""
-        found: list[Features] = []
-        size = len(self.observed)
-        for block in blocks:
-            instance("a block of features", block, dict)
-            if block.get("kind") == "observation":
-                found.append(Plain(size))
-            elif block.get("kind") == "normalized":
-                mean, variance = (self._tensor(block, k, (size,)) for k in ("mean", "variance"))
-                if variance.min() < 0.0:
-                    raise ValueError(f"a variance is {variance.min()}, must be 0 or above")
-                floor, clip = (positive_single(k, block.get(k)) for k in ("floor", "clip"))
-                self.scale = mean, np.maximum(np.sqrt(variance), floor)
-                found.append(Normalized(*self.scale, clip))
-            elif block.get("kind") == "harmonics":
-                multiples = tuple(
-                    whole_number("a multiple", m, 1000) for m in _entry(block, "multiples", list)
-                )
-                if self.observed[:2] != CRANK_ANGLE:
-                    raise ValueError(f"harmonics take the first observations {list(CRANK_ANGLE)}")
-                found.append(Harmonics(multiples))
-            else:
-                kinds = "observation", "normalized", "harmonics"
-                one_of("kind of features", block.get("kind"), kinds)
-        return found
+    def _feature(self, block: dict[str, Any]) -> Features:
+        """Return a part of the network's input as a function of observations (n, d)."""
+        instance("a block of features", block, dict)
+        size, kinds = len(self.observed), ("observation", "normalized", "harmonics")
+        kind = one_of("kind of features", block.get("kind"), kinds)
+        if kind == "observation":
+            return Plain(size)
+        if kind == "harmonics":
+            if self.observed[:2] != CRANK_ANGLE:
+                raise ValueError(f"harmonics take the first observations {list(CRANK_ANGLE)}")
+            multiples = _entry(block, "multiples", list)
+            return Harmonics(tuple(whole_number("a multiple", m, 1000) for m in multiples))
+        mean, variance = (self._tensor(block, k, (size,)) for k in ("mean", "variance"))
+        if variance.min() < 0.0:
+            raise ValueError(f"a variance is {variance.min()}, must be 0 or above")
+        floor, clip = (positive_single(k, block.get(k)) for k in ("floor", "clip"))
+        self.scale = mean, np.maximum(np.sqrt(variance), floor)
+        return Normalized(*self.scale, clip)
 
-    def _read_layers(self, layers: list[Any], width: int) -> list[Layer]:
-        """Return the layers; ``width``: inputs of the first one."""
-        found = []
-        for layer in layers:
-            instance("a layer", layer, dict)
-            units = positive_integer("units", layer.get("units"))
-            weight = self._tensor(layer, "weight", (units, width))
-            bias = self._tensor(layer, "bias", (units,))
-            activation = one_of("activation", layer.get("activation"), ACTIVATIONS)
-            found.append(Layer(weight, bias, activation))
-            width = units
-        if width != 1 or not layers:
-            raise ValueError(f"the last layer has {width} units, must have 1: the action")
-        return found
+    def _layer(self, layer: dict[str, Any], width: int) -> Layer:
+        """Return a layer of ``width`` inputs."""
+        instance("a layer", layer, dict)
+        units = positive_integer("units", layer.get("units"))
+        activation = one_of("activation", layer.get("activation"), ACTIVATIONS)
+        weight = self._tensor(layer, "weight", (units, width))
+        return Layer(weight, self._tensor(layer, "bias", (units,)), activation)
 
     def _tensor(self, part: dict[str, Any], key: str, shape: tuple[int, ...]) -> Array:
         """Return the tensor that ``part`` names, of this shape."""
         name = _entry(part, key, str)
         if name not in self.tensors:
             raise ValueError(f"there is no tensor {shown(name)}")
-        if (found := self.tensors[name].shape) != shape:
-            raise ValueError(f"tensor {name!r} has shape {found}, must have {shape}")
+        if (given := self.tensors[name].shape) != shape:
+            raise ValueError(f"tensor {name!r} has shape {given}, must have {shape}")
         return self.tensors[name].astype(np.float64)
 
     def on(self, env: Any) -> PretrainedPolicy:
@@ -163,20 +153,19 @@ class PretrainedPolicy:
                 another number of toes.
         """
         names = [entry.name for entry in env.unwrapped.observed]
-        for name in self.observed:
-            if name not in names:
-                raise ValueError(
-                    f"the policy of {self.env_id} observes {name}, must be one of {names}, which "
-                    "this environment shows"
-                )
+        if missing := [name for name in self.observed if name not in names]:
+            raise ValueError(
+                f"the policy of {self.env_id} observes {missing[0]}, must be one of {names}, which "
+                "this environment shows"
+            )
         if more := [n for n in names if n.startswith("toe_load_") and n not in self.observed]:
             raise ValueError(
                 f"this environment shows {more[0]}, which the policy of {self.env_id} does not "
                 "observe: it has learnt on a robot with fewer toes"
             )
-        found = copy(self)
-        found._columns, found._shown = [names.index(name) for name in self.observed], len(names)
-        return found
+        policy = copy(self)
+        policy._columns, policy._shown = [names.index(name) for name in self.observed], len(names)
+        return policy
 
     def predict(
         self,
@@ -198,9 +187,8 @@ class PretrainedPolicy:
         if x.ndim not in (1, 2) or x.shape[-1] != size:
             raise ValueError(f"observation has shape {x.shape}, must have ({size},) or (n, {size})")
         batch = np.take(x.reshape(-1, size), self._columns, axis=1)
-        values = np.concatenate([block(batch) for block in self.features], axis=1)
-        values = self._network(values)
-        actions = np.clip(values, -1.0, 1.0).astype(np.float32)
+        outputs = self._network(np.concatenate([part(batch) for part in self.features], axis=1))
+        actions = np.clip(outputs, -1.0, 1.0).astype(np.float32)
         return (actions if x.ndim == 2 else actions[0]), state
 
 
@@ -241,36 +229,24 @@ def load_file(path: str | Path) -> PretrainedPolicy:
     path = Path(path)
     weights = path.with_suffix(".safetensors")
     try:
-        description, content = json.loads(_read(path)), _read(weights)
+        description = json.loads(read_bounded(path, MAX_BYTES))
+        content = read_bounded(weights, MAX_BYTES)
         try:
             tensors = read_tensors(content)
         except Exception as error:  # SafetensorError, and NumPy's of types that it does not have
-            raise ValueError(f"{weights} is no file of tensors: {_reason(error)}") from error
+            raise ValueError(f"{weights} is no file of tensors: {error}") from error
         policy = PretrainedPolicy(description, tensors)
         if description.get("sha256") != checksum(content):
             raise ValueError(f"sha256 is not that of {weights.name}: they are of two policies")
     except (OSError, RecursionError, ValueError) as error:
-        raise ValueError(f"{path} is no policy: {_reason(error)}") from error
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise ValueError(f"{path} is no policy: {reason}") from error
     return policy
 
 
 def checksum(data: bytes) -> str:
     """Return the SHA-256, which tells whether two files belong together."""
     return hashlib.sha256(data).hexdigest()
-
-
-def _read(path: Path) -> bytes:
-    """Read a whole file, of bounded size."""
-    with open_regular(path) as file:
-        data = file.read(MAX_BYTES + 1)
-    if len(data) > MAX_BYTES:
-        raise ValueError(f"{path.name} has more than {MAX_BYTES} bytes")
-    return data
-
-
-def _reason(error: BaseException) -> str:
-    """Return an error's text, on one line."""
-    return " ".join(str(error).split()) or type(error).__name__
 
 
 def _entry(part: Any, name: str, kind: type) -> Any:

@@ -19,7 +19,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from jansen_env.checks import finite, instance, one_of, shown, within
-from jansen_env.files import open_regular, write_bytes
+from jansen_env.files import read_bounded, write_bytes
 from jansen_env.rendering import reach_of
 from jansen_env.robot import Robot
 from jansen_env.robot.robot_file import robot_from_json, robot_to_json
@@ -238,8 +238,7 @@ class Recording:
             ValueError: it is missing, no recording, damaged or too large.
         """
         try:
-            with open_regular(path) as file:
-                return Recording.from_bytes(file.read(MAX_BYTES + 1))
+            return Recording.from_bytes(read_bounded(path, MAX_BYTES))
         except (OSError, ValueError) as error:
             raise ValueError(f"{path} is no recording: {error}") from error
 
@@ -262,8 +261,6 @@ DESCRIBED = [entry.name for entry in fields(Recording) if entry.name not in SHAP
 
 def _read_archive(data: bytes) -> dict[str, NDArray[Any]]:
     """The arrays of a file; their number, types and sizes are checked before they are unpacked."""
-    if len(data) > MAX_BYTES:
-        raise ValueError(f"it has more than {MAX_BYTES} bytes")
     if data.count(DIRECTORY_ENTRY) > MAX_MEMBERS:
         raise ValueError(f"it has more than {MAX_MEMBERS} members")
     try:

@@ -200,26 +200,20 @@ NAN, HARMONICS = float("nan"), {"kind": "harmonics", "multiples": [2]}
          "format is 'jansen_env policy 2', must be 'jansen_env policy 1'"),
         ({"history": {"length": 2}}, "there are entries ['history'], must be among ['format', "),
         ({"sha256": ""}, "sha256 is not that of mine.safetensors"),
-        ({"observation": []}, "has shape (5,), must have (0,)"),
         ({"action__torque_limit": NAN}, "torque_limit is nan, must be a finite number"),
         ({"network__features": []}, "network.features has no numbers, must have some"),
-        ({"network__layers__0__units": 10**30}, "must have (1000000000000000000000"),
         ({"network__layers__0__weight": "os.system"}, "there is no tensor 'os.system'"),
         ({"network__features__0__kind": "eval"}, "kind of features is 'eval', must be"),
-        ({"network__features__0__floor": 0}, "floor is 0, must be above 0"),
         ({"network__features__0__variance": "pi_features_extractor.mean"}, ""),
         ({"network__features": [HARMONICS | {"multiples": [0.5]}]}, "a multiple is 0.5, must be"),
         ({"network__features": [HARMONICS], "observation__0__name": "height"},
          "harmonics take the first observations ['cos_crank_angle', 'sin_crank_angle']"),
         ({"env__id": "os:system"}, "env.id is 'os:system', must be one of ['JansenCrank-v0', "),
         ({"action__torque_limit": 20.0}, "torque_limit is 20.0, must be 5.0 as of JansenCrank-v0"),
-        ({"action__control_dt": 0.02}, "control_dt is 0.02, must be 0.01 as of JansenCrank-v0"),
         ({"action__torque_limit": 1e300, "env__kwargs__torque_limit": 1e300},
          "torque_limit is 1e+300, must be of 1.2e-38 to 3.4e+38, the range of float32"),
-        ({"network__limit": 1e300}, "limit is 1e+300, must be of 1.2e-38"),
         ({"env__kwargs__time_step": 1e-6}, "max_episode_steps is 50 with control_dt 0.01 and "
          "time_step 1e-06, 500000 time steps, must be at most 200000 of these"),
-        ({"env__kwargs__max_episode_steps": -1}, "max_episode_steps is -1, must be a whole number"),
         ({"env__kwargs": {"control_dt": 1e-6, "time_step": 1e-9}, "action__control_dt": 1e-6},
          "control_dt is 1e-06, must be between 0.0001 and 1.0"),
     ],
@@ -242,12 +236,9 @@ def test_descriptions_that_do_not_fit_are_refused(values, reason, made, tmp_path
 @pytest.mark.parametrize("env_id", ["JansenWalkerBuilt-v0", CRANK])
 @pytest.mark.parametrize(
     "env_kwargs",
-    [{}, {"robot": "built"}, {"motor": "ak80_6"}, {"torque_limit": 7.5}, {"control_dt": 0.04},
-     {"plant": "rigid_body", "robot": "holy", "time_step": 2e-4}],
-)  # fmt: skip
+    [{}, {"robot": "built", "torque_limit": 7.5}, {"motor": "ak80_6", "control_dt": 0.04}],
+)
 def test_actions_are_held_to_those_of_the_environment(env_id, env_kwargs):
-    if env_id == CRANK:
-        env_kwargs = {name: value for name, value in env_kwargs.items() if name != "plant"}
     env = make_env(env_id, env_kwargs).unwrapped
     limit, period = env.torque_limit, env.control_dt
     check_action(env_id, env_kwargs, limit, period)

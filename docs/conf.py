@@ -100,6 +100,13 @@ def insert_link(app: Sphinx, page: str, source: list[str]) -> None:
     source[0] = re.sub(r"<!-- try (\w+) -->", link, source[0])
 
 
+def insert_numbers(app: Sphinx, page: str, source: list[str]) -> None:
+    """Replace the comment ``<!-- numbers -->`` by the table that ``pytest --numbers`` has written."""
+    table = Path(app.srcdir) / "_build" / "numbers.md"
+    text = table.read_text(encoding="utf-8") if table.exists() else "*Not measured for this build.*"
+    source[0] = source[0].replace("<!-- numbers -->", text)
+
+
 def write_pages(app: Sphinx, exception: Exception | None) -> None:
     """Write the bench, and a replay of PID and trained policy, beside the documentation."""
     if exception or app.builder.format != "html":
@@ -136,5 +143,6 @@ def setup(app: Sphinx) -> None:
     """Called by Sphinx."""
     app.connect("source-read", insert_environment)
     app.connect("source-read", insert_link)
+    app.connect("source-read", insert_numbers)
     app.connect("build-finished", write_pages)
     app.connect("missing-reference", find_reference)

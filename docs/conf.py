@@ -101,7 +101,7 @@ def insert_link(app: Sphinx, page: str, source: list[str]) -> None:
 
 
 def insert_numbers(app: Sphinx, page: str, source: list[str]) -> None:
-    """Replace the comment ``<!-- numbers -->`` by the table that ``pytest --numbers`` has written."""
+    """Replace the comment ``<!-- numbers -->`` by the table of ``pytest --numbers``."""
     table = Path(app.srcdir) / "_build" / "numbers.md"
     text = table.read_text(encoding="utf-8") if table.exists() else "*Not measured for this build.*"
     source[0] = source[0].replace("<!-- numbers -->", text)

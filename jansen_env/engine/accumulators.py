@@ -19,7 +19,7 @@ def begin(robot, state, statistics, body, sums):
     total.non_toe_impulse = total.energy_change = total.elastic_energy = 0.0
     total.torque_impulse = total.electrical_work = total.push_work = 0.0
     total.correction_work = 0.0
-    robot.status.step = 0
+    robot.status.step, robot.status.lost = 0, False
     for j in range(len(statistics)):
         statistics[j].slip = 0.0
         statistics[j].impulse[0] = statistics[j].impulse[1] = 0.0

@@ -1,8 +1,7 @@
-"""Collision detection: from each robot's candidate segments to its contact planes, without pymunk.
+"""Collision detection: a robot's contact planes on the stretch of ground that pymunk found for it.
 
-The broad phase (``plants/detector.py``) finds the candidates. A pad's planes are those of them
-within its robot's speculative margin; a pad farther than that in the ground has the plane by which
-it comes out soonest.
+See ``plants/grounds.py``. A pad's planes are those within its robot's speculative margin; a pad
+farther than that in the ground has the plane by which it comes out soonest.
 """
 
 from __future__ import annotations
@@ -11,13 +10,13 @@ import numpy as np
 
 from jansen_env.engine import mathematics
 from jansen_env.engine.contact_solver import STICK
-from jansen_env.engine.kernel import Floats1, Floats2, Floats4, Ints1, kernel, stage
+from jansen_env.engine.kernel import Floats1, Floats2, Floats4, kernel, stage
 from jansen_env.engine.records import Layout, Planes, Robots, World
 from jansen_env.engine.tables import locate, pad_place
 
 SPECULATIVE_MARGIN = 0.05  # m within which a plane counts, or as far as a pad gets in a time step
 LARGEST_MARGIN = 0.2  # m, of the fastest robots
-SKIN = 1.0  # m that a robot may move before the next broad phase, with a margin of the above
+MARGIN = 1.0  # m that a robot moves before its stretch is asked for again
 WAY_OUT = 0.35  # m within which a pad that is deep in the ground is looked for a way out
 FACE = 1e-6  # rad, how far a contact's normal may be off a segment's to be taken as the face's
 SAME = 1e-9  # difference of two planes' numbers below which they are one
@@ -25,13 +24,13 @@ SAME = 1e-9  # difference of two planes' numbers below which they are one
 
 @stage(inline=False)
 def detect(state, robot, model, ground, world, planes):
-    """Find the planes near a robot's pads; False where the broad phase must be asked before.
+    """Find the planes near a robot's pads; False where it has left its stretch of the ground.
 
     Sets the robot's ``margin``, its ``planes`` and ``too_deep``; arguments: see ``records.py``.
     """
     status = robot.status
     _set_margin(state, robot, world.time_step)
-    if not is_known(state, status):
+    if not abs(state[0] - status.asked_x) <= status.room:
         return False
     toes, pads = world.toes, len(model.layout)
     near = pads if pads > toes and _others_near(state, status, ground) else toes
@@ -54,14 +53,6 @@ def _set_margin(state, robot, time_step):
 
 
 @stage
-def is_known(state, status):
-    """Whether a robot is within its skin of where the broad phase has found its candidates."""
-    x, y = state[0] - status.known_x, state[1] - status.known_y
-    skin = SKIN - (status.margin - SPECULATIVE_MARGIN)
-    return x * x + y * y <= skin * skin
-
-
-@stage
 def _others_near(state, status, ground):
     """Whether a pad that is no toe may be near the ground."""
     depths = ground.depths
@@ -74,8 +65,8 @@ def _others_near(state, status, ground):
 
 @stage
 def _rises_above(surface, status, left, right, height):
-    """Whether a robot's terrain rises above a height between two x."""
-    begin, end = status.first_vertex, status.end_vertex
+    """Whether a robot's ground rises above a height between two x."""
+    begin, end = status.first_near, status.end_near
     first, last = segment_at(surface, begin, end, left), segment_at(surface, begin, end, right)
     above = _height(surface, first, left) > height or _height(surface, last, right) > height
     for k in range(first + 1, last + 1):
@@ -85,7 +76,7 @@ def _rises_above(surface, status, left, right, height):
 
 @stage
 def segment_at(surface, begin, end, x):
-    """Index of the segment of the terrain surface[begin:end] above or below ``x``."""
+    """Index of the segment of the ground surface[begin:end] above or below ``x``."""
     low, high = begin, end - 1
     while high - low > 1:
         middle = (low + high) // 2
@@ -105,96 +96,8 @@ def _height(surface, k, x):
 
 @stage(inline=False)
 def height_at(surface, begin, end, x):
-    """Height of the terrain surface[begin:end] at ``x``, m; it goes on beyond its ends."""
+    """Height of the ground surface[begin:end] at ``x``, m; it goes on beyond its ends."""
     return _height(surface, segment_at(surface, begin, end, x), x)
-
-
-@kernel
-def move_robots(rows: Ints1, states: Floats2, robots: Robots, placed: Floats2) -> None:
-    """Move pymunk's circles, ``placed`` (bodies, 2) m, to robots ``rows`` (k,).
-
-    Those that are near enough stay, which spares its tree.
-    """
-    for r in rows:
-        status = robots[r].status
-        # Where its circle is, which may not be where the robot is known since a :func:`recall`.
-        status.known_x, status.known_y = placed[r, 0] - status.cell_x, placed[r, 1] - status.cell_y
-        x, y = states[r, 0] - status.known_x, states[r, 1] - status.known_y
-        if not x * x + y * y <= 0.25 * SKIN * SKIN:
-            status.known_x, status.known_y = states[r, 0], states[r, 1]
-            placed[r, 0] = status.known_x + status.cell_x
-            placed[r, 1] = status.known_y + status.cell_y
-
-
-@kernel
-def keep_candidates(
-    rows: Ints1, ids: Ints1, points: Floats1, known_ids: Ints1, row_of: Ints1, robots: Robots,
-    surface: Floats2, circles: Floats1,
-) -> None:  # fmt: skip
-    """Keep the candidates of some robots, from what pymunk's circles touch.
-
-    pymunk leaves out segments that only their ends bring near, and has nothing beyond the ends of
-    the terrain: neighbours within the circle's x, and what goes on there, are candidates too.
-
-    Args:
-        rows: (k,) of the robots. ids: (n,) pymunk's bodies. points: (2 n,) m, where each touches.
-        known_ids: (robots,) bodies, sorted. row_of: (robots,) the robot of each.
-        robots: (robots,) ROBOT. surface: (vertices, 2) m. circles: (robots,) radii, m.
-    """
-    for r in rows:
-        status = robots[r].status
-        status.first_segment, status.last_segment = status.end_vertex, -1
-        status.renewed = True
-    for n in range(len(ids)):
-        status = robots[row_of[_find(known_ids, ids[n])]].status
-        if status.renewed:
-            x = points[2 * n] - status.cell_x
-            touched = segment_at(surface, status.first_vertex, status.end_vertex, x)
-            status.first_segment = min(status.first_segment, touched)
-            status.last_segment = max(status.last_segment, touched)
-    for r in rows:
-        status = robots[r].status
-        status.renewed = False
-        start, end = status.first_vertex, status.end_vertex
-        left, right = status.known_x - circles[r], status.known_x + circles[r]
-        if left < surface[start, 0]:
-            status.first_segment, status.last_segment = start, max(start, status.last_segment)
-        elif right > surface[end - 1, 0]:
-            first = min(end - 2, status.first_segment)
-            status.first_segment, status.last_segment = first, end - 2
-        if status.first_segment <= status.last_segment:
-            while status.first_segment > start and surface[status.first_segment, 0] > left:
-                status.first_segment -= 1
-            while status.last_segment < end - 2 and surface[status.last_segment + 1, 0] < right:
-                status.last_segment += 1
-
-
-@kernel
-def recall(rows: Ints1, states: Floats2, robots: Robots) -> bool:
-    """Recall candidates of robots' last placement; whether one of them needs the broad phase."""
-    unknown = False
-    for r in rows:
-        status = robots[r].status
-        x, y = states[r, 0] - status.home_x, states[r, 1] - status.home_y
-        if x * x + y * y <= 0.25 * SKIN * SKIN:
-            status.known_x, status.known_y = status.home_x, status.home_y
-            status.first_segment, status.last_segment = status.home_first, status.home_last
-        status.margin = SPECULATIVE_MARGIN
-        unknown = unknown or not is_known(states[r], status)
-    return unknown
-
-
-@stage
-def _find(known, key):
-    """Place of ``key`` in the sorted ``known``."""
-    low, high = 0, len(known)
-    while high - low > 1:
-        middle = (low + high) // 2
-        if known[middle] <= key:
-            low = middle
-        else:
-            high = middle
-    return low
 
 
 @kernel
@@ -240,25 +143,25 @@ def begin_planes(status):
 @stage(inline=False)
 def list_planes(x, y, pad, status, surface, world, planes):
     """List the planes of a pad at (x, y)."""
-    start, end = status.first_vertex, status.end_vertex
+    start, end = status.first_near, status.end_near
     near = status.pad_radius + status.margin
     no_plane = True
-    if status.last_segment >= status.first_segment:
-        low, high = status.first_segment, status.last_segment + 2
-        first = segment_at(surface, low, high, x - near)
-        last = segment_at(surface, low, high, x + near)
-        begin, nearest, least = status.end_plane, first, -np.inf
-        for k in range(first, last + 1):
-            found, nx, ny, offset = _plane(surface, start, end, k, x, y, near)
-            if found:
-                no_plane = False
-                distance = nx * x + ny * y - offset
-                if least < distance < 0.0:
-                    nearest, least = k, distance
-                _list(pad, status, nx, ny, offset, distance, world.capacity, planes)
-        if least > -np.inf:
-            status.end_plane = begin
-            _list_near_side(x, y, pad, first, last, nearest, near, status, surface, world, planes)
+    first, last = (
+        segment_at(surface, start, end, x - near),
+        segment_at(surface, start, end, x + near),
+    )
+    begin, nearest, least = status.end_plane, first, -np.inf
+    for k in range(first, last + 1):
+        found, nx, ny, offset = _plane(surface, start, end, k, x, y, near)
+        if found:
+            no_plane = False
+            distance = nx * x + ny * y - offset
+            if least < distance < 0.0:
+                nearest, least = k, distance
+            _list(pad, status, nx, ny, offset, distance, world.capacity, planes)
+    if least > -np.inf:
+        status.end_plane = begin
+        _list_near_side(x, y, pad, first, last, nearest, near, status, surface, world, planes)
     if not (no_plane and y < height_at(surface, start, end, x)):
         return
     found, nx, ny, offset = _way_out(surface, start, end, x, y, status.pad_radius + WAY_OUT)
@@ -274,7 +177,7 @@ def _list_near_side(x, y, pad, first, last, nearest, near, status, surface, worl
 
     Of the segments ``first`` to ``last`` it is the least deep behind ``nearest``.
     """
-    start, end = status.first_vertex, status.end_vertex
+    start, end = status.first_near, status.end_near
     for k in range(first, last + 1):
         found, nx, ny, offset = _plane(surface, start, end, k, x, y, near)
         distance = nx * x + ny * y - offset

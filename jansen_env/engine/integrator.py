@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from jansen_env.engine import mathematics
 from jansen_env.engine.accumulators import accumulate_contacts, accumulate_step, begin, end
-from jansen_env.engine.collision import detect
+from jansen_env.engine.collision import MARGIN, detect
 from jansen_env.engine.compliance import (
     accumulate_compliant,
     add_compliance,
@@ -122,7 +122,7 @@ POSE, VELOCITY_BEFORE, VELOCITY_AFTER, TORQUE, DRY_TORQUE, IMPULSES = (
 
 @kernel(nogil=True)
 def advance(
-    thread: int, shares: Ints2, most: int, rows: Ints1, fresh: bool, steps: int, torque: Floats1,
+    thread: int, shares: Ints2, most: int, rows: Ints1, steps: int, torque: Floats1,
     earlier: Floats1, switch: Ints1, pushes: Floats3, trace: Floats2, jacobians: Floats3,
     matrices: Floats3, vectors: Floats2, readings: Floats3, spare: Floats2, ints: Ints1,
     moved: Ints1, flags: Bools1, states: Floats2, body: Floats4, pads: Floats5, layout: Layouts,
@@ -135,30 +135,28 @@ def advance(
         thread: number of the one that calls. shares: (threads + 1, 2) the next of ``rows`` in each
             thread's share, and its end; the last one is for thread 0, when nothing else is left.
         most: robots to advance, no more.
-        rows: (k,) of the robots. fresh: whether a control step of ``steps`` time steps begins, with
-            new sums; if not, it goes on with the time steps that are left.
+        rows: (k,) of the robots. steps: time steps of the control step.
         torque: (robots,) crank torque asked for, N m. earlier: (robots,) the one before, which
             still holds in the first ``switch`` (robots,) time steps.
         pushes: (robots, steps, 2) N s on the chassis at the crank axis; without rows for none.
         trace: (steps, numbers) :func:`trace_dtype` of the first robot; without rows for none.
         jacobians ... ints: memory of :func:`work_space`. moved: (robots,) out: those that have
-            taken all their steps. flags: (2,) out: whether a robot needs the broad phase, and
-            whether one has diverged.
+            taken all their steps. flags: (2,) out: whether a robot has moved by
+            :data:`jansen_env.engine.collision.MARGIN`, and whether one has diverged.
         states: (robots, 8) crank-axis states, changed in place.
         body, pads, bearings: (designs, ...) of a :class:`jansen_env.engine.records.Model`.
         surface, depths: of a :class:`jansen_env.engine.records.Ground`, depths (designs, ...).
         layout: (designs, pads) PAD; world: (1,) WORLD; robots: (robots,)
             ROBOT; planes: (planes,) PLANE, of all robots;
-            statistics: (robots, pads) CONTACT_STATISTICS. ``steps_left`` is counted down. A robot
-            unknown to the broad phase where it is stops there; one faster than :data:`DIVERGED`,
-            not finite or too deep in the ground stops for good, with -1.
+            statistics: (robots, pads) CONTACT_STATISTICS. A robot faster than :data:`DIVERGED`,
+            not finite, off its stretch of the ground or too deep in it stops, ``lost``.
         slip, force: out: (robots, toes) m, (robots, toes, 2) N, as CONTACT_STATISTICS has them.
 
     Returns how many are in ``moved``.
     """
     world_row = world[0]
     work = split(jacobians, matrices, vectors, readings, spare, ints)
-    count, unknown, diverged = 0, False, False
+    count, far, diverged = 0, False, False
     known = len(shares) if thread == 0 else len(shares) - 1
     for offset in range(known):
         share = shares[(thread + offset) % known]
@@ -171,34 +169,31 @@ def advance(
             design = robot.params.design
             model = Model(body[design], pads[design], layout[design], bearings[design])
             ground = Ground(surface, depths[design])
-            if fresh:
-                begin(robot, state, statistics[r], model.body, work.sums)
-                robot.status.steps_left = steps
-            if robot.status.steps_left <= 0:
-                continue
+            begin(robot, state, statistics[r], model.body, work.sums)
             asked = torque[r], earlier[r], switch[r], pushes[r : r + 1]
-            traced = trace if r == 0 else trace[:0]
-            while robot.status.steps_left > 0:
-                held = robot.params.held
-                if not held and not detect(state, robot, model, ground, world_row, planes):
-                    unknown = True
-                    break
-                if robot.status.too_deep:
-                    robot.status.steps_left = -1
+            traced, status = trace if r == 0 else trace[:0], robot.status
+            while status.step < steps:
+                if not robot.params.held:
+                    on_stretch = detect(state, robot, model, ground, world_row, planes)
+                    status.lost = not on_stretch or status.too_deep
+                if status.lost:
                     break
                 to_centroid(model.body, robot.params, state, 1.0, work.sums)
                 _advance_robot(
-                    world_row, asked, state, robot, model, planes, statistics[r], work, traced
-                )
+                    world_row, steps, asked, state, robot, model, planes, statistics[r], work,
+                    traced,
+                )  # fmt: skip
                 to_centroid(model.body, robot.params, state, -1.0, work.sums)
-            if robot.status.steps_left < 0:
+            if status.lost:
                 diverged = True
-            elif robot.status.steps_left == 0:
+            else:
                 elapsed = steps * world_row.time_step
                 end(robot, state, statistics[r], elapsed, slip[r], force[r], model.body, work.sums)
                 moved[count] = r
                 count += 1
-    flags[0], flags[1] = unknown, diverged
+            if not robot.params.held:
+                far = far or not abs(state[0] - status.asked_x) <= MARGIN
+    flags[0], flags[1] = far, diverged
     return count
 
 
@@ -219,39 +214,38 @@ def split(jacobians, matrices, vectors, readings, spare, ints):
 
 
 @stage
-def _advance_robot(world, asked, state, robot, model, planes, statistics, work, trace):
+def _advance_robot(world, steps, asked, state, robot, model, planes, statistics, work, trace):
     """Take a robot's steps, as far as its planes go; ``state`` is that of the centre of mass."""
     torque, earlier, switch, pushes = asked
     status, h = robot.status, world.time_step
-    left, done = status.steps_left, 0
-    stop = min(left, world.stride - status.step % world.stride)
+    begun, k = status.step, status.step
+    stop = min(steps, begun + world.stride - begun % world.stride)
     for i in range(4):
         work.pose[i] = work.found[i] = state[i]
     work.pose[TRAVEL] = 0.0
-    for k in range(status.end_plane - status.first_plane):
-        work.bound[k] = 0.0
+    for plane in range(status.end_plane - status.first_plane):
+        work.bound[plane] = 0.0
     if robot.params.compliant:
         attach_bristles(status, planes, statistics)
-    while done < stop:
-        if done > 0 and outruns(status.margin, h, state, robot.params, model, work):
+    while k < stop:
+        if k > begun and outruns(status.margin, h, state, robot.params, model, work):
             break
-        k = len(trace) - left + done
         if len(trace) > 0:
             for i in range(4):
                 trace[k, POSE + i] = state[i] + 0.5 * h * state[4 + i]
                 trace[k, VELOCITY_BEFORE + i] = state[4 + i]
-        now = earlier if status.step < switch else torque
+        now = earlier if k < switch else torque
         count, used, dry = _time_step(
-            h, torque, now, pushes, done == 0, state, robot, model, planes, statistics, work
+            h, torque, now, pushes, k == begun, state, robot, model, planes, statistics, work
         )
         if len(trace) > 0:
             trace[k, TORQUE], trace[k, DRY_TORQUE] = used, dry / h
             _trace(trace[k], state, robot.params.pad_radius, count, planes, work.contacts)
-        done += 1
-        status.step += 1
+        k += 1
+        status.step = k
         if not _bounded(state):
-            done, stop = left + 1, 0
-    status.steps_left = left - done
+            status.lost, status.step = True, steps
+            break
     if robot.params.compliant:
         keep_deflection(status, planes, statistics)
 

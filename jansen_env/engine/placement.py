@@ -40,7 +40,7 @@ def lower(
             toes[j, 0], toes[j, 1] = pad_place(pads[design], layout[design, j], angles[k])
         toes[count, 0], toes[count, 1] = centre_of_mass(body[design], params, angles[k])
         common = (
-            toes[:count], toes[count], surface, status.first_vertex, status.end_vertex, x[k],
+            toes[:count], toes[count], surface, status.first_near, status.end_near, x[k],
             params.pad_radius,
         )  # fmt: skip
         pitch = find_level(*common) if math.isnan(pitches[k]) else pitches[k]
@@ -76,7 +76,7 @@ def settle(
         find_centres(state, pads[design], layout[design], centres)
         count = layout.shape[1]
         left = _clearance(
-            centres[:count], surface, status.first_vertex, status.end_vertex, status.pad_radius
+            centres[:count], surface, status.first_near, status.end_near, status.pad_radius
         )
         if abs(left) > CLOSE:
             state[1] -= left

@@ -76,26 +76,19 @@ PARAMS = row_dtype(
 
 STATUS = row_dtype(
     [
-        ("steps_left", "i8"),  # time steps of this control step to come; -1: it has diverged
-        ("step", "i8"),  # time steps taken of it
+        ("step", "i8"),  # time steps taken of this control step
+        ("lost", "?"),  # whether it has diverged in it
         ("margin", "f8"),  # m from its pads within which planes are listed, the speculative margin
         ("pad_radius", "f8"),  # m
         ("first_plane", "i8"),
         ("end_plane", "i8"),  # ordered by pad, then nearest first
         ("first_vertex", "i8"),  # of its terrain
         ("end_vertex", "i8"),
-        ("cell_x", "f8"),  # m, origin of its terrain in pymunk's space
-        ("cell_y", "f8"),
+        ("first_near", "i8"),  # those of the stretch that it can reach, by pymunk
+        ("end_near", "i8"),
+        ("asked_x", "f8"),  # m, of the crank axis when that was asked for; inf: never
+        ("room", "f8"),  # m that it may move from there
         ("too_deep", "?"),  # whether a pad is so deep in the ground that it has no plane
-        ("known_x", "f8"),  # m, of the crank axis at the last broad phase; inf: never asked
-        ("known_y", "f8"),
-        ("first_segment", "i8"),  # the candidates found there
-        ("last_segment", "i8"),
-        ("renewed", "?"),  # whether they are being found
-        ("home_x", "f8"),  # the same of where it was placed last
-        ("home_y", "f8"),
-        ("home_first", "i8"),
-        ("home_last", "i8"),
     ]
 )
 """Pose and contacts of a robot between collision detection and time steps."""

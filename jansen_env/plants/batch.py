@@ -12,12 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 from jansen_env.checks import positive
 from jansen_env.dynamics.joint_forces import JointForces, joint_forces
 from jansen_env.engine import integrator
-from jansen_env.engine.records import UNKNOWN_DEFLECTION, WORLD
+from jansen_env.engine.collision import SPECULATIVE_MARGIN
+from jansen_env.engine.records import PLANE, UNKNOWN_DEFLECTION, WORLD
 from jansen_env.engine.tables import energy
 from jansen_env.gravity import GRAVITY, Gravity
 from jansen_env.parameters import CHANGES
 from jansen_env.plants.base import check_held, check_pushes, check_time_step, divergence
-from jansen_env.plants.detector import ContactDetector
+from jansen_env.plants.grounds import Grounds
 from jansen_env.plants.placing import PlacedRobots
 from jansen_env.plants.threads import Threads
 from jansen_env.plants.trace import (
@@ -98,8 +99,11 @@ class Batch(PlacedRobots):
         stride = max(1, round(detection_interval / time_step))
         self._world = np.zeros(1, WORLD)
         self._world[0] = self.time_step, stride, self.toes, capacity
-        extent = self.designs.extent[self.designs.number]
-        self.detector = ContactDetector(self.rows, terrains, self._world, extent)
+        self.planes = np.zeros(n * capacity, PLANE)
+        status = self.rows["status"]
+        status["margin"] = SPECULATIVE_MARGIN
+        status["first_plane"] = status["end_plane"] = capacity * np.arange(n)
+        self._grounds, self._longest = Grounds(terrains, status), self.time_step
         self.states = np.zeros((n, 8))
         self._centres = np.zeros((max(pads, self.toes + 1), 2))
         self.slip, self.contact_force = np.zeros((n, self.toes)), np.zeros((n, self.toes, 2))
@@ -126,28 +130,23 @@ class Batch(PlacedRobots):
 
     def _arguments_of_all(self) -> tuple[Any, ...]:
         """Arguments that threads share in a step."""
-        model, detector = self.designs.model, self.detector
+        model = self.designs.model
         return (
-            self.states, model.body, model.pads, model.layout, model.bearings, detector.surface,
-            self.designs.depths, self._world, self.rows, detector.planes, self.contact_statistics,
+            self.states, model.body, model.pads, model.layout, model.bearings, self.surface,
+            self.designs.depths, self._world, self.rows, self.planes, self.contact_statistics,
             self.slip, self.contact_force,
         )  # fmt: skip
 
-    @property
-    def surface(self) -> Array:
-        return self.detector.surface
-
     def set_terrain(self, row: int, terrain: Terrain) -> None:
         super().set_terrain(row, terrain)
-        surface = self.detector.surface
-        self.detector.set_terrain(row, terrain)
-        if self.detector.surface is not surface:
+        surface = self.surface
+        self._grounds.set_terrain(row, terrain)
+        if self.surface is not surface:
             self._shared = self._arguments_of_all()
 
     def set_robots(self, rows: Ints, robots: Sequence[Robot]) -> None:
         super().set_robots(rows, robots)
-        for row in rows.tolist():
-            self.detector.set_extent(row, float(self.designs.extent[self.designs.number[row]]))
+        self.rows["status"]["asked_x"][rows] = np.inf
         self._shared = self._arguments_of_all()
 
     def place(self, rows: Ints, crank_angles: Array) -> None:
@@ -196,6 +195,7 @@ class Batch(PlacedRobots):
         if self.held:
             check_held(state)
         self.states[row] = state
+        self._ask_ground(np.array([row]))
         self.deflection[row] = UNKNOWN_DEFLECTION if deflection is None else deflection
         if row == 0:
             self.in_contact = None
@@ -208,6 +208,7 @@ class Batch(PlacedRobots):
         def undo() -> None:
             for array, values in before:
                 array[rows] = values
+            self._ask_ground(rows)
             self.any_diverged, self.in_contact = bool(self.diverged.any()), in_contact
 
         return undo
@@ -259,31 +260,32 @@ class Batch(PlacedRobots):
         if self.any_diverged:
             self.diverged[rows] = False
             self.any_diverged = bool(self.diverged.any())
-        trace, plain, fresh = self._no_trace, self._untraced, True
+        duration = steps * self.time_step
+        if duration > self._longest:
+            self._longest = duration
+            self.rows["status"]["asked_x"] = np.inf
+            self._ask_ground(self._every)
+        trace, plain = self._no_trace, self._untraced
         if self.tracing:
             trace = np.empty(steps, trace.dtype)
             plain = _plain(trace)
 
         def move(thread: int, shares: Ints, most: int, memory: Any) -> tuple[bool, bool]:
             count = self._advance(
-                thread, shares, most, rows, fresh, steps, *asked, plain, memory, self._shared
+                thread, shares, most, rows, steps, *asked, plain, memory, self._shared
             )
-            *_, moved, (unknown, diverged) = memory
+            *_, moved, (far, diverged) = memory
             if finish is not None and count > 0:
                 finish(moved if count == len(moved) else moved[:count])
-            return bool(unknown), bool(diverged)
+            return bool(far), bool(diverged)
 
-        while True:  # robots that leave their skin need the broad phase before they go on
-            unknown, diverged = self._threads.move(len(rows), move, meanwhile)
-            if not unknown:
-                break
-            meanwhile = None
-            self.detector.find_candidates(rows, self.states)
-            fresh = False
-        if diverged or not fresh:
+        far, diverged = self._threads.move(len(rows), move, meanwhile)
+        if diverged:
             lost = self._refuse(rows, before)
             if finish is not None and len(lost) > 0:
                 finish(lost)
+        if far:
+            self._ask_ground(rows)
         self._keep_trace(trace)
 
     def _keep_trace(self, trace: NDArray[np.void]) -> None:
@@ -300,7 +302,7 @@ class Batch(PlacedRobots):
 
     def _refuse(self, rows: Ints, before: tuple[Array, Array | None]) -> Ints:
         """Return the robots that have diverged, left as they were ``before``: state, deflection."""
-        gone = self.rows["status"]["steps_left"][rows] < 0
+        gone = self.rows["status"]["lost"][rows]
         lost = rows[gone]
         if len(lost) == 0:
             return lost
@@ -371,6 +373,7 @@ class Batch(PlacedRobots):
             getattr(self, name)[:] = saved[name]
         for params in (self.params, self.nominal_params):
             params["design"] = self.designs.number  # which are numbered anew
+        self._ask_ground(self._every)
         self.tracing, self.in_contact = saved["tracing"], saved["in_contact"]
         self.any_diverged = bool(self.diverged.any())
 

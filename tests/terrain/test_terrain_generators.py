@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from jansen_env import Terrain
+from jansen_env.terrain import make_terrain
 from jansen_env.terrain.generators import (
     GENERATORS,
     HIGHEST,
@@ -18,6 +19,7 @@ from jansen_env.terrain.generators import (
 )
 from jansen_env.terrain.shapes import REACH, RISER_SLOPE, START
 
+HILLS = Terrain(((-2.0, 0.5), (-1.0, 0.0), (0.0, 0.2), (1.0, 0.1), (2.0, 0.6)))
 FACE = math.tan(RISER_SLOPE)
 
 
@@ -210,3 +212,34 @@ TEXTS = [(partial(make_generator, text), message) for text, message in REFUSED.i
 def test_texts_and_shapes_that_cannot_be_are_refused(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+def test_height_and_gradient():
+    """Linear between vertices, first and last slope going on."""
+    assert HILLS.height([-2.0, -0.5, 0.0, 0.5, 1.5, 3.0, -3.0]) == pytest.approx(
+        [0.5, 0.1, 0.2, 0.15, 0.35, 1.1, 1.0], abs=1e-12
+    )
+    # On a stretch its own slope; at a vertex the mean of both sides'.
+    assert HILLS.gradient([0.5, 1.5, 3.0]) == pytest.approx(
+        (HILLS.height([0.6, 1.6, 3.1]) - HILLS.height([0.4, 1.4, 2.9])) / 0.2, abs=1e-9
+    )
+    ridge = Terrain(((-1.0, 0.0), (0.0, 0.3), (1.0, 0.2)))
+    assert ridge.gradient(0.0) == pytest.approx(0.1, abs=1e-9)
+
+
+def test_make_terrain():
+    """Names, points and terrains; friction and restitution replace the terrain's own."""
+    assert make_terrain("flat") == Terrain.flat()
+    assert make_terrain("slope:0.2", friction=0.3) == Terrain.slope(0.2, friction=0.3)
+    assert make_terrain([(0, 0), (1, 0.5)]) == Terrain(((0.0, 0.0), (1.0, 0.5)))
+    assert make_terrain(HILLS, restitution=0.5) == Terrain(HILLS.points, 0.8, 0.5)
+
+
+def test_rough_terrain():
+    """Level up to its start, then within +- height; the generator alone decides."""
+    rough = Terrain.rough(np.random.default_rng(3), height=0.03, start=2.0)
+    x = np.linspace(2.2, 40.0, 1000)
+    assert (rough.height(np.linspace(-5.0, 2.0, 50)) == 0.0).all()
+    assert 0.02 < rough.height(x).max() <= 0.03 and -0.03 <= rough.height(x).min() < -0.02
+    assert rough == Terrain.rough(np.random.default_rng(3), height=0.03, start=2.0)
+    assert rough != Terrain.rough(np.random.default_rng(4), height=0.03, start=2.0)

@@ -227,8 +227,9 @@ def test_deep_toes_move_alike_beside_others():
         state = placed(None, ground, rng.uniform(0.0, 6.0)).state - shift(y=rng.uniform(0.1, 0.4))
         state[4:6] = 3.0 * rng.normal(size=2)
         alone, beside = Batch([Robot()], [ground]), Batch([Robot()] * 2, [ground] * 2)
-        alone.states[0] = beside.states[0] = state
-        beside.states[1] = state + np.array([0.0, 3.0, 0.0, 0.0, 30.0, 0.0, 0.0, 0.0])
+        for batch in (alone, beside):
+            batch.set_state(0, state)
+        beside.set_state(1, state + shift(y=3.0, vx=30.0))
         for _ in range(15):
             alone.step(np.zeros(1), 20)
             beside.step(np.zeros(2), 20)

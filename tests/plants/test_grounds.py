@@ -6,49 +6,35 @@ import numpy as np
 import pymunk
 import pytest
 
-from jansen_env import Robot, Terrain, paper_robot
-from jansen_env.engine.collision import SKIN, SPECULATIVE_MARGIN
-from jansen_env.engine.records import ROBOT, WORLD
-from jansen_env.plants.batch import Batch
-from jansen_env.plants.detector import ContactDetector
+from jansen_env import Robot, Terrain
+from jansen_env.engine.collision import MARGIN, SPECULATIVE_MARGIN, planes_near
+from jansen_env.engine.records import PLANE, ROBOT, WORLD
+from jansen_env.plants.grounds import FASTEST, Grounds
 from jansen_env.plants.projected import ProjectionPlant
 from jansen_env.plants.rigid_body import RigidBodyPlant
-from jansen_env.terrain import make_terrain
 
 RADIUS = 0.01  # m, of the pads
 HILLS = Terrain(((-2.0, 0.5), (-1.0, 0.0), (0.0, 0.2), (1.0, 0.1), (2.0, 0.6)))
 
 
-def make(terrains, capacity, extent=1e6):
-    """A detector for robots on these terrains, whose axes are at the origin."""
-    world = np.zeros(1, WORLD)
-    world["capacity"] = capacity
-    robots = np.zeros(len(terrains), ROBOT)
-    robots["status"]["pad_radius"] = RADIUS
-    detector = ContactDetector(robots, terrains, world, np.full(len(terrains), extent))
-    find_candidates(detector, np.zeros((len(terrains), 2)))
-    return detector
+def detect(terrain, centres, capacity=None, axis=None, extent=1.0, duration=0.0):
+    """Planes (normal, offset), pads and gaps found for pads at ``centres``.
 
-
-def find_candidates(detector, axes):
-    """Let the broad phase find what is near robots with these crank axes (n, 2)."""
-    states = np.zeros((len(axes), 8))
-    states[:, :2] = axes
-    detector.find_candidates(np.arange(len(axes)), states)
-
-
-def detect(terrain, centres, capacity=None):
-    """Planes (normal, offset), pads and gaps found for pads at ``centres``."""
+    On the ground of a robot whose crank ``axis`` (x, m) was there when it was asked for; by default
+    on all of it.
+    """
     centres = np.asarray(centres, dtype=float)
-    planes, pad = found(make([terrain], capacity or 4 * len(centres)), centres)
-    return planes, pad, (planes[:, :2] * centres[pad]).sum(axis=1) - planes[:, 2] - RADIUS
-
-
-def found(detector, centres, robot=0):
-    """A robot's planes near pads at ``centres``, and the pads they are for."""
-    rows = detector.planes_near(robot, centres)
-    planes = np.stack([rows["normal_x"], rows["normal_y"], rows["offset"]], axis=1)
-    return planes, rows["pad"].copy()
+    robots, world = np.zeros(1, ROBOT), np.zeros(1, WORLD)
+    world["capacity"] = capacity or 4 * len(centres)
+    status = robots["status"]
+    status["pad_radius"], status["margin"] = RADIUS, SPECULATIVE_MARGIN
+    grounds, planes = Grounds([terrain], status), np.zeros(world["capacity"][0], PLANE)
+    grounds.find_stretch(0, axis or 0.0, extent if axis else 1e7, duration)
+    planes_near(0, centres, robots, grounds.surface, world, planes)
+    planes = planes[: status["end_plane"][0]]
+    numbers = np.stack([planes["normal_x"], planes["normal_y"], planes["offset"]], axis=1)
+    gaps = (numbers[:, :2] * centres[planes["pad"]]).sum(axis=1) - numbers[:, 2] - RADIUS
+    return numbers, planes["pad"], gaps
 
 
 def normal_of(slope):
@@ -128,64 +114,61 @@ def jagged(rng, spacing=0.05, count=200):
     return Terrain(tuple(zip(x, rng.uniform(-0.06, 0.06, count), strict=True)))
 
 
-@pytest.mark.parametrize("extent", [0.2, 1.0])
-def test_planes_are_the_same_until_the_next_broad_phase(rng, extent):
-    """Robots moved by up to SKIN see what each sees alone after a broad phase, bit for bit."""
-
-    def around(places, reach):
-        turn, share = rng.uniform(0.0, 2.0 * np.pi, len(places)), rng.uniform(0.0, 1.0, len(places))
-        return places + reach * (share * [np.cos(turn), np.sin(turn)]).T
-
-    for _ in range(10):
-        terrains = [jagged(rng), HILLS, jagged(rng), Terrain.slope(-0.3)] * 5
-        x = rng.uniform(1.0, 9.0, 20)
-        ground = [terrain.height(place) for terrain, place in zip(terrains, x, strict=True)]
-        start = np.column_stack([x, ground + rng.uniform(0.0, 0.3, 20)])
-        moved = around(start, SKIN)
-        detector = make(terrains, 400, extent)
-        find_candidates(detector, start)
-        numbers = []
-        for robot in range(20):
-            pads = around(moved[[robot] * 50], extent)
-            planes, pad = found(detector, pads, robot)
-            expected, expected_pad, _ = detect(terrains[robot], pads, capacity=400)
-            assert np.array_equal(pad, expected_pad) and np.array_equal(planes, expected)
-            numbers.append(len(pad))
-        assert max(numbers) > 10
-
-
-def test_placed_again_candidates_are_those_of_the_last_placement(rng):
-    """Bit for bit what a broad phase finds there, wherever the robot has been in between."""
-    terrain = jagged(rng)
-    home, pads = np.array([[5.0, 0.6]]), np.array([[4.9, 0.02], [5.2, 0.04]])
-    states = np.zeros((1, 8))
-    states[:, :2] = home
-    detector = make([terrain], 40, 1.0)
-    detector.recall(np.arange(1), states)
-    for x in (7.0, 9.0, 1.0):
-        find_candidates(detector, np.array([[x, 0.6]]))
-        detector.recall(np.arange(1), np.add(states, [0.1, 0.05, 0, 0, 0, 0, 0, 0]))
-        planes, pad = found(detector, pads)
-        expected, expected_pad, _ = detect(terrain, pads, capacity=40)
-        assert len(pad) > 1
+@pytest.mark.parametrize("extent, duration", [(0.2, 0.0), (1.0, 0.02)])
+def test_a_stretch_has_all_that_a_robot_can_reach(rng, extent, duration):
+    """Robots moved by all their room see what they would on the whole ground, bit for bit."""
+    room, most = MARGIN + FASTEST * duration, 0
+    for k in range(200):
+        terrain = [jagged(rng, 0.05, 1000), HILLS, Terrain.slope(-0.3)][k % 3]
+        axis = rng.uniform(15.0, 25.0)
+        x = axis + rng.choice([-room, room]) + rng.uniform(-extent, extent, 20)
+        pads = np.column_stack([x, terrain.height(x) + rng.uniform(-0.02, 0.06, 20)])
+        planes, pad, _ = detect(terrain, pads, 400, axis, extent, duration)
+        expected, expected_pad, _ = detect(terrain, pads, 400)
         assert np.array_equal(pad, expected_pad) and np.array_equal(planes, expected)
+        most = max(most, len(pad))
+    assert most > 30
 
 
-def test_placed_again_after_a_flight():
-    """Far from where its circle is, a robot keeps its ground when pymunk is asked for another."""
-    cliff = Terrain(((-20.0, 0.0), (20.0, 0.0), (40.0, -60.0), (300.0, -60.0)))
-    batch = Batch([paper_robot()] * 2, [cliff] * 2, threads=1)
-    batch.place(np.arange(2), np.zeros(2))
-    flying, away = batch.states.copy()
-    flying[:2], away[0] = (60.0, 5.0), away[0] + 2.0 * SKIN
-    batch.set_state(0, flying)
-    batch.step(np.zeros(2), 1)
-    batch.place(np.arange(1), np.zeros(1))
-    batch.set_state(1, away)
-    for _ in range(2):
-        batch.step(np.zeros(2), 20)
-    weight = 9.81 * paper_robot().mass
-    assert batch.contact_force[0, :, 1].sum() == pytest.approx(weight, rel=1e-3)
+def test_a_stretch_is_short(rng):
+    """Of 50 m of rough ground a robot that may move by 1 m knows less than two fifths."""
+    terrain, robots = jagged(rng, 0.05, 1000), np.zeros(1, ROBOT)
+    status = robots["status"]
+    Grounds([terrain], status).find_stretch(0, 25.0, 1.0, 0.0)
+    assert 0 < status["first_near"][0] < 500 < status["end_near"][0] < 1000
+    assert status["end_near"][0] - status["first_near"][0] < 400
+
+
+def test_the_ground_is_what_pymunk_answers(monkeypatch):
+    """Robots stand on the stretches of its answer, and cannot be placed without one."""
+    query = pymunk.Space.bb_query
+    plant = ProjectionPlant(Robot(), Terrain(((0.0, 0.0), (4.0, 0.0), (8.0, 2.0))))
+    level = plant.reset(3.0)
+    last = lambda *args: [max(query(*args), key=lambda shape: shape.a.x)]  # noqa: E731
+    monkeypatch.setattr(pymunk.Space, "bb_query", last)
+    plant = ProjectionPlant(Robot(), plant.terrain)
+    assert plant.reset(3.0)[1] < level[1] - 0.1  # on the slope, which goes on down
+    monkeypatch.setattr(pymunk.Space, "bb_query", lambda *args: [])
+    with pytest.raises(ValueError, match="not enough values"):
+        ProjectionPlant(Robot(), plant.terrain).reset(3.0)
+
+
+def test_a_step_that_leaves_the_stretch_is_refused():
+    """Faster than 200 m/s along the ground a robot has diverged; at 150 m/s it keeps its ground."""
+    plant = ProjectionPlant(Robot(), Terrain.flat(0.0), gravity=0.0)
+    for speed, duration in ((150.0, 0.02), (150.0, 0.2), (-150.0, 0.02)):
+        state = plant.reset()
+        plant.state = state + np.eye(8)[4] * speed
+        plant.step(0.0, duration)
+        assert plant.x == pytest.approx(speed * duration, rel=1e-3)
+        assert plant.contact_frames()[0][1:3, 1] == pytest.approx(0.0, abs=2e-5)
+    plant = ProjectionPlant(Robot(), Terrain.flat(0.0), gravity=0.0)
+    plant.reset()
+    plant.step(0.0, 0.02)
+    state = plant.state = plant.state + np.eye(8)[4] * 300.0
+    with pytest.raises(FloatingPointError, match="diverged"):
+        plant.step(0.0, 0.02)
+    assert (plant.state == state).all()
 
 
 def test_planes_are_pymunks_own_contacts(rng):
@@ -221,37 +204,6 @@ def test_the_nearest_planes_are_kept_when_there_is_no_room():
     _, pad, found = detect(Terrain.flat(), centres, capacity=3)
     assert pad.tolist() == [1, 3, 4]
     assert found == pytest.approx(gaps[[1, 3, 4]], abs=1e-12)
-
-
-def test_height_and_gradient():
-    """Linear between vertices, first and last slope going on."""
-    assert HILLS.height([-2.0, -0.5, 0.0, 0.5, 1.5, 3.0, -3.0]) == pytest.approx(
-        [0.5, 0.1, 0.2, 0.15, 0.35, 1.1, 1.0], abs=1e-12
-    )
-    # On a stretch its own slope; at a vertex the mean of both sides'.
-    assert HILLS.gradient([0.5, 1.5, 3.0]) == pytest.approx(
-        (HILLS.height([0.6, 1.6, 3.1]) - HILLS.height([0.4, 1.4, 2.9])) / 0.2, abs=1e-9
-    )
-    ridge = Terrain(((-1.0, 0.0), (0.0, 0.3), (1.0, 0.2)))
-    assert ridge.gradient(0.0) == pytest.approx(0.1, abs=1e-9)
-
-
-def test_make_terrain():
-    """Names, points and terrains; friction and restitution replace the terrain's own."""
-    assert make_terrain("flat") == Terrain.flat()
-    assert make_terrain("slope:0.2", friction=0.3) == Terrain.slope(0.2, friction=0.3)
-    assert make_terrain([(0, 0), (1, 0.5)]) == Terrain(((0.0, 0.0), (1.0, 0.5)))
-    assert make_terrain(HILLS, restitution=0.5) == Terrain(HILLS.points, 0.8, 0.5)
-
-
-def test_rough_terrain():
-    """Level up to its start, then within +- height; the generator alone decides."""
-    rough = Terrain.rough(np.random.default_rng(3), height=0.03, start=2.0)
-    x = np.linspace(2.2, 40.0, 1000)
-    assert (rough.height(np.linspace(-5.0, 2.0, 50)) == 0.0).all()
-    assert 0.02 < rough.height(x).max() <= 0.03 and -0.03 <= rough.height(x).min() < -0.02
-    assert rough == Terrain.rough(np.random.default_rng(3), height=0.03, start=2.0)
-    assert rough != Terrain.rough(np.random.default_rng(4), height=0.03, start=2.0)
 
 
 @pytest.mark.parametrize("x", [-3e4, -1000.5, -999.5, 999.8, 1001.0, 2500.0, 1e5])
@@ -290,34 +242,6 @@ def test_the_rigid_body_plant_says_where_its_ground_ends():
     plant.state = state
     with pytest.raises(FloatingPointError, match="the ground of the rigid-body plant ends"):
         plant.step(0.0, 0.02)
-
-
-def test_nothing_is_kept_between_detections():
-    """Detection elsewhere in between, or of the first pad alone, changes no bit of the next one."""
-    detector = make([HILLS], 12)
-    places = np.array([[-1.0, 0.02], [0.3, 0.18], [2.0, 0.6]])
-    seen = []
-    for centres in (places, places + 5.0, places[:1], places):
-        find_candidates(detector, centres[:1])
-        planes, pad = found(detector, centres)
-        seen.append((len(pad), planes.tobytes(), pad.tobytes()))
-    assert [number for number, *_ in seen] == [4, 0, 2, 4]
-    assert seen[3] == seen[0]
-
-
-def test_robots_in_one_space_see_what_each_sees_alone(rng):
-    """30 robots, on three terrains, bit for bit."""
-    grounds = [jagged(rng), HILLS, Terrain.slope(-0.3)]
-    terrains = [grounds[i % 3] for i in range(30)]
-    detector = make(terrains, 40, 1.0)
-    axes = np.column_stack([rng.uniform(-1.0, 5.0, 30), np.full(30, 0.5)])
-    find_candidates(detector, axes)
-    for robot, terrain in enumerate(terrains):
-        x = axes[robot, 0] + rng.uniform(-0.5, 0.5, 4)
-        centres = np.column_stack([x, terrain.height(x) + rng.uniform(0.0, 0.06, 4)])
-        planes, pad = found(detector, centres, robot)
-        alone, alone_pad, _ = detect(terrain, centres, capacity=40)
-        assert np.array_equal(planes, alone) and np.array_equal(pad, alone_pad)
 
 
 def test_a_pad_that_sank_in_is_pushed_up():

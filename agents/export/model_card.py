@@ -18,9 +18,8 @@ import numpy as np
 import jansen_env
 from agents.export.c_source import footprint, render
 from jansen_env.engine.walk_reward import FURTHEST_TARGET, LONGEST_MEAN, SHORTEST_MEAN
-from jansen_env.policies.environment import arguments_of
 from jansen_env.policies.network import Normalized
-from jansen_env.policies.pretrained import PretrainedPolicy, checksum
+from jansen_env.policies.pretrained import PretrainedPolicy, arguments_of, checksum
 from jansen_env.robot.kinematics import advance_per_turn, toe_positions
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.metrics import INTERVALS, score_table

@@ -12,7 +12,7 @@ import re
 from pathlib import Path
 
 from jansen_env.commands.flags import robot_parser
-from jansen_env.drawings.machine import machine
+from jansen_env.drawings.materials import machine
 from jansen_env.drawings.sheets import drawings
 from jansen_env.files import check_writable, write_text
 from jansen_env.robot.robot_file import write_robot

@@ -8,8 +8,7 @@ import errno
 from ipaddress import IPv4Address
 
 from jansen_env.commands.flags import Parser
-from jansen_env.play.choices import BY_HAND, ENVIRONMENTS, ROBOTS, TERRAINS
-from jansen_env.play.session import Session
+from jansen_env.play.session import BY_HAND, ENVIRONMENTS, ROBOTS, TERRAINS, Session
 from jansen_env.policies import pretrained
 from jansen_env.terrain.generators import HIGHEST
 from jansen_env.viewer.web.bench import write_bench

@@ -5,8 +5,8 @@ All pages that are open show and change the same session; time stands still whil
 A page of another site may be open in the same browser and must not reach the robot: the ``Host``
 of a request must be this server's own (against DNS rebinding), an ``Origin`` too, and a socket
 needs one. Beyond this machine every request needs the link's random token, too. Only
-:data:`FILES` are served. Messages are small, few and held to a schema
-(:mod:`jansen_env.play.messages`); clients that keep sending rubbish, or never read, are cut off.
+:data:`FILES` are served. Messages are small, few and :data:`ACTIONS` of the session, which checks
+their values; clients that keep sending rubbish, or never read, are cut off.
 """
 
 from __future__ import annotations
@@ -30,9 +30,8 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.protocol import State
 
-from jansen_env.play.choices import BY_HAND, SLIDERS
-from jansen_env.play.messages import parse
-from jansen_env.play.session import LARGEST_PUSH, PACES, Session
+from jansen_env.checks import one_of, shown
+from jansen_env.play.session import BY_HAND, LARGEST_PUSH, PACES, SLIDERS, Session
 from jansen_env.viewer.web import bench
 from jansen_env.viewer.web.geometry import scene_of, state_of_frame
 from jansen_env.viewer.web.page import page as replay_page
@@ -73,6 +72,44 @@ VIOLATION = 1008  # RFC 6455: policy violation
 LOGGER = logging.getLogger("jansen_env.play")
 # Clients' errors give no traceback in the terminal; errors of the handler do.
 LOGGER.addFilter(lambda record: "handler failed" in str(record.msg))
+
+
+ACTIONS = {
+    "steer": {"value"},
+    "hold": {"direction"},
+    "set": {"name", "value"},
+    "choose": {"name", "value"},
+    "build": {"robot", "lengths"},
+    "push": {"x", "y"},
+    "pause": {"value"},
+    "slow": {"value"},
+    "reset": set[str](),
+    "another": set[str](),
+    "replay": set[str](),
+}
+"""Arguments of each action; nothing else of a session can be reached."""
+
+
+def parse(message: str | bytes) -> tuple[str, dict[str, Any]]:
+    """Return an action of a session, and its arguments, from a message.
+
+    Raises:
+        ValueError: it is no text, no JSON, no action or has other arguments.
+    """
+    if not isinstance(message, str):
+        raise ValueError("message is binary, must be text")
+    try:
+        content = json.loads(message)
+    except (RecursionError, ValueError) as error:
+        raise ValueError(f"message is {shown(message)}, must be JSON") from error
+    if not isinstance(content, dict) or "do" not in content:
+        raise ValueError(f"message is {shown(message)}, must be an object that says what to do")
+    action = one_of("do", content.pop("do"), ACTIONS)
+    if {*content} != ACTIONS[action]:
+        raise ValueError(
+            f"{action} has {shown(sorted(content))}, must have {sorted(ACTIONS[action])}"
+        )
+    return action, content
 
 
 class Page:

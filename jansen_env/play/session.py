@@ -1,36 +1,29 @@
-"""State of a robot walked by hand: its environment, input, settings, score and pace."""
+"""A robot walked by hand: its environment, input, settings, score and pace."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
 
 from jansen_env.baselines.policy import Policy
+from jansen_env.baselines.walker_baselines import walking_pid
 from jansen_env.checks import finite, instance, one_of, shown, whole_number, within
-from jansen_env.play.choices import (
-    BY_HAND,
-    ENVIRONMENTS,
-    FLAT,
-    ROBOTS,
-    SLIDERS,
-    STEADY,
-    TERRAINS,
-    controls_of,
-    make_env,
-    policy_of,
-)  # fmt: skip
-from jansen_env.play.score import Score, Tally
-from jansen_env.policies.environment import arguments_of
+from jansen_env.policies import pretrained
+from jansen_env.policies.pretrained import arguments_of
 from jansen_env.rendering import Frame
+from jansen_env.robot import ROBOTS as DESIGNS
 from jansen_env.robot.kinematics import advance_per_turn
-from jansen_env.terrain.generators import HIGHEST
+from jansen_env.robot.lengths import with_lengths
+from jansen_env.terrain.generators import GENERATORS, HIGHEST
+from jansen_env.viewer.recorder import Recorder
 from jansen_env.viewer.recording import Recording
 
+MIN_DISTANCE = 1e-3  # m, below which a ratio per metre is not formed
 PACES = (1.0, 0.5, 0.25, 0.1)  # of the robot's time in the user's
 LARGEST_PUSH = 10.0  # N s
 LONGEST_REPLAY = 60.0  # s
@@ -40,6 +33,116 @@ TORQUE_RATE, RELEASE_RATE = 3.0, 8.0  # 1/s, of the torque while a key is held, 
 FIRST_COMMAND, STEADY_COMMAND = 0.25, 0.5  # of the top speed, when a policy or the PID takes over
 COMMAND_RATE = 0.5  # 1/s, of a policy's command while a key is held
 ARRAYS = ("q", "contact_force", "contact_point", "contact_tangent", "slipping")  # of a frame
+ENVIRONMENTS = (
+    "JansenWalkerBuilt-v0", "JansenWalkerRough-v0", "JansenWalkerHardcore-v0", "JansenWalker-v0",
+)  # fmt: skip
+FLAT = "flat"
+TERRAINS = (FLAT, *GENERATORS)
+ROBOTS = tuple(sorted(DESIGNS))
+BY_HAND = "torque"  # in place of a policy's name
+STEADY = "constant speed"  # of the crank, by the PID (13)
+SHORTEST_TURN = 0.05  # m, by which the crank's speed is found for a command
+
+
+class Slider(NamedTuple):
+    """A number that may be changed while the robot walks, and its limits."""
+
+    label: str
+    unit: str
+    low: float
+    high: float
+
+
+SLIDERS = {
+    "friction": Slider("friction", "", 0.0, 1.2),
+    "payload": Slider("payload", "kg", 0.0, 6.0),
+    "restitution": Slider("restitution", "", 0.0, 0.9),
+    "tilt": Slider("slope", "rad", -0.25, 0.25),
+    "motor_strength": Slider("motor strength", "", 0.1, 1.5),
+}
+"""Sliders by their names in ``env.unwrapped.set_parameters``."""
+
+
+def controls_of(env_id: str) -> tuple[str, ...]:
+    """What may turn the crank in an environment: names of controls and policies."""
+    return (BY_HAND, STEADY, *pretrained.names(env_id))
+
+
+def make_env(env_id: str, choices: Mapping[str, Any]) -> Any:
+    """Return the environment of some choices, which records what is walked in it.
+
+    Raises ValueError: a choice is none of those allowed, or the robot's lengths do not close.
+    """
+    one_of("robot", choices["robot"], ROBOTS)
+    one_of("terrain", choices["terrain"], TERRAINS)
+    level, name = whole_number("level", choices["level"], HIGHEST), choices["robot"]
+    lengths = choices["lengths"]
+    env = gym.make(
+        env_id, max_episode_steps=-1, disable_env_checker=True,
+        robot=with_lengths(DESIGNS[name](), lengths) if lengths else name,
+        terrain=choices["terrain"], terrain_level=0 if choices["terrain"] == FLAT else level,
+        randomize=None, terminate_when_fallen=False,
+    )  # fmt: skip
+    return Recorder(env, name)
+
+
+def policy_of(env_id: str, control: Any, env: Any) -> Policy | None:
+    """Return what turns the crank of an environment; None for the torque by hand.
+
+    Raises ValueError: ``control`` is none of :func:`controls_of`.
+    """
+    one_of("control", control, controls_of(env_id))
+    if control == STEADY:
+        way = max(abs(advance_per_turn(env.unwrapped.robot)), SHORTEST_TURN)
+        return walking_pid(lambda speed: 2.0 * math.pi / way * speed, env.unwrapped)
+    return None if control == BY_HAND else pretrained.load(env_id, control).on(env)
+
+
+@dataclass(frozen=True)
+class Score:
+    """Score of a walk so far.
+
+    Attributes:
+        time: s. distance: m, walked in the directions commanded, and without a command in the
+            direction walked. slip_per_metre: m slid by all toes while loaded / distance.
+        cost_of_transport: sum of \\|motor work\\| of each step / (weight * distance). Both ratios
+            are None where there is no distance. speed: m/s, mean of the last strides, in +x.
+    """
+
+    time: float = 0.0
+    distance: float = 0.0
+    slip_per_metre: float | None = None
+    cost_of_transport: float | None = None
+    speed: float = 0.0
+
+
+class Tally:
+    """Adds up the steps, of ``dt`` s each, of one walk."""
+
+    def __init__(self, dt: float) -> None:
+        self._dt, self._steps = dt, 0
+        self._x = self._free = self._commanded = 0.0  # m: place, and ways to it
+        self._slip = self._lift = self._speed = 0.0
+
+    def add(self, info: Mapping[str, Any], weight: float, command: float | None) -> None:
+        """Add a step by its ``info``, the robot's weight (N) and command (m/s, or None) in it."""
+        self._steps += 1
+        way, self._x = float(info["x_position"]) - self._x, float(info["x_position"])
+        if command:
+            self._commanded += way if command > 0.0 else -way
+        else:
+            self._free += way
+        self._speed = float(info["mean_speed"])
+        self._slip += float(np.sum(info["slip"]))
+        self._lift += abs(float(info["energy"]["motor_work"])) / weight
+
+    def score(self) -> Score:
+        """The score so far."""
+        distance = max(self._commanded, 0.0) + abs(self._free)
+        slip, cost = (
+            v / distance if distance > MIN_DISTANCE else None for v in (self._slip, self._lift)
+        )
+        return Score(self._steps * self._dt, distance, slip, cost, self._speed)
 
 
 class Session:

@@ -11,8 +11,7 @@ from page_client import apart, ask, opening, talk, until
 from websockets.asyncio.client import connect as connect_async
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from jansen_env.play.messages import ACTIONS, parse
-from jansen_env.play.server import MOST_ERRORS, Page
+from jansen_env.play.server import ACTIONS, MOST_ERRORS, Page, parse
 from jansen_env.play.session import ROBOTS, SLIDERS, TERRAINS, Session
 
 MALFORMED = [

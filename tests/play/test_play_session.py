@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 import jansen_env
-from jansen_env.play.choices import STEADY
-from jansen_env.play.session import LARGEST_PUSH, PACES, SLIDERS, Session
+from jansen_env.play.session import LARGEST_PUSH, PACES, SLIDERS, STEADY, Session
 from jansen_env.policies import pretrained
 from jansen_env.robot.lengths import lengths
 from jansen_env.scoring.benchmarks import WALKER

@@ -17,7 +17,7 @@ from agents import pack, unpack
 from jansen_env import paper_robot, sb3
 from jansen_env.commands import evaluate, named_policies
 from jansen_env.policies import pretrained
-from jansen_env.policies.environment import check_action
+from jansen_env.policies.pretrained import check_action
 from jansen_env.sb3.model_files import read_model
 from jansen_env.scoring.benchmarks import BENCHMARKS
 from jansen_env.scoring.rollout import make_env, make_envs

@@ -2,7 +2,7 @@
 //
 // The server sends scenes ({kind: "scene", ...}: what is drawn and what may be chosen), states
 // ({kind: "state", ...}, 50 a second) and errors; messages to it are those of
-// jansen_env/play/messages.py. No physics in here.
+// jansen_env/play/server.py. No physics in here.
 
 import { download, linkOf, openSocket } from "./bench_design.js";
 import { CLICK_PUSH, drawPush, impulseOf } from "./push.js";

@@ -78,7 +78,7 @@ def loads_of_walk(robot: Robot, speed: float, duration: float, start: float) -> 
     """Walk on the projection plant, traced, with a fine time step."""
     plant, rows = ProjectionPlant(robot, Terrain.flat(), FINE_STEP), []
     plant.tracing = True
-    found = walk(plant, speed, duration, start, watch=lambda _: rows.append(plant.trace.copy()))
+    walked = walk(plant, speed, duration, start, watch=lambda _: rows.append(plant.trace.copy()))
     traced = np.concatenate(rows)
     forces = trace_forces(plant.tables, traced, FINE_STEP)
     size = forces.magnitude
@@ -87,7 +87,7 @@ def loads_of_walk(robot: Robot, speed: float, duration: float, start: float) -> 
         size.mean(axis=(0, 1)), size.max(axis=(0, 1)),
         np.array([largest_compression(forces, name) for name in RODS]),
         contact[..., 1].max(), contact[..., 0].max(),
-        np.array(found.rms_torque), np.array(found.peak_torque), np.array(found.fell),
+        np.array(walked.rms_torque), np.array(walked.peak_torque), np.array(walked.fell),
     )  # fmt: skip
 
 
@@ -95,11 +95,11 @@ def loads_of_walks(
     robot: Robot, speeds: tuple[float, ...], duration: float, number: int = STARTS
 ) -> dict[float, Loads]:
     """The loads at each crank speed; every field has the starts first."""
-    found = {}
+    by_speed = {}
     for speed in speeds:
         each = [loads_of_walk(robot, speed, duration, angle) for angle in starts(number)]
-        found[speed] = Loads(*(np.stack(field) for field in zip(*each, strict=True)))
-    return found
+        by_speed[speed] = Loads(*(np.stack(field) for field in zip(*each, strict=True)))
+    return by_speed
 
 
 def motors_table(plant: str, speeds: tuple[float, ...], duration: float, number: int) -> str:
@@ -131,10 +131,10 @@ def buckling_load(robot: Robot, name: str) -> float:
     return built.buckling_load(robot.body(name).length, thickness=built.bar_thickness(name))
 
 
-def safety(robot: Robot, found: Loads) -> Array:
+def safety(robot: Robot, load: Loads) -> Array:
     """(starts, rods) against buckling between the pins."""
     most = np.array([buckling_load(robot, name) for name in RODS])
-    return np.asarray(most / np.maximum(found.rods, 1e-9))
+    return np.asarray(most / np.maximum(load.rods, 1e-9))
 
 
 def strength_table(robot: Robot, loads: dict[float, Loads]) -> str:
@@ -153,16 +153,16 @@ def strength_table(robot: Robot, loads: dict[float, Loads]) -> str:
         ("motor, peak torque (N m)", f"{robot.motor.torque_limit:g}", ".1f",
          lambda f: f.peak_torque.max()),
     ]  # fmt: skip
-    rows = [(name, bears, *(format(of(found), form) for found in loads.values()))
+    rows = [(name, bears, *(format(of(load), form) for load in loads.values()))
             for name, bears, form, of in lines]  # fmt: skip
-    falls = [f"{np.count_nonzero(found.fell)}" for found in loads.values()]
+    falls = [f"{np.count_nonzero(load.fell)}" for load in loads.values()]
     speeds = [f"{speed:g} rad/s" for speed in loads]
     return table(("part", "bears", *speeds), [*rows, ("falls", "", *falls)])
 
 
 def pin_table(loads: dict[float, Loads]) -> str:
     """Largest force in every pin at each crank speed, N."""
-    rows = [(str(pin), *(f"{found.largest[:, i].max():.0f}" for found in loads.values()))
+    rows = [(str(pin), *(f"{load.largest[:, i].max():.0f}" for load in loads.values()))
             for i, pin in enumerate(JANSEN.pins)]  # fmt: skip
     return table(("pin", *(f"{speed:g} rad/s" for speed in loads)), rows)
 

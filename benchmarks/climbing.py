@@ -53,9 +53,9 @@ def sizes(obstacle: str) -> Array:
     if obstacle == "one step":
         return np.linspace(0.015, 0.18, HIGHEST + BEYOND + 1)
     low, high = LEVELS[obstacle.split()[0]][parameter(obstacle)]
-    found: Array = np.linspace(low, high, HIGHEST + 1)
-    found = np.append(found, high + (high - low) * np.arange(1, BEYOND + 1) / HIGHEST)
-    return -found if obstacle.endswith("down") else found
+    grown: Array = np.linspace(low, high, HIGHEST + 1)
+    grown = np.append(grown, high + (high - low) * np.arange(1, BEYOND + 1) / HIGHEST)
+    return -grown if obstacle.endswith("down") else grown
 
 
 def ground(obstacle: str, size: float, seed: int, start: float = shapes.START) -> Terrain:
@@ -121,9 +121,9 @@ def climb(
     }
 
 
-def by_any_policy(found: Found) -> Array:
+def by_any_policy(outcomes: Found) -> Array:
     """(sizes,) share of the grounds on which some policy succeeded at some speed."""
-    every = np.stack([walked.succeeded for walked in found.values()])
+    every = np.stack([walked.succeeded for walked in outcomes.values()])
     return np.asarray(every.any(axis=(0, 2)).mean(axis=1))
 
 
@@ -143,11 +143,11 @@ def best(values: Bools) -> Array:
 def limit_table(results: dict[str, Found]) -> str:
     """Up to which size each policy succeeds at its best speed, and any at any, as Markdown."""
     rows = []
-    for obstacle, found in results.items():
+    for obstacle, outcomes in results.items():
         grown, unit = sizes(obstacle), UNITS.get(parameter(obstacle), "m")
-        limits = [last(grown, best(walked.succeeded)) for walked in found.values()]
+        limits = [last(grown, best(walked.succeeded)) for walked in outcomes.values()]
         label = f"{obstacle}, {parameter(obstacle)} ({unit})"
-        rows.append((label, *limits, last(grown, by_any_policy(found))))
+        rows.append((label, *limits, last(grown, by_any_policy(outcomes))))
     return measure.table(("obstacle", *next(iter(results.values())), "any, at any speed"), rows)
 
 
@@ -155,10 +155,10 @@ def walkable_table(results: dict[str, Found]) -> str:
     """Return success by level, of any policy at any speed, as Markdown."""
     by_kind: dict[str, list[Array]] = {name: [] for name in LEVELS}
     rows = []
-    for obstacle, found in results.items():
+    for obstacle, outcomes in results.items():
         if obstacle == "one step":
             continue
-        share = by_any_policy(found)
+        share = by_any_policy(outcomes)
         by_kind[obstacle.split()[0]].append(share)
         rows.append((obstacle, *(f"{value:.2f}" for value in share)))
     if all(by_kind.values()):

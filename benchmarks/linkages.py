@@ -81,16 +81,16 @@ def search(robot: Robot, quick: bool, seed: int = 0) -> Kwargs:
     pid = tune.measure_pid(1 if quick else 4, ENV, tune.GAINS[few], cranks, **kwargs)
     speeds = nearest_setting(np.array(pid["settings"]), np.array(pid["speeds"]))(SPEEDS)
     rng = np.random.default_rng(seed)
-    found: dict[float, Array] = {}
+    best: dict[float, Array] = {}
     for sweep in [Sweep(1, 2, 0.5, 4)] if quick else SWEEPS:
         for i, command in enumerate(SPEEDS.tolist()):
-            near = [v for v in SPEEDS[max(i - 1, 0) : i + 2].tolist() if v in found]
-            choices = [found[v] * np.append(command / v, np.ones(len(COLD))) for v in near]
-            if command not in found:
+            near = [v for v in SPEEDS[max(i - 1, 0) : i + 2].tolist() if v in best]
+            choices = [best[v] * np.append(command / v, np.ones(len(COLD))) for v in near]
+            if command not in best:
                 choices.append(np.array([speeds[i], *COLD]))
             start = {command: best_of(choices, command, sweep, rng, kwargs)}
-            found[command] = improve(start, command, sweep, rng, **kwargs)
-    numbers = [found[command].round(5).tolist() for command in SPEEDS.tolist()]
+            best[command] = improve(start, command, sweep, rng, **kwargs)
+    numbers = [best[command].round(5).tolist() for command in SPEEDS.tolist()]
     return {"gains": pid["gains"], "crank_speeds": speeds.round(4).tolist(), "profile": numbers}
 
 
@@ -105,11 +105,11 @@ def best_of(
     return choices[int(worth(run, env).reshape(-1, n).mean(axis=1).argmax())]
 
 
-def controllers_of(found: Kwargs, robot: Robot) -> dict[str, Policy]:
+def controllers_of(numbers: Kwargs, robot: Robot) -> dict[str, Policy]:
     """A linkage's profile and PID, interpolated between the speeds of the search."""
-    env, cranks = make_env(ENV, {"robot": robot}).unwrapped, found["crank_speeds"]
-    pid = walking_pid(lambda v: np.interp(v, SPEEDS, cranks), env, PID(*found["gains"]))
-    return {"profile": Profile(SPEEDS, np.array(found["profile"])).policy(env), "pid": pid}
+    env, cranks = make_env(ENV, {"robot": robot}).unwrapped, numbers["crank_speeds"]
+    pid = walking_pid(lambda v: np.interp(v, SPEEDS, cranks), env, PID(*numbers["gains"]))
+    return {"profile": Profile(SPEEDS, np.array(numbers["profile"])).policy(env), "pid": pid}
 
 
 def score(kwargs: Kwargs, policy: Policy, count: int, watched: int) -> Cells:
@@ -118,12 +118,12 @@ def score(kwargs: Kwargs, policy: Policy, count: int, watched: int) -> Cells:
     run = run_episodes(policy, ENV, kwargs, np.repeat(SPEEDS, count), np.tile(seeds, len(SPEEDS)))
     for k, command in enumerate(SPEEDS.tolist()):
         part = {name: values[k * count : (k + 1) * count] for name, values in run.items()}
-        found = point_estimates(WALKER.metrics, part, env)
+        estimates = point_estimates(WALKER.metrics, part, env)
         seen = [watch(kwargs, policy, command, seed) for seed in seeds[:watched].tolist()]
         cells.append({
             "command": command, "walks": int(succeeded(part, env).sum()),
-            "falls": int(part["fell"].sum()), "cost": found["steady_cost_of_transport"],
-            "slip": found["steady_slip_per_metre"],
+            "falls": int(part["fell"].sum()), "cost": estimates["steady_cost_of_transport"],
+            "slip": estimates["steady_slip_per_metre"],
             **{name: float(np.median([walk[name] for walk in seen])) for name in seen[0]},
         })  # fmt: skip
     return cells

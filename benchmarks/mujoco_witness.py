@@ -100,7 +100,7 @@ def in_the_air(name: str, time_step: float, stiffness: float) -> tuple[float, fl
     plant.reset()
     text = to_mjcf(robot, None, time_step, stiffness).replace("implicitfast", "RK4")
     model = mujoco.MjModel.from_xml_string(text)
-    data, bodies = mujoco.MjData(model), [model.body(one).id for one in body_names(robot)]
+    data, bodies = mujoco.MjData(model), [model.body(name).id for name in body_names(robot)]
     data.ctrl[0] = TORQUE
     while angle < 2.0 * math.pi:
         plant.step(TORQUE, period)
@@ -116,15 +116,15 @@ def in_the_air(name: str, time_step: float, stiffness: float) -> tuple[float, fl
 def half_second(name: str, friction: float, damping: float, time_step: float) -> float:
     """Largest difference of x, y, pitch and crank in half a second from rest, m and rad."""
     robot, ground = on_springs(name, damping), Terrain.flat(friction)
-    one = ProjectionPlant(robot, ground, 0.5 * time_step)
-    other = MujocoPlant(robot, ground, time_step, impratio=VISCOSITY / damping)
-    one.reset()
-    other.reset()
+    ours = ProjectionPlant(robot, ground, 0.5 * time_step)
+    theirs = MujocoPlant(robot, ground, time_step, impratio=VISCOSITY / damping)
+    ours.reset()
+    theirs.reset()
     worst = 0.0
     for _ in range(50):
-        one.step(6.0, 0.01)
-        other.step(6.0, 0.01)
-        worst = max(worst, float(np.abs(one.state - other.state)[:4].max()))
+        ours.step(6.0, 0.01)
+        theirs.step(6.0, 0.01)
+        worst = max(worst, float(np.abs(ours.state - theirs.state)[:4].max()))
     return worst
 
 
@@ -146,9 +146,9 @@ def walks(name: str, duration: float) -> list[tuple[str, ...]]:
     }
     rows: list[tuple[str, ...]] = []
     for label, plant in plants.items():
-        found = walk(cast(Plant, plant), SPEED, whole_half_turns(SPEED, duration), 1.0)
-        rows.append((name, *label, f"{found.distance:.3f}", f"{found.slip:.3f}",
-                     f"{found.cost_of_transport:.3f}", f"{1e3 * found.heave:.1f}"))  # fmt: skip
+        walked = walk(cast(Plant, plant), SPEED, whole_half_turns(SPEED, duration), 1.0)
+        rows.append((name, *label, f"{walked.distance:.3f}", f"{walked.slip:.3f}",
+                     f"{walked.cost_of_transport:.3f}", f"{1e3 * walked.heave:.1f}"))  # fmt: skip
     return rows
 
 

@@ -144,8 +144,8 @@ class Comparison(NamedTuple):
         if like(self.projection("distance"), self.projection("cost_of_transport")):
             return "agree"
         gaits = [run for run in (*self.ensemble, *self.others) if not run.fell]
-        found = any(like(run.distance, run.cost_of_transport) for run in gaits)
-        return "other gait" if found else "differ"
+        elsewhere = any(like(run.distance, run.cost_of_transport) for run in gaits)
+        return "other gait" if elsewhere else "differ"
 
 
 def compare(walk: Walk) -> Comparison:

@@ -39,8 +39,8 @@ def most_falls(falls: int, count: int) -> str:
 
 def cells(run: Episodes) -> tuple[str, ...]:
     """Return the table's columns after the policy, of episodes at one command."""
-    found = point_estimates(WALKER.metrics, run, make_env(ENV, {}))
-    values = (f"{found[name] or 0.0:{digits}}" for name, digits in COLUMNS.items())
+    estimates = point_estimates(WALKER.metrics, run, make_env(ENV, {}))
+    values = (f"{estimates[name] or 0.0:{digits}}" for name, digits in COLUMNS.items())
     return (f"{run['returns'].mean():.0f}", str(int(run["fell"].sum())), *values)
 
 

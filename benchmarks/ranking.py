@@ -112,10 +112,12 @@ def score(
     rows = []
     for command in (None, *np.unique(commands)):
         part = slice(None) if command is None else run["command"] == command
-        own = {name: values[part] for name, values in run.items()}
-        found = point_estimates(WALKER.metrics, own, env)
-        row = {name: np.nan if value is None else value for name, value in found.items()}
-        row["share"] = float((own["distance"] / own["command"]).mean() / HORIZON)  # of the way
+        episodes = {name: values[part] for name, values in run.items()}
+        estimates = point_estimates(WALKER.metrics, episodes, env)
+        row = {name: np.nan if value is None else value for name, value in estimates.items()}
+        row["share"] = float(
+            (episodes["distance"] / episodes["command"]).mean() / HORIZON
+        )  # of the way
         rows.append(row)
     return rows
 
@@ -131,7 +133,7 @@ def table_ranks(at_command: list[dict[str, float]]) -> Array:
 
 def rank(rows: dict[str, list[dict[str, float]]]) -> tuple[str, float]:
     """A Markdown table, the best by return first, and Spearman's correlation of the two ranks."""
-    names, scores = list(rows), [own[0] for own in rows.values()]
+    names, scores = list(rows), [row[0] for row in rows.values()]
     mean = np.mean([table_ranks(list(at)) for at in zip(*rows.values(), strict=True)][1:], axis=0)
     by_return, by_table = rankdata([-row["return"] for row in scores]), rankdata(mean)
     correlation = float(spearmanr(by_return, by_table)[0])

@@ -111,8 +111,8 @@ def robots(count: int, robot_steps: int, env_id: str = OURS, **arguments: Any) -
 
 def rate_table(names: Iterable[str], rates: Mapping[K, list[float]]) -> str:
     """Steps/s by contestant; a contestant's key is one cell or a tuple of cells."""
-    rows = [(*(key if isinstance(key, tuple) else (key,)), *measure.spread(found))
-            for key, found in rates.items()]  # fmt: skip
+    rows = [(*(key if isinstance(key, tuple) else (key,)), *measure.spread(series))
+            for key, series in rates.items()]  # fmt: skip
     return measure.table((*names, "steps/s", "lowest", "highest"), rows)
 
 
@@ -125,7 +125,7 @@ def ratio_table(rates: Mapping[K, list[float]], pairs: Mapping[str, tuple[K, K]]
     )
 
 
-def one(rounds: int, quick: bool) -> str:
+def single(rounds: int, quick: bool) -> str:
     """``gym.make`` beside its peers: random actions, wrappers and resets included."""
     steps = 200 if quick else 5000
     players = {
@@ -288,7 +288,7 @@ def ppo(rounds: int, quick: bool) -> str:
     )
 
 
-PARTS = {"one": one, "many": many, "worlds": worlds, "ppo": ppo}
+PARTS = {"one": single, "many": many, "worlds": worlds, "ppo": ppo}
 
 
 def main(arguments: list[str] | None = None) -> None:

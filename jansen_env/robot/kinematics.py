@@ -67,42 +67,42 @@ def joint_positions(robot: Robot, side: Side, psi: ArrayLike) -> Array:
         mirrored = joint_positions(robot, "fore", math.pi - angle)
         return mirrored * np.array([-1.0, 1.0])
     linkage = robot.linkage
-    found = {linkage.joints[linkage.axis]: np.zeros((*angle.shape, 2))}
-    _add_joints(found, robot, FRAME - 1, np.full(angle.shape, robot.frame_angle))
-    _add_joints(found, robot, CRANK - 1, angle)
+    places = {linkage.joints[linkage.axis]: np.zeros((*angle.shape, 2))}
+    _add_joints(places, robot, FRAME - 1, np.full(angle.shape, robot.frame_angle))
+    _add_joints(places, robot, CRANK - 1, angle)
     for dyad in linkage.dyads:
-        first, second = (linkage.body_between(dyad.joint, one) for one in (dyad.start, dyad.end))
-        found[dyad.joint] = _third_corner(
-            dyad.joint, angle, found[dyad.start], found[dyad.end],
+        first, second = (linkage.body_between(dyad.joint, end) for end in dyad[1:3])
+        places[dyad.joint] = _third_corner(
+            dyad.joint, angle, places[dyad.start], places[dyad.end],
             _between(robot, first, dyad.start, dyad.joint),
             _between(robot, second, dyad.end, dyad.joint), dyad.branch,
         )  # fmt: skip
         for body in (first, second):
             joints = linkage.bodies[body][1]
             if len(joints) > 2:
-                i, j = [k for k, one in enumerate(joints) if one in found][:2]
-                edge = found[joints[j]] - found[joints[i]]
+                i, j = [k for k, joint in enumerate(joints) if joint in places][:2]
+                edge = places[joints[j]] - places[joints[i]]
                 half_turn, turn = _edge_to_angle(robot.bodies[body], i, j)
                 heading = angles_of(edge) + half_turn + turn
-                _add_joints(found, robot, body, heading)
-    return np.stack([found[joint] for joint in linkage.joints], axis=-2)
+                _add_joints(places, robot, body, heading)
+    return np.stack([places[joint] for joint in linkage.joints], axis=-2)
 
 
-def _add_joints(found: dict[str, Array], robot: Robot, body: int, heading: Array) -> None:
+def _add_joints(places: dict[str, Array], robot: Robot, body: int, heading: Array) -> None:
     """Add all joints of a body whose angle is known, and one of its joints."""
     joints, corners = robot.linkage.bodies[body][1], robot.bodies[body].corners
-    first = next(k for k, joint in enumerate(joints) if joint in found)
+    first = next(k for k, joint in enumerate(joints) if joint in places)
     reach, offset = corners[first]
-    centre = found[joints[first]] - reach * directions(heading + offset)
+    centre = places[joints[first]] - reach * directions(heading + offset)
     for joint, (reach, offset) in zip(joints, corners, strict=True):
-        if joint not in found:
-            found[joint] = centre + reach * directions(heading + offset)
+        if joint not in places:
+            places[joint] = centre + reach * directions(heading + offset)
 
 
-def _between(robot: Robot, body: int, one: str, other: str) -> float:
+def _between(robot: Robot, body: int, a: str, b: str) -> float:
     """Distance between two joints of a body, m."""
     joints = robot.linkage.bodies[body][1]
-    return robot.bodies[body].distance(joints.index(one), joints.index(other))
+    return robot.bodies[body].distance(joints.index(a), joints.index(b))
 
 
 def _edge_to_angle(link: Link, i: int, j: int) -> tuple[float, float]:
@@ -184,15 +184,15 @@ def nearest_dead_point(robot: Robot, samples: int = 720) -> tuple[float, str, fl
     """
     psi = np.linspace(-math.pi, math.pi, samples, endpoint=False)
     place = joint_positions(robot, "fore", psi)
-    found = []
+    dead_points = []
     for dyad in robot.linkage.dyads:
         joint, start, end = (place[:, robot.linkage.joints.index(name)] for name in dyad[:3])
         u, v = joint - start, joint - end
         sine = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
         sine /= lengths_of(u) * lengths_of(v)
         k = int(sine.argmin())
-        found.append((float(sine[k]), dyad.joint, float(psi[k])))
-    return min(found)
+        dead_points.append((float(sine[k]), dyad.joint, float(psi[k])))
+    return min(dead_points)
 
 
 def advance_per_turn(robot: Robot, samples: int = 720) -> float:

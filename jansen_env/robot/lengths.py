@@ -22,11 +22,11 @@ from jansen_env.robot.robot import LONGEST, Robot
 
 def lengths(robot: Robot) -> dict[str, float]:
     """Return all lengths of a robot by name, m; ``frame_angle`` in rad."""
-    found: dict[str, float] = {}
+    known: dict[str, float] = {}
     for (name, joints), link in zip(robot.linkage.bodies, robot.bodies, strict=True):
-        found.update(zip(_names(name, joints, link), _values(link), strict=True))
-    found["frame_angle"] = robot.frame_angle
-    return found
+        known.update(zip(_names(name, joints, link), _values(link), strict=True))
+    known["frame_angle"] = robot.frame_angle
+    return known
 
 
 def with_lengths(robot: Robot, changed: Mapping[str, float]) -> Robot:
@@ -55,8 +55,8 @@ def with_lengths(robot: Robot, changed: Mapping[str, float]) -> Robot:
     links, built = {}, is_of_built_parts(robot)
     for (name, joints), link in zip(robot.linkage.bodies, robot.bodies, strict=True):
         names = _names(name, joints, link)
-        if any(new[one] != known[one] for one in names):
-            fresh = _of_lengths(name, link, [new[one] for one in names])
+        if any(new[key] != known[key] for key in names):
+            fresh = _of_lengths(name, link, [new[key] for key in names])
             links[name] = fresh if built else _as_dense(link, fresh)
     resized = replace(robot.with_bodies(**links), frame_angle=new["frame_angle"])
     return with_built_parts(resized) if links and built else resized

@@ -5,10 +5,11 @@ Nothing here has a length. The lengths, masses and inertias of the bodies are th
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from jansen_env.checks import entries, instance, shown
 
@@ -102,8 +103,9 @@ class Linkage:
             )
 
     def _set_rows(
-        self, name: str, allowed: str, kinds: tuple[type, ...], make: Any = lambda *row: row
-    ) -> None:
+        self, name: str, allowed: str, kinds: tuple[type, ...],
+        make: Callable[..., tuple[object, ...]] = lambda *row: row,
+    ) -> None:  # fmt: skip
         """Make a field a tuple of rows whose entries are of some types."""
         rows = []
         for row in entries(f"Linkage.{name}", getattr(self, name), f"rows {allowed}"):

@@ -1,21 +1,5 @@
 """Parts of a machine: links, legs, payload, pads. Data only, checked when it is made.
 
-Numbers of the bodies of Jansen's leg are the paper's (*Dynamic Analysis and Modeling of Jansen
-Mechanism*, section 2.1):
-
-==== =================================== ==============================
-body what it joins                       name
-==== =================================== ==============================
-1    fixed pivot P -> crank axis O       ``frame``, at ``frame_angle``
-2    crank O -> crank pin A              ``crank``
-3    A -> B                              ``upper_rod``
-4    triangle P, B, D                    ``upper_triangle``
-5    knee C -> P                         ``rocker``
-6    C -> A                              ``lower_rod``
-7    D -> E                              ``coupler``
-8    triangle C, E, toe T                ``foot``
-==== =================================== ==============================
-
 Numbers are SI: metres, kilograms, radians, counter-clockwise positive.
 """
 
@@ -25,7 +9,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -48,11 +32,19 @@ MOST_PHASES = 100  # of crank pins
 STIFFEST = 1e20  # N/m and N s/m, of a compliant pad: beyond, it is rigid
 
 
-def set_checked(part: Any, check: Callable[[str, Any], float], *names: str) -> None:
-    """Replace fields of a frozen dataclass by what ``check`` makes of them: floats."""
+def set_checked(part: object, check: Callable[[str, object], object], *names: str) -> None:
+    """Replace fields of a frozen dataclass by what ``check`` makes of them."""
     for name in names:
         value = check(f"{type(part).__name__}.{name}", getattr(part, name))
         object.__setattr__(part, name, value)
+
+
+def point(name: str, value: object) -> tuple[float, float]:
+    """Return a point as floats. Raises ValueError unless it is two finite numbers."""
+    pair = entries(name, value, "two numbers (x, y)")
+    if len(pair) != 2:
+        raise ValueError(f"{name} is {shown(value)}, must be two numbers (x, y)")
+    return finite(name, pair[0]), finite(name, pair[1])
 
 
 @dataclass(frozen=True)
@@ -82,7 +74,7 @@ class Bar:
         """(c, o) of both ends, m and rad: the end is at the centre + c (cos, sin)(theta + o)."""
         return (-self.half, 0.0), (self.half, 0.0)
 
-    def distance(self, one: int, other: int) -> float:
+    def distance(self, i: int, k: int) -> float:
         """Between two different joints, m."""
         return self.length
 
@@ -124,8 +116,9 @@ class Triangle:
 
     @classmethod
     def from_sides(
-        cls, first_second: float, second_third: float, third_first: float, **inertial: Any
-    ) -> Triangle:
+        cls, first_second: float, second_third: float, third_first: float, *, mass: float = 0.1,
+        inertia: float = 0.1, outward: bool = False,
+    ) -> Triangle:  # fmt: skip
         """Build a triangle from its three side lengths (m), with the centroid's law of cosines.
 
         Raises:
@@ -142,21 +135,14 @@ class Triangle:
         h = math.sqrt(2 * b * b + 2 * c * c - a * a) / 3.0
         alpha = acos((d * d + l * l - a * a) / (2 * d * l))
         gamma = acos((d * d + h * h - c * c) / (2 * d * h))
-        return cls(d, l, h, alpha, gamma, **inertial)
+        return cls(d, l, h, alpha, gamma, mass, inertia, outward)
 
     @property
     def sides(self) -> tuple[float, float, float]:
         """Lengths first-second, second-third, third-first, m."""
+        d, l, h = self.d, self.l, self.h  # noqa: E741 - the paper's symbol
         beta = 2.0 * math.pi - self.alpha - self.gamma
-
-        def opposite(u: float, v: float, angle: float) -> float:
-            return math.sqrt(u * u + v * v - 2.0 * u * v * cos(angle))
-
-        return (
-            opposite(self.d, self.l, self.alpha),
-            opposite(self.l, self.h, beta),
-            opposite(self.h, self.d, self.gamma),
-        )
+        return _opposite(d, l, self.alpha), _opposite(l, h, beta), _opposite(h, d, self.gamma)
 
     @property
     def corners(self) -> Corners:
@@ -164,14 +150,19 @@ class Triangle:
         s = 1.0 if self.outward else -1.0
         return (s * self.d, 0.0), (s * self.l, self.alpha), (s * self.h, -self.gamma)
 
-    def distance(self, one: int, other: int) -> float:
+    def distance(self, i: int, k: int) -> float:
         """Between two different corners, m."""
-        return self.sides[(0, 2, 1)[one + other - 1]]
+        return self.sides[(0, 2, 1)[i + k - 1]]
 
     def slender(self) -> Triangle:
         """The same triangle with a uniform plate's inertia, m (a^2 + b^2 + c^2) / 36."""
         a, b, c = self.sides
         return replace(self, inertia=self.mass * (a * a + b * b + c * c) / 36.0)
+
+
+def _opposite(a: float, b: float, angle: float) -> float:
+    """The side opposite an angle between two sides of a triangle (law of cosines)."""
+    return math.sqrt(a * a + b * b - 2.0 * a * b * cos(angle))
 
 
 @dataclass(frozen=True)
@@ -195,12 +186,7 @@ class Plate:
         set_checked(self, positive, "mass")
         set_checked(self, non_negative, "inertia")
         given = entries("Plate.points", self.points, "a point (x, y) for each joint")
-        points = []
-        for point in given:
-            pair = entries("Plate.points", point, "a point (x, y) for each joint")
-            if len(pair) != 2:
-                raise ValueError(f"Plate.points has {shown(point)}, must have points (x, y)")
-            points.append((finite("Plate.points", pair[0]), finite("Plate.points", pair[1])))
+        points = [point("Plate.points", place) for place in given]
         if len({*points}) != len(points) or len(points) < 2:
             raise ValueError(f"Plate.points is {points}, must be two different points or more")
         object.__setattr__(self, "points", tuple(points))
@@ -238,9 +224,9 @@ class Plate:
         """(c, o) of each joint, m and rad: it is at the centre + c (cos, sin)(theta + o)."""
         return tuple((hypot(x, y), atan2(y, x)) for x, y in self.points)
 
-    def distance(self, one: int, other: int) -> float:
+    def distance(self, i: int, k: int) -> float:
         """Between two different joints, m."""
-        (x, y), (u, v) = self.points[one], self.points[other]
+        (x, y), (u, v) = self.points[i], self.points[k]
         return hypot(u - x, v - y)
 
     def slender(self) -> Plate:
@@ -287,13 +273,7 @@ class Payload:
 
     def __post_init__(self) -> None:
         set_checked(self, non_negative, "mass", "inertia")
-        position = entries("Payload.position", self.position, "two numbers (x, y)")
-        if len(position) != 2:
-            raise ValueError(
-                f"Payload.position is {shown(self.position)}, must be two numbers (x, y)"
-            )
-        place = tuple(finite("Payload.position", value) for value in position)
-        object.__setattr__(self, "position", place)
+        set_checked(self, point, "position")
 
 
 @dataclass(frozen=True)
@@ -318,14 +298,13 @@ class Compliance:
     tangential_damping: float | None = None
 
     def __post_init__(self) -> None:
-        for name, normal in (("stiffness", positive), ("damping", non_negative)):
-            tangential = f"tangential_{name}"
-            if getattr(self, tangential) is None:
-                object.__setattr__(self, tangential, getattr(self, name))
-            for field_name in (name, tangential):
-                if getattr(self, field_name) != math.inf:
-                    set_checked(self, normal, field_name)
-                    within(f"Compliance.{field_name}", getattr(self, field_name), 0.0, STIFFEST)
+        for name, check in (("stiffness", positive), ("damping", non_negative)):
+            if getattr(self, f"tangential_{name}") is None:
+                object.__setattr__(self, f"tangential_{name}", getattr(self, name))
+            for field in (name, f"tangential_{name}"):
+                if getattr(self, field) != math.inf:
+                    set_checked(self, check, field)
+                    within(f"Compliance.{field}", getattr(self, field), 0.0, STIFFEST)
         if (self.stiffness == math.inf) != (self.tangential_stiffness == math.inf):
             raise ValueError(
                 f"Compliance.tangential_stiffness is {self.tangential_stiffness}, must be infinite "

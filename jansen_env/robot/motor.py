@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.checks import positive, positive_single, shown, within
+from jansen_env.robot.links import set_checked
 
 LARGEST = 1e6  # of a gear, an inertia at the crank, kg m^2, and frictions: far beyond any machine
 Array = NDArray[np.float64]
@@ -55,29 +56,23 @@ class Motor:
     efficiency: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("stall_torque", "no_load_speed"):
-            value = getattr(self, name)
-            if value != math.inf:
-                object.__setattr__(self, name, positive(f"Motor.{name}", value))
-        if self.stall_torque == math.inf and self.no_load_speed != math.inf:
+        limited = [n for n in ("stall_torque", "no_load_speed") if getattr(self, n) != math.inf]
+        set_checked(self, positive, *limited)
+        if limited == ["no_load_speed"]:
             raise ValueError(
                 f"Motor.stall_torque is inf, must be finite with a no_load_speed of "
                 f"{shown(self.no_load_speed)}"
             )
-        for name in ("torque_limit", "gear_ratio"):
-            # of float32, as observations have torques
-            object.__setattr__(self, name, positive_single(f"Motor.{name}", getattr(self, name)))
-        within("Motor.gear_ratio", self.gear_ratio, 0.0, LARGEST)
-        for name in ("rotor_inertia", "friction", "viscous_friction"):
-            number = within(f"Motor.{name}", getattr(self, name), 0.0, LARGEST)
-            object.__setattr__(self, name, number)
+        # Of float32, as observations have torques.
+        set_checked(self, positive_single, "torque_limit", "gear_ratio")
+        sizes = "gear_ratio", "rotor_inertia", "friction", "viscous_friction"
+        set_checked(self, lambda name, value: within(name, value, 0.0, LARGEST), *sizes)
         if self.gear_ratio**2 * self.rotor_inertia > LARGEST:
             raise ValueError(
                 f"Motor.gear_ratio is {self.gear_ratio}, must make no more than {LARGEST:g} kg m^2 "
                 f"at the crank of a rotor_inertia of {self.rotor_inertia}"
             )
-        efficiency = within("Motor.efficiency", self.efficiency, 0.01, 1.0)
-        object.__setattr__(self, "efficiency", efficiency)
+        set_checked(self, lambda name, value: within(name, value, 0.01, 1.0), "efficiency")
 
     @property
     def slope(self) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -142,18 +141,15 @@ class Robot:
 
     def body(self, name: str) -> Any:
         """The link with a name of ``linkage.names``. Raises ValueError: another name."""
-        self._check_names((name,))
+        one_of("body", name, self.linkage.names)
         return self.bodies[self.linkage.names.index(name)]
 
     def with_bodies(self, **links: Link) -> Robot:
         """The same robot with other links, by their names. Raises ValueError: another name."""
-        self._check_names(links)
+        for name in links:
+            one_of("body", name, self.linkage.names)
         pairs = zip(self.linkage.names, self.bodies, strict=True)
         return replace(self, bodies=tuple(links.get(name, body) for name, body in pairs))
-
-    def _check_names(self, names: Iterable[str]) -> None:
-        for name in names:
-            one_of("body", name, self.linkage.names)
 
     @property
     def frame(self) -> Link:

@@ -11,7 +11,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any
 
 from jansen_env.checks import listed, one_of, shown
 from jansen_env.files import open_regular, write_json
@@ -31,34 +30,35 @@ PARTS: dict[str, type] = {
 """What a file may hold, by the name under ``"is"``."""
 
 
-def robot_to_json(robot: Robot) -> dict[str, Any]:
+def robot_to_json(robot: Robot) -> dict[str, object]:
     """Return a robot as JSON knows it: each part a mapping of its fields, with its kind as "is".
 
     A field that is infinite is left out.
     """
-    return {"format": FORMAT, **_plain(robot)}
+    return {"format": FORMAT, **_part_to_json(robot)}
 
 
-def robot_from_json(found: Any) -> Robot:
+def robot_from_json(content: object) -> Robot:
     """Return the robot of :func:`robot_to_json`, or of a design with other lengths.
 
     Raises:
         ValueError: it is none; one line says what is wrong.
     """
-    if not isinstance(found, Mapping) or found.get("format") != FORMAT:
-        raise ValueError(f"a robot file is {shown(found)}, must be of format {FORMAT!r}")
-    given = {name: value for name, value in found.items() if name != "format"}
-    robot = _resized(given) if "design" in given else _made(given)
+    if not isinstance(content, Mapping) or content.get("format") != FORMAT:
+        raise ValueError(f"a robot file is {shown(content)}, must be of format {FORMAT!r}")
+    given = {name: value for name, value in content.items() if name != "format"}
+    robot = _resized_design(given) if "design" in given else _from_json(given)
     if not isinstance(robot, Robot):
-        raise ValueError(f"a robot file is of a {shown(found.get('is'))}, must be of a Robot")
+        raise ValueError(f"a robot file is of a {shown(content.get('is'))}, must be of a Robot")
     return robot
 
 
-def _resized(found: Mapping[str, Any]) -> Robot:
+def _resized_design(given: Mapping[str, object]) -> Robot:
     """Return a built-in design with other lengths."""
-    if {*found} != {"design", "lengths"} or not isinstance(changed := found["lengths"], Mapping):
-        raise ValueError(f"a robot file has {shown([*found])}, must have 'design' and 'lengths'")
-    return with_lengths(ROBOTS[one_of("design", found["design"], ROBOTS)](), changed)
+    changed = given.get("lengths")
+    if {*given} != {"design", "lengths"} or not isinstance(changed, Mapping):
+        raise ValueError(f"a robot file has {shown([*given])}, must have 'design' and 'lengths'")
+    return with_lengths(ROBOTS[one_of("design", given["design"], ROBOTS)](), changed)
 
 
 def write_robot(path: str | Path, robot: Robot) -> Path:
@@ -84,24 +84,28 @@ def read_robot(path: str | Path) -> Robot:
         raise ValueError(f"{path} is no robot file: {error}") from error
 
 
-def _plain(value: Any) -> Any:
+def _part_to_json(part: object) -> dict[str, object]:
+    values = {field.name: getattr(part, field.name) for field in fields(part)}  # type: ignore[arg-type]
+    kept = {name: _to_json(value) for name, value in values.items() if value != math.inf}
+    return {"is": type(part).__name__, **kept}
+
+
+def _to_json(value: object) -> object:
     if is_dataclass(value):
-        each = {one.name: getattr(value, one.name) for one in fields(value)}
-        kept = {name: _plain(part) for name, part in each.items() if part != math.inf}
-        return {"is": type(value).__name__, **kept}
-    return [_plain(one) for one in value] if isinstance(value, tuple) else value
+        return _part_to_json(value)
+    return [_to_json(entry) for entry in value] if isinstance(value, tuple) else value
 
 
-def _made(value: Any) -> Any:
+def _from_json(value: object) -> object:
     if isinstance(value, list):
-        return tuple(_made(one) for one in value)
+        return tuple(_from_json(entry) for entry in value)
     if not isinstance(value, Mapping):
         return value
     kind = value.get("is")
     if not isinstance(kind, str) or kind not in PARTS:
         raise ValueError(f"a part is a {shown(kind)}, must be of {[*PARTS]}")
-    known = [one.name for one in fields(PARTS[kind])]
-    given = {name: _made(part) for name, part in value.items() if name != "is"}
+    known = [field.name for field in fields(PARTS[kind])]
+    given = {name: _from_json(part) for name, part in value.items() if name != "is"}
     if unknown := [name for name in given if name not in known]:
         allowed = listed(known, unknown[0])
         raise ValueError(f"a {kind} has {shown(unknown[0])}, must be of {allowed}")

@@ -84,7 +84,7 @@ TAKEN = {
     ("crank", "time_step"): set(), ("walkers", "track_joint_forces"): set(),
     ("walkers", "max_episode_steps"): {"None"}, ("walkers", "info_keys"): {"None", "empty"},
     ("walkers", "threads"): {"None", "beyond a float", "beyond printing"},
-    ("Triangle", "outward"): {"flag"},
+    ("Triangle", "outward"): {"flag"}, ("from_sides", "outward"): {"flag"},
     **{("Linkage", name): {"empty"} for name in ("pins", "damped", "bearings", "pads")},
 }  # fmt: skip
 """Of the environments' arguments: those of WRONG that are right."""

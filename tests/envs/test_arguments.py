@@ -102,7 +102,8 @@ def test_wrong_values_are_refused_by_name(maker, argument):
     """ValueError with the argument's name and a message of a sane length, for all but a few."""
     make, needed = MAKERS[maker]
     taken = TAKEN.get((maker, argument), TAKEN.get(("*", argument), set()))
-    taken = taken if maker in ("walker", "crank", "walkers", "Triangle", "Linkage") else set()
+    known = "walker", "crank", "walkers", "Triangle", "from_sides", "Linkage"
+    taken = taken if maker in known else set()
     for what, value in WRONG.items():
         if what in taken:
             make(**{**needed, argument: value})

@@ -89,6 +89,11 @@ def within(name: str, value: Any, low: float, high: float) -> float:
     return number
 
 
+def infinite(value: Any) -> bool:
+    """Whether ``value`` is the number infinity."""
+    return isinstance(value, Real) and value == math.inf
+
+
 def whole_number(name: str, value: Any, most: int | None = None, least: int = 0) -> int:
     """Return ``value`` as an int. Raises ValueError unless whole, from ``least`` to ``most``."""
     whole = isinstance(value, Integral) and not isinstance(value, bool)

@@ -73,10 +73,10 @@ def reset_mask(count: int, mask: Any) -> NDArray[np.bool_]:
     if mask is None:
         return np.ones(count, bool)
     if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
-        raise TypeError(f"options['reset_mask'] is {mask!r}, must be an array of bools")
+        raise TypeError(f"options['reset_mask'] is {shown(mask)}, must be an array of bools")
     if mask.shape != (count,) or not mask.any():
         raise ValueError(
-            f"options['reset_mask'] is {mask!r}, must have shape ({count},) and name one robot at "
+            f"options['reset_mask'] is {shown(mask)}, must have shape ({count},) and name one robot at "
             "least"
         )
     return mask
@@ -128,9 +128,17 @@ def info_keys(value: Any, known: Sequence[str]) -> tuple[str, ...] | None:
 
 
 def complete_state(state: Mapping[str, Any], example: Mapping[str, Any]) -> None:
-    """Raises ValueError where a state to go on from has not all that ``example`` has."""
+    """Raises ValueError unless a state to go on from has all that ``example`` has, and random
+    numbers."""
+    if not isinstance(state, Mapping):
+        raise ValueError(f"state is {shown(state)}, must come from get_state()")
     if missing := sorted({*example} - {*state, "robot", "lengths"}):  # without: a robot's own
         raise ValueError(f"state lacks {missing}, must come from get_state()")
+    try:
+        np.random.PCG64(0).state = state["generator"]
+    except Exception as error:  # of many types
+        given = shown(state["generator"])
+        raise ValueError(f"state['generator'] is {given}, must come from get_state()") from error
 
 
 class Renderers(dict[int, Any]):

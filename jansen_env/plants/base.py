@@ -252,7 +252,7 @@ def check_state(value: Any, count: int = 8) -> Array:
 def check_held(state: ArrayLike) -> None:
     """Raise ValueError if the chassis of a state (8,) moves."""
     if np.asarray(state)[4:7].any():
-        raise ValueError(f"state is {state!r}, its chassis must not move: its base is fixed")
+        raise ValueError(f"state is {shown(state)}, its chassis must not move: its base is fixed")
 
 
 def check_deflection(value: Any, pads: int) -> Array:
@@ -261,7 +261,7 @@ def check_deflection(value: Any, pads: int) -> Array:
     shape = deflection.shape == (pads, 2)
     if not (shape and (deflection[:, 0] >= 0.0).all() and np.isfinite(deflection[:, 1]).all()):
         raise ValueError(
-            f"deflection is {value!r}, must be {pads} pairs of a compression of 0 or above "
+            f"deflection is {shown(value)}, must be {pads} pairs of a compression of 0 or above "
             "(infinity where unknown) and a finite bend"
         )
     return deflection
@@ -277,10 +277,12 @@ def check_pushes(value: Any, *shape: int) -> Array:
 
 def check_in_contact(value: Any, pads: int) -> NDArray[np.bool_] | None:
     """Return a copy of flags (pads,) or None. Raises ValueError: another shape."""
-    in_contact = None if value is None else np.array(value, dtype=bool)
-    if in_contact is not None and in_contact.shape != (pads,):
-        raise ValueError(f"in_contact is {value!r}, must be None or {pads} flags")
-    return in_contact
+    if value is None:
+        return None
+    flags = np.array(value, dtype=object)
+    if flags.shape != (pads,) or not all(isinstance(flag, (bool, np.bool_)) for flag in flags):
+        raise ValueError(f"in_contact is {shown(value)}, must be None or {pads} flags")
+    return flags.astype(bool)
 
 
 def divergence(state: Array, torque: float) -> FloatingPointError:

@@ -43,6 +43,10 @@ def with_lengths(robot: Robot, changed: Mapping[str, float]) -> Robot:
         ValueError: another name, a length out of range, or three that form no triangle.
     """
     known = lengths(robot)
+    if not isinstance(changed, Mapping):
+        raise ValueError(
+            f"lengths is {shown(changed)}, must be a dictionary with some of {[*known]}"
+        )
     if unknown := [name for name in changed if name not in known]:
         allowed = listed(known, unknown[0])
         raise ValueError(f"lengths has {shown(unknown[0])}, must be of {allowed}")

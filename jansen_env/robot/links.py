@@ -16,6 +16,7 @@ import numpy as np
 from jansen_env.checks import (
     entries,
     finite,
+    infinite,
     instance,
     non_negative,
     positive,
@@ -29,6 +30,7 @@ Side = Literal["fore", "back"]
 
 CRANK_RADIUS = 0.10834  # m, the paper's L2; every built-in design turns this crank
 MOST_PHASES = 100  # of crank pins
+LARGEST = 1e6  # of a mass, an inertia, a friction, a gear, an angle, SI: beyond any machine
 STIFFEST = 1e20  # N/m and N s/m, of a compliant pad: beyond, it is rigid
 
 
@@ -40,11 +42,16 @@ def set_checked(part: object, check: Callable[[str, object], object], *names: st
 
 
 def point(name: str, value: object) -> tuple[float, float]:
-    """Return a point as floats. Raises ValueError unless it is two finite numbers."""
+    """Return a point as floats. Raises ValueError unless it is two numbers up to LARGEST."""
     pair = entries(name, value, "two numbers (x, y)")
     if len(pair) != 2:
         raise ValueError(f"{name} is {shown(value)}, must be two numbers (x, y)")
-    return finite(name, pair[0]), finite(name, pair[1])
+    return within(name, pair[0], -LARGEST, LARGEST), within(name, pair[1], -LARGEST, LARGEST)
+
+
+def up_to_largest(name: str, value: object) -> float:
+    """Return a float. Raises ValueError unless it is a number from 0 to LARGEST."""
+    return within(name, value, 0.0, LARGEST)
 
 
 @dataclass(frozen=True)
@@ -62,7 +69,7 @@ class Bar:
 
     def __post_init__(self) -> None:
         set_checked(self, positive, "length", "mass")
-        set_checked(self, non_negative, "inertia")
+        set_checked(self, up_to_largest, "mass", "inertia")
 
     @property
     def half(self) -> float:
@@ -108,7 +115,7 @@ class Triangle:
     def __post_init__(self) -> None:
         set_checked(self, positive, "d", "l", "h", "alpha", "gamma", "mass")
         instance("Triangle.outward", self.outward, bool)
-        set_checked(self, non_negative, "inertia")
+        set_checked(self, up_to_largest, "mass", "inertia")
         if self.alpha + self.gamma >= 2.0 * math.pi:
             raise ValueError(
                 f"Triangle: alpha + gamma is {self.alpha + self.gamma}, must be below 2 pi"
@@ -184,7 +191,7 @@ class Plate:
 
     def __post_init__(self) -> None:
         set_checked(self, positive, "mass")
-        set_checked(self, non_negative, "inertia")
+        set_checked(self, up_to_largest, "mass", "inertia")
         given = entries("Plate.points", self.points, "a point (x, y) for each joint")
         points = [point("Plate.points", place) for place in given]
         if len({*points}) != len(points) or len(points) < 2:
@@ -256,6 +263,7 @@ class Leg:
         if not isinstance(self.side, str) or self.side not in ("fore", "back"):
             raise ValueError(f"Leg.side is {shown(self.side)}, must be 'fore' or 'back'")
         set_checked(self, finite, "phase")
+        within("Leg.phase", self.phase, -LARGEST, LARGEST)
 
 
 @dataclass(frozen=True)
@@ -272,7 +280,7 @@ class Payload:
     position: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        set_checked(self, non_negative, "mass", "inertia")
+        set_checked(self, up_to_largest, "mass", "inertia")
         set_checked(self, point, "position")
 
 
@@ -302,7 +310,7 @@ class Compliance:
             if getattr(self, f"tangential_{name}") is None:
                 object.__setattr__(self, f"tangential_{name}", getattr(self, name))
             for field in (name, f"tangential_{name}"):
-                if getattr(self, field) != math.inf:
+                if not infinite(getattr(self, field)):
                     set_checked(self, check, field)
                     within(f"Compliance.{field}", getattr(self, field), 0.0, STIFFEST)
         if (self.stiffness == math.inf) != (self.tangential_stiffness == math.inf):

@@ -19,10 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env.checks import positive, positive_single, shown, within
-from jansen_env.robot.links import set_checked
+from jansen_env.checks import infinite, positive, positive_single, shown, within
+from jansen_env.robot.links import LARGEST, set_checked
 
-LARGEST = 1e6  # of a gear, an inertia at the crank, kg m^2, and frictions: far beyond any machine
 Array = NDArray[np.float64]
 
 
@@ -56,7 +55,7 @@ class Motor:
     efficiency: float = 1.0
 
     def __post_init__(self) -> None:
-        limited = [n for n in ("stall_torque", "no_load_speed") if getattr(self, n) != math.inf]
+        limited = [n for n in ("stall_torque", "no_load_speed") if not infinite(getattr(self, n))]
         set_checked(self, positive, *limited)
         if limited == ["no_load_speed"]:
             raise ValueError(

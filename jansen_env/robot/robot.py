@@ -10,7 +10,6 @@ from jansen_env.checks import (
     entries,
     finite,
     instance,
-    non_negative,
     one_of,
     positive,
     shown,
@@ -20,6 +19,7 @@ from jansen_env.engine.mathematics import atan2
 from jansen_env.robot.linkage import CRANK, FRAME, JANSEN, Linkage
 from jansen_env.robot.links import (
     CRANK_RADIUS,
+    LARGEST,
     RIGID,
     Bar,
     Compliance,
@@ -29,6 +29,7 @@ from jansen_env.robot.links import (
     Triangle,
     phased_legs,
     set_checked,
+    up_to_largest,
 )
 from jansen_env.robot.motor import IDEAL, Motor
 
@@ -87,6 +88,7 @@ class Robot:
         instance("Robot.motor", self.motor, Motor)
         instance("Robot.pad_compliance", self.pad_compliance, Compliance)
         set_checked(self, finite, "frame_angle")
+        within("Robot.frame_angle", self.frame_angle, -LARGEST, LARGEST)
         set_checked(self, positive, "pad_radius")
         within("Robot.pad_radius", self.pad_radius, 0.0, LONGEST)
         self._set_pairs("damping", "joint pairs", self.linkage.damped)
@@ -136,7 +138,7 @@ class Robot:
         values = entries(f"Robot.{name}", getattr(self, name), each)
         if len(values) != len(pairs):
             raise ValueError(f"Robot.{name} has {len(values)} values, must be {each}")
-        checked = tuple(non_negative(f"Robot.{name}", value) for value in values)
+        checked = tuple(up_to_largest(f"Robot.{name}", value) for value in values)
         object.__setattr__(self, name, checked)
 
     def body(self, name: str) -> Any:

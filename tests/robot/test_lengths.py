@@ -79,6 +79,7 @@ def test_a_plate_in_line_stays_in_line():
     "changed, message",
     [
         ({"shin": 1.0}, r"lengths has 'shin', must be of \['frame'"),
+        (0, "lengths is 0, must be a dictionary with some of"),
         ({"rocker": -1.0}, r"lengths\['rocker'\]"),
         ({"rocker": math.nan}, r"lengths\['rocker'\]"),
         ({"rocker": 1e9}, r"lengths\['rocker'\] is 1000000000.0, must be within 1000"),

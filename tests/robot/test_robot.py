@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from decimal import Decimal
 
 import numpy as np
 import pytest
@@ -77,6 +78,13 @@ REFUSED = {
         r"a joint's distance is 5e\+307",
     ),
     "strong": (lambda: Motor(torque_limit=1e39), r"Motor.torque_limit is 1e\+39, must be of"),
+    "heavy": (lambda: Bar(0.1, mass=1e300), r"Bar.mass is 1e\+300, must be between"),
+    "heavy load": (lambda: Payload(1e300), r"Payload.mass is 1e\+300, must be between"),
+    "load far": (lambda: Payload(1.0, position=(1e300, 0.0)), r"position is 1e\+300, must be"),
+    "damped": (lambda: Robot(damping=(1e300,) * 10), r"Robot.damping is 1e\+300, must be between"),
+    "turned": (lambda: Robot(frame_angle=1e30), r"frame_angle is 1e\+30, must be between"),
+    "late": (lambda: Leg("fore", 1e308), r"Leg.phase is 1e\+308, must be between"),
+    "stiff": (lambda: Compliance(np.zeros(0), 1.0), r"stiffness is array\(\[\].* must be a finite"),
     "first phase": (lambda: Robot(legs=(Leg("fore", 0.5),)), r"legs\[0\].phase is 0.5"),
     "one point": (lambda: Terrain(((0.0, 0.0),)), r"Terrain.points has shape \(1, 2\)"),
     "points nan": (lambda: Terrain(((0.0, 0.0), (1.0, math.nan))), "not finite"),
@@ -231,6 +239,8 @@ def test_electrical_power_is_the_armatures_voltage_times_current():
     [
         ({"stall_torque": 0.0}, "stall_torque"),
         ({"stall_torque": math.nan}, "stall_torque"),
+        ({"stall_torque": np.array([math.inf])}, "stall_torque is array.* must be a finite number"),
+        ({"stall_torque": Decimal("sNaN")}, "stall_torque is Decimal.* must be a finite number"),
         ({"no_load_speed": 5.0}, "stall_torque is inf"),
         ({"torque_limit": -1.0}, "torque_limit"),
         ({"torque_limit": math.inf}, "torque_limit"),

@@ -164,7 +164,9 @@ def test_a_start_that_no_observation_can_have(env_id, options):
 
 
 @pytest.mark.parametrize("value", [10**400, 1e300, "x", {"a": 1}, None, [10**400] * 8])
-@pytest.mark.parametrize("name", ["plant", "asked", "loads", "deflection", "mean_speed"])
+@pytest.mark.parametrize(
+    "name", ["plant", "asked", "loads", "deflection", "mean_speed", "generator"]
+)
 def test_an_entry_of_a_state_that_is_none(name, value):
     """Of whatever kind, also what overflows a float or, observed, a float32."""
     env = gym.make("JansenWalkerBuilt-v0").unwrapped

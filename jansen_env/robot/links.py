@@ -310,7 +310,7 @@ class Compliance:
             if getattr(self, f"tangential_{name}") is None:
                 object.__setattr__(self, f"tangential_{name}", getattr(self, name))
             for field in (name, f"tangential_{name}"):
-                if not infinite(getattr(self, field)):
+                if name == "damping" or not infinite(getattr(self, field)):
                     set_checked(self, check, field)
                     within(f"Compliance.{field}", getattr(self, field), 0.0, STIFFEST)
         if (self.stiffness == math.inf) != (self.tangential_stiffness == math.inf):
@@ -318,8 +318,6 @@ class Compliance:
                 f"Compliance.tangential_stiffness is {self.tangential_stiffness}, must be infinite "
                 f"where stiffness is, and nowhere else: that is {self.stiffness}"
             )
-        if math.inf in (self.damping, self.tangential_damping):
-            raise ValueError(f"Compliance.damping is {self.damping}, must be finite")
         if self.rigid and (self.damping, self.tangential_damping) != (0.0, 0.0):
             raise ValueError(
                 f"Compliance.damping is {self.damping}, must be 0 where the stiffness is infinite"

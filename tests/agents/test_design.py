@@ -63,29 +63,24 @@ def test_shipped_plans_are_complete(name, monkeypatch):
     "changes, message",
     [
         ({"method": "luck"}, "method is 'luck', must be"),
-        ({"speed": "fast"}, "speed is 'fast'"),
         ({"sped": 1}, "'sped' is no key"),
         ({"generations": None}, "generations is None"),
         ({"variables": {}}, "variables is {}"),
         ({"variables": {"wheels": 1}}, "variables has 'wheels'"),
         ({"variables": {"lengths": 2.0}}, "variables.lengths is 2.0"),
         ({"variables": {"lengths": {"shin": 0.1}}}, "variables.lengths has 'shin', must be of"),
-        ({"variables": {"lengths": {"rocker": 0}}}, "variables.lengths.rocker is 0"),
         ({"variables": {"motors": ["diesel"]}}, r"variables.motors is \['diesel'\]"),
         ({"variables": {"pins": [0]}}, r"variables.pins is \[0\]"),
         ({"variables": {"pins": [2], "phases": 0.1}}, "has pins and phases"),
         ({"robot": "centipede"}, "robot is 'centipede'"),
-        ({"robot": "none.json"}, "none.json cannot be read"),
         ({"profile": "none.json"}, "none.json cannot be read"),
         ({"env": "CartPole-v1"}, "env is 'CartPole-v1'"),
         ({"env_kwargs": {"colour": 1}}, "'colour' is no argument"),
         ({"env_kwargs": {"robot": "paper"}}, "env_kwargs has 'robot', which the search sets"),
         ({"objectives": {"beauty": "max"}}, "objectives has 'beauty', must be of"),
-        ({"objectives": {"mass": "small"}}, "objectives.mass is 'small'"),
         ({"objectives": {"mass": "min", "lift": "max"}}, "objectives has 2 entries, cma must"),
         ({"limits": {"mass": 3}}, r"limits.mass is 3, must be \[least, most\]"),
         ({"limits": {"mass": [2, 1]}}, r"limits.mass is \[2, 1\]"),
-        ({"limits": {"mass": [None, math.inf]}}, "limits.mass is"),
         ({"map": {"mass": [0, 1, 5]}}, "map has 1 entries"),
         ({"policy": "pretrained"}, "variables has .*, must have lengths alone beside a policy"),
     ],
@@ -124,16 +119,14 @@ def test_crank_pins_and_phases_are_variables():
 
 def test_the_shape_of_the_built_robot():
     """Against its kinematics' own numbers; what does not close has a closure of -1."""
-    found = geometry_measures(ROBOTS["built"]())
-    assert found["height"] == pytest.approx(standing_height(ROBOTS["built"]()), abs=1e-4)
+    built = ROBOTS["built"]()
+    found = geometry_measures(built)
+    assert found["height"] == pytest.approx(standing_height(built), abs=1e-4)
     assert found["lift"] == pytest.approx(0.0884, abs=1e-4)
-    assert found["mass"] == ROBOTS["built"]().mass and found["longest"] == pytest.approx(
-        0.436, abs=1e-3
-    )
-    broken = geometry_measures(with_lengths(ROBOTS["built"](), {"rocker": 0.05}))
+    assert found["mass"] == built.mass and found["longest"] == pytest.approx(0.436, abs=1e-3)
+    broken = geometry_measures(with_lengths(built, {"rocker": 0.05}))
     assert broken["closure"] == -1.0 and math.isnan(broken["lift"])
-    heavy = replace(ROBOTS["built"](), bodies=tuple(
-        replace(link, mass=500.0) for link in ROBOTS["built"]().bodies))  # fmt: skip
+    heavy = replace(built, bodies=tuple(replace(link, mass=500.0) for link in built.bodies))
     assert geometry_measures(heavy)["closure"] == -1.0
 
 

@@ -51,6 +51,8 @@ MAKERS = {
     "Linkage": (Linkage, {"bodies": JANSEN.bodies, "dyads": JANSEN.dyads, "toes": "T"}),
     "Leg": (Leg, {"side": "fore"}),
     "Payload": (Payload, {}),
+    "Motor": (jansen_env.Motor, {}),
+    "Compliance": (jansen_env.Compliance, {}),
     "Robot": (Robot, {}),
     "phased_legs": (jansen_env.phased_legs, {}),
     **{name: (make, {}) for name, make in jansen_env.ROBOTS.items()},
@@ -85,6 +87,10 @@ TAKEN = {
     ("walkers", "max_episode_steps"): {"None"}, ("walkers", "info_keys"): {"None", "empty"},
     ("walkers", "threads"): {"None", "beyond a float", "beyond printing"},
     ("Triangle", "outward"): {"flag"}, ("from_sides", "outward"): {"flag"},
+    ("Motor", "torque_limit"): set(), ("Motor", "friction"): set(),
+    ("Motor", "stall_torque"): {"inf"}, ("Motor", "no_load_speed"): {"inf"},
+    ("Compliance", "stiffness"): {"inf"}, ("Compliance", "tangential_damping"): {"None"},
+    ("Compliance", "tangential_stiffness"): {"None", "inf"},
     **{("Linkage", name): {"empty"} for name in ("pins", "damped", "bearings", "pads")},
 }  # fmt: skip
 """Of the environments' arguments: those of WRONG that are right."""
@@ -102,7 +108,7 @@ def test_wrong_values_are_refused_by_name(maker, argument):
     """ValueError with the argument's name and a message of a sane length, for all but a few."""
     make, needed = MAKERS[maker]
     taken = TAKEN.get((maker, argument), TAKEN.get(("*", argument), set()))
-    known = "walker", "crank", "walkers", "Triangle", "from_sides", "Linkage"
+    known = "walker", "crank", "walkers", "Triangle", "from_sides", "Linkage", "Motor", "Compliance"
     taken = taken if maker in known else set()
     for what, value in WRONG.items():
         if what in taken:

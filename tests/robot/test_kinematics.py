@@ -34,14 +34,6 @@ def test_check_numbers_of_the_papers_reading(psi, side, toe, rate):
     assert (ahead - behind) / 2e-5 == pytest.approx(rate, abs=6e-7)
 
 
-@pytest.mark.parametrize("legs, heave", [(4, 0.0304), (6, 0.0024), (8, 0.0064), (12, 0.0011)])
-def test_heave_of_the_lowest_toe(legs, heave):
-    """Rise and fall of the lowest toe over a turn; the numbers have four digits."""
-    robot = paper_robot(legs // 2)
-    toes = [joint_positions(robot, leg.side, TURN + leg.phase)[:, T, 1] for leg in robot.legs]
-    assert np.ptp(np.min(toes, axis=0)) == pytest.approx(heave, abs=6e-5)
-
-
 @pytest.mark.parametrize("side", ["fore", "back"])
 def test_links_keep_their_lengths(robot, side):
     """All joints of every link, all the way round; 1e-14 is rounding."""

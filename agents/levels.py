@@ -19,8 +19,7 @@ from tabulate import tabulate
 from jansen_env.baselines.policy import Policy
 from jansen_env.commands.flags import non_negative_int, parse_policies, policy_parser, positive_int
 from jansen_env.commands.named_policies import load_all
-from jansen_env.commands.plots import Sweeps, plot_sweeps
-from jansen_env.commands.robustness import by_condition
+from jansen_env.commands.plots import Sweeps, by_condition, plot_sweeps
 from jansen_env.files import write_json, write_text
 from jansen_env.scoring.benchmarks import ENOUGH, WORLD, succeeded
 from jansen_env.scoring.metrics import INTERVALS, pooled, proportion_with_interval, score_table

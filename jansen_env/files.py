@@ -12,7 +12,7 @@ import stat
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 _FLAT = re.compile(r'\[\n([^][{}"]*)\]')  # a list in JSON; strings have no line breaks there
 PART = ".part-"  # how the names of files begin that are being written
@@ -88,7 +88,7 @@ def write_text(path: str | Path, text: str) -> Path:
     return write_bytes(path, text.encode("utf-8"))
 
 
-def write_json(path: str | Path, value: Any) -> Path:
+def write_json(path: str | Path, value: object) -> Path:
     """Write a JSON file atomically; a list of numbers is one line."""
     text = json.dumps(value, indent=1)
     text = _FLAT.sub(lambda found: f"[{' '.join(found[1].split())}]", text)

@@ -28,7 +28,7 @@ class _Loader(yaml.SafeLoader):
             raise yaml.MarkedYAMLError(problem="aliases are not allowed", problem_mark=mark)
         return super().compose_node(parent, index)
 
-    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Hashable, Any]:
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Hashable, object]:
         keys = [key.value for key, _ in node.value]
         for i, (key, _) in enumerate(node.value):
             if not isinstance(key.value, str) or key.value in keys[:i]:
@@ -68,7 +68,7 @@ def read_yaml(path: str | Path) -> Any:
 class Rule(NamedTuple):
     """Allowed values: of some types, numbers within limits, words, or a prefix and a number."""
 
-    types: tuple[Any, ...] = ()
+    types: tuple[type, ...] = ()
     low: float = -HUGE
     high: float = HUGE
     words: tuple[str, ...] = ()
@@ -98,7 +98,7 @@ class Rule(NamedTuple):
         return ", or ".join(parts)
 
 
-def check_keys(part: str, values: dict[str, Any], table: dict[str, Rule]) -> None:
+def check_keys(part: str, values: dict[str, object], table: dict[str, Rule]) -> None:
     """Check each value against the rule for its key; raise ValueError with the values allowed."""
     for name, value in values.items():
         if name not in table:

@@ -93,7 +93,7 @@ class Renderer:
         self.dismissed = False  # the user closed the window, or there is no display
         self._labels: dict[tuple[str, int, Color], Any] = {}
 
-    def show(self, robot: Robot, terrain_points: Array | None, **_: Any) -> None:
+    def show(self, robot: Robot, terrain_points: Array | None, **_: object) -> None:
         """Draw this robot and this ground from now on."""
         self.robot, self._terrain = robot, terrain_points
         self._reach = reach = reach_of(robot)

@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 from jansen_env.baselines.policy import Policy
 from jansen_env.commands.film import (
@@ -25,6 +24,7 @@ from jansen_env.commands.film import (
 from jansen_env.commands.flags import parse_policies, policy_parser, positive_int
 from jansen_env.commands.named_policies import default_policy, label, load_all
 from jansen_env.scoring.benchmarks import find_benchmark
+from jansen_env.scoring.metrics import Env
 from jansen_env.scoring.rollout import make_env
 
 INVISIBLE = ("dummy", "offscreen")  # SDL's drivers of invisible windows
@@ -38,32 +38,33 @@ def display() -> bool:
 
 
 def episode(
-    policy: Policy, env: Any, args: argparse.Namespace, number: int, title: str | None = None
+    policy: Policy, env: Env, args: argparse.Namespace, number: int, title: str | None = None
 ) -> Iterator[Progress]:
     """Play one episode with its command; print its outcome."""
     command = args.command[number % len(args.command)]
     for moment in play(policy, env, command, args.seed + number):
         yield moment
-        if moment.steps == args.steps or env.unwrapped.window_closed:
+        if moment.steps == args.steps or env.get_wrapper_attr("window_closed"):
             break
     how = "failed" if moment.failed else "ended"
-    seconds, unit = moment.steps * env.unwrapped.control_dt, find_benchmark(args.env).command_unit
+    seconds = moment.steps * env.get_wrapper_attr("control_dt")
+    unit = find_benchmark(args.env).command_unit
     print(f"{title + ': ' if title else ''}command {command:g} {unit}: return "
           f"{moment.returned:.1f}, {how} after {seconds:.2f} s")  # fmt: skip
 
 
-def episodes(policy: Policy, env: Any, args: argparse.Namespace) -> Iterator[Progress]:
+def episodes(policy: Policy, env: Env, args: argparse.Namespace) -> Iterator[Progress]:
     """Play episodes one after another until the window, if any, is closed."""
     for number in range(args.episodes):
-        if not env.unwrapped.window_closed:
+        if not env.get_wrapper_attr("window_closed"):
             yield from episode(policy, env, args, number)
 
 
-def show(policy: Policy, env: Any, args: argparse.Namespace) -> bool:
+def show(policy: Policy, env: Env, args: argparse.Namespace) -> bool:
     """Play in a window until it is closed; return False at once if there is no display."""
     moments = episodes(policy, env, args)
     next(moments)
-    if env.unwrapped.window_closed:
+    if env.get_wrapper_attr("window_closed"):
         return False
     print(f"{label(args.policy[0])} on {args.env} in a window; close it to end", flush=True)
     for _ in moments:
@@ -74,13 +75,13 @@ def show(policy: Policy, env: Any, args: argparse.Namespace) -> bool:
 def record(policies: dict[str, Policy], args: argparse.Namespace, path: Path) -> None:
     """Film the episodes; policies, by title, one above the other from the same starts."""
     with ExitStack() as made:
-        shown: list[tuple[Any, Policy, str | None]] = [
+        shown: list[tuple[Env, Policy, str | None]] = [
             (made.enter_context(closing(make_env(args.env, args.env_kwargs,
                                                  render_mode="rgb_array"))),
              policy, title if len(policies) > 1 else None)
             for title, policy in policies.items()
         ]  # fmt: skip
-        dt = shown[0][0].unwrapped.control_dt
+        dt = shown[0][0].get_wrapper_attr("control_dt")
         every = max(1, round(FRAME_TIME[path.suffix] / dt))
         films = (
             stack([film(env, episode(policy, env, args, number, title), every, title)

@@ -1,21 +1,36 @@
-"""Score policies side by side: ``jansen-env evaluate --policy pid --policy constant``."""
+"""Score policies side by side: ``jansen-env evaluate --policy pid --policy constant``.
+
+With ``--robustness`` all policies have the same starts and the same commands, drawn from the
+environment's range, under each friction and foot stiffness. None is tuned again.
+"""
 
 from __future__ import annotations
 
 import argparse
+import math
+from contextlib import closing
+from dataclasses import astuple
 from pathlib import Path
 from textwrap import fill
 
-from jansen_env.commands import robustness
+import numpy as np
+
 from jansen_env.commands.flags import parse_policies, policy_parser, positive_int
 from jansen_env.commands.named_policies import Loaded, load_all
-from jansen_env.commands.plots import Sweeps, write_files, write_scores
+from jansen_env.commands.plots import Sweeps, by_condition, write_files, write_scores
 from jansen_env.files import check_writable
+from jansen_env.robot import RIGID, Compliance, Robot, built_robot
 from jansen_env.scoring.benchmarks import WALKERS, find_benchmark
 from jansen_env.scoring.evaluation import Scores, evaluate
-from jansen_env.scoring.metrics import INTERVALS, score_table
+from jansen_env.scoring.metrics import INTERVALS, interval_text, score_table, screen_table
+from jansen_env.scoring.rollout import EnvKwargs, Options, make_env
 
 WRITTEN_NOWHERE = "--all prints them, --out DIR writes them"
+FRICTIONS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+STIFFNESSES = (10, 20, 50, 100, 200, 500, math.inf)  # kN/m
+FRICTION, FEET = "friction", "foot stiffness (kN/m)"  # names of the sweeps
+METRICS = ("return", "steady_slip_per_metre", "steady_speed_error", "falls")  # of the figure
+FEWER = {"rigid_body": 10}  # by plant: a 10 s episode takes it some 15 s
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -85,18 +100,61 @@ def _scores(args: argparse.Namespace, loaded: Loaded) -> str:
 
 def _robustness(args: argparse.Namespace, loaded: Loaded) -> str:
     """Score over friction and foot stiffness."""
-    sweeps: Sweeps = {}
-    for policies, env_kwargs in loaded:
-        more = robustness.score(policies, args.env, env_kwargs, args.episodes, args.seed)
-        for sweep, conditions in more.items():
-            for condition, scores in conditions.items():
-                sweeps.setdefault(sweep, {}).setdefault(condition, {}).update(scores)
-    metrics = {name: find_benchmark(args.env).metrics[name] for name in robustness.METRICS}
-    table = score_table(metrics, robustness.by_condition(sweeps))
+    sweeps = score_conditions(loaded, args.env, args.episodes, args.seed)
+    metrics = {name: find_benchmark(args.env).metrics[name] for name in METRICS}
+    table = score_table(metrics, by_condition(sweeps))
     if args.out:
         write_files(args.out / "robustness", sweeps, table, sweeps, metrics)
-    slow = {plant: n for plant, n in robustness.FEWER.items() if plant in args.plant}
+    slow = {plant: n for plant, n in FEWER.items() if plant in args.plant}
     fewer = "".join(f" (on {plant} 1/{n} of that)" for plant, n in slow.items())
-    shown = table if args.all else robustness.return_table(sweeps)
+    shown = table if args.all else return_table(sweeps)
     return (f"{args.episodes} episodes under each condition{fewer}, commands drawn from the "
             f"environment's range, seed {args.seed}\n\n{shown}")  # fmt: skip
+
+
+def feet(robot: Robot, stiffness: float) -> Compliance:
+    """Return feet of a stiffness, N/m: the robot's scaled, or the built one's if those are rigid.
+
+    An infinite one is rigid. Damping is scaled by the root, as of a rubber of the same loss factor
+    at the lower frequency (:func:`jansen_env.robot.buildable.foot_damping`).
+    """
+    if stiffness == math.inf:
+        return RIGID
+    nominal = (built_robot() if robot.pad_compliance.rigid else robot).pad_compliance
+    powers = np.array((1.0, 0.5, 1.0, 0.5))  # of stiffness and damping, normal and tangential
+    scale = (stiffness / nominal.stiffness) ** powers
+    return Compliance(*(np.array(astuple(nominal)) * scale).tolist())
+
+
+def score_conditions(loaded: Loaded, env_id: str, episodes: int, seed: int) -> Sweeps:
+    """Score policies under each condition on so many episodes, fewer on a plant in :data:`FEWER`.
+
+    Raises:
+        ValueError: an argument out of range, or feet that give and a restitution above 0.
+    """
+    sweeps: Sweeps = {FRICTION: {}, FEET: {}}
+    for policies, env_kwargs in loaded:
+        count = math.ceil(episodes / FEWER.get(env_kwargs.get("plant", ""), 1))
+        with closing(make_env(env_id, env_kwargs)) as env:
+            robot = env.unwrapped.robot  # type: ignore[attr-defined]
+        conditions: list[tuple[str, float, EnvKwargs, Options]] = [
+            # Friction is set at the reset, as the environment may draw its own.
+            *((FRICTION, mu, {}, {"friction": np.full(count, mu)}) for mu in FRICTIONS),
+            *((FEET, k, {"pad_compliance": feet(robot, 1e3 * k)}, {}) for k in STIFFNESSES),
+        ]
+        for sweep, value, changes, options in conditions:
+            scores = evaluate(policies, env_id, {**env_kwargs, **changes}, None, count, seed,
+                              drawn=True, options=options)  # fmt: skip
+            name = "rigid" if value == math.inf else f"{value:g}"
+            sweeps[sweep].setdefault(name, {}).update(scores)
+    return sweeps
+
+
+def return_table(sweeps: Sweeps) -> str:
+    """Return the return under each condition, a column per policy."""
+    cells = [
+        [f"{sweep} {condition}",
+         *(interval_text(summary["overall"]["return"][:1]) for summary in policies.values())]
+        for sweep, conditions in sweeps.items() for condition, policies in conditions.items()
+    ]  # fmt: skip
+    return screen_table([["return", *next(iter(sweeps[FRICTION].values()))], *cells])

@@ -14,13 +14,13 @@ from jansen_env.baselines.profile import load_profile
 from jansen_env.checks import listed
 from jansen_env.policies import pretrained
 from jansen_env.scoring.benchmarks import find_benchmark
-from jansen_env.scoring.rollout import make_env
+from jansen_env.scoring.rollout import EnvKwargs, make_env
 
 ALIASES = {"pid-paper": "pid", "pretrained": f"pretrained:{pretrained.DEFAULT}"}
 SHIPPED = "pretrained:"  # before the name of a policy that comes with the package
 SEARCHED = "profile:"  # before the file of a profile that a search has found
 
-Loaded: TypeAlias = list[tuple[dict[str, Policy], dict[str, Any]]]
+Loaded: TypeAlias = list[tuple[dict[str, Policy], EnvKwargs]]
 """Policies by label, and the environment's arguments, for each plant."""
 
 

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from jansen_env.commands.flags import Parser
 from jansen_env.files import check_writable, write_json, write_text
-from jansen_env.paper.claims import check_claims
-from jansen_env.paper.errata import errata
+from jansen_env.paper.claims import Claim, check_claims
+from jansen_env.paper.errata import Erratum, errata
 from jansen_env.paper.figures import draw
+from jansen_env.paper.interpretations import Level, PIDLevel
 from jansen_env.paper.report import as_lines, as_markdown
 from jansen_env.paper.results import compute
 
@@ -32,7 +33,7 @@ def main(arguments: list[str] | None = None) -> None:
     text = as_markdown(claims, found, results.levels, results.pid_levels)
     print(text if args.all else as_lines(claims))
     write_text(out / "claims.md", text)
-    tables: dict[str, list[Any]] = {
+    tables: dict[str, Sequence[Claim | Level | PIDLevel | Erratum]] = {
         "claims": claims, "levels": results.levels, "pid_levels": results.pid_levels,
         "errata": found,
     }  # fmt: skip

@@ -4,22 +4,24 @@ from __future__ import annotations
 
 from itertools import product
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from jansen_env.files import write_json, write_text, write_whole
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.evaluation import Scores
-from jansen_env.scoring.metrics import INTERVALS, Metric, score_table, tabled
+from jansen_env.scoring.metrics import INTERVALS, Array, Metric, Summary, score_table, tabled
 
 LEAST = 1e-4  # shown for all that is less on a logarithmic axis: rigid feet may not slip at all
 
-Sweeps: TypeAlias = dict[str, dict[str, dict[str, dict[str, Any]]]]
+Sweeps: TypeAlias = dict[str, dict[str, dict[str, Summary]]]
 """Result of :func:`jansen_env.scoring.metrics.pooled` by sweep, condition and policy."""
 
 
@@ -44,7 +46,7 @@ def write_files(
     plot_sweeps(sweeps, metrics, stem.with_suffix(".png"))
 
 
-def by_command(scores: Scores) -> dict[str, dict[str, dict[str, Any]]]:
+def by_command(scores: Scores) -> dict[str, dict[str, Summary]]:
     """Return scores as a sweep over the commands."""
     commands = next(iter(scores.values()))["by_command"]["return"]["command"]
     return {
@@ -55,6 +57,16 @@ def by_command(scores: Scores) -> dict[str, dict[str, dict[str, Any]]]:
         }
         for k, command in enumerate(commands)
     }  # fmt: skip
+
+
+def by_condition(sweeps: Sweeps) -> dict[str, Summary]:
+    """Return sweeps as scores by condition and policy, such as "friction 0.3, pid"."""
+    return {
+        f"{sweep} {condition}, {policy}": summary
+        for sweep, conditions in sweeps.items()
+        for condition, policies in conditions.items()
+        for policy, summary in policies.items()
+    }
 
 
 def plot_sweeps(sweeps: Sweeps, metrics: dict[str, Metric], path: Path) -> Path:
@@ -68,7 +80,7 @@ def plot_sweeps(sweeps: Sweeps, metrics: dict[str, Metric], path: Path) -> Path:
     for axis, ((name, metric), (sweep, conditions)) in zip(axes.flat, panels, strict=False):
         for i, policy in enumerate(next(iter(conditions.values()))):
             scores = [policies[policy]["overall"][name] for policies in conditions.values()]
-            places = np.arange(len(scores)) if len(scores) > 1 else [0.1 * i]
+            places = np.arange(len(scores), dtype=float) + (0.1 * i if len(scores) == 1 else 0.0)
             _draw_curve(axis, metric, places, np.array(scores, float).T, policy)
         axis.set_title(metric.heading, fontsize=11)
         axis.set_xlabel(sweep)
@@ -81,7 +93,7 @@ def plot_sweeps(sweeps: Sweeps, metrics: dict[str, Metric], path: Path) -> Path:
     return save(figure, path)
 
 
-def _draw_curve(axis: Any, metric: Metric, x: Any, intervals: Any, label: str) -> None:
+def _draw_curve(axis: Axes, metric: Metric, x: Array, intervals: Array, label: str) -> None:
     """Draw a metric over ``x`` (n,): ``intervals`` (3, n) are values, lower and upper ends."""
     if metric.axis == "log":
         intervals = np.maximum(intervals, LEAST)
@@ -93,7 +105,7 @@ def _draw_curve(axis: Any, metric: Metric, x: Any, intervals: Any, label: str) -
     axis.errorbar(x, value, spread, fmt="o-", markersize=4, elinewidth=0.8, capsize=2, label=label)
 
 
-def save(figure: Any, path: str | Path) -> Path:
+def save(figure: Figure, path: str | Path) -> Path:
     """Write a figure whole, and close it; returns ``path``."""
     written = write_whole(path, lambda name: figure.savefig(name, dpi=120))
     plt.close(figure)

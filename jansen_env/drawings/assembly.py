@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections import defaultdict
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from jansen_env.drawings.shaft_order import Placed
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.linkage import CRANK
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 ANGLE = 1.0  # rad, of the crank in the picture
 HEAD = 4.5  # mm, of a pin, and of its nut
@@ -36,7 +39,7 @@ def assembly_svg(robot: Robot, placed: Sequence[Placed], title: str) -> str:
     return text.getvalue()
 
 
-def _draw_side(axes: Any, robot: Robot, unit: Sequence[Placed]) -> None:
+def _draw_side(axes: Axes, robot: Robot, unit: Sequence[Placed]) -> None:
     """Draw the rims of all parts at an angle of the crank, the first on the shaft on top."""
     joints = robot.linkage.joints
     for one in reversed(unit):
@@ -51,7 +54,7 @@ def _draw_side(axes: Any, robot: Robot, unit: Sequence[Placed]) -> None:
     axes.set_xlabel("mm")
 
 
-def _draw_order(axes: Any, robot: Robot, unit: Sequence[Placed]) -> None:
+def _draw_order(axes: Axes, robot: Robot, unit: Sequence[Placed]) -> None:
     """Draw a row for each joint of either leg, a bar for each part, a line for each pin."""
     axis, pin, *_ = [*robot.linkage.bodies[CRANK - 1][1]]
     others = [joint for joint in robot.linkage.joints if joint not in (axis, pin)]

@@ -10,6 +10,7 @@ from typing import Any
 import matplotlib
 import matplotlib.style
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -31,7 +32,7 @@ LEG_COLORS = {"rf": "#c2410c", "lf": "#f59e0b", "rb": "#1d4ed8", "lb": "#38bdf8"
 LINK_COLORS = {f"link {body}": matplotlib.colormaps["turbo"](0.08 + 0.12 * (body - 1))
                for body in range(1, 9)}  # fmt: skip
 INK, MUTED, ACCENT = "#1f2937", "#9ca3af", "#7c3aed"
-STYLE: dict[str, Any] = {
+STYLE: dict[str, object] = {
     "axes.axisbelow": True,
     "axes.edgecolor": INK, "axes.grid": True, "axes.labelcolor": INK, "axes.spines.right": False,
     "axes.spines.top": False, "axes.titlelocation": "left", "axes.titlesize": 11,
@@ -102,8 +103,8 @@ def toe_paths(r: Results) -> Figure:
 
 
 def _in_time(
-    r: Results, values: Array, colors: Mapping[str, Any], title: str, label: str
-) -> tuple[Figure, Any]:
+    r: Results, values: Array, colors: Mapping[str, object], title: str, label: str
+) -> tuple[Figure, Axes]:
     """A curve for each column of ``values``, named and coloured, over the PID's run."""
     figure, axes = _figure(7.2, 3.4 if len(colors) == 4 else 3.8)
     for column, (name, color) in zip(values.T, colors.items(), strict=True):
@@ -169,7 +170,7 @@ def torque_split(_: Results) -> Figure:
     return figure
 
 
-def _angle_axis(axes: Any) -> None:
+def _angle_axis(axes: Axes) -> None:
     axes.set_xlabel("crank angle (rad)")
     labels = ["0", r"$\pi/2$", r"$\pi$", r"$3\pi/2$", r"$2\pi$"]
     axes.set_xticks(np.pi / 2.0 * np.arange(5), labels)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +17,7 @@ from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
+Values = float | Array
 
 START = math.pi  # rad, crank angle and reference at time 0
 DURATION = 10.0  # s
@@ -57,7 +57,7 @@ def tables_advance(robot: Robot, time_step: float = TIME_STEP) -> Advance:
     return advance
 
 
-def fixed_base_projection(robot: Robot, angle: Any, speed: Any, torque: Any) -> Projection:
+def fixed_base_projection(robot: Robot, angle: Values, speed: Values, torque: Values) -> Projection:
     """The system's projection (12) with the frame pinned at the origin; numbers or arrays (n,)."""
     return project(robot, crank_only(angle), crank_only(speed), torque, fixed_base=True)
 

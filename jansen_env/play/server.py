@@ -202,7 +202,7 @@ class Page:
             before = monotonic()  # the work for a message, such as another robot's, earns nothing
             await asyncio.sleep(0.0)  # others have their turn, however many messages there are
 
-    def _do(self, action: str, arguments: dict[str, Any]) -> dict[str, Any] | None:
+    def _do(self, action: str, arguments: dict[str, Any]) -> dict[str, object] | None:
         """Do what a message asks for, and return the answer to it alone, if there is one."""
         if action == "replay":
             try:
@@ -254,7 +254,7 @@ class Page:
         fresh.set()
 
 
-def scene_message(session: Session) -> dict[str, Any]:
+def scene_message(session: Session) -> dict[str, object]:
     """Scene, settings and choices, which change with the session's version."""
     values = session.values()
     return {
@@ -277,7 +277,7 @@ def scene_message(session: Session) -> dict[str, Any]:
     }
 
 
-def state_message(session: Session) -> dict[str, Any]:
+def state_message(session: Session) -> dict[str, object]:
     """Pose of the robot, and the score."""
     return {
         "kind": "state",
@@ -326,7 +326,7 @@ def own_address() -> str:
 
 
 async def serve(
-    session: Session, port: int, ready: Callable[[str], Any], host: str = ADDRESS
+    session: Session, port: int, ready: Callable[[str], object], host: str = ADDRESS
 ) -> None:
     """Serve a session until cancelled.
 

@@ -60,7 +60,7 @@ SLIDERS = {
     "tilt": Slider("slope", "rad", -0.25, 0.25),
     "motor_strength": Slider("motor strength", "", 0.1, 1.5),
 }
-"""Sliders by their names in ``env.unwrapped.set_parameters``."""
+"""Sliders by their names in ``env.inner.set_parameters``."""
 
 
 def controls_of(env_id: str) -> tuple[str, ...]:
@@ -68,7 +68,7 @@ def controls_of(env_id: str) -> tuple[str, ...]:
     return (BY_HAND, STEADY, *pretrained.names(env_id))
 
 
-def make_env(env_id: str, choices: Mapping[str, Any]) -> Any:
+def make_env(env_id: str, choices: Mapping[str, Any]) -> Recorder:
     """Return the environment of some choices, which records what is walked in it.
 
     Raises ValueError: a choice is none of those allowed, or the robot's lengths do not close.
@@ -86,15 +86,15 @@ def make_env(env_id: str, choices: Mapping[str, Any]) -> Any:
     return Recorder(env, name)
 
 
-def policy_of(env_id: str, control: Any, env: Any) -> Policy | None:
+def policy_of(env_id: str, control: Any, env: Recorder) -> Policy | None:
     """Return what turns the crank of an environment; None for the torque by hand.
 
     Raises ValueError: ``control`` is none of :func:`controls_of`.
     """
     one_of("control", control, controls_of(env_id))
     if control == STEADY:
-        way = max(abs(advance_per_turn(env.unwrapped.robot)), SHORTEST_TURN)
-        return walking_pid(lambda speed: 2.0 * math.pi / way * speed, env.unwrapped)
+        way = max(abs(advance_per_turn(env.inner.robot)), SHORTEST_TURN)
+        return walking_pid(lambda speed: 2.0 * math.pi / way * speed, env.inner)
     return None if control == BY_HAND else pretrained.load(env_id, control).on(env)
 
 
@@ -209,7 +209,7 @@ class Session:
         return dict(self._choices["lengths"])
 
     @property
-    def options(self) -> dict[str, tuple[Any, ...]]:
+    def options(self) -> dict[str, tuple[object, ...]]:
         """Allowed values of each of :attr:`choices`."""
         levels = tuple(range(HIGHEST + 1))
         return {"robot": ROBOTS, "terrain": TERRAINS, "level": levels, "control": self.controls}
@@ -246,7 +246,7 @@ class Session:
 
     # Actions of the user. Each raises ValueError where it is refused, and then changes nothing.
 
-    def attempt(self, action: str, **arguments: Any) -> bool:
+    def attempt(self, action: str, **arguments: object) -> bool:
         """Do an action by its name; False if it is refused, with the reason as the message."""
         try:
             getattr(self, action)(**arguments)
@@ -389,7 +389,7 @@ class Session:
         env = make_env(self.env_id, choices)
         try:
             if self.settings:
-                env.unwrapped.set_parameters(**self.settings)
+                env.inner.set_parameters(**self.settings)
             policy = policy_of(self.env_id, choices["control"], env)
         except ValueError:
             env.close()
@@ -397,8 +397,8 @@ class Session:
         if self._env is not None:
             self._env.close()
         self._take_control(policy, choices["control"])
-        self._env, self._choices, self._dt = env, choices, env.unwrapped.control_dt
-        self._direction = math.copysign(1.0, advance_per_turn(env.unwrapped.robot))
+        self._env, self._choices, self._dt = env, choices, env.inner.control_dt
+        self._direction = math.copysign(1.0, advance_per_turn(env.inner.robot))
         self._start()
 
     def _take_control(self, policy: Policy | None, name: str) -> None:

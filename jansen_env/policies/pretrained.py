@@ -19,7 +19,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import load_env_creator
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from safetensors.numpy import load as read_tensors
 
 from jansen_env.checks import (
@@ -58,6 +58,7 @@ MOST_TIME_STEPS = 200_000  # of an episode; walkers have 10,000 by default
 
 Array = NDArray[np.float64]
 Tensors = dict[str, NDArray[Any]]
+Json = dict[str, Any]  # an object
 
 
 class PretrainedPolicy:
@@ -80,7 +81,7 @@ class PretrainedPolicy:
             tensors or the environment, or is beyond float32, in which C may compute.
     """
 
-    def __init__(self, description: dict[str, Any], tensors: Tensors) -> None:
+    def __init__(self, description: Json, tensors: Tensors) -> None:
         instance("the whole", description, dict)
         if (given := description.get("format")) != FORMAT:
             raise ValueError(f"format is {shown(given)}, must be {FORMAT!r}")
@@ -92,7 +93,7 @@ class PretrainedPolicy:
                 raise ValueError(f"tensor {name!r} must be of finite float32 numbers")
         env, action, network = (_entry(description, k, dict) for k in ("env", "action", "network"))
         self.env_id: str = _entry(env, "id", str)
-        self.env_kwargs: dict[str, Any] = _entry(env, "kwargs", dict)
+        self.env_kwargs: Json = _entry(env, "kwargs", dict)
         self.torque_limit = positive_single("torque_limit", action.get("torque_limit"))
         self.control_dt = positive_single("control_dt", action.get("control_dt"))
         check_action(self.env_id, self.env_kwargs, self.torque_limit, self.control_dt)
@@ -100,7 +101,7 @@ class PretrainedPolicy:
         self.observed = tuple(_entry(entry, "name", str) for entry in observation)
         self.units = tuple(_entry(entry, "unit", str) for entry in observation)
         self._columns, self._shown = [*range(len(observation))], len(observation)
-        self.scale: tuple[Any, Any] = (0.0, 1.0)
+        self.scale: tuple[Array | float, Array | float] = (0.0, 1.0)
         self.features = [*map(self._feature, _entry(network, "features", list))]
         width = sum(block.size for block in self.features)
         if width == 0:
@@ -115,7 +116,7 @@ class PretrainedPolicy:
         self.squash: str = one_of("squash", network.get("squash"), SQUASH)
         self._network = Network(self.layers, self.limit, self.squash)
 
-    def _feature(self, block: dict[str, Any]) -> Features:
+    def _feature(self, block: Json) -> Features:
         """Return a part of the network's input as a function of observations (n, d)."""
         instance("a block of features", block, dict)
         size, kinds = len(self.observed), ("observation", "normalized", "harmonics")
@@ -134,7 +135,7 @@ class PretrainedPolicy:
         self.scale = mean, np.maximum(np.sqrt(variance), floor)
         return Normalized(*self.scale, clip)
 
-    def _layer(self, layer: dict[str, Any], width: int) -> Layer:
+    def _layer(self, layer: Json, width: int) -> Layer:
         """Return a layer of ``width`` inputs."""
         instance("a layer", layer, dict)
         units = positive_integer("units", layer.get("units"))
@@ -142,7 +143,7 @@ class PretrainedPolicy:
         weight = self._tensor(layer, "weight", (units, width))
         return Layer(weight, self._tensor(layer, "bias", (units,)), activation)
 
-    def _tensor(self, part: dict[str, Any], key: str, shape: tuple[int, ...]) -> Array:
+    def _tensor(self, part: Json, key: str, shape: tuple[int, ...]) -> Array:
         """Return the tensor that ``part`` names, of this shape."""
         name = _entry(part, key, str)
         if name not in self.tensors:
@@ -178,9 +179,9 @@ class PretrainedPolicy:
 
     def predict(
         self,
-        observation: Any,
+        observation: ArrayLike,
         state: Any = None,
-        episode_start: Any = None,
+        episode_start: ArrayLike | None = None,
         deterministic: bool = False,
     ) -> tuple[NDArray[np.float32], Any]:
         """Return actions (n, 1) or (1,) for observations (n, d) or (d,), and the state as given.
@@ -201,7 +202,7 @@ class PretrainedPolicy:
         return (actions if x.ndim == 2 else actions[0]), state
 
 
-def arguments_of(env_id: str) -> dict[str, Any]:
+def arguments_of(env_id: str) -> Json:
     """Return the default arguments of an environment of this package, and its time limit.
 
     Raises:
@@ -216,7 +217,7 @@ def arguments_of(env_id: str) -> dict[str, Any]:
 
 
 def check_action(
-    env_id: str, env_kwargs: Mapping[str, Any], torque_limit: float, control_dt: float
+    env_id: str, env_kwargs: Mapping[str, object], torque_limit: float, control_dt: float
 ) -> None:
     """Check a policy's torque limit (N m) and control period (s) against its environment.
 
@@ -300,8 +301,6 @@ def checksum(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def _entry(part: Any, name: str, kind: type) -> Any:
+def _entry(part: object, name: str, kind: type) -> Any:
     """Return ``part[name]``, which must be of a type."""
-    instance("an entry", part, dict)
-    instance(name, part.get(name), kind)
-    return part[name]
+    return instance(name, instance("an entry", part, dict).get(name), kind)

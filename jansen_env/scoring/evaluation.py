@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jansen_env.baselines.policy import Policy
 from jansen_env.checks import instance, positive_integer, whole_number
 from jansen_env.scoring.benchmarks import DEFAULT, find_benchmark
 from jansen_env.scoring.metrics import (
+    Summary,
     main_metrics,
     pooled,
     score_cells,
@@ -19,15 +18,15 @@ from jansen_env.scoring.metrics import (
     summarise,
     tabled,
 )
-from jansen_env.scoring.rollout import draw_episodes, make_env, run_episodes
+from jansen_env.scoring.rollout import EnvKwargs, Options, draw_episodes, make_env, run_episodes
 
 FIRST_SEED = 40_000  # of scored episodes; training, tuning and selection use others
 
 
-class Scores(dict[str, dict[str, Any]]):
+class Scores(dict[str, Summary]):
     """Summary of :func:`evaluate` by policy, on the environment ``env_id``."""
 
-    def __init__(self, env_id: str, summaries: Mapping[str, dict[str, Any]] | None = None) -> None:
+    def __init__(self, env_id: str, summaries: Mapping[str, Summary] | None = None) -> None:
         super().__init__(summaries or {})
         self.env_id = env_id
 
@@ -43,9 +42,9 @@ class Scores(dict[str, dict[str, Any]]):
 
 def evaluate(
     policies: Mapping[str, Policy], env_id: str = DEFAULT,
-    env_kwargs: dict[str, Any] | None = None,
+    env_kwargs: EnvKwargs | None = None,
     commands: Sequence[float] | None = None, episodes: int = 10, seed: int = 0,
-    drawn: bool = False, options: dict[str, NDArray[Any]] | None = None,
+    drawn: bool = False, options: Options | None = None,
 ) -> Scores:  # fmt: skip
     """Score policies, by name, on the same episodes, each with a different start.
 

@@ -8,12 +8,22 @@ from shutil import get_terminal_size
 from typing import Any, Literal, NamedTuple, TypeAlias
 from warnings import catch_warnings, simplefilter
 
+import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Episodes: TypeAlias = dict[str, NDArray[Any]]
 """Values (n,) of n episodes: "command", "returns", "duration" (s) and the aggregates."""
+
+Infos: TypeAlias = dict[str, Any]
+"""What a vector environment's step tells, by name."""
+
+Summary: TypeAlias = dict[str, Any]
+"""Scores of a policy, as :func:`summarise` returns them."""
+
+Env: TypeAlias = gym.Env[Any, Any]
+Pick: TypeAlias = NDArray[np.int64] | slice  # of episodes
 
 Interval: TypeAlias = tuple[float, float, float]
 """Value, lower and upper end of its 95 % interval; NaN for ends that are not known."""
@@ -39,7 +49,7 @@ class Aggregate(NamedTuple):
     """
 
     reduction: Literal["sum", "steady", "peak", "rms", "last", "early", "change"]
-    function: Callable[[dict[str, Any]], Any]
+    function: Callable[[Infos], Array]
 
 
 class Metric(NamedTuple):
@@ -47,8 +57,8 @@ class Metric(NamedTuple):
 
     label: str
     unit: str  # "fraction" of what is 0 or 1 in each episode
-    function: Callable[[Episodes, Any], Array]  # episodes and their environment to values (n,)
-    normaliser: Callable[[Episodes, Any], Array] | None = None  # the same, m
+    function: Callable[[Episodes, Env], Array]  # episodes and their environment to values (n,)
+    normaliser: Callable[[Episodes, Env], Array] | None = None  # the same, m
     axis: Literal["linear", "log", "fraction", ""] = "linear"  # of figures; "" for tables alone
     digits: int = 3  # in tables
 
@@ -58,14 +68,14 @@ class Metric(NamedTuple):
         return f"{self.label} ({self.unit})" if self.unit else self.label
 
 
-def _estimator(metric: Metric, run: Episodes, env: Any) -> Callable[[Any], Array]:
+def _estimator(metric: Metric, run: Episodes, env: Env) -> Callable[[Pick], Array]:
     """The metric of episodes picked by an index array (..., n): (...)."""
     values = metric.function(run, env)
     if metric.normaliser is None:
         return lambda pick: values[pick].mean(axis=-1)
     lengths = metric.normaliser(run, env)
 
-    def ratio(pick: Any) -> Array:
+    def ratio(pick: Pick) -> Array:
         length = lengths[pick].sum(axis=-1)
         value = values[pick].sum(axis=-1) / np.maximum(length, MIN_DISTANCE)
         return np.where(length > MIN_DISTANCE, value, np.nan)
@@ -73,7 +83,7 @@ def _estimator(metric: Metric, run: Episodes, env: Any) -> Callable[[Any], Array
     return ratio
 
 
-def point_estimates(metrics: dict[str, Metric], run: Episodes, env: Any) -> dict[str, float | None]:
+def point_estimates(metrics: dict[str, Metric], run: Episodes, env: Env) -> dict[str, float | None]:
     """Every metric over all episodes, without intervals; NaN is None."""
     return {
         name: _number(_estimator(metric, run, env)(slice(None))) for name, metric in metrics.items()
@@ -107,7 +117,7 @@ def proportion_with_interval(k: int, n: int) -> Interval:
     return float(test.statistic), float(ends.low), float(ends.high)
 
 
-def summarise(metrics: dict[str, Metric], run: Episodes, env: Any, seed: int = 0) -> dict[str, Any]:
+def summarise(metrics: dict[str, Metric], run: Episodes, env: Env, seed: int = 0) -> Summary:
     """Every metric over all episodes and for each command, with 95 % intervals.
 
     Fractions have :func:`proportion_with_interval` of their episodes, other metrics the percentile
@@ -137,10 +147,10 @@ def summarise(metrics: dict[str, Metric], run: Episodes, env: Any, seed: int = 0
 def pooled(
     metrics: dict[str, Metric],
     run: Episodes,
-    env: Any,
+    env: Env,
     seed: int = 0,
     groups: Sequence[NDArray[np.int64]] = (),
-) -> dict[str, Any]:
+) -> Summary:
     """Return :func:`summarise` without ``"by_command"``: the commands may all differ.
 
     Args:
@@ -153,7 +163,7 @@ def pooled(
 
 
 def _interval(
-    metric: Metric, run: Episodes, env: Any, groups: Sequence[NDArray[np.int64]], seed: int
+    metric: Metric, run: Episodes, env: Env, groups: Sequence[NDArray[np.int64]], seed: int
 ) -> list[float | None]:
     """The metric of all groups' episodes, and its interval."""
     estimator, episodes = _estimator(metric, run, env), np.concatenate(groups)
@@ -174,7 +184,7 @@ def _interval(
     return [_number(value), _number(low), _number(high)]
 
 
-def _number(value: Any) -> float | None:
+def _number(value: float | Array) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
@@ -201,7 +211,7 @@ def screen_table(cells: Sequence[Sequence[str]]) -> str:
 
 
 def score_cells(
-    metrics: dict[str, Metric], scores: Mapping[str, dict[str, Any]], parts: int = 3
+    metrics: dict[str, Metric], scores: Mapping[str, Summary], parts: int = 3
 ) -> list[list[str]]:
     """Return the cells of a table, its head first: a row per policy, a column per metric.
 
@@ -216,7 +226,7 @@ def score_cells(
 
 
 def score_table(
-    metrics: dict[str, Metric], scores: Mapping[str, dict[str, Any]], rows_are: str = "policy"
+    metrics: dict[str, Metric], scores: Mapping[str, Summary], rows_are: str = "policy"
 ) -> str:
     """A Markdown table of each policy's value [low, high] of each metric of :func:`tabled`: a row
     per policy, or with "metric" for ``rows_are`` a row per metric."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeAlias
 
 import gymnasium as gym
 import numpy as np
@@ -17,12 +17,19 @@ from jansen_env.scoring.benchmarks import (
     check_env_kwargs,
     find_benchmark,
 )
-from jansen_env.scoring.metrics import SETTLING, Array, Episodes
+from jansen_env.scoring.metrics import SETTLING, Array, Env, Episodes
 
 DRAWN_SEED = 20_000  # of episodes with drawn commands: training, tuning and other scores use others
 
+EnvKwargs: TypeAlias = dict[str, Any]
+"""Arguments of an environment."""
 
-REDUCTIONS: dict[str, Callable[..., Any]] = {
+Options: TypeAlias = dict[str, NDArray[Any]]
+"""Options of each episode's reset, (n,) by name."""
+
+VectorEnv: TypeAlias = gym.vector.VectorEnv[Any, Any, Any]
+
+REDUCTIONS: dict[str, Callable[..., Array]] = {
     "sum": lambda total, value, **_: total + value,
     "steady": lambda total, value, early, **_: total if early else total + value,
     "peak": lambda total, value, **_: np.maximum(total, np.abs(value)),
@@ -35,7 +42,7 @@ REDUCTIONS: dict[str, Callable[..., Any]] = {
 step, s; ``last``: the value before."""
 
 
-def make_env(env_id: str, env_kwargs: dict[str, Any], **more: Any) -> gym.Env[Any, Any]:
+def make_env(env_id: str, env_kwargs: EnvKwargs, **more: object) -> Env:
     """``gym.make`` of a benchmark's id; ``env_kwargs`` come from users and are checked.
 
     Raises:
@@ -45,14 +52,15 @@ def make_env(env_id: str, env_kwargs: dict[str, Any], **more: Any) -> gym.Env[An
     return gym.make(env_id, **{**env_kwargs, **more})
 
 
-def draw_episodes(env: Any, count: int, seed: int = 0) -> tuple[Array, NDArray[np.int64]]:
+def draw_episodes(env: Env, count: int, seed: int = 0) -> tuple[Array, NDArray[np.int64]]:
     """Return commands (count,), uniform in the range of ``env``, and seeds (count,) of resets."""
-    low, high = find_benchmark(env.spec.id).drawn or env.unwrapped.task.speed_command[0]
+    drawn = find_benchmark(env.get_wrapper_attr("spec").id).drawn
+    low, high = drawn or env.get_wrapper_attr("task").speed_command[0]
     commands = np.random.default_rng([DRAWN_SEED, seed]).uniform(low, high, count)
     return commands, DRAWN_SEED + seed * 1_000_000 + np.arange(count)
 
 
-def make_envs(env_id: str, env_kwargs: dict[str, Any], count: int) -> Any:
+def make_envs(env_id: str, env_kwargs: EnvKwargs, count: int) -> VectorEnv:
     """``gym.make_vec`` of one of them: simulated together where that is possible.
 
     Raises:
@@ -69,12 +77,12 @@ def make_envs(env_id: str, env_kwargs: dict[str, Any], count: int) -> Any:
 def run_episodes(
     policy: Policy,
     env_id: str,
-    env_kwargs: dict[str, Any],
+    env_kwargs: EnvKwargs,
     commands: Array,
     seeds: NDArray[np.int64],
     at_once: int = 256,
-    options: dict[str, NDArray[Any]] | None = None,
-    envs: Any = None,
+    options: Options | None = None,
+    envs: VectorEnv | None = None,
 ) -> Episodes:
     """Run one episode for each pair of command and seed, up to ``at_once`` side by side.
 
@@ -90,7 +98,7 @@ def run_episodes(
         ValueError: no benchmark is known for ``env_id``.
     """
     benchmark, parts = find_benchmark(env_id), []
-    every: dict[str, NDArray[Any]] = {benchmark.option: commands, **(options or {})}
+    every: Options = {benchmark.option: commands, **(options or {})}
     for begin in range(0, len(commands), at_once):
         part = slice(begin, begin + at_once)
         own = make_envs(env_id, env_kwargs, len(commands[part])) if envs is None else envs
@@ -107,15 +115,15 @@ def run_episodes(
 
 def _run_side_by_side(
     policy: Policy,
-    envs: Any,
+    envs: VectorEnv,
     benchmark: Benchmark,
-    options: dict[str, NDArray[Any]],
+    options: Options,
     seeds: NDArray[np.int64],
 ) -> Episodes:
     """Run one episode in each environment."""
-    n, dt = len(seeds), envs.get_attr("control_dt")[0]
-    totals: dict[str, Any] = {}
-    last: dict[str, Any] = {}
+    n, dt = len(seeds), envs.get_attr("control_dt")[0]  # type: ignore[attr-defined]
+    totals: Episodes = {}
+    last: Episodes = {}
     observations = _reset(envs, options, seeds)
     running, starts, state, time = np.ones(n, bool), np.ones(n, bool), None, 0.0
     while running.any():
@@ -135,9 +143,7 @@ def _run_side_by_side(
     return {"command": options[benchmark.option], **totals}
 
 
-def _reset(
-    envs: Any, options: dict[str, NDArray[Any]], seeds: NDArray[np.int64]
-) -> NDArray[np.float32]:
+def _reset(envs: VectorEnv, options: Options, seeds: NDArray[np.int64]) -> NDArray[np.float32]:
     """Start the episodes; returns their first observations (n, d)."""
     if not isinstance(envs, gym.vector.SyncVectorEnv):
         return envs.reset(seed=seeds.tolist(), options=options)[0]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, SupportsFloat, TypeAlias
 
 import gymnasium as gym
 import numpy as np
@@ -21,8 +21,12 @@ from jansen_env.robot.kinematics import world_joints
 from jansen_env.viewer.recording import LONGEST_NAME, MOST_STEPS, Recording
 from jansen_env.viewer.web.geometry import contacts, scene_of, world_forces
 
+Observation: TypeAlias = Any  # those of any wrappers
+Action: TypeAlias = Any
+Info: TypeAlias = dict[str, Any]
 
-class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
+
+class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordConstructorArgs):
     """Records the episode that any policy walks in an environment.
 
     ``env = Recorder(gym.make("JansenWalker-v0"))``; then, at any time after a step,
@@ -42,7 +46,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         ValueError: another environment, or one whose observations or actions are no arrays.
     """
 
-    def __init__(self, env: gym.Env[Any, Any], label: str = "") -> None:
+    def __init__(self, env: gym.Env[Observation, Action], label: str = "") -> None:
         RecordConstructorArgs.__init__(self, label=label)
         super().__init__(env)
         if not isinstance(env.unwrapped, SingleEnv):
@@ -70,23 +74,23 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         return Recording(**content, joints=joints.astype(np.float32))
 
     def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
+        self, *, seed: int | None = None, options: Info | None = None
+    ) -> tuple[Observation, Info]:
         """Reset the environment and begin another recording."""
         self._frames = {}  # also where the reset fails
         observation, info = self.env.reset(seed=seed, options=options)
         self._begin(observation, info, seed, options)
         return observation, info
 
-    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+    def step(self, action: Action) -> tuple[Observation, SupportsFloat, bool, bool, Info]:
         """Step the environment and record what happens."""
         if self._frames:  # set_parameters may have given another command
-            self._frames["command"][-1] = self._inner.frame().command or 0.0
+            self._frames["command"][-1] = self.inner.frame().command or 0.0
         results = self.env.step(action)
         observation, reward, terminated, truncated, info = results
-        frame = self._inner.frame()
+        frame = self.inner.frame()
         goes_on = self._frames and frame.time > self._frames["time"][-1]
-        if not goes_on or _shape_of(self._inner.robot) != self._shape:
+        if not goes_on or _shape_of(self.inner.robot) != self._shape:
             self._begin(observation, info, None, None)
         elif len(self._frames["reward"]) == MOST_STEPS:
             gym.logger.warn(f"the episode has more than {MOST_STEPS} steps: these are recorded")
@@ -103,24 +107,25 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         return results
 
     @property
-    def _inner(self) -> SingleEnv[Any]:
+    def inner(self) -> SingleEnv[Any]:
+        """The environment below all wrappers."""
         inner: SingleEnv[Any] = self.env.unwrapped  # type: ignore[assignment]
         return inner
 
     def _begin(
         self,
-        observation: Any,
-        info: dict[str, Any],
+        observation: Observation,
+        info: Info,
         seed: int | None,
-        options: dict[str, Any] | None,
+        options: Info | None,
     ) -> None:
-        scene, spec, state = scene_of(self.env), self.env.spec, self._inner.get_state()
+        scene, spec, state = scene_of(self.env), self.env.spec, self.inner.get_state()
         exchanged = {"robot": state["robot"]} if "robot" in state else {}
-        ground, observed = scene["terrain"], self._inner.observed
+        ground, observed = scene["terrain"], self.inner.observed
         named = len(observed) == spaces.flatdim(self.observation_space)
-        self._shape = _shape_of(self._inner.robot)
+        self._shape = _shape_of(self.inner.robot)
         self._episode = {
-            "robot": self._inner.scene()["robot"],
+            "robot": self.inner.scene()["robot"],
             "terrain": np.zeros((0, 2)) if ground is None else np.array(ground),
             "torque_limit": scene["torqueLimit"],
             "speed_unit": scene["speedUnit"],
@@ -129,7 +134,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             "energies": tuple(info.get("energy", {})),
             "observed": tuple((entry.name, entry.unit) for entry in observed) if named else (),
             "parameters": dict(state.get("parameters", {})),
-            "env_id": str(type(self._inner).__name__ if spec is None else spec.id)[:LONGEST_NAME],
+            "env_id": str(type(self.inner).__name__ if spec is None else spec.id)[:LONGEST_NAME],
             "env_kwargs": as_json({} if spec is None else spec.kwargs),
             "options": as_json({**(options or {}), **exchanged}),
             "seed": None if seed is None else int(seed),
@@ -137,14 +142,14 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             "truncated": False,
         }
         self._frames = {name: [] for name in ("action", "reward", "slip", "energy")}
-        self._add_frame(self._inner.frame(), observation, info)
+        self._add_frame(self.inner.frame(), observation, info)
 
-    def _add_frame(self, frame: Frame, observation: Any, info: dict[str, Any]) -> None:
+    def _add_frame(self, frame: Frame, observation: Observation, info: Info) -> None:
         flat = flatten(self.observation_space, observation)
-        weight = getattr(self._inner, "weight", self._episode["robot"].mass * GRAVITY)
+        weight = getattr(self.inner, "weight", self._episode["robot"].mass * GRAVITY)
         self._add(
             time=frame.time,
-            state=self._inner.get_state()["plant"],
+            state=self.inner.get_state()["plant"],
             pose=np.array(frame.q),
             command=frame.command or 0.0,
             speed=frame.speed,
@@ -156,7 +161,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             observation=np.array(flat, np.float32),
         )
 
-    def _add(self, **values: Any) -> None:
+    def _add(self, **values: object) -> None:
         for name, value in values.items():
             self._frames.setdefault(name, []).append(value)
 
@@ -166,10 +171,10 @@ def _shape_of(robot: Robot) -> tuple[object, ...]:
     return robot.bodies, robot.legs, robot.frame_angle
 
 
-def as_json(values: Mapping[str, Any]) -> dict[str, Any]:
+def as_json(values: Mapping[str, object]) -> dict[str, object]:
     """Arguments as JSON knows them: numbers, texts, lists; anything else as its ``repr``."""
 
-    def known(value: Any) -> Any:
+    def known(value: object) -> object:
         if isinstance(value, np.ndarray | np.generic):
             value = value.tolist()
         try:

@@ -6,7 +6,7 @@ import math
 import pytest
 
 from jansen_env import built_robot, paper_robot
-from jansen_env.commands import evaluate, robustness
+from jansen_env.commands import evaluate
 from jansen_env.commands.named_policies import load_named
 from jansen_env.robot import RIGID
 from jansen_env.scoring.rollout import make_env
@@ -16,29 +16,29 @@ SHORT = {"max_episode_steps": 150}  # 3 s
 
 @pytest.fixture
 def few(monkeypatch):
-    monkeypatch.setattr(robustness, "FRICTIONS", (0.3, 0.8))
-    monkeypatch.setattr(robustness, "STIFFNESSES", (20, math.inf))
+    monkeypatch.setattr(evaluate, "FRICTIONS", (0.3, 0.8))
+    monkeypatch.setattr(evaluate, "STIFFNESSES", (20, math.inf))
 
 
 def test_feet_are_scaled():
     own = built_robot().pad_compliance
-    assert robustness.feet(built_robot(), own.stiffness) == own
-    softer = robustness.feet(built_robot(), 0.1 * own.stiffness)
+    assert evaluate.feet(built_robot(), own.stiffness) == own
+    softer = evaluate.feet(built_robot(), 0.1 * own.stiffness)
     assert softer.tangential_stiffness == pytest.approx(0.1 * own.tangential_stiffness)
     assert softer.damping == pytest.approx(math.sqrt(0.1) * own.damping)  # the same loss factor
-    assert robustness.feet(paper_robot(), 0.1 * own.stiffness) == softer
-    assert robustness.feet(built_robot(), math.inf) == RIGID
+    assert evaluate.feet(paper_robot(), 0.1 * own.stiffness) == softer
+    assert evaluate.feet(built_robot(), math.inf) == RIGID
 
 
 def test_conditions_are_what_they_are_called(few):
     """On the same starts: at its own friction and feet a robot walks as it does without."""
     env_id, plain = "JansenWalker-v0", {}
     policies = {"pid": load_named("pid", make_env(env_id, SHORT))}
-    scores = robustness.score(policies, env_id, SHORT, 8, 0)
-    for sweep, (other, own) in (("friction", ("0.3", "0.8")), (robustness.FEET, ("20", "rigid"))):
+    scores = evaluate.score_conditions([(policies, SHORT)], env_id, 8, 0)
+    for sweep, (other, own) in (("friction", ("0.3", "0.8")), (evaluate.FEET, ("20", "rigid"))):
         plain[sweep] = scores[sweep][own]["pid"]
         assert plain[sweep]["overall"]["return"] != scores[sweep][other]["pid"]["overall"]["return"]
-    assert plain["friction"] == plain[robustness.FEET]
+    assert plain["friction"] == plain[evaluate.FEET]
     drawn = evaluate.evaluate(policies, env_id, SHORT, episodes=8, drawn=True)["pid"]
     assert plain["friction"]["overall"] == drawn["overall"]
 
@@ -51,7 +51,7 @@ def test_robustness_command(few, tmp_path, capsys):
     ])  # fmt: skip
     found = json.loads((tmp_path / "robustness.json").read_text())
     assert {sweep: list(own) for sweep, own in found.items()} == {
-        "friction": ["0.3", "0.8"], robustness.FEET: ["20", "rigid"]
+        "friction": ["0.3", "0.8"], evaluate.FEET: ["20", "rigid"]
     }  # fmt: skip
     for own in (one for sweep in found.values() for one in sweep.values()):
         assert [one["episodes"] for one in own.values()] == [3, 3, 1, 1]

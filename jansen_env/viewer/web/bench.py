@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import cmath
 from pathlib import Path
-from typing import Any
 
 from jansen_env.files import write_text
 from jansen_env.robot import ROBOTS, Robot
@@ -40,13 +39,13 @@ def write_bench(path: str | Path) -> Path:
     return write_text(path, bench_page())
 
 
-def bench_data(served: bool) -> dict[str, Any]:
+def bench_data(served: bool) -> dict[str, object]:
     """What the page knows: ``designs`` by name, the first one, and whether it is ``served``."""
     designs = {name: design_of(make()) for name, make in ROBOTS.items()}
     return {"served": served, "base": "built", "designs": designs}
 
 
-def design_of(robot: Robot) -> dict[str, Any]:
+def design_of(robot: Robot) -> dict[str, object]:
     """A robot's linkage and lengths as plain numbers; ``linkage.js`` says what is what."""
     linkage = robot.linkage
     start, end = (cmath.rect(c, o) for c, o in robot.frame.corners[:2])

@@ -22,7 +22,7 @@ AIR, GRIP, SLIP = 0, 1, 2  # a toe is lifted, holds, slides while it is loaded
 TOUCHING = 1e-6  # of the robot's weight: the normal force from which a toe is on the ground
 
 
-def scene_of(env: Any) -> dict[str, Any]:
+def scene_of(env: Any) -> dict[str, object]:
     """:func:`scene_of_robot` of one robot's environment, of any task, with its ``terrain``."""
     inner = env.unwrapped
     scene, frame = inner.scene(), inner.frame()
@@ -43,7 +43,7 @@ def scene_of_robot(
     speed_unit: str,
     speed_range: float,
     control_dt: float,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Scene of a robot: what does not change while it moves.
 
     Returns:
@@ -74,7 +74,7 @@ def scene_of_robot(
     }
 
 
-def drawing_of(linkage: Linkage) -> dict[str, Any]:
+def drawing_of(linkage: Linkage) -> dict[str, object]:
     """How a leg is drawn: edges as pairs of joints, joints as indices.
 
     Returns:
@@ -91,13 +91,13 @@ def drawing_of(linkage: Linkage) -> dict[str, Any]:
     }
 
 
-def state_of(env: Any) -> dict[str, Any]:
+def state_of(env: Any) -> dict[str, object]:
     """:func:`state_of_frame` of one robot's environment, of any task, after its first reset."""
     inner = env.unwrapped
     return state_of_frame(inner.scene()["robot"], inner.frame())
 
 
-def state_of_frame(robot: Robot, frame: Frame) -> dict[str, Any]:
+def state_of_frame(robot: Robot, frame: Frame) -> dict[str, object]:
     """Pose, toes, speed and torque of a robot in a frame.
 
     Returns:

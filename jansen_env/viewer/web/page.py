@@ -65,7 +65,7 @@ def page_of(
     template: str,
     styles: Sequence[str],
     scripts: Sequence[str],
-    data: Any,
+    data: object,
     parts: Mapping[str, str] = MappingProxyType({}),
 ) -> str:
     """A page as one file, which may run and ask for nothing else: styles, scripts and JSON put in.
@@ -87,7 +87,7 @@ def page_of(
     return filled(template, {**own, **parts}, data)
 
 
-def filled(template: str, parts: Mapping[str, str], data: Any) -> str:
+def filled(template: str, parts: Mapping[str, str], data: object) -> str:
     """A file of this folder with texts replaced, all at once, and data put in as JSON."""
     all_parts = {
         "<!-- data -->": f'<script type="application/json" id="data">{_json(data)}</script>',
@@ -138,7 +138,7 @@ def _hash_of(text: str) -> str:
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 
-def _json(value: Any) -> str:
+def _json(value: object) -> str:
     """JSON that ends no script element, whatever texts are in it."""
     text = json.dumps(value, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
@@ -168,7 +168,7 @@ def _subtitle(recordings: tuple[Recording, ...]) -> str:
     return text if len(text) <= LONGEST_TEXT else f"{text[:LONGEST_TEXT]}..."
 
 
-def _packed(recording: Recording) -> dict[str, Any]:
+def _packed(recording: Recording) -> dict[str, object]:
     """A recording's content for ``track.js``.
 
     Arrays are of all frames; numbers of a step are 0 at the start. Points are relative to the crank
@@ -227,13 +227,13 @@ def _seen(recording: Recording) -> list[list[float]] | None:
     return points
 
 
-def _plain(values: Array, dtype: str = "<f4") -> dict[str, Any]:
+def _plain(values: Array, dtype: str = "<f4") -> dict[str, object]:
     """An array as it is."""
     data = np.ascontiguousarray(values, dtype)
     return {"kind": data.dtype.name, "data": _base64(data)}
 
 
-def _quantised(values: Array) -> dict[str, Any]:
+def _quantised(values: Array) -> dict[str, object]:
     """An array as whole multiples of a step, which is 1 / 65535 of its range."""
     low, high = float(values.min()), float(values.max())
     step = (high - low) / LEVELS or 1.0

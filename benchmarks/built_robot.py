@@ -23,8 +23,7 @@ from jansen_env import MOTORS, Robot, Terrain, built_robot
 from jansen_env.drawings.materials import bill_of_materials
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.plants.base import StepResult
-from jansen_env.plants.make import PLANTS, Plant, make_plant
-from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.plants.plant import PLANTS, Plant, ProjectionPlant, make_plant
 from jansen_env.plants.trace import trace_forces
 from jansen_env.robot import JANSEN
 from jansen_env.robot import buildable as built

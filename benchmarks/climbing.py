@@ -18,7 +18,7 @@ from benchmarks import measure
 from benchmarks.measure import WALKER
 from jansen_env import Terrain
 from jansen_env.baselines.policy import Array, Bools, Policy
-from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.robot import JANSEN, paper_robot
 from jansen_env.robot.kinematics import world_joints
 from jansen_env.scoring.benchmarks import ENOUGH, succeeded

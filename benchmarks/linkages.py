@@ -24,7 +24,7 @@ from jansen_env.baselines.profile import Profile
 from jansen_env.baselines.walker_baselines import nearest_setting, walking_pid
 from jansen_env.envs.walker import JansenWalkerEnv
 from jansen_env.files import write_json
-from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.plants.trace import find_touchdowns, peak_loads, trace_forces
 from jansen_env.robot import ROBOTS, Bar, Robot
 from jansen_env.robot.kinematics import advance_per_turn, toe_positions, world_joints

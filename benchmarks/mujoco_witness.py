@@ -21,10 +21,8 @@ from benchmarks.walks import walk, whole_half_turns
 from jansen_env import ROBOTS, Compliance, Robot, Terrain
 from jansen_env.export_mjcf import body_names, hinge_angles, to_mjcf
 from jansen_env.plants.base import StepResult
-from jansen_env.plants.bodies import poses
-from jansen_env.plants.make import Plant
-from jansen_env.plants.projected import ProjectionPlant
-from jansen_env.plants.rigid_body import RigidBodyPlant
+from jansen_env.plants.plant import Plant, ProjectionPlant, RigidBodyPlant
+from jansen_env.plants.rigid.bodies import poses
 
 LINKAGES = ("paper", "klann", "chebyshev", "trotbot", "strider")
 AIR = ((4e-4, 1e5), (2e-4, 1e6), (1e-4, 1e7))  # time step, s; stiffness of loops, 1/s^2

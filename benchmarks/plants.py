@@ -23,7 +23,7 @@ from benchmarks import measure
 from benchmarks.measure import table
 from benchmarks.walks import Walked, walk, whole_half_turns
 from jansen_env import ROBOTS, Compliance, Motor, Terrain, paper_robot
-from jansen_env.plants.make import PLANTS, Plant
+from jansen_env.plants.plant import PLANTS, Plant, make_plant
 from jansen_env.robot import JANSEN, Payload
 from jansen_env.robot.zoo import ZOO
 
@@ -88,9 +88,7 @@ class Walk:
         robot = {**MACHINES, **LINKAGES}[self.machine]
         robot = replace(robot, payload=Payload(self.payload))
         terrain = Terrain.slope(self.slope, friction=self.friction)
-        kind, time_step = PLANTS[name]
-        made: Plant = kind(robot, terrain, time_step / 2**halvings)
-        return made
+        return make_plant(name, robot, terrain, PLANTS[name] / 2**halvings)
 
     def run(self, plant: Plant, start: float = 0.0) -> Walked:
         return walk(plant, self.speed, self.measured, start=start)

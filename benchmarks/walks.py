@@ -13,7 +13,7 @@ from jansen_env.baselines.pid import PID
 from jansen_env.engine.walk_reward import FALLEN_PITCH
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.base import StepResult
-from jansen_env.plants.make import Plant
+from jansen_env.plants.plant import Plant
 
 CONTROL_DT = 0.02  # s for which a torque is held
 SETTLE = 2.0  # s of walking that are not measured

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from jansen_env.dynamics.pads import pad_layout
 from jansen_env.gravity import GRAVITY
-from jansen_env.plants import bodies as links
-from jansen_env.plants.bodies import CHASSIS, SHAFT, place_of
+from jansen_env.plants.rigid import bodies as links
+from jansen_env.plants.rigid.bodies import CHASSIS, SHAFT, place_of
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.linkage import CRANK

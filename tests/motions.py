@@ -7,7 +7,7 @@ import pytest
 
 from jansen_env import ROBOTS, Compliance, Leg, Payload, Robot, Terrain, paper_robot
 from jansen_env.dynamics import reduced as rd
-from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.robot import RIGID
 from jansen_env.robot.kinematics import coordinates, joint_positions
 

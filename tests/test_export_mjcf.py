@@ -10,7 +10,7 @@ mujoco = pytest.importorskip("mujoco")
 from benchmarks import mujoco_witness  # noqa: E402
 from jansen_env.commands.mjcf import main  # noqa: E402
 from jansen_env.export_mjcf import to_mjcf  # noqa: E402
-from jansen_env.plants.projected import ProjectionPlant  # noqa: E402
+from jansen_env.plants.plant import ProjectionPlant  # noqa: E402
 from jansen_env.robot import ROBOTS, Payload, paper_robot  # noqa: E402
 from jansen_env.terrain import Terrain  # noqa: E402
 

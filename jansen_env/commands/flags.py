@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from jansen_env.checks import MAX_STEPS, listed
-from jansen_env.plants.make import PLANTS
+from jansen_env.plants.plant import PLANTS
 from jansen_env.robot import ROBOTS
 from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT, find_benchmark
 

@@ -9,7 +9,7 @@ from typing_extensions import Unpack
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.typed import CrankArguments, JansenVectorEnv
-from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.plants.plant import ProjectionPlant, plant_of
 from jansen_env.tasks.crank import CrankTask
 
 
@@ -97,7 +97,8 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
     @property
     def plant(self) -> ProjectionPlant:
         """The plant, its chassis held."""
-        plant: ProjectionPlant = ProjectionPlant.of(self.task.world.plant)
+        plant = plant_of(self.task.world.plant)
+        assert isinstance(plant, ProjectionPlant)
         return plant
 
     @property

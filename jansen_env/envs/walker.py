@@ -11,7 +11,7 @@ from typing_extensions import Unpack
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.typed import JansenVectorEnv, WalkerArguments
-from jansen_env.plants.make import Plant, plant_of
+from jansen_env.plants.plant import Plant, plant_of
 from jansen_env.tasks.walking import WalkerTask
 from jansen_env.terrain import Terrain
 

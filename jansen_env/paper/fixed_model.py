@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from jansen_env.baselines.pid import PID
 from jansen_env.dynamics.joint_forces import joint_forces
 from jansen_env.dynamics.projection import Projection, project
-from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 

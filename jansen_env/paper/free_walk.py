@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from jansen_env.dynamics.joint_forces import JointForces, corner_name
 from jansen_env.engine.walk_reward import FALLEN_PITCH
 from jansen_env.plants.base import StepResult
-from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.plants.trace import pads_in_contact, trace_forces
 from jansen_env.robot import JANSEN, Robot
 from jansen_env.terrain import Terrain

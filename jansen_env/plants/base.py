@@ -1,20 +1,16 @@
-"""Protocol of plants: n robots on terrains that answer crank torques with their motion."""
+"""The result of a plant's step, and checks of what plants are given."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.checks import shown, within
-from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine.integrator import DIVERGED
-from jansen_env.plants.trace import PeakLoads
 from jansen_env.robot import Robot
-from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
 SHORTEST_STEP, LONGEST_STEP = 1e-9, 1.0  # s, of the integration
@@ -58,163 +54,6 @@ ENERGIES = (
 """Numbers of a :class:`StepResult` that are sums of their names in a batch, J."""
 
 
-class BatchedPlant(Protocol):
-    """n robots on their terrains: all that is known of plants above this package."""
-
-    robots: list[Robot]
-    terrains: list[Terrain]
-    toes: int
-    time_step: float  #: s
-    rows: NDArray[np.void]  #: (n,) ROBOT of ``engine.records``, with the last step's accumulators
-    slip: Array  #: (n, toes) m, and so on of the last step
-    contact_force: Array
-    joint_gap: Array
-    diverged: NDArray[np.bool_]
-    any_diverged: bool
-    in_contact: NDArray[np.bool_] | None  #: (pads,) of the first robot
-    nominal: NDArray[np.void]  #: (n,) ROBOT_PARAMETERS, the robots' own numbers
-    parameters: NDArray[np.void]  #: (n,) those in force
-    tracing: bool  #: whether each step of the first robot is recorded for :meth:`peak_loads`
-
-    @property
-    def honours(self) -> frozenset[str]:
-        """Names of ``ROBOT_PARAMETERS`` of :mod:`jansen_env.parameters` that have an effect."""
-        ...
-
-    @property
-    def changeable(self) -> frozenset[str]:
-        """Names that :meth:`change` takes."""
-        ...
-
-    @property
-    def knows_joint_forces(self) -> bool:
-        """Whether :meth:`joint_forces` and :meth:`peak_loads` are known."""
-        ...
-
-    @property
-    def joints_open(self) -> bool:
-        """Whether joints gap; if not, ``joint_gap`` stays 0."""
-        ...
-
-    @property
-    def surface(self) -> Array:
-        """(vertices, 2) m, of all terrains: a robot's are in its row's status."""
-        ...
-
-    @property
-    def states(self) -> Array:
-        """(n, 8) x, y, theta, psi and rates, x, y the crank axis, m, rad, s; to be read."""
-        ...
-
-    @property
-    def deflection(self) -> Array:
-        """(n, pads, 2) deflection of compliant pads, m: compression and bend; to be read."""
-        ...
-
-    def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
-        """Put a robot into a state (8,), with ``deflection`` (pads, 2) m, or None if unknown."""
-        ...
-
-    def set_parameters(self, rows: NDArray[np.int64], values: NDArray[np.void]) -> None:
-        """Put ``values`` (k,) of ``ROBOT_PARAMETERS`` in force, from the robots' next placing on.
-
-        Raises:
-            ValueError: one is out of its limits, or is not honoured.
-        """
-        ...
-
-    def change(self, row: int, changes: dict[str, Any]) -> None:
-        """Change a robot or its ground themselves, while it walks; what else is in force stays.
-
-        Raises:
-            ValueError: restitution with compliant pads, or a name that is not :attr:`changeable`.
-        """
-        ...
-
-    def set_terrain(self, row: int, terrain: Terrain) -> None:
-        """Change a robot's ground: it must be placed again.
-
-        Raises:
-            ValueError: restitution with compliant pads.
-        """
-        ...
-
-    def set_robots(self, rows: NDArray[np.int64], robots: Sequence[Robot]) -> None:
-        """Exchange robots (k,), with their payloads; they must be placed again.
-
-        Raises:
-            ValueError: legs on other sides, restitution with compliant pads, or pads too stiff for
-                the time step; LinkageError: a robot cannot turn its crank. Nothing has changed.
-        """
-        ...
-
-    def check_robot(self, robot: Robot) -> None:
-        """Raise what :meth:`set_robots` would for a robot in place of any other."""
-        ...
-
-    def keep(self, rows: NDArray[np.int64]) -> Callable[[], None]:
-        """Return a function that puts robots (k,) back into their states as they are now.
-
-        Their designs, parameters and terrains must be back before it is called.
-        """
-        ...
-
-    def place(self, rows: NDArray[np.int64], crank_angles: Array) -> None:
-        """Place robots (k,) at rest; slip, forces and sums are those of their next time step."""
-        ...
-
-    def step(
-        self,
-        torque: Array,
-        steps: int,
-        earlier: Array | None = None,
-        switch: NDArray[np.int64] | None = None,
-        rows: NDArray[np.int64] | None = None,
-        meanwhile: Callable[[], None] | None = None,
-        pushes: Array | None = None,
-        finish: Callable[[NDArray[np.int64]], None] | None = None,
-    ) -> None:
-        """Hold crank torques (n,), N m, for some time steps, as far as the motors go.
-
-        Args:
-            earlier: (n,) N m, held instead in the first ``switch`` (n,) of them.
-            rows: (k,) of the robots that move; None for all. meanwhile: may place the others.
-            pushes: (n, steps, 2) N s, the impulse on each chassis at the crank axis in each time
-                step, world x and y; None for none.
-            finish: called with robots (k,) that have moved, each once, on the thread that did it.
-
-        Raises:
-            ValueError: pushes of another shape.
-        """
-        ...
-
-    def contact_frames(self, row: int) -> tuple[Array, Array]:
-        """(toes, 2) points of the ground nearest to a robot's toes and its tangents there.
-
-        Where no ground is within reach, the pad's lowest point and +x.
-        """
-        ...
-
-    def joint_forces(self, torque: float = 0.0, push: Array | None = None) -> JointForces:
-        """Forces in every joint of the first robot in the next time step, the mean.
-
-        Args:
-            torque: N m, of the crank. push: (2,) N s, the impulse on the chassis in that step.
-
-        Raises:
-            FloatingPointError: it diverges in that step.
-        """
-        ...
-
-    def peak_loads(self) -> PeakLoads:
-        """The largest loads on joints of the first robot in its last step, if it was traced."""
-        ...
-
-    def close(self) -> None:
-        """Let go of threads."""
-        ...
-
-
 def check_legs(robot: Robot, other: Robot) -> None:
     """Raise ValueError unless a robot's legs are another's linkage, on its sides in its order."""
     if robot.linkage != other.linkage:
@@ -222,7 +61,7 @@ def check_legs(robot: Robot, other: Robot) -> None:
             f"a robot's linkage has the bodies {robot.linkage.names}, must be that with "
             f"{other.linkage.names}"
         )
-    mine, others = ([leg.side for leg in one.legs] for one in (robot, other))
+    mine, others = ([leg.side for leg in each.legs] for each in (robot, other))
     if mine != others:
         raise ValueError(f"a robot's legs are on the sides {mine}, must be on {others}")
 

@@ -1,7 +1,8 @@
-"""Robots that move at once: one search for contacts, then all their time steps."""
+"""Robots that move at once by the projected equations, on the ground or with their chassis held."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -9,17 +10,33 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env.checks import positive
+from jansen_env.checks import finite, positive
 from jansen_env.dynamics.joint_forces import JointForces, joint_forces
-from jansen_env.engine import integrator
-from jansen_env.engine.collision import SPECULATIVE_MARGIN
-from jansen_env.engine.records import PLANE, UNKNOWN_DEFLECTION, WORLD
+from jansen_env.dynamics.reduced import Tables, compile_robot
+from jansen_env.engine import collision, integrator, placement
+from jansen_env.engine.collision import MARGIN, SPECULATIVE_MARGIN
+from jansen_env.engine.records import CONTACT_STATISTICS, PLANE, ROBOT, UNKNOWN_DEFLECTION, WORLD
 from jansen_env.engine.tables import energy
-from jansen_env.gravity import GRAVITY, Gravity
-from jansen_env.parameters import CHANGES
-from jansen_env.plants.base import check_held, check_pushes, check_time_step, divergence
+from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
+from jansen_env.parameters import CHANGES, OF_ROBOTS, ROBOT_PARAMETERS, nominal, take_load
+from jansen_env.plants.base import (
+    check_held,
+    check_legs,
+    check_pushes,
+    check_time_step,
+    divergence,
+)
+from jansen_env.plants.design_tables import DesignTables
 from jansen_env.plants.grounds import Grounds
-from jansen_env.plants.placing import PlacedRobots
+from jansen_env.plants.initial_pose import resting_depth
+from jansen_env.plants.robot_parameters import (
+    HONOURED,
+    apply_to_kernels,
+    check_restitution,
+    check_values,
+    kernel_row,
+    machine_of,
+)
 from jansen_env.plants.threads import Threads
 from jansen_env.plants.trace import (
     PeakLoads,
@@ -32,20 +49,21 @@ from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
+Rows = NDArray[np.void]
 
 TIME_STEP = 1e-3  # s
 DETECTION_INTERVAL = 0.01  # s between two looks for the ground; its planes are kept meanwhile
 PLANES_PER_PAD = 4  # kept of a robot, on average over its pads
+MACHINE = ("payload", "motor", "pad_compliance")  # fields of a robot that change while it walks
+NOT_THE_ROBOT = ("gravity_x", "gravity_y", "steepest", "design", "held")  # fields of PARAMS
 RESULTS = ("states", "accumulators", "contact_statistics", "slip", "contact_force")
 CHANGING = (*RESULTS, "params", "nominal_params", "nominal", "parameters", "diverged")
 
 
-class Batch(PlacedRobots):
-    """Robots on their terrains, advanced together by the projected equations.
-
-    Each moves as it would alone, bit for bit. Methods and attributes that are not documented here
-    are those of :class:`jansen_env.plants.base.BatchedPlant`.
+class Batch:
+    """n robots on their terrains; each moves as it would alone, bit for bit.
 
     Args:
         robots: with legs on the same sides; all else may differ. terrains: the ground of each.
@@ -57,23 +75,31 @@ class Batch(PlacedRobots):
             ground then, pushes do nothing, and robots are placed level, the axis at (x, 0).
 
     Attributes:
-        designs: the kernels' tables of the robots.
-        params: (n,) PARAMS of :mod:`jansen_env.engine.records`, in force; nominal_params: (n,) the
-            same without :meth:`set_parameters`. accumulators: (n,) ACCUMULATORS and
-            contact_statistics: (n, pads) CONTACT_STATISTICS, sums over the last :meth:`step`.
-        trace: (steps,) of :func:`jansen_env.engine.integrator.trace_dtype`, the first robot's last
-            :meth:`step` if ``tracing``; touchdowns: (steps,) whether a pad touched down in each.
+        toes, pads: of a robot. designs: the kernels' tables of the robots.
+        states: (n, 8) x, y, theta, psi and rates, x, y the crank axis, m, rad, s; to be read.
+        rows: (n,) ROBOT of :mod:`jansen_env.engine.records`: params, PARAMS in force; status;
+            accumulators, sums over the last :meth:`step`. nominal_params: (n,) PARAMS without
+            :meth:`set_parameters`.
+        contact_statistics: (n, pads) CONTACT_STATISTICS, sums of the same; deflection: (n, pads, 2)
+            compression and bend of compliant pads, m; to be read.
+        slip: (n, toes) m, contact_force: (n, toes, 2) N, joint_gap: (n,) m, of the last step.
+        diverged: (n,) whether the last step was refused. any_diverged: whether one was.
+        nominal: (n,) ROBOT_PARAMETERS, the robots' own numbers. parameters: (n,) those in force.
+        tracing: whether the first robot's steps are recorded: trace, (steps,) of
+            :func:`jansen_env.engine.integrator.trace_dtype`, and touchdowns, (steps,) whether a pad
+            touched down in each.
         in_contact: (pads,) the first robot's pads on the ground, as traced last; None where that is
             not known. It says what touches down next, and nothing else.
+        honours, changeable: names that :meth:`set_parameters` and :meth:`change` take.
+        knows_joint_forces: whether :meth:`joint_forces` does. joints_open: whether joints gap.
 
     Raises:
         ValueError: an argument out of range, or legs on other sides; LinkageError: a robot
             cannot turn its crank.
     """
 
-    changeable = frozenset(
-        {"friction", "restitution", "payload", "motor", "pad_compliance", "gravity", *CHANGES}
-    )
+    honours = HONOURED
+    changeable = frozenset({"friction", "restitution", "gravity", *MACHINE, *CHANGES})
     knows_joint_forces, joints_open = True, False
     lookahead_steps = 1
 
@@ -87,67 +113,209 @@ class Batch(PlacedRobots):
         threads: int | None = None,
         held: bool = False,
     ) -> None:
+        if len(robots) != len(terrains) or not robots:
+            raise ValueError(
+                f"there are {len(robots)} robots and {len(terrains)} terrains, must be as many, "
+                "and at least one"
+            )
+        different = {id(robot): robot for robot in robots}
+        for robot in different.values():
+            check_legs(robot, robots[0])
         self._arguments = (time_step, gravity, detection_interval, threads, held)
-        super().__init__(robots, terrains, gravity, held)
-        self.toes = len(robots[0].toes)
-        self.accumulators = self.rows["accumulators"]
-        self.deflection: Array = self.contact_statistics["deflection"]
+        self.robots, self.terrains, self.held = list(robots), list(terrains), held
         self.time_step = check_time_step(time_step)
         self.detection_interval = positive("detection_interval", detection_interval)
-        n, pads = len(self.robots), self.pads
-        capacity = PLANES_PER_PAD * pads
-        stride = max(1, round(detection_interval / time_step))
-        self._world = np.zeros(1, WORLD)
-        self._world[0] = self.time_step, stride, self.toes, capacity
-        self.planes = np.zeros(n * capacity, PLANE)
-        status = self.rows["status"]
-        status["margin"] = SPECULATIVE_MARGIN
-        status["first_plane"] = status["end_plane"] = capacity * np.arange(n)
-        self._grounds, self._longest = Grounds(terrains, status), self.time_step
-        self.states = np.zeros((n, 8))
-        self._centres = np.zeros((max(pads, self.toes + 1), 2))
-        self.slip, self.contact_force = np.zeros((n, self.toes)), np.zeros((n, self.toes, 2))
+        self.designs, n = DesignTables(robots), len(robots)
+        self.toes, self.pads = len(robots[0].toes), len(self.designs.model.layout[0])
+        toes, pads, self._every = self.toes, self.pads, np.arange(n)
+        # Parameters.
+        kernel_rows = {key: kernel_row(robot) for key, robot in different.items()}
+        self.nominal_params = np.concatenate([kernel_rows[id(robot)] for robot in robots])
+        self.nominal_params["gravity_x"], self.nominal_params["gravity_y"] = gravity_vector(gravity)
+        self.nominal_params["steepest"] = [terrain.steepest for terrain in terrains]
+        self.nominal_params["design"], self.nominal_params["held"] = self.designs.number, held
+        values = [nominal(*pair) for pair in zip(robots, terrains, strict=True)]
+        self.nominal = np.array(values, ROBOT_PARAMETERS)
+        self.parameters = self.nominal.copy()
+        check_restitution(self.nominal_params["compliant"], self.nominal["restitution"])
+        self._links_mass = np.array([robot.links_mass for robot in robots])
+        self.any_gives = bool(self.nominal_params["compliant"].any())
+        # Motion.
+        self.rows, self.states = np.zeros(n, ROBOT), np.zeros((n, 8))
+        self.params, self._status = self.rows["params"], self.rows["status"]
+        self.accumulators = self.rows["accumulators"]
+        self._apply(self._every)
+        self.contact_statistics = np.zeros((n, pads), CONTACT_STATISTICS)
+        self.deflection: Array = self.contact_statistics["deflection"]
+        self.deflection[:] = UNKNOWN_DEFLECTION
+        self.slip, self.contact_force = np.zeros((n, toes)), np.zeros((n, toes, 2))
         self.joint_gap = np.zeros(n)
-        self.diverged = np.zeros(n, bool)
-        self.any_diverged = False
-        self.tracing = False
-        self._at_once = np.zeros(n), np.zeros(n, np.int64)  # no torque from before
-        self._no_pushes = np.zeros((0, 0, 2))
-        self._no_trace: NDArray[Any] = np.zeros(0, integrator.trace_dtype(pads))
-        self._untraced = _plain(self._no_trace)
-        self.trace = self._no_trace
-        self.touchdowns = np.zeros(0, bool)
-        self.in_contact: NDArray[np.bool_] | None = None
-        self._every = np.arange(n)
+        self.diverged, self.any_diverged = np.zeros(n, bool), False
+        # The ground.
+        capacity = PLANES_PER_PAD * pads
+        self._world, self.planes = np.zeros(1, WORLD), np.zeros(n * capacity, PLANE)
+        stride = max(1, round(detection_interval / time_step))
+        self._world[0] = self.time_step, stride, toes, capacity
+        self._status["margin"] = SPECULATIVE_MARGIN
+        self._status["first_plane"] = self._status["end_plane"] = capacity * self._every
+        self._grounds, self._longest = Grounds(terrains, self._status), self.time_step
+        # Arguments of kernels.
+        self._advance = integrator.advance.bound()
         self._threads = Threads(
             n,
             threads,
             lambda: (*integrator.work_space(capacity), np.zeros(n, np.int64), np.zeros(2, bool)),
         )
-        self._advance = integrator.advance.bound()
+        self._at_once = np.zeros(n), np.zeros(n, np.int64)  # no torque from before
+        self._no_pushes = np.zeros((0, 0, 2))
+        self._no_trace: NDArray[Any] = np.zeros(0, integrator.trace_dtype(pads))
+        self._untraced = _plain(self._no_trace)
+        self._centres = np.zeros((max(pads, toes + 1), 2))  # of toes and centre of mass, or pads
         self._sums = np.empty((3, 6))
-        self._shared = self._arguments_of_all()
+        self.tracing, self.trace, self.touchdowns = False, self._no_trace, np.zeros(0, bool)
+        self.in_contact: Bools | None = None
+        self._share_arrays()
 
-    def _arguments_of_all(self) -> tuple[Any, ...]:
-        """Arguments that threads share in a step."""
+    def _share_arrays(self) -> None:
+        """Note the arguments that threads share in a step."""
         model = self.designs.model
-        return (
+        self._shared = (
             self.states, model.body, model.pads, model.layout, model.bearings, self.surface,
             self.designs.depths, self._world, self.rows, self.planes, self.contact_statistics,
             self.slip, self.contact_force,
         )  # fmt: skip
 
+    def set_parameters(self, rows: Ints, values: Rows) -> None:
+        """Put ``values`` (k,) of ROBOT_PARAMETERS in force, from the robots' next placing on.
+
+        Raises:
+            ValueError: one is out of its limits, or is not honoured.
+        """
+        compliant = self.nominal_params["compliant"][rows]
+        check_values(values, self.nominal[rows], compliant, self.honours)
+        self.parameters[rows] = values
+        self._apply(rows)
+
+    def _apply(self, rows: Ints) -> None:
+        """Make the kernels' rows of robots those of their :attr:`parameters`."""
+        params = self.nominal_params[rows]  # a copy
+        centre, pad = self.designs.farthest[self.designs.number[rows]].swapaxes(0, 1)
+        apply_to_kernels(params, self.parameters[rows], self._links_mass[rows], centre, pad)
+        params["prescribed_speed"] = self.params["prescribed_speed"][rows]
+        self.params[rows] = params
+        self._status["pad_radius"][rows] = params["pad_radius"]
+
+    def change(self, row: int, changes: dict[str, Any]) -> None:
+        """Change a robot or its ground themselves, while it walks; what else is in force stays.
+
+        Raises:
+            ValueError: restitution with compliant pads; nothing has changed then.
+        """
+        fields = {name: changes[name] for name in MACHINE if name in changes}
+        robot = replace(self.robots[row], **fields) if fields else self.robots[row]
+        numbers = {name: changes[name] for name in OF_ROBOTS if name in {*changes} - {*fields}}
+        restitution = numbers.get("restitution", self.params["restitution"][row])
+        compliant = np.array([not robot.pad_compliance.rigid])
+        check_restitution(compliant, np.array([restitution]))
+        if fields:
+            self.robots[row] = robot
+            self._take_numbers(row)
+        if "payload" in fields:
+            x, y = robot.payload.position
+            numbers |= {"payload": robot.payload.mass, "payload_x": x, "payload_y": y}
+        if "pad_compliance" in fields:
+            self.deflection[row] = UNKNOWN_DEFLECTION
+            self.any_gives = self.any_gives or bool(compliant[0])
+        if "gravity" in changes:
+            x, y = gravity_vector(changes["gravity"])
+            self.nominal_params["gravity_x"][row], self.nominal_params["gravity_y"][row] = x, y
+        for name, number in numbers.items():
+            self.nominal[name][row] = self.parameters[name][row] = number
+        self._apply(np.array([row]))
+
+    def _take_numbers(self, row: int) -> None:
+        """Let the kernels' row of a robot have its own numbers."""
+        kept = self.nominal_params[row].copy()
+        self.nominal_params[row] = kernel_row(self.robots[row])[0]
+        for name in NOT_THE_ROBOT:
+            self.nominal_params[name][row] = kept[name]
+
+    def check_robot(self, robot: Robot) -> None:
+        """Raise what :meth:`set_robots` would for a robot in place of any other."""
+        check_legs(robot, self.robots[0])
+        compile_robot(robot)
+
+    def set_robots(self, rows: Ints, robots: Sequence[Robot]) -> None:
+        """Exchange robots (k,), with their payloads; they must be placed again.
+
+        Raises:
+            ValueError: legs on other sides, or restitution with compliant pads; LinkageError: a
+                robot cannot turn its crank. Nothing has changed then.
+        """
+        compliant = np.array([not robot.pad_compliance.rigid for robot in robots])
+        check_restitution(compliant, self.nominal["restitution"][rows])
+        for robot in robots:
+            self.check_robot(robot)
+        self.designs.set(rows, robots)
+        self.nominal_params["design"][rows] = self.designs.number[rows]
+        for row, robot in zip(rows.tolist(), robots, strict=True):
+            self.robots[row], self._links_mass[row] = robot, robot.links_mass
+            self._take_numbers(row)
+            take_load(self.nominal[row], robot)
+        self.any_gives = self.any_gives or bool(compliant.any())
+        self.parameters[rows] = self.nominal[rows]
+        self._apply(rows)
+        self.deflection[rows] = UNKNOWN_DEFLECTION
+        self._status["asked_x"][rows] = np.inf
+        self._share_arrays()
+
+    def tables_in_force(self, row: int) -> Tables:
+        """Return the tables of a robot under its parameters."""
+        return compile_robot(machine_of(self.robots[row], self.parameters[row]))
+
+    @property
+    def gravity(self) -> tuple[float, float]:
+        """(x, y) m/s^2, the first robot's gravity without its tilt."""
+        params = self.nominal_params[0]
+        return float(params["gravity_x"]), float(params["gravity_y"])
+
+    @property
+    def effective_gravity(self) -> tuple[float, float]:
+        """(x, y) m/s^2, the first robot's gravity under its tilt."""
+        params = self.params[0]
+        return float(params["gravity_x"]), float(params["gravity_y"])
+
+    @property
+    def surface(self) -> Array:
+        """(vertices, 2) m, of all terrains: a robot's are in its row's status."""
+        return self._grounds.surface
+
     def set_terrain(self, row: int, terrain: Terrain) -> None:
-        super().set_terrain(row, terrain)
+        """Change a robot's ground, with friction and restitution: it must be placed again.
+
+        Raises:
+            ValueError: restitution with compliant pads.
+        """
+        compliant = self.nominal_params["compliant"][row : row + 1]
+        check_restitution(compliant, np.array([terrain.restitution]))
+        self.terrains[row] = terrain
+        self.nominal_params["steepest"][row] = self.params["steepest"][row] = terrain.steepest
+        for name in ("friction", "restitution"):
+            for numbers in (self.nominal, self.parameters, self.params):
+                numbers[name][row] = getattr(terrain, name)
         surface = self.surface
         self._grounds.set_terrain(row, terrain)
         if self.surface is not surface:
-            self._shared = self._arguments_of_all()
+            self._share_arrays()
 
-    def set_robots(self, rows: Ints, robots: Sequence[Robot]) -> None:
-        super().set_robots(rows, robots)
-        self.rows["status"]["asked_x"][rows] = np.inf
-        self._shared = self._arguments_of_all()
+    def _ask_ground(self, rows: Ints) -> None:
+        """Ask pymunk for the ground of those robots (k,) that have moved by the margin."""
+        if self.held:
+            return
+        moved = np.abs(self.states[rows, 0] - self._status["asked_x"][rows])
+        for row in rows[~(moved <= MARGIN)].tolist():
+            extent = float(self.designs.extent[self.designs.number[row]])
+            self._grounds.find_stretch(row, float(self.states[row, 0]), extent, self._longest)
 
     def place(self, rows: Ints, crank_angles: Array) -> None:
         """Place robots (k,) at rest at x = 0, see :meth:`place_at`; then :meth:`lookahead`."""
@@ -167,11 +335,103 @@ class Batch(PlacedRobots):
         Raises:
             ValueError: a number that is not finite, or feet too soft for their robot.
         """
-        self._lower(rows, crank_angles, x, pitch)
+        x, pitch = finite("x", x), None if pitch is None else finite("pitch", pitch)
+        if self.held:
+            self.states[rows] = 0.0
+            self.states[rows, 0], self.states[rows, 2] = x, pitch or 0.0
+            self.states[rows, 3] = crank_angles
+        else:
+            self._lower(rows, np.ascontiguousarray(crank_angles), x, pitch)
         self.deflection[rows] = UNKNOWN_DEFLECTION
         self.diverged[rows] = False
         if self.in_contact is not None and 0 in rows:
             self.in_contact = None
+
+    def _lower(self, rows: Ints, crank_angles: Array, x: float, pitch: float | None) -> None:
+        """Lower robots (k,) onto their terrains."""
+        depths = np.zeros(len(rows))
+        if self.any_gives:
+            params = self.params[rows]
+            weighed = np.stack([params["mass"], params["stiffness"][:, 0], -params["gravity_y"]], 1)
+            depths[:] = [resting_depth(*each) for each in weighed.tolist()]
+        pitches = np.full(len(rows), math.nan if pitch is None else pitch)
+        self.states[rows, 0] = x
+        self._ask_ground(rows)
+        model = self.designs.model
+        placement.lower(
+            rows, np.full(len(rows), x), crank_angles, pitches, self.states, model.body, model.pads,
+            model.layout, self.rows, self.surface, self._world, self._centres,
+        )  # fmt: skip
+        self._status["margin"][rows] = SPECULATIVE_MARGIN
+        placement.settle(
+            rows, depths, self.states, model.pads, model.layout, self.rows, self.surface,
+            self._world, self._centres, self.planes,
+        )  # fmt: skip
+
+    def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
+        """Put a robot into a state (8,), with ``deflection`` (pads, 2) m, or None if unknown.
+
+        Raises:
+            ValueError: the chassis moves although it is held.
+        """
+        if self.held:
+            check_held(state)
+        self.states[row] = state
+        self._ask_ground(np.array([row]))
+        self.deflection[row] = UNKNOWN_DEFLECTION if deflection is None else deflection
+        if row == 0:
+            self.in_contact = None
+
+    def keep(self, rows: Ints) -> Callable[[], None]:
+        """Return a function that puts robots (k,) back into their states as they are now.
+
+        Their designs, parameters and terrains must be back before it is called.
+        """
+        kept = ("states", "deflection", "slip", "contact_force", "accumulators", "diverged")
+        before = [(array := getattr(self, name), array[rows]) for name in kept]  # copies
+        in_contact = self.in_contact
+
+        def undo() -> None:
+            for array, values in before:
+                array[rows] = values
+            self._ask_ground(rows)
+            self.any_diverged, self.in_contact = bool(self.diverged.any()), in_contact
+
+        return undo
+
+    def step(
+        self,
+        torque: Array,
+        steps: int,
+        earlier: Array | None = None,
+        switch: Ints | None = None,
+        rows: Ints | None = None,
+        meanwhile: Callable[[], None] | None = None,
+        pushes: Array | None = None,
+        finish: Callable[[Ints], None] | None = None,
+    ) -> None:
+        """Hold crank torques (n,), N m, for some time steps, as far as the motors go.
+
+        A robot that becomes faster than :data:`jansen_env.engine.integrator.DIVERGED`, leaves the
+        stretch of ground that is known for the step or gets too deep into the ground stays as it
+        was before, without sums, and is named in :attr:`diverged`. The others go on.
+
+        Args:
+            earlier: (n,) N m, held instead in the first ``switch`` (n,) of them.
+            rows: (k,) of the robots that move; None for all. meanwhile: may place the others.
+            pushes: (n, steps, 2) N s, the impulse on each chassis at the crank axis in each time
+                step, world x and y; None for none.
+            finish: called with robots (k,) that have moved, each once, on the thread that did it.
+
+        Raises:
+            ValueError: pushes of another shape.
+        """
+        if pushes is None:
+            pushes = self._no_pushes
+        else:
+            pushes = check_pushes(pushes, len(self.states), steps)
+        asked = torque, *(self._at_once if earlier is None else (earlier, switch)), pushes
+        self._run(self._every if rows is None else rows, asked, steps, meanwhile, finish)
 
     def lookahead(
         self, torque: float = 0.0, rows: Ints | None = None, pushes: Array | None = None
@@ -185,62 +445,10 @@ class Batch(PlacedRobots):
         states, deflection = self.states[rows], self.deflection[rows]  # copies
         in_contact = self.in_contact
         try:
-            asked = np.full(len(self.states), torque), *self._at_once, pushes
-            self._run(rows, asked, 1)
+            self._run(rows, (np.full(len(self.states), torque), *self._at_once, pushes), 1)
         finally:
             self.states[rows], self.deflection[rows] = states, deflection
             self.in_contact = in_contact
-
-    def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
-        if self.held:
-            check_held(state)
-        self.states[row] = state
-        self._ask_ground(np.array([row]))
-        self.deflection[row] = UNKNOWN_DEFLECTION if deflection is None else deflection
-        if row == 0:
-            self.in_contact = None
-
-    def keep(self, rows: Ints) -> Callable[[], None]:
-        kept = ("states", "deflection", "slip", "contact_force", "accumulators", "diverged")
-        before = [(array := getattr(self, name), array[rows]) for name in kept]  # copies
-        in_contact = self.in_contact
-
-        def undo() -> None:
-            for array, values in before:
-                array[rows] = values
-            self._ask_ground(rows)
-            self.any_diverged, self.in_contact = bool(self.diverged.any()), in_contact
-
-        return undo
-
-    def energy(self, row: int) -> float:
-        """Kinetic plus potential energy of a robot, J (potential 0 with its mass at y = 0)."""
-        return float(energy(row, self.states, self.rows, self.designs.model.body, self._sums))
-
-    def step(
-        self,
-        torque: Array,
-        steps: int,
-        earlier: Array | None = None,
-        switch: NDArray[np.int64] | None = None,
-        rows: Ints | None = None,
-        meanwhile: Callable[[], None] | None = None,
-        pushes: Array | None = None,
-        finish: Callable[[Ints], None] | None = None,
-    ) -> None:
-        """Hold crank torques, see :meth:`jansen_env.plants.base.BatchedPlant.step`.
-
-        A robot that becomes faster than :data:`jansen_env.engine.integrator.DIVERGED`, or
-        gets so deep into the ground that it is not found, stays as it was before, without
-        entries in :attr:`accumulators` and :attr:`contact_statistics`, and is named in
-        :attr:`diverged`. The others go on.
-        """
-        if pushes is None:
-            pushes = self._no_pushes
-        else:
-            pushes = check_pushes(pushes, len(self.states), steps)
-        asked = torque, *(self._at_once if earlier is None else (earlier, switch)), pushes
-        self._run(self._every if rows is None else rows, asked, steps, meanwhile, finish)
 
     def _run(
         self,
@@ -263,7 +471,7 @@ class Batch(PlacedRobots):
         duration = steps * self.time_step
         if duration > self._longest:
             self._longest = duration
-            self.rows["status"]["asked_x"] = np.inf
+            self._status["asked_x"] = np.inf
             self._ask_ground(self._every)
         trace, plain = self._no_trace, self._untraced
         if self.tracing:
@@ -282,13 +490,27 @@ class Batch(PlacedRobots):
         far, diverged = self._threads.move(len(rows), move, meanwhile)
         if diverged:
             lost = self._refuse(rows, before)
-            if finish is not None and len(lost) > 0:
+            if finish is not None:
                 finish(lost)
         if far:
             self._ask_ground(rows)
         self._keep_trace(trace)
 
-    def _keep_trace(self, trace: NDArray[np.void]) -> None:
+    def _refuse(self, rows: Ints, before: tuple[Array, Array | None]) -> Ints:
+        """Return the robots that have diverged, left as they were ``before``: state, deflection."""
+        gone = self._status["lost"][rows]
+        lost = rows[gone]
+        self.diverged[lost] = self.any_diverged = True
+        self.states[lost] = before[0][gone]
+        if before[1] is not None:
+            self.deflection[lost] = before[1][gone]
+        self.accumulators[lost] = 0.0
+        self.slip[lost] = self.contact_force[lost] = 0.0
+        for name in ("slip", "impulse"):
+            self.contact_statistics[name][lost] = 0.0
+        return lost
+
+    def _keep_trace(self, trace: Rows) -> None:
         """Keep the trace of a step (no rows: of none), unless the first robot has diverged."""
         if self.any_diverged and self.diverged[0]:
             self.trace, self.touchdowns = self._no_trace, np.zeros(0, bool)
@@ -300,24 +522,54 @@ class Batch(PlacedRobots):
         self.touchdowns = find_touchdowns(trace, self.in_contact)
         self.in_contact = pads_in_contact(trace)[-1]
 
-    def _refuse(self, rows: Ints, before: tuple[Array, Array | None]) -> Ints:
-        """Return the robots that have diverged, left as they were ``before``: state, deflection."""
-        gone = self.rows["status"]["lost"][rows]
-        lost = rows[gone]
-        if len(lost) == 0:
-            return lost
-        self.diverged[lost] = self.any_diverged = True
-        self.states[lost] = before[0][gone]
-        if before[1] is not None:
-            self.deflection[lost] = before[1][gone]
-        self.accumulators[lost] = 0.0
-        self.slip[lost] = self.contact_force[lost] = 0.0
-        for name in ("slip", "impulse"):
-            self.contact_statistics[name][lost] = 0.0
-        return lost
+    def refusal(self, torque: float) -> FloatingPointError:
+        """Return the error of the first robot's last step, which was refused."""
+        return divergence(self.states[0], torque)
+
+    def energy(self, row: int) -> float:
+        """Kinetic plus potential energy of a robot, J (potential 0 with its mass at y = 0)."""
+        return float(energy(row, self.states, self.rows, self.designs.model.body, self._sums))
+
+    def pad_centres(self, row: int) -> Array:
+        """(pads, 2) centres of a robot's pads, toes first, m."""
+        model, design = self.designs.model, self.designs.number[row]
+        collision.pad_centres(
+            self.states[row], model.pads[design], model.layout[design], self._centres
+        )
+        return self._centres[: self.pads].copy()
+
+    def contact_frames(self, row: int) -> tuple[Array, Array]:
+        """(toes, 2) points of the ground nearest to a robot's toes and its tangents there.
+
+        Where no ground is within reach, the pad's lowest point and +x.
+        """
+        centres, radius = self.pad_centres(row)[: self.toes], self.robots[row].pad_radius
+        points = centres - np.array([0.0, radius])
+        tangents = np.tile([1.0, 0.0], (self.toes, 1))
+        if self.held:
+            return points, tangents
+        status = self._status[row]
+        status["margin"] = SPECULATIVE_MARGIN
+        collision.planes_near(row, centres, self.rows, self.surface, self._world, self.planes)
+        planes = self.planes[status["first_plane"] : status["end_plane"]]
+        for plane in planes[::-1]:  # a pad's nearest comes last
+            pad, normal = plane["pad"], np.array([plane["normal_x"], plane["normal_y"]])
+            points[pad] = centres[pad] - radius * normal
+            tangents[pad] = normal[1], -normal[0]
+        return points, tangents
 
     def joint_forces(self, torque: float = 0.0, push: Array | None = None) -> JointForces:
-        if self.held:  # no impacts: forces at this instant
+        """Mean forces in every joint of the first robot in the next time step.
+
+        They contain a landing toe's impulse / time step; of a held robot, forces at this instant.
+
+        Args:
+            torque: N m, of the crank. push: (2,) N s, the impulse on the chassis in that step.
+
+        Raises:
+            FloatingPointError: it diverges in that step.
+        """
+        if self.held:
             robot, (q, q_dot) = self.tables_in_force(0).robot, np.split(self.states[0], 2)
             gravity = self.effective_gravity
             return joint_forces(robot, q, q_dot, torque, fixed_base=True, gravity=gravity)
@@ -333,6 +585,7 @@ class Batch(PlacedRobots):
             self.tracing, self.trace, self.touchdowns = kept
 
     def peak_loads(self) -> PeakLoads:
+        """The largest loads on joints of the first robot in its last step, if it was traced."""
         return peak_loads(self._traced_forces().bearing, self.touchdowns, self.time_step)
 
     def _traced_forces(self) -> JointForces:
@@ -340,21 +593,9 @@ class Batch(PlacedRobots):
         tables, gravity = self.tables_in_force(0), self.effective_gravity
         return trace_forces(tables, self.trace, self.time_step, gravity)
 
-    def refusal(self, torque: float) -> FloatingPointError:
-        """Return the error of the first robot's last step, which was refused."""
-        return divergence(self.states[0], torque)
-
-    @property
-    def gravity(self) -> tuple[float, float]:
-        """(x, y) m/s^2, the first robot's gravity without its tilt."""
-        params = self.nominal_params[0]
-        return float(params["gravity_x"]), float(params["gravity_y"])
-
-    @property
-    def effective_gravity(self) -> tuple[float, float]:
-        """(x, y) m/s^2, the first robot's gravity under its tilt."""
-        params = self.params[0]
-        return float(params["gravity_x"]), float(params["gravity_y"])
+    def close(self) -> None:
+        """Let go of threads."""
+        self._threads.close()
 
     def __getstate__(self) -> dict[str, Any]:
         """The arguments, and what has become of them: everything else is made again from them."""
@@ -364,8 +605,8 @@ class Batch(PlacedRobots):
     def __setstate__(self, saved: dict[str, Any]) -> None:
         pairs = zip(saved["terrains"], saved["nominal"]["restitution"].tolist(), strict=True)
         grounds = [  # as compliant pads must have them now
-            terrain if terrain.restitution == own else replace(terrain, restitution=own)
-            for terrain, own in pairs
+            terrain if terrain.restitution == value else replace(terrain, restitution=value)
+            for terrain, value in pairs
         ]
         self.__init__(saved["robots"], grounds, *saved["_arguments"])  # type: ignore[misc]
         self.terrains[:] = saved["terrains"]
@@ -377,10 +618,7 @@ class Batch(PlacedRobots):
         self.tracing, self.in_contact = saved["tracing"], saved["in_contact"]
         self.any_diverged = bool(self.diverged.any())
 
-    def close(self) -> None:
-        self._threads.close()
 
-
-def _plain(trace: NDArray[np.void]) -> Array:
+def _plain(trace: Rows) -> Array:
     """Return a trace as plain numbers (steps, numbers)."""
     return trace.view(float).reshape(len(trace), trace.dtype.itemsize // 8)

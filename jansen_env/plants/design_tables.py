@@ -13,8 +13,7 @@ from jansen_env.dynamics.reduced import Tables, compile_robot, design_of
 from jansen_env.engine.collision import SPECULATIVE_MARGIN
 from jansen_env.engine.mathematics import directions, lengths_of
 from jansen_env.engine.reach import put_reach
-from jansen_env.engine.records import Model
-from jansen_env.plants.robot_data import farthest, kernel_model
+from jansen_env.engine.records import PAD, Model
 from jansen_env.robot import Robot
 
 Array = NDArray[np.float64]
@@ -34,8 +33,8 @@ class DesignTables:
     Attributes:
         number: (robots,) row of each robot. model: of all designs, along the first axis.
         depths: (designs, PITCHES + 1) of :func:`non_toe_depths`. extent: (designs,) m, how far from
-            the crank axis a pad's centre can be. farthest: (designs, 2, 2) of
-            :func:`jansen_env.plants.robot_data.farthest`.
+            the crank axis a pad's centre can be. farthest: (designs, 2, 2) largest |c| and |c'|,
+            kg m, of a robot without its load; and of its pads' p and p', m.
 
     Raises:
         ValueError: tables that have not converged; LinkageError: a robot cannot turn its crank.
@@ -93,9 +92,22 @@ class DesignTables:
         self._designs[row], self._rows[design] = design, row
         for every, own in zip(self.model, kernel_model(tables), strict=True):
             every[row] = own[0]
-        self.depths[row], self.farthest[row] = non_toe_depths(tables), farthest(tables)
+        self.depths[row] = non_toe_depths(tables)
+        self.farthest[row, 0] = lengths_of(tables.body[:, :2, :2]).max(axis=0)
+        self.farthest[row, 1] = lengths_of(tables.pads[:, :, :2, :2]).max(axis=(0, 1))
         places = tables.pads[:, :, 0, :2]
         self.extent[row] = BETWEEN * lengths_of(places).max()
+
+
+def kernel_model(tables: Tables) -> Model:
+    """The kernels' view of one design, along a first axis of length 1."""
+    layout = np.zeros(len(tables.layout.joint), PAD)
+    legs = [tables.robot.legs[i] for i in tables.layout.leg]
+    layout["table"] = tables.layout.joint
+    layout["phase"] = [leg.phase if leg.side == "fore" else math.pi - leg.phase for leg in legs]
+    layout["mirror"] = [1.0 if leg.side == "fore" else -1.0 for leg in legs]
+    views = tables.body, tables.pads, layout, tables.bearings
+    return Model(*(np.array([table]) for table in views))
 
 
 def non_toe_depths(tables: Tables) -> Array:

@@ -10,80 +10,26 @@ A parameter in neither table of effects below is honoured by no plant, and refus
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+import math
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.engine import mathematics
+from jansen_env.engine.records import PARAMS
 from jansen_env.parameters import OF_ROBOTS, PARAMETERS, plain
-from jansen_env.plants.robot_data import set_arms
 from jansen_env.robot import Compliance, Robot
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.void]
 
+BOUND = 1.1  # what lies between the angles of the tables is less than so much larger
 LIMITS = np.array([(PARAMETERS[name].least, PARAMETERS[name].most) for name in OF_ROBOTS]).T
 """The least and the most of each parameter."""
 
-
-def _scaled_links(robot: Robot, mass: float, inertia: float) -> Robot:
-    links = (
-        replace(link, mass=mass * link.mass, inertia=inertia * link.inertia)
-        for link in robot.bodies
-    )
-    return replace(robot, bodies=tuple(links))
-
-
-def _scaled_pads(robot: Robot, stiffness: float, damping: float) -> Robot:
-    pads = robot.pad_compliance
-    if pads.rigid:
-        return robot
-    normal, tangential = pads.tangential_stiffness or 0.0, pads.tangential_damping or 0.0
-    scaled = Compliance(
-        stiffness * pads.stiffness, damping * pads.damping, stiffness * normal, damping * tangential
-    )
-    return replace(robot, pad_compliance=scaled)
-
-
-def _with_motor(robot: Robot, **numbers: float) -> Robot:
-    return replace(robot, motor=replace(robot.motor, **numbers))
-
-
-def _loaded(robot: Robot, x: float | None = None, y: float | None = None) -> Robot:
-    own_x, own_y = robot.payload.position
-    place = own_x if x is None else x, own_y if y is None else y
-    return replace(robot, payload=replace(robot.payload, position=place))
-
-
-ON_ROBOTS: dict[str, Callable[[Robot, float], Robot]] = {
-    "payload": lambda robot, value: replace(robot, payload=replace(robot.payload, mass=value)),
-    "payload_x": lambda robot, value: _loaded(robot, x=value),
-    "payload_y": lambda robot, value: _loaded(robot, y=value),
-    "inertia_scale": lambda robot, value: _scaled_links(robot, 1.0, value),
-    "mass_scale": lambda robot, value: _scaled_links(robot, value, value),
-    "damping_scale": lambda robot, value: replace(
-        robot, damping=tuple(value * one for one in robot.damping)
-    ),
-    "foot_stiffness_scale": lambda robot, value: _scaled_pads(robot, value, 1.0),
-    "foot_damping_scale": lambda robot, value: _scaled_pads(robot, 1.0, value),
-    "motor_strength": lambda robot, value: _with_motor(
-        robot,
-        stall_torque=value * robot.motor.stall_torque,
-        torque_limit=value * robot.motor.torque_limit,
-    ),
-    "rotor_inertia_scale": lambda robot, value: _with_motor(
-        robot, rotor_inertia=value * robot.motor.rotor_inertia
-    ),
-}
-"""The machine that a robot is under a value of each parameter."""
-ON_TERRAINS = ("friction", "restitution")
-"""Fields of a terrain."""
-ON_GRAVITY = "tilt"
-HONOURED_BY_MACHINES = frozenset({*ON_ROBOTS, *ON_TERRAINS, ON_GRAVITY})
-"""Parameters of a plant that is built of :func:`machine_of` and :func:`terrain_of`."""
 
 COPIED = {
     "friction": "friction", "restitution": "restitution", "payload": "load_mass",
@@ -98,19 +44,46 @@ SCALED = {
     "rotor_inertia_scale": ("rotor_pitch", "rotor_coupling", "rotor_crank"),
 }
 """The numbers that it scales."""
-HONOURED_BY_KERNELS = frozenset({*COPIED, *SCALED, ON_GRAVITY})
-"""Parameters of a plant that goes by :func:`apply_to_kernels`."""
+ON_TERRAINS = ("friction", "restitution")
+"""Fields of a terrain."""
+HONOURED = frozenset({*COPIED, *SCALED, "tilt"})
+"""Names of the parameters that the plants know."""
 
 
 def machine_of(robot: Robot, row: np.void) -> Robot:
-    """Return the machine that a robot is under a row of parameters."""
-    for name, effect in ON_ROBOTS.items():
-        robot = effect(robot, float(row[name]))
-    return robot
+    """The robot with these parameters applied."""
+    values = dict(zip(OF_ROBOTS, row.item(), strict=True))
+    mass, inertia = values["mass_scale"], values["inertia_scale"]
+    strength, motor, pads = values["motor_strength"], robot.motor, robot.pad_compliance
+    if not pads.rigid:
+        stiffness, damping = values["foot_stiffness_scale"], values["foot_damping_scale"]
+        pads = Compliance(
+            stiffness * pads.stiffness,
+            damping * pads.damping,
+            stiffness * (pads.tangential_stiffness or 0.0),
+            damping * (pads.tangential_damping or 0.0),
+        )
+    place = values["payload_x"], values["payload_y"]
+    return replace(
+        robot,
+        bodies=tuple(
+            replace(link, mass=mass * link.mass, inertia=mass * (inertia * link.inertia))
+            for link in robot.bodies
+        ),
+        damping=tuple(values["damping_scale"] * each for each in robot.damping),
+        payload=replace(robot.payload, mass=values["payload"], position=place),
+        motor=replace(
+            motor,
+            stall_torque=strength * motor.stall_torque,
+            torque_limit=strength * motor.torque_limit,
+            rotor_inertia=values["rotor_inertia_scale"] * motor.rotor_inertia,
+        ),
+        pad_compliance=pads,
+    )
 
 
 def terrain_of(terrain: Terrain, row: np.void) -> Terrain:
-    """Return the ground that a terrain is under a row of parameters."""
+    """The terrain with these parameters applied."""
     numbers = {name: float(row[name]) for name in ON_TERRAINS}
     return replace(terrain, **numbers)  # type: ignore[arg-type]
 
@@ -121,6 +94,32 @@ def tilted(gravity: tuple[float, float], tilt: float) -> tuple[float, float]:
     return cos * x + sin * y, cos * y - sin * x
 
 
+def kernel_row(robot: Robot) -> Rows:
+    """(1,) PARAMS of a robot, its crank free, weightless on level slippery ground.
+
+    How far its pads get is not known yet, see :func:`apply_to_kernels`.
+    """
+    load, motor, pads = robot.payload, robot.motor, robot.pad_compliance
+    row = np.zeros(1, PARAMS)
+    row["mass"], row["load_mass"], row["load_inertia"] = robot.mass, load.mass, load.inertia
+    row["own_inertia"] = len(robot.legs) * math.fsum(body.inertia for body in robot.bodies)
+    row["mass_scale"] = row["inertia_scale"] = row["damping_scale"] = 1.0
+    row["load_x"], row["load_y"] = load.position
+    row["pad_radius"] = robot.pad_radius
+    J, G = motor.rotor_inertia, motor.gear_ratio
+    row["rotor_pitch"], row["rotor_coupling"], row["rotor_crank"] = J, G * J, G * G * J
+    row["stall_torque"], row["torque_slope"] = motor.stall_torque, motor.slope
+    row["most_torque"] = motor.most_torque
+    row["winding"], row["limited"] = motor.winding, motor.stall_torque < np.inf
+    row["driving"], row["driven"] = 1.0 / motor.efficiency, motor.efficiency
+    row["viscous_friction"], row["gear_friction"] = motor.viscous_friction, motor.friction
+    row["dry"] = motor.friction > 0.0 or any(robot.bearing_friction)
+    row["compliant"] = not pads.rigid
+    row["stiffness"] = pads.stiffness, pads.tangential_stiffness
+    row["pad_damping"] = pads.damping, pads.tangential_damping
+    return row
+
+
 def apply_to_kernels(
     params: Rows, values: Rows, links_mass: Array, centre: Array, pad: Array
 ) -> None:
@@ -128,19 +127,24 @@ def apply_to_kernels(
 
     Args:
         params: (k,) of ``PARAMS``. values: (k,) of ``ROBOT_PARAMETERS``. links_mass: kg, of the
-            design. centre, pad: of :func:`jansen_env.plants.robot_data.farthest`.
+            design. centre: (k, 2) largest |c| and |c'| of the design without its load, kg m.
+            pad: (k, 2) largest |p| and |p'| of its pads, m.
     """
-    for name, field in COPIED.items():
-        params[field] = values[name]
+    for name, copied in COPIED.items():
+        params[copied] = values[name]
     for name, fields in SCALED.items():
         for field in fields:
             scale = values[name]
             params[field] *= scale if params[field].ndim == 1 else scale[:, None]
     params["mass"] = values["mass_scale"] * links_mass + values["payload"]
-    set_arms(params, centre, pad)
+    scale, mass = params["mass_scale"], params["mass"]
+    for k, name in enumerate(("pitch_arm", "crank_arm")):
+        params[name] = BOUND * (scale * centre[:, k] / mass + pad[:, k])
+    load = np.sqrt(params["load_x"] ** 2 + params["load_y"] ** 2)
+    params["pitch_arm"] += params["load_mass"] * load / mass
     params["winding"] /= values["motor_strength"]  # the no-load speed stays
     x, y = params["gravity_x"].copy(), params["gravity_y"].copy()
-    cos, sin = mathematics.directions(values[ON_GRAVITY]).T
+    cos, sin = mathematics.directions(values["tilt"]).T
     params["gravity_x"], params["gravity_y"] = cos * x + sin * y, cos * y - sin * x
 
 

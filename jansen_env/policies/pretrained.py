@@ -32,7 +32,7 @@ from jansen_env.checks import (
     within,
 )
 from jansen_env.files import read_bounded
-from jansen_env.plants.make import plant_time_step
+from jansen_env.plants.plant import plant_time_step
 from jansen_env.policies.network import (
     ACTIVATIONS,
     CRANK_ANGLE,

@@ -16,7 +16,7 @@ import numpy as np
 from jansen_env import checks
 from jansen_env.checks import instance, listed, load_record, non_negative, positive, shown, within
 from jansen_env.parameters import LONGEST_DELAY
-from jansen_env.plants.make import plant_time_step
+from jansen_env.plants.plant import plant_time_step
 from jansen_env.robot import ROBOTS, Compliance, Payload, Robot
 from jansen_env.robot.motor import MOTORS, Motor
 from jansen_env.robot.robot_file import read_robot

@@ -16,9 +16,9 @@ from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine import readings
 from jansen_env.gravity import GRAVITY
 from jansen_env.parameters import CHANGED_BY, LONGEST_DELAY, PARAMETERS
-from jansen_env.plants.base import LARGEST, BatchedPlant
+from jansen_env.plants.base import LARGEST
 from jansen_env.plants.initial_pose import static_deflection
-from jansen_env.plants.make import make_batch, plant_time_step
+from jansen_env.plants.plant import BatchedPlant, make_batch, plant_time_step
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.uniform import uniform
 from jansen_env.world import settings, single_robots

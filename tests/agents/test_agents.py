@@ -21,7 +21,7 @@ from jansen_env.baselines.walker_baselines import (
 )
 from jansen_env.commands import evaluate
 from jansen_env.commands.named_policies import load_named
-from jansen_env.plants.make import PLANTS
+from jansen_env.plants.plant import PLANTS
 from jansen_env.scoring import metrics
 from jansen_env.scoring.benchmarks import WALKER
 from jansen_env.scoring.rollout import make_env, run_episodes

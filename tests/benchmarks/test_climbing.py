@@ -10,7 +10,7 @@ from benchmarks import climbing
 from benchmarks.climbing import Walked
 from benchmarks.measure import load_policies
 from jansen_env import Terrain
-from jansen_env.plants.make import PLANTS
+from jansen_env.plants.plant import PLANTS
 from jansen_env.terrain.generators import LEVELS, at_level
 
 DOCS = Path(__file__).parents[2] / "docs" / "terrain"

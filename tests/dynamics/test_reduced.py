@@ -10,7 +10,7 @@ from jansen_env import Bar, LinkageError, Payload, Robot, paper_robot
 from jansen_env.dynamics import projection as pr
 from jansen_env.dynamics import reduced as rd
 from jansen_env.dynamics.reduced import compile_robot
-from jansen_env.plants.robot_data import kernel_model
+from jansen_env.plants.design_tables import kernel_model
 from jansen_env.robot.kinematics import coordinates, joint_positions
 
 LOAD = Payload(mass=1.7, inertia=0.3, position=(0.2, 0.4))

@@ -10,8 +10,7 @@ from jansen_env import Robot, Terrain
 from jansen_env.engine.collision import MARGIN, SPECULATIVE_MARGIN, planes_near
 from jansen_env.engine.records import PLANE, ROBOT, WORLD
 from jansen_env.plants.grounds import FASTEST, Grounds
-from jansen_env.plants.projected import ProjectionPlant
-from jansen_env.plants.rigid_body import RigidBodyPlant
+from jansen_env.plants.plant import ProjectionPlant, RigidBodyPlant
 
 RADIUS = 0.01  # m, of the pads
 HILLS = Terrain(((-2.0, 0.5), (-1.0, 0.0), (0.0, 0.2), (1.0, 0.1), (2.0, 0.6)))

@@ -12,7 +12,7 @@ from jansen_env import Payload, Terrain, paper_robot
 from jansen_env.dynamics import projection as pr
 from jansen_env.dynamics.inverse import crank_torque
 from jansen_env.paper import free_walk
-from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.plants.plant import ProjectionPlant
 
 TURN = np.linspace(0.0, 2.0 * math.pi, 720, endpoint=False)
 

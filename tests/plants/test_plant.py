@@ -12,8 +12,7 @@ from jansen_env import ROBOTS, Bar, LinkageError, Robot, Terrain
 from jansen_env.engine.placement import PLACEMENT_DEPTH
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.initial_pose import static_deflection
-from jansen_env.plants.projected import ProjectionPlant
-from jansen_env.plants.rigid_body import RigidBodyPlant
+from jansen_env.plants.plant import ProjectionPlant, RigidBodyPlant
 from jansen_env.robot.lengths import lengths, with_lengths
 
 ROUGH = Terrain.rough(np.random.default_rng(7), start=-20.0)
@@ -158,7 +157,7 @@ def test_what_a_robot_in_the_ground_gets_from_nothing():
 
 ABSURD_TORQUES = """
 from jansen_env import Robot, Terrain
-from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.plants.plant import ProjectionPlant
 plant = ProjectionPlant(Robot(), Terrain.flat())
 for power in range(6, 15):
     for crank_angle in (0.0, 0.3, 1.0):

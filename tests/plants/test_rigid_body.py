@@ -12,8 +12,8 @@ from motions import pinned, walked
 
 from jansen_env import ROBOTS, Payload, Robot, Terrain, paper_robot
 from jansen_env.dynamics.reduced import compile_robot, energy, mass_matrix
-from jansen_env.plants.projected import ProjectionPlant
-from jansen_env.plants.rigid_body import TIME_STEP, RigidBodyPlant
+from jansen_env.plants.plant import ProjectionPlant, RigidBodyPlant
+from jansen_env.plants.rigid.rigid_batch import TIME_STEP
 from jansen_env.robot.kinematics import world_joints
 
 FLYING = np.array([0.3, 5.0, 0.2, 1.1, 0.4, 1.0, -0.7, 2.0])
@@ -185,7 +185,7 @@ def test_slip_of_a_walk_is_the_projection_plants():
 RUN = """
 import numpy as np
 from jansen_env import Terrain, paper_robot
-from jansen_env.plants.rigid_body import RigidBodyPlant
+from jansen_env.plants.plant import RigidBodyPlant
 plant = RigidBodyPlant(paper_robot(), Terrain.rough(np.random.default_rng(0), start=0.1))
 plant.reset()
 rng = np.random.default_rng(1)

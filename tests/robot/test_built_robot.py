@@ -10,8 +10,7 @@ import pytest
 from benchmarks import built_robot as measured
 from jansen_env import MOTORS, Terrain, built_robot
 from jansen_env.drawings.materials import bill_of_materials
-from jansen_env.plants.make import make_plant
-from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.plants.plant import ProjectionPlant, make_plant
 from jansen_env.plants.trace import trace_forces
 from jansen_env.robot import BEARING_LOADS
 from jansen_env.robot import buildable as built

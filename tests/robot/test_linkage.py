@@ -9,8 +9,7 @@ import pytest
 from jansen_env import LinkageError, Terrain, paper_robot, phased_legs, robot_from_joints
 from jansen_env.dynamics import projection as pr
 from jansen_env.dynamics.reduced import compile_robot, mass_matrix
-from jansen_env.plants.projected import ProjectionPlant
-from jansen_env.plants.rigid_body import RigidBodyPlant
+from jansen_env.plants.plant import ProjectionPlant, RigidBodyPlant
 from jansen_env.robot import JANSEN, ROBOTS, Linkage
 from jansen_env.robot.kinematics import joint_positions, nearest_dead_point, toe_positions
 from jansen_env.robot.zoo import ZOO, standing_height

@@ -11,7 +11,7 @@ from test_grooves import grooves
 from jansen_env import ROBOTS, Robot, Terrain
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.batch import Batch
-from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.robot import Compliance
 from jansen_env.terrain.generators import HIGHEST, LEVELS, make_generator
 

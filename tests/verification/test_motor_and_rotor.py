@@ -10,7 +10,7 @@ from motions import FLIGHT, HOLD, PADS, audit, governor, pads, pinned, placed
 from jansen_env import Motor, Payload, Robot, Terrain
 from jansen_env.dynamics import reduced as rd
 from jansen_env.plants.batch import Batch
-from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.robot import ROBOTS
 from jansen_env.robot.zoo import ZOO
 

@@ -15,7 +15,7 @@ from jansen_env.dynamics import reduced as rd
 from jansen_env.dynamics.projection import system_coordinates
 from jansen_env.gravity import GRAVITY
 from jansen_env.paper import toes
-from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.robot.kinematics import T, world_joints
 
 HOLD = 0.02  # s, for which a torque is held

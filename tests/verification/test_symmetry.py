@@ -15,7 +15,7 @@ from motions import FLIGHT, HOLD, ODD, governor, placed
 from jansen_env import ROBOTS, Leg, Payload, Robot, Terrain, paper_robot
 from jansen_env.engine.placement import PLACEMENT_DEPTH
 from jansen_env.gravity import GRAVITY
-from jansen_env.plants.projected import ProjectionPlant
+from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.robot import Bar, Plate
 
 TOUCHING = 1e-9  # m, by which the small robot is in the ground

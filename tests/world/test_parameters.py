@@ -10,7 +10,7 @@ from jansen_env import Compliance, Motor, Payload, Robot, Terrain, parameters
 from jansen_env.parameters import PARAMETERS, TABLE, markdown
 from jansen_env.plants import robot_parameters
 from jansen_env.plants.batch import Batch
-from jansen_env.plants.make import make_batch
+from jansen_env.plants.plant import make_batch
 
 ROOT = Path(__file__).parents[2]
 MACHINE = {"payload": Payload(0.5, 0.01, (0.05, 0.1)),
@@ -50,11 +50,9 @@ def test_every_parameter_changes_the_walk_on_both_plants(row, plant):
 @pytest.mark.parametrize("plant", PLANTS)
 def test_a_row_that_no_plant_knows_is_refused_by_name(plant, monkeypatch):
     """As if nobody had told the plants of it; the others go on."""
-    for honours in ("HONOURED_BY_MACHINES", "HONOURED_BY_KERNELS"):
-        assert {*parameters.OF_ROBOTS} == getattr(robot_parameters, honours)
+    assert {*parameters.OF_ROBOTS} == robot_parameters.HONOURED
     for kind in (Batch, type(make_batch("rigid_body", [Robot()], [Terrain.flat()]))):
         monkeypatch.setattr(kind, "honours", kind.honours - {"mass_scale"})
-    monkeypatch.setattr("jansen_env.plants.batch_robots.BatchRobots.honours", Batch.honours)
     ranges = {"mass_scale": (0.9, 1.1)}
     with pytest.raises(ValueError, match="'mass_scale', which this plant does not honour"):
         gym.make("JansenWalker-v0", plant=plant, randomize=ranges)

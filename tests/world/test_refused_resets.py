@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jansen_env import Bar, Compliance, LinkageError, Payload, built_robot
-from jansen_env.plants.rigid_batch import RigidBodyBatch
+from jansen_env.plants.rigid.rigid_batch import RigidBodyBatch
 
 HEAVIER = replace(built_robot(), payload=Payload(0.5))
 OPEN = built_robot().with_bodies(crank=Bar(0.2))  # it does not close

@@ -27,7 +27,6 @@ from jansen_env.engine.integrator import DIVERGED
 from jansen_env.engine.records import ROBOT, UNKNOWN_DEFLECTION
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.parameters import ROBOT_PARAMETERS, nominal, take_load
-from jansen_env.plants import bodies as links
 from jansen_env.plants.base import (
     check_held,
     check_legs,
@@ -35,20 +34,28 @@ from jansen_env.plants.base import (
     check_time_step,
     divergence,
 )
-from jansen_env.plants.bodies import CHASSIS, SHAFT
-from jansen_env.plants.body_space import BodySpace
-from jansen_env.plants.geared_rotor import GearedRotor
 from jansen_env.plants.initial_pose import resting_pose, static_deflection
+from jansen_env.plants.rigid import bodies
+from jansen_env.plants.rigid.bodies import (
+    ANGLE,
+    CHASSIS,
+    SHAFT,
+    SPIN,
+    VX,
+    VY,
+    BodySpace,
+    Snapshot,
+    turn_motions,
+)
+from jansen_env.plants.rigid.pad_forces import PadContacts, SpringPads, Sums, check_stiffness
 from jansen_env.plants.robot_parameters import (
-    HONOURED_BY_MACHINES,
+    HONOURED,
     check_restitution,
     check_values,
     machine_of,
     terrain_of,
     tilted,
 )
-from jansen_env.plants.snapshot import ANGLE, SPIN, VX, VY, Snapshot, Sums
-from jansen_env.plants.spring_pads import SpringPads, check_stiffness
 from jansen_env.plants.trace import PeakLoads
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import check_closure
@@ -63,11 +70,77 @@ TOUCHDOWN_ITERATIONS = 2000  # in one in which a pad may touch down, with nothin
 BEFORE_END = 5.0  # m, from the end of the ground at which a robot must turn back
 MAX_JOINT_GAP = 0.01  # m, a joint's gap beyond which the robot is no longer one
 CHANGING = ("parameters", "rows", "slip", "contact_force", "joint_gap", "diverged")
+TWIST = 0.3  # rad: what the gear's fastest vibration turns on in a time step
+TWIST_DAMPING = 0.125  # its damping ratio
 LOOKAHEAD = 0.01  # s, after which pymunk's impulses on a robot placed again have settled
 
 
+class GearedRotor:
+    """The motor's rotor, of an inertia above 0, as a body behind a stiff gear.
+
+    The rotor turns in the chassis; a gear of ratio G makes it turn by theta + G psi. That gear is a
+    torsional spring and damper here, on the twist delta = phi - theta - G psi = phi - G alpha - (1
+    - G) theta of the rotor's angle phi and the shaft's alpha = theta + psi, so that a torque lambda
+    on the rotor comes with -G lambda on the shaft and (G - 1) lambda on the chassis: together
+    nothing, as no gear changes the angular momentum of the whole. The spring is as stiff as the
+    time step lets it be, and its damper as strong as an eighth of a critical one.
+
+    Attributes:
+        angle: phi, rad. speed: rad/s. torque: the gear's on the rotor in the next time step, N m.
+        energy: of the rotor and the gear's spring, J. loss: in the gear in the last time step, J.
+    """
+
+    def __init__(self, robot: Robot, time_step: float) -> None:
+        motor = robot.motor
+        self.inertia, self.ratio, self.time_step = motor.rotor_inertia, motor.gear_ratio, time_step
+        twist = np.array([0.0, 0.0, -1.0, -self.ratio])  # its rate, of the rates of q
+        inverse = 1.0 / self.inertia + max(
+            float(twist @ np.linalg.solve(motion.mass_matrix, twist))
+            for motion in turn_motions(robot)
+        )
+        self.stiffness = (TWIST / time_step) ** 2 / inverse  # N m/rad, at the rotor
+        self.damping = 2.0 * TWIST_DAMPING * TWIST / time_step / inverse
+        self.angle = self.speed = self.torque = self.energy = self.loss = 0.0
+
+    def start(self, motion: Array) -> None:
+        """Turn as an ideal gear would have it, from a motion (bodies, 6) on."""
+        self.angle, self.speed = (
+            motion[CHASSIS, k] + self.ratio * (motion[SHAFT, k] - motion[CHASSIS, k])
+            for k in (ANGLE, SPIN)
+        )
+        self._twist_rate = self.torque = 0.0
+        self._load(motion)
+
+    def step(self, motion: Array) -> None:
+        """End a time step in which the bodies came to a motion (bodies, 6)."""
+        self.angle += self.time_step * self.speed
+        self.speed += self.time_step * self.torque / self.inertia
+        self._load(motion)
+
+    def _load(self, motion: Array) -> None:
+        """The gear's torque: of the twist at the end of the time step, as pymunk moves first."""
+        h, before = self.time_step, self._twist_rate
+        twist, self._twist_rate = (
+            value - motion[CHASSIS, k] - self.ratio * (motion[SHAFT, k] - motion[CHASSIS, k])
+            for value, k in ((self.angle, ANGLE), (self.speed, SPIN))
+        )
+        rate = self._twist_rate
+        # Velocities are those of the middle of the move that comes next (leapfrog).
+        middle = twist + 0.5 * h * rate
+        self.energy = 0.5 * self.inertia * self.speed**2 + 0.5 * self.stiffness * middle**2
+        self.loss = h * self.damping * before * 0.5 * (before + rate)
+        self.torque = -self.stiffness * (twist + h * rate) - self.damping * rate
+
+    @property
+    def on_bodies(self) -> tuple[float, float]:
+        """The gear's torque on the chassis and on the shaft in the next time step, N m."""
+        return (self.ratio - 1.0) * self.torque, -self.ratio * self.torque
+
+
 class RigidBodyBatch:
-    """A robot on a terrain, body by body, as a :class:`jansen_env.plants.base.BatchedPlant` of one.
+    """A robot on a terrain, body by body.
+
+    What is not documented here is as of :class:`jansen_env.plants.batch.Batch`, of one robot.
 
     Args:
         time_step: of pymunk, s. gravity: m/s^2 downwards, or a vector (x, y).
@@ -80,7 +153,7 @@ class RigidBodyBatch:
             robot's pads; LinkageError: the robot cannot turn its crank.
     """
 
-    honours = HONOURED_BY_MACHINES
+    honours = HONOURED
     changeable: frozenset[str] = frozenset()
     knows_joint_forces, joints_open, tracing = False, True, False
 
@@ -108,7 +181,7 @@ class RigidBodyBatch:
         self.accumulators = self.rows["accumulators"]
         self.diverged, self.any_diverged = np.zeros(1, bool), False
         self.lookahead_steps = max(1, round(LOOKAHEAD / self.time_step))
-        self._owners = links.pad_bodies(robot, pad_layout(robot))
+        self._owners = bodies.pad_bodies(robot, pad_layout(robot))
         self.gravity = gravity_vector(gravity)
         self._apply_parameters()
         self._build(np.zeros(8))
@@ -119,7 +192,7 @@ class RigidBodyBatch:
         robot = self._machine = machine_of(self.robots[0], values)
         terrain = self._ground = terrain_of(self.terrains[0], values)
         self._effective_gravity = tilted(self.gravity, float(values["tilt"]))
-        self._friction = links.joint_friction(robot)
+        self._friction = bodies.joint_friction(robot)
         self._springs = self._rotor = None
         if not robot.pad_compliance.rigid:
             self._springs = SpringPads(robot, terrain, self._owners, self.time_step)
@@ -202,9 +275,10 @@ class RigidBodyBatch:
 
     def _build(self, state: Array, bristle: Array | None = None) -> None:
         """Put the robot into ``state`` in a new space; bristle: (pads,) m, of compliant pads."""
-        pull, h = self._effective_gravity, self.time_step
-        self._space = BodySpace(self._machine, self._ground, pull, h, state, self.fixed_base)
-        self.states[0], self._contacts = self._space.state, self._space.contacts
+        pull = self._effective_gravity
+        self._space = BodySpace(self._machine, self._ground, pull, state, self.fixed_base)
+        self._contacts = PadContacts(self._space, self._ground, self.time_step)
+        self.states[0] = self._space.state
         now = self._space.snapshot()
         if self._springs is not None:
             self._springs.start(now, self._space.space, bristle)
@@ -240,8 +314,8 @@ class RigidBodyBatch:
         """Place the robot, see :meth:`jansen_env.plants.batch.Batch.place_at`, where ground is."""
         within("x", x, *self._ends)
         angle = float(crank_angles[0])
-        level = links.poses(self._machine, np.array([0.0, 0.0, 0.0, angle]))
-        masses = links.inertias(self._machine)[:, 0]
+        level = bodies.poses(self._machine, np.array([0.0, 0.0, 0.0, angle]))
+        masses = bodies.inertias(self._machine)[:, 0]
         centre = masses @ level[:, 1:] / masses.sum()
         y, theta = resting_pose(self._machine, centre, self._ground, x, angle, pitch)
         y -= static_deflection(self._machine, -self._effective_gravity[1])

@@ -1,14 +1,4 @@
-"""Compliant pads of the rigid-body plant: explicit springs, dampers and bristles.
-
-Along the ground's normal f_n = -k g - d g', while the gap g is negative, and never a pull; along
-the ground a bristle of length s with f_t = -k_t s - d_t s', |f_t| <= mu f_n: it follows the pad
-while it holds, and keeps the length at which the law holds while it slides. The law is that of
-the projection plant, the way to it is not: forces of the last velocity and of the place where the
-bodies will be (pymunk moves them first), on the bodies, without a complementarity problem. So the
-time step must be short, see :func:`check_stiffness`.
-
-A pad is pushed by the nearest point of the ground alone: in a groove, by the nearer side.
-"""
+"""Pads of the rigid-body plant on the ground, rigid or compliant, and sums over its step."""
 
 from __future__ import annotations
 
@@ -16,23 +6,139 @@ import math
 
 import numpy as np
 import pymunk
+import pymunk.batch
 from numpy.typing import NDArray
 
-from jansen_env.plants import bodies as links
-from jansen_env.plants.snapshot import SPIN, VX, VY, Snapshot, Sums
+from jansen_env.plants.rigid.bodies import (
+    SLOP,
+    SPIN,
+    VX,
+    VY,
+    BodySpace,
+    Snapshot,
+    turn_motions,
+)
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+_Arbiter = pymunk.batch.ArbiterFields
+_CONTACT = _Arbiter.BODY_A_ID | _Arbiter.TOTAL_IMPULSE | _Arbiter.NORMAL | _Arbiter.POINT_A_1
 
+CONTACT_HYSTERESIS = 2e-3  # s for which a loaded pad may be off the ground and count as on it
 SHORT_ENOUGH = 1.0  # (k h^2 + d h) / effective mass; beyond 2 to 4 the springs would swing up
 FLAT = 1e-9  # m: nearer to the ground, its own normal is taken
+
+
+class Sums:
+    """Sums over a step: energies, J; of each pad the path it slid, m, and its impulse (2,), N s."""
+
+    def __init__(self, pads: int) -> None:
+        self.motor_work = self.push_work = self.electrical_work = 0.0
+        self.joint_loss = self.slip_loss = self.impact_loss = 0.0
+        self.joint_gap = self.torque_impulse = 0.0  # of the motor beyond what was last asked for
+        self.slip, self.impulse = np.zeros(pads), np.zeros((pads, 2))
+
+    def fill(self, total: np.void, toes: int, torque: float, steps: int, h: float) -> None:
+        """Put them into ACCUMULATORS after steps of ``h`` s under a torque asked for, N m."""
+        for name in ("motor_work", "push_work", "electrical_work", "joint_loss", "slip_loss",
+                     "impact_loss"):  # fmt: skip
+            total[name] = getattr(self, name)
+        total["contact_gain"] = total["worst_residual"] = math.nan
+        total["non_toe_impulse"] = self.impulse[toes:, 1].sum()
+        lacking = torque + self.torque_impulse / (steps * h) - torque  # of the mean, as rounded
+        total["torque_impulse"] = lacking * steps * h
+
+
+class PadContacts:
+    """What pymunk's contacts do to a robot's pads on a ground, and which of them lands next."""
+
+    def __init__(self, space: BodySpace, ground: Terrain, time_step: float) -> None:
+        self._space, self._index, self._ground = space.space, space.index, ground
+        owners = self._owners = space.owners
+        self._radius, self._time_step = space.radius, time_step
+        self._pads_of = {
+            body: [k for k, b in enumerate(owners) if b == body] for body in set(owners)
+        }
+        self._touched = pymunk.batch.Buffer()
+        self._off = np.full(len(owners), math.inf)  # s since a pad was last on the ground
+        self._pending = np.zeros(len(owners))  # m it moved along the ground since then
+        self._normals = np.tile([0.0, 1.0], (len(owners), 1))
+        self._gaps = np.full(len(owners), math.inf)  # at first all may land
+
+    @property
+    def pressed(self) -> Bools:
+        """(pads,) the pads on the ground now or within :data:`CONTACT_HYSTERESIS`."""
+        return self._off <= CONTACT_HYSTERESIS
+
+    def set_pressed(self, pressed: Bools | None) -> None:
+        """Take (pads,) the pads on the ground just before; None: not known, none."""
+        self._off[:] = math.inf if pressed is None else np.where(pressed, 0.0, math.inf)
+        self._pending[:] = 0.0
+
+    def note(self, touching: Bools) -> None:
+        """Note (pads,) the pads that touched in a time step."""
+        self._off = np.where(touching, 0.0, self._off + self._time_step)
+
+    def book(self, now: Snapshot, sums: Sums) -> tuple[float, bool]:
+        """Book slip and impulses of a time step; friction's loss, and whether a pad landed.
+
+        A loaded pad hops by nanometres, off the ground for a few time steps: what it slides then is
+        counted when it is back within :data:`CONTACT_HYSTERESIS`, and coming back is no landing.
+        """
+        self._touched.clear()
+        pymunk.batch.get_space_arbiters(self._space, _CONTACT, self._touched)
+        ids = np.frombuffer(self._touched.int_buf(), dtype=np.uintp).tolist()
+        values = np.frombuffer(self._touched.float_buf()).reshape(-1, 6).tolist()
+        touching, loss = np.zeros(len(self._owners), bool), 0.0
+        # pymunk's order is that of pointers: by position it is the same in every process.
+        for (px, py, nx, ny, x, y), name in sorted(zip(values, ids, strict=True)):
+            normal = -(px * nx + py * ny)
+            if normal <= 0.0:
+                continue
+            body = self._index[name]
+            pad = min(self._pads_of[body], key=lambda k: self._off_rim(now.pads[k], x, y))
+            tangential = -px * ny + py * nx
+            speed = now.speed_along(body, x, y, -ny, nx)
+            sums.slip[pad] += self._time_step * abs(speed)
+            sums.impulse[pad] += tangential, normal
+            loss -= tangential * speed
+            touching[pad] = True
+            self._normals[pad] = -nx, -ny
+        back = touching & (self._off <= CONTACT_HYSTERESIS)
+        sums.slip[back] += self._pending[back]
+        landed = bool((touching & (self._off > CONTACT_HYSTERESIS)).any())
+        self._off = np.where(touching, 0.0, self._off + self._time_step)
+        self._pending[self._off == 0.0] = 0.0
+        for pad in np.flatnonzero((self._off > 0.0) & (self._off <= CONTACT_HYSTERESIS)).tolist():
+            (nx, ny), (x, y) = self._normals[pad].tolist(), now.pads[pad].tolist()
+            x, y = x - self._radius * nx, y - self._radius * ny
+            speed = now.speed_along(self._owners[pad], x, y, ny, -nx)
+            self._pending[pad] += self._time_step * abs(speed)
+        return loss, landed
+
+    def _off_rim(self, pad: Array, x: float, y: float) -> float:
+        """Return the distance of a point from the rim of a pad, m: two pads may be on one body."""
+        return abs(math.hypot(x - pad[0], y - pad[1]) - self._radius)
+
+    def landing_soon(self, now: Snapshot) -> bool:
+        """Whether a pad that is not on the ground may touch it within the next two time steps.
+
+        By the ground straight below it: on rough ground some landings go unforeseen.
+        """
+        x, y = now.pads.T
+        tilt = np.sqrt(1.0 + self._ground.gradient(x) ** 2)
+        gaps = (y - self._ground.height(x)) / tilt - self._radius
+        fallen = self._gaps - gaps
+        self._gaps = gaps
+        return bool(((self._off > 0.0) & (gaps - 2.0 * fallen < SLOP)).any())
 
 
 def check_stiffness(robot: Robot, time_step: float, owners: list[int]) -> None:
     """Raise ValueError unless a time step, s, is short enough for the pads' springs and dampers."""
     give, lightest = robot.pad_compliance, math.inf
-    for motion in links.turn_motions(robot):
+    for motion in turn_motions(robot):
         inverse = np.linalg.inv(motion.mass_matrix)
         for pad, owner in zip(motion.pads, owners, strict=True):
             x, y = pad - motion.poses[owner, 1:]
@@ -53,7 +159,19 @@ def check_stiffness(robot: Robot, time_step: float, owners: list[int]) -> None:
 
 
 class SpringPads:
-    """The pads of a robot on a terrain; ``owners``: the body that each is part of.
+    """Compliant pads of a robot on a terrain: explicit springs, dampers and bristles.
+
+    Along the ground's normal f_n = -k g - d g', while the gap g is negative, and never a pull;
+    along the ground a bristle of length s with f_t = -k_t s - d_t s', |f_t| <= mu f_n: it follows
+    the pad while it holds, and keeps the length at which the law holds while it slides. The law is
+    that of the projection plant, the way to it is not: forces of the last velocity and of the place
+    where the bodies will be (pymunk moves them first), on the bodies, without a complementarity
+    problem. So the time step must be short, see :func:`check_stiffness`.
+
+    A pad is pushed by the nearest point of the ground alone: in a groove, by the nearer side.
+
+    Args:
+        owners: the body that each is part of. time_step: s.
 
     Attributes:
         bristle: (pads,) s now, m. stored: energy in springs and bristles, J.

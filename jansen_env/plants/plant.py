@@ -1,0 +1,300 @@
+"""The plants of one robot, views of a batch of one, and plants by name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env.checks import finite, one_of, positive
+from jansen_env.dynamics.joint_forces import JointForces
+from jansen_env.dynamics.reduced import Tables
+from jansen_env.gravity import GRAVITY, Gravity
+from jansen_env.parameters import ROBOT_PARAMETERS
+from jansen_env.plants.base import (
+    ENERGIES,
+    StepResult,
+    check_in_contact,
+    check_pushes,
+    check_state,
+)
+from jansen_env.plants.batch import DETECTION_INTERVAL, TIME_STEP, Batch
+from jansen_env.plants.rigid.rigid_batch import ITERATIONS, TOUCHDOWN_ITERATIONS, RigidBodyBatch
+from jansen_env.plants.rigid.rigid_batch import TIME_STEP as RIGID_TIME_STEP
+from jansen_env.plants.trace import PeakLoads
+from jansen_env.robot import Robot
+from jansen_env.terrain import Terrain
+
+Array = NDArray[np.float64]
+BatchedPlant: TypeAlias = Batch | RigidBodyBatch
+"""n robots on their terrains: their methods and attributes are those of :class:`Batch`."""
+
+FIRST = np.zeros(1, np.int64)
+
+
+class Plant:
+    """A robot on a terrain: reset, step(torque), state. It is a :attr:`batch` of one."""
+
+    batch: BatchedPlant
+
+    def __init__(self, batch: BatchedPlant) -> None:
+        self.batch = batch
+        self.time_step, self.toes = batch.time_step, batch.toes
+
+    @property
+    def robot(self) -> Robot:
+        """The robot, without parameters."""
+        return self.batch.robots[0]
+
+    @property
+    def terrain(self) -> Terrain:
+        """The terrain, without parameters."""
+        return self.batch.terrains[0]
+
+    @property
+    def state(self) -> Array:
+        """(8,) x, y, theta, psi and their rates, a copy; x, y the crank axis, m, rad, s."""
+        return self.batch.states[0].copy()
+
+    @state.setter
+    def state(self, value: Array) -> None:
+        self.batch.set_state(0, check_state(value))
+
+    @property
+    def x(self) -> float:
+        """Position of the crank axis along the ground, m."""
+        return float(self.batch.states[0, 0])
+
+    @property
+    def gravity(self) -> tuple[float, float]:
+        """(x, y) m/s^2, without the tilt of the parameters; a :data:`Gravity` may be set."""
+        return self.batch.gravity
+
+    @gravity.setter
+    def gravity(self, value: Gravity) -> None:
+        self.batch.change(0, {"gravity": value})
+
+    @property
+    def nominal(self) -> np.void:
+        """The robot's and its ground's own numbers, for :meth:`set_parameters`."""
+        return self.batch.nominal[0].copy()
+
+    def set_parameters(self, values: np.void) -> None:
+        """Put parameters in force, see :meth:`Batch.set_parameters`."""
+        self.batch.set_parameters(FIRST, np.array([values], ROBOT_PARAMETERS))
+
+    @property
+    def in_contact(self) -> NDArray[np.bool_] | None:
+        """(pads,) the pads on the ground; None where that is not known.
+
+        Part of the state only in that it says what lands next: set it after :attr:`state`.
+        """
+        in_contact = self.batch.in_contact
+        return None if in_contact is None else in_contact.copy()
+
+    @in_contact.setter
+    def in_contact(self, value: Any) -> None:
+        self.batch.in_contact = check_in_contact(value, len(self.batch.deflection[0]))
+
+    def reset(self, x: float = 0.0, crank_angle: float = 0.0, pitch: float | None = None) -> Array:
+        """Place the robot at rest, see :meth:`Batch.place_at`; returns the new state (8,)."""
+        self.batch.place_at(FIRST, np.array([finite("crank_angle", crank_angle)]), x, pitch)
+        return self.state
+
+    def lookahead(self, torque: float = 0.0, push: Array | None = None) -> StepResult:
+        """Result of the next time step (rigid bodies: 10 ms); the state stays as it is.
+
+        ``push``: (2,) N s, the impulse on the chassis in the first time step, None for none.
+        """
+        pushes = None if push is None else check_pushes(push)[None, None]
+        self.batch.lookahead(torque, pushes=pushes)
+        return self._result(torque, self.batch.lookahead_steps)
+
+    def step(
+        self,
+        torque: float,
+        duration: float,
+        earlier: float = 0.0,
+        switch: int = 0,
+        pushes: Array | None = None,
+    ) -> StepResult:
+        """Hold a crank torque for a while.
+
+        Args:
+            torque: N m on the crank, counter-clockwise positive (and its reaction on the chassis).
+            duration: s, rounded to whole time steps.
+            earlier, switch, pushes (steps, 2): as of one robot in
+                :meth:`Batch.step`.
+
+        Raises:
+            ValueError: a duration out of range, or pushes of another shape.
+            FloatingPointError: the simulation diverged: a speed that nothing has, a pad deep in the
+                ground; with rigid bodies also a joint that came apart, or a robot at the end of the
+                ground. The state is as it was before.
+        """
+        steps = max(1, round(positive("duration", duration) / self.time_step))
+        asked, before = np.array([torque], dtype=float), np.array([earlier], dtype=float)
+        impulses = None if pushes is None else check_pushes(pushes, steps)[None]
+        self.batch.step(asked, steps, before, np.array([switch]), pushes=impulses)
+        return self._result(torque, steps)
+
+    def _result(self, torque: float, steps: int) -> StepResult:
+        """Return the result of the batch's last step, of so many time steps."""
+        batch = self.batch
+        if batch.any_diverged:
+            raise batch.refusal(torque)
+        total = batch.accumulators[0]
+        sums = dict(zip(total.dtype.names or (), total.item(), strict=True))
+        return StepResult(
+            slip=batch.slip[0].copy(),
+            contact_force=batch.contact_force[0].copy(),
+            non_toe_contact=sums["non_toe_impulse"] > 0.0,
+            residual=sums["worst_residual"],
+            joint_gap=float(batch.joint_gap[0]),
+            torque=torque + sums["torque_impulse"] / (steps * self.time_step),
+            **{name: sums[name] for name in ENERGIES},
+        )
+
+    def contact_frames(self) -> tuple[Array, Array]:
+        """(toes, 2) points and tangents, see :meth:`Batch.contact_frames`."""
+        return self.batch.contact_frames(0)
+
+    def toe_positions(self) -> Array:
+        """(toes, 2) centres of the toe pads, m."""
+        return self.batch.pad_centres(0)[: self.toes]
+
+    def energy(self) -> float:
+        """Kinetic plus potential energy, J (potential 0 with the centre of mass at y = 0)."""
+        return self.batch.energy(0)
+
+
+class ProjectionPlant(Plant):
+    """A robot on a terrain, by the projected equations: arguments and errors of :class:`Batch`."""
+
+    batch: Batch
+
+    def __init__(
+        self,
+        robot: Robot,
+        terrain: Terrain,
+        time_step: float = TIME_STEP,
+        gravity: Gravity = GRAVITY,
+        detection_interval: float = DETECTION_INTERVAL,
+        held: bool = False,
+    ) -> None:
+        super().__init__(Batch([robot], [terrain], time_step, gravity, detection_interval, 1, held))
+
+    @property
+    def detection_interval(self) -> float:
+        """Time between two looks for the ground, s."""
+        return self.batch.detection_interval
+
+    @property
+    def tables(self) -> Tables:
+        """The compiled robot under its parameters."""
+        return self.batch.tables_in_force(0)
+
+    @property
+    def prescribed_crank_speed(self) -> bool:
+        """Whether the crank keeps its speed whatever torque that takes: locked, if it stands."""
+        return bool(self.batch.params["prescribed_speed"][0])
+
+    @prescribed_crank_speed.setter
+    def prescribed_crank_speed(self, driven: bool) -> None:
+        self.batch.params["prescribed_speed"] = bool(driven)
+
+    @property
+    def tracing(self) -> bool:
+        """Whether :meth:`step` keeps a record of its time steps in :attr:`trace`."""
+        return self.batch.tracing
+
+    @tracing.setter
+    def tracing(self, value: bool) -> None:
+        self.batch.tracing = bool(value)
+
+    @property
+    def trace(self) -> NDArray[np.void]:
+        """(steps,) time steps of the last :meth:`step` or :meth:`lookahead`, see :class:`Batch`."""
+        return self.batch.trace
+
+    @property
+    def touchdowns(self) -> NDArray[np.bool_]:
+        """(steps,) whether a pad touched down in each time step of the last traced :meth:`step`."""
+        return self.batch.touchdowns
+
+    def joint_forces(self, torque: float = 0.0, push: Array | None = None) -> JointForces:
+        """Forces in every joint in the next time step, see :meth:`Batch.joint_forces`."""
+        return self.batch.joint_forces(torque, push)
+
+    def peak_loads(self) -> PeakLoads:
+        """The largest loads on any joint in the last :meth:`step`, which must have been traced."""
+        return self.batch.peak_loads()
+
+
+class RigidBodyPlant(Plant):
+    """A robot on a terrain, body by body: arguments and errors of :class:`RigidBodyBatch`."""
+
+    batch: RigidBodyBatch
+
+    def __init__(
+        self,
+        robot: Robot,
+        terrain: Terrain,
+        time_step: float = RIGID_TIME_STEP,
+        gravity: Gravity = GRAVITY,
+        iterations: int = ITERATIONS,
+        touchdown_iterations: int = TOUCHDOWN_ITERATIONS,
+        fixed_base: bool = False,
+    ) -> None:
+        numbers = iterations, touchdown_iterations, fixed_base
+        super().__init__(RigidBodyBatch(robot, terrain, time_step, gravity, *numbers))
+
+
+PLANTS = {"projection": TIME_STEP, "rigid_body": RIGID_TIME_STEP}
+"""The plants' names, and their time steps, s."""
+
+
+def plant_time_step(name: str, time_step: float | None = None) -> float:
+    """Return a plant's default time step, s, for None. Raises ValueError: not a plant's name."""
+    default = PLANTS[one_of("plant", name, sorted(PLANTS))]
+    return default if time_step is None else time_step
+
+
+def make_plant(name: str, robot: Robot, terrain: Terrain, time_step: float | None = None) -> Plant:
+    """Return a plant of :data:`PLANTS`, with its default time step for None.
+
+    Raises:
+        ValueError: another name, or an argument out of range.
+    """
+    return plant_of(make_batch(name, [robot], [terrain], time_step))
+
+
+def make_batch(
+    name: str,
+    robots: Sequence[Robot],
+    terrains: Sequence[Terrain],
+    time_step: float | None = None,
+    threads: int | None = None,
+) -> BatchedPlant:
+    """Return robots on their terrains, moved by a plant of :data:`PLANTS`.
+
+    Raises:
+        ValueError: another name, an argument out of range, or several robots of a plant that moves
+            one.
+    """
+    step = plant_time_step(name, time_step)
+    if name == "projection":
+        return Batch(robots, terrains, step, threads=1 if len(robots) == 1 else threads)
+    if len(robots) > 1:
+        raise ValueError(f"plant is {name!r}, must be 'projection' for several robots at once")
+    return RigidBodyBatch(robots[0], terrains[0], step)
+
+
+def plant_of(batched: BatchedPlant) -> Plant:
+    """Return the view of a batch of one robot."""
+    kind = ProjectionPlant if isinstance(batched, Batch) else RigidBodyPlant
+    plant = kind.__new__(kind)
+    Plant.__init__(plant, batched)
+    return plant

@@ -15,28 +15,19 @@ import shlex
 import sys
 import time
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from agents.command_line import add_run_flags
 from agents.training.config import new_config
-from agents.training.process import outlive_readers
-from agents.training.runs import (
-    FINAL,
-    best_score,
-    last_state,
-    locked,
-    new_run_folder,
-    read_evaluations,
-    record_run,
-)
+from agents.training.runs import FINAL, last_state, locked, new_run_folder, record_run
 from agents.training.scores import outcome, score_run
 from agents.training.train_model import prepare, train
 from jansen_env.commands.flags import Parser, env_id, non_negative_int
-from jansen_env.sb3.run_config import ALGORITHMS, TO_RESUME, load_config
+from jansen_env.sb3.run_config import ALGORITHMS, RunConfig, load_config
 from jansen_env.scoring.benchmarks import DEFAULT, find_benchmark
 
 
@@ -65,42 +56,31 @@ def main(arguments: list[str] | None = None) -> Path:
     """Train, score and draw; return the run's folder."""
     args = parse(arguments)
     given = sys.argv[1:] if arguments is None else arguments
-    command, resume = shlex.join(["python", "train.py", *given]), None
     torch.set_num_threads(1)
     with ExitStack() as stack:
         try:
-            config = _configure(args)
+            config, resume = _configure(args), None
             if args.resume:
                 folder = Path(args.resume)
                 stack.enter_context(locked(folder))
                 resume = last_state(folder)
             model = prepare(config, resume)  # nothing is written before this is good
             if not args.resume:
-                try:
-                    folder = new_run_folder(args.log_folder, config["algo"], config["env"])
-                except OSError as error:
-                    raise ValueError(f"--log-folder cannot be written to: {error}") from error
+                folder = new_run_folder(args.log_folder, config.algo, config.env)
                 stack.enter_context(locked(folder))
-        except ValueError as error:
-            raise SystemExit(f"train.py: error: {error}") from error
-        try:
+            command = shlex.join(["python", "train.py", *given])
             _run(args, config, model, folder, resume, command)
-        except OSError as error:
+        except (OSError, ValueError) as error:
             raise SystemExit(f"train.py: error: {error}") from error
     return folder
 
 
 def _run(
-    args: argparse.Namespace,
-    config: dict[str, Any],
-    model: BaseAlgorithm,
-    folder: Path,
-    resume: Path | None,
-    command: str,
-) -> None:
+    args: argparse.Namespace, config: RunConfig, model: BaseAlgorithm, folder: Path,
+    resume: Path | None, command: str,
+) -> None:  # fmt: skip
     """Train and score in a run's folder."""
-    start = time.perf_counter()
-    algo, env_id, target = config["algo"], config["env"], config["timesteps"]
+    start, target = time.perf_counter(), config.timesteps
     if args.resume and resume is None:
         print(f"no checkpoint in {folder} yet: the run starts from its beginning")
     if resume is not None and resume.name == FINAL and model.num_timesteps >= target:
@@ -109,35 +89,31 @@ def _run(
         record_run(folder, config, command)
         if resume is not None:
             print(f"resuming from {resume} at {model.num_timesteps} steps")
-        print(f"training: {algo.upper()} on {env_id}, {target} steps -> {folder}", flush=True)
+        print(f"training: {config.algo.upper()} on {config.env}, {target} steps -> {folder}",
+              flush=True)  # fmt: skip
         tensorboard = args.tensorboard_log
         train(
             model, config, folder, eval_every=args.eval_freq, save_every=args.save_freq,
             tensorboard=str(folder / "tensorboard") if tensorboard is None else tensorboard or None,
             resume=resume, progress=not args.no_progress and sys.stderr.isatty(),
         )  # fmt: skip
-    trained = time.perf_counter()
-    baselines = ", ".join(find_benchmark(env_id).baselines)
-    print(f"scoring: the best model against {baselines}, after {trained - start:.0f} s", flush=True)
+    baselines, seconds = (
+        ", ".join(find_benchmark(config.env).baselines),
+        time.perf_counter() - start,
+    )
+    print(f"scoring: the best model against {baselines}, after {seconds:.0f} s", flush=True)
     print(f"\n{outcome(folder, score_run(folder, config, args.eval_episodes))}")
 
 
-def _configure(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the run's configuration, with algorithm, environment and seed.
-
-    Raises:
-        ValueError: a file is missing or invalid.
-    """
+def _configure(args: argparse.Namespace) -> RunConfig:
+    """Return the run's configuration; a ValueError where a file is missing or invalid."""
     if args.resume:
         fixed = ("algo", "env", "n_envs", "seed", "env_kwargs", "config")
         given = [f"--{name.replace('_', '-')}" for name in fixed if getattr(args, name) is not None]
         if given:
-            raise SystemExit(f"--resume takes these from the run's config.yml: {', '.join(given)}")
-        config = load_config(Path(args.resume) / "config.yml", required=TO_RESUME)
-        config["timesteps"] = args.timesteps or config["timesteps"]
-        best_score(Path(args.resume))  # damage shows before anything is written
-        read_evaluations(Path(args.resume))
-        return config
+            raise ValueError(f"--resume takes these from the run's config.yml: {', '.join(given)}")
+        config = load_config(Path(args.resume) / "config.yml")
+        return replace(config, timesteps=args.timesteps or config.timesteps)
     return new_config(
         args.config, args.algo, args.env, args.env_kwargs,
         timesteps=args.timesteps, n_envs=args.n_envs, seed=args.seed,
@@ -145,7 +121,6 @@ def _configure(args: argparse.Namespace) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    outlive_readers()
     try:
         main()
     except KeyboardInterrupt:  # before training or after it

@@ -6,28 +6,32 @@ It writes ``ENV_ID/NAME.json``, with the policy's scores, and ``NAME.safetensors
 
 from __future__ import annotations
 
-import argparse
 import json
 import platform
+from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from safetensors.numpy import save
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, FlattenExtractor
 from torch import nn
 
 import jansen_env
+from agents.training.train_model import prepare
+from jansen_env.checks import shown
 from jansen_env.commands.flags import Parser, non_negative_int, positive_int
 from jansen_env.commands.named_policies import model_file
 from jansen_env.files import write_bytes, write_json
 from jansen_env.policies import pretrained
 from jansen_env.policies.pretrained import PretrainedPolicy
-from jansen_env.sb3.model_files import read_model
 from jansen_env.sb3.normalizer import CLIP, MIN_DEVIATION, NormalizedObservation
-from jansen_env.sb3.run_config import TO_RESUME, find_config, load_config
-from jansen_env.sb3.trained import load_policy
+from jansen_env.sb3.run_config import RunConfig, find_config, load_config, make_config
+from jansen_env.sb3.trained import load_policy, read_model, untrained_policy
 from jansen_env.scoring.evaluation import evaluate
 from jansen_env.scoring.rollout import make_env
 
@@ -77,25 +81,6 @@ def _features(extractor: nn.Module, path: str) -> list[dict[str, Any]]:
     return blocks
 
 
-def _describe(policy: Any, config: dict[str, Any], training: dict[str, Any]) -> dict[str, Any]:
-    """Return the JSON file's content but for checksum and scores."""
-    env: Any = make_env(config["env"], config.get("env_kwargs", {}))
-    plain = env.unwrapped
-    env.close()
-    return {
-        "format": pretrained.FORMAT,
-        "env": {"id": config["env"], "kwargs": config.get("env_kwargs", {})},
-        "observation": [{"name": row.name, "unit": row.unit} for row in plain.observed],
-        # The unit is a share of the limit, N m; the time is in s.
-        "action": {"name": "crank_torque", "unit": "torque_limit",
-                   "torque_limit": plain.torque_limit, "control_dt": plain.control_dt},
-        "network": describe_network(policy),
-        "training": {**training, "config": config},
-        "versions": {"jansen_env": jansen_env.__version__, "python": platform.python_version(),
-                     **{name: version(name) for name in LIBRARIES}},
-    }  # fmt: skip
-
-
 def pack(
     run: str | Path, name: str | None = None, out: str | Path = "policies", episodes: int = 10,
     seed: int = 0,
@@ -103,43 +88,111 @@ def pack(
     """Write a run's best model, or a model's file, as ``out``/ENV_ID/NAME.json and .safetensors.
 
     Args:
-        run: folder or file. name: of the policy; None for that of its algorithm.
+        run: folder or file; a policy's JSON file has its scores made again, in place.
+        name: of the policy; None for that of its algorithm.
         episodes, seed: of the scores, as of :func:`jansen_env.scoring.evaluation.evaluate`.
 
     Raises:
         ValueError: there is no such model, or it has a part that cannot be packed.
     """
-    packed = from_run(run)
-    name = name or packed.description["training"]["config"]["algo"]
-    packed.description["scores"] = scores_of(packed, episodes, seed)
-    path, weights = Path(out) / packed.env_id / f"{name}.json", save(packed.tensors)
+    if Path(run).suffix == ".json":
+        policy, path = pretrained.load_file(run), Path(run)
+    else:
+        policy = from_run(run)
+        name = name or policy.description["training"]["config"]["algo"]
+        path = Path(out) / policy.env_id / f"{name}.json"
+    policy.description["scores"] = scores_of(policy, episodes, seed)
+    weights = save(policy.tensors)
     write_bytes(path.with_suffix(".safetensors"), weights)
-    return write_json(path, {**packed.description, "sha256": pretrained.checksum(weights)})
+    return write_json(path, {**policy.description, "sha256": pretrained.checksum(weights)})
+
+
+def scores_of(policy: PretrainedPolicy, episodes: int, seed: int = 0) -> dict[str, Any]:
+    """Return the scores of :func:`jansen_env.evaluate`, and how to have them again."""
+    scores = evaluate(
+        {"it": policy}, policy.env_id, policy.env_kwargs, episodes=episodes, seed=seed
+    )["it"]  # fmt: skip
+    return {"episodes_per_command": episodes, "seed": seed, "overall": scores["overall"],
+            "by_command": scores["by_command"]}  # fmt: skip
 
 
 def from_run(run: str | Path) -> PretrainedPolicy:
     """Return a run's best model, or a model's file, as :func:`pack` does, but without scores."""
     model = model_file(str(run)) or Path(run)
-    policy: Any = load_policy(model)
-    source = find_config(model)
-    config = load_config(source, required=TO_RESUME)
-    commands = source.parent / "command.txt"
+    policy, source = load_policy(model), find_config(model)
+    config, commands = load_config(source), source.parent / "command.txt"
     lines = commands.read_text("utf-8", "replace").splitlines() if commands.is_file() else []
+    env: Any = make_env(config.env, config.env_kwargs).unwrapped
+    description = {
+        "format": pretrained.FORMAT,
+        "env": {"id": config.env, "kwargs": config.env_kwargs},
+        "observation": [{"name": row.name, "unit": row.unit} for row in env.observed],
+        # The unit is a share of the limit, N m; the time is in s.
+        "action": {"name": "crank_torque", "unit": "torque_limit",
+                   "torque_limit": env.torque_limit, "control_dt": env.control_dt},
+        "network": describe_network(policy),
+        "training": {"command": lines, "steps": read_model(model).steps, "config": asdict(config)},
+        "versions": {"jansen_env": jansen_env.__version__, "python": platform.python_version(),
+                     **{name: version(name) for name in LIBRARIES}},
+    }  # fmt: skip
+    env.close()
     tensors = {
         key: np.ascontiguousarray(tensor.float().numpy())  # counts of steps, too
         for key, tensor in policy.state_dict().items()
         if not key.startswith(COPY)
     }
-    training = {"command": lines, "steps": read_model(model, ())[1]}
-    packed = PretrainedPolicy(_describe(policy, config, training), tensors)
+    packed = PretrainedPolicy(description, tensors)
     check_equal(packed, load_policy(model))
     return packed
 
 
-def rescore(path: str | Path, episodes: int = 10, seed: int = 0) -> Path:
-    """Make the scores in a policy's JSON file again, as where metrics have changed."""
-    policy = pretrained.load_file(path)
-    return write_json(path, {**policy.description, "scores": scores_of(policy, episodes, seed)})
+def load_sb3(env_id: str, name: str = pretrained.DEFAULT) -> BaseAlgorithm:
+    """Load a policy that comes with the package as a model, see :func:`to_sb3`."""
+    return to_sb3(pretrained.load(env_id, name))
+
+
+def to_sb3(packed: PretrainedPolicy) -> BaseAlgorithm:
+    """Return a policy as the model that it was trained as, on the environments of its training; the
+    optimiser starts again.
+
+    Raises:
+        ValueError: its training's configuration is not allowed, or of another environment.
+    """
+    model = prepare(_training_config(packed))
+    _fill(model.policy, packed)
+    return model
+
+
+def to_policy(packed: PretrainedPolicy) -> BasePolicy:
+    """Return a policy as the one in PyTorch that it was packed of; errors are :func:`to_sb3`'s."""
+    try:
+        policy = untrained_policy(_training_config(packed))
+    except (AssertionError, TypeError) as error:  # arguments that do not go together
+        raise ValueError(str(error)) from error
+    _fill(policy, packed)
+    return policy
+
+
+def _training_config(packed: PretrainedPolicy) -> RunConfig:
+    """Return the configuration that a policy was trained with."""
+    training = packed.description.get("training")
+    config = make_config(training.get("config") if isinstance(training, dict) else None)
+    for name, value in (("env", packed.env_id), ("env_kwargs", packed.env_kwargs)):
+        if (trained := getattr(config, name)) != value:
+            raise ValueError(f"training.config.{name} is {shown(trained)}, must be {shown(value)}")
+    return config
+
+
+def _fill(policy: BasePolicy, packed: PretrainedPolicy) -> None:
+    """Put the packed weights into a policy of Stable-Baselines3; ValueError: they do not fit."""
+    state = {name: torch.from_numpy(array.copy()) for name, array in packed.tensors.items()}
+    for name in policy.state_dict():
+        if name.startswith(COPY):
+            state[name] = state.get(name.replace(COPY, "critic.", 1), torch.empty(0))
+    try:
+        policy.load_state_dict(state)
+    except RuntimeError as error:
+        raise ValueError(f"the weights do not fit: {' '.join(str(error).split())}") from error
 
 
 def check_equal(packed: PretrainedPolicy, policy: Any, count: int = 10_000) -> float:
@@ -179,17 +232,8 @@ def in_float64(policy: Any) -> Any:
     return policy
 
 
-def scores_of(policy: PretrainedPolicy, episodes: int, seed: int = 0) -> dict[str, Any]:
-    """Return the scores of :func:`jansen_env.evaluate`, and how to have them again."""
-    scores = evaluate(
-        {"pretrained": policy}, policy.env_id, policy.env_kwargs, episodes=episodes, seed=seed
-    )["pretrained"]
-    return {"episodes_per_command": episodes, "seed": seed, "overall": scores["overall"],
-            "by_command": scores["by_command"]}  # fmt: skip
-
-
-def parse(arguments: list[str] | None = None) -> argparse.Namespace:
-    """Parse the command line."""
+def main(arguments: list[str] | None = None) -> None:
+    """Pack a policy; print where it is and its scores."""
     parser = Parser("python -m agents.pack", __doc__,
                     "python -m agents.pack logs/ppo/JansenWalkerBuilt-v0_1",
                     "python -m agents.pack model.zip --name mine --out policies")  # fmt: skip
@@ -202,20 +246,10 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--episodes", type=positive_int, default=10, help="per command, of the scores; default: 10")
     add("--seed", type=non_negative_int, default=0, help="of the scores; default: 0")
     args = parser.parse_args(arguments)
-    args.error = parser.error
-    return args
-
-
-def main(arguments: list[str] | None = None) -> None:
-    """Pack a policy; print where it is and its scores."""
-    args = parse(arguments)
     try:
-        if Path(args.run).suffix == ".json":
-            path = rescore(args.run, args.episodes, args.seed)
-        else:
-            path = pack(args.run, args.name, args.out, args.episodes, args.seed)
+        path = pack(**vars(args))
     except (OSError, ValueError) as error:
-        args.error(str(error))
+        parser.error(str(error))
     scores = json.loads(path.read_text(encoding="utf-8"))["scores"]["overall"]
     weights = path.with_suffix(".safetensors")
     print(f"written: {path} ({path.stat().st_size / 1000:.0f} kB), {weights}")

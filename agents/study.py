@@ -1,46 +1,223 @@
-"""Train many runs and compare them over seeds: ``python -m agents.study --seeds 10``."""
+"""Train many runs on Ray Tune and compare them over seeds: ``python -m agents.study``."""
 
 from __future__ import annotations
 
 import os
 
-# Before torch is loaded, as in train.py: the number of threads changes the run that a seed gives.
+# Before torch and Ray are loaded. More threads would change the run that a seed gives; Ray listens
+# on all network interfaces, so it obeys only those who know its token.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+os.environ.setdefault("RAY_AUTH_MODE", "token")
 
 import argparse
-import shlex
-import signal
+import secrets
+import shutil
 import sys
-import uuid
-from collections import Counter
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+import torch
+import yaml
+from stable_baselines3.common.callbacks import BaseCallback
 
 from agents import need
 from agents.command_line import add_run_flags
-from agents.studies.backends import Watch, has_ray, run_locally, run_on_ray
-from agents.studies.plan import STUDY, Run, Study, enter, make_study, read_study
-from agents.studies.run import STATUS, TOKEN, RunRequest, RunResult, is_finished, run_state
-from agents.studies.study_report import write_report
-from agents.training.runs import read_evaluations
-from agents.training.train_model import prepare
+from agents.training.config import new_config
+from agents.training.runs import FINAL, last_state, read_evaluations, record_run
+from agents.training.scores import score_run
+from agents.training.train_model import prepare, train
+from jansen_env.checks import MAX_STEPS, shown
 from jansen_env.commands.flags import Parser, env_id, positive_int
 from jansen_env.cores import available_cores
 from jansen_env.files import write_text
-from jansen_env.plain_yaml import read_yaml
-from jansen_env.sb3.run_config import ALGORITHMS
+from jansen_env.plain_yaml import Rule, check_keys, read_yaml
+from jansen_env.sb3.run_config import ALGORITHMS, KEYS, Arguments, RunConfig, make_config
 from jansen_env.scoring.benchmarks import DEFAULT
 
-FLAGS = tuple(STUDY)[:-1]  # those that describe a study, named as in its file, without variants
+need("distributed", "pandas", "ray", who="agents.study")
+import ray
+from ray import tune
+
+from agents.studies.study_report import write_report
+
+PLAN = "study.yml"
+RETRIES = 3  # of a run that fails, as where its process or machine is lost
+ADDED = ("hyperparameters", "policy_kwargs")
+RULES = {
+    "seeds": Rule((int, list), 1, 10_000), "envs": Rule((list,)), "algos": Rule((list,)),
+    "config": Rule((str,)), "eval_freq": Rule((int,), 0, MAX_STEPS),
+    "save_freq": Rule((int,), 1, MAX_STEPS), "eval_episodes": Rule((int,), 1, 100_000),
+    "variants": Rule((dict,)), **{key: KEYS[key] for key in ("timesteps", "n_envs", "env_kwargs")},
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Study:
+    """Each variant on each environment, by each algorithm, with each seed.
+
+    A variant's ``hyperparameters``, ``policy_kwargs`` and ``env_kwargs`` come on top of the
+    configuration's; its other entries, ``env`` and ``algo`` too, replace those of the study.
+
+    Raises:
+        ValueError: a value that is not allowed.
+    """
+
+    seeds: int | list[int] = 10
+    envs: list[str] = field(default_factory=lambda: [DEFAULT])
+    algos: list[str] = field(default_factory=lambda: ["ppo"])
+    timesteps: int | None = None
+    n_envs: int | None = None
+    env_kwargs: Arguments = field(default_factory=dict)
+    config: str | None = None
+    eval_freq: int | None = None
+    save_freq: int = 100_000
+    eval_episodes: int = 10
+    variants: dict[str, Arguments] = field(default_factory=lambda: {"": {}})
+
+    def __post_init__(self) -> None:
+        check_keys(
+            "", {key: value for key, value in vars(self).items() if value is not None}, RULES
+        )
+        for name in ("seeds", "envs", "algos"):
+            values = getattr(self, name)
+            if isinstance(values, list) and not 0 < len({*map(str, values)}) == len(values):
+                raise ValueError(f"{name} is {shown(values)}, must be a list with each once")
+        self.runs()
+
+    def groups(self) -> dict[str, RunConfig]:
+        """Return the configurations that are run with all seeds, by name."""
+        groups = {}
+        for name, variant in self.variants.items():
+            Rule((dict,)).check(f"variant {name}", variant)
+            check_keys(f"variant {name}", variant, {**KEYS, "config": RULES["config"]})
+            for env in [variant["env"]] if "env" in variant else self.envs:
+                for algo in [variant["algo"]] if "algo" in variant else self.algos:
+                    group = "_".join(part for part in (env, algo, name) if part)
+                    try:
+                        groups[group] = self._group(algo, env, variant)
+                    except ValueError as error:
+                        raise ValueError(f"{group}: {error}") from error
+        return groups
+
+    def _group(self, algo: str, env: str, variant: Arguments) -> RunConfig:
+        """Return the configuration of a variant."""
+        env_kwargs = {**self.env_kwargs, **variant.get("env_kwargs", {})}
+        values = {"timesteps": self.timesteps, "n_envs": self.n_envs, **variant}
+        values = {k: v for k, v in values.items() if k not in ("algo", "env", "env_kwargs", *ADDED)}
+        config = new_config(values.pop("config", self.config), algo, env, env_kwargs, **values)
+        added: Arguments = {k: {**getattr(config, k), **variant.get(k, {})} for k in ADDED}
+        return replace(config, **added)
+
+    def runs(self) -> list[Arguments]:
+        """Return the parameters of each trial, the first seed of all groups first."""
+        seeds = range(self.seeds) if isinstance(self.seeds, int) else self.seeds
+        return [
+            {"name": f"{name}-seed_{seed}", "config": asdict(replace(config, seed=seed)),
+             "eval_freq": self.eval_freq, "save_freq": self.save_freq,
+             "eval_episodes": self.eval_episodes}
+            for seed in seeds
+            for name, config in self.groups().items()
+        ]  # fmt: skip
+
+
+class Report(BaseCallback):
+    """Report a run to Ray Tune where it has saved a checkpoint."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self.folder, self.saved = folder, last_state(folder)
+
+    def _on_rollout_start(self) -> None:
+        if (saved := last_state(self.folder)) != self.saved:
+            self.saved = saved
+            report(self.folder, self.model.num_timesteps)
+
+    def _on_step(self) -> bool:
+        return True
+
+
+def report(folder: Path, steps: int) -> None:
+    """Report a run's last evaluation to Ray Tune, and its folder as the checkpoint."""
+    found = read_evaluations(folder)
+    metrics = {"steps": steps, "return": found[-1]["return"] if found else float("nan")}
+    tune.report(metrics, checkpoint=tune.Checkpoint.from_directory(folder))
+
+
+def run_trial(parameters: dict[str, Arguments]) -> None:
+    """Train and score the ``run`` of :meth:`Study.runs`, from its last checkpoint, as a trial."""
+    torch.set_num_threads(1)  # whatever the cores: the run that a seed gives depends on the number
+    run, folder = parameters["run"], Path("run")  # in Ray's working folder of the trial
+    config = make_config(run["config"])
+    shutil.rmtree(folder, ignore_errors=True)  # of a process that was lost
+    folder.mkdir()
+    if (checkpoint := tune.get_checkpoint()) is not None:
+        checkpoint.to_directory(folder)
+    resume = last_state(folder)
+    model = prepare(config, resume)
+    if resume is None or resume.name != FINAL:
+        record_run(folder, config, "python -m agents.study")
+        try:
+            train(
+                model, config, folder, eval_every=run["eval_freq"], resume=resume,
+                save_every=run["save_freq"], tensorboard=str(folder / "tensorboard"),
+                progress=False, more_callbacks=[Report(folder)],
+            )  # fmt: skip
+        except SystemExit as error:  # it diverged, or the disk is full
+            raise RuntimeError(error.code) from error
+    score_run(folder, config, run["eval_episodes"])
+    report(folder, model.num_timesteps)
+
+
+def make_study(entries: Any, source: str | Path) -> Study:
+    """Return the study with these entries; a ValueError names its source."""
+    try:
+        Rule((dict,)).check("study", entries)
+        check_keys("", entries, RULES)
+        return Study(**entries)
+    except ValueError as error:
+        raise ValueError(f"{source}: {error}") from error
+
+
+def run_study(study: Study, folder: Path, args: argparse.Namespace) -> bool:
+    """Execute the runs of a study on Ray, or go on where that was stopped in the folder; return
+    whether all have finished. A ValueError where the folder holds another study."""
+    plan, text = folder / PLAN, yaml.safe_dump(asdict(study), sort_keys=False)
+    if plan.is_file() and plan.read_text("utf-8") != text:
+        raise ValueError(f"{folder} holds another study, must be another --name")
+    write_text(plan, text)
+    environment = {"OMP_NUM_THREADS": "1", "JANSEN_ENV_THREADS": str(args.cores)}
+    if args.address is None:
+        os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))  # of this cluster alone
+        cpus = args.workers * args.cores if args.workers else available_cores()
+        ray.init("local", num_cpus=cpus, include_dashboard=False, log_to_driver=False,
+                 runtime_env={"env_vars": environment})  # fmt: skip
+    else:
+        modules = [str(Path(__file__).parent)]
+        ray.init(args.address, runtime_env={"env_vars": environment, "py_modules": modules})
+    trainable = tune.with_resources(run_trial, {"cpu": args.cores})
+    if tune.Tuner.can_restore(str(folder)):
+        tuner = tune.Tuner.restore(str(folder), trainable, resume_errored=True)
+    else:
+        tuner = tune.Tuner(
+            trainable,
+            param_space={"run": tune.grid_search(study.runs())},
+            tune_config=tune.TuneConfig(
+                trial_dirname_creator=lambda trial: trial.config["run"]["name"]
+            ),
+            run_config=tune.RunConfig(
+                name=folder.name, storage_path=str(folder.parent), verbose=1,
+                failure_config=tune.FailureConfig(max_failures=RETRIES),
+                checkpoint_config=tune.CheckpointConfig(num_to_keep=1),
+            ),
+        )  # fmt: skip
+    results = tuner.fit()
+    return results.num_terminated == len(study.runs())
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
-    """Parse flags; those of a run are named as in train.py."""
+    """Parse flags; those of a run are named as in train.py. ``plan`` is the study."""
     parser = Parser("python -m agents.study", "Train many runs and compare them over seeds.",
                     "python -m agents.study --seeds 10",
                     "python -m agents.study agents/studies/ten_seeds.yml --cores 2")  # fmt: skip
@@ -55,117 +232,31 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--name", help="of the study; default: the file's, or else 'study'")
     add("--log-folder", default="logs/studies", metavar="DIR", help="the study goes to DIR/NAME")
     add("--cores", type=count, default=1, help="of each run, for its environments; default: 1")
-    add("--local", action="store_true", help="processes of this machine, though Ray is installed")
-    add("--workers", type=count, help="runs at once, without Ray; default: as the cores allow")
-    add("--address", help="of the Ray cluster to join, or 'auto'; default: one of this machine's")
+    add("--workers", type=count, help="runs at once on this machine; default: as the cores allow")
+    add("--address", help="of the Ray cluster to join, or 'auto'; default: a new one here")
     add("--report", metavar="FOLDER", help="of a study: only make table and figures of it again")
     args = parser.parse_args(arguments)
     args.error = parser.error
-    given = [name for name in FLAGS if getattr(args, name) is not None]
-    if args.study and given:
-        parser.error(f"{args.study} says what the study is; not allowed beside it: "
-                     f"{', '.join(given)}")  # fmt: skip
-    if args.report and (args.study or given):
-        parser.error("--report takes a study as it stands in its folder, and nothing else")
-    if args.local and args.address:
-        parser.error("--local and --address exclude each other")
-    if args.address:
-        need("distributed", "ray", who="--address")
+    given = {key: value for key in RULES if (value := getattr(args, key, None)) is not None}
+    if (source := args.study or args.report) and given:
+        parser.error(f"{source} says what the study is; not allowed beside it: {', '.join(given)}")
+    args.given, args.name = given, args.name or (Path(args.study).stem if args.study else "study")
     return args
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run all that is not finished, report; returns the exit status: 1 where runs have failed."""
+    """Run all that is not finished, report; returns the exit status: 1 where runs are missing."""
     args = parse(arguments)
-    given = sys.argv[1:] if arguments is None else arguments
+    folder = Path(args.report or Path(args.log_folder) / args.name).resolve()
+    source = folder / PLAN if args.report else args.study
     try:
-        if args.report:
-            print(write_report(read_study(args.report), Path(args.report)))
-            return 0
-        study, folder = _begin(args)
-        signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C
-        results = _run(study, folder, args, shlex.join(["python", "-m", "agents.study", *given]))
-        print(f"\n{write_report(study, folder)}\n\n{folder}/report.md, report.json, runs.csv")
+        entries = read_yaml(source) if source else args.given
+        study = make_study(entries, source or "study")
+        finished = args.report or run_study(study, folder, args)
+        print(f"{write_report(folder)}\n\n{folder}/report.md, runs.csv, commands.csv")
     except (OSError, ValueError) as error:
         args.error(" ".join(str(error).split()))
-    states = {result.state for result in results.values()}
-    if "stopped" in states:
-        print("stopped; the same command goes on from the last checkpoints")
-        return 130
-    return int(not states <= {"finished"})
-
-
-def _begin(args: argparse.Namespace) -> tuple[Study, Path]:
-    """Return the study asked for and its folder, after each group's model was built once."""
-    name = args.name or (Path(args.study).stem if args.study else "study")
-    folder = Path(args.log_folder).resolve() / name
-    plan = {flag: value for flag in FLAGS if (value := getattr(args, flag)) is not None}
-    study = make_study(read_yaml(args.study), args.study) if args.study else make_study(plan)
-    for group, config in study.groups.items():
-        try:
-            env: Any = prepare({**config, "seed": 0}).get_env()
-        except ValueError as error:
-            raise ValueError(f"{group}: {error}") from error
-        env.close()
-    enter(folder, study)
-    return study, folder
-
-
-def _run(
-    study: Study, folder: Path, args: argparse.Namespace, command: str
-) -> dict[str, RunResult]:
-    """Execute the runs that are not finished; returns their results by name."""
-    if not (token := folder / TOKEN).is_file():
-        write_text(token, uuid.uuid4().hex)
-    common = (*study[2:], args.cores, command, token.read_text(encoding="utf-8"))
-    runs = study.runs(folder)
-    left = [run for run in runs if not is_finished(run.folder)]
-    for run in left:
-        (run.folder / STATUS).unlink(missing_ok=True)  # an earlier driver's
-    local = args.local or not has_ray()
-    place = "local processes" if local else f"Ray at {args.address or 'this machine'}"
-    print(f"{len(runs)} runs, {len(runs) - len(left)} finished, {len(left)} to do on {place} "
-          f"-> {folder}", flush=True)  # fmt: skip
-    if not left:
-        return {}
-    requests = [RunRequest(run, *common) for run in left]
-    with study_progress(runs) as progress:
-        if not local:
-            return run_on_ray(requests, args.address, progress)
-        workers = args.workers or max(1, available_cores() // args.cores)
-        return run_locally(requests, min(workers, len(left)), progress)
-
-
-@contextmanager
-def study_progress(runs: Sequence[Run], console: Console | None = None) -> Iterator[Watch]:
-    """Give the function that shows how many runs are in which state, and the steps evaluated."""
-    console, before = console or Console(), ""
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
-    bars = Progress(*columns, TimeRemainingColumn(), console=console,
-                    disable=not console.is_terminal, speed_estimate_period=7200.0)  # fmt: skip
-    task = bars.add_task("", total=sum(run.config["timesteps"] for run in runs))
-
-    def watch(results: dict[str, RunResult]) -> None:
-        nonlocal before
-        states = [results[r.name].state if r.name in results else run_state(r) for r in runs]
-        counts = sorted(Counter(states).items())
-        line = ", ".join(f"{count} {state}" for state, count in counts)
-        bars.update(task, completed=sum(map(_steps, runs)), description=line)
-        if line != before and not console.is_terminal:
-            console.print(line, highlight=False, soft_wrap=True)
-        before = line
-
-    with bars:
-        yield watch
-
-
-def _steps(run: Run) -> int:
-    """Return the steps of a run's last evaluation."""
-    if is_finished(run.folder):
-        return int(run.config["timesteps"])
-    with suppress(ValueError, IndexError):  # a damaged file is the report's to name
-        return int(read_evaluations(run.folder)[-1]["steps"])
-    return 0
+    return 0 if finished else 1
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ python examples/tune_with_optuna.py [TRIALS] [STEPS]   (16 of 800,000 by default
 """
 
 import sys
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import optuna
@@ -35,16 +36,21 @@ class Pruning(BaseCallback):
 
 
 def objective(trial: optuna.Trial) -> float:
-    config, folder = new_config(timesteps=steps), Path("tune") / str(trial.number)
+    shipped, folder = new_config(timesteps=steps), Path("tune") / str(trial.number)
     rate = trial.suggest_float("learning_rate", 1e-4, 2e-3, log=True)
     epochs = trial.suggest_int("n_epochs", 3, 12)
-    config["hyperparameters"] |= {"learning_rate": f"linear_{rate:.3g}", "n_epochs": epochs}
-    config["policy_kwargs"]["net_arch"] = [trial.suggest_categorical("units", [32, 64, 128])] * 2
+    units = trial.suggest_categorical("units", [32, 64, 128])
+    searched = {"learning_rate": f"linear_{rate:.3g}", "n_epochs": epochs}
+    config = replace(
+        shipped,
+        hyperparameters={**shipped.hyperparameters, **searched},
+        policy_kwargs={**shipped.policy_kwargs, "net_arch": [units, units]},
+    )
     record_run(folder, config, "tune_with_optuna.py")
-    rollout = config["n_envs"] * config["hyperparameters"]["n_steps"]  # no use looking more often
+    rollout = config.n_envs * config.hyperparameters["n_steps"]  # no use looking more often
     train(prepare(config), config, folder, eval_every=max(steps // 8, rollout), save_every=0,
           progress=False, more_callbacks=[Pruning(trial, folder)])  # fmt: skip
-    trial.set_user_attr("config", config)
+    trial.set_user_attr("config", asdict(config))
     return max(row["return"] for row in read_evaluations(folder))
 
 

@@ -26,6 +26,11 @@ def shown(value: Any) -> str:
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
 
 
+def one_line(error: BaseException) -> str:
+    """Return an error's text on one line, cut where it is long."""
+    return (" ".join(str(error).split()) or type(error).__name__)[:1000]
+
+
 def listed(known: Iterable[Any], value: Any) -> str:
     """Known names as a message lists them, and which of them ``value`` may have meant."""
     names, text = [*known], value[:LONGEST] if isinstance(value, str) else ""

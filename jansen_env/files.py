@@ -11,14 +11,14 @@ import secrets
 import stat
 import tempfile
 from collections.abc import Callable
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 _FLAT = re.compile(r'\[\n([^][{}"]*)\]')  # a list in JSON; strings have no line breaks there
 PART = ".part-"  # how the names of files begin that are being written
 
 
-def open_regular(path: str | Path) -> BinaryIO:
+def open_regular(path: str | Path) -> BufferedReader:
     """Open a file to read its bytes. Raises OSError: it is no regular file, or cannot be read."""
 
     def opener(name: str, flags: int) -> int:

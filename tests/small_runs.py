@@ -1,12 +1,14 @@
 """Small training runs, and what has come out of them, for the tests of resuming."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import torch
 
 from agents.training import config, runs
 from agents.training import train_model as training
-from jansen_env.sb3.model_files import read_model
+from jansen_env.sb3.run_config import RunConfig
+from jansen_env.sb3.trained import read_model
 
 CRANK = "JansenCrank-v0"
 STEPS, SAVED = 576, 6  # of a whole run; checkpoints in it
@@ -15,17 +17,18 @@ EPISODE = 21  # steps, so that episodes end anywhere in a rollout
 
 def small_run(algo="ppo", env_id="JansenWalker-v0", hyperparameters=(), **more):
     """The shipped configuration with small rollouts, or a small replay buffer that fills."""
-    settings = config.load_config(config.shipped_config(env_id, algo))
-    settings.update(algo=algo, env=env_id, seed=0)
-    settings |= {"timesteps": STEPS, "n_envs": 6, **more}
-    settings["env_kwargs"] = {"max_episode_steps": EPISODE, **settings.get("env_kwargs", {})}
+    shipped = config.new_config(algo=algo, env_id=env_id)
     if algo == "ppo":
-        own = {"n_steps": 16, "n_epochs": 2, "batch_size": 16}
+        small = {"n_steps": 16, "n_epochs": 2, "batch_size": 16}
     else:
-        own = {"learning_starts": 96, "gradient_steps": 1, "batch_size": 16, "buffer_size": 300}
-    settings["hyperparameters"] |= own | dict(hyperparameters)
-    settings["policy_kwargs"]["net_arch"] = [16, 16]
-    return settings
+        small = {"learning_starts": 96, "gradient_steps": 1, "batch_size": 16, "buffer_size": 300}
+    more = {"timesteps": STEPS, "n_envs": 6, **more}
+    env_kwargs = {"max_episode_steps": EPISODE, **shipped.env_kwargs, **more.pop("env_kwargs", {})}
+    return replace(
+        shipped, env_kwargs=env_kwargs, **more,
+        hyperparameters={**shipped.hyperparameters, **small, **dict(hyperparameters)},
+        policy_kwargs={**shipped.policy_kwargs, "net_arch": [16, 16]},
+    )  # fmt: skip
 
 
 class Killed(BaseException):
@@ -34,7 +37,7 @@ class Killed(BaseException):
 
 def go_on(settings, folder: Path, killed_after=float("inf")):
     """Train from a folder's last state to the end, as train.py does, or for so many steps only."""
-    steps = settings["timesteps"]
+    steps = settings.timesteps
     with runs.locked(folder):
         resume = runs.last_state(folder)
         model = training.prepare(settings, resume)
@@ -64,12 +67,12 @@ def _kill(venv, steps):
 
 
 def outcome(folder: Path):
-    """All that a run has come to: final and best model with optimisers, and evaluations."""
+    """All that a run has come to: final model and state, best model, evaluations."""
     rows = [
         {name: value for name, value in row.items() if name != "seconds"}
         for row in runs.read_evaluations(folder)
     ]
-    return [read_model(folder / name) for name in (runs.FINAL, runs.BEST)], rows
+    return read_model(folder / runs.FINAL), read_model(folder / runs.BEST)[:3], rows
 
 
 def same(one, other) -> bool:
@@ -96,14 +99,12 @@ NETWORKS = {
 
 def made_run(folder, algo, hyperparameters, policy_kwargs, env_id=CRANK, **more):
     """A run's folder with a model that has learnt nothing, with weights of some size."""
-    hyperparameters = dict(hyperparameters)
-    config = {
-        "algo": algo, "env": env_id, "seed": 0, "policy": "MlpPolicy", "timesteps": 16, "n_envs": 1,
-        "hyperparameters": hyperparameters, "policy_kwargs": policy_kwargs,
-        "env_kwargs": {"max_episode_steps": 50}, **more,
-    }  # fmt: skip
-    if algo == "ppo":
-        hyperparameters |= {"n_steps": 8, "batch_size": 8}
+    small = {"n_steps": 8, "batch_size": 8} if algo == "ppo" else {}
+    config = RunConfig(
+        algo=algo, env=env_id, timesteps=16, n_envs=1, policy_kwargs=policy_kwargs,
+        hyperparameters={**hyperparameters, **small},
+        **{"env_kwargs": {"max_episode_steps": 50}, **more},
+    )  # fmt: skip
     folder.mkdir()
     runs.record_run(folder, config, "python train.py --seed 0")
     model = training.prepare(config)

@@ -7,11 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from agents.training import replay_buffers
 from jansen_env import files, plain_yaml
 from jansen_env.files import PART, write_json, write_text, write_whole
 from jansen_env.policies import pretrained
-from jansen_env.sb3 import model_files
+from jansen_env.sb3.trained import read_model
 from jansen_env.viewer.recording import Recording
 
 
@@ -42,8 +41,7 @@ READERS = [
     Recording.load,
     pretrained.load_file,
     plain_yaml.read_yaml,
-    model_files.read_model,
-    replay_buffers.check_replay_file,
+    read_model,
 ]
 
 

@@ -7,11 +7,12 @@ killed, the same command goes on where it was.
 from __future__ import annotations
 
 import argparse
+import multiprocessing
 import shlex
 import sys
-from functools import partial
+from concurrent.futures import ProcessPoolExecutor, wait
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import yaml
@@ -20,16 +21,13 @@ from tqdm import tqdm
 from agents.design.design_plan import PLANS, Plan, make_plan, read_plan
 from agents.design.design_report import REPORT, ROBOT, write_report
 from agents.design.search import JOURNAL, Measured, objectives_of, run_search
-from agents.design.seeds import SearchRequest, execute_search, load_policy
+from agents.design.seeds import execute_search, load_policy
 from agents.design.trust import trust_report
 from jansen_env.commands.flags import Parser, mapping, positive_int
 from jansen_env.cores import available_cores
 from jansen_env.files import write_text
 from jansen_env.plain_yaml import read_yaml
 from jansen_env.robot.robot_file import read_robot, write_robot
-
-if TYPE_CHECKING:
-    from agents.studies.run import RunResult
 
 PLAN = "plan.yml"
 
@@ -52,8 +50,6 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--limits", type=mapping, metavar="YAML",
         help="beside the plan's, or in their place, e.g. '{lift: [0.1, null]}'")  # fmt: skip
     add("--workers", type=positive_int, help="searches at once; default: as the cores allow")
-    add("--local", action="store_true", help="processes of this machine, though Ray is installed")
-    add("--address", help="of the Ray cluster to join, or 'auto'; default: one of this machine's")
     add("--report", metavar="FOLDER", help="of a search: only write its report again")
     add("--all", action="store_true", help="print the whole report")
     add("--trust", metavar="FOLDER",
@@ -124,28 +120,27 @@ def enter(folder: Path, plan: Plan) -> None:
 
 
 def search_all(plan: Plan, folder: Path, args: argparse.Namespace) -> bool:
-    """Run all seeds, here or on Ray; returns whether one has failed."""
+    """Run all seeds; returns whether one has failed."""
     if plan.seeds == 1:
         run_search(plan, 0, folder / "seed_0", load_policy(plan), Shown(plan))
         return False
-    from agents.studies.backends import has_ray, run_locally, run_on_ray
-
-    requests = [
-        SearchRequest(f"seed_{seed}", plan, seed, (folder / f"seed_{seed}").resolve(), 1)
-        for seed in range(plan.seeds)
-    ]
-    watch = partial(show_all, plan, folder, tqdm(total=plan.seeds * plan.generations))
-    if args.local or not has_ray():
-        workers = min(args.workers or available_cores(), len(requests))
-        results = run_locally(requests, workers, watch, execute_search)
-    else:
-        results = run_on_ray(requests, args.address, watch, execute_search)
-    for name, result in results.items():
-        if result.state != "finished":
-            print(f"{name}: {result.state} {result.error}")
-    if any(result.state == "stopped" for result in results.values()):
-        raise KeyboardInterrupt
-    return any(result.state != "finished" for result in results.values())
+    workers = min(args.workers or available_cores(), plan.seeds)
+    spawn = multiprocessing.get_context("spawn")  # a process with threads must not be forked
+    with (
+        tqdm(total=plan.seeds * plan.generations) as bar,
+        ProcessPoolExecutor(workers, spawn) as pool,
+    ):
+        searches = {
+            f"seed_{seed}": pool.submit(execute_search, plan, seed, folder / f"seed_{seed}")
+            for seed in range(plan.seeds)
+        }
+        while wait(searches.values(), 1.0).not_done:
+            bar.n = sum(path.read_bytes().count(b"\n") for path in folder.glob(f"*/{JOURNAL}"))
+            bar.refresh()
+    failed = {name: error for name, search in searches.items() if (error := search.exception())}
+    for name, error in failed.items():
+        print(f"{name}: {type(error).__name__}: {error}")
+    return bool(failed)
 
 
 class Shown:
@@ -165,12 +160,6 @@ class Shown:
         self._bar.n = number + 1
         kept = f"{len(fine)} of {len(violation)} keep all limits"
         self._bar.set_postfix_str(f"{kept}, best {name}: {best}")
-
-
-def show_all(plan: Plan, folder: Path, bar: Any, results: dict[str, RunResult]) -> None:
-    """Show how far all seeds are."""
-    bar.n = sum(path.read_bytes().count(b"\n") for path in folder.glob(f"seed_*/{JOURNAL}"))
-    bar.refresh()
 
 
 if __name__ == "__main__":

@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from filelock import FileLock, Timeout
 
 from agents.design.design_plan import Plan
 from agents.design.measures import Walker, groups_of
 from agents.design.optimisers import Cma, MapElites, Nsga2, Optimiser, check_installed
 from agents.design.variables import Candidate, Space
+from agents.training.runs import locked
 from jansen_env.baselines.policy import Array, Policy
 from jansen_env.checks import shown
 from jansen_env.files import open_regular
@@ -130,11 +130,8 @@ def run_search(
         ValueError: the journal is damaged, of another search, or another process writes it.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    try:
-        with FileLock(folder / ".lock", timeout=0):
-            return _search(plan, seed, folder, policy, progress)
-    except Timeout as error:
-        raise ValueError(f"{folder} is in use by another process") from error
+    with locked(folder):
+        return _search(plan, seed, folder, policy, progress)
 
 
 def _search(

@@ -4,37 +4,17 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
 
 from agents.design.design_plan import Plan
 from agents.design.search import run_search
 from jansen_env.baselines.policy import Policy
 from jansen_env.scoring.rollout import make_env
 
-if TYPE_CHECKING:
-    from agents.studies.run import RunResult  # torch comes with it, which takes seconds to import
 
-
-class SearchRequest(NamedTuple):
-    """One seed's search in a process of its own."""
-
-    name: str
-    plan: Plan
-    seed: int
-    folder: Path
-    cores: int
-
-
-def execute_search(request: SearchRequest) -> RunResult:
-    """Run a seed's search; errors are the result."""
-    from agents.studies.run import RunResult
-
-    os.environ["JANSEN_ENV_THREADS"] = str(request.cores)
-    try:
-        run_search(request.plan, request.seed, request.folder, load_policy(request.plan))
-    except (OSError, ValueError) as error:
-        return RunResult("failed", str(error))
-    return RunResult("finished")
+def execute_search(plan: Plan, seed: int, folder: Path) -> None:
+    """Run a seed's search on one core."""
+    os.environ["JANSEN_ENV_THREADS"] = "1"
+    run_search(plan, seed, folder, load_policy(plan))
 
 
 def load_policy(plan: Plan) -> Policy | None:

@@ -19,8 +19,7 @@ import torch
 from agents import need
 from agents.export import agreement, c_source, onnx_model
 from agents.export.model_card import card
-from agents.pack import TOLERANCE, from_run, in_float64
-from agents.unpack import to_policy
+from agents.pack import TOLERANCE, from_run, in_float64, to_policy
 from jansen_env.commands.flags import Parser, non_negative_int, positive_int
 from jansen_env.commands.flags import env_id as find_env_id
 from jansen_env.commands.named_policies import ALIASES, SHIPPED

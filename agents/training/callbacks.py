@@ -6,7 +6,6 @@ import os
 import signal
 import threading
 import time
-from contextlib import suppress
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -19,18 +18,19 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
 from agents.training.models import save_model
-from agents.training.process import HANGUP, SIGNALS
-from agents.training.replay_buffers import save_replay_buffer
 from agents.training.runs import BEST, best_score, read_evaluations, replay_path
-from agents.training.training_state import read_state
+from agents.training.training_state import read_state, restore_generators, save_replay_buffer
 from jansen_env.files import write_json
 from jansen_env.sb3.normalizer import NormalizedObservation
+from jansen_env.sb3.run_config import Arguments, RunConfig
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.metrics import point_estimates
 from jansen_env.scoring.rollout import make_env, run_episodes
 
 EPISODES = 16  # per command, of each evaluation, times the benchmark's variety
 SELECTION_SEED = 30_000  # of the episodes that choose the best model, apart from all others
+SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP")
+           if hasattr(signal, name)]  # fmt: skip
 
 
 class Saver(BaseCallback):
@@ -39,28 +39,27 @@ class Saver(BaseCallback):
     A checkpoint is taken where a rollout begins, behind all callbacks that change the model there.
 
     Args:
-        folder: the run's. save_every, eval_every: environment steps; 0 for never.
-        env_id, env_kwargs: of the evaluation. done: steps trained before this run began.
+        folder, config: of the run. save_every, eval_every: environment steps; 0 for never.
+        done: steps trained before. state: to resume from, of these steps.
         stop: when to save and end before the time; then ``ended`` is set.
     """
 
     def __init__(
-        self, folder: Path, save_every: int, eval_every: int, env_id: str,
-        env_kwargs: dict[str, Any], done: int = 0, stop: StopOnSignal | None = None,
+        self, folder: Path, config: RunConfig, save_every: int, eval_every: int, done: int = 0,
+        state: Arguments | None = None, stop: StopOnSignal | None = None,
     ) -> None:  # fmt: skip
         super().__init__()
-        self.folder, self.save_every, self.eval_every = folder, save_every, eval_every
-        self.env_id, self.env_kwargs = env_id, env_kwargs
-        self.stop, self.ended = stop, False
-        self.last: Path | None = None
-        self.benchmark = find_benchmark(env_id)
+        self.folder, self.config = folder, config
+        self.save_every, self.eval_every = save_every, eval_every
+        self.stop, self.ended, self.last, self._state = stop, False, folder, state
+        self.benchmark = find_benchmark(config.env)
         self.commands = np.repeat(self.benchmark.commands, EPISODES * self.benchmark.variety)
         # After a kill the last evaluations may be of steps that are now trained again. The best
-        # model may be of one of them, so what is to beat is not the history's but the file's.
-        before = read_evaluations(folder) if done else []  # else the run begins again
+        # model may be of one of them, so the score to beat is the one saved with the model.
+        before = read_evaluations(folder) if done else []
         self.history = [row for row in before if row["steps"] <= done]
         self.best = best_score(folder)
-        # By the steps alone, so that a resumed run saves and evaluates where it would have anyway.
+        # By the steps alone, so that a resumed run saves and evaluates at the same steps.
         self._next_save, self._next_eval = (
             (done // every + 1) * every if every else 0 for every in (save_every, eval_every)
         )
@@ -69,12 +68,15 @@ class Saver(BaseCallback):
         self._replay_buffer = replay_path(folder, done)  # of the last complete checkpoint
 
     def _on_rollout_start(self) -> None:
-        due = self.save_every and self.model.num_timesteps >= self._next_save
+        if self._state is not None:
+            restore_generators(self.model, self._state)
+            self._state = None
+        steps = self.model.num_timesteps
+        due = self.save_every and steps >= self._next_save
         self.ended = self.stop is not None and self.stop.signal != 0
         if due:
             self._next_save += self.save_every
         if due or self.ended:
-            steps = self.model.num_timesteps
             self.save(self.folder / "checkpoints" / f"model_{steps}_steps.zip")
 
     def _on_step(self) -> bool:
@@ -96,31 +98,31 @@ class Saver(BaseCallback):
             for old in {*self.folder.glob("replay_buffer*.npz")} - {file, self._replay_buffer}:
                 old.unlink()
             save_replay_buffer(replay_buffer, file)
-        save_model(self.model, path, state=read_state(self.model))
+        save_model(self.model, path, {"state": read_state(self.model)})
         self.last, self._replay_buffer = path, file
 
     def evaluate(self) -> None:
         """Score the present policy; keep it if it is the best so far."""
+        env_id, env_kwargs = self.config.env, self.config.env_kwargs
         seeds = SELECTION_SEED + np.arange(len(self.commands))
         self.model.policy.set_training_mode(False)
-        run = run_episodes(self.model.policy, self.env_id, self.env_kwargs, self.commands, seeds)
-        env = make_env(self.env_id, self.env_kwargs)
+        run = run_episodes(self.model.policy, env_id, env_kwargs, self.commands, seeds)
+        env = make_env(env_id, env_kwargs)
         scored = point_estimates(self.benchmark.metrics, run, env)
-        scored["score"] = scored[self.benchmark.chosen_by] or 0.0
         env.close()
+        score = scored[self.benchmark.chosen_by] or 0.0
         for name, value in scored.items():
             self.logger.record(f"eval/{name}", value)
         seconds = round(time.perf_counter() - self._begun, 1)  # of training so far
-        row: dict[str, Any] = {"steps": float(self.num_timesteps), "seconds": seconds, **scored}
+        row = {"steps": self.num_timesteps, "seconds": seconds, **scored, "score": score}
         names = dict.fromkeys(("return", self.benchmark.chosen_by))
-        found = ", ".join(f"{name} {scored[name]:.3g}" for name in names)
-        better = row["score"] > self.best  # of equal ones the first is kept
-        best = " (the best so far)" * better
-        text = f"evaluation: {self.num_timesteps} steps, {seconds:.0f} s, {found}{best}"
+        text = ", ".join(f"{name} {scored[name]:.3g}" for name in names)
+        better = score > self.best  # of equal ones the first is kept
         if not self.history or scored.items() - self.history[-1].items():  # else the same policy
-            print(text, flush=True)
+            print(f"evaluation: {self.num_timesteps} steps, {seconds:.0f} s, {text}"
+                  f"{' (the best so far)' * better}", flush=True)  # fmt: skip
         if better:
-            self.best = row["score"]
+            self.best = score
             # Its score in the same file: no kill can part the two.
             save_model(self.model, self.folder / BEST, row)
         self.history.append(row)
@@ -151,8 +153,8 @@ class NormalizerUpdate(BaseCallback):
             observations = model.rollout_buffer.observations
         else:  # of the replay buffer, what is new in it
             buffer = model.replay_buffer
-            rows = min((model.num_timesteps - self._begun) // buffer.n_envs, buffer.size())
-            observations = buffer.observations[np.arange(buffer.pos - rows, buffer.pos)]
+            count = min((model.num_timesteps - self._begun) // buffer.n_envs, buffer.size())
+            observations = buffer.observations[np.arange(buffer.pos - count, buffer.pos)]
         size = flatdim(model.observation_space)
         self._observations = np.array(observations, np.float32).reshape(-1, size)
 
@@ -161,29 +163,26 @@ class NormalizerUpdate(BaseCallback):
 
 
 class StopOnSignal:
-    """Take SIGINT (Ctrl-C), SIGTERM and SIGHUP while open, for :class:`Saver` to end training where
-    the next rollout begins; a second Ctrl-C kills at once. ``signal``: which has come, 0 for none.
-    """
+    """Catch SIGINT (Ctrl-C), SIGTERM and SIGHUP while open, for :class:`Saver` to end training
+    where the next rollout begins; a second Ctrl-C kills at once. ``signal``: which came, or 0."""
 
     def __init__(self) -> None:
         self.signal = 0
         self._handlers: dict[int, Any] = {}
 
     def __enter__(self) -> StopOnSignal:
-        if threading.current_thread() is threading.main_thread():  # no other may take signals
+        if threading.current_thread() is threading.main_thread():  # no other may handle signals
             for number in SIGNALS:
-                if signal.getsignal(number) != signal.SIG_IGN:  # by nohup, in a background
-                    self._handlers[number] = signal.signal(number, self._take)
+                if signal.getsignal(number) != signal.SIG_IGN:  # by nohup
+                    self._handlers[number] = signal.signal(number, self._catch)
         return self
 
     def __exit__(self, *error: object) -> None:
         for number, handler in self._handlers.items():
             signal.signal(number, handler)
 
-    def _take(self, number: int, frame: FrameType | None) -> None:
+    def _catch(self, number: int, frame: FrameType | None) -> None:
         self.signal = number
-        for taken in self._handlers:  # a closed terminal may send two, by its shell and the kernel
-            signal.signal(taken, signal.SIG_IGN if taken in HANGUP else signal.SIG_DFL)
-        # To standard error, but not by print: the signal may have come in the midst of one.
-        with suppress(OSError):  # its terminal may be gone
-            os.write(2, b"\nstopping after this rollout; once more to end at once\n")
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        # Not by print: the signal may have come in the midst of one.
+        os.write(2, b"\nstopping after this rollout; Ctrl-C to end at once\n")

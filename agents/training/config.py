@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-from jansen_env.sb3.run_config import ALGORITHMS, TO_RESUME, check_config, load_config
+from jansen_env.sb3.run_config import Arguments, RunConfig, load_config
 from jansen_env.scoring.benchmarks import DEFAULT
 
 CONFIGS = Path(__file__).parents[1] / "configs"
@@ -16,48 +16,45 @@ def shipped_config(env_id: str, algo: str) -> Path:
     a ValueError where there is none."""
     path = CONFIGS / env_id / f"{algo}.yml"
     if not path.is_file():
-        files = [p for p in CONFIGS.glob("*/*.yml") if p.stem in ALGORITHMS]
-        found = sorted(f"{p.parent.name}/{p.stem}" for p in files)
-        raise ValueError(f"no configuration for {env_id}/{algo}, must be one of {found}, or a file")
+        known = sorted(f"{file.parent.name}/{file.stem}" for file in CONFIGS.glob("*/*.yml"))
+        raise ValueError(f"no configuration for {env_id}/{algo}, must be one of {known}, or a file")
     return path
 
 
 def new_config(
     path: str | Path | None = None, algo: str | None = None, env_id: str | None = None,
-    env_kwargs: dict[str, Any] | None = None, **values: Any,
-) -> dict[str, Any]:  # fmt: skip
-    """Return a new run's whole configuration: a file's, with what is given in its place; errors are
-    :func:`load_config`'s.
+    env_kwargs: Arguments | None = None, **values: object,
+) -> RunConfig:  # fmt: skip
+    """Return a new run's configuration: a file's, with what is given in its place.
 
     Args:
         path: of the file; None for the one shipped for ``env_id`` and ``algo``.
         algo, env_id: None for the file's own, or else ppo and the default environment.
-        env_kwargs: on top of the file's, in training as well. values: further keys, such as
-            ``timesteps``; None for the file's. ``seed`` is 0 without.
+        env_kwargs: on top of the file's, in training as well. values: further entries, such as
+            ``timesteps``; None for the file's.
+
+    Raises:
+        ValueError: the file is missing or invalid, or a value is not allowed.
     """
-    config = load_config(path, algo, env_id) if path else {}
-    algo, env_id = algo or config.get("algo", "ppo"), env_id or config.get("env", DEFAULT)
-    config = config or load_config(shipped_config(env_id, algo), algo, env_id)
-    config = {"seed": 0, **config, **{k: v for k, v in values.items() if v is not None}}
-    overrides = env_kwargs or {}
-    config["env_kwargs"] = {**config.get("env_kwargs", {}), **overrides}
-    if "training_variants" in config:
-        config["training_variants"] = [
-            {name: value for name, value in each.items() if name not in overrides}
-            for each in config["training_variants"]
-        ]
-    config.update(algo=algo, env=env_id)
-    check_config(config, required=TO_RESUME)  # again, with what was given in place
-    return config
+    if path is None:
+        algo, env_id = algo or "ppo", env_id or DEFAULT
+        path = shipped_config(env_id, algo)
+    config, overrides = load_config(path, algo=algo, env=env_id), env_kwargs or {}
+    variants = [
+        {name: value for name, value in variant.items() if name not in overrides}
+        for variant in config.training_variants
+    ]
+    given: Arguments = {name: value for name, value in values.items() if value is not None}
+    env_kwargs = {**config.env_kwargs, **overrides}
+    return replace(config, env_kwargs=env_kwargs, training_variants=variants, **given)
 
 
-def training_envs(config: dict[str, Any]) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+def training_envs(config: RunConfig) -> tuple[Arguments, list[Arguments]]:
     """Return the arguments of all training environments, and the variants that they take in turn.
 
     What all variants have alike is among the former: a batch has one set of reward weights.
     """
-    variants = config.get("training_variants", [{}])
-    first, *others = variants
-    common = {k: v for k, v in first.items() if all(k in one and one[k] == v for one in others)}
-    rest = [{k: v for k, v in one.items() if k not in common} for one in variants]
-    return {**config.get("env_kwargs", {}), **common}, rest
+    first, *others = config.training_variants
+    common = {k: v for k, v in first.items() if all(k in each and each[k] == v for each in others)}
+    rest = [{k: v for k, v in each.items() if k not in common} for each in config.training_variants]
+    return {**config.env_kwargs, **common}, rest

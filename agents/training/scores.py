@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from agents.training.runs import BEST, FINAL, read_evaluations
 from jansen_env.commands.named_policies import label, load_named
 from jansen_env.commands.plots import write_scores
+from jansen_env.sb3.run_config import RunConfig
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.evaluation import Scores, evaluate
 from jansen_env.scoring.metrics import interval_text
 from jansen_env.scoring.rollout import make_env
 
 
-def score_run(folder: Path, config: dict[str, Any], episodes: int) -> Scores:
+def score_run(folder: Path, config: RunConfig, episodes: int) -> Scores:
     """Score the best model in a run's folder and the baselines, with so many ``episodes`` per
     command; writes scores.json, .md and .png. A ValueError names a damaged file."""
     model = folder / BEST if (folder / BEST).is_file() else folder / FINAL
-    env_id, env_kwargs = config["env"], config.get("env_kwargs", {})
+    env_id, env_kwargs = config.env, config.env_kwargs
     benchmark, env = find_benchmark(env_id), make_env(env_id, env_kwargs)
     policies = {name: load_named(name, env) for name in benchmark.baselines}
     policies[label(str(model))] = load_named(str(model), env)

@@ -12,60 +12,58 @@ import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback, ProgressBarCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecMonitor
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 from agents.training.callbacks import NormalizerUpdate, Saver, StopOnSignal
 from agents.training.config import training_envs
 from agents.training.models import build_model, restore
-from agents.training.replay_buffers import load_replay_buffer
 from agents.training.runs import FINAL, replay_path
-from agents.training.training_state import GeneratorsRestored, restore_state
+from agents.training.training_state import load_replay_buffer, restore_state
 from jansen_env.sb3 import make_vec_env
-from jansen_env.sb3.model_files import read_model, read_training_state
-from jansen_env.sb3.run_config import find_config
+from jansen_env.sb3.run_config import RunConfig, find_config
+from jansen_env.sb3.trained import read_model
 
-EVALUATIONS = 16  # of a run, if nothing else is said
+EVALUATIONS = 16  # of a run, by default
 
 
 class TrainingReward(VecEnvWrapper):
     """Rewards less ``fall_cost`` where an episode ends before its time limit, times ``scale``."""
 
-    def __init__(self, venv: Any, scale: float, fall_cost: float) -> None:
+    def __init__(self, venv: VecEnv, scale: float, fall_cost: float) -> None:
         super().__init__(venv)
         self.scale, self.fall_cost = scale, fall_cost
 
-    def reset(self) -> Any:
+    def reset(self) -> VecEnvObs:
         return self.venv.reset()
 
-    def step_wait(self) -> Any:
+    def step_wait(self) -> VecEnvStepReturn:
         observations, rewards, dones, infos = self.venv.step_wait()
         fallen = dones & ~np.array([info.get("TimeLimit.truncated", False) for info in infos])
         rewards = self.scale * (rewards - self.fall_cost * fallen)
         return observations, rewards.astype(np.float32), dones, infos
 
 
-def prepare(config: dict[str, Any], resume: Path | None = None) -> BaseAlgorithm:
+def prepare(config: RunConfig, resume: Path | None = None) -> BaseAlgorithm:
     """Build the model that a configuration describes, on its environments; writes nothing.
 
     Args:
-        config: a training configuration with ``algo``, ``env`` and ``seed``. resume: a model's
-            file, of which it takes all that training has come to.
+        resume: a checkpoint to resume from.
 
     Raises:
         ValueError: something in the configuration or the files is wrong.
     """
     kwargs, variants = training_envs(config)
-    venv = make_vec_env(config["env"], config["n_envs"], env_kwargs=kwargs, variants=variants)
-    scale, fall_cost = config.get("reward_scale", 1.0), config.get("fall_cost", 0.0)
-    venv = TrainingReward(VecMonitor(venv), scale, fall_cost)
-    model = build_model(config["algo"], config, venv, seed=config["seed"])
+    venv = make_vec_env(config.env, config.n_envs, env_kwargs=kwargs, variants=variants)
+    venv = TrainingReward(VecMonitor(venv), config.reward_scale, config.fall_cost)
+    model = build_model(config, venv)
     if resume is not None:
-        tensors, model.num_timesteps = read_model(resume)
-        restore(model, tensors)
+        saved = read_model(resume)
+        restore(model, saved)
         if isinstance(model, OffPolicyAlgorithm):
             _refill(model, find_config(resume).parent)
-        restore_state(model, read_training_state(resume))
-        if config.get("env_kwargs", {}).get("plant") == "rigid_body":
+        restore_state(model, saved.notes.get("state", {}))
+        if config.env_kwargs.get("plant") == "rigid_body":
             print("plant='rigid_body': what pymunk's solver had cached is lost, so the run goes on "
                   "nearly, but not exactly, as it would have")  # fmt: skip
     return model
@@ -88,9 +86,8 @@ def _failures_explained(model: BaseAlgorithm, go_on: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise SystemExit(
-            f"training stopped at {model.num_timesteps} steps: {error}; {go_on}"
-        ) from error
+        reason = f"stopped at {model.num_timesteps} steps: {error}; {go_on}"
+        raise SystemExit(f"training {reason}") from error
     except ValueError as error:
         if "to satisfy the constraint" not in str(error):  # torch's, of a policy that is NaN
             raise
@@ -101,18 +98,11 @@ def _failures_explained(model: BaseAlgorithm, go_on: str) -> Iterator[None]:
 
 
 def train(
-    model: BaseAlgorithm,
-    config: dict[str, Any],
-    folder: Path,
-    *,
-    eval_every: int | None,
-    save_every: int,
-    tensorboard: str | None = None,
-    resume: Path | None = None,
-    progress: bool = True,
-    more_callbacks: Sequence[BaseCallback] = (),
-) -> None:
-    """Train until ``config["timesteps"]``; leaves final_model.zip and best_model.zip in a folder.
+    model: BaseAlgorithm, config: RunConfig, folder: Path, *, eval_every: int | None,
+    save_every: int, tensorboard: str | None = None, resume: Path | None = None,
+    progress: bool = True, more_callbacks: Sequence[BaseCallback] = (),
+) -> None:  # fmt: skip
+    """Train until ``config.timesteps``; leaves final_model.zip and best_model.zip in a folder.
 
     Args:
         model, config, resume: as of :func:`prepare`. folder: the run's.
@@ -127,18 +117,13 @@ def train(
             saved before stays good.
     """
     venv: Any = model.get_env()
-    stop, steps = StopOnSignal(), config["timesteps"]
-    if eval_every is None:
-        eval_every = max(1, steps // EVALUATIONS)
-    saver = Saver(
-        folder, save_every, eval_every, config["env"], config.get("env_kwargs", {}),
-        done=model.num_timesteps, stop=stop,
-    )  # fmt: skip
+    stop, steps = StopOnSignal(), config.timesteps
+    eval_every = max(1, steps // EVALUATIONS) if eval_every is None else eval_every
+    state = read_model(resume).notes["state"] if resume is not None else None
+    saver = Saver(folder, config, save_every, eval_every, model.num_timesteps, state, stop)
     saver.init_callback(model)
     model.tensorboard_log = tensorboard
-    callbacks: list[BaseCallback] = [NormalizerUpdate(), saver, *more_callbacks]
-    if resume is not None:
-        callbacks.insert(0, GeneratorsRestored(read_training_state(resume)))
+    callbacks = [NormalizerUpdate(), saver, *more_callbacks]
     if progress:
         callbacks.append(ProgressBarCallback())
     go_on = f"python train.py --resume {shlex.quote(str(folder))} goes on from the last checkpoint"

@@ -1,37 +1,35 @@
-"""Configurations of models and their training: read from YAML, each name looked up in a table."""
+"""Configurations of training runs: read from YAML, each name looked up in a table."""
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Collection
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from types import NoneType
-from typing import Any, get_args, get_origin
+from typing import Any, TypeAlias, get_args, get_origin
 
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from jansen_env.checks import MAX_STEPS, shown
 from jansen_env.plain_yaml import HUGE, TINY, Rule, check_keys, read_yaml
-from jansen_env.scoring.benchmarks import BENCHMARKS, check_env_kwargs
+from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT, check_env_kwargs
+
+Arguments: TypeAlias = dict[str, Any]
+"""Arguments by name, for environments, algorithms and networks."""
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
 MAX_UNITS, MAX_LAYERS = 1024, 8  # of a network
-
-
 KEYS = {
+    "algo": Rule(words=tuple(ALGORITHMS)), "env": Rule(words=tuple(BENCHMARKS)),
     "policy": Rule(words=("MlpPolicy",)), "timesteps": Rule((int,), 1, MAX_STEPS),
-    "n_envs": Rule((int,), 1, 10_000), "reward_scale": Rule((float,), TINY),
-    "fall_cost": Rule((float,), 0), "env_kwargs": Rule((dict,)),
-    "training_variants": Rule((list,)), "hyperparameters": Rule((dict,)),
-    "policy_kwargs": Rule((dict,)), "algo": Rule(words=tuple(ALGORITHMS)),
-    "env": Rule(words=tuple(BENCHMARKS)), "seed": Rule((int,), 0, 2**32 - 1),
+    "n_envs": Rule((int,), 1, 10_000), "seed": Rule((int,), 0, 2**32 - 1),
+    "reward_scale": Rule((float,), TINY), "fall_cost": Rule((float,), 0),
+    "env_kwargs": Rule((dict,)), "training_variants": Rule((list,)),
+    "hyperparameters": Rule((dict,)), "policy_kwargs": Rule((dict,)),
 }  # fmt: skip
-TO_TRAIN = ("policy", "timesteps", "n_envs", "hyperparameters")
-TO_RESUME = (*TO_TRAIN, "algo", "env", "seed")
-TO_LOAD = ("algo", "env", "policy")
-
 LIMITS: dict[str, tuple[float, float]] = {
     "n_steps": (1, 10**6), "batch_size": (2, 10**6), "sde_sample_freq": (-1, 10**6),
     "stats_window_size": (1, 10**6), "verbose": (0, 2), "n_epochs": (1, 1000),
@@ -43,12 +41,88 @@ LIMITS: dict[str, tuple[float, float]] = {
 }  # fmt: skip
 """Ranges of Stable-Baselines3's numbers; those not named range from TINY to HUGE."""
 SET_HERE = ("seed", "_init_setup_model", "optimize_memory_usage", "normalize_images")
-OWN = {"activation": Rule(words=("tanh", "relu", "elu")), "normalize": Rule((bool,)),
-       "harmonics": Rule((int,), 0, 32)}  # fmt: skip
+NETWORK = {"activation": Rule(words=("tanh", "relu", "elu")), "normalize": Rule((bool,)),
+           "harmonics": Rule((int,), 0, 32)}  # fmt: skip
 """Rules of ``policy_kwargs``, beside those of the policy's class."""
 
 
-def _rules(function: Callable[..., Any], *without: str) -> dict[str, Rule]:
+@dataclass(frozen=True)
+class RunConfig:
+    """Configuration of a training run, as in its config.yml.
+
+    Attributes:
+        algo, env, policy: names of the algorithm, the environment and the kind of policy.
+        timesteps, n_envs, seed: environment steps in all; environments side by side; seed of
+            networks and environments.
+        reward_scale, fall_cost: factor of the training reward, and what a fall costs before it.
+        env_kwargs: arguments of the environment, for training and evaluation.
+        training_variants: further arguments, for training alone: environment i takes number
+            i modulo their number; ``max_episode_steps`` is allowed too.
+        hyperparameters: the algorithm's arguments; ``learning_rate`` and ``clip_range`` may be
+            "linear_X", falling from X to 0 over the run.
+        policy_kwargs: the policy's arguments; ``activation`` is a name, ``normalize`` scales
+            observations, and with it ``harmonics`` appends so many of the crank angle.
+
+    Raises:
+        ValueError: a value that is not allowed.
+    """
+
+    algo: str = "ppo"
+    env: str = DEFAULT
+    policy: str = "MlpPolicy"
+    timesteps: int = 1_000_000
+    n_envs: int = 16
+    seed: int = 0
+    reward_scale: float = 1.0
+    fall_cost: float = 0.0
+    env_kwargs: Arguments = field(default_factory=dict)
+    training_variants: list[Arguments] = field(default_factory=lambda: [{}])
+    hyperparameters: Arguments = field(default_factory=dict)
+    policy_kwargs: Arguments = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        check_keys("", vars(self), KEYS)
+        variants = self.training_variants
+        if not variants or not all(isinstance(variant, dict) for variant in variants):
+            raise ValueError(f"training_variants is {shown(variants)}, must be a list of mappings")
+        network = dict(self.policy_kwargs)
+        if "net_arch" in network:
+            value_network = "vf" if self.algo == "ppo" else "qf"
+            _check_layers(network.pop("net_arch"), ["pi", value_network])
+        check_keys("policy_kwargs", network, rules(self.algo)["policy_kwargs"])
+        check_keys("hyperparameters", self.hyperparameters, rules(self.algo)["hyperparameters"])
+        if network.get("harmonics") and not network.get("normalize"):
+            raise ValueError("harmonics is given, so normalize must be true, too")
+        for arguments in (self.env_kwargs, *variants):
+            check_env_kwargs(self.env, arguments)
+
+
+def load_config(path: str | Path, **values: str | None) -> RunConfig:
+    """Read a run's configuration from YAML.
+
+    Args:
+        path: of the file. values: ``algo`` and ``env`` in place of the file's; None for its own.
+
+    Raises:
+        ValueError: no such file, no YAML, an unknown key or a value that is not allowed; it names
+            the file.
+    """
+    entries = read_yaml(path)
+    try:
+        return make_config(entries, **values)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def make_config(entries: Any, **values: str | None) -> RunConfig:
+    """Return the configuration with these entries; errors are :func:`load_config`'s."""
+    Rule((dict,)).check("configuration", entries)
+    entries = {**entries, **{name: value for name, value in values.items() if value is not None}}
+    check_keys("", entries, KEYS)
+    return RunConfig(**entries)
+
+
+def _rules(function: Callable[..., object], *without: str) -> dict[str, Rule]:
     """Return a rule for each argument that is a number or a bool: no classes, files, devices."""
     rules = {}
     for name, parameter in inspect.signature(function).parameters.items():
@@ -68,67 +142,7 @@ def rules(algo: str) -> dict[str, dict[str, Rule]]:
     """Return the rules of an algorithm's ``hyperparameters`` and ``policy_kwargs`` by name."""
     library = ALGORITHMS[algo]
     policy = _rules(library.policy_aliases["MlpPolicy"].__init__, "use_sde", "lr_schedule")
-    return {"hyperparameters": _rules(library.__init__), "policy_kwargs": {**policy, **OWN}}
-
-
-def load_config(
-    path: str | Path, algo: str | None = None, env_id: str | None = None,
-    required: Collection[str] = TO_TRAIN,
-) -> dict[str, Any]:  # fmt: skip
-    """Read a training configuration from YAML; each name in it is looked up in a table.
-
-    Keys: ``policy``, ``timesteps``, ``n_envs``, ``reward_scale`` and ``fall_cost`` (of the
-    training reward: a factor, and what a fall takes off before it), ``env_kwargs`` (for training
-    and evaluation), ``training_variants`` (mappings of further arguments, for training alone:
-    environment i takes number i, counted around; ``max_episode_steps`` is one too),
-    ``hyperparameters`` (the algorithm's arguments; ``learning_rate`` and ``clip_range`` may be
-    "linear_X", falling from X to 0 over the run) and ``policy_kwargs`` (the policy's;
-    ``activation`` is a name, ``normalize`` scales observations, and with it ``harmonics`` appends
-    so many of the crank angle). The config.yml of a run also has ``algo``, ``env`` and ``seed``.
-
-    Args:
-        path: of the file. required: keys that it must have.
-        algo, env_id: what it is for; None for its own ``algo`` and ``env``. Where it has none
-            either, the arguments of algorithm, policy and environment stay unchecked.
-
-    Raises:
-        ValueError: no such file, no YAML, an unknown or missing key, or a value that is not
-            allowed; names the file.
-    """
-    config: dict[str, Any] = read_yaml(path)
-    try:
-        check_config(config, algo, env_id, required)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
-    return config
-
-
-def check_config(
-    config: Any, algo: str | None = None, env_id: str | None = None,
-    required: Collection[str] = TO_TRAIN,
-) -> None:  # fmt: skip
-    """Check a configuration's names and values; arguments and errors are :func:`load_config`'s."""
-    Rule((dict,)).check("configuration", config)
-    missing = [name for name in required if name not in config]
-    if missing:
-        raise ValueError(f"configuration has no {missing}, must have {list(required)}")
-    check_keys("", config, KEYS)
-    variants = config.get("training_variants", [{}])
-    if not variants or not all(isinstance(variant, dict) for variant in variants):
-        raise ValueError(f"training_variants is {shown(variants)}, must be a list of mappings")
-    algo, env_id = algo or config.get("algo"), env_id or config.get("env")
-    if algo is not None:
-        policy_kwargs = dict(config.get("policy_kwargs", {}))
-        if "net_arch" in policy_kwargs:
-            _check_layers(policy_kwargs.pop("net_arch"), ["pi", "vf" if algo == "ppo" else "qf"])
-        check_keys("policy_kwargs", policy_kwargs, rules(algo)["policy_kwargs"])
-        hyperparameters = config.get("hyperparameters", {})
-        check_keys("hyperparameters", hyperparameters, rules(algo)["hyperparameters"])
-        if policy_kwargs.get("harmonics") and not policy_kwargs.get("normalize"):
-            raise ValueError("harmonics is given, so normalize must be true, too")
-    if env_id is not None:
-        for arguments in (config.get("env_kwargs", {}), *variants):
-            check_env_kwargs(env_id, arguments)
+    return {"hyperparameters": _rules(library.__init__), "policy_kwargs": {**policy, **NETWORK}}
 
 
 def _check_layers(value: Any, networks: list[str]) -> None:

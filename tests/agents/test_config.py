@@ -12,16 +12,15 @@ from agents import command_line
 from agents.training import config, runs
 from jansen_env.commands import named_policies
 from jansen_env.plain_yaml import MAX_BYTES, parse_yaml, read_yaml
+from jansen_env.sb3.run_config import ALGORITHMS, RunConfig, load_config
 from jansen_env.scoring.benchmarks import can_be_batched
 from jansen_env.scoring.rollout import make_env
 
-LEAST = {"policy": "MlpPolicy", "timesteps": 10, "n_envs": 1, "hyperparameters": {}}
-
 
 def written(folder, **values):
-    """A configuration file with the least that there must be, and these values."""
+    """A configuration file with these values."""
     path = folder / "config.yml"
-    path.write_text(yaml.safe_dump({**LEAST, **values}))
+    path.write_text(yaml.safe_dump(values))
     return path
 
 
@@ -72,7 +71,7 @@ def test_files_that_are_no_yaml(tmp_path):
     ):
         make()
         with pytest.raises(ValueError, match=reason) as error:
-            config.load_config(path)
+            load_config(path)
         assert str(path) in one_line(error)
 
 
@@ -126,7 +125,7 @@ def test_files_that_are_no_yaml(tmp_path):
 def test_values_are_checked(values, message, tmp_path):
     path = written(tmp_path, **values)
     with pytest.raises(ValueError, match=message) as error:
-        config.load_config(path, "ppo" if "algo" not in values else None, "JansenWalker-v0")
+        load_config(path)
     assert one_line(error).startswith(f"{path}: ")
 
 
@@ -143,18 +142,16 @@ def test_values_that_are_allowed(tmp_path):
     }
     for algo, (hyperparameters, policy_kwargs) in some.items():
         values = {"hyperparameters": hyperparameters, "policy_kwargs": policy_kwargs, "algo": algo}
-        assert config.load_config(written(tmp_path, **values)) == {**LEAST, **values}
+        assert load_config(written(tmp_path, **values)) == RunConfig(**values)
 
 
 def test_recorded_configurations_are_read_again(tmp_path):
     """What record_run writes is what load_config gives, for each shipped configuration."""
     for path in config.CONFIGS.glob("*/*.yml"):
-        settings = config.load_config(path)
-        settings = {"algo": path.stem, "env": path.parent.name, **settings, "seed": 3}
-        config.check_config(settings, required=config.TO_RESUME)
+        algo = path.stem if path.stem in ALGORITHMS else None
+        settings = config.new_config(path, algo, path.parent.name, seed=3)
         runs.record_run(tmp_path, settings, "")
-        again = config.load_config(tmp_path / "config.yml", required=config.TO_RESUME)
-        assert again == settings
+        assert load_config(tmp_path / "config.yml") == settings
 
 
 def test_environments_have_an_id_of_a_task_and_a_time_limit():
@@ -169,9 +166,7 @@ def test_environments_have_an_id_of_a_task_and_a_time_limit():
     assert "antigravity" not in sys.modules
 
 
-@pytest.mark.parametrize(
-    "text", ["policy: [", "policy: MlpPolicy", yaml.safe_dump({**LEAST, "timesteps": -5})]
-)
+@pytest.mark.parametrize("text", ["policy: [", "policies: MlpPolicy", "timesteps: -5", "[ppo]"])
 def test_training_refuses_before_it_runs(text, tmp_path):
     path = tmp_path / "mine.yml"
     path.write_text(text)
@@ -242,20 +237,25 @@ def test_policies_keep_labels_of_their_own(tmp_path, monkeypatch):
 def test_what_the_command_line_says_holds_for_all_variants():
     given = ["--env", "JansenCrank-v0", "--env-kwargs", "{reset_noise_scale: 0.5}"]
     settings = train._configure(train.parse(given))
-    assert settings["env_kwargs"] == {"reset_noise_scale": 0.5}
-    assert settings["training_variants"] == [{}, {}, {}, {"max_episode_steps": 100}]
+    assert settings.env_kwargs == {"reset_noise_scale": 0.5}
+    assert settings.training_variants == [{}, {}, {}, {"max_episode_steps": 100}]
 
 
 def test_what_all_variants_have_alike_holds_for_all_environments():
     """One batch then has them, of one variant and of several; what differs stays a variant's."""
     variants = [{"friction": 0.5, "slip_weight": 2.0}, {"friction": 0.6, "slip_weight": 2.0}]
-    given = {"env_kwargs": {"payload": 1.0, "slip_weight": 1.0}, "training_variants": variants}
+    given = RunConfig(
+        env_kwargs={"payload": 1.0, "slip_weight": 1.0}, training_variants=variants
+    )  # fmt: skip
     kwargs, rest = config.training_envs(given)
     assert kwargs == {"payload": 1.0, "slip_weight": 2.0}
     assert rest == [{"friction": 0.5}, {"friction": 0.6}]
-    given = {"training_variants": [{"command_interval": None}, {}]}
-    assert config.training_envs(given) == ({}, given["training_variants"])
-    assert config.training_envs({"training_variants": variants[:1]}) == (variants[0], [{}])
-    assert config.training_envs({}) == ({}, [{}])
+    several = [{"command_interval": None}, {}]
+    assert config.training_envs(RunConfig(training_variants=several)) == ({}, several)
+    alone = RunConfig(training_variants=variants[:1])
+    assert config.training_envs(alone) == (variants[0], [{}])
+    assert config.training_envs(RunConfig()) == ({}, [{}])
     for path in config.CONFIGS.glob("*/*.yml"):
-        assert can_be_batched(path.parent.name, *config.training_envs(config.load_config(path)))
+        algo = path.stem if path.stem in ALGORITHMS else None
+        settings = config.new_config(path, algo, path.parent.name)
+        assert can_be_batched(path.parent.name, *config.training_envs(settings))

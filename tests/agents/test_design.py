@@ -364,7 +364,7 @@ def test_seeds_run_in_processes(tmp_path):
     """Two, by the command itself; each as it is alone."""
     path = tmp_path / "own.yml"
     path.write_text(yaml.safe_dump({**SMALL, "method": "cma", "seeds": 2, "generations": 1}))
-    arguments = [str(path), "--log-folder", str(tmp_path), "--local"]
+    arguments = [str(path), "--log-folder", str(tmp_path)]
     subprocess.run([sys.executable, "-m", "agents.design", *arguments], check=True)
     assert "Apart from each other" in (tmp_path / "own" / "report.md").read_text()
     alone = tmp_path / "alone"
@@ -384,7 +384,7 @@ def test_designs_agree_with_themselves():
 
 def test_a_folder_has_one_search(tmp_path, capsys):
     """Not two at once, and not another robot under the same name."""
-    with search.FileLock(tmp_path / ".lock"), pytest.raises(ValueError, match="is in use by"):
+    with search.locked(tmp_path), pytest.raises(ValueError, match="is in use by"):
         search.run_search(plan_of(generations=1), 0, tmp_path)
     robot = write_robot(tmp_path / "own.json", ROBOTS["built"]())
     plan = plan_of(generations=1, robot=str(robot))

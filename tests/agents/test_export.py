@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from small_runs import NETWORKS, made_run
 
-from agents import export, pack, unpack
+from agents import export, pack
 from agents.export import agreement, c_source, model_card, onnx_model
 from jansen_env.policies import pretrained
 from jansen_env.policies.pretrained import PretrainedPolicy
@@ -42,7 +42,7 @@ def program(policy):
 def agree(policy, count, limit=1e-6, single=1e-5):
     """Whether all that can run a policy acts as PyTorch does in float64."""
     cases = agreement.make_cases(policy, count)
-    expected = agreement.actions_of(pack.in_float64(unpack.to_policy(policy)), cases)
+    expected = agreement.actions_of(pack.in_float64(pack.to_policy(policy)), cases)
     assert cases.shape == (count, len(policy.observed))
     assert np.ptp(expected) > 0.1 and np.abs(expected).min() < 0.99
     sources = program(policy)

@@ -4,9 +4,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from small_runs import small_run
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 
-from agents.training import config
 from agents.training import train_model as training
 from agents.training.callbacks import NormalizerUpdate
 from jansen_env.sb3.normalizer import CLIP, NormalizedObservation
@@ -42,14 +42,12 @@ class Recorder(BaseCallback):
 @pytest.fixture(params=["ppo", "sac"])
 def recorded(request):
     """Four rollouts with the walker's configuration, made small."""
-    settings = config.load_config(config.shipped_config("JansenWalker-v0", request.param))
-    settings.update(algo=request.param, env="JansenWalker-v0", seed=0, n_envs=N_ENVS)
-    settings["hyperparameters"] |= (
+    small = (
         {"n_steps": N_STEPS, "batch_size": 16, "n_epochs": 1}
         if request.param == "ppo"
         else {"train_freq": N_STEPS, "batch_size": 16, "learning_starts": 0, "buffer_size": 48}
     )
-    model = training.prepare(settings)
+    model = training.prepare(small_run(request.param, hyperparameters=small, n_envs=N_ENVS))
     recorder = Recorder()
     model.learn(4 * N_ENVS * N_STEPS, callback=CallbackList([NormalizerUpdate(), recorder]))
     assert len(recorder.seen) == 4

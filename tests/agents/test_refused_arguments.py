@@ -2,7 +2,6 @@
 
 import pytest
 
-from agents import study
 from jansen_env.commands import enjoy, evaluate, replay
 
 REFUSED = {
@@ -41,12 +40,6 @@ REFUSED = {
         (["--policy", "pid", "--env-kwargs", "{speed_command: 1}"], "must be in --command"),
         (["--policy", "pid", "--env-kwargs", "{friktion: 1}"], "'friktion' is no argument"),
         (["--recording", "nowhere.npz"], "nowhere.npz is no recording"),
-    ],
-    (study,): [
-        (["plan.yml", "--seeds", "3"], "not allowed beside it: seeds"),
-        (["--local", "--address", "auto"], "exclude each other"),
-        (["no.yml"], "no.yml cannot be read"),
-        (["--report", "nowhere"], "nowhere/study.yml cannot be read"),
     ],
 }
 

@@ -13,12 +13,12 @@ import torch
 from safetensors.numpy import load, save
 from small_runs import NETWORKS, made_run
 
-from agents import pack, unpack
+from agents import pack
 from jansen_env import paper_robot, sb3
 from jansen_env.commands import evaluate, named_policies
 from jansen_env.policies import pretrained
 from jansen_env.policies.pretrained import check_action
-from jansen_env.sb3.model_files import read_model
+from jansen_env.sb3.trained import read_model
 from jansen_env.scoring.benchmarks import BENCHMARKS
 from jansen_env.scoring.rollout import make_env, make_envs
 
@@ -43,7 +43,7 @@ def test_every_environment_has_its_policy():
 @pytest.mark.parametrize(("env_id", "name"), SHIPPED)
 def test_actions_are_the_networks(env_id, name):
     """To 1e-6 in float64 anywhere, to 1e-5 in torch's float32 where the policy comes by."""
-    policy, model = pretrained.load(env_id, name), unpack.load_sb3(env_id, name).policy
+    policy, model = pretrained.load(env_id, name), pack.load_sb3(env_id, name).policy
     envs = make_envs(env_id, policy.env_kwargs, 20)
     seen, found = envs.reset(seed=3)[0], []
     for _ in range(100):
@@ -147,7 +147,7 @@ def test_packing_keeps_the_policy(network, tmp_path):
     actions, expected = policy.predict(seen)[0], model.predict(seen, deterministic=True)[0]
     assert np.abs(actions - expected).max() < 1e-5
     assert np.ptp(actions) > 0.05
-    again = unpack.load_sb3_file(path)
+    again = pack.to_sb3(pretrained.load_file(path))
     for name, tensor in model.state_dict().items():
         assert torch.equal(tensor, again.policy.state_dict()[name]), name
     assert policy.description["training"]["command"] == ["python train.py --seed 0"]
@@ -155,13 +155,13 @@ def test_packing_keeps_the_policy(network, tmp_path):
 
 
 def test_a_model_from_a_policy_goes_on_learning(made, tmp_path):
-    model = unpack.load_sb3_file(made[1])
+    model = pack.to_sb3(pretrained.load_file(made[1]))
     before = {name: tensor.clone() for name, tensor in model.policy.state_dict().items()}
     model.learn(8)
     after = model.policy.state_dict()
     assert any(not torch.equal(before[name], after[name]) for name in after)
     model.save(tmp_path / "model.zip")
-    assert set(read_model(tmp_path / "model.zip")[0]["policy"]) == set(before)
+    assert set(read_model(tmp_path / "model.zip").parameters["policy"]) == set(before)
 
 
 def test_what_cannot_be_packed_is_refused(made, tmp_path, capsys):
@@ -253,8 +253,8 @@ def test_a_policy_trains_where_it_walks(made, tmp_path):
         shutil.copy(file, tmp_path)
     path = tmp_path / "mine.json"
     change(path, training__config__env_kwargs={"torque_limit": 20.0})
-    with pytest.raises(ValueError, match=r"mine.json: training.config.env_kwargs is .*, must be {"):
-        unpack.load_sb3_file(path)
+    with pytest.raises(ValueError, match=r"training.config.env_kwargs is .*, must be {"):
+        pack.to_sb3(pretrained.load_file(path))
 
 
 def test_damaged_files_are_refused(made, tmp_path):

@@ -13,7 +13,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from side_by_side import compare
 
-from agents.training.training_state import _plain
+from agents.training.training_state import plain
 from jansen_env import LinkageError, Payload, built_robot, paper_robot
 from jansen_env.robot.kinematics import nearest_dead_point
 from jansen_env.robot.lengths import lengths, with_lengths
@@ -54,10 +54,10 @@ def test_given_lengths_are_those_of_a_robot_made_so_for_one_episode(env_id, kwar
 def test_a_state_holds_the_lengths(env_id, kwargs, steps):
     """Through JSON, into another environment; and back to the robot's own without."""
     env, other = (made(env_id, observe_lengths=True, **DRAWN, **kwargs) for _ in range(2))
-    plain = made(env_id, observe_lengths=True, randomize={}, **kwargs)
+    nominal_env = made(env_id, observe_lengths=True, randomize={}, **kwargs)
     first, info = env.reset(seed=1)
     walk(env, steps)
-    state = json.loads(json.dumps(_plain(env.get_state())))
+    state = json.loads(json.dumps(plain(env.get_state())))
     assert state["lengths"] == info["lengths"] == lengths_by_info(env)
     other.reset(seed=2)
     if env_id == "JansenWalker-v0" and steps < 9:  # whose solver a state restarts
@@ -65,13 +65,15 @@ def test_a_state_holds_the_lengths(env_id, kwargs, steps):
     assert (other.set_state(state)[-13:] == first[-13:]).all() and env.robot == other.robot
     assert (walk(env, steps) == walk(other, steps)).all()
     assert (env.reset()[0] == other.reset()[0]).all() and env.robot == other.robot
-    plain.reset(seed=5)
-    nominal = plain.get_state()
+    nominal_env.reset(seed=5)
+    nominal = nominal_env.get_state()
     assert "lengths" not in nominal
-    plain.set_state(state)
-    assert plain.robot == made(env_id, robot=plain.robot, **kwargs).robot != built_robot()
-    assert (plain.set_state(nominal)[-13:] == 0.0).all()
-    assert "lengths" not in plain.get_state()
+    nominal_env.set_state(state)
+    assert (
+        nominal_env.robot == made(env_id, robot=nominal_env.robot, **kwargs).robot != built_robot()
+    )
+    assert (nominal_env.set_state(nominal)[-13:] == 0.0).all()
+    assert "lengths" not in nominal_env.get_state()
 
 
 def lengths_by_info(env):
@@ -286,7 +288,7 @@ def test_stable_baselines_draws_anew_and_goes_on_from_states():
         venv.step(actions)
     assert not {*first} & {*venv.get_attr("robot")}
     other.reset()
-    other.set_states(json.loads(json.dumps([_plain(one) for one in venv.get_states()])))
+    other.set_states(json.loads(json.dumps([plain(one) for one in venv.get_states()])))
     for _ in range(20):
         ours, theirs = venv.step(actions), other.step(actions)
         assert (ours[0] == theirs[0]).all() and (ours[1] == theirs[1]).all()

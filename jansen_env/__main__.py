@@ -37,16 +37,16 @@ def main(arguments: list[str] | None = None) -> None:
     add("command", choices=COMMANDS, metavar="COMMAND", help="one of those below")
     add("arguments", nargs=argparse.REMAINDER, metavar="...", help="see jansen-env COMMAND --help")
     arguments = sys.argv[1:] if arguments is None else arguments
-    found = parser.parse_args(arguments or ["--help"])
+    args = parser.parse_args(arguments or ["--help"])
     try:
-        import_module(f"jansen_env.commands.{found.command}").main(found.arguments)
+        import_module(f"jansen_env.commands.{args.command}").main(args.arguments)
     except ModuleNotFoundError as error:
         missing = (error.name or "").partition(".")[0]
         if missing in ("", "jansen_env"):
             raise
         extra = f"[{EXTRAS.get(missing, 'tools')}]"
         package = f'-e ".{extra}"' if CHECKOUT.exists() else f'"jansen-env{extra}"'
-        text = f"jansen-env {found.command} needs {missing}: python -m pip install {package}"
+        text = f"jansen-env {args.command} needs {missing}: python -m pip install {package}"
         raise SystemExit(text) from error
     except BrokenPipeError:  # whoever read the output has ended
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

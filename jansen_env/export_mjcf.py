@@ -57,7 +57,7 @@ def body_tree(robot: Robot) -> Tree:
             if other not in origins:
                 parents[other], origins[other] = body, pin[2]
                 queue.append(other)
-                pins = [one for one in pins if one is not pin]
+                pins = [left for left in pins if left is not pin]
     return Tree(parents, origins, pins)
 
 
@@ -172,13 +172,13 @@ def _add_bodies(world: ET.Element, robot: Robot, tree: Tree) -> dict[int, ET.Ele
 
 def _pads(robot: Robot) -> list[tuple[str, int, Array]]:
     """Name, body and centre (level, crank angle 0) of every pad, toes first."""
-    layout, found = pad_layout(robot), []
+    layout, pads = pad_layout(robot), []
     owners = links.pad_bodies(robot, layout)
     for i, k, body in zip(layout.leg, layout.joint, owners, strict=True):
         joint, leg = robot.linkage.all_pads[k][0], robot.legs[i]
         name = f"{robot.leg_names[i]}_{robot.linkage.joints[joint]}"
-        found.append((name, body, joint_positions(robot, leg.side, leg.phase)[joint]))
-    return found
+        pads.append((name, body, joint_positions(robot, leg.side, leg.phase)[joint]))
+    return pads
 
 
 def _stand_on(world: ET.Element, chassis: ET.Element, robot: Robot, terrain: Terrain) -> None:
@@ -210,7 +210,7 @@ def _add_friction(
     viscous, dry = links.viscous_pairs(robot), links.dry_pairs(robot)
     for a, b in dict.fromkeys([*viscous, *dry]):
         if parents[b] == a:
-            holder = next(one for one in bodies[b] if one.get("name") == names[b])
+            holder = next(element for element in bodies[b] if element.get("name") == names[b])
         else:
             holder = _add(tendons, "fixed", name=f"{names[a]}_{names[b]}")
             for k in sorted(_way(a, parents) ^ (way := _way(b, parents))):
@@ -241,6 +241,6 @@ def _set_springs(root: ET.Element, robot: Robot) -> None:
     give, scale = robot.pad_compliance, 1.0 - SPRING[0]
     for name, k, _ in _pads(robot):
         per_mass = scale * float(model.body(body_names(robot)[k]).invweight0[0])
-        pad = next(one for one in root.iter("geom") if one.get("name") == name)
+        pad = next(element for element in root.iter("geom") if element.get("name") == name)
         pad.set("solref", _text((-give.stiffness * per_mass, -give.damping * per_mass)))
         pad.set("solimp", _text(SPRING))

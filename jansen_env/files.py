@@ -91,7 +91,7 @@ def write_text(path: str | Path, text: str) -> Path:
 def write_json(path: str | Path, value: object) -> Path:
     """Write a JSON file atomically; a list of numbers is one line."""
     text = json.dumps(value, indent=1)
-    text = _FLAT.sub(lambda found: f"[{' '.join(found[1].split())}]", text)
+    text = _FLAT.sub(lambda match: f"[{' '.join(match[1].split())}]", text)
     return write_text(path, text + "\n")
 
 

@@ -29,13 +29,13 @@ def main(arguments: list[str] | None = None) -> None:
     with parser.refusing():
         check_writable("--out", out)  # before the work
     results = compute()
-    claims, found = check_claims(results), errata()
-    text = as_markdown(claims, found, results.levels, results.pid_levels)
+    claims, effects = check_claims(results), errata()
+    text = as_markdown(claims, effects, results.levels, results.pid_levels)
     print(text if args.all else as_lines(claims))
     write_text(out / "claims.md", text)
     tables: dict[str, Sequence[Claim | Level | PIDLevel | Erratum]] = {
         "claims": claims, "levels": results.levels, "pid_levels": results.pid_levels,
-        "errata": found,
+        "errata": effects,
     }  # fmt: skip
     rows = {name: [asdict(row) for row in table] for name, table in tables.items()}
     write_json(out / "claims.json", rows)

@@ -28,7 +28,7 @@ def assembly_svg(robot: Robot, placed: Sequence[Placed], title: str) -> str:
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    unit, text = [one for one in placed if one.unit == 0], io.StringIO()
+    unit, text = [item for item in placed if item.unit == 0], io.StringIO()
     with mpl.rc_context({"svg.hashsalt": "jansen_env", "font.size": 9}):
         figure = Figure(figsize=SIZE, layout="constrained")
         figure.suptitle(title)
@@ -42,11 +42,11 @@ def assembly_svg(robot: Robot, placed: Sequence[Placed], title: str) -> str:
 def _draw_side(axes: Axes, robot: Robot, unit: Sequence[Placed]) -> None:
     """Draw the rims of all parts at an angle of the crank, the first on the shaft on top."""
     joints = robot.linkage.joints
-    for one in reversed(unit):
-        side = robot.legs[one.leg].side
+    for item in reversed(unit):
+        side = robot.legs[item.leg].side
         place = joint_positions(robot, side, ANGLE) @ np.array([1e3, 1e3j])
-        at = place[[joints.index(name) for name in one.part.joints]]
-        axes.fill(at.real, at.imag, fill=False, ec=f"C{one.body - 1}", lw=8, joinstyle="round")
+        at = place[[joints.index(name) for name in item.part.joints]]
+        axes.fill(at.real, at.imag, fill=False, ec=f"C{item.body - 1}", lw=8, joinstyle="round")
         axes.scatter(at.real, at.imag, 10, "black", zorder=3)
     for name, z in zip(joints, place, strict=True):
         axes.annotate(name, (z.real, z.imag), (6, 6), textcoords="offset points", zorder=3)
@@ -59,27 +59,31 @@ def _draw_order(axes: Axes, robot: Robot, unit: Sequence[Placed]) -> None:
     axis, pin, *_ = [*robot.linkage.bodies[CRANK - 1][1]]
     others = [joint for joint in robot.linkage.joints if joint not in (axis, pin)]
     rows: dict[tuple[int, str], int] = {}
-    for leg, way in zip(dict.fromkeys(one.leg for one in unit), (1, -1), strict=False):
+    for leg, way in zip(dict.fromkeys(item.leg for item in unit), (1, -1), strict=False):
         rows |= {(leg, axis): 0, (leg, pin): 1}
         rows |= {(leg, joint): way * (k + 1) + (way > 0) for k, joint in enumerate(others)}
-    pinned = {one.joint for one in robot.linkage.pins} - {axis}
+    pinned = {item.joint for item in robot.linkage.pins} - {axis}
     end, pins = unit[-1].top, defaultdict[int, list[float]](list)
-    for one in unit:
-        at = {joint: rows[one.leg, joint] for joint in one.part.joints}
+    for item in unit:
+        at = {joint: rows[item.leg, joint] for joint in item.part.joints}
         for joint in (joint for joint in at if joint in pinned):
-            pins[at[joint]] += (0.0, end) if joint in one.through else (one.z, one.top)
+            pins[at[joint]] += (0.0, end) if joint in item.through else (item.z, item.top)
         # Parts of a leg in one layer share its width here.
-        mates = [other for other in unit if (other.leg, other.layer) == (one.leg, one.layer)]
-        width = one.part.thickness / len(mates)
-        x, low, high = one.z + width * (mates.index(one) + 0.5), min(at.values()), max(at.values())
-        axes.bar(x, high - low + 0.6, width, low - 0.3, color=f"C{one.body - 1}", edgecolor="k")
+        mates = [other for other in unit if (other.leg, other.layer) == (item.leg, item.layer)]
+        width = item.part.thickness / len(mates)
+        x, low, high = (
+            item.z + width * (mates.index(item) + 0.5),
+            min(at.values()),
+            max(at.values()),
+        )
+        axes.bar(x, high - low + 0.6, width, low - 0.3, color=f"C{item.body - 1}", edgecolor="k")
         axes.scatter([x] * len(at), [*at.values()], 22, "black", zorder=3)
-        axes.text(x, (low + high) / 2, one.part.name.replace("_", " "), rotation=90, zorder=4,
+        axes.text(x, (low + high) / 2, item.part.name.replace("_", " "), rotation=90, zorder=4,
                   ha="center", va="center", color="white", fontweight="bold")  # fmt: skip
     for row, faces in pins.items():
         ends = min(faces) - HEAD, max(faces) + HEAD
         axes.plot(ends, (row, row), "black", linewidth=2.5, zorder=0)
-    first, last = (one for one in unit if one.body == CRANK)
+    first, last = (item for item in unit if item.body == CRANK)
     for shaft in ((-SHAFT_END, first.z), (last.top, end + SHAFT_END)):
         axes.plot(shaft, (0, 0), "dimgray", linewidth=7, solid_capstyle="butt", zorder=0)
     axes.set_yticks([*rows.values()], [joint for _, joint in rows])

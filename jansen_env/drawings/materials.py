@@ -122,15 +122,15 @@ def hardware(robot: Robot, placed: Sequence[Placed]) -> list[Part]:
     Their masses are in the shares of :func:`bill_of_materials`.
     """
     axis, crank_pin, *_ = [*robot.linkage.bodies[CRANK - 1][1]]
-    end, found = placed[-1].top, Counter[tuple[str, str, str, str]]()
+    end, pieces = placed[-1].top, Counter[tuple[str, str, str, str]]()
     stacks: dict[tuple[str, object], list[tuple[float, float]]] = {}
-    for one in placed:
-        for joint in one.part.joints:
-            where: object = one.unit if joint == crank_pin else (one.unit, one.leg)
-            if axle := joint in one.through:
-                where = robot.legs[one.leg].side
+    for item in placed:
+        for joint in item.part.joints:
+            where: object = item.unit if joint == crank_pin else (item.unit, item.leg)
+            if axle := joint in item.through:
+                where = robot.legs[item.leg].side
             faces = stacks.setdefault((joint, where), [(0.0, 0.0), (end, end)] if axle else [])
-            faces.append((one.z, one.top))
+            faces.append((item.z, item.top))
     for (joint, where), faces in stacks.items():
         if joint == axis:
             continue
@@ -140,23 +140,23 @@ def hardware(robot: Robot, placed: Sequence[Placed]) -> list[Part]:
             name, radius, wall, owner = "axle", TUBE, 2.0, "cross-member"
         if len(faces) > 1:  # a toe has no pin
             size = f"{2 * PIN:g} x {faces[-1][1] - faces[0][0]:.1f} mm"
-            found[f"{name}, at {joint}", "steel", size, owner] += 1
+            pieces[f"{name}, at {joint}", "steel", size, owner] += 1
         for (_, top), (bottom, _) in pairwise(faces):
             if bottom - top > GAP + TOLERANCE:
                 size = f"{2 * radius:g} x {wall:g} x {bottom - top:.1f} mm"
-                found[f"spacer, at {joint}", "EN AW-6060 tube", size, owner] += 1
-    webs = [one for one in placed if one.body == CRANK]
-    tops = [-SHAFT_END, *(one.top for one in webs[1::2])]
-    bottoms = [*(one.z for one in webs[::2]), end + SHAFT_END]
+                pieces[f"spacer, at {joint}", "EN AW-6060 tube", size, owner] += 1
+    webs = [item for item in placed if item.body == CRANK]
+    tops = [-SHAFT_END, *(item.top for item in webs[1::2])]
+    bottoms = [*(item.z for item in webs[::2]), end + SHAFT_END]
     for top, bottom in zip(tops, bottoms, strict=True):
         size = f"{2 * SHAFT:g} x {bottom - top:.1f} mm"
-        found["shaft, at O", "steel C45", size, "crankshaft"] += 1
+        pieces["shaft, at O", "steel C45", size, "crankshaft"] += 1
     size = f"{2 * HUB:g} x {HUB_LENGTH:g} mm, bore {2 * SHAFT:g}, spigot {2 * PIN:g}, two screws M3"
-    found["hub, at O", "EN AW-6060", size, "crankshaft"] += len(webs)
+    pieces["hub, at O", "EN AW-6060", size, "crankshaft"] += len(webs)
     size = f"{2 * SHAFT:g} x {2 * (SHAFT + BUSH - PIN):g} mm"
-    found["bush, at O", "iglidur J200", size, "crankshaft"] += len(webs)  # one in each frame
+    pieces["bush, at O", "iglidur J200", size, "crankshaft"] += len(webs)  # one in each frame
     return [Part(name, material, size, number, 0.0, note=f"counted in the {owner} mass")
-            for (name, material, size, owner), number in found.items()]  # fmt: skip
+            for (name, material, size, owner), number in pieces.items()]  # fmt: skip
 
 
 def to_csv(parts: Sequence[Part]) -> str:
@@ -164,10 +164,11 @@ def to_csv(parts: Sequence[Part]) -> str:
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(COLUMNS)
-    for one in parts:
-        thick, mass = (f"{value:.6g}" if value else "" for value in (one.thickness, 1e3 * one.each))
-        size = one.dimensions
-        rows.writerow((one.name, one.material, size, thick, one.number, mass, one.note))
+    for part in parts:
+        numbers = part.thickness, 1e3 * part.each
+        thick, mass = (f"{value:.6g}" if value else "" for value in numbers)
+        size = part.dimensions
+        rows.writerow((part.name, part.material, size, thick, part.number, mass, part.note))
     return text.getvalue()
 
 
@@ -181,7 +182,7 @@ def machine(robot: Robot) -> Robot:
     made = replace(
         robot, bodies=tuple(_link(robot, body) for body in range(1, len(robot.bodies) + 1))
     )
-    damping = [round(built.foot_damping(one, made.mass), 1) for one in built.FOOT_STIFFNESS]
+    damping = [round(built.foot_damping(k, made.mass), 1) for k in built.FOOT_STIFFNESS]
     normal, tangential = zip(built.FOOT_STIFFNESS, damping, strict=True)
     return replace(
         made, pad_radius=built.FOOT_RADIUS, motor=MOTORS["ak80_6"],
@@ -192,7 +193,7 @@ def machine(robot: Robot) -> Robot:
 def _link(robot: Robot, body: int) -> Plate:
     """Return a body of a leg: its flat parts, and pins, feet, motor and battery as point masses."""
     part, legs = link_part(robot, body), len(robot.legs)
-    each = next(one.each for one in bill_of_materials(robot) if one.name == part.name)
+    each = next(line.each for line in bill_of_materials(robot) if line.name == part.name)
     mass = each * counts(robot)[part.name] / legs
     area, centre, inertia = _moments(part)
     points = [(mass, centre)]
@@ -205,7 +206,7 @@ def _link(robot: Robot, body: int) -> Plate:
         sides = len({leg.side for leg in robot.legs})
         share = sides * built.CROSS_MEMBER_MASS + built.BATTERY_MASS / len(pivots)
         points += [(built.AXIS_MASS / legs, axis), *((share / legs, pivot) for pivot in pivots)]
-    masses, places = np.array([one for one, _ in points]), np.array([z for _, z in points])
+    masses, places = np.array([weight for weight, _ in points]), np.array([z for _, z in points])
     middle = masses @ places / masses.sum()
     turning = mass * inertia / area + float(masses @ abs(places - middle) ** 2)
     joints = [1e-3 * (z - middle) for z in part.joints.values()]
@@ -215,10 +216,10 @@ def _link(robot: Robot, body: int) -> Plate:
 
 def _moments(part: CutPart) -> tuple[float, complex, float]:
     """Return area, mm^2, centroid, mm, and second moment about it, mm^4, of a part as drawn."""
-    signed = [(1.0, part.outline), *((-1.0, one) for one in (*part.windows, *part.holes))]
-    found = np.array([sign * _about_origin(shape) for sign, shape in signed]).sum(axis=0)
-    area, centre = float(found[0].real), complex(found[1] / found[0])
-    return area, centre, float(found[2].real) - area * abs(centre) ** 2
+    signed = [(1.0, part.outline), *((-1.0, shape) for shape in (*part.windows, *part.holes))]
+    moments = np.array([sign * _about_origin(shape) for sign, shape in signed]).sum(axis=0)
+    area, centre = float(moments[0].real), complex(moments[1] / moments[0])
+    return area, centre, float(moments[2].real) - area * abs(centre) ** 2
 
 
 def _about_origin(shape: Round) -> NDArray[np.complex128]:

@@ -61,12 +61,12 @@ class Round(NamedTuple):
         """Its corners, each with the bulge of the edge that follows, as in DXF; not of a circle."""
         if not self.radius:
             return [(z, 0.0) for z in self.corners]
-        found = []
+        points = []
         for (a, b), (_, c) in sides(sides(self.corners)):
             start, end = (-1j * self.radius * (q - p) / abs(q - p) for p, q in ((a, b), (b, c)))
             bulge = math.tan(abs(cmath.phase((c - b) / (b - a))) / 4.0)
-            found += [(b + start, bulge), (b + end, 0.0)]
-        return found
+            points += [(b + start, bulge), (b + end, 0.0)]
+        return points
 
     def moved(self, turn: complex, shift: complex) -> Round:
         """Turned about the origin by a unit, then shifted."""
@@ -88,8 +88,8 @@ class CutPart(NamedTuple):
         """The part turned about the origin by a unit, then shifted."""
         return self._replace(
             outline=self.outline.moved(turn, shift),
-            windows=tuple(one.moved(turn, shift) for one in self.windows),
-            holes=tuple(one.moved(turn, shift) for one in self.holes),
+            windows=tuple(shape.moved(turn, shift) for shape in self.windows),
+            holes=tuple(shape.moved(turn, shift) for shape in self.holes),
             joints={name: turn * z + shift for name, z in self.joints.items()},
             text=(turn * self.text[0] + shift, turn * self.text[1] + shift),
         )
@@ -98,13 +98,13 @@ class CutPart(NamedTuple):
         """The part turned so that it is as low as it can lie, the corner of its box at 0."""
         turns = [abs(q - p) / (q - p) for p, q in sides(self.outline.corners)]
         boxes = [(self.outline.moved(turn, 0j).box, turn) for turn in turns]
-        (low, _), turn = min(boxes, key=lambda one: round((one[0][1] - one[0][0]).imag, 6))
+        (low, _), turn = min(boxes, key=lambda box: round((box[0][1] - box[0][0]).imag, 6))
         return self.moved(turn, -low)
 
     @property
     def mass(self) -> float:
         """Mass as drawn, kg."""
-        area = self.outline.area - sum(one.area for one in (*self.windows, *self.holes))
+        area = self.outline.area - sum(shape.area for shape in (*self.windows, *self.holes))
         return 1e-9 * built.DENSITY * self.thickness * area
 
 
@@ -115,7 +115,8 @@ def sides(corners: Sequence[T]) -> list[tuple[T, T]]:
 
 def hull(points: Iterable[complex]) -> tuple[complex, ...]:
     """Corners of the convex hull, counter-clockwise; both ends of points in line."""
-    ordered, found = sorted(points, key=lambda z: (z.real, z.imag)), []
+    ordered = sorted(points, key=lambda z: (z.real, z.imag))
+    corners: list[complex] = []
     for row in (ordered, ordered[::-1]):
         kept: list[complex] = []
         for z in row:
@@ -125,15 +126,15 @@ def hull(points: Iterable[complex]) -> tuple[complex, ...]:
                     break
                 kept.pop()
             kept.append(z)
-        found += kept[:-1]
-    return tuple(found)
+        corners += kept[:-1]
+    return tuple(corners)
 
 
-def gap(one: Points, other: Points) -> NDArray[np.float64]:
+def gap(polygon: Points, other: Points) -> NDArray[np.float64]:
     """Least distances between convex polygons (..., corners), 0 where they meet."""
-    least = np.full(one.shape[:-1], np.inf)
+    least = np.full(polygon.shape[:-1], np.inf)
     signs = []
-    for a, b in ((one, other), (other, one)):
+    for a, b in ((polygon, other), (other, polygon)):
         p = b[..., None, :]
         way, z = np.roll(p, -1, axis=-1) - p, a[..., :, None] - p
         along = (z * way.conj()).real / np.maximum(abs(way) ** 2, 1e-12)
@@ -164,11 +165,11 @@ def link_part(robot: Robot, body: int) -> CutPart:
         screw = HUB_SCREWS * (at[joints[1]] - axis) / abs(at[joints[1]] - axis)
         holes += [Round((axis + way * screw,), HUB_SCREW) for way in (1, -1)]
         flat = Round(hull([*corners, axis - screw]))
-    for one, other in combinations(holes, 2):
-        apart = abs(other.corners[0] - one.corners[0])
-        if apart < one.radius + other.radius + WALL:
+    for hole, other in combinations(holes, 2):
+        apart = abs(other.corners[0] - hole.corners[0])
+        if apart < hole.radius + other.radius + WALL:
             raise ValueError(
-                f"{name} has holes of {2 * one.radius:g} and {2 * other.radius:g} mm at "
+                f"{name} has holes of {2 * hole.radius:g} and {2 * other.radius:g} mm at "
                 f"{apart:.1f} mm from one another, must have {WALL:g} mm between them"
             )
     margin = 500.0 * (built.FRAME_WIDTH if body == FRAME else built.WIDTH)
@@ -200,8 +201,8 @@ def _shoe_holes(toe: complex, corners: Sequence[complex]) -> list[Round]:
     ways = [z - toe for z in near or corners[:2]]
     apart = abs(cmath.phase(ways[0] / ways[1])) > math.pi / 6.0
     reaches = (15.0, 15.0) if apart else (14.0, 28.0)
-    found = [toe + reach * way / abs(way) for reach, way in zip(reaches, ways, strict=True)]
-    return [Round((z,), SHOE_SCREW) for z in found]
+    points = [toe + reach * way / abs(way) for reach, way in zip(reaches, ways, strict=True)]
+    return [Round((z,), SHOE_SCREW) for z in points]
 
 
 def _windows(
@@ -221,7 +222,9 @@ def _windows(
         shift = (feet[0] - corners.mean()) * (built.FOOT_MASS - built.PIN_SHARE) / hole
     for rim in np.arange(margin + FILLET, inradius - FILLET):
         z = middle + shift + (1.0 - rim / inradius) * (corners - middle)
-        if all(gap(np.array(one.corners), z) > FILLET + one.radius + 2.0 * WALL for one in holes):
+        walls = (hole.radius + 2.0 * WALL for hole in holes)
+        rooms = (gap(np.array(hole.corners), z) - FILLET for hole in holes)
+        if all(room > wall for room, wall in zip(rooms, walls, strict=True)):
             return (Round(tuple(z.tolist()), FILLET),)
     return ()
 
@@ -229,7 +232,7 @@ def _windows(
 def feet_of(robot: Robot, body: int) -> list[str]:
     """Toes whose treads a body carries."""
     toes = robot.linkage.all_pads[: len(robot.linkage.toes)]
-    return [robot.linkage.joints[joint] for joint, one in toes if one == body - 1]
+    return [robot.linkage.joints[joint] for joint, index in toes if index == body - 1]
 
 
 def rectangle(size: complex) -> Round:

@@ -22,7 +22,7 @@ from jansen_env.robot import buildable as built
 from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.linkage import CRANK, FRAME
 
-Found = tuple[float, list[int]]  # the length of all discs in layers, the layers of bodies as bits
+Order = tuple[float, list[int]]  # the length of all discs in layers, the layers of bodies as bits
 
 CLEARANCE = 1.0  # mm, between parts of a layer
 GAP, UNIT_GAP = 1.0, 6.0  # mm, between layers (a washer), and between units (heads of pins)
@@ -60,10 +60,10 @@ class Placed(NamedTuple):
         return self.z + self.part.thickness
 
 
-class Thing(NamedTuple):
+class Solid(NamedTuple):
     """A body, or a disc about a joint: a pin with its head and nut, a tread, the shaft with a hub.
 
-    ``places`` are (SAMPLES, corners) mm. A disc takes the layers of the things numbered in ``on``,
+    ``places`` are (SAMPLES, corners) mm. A disc takes the layers of the solids numbered in ``on``,
     those between them, and ``beyond`` more on either side.
     """
 
@@ -77,16 +77,16 @@ class Thing(NamedTuple):
 
 def units(robot: Robot) -> list[tuple[int, ...]]:
     """Legs on each crank pin, one of either side at most."""
-    found: list[tuple[int, ...]] = []
+    pins: list[tuple[int, ...]] = []
     for i, leg in enumerate(robot.legs):
-        for k, (other, *more) in enumerate(found):
+        for k, (other, *more) in enumerate(pins):
             turn = math.remainder(leg.phase - robot.legs[other].phase, 2.0 * math.pi)
             if not more and abs(turn) < 1e-9 and robot.legs[other].side != leg.side:
-                found[k] = (other, i)
+                pins[k] = (other, i)
                 break
         else:
-            found.append((i,))
-    return found
+            pins.append((i,))
+    return pins
 
 
 def carried(part: CutPart, points: Sequence[complex], joints: Points, side: str) -> Points:
@@ -98,20 +98,20 @@ def carried(part: CutPart, points: Sequence[complex], joints: Points, side: str)
     if side == "back":
         own, on = own.conj(), on.conj()
     turn = (joints[..., 1] - joints[..., 0]) / (own[1] - own[0])
-    found: Points = joints[..., :1] + turn[..., None] * (on - own[0])
-    return found
+    places: Points = joints[..., :1] + turn[..., None] * (on - own[0])
+    return places
 
 
-def _meet(one: Thing, other: Thing) -> bool:
-    return bool(gap(one.places, other.places).min() < one.radius + other.radius + CLEARANCE)
+def _meet(solid: Solid, other: Solid) -> bool:
+    return bool(gap(solid.places, other.places).min() < solid.radius + other.radius + CLEARANCE)
 
 
-def _things(robot: Robot, legs: Sequence[int]) -> list[Thing]:
+def _solids(robot: Robot, legs: Sequence[int]) -> list[Solid]:
     """Bodies of the legs, leg by leg, then all discs but those of axles that nothing meets."""
     linkage, psi = robot.linkage, 2.0 * math.pi / SAMPLES * np.arange(SAMPLES)
     axis, pin, *_ = [*linkage.bodies[CRANK - 1][1]]  # of all legs
-    bodies: list[Thing] = []
-    discs: list[Thing] = []
+    bodies: list[Solid] = []
+    discs: list[Solid] = []
     for leg in legs:
         side, first = robot.legs[leg].side, len(bodies)
         at = joint_positions(robot, side, psi) @ np.array([1e3, 1e3j])
@@ -120,12 +120,12 @@ def _things(robot: Robot, legs: Sequence[int]) -> list[Thing]:
             places = carried(part, part.outline.corners, at[:, members], side)
             for toe in feet_of(robot, body):
                 radius, tread = 1e3 * built.FOOT_RADIUS, at[:, [linkage.joints.index(toe)]]
-                discs.append(Thing(leg, toe, tread, radius, (len(bodies),), TREAD_LAYERS))
-            bodies.append(Thing(leg, linkage.bodies[body - 1][1], places, part.outline.radius))
+                discs.append(Solid(leg, toe, tread, radius, (len(bodies),), TREAD_LAYERS))
+            bodies.append(Solid(leg, linkage.bodies[body - 1][1], places, part.outline.radius))
         own = bodies[first:]
         for k, joint in enumerate(linkage.joints):
             on = tuple(first + i for i, body in enumerate(own) if joint in body.joints)
-            disc = Thing(leg, joint, at[:, [k]], SPACER, on)
+            disc = Solid(leg, joint, at[:, [k]], SPACER, on)
             if joint in (axis, pin):
                 shared = disc._replace(radius=HUB if joint == axis else SPACER, on=())
                 discs += [shared] if leg == legs[0] else []
@@ -134,12 +134,12 @@ def _things(robot: Robot, legs: Sequence[int]) -> list[Thing]:
     return bodies + discs
 
 
-def _swept(robot: Robot, pivot: Thing, bodies: Sequence[Thing]) -> bool:
+def _swept(robot: Robot, pivot: Solid, bodies: Sequence[Solid]) -> bool:
     """Whether bodies of a leg sweep over the tube about a fixed pivot of either side."""
     tube = pivot._replace(radius=TUBE)
     tubes = [tube, tube._replace(places=-tube.places.conj())]
     del tubes[len({leg.side for leg in robot.legs}) :]
-    return any(_meet(one, body) for body in bodies for one in tubes[pivot.joints in body.joints :])
+    return any(_meet(t, body) for body in bodies for t in tubes[pivot.joints in body.joints :])
 
 
 class Unit:
@@ -148,17 +148,17 @@ class Unit:
     def __init__(self, robot: Robot, legs: Sequence[int]) -> None:
         self.linkage, self.count = robot.linkage, len(robot.bodies)
         self.axis, self.pin, *_ = [*self.linkage.bodies[CRANK - 1][1]]
-        self.things, self.bodies = _things(robot, legs), self.count * len(legs)
+        self.solids, self.bodies = _solids(robot, legs), self.count * len(legs)
         self.tries = MOST_TRIES
 
-        def joined(one: Thing, other: Thing) -> bool:
-            shared = {*one.joints} & {*other.joints}
-            return bool(shared if one.leg == other.leg else shared & {self.axis, self.pin})
+        def joined(solid: Solid, other: Solid) -> bool:
+            shared = {*solid.joints} & {*other.joints}
+            return bool(shared if solid.leg == other.leg else shared & {self.axis, self.pin})
 
         self.pairs = [
             (i, k)
-            for (i, one), (k, other) in combinations(enumerate(self.things), 2)
-            if (k < self.bodies or not joined(one, other)) and _meet(one, other)
+            for (i, solid), (k, other) in combinations(enumerate(self.solids), 2)
+            if (k < self.bodies or not joined(solid, other)) and _meet(solid, other)
         ]  # a disc is meant to be where its bodies are
 
     def order(self) -> list[int]:
@@ -166,7 +166,7 @@ class Unit:
 
         Raises CollisionError: there is no such order; says why.
         """
-        discs = [k for k in range(self.bodies, len(self.things)) if not self.things[k].on]
+        discs = [k for k in range(self.bodies, len(self.solids)) if not self.solids[k].on]
         for body, name in enumerate(self.linkage.names):
             if body >= CRANK and all((body, disc) in self.pairs for disc in discs):
                 raise CollisionError(f"{name} sweeps over the shaft and over the crank pin")
@@ -180,14 +180,14 @@ class Unit:
                 return best
         raise CollisionError(f"{MOST_TRIES - max(self.tries, 0)} orders of the links collide")
 
-    def _search(self, count: int, layers: list[int], best: Found) -> Found:
+    def _search(self, count: int, layers: list[int], best: Order) -> Order:
         """Place the bodies without a layer so that the length is less than that of the best."""
         length = self._length(count, layers)
         left = [body for body in range(self.count) if not layers[body]]
         if length >= best[0] or not left:
-            return min(best, (length, layers), key=lambda one: one[0])
-        body = min(left, key=lambda one: self.pin not in self.things[one].joints)
-        edge = WEB + 1 if self.pin in self.things[body].joints else 1
+            return min(best, (length, layers), key=lambda order: order[0])
+        body = min(left, key=lambda body: self.pin not in self.solids[body].joints)
+        edge = WEB + 1 if self.pin in self.solids[body].joints else 1
         for layer in range(edge, count - edge):
             tried = [*layers]
             tried[body] = 1 << layer
@@ -201,13 +201,13 @@ class Unit:
         self.tries -= 1
         if self.tries < 0 or any(layers[i] & layers[k] for i, k in self.pairs if k < self.bodies):
             return math.inf
-        spans = [self._span(count, layers, one) for one in self.things[self.bodies :]]
+        spans = [self._span(count, layers, disc) for disc in self.solids[self.bodies :]]
         taken = layers + spans
         if min(spans) < 0 or any(taken[i] & taken[k] for i, k in self.pairs):
             return math.inf
         return sum(span.bit_count() for span in spans)
 
-    def _span(self, count: int, layers: list[int], disc: Thing) -> int:
+    def _span(self, count: int, layers: list[int], disc: Solid) -> int:
         """Layers of a disc as bits, negative if it reaches out of the unit."""
         every = (1 << count) - 1
         if disc.joints == self.pin:
@@ -239,17 +239,17 @@ def layers(robot: Robot) -> list[Placed]:
         if sides not in known:
             unit = Unit(robot, legs)
             order = unit.order()
-            found = [(layer, k) for layer in range(MOST_LAYERS)
+            spots = [(layer, k) for layer in range(MOST_LAYERS)
                      for k, bits in enumerate(order) if bits >> layer & 1]  # fmt: skip
-            short = {one.joints for one in unit.things[unit.bodies :]}
-            known[sides] = found, {*robot.linkage.bodies[0][1]} - short
-        found, through = known[sides]
-        heights = [0.0] * (1 + found[-1][0])
+            short = {disc.joints for disc in unit.solids[unit.bodies :]}
+            known[sides] = spots, {*robot.linkage.bodies[0][1]} - short
+        spots, through = known[sides]
+        heights = [0.0] * (1 + spots[-1][0])
         heights[WEB - 1] = heights[-WEB] = HUB_LENGTH
-        for layer, k in found:
+        for layer, k in spots:
             heights[layer] = max(heights[layer], parts[k % len(parts)].thickness)
         heights = [height or EMPTY for height in heights]
-        for layer, k in found:
+        for layer, k in spots:
             leg, body = divmod(k, len(parts))
             z = start + sum(heights[:layer]) + GAP * layer
             z += 0.5 * (heights[layer] - parts[body].thickness)

@@ -71,8 +71,8 @@ def _engraving(part: CutPart) -> list[Round]:
     from matplotlib.textpath import TextPath
 
     drawn = TextPath((0.0, 0.0), part.name, size=LETTERS, prop=FontProperties("DejaVu Sans"))
-    outlines = (np.array(one)[:-1] @ [1, 1j] for one in drawn.to_polygons())
-    letters = [Round(tuple(one.tolist())) for one in outlines]
+    outlines = (np.array(outline)[:-1] @ [1, 1j] for outline in drawn.to_polygons())
+    letters = [Round(tuple(outline.tolist())) for outline in outlines]
     low, high = Round(tuple(z for letter in letters for z in letter.corners)).box
     start, end = part.text
     way = (end - start) * min(1.0 / abs(end - start), ROOM / (high - low).real)
@@ -152,18 +152,18 @@ def drawings(robot: Robot, title: str, sheet: complex) -> tuple[dict[str, str], 
     files = {f"{name}.dxf": to_dxf(*what) for name, what in drawn.items()}
     files |= {f"{name}.svg": to_svg(*what) for name, what in drawn.items()}
     mass = sum(part.mass for part in bill)
-    said = f"{sum(number.values())} parts to cut; the machine weighs {mass:.2f} kg with all others"
+    text = f"{sum(number.values())} parts to cut; the machine weighs {mass:.2f} kg with all others"
     if abs(mass - robot.mass) > ALIKE * robot.mass:
-        said += f"\nwarning: the simulated robot weighs {robot.mass:.2f} kg, so this machine will "
-        said += "walk differently; --as-robot-file FILE writes the machine as a robot"
+        text += f"\nwarning: the simulated robot weighs {robot.mass:.2f} kg, so this machine will "
+        text += "walk differently; --as-robot-file FILE writes the machine as a robot"
     try:
         placed = layers(robot)
     except CollisionError as error:
-        said += f"\nno assembly: {error}"
+        text += f"\nno assembly: {error}"
     else:
         title += f": the first of {len(units(robot))} crank pins with its legs; "
         title += f"{placed[-1].top:.0f} mm wide"
         files["assembly.svg"] = assembly_svg(robot, placed, title)
         bill += hardware(robot, placed)
     files["materials.csv"] = to_csv(bill)
-    return files, said
+    return files, text

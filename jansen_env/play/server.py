@@ -308,10 +308,12 @@ class _Limited(ServerConnection):
     @classmethod
     def cut_off_idle(cls, count: int | None = None) -> None:
         """Cut off those that have been idle longest, all or so many."""
-        idle = [one for one in cls.present if one.state is not State.OPEN][:count]
-        for one in idle:
-            del cls.present[one]
-            one.transport.abort()
+        idle = [connection for connection in cls.present if connection.state is not State.OPEN][
+            :count
+        ]
+        for connection in idle:
+            del cls.present[connection]
+            connection.transport.abort()
 
     def connection_lost(self, exc: Exception | None) -> None:
         self.present.pop(self, None)

@@ -230,12 +230,12 @@ def check_action(
     robot = env.TASK.WORLD.driven_robot(given["robot"], given["motor"], given["torque_limit"])
     plant = given.get("plant", "projection")  # the crank has none to choose
     period, step = control_period(given["control_dt"], plant_time_step(plant, given["time_step"]))
-    for name, own, needed in (
+    for name, value, needed in (
         ("torque_limit", torque_limit, robot.motor.torque_limit),
         ("control_dt", control_dt, within("control_dt", period, SHORTEST_PERIOD, LONGEST_PERIOD)),
     ):
-        if not math.isclose(own, needed):
-            raise ValueError(f"{name} is {own}, must be {needed} as of {env_id} with env.kwargs")
+        if not math.isclose(value, needed):
+            raise ValueError(f"{name} is {value}, must be {needed} as of {env_id} with env.kwargs")
     steps = positive_integer("max_episode_steps", given["max_episode_steps"])
     if (count := steps * round(period / step)) > MOST_TIME_STEPS:
         raise ValueError(

@@ -218,9 +218,9 @@ def score_cells(
     ``parts`` is 3 for values [low, high], 1 for values alone.
     """
     rows = [
-        [policy, *(interval_text(own["overall"][name][:parts], metric.digits)
+        [policy, *(interval_text(summary["overall"][name][:parts], metric.digits)
                    for name, metric in metrics.items())]
-        for policy, own in scores.items()
+        for policy, summary in scores.items()
     ]  # fmt: skip
     return [["", *(metric.heading for metric in metrics.values())], *rows]
 

@@ -101,11 +101,11 @@ def run_episodes(
     every: Options = {benchmark.option: commands, **(options or {})}
     for begin in range(0, len(commands), at_once):
         part = slice(begin, begin + at_once)
-        own = make_envs(env_id, env_kwargs, len(commands[part])) if envs is None else envs
-        of_part = {name: values[part] for name, values in every.items()}
-        parts.append(_run_side_by_side(policy, own, benchmark, of_part, seeds[part]))
+        used = make_envs(env_id, env_kwargs, len(commands[part])) if envs is None else envs
+        given = {name: values[part] for name, values in every.items()}
+        parts.append(_run_side_by_side(policy, used, benchmark, given, seeds[part]))
         if envs is None:
-            own.close()
+            used.close()
     run = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     for name, aggregate in benchmark.aggregates.items():
         if aggregate.reduction == "rms":
@@ -150,6 +150,6 @@ def _reset(envs: VectorEnv, options: Options, seeds: NDArray[np.int64]) -> NDArr
     # It has one set of options for all: the first time for everyone, then one after another.
     for k in range(len(seeds)):
         named = {} if k == 0 else {"reset_mask": np.arange(len(seeds)) == k}
-        own = {name: values[k] for name, values in options.items()}
-        observations, _ = envs.reset(seed=seeds.tolist(), options={**own, **named})
+        given = {name: values[k] for name, values in options.items()}
+        observations, _ = envs.reset(seed=seeds.tolist(), options={**given, **named})
     return observations

@@ -52,9 +52,10 @@ def page(*recordings: Recording) -> str:
         "title": title,
         "subtitle": _subtitle(recordings),
         # Two robots in one picture stand on the same ground.
-        "comparable": all(np.array_equal(one.terrain, first.terrain) for one in recordings),
+        "comparable": all(np.array_equal(r.terrain, first.terrain) for r in recordings),
         "recordings": [
-            {"label": label, **_packed(one)} for label, one in zip(labels, recordings, strict=True)
+            {"label": label, **packed}
+            for label, packed in zip(labels, map(_packed, recordings), strict=True)
         ],
     }
     parts = {"<title>Replay</title>": f"<title>{html.escape(title)}</title>"}
@@ -79,12 +80,12 @@ def page_of(
         f"default-src 'none'; img-src data:; style-src {_hash_of(style)}; "
         f"script-src {_hash_of(script)}; base-uri 'none'; form-action 'none'"
     )
-    own = {
+    filling = {
         "default-src 'none'": policy,
         "<!-- style -->": f"<style>{style}</style>",
         "<!-- script -->": f"<script>{script}</script>",
     }
-    return filled(template, {**own, **parts}, data)
+    return filled(template, {**filling, **parts}, data)
 
 
 def filled(template: str, parts: Mapping[str, str], data: object) -> str:
@@ -94,7 +95,7 @@ def filled(template: str, parts: Mapping[str, str], data: object) -> str:
         **parts,
     }
     pattern = "|".join(map(re.escape, all_parts))
-    return re.sub(pattern, lambda found: all_parts[found[0]], _read(template))
+    return re.sub(pattern, lambda match: all_parts[match[0]], _read(template))
 
 
 def write_page(path: str | Path, *recordings: Recording) -> Path:
@@ -125,8 +126,8 @@ def _script(names: Sequence[str]) -> str:
             r'^import (?:\* as )?(\w+|\{[^}]*\}) from "\./(\w+)\.js";', r"const \1 = \2_js;",
             source, flags=re.MULTILINE,
         )  # fmt: skip
-        if found := re.search(r"^(?:import|export)\b.*|</script|<!--", source, re.MULTILINE):
-            raise ValueError(f"{name}.js has {found[0]!r}, which cannot be put into a page")
+        if match := re.search(r"^(?:import|export)\b.*|</script|<!--", source, re.MULTILINE):
+            raise ValueError(f"{name}.js has {match[0]!r}, which cannot be put into a page")
         modules.append(
             f"const {name}_js = (() => {{\n{source}\nreturn {{ {', '.join(exported)} }};\n}})();"
         )
@@ -145,7 +146,7 @@ def _json(value: object) -> str:
 
 
 def _labels(recordings: tuple[Recording, ...]) -> list[str]:
-    labels = [one.label or one.env_id or "recording" for one in recordings]
+    labels = [recording.label or recording.env_id or "recording" for recording in recordings]
     if len({*labels}) < len(labels):
         labels = [f"{label} ({i})" for i, label in enumerate(labels, start=1)]
     return labels
@@ -153,18 +154,19 @@ def _labels(recordings: tuple[Recording, ...]) -> list[str]:
 
 def _subtitle(recordings: tuple[Recording, ...]) -> str:
     """Events of a recording, each kind once."""
-    told = []
-    for one in recordings:
-        unit, commands = one.speed_unit, np.unique(one.command)
+    events = []
+    for recording in recordings:
+        unit, commands = recording.speed_unit, np.unique(recording.command)
         least, most = commands[0], commands[-1]
         command = f"{least:.3g}" if least == most else f"{least:.3g} to {most:.3g}"
-        arguments = ", ".join(f"{name}={shown(value)}" for name, value in one.env_kwargs.items())
-        seed = "" if one.seed is None else f", seed {one.seed}"
-        told.append(
-            f"{one.env_id}{f' with {arguments}' if arguments else ''}, commanded speed "
+        given = recording.env_kwargs.items()
+        arguments = ", ".join(f"{name}={shown(value)}" for name, value in given)
+        seed = "" if recording.seed is None else f", seed {recording.seed}"
+        events.append(
+            f"{recording.env_id}{f' with {arguments}' if arguments else ''}, commanded speed "
             f"{command} {unit}{seed}"
         )
-    text = "; ".join(dict.fromkeys(told))
+    text = "; ".join(dict.fromkeys(events))
     return text if len(text) <= LONGEST_TEXT else f"{text[:LONGEST_TEXT]}..."
 
 
@@ -174,34 +176,35 @@ def _packed(recording: Recording) -> dict[str, object]:
     Arrays are of all frames; numbers of a step are 0 at the start. Points are relative to the crank
     axis.
     """
-    one = recording
-    axis = one.pose[:, :2]
-    since = one.time - one.time[0]
-    lengths = np.diff(one.time)
+    axis = recording.pose[:, :2]
+    since = recording.time - recording.time[0]
+    lengths = np.diff(recording.time)
     # Of each step in the direction commanded in it; forwards where nothing ever is.
-    directions = np.sign(one.command[:-1]) if one.command[:-1].any() else np.ones(one.steps)
-    lifts = np.abs(one.energy_of("motor_work")) / one.weight[1:]  # by which the work would lift it
+    command = recording.command[:-1]
+    directions = np.sign(command) if command.any() else np.ones(recording.steps)
+    # Heights to which the work would lift the robot.
+    lifts = np.abs(recording.energy_of("motor_work")) / recording.weight[1:]
     arrays = {
         "time": _plain(since, "<f8"),
-        "pose": _plain(np.column_stack([axis, _turned(one.pose[:, 2:])]), "<f4"),
-        "joints": _quantised(one.joints.astype(float) - axis[:, None, None]),
-        "contact": _plain(one.contact, "|u1"),
-        "contactPoint": _quantised(one.contact_point - axis[:, None]),
-        "contactForce": _quantised(one.contact_force),
-        "command": _plain(one.command),
-        "speed": _plain(one.speed),
-        "crankSpeed": _plain(one.crank_speed),
-        "torque": _plain(one.torque),
-        "power": _plain(_after_start(one.power)),
-        "reward": _plain(_after_start(one.reward)),
-        "slip": _plain(_after_start(one.slip.sum(axis=1) / lengths)),
+        "pose": _plain(np.column_stack([axis, _turned(recording.pose[:, 2:])]), "<f4"),
+        "joints": _quantised(recording.joints.astype(float) - axis[:, None, None]),
+        "contact": _plain(recording.contact, "|u1"),
+        "contactPoint": _quantised(recording.contact_point - axis[:, None]),
+        "contactForce": _quantised(recording.contact_force),
+        "command": _plain(recording.command),
+        "speed": _plain(recording.speed),
+        "crankSpeed": _plain(recording.crank_speed),
+        "torque": _plain(recording.torque),
+        "power": _plain(_after_start(recording.power)),
+        "reward": _plain(_after_start(recording.reward)),
+        "slip": _plain(_after_start(recording.slip.sum(axis=1) / lengths)),
         "distance": _plain(_after_start(directions * np.diff(axis[:, 0])).cumsum()),
-        "returned": _plain(_after_start(one.reward).cumsum()),
-        "slipped": _plain(_after_start(one.slip.sum(axis=1)).cumsum()),
+        "returned": _plain(_after_start(recording.reward).cumsum()),
+        "slipped": _plain(_after_start(recording.slip.sum(axis=1)).cumsum()),
         "lifted": _plain(_after_start(lifts).cumsum()),
     }
-    scene = {**one.scene, "terrain": _seen(one)}
-    return {"scene": scene, "ended": one.terminated, "arrays": arrays}
+    scene = {**recording.scene, "terrain": _seen(recording)}
+    return {"scene": scene, "ended": recording.terminated, "arrays": arrays}
 
 
 def _after_start(values: Array) -> Array:

@@ -21,9 +21,9 @@ from jansen_env.commands.flags import non_negative_int, parse_policies, policy_p
 from jansen_env.commands.named_policies import load_all
 from jansen_env.commands.plots import Sweeps, by_condition, plot_sweeps
 from jansen_env.files import write_json, write_text
-from jansen_env.scoring.benchmarks import ENOUGH, WORLD, succeeded
 from jansen_env.scoring.metrics import INTERVALS, pooled, proportion_with_interval, score_table
 from jansen_env.scoring.rollout import make_env, run_episodes
+from jansen_env.tasks.walking.walker_benchmark import ENOUGH, WORLD, succeeded
 from jansen_env.terrain.generators import HIGHEST
 
 FIRST_SEED = 80_000  # of the episodes: training, tuning and other scores use others

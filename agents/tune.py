@@ -17,10 +17,17 @@ from tqdm import tqdm
 
 import jansen_env
 from agents.tuning import profile_search
-from jansen_env.baselines import profile
 from jansen_env.baselines.pid import PID
 from jansen_env.baselines.policy import Array, Policy
-from jansen_env.baselines.walker_baselines import (
+from jansen_env.checks import listed
+from jansen_env.commands.flags import Parser, non_negative_int, positive_int
+from jansen_env.files import write_json
+from jansen_env.robot import ROBOTS
+from jansen_env.scoring.benchmarks import BENCHMARKS
+from jansen_env.scoring.metrics import Episodes
+from jansen_env.scoring.rollout import make_env, run_episodes
+from jansen_env.tasks.walking import profile
+from jansen_env.tasks.walking.walker_baselines import (
     BASELINES,
     DATA,
     Setting,
@@ -29,13 +36,6 @@ from jansen_env.baselines.walker_baselines import (
     tuned_for,
     walking_pid,
 )
-from jansen_env.checks import listed
-from jansen_env.commands.flags import Parser, non_negative_int, positive_int
-from jansen_env.files import write_json
-from jansen_env.robot import ROBOTS
-from jansen_env.scoring.benchmarks import BENCHMARKS
-from jansen_env.scoring.metrics import Episodes
-from jansen_env.scoring.rollout import make_env, run_episodes
 
 ENV = "JansenWalker-v0"
 FLAT = (ENV, "JansenWalkerBuilt-v0")  # harder worlds take the numbers of their robot

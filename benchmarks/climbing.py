@@ -21,8 +21,8 @@ from jansen_env.baselines.policy import Array, Bools, Policy
 from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.robot import JANSEN, paper_robot
 from jansen_env.robot.kinematics import world_joints
-from jansen_env.scoring.benchmarks import ENOUGH, succeeded
 from jansen_env.scoring.rollout import make_env, run_episodes
+from jansen_env.tasks.walking.walker_benchmark import ENOUGH, succeeded
 from jansen_env.terrain import shapes
 from jansen_env.terrain.generators import HIGHEST, LEVELS, NamedGenerator, at_level, make_generator
 

@@ -18,8 +18,8 @@ from jansen_env import built_robot
 from jansen_env.commands.named_policies import load_named
 from jansen_env.gravity import GRAVITY
 from jansen_env.robot.lengths import with_lengths
-from jansen_env.scoring.benchmarks import WALKER
 from jansen_env.scoring.rollout import run_episodes
+from jansen_env.tasks.walking.walker_benchmark import WALKER
 
 ENV, COUNT = "JansenWalkerBuilt-v0", 20
 BODIES, WALKS = 1000, 70_000  # first seeds, apart from those of runs

@@ -20,18 +20,18 @@ from agents.tuning.profile_search import ENV, HARMONICS, Sweep, improve, profile
 from benchmarks import climbing, measure
 from jansen_env.baselines.pid import PID
 from jansen_env.baselines.policy import Array, Policy
-from jansen_env.baselines.profile import Profile
-from jansen_env.baselines.walker_baselines import nearest_setting, walking_pid
-from jansen_env.envs.walker import JansenWalkerEnv
 from jansen_env.files import write_json
 from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.plants.trace import find_touchdowns, peak_loads, trace_forces
 from jansen_env.robot import ROBOTS, Bar, Robot
 from jansen_env.robot.kinematics import advance_per_turn, toe_positions, world_joints
 from jansen_env.robot.zoo import standing_height
-from jansen_env.scoring.benchmarks import WALKER, succeeded
 from jansen_env.scoring.metrics import SETTLING, point_estimates
 from jansen_env.scoring.rollout import make_env, run_episodes
+from jansen_env.tasks.walking import JansenWalkerEnv
+from jansen_env.tasks.walking.profile import Profile
+from jansen_env.tasks.walking.walker_baselines import nearest_setting, walking_pid
+from jansen_env.tasks.walking.walker_benchmark import WALKER, succeeded
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

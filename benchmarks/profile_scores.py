@@ -13,9 +13,9 @@ from scipy.stats import binomtest
 from benchmarks import measure
 from benchmarks.measure import WALKER as ENV
 from jansen_env.baselines.policy import Policy
-from jansen_env.scoring.benchmarks import WALKER
 from jansen_env.scoring.metrics import Episodes, point_estimates
 from jansen_env.scoring.rollout import make_env, run_episodes
+from jansen_env.tasks.walking.walker_benchmark import WALKER
 
 COMMANDS = (0.05, 0.06, 0.075, 0.1, 0.125, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7,
             0.8)  # fmt: skip

@@ -21,13 +21,13 @@ from scipy.stats import rankdata, spearmanr
 from benchmarks import measure
 from jansen_env.baselines.pid import PID
 from jansen_env.baselines.policy import Array, Bools, Policy, TorquePolicy, columns
-from jansen_env.baselines.walker_baselines import BASELINES, measured_setting, walking_pid
 from jansen_env.commands.named_policies import load_named
-from jansen_env.envs.walker import JansenWalkerEnv
 from jansen_env.robot import Robot
-from jansen_env.scoring.benchmarks import WALKER
 from jansen_env.scoring.metrics import Episodes, point_estimates
 from jansen_env.scoring.rollout import make_env, run_episodes
+from jansen_env.tasks.walking import JansenWalkerEnv
+from jansen_env.tasks.walking.walker_baselines import BASELINES, measured_setting, walking_pid
+from jansen_env.tasks.walking.walker_benchmark import WALKER
 
 ENV = "JansenWalker-v0"
 HORIZON = 10.0  # s, of an episode

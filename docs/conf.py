@@ -76,7 +76,9 @@ def environment_page(env_id: str) -> str:
     docstring = re.sub(r" \(``tests/\S+``\)", "", docstring)
     docstring = re.sub(rf"``(?!{env_id})(Jansen\w+-v0)``", r"[`\1`](\1.md)", docstring)
     docstring = re.sub(r"``docs/(\S+\.md)``", r"[](../\1)", docstring)  # with that page's title
-    names = [(i, *entry) for i, entry in enumerate(env.observed)]
+    names = [
+        (i, entry.name, entry.unit, entry.low, entry.high) for i, entry in enumerate(env.observed)
+    ]
     return "\n\n".join([
         tabulate(rows.items(), ("", ""), "github"),
         docstring,

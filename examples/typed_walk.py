@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
 from jansen_env import Robot, Terrain, built_robot
-from jansen_env.envs.walker import JansenWalkerEnv, JansenWalkerVectorEnv
 from jansen_env.sb3 import make_vec_env
+from jansen_env.tasks.walking import JansenWalkerEnv, JansenWalkerVectorEnv
 from jansen_env.viewer.recorder import Recorder
 from jansen_env.viewer.recording import Recording
 

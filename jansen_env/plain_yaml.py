@@ -4,7 +4,7 @@ rules for its values."""
 from __future__ import annotations
 
 import re
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import NoneType
@@ -71,7 +71,7 @@ class Rule(NamedTuple):
     types: tuple[type, ...] = ()
     low: float = -HUGE
     high: float = HUGE
-    words: tuple[str, ...] = ()
+    words: Sequence[str] = ()
     prefix: str = ""
 
     def check(self, name: str, value: Any) -> None:

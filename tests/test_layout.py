@@ -12,16 +12,19 @@ from agents import NEEDED
 
 ROOT = Path(__file__).parents[1]
 ORDER = (
-    ["checks", "cores", "files", "plain_yaml", "uniform"],
+    ["checks", "cores", "files", "plain_yaml", "registration", "uniform"],
     ["engine"],
     ["gravity", "robot", "terrain"],
     ["parameters", "rendering"],
     ["dynamics"],
     ["plants"],
     ["world"],
-    ["tasks"],
+    ["tasks.task", "tasks.information"],
+    ["baselines"],
+    ["scoring.metrics"],
     ["envs"],
-    ["baselines", "policies"],
+    ["tasks"],
+    ["policies"],
     ["scoring"],
     ["drawings", "export_mjcf", "sb3", "viewer", "paper"],
     ["play"],

@@ -19,9 +19,9 @@ from jansen_env.baselines.policy import Array, Policy
 from jansen_env.dynamics.projection import leg_sides
 from jansen_env.gravity import GRAVITY
 from jansen_env.robot.lengths import lengths, with_lengths
-from jansen_env.scoring.benchmarks import ENOUGH, WALKER
 from jansen_env.scoring.metrics import SETTLING, point_estimates
 from jansen_env.scoring.rollout import make_env, make_envs, run_episodes
+from jansen_env.tasks.walking.walker_benchmark import ENOUGH, WALKER
 from jansen_env.terrain import Terrain, shapes
 from jansen_env.world.settings import load_robot
 

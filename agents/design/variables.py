@@ -10,14 +10,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jansen_env.baselines.policy import Array
-from jansen_env.baselines.profile import DATA, load_profile
-from jansen_env.baselines.walker_baselines import tuned_for
 from jansen_env.checks import listed, shown
 from jansen_env.drawings.shaft_order import units
 from jansen_env.plain_yaml import Rule
 from jansen_env.robot import ROBOTS, Robot
 from jansen_env.robot.lengths import lengths, with_lengths
 from jansen_env.robot.motor import MOTORS
+from jansen_env.tasks.walking.profile import DATA, load_profile
+from jansen_env.tasks.walking.walker_baselines import tuned_for
 from jansen_env.world.settings import load_robot
 
 KINDS: dict[str, Rule] = {

@@ -3,20 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
-from jansen_env.sb3.run_config import Arguments, RunConfig, load_config
-from jansen_env.scoring.benchmarks import DEFAULT
+import gymnasium as gym
 
-CONFIGS = Path(__file__).parents[1] / "configs"
+from jansen_env.sb3.run_config import Arguments, RunConfig, load_config
+from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT
+
+
+def training_folder(env_id: str) -> Path:
+    """Return the folder of an environment's training configurations, beside its module."""
+    module = str(gym.spec(env_id).entry_point).partition(":")[0]
+    return Path(str(import_module(module).__file__)).parent / "training" / env_id
+
+
+def shipped_configs() -> list[Path]:
+    """Return the configuration files of all environments."""
+    return sorted(file for env_id in BENCHMARKS for file in training_folder(env_id).glob("*.yml"))
 
 
 def shipped_config(env_id: str, algo: str) -> Path:
-    """Return the configuration file for an environment and algorithm that comes with the package;
-    a ValueError where there is none."""
-    path = CONFIGS / env_id / f"{algo}.yml"
+    """Return an environment's configuration file for an algorithm; ValueError: there is none."""
+    path = training_folder(env_id) / f"{algo}.yml"
     if not path.is_file():
-        known = sorted(f"{file.parent.name}/{file.stem}" for file in CONFIGS.glob("*/*.yml"))
+        known = [f"{file.parent.name}/{file.stem}" for file in shipped_configs()]
         raise ValueError(f"no configuration for {env_id}/{algo}, must be one of {known}, or a file")
     return path
 

@@ -14,10 +14,10 @@ import cma
 import numpy as np
 
 from jansen_env.baselines.policy import Array, TorquePolicy, columns
-from jansen_env.baselines.profile import READ, Profile, profile_torque
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.metrics import Episodes
 from jansen_env.scoring.rollout import make_env, run_episodes
+from jansen_env.tasks.walking.profile import READ, Profile, profile_torque
 
 ENV = "JansenWalker-v0"
 COMMANDS = (0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.7, 0.8)  # m/s

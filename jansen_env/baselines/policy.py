@@ -61,6 +61,11 @@ class TorquePolicy:
         return (action if np.ndim(observation) > 1 else action[0]), state
 
 
+def still(env: Any) -> TorquePolicy:
+    """Return the policy that asks for no torque."""
+    return TorquePolicy(lambda seen, *_: (np.zeros(len(seen)), None), env.torque_limit)
+
+
 def pid_policy(
     reference: Reference, torque_limit: float, control_dt: float, pid: PID = PAPER_PID
 ) -> TorquePolicy:

@@ -36,7 +36,7 @@ class Progress(NamedTuple):
 
 def play(policy: Policy, env: Any, command: float, seed: int) -> Iterator[Progress]:
     """Play an episode of one robot with a command; yield its start and each step."""
-    observation, _ = env.reset(seed=seed, options={find_benchmark(env.spec.id).option: command})
+    observation, _ = env.reset(seed=seed, options=find_benchmark(env.spec.id).options(command))
     moment, state, truncated = Progress(0, 0.0, False), None, False
     yield moment
     while not (moment.failed or truncated):

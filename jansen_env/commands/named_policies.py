@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from jansen_env.baselines.policy import Policy
-from jansen_env.baselines.profile import load_profile
 from jansen_env.checks import listed
 from jansen_env.policies import pretrained
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.rollout import EnvKwargs, make_env
+from jansen_env.tasks.walking.profile import load_profile
 
 ALIASES = {"pid-paper": "pid", "pretrained": f"pretrained:{pretrained.DEFAULT}"}
 SHIPPED = "pretrained:"  # before the name of a policy that comes with the package
@@ -117,6 +117,6 @@ def load_all(args: argparse.Namespace, commands: Sequence[float] = ()) -> Loaded
         with closing(make_env(args.env, env_kwargs)) as env:
             policies = {short + suffix: load_named(name, env) for short, name in names.items()}
             for command in commands:
-                env.reset(options={find_benchmark(args.env).option: command})
+                env.reset(options=find_benchmark(args.env).options(command))
         loaded.append((policies, env_kwargs))
     return loaded

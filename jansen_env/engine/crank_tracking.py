@@ -26,10 +26,10 @@ HELD_INFORMATION = row_dtype(
 ENERGIES = row_dtype(
     floats("motor_work", "electrical_work", "joint_loss", "mechanical_energy_change", "residual")
 )
-# A held robot's row: its last actions and steps.
+# A held robot's row, see jansen_env.engine.readings.ROW.
 HELD_ROW = row_dtype(
     [
-        *floats("action", "action_before", "steps"),
+        *floats("action", "action_before", "weight", "direction"),
         ("info", HELD_INFORMATION),
         ("energy", ENERGIES),
     ]
@@ -56,26 +56,27 @@ def take_actions(
 
 @kernel
 def finish_step(
-    which: Ints1, states: Floats2, robots: Robots, torque: Floats1, period: float,
-    weights: Weights, rows: HeldRows, own: Rows, reward: Floats1, terminated: Bools1, out: Singles2,
+    which: Ints1, states: Floats2, robots: Robots, torque: Floats1, elapsed: Ints1,
+    period: float, weights: Weights, rows: HeldRows, own: Rows, reward: Floats1,
+    terminated: Bools1, out: Singles2,
 ) -> None:  # fmt: skip
     """Reward the step of ``period`` seconds that led to ``states`` (n, 8), and describe it.
 
     Args:
         which: (k,) robots that have taken it.
         robots: (n,) ROBOT of :mod:`jansen_env.engine.records`. torque: (n,) last asked for, N m.
+        elapsed: (n,) steps since the reset.
         weights: (1,) of :data:`REWARD`. rows: (n,) of :data:`HELD_ROW`, own: (n,) of :data:`ROW`.
         reward, terminated: (n,). out: (n, 5) observations.
     """
     for r in which:
-        rows[r].steps += 1.0
         energy, total = rows[r].energy, robots[r].accumulators
         work, loss, change = total.motor_work, total.joint_loss, total.energy_change
         energy.motor_work, energy.joint_loss = work, loss
         energy.electrical_work = total.electrical_work
         energy.mechanical_energy_change, energy.residual = change, work - loss - change
         rows[r].info.crank_torque = torque[r] + total.torque_impulse / period
-        _describe(states[r], period, rows[r], own[r], out[r])
+        _describe(states[r], elapsed[r], period, rows[r], own[r], out[r])
         term, error = own[r].reward, own[r].info.tracking_error
         term.tracking = weights[0].tracking / (1.0 + (error / TRACKING_WIDTH) ** 2)
         term.torque = -weights[0].torque * rows[r].action ** 2
@@ -85,21 +86,22 @@ def finish_step(
 
 @kernel
 def describe(
-    which: Ints1, states: Floats2, period: float, rows: HeldRows, own: Rows, out: Singles2
-) -> None:
+    which: Ints1, states: Floats2, elapsed: Ints1, period: float, rows: HeldRows, own: Rows,
+    out: Singles2,
+) -> None:  # fmt: skip
     """Write observations of robots ``which`` (k,) to ``out`` (n, 5), and information to both rows.
 
     Args:
-        states: (n, 8). period: s, of a step.
+        states: (n, 8). elapsed: (n,) steps since the reset. period: s, of a step.
     """
     for r in which:
-        _describe(states[r], period, rows[r], own[r], out[r])
+        _describe(states[r], elapsed[r], period, rows[r], own[r], out[r])
 
 
 @stage
-def _describe(state, period, row, own, out):
+def _describe(state, elapsed, period, row, own, out):
     info, angle, speed = own.info, state[3], state[7]
     row.info.crank_angle, row.info.crank_speed = angle, speed
-    info.tracking_error = info.speed_command * row.steps * period + START_ANGLE - angle
+    info.tracking_error = info.speed_command * elapsed * period + START_ANGLE - angle
     out[0], out[1], out[2] = mathematics.cos(angle), mathematics.sin(angle), speed
     out[3], out[4] = info.tracking_error, info.speed_command

@@ -1,4 +1,4 @@
-"""Noise of n robots' sensors; what it is is documented in :mod:`jansen_env.world.noise`."""
+"""Noise of n robots' sensors; what it is is documented in :mod:`jansen_env.world.observations`."""
 
 from __future__ import annotations
 

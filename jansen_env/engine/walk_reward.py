@@ -1,7 +1,7 @@
 """The walking task of n robots: commands, rewards and their means, on top of the readings.
 
 The reward is a product of factors, each 1 where a step is as asked for, so that none can be bought
-with another. They are documented in :class:`jansen_env.envs.walker.JansenWalkerEnv`.
+with another. They are documented in :class:`jansen_env.tasks.walking.JansenWalkerEnv`.
 """
 
 from __future__ import annotations

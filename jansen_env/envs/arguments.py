@@ -7,43 +7,64 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from numbers import Integral
-from typing import Any
+from typing import Any, Concatenate, TypeVar
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
+from typing_extensions import ParamSpec
 
 from jansen_env.checks import entries, instance, listed, positive_integer, shown, whole_number
 from jansen_env.world.argument_checks import Array, entries_of
 
-RENDER_MODES = ["human", "rgb_array"]
+P = ParamSpec("P")
+S = TypeVar("S")
+E = TypeVar("E")
+
 MOST_ROBOTS = 1_000_000  # of a vector environment: gigabytes
 MOST_EPISODE_STEPS = 2**53  # the largest number up to which floats count one by one
 
 
-def known_arguments(environment: type, given: Mapping[str, Any]) -> None:
-    """Raise TypeError for arguments that an environment does not have."""
-    allowed = sorted(inspect.signature(environment).parameters)
-    if unknown := sorted({*given} - {*allowed}):
-        raise TypeError(
-            f"{environment.__name__} got an unexpected keyword argument {unknown[0]!r}, must be in "
-            f"{listed(allowed, unknown[0])}"
-        )
+def takes(
+    settings: Callable[P, S],
+) -> Callable[[Callable[[E, S], None]], Callable[Concatenate[E, P], None]]:
+    """Let an environment's constructor take the arguments of its settings, as keywords.
+
+    What is not given is a value of the environment's ``PRESET``, or else the settings' default.
+    Type checkers, ``help`` and ``inspect.signature`` know them.
+
+    Raises:
+        TypeError: an argument that the settings do not have; ValueError: a wrong one.
+    """
+    parameters = inspect.signature(settings).parameters
+
+    def decorate(init: Callable[[E, S], None]) -> Callable[Concatenate[E, P], None]:
+        def __init__(self: E, /, *args: P.args, **kwargs: P.kwargs) -> None:
+            if unknown := sorted(map(str, {*kwargs} - {*parameters})):
+                raise TypeError(
+                    f"{type(self).__name__} got an unexpected keyword argument {unknown[0]!r}, "
+                    f"must be in {listed(sorted(parameters), unknown[0])}"
+                )
+            preset: Any = {k: v for k, v in getattr(self, "PRESET", {}).items() if k not in kwargs}
+            made = settings(*args, **kwargs, **preset)
+            object.__setattr__(made, "preset", frozenset(preset))
+            init(self, made)
+
+        own = inspect.Parameter("self", inspect.Parameter.POSITIONAL_ONLY)
+        __init__.__signature__ = inspect.Signature([own, *parameters.values()])  # type: ignore[attr-defined]
+        return __init__
+
+    return decorate
 
 
-def broadcast_limits(count: int, limit: Any) -> Array:
-    """(count,) steps after which episodes are truncated; inf for None and ``gym.make``'s -1."""
-    name, never = "max_episode_steps", math.inf
-    limits = [
-        never
-        if one is None or (isinstance(one, Integral) and one == -1)
-        else positive_integer(name, one, MOST_EPISODE_STEPS)
-        for one in entries_of(name, limit, count)
-    ]
-    return np.array(limits, float)
+def time_limit(name: str, limit: Any) -> float:
+    """Steps after which an episode is truncated; inf for None and ``gym.make``'s -1."""
+    if limit is None or (isinstance(limit, Integral) and limit == -1):
+        return math.inf
+    return positive_integer(name, limit, MOST_EPISODE_STEPS)
 
 
 def broadcast_seeds(count: int, seed: Any) -> list[int | None]:
@@ -56,16 +77,16 @@ def broadcast_seeds(count: int, seed: Any) -> list[int | None]:
     seeds = entries("seed", seed, allowed)
     if len(seeds) != count:
         raise ValueError(f"seed is {shown(seed)}, must be {allowed}")
-    return [None if one is None else whole_number("seed", one) for one in seeds]
+    return [None if entry is None else whole_number("seed", entry) for entry in seeds]
 
 
-def autoreset_mode(mode: Any) -> AutoresetMode:
+def autoreset_mode(name: str, mode: Any) -> AutoresetMode:
     """Gymnasium's :class:`AutoresetMode`, also by its value."""
     try:
         return AutoresetMode(mode)
     except ValueError:
-        allowed = [one.value for one in AutoresetMode]
-        raise ValueError(f"autoreset_mode is {shown(mode)}, must be one of {allowed}") from None
+        allowed = [known.value for known in AutoresetMode]
+        raise ValueError(f"{name} is {shown(mode)}, must be one of {allowed}") from None
 
 
 def reset_mask(count: int, mask: Any) -> NDArray[np.bool_]:
@@ -93,13 +114,6 @@ def broadcast_options(count: int, options: dict[str, Any]) -> list[dict[str, Any
         name: entries_of(f"options[{name!r}]", value, count) for name, value in options.items()
     }
     return [{name: values[i] for name, values in columns.items()} for i in range(count)]
-
-
-def render_mode(mode: Any, allowed: Sequence[str] = RENDER_MODES) -> str | None:
-    """None or one of those allowed."""
-    if mode is None or (isinstance(mode, str) and mode in allowed):
-        return mode
-    raise ValueError(f"render_mode is {shown(mode)}, must be None or one of {allowed}")
 
 
 def one_action(action: Any) -> Array:
@@ -144,7 +158,7 @@ def complete_state(state: Mapping[str, Any], example: Mapping[str, Any]) -> None
 class Renderers(dict[int, Any]):
     """Renderers of the robots of an environment, by number; made when first needed."""
 
-    def draw(self, env: Any, row: int) -> NDArray[np.uint8] | None:
+    def draw(self, env: Any, i: int) -> NDArray[np.uint8] | None:
         """Draw a robot; (H, W, 3) uint8, None in a window or without a ``render_mode``."""
         if env.render_mode is None:
             modes = env.metadata["render_modes"]
@@ -152,12 +166,12 @@ class Renderers(dict[int, Any]):
             return None
         from jansen_env.rendering import Renderer
 
-        scene = env.task.scene(row)
-        if row not in self:
+        scene = env.task.scene(i)
+        if i not in self:
             fps = env.metadata["render_fps"]
-            self[row] = Renderer(**scene, mode=env.render_mode, fps=fps)
-        self[row].show(**scene)  # which a reset may change
-        return self[row].draw(env.task.frame(row))
+            self[i] = Renderer(**scene, mode=env.render_mode, fps=fps)
+        self[i].show(**scene)  # which a reset may change
+        return self[i].draw(env.task.world.frame(i, env.task.command(i)))
 
     def close(self) -> None:
         """Close windows."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import inspect
+from collections.abc import Mapping
 from typing import Any, ClassVar, Generic, TypeVar
 
 import gymnasium as gym
@@ -12,51 +12,43 @@ from numpy.typing import NDArray
 from jansen_env.envs import arguments
 from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
+from jansen_env.scoring.metrics import Benchmark
 from jansen_env.tasks.task import Task
-from jansen_env.world.argument_checks import Each
-from jansen_env.world.entries import Observed
+from jansen_env.world.argument_checks import RENDER_MODES
+from jansen_env.world.observations import Observed
+from jansen_env.world.settings import RobotSettings
 
 Observation = NDArray[np.float32]
 ATask = TypeVar("ATask", bound=Task)
 
-ROW = np.zeros(1, np.int64)
+ROBOT = np.zeros(1, np.int64)
 ACTIVE = np.ones(1, bool)
 RIGHT, LEFT = 1073741903, 1073741904  # pygame's K_RIGHT and K_LEFT
 
 
 class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
-    """One robot that does a task; arguments are the task's and ``render_mode``.
+    """One robot that does a task. Its constructor is :func:`jansen_env.envs.arguments.takes`.
 
     Attributes:
+        PRESET: values of arguments in place of the settings' defaults.
+        BENCHMARK: the rules by which policies are scored, by default the return alone.
+        SETTINGS: the arguments, checked.
         task: the task of this one robot. dt, control_dt: s for which an action is held.
-        observed: name, unit and limits of each number of the observation.
+        observed: name, unit, limits and noise of each number of the observation.
     """
 
-    metadata: dict[str, Any] = {"render_modes": arguments.RENDER_MODES, "render_fps": 50}
-    TASK: ClassVar[Any]
-    task: ATask
+    metadata: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": 50}
+    SETTINGS: ClassVar[type[RobotSettings]]
+    PRESET: ClassVar[Mapping[str, Any]] = {}
+    BENCHMARK: ClassVar[Benchmark] = Benchmark()
 
-    def __init_subclass__(cls, **kwargs: Any) -> None:
-        """Show the task's arguments as those of the environment."""
-        super().__init_subclass__(**kwargs)
-        if "__init__" not in cls.__dict__:
-            own = inspect.signature(cls.TASK).parameters.values()
-            mode = inspect.Parameter("render_mode", inspect.Parameter.KEYWORD_ONLY, default=None)
-            cls.__signature__ = inspect.Signature([*own, mode])  # type: ignore[attr-defined]
-
-    def __init__(self, *, render_mode: str | None = None, **task_arguments: Any) -> None:
-        self.render_mode: str | None = arguments.render_mode(render_mode)
-        arguments.known_arguments(type(self), task_arguments)
-        own = {
-            name: Each([value]) if name in self.TASK.PER_ROBOT else value
-            for name, value in task_arguments.items()
-        }
-        self.task = self.TASK(1, None, **own)
-        self.observation_space: Any = self.task.observation_space
-        self.action_space: Any = self.task.action_space
-        self.control_dt: float = self.task.control_dt
+    def __init__(self, task: ATask, render_mode: str | None) -> None:
+        self.task, self.render_mode = task, render_mode
+        self.observation_space: Any = task.observation_space
+        self.action_space: Any = task.action_space
+        self.control_dt: float = task.control_dt
         self.dt: float = self.control_dt
-        self.observed: tuple[Observed, ...] = self.task.observed
+        self.observed: tuple[Observed, ...] = task.observed
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.dt))}
         self._begun, self._renderers = False, arguments.Renderers()
 
@@ -88,7 +80,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         before = self._np_random, self._np_random_seed
         super().reset(seed=seed)
         try:
-            self.task.reset(ROW, [self.np_random], [options])
+            self.task.reset(ROBOT, [self.np_random], [options])
         except Exception:
             self._np_random, self._np_random_seed = before
             raise
@@ -113,8 +105,8 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
             self.render()
         return (
             task.observation[0].copy(),
-            task.reward.item(0),
-            task.terminated.item(0),
+            task.rewards.item(0),
+            task.ended.item(0),
             task.truncated.item(0),
             task.information.single(0),
         )
@@ -142,13 +134,13 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
 
     def frame(self) -> Frame:
         """Return the picture data of the robot as it stands."""
-        return self.task.frame(0)
+        return self.task.world.frame(0, self.task.command(0))
 
     def get_state(self) -> dict[str, Any]:
         """Return all that the future of this robot depends on; :meth:`set_state` continues bit for
         bit.
 
-        With ``plant="rigid_body"`` only nearly: setting a state closes gaps and restarts the solver.
+        With ``plant="rigid_body"`` only nearly: it closes gaps and restarts the solver.
         """
         return {**self.task.get_state(0), "generator": self.np_random.bit_generator.state}
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass
 from functools import partial
 from typing import Any, ClassVar, Generic
 
@@ -19,12 +19,45 @@ from typing_extensions import Self
 from jansen_env.checks import positive_integer
 from jansen_env.envs import arguments
 from jansen_env.envs.single import ATask, SingleEnv
-from jansen_env.world.argument_checks import Array, Bools, Ints
-from jansen_env.world.entries import Observed
+from jansen_env.world.argument_checks import (
+    Array,
+    Bools,
+    Ints,
+    Settings,
+    each,
+    optional,
+    render_mode,
+    shared,
+)
+from jansen_env.world.observations import Observed
 
 Observations = NDArray[np.float32]
 METHODS = ("get_state", "push", "render", "set_parameters", "set_state")
 """Methods of single robots, see :meth:`TaskVectorEnv.call_one`."""
+
+
+@dataclass(frozen=True)
+class VectorSettings(Settings):
+    """Arguments of all vector environments, see :class:`TaskVectorEnv`; a task adds its own."""
+
+    batched: ClassVar[bool] = True
+
+    num_envs: int = 1
+    max_episode_steps: int | Sequence[int | None] | None = each(None, arguments.time_limit)
+    autoreset_mode: AutoresetMode | str = shared(AutoresetMode.NEXT_STEP, arguments.autoreset_mode)
+    _: KW_ONLY
+    threads: int | None = shared(None, optional(positive_integer))
+    info_keys: Sequence[str] | None = None
+    render_mode: str | None = shared(None, partial(render_mode, allowed=["rgb_array"]))
+
+    @property
+    def count(self) -> int:
+        """The number of robots."""
+        return self.num_envs
+
+    def __post_init__(self) -> None:
+        self._set("num_envs", positive_integer("num_envs", self.num_envs, arguments.MOST_ROBOTS))
+        super().__post_init__()
 
 
 class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], Generic[ATask]):
@@ -41,63 +74,40 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
             resets and ignores the action), ``SAME_STEP`` (that very step returns the next
             episode's first observation; ``infos["final_obs"]`` has the last one) or ``DISABLED``.
         threads: cores to use; None for as many as pay. render_mode: None or ``"rgb_array"``.
-        info_keys: keys of ``infos``, such as ``("slip",)``; None for all, which takes a few per cent
+        info_keys: keys of ``infos``, such as ``("slip",)``; None for all, which takes some per cent
             of a step.
-        task_arguments: as for one robot; those in the task's ``PER_ROBOT`` may be one for each.
+        Others: as for one robot; those that are ``PerRobot`` may be one for each.
 
     Attributes:
+        SINGLE: the environment of one robot. PRESET: see there.
         task: the task of all robots. dt, control_dt: s for which an action is held.
-        observed: name, unit and limits of each number of an observation.
+        observed: name, unit, limits and noise of each number of an observation.
 
     Raises:
         ValueError: an argument out of range, or not one for each robot.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 50}
-    TASK: ClassVar[Any]
-    task: ATask
-
-    def __init_subclass__(cls, **kwargs: Any) -> None:
-        super().__init_subclass__(**kwargs)
-        if "__init__" not in cls.__dict__:
-            _, *before, _ = inspect.signature(TaskVectorEnv.__init__).parameters.values()
-            shown = inspect.signature(cls.TASK).parameters.values()
-            cls.__signature__ = inspect.Signature([*before, *shown])  # type: ignore[attr-defined]
+    SINGLE: ClassVar[type[SingleEnv[Any]]]
+    PRESET: ClassVar[Mapping[str, Any]] = {}
 
     @classmethod
     def of(cls, single: type[SingleEnv[Any]]) -> type[Self]:
-        """Return the vector environment of a single one's task: what ``gym.make_vec`` makes."""
+        """Return the vector environment of a preset of this one's task."""
         name = single.__name__.replace("Env", "VectorEnv")
-        doc = (
-            f":class:`{single.__name__}` for many robots at once: what ``gym.make_vec`` makes.\n\n"
-            f"Arguments of its own, and errors: :class:`{cls.__module__}.{cls.__name__}`."
-        )
-        own = {"TASK": single.TASK, "__doc__": doc, "__module__": single.__module__}
-        return type(name, (cls,), own)
+        doc = f":class:`{single.__name__}` for many robots at once: what ``gym.make_vec`` makes."
+        own = {"SINGLE": single, "PRESET": single.PRESET, "__doc__": doc}
+        return type(name, (cls,), {**own, "__module__": single.__module__})
 
-    def __init__(
-        self,
-        num_envs: int = 1,
-        max_episode_steps: int | Sequence[int | None] | None = None,
-        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        *,
-        threads: int | None = None,
-        info_keys: Sequence[str] | None = None,
-        render_mode: str | None = None,
-        **task_arguments: Any,
-    ) -> None:
+    def __init__(self, settings: Any, make: Callable[[Any, int | None], ATask]) -> None:
         self._renderers = arguments.Renderers()
-        arguments.known_arguments(type(self), task_arguments)
-        self.num_envs = n = positive_integer("num_envs", num_envs, arguments.MOST_ROBOTS)
-        threads = None if threads is None else positive_integer("threads", threads)
-        self.render_mode: str | None = arguments.render_mode(
-            render_mode, self.metadata["render_modes"]
-        )
-        self.autoreset_mode: AutoresetMode = arguments.autoreset_mode(autoreset_mode)
-        self.max_episode_steps: Array = arguments.broadcast_limits(n, max_episode_steps)
-        self.task = task = self.TASK(n, threads, **task_arguments)
+        self.num_envs = n = settings.num_envs
+        self.render_mode: str | None = settings.render_mode
+        self.autoreset_mode: AutoresetMode = settings.autoreset_mode
+        self.max_episode_steps: Array = np.array(settings.each("max_episode_steps"), float)
+        self.task = task = make(settings, settings.threads)
         self.info_keys: tuple[str, ...] | None = arguments.info_keys(
-            info_keys, task.information.keys
+            settings.info_keys, task.information.keys
         )
         self.control_dt: float = task.control_dt
         self.dt: float = self.control_dt
@@ -151,23 +161,23 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
     ) -> tuple[Observations, dict[str, Any]]:
         """:meth:`reset` with a seed and options for each robot; ``mask`` (num_envs,) names some."""
         mask = np.ones(self.num_envs, bool) if mask is None else mask
-        rows, before = np.flatnonzero(mask), (self._generators[:], self._seeds[:])
-        for i in rows.tolist():
+        which, before = np.flatnonzero(mask), (self._generators[:], self._seeds[:])
+        for i in which.tolist():
             if seeds[i] is not None:
                 self._generators[i], self._seeds[i] = seeding.np_random(seeds[i])
         try:
-            self.restart(rows, [options[i] for i in rows.tolist()])
+            self.restart(which, [options[i] for i in which.tolist()])
         except Exception:
             self._generators, self._seeds = before
             raise
         self._begun |= mask
         return self.task.observation.copy(), self._infos(mask)
 
-    def restart(self, rows: Ints, options: Sequence[dict[str, Any]] | None = None) -> None:
+    def restart(self, which: Ints, options: Sequence[dict[str, Any]] | None = None) -> None:
         """Start the next episodes of some robots."""
-        self.task.reset(rows, [self._generator(i) for i in rows.tolist()], options)
-        self._elapsed[rows] = 0
-        self._done[rows] = False
+        self.task.reset(which, [self._generator(i) for i in which.tolist()], options)
+        self._elapsed[which] = 0
+        self._done[which] = False
 
     def step(
         self, actions: NDArray[np.float32]
@@ -180,7 +190,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
                 ``AutoresetMode.DISABLED`` while an episode is over.
         """
         terminated, truncated = self.advance(actions)
-        rewards = self.task.reward.copy()
+        rewards = self.task.rewards.copy()
         if self.autoreset_mode == AutoresetMode.SAME_STEP and self._done.any():
             infos = self._restart_in_step(terminated | truncated)
         else:
@@ -196,7 +206,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         # NEXT_STEP: those whose episode is over only start again.
         task.step(actions, active, partial(self.restart, over) if len(over) > 0 else None)
         self._elapsed += active
-        terminated = task.terminated.copy()
+        terminated = task.ended.copy()
         truncated = task.truncated | (self._elapsed >= self.max_episode_steps)
         self._done = terminated | truncated
         return terminated, truncated
@@ -221,12 +231,12 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         disabled = self.autoreset_mode == AutoresetMode.DISABLED
         return ~self._begun | self._done if disabled else ~self._begun
 
-    def set_parameters(self, row: int, **changes: Any) -> None:
-        """Change robot ``row`` from now on, see :meth:`jansen_env.tasks.task.Task.set_parameters`."""
-        self.task.set_parameters(row, **changes)
+    def set_parameters(self, i: int, **changes: Any) -> None:
+        """Change robot ``i`` from now on, see :meth:`jansen_env.tasks.task.Task.set_parameters`."""
+        self.task.set_parameters(i, **changes)
 
-    def push(self, row: int, impulse: Any) -> None:
-        """Push robot ``row`` from now on, see :meth:`jansen_env.world.world.World.push`.
+    def push(self, i: int, impulse: Any) -> None:
+        """Push robot ``i`` from now on, see :meth:`jansen_env.world.world.World.push`.
 
         With ``NEXT_STEP`` a robot whose episode is over is not pushed: its next step resets it.
 
@@ -234,33 +244,33 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
             gymnasium.error.ResetNeeded: before the robot's first :meth:`reset`, and with
                 ``AutoresetMode.DISABLED`` while its episode is over.
         """
-        if self._awaiting_reset()[row]:
-            raise gym.error.ResetNeeded(f"robot {row} must be reset before push()")
-        self.task.world.push(row, impulse)
+        if self._awaiting_reset()[i]:
+            raise gym.error.ResetNeeded(f"robot {i} must be reset before push()")
+        self.task.world.push(i, impulse)
 
-    def get_state(self, row: int) -> dict[str, Any]:
-        """Return all that the future of robot ``row`` depends on, as of the single environment."""
-        generator = self._generator(row).bit_generator.state
-        return {**self.task.get_state(row), "generator": generator}
+    def get_state(self, i: int) -> dict[str, Any]:
+        """Return all that the future of robot ``i`` depends on, as of the single environment."""
+        generator = self._generator(i).bit_generator.state
+        return {**self.task.get_state(i), "generator": generator}
 
-    def set_state(self, row: int, state: dict[str, Any]) -> Observations:
-        """Let robot ``row`` go on from a state of :meth:`get_state`; returns its observation.
+    def set_state(self, i: int, state: dict[str, Any]) -> Observations:
+        """Let robot ``i`` go on from a state of :meth:`get_state`; returns its observation.
 
         Its count towards ``max_episode_steps`` stays.
         """
-        arguments.complete_state(state, self.get_state(row))
-        self.task.set_state(row, state)
-        self._generator(row).bit_generator.state = state["generator"]
-        self._begun[row], self._done[row] = True, False
-        return self.task.observation[row].copy()
+        arguments.complete_state(state, self.get_state(i))
+        self.task.set_state(i, state)
+        self._generator(i).bit_generator.state = state["generator"]
+        self._begun[i], self._done[i] = True, False
+        return self.task.observation[i].copy()
 
-    def _generator(self, row: int) -> np.random.Generator:
+    def _generator(self, i: int) -> np.random.Generator:
         """Return a robot's generator, seeded by the system where :meth:`reset` got no seed."""
-        found = self._generators[row]
-        if found is None:
-            found, self._seeds[row] = seeding.np_random()
-            self._generators[row] = found
-        return found
+        generator = self._generators[i]
+        if generator is None:
+            generator, self._seeds[i] = seeding.np_random()
+            self._generators[i] = generator
+        return generator
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
@@ -272,13 +282,13 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         """Every robot's seed; -1 where it has none yet."""
         return tuple(self._seeds)
 
-    def call_one(self, row: int, name: str, *args: Any, **kwargs: Any) -> Any:
-        """Call one of :data:`METHODS` of robot ``row``."""
+    def call_one(self, i: int, name: str, *args: Any, **kwargs: Any) -> Any:
+        """Call one of :data:`METHODS` of robot ``i``."""
         if name not in METHODS:
             raise AttributeError(f"{name!r} cannot be asked of a robot, must be in {METHODS}")
         if name == "render":
-            return self._renderers.draw(self, row)
-        return getattr(self, name)(row, *args, **kwargs)
+            return self._renderers.draw(self, i)
+        return getattr(self, name)(i, *args, **kwargs)
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
         """Call one of :data:`METHODS` of each robot, or return its attribute of that name."""
@@ -293,11 +303,11 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
             return tuple(own)
         if name in ("max_episode_steps", "np_random", "np_random_seed"):
             return tuple(getattr(self, name))
-        shared = f"single_{name}" if name in ("observation_space", "action_space") else name
-        found = getattr(self, shared)
-        if callable(found):
+        common = f"single_{name}" if name in ("observation_space", "action_space") else name
+        value = getattr(self, common)
+        if callable(value):
             raise AttributeError(f"{name!r} cannot be asked of a robot, must be in {METHODS}")
-        return (found,) * self.num_envs
+        return (value,) * self.num_envs
 
     def set_attr(self, name: str, values: Any) -> None:
         """Set a parameter of all robots: to one value, or to the entries of a list."""
@@ -316,6 +326,6 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
 
     def close_extras(self, **kwargs: Any) -> None:
         """Let go of pictures and threads."""
-        self._renderers.close()
         if hasattr(self, "task"):  # Gymnasium closes what was refused, too
+            self._renderers.close()
             self.task.world.close()

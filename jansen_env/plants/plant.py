@@ -277,8 +277,9 @@ def make_batch(
     terrains: Sequence[Terrain],
     time_step: float | None = None,
     threads: int | None = None,
+    held: bool = False,
 ) -> BatchedPlant:
-    """Return robots on their terrains, moved by a plant of :data:`PLANTS`.
+    """Return robots on their terrains, or ``held``, moved by a plant of :data:`PLANTS`.
 
     Raises:
         ValueError: another name, an argument out of range, or several robots of a plant that moves
@@ -286,7 +287,8 @@ def make_batch(
     """
     step = plant_time_step(name, time_step)
     if name == "projection":
-        return Batch(robots, terrains, step, threads=1 if len(robots) == 1 else threads)
+        threads = 1 if len(robots) == 1 else threads
+        return Batch(robots, terrains, step, threads=threads, held=held)
     if len(robots) > 1:
         raise ValueError(f"plant is {name!r}, must be 'projection' for several robots at once")
     return RigidBodyBatch(robots[0], terrains[0], step)

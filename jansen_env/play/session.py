@@ -11,7 +11,6 @@ import gymnasium as gym
 import numpy as np
 
 from jansen_env.baselines.policy import Policy
-from jansen_env.baselines.walker_baselines import walking_pid
 from jansen_env.checks import finite, instance, one_of, shown, whole_number, within
 from jansen_env.policies import pretrained
 from jansen_env.policies.pretrained import arguments_of
@@ -19,6 +18,7 @@ from jansen_env.rendering import Frame
 from jansen_env.robot import ROBOTS as DESIGNS
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.robot.lengths import with_lengths
+from jansen_env.tasks.walking.walker_baselines import walking_pid
 from jansen_env.terrain.generators import GENERATORS, HIGHEST
 from jansen_env.viewer.recorder import Recorder
 from jansen_env.viewer.recording import Recording

@@ -213,7 +213,8 @@ def arguments_of(env_id: str) -> Json:
     env: Any = load_env_creator(str(specs[one_of("env.id", env_id, sorted(specs))].entry_point))
     parameters = inspect.signature(env).parameters
     limit = {"max_episode_steps": specs[env_id].max_episode_steps}
-    return {name: parameter.default for name, parameter in parameters.items()} | limit
+    defaults = {name: parameter.default for name, parameter in parameters.items()}
+    return {**defaults, **env.PRESET, **limit}
 
 
 def check_action(
@@ -227,7 +228,7 @@ def check_action(
     """
     given = {**arguments_of(env_id), **env_kwargs}
     env: Any = load_env_creator(str(gym.registry[env_id].entry_point))
-    robot = env.TASK.WORLD.driven_robot(given["robot"], given["motor"], given["torque_limit"])
+    robot = env.SETTINGS.driven_robot(given["robot"], given["motor"], given["torque_limit"])
     plant = given.get("plant", "projection")  # the crank has none to choose
     period, step = control_period(given["control_dt"], plant_time_step(plant, given["time_step"]))
     for name, value, needed in (

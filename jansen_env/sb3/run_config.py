@@ -15,7 +15,8 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 
 from jansen_env.checks import MAX_STEPS, shown
 from jansen_env.plain_yaml import HUGE, TINY, Rule, check_keys, read_yaml
-from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT, check_env_kwargs
+from jansen_env.registration import IDS
+from jansen_env.scoring.benchmarks import DEFAULT, check_env_kwargs
 
 Arguments: TypeAlias = dict[str, Any]
 """Arguments by name, for environments, algorithms and networks."""
@@ -23,7 +24,7 @@ Arguments: TypeAlias = dict[str, Any]
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
 MAX_UNITS, MAX_LAYERS = 1024, 8  # of a network
 KEYS = {
-    "algo": Rule(words=tuple(ALGORITHMS)), "env": Rule(words=tuple(BENCHMARKS)),
+    "algo": Rule(words=tuple(ALGORITHMS)), "env": Rule(words=IDS),
     "policy": Rule(words=("MlpPolicy",)), "timesteps": Rule((int,), 1, MAX_STEPS),
     "n_envs": Rule((int,), 1, 10_000), "seed": Rule((int,), 0, 2**32 - 1),
     "reward_scale": Rule((float,), TINY), "fall_cost": Rule((float,), 0),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -14,11 +13,9 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecMonitor
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
-from typing_extensions import Unpack
 
 from jansen_env.checks import positive_integer, whole_number
 from jansen_env.envs import arguments
-from jansen_env.envs.typed import ManyArguments
 from jansen_env.envs.vector import TaskVectorEnv
 from jansen_env.scoring.benchmarks import can_be_batched, vector_env
 from jansen_env.scoring.rollout import make_env
@@ -36,7 +33,7 @@ def make_vec_env(
     wrapper_kwargs: dict[str, Any] | None = None,
     variants: Sequence[dict[str, Any]] = ({},),
     info_keys: Sequence[str] | None = (),
-    **kwargs: Unpack[ManyArguments],
+    **kwargs: Any,
 ) -> VecEnv:
     """``n_envs`` environments for Stable-Baselines3, simulated together where that is possible.
 
@@ -47,7 +44,7 @@ def make_vec_env(
         seed: of the starts, environment i has seed + i, and of the action space.
         monitor_dir: folder of the returns and lengths of episodes, ``monitor.csv``.
         wrapper_class, wrapper_kwargs: wrapper of each environment; they are simulated one by one.
-        env_kwargs, kwargs: arguments of all; type checkers know the second. variants: further ones;
+        env_kwargs, kwargs: arguments of all. variants: further ones;
             environment i takes number i mod m.
         info_keys: as of :class:`BatchVecEnv`; single environments give all of their information.
 
@@ -88,12 +85,10 @@ def _make_batch(
 ) -> TaskVectorEnv[Any]:
     """One batch with the arguments of each environment; ``varied`` names those that differ."""
     entry = vector_env(env_id)
-    defaults = {name: p.default for name, p in inspect.signature(entry).parameters.items()}
+    defaults = {**entry.SINGLE.SETTINGS.marked("several"), **entry.PRESET}
     defaults["max_episode_steps"] = gym.spec(env_id).max_episode_steps
     own = {
-        name: Each(one.get(name, defaults[name]) for one in each)
-        for name in (*entry.TASK.PER_ROBOT, "max_episode_steps")
-        if name in varied
+        name: Each(one.get(name, defaults[name]) for one in each) for name in varied & {*defaults}
     }
     env: Any = gym.make_vec(
         env_id, num_envs=len(each), autoreset_mode=AutoresetMode.DISABLED, **{**kwargs, **own}
@@ -140,7 +135,7 @@ class BatchVecEnv(VecEnv):
     ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], list[dict[str, Any]]]:
         task = self.env.task
         terminated, truncated = self.env.advance(self._actions)
-        rewards, dones = task.reward.copy(), terminated | truncated
+        rewards, dones = task.rewards.copy(), terminated | truncated
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         if self.info_keys is None or self.info_keys:
             for i in np.flatnonzero(~dones).tolist():

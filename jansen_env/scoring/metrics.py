@@ -1,8 +1,9 @@
-"""From episodes to numbers: metrics over a grid of commands, with 95 % intervals."""
+"""Benchmarks, and from episodes to numbers: metrics over commands, with 95 % intervals."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from io import StringIO
 from shutil import get_terminal_size
 from typing import Any, Literal, NamedTuple, TypeAlias
@@ -11,6 +12,8 @@ from warnings import catch_warnings, simplefilter
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
+
+from jansen_env.baselines.policy import Policy, still
 
 Array = NDArray[np.float64]
 Episodes: TypeAlias = dict[str, NDArray[Any]]
@@ -66,6 +69,68 @@ class Metric(NamedTuple):
     def heading(self) -> str:
         """Label and unit."""
         return f"{self.label} ({self.unit})" if self.unit else self.label
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """Rules by which policies are scored on an environment; by default its return alone.
+
+    Attributes:
+        commands: the grid on which policies are scored; one 0 for a task without commands.
+        option: of a reset, that takes the command; "" for none. command_unit: of it.
+        aggregates: kept of each episode. metrics: the first is "return".
+        baselines: for an unwrapped environment; the main one first.
+        chosen_by: the metric by which the best model of a run is chosen.
+        variety: times the episodes that choosing takes where only the start differs.
+        drawn: commands of a reset; None: the environment's ``speed_command``.
+    """
+
+    commands: tuple[float, ...] = (0.0,)
+    option: str = ""
+    command_unit: str = ""
+    aggregates: dict[str, Aggregate] = field(default_factory=dict)
+    metrics: dict[str, Metric] = field(
+        default_factory=lambda: {"return": Metric("return", "", mean_of("returns"))}
+    )
+    baselines: dict[str, Callable[[Any], Policy]] = field(default_factory=lambda: {"still": still})
+    chosen_by: str = "return"
+    variety: int = 1
+    drawn: tuple[float, float] | None = None
+
+    @property
+    def middle(self) -> float:
+        """The command in the middle of the grid."""
+        return self.commands[(len(self.commands) - 1) // 2]
+
+    def options(self, command: Any) -> dict[str, Any]:
+        """Return the options of a reset with a command."""
+        return {self.option: command} if self.option else {}
+
+
+def mean_of(name: str) -> Callable[[Episodes, Env], Array]:
+    """Return a metric's function: the mean of an aggregate."""
+    return lambda run, _: np.asarray(run[name], dtype=float)
+
+
+def horizon(env: Any) -> float:
+    """Return the time limit of an episode, s."""
+    return float(env.spec.max_episode_steps * env.unwrapped.control_dt)
+
+
+def per_weight(name: str) -> Callable[[Episodes, Any], Array]:
+    """Return a metric's function: work / weight, m; of the episodes' own "weight", N, if any."""
+
+    def work_per_weight(run: Episodes, env: Any) -> Array:
+        return np.asarray(run[name] / run.get("weight", env.unwrapped.task.world.weight[0]))
+
+    return work_per_weight
+
+
+TORQUE = {
+    "peak_torque": Aggregate("peak", lambda info: info["crank_torque"]),
+    "rms_torque": Aggregate("rms", lambda info: info["crank_torque"]),
+}
+"""Aggregates of the crank's torque, N m."""
 
 
 def _estimator(metric: Metric, run: Episodes, env: Env) -> Callable[[Pick], Array]:

@@ -11,13 +11,8 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from jansen_env.baselines.policy import Policy
-from jansen_env.scoring.benchmarks import (
-    Benchmark,
-    can_be_batched,
-    check_env_kwargs,
-    find_benchmark,
-)
-from jansen_env.scoring.metrics import SETTLING, Array, Env, Episodes
+from jansen_env.scoring.benchmarks import can_be_batched, check_env_kwargs, find_benchmark
+from jansen_env.scoring.metrics import SETTLING, Array, Benchmark, Env, Episodes
 
 DRAWN_SEED = 20_000  # of episodes with drawn commands: training, tuning and other scores use others
 
@@ -54,8 +49,10 @@ def make_env(env_id: str, env_kwargs: EnvKwargs, **more: object) -> Env:
 
 def draw_episodes(env: Env, count: int, seed: int = 0) -> tuple[Array, NDArray[np.int64]]:
     """Return commands (count,), uniform in the range of ``env``, and seeds (count,) of resets."""
-    drawn = find_benchmark(env.get_wrapper_attr("spec").id).drawn
-    low, high = drawn or env.get_wrapper_attr("task").speed_command[0]
+    benchmark = find_benchmark(env.get_wrapper_attr("spec").id)
+    low, high = benchmark.drawn or (
+        env.get_wrapper_attr("task").speed_command[0] if benchmark.option else (0.0, 0.0)
+    )
     commands = np.random.default_rng([DRAWN_SEED, seed]).uniform(low, high, count)
     return commands, DRAWN_SEED + seed * 1_000_000 + np.arange(count)
 
@@ -98,7 +95,7 @@ def run_episodes(
         ValueError: no benchmark is known for ``env_id``.
     """
     benchmark, parts = find_benchmark(env_id), []
-    every: Options = {benchmark.option: commands, **(options or {})}
+    every: Options = {**benchmark.options(commands), **(options or {})}
     for begin in range(0, len(commands), at_once):
         part = slice(begin, begin + at_once)
         used = make_envs(env_id, env_kwargs, len(commands[part])) if envs is None else envs
@@ -107,6 +104,7 @@ def run_episodes(
         if envs is None:
             used.close()
     run = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    run = {"command": np.asarray(commands), **run}
     for name, aggregate in benchmark.aggregates.items():
         if aggregate.reduction == "rms":
             run[name] = np.sqrt(run[name] / np.maximum(run["duration"], 1e-12))
@@ -140,7 +138,7 @@ def _run_side_by_side(
             totals[name] = np.where(running, REDUCTIONS[how](before, value, **more), before)
             last[name] = value
         running &= ~(terminated | truncated)
-    return {"command": options[benchmark.option], **totals}
+    return totals
 
 
 def _reset(envs: VectorEnv, options: Options, seeds: NDArray[np.int64]) -> NDArray[np.float32]:

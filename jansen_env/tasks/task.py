@@ -1,10 +1,11 @@
-"""Base of tasks: observations, reward and end of episode of n robots in a world."""
+"""Base of tasks: observation, reward and end of episode of n robots in a world."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from functools import reduce
+from functools import partial
+from types import ModuleType
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,142 +14,115 @@ from numpy.typing import NDArray
 
 from jansen_env.checks import MOST_SINGLE, listed, within
 from jansen_env.engine import readings
-from jansen_env.rendering import Frame
 from jansen_env.tasks.information import InfoBuilder
 from jansen_env.uniform import uniform
-from jansen_env.world import argument_checks as arguments
-from jansen_env.world.argument_checks import Array, Bools, Ints
-from jansen_env.world.entries import Observed
-from jansen_env.world.world import World
+from jansen_env.world.argument_checks import Array, Bools, Ints, number_range, option
+from jansen_env.world.observations import Observed
+from jansen_env.world.settings import HeldSettings, WorldSettings
+from jansen_env.world.world import Numbers, World
 
 
 class Task(ABC):
-    """A task of ``num_envs`` robots. Environments of one robot and of many are made of it.
+    """A task of n robots. Environments of one robot and of many are made of it.
 
-    A task has the class attributes below, :attr:`own_entries`, :meth:`begin` and :meth:`score`;
-    :mod:`jansen_env.tasks.goal` is an example in plain NumPy.
+    A task is a page: the class attributes, :meth:`draw`, :meth:`observe`, :meth:`reward` and
+    :meth:`terminated`, in plain NumPy over all n robots. It asks :attr:`world` by name, such as
+    ``world.pitch``, and keeps numbers in :attr:`info` with :meth:`keep`.
+    :mod:`jansen_env.tasks.goal` is an example.
 
     Args:
-        num_envs: robots. threads: cores to use; None for as many as pay.
-        keywords: fields of the records of the world and of the task. Those of :attr:`PER_ROBOT` may
-            be one for all robots or one for each: a sequence of terrains (or their names), arrays
-            (n,), or anything in :class:`jansen_env.world.argument_checks.Each`.
+        settings: arguments. threads: cores to use; None for as many as pay.
 
     Attributes:
-        WORLD: of the robots. ENGINE: module of the kernels ``finish_step`` and ``describe``.
-        RECORDS: the task's own keyword arguments with their checks, TypedDicts or dataclasses (see
-            :mod:`jansen_env.world.argument_checks`), by the names under which :meth:`take` gets
-            them. DEFAULTS: other defaults of arguments.
-        ROW: structured type of a robot's data: ``info`` is added to the information, ``reward``
-            has the reward's terms. STATE: what of it a state must have, such as "info.fallen".
-        OPTIONS: of a reset, and SETTABLE: of :meth:`set_parameters`, beside the world's.
-        PER_ROBOT, SINGLE_ONLY: keyword arguments that may be one for each robot; defaults of those
-            that several robots cannot have otherwise.
-        observation_space, action_space: of one robot. observed: each number of the observation.
-        observation: (n, d) the last ones, with ``columns`` by name. reward: (n,) of the last step.
-        terminated, truncated: (n,) whether the episode is over, or the simulation diverged.
-        information: of the last step. control_dt: s for which an action is held.
+        OBSERVED: what it observes beside the world's observations.
+        INFO: numbers and flags that it keeps of a robot, by name: shown in the information, saved
+            in states, 0 at a reset but for what :meth:`draw` gives. TERMS: of the reward.
+        OPTIONS: of a reset. SETTABLE: of :meth:`set_parameters`; both beside the world's.
+        observed: each number of the observation, with its column in :attr:`columns`.
+        observation_space, action_space: of one robot. observation: (n, d) the last ones.
+        info: (n,) :attr:`INFO`. rewards: (n,) of the last step. ended: (n,) by termination.
+        truncated: (n,) whether the simulation diverged. control_dt: s a step.
 
     Raises:
-        ValueError: an argument out of range. TypeError: no such argument.
+        ValueError: an argument out of range, or observations that do not fit.
     """
 
-    WORLD: ClassVar[Any] = World
-    ENGINE: ClassVar[Any] = readings
-    RECORDS: ClassVar[dict[str, type]] = {}
-    DEFAULTS: ClassVar[dict[str, Any]] = {}
-    ROW: ClassVar[Any]
-    STATE: ClassVar[tuple[str, ...]] = ()
+    OBSERVED: ClassVar[tuple[Observed, ...]] = ()
+    INFO: ClassVar[Mapping[str, type]] = {}
+    TERMS: ClassVar[tuple[str, ...]] = ()
     OPTIONS: ClassVar[tuple[str, ...]] = ()
     SETTABLE: ClassVar[tuple[str, ...]] = ()
-    PER_ROBOT: ClassVar[tuple[str, ...]]
-    SINGLE_ONLY: ClassVar[dict[str, Any]]
-    world: Any
+    ENGINE: ClassVar[ModuleType] = readings  # with the kernels finish_step and describe
+    ROW: ClassVar[Any] = None  # dtype of a compiled task, in place of INFO and TERMS
+    COMPILED: ClassVar[tuple[str, ...]] = ()  # observations that the kernels fill
 
-    def __init_subclass__(cls, **kwargs: Any) -> None:
-        super().__init_subclass__(**kwargs)
-        records = {**cls.WORLD.RECORDS, **cls.RECORDS}
-        cls.__signature__ = arguments.signature_of(records, cls.DEFAULTS)  # type: ignore[attr-defined]
-        cls.PER_ROBOT = tuple(arguments.marked(records, "per_robot"))
-        cls.SINGLE_ONLY = arguments.marked(records, "single_only")
-
-    def __init__(self, num_envs: int = 1, threads: int | None = None, **keywords: Any) -> None:
-        kinds = {**self.WORLD.RECORDS, **self.RECORDS}
-        records = arguments.fill(kinds, {**self.DEFAULTS, **keywords}, num_envs)
-        of_world = {name: records.pop(name) for name in self.WORLD.RECORDS}
-        by_default = frozenset(self.DEFAULTS) - {*keywords}
-        self.num_envs = num_envs
-        self.world = self.WORLD(num_envs, threads, **of_world, by_default=by_default)
-        self.control_dt: float = self.world.control_dt
-        self.truncated: Bools = self.world.truncated
-        self.rows = np.zeros(num_envs, self.ROW)
-        self.reward, self.terminated = np.zeros(num_envs), np.zeros(num_envs, bool)
-        self.take(records)
-        self.observed = (*self.entries, *self.world.lengths.entries)
+    def __init__(self, settings: WorldSettings | HeldSettings, threads: int | None = None) -> None:
+        n = self.num_envs = settings.count
+        self.world = World(settings, threads)
+        self.control_dt, self.truncated = self.world.control_dt, self.world.truncated
+        terms = [(name, float) for name in self.TERMS]
+        row = self.ROW or np.dtype([("info", [*self.INFO.items()]), ("reward", terms)])
+        self.data: NDArray[np.void] = np.zeros(n, row)
+        self.rewards, self.ended = np.zeros(n), np.zeros(n, bool)
+        self.observed = self.order(self.world.observations) + tuple(self.world.lengths.entries)
         self.columns = {entry.name: place for place, entry in enumerate(self.observed)}
-        low, high = np.array([(one.low, one.high) for one in self.observed], np.float32).T
+        if len(self.columns) < len(self.observed):
+            raise ValueError(f"observations are {[*self.columns]}, must have different names")
+        low, high = np.array([(entry.low, entry.high) for entry in self.observed], np.float32).T
         self.observation_space = spaces.Box(low, high, dtype=np.float32)
         self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
-        self.observation = np.zeros((num_envs, len(self.observed)), np.float32)
-        self.world.connect(self.observed, self.observation, self.progress)
-        self.connect()
-        self.information = self._make_info()
-        self._describe, self._finish = self.ENGINE.describe.bound(), self.ENGINE.finish_step.bound()
+        self.observation = np.zeros((n, len(self.observed)), np.float32)
+        self._which: Ints = np.arange(n)
+        self.world.connect(self.observed, self.observation)
+        self._connect()
+        kernels: Any = self.ENGINE
+        self._describe, self._finish = kernels.describe.bound(), kernels.finish_step.bound()
 
-    def _make_info(self) -> InfoBuilder:
+    def _connect(self) -> None:
+        """Let this object's arrays be those that are shown."""
+        self.info: NDArray[np.void] = self.data["info"]
         world = self.world
-        return InfoBuilder(world.rows, self.rows, world.arrays, world.groups)
+        self.information = InfoBuilder(world.data, self.data, world.arrays, world.groups)
+        self._kept = frozenset(self.info.dtype.names or ())
+        self._own = {entry.name for entry in self.OBSERVED} - {*self.COMPILED}
 
-    # Defined by each task.
+    # What a task is.
 
-    def take(self, records: dict[str, Any]) -> None:
-        """Keep the task's own records, by the names of :attr:`RECORDS`."""
+    def order(self, world: Sequence[Observed]) -> tuple[Observed, ...]:
+        """Return all observations in their order: by default those of the world come first."""
+        return (*world, *self.OBSERVED)
 
-    @property
-    def own_entries(self) -> Sequence[Observed]:
-        """Numbers observed beside the world's."""
-        return ()
+    def draw(self, i: int, rng: np.random.Generator, options: dict[str, Any]) -> Numbers:
+        """Draw numbers of :attr:`INFO` of a robot's next episode; nothing may change yet."""
+        return {}
 
-    @property
-    def entries(self) -> Sequence[Observed]:
-        """All that is observed, in its order: the world's entries and :attr:`own_entries`."""
-        return [*self.world.entries, *self.own_entries]
+    def begin(self, which: Ints) -> None:
+        """Begin episodes of robots (k,), whose :attr:`info` has what was drawn."""
 
-    def connect(self) -> None:
-        """Finish the construction, with the columns of the observation known."""
-
-    def draw(self, row: int, rng: np.random.Generator, options: dict[str, Any]) -> Any:
-        """Draw a robot's own numbers of an episode, for :meth:`begin`."""
-        return None
+    def observe(self) -> Mapping[str, Array]:
+        """Return the numbers (n,) of :attr:`OBSERVED` by name, after a reset or a step."""
+        return {}
 
     @abstractmethod
-    def begin(self, rows: Ints, drawn: Sequence[Any]) -> None:
-        """Fill :attr:`rows`, which are 0, at the start of episodes of robots (k,)."""
+    def reward(self) -> Array:
+        """Return the rewards (n,) of a step; the terms are kept with :meth:`keep`."""
 
     @abstractmethod
-    def score(self, rows: Ints) -> None:
-        """Fill :attr:`rows`, :attr:`reward` and :attr:`terminated` of robots (k,) after a step."""
+    def terminated(self) -> Bools:
+        """Return whether episodes (n,) are over after a step."""
 
-    def observe(self, rows: Ints) -> None:
-        """Fill the columns of :attr:`own_entries` for robots (k,)."""
+    def keep(self, **values: NDArray[Any]) -> None:
+        """Keep numbers (n,) of :attr:`INFO` and :attr:`TERMS` of the robots of this step."""
+        which = self._which
+        for name, value in values.items():
+            kept = "info" if name in self._kept else "reward"
+            self.data[kept][name][which] = value[which]
 
-    def progress(self, row: int) -> tuple[float, float]:
-        """Return a robot's progress, m, and mean speed asked for, m/s, for a curriculum."""
-        return 0.0, 0.0
-
-    def step_arguments(self) -> tuple[Any, ...]:
-        """Return the arguments of the engine's ``finish_step`` but the first."""
-        return self.world.step_arguments()
-
-    def describe_arguments(self) -> tuple[Any, ...]:
-        """Return the arguments of the engine's ``describe`` but the first."""
-        return self.world.describe_arguments()
-
-    # Asked by environments.
+    # What environments use.
 
     def reset(
         self,
-        rows: Ints,
+        which: Ints,
         generators: Sequence[np.random.Generator],
         options: Sequence[dict[str, Any]] | None = None,
     ) -> None:
@@ -158,7 +132,7 @@ class Task(ABC):
             ValueError: an unknown option, or a value out of range. FloatingPointError: a robot
                 diverges where it is placed. Nothing has changed then.
         """
-        options = [{}] * len(rows) if options is None else options
+        options = [{}] * len(which) if options is None else options
         known = {*self.OPTIONS, *self.world.OPTIONS}
         for own in options:
             if unknown := sorted({*own} - known):
@@ -166,45 +140,70 @@ class Task(ABC):
                 raise ValueError(f"reset options {unknown} are unknown, must be in {allowed}")
         before = [generator.bit_generator.state for generator in generators]
         try:
-            drawn = self.world.reset(rows, generators, options, self.draw)
+            drawn = self.world.reset(which, generators, options, self.draw, self.progress)
         except Exception:
             for generator, state in zip(generators, before, strict=True):
                 generator.bit_generator.state = state
             raise
-        self._clear(rows)
-        self.begin(rows, drawn)
-        self.describe(rows)
+        for i, numbers in zip(which.tolist(), drawn, strict=True):
+            self._clear(i, numbers)
+        self.begin(which)
+        self.describe(which)
 
-    def _clear(self, rows: Ints) -> None:
-        self.rows[rows] = np.zeros((), self.ROW)
-        self.reward[rows], self.terminated[rows] = 0.0, False
+    def _clear(self, i: int, numbers: Mapping[str, Any]) -> None:
+        """Put a robot's numbers of :attr:`INFO` in the place of those of its last episode."""
+        self.data[i] = np.zeros((), self.data.dtype)
+        self.rewards[i], self.ended[i] = 0.0, False
+        for name in numbers.keys() & self._kept:
+            self.info[name][i] = numbers[name]
+
+    def progress(self, i: int) -> tuple[float, float]:
+        """Return a robot's progress, m, and mean commanded speed, m/s, for a curriculum."""
+        return 0.0, 0.0
 
     def step(
         self, actions: Any, active: Bools, meanwhile: Callable[[], None] | None = None
     ) -> None:
-        """Hold actions (n, 1) of the ``active`` robots (n,), see ``World.step``."""
+        """Hold actions (n, 1) of the ``active`` robots (n,), see :meth:`World.step`."""
         self.world.step(actions, active, self.finish_step, meanwhile)
-        self.complete_step(active)
+        self.judge(active)
         self.world.disturb()
 
-    def finish_step(self, rows: Ints) -> None:
+    def finish_step(self, which: Ints) -> None:
         """Account for the step of robots (k,) in one kernel, on the thread that moved them."""
-        self._finish(rows, self._step_arguments)
+        self._finish(which, self._step_arguments)
 
-    def complete_step(self, active: Bools) -> None:
-        """Score the step of the ``active`` robots (n,), and observe them."""
-        rows = np.flatnonzero(active)
-        self.score(rows)
-        self.observe(rows)
+    def judge(self, active: Bools) -> None:
+        """Reward the step of the ``active`` robots (n,), end their episodes, and observe them."""
+        which = self._which = np.flatnonzero(active)
+        self.rewards[which] = self.reward()[which]
+        self.ended[which] = self.terminated()[which]
+        self._observe(which)
 
-    def describe(self, rows: Ints) -> None:
-        """Fill observations and information of some robots as they are now."""
+    def _observe(self, which: Ints) -> None:
+        self._which = which
+        observed = self.observe()
+        if observed.keys() != self._own:
+            raise ValueError(f"observe() returns {[*observed]}, must return {sorted(self._own)}")
+        for name, values in observed.items():
+            self.observation[which, self.columns[name]] = values[which]
+
+    def step_arguments(self) -> tuple[Any, ...]:
+        """Return the arguments of the engine's ``finish_step`` but the first."""
+        return self.world.step_arguments()
+
+    def describe_arguments(self) -> tuple[Any, ...]:
+        """Return the arguments of the engine's ``describe`` but the first."""
+        return self.world.describe_arguments()
+
+    def describe(self, which: Ints) -> None:
+        """Fill observations and information of robots (k,) as they are now."""
         self._step_arguments = self.step_arguments()  # a longer terrain has another array
-        self._describe(rows, *self.describe_arguments())
-        self.observe(rows)
-        self.world.disturb(rows)
+        self._describe(which, *self.describe_arguments())
+        self._observe(which)
+        self.world.disturb(which)
 
-    def set_parameters(self, row: int, **changes: Any) -> None:
+    def set_parameters(self, i: int, **changes: Any) -> None:
         """Change a robot from now on: :attr:`SETTABLE`, and the world's.
 
         Energies in ``info`` do not have what the change itself adds to the robot's energy.
@@ -217,157 +216,124 @@ class Task(ABC):
             allowed = listed(sorted(known), unknown[0])
             raise TypeError(f"{unknown} cannot be changed, must be in {allowed}")
         own = {name: changes.pop(name) for name in self.SETTABLE if name in changes}
-        checked, checked_own = self.world.checked(row, changes), self.checked(row, own)
-        self.world.apply(row, checked)  # all or nothing
-        self.apply(row, checked_own)
+        checked, apply = self.world.checked(i, changes), self.change(i, own)
+        self.world.change(i, checked)
+        apply()  # all or nothing
 
-    def checked(self, row: int, changes: Mapping[str, Any]) -> dict[str, Any]:
-        """Return changes of :attr:`SETTABLE`, ready for :meth:`apply`; ValueError: out of range."""
-        return dict(changes)
-
-    def apply(self, row: int, checked: dict[str, Any]) -> None:
-        """Apply changes."""
+    def change(self, i: int, changes: Mapping[str, Any]) -> Callable[[], None]:
+        """Check changes of :attr:`SETTABLE`; return a function that applies them."""
+        return lambda: None
 
     def get_attr(self, name: str) -> list[Any] | None:
         """Return an attribute of each robot; None for a name that is no robot's."""
         return self.world.get_attr(name)
 
-    def get_state(self, row: int) -> dict[str, Any]:
-        """Return all that a robot's future depends on but its random numbers."""
-        own = {name.split(".")[-1]: self._kept(name)[row].item() for name in self.STATE}
-        return {**self.world.get_state(row), **own}
-
-    def _kept(self, name: str) -> NDArray[Any]:
-        """Return a number of :attr:`rows` by a name of :attr:`STATE`, (n,)."""
-        return reduce(lambda found, part: found[part], name.split("."), self.rows)
-
-    def checked_state(self, state: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the entries of :attr:`STATE`. Raises ValueError: a number is out of range."""
-        checked = {}
-        for name in self.STATE:
-            key = name.split(".")[-1]
-            flag = self._kept(name).dtype == np.bool_
-            checked[name] = bool(state[key]) if flag else self.in_range("state", key, state[key])
-        return checked
-
-    def in_range(self, label: str, name: str, value: Any) -> float:
-        """Return a number within the limits of its name, if observed. Raises ValueError."""
-        limits = {one.name: (one.low, one.high) for one in self.observed}
-        low, high = limits.get(name, (-MOST_SINGLE, MOST_SINGLE))  # as it will be observed
-        return within(f"{label}[{name!r}]", value, max(low, -MOST_SINGLE), min(high, MOST_SINGLE))
-
-    def set_state(self, row: int, state: Mapping[str, Any]) -> None:
-        """Go on from a complete state of :meth:`get_state`; ValueError: an entry out of range."""
-        checked, own = self.world.checked_state(row, state), self.checked_state(state)
-        one = np.array([row])
-        self.world.restore(row, checked)
-        self._clear(one)
-        self.resume(row, own)
-        self.describe(one)
-
-    def resume(self, row: int, state: dict[str, Any]) -> None:
-        """Fill a robot's row, which is 0, with what :meth:`checked_state` gave."""
-        for name in self.STATE:
-            self._kept(name)[row] = state[name]
-
-    def scene(self, row: int) -> dict[str, Any]:
-        """Return the arguments of :class:`jansen_env.rendering.Renderer` to draw a robot."""
-        return self.world.scene(row)
-
-    def command(self, row: int) -> float | None:
+    def command(self, i: int) -> float | None:
         """Return the command that is drawn with a robot, None for none."""
         return None
 
-    def frame(self, row: int) -> Frame:
-        """Return the picture data of a robot as it stands."""
-        return self.world.frame(row, self.command(row))
+    def scene(self, i: int) -> dict[str, Any]:
+        """Return the arguments of :class:`jansen_env.rendering.Renderer` to draw a robot."""
+        return self.world.scene(i)
+
+    def get_state(self, i: int) -> dict[str, Any]:
+        """Return all that a robot's future depends on but its random numbers."""
+        numbers = {name: self.info[name][i].item() for name in self._kept}
+        return {**self.world.get_state(i), **numbers}
+
+    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
+        """Go on from a complete state of :meth:`get_state`; ValueError: an entry out of range."""
+        checked, own = self.world.checked_state(i, state), self.checked_state(state)
+        self.world.restore(i, checked)
+        self._clear(i, own)
+        self.resume(i, own)
+        self.describe(np.array([i]))
+
+    def checked_state(self, state: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the task's entries of a state. Raises ValueError: one is out of range."""
+        return {
+            name: bool(state[name])
+            if self.info[name].dtype == np.bool_
+            else self.in_range("state", name, state[name])
+            for name in self._kept
+        }
+
+    def in_range(self, label: str, name: str, value: Any) -> float:
+        """Return a number within the limits of its name, if observed. Raises ValueError."""
+        limits = {entry.name: (entry.low, entry.high) for entry in self.observed}
+        low, high = limits.get(name, (-MOST_SINGLE, MOST_SINGLE))  # as it will be observed
+        return within(f"{label}[{name!r}]", value, max(low, -MOST_SINGLE), min(high, MOST_SINGLE))
+
+    def resume(self, i: int, state: Mapping[str, Any]) -> None:
+        """Begin to go on from a checked state, whose numbers :attr:`info` has."""
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "information": None}
+        return {**self.__dict__, "information": None, "info": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self.connect()  # with this copy's arrays
+        self._connect()
         self._step_arguments = self.step_arguments()
-        self.information = self._make_info()
 
 
 class CommandedTask(Task):
-    """A task with a commanded speed, ``rows["info"]["speed_command"]``.
+    """A task with a commanded speed, ``info["speed_command"]``.
 
     Attributes:
         FASTEST: the largest command. speed_command: (n, 2) range of the next ones.
     """
 
     FASTEST: ClassVar[float]
+    INFO = {"speed_command": float}
     OPTIONS = ("speed_command",)
     SETTABLE: ClassVar[tuple[str, ...]] = ("speed_command",)
-    speed_command: Array
 
-    def draw(self, row: int, rng: np.random.Generator, options: dict[str, Any]) -> float:
+    def __init__(self, settings: Any, threads: int | None = None) -> None:
+        self.speed_command = np.array(settings.each("speed_command"), float)
+        super().__init__(settings, threads)
+
+    def draw(self, i: int, rng: np.random.Generator, options: dict[str, Any]) -> Numbers:
         """Draw a robot's command."""
-        command = uniform(rng, *self.speed_command[row])
-        return arguments.option(options, "speed_command", command, -self.FASTEST, self.FASTEST)
+        command = uniform(rng, *self.speed_command[i])
+        command = option(options, "speed_command", command, -self.FASTEST, self.FASTEST)
+        return {"speed_command": command}
 
-    def begin(self, rows: Ints, drawn: Sequence[Any]) -> None:
-        """Start with commands."""
-        self.rows["info"]["speed_command"][rows] = drawn
-
-    def checked(self, row: int, changes: Mapping[str, Any]) -> dict[str, Any]:
-        """Return changes of ``speed_command``, a number or a range, and ``command``."""
+    def change(self, i: int, changes: Mapping[str, Any]) -> Callable[[], None]:
+        """Check another range of commands, which are drawn from it from now on."""
+        if "speed_command" not in changes:
+            return super().change(i, changes)
         limits = -self.FASTEST, self.FASTEST
-        checks: dict[str, Any] = {"speed_command": arguments.number_range, "command": within}
-        return {name: checks[name](name, value, *limits) for name, value in changes.items()}
-
-    def apply(self, row: int, checked: dict[str, Any]) -> None:
-        """Draw commands from another range from now on."""
-        if "speed_command" in checked:
-            self.speed_command[row] = checked["speed_command"]
+        value = number_range("speed_command", changes["speed_command"], *limits)
+        return partial(self.speed_command.__setitem__, i, value)
 
     def get_attr(self, name: str) -> list[Any] | None:
-        """Return an attribute of each robot: those of :attr:`SETTABLE` and the world's."""
-        if name not in self.SETTABLE:
-            return super().get_attr(name)
-        if name == "command":
-            return list(self.rows["info"]["speed_command"].tolist())
-        return [(low, high) for low, high in self.speed_command.tolist()]
+        """Return an attribute of each robot: the ranges of commands, and the world's."""
+        if name == "speed_command":
+            return [(low, high) for low, high in self.speed_command.tolist()]
+        return super().get_attr(name)
 
-    def get_state(self, row: int) -> dict[str, Any]:
-        """Return all that a robot's future depends on but its random numbers."""
-        return {**super().get_state(row), "command": self.command(row)}
-
-    def checked_state(self, state: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the task's entries of a state. Raises ValueError: one is out of range."""
-        command = within("state['command']", state["command"], -self.FASTEST, self.FASTEST)
-        return {**super().checked_state(state), "command": command}
-
-    def resume(self, row: int, state: dict[str, Any]) -> None:
-        """Go on with a command and the other entries of a state."""
-        self.begin(np.array([row]), [state["command"]])
-        super().resume(row, state)
-
-    def command(self, row: int) -> float:
+    def command(self, i: int) -> float:
         """Return a robot's command."""
-        return float(self.rows["info"]["speed_command"][row])
+        return float(self.info["speed_command"][i])
 
 
 class CompiledTask(CommandedTask):
-    """A commanded task whose kernel ``ENGINE.finish_step`` scores and observes.
+    """A commanded task whose kernel rewards, ends and observes a step.
 
-    A derived task may define :meth:`score` and :meth:`observe`: they are called after the kernel.
+    A derived task may do more in :meth:`observe`, :meth:`reward` and :meth:`terminated`.
     """
 
-    _extended: ClassVar[bool]
+    def judge(self, active: Bools) -> None:
+        """Leave all to the kernel, unless a derived task does more."""
+        kind, kernel = type(self), CompiledTask
+        derived = kind.observe, kind.reward, kind.terminated
+        if derived != (kernel.observe, kernel.reward, kernel.terminated):
+            super().judge(active)
 
-    def __init_subclass__(cls, **kwargs: Any) -> None:
-        super().__init_subclass__(**kwargs)
-        own = CompiledTask.score, CompiledTask.observe
-        cls._extended = (cls.score, cls.observe) != own
+    def reward(self) -> Array:
+        """Return the kernel's rewards (n,)."""
+        return self.rewards
 
-    def score(self, rows: Ints) -> None:
-        """Leave the kernel's reward as it is."""
-
-    def complete_step(self, active: Bools) -> None:
-        """Call what a derived task defines."""
-        if self._extended:
-            super().complete_step(active)
+    def terminated(self) -> Bools:
+        """Return whether episodes (n,) are over, as the kernel says."""
+        return self.ended

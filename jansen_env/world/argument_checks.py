@@ -1,22 +1,19 @@
-"""Arguments of n robots: checks, one value for all or one for each, and records of arguments.
+"""Arguments of n robots: checks, and settings in which a value may differ between robots.
 
 All functions raise ValueError for anything else than they describe.
 """
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import Field, field, fields, is_dataclass, make_dataclass
-from functools import cache, partial
-from types import SimpleNamespace
-from typing import Any, TypeAlias, TypeVar, get_type_hints
+from dataclasses import Field, dataclass, field, fields
+from typing import Any, ClassVar, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import TypeAliasType
 
-from jansen_env.checks import entries, listed, positive, shown, within
+from jansen_env.checks import entries, positive, shown, within
 from jansen_env.engine.integrator import DIVERGED
 from jansen_env.plants.base import check_time_step
 
@@ -24,8 +21,6 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 Check: TypeAlias = Callable[[str, Any], Any]  # of an argument's name and value
-Records: TypeAlias = Mapping[str, type]  # by the names under which they are passed
-Filled: TypeAlias = Any  # a record of :func:`fill`, whose fields have the types of their checks
 
 T = TypeVar("T")
 Range = TypeAliasType("Range", float | Sequence[float])  # a number, or (low, high)
@@ -33,6 +28,7 @@ PerRobot = TypeAliasType("PerRobot", T | Sequence[T] | NDArray[Any], type_params
 """One for all robots, or one for each."""
 
 MOST_STEPS = 10_000  # time steps in a control period: seconds on the slowest plant
+RENDER_MODES = ["human", "rgb_array"]
 
 
 class Each(tuple[Any, ...]):
@@ -61,12 +57,12 @@ def flag(name: str, value: Any) -> bool:
 
 
 def start_noise(name: str, value: Any) -> float:
-    """The scale of an error of a start: at most the speed beyond which a state has diverged."""
+    """The scale of a start's error: at most the speed beyond which a state has diverged."""
     return within(name, value, 0.0, DIVERGED)
 
 
 def optional(check: Check) -> Check:
-    """A check that takes None, too."""
+    """A check that also accepts None."""
     return lambda name, value: None if value is None else check(name, value)
 
 
@@ -77,7 +73,7 @@ def number_range(name: str, value: Any, least: float, most: float) -> tuple[floa
         pair = entries(name, value, "a number or (low, high)")
     if len(pair) != 2:
         raise ValueError(f"{name} is {shown(value)}, must be a number or (low, high)")
-    low, high = (within(name, one, least, most) for one in pair)
+    low, high = (within(name, number, least, most) for number in pair)
     if low > high:
         raise ValueError(f"{name} is {shown(value)}, must be (low, high) with low <= high")
     return low, high
@@ -105,97 +101,90 @@ def entries_of(name: str, value: Any, count: int) -> list[Any]:
     return list(value)
 
 
-def broadcast_ranges(count: int, name: str, value: Any, least: float, most: float) -> Array:
-    """(count, 2) ranges, of a number or (low, high) for all, an array (count,) of numbers, or an
-    array (count, 2) or list of ranges for each."""
-    several = isinstance(value, (np.ndarray, Each)) or (
-        isinstance(value, (list, tuple))
-        and any(isinstance(one, (list, tuple, np.ndarray)) for one in value)
-    )
-    values = entries_of(name, value, count) if several else [value] * count
-    return np.array([number_range(name, one, least, most) for one in values])
+def render_mode(name: str, mode: Any, allowed: Sequence[str] = RENDER_MODES) -> str | None:
+    """None, or one of the modes allowed."""
+    if mode is None or (isinstance(mode, str) and mode in allowed):
+        return mode
+    raise ValueError(f"{name} is {shown(mode)}, must be None or one of {allowed}")
 
 
-# Records of arguments: TypedDicts whose keys are ``Annotated`` with the fields below, so that type
-# checkers know them, or dataclasses with these fields. What :func:`fill` returns has been checked.
+def shared(default: Any, check: Check, single_only: bool = False) -> Any:
+    """A field of settings with one value for all robots.
+
+    ``single_only``: several robots at once must have the default.
+    """
+    return field(default=default, metadata={"check": check, "single_only": single_only})
 
 
-@cache
-def arguments_of(record: type) -> tuple[Field[Any], ...]:
-    """Return the fields of a record."""
-    if not is_dataclass(record):
-        hints = get_type_hints(record, include_extras=True).items()
-        own = [(name, hint.__origin__, hint.__metadata__[0]) for name, hint in hints]
-        record = make_dataclass(record.__name__, own)
-    return fields(record)
+def each(default: Any, check: Check, several: Callable[[Any], bool] | None = None) -> Any:
+    """A field of settings that becomes a list with a value for each robot.
+
+    ``several``: whether an argument of many robots has one value for each, and not one for all;
+    by default sequences and arrays do.
+    """
+    several = several or (lambda value: isinstance(value, (list, tuple, np.ndarray)))
+    return field(default=default, metadata={"check": check, "several": several})
 
 
-def single(default: Any, check: Check, only: bool = False) -> Any:
-    """Return a field with one value for all robots; ``only``: several must have its default."""
-    return field(default=default, metadata={"check": check, "single_only": only})
+def range_each(default: Any, least: float, most: float, check: Any = number_range) -> Any:
+    """A field that becomes a list of (low, high); arrays and lists of ranges are one for each."""
 
-
-def per_robot(default: Any, check: Check) -> Any:
-    """Return a field with one value for all robots or one for each; it becomes a list."""
-
-    def broadcast(count: int, name: str, value: Any) -> list[Any]:
-        return [check(name, one) for one in entries_of(name, value, count)]
-
-    return broadcast_by(default, broadcast)
-
-
-def range_per_robot(default: Any, least: float, most: float) -> Any:
-    """Return a field with ranges (n, 2), see :func:`broadcast_ranges`."""
-    return broadcast_by(default, partial(broadcast_ranges, least=least, most=most))
-
-
-def broadcast_by(default: Any, broadcast: Callable[[int, str, Any], Any]) -> Any:
-    """Return a field that ``broadcast`` makes of count, name and value."""
-    return field(default=default, metadata={"broadcast": broadcast, "per_robot": True})
-
-
-def signature_of(records: Records, defaults: Mapping[str, Any]) -> inspect.Signature:
-    """Return a signature with the fields of all records as keywords, some with other defaults."""
-    keywords = [
-        inspect.Parameter(
-            one.name,
-            inspect.Parameter.KEYWORD_ONLY,
-            default=defaults.get(one.name, one.default),
-            annotation=one.type,
+    def several(value: Any) -> bool:
+        return isinstance(value, np.ndarray) or (
+            isinstance(value, (list, tuple))
+            and any(isinstance(part, (list, tuple, np.ndarray)) for part in value)
         )
-        for kind in records.values()
-        for one in arguments_of(kind)
-    ]
-    return inspect.Signature(keywords)
+
+    return each(default, lambda name, value: check(name, value, least, most), several)
 
 
-def marked(records: Records, mark: str) -> dict[str, Any]:
-    """Return the defaults of the records' fields with a mark, such as "per_robot", by name."""
-    every = [one for kind in records.values() for one in arguments_of(kind)]
-    return {one.name: one.default for one in every if one.metadata.get(mark)}
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """Arguments of an environment; once made they are checked, fields of :func:`each` are lists.
 
+    Attributes:
+        preset: names of the values that the environment, not the user, has chosen.
+    """
 
-def fill(records: Records, keywords: Mapping[str, Any], count: int) -> dict[str, Any]:
-    """Return the records of ``count`` robots with checked keywords; TypeError for another name."""
-    known = {one.name for kind in records.values() for one in arguments_of(kind)}
-    if unknown := sorted({*keywords} - known):
-        allowed = listed(sorted(known), unknown[0])
-        raise TypeError(f"unexpected keyword argument {unknown[0]!r}, must be in {allowed}")
-    found = {}
-    for name, kind in records.items():
-        given = [(one, keywords.get(one.name, one.default)) for one in arguments_of(kind)]
-        values = {one.name: _checked(one, value, count) for one, value in given}
-        found[name] = kind(**values) if is_dataclass(kind) else SimpleNamespace(**values)
-    return found
+    batched: ClassVar[bool] = False
+    preset: ClassVar[frozenset[str]] = frozenset()
 
+    render_mode: str | None = shared(None, render_mode)
 
-def _checked(one: Field[Any], value: Any, count: int) -> Any:
-    if "broadcast" in one.metadata:
-        return one.metadata["broadcast"](count, one.name, value)
-    found = one.metadata["check"](one.name, value) if "check" in one.metadata else value
-    if count > 1 and one.metadata.get("single_only") and found != one.default:
-        raise ValueError(
-            f"{one.name} is {shown(value)}, must be {one.default!r} for several robots at once; "
-            "vectorization_mode='sync' has the others"
-        )
-    return found
+    @property
+    def count(self) -> int:
+        """The number of robots."""
+        return 1
+
+    def __post_init__(self) -> None:
+        for argument in fields(self):
+            if "check" in argument.metadata:
+                self._set(argument.name, self._checked(argument))
+
+    def _set(self, name: str, value: Any) -> None:
+        object.__setattr__(self, name, value)
+
+    def _checked(self, argument: Field[Any]) -> Any:
+        name, value, marks = argument.name, getattr(self, argument.name), argument.metadata
+        check = marks["check"]
+        if "several" in marks:
+            split = self.batched and (isinstance(value, Each) or marks["several"](value))
+            values = entries_of(name, value, self.count) if split else [value] * self.count
+            return [check(name, one) for one in values]
+        checked = check(name, value)
+        if self.batched and self.count > 1 and marks["single_only"] and checked != argument.default:
+            raise ValueError(
+                f"{name} is {shown(value)}, must be {argument.default!r} for several robots at "
+                "once; vectorization_mode='sync' has the others"
+            )
+        return checked
+
+    def each(self, name: str) -> list[Any]:
+        """Return the values of a field of :func:`each`, one for each robot."""
+        value = getattr(self, name)
+        return list(value) if isinstance(value, list) else [value] * self.count
+
+    @classmethod
+    def marked(cls, mark: str) -> dict[str, Any]:
+        """Return the defaults of the fields with a mark, "several" or "single_only", by name."""
+        return {one.name: one.default for one in fields(cls) if one.metadata.get(mark)}

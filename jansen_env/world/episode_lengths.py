@@ -16,7 +16,7 @@ from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import nearest_dead_point
 from jansen_env.robot.lengths import lengths, with_lengths
-from jansen_env.world.entries import EXACT, Observed
+from jansen_env.world.observations import EXACT, Observed
 from jansen_env.world.randomization import EVERY, Distribution
 
 MARGIN = 0.12  # least sine of the angle between two links that meet in a drawn robot
@@ -57,13 +57,13 @@ class EpisodeLengths:
         self.entries: list[Observed] = []
         self.values: NDArray[Any] | None = None
         self._columns, self._observation = np.zeros(0, np.int64), np.zeros((0, 0), np.float32)
-        given = [one.get("lengths", {}) for one in randomizations]
+        given = [ranges.get("lengths", {}) for ranges in randomizations]
         self.factors: list[dict[str, Distribution]] = given
         if not observed and not any(given):
             return
         names = [*lengths(robots[0])]
         self.values = np.zeros(len(robots), [(name, "f8") for name in names])
-        self.factors = [_by_name(one, names) for one in given]
+        self.factors = [_by_name(factors, names) for factors in given]
         if observed:
             limits = -np.inf, np.inf
             self.entries = [Observed(f"length_{name}", "1", *limits, EXACT) for name in names]
@@ -77,7 +77,7 @@ class EpisodeLengths:
         self._note(range(len(self.nominal)))
 
     def plan(
-        self, row: int, given: Any, seed: int | None, robot: Robot | None = None
+        self, i: int, given: Any, seed: int | None, robot: Robot | None = None
     ) -> Build | None:
         """Return a robot's next episode's; None where all stays as it is by itself.
 
@@ -88,11 +88,11 @@ class EpisodeLengths:
         Raises:
             ValueError: an unknown name, a length out of range, or draws that nothing can turn.
         """
-        drawn = {} if seed is None else self.factors[row]
+        drawn = {} if seed is None else self.factors[i]
         instance("lengths", given, Mapping)
-        if robot is None and not (given or drawn or self.changed[row]):
+        if robot is None and not (given or drawn or self.changed[i]):
             return None
-        nominal = robot or self.nominal[row]
+        nominal = robot or self.nominal[i]
         if self.values is not None and (*lengths(nominal),) != (names := self.values.dtype.names):
             raise ValueError(f"lengths of a robot are {[*lengths(nominal)]}, must be {names}")
         if robot is not None:  # which later episodes have with its own lengths, or drawn ones
@@ -107,34 +107,34 @@ class EpisodeLengths:
         return build
 
     def take(self, builds: Mapping[int, Build]) -> None:
-        """Begin episodes with planned robots, by their rows."""
-        for row, build in builds.items():
-            self.nominal[row], self.changed[row] = build.nominal, build.changed
+        """Begin episodes with planned robots."""
+        for i, build in builds.items():
+            self.nominal[i], self.changed[i] = build.nominal, build.changed
         self._note(builds)
 
-    def _note(self, rows: Iterable[int]) -> None:
+    def _note(self, which: Iterable[int]) -> None:
         """Put the lengths of robots into information and observations."""
         if self.values is None:
             return
-        for row in rows:
-            own = lengths(self.nominal[row])
-            now = {**own, **self.changed[row]}
-            self.values[row] = tuple(now.values())
+        for i in which:
+            own = lengths(self.nominal[i])
+            now = {**own, **self.changed[i]}
+            self.values[i] = tuple(now.values())
             if len(self._columns) > 0:  # of a length of 0, such as an offset, the change itself
                 shares = [(now[name] - own[name]) / (own[name] or 1.0) for name in own]
-                self._observation[row, self._columns] = shares
+                self._observation[i, self._columns] = shares
 
-    def equip(self, row: int, robot: Robot) -> None:
+    def equip(self, i: int, robot: Robot) -> None:
         """Let a robot, with its own lengths too, have the payload, motor and feet of another."""
         parts = {name: getattr(robot, name) for name in ("payload", "motor", "pad_compliance")}
-        exchanged = self.exchanged(row)
-        self.nominal[row] = replace(self.nominal[row], **parts) if self.changed[row] else robot
+        exchanged = self.exchanged(i)
+        self.nominal[i] = replace(self.nominal[i], **parts) if self.changed[i] else robot
         if not exchanged:
-            self.own[row] = self.nominal[row]
+            self.own[i] = self.nominal[i]
 
-    def exchanged(self, row: int) -> bool:
+    def exchanged(self, i: int) -> bool:
         """Return whether a reset has put another robot in the place of a robot."""
-        return self.nominal[row] != self.own[row]
+        return self.nominal[i] != self.own[i]
 
 
 def _by_name(factors: dict[str, Distribution], names: Sequence[str]) -> dict[str, Distribution]:
@@ -159,7 +159,7 @@ def _draw(
     """Draw the lengths that are not given until the robot can turn, well off any dead point."""
     own, reason = lengths(nominal), ""
     for _ in range(ATTEMPTS):
-        drawn = {name: own[name] * one.sample(rng) for name, one in factors.items()}
+        drawn = {name: own[name] * factor.sample(rng) for name, factor in factors.items()}
         try:
             build = _build(nominal, {**drawn, **given})
             sine, joint, angle = nearest_dead_point(build.robot)

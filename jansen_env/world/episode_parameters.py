@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,12 +27,12 @@ from jansen_env.plants.plant import BatchedPlant
 from jansen_env.plants.robot_parameters import check_restitution
 from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.terrain import Terrain
+from jansen_env.terrain.curriculum import Curriculum
 from jansen_env.terrain.generators import Generator
-from jansen_env.world.argument_checks import Filled
+from jansen_env.world.argument_checks import Ints
 from jansen_env.world.episode_lengths import Build
 from jansen_env.world.randomization import Randomization, Uniform
-
-Ints = NDArray[np.int64]
+from jansen_env.world.settings import HeldSettings, WorldSettings
 
 
 class Plan(NamedTuple):
@@ -46,10 +46,9 @@ class EpisodeParameters:
     """Parameters and terrains of the episodes of n robots.
 
     Args:
-        plant: moves them. robots: of each, before randomisation. ground: the record, filled.
-        generators: of each robot's terrains, None where they are fixed. randomizations: of each.
-        has: parameters such as "noise_level", and whether the world has what they are about.
-        by_default: arguments that are left out, not refused, where they would do nothing.
+        plant: moves them. robots: of each, before randomisation. settings: the world's.
+        generators: of each robot's terrains, None where they are fixed.
+        has: "noise_level" and "push_strength", and whether the world has noise and pushes.
 
     Attributes:
         values: (n,) :data:`jansen_env.parameters.EPISODE`, those of the present episodes.
@@ -65,37 +64,40 @@ class EpisodeParameters:
         self,
         plant: BatchedPlant,
         robots: Sequence[Robot],
-        ground: Filled,
+        settings: WorldSettings | HeldSettings,
         generators: Sequence[Generator | None],
-        randomizations: Sequence[Randomization],
         has: Mapping[str, bool],
-        by_default: Collection[str] = (),
     ) -> None:
-        self._plant, self._generators, self.curriculum = plant, generators, ground.curriculum
-        given = {"friction": ground.friction, "restitution": ground.restitution}
-        self._own = {k: np.array([one is not None for one in v]) for k, v in given.items()}
-        self._given, self.levels = list(randomizations), ground.terrain_level
-        self._by_default = "randomize" in by_default
-        self._has = dict(has)
+        self._plant, self._generators, self._has = plant, generators, dict(has)
+        self.curriculum = cast("Curriculum | None", settings.curriculum)
+        self._fixed = {  # by an argument, whatever a drawn terrain has
+            name: np.array([value is not None for value in settings.each(name)])
+            for name in ("friction", "restitution")
+        }
+        self._given = [
+            {name: drawn for name, drawn in ranges.items() if name != "lengths"}
+            for ranges in settings.each("randomize")
+        ]
+        self.levels = np.array(settings.each("terrain_level"), float)
+        self._preset = settings.preset
         pairs = zip(robots, plant.terrains, strict=True)
         self.nominal = np.array([parameters.nominal(*pair, EPISODE) for pair in pairs], EPISODE)
         self.values = self.nominal.copy()
         self._changed = np.zeros(len(robots), bool)  # by a draw, from the nominal parameters
-        self._check_draws(by_default)
+        self._check_draws()
         self.level = self.levels[:, 0].astype(np.int64)
-        self.varies = any(self.randomizations) or any(one is not None for one in generators)
+        self.varies = any(self.randomizations) or any(make is not None for make in generators)
 
-    def _check_draws(self, by_default: Collection[str]) -> None:
-        """Raises ValueError where something is drawn in vain; leaves it out where by default."""
-        levels = self.levels
+    def _check_draws(self) -> None:
+        """Raise ValueError where something is drawn in vain; leave it out if it is a preset's."""
         has_levels = np.array([generator is not None for generator in self._generators])
-        if "terrain_level" in by_default:
-            levels[~has_levels] = 0.0
-        self.randomizations = [self._draws(*each) for each in enumerate(self._plant.robots)]
-        for row, robot in enumerate(self._plant.robots):
-            self._check_feet(robot, _heaviest(self.nominal[row], self.randomizations[row]))
-        if bad := np.flatnonzero(levels.any(axis=1) & ~has_levels).tolist():
-            low, high = levels[bad[0]].astype(int).tolist()
+        if "terrain_level" in self._preset:
+            self.levels[~has_levels] = 0.0
+        self.randomizations = [self._draws(i, robot) for i, robot in enumerate(self._plant.robots)]
+        for i, robot in enumerate(self._plant.robots):
+            self._check_feet(robot, _heaviest(self.nominal[i], self.randomizations[i]))
+        if bad := np.flatnonzero(self.levels.any(axis=1) & ~has_levels).tolist():
+            low, high = self.levels[bad[0]].astype(int).tolist()
             given = low if low == high else (low, high)
             raise ValueError(
                 f"terrain_level is {given}, must be 0 on a ground that is not drawn and so has no "
@@ -104,66 +106,66 @@ class EpisodeParameters:
         if self.curriculum is not None and not has_levels.all():
             raise ValueError("curriculum is given, must be None on a ground that has no levels")
 
-    def take(self, row: int, changes: Mapping[str, float]) -> None:
+    def take(self, i: int, changes: Mapping[str, float]) -> None:
         """Set a robot's nominal and present numbers."""
         for name, value in changes.items():
-            self.nominal[name][row] = self.values[name][row] = value
-            if name in self._own:
-                self._own[name][row] = True
+            self.nominal[name][i] = self.values[name][i] = value
+            if name in self._fixed:
+                self._fixed[name][i] = True
 
-    def _draws(self, row: int, robot: Robot) -> Randomization:
+    def _draws(self, i: int, robot: Robot) -> Randomization:
         """Return what is randomised of a robot; ValueError: a parameter that would do nothing."""
-        given = self._given[row]
-        if self._by_default:
-            useful = self._useful(row, robot)
-            return {name: one for name, one in given.items() if name in useful}
-        self.check_names(row, [*given], "randomize", robot)
+        given = self._given[i]
+        if "randomize" in self._preset:
+            useful = self._useful(i, robot)
+            return {name: drawn for name, drawn in given.items() if name in useful}
+        self.check_names(i, [*given], "randomize", robot)
         return given
 
-    def take_robot(self, row: int, robot: Robot) -> None:
+    def take_robot(self, i: int, robot: Robot) -> None:
         """Take the payload and the draws of a robot that comes in place of another."""
-        parameters.take_load(self.nominal[row], robot)
-        self.randomizations[row] = self._draws(row, robot)
+        parameters.take_load(self.nominal[i], robot)
+        self.randomizations[i] = self._draws(i, robot)
 
-    def checked_level(self, row: int, level: Any) -> int:
+    def checked_level(self, i: int, level: Any) -> int:
         """Return a terrain level of a robot; ValueError: out of range, or its ground has none."""
-        self.check_names(row, ["terrain_level"], "set_parameters")
+        self.check_names(i, ["terrain_level"], "set_parameters")
         return round(check("terrain_level", "terrain_level", level))
 
-    def _useful(self, row: int, robot: Robot) -> set[str]:
+    def _useful(self, i: int, robot: Robot) -> set[str]:
         useful = {*parameters.effective(robot)} & {*self._plant.honours}
-        has = {**self._has, "delay": True, "terrain_level": self._generators[row] is not None}
+        has = {**self._has, "delay": True, "terrain_level": self._generators[i] is not None}
         return useful | {name for name, present in has.items() if present}
 
     def check_names(
-        self, row: int, names: Sequence[str], label: str, robot: Robot | None = None
+        self, i: int, names: Sequence[str], label: str, robot: Robot | None = None
     ) -> None:
         """Raises ValueError where a parameter would do nothing for a robot, or another one."""
-        useful = self._useful(row, robot or self._plant.robots[row]) if names else ()
+        useful = self._useful(i, robot or self._plant.robots[i]) if names else ()
         for name in names:
             if name not in useful:
                 unknown = name in OF_ROBOTS and name not in self._plant.honours
                 why = "this plant does not honour" if unknown else "does nothing here"
                 raise ValueError(
                     f"{label} has {name!r}, which {why}, must be of "
-                    f"{[one for one in PARAMETERS if one in useful]}"
+                    f"{[known for known in PARAMETERS if known in useful]}"
                 )
 
-    def check_change(self, row: int, pads: Compliance, numbers: Mapping[str, float]) -> None:
+    def check_change(self, i: int, pads: Compliance, numbers: Mapping[str, float]) -> None:
         """Raise ValueError where a robot with ``pads`` cannot have these numbers from now on."""
-        in_force = (of["restitution"][row] for of in (self._plant.parameters, self.nominal))
+        in_force = (of["restitution"][i] for of in (self._plant.parameters, self.nominal))
         restitution = numbers.get("restitution", max(map(float, in_force)))
-        if not pads.rigid and "restitution" in self.randomizations[row]:
+        if not pads.rigid and "restitution" in self.randomizations[i]:
             raise ValueError(
                 f"pad_compliance is {pads}, must be rigid, as randomize has 'restitution'"
             )
         check_restitution(np.array([not pads.rigid]), np.array([restitution]))
-        present = self.values[row].copy()
+        present = self.values[i].copy()
         for name, value in numbers.items():
             present[name] = value
-        heaviest = _heaviest(self.nominal[row], self.randomizations[row], numbers)
+        heaviest = _heaviest(self.nominal[i], self.randomizations[i], numbers)
         for values in (present, heaviest):  # of this episode, and others
-            self._check_feet(replace(self._plant.robots[row], pad_compliance=pads), values)
+            self._check_feet(replace(self._plant.robots[i], pad_compliance=pads), values)
 
     def _check_feet(self, robot: Robot, values: Any) -> None:
         """Raises ValueError where a robot's feet cannot bear a row of EPISODE."""
@@ -176,7 +178,7 @@ class EpisodeParameters:
         resting_depth(mass, stiffness, GRAVITY * mathematics.cos(values["tilt"]))
 
     def plan(
-        self, row: int, rng: np.random.Generator, options: Mapping[str, Any], delay: float,
+        self, i: int, rng: np.random.Generator, options: Mapping[str, Any], delay: float,
         walked: float, command: float, build: Build | None = None,
     ) -> Plan:  # fmt: skip
         """Return a robot's next episode; nothing changes yet but the generator's state.
@@ -189,95 +191,93 @@ class EpisodeParameters:
         Raises:
             ValueError: an option out of range or without effect, or no such ground.
         """
-        randomization, generator = self.randomizations[row], self._generators[row]
-        values = plain(self.nominal)[row].copy().view(EPISODE)
-        one = values[0]
+        randomization, generator = self.randomizations[i], self._generators[i]
+        values = plain(self.nominal)[i].copy().view(EPISODE)
+        numbers = values[0]
         robot = None if build is None else build.robot
         if robot is not None:
-            parameters.take_load(one, robot)
-            randomization = self._draws(row, robot)
-            self._check_feet(robot, _heaviest(one, randomization))
-        one["delay"] = delay
-        if not options and not self.varies and not self._changed[row]:
+            parameters.take_load(numbers, robot)
+            randomization = self._draws(i, robot)
+            self._check_feet(robot, _heaviest(numbers, randomization))
+        numbers["delay"] = delay
+        if not options and not self.varies and not self._changed[i]:
             return Plan(values, None)
-        one["terrain_level"] = self._next_level(row, rng, walked, command)
+        numbers["terrain_level"] = self._next_level(i, rng, walked, command)
         for name, distribution in randomization.items():
             label = f"a sample of randomize[{name!r}]"
-            one[name] = check(label, name, distribution.sample(rng))
+            numbers[name] = check(label, name, distribution.sample(rng))
         given = [name for name in PARAMETERS if name in options]
-        self.check_names(row, given, "options", robot)
+        self.check_names(i, given, "options", robot)
         for name in given:
-            one[name] = check(f"options[{name!r}]", name, options[name])
+            numbers[name] = check(f"options[{name!r}]", name, options[name])
         terrain = None
         if generator is not None:
-            terrain = generator(rng, round(float(one["terrain_level"])))
-            for name, own in self._own.items():
-                if not own[row] and name not in (*randomization, *given):
-                    one[name] = getattr(terrain, name)
-            if terrain.restitution != one["restitution"]:  # which compliant pads may exclude
-                terrain = replace(terrain, restitution=float(one["restitution"]))
-        self._check_feet(robot or self._plant.robots[row], one)
+            terrain = generator(rng, round(float(numbers["terrain_level"])))
+            for name, fixed in self._fixed.items():
+                if not fixed[i] and name not in (*randomization, *given):
+                    numbers[name] = getattr(terrain, name)
+            if terrain.restitution != numbers["restitution"]:  # compliant pads may exclude it
+                terrain = replace(terrain, restitution=float(numbers["restitution"]))
+        self._check_feet(robot or self._plant.robots[i], numbers)
         return Plan(values, terrain)
 
-    def _next_level(
-        self, row: int, rng: np.random.Generator, walked: float, command: float
-    ) -> float:
-        low, high = self.levels[row].tolist()
+    def _next_level(self, i: int, rng: np.random.Generator, walked: float, command: float) -> float:
+        low, high = self.levels[i].tolist()
         if self.curriculum is not None:
-            own = np.random.default_rng(rng.integers(2**63))  # so that what follows is the seed's
+            own = np.random.default_rng(rng.integers(2**63))  # later draws stay the seed's
             commanded = command * self.curriculum.horizon
-            return float(self.curriculum.next_level(int(self.level[row]), walked, commanded, own))
+            return float(self.curriculum.next_level(int(self.level[i]), walked, commanded, own))
         return float(rng.integers(int(low), int(high), endpoint=True)) if high > low else low
 
-    def begin(self, rows: Ints, plans: Sequence[Plan]) -> None:
+    def begin(self, which: Ints, plans: Sequence[Plan]) -> None:
         """Apply planned episodes; the robots must be placed again.
 
         Raises:
             ValueError: feet too stiff for ``"rigid_body"``'s time step; nothing has changed then.
         """
-        drawn = {row: plan.terrain for row, plan in zip(rows.tolist(), plans, strict=True)}
-        grounds = {row: terrain for row, terrain in drawn.items() if terrain is not None}
-        before = {row: self._plant.terrains[row] for row in grounds}
-        for row, terrain in grounds.items():
-            self._plant.set_terrain(row, terrain)
+        drawn = {i: plan.terrain for i, plan in zip(which.tolist(), plans, strict=True)}
+        grounds = {i: terrain for i, terrain in drawn.items() if terrain is not None}
+        before = {i: self._plant.terrains[i] for i in grounds}
+        for i, terrain in grounds.items():
+            self._plant.set_terrain(i, terrain)
         numbers = np.concatenate([plain(plan.values) for plan in plans])
         values = numbers.view(EPISODE)[:, 0]
-        other = numbers != plain(self.nominal)[rows]
+        other = numbers != plain(self.nominal)[which]
         changed = np.array([plan.terrain is not None for plan in plans])
         changed |= other[:, OF_ROBOTS_COLUMNS].any(axis=1)
-        due = changed | self._changed[rows]
+        due = changed | self._changed[which]
         if due.any():
             try:
-                self._plant.set_parameters(rows[due], robot_parameters(values[due]))
+                self._plant.set_parameters(which[due], robot_parameters(values[due]))
             except ValueError:
-                for row, terrain in before.items():
-                    self._plant.set_terrain(row, terrain)
-                self._plant.set_parameters(rows, robot_parameters(self.values[rows]))
+                for i, terrain in before.items():
+                    self._plant.set_terrain(i, terrain)
+                self._plant.set_parameters(which, robot_parameters(self.values[which]))
                 raise
-        plain(self.values)[rows], self._changed[rows] = numbers, changed
+        plain(self.values)[which], self._changed[which] = numbers, changed
         if self.curriculum is not None:
-            self.level[rows] = values["terrain_level"].astype(np.int64)
+            self.level[which] = values["terrain_level"].astype(np.int64)
 
-    def shown_robot(self, row: int, robot: Robot) -> Robot:
+    def shown_robot(self, i: int, robot: Robot) -> Robot:
         """Return a robot with the payload that it has in this episode, for pictures."""
-        mass, *place = (float(self.values[row][f"payload{end}"]) for end in ("", "_x", "_y"))
+        mass, *place = (float(self.values[i][f"payload{end}"]) for end in ("", "_x", "_y"))
         if (mass, *place) == (robot.payload.mass, *robot.payload.position):
             return robot
         return replace(robot, payload=Payload(mass, position=(place[0], place[1])))
 
-    def state(self, row: int) -> dict[str, Any]:
+    def state(self, i: int) -> dict[str, Any]:
         """Return parameters and terrain of a robot's episode, in plain numbers."""
         state: dict[str, Any] = {
-            "parameters": dict(zip(PARAMETERS, self.values[row].item(), strict=True)),
-            "level": int(self.level[row]),
+            "parameters": dict(zip(PARAMETERS, self.values[i].item(), strict=True)),
+            "level": int(self.level[i]),
         }
-        if self._generators[row] is not None:
-            terrain = self._plant.terrains[row]
+        if self._generators[i] is not None:
+            terrain = self._plant.terrains[i]
             state["terrain"] = np.array(terrain.points)
             state["ground"] = (terrain.friction, terrain.restitution)
         return state
 
-    def planned(self, row: int, state: Mapping[str, Any], robot: Robot) -> tuple[Plan, int]:
+    def planned(self, i: int, state: Mapping[str, Any], robot: Robot) -> tuple[Plan, int]:
         """Return a ``robot``'s episode of a :meth:`state`, and the level; ValueError: no range."""
         given = state["parameters"]
         if not isinstance(given, Mapping) or {*given} != {*PARAMETERS}:
@@ -288,7 +288,7 @@ class EpisodeParameters:
         self._check_feet(robot, values[0])
         level = check("state['level']", "terrain_level", state["level"])
         terrain = None
-        if self._generators[row] is not None:
+        if self._generators[i] is not None:
             friction, restitution = state["ground"]
             terrain = Terrain(tuple(map(tuple, state["terrain"])), friction, restitution)
         return Plan(values, terrain), int(level)

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jansen_env.checks import entries, finite, non_negative, one_or_two, shown, within
+from jansen_env.engine.pushes import PUSHES, fill_pushes
+from jansen_env.world.argument_checks import Array, Bools, Ints
 
-Array = NDArray[np.float64]
 SHORTEST, LONGEST = 1e-3, 1e6  # s, of durations and intervals
 MOST_PUSHES = 1000  # of an episode's own
 
@@ -56,12 +56,75 @@ class Push:
 def check_schedule(name: str, pushes: Any) -> Array:
     """Return an episode's own pushes (k, 3): start, s, and impulses in x and y, N s; ValueError."""
     allowed = f"a list of at most {MOST_PUSHES} (t, Jx, Jy)"
-    rows = [tuple(entries(name, one, allowed)) for one in entries(name, pushes, allowed)]
-    if len(rows) > MOST_PUSHES or any(len(row) != 3 for row in rows):
+    triples = [tuple(entries(name, push, allowed)) for push in entries(name, pushes, allowed)]
+    if len(triples) > MOST_PUSHES or any(len(triple) != 3 for triple in triples):
         raise ValueError(f"{name} is {shown(pushes)}, must be {allowed}")
     checked = [
         (non_negative(f"{name}[{i}] time", t), finite(f"{name}[{i}] Jx", x),
          finite(f"{name}[{i}] Jy", y))
-        for i, (t, x, y) in enumerate(rows)
+        for i, (t, x, y) in enumerate(triples)
     ]  # fmt: skip
     return np.array(checked, float).reshape(-1, 3)
+
+
+class Pushes:
+    """Pushes on n robots.
+
+    Args:
+        num_envs: n. push: random ones; None for none. steps: of a control step. time_step: s.
+
+    Attributes:
+        strength: (n,) factor of the random ones. random: (n,) whether an episode has them.
+    """
+
+    def __init__(self, num_envs: int, push: Push | None, steps: int, time_step: float) -> None:
+        self.strength = np.ones(num_envs)
+        self._steps = steps
+        self._settings = np.zeros(1, PUSHES)
+        kind = push or Push(0.0)
+        self._settings[0] = (*kind.impulse, kind.duration, kind.interval, time_step)  # type: ignore[misc]
+        self.random = np.ones(num_envs, bool)
+        self._scheduled = np.zeros(num_envs, np.int64)
+        self._schedule = np.zeros((num_envs, 1, 3))
+        self._impulse = np.zeros((0, steps, 2))
+        self._fill = fill_pushes.bound()
+        if push is not None:
+            self._make_room()
+
+    def _make_room(self) -> None:
+        self._impulse = np.zeros((len(self.strength), self._steps, 2))
+
+    def schedule(self, i: int, pushes: Array, random: bool) -> None:
+        """Give a robot's episode checked pushes (k, 3), and ``random`` ones or not."""
+        if len(pushes) > self._schedule.shape[1]:
+            before, self._schedule = self._schedule, np.zeros((len(self.strength), len(pushes), 3))
+            self._schedule[:, : before.shape[1]] = before
+        self._schedule[i, : len(pushes)], self._scheduled[i] = pushes, len(pushes)
+        self.random[i] = random
+        if len(pushes) > 0 and len(self._impulse) == 0:
+            self._make_room()
+
+    def add(self, i: int, push: Array) -> None:
+        """Add a push (3,) to a robot's own, less those that are over; ValueError: too many."""
+        own = self.scheduled(i)
+        going_on = own[own[:, 0] + self._settings["duration"] > push[0]]
+        if len(going_on) == MOST_PUSHES:
+            raise ValueError(f"there are {MOST_PUSHES} pushes, must be fewer")
+        self.schedule(i, np.concatenate([going_on, push[None]]), bool(self.random[i]))
+
+    def scheduled(self, i: int) -> Array:
+        """Return a robot's own pushes (k, 3)."""
+        return self._schedule[i, : self._scheduled[i]].copy()
+
+    def of_step(self, active: Bools, elapsed: Ints, seeds: Ints) -> Array | None:
+        """Return impulses (n, steps, 2) on the ``active`` (n,) robots' next step, N s; None: none.
+
+        elapsed, seeds: (n,) control steps of the episodes so far, and their seeds.
+        """
+        if len(self._impulse) == 0:
+            return None
+        pushed = self._fill(
+            active, elapsed, seeds, self.strength, self._settings, self.random, self._schedule,
+            self._scheduled, self._impulse,
+        )  # fmt: skip
+        return self._impulse if pushed else None

@@ -1,4 +1,4 @@
-"""Keyword arguments of the world as frozen records, and the robots and terrains they give.
+"""Settings of a world, and the robots and terrains that they give.
 
 All functions raise ValueError for a value out of range.
 """
@@ -6,26 +6,46 @@ All functions raise ValueError for a value out of range.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Annotated, Any, TypedDict
+from typing import Any, ClassVar
 
 import numpy as np
 
 from jansen_env import checks
-from jansen_env.checks import instance, listed, load_record, non_negative, positive, shown, within
+from jansen_env.checks import (
+    instance,
+    listed,
+    load_record,
+    non_negative,
+    positive,
+    shown,
+    within,
+)
 from jansen_env.parameters import LONGEST_DELAY
+from jansen_env.plants.base import check_time_step
 from jansen_env.plants.plant import plant_time_step
 from jansen_env.robot import ROBOTS, Compliance, Payload, Robot
-from jansen_env.robot.motor import MOTORS, Motor
+from jansen_env.robot.motor import IDEAL, MOTORS, Motor
 from jansen_env.robot.robot_file import read_robot
 from jansen_env.terrain import Terrain, make_terrain
 from jansen_env.terrain.curriculum import Curriculum
 from jansen_env.terrain.generators import HIGHEST, Generator, make_generator
-from jansen_env.world import argument_checks as arguments
-from jansen_env.world.argument_checks import Array, Filled, PerRobot, optional, per_robot, single
-from jansen_env.world.noise import Noise
+from jansen_env.world.argument_checks import (
+    Array,
+    PerRobot,
+    Range,
+    Settings,
+    each,
+    flag,
+    number_range,
+    optional,
+    range_each,
+    shared,
+    start_noise,
+)
+from jansen_env.world.observations import Noise
 from jansen_env.world.push import Push
 from jansen_env.world.randomization import load_randomization
 
@@ -44,7 +64,7 @@ def _by_name(kind: type, known: Mapping[str, Any], name: str, value: Any) -> Any
 
 
 def load_robot(name: str, value: Any) -> Robot:
-    """A robot by itself, by the name of a design, or by the path of its file."""
+    """A robot, also by the name of a design or the path of its file."""
     if isinstance(value, (str, Path)) and str(value).endswith(".json"):
         return read_robot(value)
     robot = _by_name(Robot, ROBOTS, name, value)
@@ -61,7 +81,7 @@ load_compliance = partial(instance, kind=Compliance)
 
 
 def load_payload(name: str, value: Any) -> Payload:
-    """A payload by itself or by its mass at the crank axis, kg."""
+    """A payload, also by its mass at the crank axis, kg."""
     return value if isinstance(value, Payload) else Payload(non_negative(name, value))
 
 
@@ -73,23 +93,21 @@ def load_curriculum(name: str, value: Any) -> Curriculum | None:
 
 
 def _plant_name(name: str, value: Any) -> str:
-    plant_time_step(value)  # which refuses another
+    plant_time_step(value)  # refuses another name
     return value
 
 
-def _terrains(count: int, name: str, value: Any) -> list[Any]:
-    several = isinstance(value, arguments.Each) or (
-        isinstance(value, (list, tuple))
-        and all(isinstance(one, (Terrain, str)) or callable(one) for one in value)
+def _several_terrains(value: Any) -> bool:
+    return isinstance(value, (list, tuple)) and all(
+        isinstance(one, (Terrain, str)) or callable(one) for one in value
     )
-    return arguments.entries_of(name, value, count) if several else [value] * count
 
 
-def _levels(count: int, name: str, value: Any) -> Array:
-    levels = arguments.broadcast_ranges(count, name, value, 0, HIGHEST)
-    if (levels != np.round(levels)).any():
+def _levels(name: str, value: Any, least: float, most: float) -> tuple[float, float]:
+    low, high = number_range(name, value, least, most)
+    if (low, high) != (round(low), round(high)):
         raise ValueError(f"{name} is {shown(value)}, must be whole numbers")
-    return levels
+    return low, high
 
 
 def scanned_places(name: str, scan: Any) -> Array:
@@ -101,108 +119,126 @@ def scanned_places(name: str, scan: Any) -> Array:
     if len(values) != 3:
         raise ValueError(f"{name} is {shown(scan)}, must be {allowed}")
     behind, ahead = (within(f"{name}[{i}]", values[i], 0.0, FURTHEST_SCAN) for i in (0, 1))
-    return np.linspace(
-        -behind, ahead, checks.positive_integer(f"{name}[2]", values[2], MOST_SCANNED)
+    count = checks.positive_integer(f"{name}[2]", values[2], MOST_SCANNED)
+    return np.linspace(-behind, ahead, count)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotSettings(Settings):
+    """A robot, its actuation, and what is drawn at resets. Times in s.
+
+    None stands for the robot's or the motor's own value.
+    """
+
+    ideal_torque: ClassVar[float | None] = None  # N m, limit of an ideal motor; None: its own
+
+    robot: PerRobot[Robot | str | Path] = each("paper", load_robot)
+    motor: PerRobot[Motor | str | None] = each(None, optional(load_motor))
+    torque_limit: PerRobot[float | None] = each(None, optional(positive))
+    delay: PerRobot[Range] = range_each(0.0, 0.0, LONGEST_DELAY)
+    control_dt: float = 0.02
+    track_joint_forces: bool = shared(False, flag, single_only=True)
+    randomize: PerRobot[Mapping[str, Any] | None] = each(None, load_randomization)
+    reset_noise_scale: PerRobot[float] = each(0.1, start_noise)
+    observe_lengths: bool = shared(False, flag)
+
+    @classmethod
+    def driven_robot(
+        cls, robot: Robot | str, motor: Motor | str | None, torque_limit: float | None
+    ) -> Robot:
+        """Return the robot that such arguments give."""
+        chosen_motor = optional(load_motor)("motor", motor)
+        limit = optional(positive)("torque_limit", torque_limit)
+        return cls.equip(load_robot("robot", robot), motor=chosen_motor, torque_limit=limit)
+
+    @classmethod
+    def equip(
+        cls,
+        robot: Robot,
+        payload: Payload | None = None,
+        motor: Motor | None = None,
+        torque_limit: float | None = None,
+        pad_compliance: Compliance | None = None,
+    ) -> Robot:
+        """Return a robot with other parts, where they are not None."""
+        given = {"payload": payload, "motor": motor, "pad_compliance": pad_compliance}
+        parts: dict[str, Any] = {name: part for name, part in given.items() if part is not None}
+        if motor is None and torque_limit is None and robot.motor == IDEAL:
+            torque_limit = cls.ideal_torque
+        equipped = replace(robot, **parts)
+        limit = equipped.motor.torque_limit if torque_limit is None else torque_limit
+        return replace(equipped, motor=replace(equipped.motor, torque_limit=limit))
+
+    def make_robots(self) -> list[Robot]:
+        """Return robots with their payloads, motors ...; those of the same parts are one object."""
+        made: dict[Any, Robot] = {}
+        parts = [self.each(name) for name in ("payload", "motor", "torque_limit", "pad_compliance")]
+        robots = []
+        for robot, *chosen in zip(self.each("robot"), *parts, strict=True):
+            key = (id(robot), *chosen)
+            if key not in made:
+                made[key] = self.equip(robot, *chosen)
+            robots.append(made[key])
+        return robots
+
+    def make_terrains(self) -> tuple[list[Terrain], list[Generator | None]]:
+        """Return terrains, flat where a reset draws them, and the generators that draw."""
+        grounds = self.each("terrain")
+        known = {id(ground): make_generator(ground) for ground in grounds}
+        made: dict[Any, Terrain] = {}  # robots on equal ground share it
+        terrains = []
+        for ground, *numbers in zip(
+            grounds, self.each("friction"), self.each("restitution"), strict=True
+        ):
+            key = (id(ground), *numbers)
+            if key not in made:
+                made[key] = make_terrain(FLAT if known[id(ground)] else ground, *numbers)
+            terrains.append(made[key])
+        return terrains, [known[id(ground)] for ground in grounds]
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorldSettings(RobotSettings):
+    """Robots on the ground, and what disturbs them; None stands for the terrain's own value too."""
+
+    held: ClassVar[bool] = False
+
+    payload: PerRobot[Payload | float | None] = each(None, optional(load_payload))
+    pad_compliance: PerRobot[Compliance | None] = each(None, optional(load_compliance))
+    time_step: float | None = None
+    plant: str = shared("projection", _plant_name, single_only=True)
+    terrain: PerRobot[Terrain | str | Generator | Sequence[Sequence[float]]] = each(
+        "flat", lambda name, value: value, _several_terrains
     )
+    friction: PerRobot[float | None] = each(None, optional(non_negative))
+    restitution: PerRobot[float | None] = each(None, optional(partial(within, low=0.0, high=1.0)))
+    terrain_level: PerRobot[int | Sequence[int]] = range_each(0, 0, HIGHEST, _levels)
+    curriculum: Curriculum | bool | None = shared(None, load_curriculum)
+    height_scan: Sequence[float] | None = shared(None, scanned_places)
+    noise: Noise | Mapping[str, Any] | None = shared(None, partial(load_record, Noise))
+    push: Push | Mapping[str, Any] | None = shared(None, partial(load_record, Push))
 
 
-class Machine(TypedDict, total=False):
-    """The robot. A torque limit of None is the motor's, other Nones are the robot's own."""
+@dataclass(frozen=True, kw_only=True)
+class HeldSettings(RobotSettings):
+    """Robots whose chassis are held in the air: no ground, no disturbances."""
 
-    robot: Annotated[PerRobot[Robot | str | Path], per_robot("paper", load_robot)]
-    payload: Annotated[PerRobot[Payload | float | None], per_robot(None, optional(load_payload))]
-    motor: Annotated[PerRobot[Motor | str | None], per_robot(None, optional(load_motor))]
-    torque_limit: Annotated[PerRobot[float | None], per_robot(None, optional(positive))]
-    pad_compliance: Annotated[
-        PerRobot[Compliance | None], per_robot(None, optional(load_compliance))
-    ]
+    held: ClassVar[bool] = True
+    ideal_torque: ClassVar[float | None] = 5.0
+    payload: ClassVar[None] = None
+    pad_compliance: ClassVar[None] = None
+    plant: ClassVar[str] = "projection"
+    terrain: ClassVar[str] = "flat"
+    friction: ClassVar[None] = None
+    restitution: ClassVar[None] = None
+    terrain_level: ClassVar[tuple[float, float]] = (0.0, 0.0)
+    curriculum: ClassVar[None] = None
+    height_scan: ClassVar[Array] = np.empty(0)
+    noise: ClassVar[None] = None
+    push: ClassVar[None] = None
 
-
-class Control(TypedDict, total=False):
-    """Actuation and simulation; times in s."""
-
-    delay: Annotated[PerRobot[arguments.Range], arguments.range_per_robot(0.0, 0.0, LONGEST_DELAY)]
-    control_dt: Annotated[float, field(default=0.02)]
-    time_step: Annotated[float | None, field(default=None)]
-    plant: Annotated[str, single("projection", _plant_name, only=True)]
-    track_joint_forces: Annotated[bool, single(False, arguments.flag, only=True)]
-
-
-class Ground(TypedDict, total=False):
-    """The terrain, or how it is drawn."""
-
-    terrain: Annotated[
-        PerRobot[Terrain | str | Generator | Sequence[Sequence[float]]],
-        arguments.broadcast_by("flat", _terrains),
-    ]
-    friction: Annotated[PerRobot[float | None], per_robot(None, optional(non_negative))]
-    restitution: Annotated[
-        PerRobot[float | None], per_robot(None, optional(partial(within, low=0.0, high=1.0)))
-    ]
-    terrain_level: Annotated[PerRobot[int | Sequence[int]], arguments.broadcast_by(0, _levels)]
-    curriculum: Annotated[Curriculum | bool | None, single(None, load_curriculum)]
-
-
-class Randomness(TypedDict, total=False):
-    """Randomisation between episodes; the starting crank speed in rad/s."""
-
-    randomize: Annotated[PerRobot[Mapping[str, Any] | None], per_robot(None, load_randomization)]
-    reset_noise_scale: Annotated[PerRobot[float], per_robot(0.1, arguments.start_noise)]
-
-
-class Sensing(TypedDict, total=False):
-    """Sensors, their noise, and pushes."""
-
-    height_scan: Annotated[Sequence[float] | None, single(None, scanned_places)]
-    noise: Annotated[Noise | Mapping[str, Any] | None, single(None, partial(load_record, Noise))]
-    push: Annotated[Push | Mapping[str, Any] | None, single(None, partial(load_record, Push))]
-    observe_lengths: Annotated[bool, single(False, arguments.flag)]
-
-
-RECORDS = {
-    "machine": Machine, "control": Control, "ground": Ground, "randomness": Randomness,
-    "sensing": Sensing,
-}  # fmt: skip
-"""The world's records by the names under which it takes them."""
-
-
-def equip(
-    robot: Robot,
-    payload: Payload | None = None,
-    motor: Motor | None = None,
-    pad_compliance: Compliance | None = None,
-    torque_limit: float | None = None,
-) -> Robot:
-    """Return a robot with other parts, where they are not None."""
-    given = {"payload": payload, "motor": motor, "pad_compliance": pad_compliance}
-    parts: dict[str, Any] = {name: one for name, one in given.items() if one is not None}
-    own = replace(robot, **parts)
-    limit = own.motor.torque_limit if torque_limit is None else torque_limit
-    return replace(own, motor=replace(own.motor, torque_limit=limit))
-
-
-def make_robots(machine: Filled) -> list[Robot]:
-    """Return robots, each with its payload, motor ...; those made of the same parts are one."""
-    made: dict[Any, Robot] = {}
-    parts = machine.payload, machine.motor, machine.pad_compliance, machine.torque_limit
-    robots = []
-    for robot, *chosen in zip(machine.robot, *parts, strict=True):
-        key = (id(robot), *chosen)
-        if key not in made:
-            made[key] = equip(robot, *chosen)
-        robots.append(made[key])
-    return robots
-
-
-def make_terrains(ground: Filled) -> tuple[list[Terrain], list[Generator | None]]:
-    """Return terrains, flat where they are drawn at each reset, and the generators that draw."""
-    different = {id(one): one for one in ground.terrain}
-    known = {key: make_generator(one) for key, one in different.items()}
-    made: dict[Any, Terrain] = {}  # robots on equal ground share it
-    terrains = []
-    for one, *numbers in zip(ground.terrain, ground.friction, ground.restitution, strict=True):
-        key = (id(one), *numbers)
-        if key not in made:
-            made[key] = make_terrain(FLAT if known[id(one)] else one, *numbers)
-        terrains.append(made[key])
-    return terrains, [known[id(one)] for one in ground.terrain]
+    control_dt: float = 0.01
+    time_step: float = shared(0.001, lambda name, value: check_time_step(value))
+    randomize: PerRobot[Mapping[str, Any] | None] = each(
+        None, partial(load_randomization, parameters=())
+    )

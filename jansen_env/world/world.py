@@ -1,156 +1,285 @@
-"""n walking robots in their surroundings: plant, terrain, parameters, delay, pushes, sensors."""
+"""n robots in their surroundings: plant, terrain, parameters, delay, pushes, sensors."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
+import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.checks import entries
+from jansen_env.checks import entries, shown, whole_number, within
 from jansen_env.dynamics.joint_forces import JointForces
-from jansen_env.engine import readings
+from jansen_env.dynamics.pads import pad_layout
+from jansen_env.engine import crank_tracking, readings
+from jansen_env.engine.integrator import DIVERGED
 from jansen_env.gravity import GRAVITY
-from jansen_env.parameters import CHANGED_BY, LONGEST_DELAY, PARAMETERS
-from jansen_env.plants.base import LARGEST
+from jansen_env.parameters import CHANGED_BY, CHANGES, LONGEST_DELAY, PARAMETERS, check
+from jansen_env.plants.base import (
+    LARGEST,
+    check_deflection,
+    check_held,
+    check_in_contact,
+    check_state,
+    numbers_of,
+)
 from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.plants.plant import BatchedPlant, make_batch, plant_time_step
+from jansen_env.rendering import Frame
+from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import advance_per_turn
+from jansen_env.robot.robot_file import robot_from_json, robot_to_json
 from jansen_env.uniform import uniform
-from jansen_env.world import settings, single_robots
-from jansen_env.world.actuated import ActuatedRobots, Draw
-from jansen_env.world.argument_checks import Array, Bools, Filled, Ints, option
-from jansen_env.world.disturbances import NoisySensors, Pushes
-from jansen_env.world.entries import Observed, list_entries
+from jansen_env.world.argument_checks import (
+    Array,
+    Bools,
+    Check,
+    Ints,
+    control_period,
+    number_range,
+    option,
+)
 from jansen_env.world.episode_lengths import Build, EpisodeLengths
 from jansen_env.world.episode_parameters import EpisodeParameters, Plan
-from jansen_env.world.push import check_schedule
+from jansen_env.world.observations import Noise, NoisySensors, Observed, world_observations
+from jansen_env.world.push import Push, Pushes, check_schedule
 from jansen_env.world.randomization import Uniform
+from jansen_env.world.settings import (
+    HeldSettings,
+    WorldSettings,
+    load_compliance,
+    load_motor,
+    load_payload,
+    load_robot,
+)
 
+Numbers = dict[str, float]
+Draw = Callable[[int, np.random.Generator, dict[str, Any]], Numbers]
+"""Draws a task's numbers of a robot's episode, with the options of its reset."""
+Progress = Callable[[int], tuple[float, float]]
+"""A robot's progress in its last episode, m, and its mean commanded speed, m/s."""
+
+MOST_DELAYED = 10_000  # control periods in a delay: torques that are kept
+MOST_STEPS = 2**63 - 1  # of an episode; and the largest seed
+SLIPPING = 0.01  # m/s of mean slip speed from which a toe is drawn as slipping
+START_ANGLE, FURTHEST = crank_tracking.START_ANGLE, crank_tracking.LOST  # rad, of held cranks
 NO_PUSHES = np.zeros((0, 3))
+FROM_RESETS = ("delay", "terrain_level")  # changes that apply from the next reset on
+KEPT = ("friction", "restitution", *CHANGES)
 
 
-class World(ActuatedRobots):
-    """n robots in their surroundings.
+class World:
+    """n robots in their surroundings; it knows no commands, rewards or ends of episodes.
+
+    It answers named questions on all robots, (n,) or (n, toes) in SI units: :attr:`pitch`,
+    :attr:`x_velocity`, :attr:`toe_load` ... Speeds, torques and works are of the last step.
 
     Args:
-        num_envs: robots. threads: cores to use; None for as many as pay.
-        machine, control, ground, randomness, sensing: filled records.
-        by_default: see :class:`jansen_env.world.episode_parameters.EpisodeParameters`.
+        settings: arguments. threads: cores to use; None for as many as pay.
 
     Attributes:
-        plant: moves the robots. episodes: their parameters and terrains.
-        loads: (n, toes) normal forces / weight.
+        OPTIONS: of a reset. SETTABLE: names that :meth:`change` takes.
+        plant: moves the robots. robots: of these episodes, before parameters.
+        episodes: their parameters and terrains. lengths: of their links.
+        data: (n,) rows of the engine: last actions, ``info`` and ``energy``.
+        arrays, groups: see :class:`jansen_env.tasks.information.InfoBuilder`.
+        observations: what it can observe. toe_load: (n, toes) normal forces / weight.
+        control_dt: s for which an action is held. elapsed: (n,) control steps since the reset.
+        full_torque: (n,) N m, the torque of action 1, with its sign.
+        torque: (n,) N m, that the last step ended with; ``earlier`` (n,) held in its first
+            ``switch`` (n,) time steps. asked: (n, steps) N m, torques asked for, latest first.
+        delay_range: (n, 2) s, of episodes to come. delay_steps: (n, 2) control and time steps.
         seeds: (n,) of what episodes draw after their start. sensors: None without noise.
+        truncated: (n,) whether the simulation diverged.
 
     Raises:
         ValueError: an argument out of range; LinkageError: the robot cannot turn its crank.
     """
 
-    RECORDS = settings.RECORDS
-    TAKE_ACTIONS = readings.take_actions
-    OPTIONS = ("crank_angle", "pushes", "robot", "lengths", *PARAMETERS)
-    SETTABLE = (*CHANGED_BY, "motor", "pad_compliance")
-
-    def __init__(
-        self,
-        num_envs: int,
-        threads: int | None,
-        machine: Filled,
-        control: Filled,
-        ground: Filled,
-        randomness: Filled,
-        sensing: Filled,
-        by_default: Collection[str] = (),
-    ) -> None:
-        n, robots = num_envs, settings.make_robots(machine)
-        for robot in robots:
-            static_deflection(robot, GRAVITY)  # or its feet are too soft
-        terrains, generators = settings.make_terrains(ground)
-        time_step = plant_time_step(control.plant, control.time_step)
-        delays = [one["delay"] for one in randomness.randomize if "delay" in one]
-        most = [one.high if isinstance(one, Uniform) else LONGEST_DELAY for one in delays]
-        super().__init__(
-            robots,
-            readings.ROW,
-            control.control_dt,
-            time_step,
-            control.delay,
-            max(most, default=0.0),
+    def __init__(self, settings: WorldSettings | HeldSettings, threads: int | None = None) -> None:
+        self.held, n = settings.held, settings.count
+        self.num_envs = n
+        self.robots = settings.make_robots()
+        for robot in self.robots:
+            static_deflection(robot, GRAVITY)  # raises an error if its feet are too soft
+        terrains, generators = settings.make_terrains()
+        time_step = plant_time_step(settings.plant, settings.time_step)
+        self.control_dt, self.time_step = control_period(settings.control_dt, time_step)
+        self.steps = round(self.control_dt / self.time_step)
+        self.reset_noise_scale = np.array(settings.each("reset_noise_scale"))
+        self.delay_range = np.array(settings.each("delay"))
+        randomize = settings.each("randomize")
+        self._allocate_torques(self._find_longest_delay(randomize))
+        engine, row = (
+            (crank_tracking, crank_tracking.HELD_ROW) if self.held else (readings, readings.ROW)
         )
+        self.data: NDArray[np.void] = np.zeros(n, row)
+        self._keep_actions = engine.take_actions.bound()
         self._every = np.arange(n)
-        self.reset_noise_scale = np.array(randomness.reset_noise_scale)
         self.plant: BatchedPlant = make_batch(
-            control.plant, self.robots, terrains, self.time_step, threads
+            settings.plant, self.robots, terrains, self.time_step, threads, self.held
         )
-        self._scan = sensing.height_scan
-        self.entries = list_entries(self.plant.toes, len(self._scan))
-        self._noise, push = sensing.noise, sensing.push
-        self.pushes = Pushes(n, push, self.steps, self.time_step)
-        self.sensors: NoisySensors | None = None
-        self.advance_per_turn, self._links_mass = np.zeros(n), np.zeros(n)
-        self._know_robots(np.arange(n))
-        self.full_torque *= self.rows["direction"]
-        self.rows["weight"] = [robot.mass * GRAVITY for robot in self.robots]
-        self.loads = np.zeros((n, self.plant.toes))
-        self.seeds = np.zeros(n, np.int64)
-        self.track_joint_forces = control.track_joint_forces
+        self.track_joint_forces = settings.track_joint_forces
         if self.track_joint_forces and not self.plant.knows_joint_forces:
             raise ValueError("track_joint_forces is True, must be False with plant='rigid_body'")
-        self.plant.tracing = self.track_joint_forces
+        self.plant.tracing = self.track_joint_forces and not self.held
         self._joint_loads = np.zeros(2)
+        self.scan = np.asarray(settings.height_scan, float)
+        self.observations = world_observations(self.plant.toes, len(self.scan))
+        if self.held:
+            self.observations = self.observations[:3]  # of the crank
+            self.OPTIONS: tuple[str, ...] = ("crank_angle", "crank_speed", "delay", "lengths")
+            self.SETTABLE: tuple[str, ...] = ("delay",)
+        else:
+            self.OPTIONS = ("crank_angle", "pushes", "robot", "lengths", *PARAMETERS)
+            self.SETTABLE = (*CHANGED_BY, "motor", "pad_compliance")
+        self.advance_per_turn, self._links_mass = np.zeros(n), np.zeros(n)
+        self._note_robots(self._every)
+        self.full_torque *= self.data["direction"]
+        self.data["weight"] = [robot.mass * GRAVITY for robot in self.robots]
+        self.toe_load = np.zeros((n, self.plant.toes))
+        self.seeds = np.zeros(n, np.int64)
+        self._noise = cast("Noise | None", settings.noise)  # which the settings have loaded
+        push = cast("Push | None", settings.push)
+        self.sensors: NoisySensors | None = None
+        self.pushes = Pushes(n, push, self.steps, self.time_step)
         has = {"noise_level": self._noise is not None, "push_strength": push is not None}
-        drawn = [{k: v for k, v in one.items() if k != "lengths"} for one in randomness.randomize]
-        self.episodes = EpisodeParameters(
-            self.plant, self.robots, ground, generators, drawn, has, by_default
-        )
-        self.lengths = EpisodeLengths(self.robots, randomness.randomize, sensing.observe_lengths)
+        self.episodes = EpisodeParameters(self.plant, self.robots, settings, generators, has)
+        self.lengths = EpisodeLengths(self.robots, randomize, settings.observe_lengths)
         self._share_arrays()
 
-    def _know_robots(self, rows: Ints) -> None:
+    def _find_longest_delay(self, randomize: Sequence[Mapping[str, Any]]) -> float:
+        """Return the longest delay of any episode, s; ValueError: too long for this period."""
+        drawn = [ranges["delay"] for ranges in randomize if "delay" in ranges]
+        most = [one.high if isinstance(one, Uniform) else LONGEST_DELAY for one in drawn]
+        longest = max([float(self.delay_range.max()), *most])
+        if longest > MOST_DELAYED * self.control_dt:
+            raise ValueError(
+                f"delay is {longest} s, must be at most {MOST_DELAYED} times control_dt, "
+                f"{self.control_dt}"
+            )
+        return longest
+
+    def _allocate_torques(self, longest_delay: float) -> None:
+        n = self.num_envs
+        longest = math.ceil(longest_delay / self.control_dt)
+        self.asked, self.delay_steps = np.zeros((n, longest + 2)), np.zeros((n, 2), np.int64)
+        self.torque, self.earlier, self.switch = np.zeros(n), np.zeros(n), np.zeros(n, np.int64)
+        self._actions, self.elapsed = np.zeros((n, 1)), np.zeros(n, np.int64)
+        self.full_torque = np.array([robot.motor.torque_limit for robot in self.robots])
+        self.truncated, self._any_truncated = np.zeros(n, bool), False
+
+    def _note_robots(self, which: Ints) -> None:
         """Note numbers of robots that their lengths and masses give."""
-        own = {id(robot): robot for robot in map(self.robots.__getitem__, rows.tolist())}
-        advance = {key: advance_per_turn(robot) for key, robot in own.items()}
-        self.advance_per_turn[rows] = [advance[id(self.robots[row])] for row in rows.tolist()]
-        self._links_mass[rows] = [self.robots[row].links_mass for row in rows.tolist()]
-        self.rows["direction"][rows] = np.copysign(1.0, self.advance_per_turn[rows])
+        robots = {id(robot): robot for robot in map(self.robots.__getitem__, which.tolist())}
+        advance = {key: advance_per_turn(robot) for key, robot in robots.items()}
+        self.advance_per_turn[which] = [advance[id(self.robots[i])] for i in which.tolist()]
+        self._links_mass[which] = [self.robots[i].links_mass for i in which.tolist()]
+        signs = np.copysign(1.0, self.advance_per_turn[which])
+        self.data["direction"][which] = 1.0 if self.held else signs
 
     def _share_arrays(self) -> None:
         """Let information show the arrays of others."""
-        self.groups = {"parameters": self.episodes.values} if self.episodes.varies else {}
+        self.groups: dict[str, NDArray[np.void]] = {}
+        self.arrays: dict[str, NDArray[Any]] = {}
+        if self.episodes.varies:
+            self.groups["parameters"] = self.episodes.values
         if self.lengths.values is not None:
             self.groups["lengths"] = self.lengths.values
-        self.arrays = {"slip": self.plant.slip, "contact_force": self.plant.contact_force}
+        if not self.held:
+            self.arrays = {"slip": self.plant.slip, "contact_force": self.plant.contact_force}
         if self.sensors is not None:
             self.arrays["true_observation"] = self.sensors.truth
         if self.track_joint_forces:
-            names = "joint_force_max", "joint_impulse_max"
+            names = ("joint_force_max", "joint_impulse_max")[: 1 if self.held else 2]
             self.arrays |= {k: self._joint_loads[i : i + 1] for i, k in enumerate(names)}
 
-    def connect(
-        self,
-        observed: Sequence[Observed],
-        observation: NDArray[np.float32],
-        progress: Callable[[int], tuple[float, float]],
-    ) -> None:
-        """Take the array of observations (n, d), its columns, and the task's ``progress``."""
+    def connect(self, observed: Sequence[Observed], observation: NDArray[np.float32]) -> None:
+        """Take the array of observations (n, d) and its columns."""
         names = [entry.name for entry in observed]
-        own = [entry.name for entry in self.entries]
+        own = [entry.name for entry in self.observations]
         self._places = np.array([names.index(name) if name in names else -1 for name in own])
-        self._observation, self._progress = observation, progress
+        self._observation = observation
         self.lengths.connect(observed, observation)
         if self._noise is not None:
             self.sensors = NoisySensors(self.num_envs, self._noise, observed)
             self._share_arrays()
 
+    # Named questions. What the engine says of the last step is exact, whatever sensors measure.
+
+    @property
+    def x_position(self) -> Array:
+        """(n,) m, of the crank axis."""
+        return self.plant.states[:, 0]
+
+    @property
+    def pitch(self) -> Array:
+        """(n,) rad, of the chassis."""
+        return self.plant.states[:, 2]
+
+    @property
+    def pitch_rate(self) -> Array:
+        """(n,) rad/s."""
+        return self.plant.states[:, 6]
+
+    @property
+    def crank_angle(self) -> Array:
+        """(n,) rad, relative to the chassis, counter-clockwise, not wrapped."""
+        return self.plant.states[:, 3]
+
+    @property
+    def crank_speed(self) -> Array:
+        """(n,) rad/s, counter-clockwise."""
+        return self.plant.states[:, 7]
+
+    @property
+    def x_velocity(self) -> Array:
+        """(n,) m/s, of the crank axis, the mean over the last step."""
+        return self.data["info"]["x_velocity"]
+
+    @property
+    def crank_torque(self) -> Array:
+        """(n,) N m, of the motor, the mean over the last step."""
+        return self.data["info"]["crank_torque"]
+
+    @property
+    def action(self) -> Array:
+        """(n,) of the last step, clipped."""
+        return self.data["action"]
+
+    @property
+    def action_change(self) -> Array:
+        """(n,) from the step before to the last one."""
+        return self.data["action"] - self.data["action_before"]
+
+    @property
+    def motor_work(self) -> Array:
+        """(n,) J, in the last step."""
+        return self.data["energy"]["motor_work"]
+
+    @property
+    def motor_power(self) -> Array:
+        """(n,) W, the mean over the last step."""
+        return self.motor_work / self.control_dt
+
+    @property
+    def slip(self) -> Array:
+        """(n, toes) m, that each toe slid while loaded in the last step."""
+        return self.plant.slip
+
     @property
     def weight(self) -> Array:
-        """(n,) N."""
-        return self.rows["weight"]
+        """(n,) N, of robots and payloads."""
+        return self.data["weight"]
+
+    @property
+    def non_toe_contact(self) -> Bools:
+        """(n,) whether a joint other than a toe was pressed on the ground in the last step."""
+        return self.plant.rows["accumulators"]["non_toe_impulse"] > 0.0
 
     def joint_forces(self) -> JointForces:
         """Return a single robot's joint forces now; ValueError: the plant does not know them."""
@@ -158,123 +287,182 @@ class World(ActuatedRobots):
         push = None if pushes is None else pushes[0, 0]
         return self.plant.joint_forces(float(self.torque[0]), push)
 
+    # Episodes.
+
     def reset(
         self,
-        rows: Ints,
+        which: Ints,
         generators: Sequence[np.random.Generator],
         options: Sequence[dict[str, Any]],
         draw: Draw,
-    ) -> list[Any]:
-        """Start episodes of some robots; returns what ``draw`` gave for each.
+        progress: Progress,
+    ) -> list[Numbers]:
+        """Start episodes of robots (k,); returns what ``draw`` gave for each.
 
         Raises:
             ValueError: an option out of range, FloatingPointError: the robot diverges where it is
                 placed. Nothing has changed then but the generators.
         """
-        each = list(zip(rows.tolist(), generators, options, strict=True))
-        drawn = [self._draw(*one, draw) for one in each]
-        seeds = [int(rng.integers(2**63)) for rng in generators]
-        builds = self._plan_robots(each, seeds)
+        robots = list(zip(which.tolist(), generators, options, strict=True))
+        starts = [self._draw_start(*robot, draw) for robot in robots]
+        seeds = [self._draw_seed(i, rng) for i, rng, _ in robots]
+        builds = self._plan_robots(robots, seeds)
         plans = [
-            self.episodes.plan(*one, start[2], *self._progress(one[0]), builds.get(one[0]))
-            for one, start in zip(each, drawn, strict=True)
+            self.episodes.plan(*robot, start[2], *progress(robot[0]), builds.get(robot[0]))
+            for robot, start in zip(robots, starts, strict=True)
         ]
         given = [own.get("pushes") for own in options]
         schedules = [
-            NO_PUSHES if one is None else check_schedule("options['pushes']", one) for one in given
+            NO_PUSHES if pushes is None else check_schedule("options['pushes']", pushes)
+            for pushes in given
         ]
         plant = self.plant
-        with self.all_or_nothing(rows, builds, plans):
-            self.exchange(builds)
-            self.apply_parameters(rows, plans)
-            plant.place(rows, np.array([start[0] for start in drawn]))
-        self.seeds[rows] = seeds
-        self.loads[rows] = plant.contact_force[rows, :, 1] / self.weight[rows, None]
-        states = plant.states[rows]
-        states[:, 7] = [start[1] for start in drawn]
-        for row, state in zip(rows.tolist(), states, strict=True):
-            plant.set_state(row, state)
-        self.begin_delay(rows, self.episodes.values["delay"][rows])
-        self.clear_episode(rows)
-        for row, pushes, one in zip(rows.tolist(), schedules, given, strict=True):
-            self.pushes.schedule(row, pushes, random=one is None)
-        self.truncated[rows] = False
-        return [start[3] for start in drawn]
+        with self._all_or_nothing(which, builds, plans):
+            self._exchange(builds)
+            self._apply_parameters(which, plans)
+            plant.place(which, np.array([start[0] for start in starts]))
+        self.seeds[which] = [seed or 0 for seed in seeds]
+        self.toe_load[which] = plant.contact_force[which, :, 1] / self.weight[which, None]
+        states = plant.states[which]
+        states[:, 7] = [start[1] for start in starts]
+        for i, state in zip(which.tolist(), states, strict=True):
+            plant.set_state(i, state)
+        self._begin_delay(which, self.episodes.values["delay"][which])
+        self._clear_episode(which)
+        for i, schedule, pushes in zip(which.tolist(), schedules, given, strict=True):
+            self.pushes.schedule(i, schedule, random=pushes is None)
+        self.truncated[which] = False
+        return [start[3] for start in starts]
+
+    def _draw_start(
+        self, i: int, rng: np.random.Generator, options: dict[str, Any], draw: Draw
+    ) -> tuple[float, float, float, Numbers]:
+        """Draw crank angle (rad) and speed (rad/s), delay (s), and the task's numbers."""
+        # Drawn in any case, so that fixing one leaves the others as they were.
+        noise, limits = self.reset_noise_scale[i], (-LARGEST, LARGEST)
+        if self.held:
+            own = draw(i, rng, options)
+            angle = START_ANGLE + noise * uniform(rng, -1.0, 1.0)
+            limits = START_ANGLE - FURTHEST, START_ANGLE + FURTHEST
+        else:
+            angle = uniform(rng, 0.0, 2.0 * math.pi)
+            own = draw(i, rng, options)
+        speed = noise * uniform(rng, -1.0, 1.0)
+        low, high = self.delay_range[i].tolist()
+        delay = uniform(rng, low, high) if high > low else low
+        delay = option(options, "delay", delay, 0.0, self._longest_delay)
+        angle = option(options, "crank_angle", angle, *limits)
+        return angle, option(options, "crank_speed", speed, -DIVERGED, DIVERGED), delay, own
+
+    def _draw_seed(self, i: int, rng: np.random.Generator) -> int | None:
+        """Draw the seed of what an episode draws later; None for a held robot without draws."""
+        if self.held and not self.lengths.factors[i]:
+            return None
+        return int(rng.integers(2**63))
+
+    def _plan_robots(
+        self,
+        robots: Sequence[tuple[int, np.random.Generator, Mapping[str, Any]]],
+        seeds: Sequence[int | None],
+    ) -> dict[int, Build]:
+        """Return the builds of resets, by robot, where one does not stay as it is."""
+        builds = {}
+        for (i, _, own), seed in zip(robots, seeds, strict=True):
+            robot = load_robot("options['robot']", own["robot"]) if "robot" in own else None
+            if robot is not None:
+                self.plant.check_robot(robot)  # with its own lengths, for later episodes
+            build = self.lengths.plan(i, own.get("lengths", {}), seed, robot)
+            if build is not None:
+                builds[i] = build
+        return builds
 
     @contextmanager
-    def all_or_nothing(
-        self, rows: Ints, builds: Mapping[int, Build], plans: Sequence[Plan]
+    def _all_or_nothing(
+        self, which: Ints, builds: Mapping[int, Build], plans: Sequence[Plan]
     ) -> Iterator[None]:
         """Put robots (k,), which get builds and plans, back as they are now if an error comes."""
         episodes, lengths, plant = self.episodes, self.lengths, self.plant
-        undo = plant.keep(rows)
-        robots = {
-            row: Build(lengths.nominal[row], lengths.changed[row], self.robots[row])
-            for row in builds
-        }
+        undo = plant.keep(which)
+        robots = {i: Build(lengths.nominal[i], lengths.changed[i], self.robots[i]) for i in builds}
         before = [
-            Plan(episodes.values[[row]], plan.terrain and plant.terrains[row])
-            for row, plan in zip(rows.tolist(), plans, strict=True)
+            Plan(episodes.values[[i]], plan.terrain and plant.terrains[i])
+            for i, plan in zip(which.tolist(), plans, strict=True)
         ]
-        levels = episodes.level[rows]
+        levels = episodes.level[which]
         try:
             yield
         except Exception:
-            self.exchange(robots)
-            self.apply_parameters(rows, before)
-            episodes.level[rows] = levels
+            self._exchange(robots)
+            self._apply_parameters(which, before)
+            episodes.level[which] = levels
             undo()
             raise
 
-    def exchange(self, builds: Mapping[int, Build]) -> Ints:
-        """Put robots in the place of others, by their rows."""
-        rows = super().exchange(builds)
-        for row in rows.tolist():
-            self.episodes.take_robot(row, self.robots[row])
-        if len(rows) > 0:
-            self._know_robots(rows)
-        return rows
+    def _exchange(self, builds: Mapping[int, Build]) -> None:
+        """Put robots in the place of others.
 
-    def _draw(
-        self, row: int, rng: np.random.Generator, options: dict[str, Any], draw: Draw
-    ) -> tuple[float, float, float, Any]:
-        """Draw crank angle (rad) and speed (rad/s), delay (s), and the task's numbers."""
-        # Drawn in any case, so that fixing one leaves the others as they were.
-        crank_angle = uniform(rng, 0.0, 2.0 * math.pi)
-        own = draw(row, rng, options)
-        crank_speed = self.reset_noise_scale[row] * uniform(rng, -1.0, 1.0)
-        delay = self._draw_delay(row, rng, options)
-        crank_angle = option(options, "crank_angle", crank_angle, -LARGEST, LARGEST)
-        return crank_angle, crank_speed, delay, own
+        Raises:
+            ValueError: a robot that the plant refuses; nothing has changed then.
+        """
+        others = {i: b.robot for i, b in builds.items() if b.robot != self.robots[i]}
+        if others:
+            self.plant.set_robots(np.array([*others]), [*others.values()])
+        for i, robot in others.items():
+            self.robots[i] = robot
+            self.episodes.take_robot(i, robot)
+        self.lengths.take(builds)
+        if others:
+            self._note_robots(np.array([*others], np.int64))
 
-    def apply_parameters(self, rows: Ints, plans: Sequence[Plan]) -> None:
+    def _apply_parameters(self, which: Ints, plans: Sequence[Plan]) -> None:
         """Apply planned parameters and terrains."""
-        self.episodes.begin(rows, plans)
-        self.update_scales(rows)
+        self.episodes.begin(which, plans)
+        self._update_scales(which)
 
-    def update_scales(self, rows: Ints) -> None:
+    def _update_scales(self, which: Ints) -> None:
         """Update weights, full torques, and strengths of pushes and noise."""
         values = self.episodes.values
-        masses = values["mass_scale"][rows] * self._links_mass[rows] + values["payload"][rows]
-        self.rows["weight"][rows] = GRAVITY * masses
-        limits = np.array([self.robots[row].motor.torque_limit for row in rows.tolist()])
-        limits = self.rows["direction"][rows] * limits
-        self.full_torque[rows] = limits * values["motor_strength"][rows]
-        self.pushes.strength[rows] = values["push_strength"][rows]
+        masses = values["mass_scale"][which] * self._links_mass[which] + values["payload"][which]
+        self.data["weight"][which] = GRAVITY * masses
+        limits = np.array([self.robots[i].motor.torque_limit for i in which.tolist()])
+        limits = self.data["direction"][which] * limits
+        self.full_torque[which] = limits * values["motor_strength"][which]
+        self.pushes.strength[which] = values["push_strength"][which]
         if self.sensors is not None:
-            self.sensors.level[rows] = values["noise_level"][rows]
+            self.sensors.level[which] = values["noise_level"][which]
 
-    def clear_episode(self, rows: Ints, action: float = 0.0) -> None:
+    def _clear_episode(self, which: Ints, action: float = 0.0, steps: int = 0) -> None:
         """Clear the data of robots' last episodes."""
-        kept, info = self.rows, self.rows["info"]
+        data, info = self.data, self.data["info"]
         for name in ("info", "energy"):
-            kept[name][rows] = np.zeros((), readings.ROW[name])
-        kept["action"][rows] = kept["action_before"][rows] = action
-        states = self.plant.states[rows]
-        kept["x_before"][rows], info["x_velocity"][rows] = states[:, 0], states[:, 4]
-        info["joint_gap"][rows] = self.plant.joint_gap[rows]
-        self.elapsed[rows] = 0
+            data[name][which] = np.zeros((), data.dtype[name])
+        data["action"][which] = data["action_before"][which] = action
+        if not self.held:
+            states = self.plant.states[which]
+            data["x_before"][which], info["x_velocity"][which] = states[:, 0], states[:, 4]
+            info["joint_gap"][which] = self.plant.joint_gap[which]
+        self.elapsed[which] = steps
         self._joint_loads[:] = 0.0
+
+    def _begin_delay(self, which: Ints, delays: Array, asked: Array | None = None) -> None:
+        """Begin episodes with ``delays`` (k,) s, and earlier torques ``asked`` (k, steps) N m."""
+        steps = np.rint(delays / self.time_step).astype(np.int64)
+        whole, rest = np.divmod(steps, self.steps)
+        self.delay_steps[which, 0], self.delay_steps[which, 1] = whole, rest
+        self.asked[which] = 0.0 if asked is None else asked
+        self.torque[which] = self.asked[which, whole]
+        self.earlier[which], self.switch[which] = self.asked[which, whole + 1], rest
+
+    @property
+    def _longest_delay(self) -> float:
+        return (self.asked.shape[1] - 2) * self.control_dt
+
+    def delay(self, i: int) -> float:
+        """Return the time by which a robot's torques come late in this episode, s."""
+        whole, rest = self.delay_steps[i].tolist()
+        return float(whole * self.control_dt + rest * self.time_step)
+
+    # Steps.
 
     def step(
         self,
@@ -303,64 +491,261 @@ class World(ActuatedRobots):
             finish,
         )  # fmt: skip
         if plant.joints_open:
-            self.rows["info"]["joint_gap"] = plant.joint_gap
+            self.data["info"]["joint_gap"] = plant.joint_gap
         if plant.any_diverged or self._any_truncated:
             self._truncate(plant.diverged & active)
-        if self.track_joint_forces and active[0]:  # the one robot
-            self._joint_loads[:] = (0.0, 0.0) if plant.any_diverged else plant.peak_loads()
+        if self.track_joint_forces and active[0]:  # of the single robot
+            self._joint_loads[:] = self._find_joint_loads()
 
-    def _sense(self, finish: Callable[[Ints], None], rows: Ints) -> None:
+    def _take_actions(self, actions: Any, active: Bools) -> None:
+        count = self.num_envs
+        try:
+            values: Array = np.asarray(actions, dtype=float)
+        except (TypeError, ValueError, OverflowError):
+            allowed = f"must be numbers, shape ({count}, 1)"
+            raise ValueError(f"actions are {shown(actions)}, {allowed}") from None
+        if values.shape != (count, 1):
+            raise ValueError(f"actions have shape {values.shape}, must have ({count}, 1)")
+        self._actions[:] = values
+        bad = self._keep_actions(
+            self._actions, active, self.elapsed, self.full_torque, self.data, self.asked,
+            self.delay_steps, self.torque, self.earlier, self.switch,
+        )  # fmt: skip
+        if bad >= 0:
+            raise ValueError(f"actions[{bad}] is {values[bad, 0]}, must be finite")
+
+    def _sense(self, finish: Callable[[Ints], None], which: Ints) -> None:
         """Draw the errors of robots' readings, which ``finish`` takes."""
         assert self.sensors is not None
-        self.sensors.draw(rows, self.elapsed, self.seeds)
-        finish(rows)
+        self.sensors.draw(which, self.elapsed, self.seeds)
+        finish(which)
+
+    def _truncate(self, diverged: Bools) -> None:
+        """End episodes whose simulation has just diverged, if any."""
+        self.truncated[:] = self.data["info"]["diverged"] = diverged
+        self._any_truncated = bool(diverged.any())
+        if self._any_truncated:
+            gym.logger.warn(
+                f"the episodes of robots {np.flatnonzero(diverged).tolist()} end: their simulation "
+                f"diverged under torques of {self.torque[diverged].tolist()} N m; "
+                "try a smaller time_step"
+            )
+
+    def _find_joint_loads(self) -> tuple[float, float]:
+        """Return the largest force on a joint, N, and the largest impulse, N s."""
+        if self.held:
+            return self.plant.joint_forces(float(self.torque[0])).largest()[0], 0.0
+        if self.plant.any_diverged:
+            return 0.0, 0.0
+        force, impulse = self.plant.peak_loads()
+        return force, impulse
+
+    def disturb(self, which: Ints | None = None) -> None:
+        """Add noise to observations after a step, or of some robots between two steps."""
+        if self.sensors is None:
+            return
+        if which is not None:
+            self.sensors.draw(which, self.elapsed, self.seeds)
+        self.sensors.add(self._moved if which is None else which, self._observation)
 
     def step_arguments(self) -> tuple[Any, ...]:
         """Return the arguments of :func:`jansen_env.engine.readings.finish_step` but the first."""
         plant = self.plant
         return (
-            self.control_dt, plant.states, plant.slip, plant.contact_force, plant.rows, self.rows,
-            self.loads, plant.surface, self._scan, self._places, self._observation,
+            self.control_dt, plant.states, plant.slip, plant.contact_force, plant.rows, self.data,
+            self.toe_load, plant.surface, self.scan, self._places, self._observation,
         )  # fmt: skip
 
     def describe_arguments(self) -> tuple[Any, ...]:
         """Return the arguments of :func:`jansen_env.engine.readings.describe` but the first."""
         return self.plant.states, *self.step_arguments()[4:]
 
-    def disturb(self, rows: Ints | None = None) -> None:
-        """Add noise to observations after a step, or of some robots between two steps."""
-        if self.sensors is None:
-            return
-        if rows is not None:
-            self.sensors.draw(rows, self.elapsed, self.seeds)
-        self.sensors.add(self._moved if rows is None else rows, self._observation)
+    # Single robots.
 
-    @property
-    def non_toe_contact(self) -> Bools:
-        """(n,) whether a joint other than a toe was pressed on the ground in the last step."""
-        return self.plant.rows["accumulators"]["non_toe_impulse"] > 0.0
-
-    get_attr = single_robots.get_attr
-    checked, apply = single_robots.checked, single_robots.apply
-    get_state, checked_state = single_robots.get_state, single_robots.checked_state
-    restore, frame = single_robots.restore, single_robots.frame
-
-    def push(self, row: int, impulse: Any) -> None:
+    def push(self, i: int, impulse: Any) -> None:
         """Push a robot's chassis from now on, beside other pushes, for ``push.duration`` or 0.1 s.
 
         Raises:
-            ValueError: an impulse of no two finite numbers, N s, or too many pushes at once.
+            ValueError: an impulse of no two finite numbers, N s, too many pushes at once, or a
+                robot that is held.
         """
-        now = float(self.elapsed[row]) * self.control_dt
-        own = check_schedule("impulse", [(now, *entries("impulse", impulse, "(Jx, Jy)"))])
-        self.pushes.add(row, own[0])
+        if self.held:
+            raise ValueError("the robot is held, must be free to be pushed")
+        now = float(self.elapsed[i]) * self.control_dt
+        push = check_schedule("impulse", [(now, *entries("impulse", impulse, "(Jx, Jy)"))])
+        self.pushes.add(i, push[0])
 
-    def scene(self, row: int) -> dict[str, Any]:
-        """Return the arguments of the renderer."""
-        return {
-            "robot": self.episodes.shown_robot(row, self.robots[row]),
-            "terrain_points": self.plant.terrains[row].polyline,
+    def checked(self, i: int, changes: Mapping[str, Any]) -> dict[str, Any]:
+        """Return changes for :meth:`change`; ValueError: out of range, or fixed by the plant."""
+        physical = sorted({*changes} - {*FROM_RESETS})
+        if not {*physical} <= self.plant.changeable:
+            raise ValueError(f"{physical[0]} cannot be changed with plant='rigid_body'")
+        checks: dict[str, Check] = {
+            "payload": load_payload,
+            "motor": load_motor,
+            "pad_compliance": load_compliance,
+            "delay": partial(number_range, least=0.0, most=self._longest_delay),
+            "terrain_level": lambda name, value: self.episodes.checked_level(i, value),
         }
+        checked = {
+            name: checks.get(name, partial(check, name))(name, value)
+            for name, value in changes.items()
+        }
+        self.episodes.check_names(i, [name for name in checked if name in CHANGES], "changes")
+        if physical:
+            pads = checked.get("pad_compliance", self.robots[i].pad_compliance)
+            self.episodes.check_change(i, pads, _parameters_of(checked))
+        return checked
+
+    def change(self, i: int, checked: Mapping[str, Any]) -> None:
+        """Apply changes that :meth:`checked` returned to a robot and its ground."""
+        if "delay" in checked:
+            self.delay_range[i] = checked["delay"]
+        if "terrain_level" in checked:
+            self.episodes.level[i] = self.episodes.levels[i] = checked["terrain_level"]
+        physical = {name: value for name, value in checked.items() if name not in FROM_RESETS}
+        if physical:
+            self.plant.change(i, physical)
+            self.robots[i] = self.plant.robots[i]
+            self.lengths.equip(i, self.robots[i])
+            self.episodes.take(i, _parameters_of(checked))
+            self._update_scales(np.array([i]))
+
+    def get_attr(self, name: str) -> list[Any] | None:
+        """Return an attribute of each robot; None for a name that is none of these.
+
+        Names: ``robot``, ``state``, ``delay`` (s, of this episode); of free robots ``terrain``,
+        ``terrain_level``, ``payload``, ``motor``, ``torque_limit``, ``pad_compliance``,
+        ``weight``, ``reset_noise_scale`` and :data:`KEPT`.
+        """
+        if name == "delay":
+            return [self.delay(i) for i in range(self.num_envs)]
+        if name == "robot":
+            return list(self.robots)
+        if name == "state":
+            return list(self.plant.states.copy())
+        if self.held:
+            return None
+        if name == "terrain":
+            return list(self.plant.terrains)
+        if name in ("payload", "motor", "pad_compliance"):
+            return [getattr(robot, name) for robot in self.robots]
+        if name == "torque_limit":
+            return [robot.motor.torque_limit for robot in self.robots]
+        if name in ("weight", "reset_noise_scale"):
+            return list(getattr(self, name).tolist())
+        if name == "terrain_level":
+            return list(self.episodes.values[name].astype(int).tolist())
+        return list(self.episodes.values[name].tolist()) if name in KEPT else None
+
+    def get_state(self, i: int) -> dict[str, Any]:
+        """Return all that a robot's future depends on but the task and random numbers."""
+        changed, in_contact = self.lengths.changed[i], self.plant.in_contact
+        state: dict[str, Any] = {
+            "plant": self.plant.states[i].copy(),
+            "delay": self.delay(i),
+            "asked": self.asked[i].copy(),
+            "action": float(self.data[i]["action"]),
+            "in_contact": None if i > 0 or in_contact is None else in_contact.copy(),
+            "deflection": self.plant.deflection[i].copy(),
+            "steps": int(self.elapsed[i]),
+            "command_seed": int(self.seeds[i]),
+            "loads": self.toe_load[i].copy(),
+            **self.episodes.state(i),
+            "pushes": self.pushes.scheduled(i),
+            "random_pushes": bool(self.pushes.random[i]),
+        }
+        if self.lengths.exchanged(i):
+            state["robot"] = robot_to_json(self.lengths.nominal[i])
+        if changed:
+            state["lengths"] = dict(changed)
+        return state
+
+    def checked_state(self, i: int, state: Mapping[str, Any]) -> dict[str, Any]:
+        """Return a state of :meth:`get_state` for :meth:`restore`; ValueError: out of range."""
+        checked: dict[str, Any] = {}
+        for name, size in (("asked", self.asked.shape[1]), ("loads", self.toe_load.shape[1])):
+            checked[name] = numbers_of(state[name])
+            if checked[name].shape != (size,) or not np.isfinite(checked[name]).all():
+                raise ValueError(
+                    f"state[{name!r}] is {shown(state[name])}, must be {size} finite numbers"
+                )
+        checked["plant"] = check_state(state["plant"])
+        if self.held:
+            check_held(checked["plant"])
+        pads = len(pad_layout(self.robots[0]).leg)
+        checked["builds"] = self._checked_builds(i, state)
+        robot = checked["builds"][i].robot if checked["builds"] else self.robots[i]
+        return {
+            **checked,
+            "delay": within("state['delay']", state["delay"], 0.0, self._longest_delay),
+            "action": within("state['action']", state["action"], -1.0, 1.0),
+            "in_contact": check_in_contact(state["in_contact"], pads),
+            "deflection": check_deflection(state["deflection"], len(self.plant.deflection[i])),
+            "steps": whole_number("state['steps']", state["steps"], MOST_STEPS),
+            "seed": whole_number("state['command_seed']", state["command_seed"], MOST_STEPS),
+            "pushes": check_schedule("state['pushes']", state["pushes"]),
+            "random_pushes": bool(state["random_pushes"]),
+            "plan": self.episodes.planned(i, state, robot),
+        }
+
+    def _checked_builds(self, i: int, state: Mapping[str, Any]) -> dict[int, Build]:
+        """Return the build of a state's robot, if it is another one or has other lengths."""
+        robot: Robot = self.lengths.own[i]
+        if "robot" in state:
+            if self.held:
+                raise ValueError("state has 'robot', must have none: this robot is not exchanged")
+            try:
+                robot = robot_from_json(state["robot"])
+            except (ValueError, RecursionError) as error:
+                raise ValueError(f"state['robot'] is no robot: {error}") from error
+        other = robot if robot != self.lengths.nominal[i] else None
+        if other is not None:
+            self.plant.check_robot(other)
+        build = self.lengths.plan(i, state.get("lengths", {}), None, other)
+        return {} if build is None else {i: build}
+
+    def restore(self, i: int, state: dict[str, Any]) -> None:
+        """Let a robot go on from a state of :meth:`checked_state`."""
+        plant, one = self.plant, np.array([i])
+        plan, level = state["plan"]
+        with self._all_or_nothing(one, state["builds"], [plan]):
+            self._exchange(state["builds"])
+            self._apply_parameters(one, [plan])
+            plant.set_state(i, state["plant"], state["deflection"])
+        self.episodes.level[i] = level
+        if i == 0:
+            plant.in_contact = state["in_contact"]
+        self._begin_delay(one, np.array([state["delay"]]), state["asked"])
+        plant.slip[i] = plant.contact_force[i] = 0.0
+        self.toe_load[i] = state["loads"]
+        self._clear_episode(one, state["action"], state["steps"])
+        self.seeds[i] = state["seed"]
+        self.pushes.schedule(i, state["pushes"], state["random_pushes"])
+
+    def scene(self, i: int) -> dict[str, Any]:
+        """Return the arguments of :class:`jansen_env.rendering.Renderer` to draw a robot."""
+        if self.held:
+            return {"robot": self.robots[i], "terrain_points": None, "speed_unit": "rad/s"}
+        return {
+            "robot": self.episodes.shown_robot(i, self.robots[i]),
+            "terrain_points": self.plant.terrains[i].polyline,
+        }
+
+    def frame(self, i: int, command: float | None) -> Frame:
+        """Return the picture data of a robot as it is now."""
+        plant, state = self.plant, self.plant.states[i]
+        points = tangents = np.zeros((plant.toes, 2))
+        if not self.held:
+            points, tangents = plant.contact_frames(i)
+        return Frame(
+            q=state[:4].copy(), contact_point=points, contact_tangent=tangents,
+            contact_force=plant.contact_force[i],
+            slipping=plant.slip[i] > SLIPPING * self.control_dt, command=command,
+            speed=float(state[7] if self.held else state[4]), torque=float(self.torque[i]),
+            torque_limit=abs(float(self.full_torque[i])),
+            time=float(self.elapsed[i]) * self.control_dt,
+        )  # fmt: skip
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -369,3 +754,13 @@ class World(ActuatedRobots):
     def close(self) -> None:
         """Let go of threads."""
         self.plant.close()
+
+
+def _parameters_of(changes: Mapping[str, Any]) -> Numbers:
+    """Return the parameters that checked changes set at once."""
+    numbers = {name: changes[name] for name in PARAMETERS if name in {*changes} - {*FROM_RESETS}}
+    if "payload" in numbers:
+        load = numbers["payload"]
+        numbers["payload_x"], numbers["payload_y"] = load.position
+        numbers["payload"] = load.mass
+    return numbers

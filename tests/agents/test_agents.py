@@ -11,7 +11,12 @@ from scipy.stats import binomtest, kstest
 import jansen_env
 from agents import tune
 from jansen_env.baselines.pid import PID
-from jansen_env.baselines.walker_baselines import (
+from jansen_env.commands import evaluate
+from jansen_env.commands.named_policies import load_named
+from jansen_env.plants.plant import PLANTS
+from jansen_env.scoring import metrics
+from jansen_env.scoring.rollout import make_env, run_episodes
+from jansen_env.tasks.walking.walker_baselines import (
     BASELINES,
     DATA,
     measured,
@@ -19,12 +24,7 @@ from jansen_env.baselines.walker_baselines import (
     nearest_setting,
     walking_pid,
 )
-from jansen_env.commands import evaluate
-from jansen_env.commands.named_policies import load_named
-from jansen_env.plants.plant import PLANTS
-from jansen_env.scoring import metrics
-from jansen_env.scoring.benchmarks import WALKER
-from jansen_env.scoring.rollout import make_env, run_episodes
+from jansen_env.tasks.walking.walker_benchmark import WALKER
 
 ONE_TO_ONE = nearest_setting(np.array([0.5, 1.0, 2.0]), np.array([[0.5], [1.0], [2.0]]))
 

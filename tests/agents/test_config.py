@@ -147,7 +147,7 @@ def test_values_that_are_allowed(tmp_path):
 
 def test_recorded_configurations_are_read_again(tmp_path):
     """What record_run writes is what load_config gives, for each shipped configuration."""
-    for path in config.CONFIGS.glob("*/*.yml"):
+    for path in config.shipped_configs():
         algo = path.stem if path.stem in ALGORITHMS else None
         settings = config.new_config(path, algo, path.parent.name, seed=3)
         runs.record_run(tmp_path, settings, "")
@@ -255,7 +255,7 @@ def test_what_all_variants_have_alike_holds_for_all_environments():
     alone = RunConfig(training_variants=variants[:1])
     assert config.training_envs(alone) == (variants[0], [{}])
     assert config.training_envs(RunConfig()) == ({}, [{}])
-    for path in config.CONFIGS.glob("*/*.yml"):
+    for path in config.shipped_configs():
         algo = path.stem if path.stem in ALGORITHMS else None
         settings = config.new_config(path, algo, path.parent.name)
         assert can_be_batched(path.parent.name, *config.training_envs(settings))

@@ -5,8 +5,8 @@ import json
 import numpy as np
 
 from agents import levels
-from jansen_env.scoring.benchmarks import succeeded
 from jansen_env.scoring.rollout import make_env, run_episodes
+from jansen_env.tasks.walking.walker_benchmark import succeeded
 
 ENV = "JansenWalker-v0"
 ARGUMENTS = {"terrain": "stairs:rise=0.01", "max_episode_steps": 40}

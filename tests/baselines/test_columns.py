@@ -5,14 +5,14 @@ import pytest
 
 from agents.tuning.profile_search import profiles
 from jansen_env.baselines.policy import columns
-from jansen_env.baselines.profile import READ, load_profile
 from jansen_env.commands.named_policies import load_named
 from jansen_env.policies import pretrained
 from jansen_env.scoring.benchmarks import BENCHMARKS, find_benchmark
 from jansen_env.scoring.rollout import make_env
-from jansen_env.world.entries import Observed
+from jansen_env.tasks.walking.profile import READ, load_profile
+from jansen_env.world.observations import Observed
 
-ADDED = Observed("crank_torque", "N m", -np.inf, np.inf)
+ADDED = Observed("crank_torque", "N m", -np.inf, np.inf, "exact")
 
 
 @pytest.fixture(params=BENCHMARKS)

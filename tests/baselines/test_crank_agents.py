@@ -8,12 +8,12 @@ import pytest
 from stable_baselines3 import PPO
 
 import train
-from jansen_env.baselines.crank_baselines import BASELINES, inverse_dynamics
 from jansen_env.baselines.pid import PID
 from jansen_env.commands.named_policies import load_named
 from jansen_env.dynamics.inverse import crank_torque
-from jansen_env.scoring import benchmarks as tasks
 from jansen_env.scoring.rollout import run_episodes
+from jansen_env.tasks.crank.crank_baselines import BASELINES, inverse_dynamics
+from jansen_env.tasks.crank.crank_benchmark import CRANK
 
 ENV = "JansenCrank-v0"
 PAPER_START = {"crank_angle": np.pi, "crank_speed": 0.0, "speed_command": 1.0}
@@ -91,7 +91,7 @@ def test_scores_are_those_of_the_episodes(env):
     }  # fmt: skip
     measured = {
         name: float(m.function(run, env)[0])
-        for name, m in tasks.CRANK.metrics.items()
+        for name, m in CRANK.metrics.items()
         if name != "return"
     }
     assert measured == pytest.approx(expected)
@@ -114,7 +114,7 @@ def test_training_on_the_crank(tmp_path):
     result = json.loads((folder / "scores.json").read_text())
     assert set(result) == {*BASELINES, f"ppo/{ENV}_1"}
     rows = json.loads((folder / "evaluations.json").read_text())
-    assert set(rows[-1]) == {"steps", "seconds", "score", *tasks.CRANK.metrics}
+    assert set(rows[-1]) == {"steps", "seconds", "score", *CRANK.metrics}
     assert (folder / "scores.png").stat().st_size > 10_000
     path = folder / "final_model.zip"  # its outputs are squashed, unlike the walking policies'
     theirs, ours = PPO.load(path, device="cpu"), load_named(str(path), gym.make(ENV))

@@ -8,11 +8,11 @@ from agents import tune
 from agents.tuning import profile_search
 from agents.tuning.profile_search import Sweep, improve, profiles, search_profile, triangular, worth
 from jansen_env.baselines.policy import TorquePolicy, columns
-from jansen_env.baselines.profile import READ, load_profile, profile_torque
 from jansen_env.commands.named_policies import load_named
-from jansen_env.scoring.benchmarks import WALKER
 from jansen_env.scoring.metrics import point_estimates
 from jansen_env.scoring.rollout import make_env, run_episodes
+from jansen_env.tasks.walking.profile import READ, load_profile, profile_torque
+from jansen_env.tasks.walking.walker_benchmark import WALKER
 
 ENV = "JansenWalker-v0"
 COLUMNS = columns(make_env(ENV, {}), *READ)

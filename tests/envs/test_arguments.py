@@ -12,9 +12,9 @@ import pytest
 
 import jansen_env
 from jansen_env import Bar, Leg, Payload, Robot, Terrain, Triangle
-from jansen_env.envs.crank_env import JansenCrankEnv
-from jansen_env.envs.walker import JansenWalkerEnv, JansenWalkerVectorEnv
 from jansen_env.robot import JANSEN, Linkage, Plate
+from jansen_env.tasks.crank import JansenCrankEnv
+from jansen_env.tasks.walking import JansenWalkerEnv, JansenWalkerVectorEnv
 from jansen_env.terrain.curriculum import Curriculum
 from jansen_env.world import argument_checks as arguments
 

@@ -6,9 +6,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from jansen_env.baselines.goal_pid import GoalPid
 from jansen_env.policies import pretrained
 from jansen_env.scoring.benchmarks import BENCHMARKS
+from jansen_env.tasks.goal.goal_pid import GoalPid
 
 STILL = SimpleNamespace(predict=lambda seen, *_: (np.zeros((len(seen), 1), np.float32), None))
 

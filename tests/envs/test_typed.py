@@ -6,27 +6,21 @@ import sys
 from pathlib import Path
 
 import pytest
-from gymnasium.envs.registration import load_env_creator, registry
 
-from jansen_env.envs import typed
-from jansen_env.scoring.benchmarks import BENCHMARKS
+from jansen_env.scoring.benchmarks import BENCHMARKS, single_env, vector_env
 
-OWN = {"num_envs", "autoreset_mode", "threads", "info_keys"}  # of JansenVectorEnv's constructor
 ROOT = Path(__file__).parents[2]
 
 
-def named(entry):
-    return {*inspect.signature(load_env_creator(entry)).parameters}
-
-
-def test_typed_arguments_are_those_of_environments():
-    every = set()
-    for env_id in BENCHMARKS:
-        family = {"JansenCrank-v0": "Crank", "JansenGoal-v0": "Goal"}.get(env_id, "Walker")
-        single = {*getattr(typed, f"{family}Arguments").__annotations__}
-        assert named(registry[env_id].entry_point) == single
-        every |= named(registry[env_id].vector_entry_point)
-    assert every == {*typed.ManyArguments.__annotations__} | OWN
+@pytest.mark.parametrize("env_id", BENCHMARKS)
+def test_arguments_are_the_settings(env_id):
+    """Type checkers see those of the settings' constructors; at run time they are the same."""
+    single, many = single_env(env_id), vector_env(env_id)
+    known = inspect.signature(single).parameters
+    assert {*known} == {*inspect.signature(single.SETTINGS).parameters}
+    own = {"num_envs", "max_episode_steps", "autoreset_mode", "threads", "info_keys"}
+    assert {*inspect.signature(many).parameters} == {*known} | own
+    assert many.PRESET == single.PRESET and {*single.PRESET} <= {*known}
 
 
 @pytest.mark.slow

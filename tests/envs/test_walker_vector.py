@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode
 from side_by_side import ROUGH, compare, same, side_by_side, together
 
 from jansen_env import Payload, paper_robot
-from jansen_env.envs.walker import JansenWalkerVectorEnv
+from jansen_env.tasks.walking import JansenWalkerVectorEnv
 
 MODES = [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP]
 
@@ -79,7 +79,7 @@ def test_falls_look_with_the_bumpers():
     arguments = {"terminate_when_fallen": False, "terrain": "slope:-0.5"}
     ours, theirs = together(12, **arguments), side_by_side(12, **arguments)
     compare(ours, theirs, 150, seed=0)
-    assert ours.task.rows["info"]["fallen"].sum() >= 6
+    assert ours.task.info["fallen"].sum() >= 6
 
 
 def test_a_mask_resets_some():
@@ -358,7 +358,7 @@ def test_bad_changes_and_states_change_nothing():
     assert env.get_attr("friction") == (0.5, 0.5)
     state = env.get_state(1)
     wrong = {
-        "command": 1e9, "action": np.nan, "steps": -3, "lag": np.inf, "rms_torque": np.nan,
+        "speed_command": 1e9, "action": np.nan, "steps": -3, "lag": np.inf, "rms_torque": np.nan,
         "command_seed": -1,
     }  # fmt: skip
     for name, bad in wrong.items():

@@ -8,10 +8,10 @@ import pytest
 from motions import HOLD, governor, momenta, placed
 
 from jansen_env import ROBOTS, Payload, Robot, Terrain
-from jansen_env.envs.walker import JansenWalkerEnv
 from jansen_env.plants.batch import Batch
 from jansen_env.plants.plant import ProjectionPlant, RigidBodyPlant
 from jansen_env.plants.trace import trace_forces
+from jansen_env.tasks.walking import JansenWalkerEnv
 
 FLYING = np.array([0.3, 50.0, 0.4, 2.0, 0.5, 1.0, 0.8, 3.0])
 """A state high above the ground, everything moving."""

@@ -7,9 +7,9 @@ import pytest
 from motions import HOLD, governor, placed
 
 from jansen_env import Payload, Robot, Terrain
-from jansen_env.envs.walker import JansenWalkerEnv
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.trace import pads_in_contact, peak_loads, trace_forces
+from jansen_env.tasks.walking import JansenWalkerEnv
 
 LADEN = replace(Robot(), payload=Payload(1.0, 0.1, (0.1, 0.2)))
 

@@ -8,9 +8,9 @@ import jansen_env
 from jansen_env.play.session import LARGEST_PUSH, PACES, SLIDERS, STEADY, Session
 from jansen_env.policies import pretrained
 from jansen_env.robot.lengths import lengths
-from jansen_env.scoring.benchmarks import WALKER
 from jansen_env.scoring.metrics import point_estimates
 from jansen_env.scoring.rollout import run_episodes
+from jansen_env.tasks.walking.walker_benchmark import WALKER
 
 DT = 0.02
 
@@ -50,7 +50,7 @@ def test_the_input_is_a_policys_command():
     session.steer(0.5)
     walk(session, 5.0)
     assert session.frame().command == pytest.approx(0.4)
-    assert session.env.get_state()["command"] == pytest.approx(0.4)
+    assert session.env.get_state()["speed_command"] == pytest.approx(0.4)
     assert session.score().distance == pytest.approx(0.4 * 5.0, abs=0.15)
     session.hold(1)
     walk(session, 0.2)

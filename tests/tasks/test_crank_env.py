@@ -13,7 +13,7 @@ from side_by_side import compare
 
 import jansen_env
 from jansen_env.engine.crank_tracking import TRACKING_WIDTH
-from jansen_env.envs.crank_env import JansenCrankEnv
+from jansen_env.tasks.crank import JansenCrankEnv
 
 
 @pytest.fixture
@@ -202,7 +202,7 @@ def test_every_design_turns(robot):
     env = JansenCrankEnv(robot=robot, control_dt=0.02, time_step=5e-4, speed_command=2.0)
     start = env.reset(seed=0)[1]["crank_angle"]
     for _ in range(200):
-        error, speed = env.task.rows["info"]["tracking_error"][0], env.plant.state[7]
+        error, speed = env.task.info["tracking_error"][0], env.plant.state[7]
         share = np.clip((20.0 * error + 2.0 * (2.0 - speed)) / env.torque_limit, -1.0, 1.0)
         _, _, terminated, _, info = env.step(np.array([share]))
         assert not terminated and abs(info["energy"]["residual"]) < 5e-6

@@ -4,9 +4,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from jansen_env.baselines import goal_pid
-from jansen_env.baselines.goal_pid import GoalPid
-from jansen_env.tasks.goal import NEAR
+from jansen_env.tasks.goal import goal_pid
+from jansen_env.tasks.goal.goal_pid import GoalPid
+from jansen_env.tasks.goal.goal_task import NEAR
 
 
 def solved(policy, env, steps=750, seed=0):

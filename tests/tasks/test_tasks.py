@@ -1,107 +1,106 @@
-"""A task that derives from another one: nothing is copied, nothing moves."""
+"""Tasks of one's own: derived from a shipped one, or in plain NumPy; nothing is copied or moved."""
 
 import inspect
 from dataclasses import dataclass
-from typing import Annotated, TypedDict
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
+from jansen_env.envs.arguments import takes
 from jansen_env.envs.single import SingleEnv
-from jansen_env.envs.vector import TaskVectorEnv
+from jansen_env.envs.vector import TaskVectorEnv, VectorSettings
 from jansen_env.tasks.task import CommandedTask
-from jansen_env.tasks.walking import WalkerTask
-from jansen_env.world.argument_checks import PerRobot, Range, range_per_robot
-from jansen_env.world.entries import Observed
+from jansen_env.tasks.walking.walker_task import WalkerSettings, WalkerTask
+from jansen_env.world.argument_checks import range_each
+from jansen_env.world.observations import Observed
+from jansen_env.world.settings import WorldSettings
 
 WORLD = {"robot": "built", "height_scan": (0.2, 0.5, 3), "delay": 0.01, "friction": 0.7}
 
 
-@dataclass(frozen=True)
-class Bonus:
+def environments(task, settings, preset=None):
+    """Environments of one robot and of many."""
+
+    class One(SingleEnv):
+        SETTINGS = settings
+        PRESET = preset or {}
+
+        @takes(settings)
+        def __init__(self, settings):
+            super().__init__(task(settings), settings.render_mode)
+
+    @dataclass(frozen=True)
+    class ManySettings(VectorSettings, settings):
+        pass
+
+    class Many(TaskVectorEnv):
+        SINGLE = One
+        PRESET = preset or {}
+
+        @takes(ManySettings)
+        def __init__(self, settings):
+            super().__init__(settings, task)
+
+    return One, Many
+
+
+@dataclass(frozen=True, kw_only=True)
+class DerivedSettings(WalkerSettings):
     torque_bonus: float = 0.5
 
 
 class Derived(WalkerTask):
-    RECORDS = {**WalkerTask.RECORDS, "bonus": Bonus}  # noqa: RUF012
-    DEFAULTS = {"speed_command": 0.2}  # noqa: RUF012
+    OBSERVED = (*WalkerTask.OBSERVED, Observed("crank_torque", "N m", -np.inf, np.inf, "exact"))
 
-    def take(self, records):
-        super().take(records)
-        self.bonus = records["bonus"].torque_bonus
+    def __init__(self, settings, threads=None):
+        self.bonus = settings.torque_bonus
+        super().__init__(settings, threads)
 
-    @property
-    def own_entries(self):
-        return [*super().own_entries, Observed("crank_torque", "N m", -np.inf, np.inf, "exact")]
-
-    def observe(self, rows):
-        torque = self.world.rows["info"]["crank_torque"][rows]
-        self.observation[rows, self.columns["crank_torque"]] = torque
-
-
-class Plain(WalkerTask):
-    DEFAULTS = Derived.DEFAULTS
+    def observe(self):
+        return {"crank_torque": self.world.crank_torque}
 
 
 class Halved(WalkerTask):
-    def score(self, rows):
-        self.reward[rows] *= 0.5
+    def reward(self):
+        return 0.5 * super().reward()
 
 
-class Commands(TypedDict, total=False):
-    speed_command: Annotated[PerRobot[Range], range_per_robot((0.1, 0.3), -1.0, 1.0)]
+@dataclass(frozen=True, kw_only=True)
+class SlowSettings(WorldSettings):
+    speed_command: tuple[float, float] = range_each((0.1, 0.3), -1.0, 1.0)
 
 
 class Slow(CommandedTask):
     """In plain NumPy, with a command: not to be faster than that."""
 
-    RECORDS = {"commands": Commands}  # noqa: RUF012
-    ROW = np.dtype([("info", [("speed_command", "f8")]), ("reward", [("slow", "f8")])])
+    OBSERVED = (Observed("speed_command", "m/s", -1.0, 1.0, "exact"),)
+    TERMS = ("slow",)
     FASTEST = 1.0
 
-    def take(self, records):
-        self.speed_command = records["commands"].speed_command
+    def observe(self):
+        return {"speed_command": self.info["speed_command"]}
 
-    @property
-    def own_entries(self):
-        return [Observed("speed_command", "m/s", -1.0, 1.0, "exact")]
+    def reward(self):
+        slow = 1.0 * (np.abs(self.world.x_velocity) <= self.info["speed_command"])
+        self.keep(slow=slow)
+        return slow
 
-    def observe(self, rows):
-        self.observation[rows, self.columns["speed_command"]] = self.commands[rows]
-
-    def score(self, rows):
-        speed = np.abs(self.world.rows["info"]["x_velocity"][rows])
-        self.reward[rows] = self.rows["reward"]["slow"][rows] = speed <= self.commands[rows]
-
-    @property
-    def commands(self):
-        return self.rows["info"]["speed_command"]
+    def terminated(self):
+        return np.abs(self.world.pitch) > 1.2
 
 
-class SlowEnv(SingleEnv[Slow]):
-    TASK = Slow
-
-
-class HalvedEnv(SingleEnv[Halved]):
-    TASK = Halved
-
-
-class DerivedEnv(SingleEnv[Derived]):
-    TASK = Derived
-
-
-class DerivedVectorEnv(TaskVectorEnv[Derived]):
-    TASK = Derived
-
-
-class PlainEnv(SingleEnv[Plain]):
-    TASK = Plain
+PRESET = {"speed_command": 0.2}
+DerivedEnv, DerivedVectorEnv = environments(Derived, DerivedSettings, PRESET)
+PlainEnv, _ = environments(WalkerTask, WalkerSettings, PRESET)
+HalvedEnv, _ = environments(Halved, WalkerSettings)
+SlowEnv, SlowVectorEnv = environments(Slow, SlowSettings)
 
 
 def test_arguments_are_those_of_the_world_and_its_own():
     known = inspect.signature(DerivedEnv).parameters
-    assert known["torque_bonus"].default == 0.5 and known["speed_command"].default == 0.2
+    assert known["torque_bonus"].default == 0.5
+    assert DerivedEnv().task.speed_command.tolist() == [[0.2, 0.2]]
     assert {*known} == {*inspect.signature(PlainEnv).parameters, "torque_bonus"}
     assert DerivedEnv(torque_bonus=2.0).task.bonus == 2.0
     with pytest.raises(TypeError, match="unexpected keyword argument 'tork_bonus'"):
@@ -133,7 +132,7 @@ def test_what_is_added_moves_nothing(noise):
 
 def test_a_commanded_task_in_numpy_is_scored_and_observed():
     world = {"robot": "built", "noise": {}}
-    env, many = SlowEnv(**world), TaskVectorEnv.of(SlowEnv)(2, **world)
+    env, many = SlowEnv(**world), SlowVectorEnv(2, **world)
     seen, _ = env.reset(seed=4)
     many.reset(seed=[3, 4])
     rewards = []
@@ -156,16 +155,47 @@ def test_a_task_derived_from_the_walkers_may_change_its_reward():
     assert rewards[1] == [2.0 * reward for reward in rewards[0]] and min(rewards[0]) > 0.0
 
 
-@pytest.mark.parametrize(("sensor", "said"), [("", "''"), ("giro", "'giro'")])
-def test_an_observation_without_a_sensor_is_refused_with_noise(sensor, said, monkeypatch):
-    added = Observed("crank_torque", "N m", -np.inf, np.inf, sensor)
-    monkeypatch.setattr(
-        Derived, "own_entries", property(lambda self: [*Plain.own_entries.fget(self), added])
-    )
-    DerivedEnv()
-    with pytest.raises(
-        ValueError,
-        match=r"^noise is given, must be None: sensor of the observation 'crank_torque' is "
-        rf"{said}, must be in .*'gyro'.*'exact'",
-    ):
-        DerivedEnv(noise={})
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (("torque", "N m", -1.0, 1.0, "giro"), "noise .* 'torque' is 'giro', must be .*'gyro'"),
+        (("torque", "N m", -1.0, 1.0, -0.1), "noise .* 'torque' is -0.1, must be 0 or above"),
+        (("torque", "N m", -1.0, 1.0, None), "noise .* 'torque' is None, must be"),
+        (("torque", "", -1.0, 1.0, "exact"), "unit of an observation is ''"),
+        (("torque", "N m", 1.0, 1.0, "exact"), "limits of the observation 'torque' are 1.0 to 1.0"),
+    ],
+)
+def test_an_observation_without_noise_limits_or_unit_is_refused(wrong, message):
+    with pytest.raises(ValueError, match=message):
+        Observed(*wrong)
+    with pytest.raises(TypeError, match="missing"):
+        Observed(*wrong[:4])
+
+
+def test_an_observation_has_its_own_noise():
+    class Noisy(Slow):
+        OBSERVED = (Observed("speed_command", "m/s", -1.0, 1.0, 0.1),)
+
+    env = environments(Noisy, SlowSettings)[0](noise={}, speed_command=0.5)
+    env.reset(seed=0)
+    seen = [env.step(np.zeros(1, np.float32))[0][-1] for _ in range(200)]
+    assert np.mean(seen) == pytest.approx(0.5, abs=0.03)
+    assert np.std(seen) == pytest.approx(0.1, rel=0.2)
+
+
+def test_a_task_that_observes_something_else_is_refused():
+    class Forgetful(Slow):
+        def observe(self):
+            return {}
+
+    with pytest.raises(ValueError, match=r"must return \['speed_command"):
+        environments(Forgetful, SlowSettings)[0]().reset(seed=0)
+
+
+def test_numbers_of_a_task_are_saved():
+    env, other = SlowEnv(), SlowEnv()
+    env.reset(seed=3)
+    state = env.get_state()
+    assert other.set_state(state)[-1] == np.float32(state["speed_command"])
+    with pytest.raises(ValueError, match=r"state\['speed_command'\] is 7.0, must be between"):
+        env.set_state({**state, "speed_command": 7.0})

@@ -11,8 +11,8 @@ import pytest
 from gymnasium.utils.play import play
 
 import jansen_env
-from jansen_env.envs.walker import JansenWalkerEnv, JansenWalkerVectorEnv
 from jansen_env.robot.kinematics import advance_per_turn
+from jansen_env.tasks.walking import JansenWalkerEnv, JansenWalkerVectorEnv
 
 
 @pytest.fixture

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from jansen_env.engine.walk_reward import HALF_CHANGE, HALF_EFFORT, REWARD
-from jansen_env.envs.walker import JansenWalkerEnv
 from jansen_env.robot.kinematics import advance_per_turn
+from jansen_env.tasks.walking import JansenWalkerEnv
 
 
 @pytest.fixture

@@ -1,17 +1,17 @@
 """Wrong calls: each must be an error to mypy and to pyright, as an ignore too many is one."""
 
-from jansen_env.envs.crank_env import JansenCrankEnv, JansenCrankVectorEnv
-from jansen_env.envs.goal_env import JansenGoalEnv, JansenGoalVectorEnv
-from jansen_env.envs.presets import (
+from jansen_env.tasks.crank import JansenCrankEnv, JansenCrankVectorEnv
+from jansen_env.tasks.goal import JansenGoalEnv, JansenGoalVectorEnv
+from jansen_env.tasks.walking import (
     JansenWalkerBuiltEnv,
     JansenWalkerBuiltVectorEnv,
+    JansenWalkerEnv,
     JansenWalkerHardcoreEnv,
     JansenWalkerHardcoreVectorEnv,
     JansenWalkerRoughEnv,
     JansenWalkerRoughVectorEnv,
+    JansenWalkerVectorEnv,
 )
-from jansen_env.envs.walker import JansenWalkerEnv, JansenWalkerVectorEnv
-from jansen_env.sb3 import make_vec_env
 
 JansenWalkerEnv(frction=0.5)  # type: ignore[call-arg]  # pyright: ignore[reportCallIssue]
 JansenWalkerEnv(friction="x")  # type: ignore[arg-type]  # pyright: ignore[reportArgumentType]
@@ -42,7 +42,3 @@ JansenCrankVectorEnv(2, delay="x")  # type: ignore[arg-type]  # pyright: ignore[
 JansenGoalVectorEnv(2, frction=0.5)  # type: ignore[call-arg]  # pyright: ignore[reportCallIssue]
 JansenGoalVectorEnv(2, friction="x")  # type: ignore[arg-type]  # pyright: ignore[reportArgumentType]
 JansenGoalVectorEnv("2")  # type: ignore[arg-type]  # pyright: ignore[reportArgumentType]
-
-make_vec_env("JansenWalker-v0", 2, frction=0.5)  # type: ignore[call-arg]  # pyright: ignore[reportCallIssue]
-make_vec_env("JansenWalker-v0", 2, friction="x")  # type: ignore[arg-type]  # pyright: ignore[reportArgumentType]
-make_vec_env("JansenGoal-v0", 2, arrival_weight="x")  # type: ignore[arg-type]  # pyright: ignore[reportArgumentType]

@@ -9,7 +9,7 @@ from side_by_side import compare, side_by_side, together
 
 from jansen_env import Compliance, Motor, paper_robot
 from jansen_env.engine.records import UNKNOWN_DEFLECTION
-from jansen_env.envs.walker import JansenWalkerEnv
+from jansen_env.tasks.walking import JansenWalkerEnv
 
 MOTOR = Motor(
     stall_torque=12.0, no_load_speed=7.0, torque_limit=8.0, gear_ratio=60.0, rotor_inertia=1.4e-5,

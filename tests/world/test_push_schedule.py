@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jansen_env import Push
-from jansen_env.world.disturbances import Pushes
+from jansen_env.world.push import Pushes
 
 STEPS, STEP = 20, 1e-3  # of a control step, s
 PERIOD = STEPS * STEP

@@ -9,16 +9,16 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from side_by_side import DISTURBED, ROUGH, WORLD, together
 
-from jansen_env import Noise
+from jansen_env import Noise, paper_robot
 from jansen_env.checks import load_record
 from jansen_env.engine import walk_reward
-from jansen_env.tasks.walking import WalkerTask
-from jansen_env.world.disturbances import NoisySensors
-from jansen_env.world.noise import SENSORS
+from jansen_env.robot.kinematics import advance_per_turn
+from jansen_env.tasks.walking import JansenWalkerEnv
+from jansen_env.world.observations import SENSORS, NoisySensors
 
 SCAN = DISTURBED["height_scan"]
 ALL = {**WORLD, **DISTURBED}
-OBSERVED = WalkerTask(height_scan=(0.0, 0.5, 3)).observed
+OBSERVED = JansenWalkerEnv(height_scan=(0.0, 0.5, 3)).observed
 NAMES = [entry.name for entry in OBSERVED]
 EXACT = ("speed_command", "last_action", "lag", "mean_", "rms_torque")  # while the robot stands
 ACCOUNTS = walk_reward.ACCOUNTS.names
@@ -58,7 +58,7 @@ def mean_speeds(observations, command, dt):
     kept = dict(zip(ACCOUNTS, observations[:, LAG : LAG + 5].T.astype(float), strict=True))
     velocity = command - np.diff(kept["lag"]) / dt
     velocity[np.abs(kept["lag"][1:]) > 0.499] = np.nan
-    path = walker().task.rows["mean_path"][0]
+    path = abs(advance_per_turn(paper_robot())) / 4.0
     share = -np.expm1(-dt / walk_reward.mean_time(command, path))
     power = kept["mean_power"][:-1] + np.diff(kept["mean_power"]) / share
     square = kept["rms_torque"] ** 2
@@ -284,7 +284,7 @@ def test_what_is_drawn_at_a_reset_does_not_depend_on_noise_and_pushes():
         for _ in range(3):
             env.reset()
         starts.append(env.get_state())
-    assert starts[0]["command"] == starts[1]["command"]
+    assert starts[0]["speed_command"] == starts[1]["speed_command"]
     np.testing.assert_array_equal(starts[0]["plant"], starts[1]["plant"])
 
 

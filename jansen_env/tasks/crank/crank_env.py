@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from typing_extensions import Unpack
+from dataclasses import dataclass
 
 from jansen_env.dynamics.joint_forces import JointForces
+from jansen_env.envs.arguments import takes
 from jansen_env.envs.single import SingleEnv
-from jansen_env.envs.typed import CrankArguments, JansenVectorEnv
+from jansen_env.envs.vector import TaskVectorEnv, VectorSettings
 from jansen_env.plants.plant import ProjectionPlant, plant_of
-from jansen_env.tasks.crank import CrankTask
+from jansen_env.tasks.crank.crank_benchmark import CRANK
+from jansen_env.tasks.crank.crank_task import CrankSettings, CrankTask
 
 
 class JansenCrankEnv(SingleEnv[CrankTask]):
@@ -89,10 +89,12 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
     * v0: first release.
     """
 
-    TASK = CrankTask
-    if TYPE_CHECKING:
+    SETTINGS = CrankSettings
+    BENCHMARK = CRANK
 
-        def __init__(self, **own: Unpack[CrankArguments]) -> None: ...
+    @takes(CrankSettings)
+    def __init__(self, settings: CrankSettings) -> None:
+        super().__init__(CrankTask(settings), settings.render_mode)
 
     @property
     def plant(self) -> ProjectionPlant:
@@ -108,8 +110,19 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
 
     def joint_forces(self) -> JointForces:
         """Return the forces in every joint now, under the last action's torque."""
-        world = self.task.world
-        return world.plant.joint_forces(float(world.torque[0]))
+        return self.task.world.joint_forces()
 
 
-JansenCrankVectorEnv: type[JansenVectorEnv] = JansenVectorEnv.of(JansenCrankEnv)
+@dataclass(frozen=True)
+class CrankVectorSettings(VectorSettings, CrankSettings):
+    """Arguments of :class:`JansenCrankVectorEnv`."""
+
+
+class JansenCrankVectorEnv(TaskVectorEnv[CrankTask]):
+    """:class:`JansenCrankEnv` for many robots at once: what ``gym.make_vec`` makes."""
+
+    SINGLE = JansenCrankEnv
+
+    @takes(CrankVectorSettings)
+    def __init__(self, settings: CrankVectorSettings) -> None:
+        super().__init__(settings, CrankTask)

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from typing_extensions import Unpack
 
 from jansen_env.dynamics.joint_forces import JointForces
+from jansen_env.envs.arguments import takes
 from jansen_env.envs.single import SingleEnv
-from jansen_env.envs.typed import JansenVectorEnv, WalkerArguments
+from jansen_env.envs.vector import TaskVectorEnv, VectorSettings
 from jansen_env.plants.plant import Plant, plant_of
-from jansen_env.tasks.walking import WalkerTask
+from jansen_env.tasks.walking.walker_benchmark import WALKER
+from jansen_env.tasks.walking.walker_task import WalkerSettings, WalkerTask
 from jansen_env.terrain import Terrain
 
 
@@ -188,10 +189,12 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     * v0: first release.
     """
 
-    TASK = WalkerTask
-    if TYPE_CHECKING:
+    SETTINGS = WalkerSettings
+    BENCHMARK = WALKER
 
-        def __init__(self, **own: Unpack[WalkerArguments]) -> None: ...
+    @takes(WalkerSettings)
+    def __init__(self, settings: WalkerSettings) -> None:
+        super().__init__(WalkerTask(settings), settings.render_mode)
 
     @property
     def terrain(self) -> Terrain:
@@ -227,4 +230,16 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
         return self.task.world.joint_forces()
 
 
-JansenWalkerVectorEnv: type[JansenVectorEnv] = JansenVectorEnv.of(JansenWalkerEnv)
+@dataclass(frozen=True)
+class WalkerVectorSettings(VectorSettings, WalkerSettings):
+    """Arguments of :class:`JansenWalkerVectorEnv`."""
+
+
+class JansenWalkerVectorEnv(TaskVectorEnv[WalkerTask]):
+    """:class:`JansenWalkerEnv` for many robots at once: what ``gym.make_vec`` makes."""
+
+    SINGLE = JansenWalkerEnv
+
+    @takes(WalkerVectorSettings)
+    def __init__(self, settings: WalkerVectorSettings) -> None:
+        super().__init__(settings, WalkerTask)

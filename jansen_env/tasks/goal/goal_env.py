@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
-from typing_extensions import Unpack
-
+from jansen_env.envs.arguments import takes
 from jansen_env.envs.single import SingleEnv
-from jansen_env.envs.typed import GoalArguments, JansenVectorEnv
-from jansen_env.tasks.goal import GoalTask
+from jansen_env.envs.vector import TaskVectorEnv, VectorSettings
+from jansen_env.tasks.goal.goal_benchmark import GOAL
+from jansen_env.tasks.goal.goal_task import GoalSettings, GoalTask
 
 
 class JansenGoalEnv(SingleEnv[GoalTask]):
@@ -65,10 +65,26 @@ class JansenGoalEnv(SingleEnv[GoalTask]):
     * v0: first release.
     """
 
-    TASK = GoalTask
-    if TYPE_CHECKING:
+    SETTINGS = GoalSettings
+    PRESET = {"robot": "built"}
+    BENCHMARK = GOAL
 
-        def __init__(self, **own: Unpack[GoalArguments]) -> None: ...
+    @takes(GoalSettings)
+    def __init__(self, settings: GoalSettings) -> None:
+        super().__init__(GoalTask(settings), settings.render_mode)
 
 
-JansenGoalVectorEnv: type[JansenVectorEnv] = JansenVectorEnv.of(JansenGoalEnv)
+@dataclass(frozen=True)
+class GoalVectorSettings(VectorSettings, GoalSettings):
+    """Arguments of :class:`JansenGoalVectorEnv`."""
+
+
+class JansenGoalVectorEnv(TaskVectorEnv[GoalTask]):
+    """:class:`JansenGoalEnv` for many robots at once: what ``gym.make_vec`` makes."""
+
+    SINGLE = JansenGoalEnv
+    PRESET = JansenGoalEnv.PRESET
+
+    @takes(GoalVectorSettings)
+    def __init__(self, settings: GoalVectorSettings) -> None:
+        super().__init__(settings, GoalTask)

@@ -1,59 +1,46 @@
 """``JansenWalkerBuilt-v0``, ``JansenWalkerRough-v0`` and ``JansenWalkerHardcore-v0``: presets.
 
-Each is :class:`WalkerTask` with other defaults; any of them can be given another value. Parameters
-randomised by default are left out where they would do nothing: levels of flat ground, noise
+Each is ``JansenWalker-v0`` with other defaults; any of them can be given another value. Parameters
+that a preset randomises are left out where they would do nothing: levels of flat ground, noise
 where there is none.
 """
 
 from __future__ import annotations
 
-from jansen_env.envs.typed import JansenVectorEnv
-from jansen_env.envs.walker import JansenWalkerEnv
-from jansen_env.tasks.walking import WalkerTask
-from jansen_env.world.noise import Noise
+from typing import Any
+
+from jansen_env.tasks.walking.walker_benchmark import WORLD
+from jansen_env.tasks.walking.walker_env import JansenWalkerEnv, JansenWalkerVectorEnv
+from jansen_env.world.observations import Noise
 from jansen_env.world.push import Push
 
-
-class BuiltTask(WalkerTask):
-    """A machine that could be built."""
-
-    DEFAULTS = {"robot": "built"}
-
-
-class RoughTask(WalkerTask):
-    """New terrain every episode."""
-
-    DEFAULTS = {
-        **BuiltTask.DEFAULTS,
-        "terrain": "mixed",
-        "terrain_level": (0, 9),
-        "speed_command": (0.1, 0.5),  # m/s
-        "height_scan": (0.5, 0.9, 15),  # m behind and ahead: every 0.1 m; feet reach 0.6 m
-        "randomize": {"friction": (0.4, 1.0), "payload": (0.0, 0.5)},
-    }
-
-
-class HardcoreTask(WalkerTask):
-    """Noise, delay, pushes and machines that differ, on such terrain."""
-
-    DEFAULTS = {
-        **RoughTask.DEFAULTS,
-        "noise": Noise(),
-        "push": Push(impulse=3.0),
-        "randomize": {
-            **RoughTask.DEFAULTS["randomize"],
-            "payload_x": (-0.1, 0.1),
-            "mass_scale": (0.9, 1.1),
-            "foot_stiffness_scale": (0.5, 2.0),
-            "foot_damping_scale": (0.5, 2.0),
-            "motor_strength": (0.8, 1.2),
-            "rotor_inertia_scale": (0.8, 1.2),
-            "tilt": (-0.05, 0.05),
-            "delay": (0.0, 0.04),
-            "noise_level": (0.5, 1.5),
-            "push_strength": (0.0, 1.0),
-        },
-    }
+BUILT: dict[str, Any] = {"robot": "built"}
+ROUGH: dict[str, Any] = {
+    **BUILT,
+    "terrain": "mixed",
+    "terrain_level": (0, 9),
+    "speed_command": (0.1, 0.5),  # m/s
+    "height_scan": (0.5, 0.9, 15),  # m behind and ahead: every 0.1 m; feet reach 0.6 m
+    "randomize": {"friction": (0.4, 1.0), "payload": (0.0, 0.5)},
+}
+HARDCORE: dict[str, Any] = {
+    **ROUGH,
+    "noise": Noise(),
+    "push": Push(impulse=3.0),
+    "randomize": {
+        **ROUGH["randomize"],
+        "payload_x": (-0.1, 0.1),
+        "mass_scale": (0.9, 1.1),
+        "foot_stiffness_scale": (0.5, 2.0),
+        "foot_damping_scale": (0.5, 2.0),
+        "motor_strength": (0.8, 1.2),
+        "rotor_inertia_scale": (0.8, 1.2),
+        "tilt": (-0.05, 0.05),
+        "delay": (0.0, 0.04),
+        "noise_level": (0.5, 1.5),
+        "push_strength": (0.0, 1.0),
+    },
+}
 
 
 class JansenWalkerBuiltEnv(JansenWalkerEnv):
@@ -77,10 +64,10 @@ class JansenWalkerBuiltEnv(JansenWalkerEnv):
     * v0: first release.
     """
 
-    TASK = BuiltTask
+    PRESET = BUILT
 
 
-JansenWalkerBuiltVectorEnv: type[JansenVectorEnv] = JansenVectorEnv.of(JansenWalkerBuiltEnv)
+JansenWalkerBuiltVectorEnv = JansenWalkerVectorEnv.of(JansenWalkerBuiltEnv)
 
 
 class JansenWalkerRoughEnv(JansenWalkerEnv):
@@ -128,10 +115,11 @@ class JansenWalkerRoughEnv(JansenWalkerEnv):
     * v0: first release.
     """
 
-    TASK = RoughTask
+    PRESET = ROUGH
+    BENCHMARK = WORLD
 
 
-JansenWalkerRoughVectorEnv: type[JansenVectorEnv] = JansenVectorEnv.of(JansenWalkerRoughEnv)
+JansenWalkerRoughVectorEnv = JansenWalkerVectorEnv.of(JansenWalkerRoughEnv)
 
 
 class JansenWalkerHardcoreEnv(JansenWalkerEnv):
@@ -148,7 +136,7 @@ class JansenWalkerHardcoreEnv(JansenWalkerEnv):
     |-----|-------------|-----|-----|------|
     | 0 .. 34 | as of ``JansenWalkerRough-v0``, with noise | | | |
 
-    Noise is :class:`jansen_env.world.noise.Noise`, times ``noise_level``: of each step, and a bias for
+    Noise is :class:`jansen_env.world.observations.Noise`, times ``noise_level``: of each step, and a bias for
     the episode. Lag and means are as measured, mean slip is 0; command, last action and RMS torque
     are exact. ``true_observation`` in the information is without noise.
 
@@ -177,7 +165,8 @@ class JansenWalkerHardcoreEnv(JansenWalkerEnv):
     * v0: first release.
     """
 
-    TASK = HardcoreTask
+    PRESET = HARDCORE
+    BENCHMARK = WORLD
 
 
-JansenWalkerHardcoreVectorEnv: type[JansenVectorEnv] = JansenVectorEnv.of(JansenWalkerHardcoreEnv)
+JansenWalkerHardcoreVectorEnv = JansenWalkerVectorEnv.of(JansenWalkerHardcoreEnv)

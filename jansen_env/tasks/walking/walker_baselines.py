@@ -13,7 +13,6 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from jansen_env.baselines import profile
 from jansen_env.baselines.pid import PID
 from jansen_env.baselines.policy import (
     PAPER_PID,
@@ -25,6 +24,7 @@ from jansen_env.baselines.policy import (
     pid_policy,
 )
 from jansen_env.robot import ROBOTS, Robot
+from jansen_env.tasks.walking import profile
 
 DATA = Path(__file__).parent / "data" / "baselines.json"
 

@@ -1,0 +1,73 @@
+"""The crank task: follow a turning reference; numbers: :mod:`jansen_env.engine.crank_tracking`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any, ClassVar
+
+import numpy as np
+
+from jansen_env.checks import non_negative
+from jansen_env.engine import crank_tracking
+from jansen_env.tasks.task import CompiledTask
+from jansen_env.world.argument_checks import PerRobot, Range, range_each, shared
+from jansen_env.world.observations import EXACT, Observed
+from jansen_env.world.settings import HeldSettings
+from jansen_env.world.world import START_ANGLE
+
+FASTEST_COMMAND = 10.0  # rad/s
+LOST = crank_tracking.LOST
+
+
+@dataclass(frozen=True, kw_only=True)
+class CrankSettings(HeldSettings):
+    """Arguments of ``JansenCrank-v0``; commands in rad/s, by default the paper's."""
+
+    speed_command: PerRobot[Range] = range_each(1.0, -FASTEST_COMMAND, FASTEST_COMMAND)
+    tracking_weight: float = shared(1.0, non_negative)
+    torque_weight: float = shared(1.0, non_negative)
+
+
+class CrankTask(CompiledTask):
+    """Turn the crank along a reference; see :class:`jansen_env.tasks.crank.JansenCrankEnv`."""
+
+    OBSERVED = (
+        Observed("tracking_error", "rad", -np.inf, np.inf, EXACT),
+        Observed("speed_command", "rad/s", -FASTEST_COMMAND, FASTEST_COMMAND, EXACT),
+    )
+    COMPILED = ("tracking_error", "speed_command")
+    ENGINE: ClassVar[ModuleType] = crank_tracking
+    ROW: ClassVar[np.dtype[Any]] = crank_tracking.ROW
+    FASTEST = FASTEST_COMMAND
+
+    def __init__(self, settings: CrankSettings, threads: int | None = None) -> None:
+        self._weights = np.zeros(1, crank_tracking.REWARD)
+        self._weights[0] = settings.tracking_weight, settings.torque_weight
+        super().__init__(settings, threads)
+
+    def reference(self, i: int) -> float:
+        """r(t) = w t + pi, rad: where a robot's crank should be now."""
+        passed = float(self.world.elapsed[i]) * self.control_dt
+        return float(self.command(i) * passed + START_ANGLE)
+
+    def step_arguments(self) -> tuple[Any, ...]:
+        """Return the arguments of :func:`crank_tracking.finish_step` but the first."""
+        world = self.world
+        return (
+            world.plant.states, world.plant.rows, world.torque, world.elapsed, self.control_dt,
+            self._weights, world.data, self.data, self.rewards, self.ended, self.observation,
+        )  # fmt: skip
+
+    def describe_arguments(self) -> tuple[Any, ...]:
+        """Return the arguments of :func:`crank_tracking.describe` but the first."""
+        world = self.world
+        return (
+            world.plant.states, world.elapsed, self.control_dt, world.data, self.data,
+            self.observation,
+        )  # fmt: skip
+
+    def scene(self, i: int) -> dict[str, Any]:
+        """Return the arguments of the renderer."""
+        speed_range = 2.0 * max(1e-3, *map(abs, self.speed_command[i].tolist()))
+        return {**super().scene(i), "speed_range": speed_range}

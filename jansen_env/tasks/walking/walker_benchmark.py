@@ -1,0 +1,125 @@
+"""How policies are scored on ``JansenWalker-v0`` and its presets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from jansen_env.scoring.metrics import (
+    SETTLING,
+    TORQUE,
+    Aggregate,
+    Array,
+    Benchmark,
+    Episodes,
+    Metric,
+    horizon,
+    mean_of,
+    per_weight,
+)
+from jansen_env.tasks.walking import walker_baselines
+
+ENOUGH = 0.8  # of the commanded distance
+LATER, FIRST = f"after {SETTLING:g} s", f"in the first {SETTLING:g} s"
+COST = "mechanical cost of transport"
+
+
+def _speed_error(run: Episodes, env: Any) -> Array:
+    """Over the full length of an episode: after a fall the robot is taken to stand still."""
+    return np.abs(run["distance"] / horizon(env) - run["command"])
+
+
+def _steady_speed_error(run: Episodes, env: Any) -> Array:
+    """The same after :data:`SETTLING` s; NaN for episodes that are not longer."""
+    rest = max(horizon(env) - SETTLING, 0.0) or np.nan
+    return np.abs((run["distance"] - run["early_distance"]) / rest - run["command"])
+
+
+def succeeded(run: Episodes, env: Any) -> Array:
+    """1 for each episode (n,) without a fall and :data:`ENOUGH` of the way commanded, else 0."""
+    enough = _distance(run, env) >= ENOUGH * np.abs(run["command"]) * horizon(env)
+    return (~run["fell"].astype(bool) & enough).astype(float)
+
+
+def _per_step(name: str) -> Callable[[Episodes, Any], Array]:
+    """Mean over an episode's steps."""
+    return lambda run, env: np.asarray(run[name] * env.unwrapped.control_dt / run["duration"])
+
+
+def _start_work(run: Episodes, env: Any) -> Array:
+    """Work within :data:`SETTLING` / weight, m."""
+    return per_weight("work")(run, env) - per_weight("steady_work")(run, env)
+
+
+def _start_lag(run: Episodes, env: Any) -> Array:
+    """Distance behind the command at :data:`SETTLING`, m."""
+    return SETTLING * np.abs(run["command"]) - np.sign(run["command"]) * run["early_distance"]
+
+
+def _distance(run: Episodes, env: Any) -> Array:
+    """Distance in the commanded direction, m."""
+    return np.maximum(np.sign(run["command"]) * run["distance"], 0.0)
+
+
+def _steady_distance(run: Episodes, env: Any) -> Array:
+    """Distance in the commanded direction after :data:`SETTLING`, m."""
+    return _distance({**run, "distance": run["distance"] - run["early_distance"]}, env)
+
+
+WALKER = Benchmark(
+    commands=(0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8),
+    option="speed_command",
+    command_unit="m/s",
+    aggregates={
+        "distance": Aggregate("last", lambda info: info["x_position"]),
+        "early_distance": Aggregate("early", lambda info: info["x_position"]),
+        "slip": Aggregate("sum", lambda info: info["slip"].sum(axis=-1)),
+        "steady_slip": Aggregate("steady", lambda info: info["slip"].sum(axis=-1)),
+        "work": Aggregate("sum", lambda info: np.abs(info["energy"]["motor_work"])),
+        "steady_work": Aggregate("steady", lambda info: np.abs(info["energy"]["motor_work"])),
+        "drawn": Aggregate("sum", lambda info: info["energy"]["electrical_work"]),
+        # A simulation that diverged is no walk either: it counts as a fall.
+        "fell": Aggregate("last", lambda info: info["fallen"] | info["diverged"]),
+        "torque_change": Aggregate("change", lambda info: info["crank_torque"]),
+        **TORQUE,
+    },
+    metrics={
+        "return": Metric("return", "", mean_of("returns")),
+        "speed_error": Metric("speed error", "m/s", _speed_error),
+        "steady_speed_error": Metric(f"speed error {LATER}", "m/s", _steady_speed_error),
+        "slip_per_metre": Metric("slip per metre", "m/m", mean_of("slip"), _distance),
+        "steady_slip_per_metre": Metric(
+            f"slip per metre {LATER}", "m/m", mean_of("steady_slip"), _steady_distance, "log"
+        ),
+        "cost_of_transport": Metric(COST, "1", per_weight("work"), _distance),
+        "steady_cost_of_transport": Metric(
+            f"{COST} {LATER}", "1", per_weight("steady_work"), _steady_distance, "log"
+        ),
+        "electrical_cost_of_transport": Metric(
+            "electrical cost of transport", "1", per_weight("drawn"), _distance, ""
+        ),
+        "start_slip": Metric(
+            f"slip {FIRST}", "m", lambda run, _: run["slip"] - run["steady_slip"], axis=""
+        ),
+        "start_work": Metric(f"work / weight {FIRST}", "m", _start_work, axis=""),
+        "start_lag": Metric(f"behind the command {LATER}", "m", _start_lag, axis=""),
+        "falls": Metric("falls", "fraction", mean_of("fell"), axis="fraction"),
+        "peak_torque": Metric("peak torque", "N m", mean_of("peak_torque"), axis=""),
+        "rms_torque": Metric("RMS torque", "N m", mean_of("rms_torque")),
+        "torque_change": Metric(
+            "change of torque per step", "N m", _per_step("torque_change"), axis=""
+        ),
+    },
+    baselines=walker_baselines.BASELINES,
+)
+
+WORLD = replace(
+    WALKER,
+    commands=(0.1, 0.2, 0.3, 0.4, 0.5),
+    metrics=WALKER.metrics | {"success": Metric("success", "fraction", succeeded, axis="fraction")},
+    chosen_by="success",
+    variety=4,
+)

@@ -1,0 +1,216 @@
+"""The walking task: follow a commanded speed; numbers: :mod:`jansen_env.engine.walk_reward`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any, ClassVar
+
+import numpy as np
+
+from jansen_env.checks import finite, non_negative, positive, shown, within
+from jansen_env.engine import walk_reward
+from jansen_env.tasks.task import CompiledTask
+from jansen_env.uniform import uniform
+from jansen_env.world.argument_checks import (
+    Bools,
+    Ints,
+    PerRobot,
+    Range,
+    each,
+    flag,
+    range_each,
+    shared,
+)
+from jansen_env.world.observations import EXACT, Observed
+from jansen_env.world.settings import WorldSettings
+
+SPEED_COMMAND = (0.05, 0.8)  # m/s, the default range of commanded speeds
+FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine
+STEPS_PER_TURN = 4  # of the feet, with two crank pins: means are taken over a quarter turn
+ACCOUNTS: tuple[str, ...] = walk_reward.ACCOUNTS.names or ()  # lag and means
+COMMANDED = ("speed_command", *ACCOUNTS)  # in the order of :func:`walk_reward.observe`
+FURTHEST = walk_reward.FURTHEST_TARGET
+
+
+def _interval(name: str, value: Any) -> float:
+    return math.inf if value is None else positive(name, value)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WalkerSettings(WorldSettings):
+    """Arguments of ``JansenWalker-v0`` and its presets: those of the world, and of its task.
+
+    Commands in m/s, their interval in s, pitch in rad; weights are exponents of the reward.
+    """
+
+    speed_command: PerRobot[Range] = range_each(SPEED_COMMAND, -FASTEST_COMMAND, FASTEST_COMMAND)
+    command_interval: PerRobot[float | None] = each(None, _interval)
+    slip_weight: float = shared(1.0, non_negative)
+    energy_weight: float = shared(1.0, non_negative)
+    effort_weight: float = shared(1.0, non_negative)
+    smoothness_weight: float = shared(1.0, non_negative)
+    posture_weight: float = shared(1.0, non_negative)
+    fall_pitch: float = shared(walk_reward.FALLEN_PITCH, positive)
+    fall_contact: bool = shared(True, flag)
+    terminate_when_fallen: bool = shared(True, flag)
+
+
+class WalkerTask(CompiledTask):
+    """Walk at a commanded speed, m/s; see :class:`jansen_env.tasks.walking.JansenWalkerEnv`.
+
+    One kernel rewards, ends and observes a step; a derived task may do more in NumPy.
+
+    Attributes:
+        covered: (n, 2) m walked towards the commands and commanded; with a curriculum.
+    """
+
+    OBSERVED = (
+        Observed("speed_command", "m/s", -FASTEST_COMMAND, FASTEST_COMMAND, EXACT),
+        # Noisy sensors measure these, see _connect:
+        Observed("lag", "m", -FURTHEST, FURTHEST, EXACT),
+        Observed("mean_speed", "m/s", -np.inf, np.inf, EXACT),
+        Observed("mean_slip", "m/s", 0.0, np.inf, EXACT),
+        Observed("mean_power", "W", 0.0, np.inf, EXACT),
+        Observed("rms_torque", "N m", 0.0, np.inf, EXACT),
+    )
+    COMPILED = COMMANDED
+    ENGINE: ClassVar[ModuleType] = walk_reward
+    ROW: ClassVar[np.dtype[Any]] = walk_reward.ROW
+    SETTABLE = ("speed_command", "command")
+    FASTEST = FASTEST_COMMAND
+
+    def __init__(self, settings: WalkerSettings, threads: int | None = None) -> None:
+        n = settings.count
+        self._intervals = np.array(settings.each("command_interval"))
+        self._commands_change = bool(np.isfinite(self._intervals).any())
+        self._settings = np.zeros(1, walk_reward.SETTINGS)
+        self._settings[0] = (
+            settings.slip_weight, settings.energy_weight, settings.effort_weight,
+            settings.smoothness_weight, settings.posture_weight, settings.fall_pitch,
+            settings.fall_contact, settings.terminate_when_fallen,
+        )  # fmt: skip
+        self.covered = np.zeros((n, 2))
+        self._measured = np.zeros(0 if settings.noise is None else n, walk_reward.ACCOUNTS)
+        super().__init__(settings, threads)
+        self._command_steps = np.maximum(1.0, np.rint(self._intervals / self.control_dt))
+
+    def _connect(self) -> None:
+        super()._connect()
+        self._places = np.array([self.columns[name] for name in COMMANDED])
+        self._error = np.zeros((0, 2))
+        if self.world.sensors is not None:
+            numbers = self._measured.view(float).reshape(self.num_envs, -1)
+            self.world.sensors.measure(numbers, [self.columns[name] for name in ACCOUNTS])
+            self._error = self.world.sensors.mean_error
+
+    def order(self, world: Sequence[Observed]) -> tuple[Observed, ...]:
+        """Return all observations in the documented order; a derived task's come last."""
+        known = {entry.name: entry for entry in (*world, *self.OBSERVED)}
+        heights = [name for name in known if name.startswith("height_scan_")]
+        loads = [name for name in known if name.startswith("toe_load_")]
+        later = [*COMMANDED, *loads, *heights, "last_action"]
+        own = [entry.name for entry in self.OBSERVED if entry.name not in COMMANDED]
+        first = [entry.name for entry in world if entry.name not in later]
+        last = ("last_action", *ACCOUNTS, *heights, *own)
+        return tuple(known[name] for name in (*first, "speed_command", *loads, *last))
+
+    def begin(self, which: Ints) -> None:
+        """Begin episodes of robots (k,), whose lag and means are 0."""
+        self.data["mean_path"][which] = abs(self.world.advance_per_turn[which]) / STEPS_PER_TURN
+        self.data["next_command"][which] = self.info["speed_command"][which]
+        self.covered[which] = 0.0
+        if len(self._measured) > 0:
+            self._measured[which] = np.zeros((), walk_reward.ACCOUNTS)
+
+    def step(
+        self, actions: Any, active: Bools, meanwhile: Callable[[], None] | None = None
+    ) -> None:
+        """Hold actions (n, 1) of the ``active`` robots (n,), see :meth:`World.step`."""
+        if self._commands_change:
+            self._draw_commands(active)
+        super().step(actions, active, meanwhile)
+
+    def finish_step(self, which: Ints) -> None:
+        """Account for the step of robots (k,) in one kernel, on the thread that moved them."""
+        if self.world.episodes.curriculum is not None:
+            self._cover(which)
+        super().finish_step(which)
+
+    def step_arguments(self) -> tuple[Any, ...]:
+        """Return the arguments of :func:`walk_reward.finish_step` but the first."""
+        return (
+            self._settings, self.data, self.rewards, self.ended, self._error, self._measured,
+            self._places, *self.world.step_arguments(),
+        )  # fmt: skip
+
+    def describe_arguments(self) -> tuple[Any, ...]:
+        """Return the arguments of :func:`walk_reward.describe` but the first."""
+        return self.data, self._places, *self.world.describe_arguments()
+
+    def _draw_commands(self, active: Bools) -> None:
+        """Draw the commands that hold after this step, where it is time for others."""
+        elapsed = self.world.elapsed + 1
+        for i in np.flatnonzero(active & (elapsed % self._command_steps == 0)).tolist():
+            # By the time, so that a state to go on from needs no more than the seed.
+            rng = np.random.default_rng((self.world.seeds[i], elapsed[i]))
+            self.data[i]["next_command"] = uniform(rng, *self.speed_command[i])
+
+    def _cover(self, which: Ints) -> None:
+        """Add the step of robots (k,) to :attr:`covered`."""
+        commands = self.info["speed_command"][which]
+        path = self.world.x_position[which] - self.world.data["x_before"][which]
+        self.covered[which, 0] += np.sign(commands) * path
+        self.covered[which, 1] += np.abs(commands) * self.control_dt
+
+    def progress(self, i: int) -> tuple[float, float]:
+        """Return how far a robot got towards its commands, m, and their mean size, m/s."""
+        walked, commanded = self.covered[i].tolist()
+        return walked, commanded / (max(1, int(self.world.elapsed[i])) * self.control_dt)
+
+    def change(self, i: int, changes: Mapping[str, Any]) -> Callable[[], None]:
+        """Check another range of commands, and a command that holds from the next step on."""
+        apply_range = super().change(i, changes)
+        if "command" not in changes:
+            return apply_range
+        command = within("command", changes["command"], -self.FASTEST, self.FASTEST)
+
+        def apply() -> None:
+            apply_range()
+            self.info["speed_command"][i] = self.data["next_command"][i] = command
+            self.describe(np.array([i]))
+
+        return apply
+
+    def get_attr(self, name: str) -> list[Any] | None:
+        """Return an attribute of each robot: ``command``, the ranges, and the world's."""
+        if name == "command":
+            return list(self.info["speed_command"].tolist())
+        return super().get_attr(name)
+
+    def get_state(self, i: int) -> dict[str, Any]:
+        """Return all that a robot's future depends on but its random numbers."""
+        state = {**super().get_state(i), "covered": self.covered[i].copy()}
+        if len(self._measured) > 0:
+            state["measured"] = dict(zip(ACCOUNTS, self._measured[i].item(), strict=True))
+        return state
+
+    def checked_state(self, state: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the task's entries of a state. Raises ValueError: one is out of range."""
+        checked = super().checked_state(state)
+        checked["covered"] = [finite("state['covered']", path) for path in state["covered"]]
+        if len(self._measured) > 0:
+            given, label = state["measured"], "state['measured']"
+            if not isinstance(given, Mapping) or not {*ACCOUNTS} <= {*given}:
+                raise ValueError(f"{label} is {shown(given)}, must have {[*ACCOUNTS]}")
+            checked["measured"] = tuple(self.in_range(label, k, given[k]) for k in ACCOUNTS)
+        return checked
+
+    def resume(self, i: int, state: Mapping[str, Any]) -> None:
+        """Go on with the entries of a checked state."""
+        self.begin(np.array([i]))
+        self.covered[i] = state["covered"]
+        if "measured" in state:
+            self._measured[i] = state["measured"]

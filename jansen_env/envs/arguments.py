@@ -97,8 +97,8 @@ def reset_mask(count: int, mask: Any) -> NDArray[np.bool_]:
         raise TypeError(f"options['reset_mask'] is {shown(mask)}, must be an array of bools")
     if mask.shape != (count,) or not mask.any():
         raise ValueError(
-            f"options['reset_mask'] is {shown(mask)}, must have shape ({count},) and name one robot at "
-            "least"
+            f"options['reset_mask'] is {shown(mask)}, must have shape ({count},) and name one "
+            "robot at least"
         )
     return mask
 

@@ -28,7 +28,7 @@ import re
 import subprocess
 import tempfile
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import llvmlite.binding as llvm
 import numba
@@ -37,10 +37,12 @@ from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
 from jansen_env.engine import kernel as kernel_module
-from jansen_env.engine.kernel import FOLDER, Kernel, library_path
+from jansen_env.engine.kernel import FOLDER, Function, Kernel, library_path
 
-NJIT: Any = numba.njit  # its types lack some of its options
-OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
+Numba: TypeAlias = Any
+"""An object of numba or llvmlite, which have no types."""
+NJIT: Numba = numba.njit  # its types lack some of its options
+OPTIONS: dict[str, object] = {"error_model": "numpy", "_nrt": False}
 """Of numba: dividing by zero gives inf or nan; arrays are not counted, as nothing is allocated.
 
 ``_nrt`` is not documented: with it, code would hold atomic instructions for every array.
@@ -114,11 +116,11 @@ def host() -> str:
 
 
 @intrinsic
-def array_at(_: Any, address: Any, shape: Any, dtype: Any) -> Any:
+def array_at(_: Numba, address: Numba, shape: Numba, dtype: Numba) -> Numba:
     """A contiguous array of a ``shape`` at an ``address``: numba's ``carray`` counts references."""
     kind = types.Array(dtype.dtype, len(shape), "C")
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def generate(context: Numba, builder: Numba, _: Numba, arguments: Numba) -> Numba:
         array = context.make_array(kind)(context, builder)
         data_type = context.get_data_type(kind.dtype)
         size = context.get_constant(types.intp, context.get_abi_sizeof(data_type))
@@ -134,10 +136,10 @@ def array_at(_: Any, address: Any, shape: Any, dtype: Any) -> Any:
 
 
 @intrinsic
-def _take(_: Any, place: Any) -> Any:
+def _take(_: Numba, place: Numba) -> Numba:
     """:func:`jansen_env.engine.kernel.take` by an atomic instruction."""
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def generate(context: Numba, builder: Numba, _: Numba, arguments: Numba) -> Numba:
         array = context.make_array(place)(context, builder, arguments[0])
         one = context.get_constant(types.int64, 1)
         return builder.atomic_rmw("add", array.data, one, "monotonic")
@@ -145,7 +147,7 @@ def _take(_: Any, place: Any) -> Any:
     return types.int64(place), generate
 
 
-def _lower(function: Callable[..., Any], inline: bool) -> Any:
+def _lower(function: Function, inline: bool) -> Numba:
     """A stage as numba compiles it."""
     return NJIT(forceinline=inline, **OPTIONS)(function)
 
@@ -162,7 +164,7 @@ def _import_kernels() -> list[Kernel]:
 def _entry(kernel: Kernel) -> tuple[str, str]:
     """LLVM's code of a kernel that takes its slots' address, and the symbol in there."""
     arguments = list[str]()
-    names: dict[str, Any] = {"array_at": array_at, "compiled": _lower(kernel.function, True)}
+    names: dict[str, object] = {"array_at": array_at, "compiled": _lower(kernel.function, True)}
     names |= {"integer": types.int64, "real": types.float64}
     for name, slot, dtype, ndim in kernel.parameters:
         assert dtype.names is None or dtype.isalignedstruct, name
@@ -187,7 +189,7 @@ def _entry(kernel: Kernel) -> tuple[str, str]:
     return entry.inspect_llvm((types.int64,)), name
 
 
-def compile_module(target: Target, say: Callable[[str], None] = print) -> tuple[Any, Any]:
+def compile_module(target: Target, say: Callable[[str], None] = print) -> tuple[Numba, Numba]:
     """All kernels as one optimised module of LLVM, and the machine that it is for."""
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()

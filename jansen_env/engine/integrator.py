@@ -19,8 +19,6 @@ axis: k psi'' + k' psi'^2 / 2 = torque - f psi' + gravity . R c'. Nothing touche
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -96,7 +94,7 @@ def work_space(capacity: int) -> tuple[Array, Array, Array, Array, Array, Ints]:
     )  # fmt: skip
 
 
-def trace_dtype(pads: int) -> np.dtype[Any]:
+def trace_dtype(pads: int) -> np.dtype[np.void]:
     """A time step as :func:`advance` traces it, numbers only.
 
     Pose at the middle of the step; velocities of the centre of mass; the motor's torque, N m, and

@@ -21,7 +21,7 @@ import sys
 from collections.abc import Callable, Iterable
 from operator import is_
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, get_type_hints
+from typing import Annotated, Any, NamedTuple, TypeAlias, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,9 @@ Floats4 = Annotated[NDArray[np.float64], np.dtype("f8"), 4]
 Floats5 = Annotated[NDArray[np.float64], np.dtype("f8"), 5]
 
 
+Function: TypeAlias = Callable[..., Any]
+
+
 class Parameter(NamedTuple):
     """An argument of a kernel: an array of ``ndim`` axes, or a number, without any."""
 
@@ -63,7 +66,7 @@ class Kernel:
         nogil: whether other threads may run Python meanwhile.
     """
 
-    def __init__(self, function: Callable[..., Any], nogil: bool) -> None:
+    def __init__(self, function: Function, nogil: bool) -> None:
         functools.update_wrapper(self, function)
         self.function, self.nogil = function, nogil
         self.symbol = f"{function.__module__.rpartition('.')[2]}_{function.__name__}"
@@ -96,15 +99,15 @@ class Kernel:
         return {name: hint for name, hint in hints.items() if name != "return"}
 
     @functools.cached_property
-    def entry(self) -> Any:
+    def entry(self) -> Function:
         """The library's entry point."""
-        library: Any = _libraries()[0 if self.nogil else 1]
+        library = _libraries()[0 if self.nogil else 1]
         entry = getattr(library, self.symbol)
         entry.argtypes = [ctypes.c_int64]
         entry.restype = RESULTS[self.returns]
         return entry
 
-    def bound(self) -> Callable[..., Any]:
+    def bound(self) -> Function:
         """Return a caller that remembers its arguments, for calls with mostly the same ones.
 
         It takes tuples of arguments, too, which are looked at again only if they are others. Any
@@ -112,11 +115,11 @@ class Kernel:
         """
         return functools.partial(Kernel.run_python, self) if PYTHON else BoundKernel(self)
 
-    def run_python(self, *arguments: Any) -> Any:
+    def run_python(self, *arguments: object) -> Any:
         """Run the function itself."""
         return self.function(*flat(arguments))
 
-    def __call__(self, *arguments: Any) -> Any:
+    def __call__(self, *arguments: object) -> Any:
         """Run it. Raises TypeError: an argument is no such array or number."""
         if PYTHON:
             return self.run_python(*arguments)
@@ -138,9 +141,9 @@ class BoundKernel:
     def __init__(self, kernel: Kernel) -> None:
         self._kernel = kernel
         self._entry = kernel.entry
-        self._free = list[tuple[Slots, tuple[Any, ...]]]()
+        self._free = list[tuple[Slots, tuple[object, ...]]]()
 
-    def __call__(self, *arguments: Any) -> Any:
+    def __call__(self, *arguments: object) -> Any:
         """Run the kernel; an argument may be a tuple of several, see :meth:`Kernel.bound`."""
         try:
             slots, known = self._free.pop()  # two threads never hold the same
@@ -153,7 +156,7 @@ class BoundKernel:
         self._free.append((slots, known))
         return result
 
-    def __reduce__(self) -> Any:
+    def __reduce__(self) -> tuple[Function, tuple[Kernel]]:
         return Kernel.bound, (self._kernel,)
 
 
@@ -163,10 +166,10 @@ class Slots:
     def __init__(self, kernel: Kernel) -> None:
         self._kernel = kernel
         self._memory = np.zeros(kernel.slots + 1, np.int64)
-        self._known: list[Any] = [self] * len(kernel.parameters)
+        self._known: list[object] = [self] * len(kernel.parameters)
         self.address = ctypes.c_int64(self._memory.ctypes.data)  # which is quicker than a number
 
-    def fill(self, arguments: list[Any]) -> None:
+    def fill(self, arguments: list[object]) -> None:
         """Put those arguments into their slots that are not there yet."""
         known, count = self._known, len(self._known)
         if len(arguments) != count:
@@ -178,15 +181,12 @@ class Slots:
                 known[i] = argument
 
 
-def flat(arguments: Iterable[Any]) -> list[Any]:
+def flat(arguments: Iterable[object]) -> list[object]:
     """Return the arguments, with what is in tuples in their places."""
-    found = list[Any]()
+    items = list[object]()
     for argument in arguments:
-        if isinstance(argument, tuple):
-            found.extend(flat(argument))
-        else:
-            found.append(argument)
-    return found
+        items += flat(argument) if isinstance(argument, tuple) else [argument]
+    return items
 
 
 def _fill(slots: NDArray[np.int64], parameter: Parameter, argument: Any) -> None:
@@ -215,13 +215,13 @@ def _fill(slots: NDArray[np.int64], parameter: Parameter, argument: Any) -> None
         slots[slot + 1 + axis] = argument.shape[axis]
 
 
-lower: Callable[[Callable[..., Any], bool], Any] | None = None
+lower: Callable[[Function, bool], Any] | None = None
 """Makes a stage what numba compiles; set by :mod:`jansen_env.engine.build` alone."""
 kernels: list[Kernel] = []
 """All kernels of the modules imported so far."""
 
 
-def kernel(function: Callable[..., Any] | None = None, *, nogil: bool = False) -> Any:
+def kernel(function: Function | None = None, *, nogil: bool = False) -> Any:
     """Decorator: make a function a :class:`Kernel`."""
     if function is None:
         return lambda f: kernel(f, nogil=nogil)
@@ -230,7 +230,7 @@ def kernel(function: Callable[..., Any] | None = None, *, nogil: bool = False) -
     return made
 
 
-def stage(function: Callable[..., Any] | None = None, *, inline: bool = True) -> Any:
+def stage(function: Function | None = None, *, inline: bool = True) -> Any:
     """Decorator: part of kernels; called from Python it is plain Python.
 
     Args:
@@ -242,7 +242,7 @@ def stage(function: Callable[..., Any] | None = None, *, inline: bool = True) ->
 
 
 @stage
-def take(place: Any) -> Any:
+def take(place: NDArray[np.int64]) -> int:
     """Return ``place[0]``, of (1 or more,) int64, and add 1 to it.
 
     Compiled, no other thread gets the same.

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-def row_dtype(fields: list[tuple[Any, ...]]) -> np.dtype[Any]:
+def row_dtype(fields: list[tuple[Any, ...]]) -> np.dtype[np.void]:
     """A structured dtype whose rows have their fields as attributes, as plain Python too."""
     dtype = np.dtype(fields, align=True)
     return np.dtype((np.record, dtype)) if PYTHON else dtype

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -66,12 +66,12 @@ def check_legs(robot: Robot, other: Robot) -> None:
         raise ValueError(f"a robot's legs are on the sides {mine}, must be on {others}")
 
 
-def check_time_step(value: Any) -> float:
+def check_time_step(value: object) -> float:
     """Return a time step, s. Raises ValueError: out of range."""
     return within("time_step", value, SHORTEST_STEP, LONGEST_STEP)
 
 
-def numbers_of(value: Any) -> Array:
+def numbers_of(value: object) -> Array:
     """Return a value as an array of floats, a copy; NaN alone for what is none."""
     try:
         return np.array(value, dtype=float)
@@ -79,7 +79,7 @@ def numbers_of(value: Any) -> Array:
         return np.array(math.nan)
 
 
-def check_state(value: Any, count: int = 8) -> Array:
+def check_state(value: object, count: int = 8) -> Array:
     """Return a plant's state. Raises ValueError unless it is 8 (``count``) finite numbers."""
     state = numbers_of(value)
     if state.shape != (count,) or not (np.abs(state) <= LARGEST).all():
@@ -94,7 +94,7 @@ def check_held(state: ArrayLike) -> None:
         raise ValueError(f"state is {shown(state)}, its chassis must not move: its base is fixed")
 
 
-def check_deflection(value: Any, pads: int) -> Array:
+def check_deflection(value: object, pads: int) -> Array:
     """Return pads' deflection (pads, 2), m, or raise ValueError: shape, compression, bend."""
     deflection = numbers_of(value)
     shape = deflection.shape == (pads, 2)
@@ -106,7 +106,7 @@ def check_deflection(value: Any, pads: int) -> Array:
     return deflection
 
 
-def check_pushes(value: Any, *shape: int) -> Array:
+def check_pushes(value: object, *shape: int) -> Array:
     """Return impulses (..., 2), of any size. Raises ValueError: another shape."""
     pushes = np.ascontiguousarray(value, dtype=float)
     if pushes.shape != (*shape, 2):
@@ -114,7 +114,7 @@ def check_pushes(value: Any, *shape: int) -> Array:
     return pushes
 
 
-def check_in_contact(value: Any, pads: int) -> NDArray[np.bool_] | None:
+def check_in_contact(value: object, pads: int) -> NDArray[np.bool_] | None:
     """Return a copy of flags (pads,) or None. Raises ValueError: another shape."""
     if value is None:
         return None

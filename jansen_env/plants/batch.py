@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -37,7 +37,7 @@ from jansen_env.plants.robot_parameters import (
     kernel_row,
     machine_of,
 )
-from jansen_env.plants.threads import Threads
+from jansen_env.plants.threads import Memory, Threads
 from jansen_env.plants.trace import (
     PeakLoads,
     find_touchdowns,
@@ -168,7 +168,7 @@ class Batch:
         )
         self._at_once = np.zeros(n), np.zeros(n, np.int64)  # no torque from before
         self._no_pushes = np.zeros((0, 0, 2))
-        self._no_trace: NDArray[Any] = np.zeros(0, integrator.trace_dtype(pads))
+        self._no_trace: Rows = np.zeros(0, integrator.trace_dtype(pads))
         self._untraced = _plain(self._no_trace)
         self._centres = np.zeros((max(pads, toes + 1), 2))  # of toes and centre of mass, or pads
         self._sums = np.empty((3, 6))
@@ -205,7 +205,7 @@ class Batch:
         self.params[rows] = params
         self._status["pad_radius"][rows] = params["pad_radius"]
 
-    def change(self, row: int, changes: dict[str, Any]) -> None:
+    def change(self, row: int, changes: Mapping[str, Any]) -> None:
         """Change a robot or its ground themselves, while it walks; what else is in force stays.
 
         Raises:
@@ -453,7 +453,7 @@ class Batch:
     def _run(
         self,
         rows: Ints,
-        asked: tuple[Any, ...],
+        asked: tuple[Array | Ints | None, ...],
         steps: int,
         meanwhile: Callable[[], None] | None = None,
         finish: Callable[[Ints], None] | None = None,
@@ -478,7 +478,7 @@ class Batch:
             trace = np.empty(steps, trace.dtype)
             plain = _plain(trace)
 
-        def move(thread: int, shares: Ints, most: int, memory: Any) -> tuple[bool, bool]:
+        def move(thread: int, shares: Ints, most: int, memory: Memory) -> tuple[bool, bool]:
             count = self._advance(
                 thread, shares, most, rows, steps, *asked, plain, memory, self._shared
             )

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import os
-import weakref
 from collections.abc import Callable
-from functools import partial
+from concurrent.futures import ThreadPoolExecutor, wait
 from itertools import pairwise
-from queue import SimpleQueue
-from threading import Thread
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +18,9 @@ ROBOTS_PER_THREAD = 16  # at least, or starting a thread takes longer than it sa
 FIRST = 16  # robots that are moved while the other threads start
 LAST = 4  # robots that the calling thread moves while the others come to an end
 
-Move = Callable[[int, NDArray[np.int64], int, Any], tuple[bool, bool]]
+Memory: TypeAlias = tuple[NDArray[Any], ...]
+"""Arrays that one thread alone uses."""
+Move: TypeAlias = Callable[[int, NDArray[np.int64], int, Memory], tuple[bool, bool]]
 """Moves robots: a thread's number, all shares, the most robots, and memory; returns two flags."""
 
 
@@ -34,82 +33,64 @@ class Threads:
             ``JANSEN_ENV_THREADS`` says, where that pays.
     """
 
-    def __init__(self, robots: int, threads: int | None, memory: Callable[[], Any]) -> None:
+    def __init__(self, robots: int, threads: int | None, memory: Callable[[], Memory]) -> None:
         self._count = count_threads(robots, threads)
         self._robots, self._shares = robots, _shares(robots, self._count)
         self._memory = [memory() for _ in range(self._count)]
         self._alone, self._all = np.zeros((2, 2, 2), np.int64)
         self._all[:] = (0, robots), (robots, robots)
         self._others_move = False
-        self._pool: tuple[int, SimpleQueue[Any]] | None = None
-
-    @property
-    def memory(self) -> Any:
-        """Memory for the calling thread: the others never take all."""
-        return self._memory[0]
+        self._pool: tuple[int, ThreadPoolExecutor] | None = None
 
     def move(
         self, robots: int, move: Move, meanwhile: Callable[[], None] | None
     ) -> tuple[bool, bool]:
-        """Share so many robots out, and call ``meanwhile``; whether any share set each flag."""
+        """Share so many robots out, and call ``meanwhile``; whether any share set each flag.
+
+        An error in any thread is raised here, after all have ended.
+        """
         # What ``meanwhile`` moves would wait for the other threads to end.
         count = 1 if self._others_move else self._count
         whole = robots == self._robots and count == self._count
         if count == 1 and meanwhile is None:
             self._alone[:] = self._all if whole else ((0, robots), (robots, robots))
-            return move(0, self._alone, robots, self.memory)
+            return move(0, self._alone, robots, self._memory[0])  # the others never take all
         shares = self._shares.copy() if whole else _shares(robots, count)
 
-        outcomes: SimpleQueue[Any] = SimpleQueue()
-
-        def work(thread: int, most: int = robots) -> None:
-            memory = self._memory.pop()  # not a thread's own: any that is free
+        def work(thread: int, most: int = robots) -> tuple[bool, bool]:
+            memory = self._memory.pop()  # any that is free
             try:
-                outcomes.put(move(thread, shares, most, memory))
-            except BaseException as error:  # raised below, in the calling thread
-                outcomes.put(error)
+                return move(thread, shares, most, memory)
             finally:
                 self._memory.append(memory)
 
-        works = len(shares) - 1 if meanwhile is None else len(shares)
-        for thread in range(1, len(shares) - 1):
-            self._queue().put(partial(work, thread))
+        others = [self._threads().submit(work, thread) for thread in range(1, len(shares) - 1)]
+        first = False, False
         try:
             if meanwhile is not None:  # Python's lock would keep the other threads from starting
-                work(0, FIRST)
+                first = work(0, FIRST)
                 self._others_move = True
                 meanwhile()
         finally:  # whatever happens here, nothing goes on in the background
             self._others_move = False
-            work(0)
-            found = [outcomes.get() for _ in range(works)]
-        for outcome in found:
-            if isinstance(outcome, BaseException):
-                raise outcome
-        return any(one for one, _ in found), any(other for _, other in found)
+            try:
+                last = work(0)
+            finally:
+                wait(others)
+        flags = [first, last, *(other.result() for other in others)]
+        return any(one for one, _ in flags), any(two for _, two in flags)
+
+    def _threads(self) -> ThreadPoolExecutor:
+        """Return the other threads of this process: a forked one starts its own."""
+        if self._pool is None or self._pool[0] != os.getpid():
+            self._pool = os.getpid(), ThreadPoolExecutor(self._count - 1, "jansen")
+        return self._pool[1]
 
     def close(self) -> None:
         """End the threads; a later :meth:`move` starts new ones."""
         if self._pool is not None and self._pool[0] == os.getpid():
-            self._pool[1].put(None)
+            self._pool[1].shutdown(wait=False)
         self._pool = None
-
-    def _queue(self) -> SimpleQueue[Any]:
-        """Return what the threads of this process take work from: a forked one starts its own."""
-        if self._pool is None or self._pool[0] != os.getpid():
-            self._pool = os.getpid(), SimpleQueue()
-            weakref.finalize(self, self._pool[1].put, None)
-            for _ in range(self._count - 1):
-                Thread(target=_serve, args=(self._pool[1],), name="jansen", daemon=True).start()
-        return self._pool[1]
-
-
-def _serve(queue: SimpleQueue[Any]) -> None:
-    """Do work until there is None, which is left for the other threads."""
-    while (work := queue.get()) is not None:
-        work()
-        del work  # or who waits here would keep the robots
-    queue.put(None)
 
 
 def count_threads(robots: int, threads: int | None) -> int:

@@ -2,8 +2,6 @@
 
 import math
 import pickle
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -153,28 +151,6 @@ def test_what_a_robot_in_the_ground_gets_from_nothing():
     assert found == pytest.approx(before - deep, rel=0.1) and found > 2.0
     assert all(one.impact_loss > -1e-6 for one in results)
     assert max(abs(one.energy_residual) for one in results) < 1e-3
-
-
-ABSURD_TORQUES = """
-from jansen_env import Robot, Terrain
-from jansen_env.plants.plant import ProjectionPlant
-plant = ProjectionPlant(Robot(), Terrain.flat())
-for power in range(6, 15):
-    for crank_angle in (0.0, 0.3, 1.0):
-        plant.reset(0.0, crank_angle)
-        try:
-            plant.step(10.0**power, 0.1)
-        except FloatingPointError:
-            print("reported")
-"""
-
-
-def test_divergence_is_reported():
-    """Absurd torques all end in FloatingPointError: no NaN passes, and the process lives on."""
-    code = [sys.executable, "-c", ABSURD_TORQUES]
-    ended = subprocess.run(code, capture_output=True, text=True, check=False)
-    assert ended.returncode == 0
-    assert ended.stdout.split() == ["reported"] * 27
 
 
 def projection(robot=None, **arguments):

@@ -55,15 +55,6 @@ def test_pins_meet_where_the_joints_are(robot):
     np.testing.assert_allclose(plant.toe_positions(), tracked.toe_positions(), atol=1e-9)
 
 
-def test_state_is_read_and_set(robot):
-    """What is set is read again, 1e-9; it is a copy."""
-    plant = plant_on(robot=robot)
-    plant.state = FLYING
-    np.testing.assert_allclose(plant.state, FLYING, atol=1e-9)
-    plant.state[:] = 0.0
-    np.testing.assert_allclose(plant.state, FLYING, atol=1e-9)
-
-
 def test_flight_is_a_parabola_whatever_the_crank_does():
     """Centre of mass in free flight: v t - g t^2 / 2, to pymunk's first order, g h t / 2."""
     plant = plant_on()
@@ -171,15 +162,6 @@ def test_slip_and_friction_are_those_of_coulomb(friction):
         work = friction * 0.5 * normal.sum() * result.slip[loaded].sum()
         assert result.slip_loss == pytest.approx(work, rel=0.15)  # loads are not constant
     assert slips[0] == pytest.approx(slips[1], rel=0.02, abs=1e-4)
-
-
-def test_slip_of_a_walk_is_the_projection_plants():
-    """1.5 s at 1.7 rad/s on friction 0.3, whose loaded toes hop by nanometres: 5 %."""
-    ground, slips = Terrain.flat(friction=0.3), []
-    for plant in (plant_on(ground), ProjectionPlant(paper_robot(), ground)):
-        plant.reset()
-        slips.append(sum(float(r.slip.sum()) for r in walked(plant, 1.7, 1.5)))
-    assert slips[0] == pytest.approx(slips[1], rel=0.05) and slips[0] > 0.1
 
 
 RUN = """

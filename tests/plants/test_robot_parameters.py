@@ -1,8 +1,6 @@
 """Robot parameters: robots move as the machines do that are built with these numbers."""
 
-import copy
 import math
-import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -144,19 +142,6 @@ def test_setters_change_what_the_robot_is():
     batch.set_terrain(1, Terrain.flat(0.3))
     assert batch.params["friction"][1] == batch.nominal["friction"][1] == 0.3
     assert batch.parameters["tilt"][1] == row["tilt"]
-
-
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda thing: pickle.loads(pickle.dumps(thing))])
-def test_copies_go_on_changed_row(copied):
-    for plant in (ProjectionPlant(GIVING, GROUND), RigidBodyPlant(GIVING, GROUND)):
-        plant.set_parameters(changed_row(GIVING, *CHANGES))
-        plant.reset(0.0, 0.3)
-        other = copied(plant)
-        for each in (plant, other):
-            each.step(2.0, 0.01)
-        assert other.state == pytest.approx(plant.state, abs=1e-9)
-        assert other.nominal == plant.nominal == nominal(GIVING, GROUND)
-        assert other.robot == plant.robot == GIVING
 
 
 def test_what_is_in_force_counts_for_placing_and_forces():

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motions import FLIGHT, PADS, pads, pinned, placed, shift
+from motions import PADS, pads, pinned, placed, shift
 
 from jansen_env import Motor, Robot
 from jansen_env.dynamics.reduced import body_sums, compile_robot
@@ -141,22 +141,3 @@ def test_bearings_hold_and_stop_it_as_the_gear_does(measured):
     before = plant.state
     plant.step(0.0, 10.0)
     assert (plant.state == before).all()
-
-
-@pads
-def test_smooth_motion_under_dry_friction_is_of_second_order(name, measured):
-    """In flight, the crank turning all the time: the friction is a known force, h^2."""
-    robot = replace(
-        Robot(),
-        motor=GEAR,
-        bearing_friction=(0.02,) * 10,
-        pad_compliance=PADS[name],
-    )
-    ends = []
-    for step in (2e-3, 1e-3, 5e-4, 3.125e-5):
-        plant = placed(robot, state=FLIGHT, time_step=step)
-        plant.step(8.0, 0.2)
-        ends.append(plant.state)
-    errors = [np.abs(end - ends[-1]).max() for end in ends[:3]]
-    measured("dry friction in flight: error at 1 ms", errors[1], 1e-5, "m, rad, 1/s")
-    measured("dry friction in flight: order lost of 2", 2 - math.log(errors[0] / errors[2], 4), 0.1)

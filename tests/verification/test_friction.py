@@ -130,45 +130,6 @@ def test_sliding_to_a_stop_on_one_toe(mu, speed, measured):
 
 
 @machines
-@pytest.mark.parametrize("share", [0.5, 1.0])
-def test_slip_begins_at_the_friction_angle(name, share, measured):
-    """Gravity turned by 1e-5 rad every 10 ms: it slips at atan(mu), neither before nor after."""
-    mu = share * MACHINES[name][2]
-    plant = standing(name, Terrain.flat(friction=mu))
-    angle, turn = math.atan(mu) - 2e-3, 1e-5
-    start = plant.x
-    while True:
-        plant.gravity = -GRAVITY * math.sin(angle), -GRAVITY * math.cos(angle)
-        before = plant.x
-        plant.step(0.0, 0.01)
-        if slides(plant):
-            break
-        angle += turn
-        assert angle < math.atan(mu) + 1e-3
-    measured("angle of slip less atan(mu)", angle - math.atan(mu), 1.001 * turn, "rad")
-    measured("atan(mu) less angle of slip", math.atan(mu) - angle, 0.0, "rad")
-    measured("creep before slip", abs(before - start), 1e-11, "m")
-    assert plant.x < before  # downhill
-
-
-@machines
-@pytest.mark.parametrize("way", [1.0, -1.0])
-def test_steepest_slope_it_stands_on(name, way, measured):
-    """The steepest of all slopes on which it does not slip in 0.1 s, by bisection: atan(mu)."""
-    mu = MACHINES[name][2] / 2.0
-    stands, slips = 0.9 * math.atan(mu), 1.1 * math.atan(mu)
-    while slips - stands > 1e-11:
-        angle = 0.5 * (stands + slips)
-        plant = standing(name, Terrain.slope(way * angle, friction=mu))
-        plant.step(0.0, 0.1)
-        if slides(plant):
-            slips = angle
-        else:
-            stands = angle
-    measured("steepest slope less atan(mu)", abs(stands - math.atan(mu)), 3e-11, "rad")
-
-
-@machines
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_below_and_above_the_friction_angle(name, way, measured):
     """0.1 % below it stays for 10 s; above it slides with g (sin a - mu cos a), on ice g sin a."""

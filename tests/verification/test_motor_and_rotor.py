@@ -5,14 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motions import FLIGHT, HOLD, PADS, audit, governor, pads, pinned, placed
+from motions import FLIGHT, HOLD, PADS, pads, pinned, placed
 
 from jansen_env import Motor, Payload, Robot, Terrain
 from jansen_env.dynamics import reduced as rd
 from jansen_env.plants.batch import Batch
 from jansen_env.plants.plant import ProjectionPlant
-from jansen_env.robot import ROBOTS
-from jansen_env.robot.zoo import ZOO
 
 LINE = Motor(stall_torque=12.0, no_load_speed=6.0, torque_limit=9.0)
 
@@ -210,20 +208,3 @@ def test_a_delayed_action_is_the_earlier_one_for_a_while(name, measured):
     measured(f"delayed action: motor work, {name}", work_apart, 1e-9, "J")
     for batch in (delayed, plain):
         batch.close()
-
-
-@pytest.mark.parametrize("name", ["paper", "holy_slender", "klann", "strider"])
-def test_energy_audit_of_a_walk_with_motor_and_rotor(name, measured):
-    """Motor work = losses + change of energy, the rotor's included; less with the time step."""
-    missed = []
-    for step in (1e-3, 2.5e-4):
-        motor = replace(
-            LINE, rotor_inertia=2e-4, gear_ratio=30.0, friction=0.2, viscous_friction=0.02
-        )
-        robot = replace(ROBOTS[name](), motor=motor)
-        plant = placed(robot, Terrain.flat(0.5), time_step=step)
-        lost, turned, _ = audit(plant, lambda plant: governor(plant, most=9.0), 4.0)
-        missed.append(lost / turned)
-    most, fine = (1e-5, 2e-6) if name in ZOO else (1e-6, 1e-7)  # toes three times as fast
-    measured(f"walk with motor and rotor, {name}: energy unaccounted for", missed[0], most)
-    measured(f"walk with motor and rotor, {name}: at a quarter of the step", missed[1], fine)

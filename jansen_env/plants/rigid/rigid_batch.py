@@ -14,7 +14,7 @@ gets ten times the iterations. It is some hundred times slower than the projecti
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -208,12 +208,12 @@ class RigidBodyBatch:
         compliant = np.array([not self.robots[0].pad_compliance.rigid])
         for k in range(len(values)):
             check_values(values[k : k + 1], self.nominal, compliant, self.honours)
-            self._change(self.terrains[0], values[k])
+            self._put_in_place(self.robots[0], self.terrains[0], values[k])
 
     def set_terrain(self, row: int, terrain: Terrain) -> None:
         values = self.parameters[0].copy()
         values["friction"], values["restitution"] = terrain.friction, terrain.restitution
-        self._change(terrain, values)
+        self._put_in_place(self.robots[0], terrain, values)
         for name in ("friction", "restitution"):
             self.nominal[name] = values[name]
 
@@ -222,18 +222,22 @@ class RigidBodyBatch:
         self.check_robot(robot)
         compliant = np.array([not robot.pad_compliance.rigid])
         check_restitution(compliant, self.nominal["restitution"])
-        before, memory = (self.robots[0], self.nominal.copy(), self.parameters.copy()), self._memory
-        self.robots[0] = robot
-        take_load(self.nominal[0], robot)
-        self.parameters[:] = self.nominal
+        values = self.nominal[0].copy()
+        take_load(values, robot)
+        self._put_in_place(robot, self.terrains[0], values)
+        self.nominal[0] = values
+        self._build(np.zeros(8))
+
+    def _put_in_place(self, robot: Robot, terrain: Terrain, values: np.void) -> None:
+        """Go on from the same state as a robot on a ground with parameters; as before on errors."""
+        undo, memory = self.keep(np.arange(1)), self._memory
+        self.robots, self.terrains, self.parameters[0] = [robot], [terrain], values
         try:
             self._apply_parameters()
-        except ValueError:
-            self.robots[0], self.nominal[:], self.parameters[:] = before
-            self._apply_parameters()
             self._memory = memory
+        except ValueError:
+            undo()
             raise
-        self._build(np.zeros(8))
 
     def check_robot(self, robot: Robot) -> None:
         check_legs(robot, self.robots[0])
@@ -242,30 +246,17 @@ class RigidBodyBatch:
             check_stiffness(robot, self.time_step, self._owners)
 
     def keep(self, rows: Ints) -> Callable[[], None]:
-        own = self.__dict__.copy()  # pymunk's space is built again, not changed
-        kept = {name: own[name].copy() for name in (*CHANGING, "nominal", "states")}
+        before = self.__dict__.copy()  # pymunk's space is built again, not changed
+        kept = {name: before[name].copy() for name in (*CHANGING, "nominal", "states")}
 
         def undo() -> None:
-            self.__dict__.update(own)
+            self.__dict__.update(before)
             for name, values in kept.items():
-                own[name][:] = values
+                before[name][:] = values
 
         return undo
 
-    def _change(self, terrain: Terrain, values: np.void) -> None:
-        """Go on from the same state as another robot on another ground."""
-        before, memory = (self.terrains[0], self.parameters.copy()), self._memory
-        self.terrains[0], self.parameters[0] = terrain, values
-        try:
-            self._apply_parameters()
-        except ValueError:
-            self.terrains[0], self.parameters[:] = before
-            self._apply_parameters()
-            raise
-        finally:
-            self._memory = memory
-
-    def change(self, row: int, changes: dict[str, Any]) -> None:
+    def change(self, row: int, changes: Mapping[str, Any]) -> None:
         """Change the gravity; this plant is built once. Raises ValueError: anything else."""
         if {*changes} != {"gravity"}:
             raise ValueError(f"{sorted(changes)} cannot be changed on this plant")

@@ -16,7 +16,7 @@ from jansen_env.checks import MOST_SINGLE, listed, within
 from jansen_env.engine import readings
 from jansen_env.tasks.information import InfoBuilder
 from jansen_env.uniform import uniform
-from jansen_env.world.argument_checks import Array, Bools, Ints, number_range, option
+from jansen_env.world.argument_checks import Array, Bools, Ints, flag, number_range, option
 from jansen_env.world.observations import Observed
 from jansen_env.world.settings import HeldSettings, WorldSettings
 from jansen_env.world.world import Numbers, World
@@ -252,7 +252,7 @@ class Task(ABC):
     def checked_state(self, state: Mapping[str, Any]) -> dict[str, Any]:
         """Return the task's entries of a state. Raises ValueError: one is out of range."""
         return {
-            name: bool(state[name])
+            name: flag(f"state[{name!r}]", state[name])
             if self.info[name].dtype == np.bool_
             else self.in_range("state", name, state[name])
             for name in self._kept

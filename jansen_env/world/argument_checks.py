@@ -15,7 +15,7 @@ from typing_extensions import TypeAliasType
 
 from jansen_env.checks import entries, positive, shown, within
 from jansen_env.engine.integrator import DIVERGED
-from jansen_env.plants.base import check_time_step
+from jansen_env.plants.base import check_time_step, numbers_of
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -54,6 +54,14 @@ def flag(name: str, value: Any) -> bool:
     if not isinstance(value, (bool, np.bool_)):
         raise ValueError(f"{name} is {shown(value)}, must be True or False")
     return bool(value)
+
+
+def finite_numbers(name: str, value: Any, count: int) -> Array:
+    """Finite numbers (count,), a copy."""
+    numbers = numbers_of(value)
+    if numbers.shape != (count,) or not np.isfinite(numbers).all():
+        raise ValueError(f"{name} is {shown(value)}, must be {count} finite numbers")
+    return numbers
 
 
 def start_noise(name: str, value: Any) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env import parameters
-from jansen_env.checks import shown
+from jansen_env.checks import entries, shown
 from jansen_env.engine import mathematics
 from jansen_env.gravity import GRAVITY
 from jansen_env.parameters import (
@@ -29,7 +29,7 @@ from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.terrain import Terrain
 from jansen_env.terrain.curriculum import Curriculum
 from jansen_env.terrain.generators import Generator
-from jansen_env.world.argument_checks import Ints
+from jansen_env.world.argument_checks import Ints, finite_numbers
 from jansen_env.world.episode_lengths import Build
 from jansen_env.world.randomization import Randomization, Uniform
 from jansen_env.world.settings import HeldSettings, WorldSettings
@@ -289,8 +289,8 @@ class EpisodeParameters:
         level = check("state['level']", "terrain_level", state["level"])
         terrain = None
         if self._generators[i] is not None:
-            friction, restitution = state["ground"]
-            terrain = Terrain(tuple(map(tuple, state["terrain"])), friction, restitution)
+            points = entries("state['terrain']", state["terrain"], "(x, y) points")
+            terrain = Terrain(points, *finite_numbers("state['ground']", state["ground"], 2))
         return Plan(values, terrain), int(level)
 
 

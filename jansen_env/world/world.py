@@ -25,7 +25,6 @@ from jansen_env.plants.base import (
     check_held,
     check_in_contact,
     check_state,
-    numbers_of,
 )
 from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.plants.plant import BatchedPlant, make_batch, plant_time_step
@@ -40,6 +39,8 @@ from jansen_env.world.argument_checks import (
     Check,
     Ints,
     control_period,
+    finite_numbers,
+    flag,
     number_range,
     option,
 )
@@ -665,11 +666,7 @@ class World:
         """Return a state of :meth:`get_state` for :meth:`restore`; ValueError: out of range."""
         checked: dict[str, Any] = {}
         for name, size in (("asked", self.asked.shape[1]), ("loads", self.toe_load.shape[1])):
-            checked[name] = numbers_of(state[name])
-            if checked[name].shape != (size,) or not np.isfinite(checked[name]).all():
-                raise ValueError(
-                    f"state[{name!r}] is {shown(state[name])}, must be {size} finite numbers"
-                )
+            checked[name] = finite_numbers(f"state[{name!r}]", state[name], size)
         checked["plant"] = check_state(state["plant"])
         if self.held:
             check_held(checked["plant"])
@@ -685,7 +682,7 @@ class World:
             "steps": whole_number("state['steps']", state["steps"], MOST_STEPS),
             "seed": whole_number("state['command_seed']", state["command_seed"], MOST_STEPS),
             "pushes": check_schedule("state['pushes']", state["pushes"]),
-            "random_pushes": bool(state["random_pushes"]),
+            "random_pushes": flag("state['random_pushes']", state["random_pushes"]),
             "plan": self.episodes.planned(i, state, robot),
         }
 

@@ -1,5 +1,6 @@
 """A reset that is refused changes nothing: pairs of options, both plants, one robot and many."""
 
+import math
 from dataclasses import replace
 from itertools import permutations
 
@@ -163,16 +164,42 @@ def test_a_start_that_no_observation_can_have(env_id, options):
         gym.make(env_id, reset_noise_scale=1e300)
 
 
-@pytest.mark.parametrize("value", [10**400, 1e300, "x", {"a": 1}, None, [10**400] * 8])
 @pytest.mark.parametrize(
-    "name", ["plant", "asked", "loads", "deflection", "mean_speed", "generator"]
+    "value", [10**400, 1e300, "x", {"a": 1}, None, [10**400] * 8, [[1, 2], [3]]]
+)
+@pytest.mark.parametrize(
+    "name",
+    [
+        "plant",
+        "asked",
+        "loads",
+        "deflection",
+        "mean_speed",
+        "generator",
+        "covered",
+        "fallen",
+        "random_pushes",
+        "in_contact",
+    ],
 )
 def test_an_entry_of_a_state_that_is_none(name, value):
     """Of whatever kind, also what overflows a float or, observed, a float32."""
     env = gym.make("JansenWalkerBuilt-v0").unwrapped
     env.reset(seed=3)
     before = env.get_state()
-    with pytest.raises(ValueError, match="state is" if name == "plant" else name):
+    if not (name == "in_contact" and value is None):
+        with pytest.raises(ValueError, match="state is" if name == "plant" else name):
+            env.set_state({**before, name: value})
+    assert same(env.get_state(), before)
+
+
+@pytest.mark.parametrize("value", [0, [1.0], (math.nan, 0.0), "ab"])
+@pytest.mark.parametrize("name", ["ground", "terrain"])
+def test_a_terrain_of_a_state_that_is_none(name, value):
+    env = gym.make("JansenWalkerHardcore-v0").unwrapped
+    env.reset(seed=3)
+    before = env.get_state()
+    with pytest.raises(ValueError, match=f"(?i){name}"):
         env.set_state({**before, name: value})
     assert same(env.get_state(), before)
 

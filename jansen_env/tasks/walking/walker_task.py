@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from jansen_env.checks import finite, non_negative, positive, shown, within
+from jansen_env.checks import non_negative, positive, shown, within
 from jansen_env.engine import walk_reward
 from jansen_env.tasks.task import CompiledTask
 from jansen_env.uniform import uniform
@@ -20,6 +20,7 @@ from jansen_env.world.argument_checks import (
     PerRobot,
     Range,
     each,
+    finite_numbers,
     flag,
     range_each,
     shared,
@@ -200,7 +201,7 @@ class WalkerTask(CompiledTask):
     def checked_state(self, state: Mapping[str, Any]) -> dict[str, Any]:
         """Return the task's entries of a state. Raises ValueError: one is out of range."""
         checked = super().checked_state(state)
-        checked["covered"] = [finite("state['covered']", path) for path in state["covered"]]
+        checked["covered"] = finite_numbers("state['covered']", state["covered"], 2)
         if len(self._measured) > 0:
             given, label = state["measured"], "state['measured']"
             if not isinstance(given, Mapping) or not {*ACCOUNTS} <= {*given}:

@@ -65,9 +65,6 @@ class Renderer:
         mode: ``"rgb_array"`` returns pictures and needs no display, ``"human"`` shows a window.
         fps: pictures per second of the window.
         speed_range: speed at either end of the speed gauge. speed_unit: of that gauge.
-
-    Raises:
-        ImportError: pygame is not installed.
     """
 
     def __init__(
@@ -83,10 +80,8 @@ class Renderer:
         self.speed_range, self.speed_unit = speed_range, speed_unit
         self.show(robot, terrain_points)
         os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
-        try:
-            import pygame
-        except ImportError as error:
-            raise ImportError("rendering needs pygame: pip install pygame-ce") from error
+        import pygame
+
         self._pg: Any = pygame
         self._canvas: Any = None
         self._screen: Any = None

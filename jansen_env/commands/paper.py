@@ -9,11 +9,10 @@ from pathlib import Path
 
 from jansen_env.commands.flags import Parser
 from jansen_env.files import check_writable, write_json, write_text
-from jansen_env.paper.claims import Claim, check_claims
+from jansen_env.paper.claims import Claim, as_lines, as_markdown, check_claims
 from jansen_env.paper.errata import Erratum, errata
 from jansen_env.paper.figures import draw
 from jansen_env.paper.interpretations import Level, PIDLevel
-from jansen_env.paper.report import as_lines, as_markdown
 from jansen_env.paper.results import compute
 
 

@@ -1,16 +1,18 @@
 """Claim by claim: what the paper says, what is computed here, whether it holds, and why.
 
-Verdicts follow from the numbers by the criterion in each function, none is set by hand.
+Verdicts follow from the numbers by the criterion in each function, none is set by hand. Last come
+the tables of claims, interpretations and errata.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import astuple, dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from tabulate import tabulate
 
 from jansen_env.dynamics.projection import (
     DOF,
@@ -20,8 +22,10 @@ from jansen_env.dynamics.projection import (
     system_coordinates,
 )
 from jansen_env.gravity import GRAVITY
-from jansen_env.paper import interpretations, toes
+from jansen_env.paper import toes
+from jansen_env.paper.errata import Erratum
 from jansen_env.paper.fixed_model import SETTLED, crank_only
+from jansen_env.paper.interpretations import NEAR, PRINTED_LEVEL, Level, PIDLevel
 from jansen_env.paper.results import FRICTIONS, SLOW, TORQUES, WALK, Results
 from jansen_env.robot import paper_robot
 
@@ -33,6 +37,7 @@ ROUGHLY = 0.25  # relative: what still counts as "roughly constant"
 CLEARLY = 0.9  # of another heave: what counts as less
 NONE = 1e-6  # m of slip per metre: what counts as none
 SINGULAR = 1e-9  # singular values below count as 0
+TORQUE = ("interpretation", "lowest (N m)", "mean (N m)", "highest (N m)")  # heads of tables
 ROUNDING = 1e-15  # m, below which the digits are the processor's
 
 
@@ -124,7 +129,7 @@ def torque_is_periodic(r: Results) -> Claim:
 
 def torque_level(r: Results) -> Claim:
     """The mean torque of every interpretation, also under the PID, against the printed level."""
-    ours, goal = r.levels[0], interpretations.PRINTED_LEVEL
+    ours, goal = r.levels[0], PRINTED_LEVEL
     means = {level.name: level.mean for level in r.levels}
     under_pid, two, fore = r.pid_levels
     means["the PID's run"] = under_pid.mean
@@ -138,7 +143,7 @@ def torque_level(r: Results) -> Claim:
         f"+{ours.mean:.3f} N m in the mean at a constant 1 rad/s, {under_pid.mean:.3f} in "
         f"the PID's run; of {len(r.levels)} interpretations the nearest mean is "
         f"{means[nearest]:.3f} ({nearest}), under the PID {two.low:.3f} to {two.high:.3f} the "
-        f"other way round, {100 * two.near:.0f} % of the time within {interpretations.NEAR} of "
+        f"other way round, {100 * two.near:.0f} % of the time within {NEAR} of "
         f"{abs(goal)}",
         _verdict(reached),
         f"over a turn weight and inertia give back what they took, so the motor feeds the joints: "
@@ -365,3 +370,55 @@ def translation(r: Results) -> Claim:
 def _list(values: Iterable[float]) -> str:
     *most, last = [f"{value:g}" for value in values] or ["none"]
     return f"{', '.join(most)} and {last}" if most else last
+
+
+def as_markdown(
+    claims: list[Claim], errata: list[Erratum], levels: list[Level], pid_levels: list[PIDLevel]
+) -> str:
+    """All tables under their headings."""
+    return (
+        f"# Claims\n\n{claims_table(claims)}\n# Errata in numbers\n\n{errata_table(errata)}\n"
+        f"# Torque at a constant 1 rad/s, by interpretation\n\n{levels_table(levels)}\n"
+        f"# Torque under the PID, by interpretation\n\n{pid_table(pid_levels)}"
+    )
+
+
+def as_lines(claims: list[Claim]) -> str:
+    """Return the verdicts, one a line within 80 columns, and the number of claims that hold."""
+    lines = [f"{c.verdict:<24}{c.key.replace('_', ' ')} ({c.where})" for c in claims]
+    held = sum(c.verdict == HOLDS for c in claims)
+    return "\n".join([*lines, f"{held} of {len(claims)} claims hold without a condition"])
+
+
+def claims_table(claims: list[Claim]) -> str:
+    """The claims in Markdown."""
+    cells = [(f"{c.key} ({c.where})", c.says, c.computed, f"**{c.verdict}**", c.why)
+             for c in claims]  # fmt: skip
+    return _table(("claim", "says", "computed", "verdict", "why"), cells)
+
+
+def levels_table(levels: list[Level]) -> str:
+    """The torque by interpretation, in Markdown."""
+    cells = [(name, *map(_number, values)) for name, *values in map(astuple, levels)]
+    return _table((*TORQUE, "joint loss (W)"), cells)
+
+
+def errata_table(errata: list[Erratum]) -> str:
+    """Effects of the errata, in Markdown."""
+    return _table(("erratum", "comes to"), [(e.name, e.found) for e in errata])
+
+
+def pid_table(levels: list[PIDLevel]) -> str:
+    """The PID's torque by interpretation, in Markdown."""
+    cells = [(name, *map(_number, values), f"{100 * near:.0f} %")
+             for name, *values, near in map(astuple, levels)]  # fmt: skip
+    return _table((*TORQUE, f"within {NEAR} of {abs(PRINTED_LEVEL)} N m"), cells)
+
+
+def _number(value: float) -> str:
+    return f"{round(value, 3) + 0.0:.3f}"  # not -0.000
+
+
+def _table(head: Sequence[str], cells: Sequence[Sequence[str]]) -> str:
+    # Cells of whole sentences: not padded to one width.
+    return tabulate(cells, head, "github", disable_numparse=True, stralign=None) + "\n"

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from jansen_env.commands import paper as command
-from jansen_env.paper import claims, errata, fixed_model, free_walk, report, toes
+from jansen_env.paper import claims, errata, fixed_model, free_walk, toes
 from jansen_env.paper.results import FRICTIONS, LOADS, Results, compute
 from jansen_env.robot import holy_numbers_robot, paper_robot
 
@@ -49,10 +49,10 @@ def test_documentation(judged, results):
     text = DOCS.read_text()
     assert {key: claim.verdict for key, claim in judged.items()} == VERDICTS
     for table in (
-        report.claims_table([*judged.values()]),
-        report.levels_table(results.levels),
-        report.pid_table(results.pid_levels),
-        report.errata_table(errata.errata()),
+        claims.claims_table([*judged.values()]),
+        claims.levels_table(results.levels),
+        claims.pid_table(results.pid_levels),
+        claims.errata_table(errata.errata()),
     ):
         head, _, *rows = table.splitlines()
         assert all(f"\n{row}\n" in text for row in (head, *rows))

@@ -61,9 +61,8 @@ def test_the_input_is_a_policys_command():
     assert session.command is None and session.input == 0.0
 
 
-@pytest.mark.parametrize("command", [0.2, 0.4])
-def test_the_score_is_that_of_the_evaluation(command):
-    env_id, seed = "JansenWalker-v0", 3
+def test_the_score_is_that_of_the_evaluation():
+    env_id, seed, command = "JansenWalker-v0", 3, 0.4
     session = Session(env_id, control="ppo", seed=seed)
     session.steer(command / session.top_speed)
     session.reset()
@@ -113,14 +112,6 @@ def test_sliders_change_the_environment(session, name, value):
     assert not session.attempt("set", name=name, value=high + 0.01)
     assert "must be between" in session.message and session.values() == before
     assert session.attempt("set", name=name, value=high)
-
-
-@pytest.mark.parametrize("robot", ["paper", "holy"])
-def test_the_torque_shown_has_the_inputs_sign(robot):
-    session = Session(robot=robot)
-    session.steer(0.5)
-    walk(session, 0.5)
-    assert session.frame().torque == 10.0
 
 
 def test_ground_and_robot_by_name():
@@ -214,7 +205,7 @@ def test_a_push_moves_the_robot(session):
         session.advance(DT)
 
 
-@pytest.mark.parametrize("pace", PACES)
+@pytest.mark.parametrize("pace", [PACES[0], PACES[-1]])
 def test_slow_motion_takes_the_same_steps_smoothly(session, pace):
     session.steer(0.3)
     session.slow(pace)

@@ -9,7 +9,7 @@ from dataclasses import fields, replace
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.wrappers import Autoreset, FlattenObservation, RescaleAction, TimeLimit
+from gymnasium.wrappers import FlattenObservation, RescaleAction, TimeLimit
 
 import jansen_env
 from jansen_env.robot.kinematics import world_joints
@@ -145,14 +145,6 @@ def test_one_episode_after_another():
 def test_a_fall_is_in_it():
     one = recorded(steps=100, fall_pitch=1e-4)
     assert one.terminated and one.steps < 100
-
-
-def test_resets_below_begin_another_one():
-    env = Recorder(Autoreset(gym.make(WALKER, max_episode_steps=3)))
-    env.reset(seed=0)
-    for _ in range(3 + 1 + 2):
-        env.step(np.zeros(1, np.float32))
-    assert env.recording.steps == 2 and env.recording.time[0] == 0.0
 
 
 def test_long_episodes_are_cut(monkeypatch):

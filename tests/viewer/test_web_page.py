@@ -13,7 +13,7 @@ import pytest
 from jansen_env.gravity import GRAVITY
 from jansen_env.robot.kinematics import T, joint_positions
 from jansen_env.viewer.recorder import Recorder
-from jansen_env.viewer.web.geometry import scene_of, state_of
+from jansen_env.viewer.web.geometry import scene_of, state_of_frame
 from jansen_env.viewer.web.page import page
 
 LIMIT = 400_000  # bytes of a page
@@ -47,9 +47,9 @@ def test_scene_and_state(env_id, arguments):
     env.reset(seed=0)
     for _ in range(5):
         env.step(np.zeros(1, np.float32))
-    scene, state = scene_of(env), state_of(env)
+    robot, frame = env.unwrapped.scene()["robot"], env.unwrapped.frame()
+    scene, state = scene_of(env), state_of_frame(robot, frame)
     assert json.loads(json.dumps([scene, state], allow_nan=False)) == [scene, state]
-    robot = env.unwrapped.scene()["robot"]
     assert [leg["depth"] for leg in scene["legs"]] == [0.0, 1.0, 0.0, 1.0]
     axis, angle = np.array([state["x"], state["y"]]), state["pitch"]
     turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])

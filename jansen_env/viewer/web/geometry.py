@@ -91,12 +91,6 @@ def drawing_of(linkage: Linkage) -> dict[str, object]:
     }
 
 
-def state_of(env: Any) -> dict[str, object]:
-    """:func:`state_of_frame` of one robot's environment, of any task, after its first reset."""
-    inner = env.unwrapped
-    return state_of_frame(inner.scene()["robot"], inner.frame())
-
-
 def state_of_frame(robot: Robot, frame: Frame) -> dict[str, object]:
     """Pose, toes, speed and torque of a robot in a frame.
 

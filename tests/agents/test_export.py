@@ -291,7 +291,7 @@ def test_angles_and_toes_are_where_a_card_says(robot):
     seen, _ = env.reset(seed=0, options={"crank_angle": 0.0, "speed_command": 0.3})
     sine, pins, pivots = 0.0, [], []
     for _ in range(8):
-        state = geometry.state_of(env)
+        state = geometry.state_of_frame(env.unwrapped.robot, env.unwrapped.frame())
         joints = np.array(state["joints"]) - [state["x"], state["y"]]
         pins.append(joints[:, kinematics.A])
         pivots.append(joints[:, kinematics.P, 0])

@@ -11,6 +11,7 @@ import multiprocessing
 import shlex
 import sys
 from concurrent.futures import ProcessPoolExecutor, wait
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,6 @@ from agents.design.design_plan import PLANS, Plan, make_plan, read_plan
 from agents.design.design_report import REPORT, ROBOT, write_report
 from agents.design.search import JOURNAL, Measured, objectives_of, run_search
 from agents.design.seeds import execute_search, load_policy
-from agents.design.trust import trust_report
 from jansen_env.commands.flags import Parser, mapping, positive_int
 from jansen_env.cores import available_cores
 from jansen_env.files import write_text
@@ -52,12 +52,10 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--workers", type=positive_int, help="searches at once; default: as the cores allow")
     add("--report", metavar="FOLDER", help="of a search: only write its report again")
     add("--all", action="store_true", help="print the whole report")
-    add("--trust", metavar="FOLDER",
-        help="of a search: rank 100 of its designs again, elsewhere")  # fmt: skip
     args = parser.parse_args(arguments)
     args.error = parser.error
-    if (args.plan is None) == (args.report is None and args.trust is None):
-        parser.error("a PLAN, --report FOLDER or --trust FOLDER is needed, and one of them alone")
+    if (args.plan is None) == (args.report is None):
+        parser.error("a PLAN or --report FOLDER is needed, and one of them alone")
     return args
 
 
@@ -65,13 +63,9 @@ def main(arguments: list[str] | None = None) -> int:
     """Search, and report; returns the exit status."""
     args = parse(arguments)
     try:
-        if args.report or args.trust:
-            folder = Path(args.report or args.trust)
-            plan = make_plan(read_yaml(folder / PLAN))
-            if args.trust:
-                print(trust_report(plan, folder, load_policy(plan)))
-            else:
-                report(plan, folder, args.all)
+        if args.report:
+            folder = Path(args.report)
+            report(make_plan(read_yaml(folder / PLAN)), folder, args.all)
             return 0
         plan = read_plan(args.plan)
         asked = {
@@ -79,7 +73,7 @@ def main(arguments: list[str] | None = None) -> int:
         }
         changes = {name: value for name, value in asked.items() if value is not None}
         limits = {**plan.limits, **(args.limits or {})}
-        plan = make_plan({**plan._asdict(), **changes, "limits": limits})
+        plan = make_plan({**asdict(plan), **changes, "limits": limits})
         folder = Path(args.log_folder) / (args.name or Path(args.plan).stem)
         enter(folder, plan)
         failed = search_all(plan, folder, args)
@@ -109,14 +103,15 @@ def enter(folder: Path, plan: Plan) -> None:
     robot = plan.space().base
     if path.is_file():
         there = make_plan(read_yaml(path))
-        other = [name for name in Plan._fields if getattr(there, name) != getattr(plan, name)]
+        names = [f.name for f in fields(Plan)]
+        other = [name for name in names if getattr(there, name) != getattr(plan, name)]
         differ = [name for name in other if name not in ("generations", "seeds")]
         if begin.exists() and read_robot(begin) != robot and "robot" not in differ:
             differ.append("robot")  # a file that has changed
         if differ:
             raise ValueError(f"{folder} holds another search: {differ} differ; take another name")
     write_robot(begin, robot)
-    write_text(path, yaml.safe_dump(plan._asdict(), sort_keys=False))
+    write_text(path, yaml.safe_dump(asdict(plan), sort_keys=False))
 
 
 def search_all(plan: Plan, folder: Path, args: argparse.Namespace) -> bool:

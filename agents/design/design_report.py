@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import matplotlib
 
@@ -43,7 +43,7 @@ FRESH = 16  # crank angles, others than those of the search
 MOST_OF_FRONT = 20  # designs of a front or map that are written
 
 
-class Found(NamedTuple):
+class SeedResult(NamedTuple):
     """Result of one seed's search."""
 
     name: str
@@ -57,22 +57,22 @@ class Found(NamedTuple):
         return float(self.searched.violation[self.best]), float(objective)
 
 
-def read_found(plan: Plan, folder: Path) -> list[Found]:
+def read_results(plan: Plan, folder: Path) -> list[SeedResult]:
     """Return what each seed in a folder has found so far.
 
     Raises:
         ValueError: a journal is damaged, or no seed has one.
     """
-    found, space = [], plan.space()
+    results, space = [], plan.space()
     for path in sorted(folder.glob(f"seed_*/{JOURNAL}"), key=lambda p: (len(p.parts[-2]), p)):
         if parts := read_journal(path, plan):
             searched = joined(parts)
             best = searched.best(plan)
-            one = space.candidate(searched.unit[best])
-            found.append(Found(path.parent.name, searched, best, one))
-    if not found:
+            candidate = space.candidate(searched.unit[best])
+            results.append(SeedResult(path.parent.name, searched, best, candidate))
+    if not results:
         raise ValueError(f"{folder} has no search that has measured anything")
-    return found
+    return results
 
 
 def write_report(plan: Plan, folder: Path, policy: Policy | None = None) -> str:
@@ -81,16 +81,16 @@ def write_report(plan: Plan, folder: Path, policy: Policy | None = None) -> str:
     Returns:
         The start and the best design, walked from other starts than the search's: a short table.
     """
-    found, space = read_found(plan, folder), plan.space()
+    results, space = read_results(plan, folder), plan.space()
     designs = {"start": space.candidate(space.start)}
-    for one in found:
-        designs[one.name] = one.candidate
-        write_found(folder / one.name, plan, one.candidate)
+    for result in results:
+        designs[result.name] = result.candidate
+        write_design(folder / result.name, plan, result.candidate)
         if plan.method != "cma":
-            front = one.searched.front(plan)
+            front = result.searched.front(plan)
             for number, k in enumerate(front[:: max(1, len(front) // MOST_OF_FRONT)]):
-                candidate = space.candidate(one.searched.unit[k])
-                write_found(folder / one.name / f"front_{number}", plan, candidate)
+                candidate = space.candidate(result.searched.unit[k])
+                write_design(folder / result.name / f"front_{number}", plan, candidate)
     names, step = plan.measured, float(plan.env_kwargs.get("time_step", 1e-3))
     places = {
         "search": make_walker(plan, policy), OTHER_STARTS: fresh_walker(plan, policy),
@@ -101,17 +101,16 @@ def write_report(plan: Plan, folder: Path, policy: Policy | None = None) -> str:
         for place, walker in places.items():
             measured, violation = measure(plan, walker, [candidate])
             cells = [f"{float(measured[key][0]):.3g}" for key in names]
-            kept = "yes" if violation[0] == 0.0 else "no"
-            rows.append([name if place == "search" else "", place, *cells, kept])
+            cells.append("yes" if violation[0] == 0.0 else "no")
+            rows.append([name if place == "search" else "", place, *cells])
             if place == OTHER_STARTS:
-                walked[name] = [*cells, kept]
+                walked[name] = cells
         rows[-1].append("yes" if assembles(candidate.robot) else "no")
     head = ["", "where", *(f"{key} ({MEASURES[key].unit})" for key in names), "limits kept",
             "can be assembled"]  # fmt: skip
-    values = [space.values(space.start)]
-    values += [space.values(one.searched.unit[one.best]) for one in found]
+    values = [space.values(space.start), *(space.values(r.searched.unit[r.best]) for r in results)]
     table = [[name, *(f"{each[name]:.4g}" for each in values)] for name in values[0]]
-    count = sum(len(one.searched.violation) for one in found)
+    count = sum(len(result.searched.violation) for result in results)
     text = (
         f"# {folder.name}\n\n{plan.method}, {plan.starts} walks at {plan.speed:g} m/s each of "
         f"{count} candidates, {plan.population} a generation.\n\n"
@@ -119,15 +118,16 @@ def write_report(plan: Plan, folder: Path, policy: Policy | None = None) -> str:
         f"{tabulate(table, ['', *designs], tablefmt='github')}\n\n"
         "![designs](designs.png)\n\n![search](search.png)\n"
     )
-    if out := [one.name for one in found if one.searched.violation[one.best] > 0.0]:
+    if out := [result.name for result in results if result.rank(plan)[0] > 0.0]:
         text += f"\nNone of {', '.join(out)} keeps all limits: shown is the one nearest to them.\n"
-    robots = [one.robot for one in designs.values()]
-    if len(found) > 1 and all(geometry_measures(one)["closure"] > 0.0 for one in robots):
-        text += f"\n{agreement(robots)}\n"
-    draw_designs({name: one.robot for name, one in designs.items()}, folder / "designs.png")
-    draw_search(plan, found, folder / "search.png")
+    robots = {name: candidate.robot for name, candidate in designs.items()}
+    closed = all(geometry_measures(robot)["closure"] > 0.0 for robot in robots.values())
+    if len(results) > 1 and closed:
+        text += f"\n{agreement([*robots.values()])}\n"
+    draw_designs(robots, folder / "designs.png")
+    draw_search(plan, results, folder / "search.png")
     write_text(folder / REPORT, text)
-    best = min(found, key=lambda one: one.rank(plan)).name
+    best = min(results, key=lambda result: result.rank(plan)).name
     columns = [OTHER_STARTS, *head[2:-1]], ["start", *walked["start"]], [best, *walked[best]]
     return screen_table([*zip(*columns, strict=True)])
 
@@ -136,9 +136,9 @@ def agreement(robots: Sequence[Robot]) -> str:
     """How far designs agree, the first of which is the start: paths of the first toe by the mean
     distance of their points, over their width, and lengths by their mean difference."""
     psi = np.linspace(0.0, 2.0 * np.pi, 180, endpoint=False)
-    toes = [toe_positions(one, psi)[:, 0] @ (1.0, 1.0j) for one in robots]
+    toes = [toe_positions(robot, psi)[:, 0] @ (1.0, 1.0j) for robot in robots]
     paths = [toe - toe.mean() for toe in toes]
-    sizes = np.array([[*lengths(one).values()] for one in robots])
+    sizes = np.array([[*lengths(robot).values()] for robot in robots])
 
     def apart(i: int, k: int) -> tuple[float, float]:
         gap = np.abs(paths[i][:, None] - paths[k])
@@ -157,9 +157,9 @@ def agreement(robots: Sequence[Robot]) -> str:
     )
 
 
-def fresh_walker(plan: Plan, policy: Policy | None, **changes: Any) -> Walker:
-    """Return what walks one candidate at a time, from other starts than the search."""
-    walker = make_walker(plan._replace(starts=FRESH, population=1), policy, **changes)
+def fresh_walker(plan: Plan, policy: Policy | None, **changes: object) -> Walker:
+    """Return what walks candidates from other starts than the search."""
+    walker = make_walker(plan, policy, FRESH, **changes)
     walker.angles = np.random.default_rng(0).uniform(0.0, 2.0 * np.pi, FRESH)
     return walker
 
@@ -172,7 +172,7 @@ def assembles(robot: Robot) -> bool:
         return False
 
 
-def write_found(folder: Path, plan: Plan, candidate: Candidate) -> None:
+def write_design(folder: Path, plan: Plan, candidate: Candidate) -> None:
     """Write a design's robot file and the profile that walks it."""
     write_robot(folder / ROBOT, candidate.robot)
     if plan.policy is None:
@@ -204,29 +204,29 @@ def draw_designs(robots: dict[str, Robot], path: Path) -> None:
     save(figure, path)
 
 
-def draw_search(plan: Plan, found: list[Found], path: Path) -> None:
+def draw_search(plan: Plan, results: list[SeedResult], path: Path) -> None:
     """Draw the best so far, the front, or the map, as the method has it."""
     figure, axis = plt.subplots(figsize=(7.0, 4.6), layout="constrained")
     names = [*plan.objectives]
     sign = np.array([1.0 if way == "min" else -1.0 for way in plan.objectives.values()])
-    for one in found:
-        objectives = objectives_of(plan, one.searched.measured)
+    for result in results:
+        objectives = objectives_of(plan, result.searched.measured)
         if plan.method == "nsga2":
-            front = objectives[one.searched.front(plan)][:, :2] * sign[:2]
-            axis.plot(*front.T, "o-", ms=4, lw=1.0, label=one.name)
+            front = objectives[result.searched.front(plan)][:, :2] * sign[:2]
+            axis.plot(*front.T, "o-", ms=4, lw=1.0, label=result.name)
         elif plan.method == "map_elites":
-            places = [one.searched.measured[name] for name in plan.map]
-            kept = one.searched.violation == 0.0
+            places = [result.searched.measured[name] for name in plan.map]
+            kept = result.searched.violation == 0.0
             order = np.flatnonzero(kept)[np.argsort(-objectives[kept, 0])]
             value, (x, y) = sign[0] * objectives[order, 0], (place[order] for place in places)
             shown = axis.scatter(x, y, c=value, s=8, cmap="viridis_r")
-            if one is found[0]:
+            if result is results[0]:
                 figure.colorbar(shown, label=names[0])
         else:
-            value = np.where(one.searched.violation == 0.0, objectives[:, 0], np.inf)
+            value = np.where(result.searched.violation == 0.0, objectives[:, 0], np.inf)
             best = np.minimum.accumulate(value.reshape(-1, plan.population).min(axis=1))
             none = "" if np.isfinite(best).any() else ": none keeps all limits"
-            axis.plot(np.where(np.isfinite(best), sign[0] * best, np.nan), label=one.name + none)
+            axis.plot(np.where(np.isfinite(best), sign[0] * best, np.nan), label=result.name + none)
     labels = {"nsga2": names[:2], "map_elites": [*plan.map]}.get(
         plan.method, ["generation", names[0]]
     )

@@ -84,8 +84,8 @@ def pin_loads(leg: Robot, psi: Array, crank_speed: float, load: Array) -> Array:
     """
     q, speed, contact = np.zeros((psi.size, 4)), np.zeros((psi.size, 4)), np.zeros((psi.size, 1, 3))
     q[:, 3], speed[:, 3], contact[:, 0, 1] = psi, crank_speed, load
-    found = joint_forces(leg, q, speed, contact=contact, fixed_base=True, q_ddot=np.zeros(q.shape))
-    return found.magnitude[:, 0]
+    forces = joint_forces(leg, q, speed, contact=contact, fixed_base=True, q_ddot=np.zeros(q.shape))
+    return forces.magnitude[:, 0]
 
 
 def wear_of_pins(force: Array, angle: Array, radius: float) -> tuple[Array, Array]:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from contextlib import suppress
-from typing import Any, NamedTuple
+from typing import NamedTuple, cast
 
 import gymnasium as gym
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.design.held_leg import held_leg_measures
 from agents.design.pins import loads_of_walk
@@ -18,10 +19,19 @@ from agents.tuning.profile_search import profiles
 from jansen_env.baselines.policy import Array, Policy
 from jansen_env.dynamics.projection import leg_sides
 from jansen_env.gravity import GRAVITY
+from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.robot.lengths import lengths, with_lengths
-from jansen_env.scoring.metrics import SETTLING, point_estimates
-from jansen_env.scoring.rollout import make_env, make_envs, run_episodes
+from jansen_env.scoring.metrics import SETTLING, Episodes, point_estimates
+from jansen_env.scoring.rollout import (
+    EnvKwargs,
+    Options,
+    VectorEnv,
+    make_env,
+    make_envs,
+    run_episodes,
+)
 from jansen_env.tasks.walking.walker_benchmark import ENOUGH, WALKER
+from jansen_env.tasks.walking.walker_env import JansenWalkerEnv
 from jansen_env.terrain import Terrain, shapes
 from jansen_env.world.settings import load_robot
 
@@ -45,7 +55,7 @@ HELD = {
     "leg_ripple": "1", "leg_wear": "N m", "leg_wear_of_mean": "N m", "leg_pin_load": "N",
 }  # fmt: skip
 """Units of :func:`agents.design.held_leg.held_leg_measures`."""
-WALK = {name: Measure("walk", one.unit, one.label) for name, one in WALKER.metrics.items()}
+WALK = {name: Measure("walk", m.unit, m.label) for name, m in WALKER.metrics.items()}
 MEASURES: dict[str, Measure] = WALK | {
     **{name: Measure("held", unit, "of one held leg") for name, unit in HELD.items()},
     "upright": Measure("walk", "fraction", "of the time limit without a fall"),
@@ -74,7 +84,7 @@ GROUPS = ("shape", "held", "planes", "walk", "copies", "climb", "loads")
 
 
 class Walker:
-    """Walks candidates on an environment, at one commanded speed.
+    """Measures candidates, and walks them on an environment at one commanded speed.
 
     Args:
         env_id, env_kwargs: of a walker, with its "robot". speed: m/s.
@@ -84,26 +94,33 @@ class Walker:
     """
 
     def __init__(
-        self, env_id: str, env_kwargs: dict[str, Any], speed: float, starts: int, count: int,
+        self, env_id: str, env_kwargs: EnvKwargs, speed: float, starts: int, count: int,
         policy: Policy | None = None,
     ) -> None:  # fmt: skip
         self.env_id, self.env_kwargs, self.speed = env_id, env_kwargs, speed
         self.starts, self.count, self.policy = starts, count, policy
         self.angles = math.pi * (np.arange(starts) + 0.5) / starts
-        self._env: Any = make_env(env_id, env_kwargs)
-        self._envs: dict[Any, Any] = {}
+        self._env = make_env(env_id, env_kwargs)
+        self._envs: dict[tuple[object, ...], VectorEnv] = {}
         self._shared: list[tuple[Part, Part]] | None = None
+
+    @property
+    def time_limit(self) -> float:
+        """Duration of an episode without a fall, s."""
+        spec = self._env.spec
+        assert spec is not None and spec.max_episode_steps is not None
+        return spec.max_episode_steps * cast(JansenWalkerEnv, self._env.unwrapped).control_dt
 
     def measure(self, group: str, candidates: Sequence[Candidate]) -> dict[str, Array]:
         """Return a group's measures (n,) of candidates by name; NaN for what is not known."""
         rows = {
-            "shape": lambda: [geometry_measures(one.robot) for one in candidates],
-            "held": lambda: [held_leg_measures(one.robot) for one in candidates],
+            "shape": lambda: [geometry_measures(c.robot) for c in candidates],
+            "held": lambda: [held_leg_measures(c.robot) for c in candidates],
             "planes": lambda: self._planes(candidates),
             "walk": lambda: self.walk(candidates),
             "copies": lambda: self._copies(candidates),
             "climb": lambda: self._climb(candidates),
-            "loads": lambda: [self._loads(one) for one in candidates],
+            "loads": lambda: [self._loads(c) for c in candidates],
         }[group]()
         return {name: np.array([row[name] for row in rows], float) for name in rows[0]}
 
@@ -111,62 +128,58 @@ class Walker:
         """Gaps in the order along the shaft of the robot that the search began with."""
         if self._shared is None:
             self._shared = shared_planes(load_robot("robot", self.env_kwargs["robot"]))
-        return [{"clearance": clearance(one.robot, self._shared)} for one in candidates]
+        return [{"clearance": clearance(c.robot, self._shared)} for c in candidates]
 
     def walk(self, candidates: Sequence[Candidate]) -> list[dict[str, float]]:
         """Score every candidate's walks from all starts."""
-        limit, rows = self._env.spec.max_episode_steps * self._env.unwrapped.control_dt, []
+        rows = []
         for run in self._run(candidates, self.angles):
-            found = point_estimates(WALKER.metrics, run, self._env)
-            row = {name: math.nan if value is None else value for name, value in found.items()}
-            rows.append({**row, "upright": float(run["duration"].mean() / limit)})
+            scores = point_estimates(WALKER.metrics, run, self._env)
+            row = {name: math.nan if value is None else value for name, value in scores.items()}
+            rows.append({**row, "upright": float(run["duration"].mean() / self.time_limit)})
         return rows
 
     def _run(
         self, candidates: Sequence[Candidate], angles: Array, grounds: Sequence[Terrain] = ()
-    ) -> list[dict[str, Any]]:
+    ) -> list[Episodes]:
         """Return each candidate's episodes, one from each crank angle, on its ground or level."""
-        runs: list[Any] = [None] * len(candidates)
-        kinds: dict[Any, list[int]] = {}
-        for k, one in enumerate(candidates):
-            kinds.setdefault(leg_sides(one.robot), []).append(k)
-        for sides, members in kinds.items():
+        runs: dict[int, Episodes] = {}
+        by_sides: dict[tuple[str, ...], list[int]] = {}
+        for k, candidate in enumerate(candidates):
+            by_sides.setdefault(leg_sides(candidate.robot), []).append(k)
+        for members in by_sides.values():
             for begin in range(0, len(members), self.count):
                 part = members[begin : begin + self.count]
-                found = self._batch([candidates[k] for k in part], sides, angles, grounds)
-                for k, run in zip(part, found, strict=True):
-                    runs[k] = run
-        return runs
+                batch = self._batch([candidates[k] for k in part], angles, grounds)
+                runs.update(zip(part, batch, strict=True))
+        return [runs[k] for k in range(len(candidates))]
 
     def _batch(
-        self, candidates: list[Candidate], sides: Any, angles: Array, grounds: Sequence[Terrain]
-    ) -> list[dict[str, Any]]:
+        self, candidates: list[Candidate], angles: Array, grounds: Sequence[Terrain]
+    ) -> list[Episodes]:
         """:meth:`_run` of up to ``count`` candidates with the same legs."""
-        # Batches have few sizes, and are kept: rows to spare walk the last candidate again.
+        # Batches have few sizes, and are kept: places to spare walk the last candidate again.
         count = min(self.count, 1 << (len(candidates) - 1).bit_length())
         n, each = count * len(angles), len(angles)
         padded = [*candidates, *[candidates[-1]] * (count - len(candidates))]
         robots = np.empty(n, object)
-        robots[:] = [one.robot for one in padded for _ in angles]
-        key = sides, n, each, bool(grounds)
-        arguments = dict(self.env_kwargs)
+        robots[:] = [candidate.robot for candidate in padded for _ in angles]
+        kwargs = dict(self.env_kwargs)
+        options: Options = {"crank_angle": np.tile(angles, count)}
         if grounds:
-            arguments["terrain"] = [*grounds] * count
+            kwargs["terrain"] = [*grounds] * count
         if self.policy is None:
-            arguments["robot"] = padded[0].robot
-        if key not in self._envs:
-            self._envs[key] = make_envs(self.env_id, arguments, n)
-        numbers = np.repeat([one.numbers for one in padded], each, axis=0)
-        policy = self.policy or profiles(numbers, self._env)
-        options: dict[str, Any] = {"crank_angle": np.tile(angles, count)}
-        if self.policy is None:
-            options["robot"] = robots
+            kwargs["robot"], options["robot"] = padded[0].robot, robots
         else:  # which may observe how far lengths are from the environment's robot
-            each_one = np.empty(n, object)
-            each_one[:] = [lengths(robot) for robot in robots]
-            options["lengths"] = each_one
+            options["lengths"] = np.empty(n, object)
+            options["lengths"][:] = [lengths(robot) for robot in robots]
+        key = leg_sides(padded[0].robot), n, each, bool(grounds)
+        if key not in self._envs:
+            self._envs[key] = make_envs(self.env_id, kwargs, n)
+        numbers = np.repeat([candidate.numbers for candidate in padded], each, axis=0)
         run = run_episodes(
-            policy, self.env_id, arguments, np.full(n, self.speed), SEED + np.arange(n) % each,
+            self.policy or profiles(numbers, self._env), self.env_id, kwargs,
+            np.full(n, self.speed), SEED + np.arange(n) % each,
             at_once=n, options=options, envs=self._envs[key],
         )  # fmt: skip
         run["weight"] = np.array([GRAVITY * robot.mass for robot in robots])
@@ -181,14 +194,14 @@ class Walker:
         names = [name for name in lengths(candidates[0].robot) if name != "frame_angle"]
         errors = rng.uniform(-TOLERANCE, TOLERANCE, (COPIES, len(names)))
         costs = np.full((len(candidates), COPIES), np.inf)
-        for k, one in enumerate(candidates):
-            own = lengths(one.robot)
+        for k, candidate in enumerate(candidates):
+            nominal = lengths(candidate.robot)
             for i, error in enumerate(errors.tolist()):
-                off = {name: own[name] + e for name, e in zip(names, error, strict=True)}
+                off = {name: nominal[name] + e for name, e in zip(names, error, strict=True)}
                 with suppress(ValueError):  # three lengths that form no triangle
-                    robot = with_lengths(one.robot, off)
+                    robot = with_lengths(candidate.robot, off)
                     if geometry_measures(robot)["closure"] > 0.0:
-                        copies.append(one._replace(robot=robot))
+                        copies.append(Candidate(robot, candidate.numbers))
                         places.append((k, i))
         for place, run in zip(places, self._run(copies, self.angles[:1]), strict=True):
             cost = point_estimates(WALKER.metrics, run, self._env)["steady_cost_of_transport"]
@@ -198,39 +211,38 @@ class Walker:
 
     def _climb(self, candidates: Sequence[Candidate]) -> list[dict[str, float]]:
         """Sum over :data:`STEPS`: their differences, times the share of the way beyond the step
-        that is made, 0 after a fall, mean of all starts."""
-        limit = self._env.spec.max_episode_steps * self._env.unwrapped.control_dt
-        beyond = ENOUGH * self.speed * limit - STEP_AT
+        that is walked, 0 after a fall, mean of all starts."""
+        beyond = ENOUGH * self.speed * self.time_limit - STEP_AT
         if beyond < LEAST_BEYOND:
             raise ValueError(
-                f"climb at speed {self.speed} and a time limit of {limit:g} s ends {beyond:g} m "
-                f"behind the step, must be {LEAST_BEYOND} or more"
+                f"climb at speed {self.speed} and a time limit of {self.time_limit:g} s ends "
+                f"{beyond:g} m behind the step, must be {LEAST_BEYOND} or more"
             )
-        heights, found = np.array(STEPS), []
+        heights, rows = np.array(STEPS), []
         grounds = [_step(height) for height in STEPS for _ in self.angles]
         for run in self._run(candidates, np.tile(self.angles, len(STEPS)), grounds):
-            made = np.clip((run["distance"] - STEP_AT) / beyond, 0.0, 1.0) * ~run["fell"].astype(
-                bool
-            )
-            share = made.reshape(len(STEPS), -1).mean(axis=1)
-            found.append({"climb": float(np.diff(heights, prepend=0.0) @ share)})
-        return found
+            walked = np.clip((run["distance"] - STEP_AT) / beyond, 0.0, 1.0)
+            share = np.where(run["fell"], 0.0, walked).reshape(len(STEPS), -1).mean(axis=1)
+            rows.append({"climb": float(np.diff(heights, prepend=0.0) @ share)})
+        return rows
 
     def _loads(self, candidate: Candidate) -> dict[str, float]:
         """Pin forces of a walk after :data:`SETTLING` s: wear, the largest, buckling."""
         kwargs = {**self.env_kwargs, "speed_command": self.speed}
-        options: dict[str, Any] = {"crank_angle": float(self.angles[0])}
+        options: dict[str, object] = {"crank_angle": float(self.angles[0])}
         if self.policy is None:
             kwargs["robot"] = candidate.robot
         else:
             options["lengths"] = lengths(candidate.robot)
-        env: Any = gym.make(self.env_id, **kwargs)
+        env = gym.make(self.env_id, **kwargs)
+        unwrapped = cast(JansenWalkerEnv, env.unwrapped)
+        plant = cast(ProjectionPlant, unwrapped.plant)
         policy = self.policy or profiles(candidate.numbers[None], env)
-        plant, state, over = env.unwrapped.plant, None, False
-        traces: list[Any] = []
+        traces: list[NDArray[np.void]] = []
+        state, over = None, False
         plant.tracing = True
         seen, _ = env.reset(seed=SEED, options=options)
-        begin = round(SETTLING / env.unwrapped.control_dt)
+        begin = round(SETTLING / unwrapped.control_dt)
         while not over:
             action, state = policy.predict(seen, state, np.array(not traces), True)
             seen, _, fallen, late, _ = env.step(action)
@@ -244,7 +256,7 @@ class Walker:
         return loads_of_walk(candidate.robot, trace, plant.time_step, least)
 
 
-def _step(height: float) -> Any:
+def _step(height: float) -> Terrain:
     """Flat ground with one step up."""
     tread = shapes.treads(np.array([STEP_AT]), np.array([height]))
     return Terrain.of(np.concatenate([[[-1.0, 0.0]], tread, [[tread[-1, 0] + 1.0, height]]]))

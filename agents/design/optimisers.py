@@ -1,7 +1,7 @@
-"""Ask and tell: CMA-ES (``cma``), NSGA-II (``pymoo``) and MAP-Elites (``pyribs``), alike.
+"""CMA-ES (``cma``), NSGA-II (``pymoo``) and MAP-Elites (``pyribs``) behind one protocol.
 
-All numbers asked for lie between 0 and 1. The same seed and the same answers, the same questions:
-so a search goes on where it was by being told again what it was told.
+All numbers lie between 0 and 1. The same seed and answers give the same questions, so a search
+resumes when it is told again what it was told.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Cma:
         inside = np.clip(start, 0.02, 0.98)
         self._search = cma.CMAEvolutionStrategy(inside, SPREAD, options)
         self._search.inject([inside], force=True)
-        self._asked: list[Any] = []
+        self._asked: list[Array] = []
 
     def ask(self) -> Array:
         """See :class:`Optimiser`."""
@@ -94,8 +94,8 @@ class Nsga2:
         from pymoo.problems.static import StaticProblem
 
         values = np.nan_to_num(objectives)  # unknown ones break a limit, and do not count
-        found = StaticProblem(self._problem, F=values, G=violation[:, None])
-        Evaluator().eval(found, self._asked)
+        evaluated = StaticProblem(self._problem, F=values, G=violation[:, None])
+        Evaluator().eval(evaluated, self._asked)
         self._search.tell(infills=self._asked)
 
 

@@ -7,9 +7,9 @@ Archard's coefficient it is the volume worn.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.plants.trace import trace_forces
@@ -22,7 +22,9 @@ TRACED = 8  # time steps from one to the next in which pin forces are worked out
 PEAKS = 64  # time steps in which the ground pushes most, for the largest forces
 
 
-def loads_of_walk(robot: Robot, trace: Any, time_step: float, least: float) -> dict[str, float]:
+def loads_of_walk(
+    robot: Robot, trace: NDArray[np.void], time_step: float, least: float
+) -> dict[str, float]:
     """Return wear (J/m), the largest pin force (N) and the least safety of a bar against buckling.
 
     Args:

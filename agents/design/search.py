@@ -44,15 +44,17 @@ class Searched(NamedTuple):
 
     def front(self, plan: Plan) -> list[int]:
         """Return indices of those that keep all limits and that no other is better than in all."""
-        found, fine = objectives_of(plan, self.measured), np.flatnonzero(self.violation == 0.0)
-        own = found[fine]
+        objectives, fine = objectives_of(plan, self.measured), np.flatnonzero(self.violation == 0.0)
+        feasible = objectives[fine]
 
         def beaten(k: int) -> bool:
-            better = (own <= found[k]).all(axis=1) & (own < found[k]).any(axis=1)
+            better = (feasible <= objectives[k]).all(axis=1) & (feasible < objectives[k]).any(
+                axis=1
+            )
             return bool(better.any())
 
         kept = [k for k in fine.tolist() if not beaten(k)]
-        return sorted(kept, key=lambda k: float(found[k, 0]))
+        return sorted(kept, key=lambda k: float(objectives[k, 0]))
 
 
 def objectives_of(plan: Plan, measured: Measured) -> Array:
@@ -61,10 +63,15 @@ def objectives_of(plan: Plan, measured: Measured) -> Array:
     return np.stack([sign * measured[name] for name, sign in ways], axis=1)
 
 
-def make_walker(plan: Plan, policy: Policy | None = None, **changes: Any) -> Walker:
-    """Return what measures a plan's candidates; ``changes``: of its environment's arguments."""
+def make_walker(
+    plan: Plan, policy: Policy | None = None, starts: int | None = None, **changes: object
+) -> Walker:
+    """Return what measures a plan's candidates.
+
+    ``starts``: in place of the plan's. ``changes``: of its environment's arguments.
+    """
     kwargs = {"robot": plan.robot, **plan.env_kwargs, **changes}
-    return Walker(plan.env, kwargs, plan.speed, plan.starts, plan.population, policy)
+    return Walker(plan.env, kwargs, plan.speed, starts or plan.starts, plan.population, policy)
 
 
 def make_optimiser(plan: Plan, start: Array, seed: int) -> Optimiser:
@@ -90,15 +97,17 @@ def measure(
     """
     n, wanted = len(candidates), plan.measured
     measured = {name: np.full(n, np.nan) for name in [*wanted, "closure"]}
-    able = np.array([one is not None for one in candidates])
+    able = np.array([candidate is not None for candidate in candidates])
     for group in groups_of(["closure", *wanted]):
         rows = np.flatnonzero(able)
         if not len(rows):
             break
-        found = walker.measure(group, [one for k in rows.tolist() if (one := candidates[k])])
-        for name in {*found} & {*measured}:
-            measured[name][rows] = found[name]
-        able &= (broken(plan, measured, found) == 0.0) & (measured["closure"] > 0.0)
+        values = walker.measure(
+            group, [candidate for k in rows.tolist() if (candidate := candidates[k])]
+        )
+        for name in {*values} & {*measured}:
+            measured[name][rows] = values[name]
+        able &= (broken(plan, measured, values) == 0.0) & (measured["closure"] > 0.0)
     lost = ~(measured["closure"] > 0.0) | ~np.isfinite(objectives_of(plan, measured)).all(axis=1)
     return measured, broken(plan, measured, wanted) + lost
 
@@ -166,20 +175,19 @@ def joined(parts: Sequence[Searched]) -> Searched:
     """Return generations as one."""
     units, measured, violations = zip(*parts, strict=True)
     names = measured[0]
-    every = {name: np.concatenate([one[name] for one in measured]) for name in names}
+    every = {name: np.concatenate([values[name] for values in measured]) for name in names}
     return Searched(np.concatenate(units), every, np.concatenate(violations))
 
 
 def candidates(space: Space, unit: Array) -> list[Candidate | None]:
-    """Return what rows (n, d) stand for; None for lengths that form no triangle."""
-
-    def one(row: Array) -> Candidate | None:
+    """Return the candidates of numbers (n, d); None for lengths that form no triangle."""
+    made: list[Candidate | None] = []
+    for numbers in unit:
         try:
-            return space.candidate(row)
+            made.append(space.candidate(numbers))
         except ValueError:
-            return None
-
-    return [one(row) for row in unit]
+            made.append(None)
+    return made
 
 
 def cut_torn_line(path: Path) -> None:
@@ -212,7 +220,7 @@ def read_journal(path: Path, plan: Plan) -> list[Searched]:
         return []
     with open_regular(path) as file:
         data = file.read()
-    found, names = [], {*plan.measured, "closure"}
+    parts, names = [], {*plan.measured, "closure"}
     for number, line in enumerate(data.split(b"\n")[:-1], start=1):
         try:
             row = json.loads(line)
@@ -228,5 +236,5 @@ def read_journal(path: Path, plan: Plan) -> list[Searched]:
                 raise ValueError(f"it has measured {sorted(measured)}, must have {sorted(names)}")
         except (ValueError, TypeError, KeyError, AttributeError) as error:
             raise ValueError(f"{path}, line {number}, is damaged: {shown(str(error))}") from error
-        found.append(part)
-    return found
+        parts.append(part)
+    return parts

@@ -78,7 +78,7 @@ def shared_planes(robot: Robot) -> list[tuple[Part, Part]]:
     Raises:
         ValueError: its links collide in any order.
     """
-    first = [one for one in layers(robot) if one.unit == 0]
+    first = [placed for placed in layers(robot) if placed.unit == 0]
     return [
         ((a.leg, a.body - 1), (b.leg, b.body - 1))
         for a, b in itertools.combinations(first, 2) if a.layer == b.layer

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from jansen_env.robot.motor import MOTORS
 from jansen_env.tasks.walking.profile import DATA, load_profile
 from jansen_env.tasks.walking.walker_baselines import tuned_for
 from jansen_env.world.settings import load_robot
+
+T = TypeVar("T")
 
 KINDS: dict[str, Rule] = {
     "lengths": Rule((float, dict), 1e-4, 0.9), "phases": Rule((float,), 1e-4, math.pi),
@@ -89,14 +91,14 @@ class Space:
         self.variables = [*self._lengths, *self._phases, *picks, *tuned]
         if not self.variables:
             raise ValueError(f"variables is {shown(wanted)}, must have some of {[*KINDS]}")
-        low, high, start = np.array([one[1:] for one in self.variables]).T
+        low, high, start = np.array([variable[1:] for variable in self.variables]).T
         self._low, self._high = low, high
         self.start: Array = (start - low) / (high - low)
 
     def values(self, unit: Array) -> dict[str, float]:
         """Return the variables' values by name, of numbers (d,) from 0 to 1."""
         values = self._low + np.clip(unit, 0.0, 1.0) * (self._high - self._low)
-        return dict(zip((one.name for one in self.variables), values.tolist(), strict=True))
+        return dict(zip((v.name for v in self.variables), values.tolist(), strict=True))
 
     def candidate(self, unit: Array) -> Candidate:
         """Return what numbers (d,) from 0 to 1 stand for.
@@ -108,34 +110,34 @@ class Space:
         robot = self.base
         if "pins" in values:
             robot = ROBOTS[self._name](_pick(self._choices["pins"], values["pins"]))
-        robot = with_lengths(robot, {one.name: values[one.name] for one in self._lengths})
+        robot = with_lengths(robot, {v.name: values[v.name] for v in self._lengths})
         if self._phases:
-            turned = [*robot.legs]
-            for one, own in zip(self._phases, self._units, strict=True):
-                for leg in own:
-                    turned[leg] = replace(turned[leg], phase=turned[leg].phase + values[one.name])
-            robot = replace(robot, legs=tuple(turned))
+            legs = [*robot.legs]
+            for phase, unit_legs in zip(self._phases, self._units, strict=True):
+                for k in unit_legs:
+                    legs[k] = replace(legs[k], phase=legs[k].phase + values[phase.name])
+            robot = replace(robot, legs=tuple(legs))
         if "motors" in values:
             robot = replace(robot, motor=MOTORS[_pick(self._choices["motors"], values["motors"])])
-        found = np.array([values.get(one.name, one.start) for one in self._profile])
-        found[:2] = np.exp(found[:2])
-        return Candidate(robot, found)
+        numbers = np.array([values.get(v.name, v.start) for v in self._profile])
+        numbers[:2] = np.exp(numbers[:2])
+        return Candidate(robot, numbers)
 
 
-def _pick(choices: Sequence[Any], value: float) -> Any:
+def _pick(choices: Sequence[T], value: float) -> T:
     return choices[min(int(value * len(choices)), len(choices) - 1)]
 
 
 def _choices(name: str, given: list[Any], robot: str) -> list[Any]:
     """Check a list of crank pins or motors."""
-    allowed: Callable[[Any], bool]
     if name == "pins":
         if robot not in ROBOTS:
             raise ValueError(f"variables.pins needs a built-in robot, not {shown(robot)}")
-        allowed, what = (lambda one: type(one) is int and 1 <= one <= 12), "whole, from 1 to 12"
+        allowed = all(type(count) is int and 1 <= count <= 12 for count in given)
     else:
-        allowed, what = (lambda one: isinstance(one, str) and one in MOTORS), f"of {[*MOTORS]}"
-    if not given or not all(map(allowed, given)):
+        allowed = all(isinstance(motor, str) and motor in MOTORS for motor in given)
+    if not given or not allowed:
+        what = "whole, from 1 to 12" if name == "pins" else f"of {[*MOTORS]}"
         raise ValueError(f"variables.{name} is {shown(given)}, must be a list of some {what}")
     return given
 
@@ -145,7 +147,7 @@ def _length_variables(robot: Robot, shares: float | dict[str, float]) -> list[Va
     known = lengths(robot)
     if not isinstance(shares, dict):
         shares = {name: shares for name, length in known.items() if abs(length) > 1e-9}
-    found = []
+    variables = []
     for name, share in shares.items():
         if name not in known:
             allowed = listed(known, name)
@@ -154,8 +156,8 @@ def _length_variables(robot: Robot, shares: float | dict[str, float]) -> list[Va
         ends = sorted(known[name] * (1.0 + way * share) for way in (-1.0, 1.0))
         if ends[0] == ends[1]:
             raise ValueError(f"variables.lengths.{name} would be a share of 0 m, must be of more")
-        found.append(Variable(name, ends[0], ends[1], known[name]))
-    return found
+        variables.append(Variable(name, ends[0], ends[1], known[name]))
+    return variables
 
 
 def _profile_variables(numbers: Array, harmonics: int) -> list[Variable]:
@@ -164,15 +166,15 @@ def _profile_variables(numbers: Array, harmonics: int) -> list[Variable]:
     bias, feedback = numbers[2:4].tolist()
     least, most = np.log(GAIN_RANGE).tolist()
     around = math.log(SPEED_RANGE)
-    found = [
+    variables = [
         Variable("log_n0", speed - around, speed + around, speed),
         Variable("log_kp", least, most, min(max(gain, least), most)),
         Variable("tau0", bias - BIAS_RANGE, bias + BIAS_RANGE, bias),
         Variable("g", FEEDBACKS[0], FEEDBACKS[1], min(max(feedback, FEEDBACKS[0]), FEEDBACKS[1])),
     ]
-    for letter, own in zip("ab", np.split(numbers[4:], 2), strict=True):
+    for letter, shape in zip("ab", np.split(numbers[4:], 2), strict=True):
         for k in range(harmonics):
-            middle = float(own[k]) if k < len(own) else 0.0
+            middle = float(shape[k]) if k < len(shape) else 0.0
             reach = SHAPE_RANGE / math.sqrt(k + 1)
-            found.append(Variable(f"{letter}{k + 1}", middle - reach, middle + reach, middle))
-    return found
+            variables.append(Variable(f"{letter}{k + 1}", middle - reach, middle + reach, middle))
+    return variables

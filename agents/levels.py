@@ -6,9 +6,6 @@ evenly over those of the environment; all policies have the same episodes.
 
 from __future__ import annotations
 
-import argparse
-import shlex
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -19,8 +16,7 @@ from tabulate import tabulate
 from jansen_env.baselines.policy import Policy
 from jansen_env.commands.flags import non_negative_int, parse_policies, policy_parser, positive_int
 from jansen_env.commands.named_policies import load_all
-from jansen_env.commands.plots import Sweeps, by_condition, plot_sweeps
-from jansen_env.files import write_json, write_text
+from jansen_env.commands.plots import Sweeps, by_condition, write_files
 from jansen_env.scoring.metrics import INTERVALS, pooled, proportion_with_interval, score_table
 from jansen_env.scoring.rollout import make_env, run_episodes
 from jansen_env.tasks.walking.walker_benchmark import ENOUGH, WORLD, succeeded
@@ -50,15 +46,17 @@ def score_levels(
         low, high = env.unwrapped.task.speed_command[0]
         commands = low + (high - low) * (np.arange(episodes) + 0.5) / episodes
     level = np.repeat(np.asarray(levels, np.int64), episodes)
-    asked = np.tile(np.resize(np.asarray(commands, float), episodes), len(levels))
+    commanded = np.tile(np.resize(np.asarray(commands, float), episodes), len(levels))
     seeds = FIRST_SEED + seed * len(level) + np.arange(len(level))
-    run = run_episodes(policy, env_id, env_kwargs, asked, seeds, options={"terrain_level": level})
-    found = {}
-    for one in levels:
-        own = {name: values[level == one] for name, values in run.items()}
-        found[str(one)] = {**pooled(METRICS, own, env, seed), "won": succeeded(own, env).tolist()}
+    options = {"terrain_level": level}
+    run = run_episodes(policy, env_id, env_kwargs, commanded, seeds, options=options)
+    scores = {}
+    for number in levels:
+        part = {name: values[level == number] for name, values in run.items()}
+        won = succeeded(part, env).tolist()
+        scores[str(number)] = {**pooled(METRICS, part, env, seed), "won": won}
     env.close()
-    return found
+    return scores
 
 
 def success_table(levels: dict[str, dict[str, dict[str, Any]]]) -> str:
@@ -73,8 +71,8 @@ def success_table(levels: dict[str, dict[str, dict[str, Any]]]) -> str:
     return tabulate(rows, headers, tablefmt="pipe", disable_numparse=True)
 
 
-def parse(arguments: list[str] | None = None) -> argparse.Namespace:
-    """Parse the command line."""
+def main(arguments: list[str] | None = None) -> None:
+    """Score, draw, print."""
     parser = policy_parser(
         "python -m agents.levels", __doc__,
         "python -m agents.levels --policy pretrained --policy pid",
@@ -87,39 +85,24 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--commands", type=float, nargs="+", metavar="V",
         help="commanded speeds; default: spread over the environment's range")  # fmt: skip
     add("--episodes", type=positive_int, default=100, help="episodes per level; default: 100")
-    add("--out", default="logs/levels", metavar="DIR",
+    add("--out", default="logs/levels", type=Path, metavar="DIR",
         help="folder of levels.md, levels.json and levels.png")  # fmt: skip
-    return parse_policies(parser, arguments, "--commands")
-
-
-def main(arguments: list[str] | None = None) -> None:
-    """Score, draw, print."""
-    args = parse(arguments)
-    out = Path(args.out)
-    scores: Sweeps = {LEVEL: {}}
+    args = parse_policies(parser, arguments, "--commands")
+    sweeps: Sweeps = {LEVEL: {}}
     given = args.levels, args.episodes, args.seed, args.commands
-    try:
-        out.mkdir(parents=True, exist_ok=True)
+    with parser.refusing():
         for policies, env_kwargs in load_all(args, args.commands or ()):
             for name, policy in policies.items():
-                for level, own in score_levels(policy, args.env, env_kwargs, *given).items():
-                    scores[LEVEL].setdefault(level, {})[name] = own
-    except (OSError, ValueError) as error:
-        args.parser.error(str(error))
-    write_json(out / "levels.json", scores)
-    plot_sweeps(scores, METRICS, out / "levels.png")
+                for level, score in score_levels(policy, args.env, env_kwargs, *given).items():
+                    sweeps[LEVEL].setdefault(level, {})[name] = score
+    successes = success_table(sweeps[LEVEL])
     note = (
         f"{args.episodes} episodes at each level of {args.env}, seed {args.seed}; success: no fall "
         f"and at least {ENOUGH:g} of the commanded distance; {INTERVALS}."
     )
-    successes = success_table(scores[LEVEL])
-    tables = (
-        f"Success:\n\n{successes}\n\nAll scores:\n\n{score_table(METRICS, by_condition(scores))}"
-    )
-    command = shlex.join(["python", "-m", "agents.levels", *(arguments or sys.argv[1:])])
-    head = f"# {args.env} by terrain level\n\n`{command}`: {note}\n\n![Scores](levels.png)"
-    write_text(out / "levels.md", f"{head}\n\n{tables}\n")
-    print(f"Success:\n\n{successes}\n\n{note} All scores: {out}/levels.md")
+    text = f"{note}\n\n{successes}\n\n{score_table(METRICS, by_condition(sweeps))}"
+    write_files(args.out / "levels", sweeps, text, sweeps, METRICS)
+    print(f"Success:\n\n{successes}\n\n{note} All scores: {args.out}/levels.md")
 
 
 if __name__ == "__main__":

@@ -13,12 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 import jansen_env
 from agents.tuning import profile_search
 from jansen_env.baselines.pid import PID
-from jansen_env.baselines.policy import Array, Policy
+from jansen_env.baselines.policy import Array
 from jansen_env.checks import listed
 from jansen_env.commands.flags import Parser, non_negative_int, positive_int
 from jansen_env.files import write_json
@@ -30,7 +29,6 @@ from jansen_env.tasks.walking import profile
 from jansen_env.tasks.walking.walker_baselines import (
     BASELINES,
     DATA,
-    Setting,
     constant_torque,
     nearest_setting,
     tuned_for,
@@ -41,7 +39,6 @@ ENV = "JansenWalker-v0"
 FLAT = (ENV, "JansenWalkerBuilt-v0")  # harder worlds take the numbers of their robot
 CRANK_SPEEDS = np.round(np.concatenate([np.arange(0.2, 3.0, 0.1), np.arange(3.0, 8.1, 0.25)]), 3)
 TORQUES = np.round(np.concatenate([np.arange(0.5, 6.0, 0.25), np.arange(6.0, 15.1, 0.5)]), 3)
-SETTINGS = {"pid": CRANK_SPEEDS, "constant": TORQUES}
 PAPER = (10.0, 1.0, 1.0)  # kp, ki, kd of the paper's PID
 GAINS = (PAPER, *((kp, ki, kd) for kp in (1.0, 2.0, 3.0, 5.0, 10.0) for ki in (0.5, 2.0)
                   for kd in (0.2, 0.5, 1.0)))  # fmt: skip
@@ -49,47 +46,41 @@ FIRST_SEED = 10_000  # apart from all others
 HORIZON = 10.0  # s, the time limit of an episode
 
 
-def policy_of(name: str, setting: Setting, env: Any, gains: tuple[float, ...] = PAPER) -> Policy:
-    """Return the baseline "pid" or "constant" with a setting for each command."""
-    if name == "pid":
-        return walking_pid(setting, env, PID(*gains))
-    return constant_torque(setting, env)
-
-
 def measure(
     name: str, settings: Array, episodes: int, env_id: str = ENV,
-    gains: tuple[float, ...] = PAPER, **env_kwargs: Any,
-) -> dict[str, Any]:  # fmt: skip
+    gains: tuple[float, ...] = PAPER, **env_kwargs: object,
+) -> dict[str, list[Any]]:  # fmt: skip
     """Measure walking speeds, m/s, of each crank speed ("pid") or torque ("constant")."""
     env = make_env(env_id, env_kwargs).unwrapped
     each = np.repeat(settings, episodes)
     commands, seeds = np.full(len(each), 0.3), FIRST_SEED + np.arange(len(each)) % episodes
-    policy = policy_of(name, lambda _: each, env, gains)
+    policy = (walking_pid(lambda _: each, env, PID(*gains)) if name == "pid"
+              else constant_torque(lambda _: each, env))  # fmt: skip
     run = run_episodes(policy, env_id, env_kwargs, commands, seeds, at_once=len(each))
     speeds = (run["distance"] / HORIZON).reshape(-1, episodes)
     return {"settings": settings.tolist(), "speeds": speeds.round(4).tolist()}
 
 
 def measure_pid(
-    episodes: int, env_id: str, gains: Sequence[tuple[float, ...]] = (),
-    settings: Array | None = None, **env_kwargs: Any,
-) -> dict[str, Any]:  # fmt: skip
-    """Measure the PID at crank speeds (rad/s), default :data:`CRANK_SPEEDS`, with the paper's gains
-    on the paper's robot, elsewhere with those of some, default :data:`GAINS`, whose mean return
-    over the benchmark's commands is best, on other starts."""
+    episodes: int, env_id: str, gains: Sequence[tuple[float, ...]],
+    settings: Array | None = None, **env_kwargs: object,
+) -> dict[str, list[Any]]:  # fmt: skip
+    """Measure the PID at crank speeds (rad/s), default :data:`CRANK_SPEEDS`, with those ``gains``
+    whose mean return over the benchmark's commands is best, on other starts."""
     env = make_env(env_id, env_kwargs).unwrapped
     commands = np.repeat(BENCHMARKS[env_id].commands, episodes)
     seeds = FIRST_SEED + episodes + np.arange(len(commands)) % episodes
-    best, found = -np.inf, {}
-    for own in tqdm(gains or ((PAPER,) if env_id == ENV else GAINS), desc="gains", unit="PID"):
-        speeds = CRANK_SPEEDS if settings is None else settings
-        tried = measure("pid", speeds, episodes, env_id, own, **env_kwargs)
-        setting = nearest_setting(np.array(tried["settings"]), np.array(tried["speeds"]))
-        policy = policy_of("pid", setting, env, own)
-        worth = run_episodes(policy, env_id, env_kwargs, commands, seeds)["returns"].mean()
-        if worth > best:
-            best, found = worth, {"gains": list(own), **tried}
-    return found
+    speeds = CRANK_SPEEDS if settings is None else settings
+    best, made = -np.inf, {}
+    for tried in gains:
+        found = measure("pid", speeds, episodes, env_id, tried, **env_kwargs)
+        setting = nearest_setting(np.array(found["settings"]), np.array(found["speeds"]))
+        policy = walking_pid(setting, env, PID(*tried))
+        mean = run_episodes(policy, env_id, env_kwargs, commands, seeds)["returns"].mean()
+        print(f"gains {tried}: return {mean:.1f}", flush=True)
+        if mean > best:
+            best, made = mean, {"gains": list(tried), **found}
+    return made
 
 
 def save_design(path: Path, env_id: str, made: dict[str, Any]) -> None:
@@ -114,19 +105,16 @@ def tune_profile(seed: int, path: Path, env_id: str, effort: float) -> None:
         | {"jansen_env": jansen_env.__version__},
         "columns": list(profile.number_names(profile_search.HARMONICS)),
     }
-    total = len(commands) * sum(sweep.generations for sweep in sweeps)
-    with tqdm(total=total, desc="profile", unit="generation") as bar:
 
-        def progress(command: float, run: Episodes) -> None:
-            returns, falls = run["returns"].mean(), run["fell"].mean()
-            bar.set_postfix_str(f"{command:g} m/s: return {returns:.0f}, falls {falls:.1%}")
-            bar.update()
+    def progress(command: float, run: Episodes) -> None:
+        returns, falls = run["returns"].mean(), run["fell"].mean()
+        print(f"{command:g} m/s: return {returns:.0f}, falls {falls:.1%}", flush=True)
 
-        given: dict[str, Any] = {"seed": seed, "progress": progress, "env_id": env_id}
-        for found in profile_search.search_profile(commands, sweeps, **given):
-            numbers = found.numbers.round(5).tolist()
-            own = {**made, "commands": found.commands.tolist(), "numbers": numbers}
-            save_design(path, env_id, own)
+    for found in profile_search.search_profile(
+        commands, sweeps, seed=seed, progress=progress, env_id=env_id
+    ):
+        numbers = found.numbers.round(5).tolist()
+        save_design(path, env_id, {**made, "commands": found.commands.tolist(), "numbers": numbers})
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -155,11 +143,12 @@ def main(arguments: list[str] | None = None) -> None:
         path = args.out / (profile.DATA if name == "profile" else DATA).name
         if name == "profile":
             tune_profile(args.seed, path, args.env, args.effort)
-        elif name in SETTINGS:
+        elif name in ("pid", "constant"):
             command = f"python -m agents.tune {name} --env {args.env} --episodes {args.episodes}"
-            found = (measure_pid(args.episodes, args.env) if name == "pid"
-                     else measure(name, SETTINGS[name], args.episodes, args.env))  # fmt: skip
-            save_design(path, args.env, {name: {"command": command, **found}})
+            gains = (PAPER,) if args.env == ENV else GAINS
+            made = (measure_pid(args.episodes, args.env, gains) if name == "pid"
+                    else measure(name, TORQUES, args.episodes, args.env))  # fmt: skip
+            save_design(path, args.env, {name: {"command": command, **made}})
         print(f"written: {path}")
 
 

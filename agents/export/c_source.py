@@ -6,13 +6,19 @@ The template is ``policy.c.in``. Texts of a policy's file come into comments and
 
 from __future__ import annotations
 
+import os
 import re
-from typing import Any
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 import jansen_env
+from jansen_env.baselines.policy import Array
 from jansen_env.checks import shown
 from jansen_env.policies.network import Harmonics
 from jansen_env.policies.pretrained import PretrainedPolicy
@@ -20,9 +26,10 @@ from jansen_env.policies.pretrained import PretrainedPolicy
 TAKEN = ("main", "math", "stdio")  # files which NAME.c and NAME.h must not be taken for
 UNSAFE = re.compile(r"[^A-Za-z0-9 .,:;=+\-_()\[\]{}'/%^<>]")  # in a comment
 PER_LINE = 6  # numbers of an array
+OPTIONS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-pedantic")
 
 
-def render(template: str, filters: dict[str, Any], **values: Any) -> str:
+def render(template: str, filters: Mapping[str, object], **values: object) -> str:
     """Return a file of this folder, filled in by Jinja2, which may apply filters to values."""
     env = Environment(
         loader=PackageLoader("agents.export", ""), undefined=StrictUndefined, trim_blocks=True,
@@ -32,7 +39,7 @@ def render(template: str, filters: dict[str, Any], **values: Any) -> str:
     return env.get_template(template).render(values)
 
 
-def comment(text: Any, longest: int = 200) -> str:
+def comment(text: object, longest: int = 200) -> str:
     """Return text for a C comment: letters, digits and what can neither end it nor begin one."""
     return UNSAFE.sub("_", " ".join(str(text).split()))[:longest]
 
@@ -51,7 +58,7 @@ def places(policy: PretrainedPolicy, name: str) -> list[str]:
     """Return the names of an observation's numbers in C; two of the same are a ValueError."""
     words = [re.sub(r"[^A-Z0-9]+", "_", seen.upper()).strip("_") for seen in policy.observed]
     found = [f"{name.upper()}_OBS_{word or '_'}" for word in words]
-    if twice := sorted({one for one in found if found.count(one) > 1}):
+    if twice := sorted({place for place in found if found.count(place) > 1}):
         raise ValueError(f"several observations would be {twice} in C, must have different names")
     return found
 
@@ -67,22 +74,34 @@ def example(policy: PretrainedPolicy, name: str) -> str:
     return _part(policy, name, "main.c")
 
 
-def _width(policy: PretrainedPolicy) -> int:
+def width_of(policy: PretrainedPolicy) -> int:
     """Return how many numbers a layer takes or gives at most."""
     features = sum(block.size for block in policy.features)
     return max(features, *(len(layer.bias) for layer in policy.layers))
 
 
-def footprint(policy: PretrainedPolicy) -> dict[str, Any]:
-    """Return bytes of constants, which a linker puts into flash, bytes of buffers on the stack, in
-    double, and the functions of math.h, by name."""
-    text = _part(policy, "policy", "c")
-    arrays = re.findall(r"static const (float|int|real) \w+\[(\d+)\]", text)
-    return {
-        "constants": sum((8 if kind == "real" else 4) * int(count) for kind, count in arrays),
-        "stack": 8 * (len(policy.observed) + 2 * _width(policy)),
-        "functions": sorted(set(re.findall(r"R\((\w+)\)\(", text))),
-    }
+def run(
+    sources: Mapping[str, str], name: str, cases: Array, options: Sequence[str] = OPTIONS
+) -> Array | None:
+    """Return the actions (n,) of generated C for observations (n, d); None without a compiler.
+
+    Raises:
+        ValueError: the compiler refuses the source.
+    """
+    compilers = (shutil.which(each) for each in (os.environ.get("CC", "cc"), "cc", "gcc", "clang"))
+    if (compiler := next(filter(None, compilers), None)) is None:
+        return None
+    with tempfile.TemporaryDirectory() as folder:
+        for file, text in sources.items():
+            (Path(folder) / file).write_text(text, encoding="ascii")
+        build = [compiler, *options, "-o", "main", "main.c", f"{name}.c", "-lm"]
+        made = subprocess.run(build, cwd=folder, capture_output=True, text=True, check=False)
+        if made.returncode != 0:
+            raise ValueError(f"{' '.join(build)} failed: {made.stderr.strip()}")
+        numbers = "\n".join(" ".join(f"{x:.9g}" for x in seen) for seen in cases.tolist())
+        program = [str(Path(folder) / "main")]
+        answer = subprocess.run(program, input=numbers, capture_output=True, text=True, check=True)
+    return np.array(answer.stdout.split(), float)
 
 
 def _part(policy: PretrainedPolicy, name: str, part: str) -> str:
@@ -94,7 +113,7 @@ def _part(policy: PretrainedPolicy, name: str, part: str) -> str:
         # Of each block its kind and where its features begin.
         "blocks": [(type(block).__name__, block, sum(sizes[:k])) for k, block in enumerate(blocks)],
         "harmonics": any(isinstance(block, Harmonics) for block in blocks),
-        "width": _width(policy),
+        "width": width_of(policy),
     }  # fmt: skip
     filters = {"comment": comment, "single": _single, "real": _real, "array": _array}
     return render("policy.c.in", filters, **values)
@@ -110,7 +129,7 @@ def _real(value: float) -> str:
     return f"R({float(value)!r})"
 
 
-def _array(values: Any, name: str) -> str:
+def _array(values: Array, name: str) -> str:
     """Return a constant array: float where that has all of the numbers exactly."""
     flat = np.ravel(values)
     exact = np.array_equal(flat.astype(np.float32).astype(float), flat)

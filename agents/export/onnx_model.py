@@ -10,15 +10,19 @@ from __future__ import annotations
 import json
 import logging
 import warnings
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
 import jansen_env
+from jansen_env.baselines.policy import Array
 from jansen_env.policies.network import Features, Harmonics, Layer, Normalized
 from jansen_env.policies.pretrained import PretrainedPolicy
+
+if TYPE_CHECKING:
+    import onnx
 
 NEEDED = ("onnx", "onnxscript")  # packages of the extra "export"
 OPSET = 18  # of 2022, which runtimes of today read
@@ -55,12 +59,12 @@ def _features(block: Features, seen: Tensor) -> Tensor:
     parts = [seen[:, :0]]
     for k in block.multiples:  # by doubling and adding angles
         cos, sin = seen[:, :1], seen[:, 1:2]
-        found = [torch.ones_like(cos), torch.zeros_like(sin)]
+        pair = [torch.ones_like(cos), torch.zeros_like(sin)]
         while k > 0:
             if k % 2:
-                found = [found[0] * cos - found[1] * sin, found[1] * cos + found[0] * sin]
+                pair = [pair[0] * cos - pair[1] * sin, pair[1] * cos + pair[0] * sin]
             cos, sin, k = cos * cos - sin * sin, 2.0 * sin * cos, k // 2
-        parts += found
+        parts += pair
     return torch.cat(parts, dim=1)
 
 
@@ -71,7 +75,7 @@ def _layer(layer: Layer, values: Tensor) -> Tensor:
     return values if layer.activation is None else getattr(torch, layer.activation)(values)
 
 
-def build(policy: PretrainedPolicy, name: str) -> Any:
+def build(policy: PretrainedPolicy, name: str) -> onnx.ModelProto:
     """Return the model of a policy, checked; ``name``: of the graph."""
     import onnx
 
@@ -90,18 +94,20 @@ def build(policy: PretrainedPolicy, name: str) -> Any:
     model.producer_name, model.producer_version = "jansen_env", jansen_env.__version__
     graph.name = name
     observation = zip(policy.observed, policy.units, strict=True)
-    told = {
+    notes = {
         "env_kwargs": policy.env_kwargs, "control_dt": policy.control_dt,
         "torque_limit": policy.torque_limit,
         "observation": [{"name": seen, "unit": unit} for seen, unit in observation],
     }  # fmt: skip
-    texts = {key: json.dumps(value) for key, value in told.items()}
+    texts = {key: json.dumps(value) for key, value in notes.items()}
     onnx.helper.set_model_props(model, {"env_id": policy.env_id, **texts})
     onnx.checker.check_model(model, full_check=True)
     return model
 
 
-def actions_of(session: Any, observations: Any) -> Any:
-    """Return the actions (n,) for observations (n, d), by onnxruntime's session or onnx's own."""
-    given = {"observation": np.asarray(observations, np.float32)}
-    return session.run(["action"], given)[0][:, 0].astype(float)
+def run(model: onnx.ModelProto, cases: Array) -> Array:
+    """Return the actions (n,) for observations (n, d), by onnx's reference implementation."""
+    from onnx.reference import ReferenceEvaluator
+
+    (actions,) = ReferenceEvaluator(model).run(["action"], {"observation": cases})
+    return np.asarray(actions, float)[:, 0]

@@ -7,7 +7,7 @@ import re
 from contextlib import closing
 from pathlib import Path
 
-from jansen_env.commands.film import play
+from jansen_env.commands.enjoy import play
 from jansen_env.commands.flags import parse_policies, policy_parser, positive_int
 from jansen_env.commands.named_policies import default_policy, labels, load_named
 from jansen_env.files import write_text

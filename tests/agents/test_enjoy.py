@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from jansen_env.commands import enjoy
-from jansen_env.commands import film as video
 from jansen_env.scoring.rollout import make_env
 
 CRANK = "JansenCrank-v0"
@@ -113,5 +112,5 @@ def test_long_videos_take_little_memory(tmp_path, monkeypatch):
             written.append(frame)
 
     monkeypatch.setattr("imageio.v2.get_writer", lambda *_, **__: Writer())
-    video.save_video(frames(), tmp_path / "a.mp4", 0.02)
+    enjoy.save_video(frames(), tmp_path / "a.mp4", 0.02)
     assert len(written) == 20

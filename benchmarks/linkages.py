@@ -107,7 +107,7 @@ def best_of(
 
 def controllers_of(numbers: Kwargs, robot: Robot) -> dict[str, Policy]:
     """A linkage's profile and PID, interpolated between the speeds of the search."""
-    env, cranks = make_env(ENV, {"robot": robot}).unwrapped, numbers["crank_speeds"]
+    env, cranks = JansenWalkerEnv(robot=robot), numbers["crank_speeds"]
     pid = walking_pid(lambda v: np.interp(v, SPEEDS, cranks), env, PID(*numbers["gains"]))
     return {"profile": Profile(SPEEDS, np.array(numbers["profile"])).policy(env), "pid": pid}
 

@@ -17,7 +17,7 @@ LONGEST = 200  # characters of a value in a message
 LEAST_SINGLE, MOST_SINGLE = 2.0**-126, (2.0 - 2.0**-23) * 2.0**127  # of normal float32 numbers
 
 
-def shown(value: Any) -> str:
+def shown(value: object) -> str:
     """A value as a message shows it: what ``repr`` says, cut where it is long."""
     try:
         text = repr(value)
@@ -31,14 +31,14 @@ def one_line(error: BaseException) -> str:
     return (" ".join(str(error).split()) or type(error).__name__)[:1000]
 
 
-def listed(known: Iterable[Any], value: Any) -> str:
+def listed(known: Iterable[Any], value: object) -> str:
     """Known names as a message lists them, and which of them ``value`` may have meant."""
     names, text = [*known], value[:LONGEST] if isinstance(value, str) else ""
     near = get_close_matches(text, map(str, names), 1)
     return f"{names}; did you mean {near[0]!r}?" if near else str(names)
 
 
-def one_of(name: str, value: Any, known: Iterable[Any]) -> Any:
+def one_of(name: str, value: object, known: Iterable[Any]) -> Any:
     """Return ``value``. Raises ValueError unless it is a known name."""
     allowed = [*known]
     if not isinstance(value, (str, NoneType)) or value not in allowed:
@@ -46,7 +46,7 @@ def one_of(name: str, value: Any, known: Iterable[Any]) -> Any:
     return value
 
 
-def finite(name: str, value: Any) -> float:
+def finite(name: str, value: object) -> float:
     """Return ``value`` as a float. Raises ValueError unless it is a finite number."""
     if type(value) is float and math.isfinite(value):
         return value  # nearly always, and ten times as quick
@@ -59,7 +59,7 @@ def finite(name: str, value: Any) -> float:
     return number
 
 
-def positive(name: str, value: Any) -> float:
+def positive(name: str, value: object) -> float:
     """Return ``value`` as a float. Raises ValueError unless it is above 0."""
     number = finite(name, value)
     if number <= 0.0:
@@ -67,7 +67,7 @@ def positive(name: str, value: Any) -> float:
     return number
 
 
-def positive_single(name: str, value: Any) -> float:
+def positive_single(name: str, value: object) -> float:
     """Return ``value`` as a float. Raises ValueError unless it is above 0, as float32 too."""
     number = positive(name, value)
     if not LEAST_SINGLE <= number <= MOST_SINGLE:
@@ -78,7 +78,7 @@ def positive_single(name: str, value: Any) -> float:
     return number
 
 
-def non_negative(name: str, value: Any) -> float:
+def non_negative(name: str, value: object) -> float:
     """Return ``value`` as a float. Raises ValueError if it is below 0."""
     number = finite(name, value)
     if number < 0.0:
@@ -86,7 +86,7 @@ def non_negative(name: str, value: Any) -> float:
     return number
 
 
-def within(name: str, value: Any, low: float, high: float) -> float:
+def within(name: str, value: object, low: float, high: float) -> float:
     """Return ``value`` as a float. Raises ValueError unless ``low <= value <= high``."""
     number = finite(name, value)
     if not low <= number <= high:
@@ -94,34 +94,34 @@ def within(name: str, value: Any, low: float, high: float) -> float:
     return number
 
 
-def infinite(value: Any) -> bool:
+def infinite(value: object) -> bool:
     """Whether ``value`` is the number infinity."""
     return isinstance(value, Real) and value == math.inf
 
 
-def whole_number(name: str, value: Any, most: int | None = None, least: int = 0) -> int:
+def whole_number(name: str, value: object, most: int | None = None, least: int = 0) -> int:
     """Return ``value`` as an int. Raises ValueError unless whole, from ``least`` to ``most``."""
-    whole = isinstance(value, Integral) and not isinstance(value, bool)
-    if not whole or value < least or (most is not None and value > most):
+    whole = None if isinstance(value, bool) or not isinstance(value, Integral) else int(value)
+    if whole is None or whole < least or (most is not None and whole > most):
         allowed = " above 0" if least else ", 0 or above"
         allowed = allowed if most is None else f" from {least} to {most}"
         raise ValueError(f"{name} is {shown(value)}, must be a whole number{allowed}")
-    return int(value)
+    return whole
 
 
-def positive_integer(name: str, value: Any, most: int | None = None) -> int:
+def positive_integer(name: str, value: object, most: int | None = None) -> int:
     """Return ``value`` as an int. Raises ValueError unless it is whole, from 1 to ``most``."""
     return whole_number(name, value, most, least=1)
 
 
-def instance(name: str, value: Any, kind: type) -> Any:
+def instance(name: str, value: object, kind: type) -> Any:
     """Return ``value``. Raises ValueError unless it is of a type."""
     if not isinstance(value, kind):
         raise ValueError(f"{name} is {shown(value)}, must be a {kind.__name__}")
     return value
 
 
-def entries(name: str, value: Any, allowed: str) -> tuple[Any, ...]:
+def entries(name: str, value: object, allowed: str) -> tuple[Any, ...]:
     """Return the entries of a list, tuple, array ... Raises ValueError for anything else."""
     if isinstance(value, Iterable) and not isinstance(value, (str, bytes, Mapping, Set)):
         with contextlib.suppress(TypeError):  # of an array without dimensions
@@ -129,7 +129,7 @@ def entries(name: str, value: Any, allowed: str) -> tuple[Any, ...]:
     raise ValueError(f"{name} is {shown(value)}, must be {allowed}")
 
 
-def one_or_two(name: str, value: Any) -> tuple[float, float]:
+def one_or_two(name: str, value: object) -> tuple[float, float]:
     """Return two numbers of 0 and above: those given, or one and 0. Raises ValueError."""
     if not isinstance(value, Iterable):
         return non_negative(name, value), 0.0
@@ -139,7 +139,7 @@ def one_or_two(name: str, value: Any) -> tuple[float, float]:
     return non_negative(name, both[0]), non_negative(name, both[1])
 
 
-def load_record(kind: type, name: str, value: Any) -> Any:
+def load_record(kind: type, name: str, value: object) -> Any:
     """A dataclass of a type, also of a dictionary of its arguments; None for none."""
     if value is None or isinstance(value, kind):
         return value

@@ -156,7 +156,7 @@ def effective(robot: Robot) -> tuple[str, ...]:
     return tuple(name for name in OF_ROBOTS if not PARAMETERS[name].is_idle(robot))
 
 
-def check(label: str, name: str, value: Any) -> float:
+def check(label: str, name: str, value: object) -> float:
     """Return a parameter's value as a float; ValueError: out of its limits, called ``label``."""
     row = PARAMETERS[name]
     number = within(label, value, row.least, row.most)

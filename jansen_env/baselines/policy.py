@@ -10,20 +10,38 @@ from numpy.typing import NDArray
 
 from jansen_env.baselines.pid import PID
 from jansen_env.checks import one_of
+from jansen_env.robot import Robot
+from jansen_env.world.observations import Observed
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-Controller: TypeAlias = Callable[[Array, Any, Bools], tuple[Array, Any]]
+Memory: TypeAlias = Any
+"""What a policy passes itself from step to step."""
+
+Controller: TypeAlias = Callable[[Array, Memory, Bools], tuple[Array, Memory]]
 """For n environments side by side: from observations (n, d), the memory returned at the step before
 (None at first) and whether an episode starts (n,), to torques (n,), N m, and the memory to pass
 next."""
 
-Reference: TypeAlias = Callable[[Array, Any, Bools], tuple[Array, Array, Any]]
+Reference: TypeAlias = Callable[[Array, Memory, Bools], tuple[Array, Array, Memory]]
 """Reference of the crank: like a controller, but to the error of the crank's angle (n,), rad, of
 its speed (n,), rad/s, and the memory."""
 
 PAPER_PID = PID()
+
+
+class Controlled(Protocol):
+    """What controllers read of an unwrapped environment, of one robot or many."""
+
+    @property
+    def observed(self) -> tuple[Observed, ...]: ...
+    @property
+    def torque_limit(self) -> float: ...
+    @property
+    def control_dt(self) -> float: ...
+    @property
+    def robot(self) -> Robot: ...
 
 
 class Policy(Protocol):
@@ -32,10 +50,10 @@ class Policy(Protocol):
     def predict(
         self,
         observation: Any,
-        state: Any = None,
+        state: Memory = None,
         episode_start: Any = None,
         deterministic: bool = False,
-    ) -> tuple[Any, Any]:
+    ) -> tuple[Any, Memory]:
         """Actions for a batch of observations, and the state to pass back."""
         ...
 
@@ -49,10 +67,10 @@ class TorquePolicy:
     def predict(
         self,
         observation: Any,
-        state: Any = None,
+        state: Memory = None,
         episode_start: Any = None,
         deterministic: bool = False,
-    ) -> tuple[NDArray[np.float32], Any]:
+    ) -> tuple[NDArray[np.float32], Memory]:
         """Actions (n, 1) or (1,) for observations (n, d) or (d,), and the state to pass back."""
         batch = np.atleast_2d(np.asarray(observation, dtype=float))
         starts = np.asarray(True if state is None else episode_start, dtype=bool)
@@ -61,7 +79,7 @@ class TorquePolicy:
         return (action if np.ndim(observation) > 1 else action[0]), state
 
 
-def still(env: Any) -> TorquePolicy:
+def still(env: Controlled) -> TorquePolicy:
     """Return the policy that asks for no torque."""
     return TorquePolicy(lambda seen, *_: (np.zeros(len(seen)), None), env.torque_limit)
 
@@ -71,7 +89,7 @@ def pid_policy(
 ) -> TorquePolicy:
     """Torque from (13); the integral waits while the torque is at its limit (N m)."""
 
-    def controller(observations: Array, memory: Any, starts: Bools) -> tuple[Array, Any]:
+    def controller(observations: Array, memory: Memory, starts: Bools) -> tuple[Array, Memory]:
         before, integral = memory or (None, 0.0)  # the reference's memory; rad s
         error, error_rate, after = reference(observations, before, starts)
         torque, integral = pid.torque(
@@ -82,11 +100,12 @@ def pid_policy(
     return TorquePolicy(controller, torque_limit)
 
 
-def columns(env: Any, *names: str) -> list[int]:
+def columns(env: Controlled, *names: str) -> list[int]:
     """Return where names stand in the observation of an environment, single or batched.
 
     Raises:
         ValueError: the environment does not show one of them.
     """
-    shown = [entry.name for entry in env.unwrapped.observed]
+    inner: Controlled = getattr(env, "unwrapped", env)
+    shown = [entry.name for entry in inner.observed]
     return [shown.index(one_of("name", name, shown)) for name in names]

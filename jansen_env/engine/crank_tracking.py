@@ -78,10 +78,22 @@ def finish_step(
         rows[r].info.crank_torque = torque[r] + total.torque_impulse / period
         _describe(states[r], elapsed[r], period, rows[r], own[r], out[r])
         term, error = own[r].reward, own[r].info.tracking_error
-        term.tracking = weights[0].tracking / (1.0 + (error / TRACKING_WIDTH) ** 2)
-        term.torque = -weights[0].torque * rows[r].action ** 2
+        term.tracking = tracking(error, weights[0].tracking)
+        term.torque = torque_cost(rows[r].action, weights[0].torque)
         reward[r] = term.tracking + term.torque
         terminated[r] = abs(error) > LOST
+
+
+@stage
+def tracking(error, weight):
+    """The weight without an error (rad), half of it at :data:`TRACKING_WIDTH`."""
+    return weight / (1.0 + (error / TRACKING_WIDTH) ** 2)
+
+
+@stage
+def torque_cost(action, weight):
+    """Minus the square of the torque, as a share of its limit."""
+    return -weight * action**2
 
 
 @kernel

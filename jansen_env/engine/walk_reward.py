@@ -1,7 +1,7 @@
 """The walking task of n robots: commands, rewards and their means, on top of the readings.
 
 The reward is a product of factors, each 1 where a step is as asked for, so that none can be bought
-with another. They are documented in :class:`jansen_env.tasks.walking.JansenWalkerEnv`.
+with another. They are documented in :class:`jansen_env.tasks.walking.walker_env.JansenWalkerEnv`.
 """
 
 from __future__ import annotations
@@ -104,10 +104,7 @@ def finish_step(
         falls = falls or abs(state[2]) > settings[0].fall_pitch
         mine.info.fallen = mine.info.fallen or falls
         terminated[r] = mine.info.fallen and settings[0].ends_episode
-        compute_reward(state[2], settings[0], row, mine)
-        term = mine.reward
-        reward[r] = term.tracking * term.progress * term.slip * term.energy
-        reward[r] *= term.effort * term.smoothness * term.posture
+        reward[r] = compute_reward(state[2], settings[0], row, mine)
         mine.info.speed_command = mine.next_command
         read(r, states, robots, rows, loads, surface, scan, places, out)
         observe(r, mine.info, own_places, out)
@@ -141,33 +138,63 @@ def mean_time(command, path):
 
 @stage
 def compute_reward(pitch, settings, row, own):
-    """The reward's factors of a robot, into its row; pitch: rad, settings: of :data:`SETTINGS`."""
+    """Fill a robot's factors and return their product; pitch: rad, settings: :data:`SETTINGS`."""
     info, term = own.info, own.reward
-    speed = max(abs(info.speed_command), SLOWEST)
-    cost_of_transport = info.mean_power / (row.weight * speed)
-    change = row.action - row.action_before
-    term.tracking = tracking_score(info.lag)
-    term.progress = progress_score(info.mean_speed, info.speed_command)
-    term.slip = factor(info.mean_slip / speed / HALF_SLIP, settings.slip)
-    term.energy = factor(cost_of_transport / HALF_ENERGY, settings.energy)
-    term.effort = factor((info.rms_torque / row.weight / HALF_EFFORT) ** 2, settings.effort)
-    term.smoothness = factor((change / HALF_CHANGE) ** 2, settings.smoothness)
-    term.posture = factor((pitch / HALF_PITCH) ** 2, settings.posture)
+    pace = max(abs(info.speed_command), SLOWEST)
+    term.tracking = tracking(info.lag)
+    term.progress = progress(info.mean_speed, info.speed_command)
+    term.slip = factor(slip_cost(info.mean_slip, pace), settings.slip)
+    term.energy = factor(energy_cost(info.mean_power, row.weight, pace), settings.energy)
+    term.effort = factor(effort_cost(info.rms_torque, row.weight), settings.effort)
+    term.smoothness = factor(change_cost(row.action - row.action_before), settings.smoothness)
+    term.posture = factor(pitch_cost(pitch), settings.posture)
+    style = term.effort * term.smoothness * term.posture
+    return term.tracking * term.progress * term.slip * term.energy * style
 
 
 @stage
-def tracking_score(lag):
+def tracking(lag):
     """1 on the target, with a slope everywhere; lag: m."""
     return FLOOR + (1.0 - FLOOR) / (1.0 + (lag / HALF_LAG) ** 2)
 
 
 @stage
-def progress_score(mean_speed, command):
+def progress(mean_speed, command):
     """1 at a mean speed of once to twice the command (m/s), less in proportion on both sides."""
     if command == 0.0:
         return max(0.0, 1.0 - abs(mean_speed) / STANDING)
     ratio = mean_speed / command
     return min(1.0, max(0.0, ratio)) if ratio < CATCHING_UP else CATCHING_UP / ratio
+
+
+@stage
+def slip_cost(mean_slip, pace):
+    """Slip of all toes per metre; both m/s."""
+    return mean_slip / pace / HALF_SLIP
+
+
+@stage
+def energy_cost(mean_power, weight, pace):
+    """Cost of transport; W, N, m/s."""
+    return mean_power / (weight * pace) / HALF_ENERGY
+
+
+@stage
+def effort_cost(rms_torque, weight):
+    """Torque, N m, for the weight, N."""
+    return (rms_torque / weight / HALF_EFFORT) ** 2
+
+
+@stage
+def change_cost(change):
+    """Change of the action from step to step."""
+    return (change / HALF_CHANGE) ** 2
+
+
+@stage
+def pitch_cost(pitch):
+    """Pitch, rad."""
+    return (pitch / HALF_PITCH) ** 2
 
 
 @stage

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from typing_extensions import ParamSpec
 
 from jansen_env.checks import entries, instance, listed, positive_integer, shown, whole_number
-from jansen_env.world.argument_checks import Array, entries_of
+from jansen_env.world.argument_checks import Array, Values, entries_of
 
 P = ParamSpec("P")
 S = TypeVar("S")
@@ -60,14 +60,14 @@ def takes(
     return decorate
 
 
-def time_limit(name: str, limit: Any) -> float:
+def time_limit(name: str, limit: object) -> float:
     """Steps after which an episode is truncated; inf for None and ``gym.make``'s -1."""
     if limit is None or (isinstance(limit, Integral) and limit == -1):
         return math.inf
     return positive_integer(name, limit, MOST_EPISODE_STEPS)
 
 
-def broadcast_seeds(count: int, seed: Any) -> list[int | None]:
+def broadcast_seeds(count: int, seed: object) -> list[int | None]:
     """``count`` seeds: seed, seed + 1, ..., those of a sequence, or None."""
     if seed is None:
         return [None] * count
@@ -80,7 +80,7 @@ def broadcast_seeds(count: int, seed: Any) -> list[int | None]:
     return [None if entry is None else whole_number("seed", entry) for entry in seeds]
 
 
-def autoreset_mode(name: str, mode: Any) -> AutoresetMode:
+def autoreset_mode(name: str, mode: object) -> AutoresetMode:
     """Gymnasium's :class:`AutoresetMode`, also by its value."""
     try:
         return AutoresetMode(mode)
@@ -103,12 +103,12 @@ def reset_mask(count: int, mask: Any) -> NDArray[np.bool_]:
     return mask
 
 
-def reset_options(options: Any) -> dict[str, Any]:
+def reset_options(options: Any) -> Values:
     """The options of ``reset``, a copy; none for None. Raises ValueError for anything else."""
     return {} if options is None else dict(instance("options", options, dict))
 
 
-def broadcast_options(count: int, options: dict[str, Any]) -> list[dict[str, Any]]:
+def broadcast_options(count: int, options: Values) -> list[Values]:
     """The options of ``reset`` for each robot: arrays and lists have one entry for each."""
     columns = {
         name: entries_of(f"options[{name!r}]", value, count) for name, value in options.items()
@@ -116,7 +116,7 @@ def broadcast_options(count: int, options: dict[str, Any]) -> list[dict[str, Any
     return [{name: values[i] for name, values in columns.items()} for i in range(count)]
 
 
-def one_action(action: Any) -> Array:
+def one_action(action: object) -> Array:
     """The action (1,) of one robot as (1, 1); the number 0 stands for no torque."""
     if isinstance(action, int) and action == 0:  # what gymnasium.utils.play does without a key
         return np.zeros((1, 1))
@@ -129,7 +129,7 @@ def one_action(action: Any) -> Array:
     return values[None]
 
 
-def info_keys(value: Any, known: Sequence[str]) -> tuple[str, ...] | None:
+def info_keys(value: object, known: Sequence[str]) -> tuple[str, ...] | None:
     """Keys of the information that is wanted; None: all."""
     if value is None:
         return None
@@ -141,7 +141,7 @@ def info_keys(value: Any, known: Sequence[str]) -> tuple[str, ...] | None:
     return tuple(value)
 
 
-def complete_state(state: Mapping[str, Any], example: Mapping[str, Any]) -> None:
+def complete_state(state: Values, example: Values) -> None:
     """Raises ValueError unless a state to go on from has all that ``example`` has, and random
     numbers."""
     if not isinstance(state, Mapping):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, ClassVar, Generic, TypeVar
 
 import gymnasium as gym
@@ -14,7 +13,7 @@ from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
 from jansen_env.scoring.metrics import Benchmark
 from jansen_env.tasks.task import Task
-from jansen_env.world.argument_checks import RENDER_MODES
+from jansen_env.world.argument_checks import RENDER_MODES, Values
 from jansen_env.world.observations import Observed
 from jansen_env.world.settings import RobotSettings
 
@@ -37,9 +36,9 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         observed: name, unit, limits and noise of each number of the observation.
     """
 
-    metadata: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": 50}
+    metadata: Values = {"render_modes": RENDER_MODES, "render_fps": 50}
     SETTINGS: ClassVar[type[RobotSettings]]
-    PRESET: ClassVar[Mapping[str, Any]] = {}
+    PRESET: ClassVar[Values] = {}
     BENCHMARK: ClassVar[Benchmark] = Benchmark()
 
     def __init__(self, task: ATask, render_mode: str | None) -> None:
@@ -68,8 +67,8 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         return 0 in self._renderers and self._renderers[0].dismissed
 
     def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
+        self, *, seed: int | None = None, options: Values | None = None
+    ) -> tuple[Observation, Values]:
         """Start an episode; Starting State lists the ``options``.
 
         Raises:
@@ -89,9 +88,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
             self.render()
         return self.task.observation[0].copy(), self.task.information.single(0)
 
-    def step(
-        self, action: NDArray[np.float32]
-    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, Values]:
         """Hold an action for ``control_dt`` seconds.
 
         Raises:
@@ -119,7 +116,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         """Change the robot from now on, see :meth:`jansen_env.tasks.task.Task.set_parameters`."""
         self.task.set_parameters(0, **changes)
 
-    def push(self, impulse: Any) -> None:
+    def push(self, impulse: object) -> None:
         """Push the robot from now on, see :meth:`jansen_env.world.world.World.push`.
 
         Raises:
@@ -128,7 +125,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         self._check_begun()
         self.task.world.push(0, impulse)
 
-    def scene(self) -> dict[str, Any]:
+    def scene(self) -> Values:
         """Return the arguments of the renderer, which stay the same in an episode."""
         return self.task.scene(0)
 
@@ -136,7 +133,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         """Return the picture data of the robot as it stands."""
         return self.task.world.frame(0, self.task.command(0))
 
-    def get_state(self) -> dict[str, Any]:
+    def get_state(self) -> Values:
         """Return all that the future of this robot depends on; :meth:`set_state` continues bit for
         bit.
 
@@ -144,7 +141,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         """
         return {**self.task.get_state(0), "generator": self.np_random.bit_generator.state}
 
-    def set_state(self, state: dict[str, Any]) -> Observation:
+    def set_state(self, state: Values) -> Observation:
         """Go on from a state of :meth:`get_state`; returns its observation.
 
         A time limit outside the environment (``TimeLimit``) keeps its own count.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import partial
 from typing import Any, ClassVar, Generic
@@ -24,6 +24,7 @@ from jansen_env.world.argument_checks import (
     Bools,
     Ints,
     Settings,
+    Values,
     each,
     optional,
     render_mode,
@@ -87,9 +88,9 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         ValueError: an argument out of range, or not one for each robot.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 50}
+    metadata: Values = {"render_modes": ["rgb_array"], "render_fps": 50}
     SINGLE: ClassVar[type[SingleEnv[Any]]]
-    PRESET: ClassVar[Mapping[str, Any]] = {}
+    PRESET: ClassVar[Values] = {}
 
     @classmethod
     def of(cls, single: type[SingleEnv[Any]]) -> type[Self]:
@@ -136,8 +137,8 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         self,
         *,
         seed: int | Sequence[int | None] | None = None,
-        options: dict[str, Any] | None = None,
-    ) -> tuple[Observations, dict[str, Any]]:
+        options: Values | None = None,
+    ) -> tuple[Observations, Values]:
         """Start episodes: of all robots, or of those in ``options["reset_mask"]`` (num_envs,).
 
         Args:
@@ -156,9 +157,9 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
     def reset_each(
         self,
         seeds: Sequence[int | None],
-        options: Sequence[dict[str, Any]],
+        options: Sequence[Values],
         mask: Bools | None = None,
-    ) -> tuple[Observations, dict[str, Any]]:
+    ) -> tuple[Observations, Values]:
         """:meth:`reset` with a seed and options for each robot; ``mask`` (num_envs,) names some."""
         mask = np.ones(self.num_envs, bool) if mask is None else mask
         which, before = np.flatnonzero(mask), (self._generators[:], self._seeds[:])
@@ -173,7 +174,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         self._begun |= mask
         return self.task.observation.copy(), self._infos(mask)
 
-    def restart(self, which: Ints, options: Sequence[dict[str, Any]] | None = None) -> None:
+    def restart(self, which: Ints, options: Sequence[Values] | None = None) -> None:
         """Start the next episodes of some robots."""
         self.task.reset(which, [self._generator(i) for i in which.tolist()], options)
         self._elapsed[which] = 0
@@ -181,7 +182,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
 
     def step(
         self, actions: NDArray[np.float32]
-    ) -> tuple[Observations, Array, Bools, Bools, dict[str, Any]]:
+    ) -> tuple[Observations, Array, Bools, Bools, Values]:
         """Hold each robot's action for ``control_dt`` seconds.
 
         Raises:
@@ -211,7 +212,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         self._done = terminated | truncated
         return terminated, truncated
 
-    def _restart_in_step(self, done: Bools) -> dict[str, Any]:
+    def _restart_in_step(self, done: Bools) -> Values:
         """Start the next episodes where ``done``; the information has the last observations."""
         final = np.full(self.num_envs, None, object)
         for i in np.flatnonzero(done).tolist():
@@ -223,7 +224,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         infos["final_info"], infos["_final_info"] = last, done.copy()
         return infos
 
-    def _infos(self, known: Bools) -> dict[str, Any]:
+    def _infos(self, known: Bools) -> Values:
         return self.task.information.batched(known, self.info_keys)
 
     def _awaiting_reset(self) -> Bools:
@@ -235,7 +236,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         """Change robot ``i`` from now on, see :meth:`jansen_env.tasks.task.Task.set_parameters`."""
         self.task.set_parameters(i, **changes)
 
-    def push(self, i: int, impulse: Any) -> None:
+    def push(self, i: int, impulse: object) -> None:
         """Push robot ``i`` from now on, see :meth:`jansen_env.world.world.World.push`.
 
         With ``NEXT_STEP`` a robot whose episode is over is not pushed: its next step resets it.
@@ -248,12 +249,12 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
             raise gym.error.ResetNeeded(f"robot {i} must be reset before push()")
         self.task.world.push(i, impulse)
 
-    def get_state(self, i: int) -> dict[str, Any]:
+    def get_state(self, i: int) -> Values:
         """Return all that the future of robot ``i`` depends on, as of the single environment."""
         generator = self._generator(i).bit_generator.state
         return {**self.task.get_state(i), "generator": generator}
 
-    def set_state(self, i: int, state: dict[str, Any]) -> Observations:
+    def set_state(self, i: int, state: Values) -> Observations:
         """Let robot ``i`` go on from a state of :meth:`get_state`; returns its observation.
 
         Its count towards ``max_episode_steps`` stays.

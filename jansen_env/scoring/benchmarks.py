@@ -13,6 +13,7 @@ from jansen_env.checks import listed, one_of, positive_integer
 from jansen_env.dynamics.projection import leg_sides
 from jansen_env.registration import IDS
 from jansen_env.scoring.metrics import Benchmark
+from jansen_env.world.argument_checks import Values
 from jansen_env.world.settings import load_robot
 
 
@@ -54,9 +55,7 @@ def find_benchmark(env_id: str) -> Benchmark:
     return BENCHMARKS[one_of("environment id", env_id, sorted(BENCHMARKS))]
 
 
-def can_be_batched(
-    env_id: str, env_kwargs: dict[str, Any], variants: Sequence[dict[str, Any]] = ({},)
-) -> bool:
+def can_be_batched(env_id: str, env_kwargs: Values, variants: Sequence[Values] = ({},)) -> bool:
     """Whether one batch can hold environments with these arguments."""
     settings = single_env(env_id).SETTINGS
     together, alone = settings.marked("several"), settings.marked("single_only")
@@ -76,7 +75,7 @@ def vector_env(env_id: str) -> Any:
     return load_env_creator(entry)
 
 
-def check_env_kwargs(env_id: str, env_kwargs: dict[str, Any]) -> None:
+def check_env_kwargs(env_id: str, env_kwargs: Values) -> None:
     """Check the names of an environment's arguments, and its time limit; it checks the rest itself.
 
     Gymnasium's own arguments, with which other code could be made to run, are refused.

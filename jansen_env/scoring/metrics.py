@@ -102,7 +102,7 @@ class Benchmark:
         """The command in the middle of the grid."""
         return self.commands[(len(self.commands) - 1) // 2]
 
-    def options(self, command: Any) -> dict[str, Any]:
+    def options(self, command: object) -> dict[str, Any]:
         """Return the options of a reset with a command."""
         return {self.option: command} if self.option else {}
 
@@ -112,16 +112,20 @@ def mean_of(name: str) -> Callable[[Episodes, Env], Array]:
     return lambda run, _: np.asarray(run[name], dtype=float)
 
 
-def horizon(env: Any) -> float:
+def horizon(env: Env) -> float:
     """Return the time limit of an episode, s."""
-    return float(env.spec.max_episode_steps * env.unwrapped.control_dt)
+    return float(
+        env.get_wrapper_attr("spec").max_episode_steps * env.get_wrapper_attr("control_dt")
+    )
 
 
-def per_weight(name: str) -> Callable[[Episodes, Any], Array]:
+def per_weight(name: str) -> Callable[[Episodes, Env], Array]:
     """Return a metric's function: work / weight, m; of the episodes' own "weight", N, if any."""
 
-    def work_per_weight(run: Episodes, env: Any) -> Array:
-        return np.asarray(run[name] / run.get("weight", env.unwrapped.task.world.weight[0]))
+    def work_per_weight(run: Episodes, env: Env) -> Array:
+        return np.asarray(
+            run[name] / run.get("weight", env.get_wrapper_attr("task").world.weight[0])
+        )
 
     return work_per_weight
 

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.world.argument_checks import Values
+
 Bools = NDArray[np.bool_]
 
 
@@ -27,10 +29,10 @@ class InfoBuilder:
 
     def __init__(
         self,
-        world: NDArray[Any],
-        task: NDArray[Any],
-        arrays: Mapping[str, NDArray[Any]],
-        groups: Mapping[str, NDArray[Any]],
+        world: NDArray[np.void],
+        task: NDArray[np.void],
+        arrays: Mapping[str, NDArray[np.generic]],
+        groups: Mapping[str, NDArray[np.generic]],
     ) -> None:
         self._world, self._task = world[["info", "energy"]], task[["info", "reward"]]
         self._arrays, self._more = dict(arrays), dict(groups)
@@ -44,7 +46,7 @@ class InfoBuilder:
         self._names, self._of_any = tuple(of_any), {**of_any, **arrays}
         self.keys: tuple[str, ...] = (*self._of_any, *self._groups)
 
-    def single(self, row: int) -> dict[str, Any]:
+    def single(self, row: int) -> Values:
         """Return that of one robot, in Python's own types."""
         world: Any = self._world.item(row)
         task: Any = self._task.item(row)
@@ -56,7 +58,7 @@ class InfoBuilder:
             info[name] = array[row].copy() if array.ndim > 1 else array.item(row)
         return info
 
-    def batched(self, known: Bools, keys: Sequence[str] | None = None) -> dict[str, Any]:
+    def batched(self, known: Bools, keys: Sequence[str] | None = None) -> Values:
         """Return Gymnasium's vector information: arrays, 0 where not ``known``, each with a mask.
 
         ``keys``: those wanted, None for all.
@@ -72,10 +74,10 @@ class InfoBuilder:
         return infos
 
 
-def _masked(arrays: Mapping[str, Any], wanted: Sequence[str], known: Bools) -> dict[str, Any]:
+def _masked(arrays: Values, wanted: Sequence[str], known: Bools) -> Values:
     """Return copies of those wanted, 0 where not ``known``, each with its mask."""
     every = bool(known.all())
-    infos: dict[str, Any] = {}
+    infos: Values = {}
     for name in wanted:
         if name in arrays:
             infos[name], infos[f"_{name}"] = arrays[name].copy(), known.copy()

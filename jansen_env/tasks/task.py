@@ -10,13 +10,22 @@ from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.checks import MOST_SINGLE, listed, within
 from jansen_env.engine import readings
 from jansen_env.tasks.information import InfoBuilder
 from jansen_env.uniform import uniform
-from jansen_env.world.argument_checks import Array, Bools, Ints, flag, number_range, option
+from jansen_env.world.argument_checks import (
+    Arguments,
+    Array,
+    Bools,
+    Ints,
+    Values,
+    flag,
+    number_range,
+    option,
+)
 from jansen_env.world.observations import Observed
 from jansen_env.world.settings import HeldSettings, WorldSettings
 from jansen_env.world.world import Numbers, World
@@ -92,7 +101,7 @@ class Task(ABC):
         """Return all observations in their order: by default those of the world come first."""
         return (*world, *self.OBSERVED)
 
-    def draw(self, i: int, rng: np.random.Generator, options: dict[str, Any]) -> Numbers:
+    def draw(self, i: int, rng: np.random.Generator, options: Values) -> Numbers:
         """Draw numbers of :attr:`INFO` of a robot's next episode; nothing may change yet."""
         return {}
 
@@ -124,7 +133,7 @@ class Task(ABC):
         self,
         which: Ints,
         generators: Sequence[np.random.Generator],
-        options: Sequence[dict[str, Any]] | None = None,
+        options: Sequence[Values] | None = None,
     ) -> None:
         """Start episodes of robots (k,), each with its generator and the options of its reset.
 
@@ -150,7 +159,7 @@ class Task(ABC):
         self.begin(which)
         self.describe(which)
 
-    def _clear(self, i: int, numbers: Mapping[str, Any]) -> None:
+    def _clear(self, i: int, numbers: Values) -> None:
         """Put a robot's numbers of :attr:`INFO` in the place of those of its last episode."""
         self.data[i] = np.zeros((), self.data.dtype)
         self.rewards[i], self.ended[i] = 0.0, False
@@ -162,7 +171,7 @@ class Task(ABC):
         return 0.0, 0.0
 
     def step(
-        self, actions: Any, active: Bools, meanwhile: Callable[[], None] | None = None
+        self, actions: ArrayLike, active: Bools, meanwhile: Callable[[], None] | None = None
     ) -> None:
         """Hold actions (n, 1) of the ``active`` robots (n,), see :meth:`World.step`."""
         self.world.step(actions, active, self.finish_step, meanwhile)
@@ -188,11 +197,11 @@ class Task(ABC):
         for name, values in observed.items():
             self.observation[which, self.columns[name]] = values[which]
 
-    def step_arguments(self) -> tuple[Any, ...]:
+    def step_arguments(self) -> Arguments:
         """Return the arguments of the engine's ``finish_step`` but the first."""
         return self.world.step_arguments()
 
-    def describe_arguments(self) -> tuple[Any, ...]:
+    def describe_arguments(self) -> Arguments:
         """Return the arguments of the engine's ``describe`` but the first."""
         return self.world.describe_arguments()
 
@@ -220,11 +229,11 @@ class Task(ABC):
         self.world.change(i, checked)
         apply()  # all or nothing
 
-    def change(self, i: int, changes: Mapping[str, Any]) -> Callable[[], None]:
+    def change(self, i: int, changes: Values) -> Callable[[], None]:
         """Check changes of :attr:`SETTABLE`; return a function that applies them."""
         return lambda: None
 
-    def get_attr(self, name: str) -> list[Any] | None:
+    def get_attr(self, name: str) -> list[object] | None:
         """Return an attribute of each robot; None for a name that is no robot's."""
         return self.world.get_attr(name)
 
@@ -232,16 +241,16 @@ class Task(ABC):
         """Return the command that is drawn with a robot, None for none."""
         return None
 
-    def scene(self, i: int) -> dict[str, Any]:
+    def scene(self, i: int) -> Values:
         """Return the arguments of :class:`jansen_env.rendering.Renderer` to draw a robot."""
         return self.world.scene(i)
 
-    def get_state(self, i: int) -> dict[str, Any]:
+    def get_state(self, i: int) -> Values:
         """Return all that a robot's future depends on but its random numbers."""
         numbers = {name: self.info[name][i].item() for name in self._kept}
         return {**self.world.get_state(i), **numbers}
 
-    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
+    def set_state(self, i: int, state: Values) -> None:
         """Go on from a complete state of :meth:`get_state`; ValueError: an entry out of range."""
         checked, own = self.world.checked_state(i, state), self.checked_state(state)
         self.world.restore(i, checked)
@@ -249,7 +258,7 @@ class Task(ABC):
         self.resume(i, own)
         self.describe(np.array([i]))
 
-    def checked_state(self, state: Mapping[str, Any]) -> dict[str, Any]:
+    def checked_state(self, state: Values) -> Values:
         """Return the task's entries of a state. Raises ValueError: one is out of range."""
         return {
             name: flag(f"state[{name!r}]", state[name])
@@ -258,19 +267,19 @@ class Task(ABC):
             for name in self._kept
         }
 
-    def in_range(self, label: str, name: str, value: Any) -> float:
+    def in_range(self, label: str, name: str, value: object) -> float:
         """Return a number within the limits of its name, if observed. Raises ValueError."""
         limits = {entry.name: (entry.low, entry.high) for entry in self.observed}
         low, high = limits.get(name, (-MOST_SINGLE, MOST_SINGLE))  # as it will be observed
         return within(f"{label}[{name!r}]", value, max(low, -MOST_SINGLE), min(high, MOST_SINGLE))
 
-    def resume(self, i: int, state: Mapping[str, Any]) -> None:
+    def resume(self, i: int, state: Values) -> None:
         """Begin to go on from a checked state, whose numbers :attr:`info` has."""
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> Values:
         return {**self.__dict__, "information": None, "info": None}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
+    def __setstate__(self, state: Values) -> None:
         self.__dict__.update(state)
         self._connect()
         self._step_arguments = self.step_arguments()
@@ -292,13 +301,13 @@ class CommandedTask(Task):
         self.speed_command = np.array(settings.each("speed_command"), float)
         super().__init__(settings, threads)
 
-    def draw(self, i: int, rng: np.random.Generator, options: dict[str, Any]) -> Numbers:
+    def draw(self, i: int, rng: np.random.Generator, options: Values) -> Numbers:
         """Draw a robot's command."""
         command = uniform(rng, *self.speed_command[i])
         command = option(options, "speed_command", command, -self.FASTEST, self.FASTEST)
         return {"speed_command": command}
 
-    def change(self, i: int, changes: Mapping[str, Any]) -> Callable[[], None]:
+    def change(self, i: int, changes: Values) -> Callable[[], None]:
         """Check another range of commands, which are drawn from it from now on."""
         if "speed_command" not in changes:
             return super().change(i, changes)
@@ -306,7 +315,7 @@ class CommandedTask(Task):
         value = number_range("speed_command", changes["speed_command"], *limits)
         return partial(self.speed_command.__setitem__, i, value)
 
-    def get_attr(self, name: str) -> list[Any] | None:
+    def get_attr(self, name: str) -> list[object] | None:
         """Return an attribute of each robot: the ranges of commands, and the world's."""
         if name == "speed_command":
             return [(low, high) for low, high in self.speed_command.tolist()]

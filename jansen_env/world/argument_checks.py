@@ -5,7 +5,7 @@ All functions raise ValueError for anything else than they describe.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import Field, dataclass, field, fields
 from typing import Any, ClassVar, TypeAlias, TypeVar
 
@@ -21,6 +21,10 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 Check: TypeAlias = Callable[[str, Any], Any]  # of an argument's name and value
+Values: TypeAlias = dict[str, Any]
+"""Values by name: options of a reset, changes, states, information."""
+Arguments: TypeAlias = tuple[Any, ...]
+"""Arguments of a kernel but the first."""
 
 T = TypeVar("T")
 Range = TypeAliasType("Range", float | Sequence[float])  # a number, or (low, high)
@@ -49,14 +53,14 @@ def control_period(control_dt: Any, time_step: Any) -> tuple[float, float]:
     return period, step
 
 
-def flag(name: str, value: Any) -> bool:
+def flag(name: str, value: object) -> bool:
     """A switch: True or False."""
     if not isinstance(value, (bool, np.bool_)):
         raise ValueError(f"{name} is {shown(value)}, must be True or False")
     return bool(value)
 
 
-def finite_numbers(name: str, value: Any, count: int) -> Array:
+def finite_numbers(name: str, value: object, count: int) -> Array:
     """Finite numbers (count,), a copy."""
     numbers = numbers_of(value)
     if numbers.shape != (count,) or not np.isfinite(numbers).all():
@@ -64,7 +68,7 @@ def finite_numbers(name: str, value: Any, count: int) -> Array:
     return numbers
 
 
-def start_noise(name: str, value: Any) -> float:
+def start_noise(name: str, value: object) -> float:
     """The scale of a start's error: at most the speed beyond which a state has diverged."""
     return within(name, value, 0.0, DIVERGED)
 
@@ -74,7 +78,7 @@ def optional(check: Check) -> Check:
     return lambda name, value: None if value is None else check(name, value)
 
 
-def number_range(name: str, value: Any, least: float, most: float) -> tuple[float, float]:
+def number_range(name: str, value: object, least: float, most: float) -> tuple[float, float]:
     """A number or a pair between ``least`` and ``most`` as (low, high)."""
     pair: tuple[Any, ...] = (value, value)
     if isinstance(value, (tuple, list, np.ndarray)):
@@ -88,7 +92,7 @@ def number_range(name: str, value: Any, least: float, most: float) -> tuple[floa
 
 
 def option(
-    options: Mapping[str, Any],
+    options: Values,
     name: str,
     drawn: float,
     low: float = -np.inf,
@@ -98,7 +102,7 @@ def option(
     return within(f"options[{name!r}]", options[name], low, high) if name in options else drawn
 
 
-def entries_of(name: str, value: Any, count: int) -> list[Any]:
+def entries_of(name: str, value: object, count: int) -> list[Any]:
     """``count`` values: the entries of a sequence or array (count,), or one value repeated."""
     if isinstance(value, np.ndarray):
         value = value.tolist()
@@ -109,7 +113,7 @@ def entries_of(name: str, value: Any, count: int) -> list[Any]:
     return list(value)
 
 
-def render_mode(name: str, mode: Any, allowed: Sequence[str] = RENDER_MODES) -> str | None:
+def render_mode(name: str, mode: object, allowed: Sequence[str] = RENDER_MODES) -> str | None:
     """None, or one of the modes allowed."""
     if mode is None or (isinstance(mode, str) and mode in allowed):
         return mode
@@ -137,7 +141,7 @@ def each(default: Any, check: Check, several: Callable[[Any], bool] | None = Non
 def range_each(default: Any, least: float, most: float, check: Any = number_range) -> Any:
     """A field that becomes a list of (low, high); arrays and lists of ranges are one for each."""
 
-    def several(value: Any) -> bool:
+    def several(value: object) -> bool:
         return isinstance(value, np.ndarray) or (
             isinstance(value, (list, tuple))
             and any(isinstance(part, (list, tuple, np.ndarray)) for part in value)
@@ -169,7 +173,7 @@ class Settings:
             if "check" in argument.metadata:
                 self._set(argument.name, self._checked(argument))
 
-    def _set(self, name: str, value: Any) -> None:
+    def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)
 
     def _checked(self, argument: Field[Any]) -> Any:
@@ -193,6 +197,6 @@ class Settings:
         return list(value) if isinstance(value, list) else [value] * self.count
 
     @classmethod
-    def marked(cls, mark: str) -> dict[str, Any]:
+    def marked(cls, mark: str) -> Values:
         """Return the defaults of the fields with a mark, "several" or "single_only", by name."""
         return {one.name: one.default for one in fields(cls) if one.metadata.get(mark)}

@@ -16,6 +16,7 @@ from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import nearest_dead_point
 from jansen_env.robot.lengths import lengths, with_lengths
+from jansen_env.world.argument_checks import Values
 from jansen_env.world.observations import EXACT, Observed
 from jansen_env.world.randomization import EVERY, Distribution
 
@@ -50,7 +51,7 @@ class EpisodeLengths:
     """
 
     def __init__(
-        self, robots: Sequence[Robot], randomizations: Sequence[Mapping[str, Any]], observed: bool
+        self, robots: Sequence[Robot], randomizations: Sequence[Values], observed: bool
     ) -> None:
         self.own, self.nominal = list(robots), list(robots)
         self.changed: list[dict[str, float]] = [{} for _ in robots]
@@ -77,7 +78,7 @@ class EpisodeLengths:
         self._note(range(len(self.nominal)))
 
     def plan(
-        self, i: int, given: Any, seed: int | None, robot: Robot | None = None
+        self, i: int, given: Mapping[str, float], seed: int | None, robot: Robot | None = None
     ) -> Build | None:
         """Return a robot's next episode's; None where all stays as it is by itself.
 

@@ -29,7 +29,7 @@ from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.terrain import Terrain
 from jansen_env.terrain.curriculum import Curriculum
 from jansen_env.terrain.generators import Generator
-from jansen_env.world.argument_checks import Ints, finite_numbers
+from jansen_env.world.argument_checks import Ints, Values, finite_numbers
 from jansen_env.world.episode_lengths import Build
 from jansen_env.world.randomization import Randomization, Uniform
 from jansen_env.world.settings import HeldSettings, WorldSettings
@@ -127,7 +127,7 @@ class EpisodeParameters:
         parameters.take_load(self.nominal[i], robot)
         self.randomizations[i] = self._draws(i, robot)
 
-    def checked_level(self, i: int, level: Any) -> int:
+    def checked_level(self, i: int, level: object) -> int:
         """Return a terrain level of a robot; ValueError: out of range, or its ground has none."""
         self.check_names(i, ["terrain_level"], "set_parameters")
         return round(check("terrain_level", "terrain_level", level))
@@ -178,7 +178,7 @@ class EpisodeParameters:
         resting_depth(mass, stiffness, GRAVITY * mathematics.cos(values["tilt"]))
 
     def plan(
-        self, i: int, rng: np.random.Generator, options: Mapping[str, Any], delay: float,
+        self, i: int, rng: np.random.Generator, options: Values, delay: float,
         walked: float, command: float, build: Build | None = None,
     ) -> Plan:  # fmt: skip
         """Return a robot's next episode; nothing changes yet but the generator's state.
@@ -265,9 +265,9 @@ class EpisodeParameters:
             return robot
         return replace(robot, payload=Payload(mass, position=(place[0], place[1])))
 
-    def state(self, i: int) -> dict[str, Any]:
+    def state(self, i: int) -> Values:
         """Return parameters and terrain of a robot's episode, in plain numbers."""
-        state: dict[str, Any] = {
+        state: Values = {
             "parameters": dict(zip(PARAMETERS, self.values[i].item(), strict=True)),
             "level": int(self.level[i]),
         }
@@ -277,7 +277,7 @@ class EpisodeParameters:
             state["ground"] = (terrain.friction, terrain.restitution)
         return state
 
-    def planned(self, i: int, state: Mapping[str, Any], robot: Robot) -> tuple[Plan, int]:
+    def planned(self, i: int, state: Values, robot: Robot) -> tuple[Plan, int]:
         """Return a ``robot``'s episode of a :meth:`state`, and the level; ValueError: no range."""
         given = state["parameters"]
         if not isinstance(given, Mapping) or {*given} != {*PARAMETERS}:

@@ -12,7 +12,6 @@ They are drawn from the episode's seed and counters (:mod:`jansen_env.engine.ran
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -53,7 +52,7 @@ class Push:
         object.__setattr__(self, "duration", duration)
 
 
-def check_schedule(name: str, pushes: Any) -> Array:
+def check_schedule(name: str, pushes: object) -> Array:
     """Return an episode's own pushes (k, 3): start, s, and impulses in x and y, N s; ValueError."""
     allowed = f"a list of at most {MOST_PUSHES} (t, Jx, Jy)"
     triples = [tuple(entries(name, push, allowed)) for push in entries(name, pushes, allowed)]

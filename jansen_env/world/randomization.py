@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple, Protocol, TypeAlias
+from typing import Any, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 
 from jansen_env.checks import entries, listed, shown, within
 from jansen_env.parameters import PARAMETERS, SCALE, check
 from jansen_env.uniform import uniform
-from jansen_env.world.argument_checks import number_range
+from jansen_env.world.argument_checks import Values, number_range
 
 
+@runtime_checkable
 class Distribution(Protocol):
     """Protocol of what draws a number."""
 
@@ -42,9 +43,7 @@ EVERY = "*"  # stands for all lengths
 WIDEST = 0.9  # by which a length may be shorter
 
 
-def load_randomization(
-    name: str, value: Any, parameters: Iterable[str] | None = None
-) -> dict[str, Any]:
+def load_randomization(name: str, value: object, parameters: Iterable[str] | None = None) -> Values:
     """Return the distributions of ``randomize``: a :data:`Randomization`, and "lengths".
 
     ``value``: by name a number, (low, high) for a uniform draw (of whole numbers where the
@@ -61,7 +60,7 @@ def load_randomization(
     known = [*parameters, "lengths"]
     if unknown := sorted(map(str, {*given} - {*known})):
         raise ValueError(f"{name} has {unknown}, must be of {listed(known, unknown[0])}")
-    found: dict[str, Any] = {k: _distribution(k, given[k]) for k in parameters if k in given}
+    found: Values = {k: _distribution(k, given[k]) for k in parameters if k in given}
     if "lengths" in given:
         every = given["lengths"]
         each = every if isinstance(every, Mapping) else {EVERY: every}
@@ -69,8 +68,8 @@ def load_randomization(
     return found
 
 
-def _factor(name: str, value: Any) -> Distribution:
-    if callable(getattr(value, "sample", None)):
+def _factor(name: str, value: object) -> Distribution:
+    if isinstance(value, Distribution):
         return value
     label = "randomize['lengths']" + ("" if name == EVERY else f"[{name!r}]")
     if isinstance(value, (tuple, list, np.ndarray)):
@@ -79,8 +78,8 @@ def _factor(name: str, value: Any) -> Distribution:
     return Uniform(1.0 - spread, 1.0 + spread)
 
 
-def _distribution(name: str, value: Any) -> Distribution:
-    if callable(getattr(value, "sample", None)):
+def _distribution(name: str, value: object) -> Distribution:
+    if isinstance(value, Distribution):
         return value
     label = f"randomize[{name!r}]"
     pair: tuple[Any, ...] = (value, value)

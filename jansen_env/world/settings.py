@@ -5,7 +5,7 @@ All functions raise ValueError for a value out of range.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
@@ -37,6 +37,7 @@ from jansen_env.world.argument_checks import (
     PerRobot,
     Range,
     Settings,
+    Values,
     each,
     flag,
     number_range,
@@ -53,7 +54,7 @@ FLAT = Terrain.flat()  # where a robot stands before its ground is drawn
 FURTHEST_SCAN, MOST_SCANNED = 100.0, 1000  # m, and places, of a height scan
 
 
-def _by_name(kind: type, known: Mapping[str, Any], name: str, value: Any) -> Any:
+def _by_name(kind: type, known: Values, name: str, value: object) -> Any:
     """Return a value of a type, or a known one by its name."""
     if isinstance(value, kind):
         return value
@@ -63,7 +64,7 @@ def _by_name(kind: type, known: Mapping[str, Any], name: str, value: Any) -> Any
     return known[value]
 
 
-def load_robot(name: str, value: Any) -> Robot:
+def load_robot(name: str, value: object) -> Robot:
     """A robot, also by the name of a design or the path of its file."""
     if isinstance(value, (str, Path)) and str(value).endswith(".json"):
         return read_robot(value)
@@ -80,37 +81,37 @@ load_motor = partial(_by_name, Motor, MOTORS)
 load_compliance = partial(instance, kind=Compliance)
 
 
-def load_payload(name: str, value: Any) -> Payload:
+def load_payload(name: str, value: object) -> Payload:
     """A payload, also by its mass at the crank axis, kg."""
     return value if isinstance(value, Payload) else Payload(non_negative(name, value))
 
 
-def load_curriculum(name: str, value: Any) -> Curriculum | None:
+def load_curriculum(name: str, value: object) -> Curriculum | None:
     """A curriculum; True stands for the default one, None and False for none."""
     if value is None or isinstance(value, (bool, np.bool_)):
         return Curriculum() if value else None
     return instance(name, value, Curriculum)
 
 
-def _plant_name(name: str, value: Any) -> str:
+def _plant_name(name: str, value: str) -> str:
     plant_time_step(value)  # refuses another name
     return value
 
 
-def _several_terrains(value: Any) -> bool:
+def _several_terrains(value: object) -> bool:
     return isinstance(value, (list, tuple)) and all(
         isinstance(one, (Terrain, str)) or callable(one) for one in value
     )
 
 
-def _levels(name: str, value: Any, least: float, most: float) -> tuple[float, float]:
+def _levels(name: str, value: object, least: float, most: float) -> tuple[float, float]:
     low, high = number_range(name, value, least, most)
     if (low, high) != (round(low), round(high)):
         raise ValueError(f"{name} is {shown(value)}, must be whole numbers")
     return low, high
 
 
-def scanned_places(name: str, scan: Any) -> Array:
+def scanned_places(name: str, scan: object) -> Array:
     """(count,) m, places from the crank axis, of (behind, ahead, count); none for None."""
     if scan is None:
         return np.empty(0)
@@ -138,7 +139,7 @@ class RobotSettings(Settings):
     delay: PerRobot[Range] = range_each(0.0, 0.0, LONGEST_DELAY)
     control_dt: float = 0.02
     track_joint_forces: bool = shared(False, flag, single_only=True)
-    randomize: PerRobot[Mapping[str, Any] | None] = each(None, load_randomization)
+    randomize: PerRobot[Values | None] = each(None, load_randomization)
     reset_noise_scale: PerRobot[float] = each(0.1, start_noise)
     observe_lengths: bool = shared(False, flag)
 
@@ -162,7 +163,7 @@ class RobotSettings(Settings):
     ) -> Robot:
         """Return a robot with other parts, where they are not None."""
         given = {"payload": payload, "motor": motor, "pad_compliance": pad_compliance}
-        parts: dict[str, Any] = {name: part for name, part in given.items() if part is not None}
+        parts: Values = {name: part for name, part in given.items() if part is not None}
         if motor is None and torque_limit is None and robot.motor == IDEAL:
             torque_limit = cls.ideal_torque
         equipped = replace(robot, **parts)
@@ -215,8 +216,8 @@ class WorldSettings(RobotSettings):
     terrain_level: PerRobot[int | Sequence[int]] = range_each(0, 0, HIGHEST, _levels)
     curriculum: Curriculum | bool | None = shared(None, load_curriculum)
     height_scan: Sequence[float] | None = shared(None, scanned_places)
-    noise: Noise | Mapping[str, Any] | None = shared(None, partial(load_record, Noise))
-    push: Push | Mapping[str, Any] | None = shared(None, partial(load_record, Push))
+    noise: Noise | Values | None = shared(None, partial(load_record, Noise))
+    push: Push | Values | None = shared(None, partial(load_record, Push))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -239,6 +240,4 @@ class HeldSettings(RobotSettings):
 
     control_dt: float = 0.01
     time_step: float = shared(0.001, lambda name, value: check_time_step(value))
-    randomize: PerRobot[Mapping[str, Any] | None] = each(
-        None, partial(load_randomization, parameters=())
-    )
+    randomize: PerRobot[Values | None] = each(None, partial(load_randomization, parameters=()))

@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.checks import entries, shown, whole_number, within
 from jansen_env.dynamics.joint_forces import JointForces
@@ -34,10 +34,12 @@ from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.robot.robot_file import robot_from_json, robot_to_json
 from jansen_env.uniform import uniform
 from jansen_env.world.argument_checks import (
+    Arguments,
     Array,
     Bools,
     Check,
     Ints,
+    Values,
     control_period,
     finite_numbers,
     flag,
@@ -59,7 +61,7 @@ from jansen_env.world.settings import (
 )
 
 Numbers = dict[str, float]
-Draw = Callable[[int, np.random.Generator, dict[str, Any]], Numbers]
+Draw = Callable[[int, np.random.Generator, Values], Numbers]
 """Draws a task's numbers of a robot's episode, with the options of its reset."""
 Progress = Callable[[int], tuple[float, float]]
 """A robot's progress in its last episode, m, and its mean commanded speed, m/s."""
@@ -153,7 +155,7 @@ class World:
         self.lengths = EpisodeLengths(self.robots, randomize, settings.observe_lengths)
         self._share_arrays()
 
-    def _find_longest_delay(self, randomize: Sequence[Mapping[str, Any]]) -> float:
+    def _find_longest_delay(self, randomize: Sequence[Values]) -> float:
         """Return the longest delay of any episode, s; ValueError: too long for this period."""
         drawn = [ranges["delay"] for ranges in randomize if "delay" in ranges]
         most = [one.high if isinstance(one, Uniform) else LONGEST_DELAY for one in drawn]
@@ -294,7 +296,7 @@ class World:
         self,
         which: Ints,
         generators: Sequence[np.random.Generator],
-        options: Sequence[dict[str, Any]],
+        options: Sequence[Values],
         draw: Draw,
         progress: Progress,
     ) -> list[Numbers]:
@@ -336,7 +338,7 @@ class World:
         return [start[3] for start in starts]
 
     def _draw_start(
-        self, i: int, rng: np.random.Generator, options: dict[str, Any], draw: Draw
+        self, i: int, rng: np.random.Generator, options: Values, draw: Draw
     ) -> tuple[float, float, float, Numbers]:
         """Draw crank angle (rad) and speed (rad/s), delay (s), and the task's numbers."""
         # Drawn in any case, so that fixing one leaves the others as they were.
@@ -363,7 +365,7 @@ class World:
 
     def _plan_robots(
         self,
-        robots: Sequence[tuple[int, np.random.Generator, Mapping[str, Any]]],
+        robots: Sequence[tuple[int, np.random.Generator, Values]],
         seeds: Sequence[int | None],
     ) -> dict[int, Build]:
         """Return the builds of resets, by robot, where one does not stay as it is."""
@@ -467,7 +469,7 @@ class World:
 
     def step(
         self,
-        actions: Any,
+        actions: ArrayLike,
         active: Bools,
         finish: Callable[[Ints], None],
         meanwhile: Callable[[], None] | None = None,
@@ -498,7 +500,7 @@ class World:
         if self.track_joint_forces and active[0]:  # of the single robot
             self._joint_loads[:] = self._find_joint_loads()
 
-    def _take_actions(self, actions: Any, active: Bools) -> None:
+    def _take_actions(self, actions: ArrayLike, active: Bools) -> None:
         count = self.num_envs
         try:
             values: Array = np.asarray(actions, dtype=float)
@@ -549,7 +551,7 @@ class World:
             self.sensors.draw(which, self.elapsed, self.seeds)
         self.sensors.add(self._moved if which is None else which, self._observation)
 
-    def step_arguments(self) -> tuple[Any, ...]:
+    def step_arguments(self) -> Arguments:
         """Return the arguments of :func:`jansen_env.engine.readings.finish_step` but the first."""
         plant = self.plant
         return (
@@ -557,13 +559,13 @@ class World:
             self.toe_load, plant.surface, self.scan, self._places, self._observation,
         )  # fmt: skip
 
-    def describe_arguments(self) -> tuple[Any, ...]:
+    def describe_arguments(self) -> Arguments:
         """Return the arguments of :func:`jansen_env.engine.readings.describe` but the first."""
         return self.plant.states, *self.step_arguments()[4:]
 
     # Single robots.
 
-    def push(self, i: int, impulse: Any) -> None:
+    def push(self, i: int, impulse: object) -> None:
         """Push a robot's chassis from now on, beside other pushes, for ``push.duration`` or 0.1 s.
 
         Raises:
@@ -576,7 +578,7 @@ class World:
         push = check_schedule("impulse", [(now, *entries("impulse", impulse, "(Jx, Jy)"))])
         self.pushes.add(i, push[0])
 
-    def checked(self, i: int, changes: Mapping[str, Any]) -> dict[str, Any]:
+    def checked(self, i: int, changes: Values) -> Values:
         """Return changes for :meth:`change`; ValueError: out of range, or fixed by the plant."""
         physical = sorted({*changes} - {*FROM_RESETS})
         if not {*physical} <= self.plant.changeable:
@@ -598,7 +600,7 @@ class World:
             self.episodes.check_change(i, pads, _parameters_of(checked))
         return checked
 
-    def change(self, i: int, checked: Mapping[str, Any]) -> None:
+    def change(self, i: int, checked: Values) -> None:
         """Apply changes that :meth:`checked` returned to a robot and its ground."""
         if "delay" in checked:
             self.delay_range[i] = checked["delay"]
@@ -612,7 +614,7 @@ class World:
             self.episodes.take(i, _parameters_of(checked))
             self._update_scales(np.array([i]))
 
-    def get_attr(self, name: str) -> list[Any] | None:
+    def get_attr(self, name: str) -> list[object] | None:
         """Return an attribute of each robot; None for a name that is none of these.
 
         Names: ``robot``, ``state``, ``delay`` (s, of this episode); of free robots ``terrain``,
@@ -639,10 +641,10 @@ class World:
             return list(self.episodes.values[name].astype(int).tolist())
         return list(self.episodes.values[name].tolist()) if name in KEPT else None
 
-    def get_state(self, i: int) -> dict[str, Any]:
+    def get_state(self, i: int) -> Values:
         """Return all that a robot's future depends on but the task and random numbers."""
         changed, in_contact = self.lengths.changed[i], self.plant.in_contact
-        state: dict[str, Any] = {
+        state: Values = {
             "plant": self.plant.states[i].copy(),
             "delay": self.delay(i),
             "asked": self.asked[i].copy(),
@@ -662,9 +664,9 @@ class World:
             state["lengths"] = dict(changed)
         return state
 
-    def checked_state(self, i: int, state: Mapping[str, Any]) -> dict[str, Any]:
+    def checked_state(self, i: int, state: Values) -> Values:
         """Return a state of :meth:`get_state` for :meth:`restore`; ValueError: out of range."""
-        checked: dict[str, Any] = {}
+        checked: Values = {}
         for name, size in (("asked", self.asked.shape[1]), ("loads", self.toe_load.shape[1])):
             checked[name] = finite_numbers(f"state[{name!r}]", state[name], size)
         checked["plant"] = check_state(state["plant"])
@@ -686,7 +688,7 @@ class World:
             "plan": self.episodes.planned(i, state, robot),
         }
 
-    def _checked_builds(self, i: int, state: Mapping[str, Any]) -> dict[int, Build]:
+    def _checked_builds(self, i: int, state: Values) -> dict[int, Build]:
         """Return the build of a state's robot, if it is another one or has other lengths."""
         robot: Robot = self.lengths.own[i]
         if "robot" in state:
@@ -702,7 +704,7 @@ class World:
         build = self.lengths.plan(i, state.get("lengths", {}), None, other)
         return {} if build is None else {i: build}
 
-    def restore(self, i: int, state: dict[str, Any]) -> None:
+    def restore(self, i: int, state: Values) -> None:
         """Let a robot go on from a state of :meth:`checked_state`."""
         plant, one = self.plant, np.array([i])
         plan, level = state["plan"]
@@ -720,7 +722,7 @@ class World:
         self.seeds[i] = state["seed"]
         self.pushes.schedule(i, state["pushes"], state["random_pushes"])
 
-    def scene(self, i: int) -> dict[str, Any]:
+    def scene(self, i: int) -> Values:
         """Return the arguments of :class:`jansen_env.rendering.Renderer` to draw a robot."""
         if self.held:
             return {"robot": self.robots[i], "terrain_points": None, "speed_unit": "rad/s"}
@@ -744,7 +746,7 @@ class World:
             time=float(self.elapsed[i]) * self.control_dt,
         )  # fmt: skip
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
+    def __setstate__(self, state: Values) -> None:
         self.__dict__.update(state)
         self._share_arrays()
 
@@ -753,7 +755,7 @@ class World:
         self.plant.close()
 
 
-def _parameters_of(changes: Mapping[str, Any]) -> Numbers:
+def _parameters_of(changes: Values) -> Numbers:
     """Return the parameters that checked changes set at once."""
     numbers = {name: changes[name] for name in PARAMETERS if name in {*changes} - {*FROM_RESETS}}
     if "payload" in numbers:

@@ -6,19 +6,26 @@ Each is made for an unwrapped environment, and reads nothing but the observation
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 from jansen_env.baselines.pid import PID
-from jansen_env.baselines.policy import Array, Bools, Policy, TorquePolicy, columns, pid_policy
+from jansen_env.baselines.policy import (
+    Array,
+    Bools,
+    Controlled,
+    Policy,
+    TorquePolicy,
+    columns,
+    pid_policy,
+)
 from jansen_env.dynamics.inverse import crank_torque
 
 # Beside the joints' friction, 1.6 N m s / rad, it damps the crank (0.73 kg m^2) nearly critically.
 FEEDBACK = PID(kp=5.0, ki=0.0, kd=2.0)
 
 
-def paper_pid(env: Any) -> Policy:
+def paper_pid(env: Controlled) -> Policy:
     """The PID (13) behind the environment's own reference, whose error the observation has."""
     rate, lacking, command = columns(env, "crank_speed", "tracking_error", "speed_command")
 
@@ -28,7 +35,7 @@ def paper_pid(env: Any) -> Policy:
     return pid_policy(reference, env.torque_limit, env.control_dt)
 
 
-def constant_torque(env: Any) -> Policy:
+def constant_torque(env: Controlled) -> Policy:
     """The torque whose power feeds the joints' mean friction over a turn at the commanded speed."""
     (command,) = columns(env, "speed_command")
     turn = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
@@ -36,7 +43,7 @@ def constant_torque(env: Any) -> Policy:
     return TorquePolicy(lambda seen, *_: (friction * seen[:, command], None), env.torque_limit)
 
 
-def inverse_dynamics(env: Any, feedback: PID = FEEDBACK) -> Policy:
+def inverse_dynamics(env: Controlled, feedback: PID = FEEDBACK) -> Policy:
     """Computed torque: what the commanded speed takes at this crank angle, plus kp e + kd de/dt."""
     read = columns(
         env, "cos_crank_angle", "sin_crank_angle", "crank_speed", "tracking_error", "speed_command"
@@ -50,6 +57,6 @@ def inverse_dynamics(env: Any, feedback: PID = FEEDBACK) -> Policy:
     return TorquePolicy(controller, env.torque_limit)
 
 
-BASELINES: dict[str, Callable[[Any], Policy]] = {
+BASELINES: dict[str, Callable[[Controlled], Policy]] = {
     "pid": paper_pid, "constant": constant_torque, "inverse": inverse_dynamics,
 }  # fmt: skip

@@ -11,7 +11,7 @@ import numpy as np
 from jansen_env.checks import non_negative
 from jansen_env.engine import crank_tracking
 from jansen_env.tasks.task import CompiledTask
-from jansen_env.world.argument_checks import PerRobot, Range, range_each, shared
+from jansen_env.world.argument_checks import Arguments, PerRobot, Range, Values, range_each, shared
 from jansen_env.world.observations import EXACT, Observed
 from jansen_env.world.settings import HeldSettings
 from jansen_env.world.world import START_ANGLE
@@ -51,7 +51,7 @@ class CrankTask(CompiledTask):
         passed = float(self.world.elapsed[i]) * self.control_dt
         return float(self.command(i) * passed + START_ANGLE)
 
-    def step_arguments(self) -> tuple[Any, ...]:
+    def step_arguments(self) -> Arguments:
         """Return the arguments of :func:`crank_tracking.finish_step` but the first."""
         world = self.world
         return (
@@ -59,7 +59,7 @@ class CrankTask(CompiledTask):
             self._weights, world.data, self.data, self.rewards, self.ended, self.observation,
         )  # fmt: skip
 
-    def describe_arguments(self) -> tuple[Any, ...]:
+    def describe_arguments(self) -> Arguments:
         """Return the arguments of :func:`crank_tracking.describe` but the first."""
         world = self.world
         return (
@@ -67,7 +67,7 @@ class CrankTask(CompiledTask):
             self.observation,
         )  # fmt: skip
 
-    def scene(self, i: int) -> dict[str, Any]:
+    def scene(self, i: int) -> Values:
         """Return the arguments of the renderer."""
         speed_range = 2.0 * max(1e-3, *map(abs, self.speed_command[i].tolist()))
         return {**super().scene(i), "speed_range": speed_range}

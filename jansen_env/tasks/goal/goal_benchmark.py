@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from jansen_env.scoring.metrics import (
     Aggregate,
     Array,
     Benchmark,
+    Env,
     Episodes,
     Metric,
     horizon,
@@ -20,9 +19,9 @@ from jansen_env.tasks.goal.goal_pid import GoalPid
 from jansen_env.tasks.goal.goal_task import FARTHEST
 
 
-def _time_to_success(run: Episodes, env: Any) -> Array:
+def _time_to_success(run: Episodes, env: Env) -> Array:
     """Return s; of an episode without success its time limit."""
-    return np.where(run["success"], run["steps"] * env.unwrapped.control_dt, horizon(env))
+    return np.where(run["success"], run["steps"] * env.get_wrapper_attr("control_dt"), horizon(env))
 
 
 GOAL = Benchmark(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.baselines.policy import columns
+from jansen_env.baselines.policy import Memory, columns
 from jansen_env.robot.kinematics import advance_per_turn
 
 GAIN, FASTEST, RAMP = 1.3, 0.42, 0.3  # 1/s of the distance; m/s; m/s^2: faster starts make it fall
@@ -31,10 +31,10 @@ class GoalPid:
     def predict(
         self,
         observation: Any,
-        state: Any = None,
+        state: Memory = None,
         episode_start: Any = None,
         deterministic: bool = True,
-    ) -> tuple[NDArray[np.float32], Any]:
+    ) -> tuple[NDArray[np.float32], Memory]:
         """Return actions (n, 1) or (1,) for observations (n, d) or (d,), and the state."""
         distance, crank_speed = np.asarray(observation, float)[..., self._columns].T
         before, integral = (np.zeros_like(distance),) * 2 if state is None else state

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from jansen_env.checks import non_negative, positive
 from jansen_env.tasks.task import Task
 from jansen_env.uniform import uniform
-from jansen_env.world.argument_checks import Array, Bools, option, shared
+from jansen_env.world.argument_checks import Array, Bools, Values, option, shared
 from jansen_env.world.observations import EXACT, Observed
 from jansen_env.world.settings import WorldSettings
 from jansen_env.world.world import Numbers
@@ -54,7 +53,7 @@ class GoalTask(Task):
         self._arrival, self._exponent = settings.arrival_weight, settings.energy_weight
         super().__init__(settings, threads)
 
-    def draw(self, i: int, rng: np.random.Generator, options: dict[str, Any]) -> Numbers:
+    def draw(self, i: int, rng: np.random.Generator, options: Values) -> Numbers:
         """Draw a goal, m."""
         goal = uniform(rng, -FARTHEST, FARTHEST)
         return {"goal": option(options, "goal", goal, -FARTHEST, FARTHEST)}

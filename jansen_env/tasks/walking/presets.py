@@ -7,15 +7,14 @@ where there is none.
 
 from __future__ import annotations
 
-from typing import Any
-
 from jansen_env.tasks.walking.walker_benchmark import WORLD
 from jansen_env.tasks.walking.walker_env import JansenWalkerEnv, JansenWalkerVectorEnv
+from jansen_env.world.argument_checks import Values
 from jansen_env.world.observations import Noise
 from jansen_env.world.push import Push
 
-BUILT: dict[str, Any] = {"robot": "built"}
-ROUGH: dict[str, Any] = {
+BUILT: Values = {"robot": "built"}
+ROUGH: Values = {
     **BUILT,
     "terrain": "mixed",
     "terrain_level": (0, 9),
@@ -23,7 +22,7 @@ ROUGH: dict[str, Any] = {
     "height_scan": (0.5, 0.9, 15),  # m behind and ahead: every 0.1 m; feet reach 0.6 m
     "randomize": {"friction": (0.4, 1.0), "payload": (0.0, 0.5)},
 }
-HARDCORE: dict[str, Any] = {
+HARDCORE: Values = {
     **ROUGH,
     "noise": Noise(),
     "push": Push(impulse=3.0),

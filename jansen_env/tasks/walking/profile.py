@@ -15,11 +15,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from jansen_env.baselines.policy import Array, TorquePolicy, columns
+from jansen_env.baselines.policy import Array, Controlled, TorquePolicy, columns
 from jansen_env.files import open_regular
 
 DATA = Path(__file__).parent / "data" / "profile.json"
@@ -111,7 +110,7 @@ class Profile:
         command = observation[:, read[READ.index("speed_command")]]
         return profile_torque(self.at(command), observation, read)
 
-    def policy(self, env: Any) -> TorquePolicy:
+    def policy(self, env: Controlled) -> TorquePolicy:
         """Return its stateless policy for an unwrapped walker."""
         read = columns(env, *READ)
         return TorquePolicy(lambda seen, *_: (self.torque(seen, read), None), env.torque_limit)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from jansen_env.baselines.policy import (
     PAPER_PID,
     Array,
     Bools,
+    Controlled,
+    Memory,
     Policy,
     TorquePolicy,
     columns,
@@ -25,6 +27,7 @@ from jansen_env.baselines.policy import (
 )
 from jansen_env.robot import ROBOTS, Robot
 from jansen_env.tasks.walking import profile
+from jansen_env.world.argument_checks import Values
 
 DATA = Path(__file__).parent / "data" / "baselines.json"
 
@@ -45,7 +48,7 @@ def nearest_setting(settings: Array, speeds: Array) -> Setting:
     return setting
 
 
-def walking_pid(crank_speed: Setting, env: Any, pid: PID = PAPER_PID) -> Policy:
+def walking_pid(crank_speed: Setting, env: Controlled, pid: PID = PAPER_PID) -> Policy:
     """The PID (13) behind a reference that turns with the crank speed for the commanded speed.
 
     It starts at the crank angle at which the episode starts (the paper's pi).
@@ -54,7 +57,7 @@ def walking_pid(crank_speed: Setting, env: Any, pid: PID = PAPER_PID) -> Policy:
         env, "cos_crank_angle", "sin_crank_angle", "crank_speed", "speed_command"
     )
 
-    def reference(seen: Array, memory: Any, starts: Bools) -> tuple[Array, Array, Any]:
+    def reference(seen: Array, memory: Memory, starts: Bools) -> tuple[Array, Array, Memory]:
         angle = np.arctan2(seen[:, sin], seen[:, cos])
         last, target = memory or (angle, angle)  # unwrapped, rad
         last, target = np.where(starts, angle, last), np.where(starts, angle, target)
@@ -66,7 +69,7 @@ def walking_pid(crank_speed: Setting, env: Any, pid: PID = PAPER_PID) -> Policy:
     return pid_policy(reference, env.torque_limit, env.control_dt, pid)
 
 
-def constant_torque(torque: Setting, env: Any) -> Policy:
+def constant_torque(torque: Setting, env: Controlled) -> Policy:
     """The paper's conclusion as a policy: one constant torque for each command."""
     (command,) = columns(env, "speed_command")
     return TorquePolicy(lambda seen, *_: (torque(seen[:, command]), None), env.torque_limit)
@@ -81,16 +84,16 @@ def tuned_for(robot: Robot, tuned: Iterable[str]) -> str:
     return "paper"
 
 
-def searched_profile(env: Any) -> Policy:
+def searched_profile(env: Controlled) -> Policy:
     """Return the profile found for an environment's robot."""
     found = json.loads(profile.DATA.read_text(encoding="utf-8"))
     return profile.load_profile(robot=tuned_for(env.robot, found)).policy(env)
 
 
-def measured(name: str, robot: Robot) -> dict[str, Any]:
+def measured(name: str, robot: Robot) -> Values:
     """Return the numbers measured for "pid" or "constant" on a robot's design."""
     found = json.loads(DATA.read_text(encoding="utf-8"))
-    entry: dict[str, Any] = found[tuned_for(robot, found)][name]
+    entry: Values = found[tuned_for(robot, found)][name]
     return entry
 
 
@@ -100,7 +103,7 @@ def measured_setting(name: str, robot: Robot) -> Setting:
     return nearest_setting(np.array(entry["settings"]), np.array(entry["speeds"]))
 
 
-BASELINES: dict[str, Callable[[Any], Policy]] = {
+BASELINES: dict[str, Callable[[Controlled], Policy]] = {
     "pid": lambda env: walking_pid(
         measured_setting("pid", env.robot), env, PID(*measured("pid", env.robot)["gains"])
     ),

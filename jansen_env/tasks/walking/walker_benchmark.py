@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from jansen_env.scoring.metrics import (
     Aggregate,
     Array,
     Benchmark,
+    Env,
     Episodes,
     Metric,
     horizon,
@@ -27,44 +27,46 @@ LATER, FIRST = f"after {SETTLING:g} s", f"in the first {SETTLING:g} s"
 COST = "mechanical cost of transport"
 
 
-def _speed_error(run: Episodes, env: Any) -> Array:
+def _speed_error(run: Episodes, env: Env) -> Array:
     """Over the full length of an episode: after a fall the robot is taken to stand still."""
     return np.abs(run["distance"] / horizon(env) - run["command"])
 
 
-def _steady_speed_error(run: Episodes, env: Any) -> Array:
+def _steady_speed_error(run: Episodes, env: Env) -> Array:
     """The same after :data:`SETTLING` s; NaN for episodes that are not longer."""
     rest = max(horizon(env) - SETTLING, 0.0) or np.nan
     return np.abs((run["distance"] - run["early_distance"]) / rest - run["command"])
 
 
-def succeeded(run: Episodes, env: Any) -> Array:
+def succeeded(run: Episodes, env: Env) -> Array:
     """1 for each episode (n,) without a fall and :data:`ENOUGH` of the way commanded, else 0."""
     enough = _distance(run, env) >= ENOUGH * np.abs(run["command"]) * horizon(env)
     return (~run["fell"].astype(bool) & enough).astype(float)
 
 
-def _per_step(name: str) -> Callable[[Episodes, Any], Array]:
+def _per_step(name: str) -> Callable[[Episodes, Env], Array]:
     """Mean over an episode's steps."""
-    return lambda run, env: np.asarray(run[name] * env.unwrapped.control_dt / run["duration"])
+    return lambda run, env: np.asarray(
+        run[name] * env.get_wrapper_attr("control_dt") / run["duration"]
+    )
 
 
-def _start_work(run: Episodes, env: Any) -> Array:
+def _start_work(run: Episodes, env: Env) -> Array:
     """Work within :data:`SETTLING` / weight, m."""
     return per_weight("work")(run, env) - per_weight("steady_work")(run, env)
 
 
-def _start_lag(run: Episodes, env: Any) -> Array:
+def _start_lag(run: Episodes, env: Env) -> Array:
     """Distance behind the command at :data:`SETTLING`, m."""
     return SETTLING * np.abs(run["command"]) - np.sign(run["command"]) * run["early_distance"]
 
 
-def _distance(run: Episodes, env: Any) -> Array:
+def _distance(run: Episodes, env: Env) -> Array:
     """Distance in the commanded direction, m."""
     return np.maximum(np.sign(run["command"]) * run["distance"], 0.0)
 
 
-def _steady_distance(run: Episodes, env: Any) -> Array:
+def _steady_distance(run: Episodes, env: Env) -> Array:
     """Distance in the commanded direction after :data:`SETTLING`, m."""
     return _distance({**run, "distance": run["distance"] - run["early_distance"]}, env)
 

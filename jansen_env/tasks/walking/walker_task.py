@@ -9,16 +9,19 @@ from types import ModuleType
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from jansen_env.checks import non_negative, positive, shown, within
 from jansen_env.engine import walk_reward
 from jansen_env.tasks.task import CompiledTask
 from jansen_env.uniform import uniform
 from jansen_env.world.argument_checks import (
+    Arguments,
     Bools,
     Ints,
     PerRobot,
     Range,
+    Values,
     each,
     finite_numbers,
     flag,
@@ -36,7 +39,7 @@ COMMANDED = ("speed_command", *ACCOUNTS)  # in the order of :func:`walk_reward.o
 FURTHEST = walk_reward.FURTHEST_TARGET
 
 
-def _interval(name: str, value: Any) -> float:
+def _interval(name: str, value: object) -> float:
     return math.inf if value is None else positive(name, value)
 
 
@@ -127,7 +130,7 @@ class WalkerTask(CompiledTask):
             self._measured[which] = np.zeros((), walk_reward.ACCOUNTS)
 
     def step(
-        self, actions: Any, active: Bools, meanwhile: Callable[[], None] | None = None
+        self, actions: ArrayLike, active: Bools, meanwhile: Callable[[], None] | None = None
     ) -> None:
         """Hold actions (n, 1) of the ``active`` robots (n,), see :meth:`World.step`."""
         if self._commands_change:
@@ -140,14 +143,14 @@ class WalkerTask(CompiledTask):
             self._cover(which)
         super().finish_step(which)
 
-    def step_arguments(self) -> tuple[Any, ...]:
+    def step_arguments(self) -> Arguments:
         """Return the arguments of :func:`walk_reward.finish_step` but the first."""
         return (
             self._settings, self.data, self.rewards, self.ended, self._error, self._measured,
             self._places, *self.world.step_arguments(),
         )  # fmt: skip
 
-    def describe_arguments(self) -> tuple[Any, ...]:
+    def describe_arguments(self) -> Arguments:
         """Return the arguments of :func:`walk_reward.describe` but the first."""
         return self.data, self._places, *self.world.describe_arguments()
 
@@ -171,7 +174,7 @@ class WalkerTask(CompiledTask):
         walked, commanded = self.covered[i].tolist()
         return walked, commanded / (max(1, int(self.world.elapsed[i])) * self.control_dt)
 
-    def change(self, i: int, changes: Mapping[str, Any]) -> Callable[[], None]:
+    def change(self, i: int, changes: Values) -> Callable[[], None]:
         """Check another range of commands, and a command that holds from the next step on."""
         apply_range = super().change(i, changes)
         if "command" not in changes:
@@ -185,20 +188,20 @@ class WalkerTask(CompiledTask):
 
         return apply
 
-    def get_attr(self, name: str) -> list[Any] | None:
+    def get_attr(self, name: str) -> list[object] | None:
         """Return an attribute of each robot: ``command``, the ranges, and the world's."""
         if name == "command":
             return list(self.info["speed_command"].tolist())
         return super().get_attr(name)
 
-    def get_state(self, i: int) -> dict[str, Any]:
+    def get_state(self, i: int) -> Values:
         """Return all that a robot's future depends on but its random numbers."""
         state = {**super().get_state(i), "covered": self.covered[i].copy()}
         if len(self._measured) > 0:
             state["measured"] = dict(zip(ACCOUNTS, self._measured[i].item(), strict=True))
         return state
 
-    def checked_state(self, state: Mapping[str, Any]) -> dict[str, Any]:
+    def checked_state(self, state: Values) -> Values:
         """Return the task's entries of a state. Raises ValueError: one is out of range."""
         checked = super().checked_state(state)
         checked["covered"] = finite_numbers("state['covered']", state["covered"], 2)
@@ -209,7 +212,7 @@ class WalkerTask(CompiledTask):
             checked["measured"] = tuple(self.in_range(label, k, given[k]) for k in ACCOUNTS)
         return checked
 
-    def resume(self, i: int, state: Mapping[str, Any]) -> None:
+    def resume(self, i: int, state: Values) -> None:
         """Go on with the entries of a checked state."""
         self.begin(np.array([i]))
         self.covered[i] = state["covered"]

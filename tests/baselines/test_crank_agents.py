@@ -5,11 +5,9 @@ import json
 import gymnasium as gym
 import numpy as np
 import pytest
-from stable_baselines3 import PPO
 
 import train
 from jansen_env.baselines.pid import PID
-from jansen_env.commands.named_policies import load_named
 from jansen_env.dynamics.inverse import crank_torque
 from jansen_env.scoring.rollout import run_episodes
 from jansen_env.tasks.crank.crank_baselines import BASELINES, inverse_dynamics
@@ -102,30 +100,6 @@ def test_scores_are_those_of_the_episodes(env):
 
     left = run_episodes(Nothing(), ENV, {}, np.array([1.0]), np.zeros(1, int))
     assert left["lost"][0] and 3.0 < left["duration"][0] < 3.5
-
-
-@pytest.mark.slow
-def test_training_on_the_crank(tmp_path):
-    """The same script, with the shipped configuration; its policies fit this environment alone."""
-    folder = train.main(["--env", ENV, "-n", "256", "--n-envs", "2", "--eval-freq", "0",
-                         "--eval-episodes", "1", "--no-progress",
-                         "--log-folder", str(tmp_path)])  # fmt: skip
-    assert folder.name == f"{ENV}_1"
-    result = json.loads((folder / "scores.json").read_text())
-    assert set(result) == {*BASELINES, f"ppo/{ENV}_1"}
-    rows = json.loads((folder / "evaluations.json").read_text())
-    assert set(rows[-1]) == {"steps", "seconds", "score", *CRANK.metrics}
-    assert (folder / "scores.png").stat().st_size > 10_000
-    path = folder / "final_model.zip"  # its outputs are squashed, unlike the walking policies'
-    theirs, ours = PPO.load(path, device="cpu"), load_named(str(path), gym.make(ENV))
-    seen = np.array(
-        [[-1.0, 0.0, 0.0, 0.1, 1.0], [0.0, 1.0, 1.1, 2.0, 1.0], [0.6, -0.8, -30.0, -3.0, 1.0]],
-        np.float32,
-    )
-    actions = [p.predict(seen, deterministic=True)[0] for p in (ours, theirs)]
-    assert np.array_equal(*actions)
-    with pytest.raises(ValueError, match=r"observation_space of shape \(5,\), must be \(20,\)"):
-        load_named(str(folder), gym.make("JansenWalker-v0"))
 
 
 @pytest.mark.slow

@@ -15,15 +15,17 @@ from jansen_env.tasks.walking.profile import READ, load_profile, profile_torque
 from jansen_env.tasks.walking.walker_benchmark import WALKER
 
 ENV = "JansenWalker-v0"
-COLUMNS = columns(make_env(ENV, {}), *READ)
-COS_CRANK, _, CRANK_SPEED, COMMAND, LAG = COLUMNS
+WALKER_ENV = make_env(ENV, {})
+SEEN = WALKER_ENV.observation_space.shape[0]
+COLUMNS = columns(WALKER_ENV, *READ)
+COS_CRANK, SIN_CRANK, CRANK_SPEED, COMMAND, LAG = COLUMNS
 
 
 def seen(commands, rng=None):
     rng = rng or np.random.default_rng(0)
-    observation = rng.normal(size=(len(commands), 20))
+    observation = rng.normal(size=(len(commands), SEEN))
     angle = rng.uniform(0.0, 2.0 * np.pi, len(commands))
-    observation[:, 0], observation[:, 1] = np.cos(angle), np.sin(angle)
+    observation[:, COS_CRANK], observation[:, SIN_CRANK] = np.cos(angle), np.sin(angle)
     observation[:, COMMAND] = commands
     observation[:, LAG] = rng.uniform(-0.5, 0.5, len(commands))
     return observation
@@ -69,8 +71,8 @@ def test_the_mirror_image_gets_the_mirrored_torque():
 def test_torque_is_the_documented_formula():
     numbers = np.array([1.2, 5.0, 2.0, 0.8, 0.3, -0.2, 0.1, 0.4])
     angle, speed, lag = 0.7, 0.9, 0.12
-    observation = np.zeros((1, 20))
-    observation[0, :3] = np.cos(angle), np.sin(angle), speed
+    observation = np.zeros((1, SEEN))
+    observation[0, [COS_CRANK, SIN_CRANK, CRANK_SPEED]] = np.cos(angle), np.sin(angle), speed
     observation[0, [COMMAND, LAG]] = 0.3, lag
     shape = 0.3 * np.cos(1.4) - 0.2 * np.cos(2.8) + 0.1 * np.sin(1.4) + 0.4 * np.sin(2.8)
     expected = 5.0 * (1.2 * np.exp(shape + 0.8 * lag) - speed) + 2.0

@@ -52,9 +52,7 @@ def test_stable_baselines_checker_has_nothing_to_say(env_id):
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-@pytest.mark.parametrize(
-    "env_id", [name for name in IDS if name not in ("JansenCrank-v0", "JansenWalker-v0")]
-)
+@pytest.mark.parametrize("env_id", [name for name in IDS if name != "JansenWalker-v0"])
 def test_many_are_what_each_is_alone(env_id, mode):
     """Gymnasium's vector interface: all that is returned, bit for bit, through ends of episodes."""
     together = gym.make_vec(env_id, 4, autoreset_mode=mode, max_episode_steps=30)

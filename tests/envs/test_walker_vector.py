@@ -148,16 +148,6 @@ def test_options_for_each():
     assert np.array_equal(info["speed_command"], commands)
 
 
-def test_a_bad_option_of_one_leaves_all_as_they_were():
-    env = together(3)
-    env.reset(seed=0)
-    before = env.unwrapped.task.world.plant.states.copy()
-    options = [{"crank_angle": 0.5}, {"crank_angle": 0.5}, {"crank_angle": np.nan}]
-    with pytest.raises(ValueError, match="crank_angle"):
-        env.unwrapped.reset_each([None] * 3, options)
-    assert np.array_equal(before, env.unwrapped.task.world.plant.states)
-
-
 @pytest.mark.parametrize("mode", MODES)
 def test_information_on_request(mode):
     """With ``info_keys`` infos have these and no others; all else is as ever, bit for bit."""
@@ -216,19 +206,6 @@ def test_members_can_be_asked_and_told():
         env.set_attr("friction", [0.1])
     with pytest.raises(ValueError, match="payload"):
         env.set_attr("payload", None)
-
-
-def test_pictures():
-    env = together(2, render_mode="rgb_array")
-    env.reset(seed=4)
-    single = gym.make("JansenWalker-v0", render_mode="rgb_array")
-    single.reset(seed=5)
-    for _ in range(30):
-        env.step(np.full((2, 1), 0.4, np.float32))
-        single.step(np.full(1, 0.4, np.float32))
-    pictures = env.render()
-    assert len(pictures) == 2 and np.array_equal(pictures[1], single.render())
-    env.close()
 
 
 @pytest.mark.parametrize(
@@ -313,31 +290,6 @@ def test_a_robot_that_diverges_ends_its_own_episode_only(mode):
     theirs.close()
 
 
-@pytest.mark.filterwarnings("ignore:.*the episode:UserWarning")
-def test_whatever_diverges_the_others_do_what_they_do_alone():
-    """Absurd torques at time steps of 20 ms: some diverge, some end steps deep in the ground."""
-    arguments = {"robot": "holy_slender", "torque_limit": 300.0, "time_step": 0.02}
-    diverged = 0
-    for seed in range(20, 30):
-        ours = together(6, AutoresetMode.DISABLED, terminate_when_fallen=False, **arguments)
-        theirs = [gym.make("JansenWalker-v0", terminate_when_fallen=False, **arguments)
-                  for _ in range(6)]  # fmt: skip
-        rng, over = np.random.default_rng(seed), np.zeros(6, bool)
-        ours.reset(seed=seed)
-        for i, env in enumerate(theirs):
-            env.reset(seed=seed + i)
-        while not over.any() and ours.task.world.elapsed[0] < 60:
-            action = rng.uniform(-1.0, 1.0, (6, 1)).astype(np.float32)
-            observations, rewards, _, over, infos = ours.step(action)
-            for i, env in enumerate(theirs):
-                observation, reward, _, truncated, info = env.step(action[i])
-                assert np.array_equal(observations[i], observation) and rewards[i] == reward
-                assert over[i] == truncated and infos["diverged"][i] == info["diverged"]
-        diverged += infos["diverged"].sum()
-        ours.close()
-    assert diverged >= 2
-
-
 def test_a_refused_step_changes_nothing():
     env = together(3, AutoresetMode.DISABLED)
     env.reset(seed=0)
@@ -348,23 +300,6 @@ def test_a_refused_step_changes_nothing():
         env.step(np.array([[1.0], [1.0], [np.nan]]))
     for i in range(3):
         assert env.get_state(i)["action"] == before[i]["action"] == np.float32(0.2)
-
-
-def test_bad_changes_and_states_change_nothing():
-    env = together(2, friction=0.5)
-    env.reset(seed=0)
-    with pytest.raises(ValueError, match="restitution"):
-        env.set_parameters(0, friction=0.3, restitution=5.0)
-    assert env.get_attr("friction") == (0.5, 0.5)
-    state = env.get_state(1)
-    wrong = {
-        "speed_command": 1e9, "action": np.nan, "steps": -3, "lag": np.inf, "rms_torque": np.nan,
-        "command_seed": -1,
-    }  # fmt: skip
-    for name, bad in wrong.items():
-        with pytest.raises(ValueError, match=name):
-            env.set_state(1, {**state, name: bad, "plant": np.zeros(8)})
-        assert np.array_equal(env.get_state(1)["plant"], state["plant"])
 
 
 def test_what_each_robot_has_of_its_own():

@@ -19,6 +19,7 @@ def env():
 
 
 FACTORS = REWARD.names
+COMMAND = JansenWalkerEnv().task.columns["speed_command"]
 
 
 def plain_factors(env, infos, actions):
@@ -141,7 +142,7 @@ def test_commands_change_within_an_episode():
     for _ in range(50):
         observation, *_, info = env.step(np.zeros(1, np.float32))
         seen.append(info["speed_command"])
-        assert observation[9] == np.float32(seen[-1])
+        assert observation[COMMAND] == np.float32(seen[-1])
     changes = np.flatnonzero(np.diff(seen)) + 1
     assert changes.tolist() == list(range(5, 51, 5))
     assert min(seen) >= -0.2 and max(seen) <= 0.3 and min(seen) < 0.0 < max(seen)
@@ -149,7 +150,9 @@ def test_commands_change_within_an_episode():
     env.reset(seed=0)
     env.set_parameters(command=-0.1)
     observation, *_, info = env.step(np.zeros(1, np.float32))
-    assert info["speed_command"] == -0.1 and observation[9] == np.float32(-0.1)
+    assert info["speed_command"] == -0.1 and observation[
+        env.task.columns["speed_command"]
+    ] == np.float32(-0.1)
     assert info["lag"] == pytest.approx(-0.1 * env.dt - info["x_position"], abs=1e-12)
     assert env.reset(seed=1)[1]["speed_command"] == 0.3
     with pytest.raises(ValueError, match="command is 3"):

@@ -2,14 +2,12 @@
 
 import json
 import pickle
-import warnings
 from copy import deepcopy
 from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from side_by_side import compare
 
@@ -17,8 +15,6 @@ from agents.training.training_state import plain
 from jansen_env import LinkageError, Payload, built_robot, paper_robot
 from jansen_env.robot.kinematics import nearest_dead_point
 from jansen_env.robot.lengths import lengths, with_lengths
-from jansen_env.sb3 import make_vec_env
-from jansen_env.viewer.recorder import Recorder
 from jansen_env.world import episode_lengths
 
 IDS = ("JansenWalker-v0", "JansenWalkerHardcore-v0", "JansenGoal-v0", "JansenCrank-v0")
@@ -195,14 +191,6 @@ def test_observed_are_factors_less_one_at_the_end(env_id):
     assert (env.reset()[0][-13:] == 0.0).all()
 
 
-@pytest.mark.parametrize("env_id", IDS)
-def test_checkers_have_nothing_to_say(env_id):
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        check_env(made(env_id, observe_lengths=True, **DRAWN))
-    assert all("infinity" in str(one.message) for one in caught)
-
-
 @pytest.mark.parametrize(
     ("value", "low", "high"),
     [(0.05, 0.95, 1.05), ((0.9, 1.0), 0.9, 1.0), ({"coupler": 0.04}, 0.96, 1.04)],
@@ -275,41 +263,3 @@ def test_robots_of_other_links_are_refused_where_lengths_are_shown():
     chebyshev = made("JansenWalker-v0", robot="chebyshev", observe_lengths=True, **DRAWN)
     observation, info = chebyshev.reset(seed=0)
     assert info["lengths"]["frame_G_across"] == 0.0 and np.isfinite(observation).all()
-
-
-def test_stable_baselines_draws_anew_and_goes_on_from_states():
-    env_kwargs = {**DRAWN, "observe_lengths": True, "max_episode_steps": 15}
-    venv, other = (make_vec_env("JansenWalkerBuilt-v0", 4, env_kwargs=env_kwargs) for _ in range(2))
-    venv.seed(3)
-    venv.reset()
-    actions = np.full((4, 1), 0.3, np.float32)
-    first = venv.get_attr("robot")
-    for _ in range(20):
-        venv.step(actions)
-    assert not {*first} & {*venv.get_attr("robot")}
-    other.reset()
-    other.set_states(json.loads(json.dumps([plain(one) for one in venv.get_states()])))
-    for _ in range(20):
-        ours, theirs = venv.step(actions), other.step(actions)
-        assert (ours[0] == theirs[0]).all() and (ours[1] == theirs[1]).all()
-
-
-def test_recordings_have_the_robot_of_the_episode():
-    env = Recorder(gym.make("JansenWalkerBuilt-v0", **DRAWN))
-    for seed in (1, 2):
-        _, info = env.reset(seed=seed)
-        env.step(np.zeros(1, np.float32))
-        length = env.recording.robot.crank.length
-        assert length == pytest.approx(info["lengths"]["crank"], rel=1e-12)
-
-
-def test_pictures_show_the_robot_of_the_episode():
-    env = gym.make("JansenWalker-v0", render_mode="rgb_array")
-    fresh = gym.make(
-        "JansenWalker-v0", render_mode="rgb_array", robot=with_lengths(paper_robot(), WANTED)
-    )
-    env.reset(seed=1)
-    env.render()
-    env.reset(seed=1, options={"lengths": WANTED})
-    fresh.reset(seed=1)
-    assert (env.render() == fresh.render()).all()

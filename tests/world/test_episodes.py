@@ -137,19 +137,6 @@ def refused(env, options, message):
         np.testing.assert_allclose(was["plant"], now["plant"], atol=1e-12)
 
 
-def test_wrong_options_change_nothing():
-    """Nor does a foot that is too stiff for the second plant, whose springs are explicit."""
-    env = make().unwrapped
-    first = walk(env, 1)[0]
-    env.reset(seed=1)
-    for options in ({"friction": -1.0}, {"terrain_level": 3.5}, {"noise_level": 1.0}, {"mass": 1}):
-        refused(env, options, "options")
-    np.testing.assert_array_equal(walk(env, 1)[0], first)
-    other = gym.make("JansenWalkerHardcore-v0", plant="rigid_body").unwrapped
-    other.reset(seed=0)
-    refused(other, {"foot_stiffness_scale": 99.0}, "time_step is .* for pads")
-
-
 def test_what_feet_cannot_bear_changes_nothing():
     """Too soft for the load, or on ground on which they may not land: no robot of a batch moves."""
 

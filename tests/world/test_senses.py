@@ -141,9 +141,9 @@ def test_noise_scales_with_its_level_and_stays_within_the_space():
     one, double = (erring(noise, 200, level, truth).astype(float) for level in (1.0, 2.0))
     np.testing.assert_allclose(double, 2.0 * one, atol=1e-6)
     assert not erring(noise, 200, 0.0, truth).any()
-    loads = one[:, 10:14]
+    loads = one[:, [place for place, name in enumerate(NAMES) if name.startswith("toe_load_")]]
     assert loads.min() == 0.0 and (loads > 0.0).mean() == pytest.approx(0.5, abs=0.1)
-    truth[:, 0] = 1.0
+    truth[:, NAMES.index("cos_crank_angle")] = 1.0
     turned = erring(Noise.only(encoder=1e-4), 200, truth=truth)
     assert np.abs(turned[:, :2]).max() <= 1.0
 
@@ -166,6 +166,7 @@ def test_the_truth_is_told_and_the_physics_does_not_notice():
 def test_lag_and_means_tell_no_more_than_the_sensors():
     """Their changes give the speeds: exact without noise, and with it no better than measured."""
     deviations, command, found = (0.06, 0.3), 0.3, []
+    read = [NAMES.index(name) for name in ("crank_axis_x_velocity", "crank_speed")]
     env = walker(noise=Noise(velocity=deviations[0], crank_speed=deviations[1]))
     for seed in range(30):
         env.reset(seed=seed, options={"speed_command": command})
@@ -180,7 +181,7 @@ def test_lag_and_means_tell_no_more_than_the_sensors():
         turned[turned < 1.5] = np.nan  # of the power's size alone nobody knows which way it turns
         exact = np.array([[info["x_velocity"] for info in infos], turned])[:, 1:]
         told, undone = (mean_speeds(each, command, env.control_dt) for each in (seen, true))
-        found.append([told - exact, undone - exact, (seen - true)[1:, [6, 2]].T])
+        found.append([told - exact, undone - exact, (seen - true)[1:, read].T])
     for error, without, reading, deviation in zip(
         *np.concatenate(found, axis=-1), deviations, strict=True
     ):

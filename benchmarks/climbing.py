@@ -3,13 +3,12 @@
     python -m benchmarks.climbing [--episodes 24] [--env ID] [--policy RUN] [--quick]
 
 All controllers and speeds meet the same grounds: where one of them succeeds, the machine can.
-Writes ``climbing.md``, and for the paper's robot ``levels.md`` and ``generators.png``.
+Writes ``climbing.md``, and for the paper's robot ``levels.md``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -18,13 +17,10 @@ from benchmarks import measure
 from benchmarks.measure import WALKER
 from jansen_env import Terrain
 from jansen_env.baselines.policy import Array, Bools, Policy
-from jansen_env.plants.plant import ProjectionPlant
-from jansen_env.robot import JANSEN, paper_robot
-from jansen_env.robot.kinematics import world_joints
 from jansen_env.scoring.rollout import make_env, run_episodes
 from jansen_env.tasks.walking.walker_benchmark import ENOUGH, succeeded
 from jansen_env.terrain import shapes
-from jansen_env.terrain.generators import HIGHEST, LEVELS, NamedGenerator, at_level, make_generator
+from jansen_env.terrain.generators import HIGHEST, LEVELS, NamedGenerator, at_level
 
 SPEEDS = (0.2, 0.3, 0.45, 0.6)  # m/s
 FRICTION = 0.8
@@ -182,28 +178,6 @@ def level_table() -> str:
     return measure.table(("level", *map(str, range(HIGHEST + 1))), rows)
 
 
-def draw_generators(path: Path, levels: Sequence[int] = (0, 4, HIGHEST)) -> None:
-    """Each generator's ground at some levels, with the robot to scale."""
-    figure, axes = measure.subplots(len(LEVELS), len(levels), 12.0, 9.5, sharex=True, sharey=True)
-    robot = paper_robot()
-    for row, name in zip(axes, LEVELS, strict=True):
-        for axis, level in zip(row, levels, strict=True):
-            terrain = make_generator(name)(np.random.default_rng(1), level)  # type: ignore[misc]
-            x = np.unique(np.concatenate([np.linspace(-1.0, 4.0, 500), terrain.polyline[:, 0]]))
-            x = x[(x >= -1.0) & (x <= 4.0)]
-            axis.fill_between(x, terrain.height(x), -1.4, color="0.75", lw=0.0)
-            plant = ProjectionPlant(robot, terrain)
-            plant.reset(crank_angle=1.0)
-            for joints in world_joints(robot, plant.state[:4]):
-                for a, b in JANSEN.skeleton:
-                    axis.plot(*joints[[a, b]].T, color="C0", lw=0.8)
-            axis.set(
-                aspect="equal", xlim=(-1.0, 4.0), ylim=(-0.4, 1.25), title=f"{name}, level {level}"
-            )
-            axis.grid(visible=False)
-    measure.save(figure, path)
-
-
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
     parser = measure.options(__doc__, "docs/terrain", episodes=EPISODES)
@@ -234,7 +208,6 @@ def main(arguments: list[str] | None = None) -> None:
         return
     measure.report(args.out / "levels.md", "# Levels", "`python -m benchmarks.climbing`: values "
                    "of `jansen_env.terrain.generators.LEVELS`.", level_table())  # fmt: skip
-    draw_generators(args.out / "generators.png")
 
 
 if __name__ == "__main__":

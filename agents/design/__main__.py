@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
+import os
 import shlex
 import sys
 from concurrent.futures import ProcessPoolExecutor, wait
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
@@ -21,8 +21,8 @@ from tqdm import tqdm
 
 from agents.design.design_plan import PLANS, Plan, make_plan, read_plan
 from agents.design.design_report import REPORT, ROBOT, write_report
-from agents.design.search import JOURNAL, Measured, objectives_of, run_search
-from agents.design.seeds import execute_search, load_policy
+from agents.design.search import JOURNAL, Measured, load_policy, objectives_of, run_search
+from jansen_env.baselines.policy import Array
 from jansen_env.commands.flags import Parser, mapping, positive_int
 from jansen_env.cores import available_cores
 from jansen_env.files import write_text
@@ -68,10 +68,8 @@ def main(arguments: list[str] | None = None) -> int:
             report(make_plan(read_yaml(folder / PLAN)), folder, args.all)
             return 0
         plan = read_plan(args.plan)
-        asked = {
-            name: getattr(args, name) for name in ("seeds", "generations", "speed", "variables")
-        }
-        changes = {name: value for name, value in asked.items() if value is not None}
+        flags = "seeds", "generations", "speed", "variables"
+        changes = {name: value for name in flags if (value := getattr(args, name)) is not None}
         limits = {**plan.limits, **(args.limits or {})}
         plan = make_plan({**asdict(plan), **changes, "limits": limits})
         folder = Path(args.log_folder) / (args.name or Path(args.plan).stem)
@@ -138,6 +136,12 @@ def search_all(plan: Plan, folder: Path, args: argparse.Namespace) -> bool:
     return bool(failed)
 
 
+def execute_search(plan: Plan, seed: int, folder: Path) -> None:
+    """Run a seed's search on one core, in a process of its own."""
+    os.environ["JANSEN_ENV_THREADS"] = "1"
+    run_search(plan, seed, folder, load_policy(plan))
+
+
 class Shown:
     """A bar of the generations, with the best so far and how many of the last keep all limits."""
 
@@ -145,7 +149,7 @@ class Shown:
         self._plan, self._best = plan, np.inf
         self._bar = tqdm(total=plan.generations, unit="generation")
 
-    def __call__(self, number: int, measured: Measured, violation: Any) -> None:
+    def __call__(self, number: int, measured: Measured, violation: Array) -> None:
         """Take a generation."""
         fine = objectives_of(self._plan, measured)[violation == 0.0, 0]
         self._best = min(self._best, fine.min(initial=np.inf))

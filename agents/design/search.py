@@ -21,7 +21,9 @@ from agents.design.variables import Candidate, Space
 from agents.training.runs import locked
 from jansen_env.baselines.policy import Array, Policy
 from jansen_env.checks import shown
+from jansen_env.commands.named_policies import load_named
 from jansen_env.files import open_regular
+from jansen_env.scoring.rollout import make_env
 
 JOURNAL = "journal.jsonl"
 
@@ -72,6 +74,14 @@ def make_walker(
     """
     kwargs = {"robot": plan.robot, **plan.env_kwargs, **changes}
     return Walker(plan.env, kwargs, plan.speed, starts or plan.starts, plan.population, policy)
+
+
+def load_policy(plan: Plan) -> Policy | None:
+    """Return the policy that turns all cranks, None for profiles. Raises ValueError: no policy."""
+    if plan.policy is None:
+        return None
+    env = make_env(plan.env, {**plan.env_kwargs, "robot": plan.robot})
+    return load_named(plan.policy, env)
 
 
 def make_optimiser(plan: Plan, start: Array, seed: int) -> Optimiser:

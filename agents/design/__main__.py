@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
-import os
 import shlex
 import sys
 from concurrent.futures import ProcessPoolExecutor, wait
@@ -21,7 +20,14 @@ from tqdm import tqdm
 
 from agents.design.design_plan import PLANS, Plan, make_plan, read_plan
 from agents.design.design_report import REPORT, ROBOT, write_report
-from agents.design.search import JOURNAL, Measured, load_policy, objectives_of, run_search
+from agents.design.search import (
+    JOURNAL,
+    Measured,
+    execute_search,
+    load_policy,
+    objectives_of,
+    run_search,
+)
 from jansen_env.baselines.policy import Array
 from jansen_env.commands.flags import Parser, mapping, positive_int
 from jansen_env.cores import available_cores
@@ -134,12 +140,6 @@ def search_all(plan: Plan, folder: Path, args: argparse.Namespace) -> bool:
     for name, error in failed.items():
         print(f"{name}: {type(error).__name__}: {error}")
     return bool(failed)
-
-
-def execute_search(plan: Plan, seed: int, folder: Path) -> None:
-    """Run a seed's search on one core, in a process of its own."""
-    os.environ["JANSEN_ENV_THREADS"] = "1"
-    run_search(plan, seed, folder, load_policy(plan))
 
 
 class Shown:

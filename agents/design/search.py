@@ -153,6 +153,12 @@ def run_search(
         return _search(plan, seed, folder, policy, progress)
 
 
+def execute_search(plan: Plan, seed: int, folder: Path) -> None:
+    """Run a seed's search on one core, in a process that has nothing else to do."""
+    os.environ["JANSEN_ENV_THREADS"] = "1"
+    run_search(plan, seed, folder, load_policy(plan))
+
+
 def _search(
     plan: Plan, seed: int, folder: Path, policy: Policy | None, progress: Progress
 ) -> Searched:

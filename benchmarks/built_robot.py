@@ -185,7 +185,7 @@ def largest_compression(forces: JointForces, name: str) -> float:
 
 
 def pin_of(pair: tuple[int, int]) -> int:
-    """Which of :data:`JANSEN.pins` joins a pair of bodies."""
+    """Return the index in :data:`JANSEN.pins` of the pin that joins a pair of bodies."""
     return next(k for k, pin in enumerate(JANSEN.pins) if {pin.body, pin.other} == set(pair))
 
 

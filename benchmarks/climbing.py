@@ -124,7 +124,7 @@ def by_any_policy(outcomes: Found) -> Array:
 
 
 def last(grown: Array, share: Array) -> str:
-    """Up to which size a share (sizes,) is a half or more, as text."""
+    """Return the size up to which a share (sizes,) is a half or more, as text."""
     below = np.flatnonzero(share < HALF)
     count = below[0] if len(below) else len(share)
     return "-" if count == 0 else f"{'' if len(below) else '>= '}{abs(grown[count - 1]):.3g}"
@@ -137,7 +137,7 @@ def best(values: Bools) -> Array:
 
 
 def limit_table(results: dict[str, Found]) -> str:
-    """Up to which size each policy succeeds at its best speed, and any at any, as Markdown."""
+    """Return the sizes up to which policies succeed at their best speed, as Markdown."""
     rows = []
     for obstacle, outcomes in results.items():
         grown, unit = sizes(obstacle), UNITS.get(parameter(obstacle), "m")

@@ -159,8 +159,10 @@ def watch(kwargs: Kwargs, policy: Policy, command: float, seed: int) -> dict[str
 
 
 def highest_step(kwargs: Kwargs, policy: Policy, heights: Array, count: int) -> str:
-    """Up to which height (m) half of the walks up one step, which begin with all toes in front of
-    it, succeed at the best speed; as text."""
+    """Return the height (m) up to which half of the walks get over one step, as text.
+
+    They begin with all toes in front of the step, at the best speed.
+    """
     reach = float(toe_positions(kwargs["robot"], np.linspace(0.0, 6.3, 500))[..., 0].max())
     cases = [
         (climbing.ground("one step", height, k, reach), speed, FIRST_SEED + k)

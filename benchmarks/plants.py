@@ -170,7 +170,7 @@ def walk_table(compared: list[Comparison]) -> str:
 
 
 def verdict_table(compared: list[Comparison]) -> str:
-    """How many walks of each machine have which verdict."""
+    """Count the verdicts of each machine, as Markdown."""
     verdicts = sorted({c.verdict for c in compared})
     rows = []
     for machine in dict.fromkeys(c.walk.machine for c in compared):

@@ -101,7 +101,7 @@ def walk(
 
 
 def fallen(plant: Plant, result: StepResult) -> bool:
-    """Whether the step ended in a fall, as the walking task defines it."""
+    """Return whether the step ended in a fall, as the walking task defines it."""
     return bool(result.non_toe_contact) or abs(float(plant.state[2])) > FALLEN_PITCH
 
 

@@ -133,8 +133,10 @@ def write_report(plan: Plan, folder: Path, policy: Policy | None = None) -> str:
 
 
 def agreement(robots: Sequence[Robot]) -> str:
-    """How far designs agree, the first of which is the start: paths of the first toe by the mean
-    distance of their points, over their width, and lengths by their mean difference."""
+    """Return how far designs agree as a sentence; the first design is the start.
+
+    Paths of the first toe: mean distance of points over width. Lengths: mean difference.
+    """
     psi = np.linspace(0.0, 2.0 * np.pi, 180, endpoint=False)
     toes = [toe_positions(robot, psi)[:, 0] @ (1.0, 1.0j) for robot in robots]
     paths = [toe - toe.mean() for toe in toes]

@@ -78,9 +78,9 @@ MEASURES: dict[str, Measure] = WALK | {
         "copies", "1", f"largest cost of transport of {COPIES} copies built to {1e3 * TOLERANCE} mm"
     ),
 }  # fmt: skip
-"""By name. Walks are scored as everywhere (:data:`jansen_env.scoring.benchmarks.WALKER`)."""
+"""Measures by name; walks have the metrics of the walker's benchmark."""
 GROUPS = ("shape", "held", "planes", "walk", "copies", "climb", "loads")
-"""In the order in which they are measured: the cheapest first."""
+"""Groups of measures, the cheapest first."""
 
 
 class Walker:

@@ -56,7 +56,7 @@ def geometry_measures(robot: Robot) -> dict[str, float]:
 
 
 def _opening(path: Array) -> float:
-    """How far apart (m) a toe's way out and back (n, 2) are, at the middle of its way along."""
+    """Return the gap (m) between a toe's way out and back (n, 2), in the middle of its stride."""
     x = path[:, 0] - 0.5 * (path[:, 0].min() + path[:, 0].max())
     after = np.roll(path[:, 1], -1), np.roll(x, -1)
     crossing = x * after[1] <= 0.0

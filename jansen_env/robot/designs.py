@@ -71,7 +71,7 @@ def built_robot(phases: int = 2) -> Robot:
 
 
 def with_built_parts(robot: Robot) -> Robot:
-    """The same robot with the masses and inertias of aluminium bars and plates, by its lengths.
+    """Return the robot with the masses and inertias of aluminium bars and plates, by its lengths.
 
     Plates are triangular, with the foot's rubber on the third joint of the body ``foot``; the frame
     carries motor, crankshaft, battery and cross-members.
@@ -92,7 +92,7 @@ def with_built_parts(robot: Robot) -> Robot:
 
 
 def is_of_built_parts(robot: Robot) -> bool:
-    """Whether a robot's masses and inertias are those that :func:`with_built_parts` gives it."""
+    """Return whether a robot has the masses and inertias of :func:`with_built_parts`."""
     known = not any(isinstance(link, Plate) for link in robot.bodies)
     return known and with_built_parts(robot).bodies == robot.bodies
 

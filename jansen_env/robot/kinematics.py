@@ -148,7 +148,7 @@ def coordinates(robot: Robot, side: Side, psi: ArrayLike, joints: Array | None =
 
 
 def turning(robot: Robot, angles: ArrayLike, pairs: Sequence[tuple[int, int]]) -> Array:
-    """How fast pairs of bodies turn against each other per crank speed (..., legs, pairs), >= 0.
+    """Return relative angular speeds of pairs of bodies per crank speed (..., legs, pairs), >= 0.
 
     Args:
         angles: of the robot's crank (...), rad. pairs: numbers of two bodies each, from 1.
@@ -174,7 +174,7 @@ def check_closure(robot: Robot, samples: int = 720) -> None:
 
 
 def nearest_dead_point(robot: Robot, samples: int = 720) -> tuple[float, str, float]:
-    """Where two links that meet in a joint come nearest to one line: a dead point of the crank.
+    """Return the crank angle nearest to a dead point: two links that meet in a joint are in line.
 
     Returns:
         Sine of the angle between the links there; the joint; the leg's crank angle, rad.

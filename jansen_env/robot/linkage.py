@@ -210,7 +210,7 @@ class Linkage:
 
     @property
     def moving_pins(self) -> tuple[Pin, ...]:
-        """All but the crank's own, which all legs share."""
+        """Pins without the crank's own, which all legs share."""
         return tuple(pin for pin in self.pins if {pin.body, pin.other} != {FRAME, CRANK})
 
     @cached_property
@@ -247,7 +247,7 @@ class Linkage:
 
     @cached_property
     def holes(self) -> tuple[tuple[int, str], ...]:
-        """Those of :attr:`corners` that have a pin."""
+        """Corners that have a pin; see :attr:`corners`."""
         pinned = {pin.joint for pin in self.pins}
         return tuple(corner for corner in self.corners if corner[1] in pinned)
 

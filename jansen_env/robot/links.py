@@ -73,7 +73,7 @@ class Bar:
 
     @property
     def half(self) -> float:
-        """From either pin to the centre of mass, m (the paper's d_i and l_i)."""
+        """Distance from either pin to the centre of mass, m (the paper's d_i and l_i)."""
         return 0.5 * self.length
 
     @property
@@ -82,11 +82,11 @@ class Bar:
         return (-self.half, 0.0), (self.half, 0.0)
 
     def distance(self, i: int, k: int) -> float:
-        """Between two different joints, m."""
+        """Distance between two different joints, m."""
         return self.length
 
     def slender(self) -> Bar:
-        """The same bar with the inertia of a slender rod, m L^2 / 12."""
+        """Return the bar with the inertia of a slender rod, m L^2 / 12."""
         return replace(self, inertia=self.mass * self.length * self.length / 12.0)
 
 
@@ -158,11 +158,11 @@ class Triangle:
         return (s * self.d, 0.0), (s * self.l, self.alpha), (s * self.h, -self.gamma)
 
     def distance(self, i: int, k: int) -> float:
-        """Between two different corners, m."""
+        """Distance between two different corners, m."""
         return self.sides[(0, 2, 1)[i + k - 1]]
 
     def slender(self) -> Triangle:
-        """The same triangle with a uniform plate's inertia, m (a^2 + b^2 + c^2) / 36."""
+        """Return the triangle with a uniform plate's inertia, m (a^2 + b^2 + c^2) / 36."""
         a, b, c = self.sides
         return replace(self, inertia=self.mass * (a * a + b * b + c * c) / 36.0)
 
@@ -232,12 +232,12 @@ class Plate:
         return tuple((hypot(x, y), atan2(y, x)) for x, y in self.points)
 
     def distance(self, i: int, k: int) -> float:
-        """Between two different joints, m."""
+        """Distance between two different joints, m."""
         (x, y), (u, v) = self.points[i], self.points[k]
         return hypot(u - x, v - y)
 
     def slender(self) -> Plate:
-        """The same plate with its mass spread as :meth:`uniform` spreads it."""
+        """Return the plate with its mass spread as :meth:`uniform` spreads it."""
         return Plate.uniform(self.points, self.mass)
 
 
@@ -325,7 +325,7 @@ class Compliance:
 
     @property
     def rigid(self) -> bool:
-        """Whether the pad does not give."""
+        """Return whether the pad is rigid."""
         return self.stiffness == math.inf
 
 

@@ -147,7 +147,7 @@ class Robot:
         return self.bodies[self.linkage.names.index(name)]
 
     def with_bodies(self, **links: Link) -> Robot:
-        """The same robot with other links, by their names. Raises ValueError: another name."""
+        """Return the robot with other links, by their names. Raises ValueError: another name."""
         for name in links:
             one_of("body", name, self.linkage.names)
         pairs = zip(self.linkage.names, self.bodies, strict=True)
@@ -193,5 +193,5 @@ class Robot:
         return tuple(names)
 
     def with_slender_inertias(self) -> Robot:
-        """The same robot with rods of inertia m L^2 / 12 and triangles as uniform plates."""
+        """Return the robot with rods of inertia m L^2 / 12 and triangles as uniform plates."""
         return replace(self, bodies=tuple(body.slender() for body in self.bodies))

@@ -27,7 +27,7 @@ PARTS: dict[str, type] = {
     kind.__name__: kind
     for kind in (Robot, Linkage, Bar, Triangle, Plate, Leg, Payload, Motor, Compliance)
 }
-"""What a file may hold, by the name under ``"is"``."""
+"""Parts that a file may hold, by the name under ``"is"``."""
 
 
 def robot_to_json(robot: Robot) -> dict[str, object]:

@@ -173,7 +173,7 @@ class Task(ABC):
     def step(
         self, actions: ArrayLike, active: Bools, meanwhile: Callable[[], None] | None = None
     ) -> None:
-        """Hold actions (n, 1) of the ``active`` robots (n,), see :meth:`jansen_env.world.world.World.step`."""
+        """Hold actions (n, 1) of the ``active`` robots (n,), see ``World.step``."""
         self.world.step(actions, active, self.finish_step, meanwhile)
         self.judge(active)
         self.world.disturb()

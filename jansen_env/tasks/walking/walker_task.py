@@ -132,7 +132,7 @@ class WalkerTask(CompiledTask):
     def step(
         self, actions: ArrayLike, active: Bools, meanwhile: Callable[[], None] | None = None
     ) -> None:
-        """Hold actions (n, 1) of the ``active`` robots (n,), see :meth:`jansen_env.world.world.World.step`."""
+        """Hold actions (n, 1) of the ``active`` robots (n,), see ``World.step``."""
         if self._commands_change:
             self._draw_commands(active)
         super().step(actions, active, meanwhile)

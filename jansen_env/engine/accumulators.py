@@ -5,8 +5,7 @@ from __future__ import annotations
 from jansen_env.engine.contact_solver import OPEN, STICK
 from jansen_env.engine.contacts import rate
 from jansen_env.engine.kernel import stage
-from jansen_env.engine.motor_stages import drawn_power
-from jansen_env.engine.restitution import contact_gain
+from jansen_env.engine.restitution import contact_gain, drawn_power
 from jansen_env.engine.tables import mechanical_energy
 
 

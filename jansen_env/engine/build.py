@@ -136,13 +136,13 @@ def array_at(_: Numba, address: Numba, shape: Numba, dtype: Numba) -> Numba:
 
 
 @intrinsic
-def _take(_: Numba, place: Numba) -> Numba:
-    """:func:`jansen_env.engine.kernel.take` by an atomic instruction."""
+def _fetch_add(_: Numba, place: Numba) -> Numba:
+    """:func:`jansen_env.engine.kernel.fetch_add` by an atomic instruction."""
 
     def generate(context: Numba, builder: Numba, _: Numba, arguments: Numba) -> Numba:
         array = context.make_array(place)(context, builder, arguments[0])
-        one = context.get_constant(types.int64, 1)
-        return builder.atomic_rmw("add", array.data, one, "monotonic")
+        increment = context.get_constant(types.int64, 1)
+        return builder.atomic_rmw("add", array.data, increment, "monotonic")
 
     return types.int64(place), generate
 
@@ -154,7 +154,7 @@ def _lower(function: Function, inline: bool) -> Numba:
 
 def _import_kernels() -> list[Kernel]:
     """Import the modules of this folder, with stages to be compiled."""
-    kernel_module.take, kernel_module.lower = _take, _lower
+    kernel_module.fetch_add, kernel_module.lower = _fetch_add, _lower
     for path in sorted(FOLDER.glob("*.py")):
         if path.stem not in ("__init__", "build", "kernel"):
             importlib.import_module(f"jansen_env.engine.{path.stem}")

@@ -152,8 +152,8 @@ def list_planes(x, y, pad, status, surface, world, planes):
     )
     begin, nearest, least = status.end_plane, first, -np.inf
     for k in range(first, last + 1):
-        found, nx, ny, offset = _plane(surface, start, end, k, x, y, near)
-        if found:
+        faces, nx, ny, offset = _plane(surface, start, end, k, x, y, near)
+        if faces:
             no_plane = False
             distance = nx * x + ny * y - offset
             if least < distance < 0.0:
@@ -164,8 +164,8 @@ def list_planes(x, y, pad, status, surface, world, planes):
         _list_near_side(x, y, pad, first, last, nearest, near, status, surface, world, planes)
     if not (no_plane and y < height_at(surface, start, end, x)):
         return
-    found, nx, ny, offset = _way_out(surface, start, end, x, y, status.pad_radius + WAY_OUT)
-    if found:
+    is_out, nx, ny, offset = _way_out(surface, start, end, x, y, status.pad_radius + WAY_OUT)
+    if is_out:
         _list(pad, status, nx, ny, offset, nx * x + ny * y - offset, world.capacity, planes)
     else:
         status.too_deep = True
@@ -179,13 +179,13 @@ def _list_near_side(x, y, pad, first, last, nearest, near, status, surface, worl
     """
     start, end = status.first_near, status.end_near
     for k in range(first, last + 1):
-        found, nx, ny, offset = _plane(surface, start, end, k, x, y, near)
+        faces, nx, ny, offset = _plane(surface, start, end, k, x, y, near)
         distance = nx * x + ny * y - offset
         a, b = min(k, nearest), max(k, nearest)
         ax, ay = surface[a + 1, 0] - surface[a, 0], surface[a + 1, 1] - surface[a, 1]
         bx, by = surface[b + 1, 0] - surface[b, 0], surface[b + 1, 1] - surface[b, 1]
         beyond = distance < 0.0 and ax * by - ay * bx < 0.0
-        if found and not beyond:
+        if faces and not beyond:
             _list(pad, status, nx, ny, offset, distance, world.capacity, planes)
 
 
@@ -198,9 +198,9 @@ def _way_out(surface, start, end, x, y, reach):
         segment_at(surface, start, end, x + reach),
     )
     for k in range(first, last + 1):
-        found, nx, ny, offset = _plane(surface, start, end, k, x, y, reach)
+        faces, nx, ny, offset = _plane(surface, start, end, k, x, y, reach)
         distance = nx * x + ny * y - offset
-        if found and highest < distance < 0.0:
+        if faces and highest < distance < 0.0:
             highest, best_x, best_y, best_offset = distance, nx, ny, offset
     return highest > -reach, best_x, best_y, best_offset
 
@@ -243,8 +243,8 @@ def _plane(surface, start, end, k, x, y, near):
             nx, ny = (-vertex_x, -vertex_y) if sunk else (vertex_x, vertex_y)
             offset = nx * px + ny * py
     # Behind that segment, yet above the ground: it sees the far side of a ridge.
-    found = not (sunk and y > height_at(surface, start, end, x))
-    return found, nx, ny, offset
+    faces = not (sunk and y > height_at(surface, start, end, x))
+    return faces, nx, ny, offset
 
 
 @stage(inline=False)
@@ -295,3 +295,15 @@ def _swap(a, b):
     a.distance, b.distance = b.distance, a.distance
     a.pad, b.pad = b.pad, a.pad
     a.mode, b.mode = b.mode, a.mode
+
+
+@kernel
+def put_reach(points: Floats2, directions: Floats2, out: Floats1) -> None:
+    """Put the farthest that points (n, 2) reach along unit vectors (2, k) into (k,), m."""
+    for k in range(len(out)):
+        out[k] = points[0, 0] * directions[0, k] + points[0, 1] * directions[1, k]
+    for i in range(1, len(points)):
+        x, y = points[i, 0], points[i, 1]
+        for k in range(len(out)):
+            along = x * directions[0, k] + y * directions[1, k]
+            out[k] = along if along > out[k] else out[k]

@@ -147,19 +147,19 @@ def outruns(margin, h, state, params, model, work):
     travel += h * (params.pitch_arm * abs(state[6]) + params.crank_arm * abs(state[7]))
     if travel <= margin:
         return False
-    found, layout = work.found, model.layout
+    listed, layout = work.listed, model.layout
     x, y = state[0] + 0.5 * h * state[4], state[1] + 0.5 * h * state[5]
     theta, psi = state[2] + 0.5 * h * state[6], state[3] + 0.5 * h * state[7]
     cos, sin = mathematics.cos(theta), mathematics.sin(theta)
-    old_cos, old_sin = mathematics.cos(found[2]), mathematics.sin(found[2])
+    old_cos, old_sin = mathematics.cos(listed[2]), mathematics.sin(listed[2])
     sx, sy = centre_of_mass(model.body, params, psi)
-    old_sx, old_sy = centre_of_mass(model.body, params, found[3])
+    old_sx, old_sy = centre_of_mass(model.body, params, listed[3])
     for j in range(len(layout)):
         px, py = pad_place(model.pads, layout[j], psi)
-        old_px, old_py = pad_place(model.pads, layout[j], found[3])
+        old_px, old_py = pad_place(model.pads, layout[j], listed[3])
         px, py, old_px, old_py = px - sx, py - sy, old_px - old_sx, old_py - old_sy
-        far_x = x + cos * px - sin * py - found[0] - old_cos * old_px + old_sin * old_py
-        far_y = y + sin * px + cos * py - found[1] - old_sin * old_px - old_cos * old_py
+        far_x = x + cos * px - sin * py - listed[0] - old_cos * old_px + old_sin * old_py
+        far_y = y + sin * px + cos * py - listed[1] - old_sin * old_px - old_cos * old_py
         if not far_x * far_x + far_y * far_y <= margin * margin:
             return True
     return False

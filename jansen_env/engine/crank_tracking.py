@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.engine import mathematics
-from jansen_env.engine.actions import keep_actions
 from jansen_env.engine.kernel import Bools1, Floats1, Floats2, Ints1, Ints2, Singles2, kernel, stage
+from jansen_env.engine.readings import keep_actions
 from jansen_env.engine.records import Robots, floats, row_dtype
 
 START_ANGLE = math.pi  # rad, of the reference at time 0, as in the paper
@@ -48,7 +48,7 @@ def take_actions(
     actions: Floats2, active: Bools1, elapsed: Ints1, full_torque: Floats1, rows: HeldRows,
     asked: Floats2, delay: Ints2, torque: Floats1, earlier: Floats1, switch: Ints1,
 ) -> int:  # fmt: skip
-    """See :func:`jansen_env.engine.actions.keep_actions`."""
+    """See :func:`jansen_env.engine.readings.keep_actions`."""
     return keep_actions(
         actions, active, elapsed, full_torque, rows, asked, delay, torque, earlier, switch
     )

@@ -43,9 +43,9 @@ from jansen_env.engine.kernel import (
     Floats5,
     Ints1,
     Ints2,
+    fetch_add,
     kernel,
     stage,
-    take,
 )
 from jansen_env.engine.records import (
     Contacts,
@@ -159,7 +159,7 @@ def advance(
     for offset in range(known):
         share = shares[(thread + offset) % known]
         while count < most:
-            k = take(share)
+            k = fetch_add(share)
             if k >= share[1]:
                 break
             r = rows[k]
@@ -219,7 +219,7 @@ def _advance_robot(world, steps, asked, state, robot, model, planes, statistics,
     begun, k = status.step, status.step
     stop = min(steps, begun + world.stride - begun % world.stride)
     for i in range(4):
-        work.pose[i] = work.found[i] = state[i]
+        work.pose[i] = work.listed[i] = state[i]
     work.pose[TRAVEL] = 0.0
     for plane in range(status.end_plane - status.first_plane):
         work.bound[plane] = 0.0

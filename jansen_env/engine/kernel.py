@@ -242,7 +242,7 @@ def stage(function: Function | None = None, *, inline: bool = True) -> Any:
 
 
 @stage
-def take(place: NDArray[np.int64]) -> int:
+def fetch_add(place: NDArray[np.int64]) -> int:
     """Return ``place[0]``, of (1 or more,) int64, and add 1 to it.
 
     Compiled, no other thread gets the same.

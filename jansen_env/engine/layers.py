@@ -49,8 +49,8 @@ def put_actions(
                 of_a = weights[start + i * units :]
                 of_b, of_c, of_d = of_a[units:], of_a[2 * units :], of_a[3 * units :]
                 for unit in range(units):
-                    found = sums[unit] + a * of_a[unit] + b * of_b[unit]
-                    sums[unit] = found + c * of_c[unit] + d * of_d[unit]
+                    partial = sums[unit] + a * of_a[unit] + b * of_b[unit]
+                    sums[unit] = partial + c * of_c[unit] + d * of_d[unit]
             for i in range(width - width % 4, width):
                 last = weights[start + i * units :]
                 for unit in range(units):

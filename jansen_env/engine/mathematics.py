@@ -276,8 +276,8 @@ def power(x, y):
     k, f = _parts(x)
     d = 2.0 + f
     s = f / d
-    found, left = _product(s, d)
-    s_rest = ((f - found) - left - s * (f - (d - 2.0))) / d
+    product, left = _product(s, d)
+    s_rest = ((f - product) - left - s * (f - (d - 2.0))) / d
     whole = k * LN2_HIGH + 2.0 * s
     rest = (k * LN2_HIGH - whole) + 2.0 * s + (2.0 * s_rest + (s * _log_rest(s) + k * LN2_LOW))
     high = whole + rest

@@ -1,14 +1,14 @@
-"""Readings of n walking robots and their last step: observation by name, information, energies."""
+"""Actions of n robots as torques, which may come late; readings of walking ones."""
 
 from __future__ import annotations
 
+import math
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.engine import mathematics
-from jansen_env.engine.actions import keep_actions
 from jansen_env.engine.collision import height_at
 from jansen_env.engine.kernel import (
     Bools1,
@@ -49,12 +49,46 @@ ROW = row_dtype(
 Rows = Annotated[NDArray[np.void], ROW, 1]
 
 
+@stage(inline=False)
+def keep_actions(
+    actions, active, elapsed, full_torque, rows, asked, delay, torque, earlier, switch
+):
+    """Keep actions (n, 1), clipped to -1 .. 1, in ``rows``; 0 of robots not ``active`` (n,).
+
+    Args:
+        elapsed: (n,) control steps since the reset; counted on where ``active``.
+        full_torque: (n,) N m, the torque of action 1, with its sign.
+        asked: (n, steps) N m, the torques asked for, latest first; moved on by one.
+        delay: (n, 2) how many control steps a torque comes late, and time steps on top of these.
+        torque, earlier, switch: (n,) out: the torque of this control step, N m, and the one before,
+            which still holds in its first ``switch`` time steps.
+
+    Returns:
+        The first active robot whose action is not finite, and nothing is kept; else -1.
+    """
+    for r in range(len(actions)):
+        if active[r] and not math.isfinite(actions[r, 0]):
+            return r
+    for r in range(len(actions)):
+        action = actions[r, 0] if active[r] else 0.0
+        elapsed[r] += active[r]
+        rows[r].action_before = rows[r].action
+        rows[r].action = min(1.0, max(-1.0, action))
+        for k in range(asked.shape[1] - 1, 0, -1):
+            asked[r, k] = asked[r, k - 1]
+        asked[r, 0] = rows[r].action * full_torque[r]
+        whole = delay[r, 0]
+        torque[r], earlier[r], switch[r] = asked[r, whole], asked[r, whole + 1], delay[r, 1]
+        rows[r].info.crank_torque = torque[r]
+    return -1
+
+
 @kernel
 def take_actions(
     actions: Floats2, active: Bools1, elapsed: Ints1, full_torque: Floats1, rows: Rows,
     asked: Floats2, delay: Ints2, torque: Floats1, earlier: Floats1, switch: Ints1,
 ) -> int:  # fmt: skip
-    """See :func:`jansen_env.engine.actions.keep_actions`."""
+    """:func:`keep_actions` of walking robots."""
     return keep_actions(
         actions, active, elapsed, full_torque, rows, asked, delay, torque, earlier, switch
     )

@@ -263,4 +263,4 @@ class Work(NamedTuple):
     sums: Array  # (3, 6) readings of the body's table
     place: Array  # (3, 6) readings of a pad's table, 3 of each row
     pose: Array  # (6,) last pose, and how far at most any pad has travelled since the first
-    found: Array  # (6,) pose at which the planes were found
+    listed: Array  # (6,) pose at which the planes were listed

@@ -13,7 +13,6 @@ import numpy as np
 from jansen_env.engine.contact_solver import STICK, solve
 from jansen_env.engine.contacts import add_dry_friction, can_wedge, rate
 from jansen_env.engine.kernel import stage
-from jansen_env.engine.motor_stages import limited_torque
 from jansen_env.engine.records import Velocity
 
 PASSES = 2  # evaluations of the speed-dependent terms in a step
@@ -171,6 +170,27 @@ def _solve_step(
             nn = 0.0  # to the last bit
         from_contacts = nn - free.crank
     return Velocity(nx, ny, nw, nn), free, residual, used
+
+
+@stage
+def limited_torque(asked, lost, share, params):
+    """Return the torque that a motor gives of one asked for, N m.
+
+    Args:
+        lost: what its speed takes of the stall torque, N m. share: of the torque-speed line that
+            counts, where its own effect on the speed is solved for; else 1.
+    """
+    most = params.most_torque
+    high = max(min(share * (params.stall_torque - lost), most), -most)
+    low = min(max(-share * (params.stall_torque + lost), -most), most)
+    return min(high, max(low, asked))
+
+
+@stage
+def drawn_power(torque, speed, params):
+    """Return the power that a motor draws, W; nothing is fed back."""
+    inner = torque * (params.driving if torque * speed >= 0.0 else params.driven)
+    return max(inner * (speed + params.winding * inner), 0.0)
 
 
 @stage

@@ -118,8 +118,8 @@ def analyse(values: Floats2, turn: Floats2, work: Floats2, series: Floats3) -> N
         for f in range(pairs):
             work[0, k * pairs + f] = values[k, f]
             work[1, k * pairs + f] = values[k, f + pairs] if f + pairs < functions else 0.0
-    found = _transform(count, pairs, turn, work)
-    x, y = work[found], work[found + 1]
+    first = _transform(count, pairs, turn, work)
+    x, y = work[first], work[first + 1]
     half = 0.5 / count
     for n in range(harmonics):
         up, down = n * pairs, (count - n) % count * pairs
@@ -137,12 +137,12 @@ def sample(series: Floats3, factor: Floats2, turn: Floats2, work: Floats2, value
     Args:
         factor: (2, harmonics) real and imaginary part of what the coefficients are multiplied by.
     """
-    found = _sample(series, factor, False, turn, work)
+    first = _sample(series, factor, False, turn, work)
     pairs = (series.shape[2] + 1) // 2
     for k in range(values.shape[0]):
         for f in range(series.shape[2]):
             place = k * pairs + f if f < pairs else (k - 1) * pairs + f
-            values[k, f] = work[found if f < pairs else found + 1, place]
+            values[k, f] = work[first if f < pairs else first + 1, place]
 
 
 @kernel
@@ -163,10 +163,10 @@ def expand(
         for n in range(weights.shape[1]):
             factor[0, n] = sign * weights[k, n] * half_step[0, n]
             factor[1, n] = sign * weights[k, n] * half_step[1, n]
-        found = _sample(series, factor, k % 2 == 1, turn, work)
+        first = _sample(series, factor, k % 2 == 1, turn, work)
         for group in range(out.shape[0]):
             for row in range(out.shape[1]):
                 for member in range(members):
                     f = group * members + member
                     place = row * pairs + f if f < pairs else (row - 1) * pairs + f
-                    out[group, row, k, member] = work[found if f < pairs else found + 1, place]
+                    out[group, row, k, member] = work[first if f < pairs else first + 1, place]

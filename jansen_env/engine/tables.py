@@ -85,9 +85,9 @@ def read_sums(body, params, psi, out):
         more = params.inertia_scale - 1.0
         out[VALUE, INERTIA] += more * params.own_inertia
         for f in (COUPLING, CRANK):
-            own = f + OWN_COUPLING - COUPLING
-            out[VALUE, f] += more * _value(body, row, own, t)
-            out[FIRST, f] += more * _first(body, row, own, t)
+            part = f + OWN_COUPLING - COUPLING
+            out[VALUE, f] += more * _value(body, row, part, t)
+            out[FIRST, f] += more * _first(body, row, part, t)
     if params.mass_scale != 1.0:
         for f in (C_X, C_Y, INERTIA, COUPLING, CRANK):
             out[VALUE, f] *= params.mass_scale

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.dynamics.reduced import Tables, compile_robot, design_of
-from jansen_env.engine.collision import SPECULATIVE_MARGIN
+from jansen_env.engine.collision import SPECULATIVE_MARGIN, put_reach
 from jansen_env.engine.mathematics import directions, lengths_of
-from jansen_env.engine.reach import put_reach
 from jansen_env.engine.records import PAD, Model
 from jansen_env.robot import Robot
 
@@ -59,9 +58,9 @@ class DesignTables:
         """
         designs = {id(robot): design_of(robot) for robot in {id(r): r for r in robots}.values()}
         each = [designs[id(robot)] for robot in robots]
-        new = {one: compile_robot(one) for one in designs.values() if one not in self._rows}
+        new = {key: compile_robot(key) for key in designs.values() if key not in self._rows}
         np.subtract.at(self._users, self.number[rows], 1)
-        np.add.at(self._users, [self._rows[one] for one in each if one in self._rows], 1)
+        np.add.at(self._users, [self._rows[key] for key in each if key in self._rows], 1)
         free = np.flatnonzero(self._users == 0)
         if len(free) < len(new):
             self._grow(len(new) - len(free))
@@ -69,7 +68,7 @@ class DesignTables:
         for row, (design, tables) in zip(free.tolist(), new.items(), strict=False):
             self._put(row, design, tables)
             self._users[row] = each.count(design)
-        self.number[rows] = [self._rows[one] for one in each]
+        self.number[rows] = [self._rows[key] for key in each]
 
     def _grow(self, count: int) -> None:
         """Make room for so many more designs."""
@@ -90,8 +89,8 @@ class DesignTables:
         if (old := self._designs[row]) is not None:
             del self._rows[old]
         self._designs[row], self._rows[design] = design, row
-        for every, own in zip(self.model, kernel_model(tables), strict=True):
-            every[row] = own[0]
+        for all_tables, table in zip(self.model, kernel_model(tables), strict=True):
+            all_tables[row] = table[0]
         self.depths[row] = non_toe_depths(tables)
         self.farthest[row, 0] = lengths_of(tables.body[:, :2, :2]).max(axis=0)
         self.farthest[row, 1] = lengths_of(tables.pads[:, :, :2, :2]).max(axis=(0, 1))

@@ -161,7 +161,7 @@ def check_values(
         ValueError: a number out of its limits, another than the nominal one of a parameter that
             the plant does not honour, or restitution where pads give.
     """
-    numbers, own = plain(values), plain(nominal)
+    numbers, unchanged = plain(values), plain(nominal)
     wrong = ~((numbers >= LIMITS[0]) & (numbers <= LIMITS[1]))
     if wrong.any():
         k, i = np.argwhere(wrong)[0]
@@ -170,11 +170,11 @@ def check_values(
             f"{row.name} is {numbers[k, i]}, must be between {row.least:g} and {row.most:g}"
         )
     fixed = [name not in honours for name in OF_ROBOTS]
-    other = (numbers != own) & fixed
+    other = (numbers != unchanged) & fixed
     if other.any():
         k, i = np.argwhere(other)[0]
         raise ValueError(
-            f"{OF_ROBOTS[i]} is {numbers[k, i]}, must be {own[k, i]:g}: this plant honours "
+            f"{OF_ROBOTS[i]} is {numbers[k, i]}, must be {unchanged[k, i]:g}: this plant honours "
             f"{sorted(honours)} only"
         )
     check_restitution(compliant, values["restitution"])

@@ -49,10 +49,10 @@ def _maker(points: Callable[..., Array]) -> Maker:
         return cls.of(points(*args, **named), friction, restitution)
 
     # For help(): the arguments of both.
-    own = inspect.signature(make)
-    first, _, *more, _ = own.parameters.values()
+    signature = inspect.signature(make)
+    first, _, *more, _ = signature.parameters.values()
     all_of_them = [first, *inspect.signature(points).parameters.values(), *more]
-    make.__signature__ = own.replace(parameters=all_of_them)  # type: ignore[attr-defined]
+    make.__signature__ = signature.replace(parameters=all_of_them)  # type: ignore[attr-defined]
     make.__name__, make.__doc__ = points.__name__, points.__doc__
     make.__qualname__ = f"Terrain.{points.__name__}"
     return classmethod(make)

@@ -13,7 +13,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from jansen_env.engine import integrator, reach
+from jansen_env.engine import collision, integrator
 from jansen_env.engine.kernel import FOLDER, PYTHON, library_path
 
 POINTS = np.array([[3.0, 4.0], [0.0, 1.0]])
@@ -54,13 +54,13 @@ def copy(tmp_path):
 )
 def test_what_is_no_such_array_is_refused(wrong):
     with pytest.raises(TypeError, match=r"points is .*, must be contiguous float64 of 2 axes"):
-        reach.put_reach(wrong, WAYS, np.zeros(2))
+        collision.put_reach(wrong, WAYS, np.zeros(2))
 
 
 @pytest.mark.skipif(PYTHON, reason="plain Python raises its own error")
 def test_the_number_of_arguments_is_checked():
-    with pytest.raises(TypeError, match="reach_put_reach has 2 arguments, must have 3"):
-        reach.put_reach(POINTS, WAYS)
+    with pytest.raises(TypeError, match="collision_put_reach has 2 arguments, must have 3"):
+        collision.put_reach(POINTS, WAYS)
 
 
 def test_a_kernel_is_pickled_by_its_name():
@@ -68,7 +68,7 @@ def test_a_kernel_is_pickled_by_its_name():
 
 
 def test_threads_share_a_bound_kernel():
-    bound = reach.put_reach.bound()
+    bound = collision.put_reach.bound()
 
     def far(number):
         out = np.zeros(2)

@@ -152,17 +152,6 @@ def test_what_is_not_there_changes_no_bit(name):
         assert a.motor_work == b.motor_work and a.impact_loss == b.impact_loss
 
 
-def test_small_friction_and_a_far_line_change_little(measured):
-    """Continuity: 1e-9 N m of friction and a line of 1e9 N m, against none, after half a second."""
-    ends = []
-    for motor in (Motor(), Motor(1e9, 1e9, 1e9, 3.0, 1e-12, 1e-9, 1e-9)):
-        plant = placed(Robot(motor=motor), Terrain.flat(0.3))
-        plant.step(3.0, 0.5)
-        ends.append(plant.state)
-    apart = np.abs(ends[0] - ends[1]).max()
-    measured("next to no friction, rotor and line: states apart", apart, 1e-8, "m, rad, 1/s")
-
-
 def test_a_pickled_batch_goes_on_as_it_would(rng):
     """Bristles and motors travel with the batch."""
     batch = Batch(mixed(4), [Terrain.flat(0.6)] * 4, threads=1)

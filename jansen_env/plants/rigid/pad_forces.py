@@ -272,13 +272,13 @@ class SpringPads:
     def _find_ground(self, space: pymunk.Space, pad: int, centre: Array, height: float) -> float:
         """The gap below a pad, m; takes the normal there."""
         x, y = centre.tolist()
-        found = space.point_query_nearest((x, y), math.inf, pymunk.ShapeFilter())
-        assert found is not None, "the ground has no end"
+        nearest = space.point_query_nearest((x, y), math.inf, pymunk.ShapeFilter())
+        assert nearest is not None, "the ground has no end"
         above = math.copysign(1.0, y - height)
-        distance = math.hypot(x - found.point.x, y - found.point.y)
+        distance = math.hypot(x - nearest.point.x, y - nearest.point.y)
         if distance > FLAT:
             scale = above / distance
-            self._normals[pad] = scale * (x - found.point.x), scale * (y - found.point.y)
+            self._normals[pad] = scale * (x - nearest.point.x), scale * (y - nearest.point.y)
         else:
             slope = float(self._terrain.gradient(x))
             self._normals[pad] = -slope / math.hypot(1.0, slope), 1.0 / math.hypot(1.0, slope)

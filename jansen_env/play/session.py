@@ -12,6 +12,7 @@ import numpy as np
 
 from jansen_env.baselines.policy import Policy
 from jansen_env.checks import finite, instance, one_of, shown, whole_number, within
+from jansen_env.envs.single import SingleEnv
 from jansen_env.policies import pretrained
 from jansen_env.policies.pretrained import arguments_of
 from jansen_env.rendering import Frame
@@ -68,25 +69,40 @@ def controls_of(env_id: str) -> tuple[str, ...]:
     return (BY_HAND, STEADY, *pretrained.names(env_id))
 
 
-def make_env(env_id: str, choices: Mapping[str, Any]) -> Recorder:
-    """Return the environment of some choices, which records what is walked in it.
+@dataclass(frozen=True)
+class Choices:
+    """What a walk is made of; ``lengths``, m, of the robot that are not its design's.
 
-    Raises ValueError: a choice is none of those allowed, or the robot's lengths do not close.
+    Raises ValueError: a robot, terrain or level is none of those allowed.
     """
-    one_of("robot", choices["robot"], ROBOTS)
-    one_of("terrain", choices["terrain"], TERRAINS)
-    level, name = whole_number("level", choices["level"], HIGHEST), choices["robot"]
-    lengths = choices["lengths"]
-    env = gym.make(
-        env_id, max_episode_steps=-1, disable_env_checker=True,
-        robot=with_lengths(DESIGNS[name](), lengths) if lengths else name,
-        terrain=choices["terrain"], terrain_level=0 if choices["terrain"] == FLAT else level,
-        randomize=None, terminate_when_fallen=False,
-    )  # fmt: skip
-    return Recorder(env, name)
+
+    robot: str
+    terrain: str
+    level: int
+    control: str
+    lengths: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        one_of("robot", self.robot, ROBOTS)
+        one_of("terrain", self.terrain, TERRAINS)
+        whole_number("level", self.level, HIGHEST)
+        instance("lengths", self.lengths, dict)
+
+    def make_env(self, env_id: str) -> Recorder:
+        """Return an environment, which records what is walked in it.
+
+        Raises ValueError: the robot's lengths do not close.
+        """
+        robot = with_lengths(DESIGNS[self.robot](), self.lengths) if self.lengths else self.robot
+        env = gym.make(
+            env_id, max_episode_steps=-1, disable_env_checker=True, robot=robot,
+            terrain=self.terrain, terrain_level=0 if self.terrain == FLAT else self.level,
+            randomize=None, terminate_when_fallen=False,
+        )  # fmt: skip
+        return Recorder(env, self.robot)
 
 
-def policy_of(env_id: str, control: Any, env: Recorder) -> Policy | None:
+def policy_of(env_id: str, control: str, env: Recorder) -> Policy | None:
     """Return what turns the crank of an environment; None for the torque by hand.
 
     Raises ValueError: ``control`` is none of :func:`controls_of`.
@@ -182,31 +198,28 @@ class Session:
         self.top_speed, self.version = 1.0, 0
         self._held, self._returns = 0, False  # the keys; whether the torque goes back to 0
         self._message, self._message_left = "", 0.0
-        self._env: Any = None
         self._final: Score | None = None  # from a fall on
-        own = arguments_of(env_id)
-        self._choices: dict[str, Any] = {
-            "robot": own["robot"] if robot is None else robot,
-            "terrain": own["terrain"] if terrain is None else terrain,
-            "control": control,
-            "lengths": {},
-        }
-        self._begin_with(self._chosen("level", level))
+        defaults = arguments_of(env_id)
+        start = Choices(robot or defaults["robot"], terrain or defaults["terrain"], 0, control, {})
+        self._choices = self._chosen("level", level, start)
+        self._env = self._choices.make_env(env_id)
+        self._take_control(policy_of(env_id, control, self._env), self._choices, first=True)
+        self._start()
 
     @property
-    def env(self) -> Any:
+    def env(self) -> SingleEnv[Any]:
         """The environment, unwrapped."""
-        return self._env.unwrapped
+        return self._env.inner
 
     @property
-    def choices(self) -> dict[str, Any]:
+    def choices(self) -> dict[str, str | int]:
         """Present "robot", "terrain", "level" and "control"."""
-        return {name: self._choices[name] for name in self.options}
+        return {name: getattr(self._choices, name) for name in self.options}
 
     @property
     def lengths(self) -> dict[str, float]:
         """Lengths that are not the robot's own."""
-        return dict(self._choices["lengths"])
+        return dict(self._choices.lengths)
 
     @property
     def options(self) -> dict[str, tuple[object, ...]]:
@@ -289,11 +302,24 @@ class Session:
         ``lengths``: of a robot that is to walk with other lengths, its crank at a constant speed;
         see :func:`jansen_env.robot.lengths.with_lengths`.
         """
-        chosen = self._chosen(name, value, lengths)
+        chosen = self._chosen(name, value, self._choices)
         if name == "control":
-            self._take_control(policy_of(self.env_id, value, self._env), value)
-        else:
-            self._begin_with(chosen)
+            self._take_control(policy_of(self.env_id, value, self._env), chosen)
+            return
+        if name == "robot":
+            chosen = replace(chosen, lengths={} if lengths is None else lengths)
+            chosen = chosen if lengths is None else replace(chosen, control=STEADY)
+        env = chosen.make_env(self.env_id)
+        try:
+            env.inner.set_parameters(**self.settings)
+            policy = policy_of(self.env_id, chosen.control, env)
+        except ValueError:
+            env.close()
+            raise
+        self._env.close()
+        self._env = env
+        self._take_control(policy, chosen)
+        self._start()
 
     def push(self, x: float, y: float) -> None:
         """Push the chassis by an impulse, N s in x and y, no larger than :data:`LARGEST_PUSH`."""
@@ -370,45 +396,21 @@ class Session:
         """Let go of the environment."""
         self._env.close()
 
-    def _chosen(
-        self, name: str, value: Any, lengths: Mapping[str, float] | None = None
-    ) -> dict[str, Any]:
+    def _chosen(self, name: str, value: Any, before: Choices) -> Choices:
         """The choices with another one."""
         one_of("choice", name, self.options)
-        chosen = {**self._choices, name: value}
-        if name == "robot":
-            chosen["lengths"] = {}
-            if lengths is not None:
-                chosen |= {"lengths": dict(instance("lengths", lengths, dict)), "control": STEADY}
-        if name == "level" and chosen["terrain"] == FLAT and value != 0:
+        if name == "level" and before.terrain == FLAT and value != 0:
             raise ValueError(f"level is {shown(value)}, must be 0 on flat ground")
-        return chosen
+        return replace(before, **{name: value})
 
-    def _begin_with(self, choices: dict[str, Any]) -> None:
-        """Start the environment of these choices, with the settings there are."""
-        env = make_env(self.env_id, choices)
-        try:
-            if self.settings:
-                env.inner.set_parameters(**self.settings)
-            policy = policy_of(self.env_id, choices["control"], env)
-        except ValueError:
-            env.close()
-            raise
-        if self._env is not None:
-            self._env.close()
-        self._take_control(policy, choices["control"])
-        self._env, self._choices, self._dt = env, choices, env.inner.control_dt
-        self._direction = math.copysign(1.0, advance_per_turn(env.inner.robot))
-        self._start()
-
-    def _take_control(self, policy: Policy | None, name: str) -> None:
+    def _take_control(self, policy: Policy | None, choices: Choices, first: bool = False) -> None:
         """Let a policy walk, or None: the hand."""
-        if self._choices["control"] != name or self._env is None:
-            first = STEADY_COMMAND if name == STEADY else FIRST_COMMAND
-            self.input = 0.0 if policy is None else first
+        if self._choices.control != choices.control or first:
+            command = STEADY_COMMAND if choices.control == STEADY else FIRST_COMMAND
+            self.input = 0.0 if policy is None else command
             self._held, self._returns = 0, False
         self._policy, self._memory, self._fresh = policy, None, True
-        self._choices["control"] = name
+        self._choices = choices
         if policy is not None:  # the fastest command that it was trained for
             arguments = {**arguments_of(self.env_id), **getattr(policy, "env_kwargs", {})}
             self.top_speed = float(np.max(np.abs(arguments["speed_command"])))
@@ -416,6 +418,8 @@ class Session:
 
     def _start(self) -> None:
         """Begin a walk."""
+        self._dt = self.env.control_dt
+        self._direction = math.copysign(1.0, advance_per_turn(self.env.robot))
         self._observation, _ = self._env.reset(
             seed=self.seed, options={"speed_command": self.command or 0.0}
         )
@@ -464,7 +468,7 @@ class Session:
         self._observation, _, _, self.stuck, info = env.step(action)
         self._frames = self._frames[1], self._snapshot()
         if self._final is None:
-            self._tally.add(info, self.env.weight, self.command)
+            self._tally.add(info, self._env.get_wrapper_attr("weight"), self.command)
         if (info["fallen"] or self.stuck) and self._final is None:
             self._final = self._tally.score()
             self.fallen = bool(info["fallen"])

@@ -12,7 +12,7 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.lib import format as npy
@@ -198,7 +198,7 @@ class Recording:
         return len(self.reward)
 
     @property
-    def scene(self) -> dict[str, Any]:
+    def scene(self) -> dict[str, object]:
         """What is drawn: :func:`jansen_env.viewer.web.geometry.scene_of_robot`."""
         gauges = self.torque_limit, self.speed_unit, self.speed_range, self.control_dt
         return scene_of_robot(self.robot, float(self.weight[0]), *gauges)
@@ -283,7 +283,7 @@ def _read_archive(data: bytes) -> dict[str, NDArray[Any]]:
         raise ValueError(f"it is damaged: {error or type(error).__name__}") from error
 
 
-def _check_header(name: str, file: Any, most: int) -> None:
+def _check_header(name: str, file: IO[bytes], most: int) -> None:
     """Check an array's type, and that it has at most so many bytes, by its header."""
     npy.read_magic(file)
     shape, _, dtype = npy.read_array_header_1_0(file)

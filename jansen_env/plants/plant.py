@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,7 +95,7 @@ class Plant:
         return None if in_contact is None else in_contact.copy()
 
     @in_contact.setter
-    def in_contact(self, value: Any) -> None:
+    def in_contact(self, value: object) -> None:
         self.batch.in_contact = check_in_contact(value, len(self.batch.deflection[0]))
 
     def reset(self, x: float = 0.0, crank_angle: float = 0.0, pitch: float | None = None) -> Array:

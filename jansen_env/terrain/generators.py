@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -122,7 +122,7 @@ class MixedGenerator:
 class OwnGenerator:
     """A user's ``function`` ``(rng, level) -> Terrain``, whose result is checked."""
 
-    function: Callable[[Random, int], Any]
+    function: Callable[[Random, int], object]
 
     def __call__(self, rng: Random, level: int) -> Terrain:
         """A ground. Raises ValueError: the function has returned something else."""
@@ -138,7 +138,7 @@ class OwnGenerator:
         return str(getattr(function, "__qualname__", type(function).__qualname__))
 
 
-def make_generator(spec: Any) -> Generator | None:
+def make_generator(spec: object) -> Generator | None:
     """Return a generator ``(rng, level) -> Terrain``, or None for a fixed ground.
 
     Args:
@@ -152,8 +152,7 @@ def make_generator(spec: Any) -> Generator | None:
     if isinstance(spec, (NamedGenerator, MixedGenerator, OwnGenerator)):
         return spec
     if not isinstance(spec, str):
-        known = callable(spec) and not isinstance(spec, type)
-        return OwnGenerator(spec) if known else None
+        return OwnGenerator(spec) if callable(spec) and not isinstance(spec, type) else None
     name, colon, text = spec.partition(":")
     if name == "flat" or (name == "slope" and colon and "=" not in text):
         return None  # make_terrain's

@@ -41,10 +41,10 @@ def _maker(points: Callable[..., Array]) -> Maker:
 
     def make(
         cls: type[Terrain],
-        *args: Any,
+        *args: object,
         friction: float = 0.8,
         restitution: float = 0.0,
-        **named: Any,
+        **named: object,
     ) -> Terrain:
         return cls.of(points(*args, **named), friction, restitution)
 
@@ -206,7 +206,7 @@ class Terrain:
         return ground
 
 
-def _numbers(name: str, value: Any) -> Array:
+def _numbers(name: str, value: object) -> Array:
     """An array of floats from numbers nested in any way."""
     try:
         table = np.array(value)

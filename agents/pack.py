@@ -11,7 +11,7 @@ import platform
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import torch
@@ -23,6 +23,7 @@ from torch import nn
 
 import jansen_env
 from agents.training.train_model import prepare
+from jansen_env.baselines.policy import Array
 from jansen_env.checks import shown
 from jansen_env.commands.flags import Parser, non_negative_int, positive_int
 from jansen_env.commands.named_policies import model_file
@@ -35,20 +36,23 @@ from jansen_env.sb3.trained import load_policy, read_model, untrained_policy
 from jansen_env.scoring.evaluation import evaluate
 from jansen_env.scoring.rollout import make_env
 
+Description: TypeAlias = dict[str, Any]
+"""A part of a policy's JSON file."""
+
 ACTIVATIONS = {nn.Tanh: "tanh", nn.ReLU: "relu", nn.ELU: "elu"}
 LIBRARIES = ("gymnasium", "numpy", "stable-baselines3", "torch")
 COPY = "critic_target."  # SAC's, of the critic: it need not be kept
 TOLERANCE = 1e-6  # of an action, between the network in torch and in NumPy
 
 
-def describe_network(policy: Any) -> dict[str, Any]:
+def describe_network(policy: Any) -> Description:
     """Describe how a policy of PPO or SAC gets from an observation to its action without noise; a
     ValueError names a part that :mod:`jansen_env.policies.pretrained` does not know."""
     if hasattr(policy, "actor"):  # SAC
         extractor, parts = "actor.features_extractor", ("actor.latent_pi", "actor.mu")
     else:
         extractor, parts = "pi_features_extractor", ("mlp_extractor.policy_net", "action_net")
-    layers: list[dict[str, Any]] = []
+    layers: list[Description] = []
     limit = None
     for part in parts:
         for name, module in policy.get_submodule(part).named_modules(prefix=part):
@@ -66,13 +70,13 @@ def describe_network(policy: Any) -> dict[str, Any]:
     return {"features": features, "layers": layers, "limit": limit, "squash": squash}
 
 
-def _features(extractor: nn.Module, path: str) -> list[dict[str, Any]]:
+def _features(extractor: nn.Module, path: str) -> list[Description]:
     """Describe the features made of an observation, block by block."""
     if isinstance(extractor, FlattenExtractor):
         return [{"kind": "observation"}]
     if not isinstance(extractor, NormalizedObservation):
         raise ValueError(f"{path} is a {type(extractor).__name__}, which cannot be packed")
-    blocks: list[dict[str, Any]] = [{
+    blocks: list[Description] = [{
         "kind": "normalized", "mean": f"{path}.mean", "variance": f"{path}.variance",
         "floor": MIN_DEVIATION, "clip": CLIP,
     }]  # fmt: skip
@@ -107,11 +111,11 @@ def pack(
     return write_json(path, {**policy.description, "sha256": pretrained.checksum(weights)})
 
 
-def scores_of(policy: PretrainedPolicy, episodes: int, seed: int = 0) -> dict[str, Any]:
+def scores_of(policy: PretrainedPolicy, episodes: int, seed: int = 0) -> Description:
     """Return the scores of :func:`jansen_env.evaluate`, and how to have them again."""
-    scores = evaluate(
+    (scores,) = evaluate(
         {"it": policy}, policy.env_id, policy.env_kwargs, episodes=episodes, seed=seed
-    )["it"]  # fmt: skip
+    ).values()
     return {"episodes_per_command": episodes, "seed": seed, "overall": scores["overall"],
             "by_command": scores["by_command"]}  # fmt: skip
 
@@ -195,7 +199,7 @@ def _fill(policy: BasePolicy, packed: PretrainedPolicy) -> None:
         raise ValueError(f"the weights do not fit: {' '.join(str(error).split())}") from error
 
 
-def check_equal(packed: PretrainedPolicy, policy: Any, count: int = 10_000) -> float:
+def check_equal(packed: PretrainedPolicy, policy: BasePolicy, count: int = 10_000) -> float:
     """Return the largest difference of two policies' actions on ``count`` random observations.
 
     Torch's error in float32 depends on how many observations it is given at once; so ``policy`` is
@@ -211,7 +215,7 @@ def check_equal(packed: PretrainedPolicy, policy: Any, count: int = 10_000) -> f
     return difference
 
 
-def random_observations(policy: PretrainedPolicy, spread: Any, rng: np.random.Generator) -> Any:
+def random_observations(policy: PretrainedPolicy, spread: Array, rng: np.random.Generator) -> Array:
     """Return observations (n, d), ``spread`` (n, d) standard deviations off their mean in training;
     cosines and sines of an angle are those of a random one."""
     mean, deviation = policy.scale
@@ -224,7 +228,7 @@ def random_observations(policy: PretrainedPolicy, spread: Any, rng: np.random.Ge
     return seen.astype(np.float32)
 
 
-def in_float64(policy: Any) -> Any:
+def in_float64(policy: BasePolicy) -> BasePolicy:
     """Let a policy of PyTorch compute in float64; its weights stay those of float32."""
     for module in policy.double().modules():
         if isinstance(module, BaseFeaturesExtractor):  # observations come to it as float32

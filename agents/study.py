@@ -140,8 +140,8 @@ class Report(BaseCallback):
 
 def report(folder: Path, steps: int) -> None:
     """Report a run's last evaluation to Ray Tune, and its folder as the checkpoint."""
-    found = read_evaluations(folder)
-    metrics = {"steps": steps, "return": found[-1]["return"] if found else float("nan")}
+    rows = read_evaluations(folder)
+    metrics = {"steps": steps, "return": rows[-1]["return"] if rows else float("nan")}
     tune.report(metrics, checkpoint=tune.Checkpoint.from_directory(folder))
 
 

@@ -51,7 +51,7 @@ def measure(
     gains: tuple[float, ...] = PAPER, **env_kwargs: object,
 ) -> dict[str, list[Any]]:  # fmt: skip
     """Measure walking speeds, m/s, of each crank speed ("pid") or torque ("constant")."""
-    env = make_env(env_id, env_kwargs).unwrapped
+    env: Any = make_env(env_id, env_kwargs).unwrapped
     each = np.repeat(settings, episodes)
     commands, seeds = np.full(len(each), 0.3), FIRST_SEED + np.arange(len(each)) % episodes
     policy = (walking_pid(lambda _: each, env, PID(*gains)) if name == "pid"
@@ -67,19 +67,19 @@ def measure_pid(
 ) -> dict[str, list[Any]]:  # fmt: skip
     """Measure the PID at crank speeds (rad/s), default :data:`CRANK_SPEEDS`, with those ``gains``
     whose mean return over the benchmark's commands is best, on other starts."""
-    env = make_env(env_id, env_kwargs).unwrapped
+    env: Any = make_env(env_id, env_kwargs).unwrapped
     commands = np.repeat(BENCHMARKS[env_id].commands, episodes)
     seeds = FIRST_SEED + episodes + np.arange(len(commands)) % episodes
     speeds = CRANK_SPEEDS if settings is None else settings
     best, made = -np.inf, {}
     for tried in gains:
-        found = measure("pid", speeds, episodes, env_id, tried, **env_kwargs)
-        setting = nearest_setting(np.array(found["settings"]), np.array(found["speeds"]))
+        measured = measure("pid", speeds, episodes, env_id, tried, **env_kwargs)
+        setting = nearest_setting(np.array(measured["settings"]), np.array(measured["speeds"]))
         policy = walking_pid(setting, env, PID(*tried))
         mean = run_episodes(policy, env_id, env_kwargs, commands, seeds)["returns"].mean()
         print(f"gains {tried}: return {mean:.1f}", flush=True)
         if mean > best:
-            best, made = mean, {"gains": list(tried), **found}
+            best, made = mean, {"gains": list(tried), **measured}
     return made
 
 
@@ -110,11 +110,13 @@ def tune_profile(seed: int, path: Path, env_id: str, effort: float) -> None:
         returns, falls = run["returns"].mean(), run["fell"].mean()
         print(f"{command:g} m/s: return {returns:.0f}, falls {falls:.1%}", flush=True)
 
-    for found in profile_search.search_profile(
+    for searched in profile_search.search_profile(
         commands, sweeps, seed=seed, progress=progress, env_id=env_id
     ):
-        numbers = found.numbers.round(5).tolist()
-        save_design(path, env_id, {**made, "commands": found.commands.tolist(), "numbers": numbers})
+        numbers = searched.numbers.round(5).tolist()
+        save_design(
+            path, env_id, {**made, "commands": searched.commands.tolist(), "numbers": numbers}
+        )
 
 
 def main(arguments: list[str] | None = None) -> None:

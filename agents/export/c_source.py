@@ -57,10 +57,10 @@ def check_name(name: str) -> str:
 def places(policy: PretrainedPolicy, name: str) -> list[str]:
     """Return the names of an observation's numbers in C; two of the same are a ValueError."""
     words = [re.sub(r"[^A-Z0-9]+", "_", seen.upper()).strip("_") for seen in policy.observed]
-    found = [f"{name.upper()}_OBS_{word or '_'}" for word in words]
-    if twice := sorted({place for place in found if found.count(place) > 1}):
+    names = [f"{name.upper()}_OBS_{word or '_'}" for word in words]
+    if twice := sorted({place for place in names if names.count(place) > 1}):
         raise ValueError(f"several observations would be {twice} in C, must have different names")
-    return found
+    return names
 
 
 def sources(policy: PretrainedPolicy, name: str) -> dict[str, str]:

@@ -90,13 +90,13 @@ def groups_table(runs: pd.DataFrame) -> str:
     """Return a Markdown table: of each group a row for each baseline."""
     rows = []
     for group, of_group in runs.groupby("group"):
-        own = of_group[of_group.policy == "run"]
-        returns, worst = own["return"].to_numpy(), own.loc[own["return"].idxmin()]
+        runs_of = of_group[of_group.policy == "run"]
+        returns, worst = runs_of["return"].to_numpy(), runs_of.loc[runs_of["return"].idxmin()]
         baselines = of_group[of_group.policy != "run"].groupby("policy", sort=False)["return"]
         for baseline, score in baselines.first().items():
             better = proportion_with_interval(int((returns > score).sum()), len(returns))
             rows.append({
-                "runs of": group, "finished": len(own),
+                "runs of": group, "finished": len(returns),
                 "mean return": text(mean_with_interval(returns)),
                 "IQM of return": text(with_interval(interquartile_mean, returns)),
                 "worst run": f"{worst['return']:.3g} (seed {worst.seed})",
@@ -108,20 +108,20 @@ def groups_table(runs: pd.DataFrame) -> str:
 
 def improvement_table(runs: pd.DataFrame) -> str:
     """Return a Markdown table: the probability that a run of one group is better than another's."""
-    own, rows = runs[runs.policy == "run"], []
-    for (x, one), (y, other) in combinations(own.groupby("group"), 2):
-        if one.env.iloc[0] == other.env.iloc[0]:
-            found = with_interval(improvement, one["return"].to_numpy(), other["return"].to_numpy())
-            rows.append({"X": x, "Y": y, "P(run of X > run of Y)": text(found, 2)})
+    groups, rows = runs[runs.policy == "run"].groupby(["env", "group"])["return"], []
+    for ((env, x), first), ((other_env, y), second) in combinations(groups, 2):
+        if env == other_env:
+            better = with_interval(improvement, first.to_numpy(), second.to_numpy())
+            rows.append({"X": x, "Y": y, "P(run of X > run of Y)": text(better, 2)})
     return markdown(pd.DataFrame(rows)) if rows else ""
 
 
 def metrics_table(runs: pd.DataFrame) -> str:
     """Return a Markdown table: all metrics' means, of each group's runs and of the baselines."""
     rows = []
-    for (group, policy), own in runs.groupby(["group", "policy"], sort=False):
-        metrics = tabled(find_benchmark(own.env.iloc[0]).metrics)
-        means = {name: mean_with_interval(own[name].to_numpy(float)) for name in metrics}
+    for (group, policy), scores in runs.groupby(["group", "policy"], sort=False):
+        metrics = tabled(find_benchmark(scores.env.iloc[0]).metrics)
+        means = {name: mean_with_interval(scores[name].to_numpy(float)) for name in metrics}
         cells = {
             metric.heading: text(means[name], metric.digits) for name, metric in metrics.items()
         }
@@ -133,14 +133,14 @@ def commands_table(commands: pd.DataFrame) -> str:
     """Return a Markdown table of a group: at each command the mean and the worst seed of metrics
     where less is better."""
     benchmark = find_benchmark(commands.env.iloc[0])
-    own = commands[commands.policy == "run"].groupby("command")
+    at = commands[commands.policy == "run"].groupby("command")
     columns = {}
     for name, metric in tabled(benchmark.metrics).items():
         if metric.axis and name not in ("return", benchmark.chosen_by):
-            both = zip(own[name].mean(), own[name].max(), strict=True)
+            both = zip(at[name].mean(), at[name].max(), strict=True)
             columns[metric.heading] = [f"{mean:.2g} ({worst:.2g})" for mean, worst in both]
     unit = f"command ({benchmark.command_unit})"
-    return markdown(pd.DataFrame({unit: [f"{command:g}" for command in own.groups], **columns}))
+    return markdown(pd.DataFrame({unit: [f"{command:g}" for command in at.groups], **columns}))
 
 
 def markdown(table: pd.DataFrame) -> str:
@@ -174,8 +174,8 @@ def with_interval(statistic: Callable[..., Array], *groups: Array) -> Interval:
         return value, np.nan, np.nan
     with catch_warnings():
         simplefilter("ignore")  # of runs that are all alike
-        found = bootstrap(groups, statistic, rng=0, confidence_level=CONFIDENCE, method="BCa")
-    low, high = found.confidence_interval
+        result = bootstrap(groups, statistic, rng=0, confidence_level=CONFIDENCE, method="BCa")
+    low, high = result.confidence_interval
     return value, float(low), float(high)
 
 
@@ -187,8 +187,8 @@ def text(interval: Interval, digits: int = 3) -> str:
 def plot(runs: pd.DataFrame, curves: pd.DataFrame, path: Path) -> Path:
     """Draw the learning curves and the scores of an environment's runs, and the baselines."""
     figure, axes = plt.subplots(1, 2, figsize=(12, 4.6), layout="constrained")
-    own = runs[runs.policy == "run"]
-    for i, (group, scores) in enumerate(own.groupby("group")["return"]):
+    groups = runs[runs.policy == "run"].groupby("group")["return"]
+    for i, (group, scores) in enumerate(groups):
         curve = curves[curves.group == group].groupby("steps")["return"].apply(interquartile_mean)
         axes[0].plot(curve.index, curve, color=f"C{i}", label=group)
         axes[1].plot([i] * len(scores), scores, ".", color=f"C{i}")
@@ -198,7 +198,7 @@ def plot(runs: pd.DataFrame, curves: pd.DataFrame, path: Path) -> Path:
             axis.axhline(baselines[name], linestyle=dashes, color="0.35", label=name)
         axis.set_ylabel("return")
     axes[0].set(title="While training: IQM over runs", xlabel="environment steps")
-    axes[1].set(title="Scores of the runs", xticks=range(own.group.nunique()))
+    axes[1].set(title="Scores of the runs", xticks=range(len(groups)))
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4)
     return save(figure, path)

@@ -33,13 +33,13 @@ def outcome(folder: Path, scores: Scores) -> str:
     beside the baselines', and whether it beats them."""
     *baselines, run = scores
     shown = {"this run": scores[run], **{name: scores[name] for name in baselines}}
-    own, *others = (scores[policy]["overall"]["return"] for policy in (run, *baselines))
+    ours, *others = (scores[policy]["overall"]["return"] for policy in (run, *baselines))
     most, best = max(zip(others, baselines, strict=True))
     way, since = "misses", ""
-    if own[0] > most[0]:
+    if ours[0] > most[0]:
         ahead = [row["steps"] for row in read_evaluations(folder) if row["return"] > most[0]]
         way, since = "is above", f" (since {ahead[0]:,.0f} steps)" if ahead else ""
-    here, best_return = interval_text(own), interval_text(most)
+    here, best_return = interval_text(ours), interval_text(most)
     return "\n".join([
         Scores(scores.env_id, shown).table(),
         f"return {here} {way} the best baseline, {best}'s {best_return}{since}",

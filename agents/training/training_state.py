@@ -28,8 +28,7 @@ ARRAYS = ("observations", "next_observations", "actions", "rewards", "dones", "t
 
 def read_state(model: BaseAlgorithm) -> Arguments:
     """Return the state of a model whose next rollout begins now, in types that JSON knows."""
-    venv: Any = model.get_env()
-    monitor: Any = unwrap_vec_wrapper(venv, VecMonitor)
+    venv, monitor = _envs(model)
     return {
         "updates": model._n_updates, "episodes": model._episode_num,
         "observations": plain(model._last_obs), "starts": plain(model._last_episode_starts),
@@ -44,8 +43,7 @@ def restore_state(model: BaseAlgorithm, state: Arguments) -> None:
     Stable-Baselines3 draws exploration noise between here and the next rollout's beginning, where
     :func:`restore_generators` is due once more.
     """
-    venv: Any = model.get_env()
-    monitor: Any = unwrap_vec_wrapper(venv, VecMonitor)
+    venv, monitor = _envs(model)
     n = venv.num_envs
     try:
         shape = (n, *venv.observation_space.shape)
@@ -60,6 +58,13 @@ def restore_state(model: BaseAlgorithm, state: Arguments) -> None:
         raise ValueError(f"the training state does not fit: {one_line(error)}") from error
     model.ep_info_buffer = deque(maxlen=model._stats_window_size)
     model.ep_success_buffer = deque(maxlen=model._stats_window_size)
+
+
+def _envs(model: BaseAlgorithm) -> tuple[Any, Any]:
+    """Return a model's environments, and what counts their episodes."""
+    venv = model.get_env()
+    assert venv is not None
+    return venv, unwrap_vec_wrapper(venv, VecMonitor)
 
 
 def plain(value: Any) -> Any:

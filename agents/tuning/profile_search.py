@@ -8,10 +8,11 @@ of a generation walk the same episodes.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import cma
 import numpy as np
+from numpy.typing import ArrayLike
 
 from jansen_env.baselines.policy import Array, TorquePolicy, columns
 from jansen_env.scoring.benchmarks import find_benchmark
@@ -19,6 +20,7 @@ from jansen_env.scoring.metrics import Episodes
 from jansen_env.scoring.rollout import make_env, run_episodes
 from jansen_env.tasks.walking.profile import READ, Profile, profile_torque
 
+Numbers = TypeVar("Numbers")
 ENV = "JansenWalker-v0"
 COMMANDS = (0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.7, 0.8)  # m/s
 HARMONICS = 4
@@ -59,13 +61,13 @@ def encode(numbers: Array) -> Array:
     return np.concatenate([np.log(numbers[:2]), numbers[2:]])
 
 
-def decode(searched: Any) -> Array:
+def decode(searched: ArrayLike) -> Array:
     """Return numbers (..., 4 + 2 K) from search variables of :func:`encode`."""
     values = np.asarray(searched, float)
     return np.concatenate([np.exp(values[..., :2]), values[..., 2:]], axis=-1)
 
 
-def make_search(start: Array, sweep: Sweep, rng: np.random.Generator) -> Any:
+def make_search(start: Array, sweep: Sweep, rng: np.random.Generator) -> cma.CMAEvolutionStrategy:
     """Return CMA-ES around numbers (4 + 2 K,), with its random numbers from ``rng``."""
     size, harmonics = len(start), len(start) // 2 - 2
     shape = SHAPE_SPREAD / np.sqrt(np.arange(1, harmonics + 1))
@@ -95,18 +97,18 @@ def triangular(share: Array, left: float, middle: float, right: float) -> Array:
 
 
 def improve(
-    found: dict[float, Array], command: float, sweep: Sweep, rng: np.random.Generator,
-    progress: Progress = lambda *_: None, env_id: str = ENV, **env_kwargs: Any,
+    numbers_at: dict[float, Array], command: float, sweep: Sweep, rng: np.random.Generator,
+    progress: Progress = lambda *_: None, env_id: str = ENV, **env_kwargs: object,
 ) -> Array:  # fmt: skip
-    """Return better numbers for a command of the grid; ``found`` are numbers by command, of which
-    the others are held."""
-    knots = sorted(found)
+    """Return better numbers for a command of the grid; ``numbers_at`` has the numbers of each, of
+    which the others are held."""
+    knots = sorted(numbers_at)
     place, m, n = knots.index(command), sweep.candidates, sweep.episodes
     left, right = knots[max(place - 1, 0)], knots[min(place + 1, len(knots) - 1)]
-    held = np.array([found[knot] for knot in knots])
+    held = np.array([numbers_at[knot] for knot in knots])
     held[place] = 0.0
     rest = Profile(np.array(knots), held)
-    search = make_search(found[command], sweep, rng)
+    search = make_search(numbers_at[command], sweep, rng)
     env = make_env(env_id, env_kwargs)
     for _ in range(sweep.generations):
         # Commands and starts are stratified, each in an order of its own.
@@ -134,14 +136,15 @@ def profiles(numbers: Array, env: Any) -> TorquePolicy:
                         env.unwrapped.torque_limit)  # fmt: skip
 
 
-def same_gait(command: float, found: Mapping[float, Any]) -> dict[float, Any]:
+def same_gait(command: float, numbers_at: Mapping[float, Numbers]) -> dict[float, Numbers]:
     """Return of numbers by command those of the gait that a command is walked in."""
-    return {other: own for other, own in found.items() if (other < BORDER) == (command < BORDER)}
+    return {v: numbers for v, numbers in numbers_at.items() if (v < BORDER) == (command < BORDER)}
 
 
-def first_guess(command: float, found: Mapping[float, Array], harmonics: int) -> Array:
+def first_guess(command: float, numbers_at: Mapping[float, Array], harmonics: int) -> Array:
     """Return the numbers of the nearest command of its gait, with a faster or slower crank."""
-    known = same_gait(command, found) or same_gait(command, FIRST)
+    known: dict[float, ArrayLike] = {**same_gait(command, numbers_at)}
+    known = known or {**same_gait(command, FIRST)}
     nearest = min(known, key=lambda other: abs(other - command))
     start = np.array(known[nearest])
     shape = np.zeros((2, harmonics))
@@ -162,16 +165,16 @@ def search_profile(
         env_id: whose robot walks.
     """
     rng = np.random.default_rng(seed)
-    found: dict[float, Array] = {}
+    numbers_at: dict[float, Array] = {}
     begin = {command < BORDER: command for command in FIRST}
     order = sorted(commands, key=lambda c: (c > BORDER, abs(c - begin[c < BORDER])))
     for sweep in sweeps:
         for command in order:
-            if command not in found:
-                found[command] = first_guess(command, found, harmonics)
+            if command not in numbers_at:
+                numbers_at[command] = first_guess(command, numbers_at, harmonics)
             # At first without the other gait, whose commands would spoil those in between.
-            held = found if len(found) == len(order) else same_gait(command, found)
+            held = numbers_at if len(numbers_at) == len(order) else same_gait(command, numbers_at)
 
-            found[command] = improve(held, command, sweep, rng, progress, env_id)
-        knots = sorted(found)
-        yield Profile(np.array(knots), np.array([found[knot] for knot in knots]))
+            numbers_at[command] = improve(held, command, sweep, rng, progress, env_id)
+        knots = sorted(numbers_at)
+        yield Profile(np.array(knots), np.array([numbers_at[knot] for knot in knots]))

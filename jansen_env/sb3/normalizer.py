@@ -42,12 +42,12 @@ class NormalizedObservation(BaseFeaturesExtractor):
         """Return cos 2 psi, sin 2 psi, cos 4 psi, ... (n, 1) each, by adding angles."""
         cos, sin = observation[:, 0:1], observation[:, 1:2]
         cos_2, sin_2 = cos**2 - sin**2, 2.0 * sin * cos
-        found: list[torch.Tensor] = []
+        harmonics: list[torch.Tensor] = []
         cos, sin = torch.ones_like(cos), torch.zeros_like(sin)
         for _ in range(self.harmonics):
             cos, sin = cos * cos_2 - sin * sin_2, sin * cos_2 + cos * sin_2
-            found += [cos, sin]
-        return found
+            harmonics += [cos, sin]
+        return harmonics
 
     @torch.no_grad()
     def update(self, observations: torch.Tensor) -> None:

@@ -18,7 +18,8 @@ from jansen_env.checks import positive_integer, whole_number
 from jansen_env.envs import arguments
 from jansen_env.envs.vector import TaskVectorEnv
 from jansen_env.scoring.benchmarks import can_be_batched, vector_env
-from jansen_env.scoring.rollout import make_env
+from jansen_env.scoring.metrics import Env, Infos
+from jansen_env.scoring.rollout import EnvKwargs, make_env
 from jansen_env.world.argument_checks import Each
 
 
@@ -28,12 +29,12 @@ def make_vec_env(
     seed: int | None = None,
     *,
     monitor_dir: str | Path | None = None,
-    wrapper_class: Callable[..., gym.Env[Any, Any]] | None = None,
-    env_kwargs: dict[str, Any] | None = None,
-    wrapper_kwargs: dict[str, Any] | None = None,
-    variants: Sequence[dict[str, Any]] = ({},),
+    wrapper_class: Callable[..., Env] | None = None,
+    env_kwargs: EnvKwargs | None = None,
+    wrapper_kwargs: EnvKwargs | None = None,
+    variants: Sequence[EnvKwargs] = ({},),
     info_keys: Sequence[str] | None = (),
-    **kwargs: Any,
+    **kwargs: object,
 ) -> VecEnv:
     """``n_envs`` environments for Stable-Baselines3, simulated together where that is possible.
 
@@ -63,8 +64,8 @@ def make_vec_env(
         varied = {name for variant in variants for name in variant}
         venv = BatchVecEnv(_make_batch(env_id, common, each, varied), info_keys)
     else:
-        wrap = partial(wrapper_class, **(wrapper_kwargs or {})) if wrapper_class else None
-        venv = DummyVecEnv([partial(_make_single, env_id, own, wrap) for own in each])
+        wrap = partial(wrapper_class, **(wrapper_kwargs or {})) if wrapper_class else _unwrapped
+        venv = DummyVecEnv([partial(_make_single, env_id, kwargs, wrap) for kwargs in each])
     if seed is not None:
         venv.seed(seed)
         venv.action_space.seed(seed)
@@ -74,24 +75,27 @@ def make_vec_env(
     return venv
 
 
-def _make_single(env_id: str, kwargs: dict[str, Any], wrap: Callable[..., Any] | None) -> Any:
-    """One environment, wrapped if ``wrap`` is given."""
-    env = make_env(env_id, kwargs)
-    return wrap(env) if wrap else env
+def _unwrapped(env: Env) -> Env:
+    return env
+
+
+def _make_single(env_id: str, kwargs: EnvKwargs, wrap: Callable[[Env], Env]) -> Env:
+    return wrap(make_env(env_id, kwargs))
 
 
 def _make_batch(
-    env_id: str, kwargs: dict[str, Any], each: Sequence[dict[str, Any]], varied: set[str]
+    env_id: str, kwargs: EnvKwargs, each: Sequence[EnvKwargs], varied: set[str]
 ) -> TaskVectorEnv[Any]:
     """One batch with the arguments of each environment; ``varied`` names those that differ."""
     entry = vector_env(env_id)
     defaults = {**entry.SINGLE.SETTINGS.marked("several"), **entry.PRESET}
     defaults["max_episode_steps"] = gym.spec(env_id).max_episode_steps
-    own = {
-        name: Each(one.get(name, defaults[name]) for one in each) for name in varied & {*defaults}
+    varying = {
+        name: Each(kwargs.get(name, defaults[name]) for kwargs in each)
+        for name in varied & {*defaults}
     }
     env: Any = gym.make_vec(
-        env_id, num_envs=len(each), autoreset_mode=AutoresetMode.DISABLED, **{**kwargs, **own}
+        env_id, num_envs=len(each), autoreset_mode=AutoresetMode.DISABLED, **{**kwargs, **varying}
     )
     return env.unwrapped
 
@@ -132,11 +136,11 @@ class BatchVecEnv(VecEnv):
 
     def step_wait(
         self,
-    ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], list[dict[str, Any]]]:
+    ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], list[Infos]]:
         task = self.env.task
         terminated, truncated = self.env.advance(self._actions)
         rewards, dones = task.rewards.copy(), terminated | truncated
-        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        infos: list[Infos] = [{} for _ in range(self.num_envs)]
         if self.info_keys is None or self.info_keys:
             for i in np.flatnonzero(~dones).tolist():
                 info = task.information.single(i)
@@ -151,21 +155,20 @@ class BatchVecEnv(VecEnv):
                 self.reset_infos[i] = task.information.single(i)
         return task.observation.copy(), rewards, dones, infos
 
-    def get_states(self) -> list[dict[str, Any]]:
+    def get_states(self) -> list[Infos]:
         """All that each robot's future depends on: its state, and the steps of its episode."""
         elapsed = self.env._elapsed.tolist()
         return [{**self.env.get_state(i), "elapsed": elapsed[i]} for i in range(self.num_envs)]
 
-    def set_states(self, states: Sequence[dict[str, Any]]) -> None:
+    def set_states(self, states: Sequence[Infos]) -> None:
         """Let each robot go on from its state of :meth:`get_states`.
 
         Raises:
             ValueError: an entry is missing or out of range.
         """
         for i, state in enumerate(states):
-            own = dict(state)
-            elapsed = whole_number("elapsed", own.pop("elapsed", None))
-            self.env.set_state(i, own)
+            elapsed = whole_number("elapsed", state.get("elapsed"))
+            self.env.set_state(i, {k: v for k, v in state.items() if k != "elapsed"})
             self.env._elapsed[i] = elapsed
 
     def close(self) -> None:
@@ -178,19 +181,19 @@ class BatchVecEnv(VecEnv):
         values = self.env.get_attr(attr_name)
         return [values[i] for i in self._get_indices(indices)]
 
-    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
+    def set_attr(self, attr_name: str, value: object, indices: VecEnvIndices = None) -> None:
         """Change a parameter of robots; a new command counts from the next episode on."""
         for i in self._get_indices(indices):
             self.env.set_parameters(i, **{attr_name: value})
 
     def env_method(
-        self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **kwargs: Any
+        self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **kwargs: object
     ) -> list[Any]:
         """Call a method of each robot; ``get_wrapper_attr`` asks for an attribute."""
-        rows = self._get_indices(indices)
         if method_name == "get_wrapper_attr":
-            return self.get_attr(method_args[0], rows)
-        return [self.env.call_one(i, method_name, *method_args, **kwargs) for i in rows]
+            return self.get_attr(method_args[0], indices)
+        robots = self._get_indices(indices)
+        return [self.env.call_one(i, method_name, *method_args, **kwargs) for i in robots]
 
     def env_is_wrapped(
         self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None

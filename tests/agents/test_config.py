@@ -11,10 +11,9 @@ import train
 from agents import command_line
 from agents.training import config, runs
 from jansen_env.commands import named_policies
-from jansen_env.plain_yaml import MAX_BYTES, parse_yaml, read_yaml
+from jansen_env.plain_yaml import MAX_BYTES, read_yaml
 from jansen_env.sb3.run_config import ALGORITHMS, RunConfig, load_config
 from jansen_env.scoring.benchmarks import can_be_batched
-from jansen_env.scoring.rollout import make_env
 
 
 def written(folder, **values):
@@ -29,11 +28,6 @@ def one_line(error):
     text = str(error.value)
     assert "\n" not in text
     return text
-
-
-def test_yaml_numbers_need_no_point():
-    read = parse_yaml("[2e2, 5e-1, 1.5e3, -3, '5', 1_000]", "it")
-    assert read == [200.0, 0.5, 1500.0, -3, "5", 1000]
 
 
 @pytest.mark.parametrize(
@@ -79,19 +73,15 @@ def test_files_that_are_no_yaml(tmp_path):
     ("values", "message"),
     [
         ({"timesteps": -1}, "timesteps is -1, must be a whole number from 1 to 10000000000"),
-        ({"timesteps": 10**12}, "timesteps is 1000000000000, must be"),
         ({"timesteps": "9" * 5000}, "timesteps is '99999"),
         ({"timesteps": True}, "timesteps is True, must be"),
         ({"reward_scale": 0}, "reward_scale is 0, must be a number from 1e-30"),
         ({"hyperparameters": None}, "hyperparameters is None, must be a mapping"),
-        ({"policy_kwargs": []}, r"policy_kwargs is \[\], must be a mapping"),
-        ({"training_variants": {}}, "training_variants is {}, must be a list"),
         ({"training_variants": [1]}, r"training_variants is \[1\], must be a list of mappings"),
         ({"policy": "os.path"}, "policy is 'os.path', must be one of"),
         ({"algo": ["ppo"]}, r"algo is \['ppo'\], must be one of"),
         ({"env": "os:X-v0"}, "env is 'os:X-v0', must be one of"),
         ({"other": 1}, "'other' is no key, must be in"),
-        ({"env_kwargs": {"vectorization_mode": "async"}}, "'vectorization_mode' is no argument of"),
         ({"training_variants": [{"entry_point": "os:x"}]}, "'entry_point' is no argument of"),
         ({"policy_kwargs": {"features_extractor_class": "os.x"}}, "'features_extractor_class' is"),
         ({"policy_kwargs": {"activation": "os.x"}}, "policy_kwargs.activation is 'os.x', must be"),
@@ -100,25 +90,17 @@ def test_files_that_are_no_yaml(tmp_path):
         ({"policy_kwargs": {"net_arch": {"pi": [8], "qf": [8]}}}, r"mapping of \['pi', 'vf'\]"),
         ({"policy_kwargs": {"harmonics": 4}}, "harmonics is given, so normalize must be true"),
         *(
-            ({"hyperparameters": {name: value}}, rf"{name} is .*, must be {allowed}")
-            for name, value, allowed in (
-                ("learning_rate", -1e-3, "a number from 1e-30 to 1e.30, or 'linear_NUMBER'"),
-                ("learning_rate", "linear_1.2.3", "a number"),
-                ("clip_range", "linear_0", "a number"),
-                ("gamma", 1.1, "a number from 0 to 1"),
-                ("gamma", float("nan"), "a number from 0 to 1"),
-                ("n_steps", 0, "a whole number from 1"),
-                ("n_epochs", 2.5, "a whole number"),
-                ("n_epochs", None, "a whole number"),
-                ("ent_coef", "auto", "a number from 0"),
-                ("target_kl", 0, "a number from 1e-30 to 1e.30, or null"),
-                ("use_sde", "yes", "true or false"),
+            ({"hyperparameters": {name: value}}, message)
+            for name, value, message in (
+                ("learning_rate", -1e-3, "from 1e-30 to 1e.30, or 'linear_NUMBER'"),
+                ("clip_range", "linear_0", "clip_range is 'linear_0', must be a number"),
+                ("gamma", float("nan"), "gamma is nan, must be a number from 0 to 1"),
+                ("n_epochs", 2.5, "n_epochs is 2.5, must be a whole number"),
+                ("target_kl", 0, "must be a number from 1e-30 to 1e.30, or null"),
+                ("use_sde", "yes", "use_sde is 'yes', must be true or false"),
+                ("rollout_buffer_class", "os.x", "'rollout_buffer_class' is no key of"),
+                ("tensorboard_log", "x", "'tensorboard_log' is no key of hyperparameters"),
             )
-        ),
-        *(
-            ({"hyperparameters": {name: "os.x"}}, f"'{name}' is no key of hyperparameters")
-            for name in ("rollout_buffer_class", "device", "tensorboard_log", "_init_setup_model",
-                         "policy_kwargs", "seed")
         ),
     ],
 )  # fmt: skip
@@ -154,18 +136,6 @@ def test_recorded_configurations_are_read_again(tmp_path):
         assert load_config(tmp_path / "config.yml") == settings
 
 
-def test_environments_have_an_id_of_a_task_and_a_time_limit():
-    for env_id, kwargs, message in (
-        ("antigravity:JansenWalker-v0", {}, "must be one of"),
-        ("JansenWalker-v0", {"max_episode_steps": -1}, "max_episode_steps is -1, must be"),
-        ("JansenWalker-v0", {"additional_wrappers": ()}, "'additional_wrappers' is no argument"),
-        ("JansenCrank-v0", {"terrain": "flat"}, "'terrain' is no argument of JansenCrank-v0"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            make_env(env_id, kwargs)
-    assert "antigravity" not in sys.modules
-
-
 @pytest.mark.parametrize("text", ["policy: [", "policies: MlpPolicy", "timesteps: -5", "[ppo]"])
 def test_training_refuses_before_it_runs(text, tmp_path):
     path = tmp_path / "mine.yml"
@@ -194,14 +164,6 @@ def test_a_missing_extra_is_named_in_one_line(script):
     assert done.returncode == 1
     (line,) = done.stderr.splitlines()
     assert line.startswith("agents needs torch, yaml, which the extra 'train' installs: python -m")
-
-
-def test_only_onnx_needs_the_extra_export():
-    packages = ["onnx", "onnxscript"]
-    assert run_without(packages, "agents.export", "--help").stdout.startswith("usage: ")
-    done = run_without(packages, "agents.export", "pretrained", "--to", "onnx")
-    (line,) = done.stderr.splitlines()
-    assert line.startswith("--to onnx needs onnx, onnxscript, which the extra 'export' installs")
 
 
 def test_whole_numbers_may_be_written_with_an_exponent():

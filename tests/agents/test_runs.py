@@ -91,18 +91,6 @@ def test_of_equal_models_the_first_is_kept(tmp_path, returns, capsys):
     assert capsys.readouterr().out.count("(the best so far)") == 1
 
 
-def test_best_model_outlives_a_kill_before_its_row_is_written(tmp_path, returns, monkeypatch):
-    def killed(*given):
-        raise KeyboardInterrupt
-
-    returns += [5.0]
-    monkeypatch.setattr(callbacks, "write_json", killed)
-    with pytest.raises(KeyboardInterrupt):
-        go(small_config(), tmp_path)
-    assert not (tmp_path / "evaluations.json").exists()
-    assert callbacks.Saver(tmp_path, small_config(), 0, 0).best == 5.0
-
-
 def test_damaged_evaluations_are_named(tmp_path):
     (tmp_path / "evaluations.json").write_text("[{}]")
     with pytest.raises(ValueError, match="must be a list of evaluations"):
@@ -283,13 +271,6 @@ def test_failed_resume_changes_nothing(tmp_path, started):
         checkpoint.write_bytes(b"torn")
     after = [(tmp_path / name).read_bytes() for name in ("config.yml", "command.txt")]
     assert after == before
-
-
-def test_run_folders_of_two_starts_at_once(tmp_path, monkeypatch):
-    first = runs.new_run_folder(tmp_path, "ppo", "JansenWalker-v0")
-    monkeypatch.setattr(runs, "get_latest_run_id", lambda *given: 0)  # before the other's start
-    second = runs.new_run_folder(tmp_path, "ppo", "JansenWalker-v0")
-    assert [p.name for p in (first, second)] == ["JansenWalker-v0_1", "JansenWalker-v0_2"]
 
 
 def test_training_that_diverges_says_so(tmp_path, returns):

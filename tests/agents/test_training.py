@@ -1,9 +1,6 @@
 """Training: run folders, resuming, safe loading, and that it learns."""
 
-import base64
 import json
-import pickle
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +11,6 @@ import train
 from agents.training import callbacks, config
 from agents.training import train_model as training
 from agents.training.scores import outcome
-from jansen_env import sb3
 from jansen_env.sb3.run_config import ALGORITHMS
 from jansen_env.sb3.trained import read_model
 from jansen_env.scoring.benchmarks import BENCHMARKS, find_benchmark
@@ -76,31 +72,6 @@ def test_last_words_of_a_run_fit_a_terminal(env_id, tmp_path, monkeypatch):
     assert lines[7].endswith("(since 3,194,880 steps)")
     scores["ppo/run"]["overall"]["return"] = [99.0, None, None]
     assert f"misses the best baseline, {best}'s" in outcome(tmp_path, scores)
-
-
-def test_policy_files_never_run_code(run, tmp_path):
-    class Bomb:
-        def __reduce__(self):
-            return (open, (str(tmp_path / "boom"), "w"))
-
-    bomb = base64.b64encode(pickle.dumps(Bomb())).decode()
-    folder = tmp_path / "run"
-    folder.mkdir()
-    (folder / "config.yml").write_text((run / "config.yml").read_text())
-    with zipfile.ZipFile(run / "final_model.zip") as old:
-        data = json.loads(old.read("data"))
-        data = {
-            k: {":type:": "x", ":serialized:": bomb} if isinstance(v, dict) else v
-            for k, v in data.items()
-        }
-        data["policy_class"] = {":type:": "x", ":serialized:": bomb}
-        with zipfile.ZipFile(folder / "best_model.zip", "w") as new:
-            new.writestr("data", json.dumps(data))
-            for name in old.namelist():
-                if name != "data":
-                    new.writestr(name, old.read(name))
-    sb3.load_policy(folder)
-    assert not (tmp_path / "boom").exists()
 
 
 @pytest.mark.parametrize(

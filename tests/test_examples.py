@@ -13,8 +13,8 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 SIZES = {  # the arguments that make it short, and a word of what it prints
     "joint_loads": ("20", "largest"),
     "log_to_wandb": ("8192", "logged to"),
-    "own_linkage": ("20", "does not close"),
-    "own_terrain_and_reward": ("20", "return"),
+    "custom_linkage": ("20", "does not close"),
+    "custom_terrain_and_reward": ("20", "return"),
     "share_on_hub": ("", "README.md"),
     "skrl_ppo": ("20000", "curves"),
     "thousand_robots": ("8", "steps/s"),

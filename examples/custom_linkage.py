@@ -1,6 +1,6 @@
 """A linkage that nobody has built: four bars and a long foot. Prints distance and heave.
 
-python examples/own_linkage.py [STEPS]   (500 steps of 20 ms by default)
+python examples/custom_linkage.py [STEPS]   (500 steps of 20 ms by default)
 """
 
 import sys

@@ -1,6 +1,6 @@
 """Up a flight of low stairs, rewarded for the distance and charged for the work.
 
-python examples/own_terrain_and_reward.py [STEPS]   (1,000 steps of 20 ms by default)
+python examples/custom_terrain_and_reward.py [STEPS]   (1,000 steps of 20 ms by default)
 """
 
 import sys

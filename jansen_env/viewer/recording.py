@@ -246,7 +246,10 @@ class Recording:
     def from_bytes(data: bytes) -> Recording:
         """A recording from a file's content. Raises ValueError as :meth:`load` does."""
         content: dict[str, Any] = _read_archive(data)
-        content |= _read_description(content.pop("description").tobytes())
+        try:
+            content |= _read_description(content.pop("description").tobytes())
+        except RecursionError as error:
+            raise ValueError("its description is nested too deeply") from error
         return Recording(**content)
 
     def _repr_html_(self) -> str:
@@ -300,7 +303,7 @@ def _read_description(text: bytes) -> dict[str, Any]:
         raise ValueError(f"its description has more than {MAX_TEXT} bytes")
     try:
         entries = json.loads(text)
-    except (RecursionError, ValueError) as error:
+    except ValueError as error:
         raise ValueError(f"its description is no JSON: {error}") from error
     instance("its description", entries, dict)
     if (kind := entries.pop("format", None)) != FORMAT:

@@ -239,7 +239,7 @@ def claimed(shape):
         ({"time": claimed((10**15,))}, "must be as large as its data"),
         ({"time": claimed((-6,))}, "must be as large as its data"),
         ({"more": np.zeros(1)}, "must have"),
-        ({"description": described(b"[" * 100_000)}, "no JSON"),
+        ({"description": described(b"[" * 100_000)}, "nested too deeply"),
         ({"description": described(b"9" * 2**21)}, "more than"),
         ({"description": described(b'{"format": "jansen_env recording 2"}')}, "recording 2"),
     ],
@@ -249,11 +249,20 @@ def test_other_files_are_refused(short, changed, message):
         Recording.from_bytes(rewritten(short, **changed))
 
 
+def nested(depth):
+    """A robot within a robot."""
+    robot = {"is": "Robot"}
+    for _ in range(depth):
+        robot = {"is": "Robot", "linkage": robot}
+    return {**robot, "format": "jansen_env robot 1"}
+
+
 @pytest.mark.parametrize(
     ("entry", "value", "message"),
     [
         ("torque_limit", np.nan, "torque_limit is nan"),
         ("robot", {"format": "jansen_env robot 1", "is": "Leg", "side": "fore"}, "of a 'Leg'"),
+        ("robot", nested(700), "nested too deeply"),
         ("energies", "motor_work", "must be a list"),
         ("observed", [["one", "two", "three"]], "a name and a unit"),
     ],

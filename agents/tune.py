@@ -10,14 +10,14 @@ import json
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 import jansen_env
 from agents.tuning import profile_search
 from jansen_env.baselines.pid import PID
-from jansen_env.baselines.policy import Array
+from jansen_env.baselines.policy import Array, Controlled
 from jansen_env.checks import listed
 from jansen_env.commands.flags import Parser, non_negative_int, positive_int
 from jansen_env.files import write_json
@@ -51,7 +51,7 @@ def measure(
     gains: tuple[float, ...] = PAPER, **env_kwargs: object,
 ) -> dict[str, list[Any]]:  # fmt: skip
     """Measure walking speeds, m/s, of each crank speed ("pid") or torque ("constant")."""
-    env: Any = make_env(env_id, env_kwargs).unwrapped
+    env = cast("Controlled", make_env(env_id, env_kwargs).unwrapped)
     each = np.repeat(settings, episodes)
     commands, seeds = np.full(len(each), 0.3), FIRST_SEED + np.arange(len(each)) % episodes
     policy = (walking_pid(lambda _: each, env, PID(*gains)) if name == "pid"
@@ -67,7 +67,7 @@ def measure_pid(
 ) -> dict[str, list[Any]]:  # fmt: skip
     """Measure the PID at crank speeds (rad/s), default :data:`CRANK_SPEEDS`, with those ``gains``
     whose mean return over the benchmark's commands is best, on other starts."""
-    env: Any = make_env(env_id, env_kwargs).unwrapped
+    env = cast("Controlled", make_env(env_id, env_kwargs).unwrapped)
     commands = np.repeat(BENCHMARKS[env_id].commands, episodes)
     seeds = FIRST_SEED + episodes + np.arange(len(commands)) % episodes
     speeds = CRANK_SPEEDS if settings is None else settings

@@ -21,7 +21,7 @@ def shown(value: object) -> str:
     """A value as a message shows it: what ``repr`` says, cut where it is long."""
     try:
         text = repr(value)
-    except Exception:  # integers of thousands of digits, for one
+    except Exception:  # integers of thousands of digits, for example
         text = f"a {type(value).__name__} that cannot be printed"
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
 
@@ -143,7 +143,7 @@ def load_record(kind: type, name: str, value: object) -> Any:
     """A dataclass of a type, also of a dictionary of its arguments; None for none."""
     if value is None or isinstance(value, kind):
         return value
-    known = sorted(one.name for one in fields(kind))
+    known = sorted(argument.name for argument in fields(kind))
     if not isinstance(value, Mapping):
         allowed = f"None, a {kind.__name__} or a dictionary with some of {known}"
         raise ValueError(f"{name} is {shown(value)}, must be {allowed}")

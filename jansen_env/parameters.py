@@ -23,7 +23,7 @@ LOUDEST = 1e3  # times noise and pushes
 SCALE, FROM_0 = (0.01, 100.0), (0.0, 100.0)  # factors
 
 
-def _one(robot: Robot, terrain: Terrain) -> float:
+def _unity(robot: Robot, terrain: Terrain) -> float:
     return 1.0
 
 
@@ -42,7 +42,7 @@ class Parameter(NamedTuple):
     Attributes:
         name, unit: of the number. least, most: its limits. meaning: what it does.
         nominal: its value for a robot on a terrain where nothing is drawn.
-        idle: where it has no effect, in words, and is_idle: whether a robot is such a one.
+        idle: where it has no effect, in words, and is_idle: whether that holds for a robot.
         honoured_by: "plant": it changes robot or ground; "world": what surrounds them.
         set_as: the argument of ``set_parameters`` that changes it, "" for none, None for its name.
         argument: whether the constructor has an argument of its name. whole: no fractions.
@@ -53,7 +53,7 @@ class Parameter(NamedTuple):
     least: float
     most: float
     meaning: str
-    nominal: Callable[[Robot, Terrain], float] = _one
+    nominal: Callable[[Robot, Terrain], float] = _unity
     idle: str = ""
     is_idle: Callable[[Robot], bool] = _never
     honoured_by: Literal["plant", "world"] = "plant"
@@ -81,17 +81,18 @@ TABLE = (
               lambda robot, terrain: robot.payload.position[1], set_as="payload"),
     Parameter("mass_scale", "1", *SCALE, "times the links' masses and inertias"),
     Parameter("inertia_scale", "1", *FROM_0,
-              "times the links' inertias about their own centres, on top", _one,
-              "links without inertia", lambda robot: not any(one.inertia for one in robot.bodies)),
-    Parameter("damping_scale", "1", *FROM_0, "times the joints' viscous damping", _one,
+              "times the links' inertias about their own centres, on top", _unity,
+              "links without inertia",
+              lambda robot: not any(body.inertia for body in robot.bodies)),
+    Parameter("damping_scale", "1", *FROM_0, "times the joints' viscous damping", _unity,
               "joints without damping", lambda robot: not any(robot.damping)),
-    Parameter("foot_stiffness_scale", "1", *SCALE, "times the stiffness of the feet", _one,
+    Parameter("foot_stiffness_scale", "1", *SCALE, "times the stiffness of the feet", _unity,
               "rigid feet", lambda robot: robot.pad_compliance.rigid),
-    Parameter("foot_damping_scale", "1", *FROM_0, "times the damping of the feet", _one,
+    Parameter("foot_damping_scale", "1", *FROM_0, "times the damping of the feet", _unity,
               "feet without damping", _undamped),
     Parameter("motor_strength", "1", *SCALE,
               "times the torque of an action and all limits of the motor's torque"),
-    Parameter("rotor_inertia_scale", "1", *FROM_0, "times the inertia of the motor's rotor", _one,
+    Parameter("rotor_inertia_scale", "1", *FROM_0, "times the inertia of the motor's rotor", _unity,
               "motors without rotor", lambda robot: robot.motor.rotor_inertia == 0.0),
     Parameter("tilt", "rad", -MAX_SLOPE, MAX_SLOPE,
               "turns gravity, so that the floor rises towards +x above 0",

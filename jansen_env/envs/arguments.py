@@ -9,13 +9,12 @@ import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
 from numbers import Integral
-from typing import Any, Concatenate, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
-from typing_extensions import ParamSpec
 
 from jansen_env.checks import entries, instance, listed, positive_integer, shown, whole_number
 from jansen_env.world.argument_checks import Array, Values, entries_of

@@ -60,7 +60,7 @@ def can_be_batched(env_id: str, env_kwargs: Values, variants: Sequence[Values] =
     settings = single_env(env_id).SETTINGS
     together, alone = settings.marked("several"), settings.marked("single_only")
     given = [variant.get("robot", env_kwargs.get("robot", "paper")) for variant in variants]
-    each = [one for robots in given for one in (robots if isinstance(robots, list) else [robots])]
+    each = [r for robots in given for r in (robots if isinstance(robots, list) else [robots])]
     return (
         len({leg_sides(load_robot("robot", robot)) for robot in each}) == 1
         and all(env_kwargs.get(name, value) == value for name, value in alone.items())

@@ -182,7 +182,7 @@ class Settings:
         if "several" in marks:
             split = self.batched and (isinstance(value, Each) or marks["several"](value))
             values = entries_of(name, value, self.count) if split else [value] * self.count
-            return [check(name, one) for one in values]
+            return [check(name, value) for value in values]
         checked = check(name, value)
         if self.batched and self.count > 1 and marks["single_only"] and checked != argument.default:
             raise ValueError(
@@ -199,4 +199,4 @@ class Settings:
     @classmethod
     def marked(cls, mark: str) -> Values:
         """Return the defaults of the fields with a mark, "several" or "single_only", by name."""
-        return {one.name: one.default for one in fields(cls) if one.metadata.get(mark)}
+        return {f.name: f.default for f in fields(cls) if f.metadata.get(mark)}

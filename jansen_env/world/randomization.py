@@ -60,12 +60,12 @@ def load_randomization(name: str, value: object, parameters: Iterable[str] | Non
     known = [*parameters, "lengths"]
     if unknown := sorted(map(str, {*given} - {*known})):
         raise ValueError(f"{name} has {unknown}, must be of {listed(known, unknown[0])}")
-    found: Values = {k: _distribution(k, given[k]) for k in parameters if k in given}
+    drawn: Values = {k: _distribution(k, given[k]) for k in parameters if k in given}
     if "lengths" in given:
-        every = given["lengths"]
-        each = every if isinstance(every, Mapping) else {EVERY: every}
-        found["lengths"] = {str(name): _factor(str(name), one) for name, one in each.items()}
-    return found
+        given_factors = given["lengths"]
+        factors = given_factors if isinstance(given_factors, Mapping) else {EVERY: given_factors}
+        drawn["lengths"] = {str(name): _factor(str(name), f) for name, f in factors.items()}
+    return drawn
 
 
 def _factor(name: str, value: object) -> Distribution:
@@ -91,7 +91,7 @@ def _distribution(name: str, value: object) -> Distribution:
         raise ValueError(
             f"{label} is {shown(value)}, must be a number, (low, high) or have sample(rng)"
         )
-    low, high = (check(label, name, one) for one in pair)
+    low, high = (check(label, name, number) for number in pair)
     if low > high:
         raise ValueError(f"{label} is {shown(value)}, must be (low, high) with low <= high")
     return Uniform(low, high, PARAMETERS[name].whole)

@@ -100,7 +100,7 @@ def _plant_name(name: str, value: str) -> str:
 
 def _several_terrains(value: object) -> bool:
     return isinstance(value, (list, tuple)) and all(
-        isinstance(one, (Terrain, str)) or callable(one) for one in value
+        isinstance(terrain, (Terrain, str)) or callable(terrain) for terrain in value
     )
 
 

@@ -158,7 +158,7 @@ class World:
     def _find_longest_delay(self, randomize: Sequence[Values]) -> float:
         """Return the longest delay of any episode, s; ValueError: too long for this period."""
         drawn = [ranges["delay"] for ranges in randomize if "delay" in ranges]
-        most = [one.high if isinstance(one, Uniform) else LONGEST_DELAY for one in drawn]
+        most = [d.high if isinstance(d, Uniform) else LONGEST_DELAY for d in drawn]
         longest = max([float(self.delay_range.max()), *most])
         if longest > MOST_DELAYED * self.control_dt:
             raise ValueError(
@@ -706,19 +706,19 @@ class World:
 
     def restore(self, i: int, state: Values) -> None:
         """Let a robot go on from a state of :meth:`checked_state`."""
-        plant, one = self.plant, np.array([i])
+        plant, which = self.plant, np.array([i])
         plan, level = state["plan"]
-        with self._all_or_nothing(one, state["builds"], [plan]):
+        with self._all_or_nothing(which, state["builds"], [plan]):
             self._exchange(state["builds"])
-            self._apply_parameters(one, [plan])
+            self._apply_parameters(which, [plan])
             plant.set_state(i, state["plant"], state["deflection"])
         self.episodes.level[i] = level
         if i == 0:
             plant.in_contact = state["in_contact"]
-        self._begin_delay(one, np.array([state["delay"]]), state["asked"])
+        self._begin_delay(which, np.array([state["delay"]]), state["asked"])
         plant.slip[i] = plant.contact_force[i] = 0.0
         self.toe_load[i] = state["loads"]
-        self._clear_episode(one, state["action"], state["steps"])
+        self._clear_episode(which, state["action"], state["steps"])
         self.seeds[i] = state["seed"]
         self.pushes.schedule(i, state["pushes"], state["random_pushes"])
 

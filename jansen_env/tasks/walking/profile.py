@@ -101,9 +101,9 @@ class Profile:
         right = np.clip(np.searchsorted(commands, inside), 1, len(commands) - 1)
         left = right - 1
         share = ((inside - commands[left]) / (commands[right] - commands[left]))[:, None]
-        found: Array = (1.0 - share) * numbers[left] + share * numbers[right]
-        found[:, 0] *= np.maximum(size / commands[-1], 1.0)
-        return found
+        between: Array = (1.0 - share) * numbers[left] + share * numbers[right]
+        between[:, 0] *= np.maximum(size / commands[-1], 1.0)
+        return between
 
     def torque(self, observation: Array, read: Sequence[int]) -> Array:
         """Torques (n,), N m, for observations (n, d) of a walker; before any limit."""
@@ -124,8 +124,8 @@ def load_profile(path: str | Path = DATA, robot: str = "paper") -> Profile:
     """
     try:
         with open_regular(path) as file:
-            found = json.loads(file.read(MAX_BYTES))[robot]
-        return Profile(np.array(found["commands"]), np.array(found["numbers"]))
+            entry = json.loads(file.read(MAX_BYTES))[robot]
+        return Profile(np.array(entry["commands"]), np.array(entry["numbers"]))
     except OSError as error:
         raise ValueError(f"{path} cannot be read: {error.strerror}") from error
     except (ValueError, TypeError, KeyError, RecursionError) as error:

@@ -86,14 +86,14 @@ def tuned_for(robot: Robot, tuned: Iterable[str]) -> str:
 
 def searched_profile(env: Controlled) -> Policy:
     """Return the profile found for an environment's robot."""
-    found = json.loads(profile.DATA.read_text(encoding="utf-8"))
-    return profile.load_profile(robot=tuned_for(env.robot, found)).policy(env)
+    profiles = json.loads(profile.DATA.read_text(encoding="utf-8"))
+    return profile.load_profile(robot=tuned_for(env.robot, profiles)).policy(env)
 
 
 def measured(name: str, robot: Robot) -> Values:
     """Return the numbers measured for "pid" or "constant" on a robot's design."""
-    found = json.loads(DATA.read_text(encoding="utf-8"))
-    entry: Values = found[tuned_for(robot, found)][name]
+    designs = json.loads(DATA.read_text(encoding="utf-8"))
+    entry: Values = designs[tuned_for(robot, designs)][name]
     return entry
 
 

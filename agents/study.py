@@ -44,7 +44,6 @@ from agents.studies.study_report import write_report
 
 PLAN = "study.yml"
 RETRIES = 3  # of a run that fails, as where its process or machine is lost
-ADDED = ("hyperparameters", "policy_kwargs")
 RULES = {
     "seeds": Rule((int, list), 1, 10_000), "envs": Rule((list,)), "algos": Rule((list,)),
     "config": Rule((str,)), "eval_freq": Rule((int,), 0, MAX_STEPS),
@@ -77,9 +76,7 @@ class Study:
     variants: dict[str, Arguments] = field(default_factory=lambda: {"": {}})
 
     def __post_init__(self) -> None:
-        check_keys(
-            "", {key: value for key, value in vars(self).items() if value is not None}, RULES
-        )
+        check_keys("", {k: v for k, v in vars(self).items() if v is not None}, RULES)
         for name in ("seeds", "envs", "algos"):
             values = getattr(self, name)
             if isinstance(values, list) and not 0 < len({*map(str, values)}) == len(values):
@@ -95,20 +92,14 @@ class Study:
             for env in [variant["env"]] if "env" in variant else self.envs:
                 for algo in [variant["algo"]] if "algo" in variant else self.algos:
                     group = "_".join(part for part in (env, algo, name) if part)
+                    values = {"timesteps": self.timesteps, "n_envs": self.n_envs, **variant}
+                    values |= {"env": None, "algo": algo, "env_id": env}
+                    values["env_kwargs"] = {**self.env_kwargs, **variant.get("env_kwargs", {})}
                     try:
-                        groups[group] = self._group(algo, env, variant)
+                        groups[group] = new_config(values.pop("config", self.config), **values)
                     except ValueError as error:
                         raise ValueError(f"{group}: {error}") from error
         return groups
-
-    def _group(self, algo: str, env: str, variant: Arguments) -> RunConfig:
-        """Return the configuration of a variant."""
-        env_kwargs = {**self.env_kwargs, **variant.get("env_kwargs", {})}
-        values = {"timesteps": self.timesteps, "n_envs": self.n_envs, **variant}
-        values = {k: v for k, v in values.items() if k not in ("algo", "env", "env_kwargs", *ADDED)}
-        config = new_config(values.pop("config", self.config), algo, env, env_kwargs, **values)
-        added: Arguments = {k: {**getattr(config, k), **variant.get(k, {})} for k in ADDED}
-        return replace(config, **added)
 
     def runs(self) -> list[Arguments]:
         """Return the parameters of each trial, the first seed of all groups first."""

@@ -4,7 +4,7 @@ python examples/tune_with_optuna.py [TRIALS] [STEPS]   (16 of 800,000 by default
 """
 
 import sys
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 
 import optuna
@@ -36,16 +36,13 @@ class Pruning(BaseCallback):
 
 
 def objective(trial: optuna.Trial) -> float:
-    shipped, folder = new_config(timesteps=steps), Path("tune") / str(trial.number)
+    folder = Path("tune") / str(trial.number)
     rate = trial.suggest_float("learning_rate", 1e-4, 2e-3, log=True)
     epochs = trial.suggest_int("n_epochs", 3, 12)
     units = trial.suggest_categorical("units", [32, 64, 128])
     searched = {"learning_rate": f"linear_{rate:.3g}", "n_epochs": epochs}
-    config = replace(
-        shipped,
-        hyperparameters={**shipped.hyperparameters, **searched},
-        policy_kwargs={**shipped.policy_kwargs, "net_arch": [units, units]},
-    )
+    network = {"net_arch": [units, units]}
+    config = new_config(timesteps=steps, hyperparameters=searched, policy_kwargs=network)
     record_run(folder, config, "tune_with_optuna.py")
     rollout = config.n_envs * config.hyperparameters["n_steps"]  # no use looking more often
     train(prepare(config), config, folder, eval_every=max(steps // 8, rollout), save_every=0,

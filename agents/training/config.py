@@ -42,7 +42,8 @@ def new_config(
         path: of the file; None for the one shipped for ``env_id`` and ``algo``.
         algo, env_id: None for the file's own, or else ppo and the default environment.
         env_kwargs: on top of the file's, in training as well. values: further entries, such as
-            ``timesteps``; None for the file's.
+            ``timesteps``; None for the file's. ``hyperparameters`` and ``policy_kwargs`` come on
+            top of its own.
 
     Raises:
         ValueError: the file is missing or invalid, or a value is not allowed.
@@ -56,6 +57,8 @@ def new_config(
         for variant in config.training_variants
     ]
     given: Arguments = {name: value for name, value in values.items() if value is not None}
+    for name in ("hyperparameters", "policy_kwargs"):
+        given[name] = {**getattr(config, name), **given.get(name, {})}
     env_kwargs = {**config.env_kwargs, **overrides}
     return replace(config, env_kwargs=env_kwargs, training_variants=variants, **given)
 

@@ -4,10 +4,9 @@ import pytest
 
 from benchmarks import (
     built_robot,
-    held_out,
+    climbing,
     measure,
     plants,
-    profile_scores,
     ranking,
     speed,
 )
@@ -68,7 +67,6 @@ def test_what_cannot_be_measured_is_refused(arguments, tmp_path, capsys):
         (plants.main, (), [], "plants"),
         (plants.main, (), ["--machines"], "machines"),
         (built_robot.main, (), ["--plant", "rigid_body"], "motors_rigid_body"),
-        (held_out.main, (), ["--policy", "pid", "--starts", "1"], "held_out"),
     ],
 )
 def test_a_benchmark_runs(main, needs, arguments, written, tmp_path):
@@ -114,13 +112,7 @@ def test_ranking_runs(tmp_path, capsys):
     assert "rank correlation" in capsys.readouterr().out
 
 
-def test_profile_scores_run(tmp_path, capsys):
-    profile_scores.main(["--quick", "--out", str(tmp_path)])
-    lines = (tmp_path / "scores.md").read_text().splitlines()
-    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if "| 0.3" in line]
-    assert [row[1] for row in rows] == ["pid", "profile"] and rows[1][3] == "0"
-    assert lines[-1].startswith("profile: 0 falls in the 2 episodes")
-    assert "78 %" in lines[-1]  # 1 - 0.05 ** (1 / 2)
+def test_an_unknown_policy_is_refused(tmp_path, capsys):
     with pytest.raises(SystemExit):
-        profile_scores.main(["--policy", str(tmp_path / "none"), "--out", str(tmp_path)])
+        climbing.main(["--policy", str(tmp_path / "none"), "--out", str(tmp_path)])
     assert "must be one of" in capsys.readouterr().err

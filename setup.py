@@ -1,7 +1,6 @@
 """Builds the engine into the wheel, for the platform JANSEN_ENV_TARGET, a variable, or this one."""
 
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -21,13 +20,12 @@ def build(*options: str) -> str:
 
 
 class BuildEngine(build_py):
-    """Builds the library beside its sources, and copies that one alone into a wheel."""
+    """Builds the library beside its sources, or for a wheel into the wheel alone."""
 
     def run(self) -> None:
-        library = build()
         super().run()
-        if not self.editable_mode:
-            shutil.copy(library, Path(self.build_lib, "jansen_env", "engine"))
+        folder = ENGINE if self.editable_mode else Path(self.build_lib, "jansen_env", "engine")
+        build("--folder", str(folder))
 
 
 class PlatformWheel(bdist_wheel):

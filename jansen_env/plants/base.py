@@ -79,12 +79,11 @@ def numbers_of(value: object) -> Array:
         return np.array(math.nan)
 
 
-def check_state(value: object, count: int = 8) -> Array:
-    """Return a plant's state. Raises ValueError unless it is 8 (``count``) finite numbers."""
+def check_state(value: object) -> Array:
+    """Return a plant's state. Raises ValueError unless it is 8 finite numbers."""
     state = numbers_of(value)
-    if state.shape != (count,) or not (np.abs(state) <= LARGEST).all():
-        allowed = f"{count} finite numbers, within {LARGEST:g}"
-        raise ValueError(f"state is {shown(value)}, must be {allowed}")
+    if state.shape != (8,) or not (np.abs(state) <= LARGEST).all():
+        raise ValueError(f"state is {shown(value)}, must be 8 finite numbers, within {LARGEST:g}")
     return state
 
 

@@ -5,17 +5,18 @@ from __future__ import annotations
 import re
 from typing import Any
 
-import gymnasium as gym
 from sphinx.application import Sphinx
+
+from jansen_env.scoring.benchmarks import BENCHMARKS, single_env
 
 
 def adapt_docstring(
     app: Sphinx, what: str, name: str, member: Any, options: Any, lines: list[str]
 ) -> None:
     """Mark blocks of equations, which are indented after a blank line, and escape ``|x|``."""
-    pages = {str(spec.entry_point).replace(":", "."): id for id, spec in gym.registry.items()}
-    if name in pages:  # its docstring is Markdown, and a page of its own
-        lines[:] = [lines[0], "", f":doc:`Its documentation </environments/{pages[name]}>`."]
+    pages = {single_env(env_id): env_id for env_id in BENCHMARKS}
+    if what == "class" and member in pages:  # its docstring is Markdown, and a page
+        lines[:] = [lines[0], "", f":doc:`Its documentation </environments/{pages[member]}>`."]
         return
     # In front of an attribute's text an empty comment, or napoleon reads "type: text" from it.
     text = ["..", ""] if what in ("attribute", "data", "property") else []

@@ -106,7 +106,7 @@ class Task(ABC):
         return {}
 
     def begin(self, which: Ints) -> None:
-        """Begin episodes of robots (k,), whose :attr:`info` has what was drawn."""
+        """Begin episodes of robots (k,), or go on from states: :attr:`info` has their numbers."""
 
     def observe(self) -> Mapping[str, Array]:
         """Return the numbers (n,) of :attr:`OBSERVED` by name, after a reset or a step."""
@@ -163,8 +163,8 @@ class Task(ABC):
         """Put a robot's numbers of :attr:`INFO` in the place of those of its last episode."""
         self.data[i] = np.zeros((), self.data.dtype)
         self.rewards[i], self.ended[i] = 0.0, False
-        for name in numbers.keys() & self._kept:
-            self.info[name][i] = numbers[name]
+        for name, value in numbers.items():
+            self.info[name][i] = value
 
     def progress(self, i: int) -> tuple[float, float]:
         """Return a robot's progress, m, and mean commanded speed, m/s, for a curriculum."""
@@ -197,18 +197,14 @@ class Task(ABC):
         for name, values in observed.items():
             self.observation[which, self.columns[name]] = values[which]
 
-    def step_arguments(self) -> Arguments:
-        """Return the arguments of the engine's ``finish_step`` but the first."""
-        return self.world.step_arguments()
-
-    def describe_arguments(self) -> Arguments:
-        """Return the arguments of the engine's ``describe`` but the first."""
-        return self.world.describe_arguments()
+    def kernel_arguments(self) -> tuple[Arguments, Arguments]:
+        """Return the arguments of the engine's ``finish_step`` and ``describe`` but the first."""
+        return self.world.step_arguments(), self.world.describe_arguments()
 
     def describe(self, which: Ints) -> None:
         """Fill observations and information of robots (k,) as they are now."""
-        self._step_arguments = self.step_arguments()  # a longer terrain has another array
-        self._describe(which, *self.describe_arguments())
+        self._step_arguments, arguments = self.kernel_arguments()  # a longer terrain's are others
+        self._describe(which, *arguments)
         self._observe(which)
         self.world.disturb(which)
 
@@ -252,29 +248,23 @@ class Task(ABC):
 
     def set_state(self, i: int, state: Values) -> None:
         """Go on from a complete state of :meth:`get_state`; ValueError: an entry out of range."""
-        checked, own = self.world.checked_state(i, state), self.checked_state(state)
-        self.world.restore(i, checked)
-        self._clear(i, own)
-        self.resume(i, own)
-        self.describe(np.array([i]))
-
-    def checked_state(self, state: Values) -> Values:
-        """Return the task's entries of a state. Raises ValueError: one is out of range."""
-        return {
+        checked = self.world.checked_state(i, state)
+        own = {
             name: flag(f"state[{name!r}]", state[name])
             if self.info[name].dtype == np.bool_
-            else self.in_range("state", name, state[name])
+            else self._in_range("state", name, state[name])
             for name in self._kept
         }
+        self.world.restore(i, checked)
+        self._clear(i, own)
+        self.begin(np.array([i]))
+        self.describe(np.array([i]))
 
-    def in_range(self, label: str, name: str, value: object) -> float:
+    def _in_range(self, label: str, name: str, value: object) -> float:
         """Return a number within the limits of its name, if observed. Raises ValueError."""
         limits = {entry.name: (entry.low, entry.high) for entry in self.observed}
         low, high = limits.get(name, (-MOST_SINGLE, MOST_SINGLE))  # as it will be observed
         return within(f"{label}[{name!r}]", value, max(low, -MOST_SINGLE), min(high, MOST_SINGLE))
-
-    def resume(self, i: int, state: Values) -> None:
-        """Begin to go on from a checked state, whose numbers :attr:`info` has."""
 
     def __getstate__(self) -> Values:
         return {**self.__dict__, "information": None, "info": None}
@@ -282,7 +272,7 @@ class Task(ABC):
     def __setstate__(self, state: Values) -> None:
         self.__dict__.update(state)
         self._connect()
-        self._step_arguments = self.step_arguments()
+        self._step_arguments, _ = self.kernel_arguments()
 
 
 class CommandedTask(Task):

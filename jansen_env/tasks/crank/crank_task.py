@@ -30,7 +30,7 @@ class CrankSettings(HeldSettings):
 
 
 class CrankTask(CompiledTask):
-    """Turn the crank along a reference; see :class:`jansen_env.tasks.crank.JansenCrankEnv`."""
+    """Turn the crank along a reference; see :class:`jansen_env.tasks.crank.crank_env.JansenCrankEnv`."""
 
     OBSERVED = (
         Observed("tracking_error", "rad", -np.inf, np.inf, EXACT),
@@ -51,21 +51,17 @@ class CrankTask(CompiledTask):
         passed = float(self.world.elapsed[i]) * self.control_dt
         return float(self.command(i) * passed + START_ANGLE)
 
-    def step_arguments(self) -> Arguments:
-        """Return the arguments of :func:`crank_tracking.finish_step` but the first."""
-        world = self.world
-        return (
-            world.plant.states, world.plant.rows, world.torque, world.elapsed, self.control_dt,
-            self._weights, world.data, self.data, self.rewards, self.ended, self.observation,
+    def kernel_arguments(self) -> tuple[Arguments, Arguments]:
+        """Return those of ``finish_step`` and ``describe`` of the engine's ``crank_tracking``."""
+        world, plant = self.world, self.world.plant
+        step = (
+            plant.states, plant.rows, world.torque, world.elapsed, self.control_dt, self._weights,
+            world.data, self.data, self.rewards, self.ended, self.observation,
         )  # fmt: skip
-
-    def describe_arguments(self) -> Arguments:
-        """Return the arguments of :func:`crank_tracking.describe` but the first."""
-        world = self.world
-        return (
-            world.plant.states, world.elapsed, self.control_dt, world.data, self.data,
-            self.observation,
+        describe = (
+            plant.states, world.elapsed, self.control_dt, world.data, self.data, self.observation
         )  # fmt: skip
+        return step, describe
 
     def scene(self, i: int) -> Values:
         """Return the arguments of the renderer."""

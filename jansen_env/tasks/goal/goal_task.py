@@ -42,7 +42,7 @@ def energy(power: Array, weight: Array, exponent: float) -> Array:
 
 
 class GoalTask(Task):
-    """Walk to a goal and stand there; see :class:`jansen_env.tasks.goal.JansenGoalEnv`."""
+    """Walk to a goal and stand there; see :class:`jansen_env.tasks.goal.goal_env.JansenGoalEnv`."""
 
     OBSERVED = (Observed("goal_distance", "m", -np.inf, np.inf, EXACT),)
     INFO = {"goal": float, "distance": float, "held": float, "fallen": bool, "is_success": bool}

@@ -35,7 +35,7 @@ SPEED_COMMAND = (0.05, 0.8)  # m/s, the default range of commanded speeds
 FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine
 STEPS_PER_TURN = 4  # of the feet, with two crank pins: means are taken over a quarter turn
 ACCOUNTS: tuple[str, ...] = walk_reward.ACCOUNTS.names or ()  # lag and means
-COMMANDED = ("speed_command", *ACCOUNTS)  # in the order of :func:`walk_reward.observe`
+COMMANDED = ("speed_command", *ACCOUNTS)  # in the order of ``walk_reward.observe``
 FURTHEST = walk_reward.FURTHEST_TARGET
 
 
@@ -63,7 +63,8 @@ class WalkerSettings(WorldSettings):
 
 
 class WalkerTask(CompiledTask):
-    """Walk at a commanded speed, m/s; see :class:`jansen_env.tasks.walking.JansenWalkerEnv`.
+    """Walk at a commanded speed, m/s; see
+    :class:`jansen_env.tasks.walking.walker_env.JansenWalkerEnv`.
 
     One kernel rewards, ends and observes a step; a derived task may do more in NumPy.
 
@@ -143,16 +144,14 @@ class WalkerTask(CompiledTask):
             self._cover(which)
         super().finish_step(which)
 
-    def step_arguments(self) -> Arguments:
-        """Return the arguments of :func:`walk_reward.finish_step` but the first."""
-        return (
+    def kernel_arguments(self) -> tuple[Arguments, Arguments]:
+        """Return those of ``finish_step`` and ``describe`` of the engine's ``walk_reward``."""
+        step, describe = super().kernel_arguments()
+        own = (
             self._settings, self.data, self.rewards, self.ended, self._error, self._measured,
-            self._places, *self.world.step_arguments(),
+            self._places,
         )  # fmt: skip
-
-    def describe_arguments(self) -> Arguments:
-        """Return the arguments of :func:`walk_reward.describe` but the first."""
-        return self.data, self._places, *self.world.describe_arguments()
+        return (*own, *step), (self.data, self._places, *describe)
 
     def _draw_commands(self, active: Bools) -> None:
         """Draw the commands that hold after this step, where it is time for others."""
@@ -201,20 +200,17 @@ class WalkerTask(CompiledTask):
             state["measured"] = dict(zip(ACCOUNTS, self._measured[i].item(), strict=True))
         return state
 
-    def checked_state(self, state: Values) -> Values:
-        """Return the task's entries of a state. Raises ValueError: one is out of range."""
-        checked = super().checked_state(state)
-        checked["covered"] = finite_numbers("state['covered']", state["covered"], 2)
+    def set_state(self, i: int, state: Values) -> None:
+        """Go on from a complete state of :meth:`get_state`; ValueError: an entry out of range."""
+        covered = finite_numbers("state['covered']", state["covered"], 2)
+        measured: tuple[float, ...] = ()
         if len(self._measured) > 0:
             given, label = state["measured"], "state['measured']"
             if not isinstance(given, Mapping) or not {*ACCOUNTS} <= {*given}:
                 raise ValueError(f"{label} is {shown(given)}, must have {[*ACCOUNTS]}")
-            checked["measured"] = tuple(self.in_range(label, k, given[k]) for k in ACCOUNTS)
-        return checked
-
-    def resume(self, i: int, state: Values) -> None:
-        """Go on with the entries of a checked state."""
-        self.begin(np.array([i]))
-        self.covered[i] = state["covered"]
-        if "measured" in state:
-            self._measured[i] = state["measured"]
+            measured = tuple(self._in_range(label, name, given[name]) for name in ACCOUNTS)
+        super().set_state(i, state)
+        self.covered[i] = covered
+        if measured:
+            self._measured[i] = measured
+            self.describe(np.array([i]))

@@ -30,7 +30,10 @@ class CrankSettings(HeldSettings):
 
 
 class CrankTask(CompiledTask):
-    """Turn the crank along a reference; see :class:`jansen_env.tasks.crank.crank_env.JansenCrankEnv`."""
+    """Turn the crank along a reference.
+
+    See :class:`jansen_env.tasks.crank.crank_env.JansenCrankEnv`. One kernel does all.
+    """
 
     OBSERVED = (
         Observed("tracking_error", "rad", -np.inf, np.inf, EXACT),

@@ -65,7 +65,8 @@ class WalkerSettings(WorldSettings):
 class WalkerTask(CompiledTask):
     """Walk at a commanded speed, m/s.
 
-    See :class:`jansen_env.tasks.walking.walker_env.JansenWalkerEnv`. One kernel rewards, ends and observes a step; a derived task may do more in NumPy.
+    See :class:`jansen_env.tasks.walking.walker_env.JansenWalkerEnv`.
+    One kernel rewards, ends and observes a step; a derived task may do more in NumPy.
 
     Attributes:
         covered: (n, 2) m walked towards the commands and commanded; with a curriculum.

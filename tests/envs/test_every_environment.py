@@ -11,18 +11,23 @@ from gymnasium.vector import AutoresetMode
 from side_by_side import compare
 from stable_baselines3.common.env_checker import check_env as check_for_sb3
 
+from agents.training.config import shipped_config
 from jansen_env.sb3 import make_vec_env
-from jansen_env.scoring.benchmarks import vector_env
+from jansen_env.sb3.run_config import load_config
+from jansen_env.scoring.benchmarks import BENCHMARKS, vector_env
 from jansen_env.world.randomization import Uniform
 
-IDS = sorted(name for name in gym.registry if name.startswith("Jansen"))
+IDS = sorted(BENCHMARKS)
 WALKERS = [name for name in IDS if "Walker" in name]
 ROOT = Path(__file__).parents[2]
 
 
-def test_all_are_known():
-    assert IDS == ["JansenCrank-v0", "JansenGoal-v0", "JansenWalker-v0", "JansenWalkerBuilt-v0",
-                   "JansenWalkerHardcore-v0", "JansenWalkerRough-v0"]  # fmt: skip
+@pytest.mark.parametrize("env_id", IDS)
+def test_each_has_a_benchmark_baselines_a_training_configuration_and_a_page(env_id):
+    assert BENCHMARKS[env_id].baselines and BENCHMARKS[env_id].commands
+    assert load_config(shipped_config(env_id, "ppo"), algo="ppo", env=env_id).timesteps > 0
+    page = (ROOT / "docs" / "environments" / f"{env_id}.md").read_text(encoding="utf-8")
+    assert f"<!-- environment {env_id} -->" in page
 
 
 @pytest.mark.parametrize("env_id", IDS)

@@ -27,7 +27,6 @@ import platform
 import re
 import subprocess
 import tempfile
-from collections.abc import Callable
 from typing import Any, NamedTuple, TypeAlias
 
 import llvmlite.binding as llvm
@@ -189,7 +188,7 @@ def _entry(kernel: Kernel) -> tuple[str, str]:
     return entry.inspect_llvm((types.int64,)), name
 
 
-def compile_module(target: Target, say: Callable[[str], None] = print) -> tuple[Numba, Numba]:
+def compile_module(target: Target) -> tuple[Numba, Numba]:
     """All kernels as one optimised module of LLVM, and the machine that it is for."""
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
@@ -200,7 +199,8 @@ def compile_module(target: Target, say: Callable[[str], None] = print) -> tuple[
     kernels = _import_kernels()
     whole, exported = None, set[str]()
     for number, kernel in enumerate(kernels, 1):
-        say(f"jansen_env compiles {number} of {len(kernels)}: {kernel.symbol}")
+        progress = f"jansen_env compiles {number} of {len(kernels)}: {kernel.symbol}"
+        print(progress, file=sys.stderr)
         code, name = _entry(kernel)
         kind = "double" if kernel.returns is float else "i64"
         code += (
@@ -236,11 +236,17 @@ def compile_module(target: Target, say: Callable[[str], None] = print) -> tuple[
     return whole, machine
 
 
-def build(name: str, folder: Path = FOLDER, say: Callable[[str], None] = print) -> Path:
-    """Build the library for a platform of :data:`TARGETS` into a folder; return its path."""
+def build(name: str, folder: Path = FOLDER) -> Path:
+    """Build the library for a platform of :data:`TARGETS` into a folder; return its path.
+
+    Raises:
+        RuntimeError: the sources have changed meanwhile.
+    """
     target = TARGETS[name]
-    module, machine = compile_module(target, say)
     path = library_path(folder, target.system)
+    module, machine = compile_module(target)
+    if library_path(folder, target.system) != path:
+        raise RuntimeError(f"the engine's sources in {FOLDER} have changed while they compiled")
     with tempfile.TemporaryDirectory(dir=folder) as scratch:
         code, made = Path(scratch, "engine.o"), Path(scratch, path.name)
         code.write_bytes(machine.emit_object(module))

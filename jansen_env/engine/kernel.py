@@ -276,5 +276,6 @@ def _libraries() -> tuple[ctypes.CDLL, ctypes.PyDLL]:
                 "run: python -m pip install -e ."
             )
         logging.getLogger("jansen_env").warning("jansen_env builds its engine, %s", path.name)
-        subprocess.run([sys.executable, str(FOLDER / "build.py")], check=True)
+        build = [sys.executable, str(FOLDER / "build.py")]
+        subprocess.run(build, check=True, stdout=subprocess.DEVNULL)
     return ctypes.CDLL(str(path)), ctypes.PyDLL(str(path))

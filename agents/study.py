@@ -13,6 +13,7 @@ os.environ.setdefault("RAY_AUTH_MODE", "token")
 import argparse
 import secrets
 import shutil
+import socket
 import sys
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -185,6 +186,9 @@ def run_study(study: Study, folder: Path, args: argparse.Namespace) -> bool:
         ray.init("local", num_cpus=cpus, include_dashboard=False, log_to_driver=False,
                  runtime_env={"env_vars": environment})  # fmt: skip
     else:
+        if ":" in args.address and "/" not in args.address:  # Ray itself would try for minutes
+            host, _, port = args.address.rpartition(":")
+            socket.create_connection((host, int(port)), timeout=10.0).close()
         modules = [str(Path(__file__).parent)]
         ray.init(args.address, runtime_env={"env_vars": environment, "py_modules": modules})
     trainable = tune.with_resources(run_trial, {"cpu": args.cores})

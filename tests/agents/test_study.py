@@ -144,6 +144,12 @@ def test_another_study_in_the_same_folder_is_refused(finished):
         study.run_study(other, finished, study.parse([]))
 
 
+def test_an_address_without_a_cluster_is_refused(tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        study.main(["--seeds", "1", "--log-folder", str(tmp_path), "--address", "127.0.0.1:1"])
+    assert "refused" in capsys.readouterr().err.splitlines()[0]
+
+
 def test_a_study_without_a_finished_run_is_reported(tmp_path):
     assert study_report.write_report(tmp_path) == "no run is finished"
 

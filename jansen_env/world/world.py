@@ -122,6 +122,10 @@ class World:
         )
         self.data: NDArray[np.void] = np.zeros(n, row)
         self._keep_actions = engine.take_actions.bound()
+        self._torques = (
+            self.elapsed, self.full_torque, self.data, self.asked, self.delay_steps, self.torque,
+            self.earlier, self.switch,
+        )  # fmt: skip
         self._every = np.arange(n)
         self.plant: BatchedPlant = make_batch(
             settings.plant, self.robots, terrains, self.time_step, threads, self.held
@@ -510,10 +514,7 @@ class World:
         if values.shape != (count, 1):
             raise ValueError(f"actions have shape {values.shape}, must have ({count}, 1)")
         self._actions[:] = values
-        bad = self._keep_actions(
-            self._actions, active, self.elapsed, self.full_torque, self.data, self.asked,
-            self.delay_steps, self.torque, self.earlier, self.switch,
-        )  # fmt: skip
+        bad = self._keep_actions(self._actions, active, self._torques)
         if bad >= 0:
             raise ValueError(f"actions[{bad}] is {values[bad, 0]}, must be finite")
 

@@ -64,6 +64,8 @@ def commands() -> dict[tuple[str, ...], set[str]]:
 def test_commands_have_the_options_that_pages_use(
     program: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    if program[-1] == "agents.study":
+        pytest.importorskip("ray")
     monkeypatch.syspath_prepend(ROOT)
     monkeypatch.setattr(sys, "argv", [program[-1], "--help"])
     with pytest.raises(SystemExit) as exited:

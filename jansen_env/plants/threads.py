@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from typing import Any, TypeAlias
 
@@ -76,7 +76,8 @@ class Threads:
             try:
                 last = work(0)
             finally:
-                wait(others)
+                for other in others:
+                    other.exception()  # waits; quicker than concurrent.futures.wait
         flags = [first, last, *(other.result() for other in others)]
         return any(one for one, _ in flags), any(two for _, two in flags)
 

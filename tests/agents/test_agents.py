@@ -158,13 +158,13 @@ def test_what_is_kept_of_an_episode(walker):
     torques = [2.0, 2.0, -1.0, 3.0] + [2.5, 3.0] * 58
     run = run_episodes(Steps(torques), "JansenWalker-v0", {"max_episode_steps": 120},
                        np.array([0.2]), np.array([5]))  # fmt: skip
-    robot = gym.make("JansenWalker-v0").unwrapped
+    env = gym.make("JansenWalker-v0", max_episode_steps=120)
+    robot = env.unwrapped
     robot.reset(seed=5, options={"speed_command": 0.2})
     infos = [robot.step(np.float32([torque / 20.0]))[4] for torque in torques]
     positions = [info["x_position"] for info in infos]
     assert run["early_distance"] == positions[99] and run["distance"] == positions[-1]
     changes = np.abs(np.diff([0.0, *torques]))
-    env = SimpleNamespace(spec=SimpleNamespace(max_episode_steps=120), unwrapped=robot)
     scored = metrics.point_estimates(WALKER.metrics, run, env)
     assert scored["torque_change"] == pytest.approx(changes.mean(), rel=1e-6)
     error = abs((positions[-1] - positions[99]) / 0.4 - 0.2)
@@ -191,11 +191,11 @@ def made_episodes(n=40):
 
 
 TEN_SECONDS = SimpleNamespace(
-    spec=SimpleNamespace(max_episode_steps=500),
-    unwrapped=SimpleNamespace(
-        control_dt=0.02, task=SimpleNamespace(world=SimpleNamespace(weight=[20.0]))
-    ),
-)
+    get_wrapper_attr={
+        "spec": SimpleNamespace(max_episode_steps=500), "control_dt": 0.02,
+        "task": SimpleNamespace(world=SimpleNamespace(weight=[20.0])),
+    }.__getitem__
+)  # fmt: skip
 """What the walking metrics read of an environment."""
 
 

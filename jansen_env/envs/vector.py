@@ -74,7 +74,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         autoreset_mode: ``NEXT_STEP`` (Gymnasium's default: the step after an episode's last one
             resets and ignores the action), ``SAME_STEP`` (that very step returns the next
             episode's first observation; ``infos["final_obs"]`` has the last one) or ``DISABLED``.
-        threads: cores to use; None for as many as pay. render_mode: None or ``"rgb_array"``.
+        threads: cores to use; None: chosen by batch size. render_mode: None or ``"rgb_array"``.
         info_keys: keys of ``infos``, such as ``("slip",)``; None for all, which takes some per cent
             of a step.
         Others: as for one robot; those that are ``PerRobot`` may be one for each.

@@ -25,6 +25,9 @@ class InfoBuilder:
 
     Attributes:
         keys: those of the information of every reset and step.
+
+    Raises:
+        ValueError: a name that two have.
     """
 
     def __init__(
@@ -39,6 +42,9 @@ class InfoBuilder:
         every = {"energy": world["energy"], **groups}
         self._groups = {name: (rows, rows.dtype.names or ()) for name, rows in every.items()}
         infos: Any = (world["info"], task["info"])
+        names = [name for info in infos for name in info.dtype.names] + [*arrays, *every]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise ValueError(f"a task's INFO has {twice}, which the world's information has too")
         of_any = {name: info[name] for info in infos for name in info.dtype.names}
         rewards: Any = task["reward"]
         of_any |= {f"reward/{term}": rewards[term] for term in rewards.dtype.names}

@@ -40,20 +40,21 @@ class Task(ABC):
     :mod:`jansen_env.tasks.goal` is an example.
 
     Args:
-        settings: arguments. threads: cores to use; None for as many as pay.
+        settings: arguments. threads: cores to use; None: chosen by batch size.
 
     Attributes:
         OBSERVED: what it observes beside the world's observations.
         INFO: numbers and flags that it keeps of a robot, by name: shown in the information, saved
             in states, 0 at a reset but for what :meth:`draw` gives. TERMS: of the reward.
-        OPTIONS: of a reset. SETTABLE: of :meth:`set_parameters`; both beside the world's.
+        OPTIONS: names of reset options. SETTABLE: of :meth:`set_parameters`; both beside the
+            world's.
         observed: each number of the observation, with its column in :attr:`columns`.
         observation_space, action_space: of one robot. observation: (n, d) the last ones.
         info: (n,) :attr:`INFO`. rewards: (n,) of the last step. ended: (n,) by termination.
         truncated: (n,) whether the simulation diverged. control_dt: s a step.
 
     Raises:
-        ValueError: an argument out of range, or observations that do not fit.
+        ValueError: an argument out of range or of no effect, or names that do not fit.
     """
 
     OBSERVED: ClassVar[tuple[Observed, ...]] = ()
@@ -67,6 +68,7 @@ class Task(ABC):
 
     def __init__(self, settings: WorldSettings | HeldSettings, threads: int | None = None) -> None:
         n = self.num_envs = settings.count
+        self._check_declarations(settings)
         self.world = World(settings, threads)
         self.control_dt, self.truncated = self.world.control_dt, self.world.truncated
         terms = [(name, float) for name in self.TERMS]
@@ -86,6 +88,20 @@ class Task(ABC):
         self._connect()
         kernels: Any = self.ENGINE
         self._describe, self._finish = kernels.describe.bound(), kernels.finish_step.bound()
+
+    def _check_declarations(self, settings: WorldSettings | HeldSettings) -> None:
+        """Raise ValueError for settings or names that this class would ignore."""
+        if settings.held and self.ENGINE is readings:
+            raise ValueError("settings are of held robots, of which the task's ENGINE must know")
+        if settings.curriculum is not None and type(self).progress is Task.progress:
+            raise ValueError("curriculum is given, must be None: this task defines no progress()")
+        if both := sorted({*self.INFO} & {*self.TERMS}):
+            raise ValueError(f"INFO and TERMS have {both}, must have different names")
+        if self.ROW is not None:
+            known = {*self.ROW["info"].names, *self.ROW["reward"].names}
+            if unknown := sorted({*self.INFO, *self.TERMS} - known):
+                allowed = f"must be in {sorted(known)}, those of the compiled task's ROW"
+                raise ValueError(f"INFO and TERMS have {unknown}, {allowed}")
 
     def _connect(self) -> None:
         """Let this object's arrays be those that are shown."""
@@ -226,7 +242,12 @@ class Task(ABC):
         apply()  # all or nothing
 
     def change(self, i: int, changes: Values) -> Callable[[], None]:
-        """Check changes of :attr:`SETTABLE`; return a function that applies them."""
+        """Check changes of :attr:`SETTABLE`; return a function that applies them.
+
+        A derived task hands on the changes that are not its own.
+        """
+        if changes:
+            raise NotImplementedError(f"{type(self).__name__}.change() must apply {[*changes]}")
         return lambda: None
 
     def get_attr(self, name: str) -> list[object] | None:
@@ -299,8 +320,10 @@ class CommandedTask(Task):
 
     def change(self, i: int, changes: Values) -> Callable[[], None]:
         """Check another range of commands, which are drawn from it from now on."""
+        others = {name: value for name, value in changes.items() if name != "speed_command"}
+        nothing = super().change(i, others)
         if "speed_command" not in changes:
-            return super().change(i, changes)
+            return nothing
         limits = -self.FASTEST, self.FASTEST
         value = number_range("speed_command", changes["speed_command"], *limits)
         return partial(self.speed_command.__setitem__, i, value)

@@ -40,9 +40,9 @@ class EpisodeLengths:
         observed: whether observations show the lengths.
 
     Attributes:
-        own: robots that were never exchanged by a reset. nominal: robots with their own lengths, as
-            exchanged. changed: of each, lengths of this episode that are
-            not its own, m. factors: of each, distributions of factors by length.
+        own: robots as constructed. nominal: robots with their own lengths, as exchanged by resets
+            and changed since. changed: of each, lengths of this episode that are not its own, m.
+            factors: of each, distributions of factors by length.
         entries: numbers for observations. values: (n,) all lengths of this episode, m, by name;
             None where they are neither drawn nor observed.
 
@@ -80,7 +80,7 @@ class EpisodeLengths:
     def plan(
         self, i: int, given: Mapping[str, float], seed: int | None, robot: Robot | None = None
     ) -> Build | None:
-        """Return a robot's next episode's; None where all stays as it is by itself.
+        """The robot of the next episode, or None if nothing changes.
 
         Args:
             given: lengths of that episode, m, by name. seed: of drawn ones, None for none.
@@ -128,13 +128,10 @@ class EpisodeLengths:
     def equip(self, i: int, robot: Robot) -> None:
         """Let a robot, with its own lengths too, have the payload, motor and feet of another."""
         parts = {name: getattr(robot, name) for name in ("payload", "motor", "pad_compliance")}
-        exchanged = self.exchanged(i)
         self.nominal[i] = replace(self.nominal[i], **parts) if self.changed[i] else robot
-        if not exchanged:
-            self.own[i] = self.nominal[i]
 
     def exchanged(self, i: int) -> bool:
-        """Return whether a reset has put another robot in the place of a robot."""
+        """Return whether a robot is another one than that constructed, lengths of draws aside."""
         return self.nominal[i] != self.own[i]
 
 

@@ -290,14 +290,15 @@ class EpisodeParameters:
         terrain = None
         if self._generators[i] is not None:
             points = entries("state['terrain']", state["terrain"], "(x, y) points")
-            terrain = Terrain(points, *finite_numbers("state['ground']", state["ground"], 2))
+            ground = finite_numbers("state['ground']", state["ground"], 2).tolist()
+            terrain = Terrain(points, *ground)
         return Plan(values, terrain), int(level)
 
 
 def _heaviest(
     nominal: np.void, randomization: Randomization, changes: Mapping[str, float] | None = None
 ) -> Any:
-    """Return the numbers of a robot's episodes that its feet can bear least, if known."""
+    """The episode parameters with the highest foot load."""
     values = nominal.copy()
     for name, value in (changes or {}).items():
         values[name] = value

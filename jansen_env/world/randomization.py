@@ -48,10 +48,10 @@ def load_randomization(name: str, value: object, parameters: Iterable[str] | Non
 
     ``value``: by name a number, (low, high) for a uniform draw (of whole numbers where the
     parameter is one), or a :class:`Distribution`; None for none. "lengths" are factors by length,
-    or of all; a number s stands for (1 - s, 1 + s). ``parameters``: that there are; None for all.
+    or of all; a number s stands for (1 - s, 1 + s). ``parameters``: allowed names; None for all.
 
     Raises:
-        ValueError: a name or a range that there is not.
+        ValueError: an unknown name or invalid range.
     """
     given = {} if value is None else value
     if not isinstance(given, Mapping):

@@ -82,10 +82,10 @@ class World:
     :attr:`x_velocity`, :attr:`toe_load` ... Speeds, torques and works are of the last step.
 
     Args:
-        settings: arguments. threads: cores to use; None for as many as pay.
+        settings: arguments. threads: cores to use; None: chosen by batch size.
 
     Attributes:
-        OPTIONS: of a reset. SETTABLE: names that :meth:`change` takes.
+        OPTIONS: names of reset options. SETTABLE: names that :meth:`change` takes.
         plant: moves the robots. robots: of these episodes, before parameters.
         episodes: their parameters and terrains. lengths: of their links.
         data: (n,) rows of the engine: last actions, ``info`` and ``energy``.
@@ -96,7 +96,7 @@ class World:
         torque: (n,) N m, that the last step ended with; ``earlier`` (n,) held in its first
             ``switch`` (n,) time steps. asked: (n, steps) N m, torques asked for, latest first.
         delay_range: (n, 2) s, of episodes to come. delay_steps: (n, 2) control and time steps.
-        seeds: (n,) of what episodes draw after their start. sensors: None without noise.
+        seeds: (n,) seed of draws made during the episode. sensors: None without noise.
         truncated: (n,) whether the simulation diverged.
 
     Raises:
@@ -257,11 +257,6 @@ class World:
     def action(self) -> Array:
         """(n,) of the last step, clipped."""
         return self.data["action"]
-
-    @property
-    def action_change(self) -> Array:
-        """(n,) from the step before to the last one."""
-        return self.data["action"] - self.data["action_before"]
 
     @property
     def motor_work(self) -> Array:
@@ -720,6 +715,8 @@ class World:
         plant.slip[i] = plant.contact_force[i] = 0.0
         self.toe_load[i] = state["loads"]
         self._clear_episode(which, state["action"], state["steps"])
+        self.truncated[i] = plant.diverged[i] = False
+        plant.any_diverged = bool(plant.diverged.any())
         self.seeds[i] = state["seed"]
         self.pushes.schedule(i, state["pushes"], state["random_pushes"])
 

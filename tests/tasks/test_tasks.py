@@ -10,6 +10,7 @@ import pytest
 from jansen_env.envs.arguments import takes
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.vector import TaskVectorEnv, VectorSettings
+from jansen_env.tasks.crank.crank_task import CrankSettings
 from jansen_env.tasks.task import CommandedTask
 from jansen_env.tasks.walking.walker_task import WalkerSettings, WalkerTask
 from jansen_env.world.argument_checks import range_each
@@ -190,6 +191,46 @@ def test_a_task_that_observes_something_else_is_refused():
 
     with pytest.raises(ValueError, match=r"must return \['speed_command"):
         environments(Forgetful, SlowSettings)[0]().reset(seed=0)
+
+
+def declared(base=Slow, **names):
+    """A task of that base with other class attributes."""
+    return environments(type("Declared", (base,), names), WalkerSettings)[0]
+
+
+@pytest.mark.parametrize(
+    ("base", "names", "message"),
+    [
+        (Slow, {"INFO": {**Slow.INFO, "pitch": float}}, r"INFO has \['pitch'\], which the world"),
+        (Slow, {"INFO": {**Slow.INFO, "slip": float}}, r"INFO has \['slip'\], which the world"),
+        (Slow, {"INFO": {**Slow.INFO, "energy": float}}, r"INFO has \['energy'\], which the"),
+        (Slow, {"INFO": {**Slow.INFO, "slow": float}}, r"INFO and TERMS have \['slow'\]"),
+        (WalkerTask, {"INFO": {"hops": float}}, r"INFO and TERMS have \['hops'\], must be in"),
+        (WalkerTask, {"TERMS": ("grace",)}, r"INFO and TERMS have \['grace'\], must be in"),
+    ],
+)
+def test_names_that_information_would_mix_up_or_ignore_are_refused(base, names, message):
+    with pytest.raises(ValueError, match=message):
+        declared(base, **names)()
+
+
+@pytest.mark.parametrize("base", [Slow, WalkerTask])
+def test_a_settable_name_that_no_change_applies_is_refused(base):
+    env = declared(base, SETTABLE=(*base.SETTABLE, "gain"))()
+    env.reset(seed=0)
+    with pytest.raises(NotImplementedError, match=r"Declared.change\(\) must apply \['gain'\]"):
+        env.set_parameters(gain=3.0, speed_command=0.1)
+    assert env.task.speed_command.tolist() != [[0.1, 0.1]]
+
+
+def test_held_robots_need_a_task_whose_engine_knows_of_them():
+    with pytest.raises(ValueError, match="settings are of held robots, of which the task's ENGINE"):
+        Slow(CrankSettings())
+
+
+def test_a_curriculum_needs_a_task_that_tells_progress():
+    with pytest.raises(ValueError, match="curriculum is given, must be None: this task"):
+        gym.make("JansenGoal-v0", terrain="mixed", curriculum=True)
 
 
 def test_numbers_of_a_task_are_saved():

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from jansen_env import Compliance, Push
+from jansen_env import Compliance, Motor, Push
 
 STEPS = 30
 
@@ -42,6 +42,28 @@ def test_changed_is_as_if_the_state_had_it(name, value):
     assert changed.parameters[[*state["parameters"]].index(name)] == value
     changed.reset(seed=2)  # and so it stays
     assert changed.get_state()["parameters"][name] == value
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("motor", Motor(torque_limit=3.0)),
+        ("pad_compliance", Compliance(20_000.0, 20.0)),
+        ("payload", 1.0),
+    ],
+)
+def test_a_state_has_the_robot_that_was_changed(name, value):
+    """Another environment goes on from it, and a state from before brings back what was."""
+    changed, other = begun(), begun()
+    before, robot = changed.get_state(), changed.robot
+    changed.set_parameters(**{name: value})
+    other.set_state(changed.get_state())
+    np.testing.assert_array_equal(walk(changed)[0], walk(other)[0])
+    assert other.robot == changed.robot != robot
+    changed.set_state(before)
+    other.set_state(before)
+    assert changed.robot == other.robot == robot
+    np.testing.assert_array_equal(walk(changed)[0], walk(other)[0])
 
 
 FEET, HEAVY = {"pad_compliance": Compliance(20_000.0, 20.0)}, {"mass_scale": (1.0, 3.0)}

@@ -114,6 +114,37 @@ def test_a_robot_that_diverges_where_it_is_placed(monkeypatch):
     assert (env.step(action)[0] == twin.step(action)[0]).all()
 
 
+def test_a_refused_reset_keeps_the_level_of_a_curriculum(monkeypatch):
+    """Also a level that was set for the next episode only."""
+    env = gym.make("JansenWalker-v0", terrain="mixed", curriculum=True).unwrapped
+    env.reset(seed=3)
+    env.set_parameters(terrain_level=4)
+    before = env.get_state()
+
+    def diverge(*_):
+        raise FloatingPointError
+
+    monkeypatch.setattr(type(env.task.world.plant), "place", diverge)
+    with pytest.raises(FloatingPointError):
+        env.reset()
+    assert before["level"] == 4 and same(env.get_state(), before)
+
+
+@pytest.mark.filterwarnings("ignore:.*the episode:UserWarning")
+@pytest.mark.parametrize("plant", ["projection", "rigid_body"])
+def test_a_divergence_ends_with_its_episode(plant):
+    """Whether a reset or a state begins another one."""
+    env = gym.make("JansenWalker-v0", plant=plant, torque_limit=1e8).unwrapped
+    env.reset(seed=3)
+    state = env.get_state()
+    for begin in (lambda: env.reset(seed=3), lambda: env.set_state(state)):
+        assert env.step(np.ones(1, np.float32))[3]  # truncated
+        begin()
+        world = env.task.world
+        assert not (world.truncated.any() or world.plant.diverged.any())
+        assert not env.step(np.zeros(1, np.float32))[3]
+
+
 @pytest.mark.parametrize("plant", ["projection", "rigid_body"])
 def test_a_state_that_the_plant_refuses_changes_nothing(plant):
     env = gym.make("JansenWalkerBuilt-v0", plant=plant).unwrapped
@@ -202,6 +233,13 @@ def test_a_terrain_of_a_state_that_is_none(name, value):
     with pytest.raises(ValueError, match=f"(?i){name}"):
         env.set_state({**before, name: value})
     assert same(env.get_state(), before)
+
+
+def test_a_terrain_of_a_state_that_bounces_too_much_is_told_in_plain_numbers():
+    env = gym.make("JansenWalkerHardcore-v0").unwrapped
+    env.reset(seed=3)
+    with pytest.raises(ValueError, match=r"restitution is 2\.0, must"):
+        env.set_state({**env.get_state(), "ground": (0.5, 2.0)})
 
 
 def test_a_held_robot_has_no_more_steps_than_can_be_counted():

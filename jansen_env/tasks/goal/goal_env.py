@@ -59,7 +59,7 @@ class JansenGoalEnv(SingleEnv[GoalTask]):
 
     ## Arguments
     ``energy_weight``, ``arrival_weight`` (1), and those of ``JansenWalker-v0`` that are not about commands,
-    its reward and falls.
+    its reward and falls. ``curriculum`` must be None.
 
     ## Version History
     * v0: first release.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jansen_env.checks import non_negative, positive
+from jansen_env.checks import MOST_SINGLE, non_negative, positive, within
 from jansen_env.tasks.task import Task
 from jansen_env.uniform import uniform
 from jansen_env.world.argument_checks import Array, Bools, Values, option, shared
@@ -57,6 +57,12 @@ class GoalTask(Task):
         """Draw a goal, m."""
         goal = uniform(rng, -FARTHEST, FARTHEST)
         return {"goal": option(options, "goal", goal, -FARTHEST, FARTHEST)}
+
+    def set_state(self, i: int, state: Values) -> None:
+        """Go on from a complete state of ``get_state``; ValueError: an entry out of range."""
+        within("state['goal']", state["goal"], -FARTHEST, FARTHEST)
+        within("state['held']", state["held"], 0.0, MOST_SINGLE)
+        super().set_state(i, state)
 
     @property
     def distance(self) -> Array:

@@ -175,7 +175,8 @@ class WalkerTask(CompiledTask):
 
     def change(self, i: int, changes: Values) -> Callable[[], None]:
         """Check another range of commands, and a command that holds from the next step on."""
-        apply_range = super().change(i, changes)
+        others = {name: value for name, value in changes.items() if name != "command"}
+        apply_range = super().change(i, others)
         if "command" not in changes:
             return apply_range
         command = within("command", changes["command"], -self.FASTEST, self.FASTEST)

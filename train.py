@@ -26,7 +26,7 @@ from agents.training.config import new_config
 from agents.training.runs import FINAL, last_state, locked, new_run_folder, record_run
 from agents.training.scores import outcome, score_run
 from agents.training.train_model import prepare, train
-from jansen_env.commands.flags import Parser, env_id, non_negative_int
+from jansen_env.commands.flags import Parser, imported_env_id, non_negative_int
 from jansen_env.sb3.run_config import ALGORITHMS, RunConfig, load_config
 from jansen_env.scoring.benchmarks import DEFAULT, find_benchmark
 
@@ -40,8 +40,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.set_defaults(save_freq=100_000, eval_episodes=10)
     add = parser.add_argument
     add("--algo", choices=sorted(ALGORITHMS), help="algorithm; default: --config's, or ppo")
-    add("--env", type=env_id, metavar="ID",
-        help=f"environment id; default: --config's, or {DEFAULT}")  # fmt: skip
+    add("--env", type=imported_env_id, metavar="ID",
+        help=f"environment id, or MODULE:ID; default: --config's, or {DEFAULT}")  # fmt: skip
     add("--seed", type=non_negative_int,
         help="seed of networks and environments; default: --config's, or 0")  # fmt: skip
     add("--log-folder", default="logs", metavar="DIR", help="parent folder of runs, DIR/ALGO/ENV_N")
@@ -108,11 +108,13 @@ def _run(
 def _configure(args: argparse.Namespace) -> RunConfig:
     """Return the run's configuration; a ValueError where a file is missing or invalid."""
     if args.resume:
-        fixed = ("algo", "env", "n_envs", "seed", "env_kwargs", "config")
+        fixed = ("algo", "n_envs", "seed", "env_kwargs", "config")
         given = [f"--{name.replace('_', '-')}" for name in fixed if getattr(args, name) is not None]
         if given:
             raise ValueError(f"--resume takes these from the run's config.yml: {', '.join(given)}")
         config = load_config(Path(args.resume) / "config.yml")
+        if args.env not in (None, config.env):
+            raise ValueError(f"--env is {args.env}, must be {config.env}, that of the run")
         return replace(config, timesteps=args.timesteps or config.timesteps)
     return new_config(
         args.config, args.algo, args.env, args.env_kwargs,

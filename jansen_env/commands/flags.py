@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -45,6 +46,18 @@ def env_id(text: str) -> str:
         known = listed(sorted(BENCHMARKS), text)
         raise argparse.ArgumentTypeError(f"is {text!r}, must be one of {known}")
     return text
+
+
+def imported_env_id(text: str) -> str:
+    """Parse the id of an environment, or MODULE:ID of one that this module registers."""
+    module, _, name = text.rpartition(":")
+    if module:
+        try:
+            import_module(module)
+        except (ImportError, TypeError, ValueError) as error:
+            message = f"is {text!r}, whose module cannot be imported: {error}"
+            raise argparse.ArgumentTypeError(message) from error
+    return env_id(name)
 
 
 def mapping(text: str) -> dict[str, Any]:
@@ -101,8 +114,9 @@ def policy_parser(
     add("--policy", action="append", default=[], required=required, metavar="NAME",
         help=f"a baseline ({named}), 'pretrained', a run's folder, or a file of a model or policy; "
         "repeat to compare")  # fmt: skip
-    add("--env", default=default, type=env_id, metavar="ID",
-        help=f"environment: {', '.join(BENCHMARKS)}; default: %(default)s")  # fmt: skip
+    add("--env", default=default, type=imported_env_id, metavar="ID",
+        help=f"environment: {', '.join(BENCHMARKS)}, or MODULE:ID; default: %(default)s"
+        )  # fmt: skip
     add("--env-kwargs", default={}, type=mapping, metavar="YAML",
         help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
     add("--seed", type=non_negative_int, default=0, help="seed of the starts; default: 0")

@@ -1,6 +1,9 @@
 """The task of CONTRIBUTING.md: copied, registered, checked, walked and trained."""
 
+import argparse
+import os
 import re
+import subprocess
 import sys
 import warnings
 from pathlib import Path
@@ -10,18 +13,18 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from side_by_side import compare
+from stable_baselines3 import PPO
 
-import train
 from jansen_env import registration
-from jansen_env.commands.evaluate import main as evaluate
+from jansen_env.commands.flags import imported_env_id
 
 ROOT = Path(__file__).parents[2]
 ENV = "Level-v0"
 
 
 @pytest.fixture
-def level(tmp_path, monkeypatch):
-    """The folder of the task, on the path and registered."""
+def folder(tmp_path):
+    """The folder of the task."""
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     (page,) = re.findall(r"```py\n(.*?)```", text, re.DOTALL)
     (config,) = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
@@ -30,8 +33,13 @@ def level(tmp_path, monkeypatch):
     (folder / "training" / ENV).mkdir(parents=True)
     (folder / "__init__.py").write_text(page, encoding="utf-8")
     (folder / "training" / ENV / "ppo.yml").write_text(config, encoding="utf-8")
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(registration, "IDS", registration.IDS)
+    return folder
+
+
+@pytest.fixture
+def level(folder, monkeypatch):
+    """The task, on the path and registered."""
+    monkeypatch.syspath_prepend(folder.parent)
     import level
 
     yield level
@@ -39,7 +47,7 @@ def level(tmp_path, monkeypatch):
     del gym.registry[ENV], sys.modules["level"]
 
 
-def test_a_new_task(level, tmp_path, capsys):
+def test_a_new_task(level):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         check_env(gym.make(ENV).unwrapped)
@@ -61,8 +69,36 @@ def test_a_new_task(level, tmp_path, capsys):
     with pytest.raises(ValueError, match="half_pitch is -1, must be above 0"):
         gym.make(ENV, half_pitch=-1)
 
-    run = train.main(["--env", ENV, "-n", "2000", "--eval-freq", "0", "--eval-episodes", "1",
-                      "--no-progress", "--log-folder", str(tmp_path / "logs")])  # fmt: skip
-    assert (run / "best_model.zip").exists() or (run / "final_model.zip").exists()
-    evaluate(["--env", ENV, "--policy", str(run), "--episodes", "1"])
-    assert "return" in capsys.readouterr().out
+
+def test_a_new_task_is_trained_and_evaluated_from_the_shell(folder):
+    environ = {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder.parent), str(ROOT)])}
+
+    def call(*command):
+        done = subprocess.run(
+            [sys.executable, *command], env=environ, cwd=folder.parent, capture_output=True,
+            text=True, timeout=300, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    name, run = ("--env", f"level:{ENV}"), "logs/ppo/Level-v0_1"
+    train = (str(ROOT / "train.py"), "--eval-freq", "0", "--eval-episodes", "1", "--no-progress")
+    call(*train, *name)
+    assert PPO.load(folder.parent / run / "final_model.zip").num_timesteps >= 2000
+    call(*train, *name, "--resume", run, "-n", "2500")
+    assert PPO.load(folder.parent / run / "final_model.zip").num_timesteps >= 2500
+    evaluated = call("-m", "jansen_env", "evaluate", *name, "--policy", run, "--episodes", "1")
+    assert "return" in evaluated
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("nowhere:Level-v0", "whose module cannot be imported: No module named 'nowhere'"),
+        (".:Level-v0", "whose module cannot be imported"),
+        ("json:CartPole-v1", r"must be one of \['JansenCrank-v0'"),
+    ],
+)
+def test_an_id_that_is_not_registered_is_refused(text, message):
+    with pytest.raises(argparse.ArgumentTypeError, match=message):
+        imported_env_id(text)

@@ -9,6 +9,7 @@ from importlib import import_module
 from pathlib import Path
 
 from jansen_env import __version__
+from jansen_env.checks import listed
 
 COMMANDS = {
     "enjoy": "watch policies, in a window or as a film",
@@ -34,10 +35,13 @@ def main(arguments: list[str] | None = None) -> None:
     )  # fmt: skip
     add = parser.add_argument
     add("--version", action="version", version=__version__)
-    add("command", choices=COMMANDS, metavar="COMMAND", help="one of those below")
+    add("command", metavar="COMMAND", help="one of those below")
     add("arguments", nargs=argparse.REMAINDER, metavar="...", help="see jansen-env COMMAND --help")
     arguments = sys.argv[1:] if arguments is None else arguments
     args = parser.parse_args(arguments or ["--help"])
+    if args.command not in COMMANDS:
+        allowed = listed([*COMMANDS], args.command)
+        parser.error(f"COMMAND is {args.command!r}, must be one of {allowed}")
     try:
         import_module(f"jansen_env.commands.{args.command}").main(args.arguments)
     except ModuleNotFoundError as error:
@@ -45,7 +49,9 @@ def main(arguments: list[str] | None = None) -> None:
         if missing in ("", "jansen_env"):
             raise
         extra = f"[{EXTRAS.get(missing, 'tools')}]"
-        package = f'-e ".{extra}"' if CHECKOUT.exists() else f'"jansen-env{extra}"'
+        package = (
+            f'-c constraints.txt -e ".{extra}"' if CHECKOUT.exists() else f'"jansen-env{extra}"'
+        )
         text = f"jansen-env {args.command} needs {missing}: python -m pip install {package}"
         raise SystemExit(text) from error
     except BrokenPipeError:  # whoever read the output has ended

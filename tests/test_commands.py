@@ -50,7 +50,7 @@ def test_an_error_comes_before_the_usage_and_suggests_an_id(capsys):
 def test_a_wrong_command_is_refused(capsys):
     with pytest.raises(SystemExit) as ended:
         main(["enjoi"])
-    assert ended.value.code == 2 and "invalid choice: 'enjoi'" in capsys.readouterr().err
+    assert ended.value.code == 2 and "did you mean 'enjoy'?" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("command", [["evaluate", "--policy", "pid"], ["paper", "--out", "x"],
@@ -60,7 +60,7 @@ def test_a_missing_package_is_named(command, tmp_path):
     assert done.returncode == 1 and not list(tmp_path.iterdir())
     (last,) = done.stderr.splitlines()[-1:]
     assert last.startswith(f"jansen-env {command[0]} needs ")
-    assert last.endswith(': python -m pip install -e ".[tools]"')
+    assert last.endswith(': python -m pip install -c constraints.txt -e ".[tools]"')
 
 
 def test_what_needs_no_other_package(tmp_path):
@@ -69,7 +69,9 @@ def test_what_needs_no_other_package(tmp_path):
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "x.html").stat().st_size > 50_000
     assert run("mjcf", "paper", "--out", "x.xml", cwd=tmp_path).returncode == 0
-    assert 'pip install -e ".[mujoco]"' in run("mjcf", "built").stderr  # of its springs
+    assert (
+        'pip install -c constraints.txt -e ".[mujoco]"' in run("mjcf", "built").stderr
+    )  # of its springs
 
 
 def test_a_folder_that_cannot_be_written_to_is_named_before_the_work(capsys):
@@ -88,4 +90,6 @@ def test_an_environment_without_policies_shows_its_baseline(tmp_path):
 def test_a_model_asks_for_its_library(tmp_path):
     (tmp_path / "model.zip").write_bytes(b"")
     done = run("replay", "--policy", "model.zip", cwd=tmp_path)
-    assert done.stderr.splitlines()[-1].endswith('python -m pip install -e ".[train]"')
+    assert done.stderr.splitlines()[-1].endswith(
+        'python -m pip install -c constraints.txt -e ".[train]"'
+    )

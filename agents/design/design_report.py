@@ -7,11 +7,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 from tabulate import tabulate
 
 from agents.design.design_plan import Plan
@@ -186,10 +183,8 @@ def draw_designs(robots: dict[str, Robot], path: Path) -> None:
     """Draw each robot with the paths of its toes, all legs but the first pale."""
     columns = min(len(robots), 5)
     rows = -(-len(robots) // columns)
-    figure, axes = plt.subplots(
-        rows, columns, figsize=(3.6 * columns, 3.0 * rows), layout="constrained", sharex=True,
-        sharey=True, squeeze=False,
-    )  # fmt: skip
+    figure = Figure((3.6 * columns, 3.0 * rows), layout="constrained")
+    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     for axis, (name, robot) in zip(axes.flat, robots.items(), strict=False):
         axis.set(title=name, aspect="equal")
         if not geometry_measures(robot)["closure"] > 0.0:
@@ -208,7 +203,8 @@ def draw_designs(robots: dict[str, Robot], path: Path) -> None:
 
 def draw_search(plan: Plan, results: list[SeedResult], path: Path) -> None:
     """Draw the best so far, the front, or the map, as the method has it."""
-    figure, axis = plt.subplots(figsize=(7.0, 4.6), layout="constrained")
+    figure = Figure((7.0, 4.6), layout="constrained")
+    axis = figure.subplots()
     names = [*plan.objectives]
     sign = np.array([1.0 if way == "min" else -1.0 for way in plan.objectives.values()])
     for result in results:

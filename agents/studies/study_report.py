@@ -12,9 +12,9 @@ from itertools import combinations
 from pathlib import Path
 from warnings import catch_warnings, simplefilter
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 from scipy.stats import bootstrap, mannwhitneyu, sem, t, trim_mean
 
 from agents.training.runs import read_evaluations
@@ -186,7 +186,8 @@ def text(interval: Interval, digits: int = 3) -> str:
 
 def plot(runs: pd.DataFrame, curves: pd.DataFrame, path: Path) -> Path:
     """Draw the learning curves and the scores of an environment's runs, and the baselines."""
-    figure, axes = plt.subplots(1, 2, figsize=(12, 4.6), layout="constrained")
+    figure = Figure((12, 4.6), layout="constrained")
+    axes = figure.subplots(1, 2)
     groups = runs[runs.policy == "run"].groupby("group")["return"]
     for i, (group, scores) in enumerate(groups):
         curve = curves[curves.group == group].groupby("steps")["return"].apply(interquartile_mean)

@@ -43,7 +43,7 @@ def outcome(folder: Path, scores: Scores) -> str:
     return "\n".join([
         Scores(scores.env_id, shown).table(),
         f"return {here} {way} the best baseline, {best}'s {best_return}{since}",
-        f"brackets: 95 % intervals over {scores[run]['episodes']} episodes; all scores: "
+        f"brackets: 95 % intervals; episodes: {scores[run]['episodes']}; all scores: "
         f"{folder}/scores.md, scores.png",
         f"watch it: jansen-env enjoy --env {scores.env_id} --policy {folder}",
     ])  # fmt: skip

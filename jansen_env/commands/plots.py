@@ -4,20 +4,18 @@ from __future__ import annotations
 
 from itertools import product
 from pathlib import Path
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from jansen_env.files import write_json, write_text, write_whole
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.evaluation import Scores
 from jansen_env.scoring.metrics import INTERVALS, Array, Metric, Summary, score_table, tabled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 LEAST = 1e-4  # shown for all that is less on a logarithmic axis: rigid feet may not slip at all
 
@@ -71,11 +69,13 @@ def by_condition(sweeps: Sweeps) -> dict[str, Summary]:
 
 def plot_sweeps(sweeps: Sweeps, metrics: dict[str, Metric], path: Path) -> Path:
     """Draw a panel per metric and sweep, a line per policy with 95 % intervals."""
+    from matplotlib.figure import Figure
+
     rows, columns = len(metrics), len(sweeps)
     if columns == 1:
         rows, columns = 2, (len(metrics) + 1) // 2
-    figure, axes = plt.subplots(rows, columns, figsize=(3.8 * columns, 2.7 * rows),
-                                layout="constrained", squeeze=False)  # fmt: skip
+    figure = Figure((3.8 * columns, 2.7 * rows), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False)
     panels = [*product(metrics.items(), sweeps.items())]
     for axis, ((name, metric), (sweep, conditions)) in zip(axes.flat, panels, strict=False):
         for i, policy in enumerate(next(iter(conditions.values()))):
@@ -106,7 +106,5 @@ def _draw_curve(axis: Axes, metric: Metric, x: Array, intervals: Array, label: s
 
 
 def save(figure: Figure, path: str | Path) -> Path:
-    """Write a figure whole, and close it; returns ``path``."""
-    written = write_whole(path, lambda name: figure.savefig(name, dpi=120))
-    plt.close(figure)
-    return written
+    """Write a figure whole; returns ``path``."""
+    return write_whole(path, lambda name: figure.savefig(name, dpi=120))

@@ -321,9 +321,9 @@ class CommandedTask(Task):
     def change(self, i: int, changes: Values) -> Callable[[], None]:
         """Check another range of commands, which are drawn from it from now on."""
         others = {name: value for name, value in changes.items() if name != "speed_command"}
-        nothing = super().change(i, others)
+        apply_others = super().change(i, others)
         if "speed_command" not in changes:
-            return nothing
+            return apply_others
         limits = -self.FASTEST, self.FASTEST
         value = number_range("speed_command", changes["speed_command"], *limits)
         return partial(self.speed_command.__setitem__, i, value)

@@ -115,7 +115,7 @@ def test_a_robot_that_diverges_where_it_is_placed(monkeypatch):
 
 
 def test_a_refused_reset_keeps_the_level_of_a_curriculum(monkeypatch):
-    """Also a level that was set for the next episode only."""
+    """One that `set_parameters` set, which no episode has had yet."""
     env = gym.make("JansenWalker-v0", terrain="mixed", curriculum=True).unwrapped
     env.reset(seed=3)
     env.set_parameters(terrain_level=4)

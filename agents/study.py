@@ -11,6 +11,7 @@ os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
 os.environ.setdefault("RAY_AUTH_MODE", "token")
 
 import argparse
+import re
 import secrets
 import shutil
 import socket
@@ -48,9 +49,11 @@ RETRIES = 3  # of a run that fails, as where its process or machine is lost
 RULES = {
     "seeds": Rule((int, list), 1, 10_000), "envs": Rule((list,)), "algos": Rule((list,)),
     "config": Rule((str,)), "eval_freq": Rule((int,), 0, MAX_STEPS),
-    "save_freq": Rule((int,), 1, MAX_STEPS), "eval_episodes": Rule((int,), 1, 100_000),
+    "save_freq": Rule((int,), 0, MAX_STEPS), "eval_episodes": Rule((int,), 1, 100_000),
     "variants": Rule((dict,)), **{key: KEYS[key] for key in ("timesteps", "n_envs", "env_kwargs")},
 }  # fmt: skip
+VARIANT = {**{name: rule for name, rule in KEYS.items() if name != "seed"},
+           "config": RULES["config"]}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,14 @@ class Study:
             values = getattr(self, name)
             if isinstance(values, list) and not 0 < len({*map(str, values)}) == len(values):
                 raise ValueError(f"{name} is {shown(values)}, must be a list with each once")
+        if not self.variants:
+            raise ValueError("variants is {}, must have one variant or more")
+        for name in self.variants:
+            if not (isinstance(name, str) and re.fullmatch(r"[\w.-]*", name)):
+                raise ValueError(
+                    f"variants has the name {shown(name)}, must be a text of letters, digits, "
+                    "'_', '.' and '-'"
+                )
         self.runs()
 
     def groups(self) -> dict[str, RunConfig]:
@@ -89,7 +100,7 @@ class Study:
         groups = {}
         for name, variant in self.variants.items():
             Rule((dict,)).check(f"variant {name}", variant)
-            check_keys(f"variant {name}", variant, {**KEYS, "config": RULES["config"]})
+            check_keys(f"variant {name}", variant, VARIANT)
             for env in [variant["env"]] if "env" in variant else self.envs:
                 for algo in [variant["algo"]] if "algo" in variant else self.algos:
                     group = "_".join(part for part in (env, algo, name) if part)
@@ -105,12 +116,13 @@ class Study:
     def runs(self) -> list[Arguments]:
         """Return the parameters of each trial, the first seed of all groups first."""
         seeds = range(self.seeds) if isinstance(self.seeds, int) else self.seeds
+        groups = self.groups()
         return [
             {"name": f"{name}-seed_{seed}", "config": asdict(replace(config, seed=seed)),
              "eval_freq": self.eval_freq, "save_freq": self.save_freq,
              "eval_episodes": self.eval_episodes}
             for seed in seeds
-            for name, config in self.groups().items()
+            for name, config in groups.items()
         ]  # fmt: skip
 
 
@@ -178,7 +190,6 @@ def run_study(study: Study, folder: Path, args: argparse.Namespace) -> bool:
     plan, text = folder / PLAN, yaml.safe_dump(asdict(study), sort_keys=False)
     if plan.is_file() and plan.read_text("utf-8") != text:
         raise ValueError(f"{folder} holds another study, must be another --name")
-    write_text(plan, text)
     environment = {"OMP_NUM_THREADS": "1", "JANSEN_ENV_THREADS": str(args.cores)}
     if args.address is None:
         os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))  # of this cluster alone
@@ -191,6 +202,7 @@ def run_study(study: Study, folder: Path, args: argparse.Namespace) -> bool:
             socket.create_connection((host, int(port)), timeout=10.0).close()
         modules = [str(Path(__file__).parent)]
         ray.init(args.address, runtime_env={"env_vars": environment, "py_modules": modules})
+    write_text(plan, text)
     trainable = tune.with_resources(run_trial, {"cpu": args.cores})
     if tune.Tuner.can_restore(str(folder)):
         tuner = tune.Tuner.restore(str(folder), trainable, resume_errored=True)

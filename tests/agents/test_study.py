@@ -93,6 +93,10 @@ def test_groups_are_variants_by_environments_by_algorithms():
         ({"envs": [CRANK], "algos": ["sac"]}, f"no configuration for {CRANK}/sac"),
         ({"variants": {"a": {"hyperparameters": {"n_step": 1}}}},
          "_a: 'n_step' is no key of hyperparameters"),
+        ({"variants": {}}, "variants is {}, must have one variant or more"),
+        ({"variants": {1: {}}}, "variants has the name 1, must be a text of letters"),
+        ({"variants": {"a/b": {}}}, "variants has the name 'a/b', must be a text of letters"),
+        ({"variants": {"a": {"seed": 7}}}, "'seed' is no key of variant a, must be in"),
         ({"env_kwargs": {"speed": 1}}, "'speed' is no argument of JansenWalkerBuilt-v0"),
     ],
 )  # fmt: skip
@@ -113,6 +117,10 @@ def test_arguments_are_refused(given, message, capsys):
     with pytest.raises(SystemExit):
         study.main(given)
     assert message in capsys.readouterr().err.splitlines()[0]
+
+
+def test_a_study_without_checkpoints_is_allowed():
+    assert study.make_study(study.parse(["--save-freq", "0"]).given, "study").save_freq == 0
 
 
 def test_the_shipped_study_can_be_run():
@@ -148,6 +156,7 @@ def test_an_address_without_a_cluster_is_refused(tmp_path, capsys):
     with pytest.raises(SystemExit):
         study.main(["--seeds", "1", "--log-folder", str(tmp_path), "--address", "127.0.0.1:1"])
     assert "refused" in capsys.readouterr().err.splitlines()[0]
+    assert not [*tmp_path.rglob(study.PLAN)]  # so the command can be given again, corrected
 
 
 def test_a_study_without_a_finished_run_is_reported(tmp_path):

@@ -60,8 +60,8 @@ class Renderer:
 
     Args:
         robot: the machine to draw.
-        terrain_points: (n, 2) the ground's surface from left to right, m; None for a machine with
-            a fixed base in the air.
+        terrain_points: (n, 2) the ground's surface from left to right, m; None for a machine
+            whose chassis is held in the air.
         mode: ``"rgb_array"`` returns pictures and needs no display, ``"human"`` shows a window.
         fps: pictures per second of the window.
         speed_range: speed at either end of the speed gauge. speed_unit: of that gauge.

@@ -90,7 +90,7 @@ def check_state(value: object) -> Array:
 def check_held(state: ArrayLike) -> None:
     """Raise ValueError if the chassis of a state (8,) moves."""
     if np.asarray(state)[4:7].any():
-        raise ValueError(f"state is {shown(state)}, its chassis must not move: its base is fixed")
+        raise ValueError(f"state is {shown(state)}, its chassis must not move: it is held")
 
 
 def check_deflection(value: object, pads: int) -> Array:

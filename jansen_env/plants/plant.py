@@ -246,9 +246,9 @@ class RigidBodyPlant(Plant):
         gravity: Gravity = GRAVITY,
         iterations: int = ITERATIONS,
         touchdown_iterations: int = TOUCHDOWN_ITERATIONS,
-        fixed_base: bool = False,
+        held: bool = False,
     ) -> None:
-        numbers = iterations, touchdown_iterations, fixed_base
+        numbers = iterations, touchdown_iterations, held
         super().__init__(RigidBodyBatch(robot, terrain, time_step, gravity, *numbers))
 
 

@@ -177,8 +177,8 @@ REFUSED = [
     (rigid_body, {"iterations": 0}, None, "iterations is 0"),
     *((make, {}, state, "state is .*must be 8 finite numbers")
       for make in (projection, rigid_body) for state in ([0.0] * 7, [math.nan] * 8)),
-    (held, {}, np.ones(8), "must not move: its base is fixed"),
-    (rigid_body, {"fixed_base": True}, np.ones(8), "must not move: its base is fixed"),
+    (held, {}, np.ones(8), "must not move: it is held"),
+    (rigid_body, {"held": True}, np.ones(8), "must not move: it is held"),
 ]  # fmt: skip
 
 

@@ -116,7 +116,7 @@ def test_pinned_it_follows_the_pinned_plant():
     """Swinging free from 3 rad/s: within 2e-4 rad, half of that with half the time step."""
     apart = []
     for step in (TIME_STEP, 0.5 * TIME_STEP):
-        plant = RigidBodyPlant(paper_robot(), Terrain.flat(), step, fixed_base=True)
+        plant = RigidBodyPlant(paper_robot(), Terrain.flat(), step, held=True)
         plant.state = np.array([0.0, 5.0, 0.0, 0.5, 0.0, 0.0, 0.0, 3.0])  # clear of the ground
         exact = pinned(paper_robot(), 0.5, 3.0)
         angles = []

@@ -102,7 +102,7 @@ def test_states_that_are_none():
         env.set_state({k: v for k, v in state.items() if k not in ("steps", "action")})
     with pytest.raises(ValueError, match="must be 8 finite numbers"):
         env.set_state({**state, "plant": np.zeros(2)})
-    with pytest.raises(ValueError, match="must not move: its base is fixed"):
+    with pytest.raises(ValueError, match="must not move: it is held"):
         env.set_state({**state, "plant": np.ones(8)})
 
 

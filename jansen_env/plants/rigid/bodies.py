@@ -196,7 +196,7 @@ class BodySpace:
         terrain: Terrain,
         gravity: tuple[float, float],
         state: Array,
-        fixed_base: bool,
+        held: bool,
     ) -> None:
         self.space = space = pymunk.Space()
         self.set_gravity(gravity)
@@ -207,7 +207,7 @@ class BodySpace:
         self.owners = pad_bodies(robot, layout)
         self.home, self.inertias = poses(robot, np.zeros(4)), inertias(robot)
         self.bodies = [pymunk.Body(m, inertia) for m, inertia in self.inertias]
-        if fixed_base:
+        if held:
             self.bodies[CHASSIS].body_type = pymunk.Body.KINEMATIC
         self._put(self.home, np.zeros(self.home.shape))
         self.pins = self._make_pins(robot)

@@ -146,7 +146,7 @@ class RigidBodyBatch:
         time_step: of pymunk, s. gravity: m/s^2 downwards, or a vector (x, y).
         iterations: of pymunk's solver in a time step. touchdown_iterations: in one in which a pad
             may touch down; an impact has to run through all joints at once, or it is too soft.
-        fixed_base: hold the chassis still in the air, as the paper's fixed model does.
+        held: hold the chassis still in the air, as the paper's fixed model does.
 
     Raises:
         ValueError: an argument out of range, or a time step too long for the stiffness of the
@@ -165,7 +165,7 @@ class RigidBodyBatch:
         gravity: Gravity = GRAVITY,
         iterations: int = ITERATIONS,
         touchdown_iterations: int = TOUCHDOWN_ITERATIONS,
-        fixed_base: bool = False,
+        held: bool = False,
     ) -> None:
         check_closure(robot)
         self.robots, self.terrains = [robot], [terrain]
@@ -174,7 +174,7 @@ class RigidBodyBatch:
         self.time_step = check_time_step(time_step)
         self.iterations = positive_integer("iterations", iterations)
         self.touchdown_iterations = positive_integer("touchdown_iterations", touchdown_iterations)
-        self.fixed_base = bool(fixed_base)
+        self.held = bool(held)
         self.toes = toes = len(robot.toes)
         self.slip, self.contact_force = np.zeros((1, toes)), np.zeros((1, toes, 2))
         self.states, self.rows, self.joint_gap = np.zeros((1, 8)), np.zeros(1, ROBOT), np.zeros(1)
@@ -267,7 +267,7 @@ class RigidBodyBatch:
     def _build(self, state: Array, bristle: Array | None = None) -> None:
         """Put the robot into ``state`` in a new space; bristle: (pads,) m, of compliant pads."""
         pull = self._effective_gravity
-        self._space = BodySpace(self._machine, self._ground, pull, state, self.fixed_base)
+        self._space = BodySpace(self._machine, self._ground, pull, state, self.held)
         self._contacts = PadContacts(self._space, self._ground, self.time_step)
         self.states[0] = self._space.state
         now = self._space.snapshot()
@@ -279,7 +279,7 @@ class RigidBodyBatch:
     def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
         """Close the joints in a state (8,); without ``deflection`` (pads, 2), m, bristles rest."""
         state = np.asarray(state, dtype=float)
-        if self.fixed_base:
+        if self.held:
             check_held(state)
         self._build(state)
         if deflection is not None and self._springs is not None:
@@ -348,7 +348,7 @@ class RigidBodyBatch:
         """Take time steps with impulses (steps, 2) on the chassis, N s."""
         h, sums, before = self.time_step, Sums(len(self._owners)), self._space.state
         now = self._space.snapshot()
-        start = now.energy + self._held
+        start = now.energy + self._stored
         for k, impulse in enumerate(impulses):
             now, used = self._advance(now, earlier if k < switch else torque, impulse, sums)
             sums.torque_impulse += h * (used - torque)
@@ -361,7 +361,7 @@ class RigidBodyBatch:
             return
         self.states[0] = self._space.state
         sums.fill(self.accumulators[0], self.toes, torque, len(impulses), h)
-        self.accumulators["energy_change"] = now.energy + self._held - start
+        self.accumulators["energy_change"] = now.energy + self._stored - start
         self.slip[0], self.joint_gap[0] = sums.slip[: self.toes], sums.joint_gap
         self.contact_force[0] = sums.impulse[: self.toes] / (len(impulses) * h)
 
@@ -391,7 +391,7 @@ class RigidBodyBatch:
     ) -> tuple[Snapshot, float]:
         """Take a time step under a torque and a push (2,), N s; also returns the motor's torque."""
         h, motor, rotor, springs = self.time_step, self._machine.motor, self._rotor, self._springs
-        spin, held, loads = now.motion[:, SPIN], self._held, self._space.loads
+        spin, stored, loads = now.motion[:, SPIN], self._stored, self._space.loads
         torque = float(motor.torque(asked, spin[SHAFT] - spin[CHASSIS]))
         loads[:, 2] = -self._friction @ spin
         loads[[CHASSIS, SHAFT], 2] += -torque, torque
@@ -426,8 +426,8 @@ class RigidBodyBatch:
             slip_loss, landed = self._contacts.book(after, sums)
             sums.slip_loss += slip_loss
             if landed:
-                left = now.energy + held + work + push_work - loss - slip_loss
-                sums.impact_loss += left - (after.energy + self._held)
+                left = now.energy + stored + work + push_work - loss - slip_loss
+                sums.impact_loss += left - (after.energy + self._stored)
         else:
             touching = springs.touching
             springs.step(after, self._space.space, sums)
@@ -436,7 +436,7 @@ class RigidBodyBatch:
         return after, torque
 
     @property
-    def _held(self) -> float:
+    def _stored(self) -> float:
         """Energy in rotor and springs, J."""
         rotor = 0.0 if self._rotor is None else self._rotor.energy
         return rotor + (0.0 if self._springs is None else self._springs.stored)
@@ -463,7 +463,7 @@ class RigidBodyBatch:
 
     def energy(self, row: int) -> float:
         """Kinetic plus potential energy, J."""
-        return self._space.snapshot().energy + self._held
+        return self._space.snapshot().energy + self._stored
 
     def pad_centres(self, row: int) -> Array:
         """(pads, 2) centres of the pads, toes first, m."""
@@ -488,7 +488,7 @@ class RigidBodyBatch:
         return {
             "arguments": (
                 self.robots[0], self.terrains[0], self.time_step, self.gravity, self.iterations,
-                self.touchdown_iterations, self.fixed_base,
+                self.touchdown_iterations, self.held,
             ),
             "memory": self._memory,
             "arrays": {name: getattr(self, name).copy() for name in CHANGING},

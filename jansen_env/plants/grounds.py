@@ -87,6 +87,9 @@ class Grounds:
 
         Args:
             extent: m, of its pads' centres from the axis. duration: s, of its longest step.
+
+        Raises:
+            ValueError: pymunk finds none.
         """
         shapes, status = self._shapes[row], self._status[row]
         room = MARGIN + FASTEST * duration
@@ -94,6 +97,8 @@ class Grounds:
         left = min(max(x - reach, shapes.first_x), shapes.last_x)
         right = max(min(x + reach, shapes.last_x), shapes.first_x)
         near = shapes.space.bb_query(pymunk.BB(left, -HIGH, right, HIGH), pymunk.ShapeFilter())
+        if not near:
+            raise ValueError(f"pymunk finds no ground at x = {x} m")
         first, last = zip(*(shapes.vertices[shape] for shape in near), strict=True)
         status["first_near"] = status["first_vertex"] + min(first)
         status["end_near"] = status["first_vertex"] + max(last) + 1
@@ -101,7 +106,7 @@ class Grounds:
 
 
 def make_shapes(line: Array) -> Shapes:
-    """A ground's polyline (n, 2), m, as few thick segments of pymunk that hold it."""
+    """A polyline (n, 2), m, as a few thick pymunk segments that enclose it."""
     length = max(STRETCH, (line[-2, 0] - line[1, 0]) / MOST_STRETCHES)
     place = np.floor((line[:, 0] - line[1, 0]) / length)
     cut = np.ones(len(line), bool)

@@ -14,7 +14,7 @@ from jansen_env.files import write_text
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.rollout import make_env
 from jansen_env.viewer.recorder import Recorder
-from jansen_env.viewer.recording import LONGEST_NAME, MOST_STEPS, Recording
+from jansen_env.viewer.recording import LONGEST_NAME, MOST_RECORDED, Recording
 from jansen_env.viewer.web.page import MOST_RECORDINGS, page
 
 
@@ -29,7 +29,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         help="a saved .npz to show, in place of a policy or beside one")  # fmt: skip
     add("--command", type=float, metavar="V",
         help="speed or goal; default: the middle of the benchmark's grid")  # fmt: skip
-    add("--steps", type=positive_int, default=MOST_STEPS,
+    add("--steps", type=positive_int, default=MOST_RECORDED,
         help="most steps of the episode; default: the environment's")  # fmt: skip
     add("--out", default="replay.html", metavar="FILE",
         help="the page, .html; recordings go beside it; default: replay.html")  # fmt: skip
@@ -39,8 +39,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         parser.error(f"--policy and --recording are given {count} times, must be once or twice")
     if Path(args.out).suffix != ".html":
         parser.error(f"--out is {args.out}, must end in .html")
-    if args.steps > MOST_STEPS:
-        parser.error(f"--steps is {args.steps}, must be at most {MOST_STEPS}")
+    if args.steps > MOST_RECORDED:
+        parser.error(f"--steps is {args.steps}, must be at most {MOST_RECORDED}")
     if args.command is None:
         args.command = find_benchmark(args.env).middle
     return args

@@ -18,7 +18,7 @@ from jansen_env.gravity import GRAVITY
 from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import world_joints
-from jansen_env.viewer.recording import LONGEST_NAME, MOST_STEPS, Recording
+from jansen_env.viewer.recording import LONGEST_NAME, MOST_RECORDED, Recording
 from jansen_env.viewer.web.geometry import contacts, scene_of, world_forces
 
 Observation: TypeAlias = Any  # those of any wrappers
@@ -36,7 +36,7 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
     the robot was exchanged (``Autoreset`` below, ``set_state``). A robot that a reset has exchanged
     is among the recording's ``options``, as in a robot file. Observations and actions are those at
     this place among the wrappers; the robot and its ground are those at the reset. Only the first
-    ``MOST_STEPS`` of an episode are kept, with a warning.
+    ``MOST_RECORDED`` of an episode are kept, with a warning.
 
     Args:
         env: one robot's, of any task of this package, under any wrappers.
@@ -92,9 +92,9 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
         goes_on = self._frames and frame.time > self._frames["time"][-1]
         if not goes_on or _shape_of(self.inner.robot) != self._shape:
             self._begin(observation, info, None, None)
-        elif len(self._frames["reward"]) == MOST_STEPS:
-            gym.logger.warn(f"the episode has more than {MOST_STEPS} steps: these are recorded")
-        elif len(self._frames["reward"]) < MOST_STEPS:
+        elif len(self._frames["reward"]) == MOST_RECORDED:
+            gym.logger.warn(f"the episode has more than {MOST_RECORDED} steps: these are recorded")
+        elif len(self._frames["reward"]) < MOST_RECORDED:
             self._add_frame(frame, observation, info)
             flat = flatten(self.action_space, np.asarray(action))
             self._add(
@@ -133,7 +133,7 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
             "control_dt": scene["controlDt"],
             "energies": tuple(info.get("energy", {})),
             "observed": tuple((entry.name, entry.unit) for entry in observed) if named else (),
-            "parameters": dict(state.get("parameters", {})),
+            "parameters": {} if self.inner.task.world.held else dict(state["parameters"]),
             "env_id": str(type(self.inner).__name__ if spec is None else spec.id)[:LONGEST_NAME],
             "env_kwargs": as_json({} if spec is None else spec.kwargs),
             "options": as_json({**(options or {}), **exchanged}),

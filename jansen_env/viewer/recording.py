@@ -26,7 +26,7 @@ from jansen_env.robot.robot_file import robot_from_json, robot_to_json
 from jansen_env.viewer.web.geometry import SLIP, scene_of_robot
 
 FORMAT = "jansen_env recording 3"
-MOST_STEPS = 20_000  # of a recording
+MOST_RECORDED = 20_000  # of a recording
 LARGEST = 1e12  # of any number in it
 SHORTEST = 1e-9  # s, of a step: the page's float32 numbers include power, energy over time
 FARTHEST = 1e9  # times the robot's reach from the origin: the page counts marks on the ground
@@ -71,8 +71,8 @@ class Recording:
     there, the last two its means.
 
     Args:
-        time: (n + 1,) s. state: (n + 1, k) of the plant: x, y, theta, psi and their rates, or psi
-            and its rate where the frame is held. pose: (n + 1, 4) x, y, theta, psi, m and rad.
+        time: (n + 1,) s. state: (n + 1, 8) of the plant: x, y, theta, psi and their rates.
+        pose: (n + 1, 4) x, y, theta, psi, m and rad.
         joints: (n + 1, legs, joints, 2) m, world frame, in the order of ``robot.linkage.joints``.
         command: (n + 1,) of the step that begins there, and speed: (n + 1,) in ``speed_unit``.
         torque: (n + 1,) N m. weight: (n + 1,) N, of the robot, positive.
@@ -168,8 +168,8 @@ class Recording:
     def _check_arrays(self) -> None:
         """Make the arrays read-only, of their types, after checking shapes and numbers."""
         frames = len(self.time)
-        if not 2 <= frames <= MOST_STEPS + 1:
-            raise ValueError(f"time has {frames} frames, must have 2 to {MOST_STEPS + 1}")
+        if not 2 <= frames <= MOST_RECORDED + 1:
+            raise ValueError(f"time has {frames} frames, must have 2 to {MOST_RECORDED + 1}")
         sizes: dict[str | int, int] = {
             "frames": frames, "steps": frames - 1, "legs": len(self.robot.legs),
             "toes": len(self.robot.toes), "joints": len(self.robot.linkage.joints),

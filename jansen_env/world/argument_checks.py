@@ -31,7 +31,7 @@ Range = TypeAliasType("Range", float | Sequence[float])  # a number, or (low, hi
 PerRobot = TypeAliasType("PerRobot", T | Sequence[T] | NDArray[Any], type_params=(T,))
 """One for all robots, or one for each."""
 
-MOST_STEPS = 10_000  # time steps in a control period: seconds on the slowest plant
+MOST_TIME_STEPS = 10_000  # time steps in a control period: seconds on the slowest plant
 RENDER_MODES = ["human", "rgb_array"]
 
 
@@ -40,13 +40,13 @@ class Each(tuple[Any, ...]):
 
 
 def control_period(control_dt: Any, time_step: Any) -> tuple[float, float]:
-    """``control_dt`` and ``time_step`` in s: the first 1 to :data:`MOST_STEPS` times the second."""
+    """``control_dt`` and ``time_step``, s: the first 1 to ``MOST_TIME_STEPS`` times the second."""
     period = positive("control_dt", control_dt)
     step = check_time_step(time_step)
     steps = period / step
-    too_long = steps > MOST_STEPS * (1.0 + 1e-9)
+    too_long = steps > MOST_TIME_STEPS * (1.0 + 1e-9)
     if too_long or steps < 1.0 - 1e-9 or abs(steps - round(steps)) > 1e-6 * steps:
-        allowed = f"at most {MOST_STEPS} times" if too_long else "a multiple of"
+        allowed = f"at most {MOST_TIME_STEPS} times" if too_long else "a multiple of"
         raise ValueError(
             f"control_dt is {shown(control_dt)}, must be {allowed} time_step, {shown(time_step)}"
         )

@@ -67,7 +67,7 @@ Progress = Callable[[int], tuple[float, float]]
 """A robot's progress in its last episode, m, and its mean commanded speed, m/s."""
 
 MOST_DELAYED = 10_000  # control periods in a delay: torques that are kept
-MOST_STEPS = 2**63 - 1  # of an episode; and the largest seed
+LARGEST_COUNT = 2**63 - 1  # of an episode; and the largest seed
 SLIPPING = 0.01  # m/s of mean slip speed from which a toe is drawn as slipping
 START_ANGLE, FURTHEST = crank_tracking.START_ANGLE, crank_tracking.LOST  # rad, of held cranks
 NO_PUSHES = np.zeros((0, 3))
@@ -677,8 +677,8 @@ class World:
             "action": within("state['action']", state["action"], -1.0, 1.0),
             "in_contact": check_in_contact(state["in_contact"], pads),
             "deflection": check_deflection(state["deflection"], len(self.plant.deflection[i])),
-            "steps": whole_number("state['steps']", state["steps"], MOST_STEPS),
-            "seed": whole_number("state['command_seed']", state["command_seed"], MOST_STEPS),
+            "steps": whole_number("state['steps']", state["steps"], LARGEST_COUNT),
+            "seed": whole_number("state['command_seed']", state["command_seed"], LARGEST_COUNT),
             "pushes": check_schedule("state['pushes']", state["pushes"]),
             "random_pushes": flag("state['random_pushes']", state["random_pushes"]),
             "plan": self.episodes.planned(i, state, robot),

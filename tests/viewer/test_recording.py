@@ -142,13 +142,17 @@ def test_one_episode_after_another():
     assert env.recording.steps == 1
 
 
+def test_a_held_robot_has_no_parameters_of_the_ground(short):
+    assert "friction" in short.parameters and not recorded(CRANK, steps=1).parameters
+
+
 def test_a_fall_is_in_it():
     one = recorded(steps=100, fall_pitch=1e-4)
     assert one.terminated and one.steps < 100
 
 
 def test_long_episodes_are_cut(monkeypatch):
-    monkeypatch.setattr(recorder, "MOST_STEPS", 3)
+    monkeypatch.setattr(recorder, "MOST_RECORDED", 3)
     with pytest.warns(UserWarning, match="more than 3 steps"):
         assert recorded(steps=4).steps == 3
 

@@ -95,9 +95,14 @@ def plot_sweeps(sweeps: Sweeps, metrics: dict[str, Metric], path: Path) -> Path:
 
 def _draw_curve(axis: Axes, metric: Metric, x: Array, intervals: Array, label: str) -> None:
     """Draw a metric over ``x`` (n,): ``intervals`` (3, n) are values, lower and upper ends."""
+    from matplotlib.ticker import LogLocator
+
     if metric.axis == "log":
         intervals = np.maximum(intervals, LEAST)
         axis.set_yscale("log")
+        axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.yaxis.set_major_formatter("{x:g}")
+        axis.yaxis.set_minor_formatter("")
     elif metric.axis == "fraction":
         axis.set_ylim(-0.03, 1.03)
     value, low, high = intervals

@@ -21,6 +21,7 @@ import sys
 from collections.abc import Callable, Iterable
 from operator import is_
 from pathlib import Path
+from threading import get_ident
 from typing import Annotated, Any, NamedTuple, TypeAlias, get_type_hints
 
 import numpy as np
@@ -136,24 +137,25 @@ class Kernel:
 
 
 class BoundKernel:
-    """A kernel, with slots that hold the arguments of its last call."""
+    """A kernel, with slots that hold the arguments of each thread's last call."""
 
     def __init__(self, kernel: Kernel) -> None:
         self._kernel = kernel
         self._entry = kernel.entry
-        self._free = list[tuple[Slots, tuple[object, ...]]]()
+        self._last = dict[int, tuple[Slots, tuple[object, ...]]]()
 
     def __call__(self, *arguments: object) -> Any:
         """Run the kernel; an argument may be a tuple of several, see :meth:`Kernel.bound`."""
+        thread = get_ident()
         try:
-            slots, known = self._free.pop()  # two threads never hold the same
-        except IndexError:
+            slots, known = self._last.pop(thread)
+        except KeyError:
             slots, known = Slots(self._kernel), ()
         if len(arguments) != len(known) or not all(map(is_, arguments, known)):
             slots.fill(flat(arguments))
             known = arguments
         result = self._entry(slots.address)
-        self._free.append((slots, known))
+        self._last[thread] = slots, known
         return result
 
     def __reduce__(self) -> tuple[Function, tuple[Kernel]]:

@@ -36,6 +36,7 @@ class Threads:
     def __init__(self, robots: int, threads: int | None, memory: Callable[[], Memory]) -> None:
         self._count = count_threads(robots, threads)
         self._robots, self._shares = robots, _shares(robots, self._count)
+        self._left = self._shares.copy()
         self._memory = [memory() for _ in range(self._count)]
         self._alone, self._all = np.zeros((2, 2, 2), np.int64)
         self._all[:] = (0, robots), (robots, robots)
@@ -54,15 +55,12 @@ class Threads:
         whole = robots == self._robots and count == self._count
         if count == 1 and meanwhile is None:
             self._alone[:] = self._all if whole else ((0, robots), (robots, robots))
-            return move(0, self._alone, robots, self._memory[0])  # the others never take all
-        shares = self._shares.copy() if whole else _shares(robots, count)
+            return move(0, self._alone, robots, self._memory[0])
+        shares = self._left if whole else _shares(robots, count)
+        self._left[:] = self._shares
 
         def work(thread: int, most: int = robots) -> tuple[bool, bool]:
-            memory = self._memory.pop()  # any that is free
-            try:
-                return move(thread, shares, most, memory)
-            finally:
-                self._memory.append(memory)
+            return move(thread, shares, most, self._memory[thread])
 
         others = [self._threads().submit(work, thread) for thread in range(1, len(shares) - 1)]
         first = False, False

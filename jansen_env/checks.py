@@ -95,7 +95,7 @@ def within(name: str, value: object, low: float, high: float) -> float:
 
 
 def infinite(value: object) -> bool:
-    """Whether ``value`` is the number infinity."""
+    """Return whether ``value`` is the number infinity."""
     return isinstance(value, Real) and value == math.inf
 
 

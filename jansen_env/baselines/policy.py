@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 Memory: TypeAlias = Any
-"""What a policy passes itself from step to step."""
+"""A policy's state, passed from step to step."""
 
 Controller: TypeAlias = Callable[[Array, Memory, Bools], tuple[Array, Memory]]
 """For n environments side by side: from observations (n, d), the memory returned at the step before
@@ -32,7 +32,7 @@ PAPER_PID = PID()
 
 
 class Controlled(Protocol):
-    """What controllers read of an unwrapped environment, of one robot or many."""
+    """Attributes that controllers read from an unwrapped environment, of one robot or many."""
 
     @property
     def observed(self) -> tuple[Observed, ...]: ...

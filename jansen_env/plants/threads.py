@@ -56,8 +56,11 @@ class Threads:
         if count == 1 and meanwhile is None:
             self._alone[:] = self._all if whole else ((0, robots), (robots, robots))
             return move(0, self._alone, robots, self._memory[0])
-        shares = self._left if whole else _shares(robots, count)
-        self._left[:] = self._shares
+        if whole:
+            shares = self._left  # the same array each time, which kernels know
+            shares[:] = self._shares
+        else:
+            shares = _shares(robots, count)
 
         def work(thread: int, most: int = robots) -> tuple[bool, bool]:
             return move(thread, shares, most, self._memory[thread])

@@ -1,12 +1,11 @@
 """A session on a web page: served on 127.0.0.1 unless asked otherwise, with states by websocket.
 
-All pages that are open show and change the same session; time stands still while none is open.
+All open pages show and change the same session; time stands still while none is open.
 
 A page of another site may be open in the same browser and must not reach the robot: the ``Host``
-of a request must be this server's own (against DNS rebinding), an ``Origin`` too, and a socket
-needs one. Beyond this machine every request needs the link's random token, too. Only
-:data:`FILES` are served. Messages are small, few and :data:`ACTIONS` of the session, which checks
-their values; clients that keep sending rubbish, or never read, are cut off.
+of a request must be this server's (against DNS rebinding), an ``Origin`` too, and a socket needs
+one. Beyond this machine every request needs the link's random token, too. Messages to the server
+are small :data:`ACTIONS` of the session, which checks their values.
 """
 
 from __future__ import annotations
@@ -14,43 +13,29 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+import socket
 from collections.abc import Callable
 from dataclasses import asdict
 from http import HTTPStatus
-from importlib.resources import files
 from ipaddress import ip_address
 from secrets import compare_digest, token_urlsafe
-from socket import AF_INET, SOCK_DGRAM, socket
 from time import monotonic
-from typing import Any, ClassVar
 
-from websockets.asyncio.server import ServerConnection
+from websockets.asyncio.server import ServerConnection, broadcast
 from websockets.asyncio.server import serve as serve_sockets
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
-from websockets.protocol import State
 
 from jansen_env.checks import one_of, shown
 from jansen_env.play.session import BY_HAND, LARGEST_PUSH, PACES, SLIDERS, Session
-from jansen_env.viewer.web import bench
+from jansen_env.viewer.web.bench import served_bench_page
 from jansen_env.viewer.web.geometry import scene_of, state_of_frame
+from jansen_env.viewer.web.page import FOLDER
 from jansen_env.viewer.web.page import page as replay_page
 
 ADDRESS = "127.0.0.1"
 SOCKET = "/socket"
-BENCH = "/bench"
-FILES = {
-    "/": ("play.html", "text/html"),
-    BENCH: ("bench.html", "text/html"),
-    "/theme.css": ("theme.css", "text/css"),
-    "/play.css": ("play.css", "text/css"),
-    "/bench.css": ("bench.css", "text/css"),
-    **{
-        f"/{name}.js": (f"{name}.js", "text/javascript")
-        for name in ("play", "push", "scene", *bench.SCRIPTS)
-    },
-}
-"""File of ``jansen_env/viewer/web`` and its type, by path; the bench has its designs put in."""
+TYPES = {".css": "text/css", ".js": "text/javascript"}
 HEADERS = {
     "Cache-Control": "no-store",
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
@@ -63,16 +48,12 @@ HEADERS = {
 }
 FRAME_TIME = 0.02  # s between two states that are sent
 MOST_BYTES = 1024  # of a message to the server
-MOST_UNREAD = 2**22  # bytes that are kept for somebody who sends but does not read
-PATIENCE = 5.0  # s for a request to be complete
-MOST_SOCKETS, MOST_CONNECTIONS = 4, 32  # at once
-RATE, BURST = 200.0, 200.0  # messages a second of one socket, and how many at once
-MOST_ERRORS = 20  # messages of one socket that are refused before it is closed
-VIOLATION = 1008  # RFC 6455: policy violation
+MOST_UNREAD = 2**16  # bytes on their way to a page, beyond which it skips states
+PATIENCE = 3.0  # s for a request to be complete
+MOST_PAGES = 4
 LOGGER = logging.getLogger("jansen_env.play")
 # Clients' errors give no traceback in the terminal; errors of the handler do.
 LOGGER.addFilter(lambda record: "handler failed" in str(record.msg))
-
 
 ACTIONS = {
     "steer": {"value"},
@@ -90,16 +71,14 @@ ACTIONS = {
 """Arguments of each action; nothing else of a session can be reached."""
 
 
-def parse(message: str | bytes) -> tuple[str, dict[str, Any]]:
+def parse(message: str | bytes) -> tuple[str, dict[str, object]]:
     """Return an action of a session, and its arguments, from a message.
 
     Raises:
         ValueError: it is no text, no JSON, no action or has other arguments.
     """
-    if not isinstance(message, str):
-        raise ValueError("message is binary, must be text")
     try:
-        content = json.loads(message)
+        content = json.loads(message) if isinstance(message, str) else None
     except (RecursionError, ValueError) as error:
         raise ValueError(f"message is {shown(message)}, must be JSON") from error
     if not isinstance(content, dict) or "do" not in content:
@@ -112,6 +91,19 @@ def parse(message: str | bytes) -> tuple[str, dict[str, Any]]:
     return action, content
 
 
+def execute(session: Session, message: str | bytes) -> dict[str, object] | None:
+    """Do what a message asks for, and return the answer to its sender alone, if there is one."""
+    try:
+        action, arguments = parse(message)
+        if action == "replay":
+            return {"kind": "replay", "page": replay_page(session.recording())}
+        getattr(session, action)(**arguments)
+    except ValueError as error:
+        session.say(str(error))
+        return {"kind": "error", "message": str(error)}
+    return {"kind": "built"} if action == "build" else None
+
+
 class Page:
     """Messages to and from all pages of a session, served at a port."""
 
@@ -122,14 +114,14 @@ class Page:
         self.hosts = [f"{name}{end}" for name in dict.fromkeys((host, ADDRESS, "localhost"))]
         sockets = " ".join(f"ws://{host}" for host in self.hosts)  # to some browsers not 'self'
         self.headers = {name: value.format(sockets=sockets) for name, value in HEADERS.items()}
-        self._files = {
-            path: (files("jansen_env.viewer.web").joinpath(name).read_text("utf-8"), kind)
-            for path, (name, kind) in FILES.items()
+        self.files = {
+            f"/{path.name}": (path.read_text("utf-8"), TYPES[path.suffix])
+            for path in FOLDER.iterdir()
+            if path.suffix in TYPES
         }
-        self._files[BENCH] = bench.served_bench_page(), FILES[BENCH][1]
-        self._sockets = 0
-        self._fresh = asyncio.Event()  # set at the next state
-        self._scene, self._scene_version, self._state = "", -1, ""
+        self.files["/"] = (FOLDER / "play.html").read_text("utf-8"), "text/html"
+        self.files["/bench"] = served_bench_page(), "text/html"
+        self._open: set[ServerConnection] = set()
 
     def answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """The response to a request; None for a socket that may be opened."""
@@ -139,7 +131,7 @@ class Page:
             return None
         text, kind = f"{status.value} {status.phrase}\n", "text/plain"
         if status == HTTPStatus.OK:
-            text, kind = self._files[path]
+            text, kind = self.files[path]
         response = connection.respond(status, text)
         del response.headers["Content-Type"]
         for name, value in {**self.headers, "Content-Type": f"{kind}; charset=utf-8"}.items():
@@ -157,107 +149,54 @@ class Page:
             return HTTPStatus.FORBIDDEN
         if not compare_digest(root, self.root.encode()):
             return HTTPStatus.FORBIDDEN
-        if path in self._files:
+        if path in self.files:
             return HTTPStatus.OK
         if path != SOCKET:
             return HTTPStatus.NOT_FOUND
         if not origins:
             return HTTPStatus.FORBIDDEN
-        full = self._sockets >= MOST_SOCKETS
+        full = len(self._open) >= MOST_PAGES
         return HTTPStatus.SERVICE_UNAVAILABLE if full else HTTPStatus.SWITCHING_PROTOCOLS
 
     async def converse(self, connection: ServerConnection) -> None:
-        """Send states to a page, and do what it asks for, until it goes."""
-        if self._sockets >= MOST_SOCKETS:  # several may have been let in at the same time
-            await connection.close(VIOLATION, "too many pages")
-            return
-        self._sockets += 1
-        sending = asyncio.create_task(self._send_states(connection))
+        """Do what a page asks for, until it goes."""
         try:
-            await self._listen(connection)
+            await connection.send(scene_message(self.session))
+            self._open.add(connection)
+            async for message in connection:
+                if (reply := execute(self.session, message)) is not None:
+                    await connection.send(json.dumps(reply))
+                await asyncio.sleep(0.0)  # others have their turn, however many messages there are
         except ConnectionClosed:
             pass
         finally:
-            self._sockets -= 1
+            self._open.discard(connection)
             self.session.hold(0)  # a key may have been down
-            sending.cancel()
-
-    async def _listen(self, connection: ServerConnection) -> None:
-        """Do what messages ask for; ends when the connection is closed."""
-        errors, allowance, before = 0, BURST, monotonic()
-        async for message in connection:
-            allowance = min(allowance + RATE * (monotonic() - before), BURST) - 1.0
-            if allowance < 0.0:
-                return await connection.close(VIOLATION, "too many messages")
-            try:
-                action, arguments = parse(message)
-            except ValueError as error:
-                errors += 1
-                if errors > MOST_ERRORS:
-                    return await connection.close(VIOLATION, "too many errors")
-                await connection.send(json.dumps({"kind": "error", "message": str(error)}))
-            else:
-                if (reply := self._do(action, arguments)) is not None:
-                    await connection.send(json.dumps(reply))
-            before = monotonic()  # the work for a message, such as another robot's, earns nothing
-            await asyncio.sleep(0.0)  # others have their turn, however many messages there are
-
-    def _do(self, action: str, arguments: dict[str, Any]) -> dict[str, object] | None:
-        """Do what a message asks for, and return the answer to it alone, if there is one."""
-        if action == "replay":
-            try:
-                return {"kind": "replay", "page": replay_page(self.session.recording())}
-            except ValueError as error:
-                self.session.say(str(error))
-        elif action == "build":
-            robot, lengths = arguments["robot"], arguments["lengths"]
-            if not self.session.attempt("choose", name="robot", value=robot, lengths=lengths):
-                return {"kind": "error", "message": self.session.message}
-            self.session.pause(False)
-            return {"kind": "built"}
-        else:
-            self.session.attempt(action, **arguments)
-        return None
-
-    async def _send_states(self, connection: ServerConnection) -> None:
-        """Send each state that there is when the one before has gone out."""
-        shown = None
-        try:
-            while True:
-                await self._fresh.wait()
-                if shown != self._scene_version:
-                    shown = self._scene_version
-                    await connection.send(self._scene)
-                await connection.send(self._state)
-        except ConnectionClosed:
-            pass
 
     async def run(self) -> None:
-        """Let time pass while somebody looks."""
-        due = before = monotonic()
+        """Let time pass, and send states, while somebody looks."""
+        before, version = monotonic(), self.session.version
         while True:
-            due = max(due + FRAME_TIME, monotonic())
-            await asyncio.sleep(due - monotonic())
+            await asyncio.sleep(FRAME_TIME)
             now = monotonic()
-            if self._sockets:
+            if self._open:
                 self.session.advance(now - before)
-                self._publish()
+                if version != self.session.version:
+                    broadcast(self._open, scene_message(self.session))
+                    version = self.session.version
+                quick = [
+                    connection
+                    for connection in self._open
+                    if connection.transport.get_write_buffer_size() < MOST_UNREAD
+                ]
+                broadcast(quick, state_message(self.session))
             before = now
 
-    def _publish(self) -> None:
-        """Have the present state sent, and the scene if it is another one."""
-        if self._scene_version != self.session.version:
-            self._scene_version = self.session.version
-            self._scene = json.dumps(scene_message(self.session), allow_nan=False)
-        self._state = json.dumps(state_message(self.session), allow_nan=False)
-        fresh, self._fresh = self._fresh, asyncio.Event()
-        fresh.set()
 
-
-def scene_message(session: Session) -> dict[str, object]:
+def scene_message(session: Session) -> str:
     """Scene, settings and choices, which change with the session's version."""
     values = session.values()
-    return {
+    message = {
         "kind": "scene",
         "scene": scene_of(session.env),
         "sliders": [
@@ -267,7 +206,6 @@ def scene_message(session: Session) -> dict[str, object]:
         "choices": session.choices,
         "lengths": session.lengths,
         "options": session.options,
-        "environment": session.env_id,
         "byHand": BY_HAND,
         "topSpeed": session.top_speed,
         "largestPush": LARGEST_PUSH,
@@ -275,54 +213,25 @@ def scene_message(session: Session) -> dict[str, object]:
         "paces": PACES,
         "paused": session.paused,
     }
+    return json.dumps(message, allow_nan=False)
 
 
-def state_message(session: Session) -> dict[str, object]:
+def state_message(session: Session) -> str:
     """Pose of the robot, and the score."""
-    return {
+    message = {
         "kind": "state",
-        "state": state_of_frame(session.scene()["robot"], session.frame()),
+        "state": state_of_frame(session.env.scene()["robot"], session.frame()),
         "score": asdict(session.score()),
         "input": session.input,
         "message": session.message,
         "fallen": session.fallen,
     }
-
-
-class _Limited(ServerConnection):
-    """A connection; where there are too many, the one that has been idle longest is cut off."""
-
-    present: ClassVar[dict[_Limited, None]] = {}  # in the order they came
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        super().connection_made(transport)
-        self.present[self] = None
-        if len(self.present) > MOST_CONNECTIONS:
-            self.cut_off_idle(1)
-
-    def data_received(self, data: bytes) -> None:
-        super().data_received(data)
-        if self.transport.get_write_buffer_size() > MOST_UNREAD:  # answers to pings
-            self.transport.abort()
-
-    @classmethod
-    def cut_off_idle(cls, count: int | None = None) -> None:
-        """Cut off those that have been idle longest, all or so many."""
-        idle = [connection for connection in cls.present if connection.state is not State.OPEN][
-            :count
-        ]
-        for connection in idle:
-            del cls.present[connection]
-            connection.transport.abort()
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        self.present.pop(self, None)
-        super().connection_lost(exc)
+    return json.dumps(message, allow_nan=False)
 
 
 def own_address() -> str:
     """Return this machine's address in its network. Raises OSError: it is in none."""
-    with socket(AF_INET, SOCK_DGRAM) as probe:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.connect(("192.0.2.1", 9))  # of nobody (RFC 5737), and nothing is sent
         return str(probe.getsockname()[0])
 
@@ -340,18 +249,14 @@ async def serve(
         OSError: the port or the host cannot be used.
     """
     address = ip_address(host)
-    shown = own_address() if address.is_unspecified else host
+    seen = own_address() if address.is_unspecified else host
     token = "" if address.is_loopback else token_urlsafe(12)  # 96 bits, in 16 characters
-    page: Page
+    listening = socket.create_server((host, port))
+    page = Page(session, listening.getsockname()[1], seen, token)
     async with serve_sockets(
-        lambda connection: page.converse(connection), host, port,
-        process_request=lambda connection, request: page.answer(connection, request),
-        create_connection=_Limited, compression=None, server_header=None, max_size=MOST_BYTES,
-        open_timeout=PATIENCE, close_timeout=2, logger=LOGGER,
-    ) as server:  # fmt: skip
-        page = Page(session, server.sockets[0].getsockname()[1], shown, token)
+        page.converse, sock=listening, process_request=page.answer, compression=None,
+        server_header=None, max_size=MOST_BYTES, open_timeout=PATIENCE, close_timeout=2,
+        logger=LOGGER,
+    ):  # fmt: skip
         ready(f"http://{page.hosts[0]}" + (f"{page.root}/" if token else ""))
-        try:
-            await page.run()
-        finally:
-            _Limited.cut_off_idle()  # for which closing would wait
+        await page.run()

@@ -33,7 +33,6 @@ MESSAGE_TIME = 6.0  # s for which a message is shown
 TORQUE_RATE, RELEASE_RATE = 3.0, 8.0  # 1/s, of the torque while a key is held, and after it
 FIRST_COMMAND, STEADY_COMMAND = 0.25, 0.5  # of the top speed, when a policy or the PID takes over
 COMMAND_RATE = 0.5  # 1/s, of a policy's command while a key is held
-ARRAYS = ("q", "contact_force", "contact_point", "contact_tangent", "slipping")  # of a frame
 ENVIRONMENTS = (
     "JansenWalkerBuilt-v0", "JansenWalkerRough-v0", "JansenWalkerHardcore-v0", "JansenWalker-v0",
 )  # fmt: skip
@@ -114,7 +113,7 @@ def policy_of(env_id: str, control: str, env: Recorder) -> Policy | None:
     return None if control == BY_HAND else pretrained.load(env_id, control).on(env)
 
 
-@dataclass(frozen=True)
+@dataclass
 class Score:
     """Score of a walk so far.
 
@@ -131,34 +130,27 @@ class Score:
     cost_of_transport: float | None = None
     speed: float = 0.0
 
+    def __post_init__(self) -> None:
+        self._x = self._free = self._commanded = self._slip = self._lift = 0.0  # m
 
-class Tally:
-    """Adds up the steps, of ``dt`` s each, of one walk."""
-
-    def __init__(self, dt: float) -> None:
-        self._dt, self._steps = dt, 0
-        self._x = self._free = self._commanded = 0.0  # m: place, and ways to it
-        self._slip = self._lift = self._speed = 0.0
-
-    def add(self, info: Mapping[str, Any], weight: float, command: float | None) -> None:
-        """Add a step by its ``info``, the robot's weight (N) and command (m/s, or None) in it."""
-        self._steps += 1
+    def add(
+        self, info: Mapping[str, Any], time: float, weight: float, command: float | None
+    ) -> None:
+        """Add a step by its ``info`` and end, s, the robot's weight, N, and command, m/s, in it."""
         way, self._x = float(info["x_position"]) - self._x, float(info["x_position"])
         if command:
             self._commanded += way if command > 0.0 else -way
         else:
             self._free += way
-        self._speed = float(info["mean_speed"])
         self._slip += float(np.sum(info["slip"]))
         self._lift += abs(float(info["energy"]["motor_work"])) / weight
-
-    def score(self) -> Score:
-        """The score so far."""
-        distance = max(self._commanded, 0.0) + abs(self._free)
-        slip, cost = (
-            v / distance if distance > MIN_DISTANCE else None for v in (self._slip, self._lift)
-        )
-        return Score(self._steps * self._dt, distance, slip, cost, self._speed)
+        self.time, self.speed = time, float(info["mean_speed"])
+        self.distance = max(self._commanded, 0.0) + abs(self._free)
+        if self.distance > MIN_DISTANCE:
+            self.slip_per_metre = self._slip / self.distance
+            self.cost_of_transport = self._lift / self.distance
+        else:
+            self.slip_per_metre = self.cost_of_transport = None
 
 
 class Session:
@@ -198,7 +190,6 @@ class Session:
         self.top_speed, self.version = 1.0, 0
         self._held, self._returns = 0, False  # the keys; whether the torque goes back to 0
         self._message, self._message_left = "", 0.0
-        self._final: Score | None = None  # from a fall on
         defaults = arguments_of(env_id)
         start = Choices(robot or defaults["robot"], terrain or defaults["terrain"], 0, control, {})
         self._choices = self._chosen("level", level, start)
@@ -228,14 +219,9 @@ class Session:
         return {"robot": ROBOTS, "terrain": TERRAINS, "level": levels, "control": self.controls}
 
     @property
-    def by_hand(self) -> bool:
-        """Whether the input is the torque, and no policy walks."""
-        return self._policy is None
-
-    @property
     def command(self) -> float | None:
-        """m/s, of the policy; None where there is none."""
-        return None if self.by_hand else self.input * self.top_speed
+        """m/s, of the policy; None where the input is the torque by hand."""
+        return None if self._policy is None else self.input * self.top_speed
 
     @property
     def message(self) -> str:
@@ -255,18 +241,9 @@ class Session:
 
     def score(self) -> Score:
         """Score of the walk since the last start; after a fall, of the walk until then."""
-        return self._final or self._tally.score()
+        return replace(self._score)
 
     # Actions of the user. Each raises ValueError where it is refused, and then changes nothing.
-
-    def attempt(self, action: str, **arguments: object) -> bool:
-        """Do an action by its name; False if it is refused, with the reason as the message."""
-        try:
-            getattr(self, action)(**arguments)
-        except ValueError as error:
-            self.say(str(error))
-            return False
-        return True
 
     def say(self, message: str) -> None:
         """Show a message for a while."""
@@ -285,7 +262,7 @@ class Session:
         if isinstance(direction, bool) or direction not in (-1, 0, 1):
             raise ValueError(f"direction is {shown(direction)}, must be -1, 0 or 1")
         if direction or self._held:
-            self._held, self._returns = int(direction), self.by_hand
+            self._held, self._returns = int(direction), self._policy is None
 
     def set(self, name: str, value: float) -> None:
         """Move a slider."""
@@ -320,6 +297,11 @@ class Session:
         self._env = env
         self._take_control(policy, chosen)
         self._start()
+
+    def build(self, robot: str, lengths: Mapping[str, float]) -> None:
+        """Choose a robot with other lengths, and let it walk."""
+        self.choose("robot", robot, lengths)
+        self.pause(False)
 
     def push(self, x: float, y: float) -> None:
         """Push the chassis by an impulse, N s in x and y, no larger than :data:`LARGEST_PUSH`."""
@@ -378,10 +360,6 @@ class Session:
         }
         return replace(now, **moved)
 
-    def scene(self) -> dict[str, Any]:
-        """The robot and its ground: arguments of :class:`jansen_env.rendering.Renderer`."""
-        return dict(self.env.scene())
-
     def recording(self) -> Recording:
         """The walk since the last start, at most :data:`LONGEST_REPLAY` s of it.
 
@@ -424,10 +402,9 @@ class Session:
             seed=self.seed, options={"speed_command": self.command or 0.0}
         )
         self._memory, self._fresh = None, True
-        if self.by_hand:
+        if self._policy is None:
             self.input, self._held = 0.0, 0
-        self._tally = Tally(self._dt)
-        self._final = None
+        self._score = Score()
         self.fallen, self.stuck, self._due = False, False, 0.0
         self._frames = (self._snapshot(),) * 2
         self._message = ""
@@ -435,7 +412,7 @@ class Session:
 
     def _move_input(self, seconds: float) -> None:
         """Let held keys move the input."""
-        if self._held and not self.by_hand:
+        if self._held and self._policy is not None:
             moved = self.input + self._held * COMMAND_RATE * seconds
             self.input = min(max(moved, -1.0), 1.0)
         elif self._held or self._returns:
@@ -446,11 +423,9 @@ class Session:
             self._returns = bool(self._held) or self.input != 0.0
 
     def _snapshot(self) -> Frame:
-        """The present frame, which stays as it is while the robot moves."""
+        """The present frame."""
         frame = self.env.frame()
-        arrays = {name: getattr(frame, name).copy() for name in ARRAYS}
-        torque = self._direction * frame.torque
-        return replace(frame, command=self.command, torque=torque, **arrays)
+        return replace(frame, command=self.command, torque=self._direction * frame.torque)
 
     def _step(self) -> None:
         """Take one step."""
@@ -467,8 +442,7 @@ class Session:
         env = self._env if self._frames[1].time < LONGEST_REPLAY else self._env.env
         self._observation, _, _, self.stuck, info = env.step(action)
         self._frames = self._frames[1], self._snapshot()
-        if self._final is None:
-            self._tally.add(info, self._env.get_wrapper_attr("weight"), self.command)
-        if (info["fallen"] or self.stuck) and self._final is None:
-            self._final = self._tally.score()
+        if not self.fallen:
+            weight = self._env.get_wrapper_attr("weight")
+            self._score.add(info, self._frames[1].time, weight, self.command)
             self.fallen = bool(info["fallen"])

@@ -737,7 +737,7 @@ class World:
             points, tangents = plant.contact_frames(i)
         return Frame(
             q=state[:4].copy(), contact_point=points, contact_tangent=tangents,
-            contact_force=plant.contact_force[i],
+            contact_force=plant.contact_force[i].copy(),
             slipping=plant.slip[i] > SLIPPING * self.control_dt, command=command,
             speed=float(state[7] if self.held else state[4]), torque=float(self.torque[i]),
             torque_limit=abs(float(self.full_torque[i])),

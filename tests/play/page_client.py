@@ -47,11 +47,3 @@ def until(connection, fits):
         if fits(state := next_of(connection, "state")):
             return state
     raise AssertionError(f"the last state was {state}")
-
-
-def opening(host):
-    return (
-        f"GET /socket HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\nUpgrade: websocket\r\n"
-        "Connection: Upgrade\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
-        "Sec-WebSocket-Version: 13\r\n\r\n"
-    ).encode()

@@ -1,7 +1,7 @@
 // The page of `jansen-env play`: shows a session and passes on what its user does.
 //
 // The server sends scenes ({kind: "scene", ...}: what is drawn and what may be chosen), states
-// ({kind: "state", ...}, 50 a second) and errors; messages to it are those of
+// ({kind: "state", ...}, 50 a second); messages to it are those of
 // jansen_env/play/server.py. No physics in here.
 
 import { download, linkOf, openSocket } from "./bench_design.js";
@@ -72,8 +72,6 @@ function receive(message) {
     showPanel();
   } else if (message.kind === "replay") {
     download("walk.html", "text/html", message.page);
-  } else {
-    console.warn(message.message);
   }
 }
 

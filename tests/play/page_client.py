@@ -2,6 +2,7 @@
 
 import http.client
 import json
+import re
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -9,6 +10,15 @@ import pytest
 pytest.importorskip("websockets", reason="the extra 'tools' is not installed")
 
 from websockets.sync.client import connect
+
+WAIT = 10_000  # ms that a page may take
+
+
+def reads(page, name, pattern, timeout=WAIT):
+    """Wait until an element's text matches a pattern."""
+    from playwright.sync_api import expect
+
+    expect(page.locator(f"#{name}")).to_have_text(re.compile(pattern), timeout=timeout)
 
 
 def apart(function, *arguments):

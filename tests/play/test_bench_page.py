@@ -1,16 +1,13 @@
 """The bench in a real Chromium: against a real server, and as one file without any."""
 
-import json
 import math
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
+from page_client import WAIT, reads
 
-pytest.importorskip("websockets", reason="the extra 'tools' is not installed")
-
+from jansen_env.commands.play import main
 from jansen_env.robot import ROBOTS
 from jansen_env.robot.kinematics import (
     advance_per_turn,
@@ -23,7 +20,6 @@ from jansen_env.robot.robot_file import read_robot
 from jansen_env.robot.zoo import standing_height
 from jansen_env.viewer.web.bench import bench_page, design_of, write_bench
 
-WAIT = 10_000  # ms
 STILL = {"viewport": {"width": 1400, "height": 900}, "reduced_motion": "reduce"}
 SAMPLES = 720
 NEAR = 0.01  # of the standing height
@@ -32,10 +28,10 @@ NEAR = 0.01  # of the standing height
 @pytest.fixture
 def window(open_window, served):
     """The bench of a running program."""
-    found = open_window(**STILL)
-    found.page.goto(f"http://{served[1]}/bench#paper")
-    found.host = served[1]
-    return found
+    opened = open_window(**STILL)
+    opened.page.goto(f"http://{served[1]}/bench#paper")
+    opened.host = served[1]
+    return opened
 
 
 @pytest.fixture
@@ -44,9 +40,9 @@ def alone(open_window, tmp_path):
 
     def opened(fragment="paper", **options):
         path = write_bench(tmp_path / "bench.html")
-        found = open_window(**{**STILL, **options}, offline=True, accept_downloads=True)
-        found.page.goto(f"{path.as_uri()}#{fragment}")
-        return found
+        window = open_window(**{**STILL, **options}, offline=True, accept_downloads=True)
+        window.page.goto(f"{path.as_uri()}#{fragment}")
+        return window
 
     return opened
 
@@ -61,22 +57,15 @@ def fragment(page):
     return page.evaluate("location.hash.slice(1)")
 
 
-def reads(page, name, pattern, timeout=WAIT):
-    """Wait until an element's text matches a pattern."""
-    from playwright.sync_api import expect
-
-    expect(page.locator(f"#{name}")).to_have_text(re.compile(pattern), timeout=timeout)
-
-
 def says(page, pattern):
     reads(page, "message", pattern)
 
 
 def handle(page, joint):
     """A joint, and where it is on the page."""
-    found = page.locator(f'.handle[data-joint="{joint}"]')
-    box = found.locator("circle").bounding_box()
-    return found, box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
+    circle = page.locator(f'.handle[data-joint="{joint}"]')
+    box = circle.locator("circle").bounding_box()
+    return circle, box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
 
 
 def drag(page, joint, right, down):
@@ -233,9 +222,8 @@ def test_files_are_taken_away(alone, tmp_path):
         page.locator("#file").click()
     robot.value.save_as(tmp_path / "robot.json")
     text = (tmp_path / "robot.json").read_text()
-    assert (
-        max(map(len, re.findall(r"[\d.]+(?=,?\n)", text))) <= 8
-    )  # rounded: not 0.24008000000000002
+    # Rounded: not 0.24008000000000002.
+    assert max(map(len, re.findall(r"[\d.]+(?=,?\n)", text))) <= 8
     changed = {"rocker": 0.24008, "foot_CE": 0.25, "frame_angle": math.radians(9.0)}
     expected = with_lengths(ROBOTS["built"](), changed)
     assert lengths(read_robot(tmp_path / "robot.json")) == pytest.approx(
@@ -250,31 +238,24 @@ def test_files_are_taken_away(alone, tmp_path):
 
 def test_the_file_needs_nothing(alone):
     """No network, no server, nothing but itself; and it cannot walk."""
-    found = alone("strider")
-    assert number(found.page, "advance") == pytest.approx(1714.6)
-    assert not found.page.locator("#walk").is_visible()
-    assert len(found.requests) == 1 and found.requests[0].startswith("file://")
+    window = alone("strider")
+    assert number(window.page, "advance") == pytest.approx(1714.6)
+    assert not window.page.locator("#walk").is_visible()
+    assert len(window.requests) == 1 and window.requests[0].startswith("file://")
     text = bench_page()
     assert "unsafe" not in text and not re.search(r"\bsrc=|@import|url\(|\bfetch\(|eval\(", text)
 
 
 def test_it_walks_with_the_new_lengths(window):
     """The play page shows them walking, and leads back to them; a replay is a file."""
-    page, heard = window.page, {}
-
-    def keep(frame):
-        message = json.loads(frame)
-        heard[message["kind"]] = message
-
-    page.on("websocket", lambda socket: socket.on("framereceived", keep))
+    page = window.page
     page.goto(f"http://{window.host}/bench#klann&rod_AD=470")
     page.reload()
     page.locator("#walk").click()
     page.wait_for_url(f"http://{window.host}/#walk", timeout=WAIT)
     assert not page.locator("#help").is_visible()
     reads(page, "distance", r"^(0\.[3-9]|[1-9])", 2 * WAIT)
-    assert heard["scene"]["lengths"] == {"rod_AD": 0.47}
-    assert heard["scene"]["choices"]["robot"] == "klann"
+    assert page.locator("#robot").input_value() == "klann"
     with page.expect_download() as replay:
         page.locator("#replay").click()
     assert "Content-Security-Policy" in replay.value.path().read_text()
@@ -294,24 +275,21 @@ def test_on_a_phone_by_touch(alone):
           .map((one) => one.outerHTML)"""
     )
     assert small == []
-    found, x, y = handle(page, "T")
-    assert found.locator("circle").bounding_box()["width"] == pytest.approx(44, abs=1)
+    toe, x, y = handle(page, "T")
+    assert toe.locator("circle").bounding_box()["width"] == pytest.approx(44, abs=1)
     point = {"bubbles": True, "pointerId": 1, "clientX": x, "clientY": y, "button": 0}
     page.evaluate("Element.prototype.setPointerCapture = () => {}")
-    found.dispatch_event("pointerdown", point)
+    toe.dispatch_event("pointerdown", point)
     page.locator("#picture").dispatch_event("pointermove", {**point, "clientX": x + 4})
     page.locator("#picture").dispatch_event("pointerup", point)
     assert {part.split("=")[0] for part in fragment(page).split("&")[1:]} == {"foot_ET", "foot_TC"}
 
 
-def test_the_command_writes_the_file(tmp_path):
+def test_the_command_writes_the_file(tmp_path, capsys):
     """With one line about a folder that cannot be written."""
-    command = [sys.executable, "-m", "jansen_env", "play", "--bench-file"]
     path = tmp_path / "bench.html"
-    subprocess.run([*command, path], check=True, capture_output=True)
+    main(["--bench-file", str(path)])
     assert path.read_text() == bench_page()
-    (tmp_path / "file").touch()
-    result = subprocess.run(
-        [*command, tmp_path / "file" / "x.html"], capture_output=True, text=True
-    )
-    assert result.returncode == 2 and ": error: /" in result.stderr.splitlines()[0]
+    with pytest.raises(SystemExit):
+        main(["--bench-file", str(path / "x.html")])
+    assert ": error: /" in capsys.readouterr().err.splitlines()[0]

@@ -1,8 +1,8 @@
 """Walking linkages compared: equal height, mass, motor and feet, each with its own controllers.
 
-    python -m benchmarks.linkages [--search] [--out docs/linkages] [--quick]
+    python -m benchmarks.linkages [--out docs/linkages] [--quick]
 
-PIDs and crank-speed profiles are those of ``controllers.json``; ``--search`` finds them again.
+PIDs and crank-speed profiles are those of ``docs/linkages/controllers.json``.
 """
 
 from __future__ import annotations
@@ -15,8 +15,6 @@ from typing import TYPE_CHECKING, Any, cast
 import gymnasium as gym
 import numpy as np
 
-from agents import tune
-from agents.tuning.profile_search import ENV, HARMONICS, Sweep, improve, profiles, worth
 from benchmarks import climbing, measure
 from jansen_env.baselines.pid import PID
 from jansen_env.baselines.policy import Array, Policy
@@ -30,20 +28,20 @@ from jansen_env.scoring.metrics import SETTLING, point_estimates
 from jansen_env.scoring.rollout import make_env, run_episodes
 from jansen_env.tasks.walking import JansenWalkerEnv
 from jansen_env.tasks.walking.profile import Profile
-from jansen_env.tasks.walking.walker_baselines import nearest_setting, walking_pid
+from jansen_env.tasks.walking.walker_baselines import walking_pid
 from jansen_env.tasks.walking.walker_benchmark import WALKER, succeeded
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+ENV = "JansenWalker-v0"
+CONTROLLERS = Path(__file__).parents[1] / "docs" / "linkages" / "controllers.json"
 LINKAGES = {
     "paper_slender": "Jansen (paper)", "holy_slender": "Jansen (holy)", "klann": "Klann",
     "chebyshev": "Chebyshev", "trotbot": "TrotBot", "strider": "Strider",
 }  # fmt: skip
 SPEEDS = np.array([0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7])  # m/s
 SHOWN = (0.1, 0.3, 0.5, 0.7)  # m/s, of the table's costs of transport
-SWEEPS = (Sweep(12, 6, 0.5), Sweep(6, 8, 0.25))  # through all speeds, of the search for profiles
-COLD = (5.0, 2.0, 1.0, *[0.0] * 2 * HARMONICS)  # kp, tau0, g and no harmonics, at first
 EPISODES, WATCHED = 32, 4  # walks at each speed; those whose heave and forces are worked out
 FIRST_SEED = 120_000  # apart from all others
 STEPS = np.array([0.02, 0.03, 0.04, 0.06, 0.08, 0.1, 0.13, 0.16, 0.2, 0.25, 0.3])  # m
@@ -67,42 +65,6 @@ def as_tall(name: str) -> Robot:
         sizes = ("length",) if isinstance(link, Bar) else ("d", "l", "h")
         bodies.append(replace(link, **{size: scale * getattr(link, size) for size in sizes}))
     return replace(robot, bodies=tuple(bodies)).with_slender_inertias()
-
-
-def search(robot: Robot, quick: bool, seed: int = 0) -> Kwargs:
-    """Find the gains and crank speeds of a PID, and a profile, for each of :data:`SPEEDS`.
-
-    The search for a profile begins at the PID's crank speed, held, or where a neighbouring speed's
-    search stands, whichever walks better.
-    """
-    kwargs: Kwargs = {"robot": robot}
-    turns = abs(advance_per_turn(ROBOTS["paper"]()) / advance_per_turn(robot))
-    cranks, few = tune.CRANK_SPEEDS[::2] * turns, slice(0, 1 if quick else None)
-    pid = tune.measure_pid(1 if quick else 4, ENV, tune.GAINS[few], cranks, **kwargs)
-    speeds = nearest_setting(np.array(pid["settings"]), np.array(pid["speeds"]))(SPEEDS)
-    rng = np.random.default_rng(seed)
-    best: dict[float, Array] = {}
-    for sweep in [Sweep(1, 2, 0.5, 4)] if quick else SWEEPS:
-        for i, command in enumerate(SPEEDS.tolist()):
-            near = [v for v in SPEEDS[max(i - 1, 0) : i + 2].tolist() if v in best]
-            choices = [best[v] * np.append(command / v, np.ones(len(COLD))) for v in near]
-            if command not in best:
-                choices.append(np.array([speeds[i], *COLD]))
-            start = {command: best_of(choices, command, sweep, rng, kwargs)}
-            best[command] = improve(start, command, sweep, rng, **kwargs)
-    numbers = [best[command].round(5).tolist() for command in SPEEDS.tolist()]
-    return {"gains": pid["gains"], "crank_speeds": speeds.round(4).tolist(), "profile": numbers}
-
-
-def best_of(
-    choices: list[Array], command: float, sweep: Sweep, rng: np.random.Generator, kwargs: Kwargs
-) -> Array:
-    """The profile that walks best at a speed, of those given; all walk the same episodes."""
-    n, env = sweep.episodes, make_env(ENV, kwargs)
-    seeds = np.tile(rng.integers(2**31) + np.arange(n), len(choices))
-    together = profiles(np.repeat(choices, n, axis=0), env)
-    run = run_episodes(together, ENV, kwargs, np.full(len(seeds), command), seeds)
-    return choices[int(worth(run, env).reshape(-1, n).mean(axis=1).argmax())]
 
 
 def controllers_of(numbers: Kwargs, robot: Robot) -> dict[str, Policy]:
@@ -235,18 +197,15 @@ def _draw_linkage(axis: Axes, robot: Robot, title: str = "") -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    parser = measure.options(__doc__, "docs/linkages", seed=0)
-    parser.add_argument("--search", action="store_true", help="find all controllers again")
+    parser = measure.options(__doc__, "docs/linkages")
     parser.add_argument("--time-step", type=float, default=1e-3, metavar="S", help="(0.001)")
     args = measure.parse(parser, arguments)
     count, watched, heights = (2, 1, STEPS[:2]) if args.quick else (EPISODES, WATCHED, STEPS)
     robots = {name: as_tall(name) for name in [*LINKAGES][: 3 if args.quick else None]}
-    path, scores, steps = args.out / "controllers.json", {}, {}
-    if args.search or not path.exists():
-        write_json(path, {n: search(r, args.quick, args.seed) for n, r in robots.items()})
-    for name, numbers in json.loads(path.read_text(encoding="utf-8")).items():
-        kwargs = {"robot": robots[name], "time_step": args.time_step}
-        policies = controllers_of(numbers, robots[name])
+    numbers, scores, steps = json.loads(CONTROLLERS.read_text(encoding="utf-8")), {}, {}
+    for name, robot in robots.items():
+        kwargs = {"robot": robot, "time_step": args.time_step}
+        policies = controllers_of(numbers[name], robot)
         scores[name] = {k: score(kwargs, p, count, watched) for k, p in policies.items()}
         steps[name] = [highest_step(kwargs, p, heights, count) for p in policies.values()]
     write_json(args.out / "scores.json", scores)

@@ -30,7 +30,7 @@ ORDER = (
     ["play"],
     ["commands"],
     ["__main__"],
-    ["agents.command_line", "agents.training", "agents.tuning"],
+    ["agents.command_line", "agents.training"],
     ["agents.pack"],
     ["agents.export", "agents.studies"],
     ["agents"],  # the other commands
@@ -80,7 +80,7 @@ def test_agents_ask_for_all_packages_that_they_import():
         for name in imported(path)
     }
     others = {"agents", "jansen_env", "benchmarks", "gymnasium", "numpy", "safetensors"}
-    others |= {"jinja2", "onnx", "onnxruntime", "pymoo", "pandas", "ray", "ribs"}
+    others |= {"jinja2", "onnx", "onnxruntime", "pymoo", "pandas", "ray"}
     assert found - others - sys.stdlib_module_names <= {*NEEDED}
 
 

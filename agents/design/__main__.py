@@ -7,30 +7,18 @@ killed, the same command goes on where it was.
 from __future__ import annotations
 
 import argparse
-import multiprocessing
 import shlex
 import sys
-from concurrent.futures import ProcessPoolExecutor, wait
 from dataclasses import asdict, fields
 from pathlib import Path
 
-import numpy as np
 import yaml
 from tqdm import tqdm
 
 from agents.design.design_plan import PLANS, Plan, make_plan, read_plan
 from agents.design.design_report import REPORT, ROBOT, write_report
-from agents.design.search import (
-    JOURNAL,
-    Measured,
-    execute_search,
-    load_policy,
-    objectives_of,
-    run_search,
-)
-from jansen_env.baselines.policy import Array
+from agents.design.search import Searched, run_search
 from jansen_env.commands.flags import Parser, mapping, positive_int
-from jansen_env.cores import available_cores
 from jansen_env.files import write_text
 from jansen_env.plain_yaml import read_yaml
 from jansen_env.robot.robot_file import read_robot, write_robot
@@ -44,7 +32,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser = Parser("python -m agents.design", __doc__, "python -m agents.design cost",
                     "python -m agents.design cost --speed 0.5 --seeds 3 --name fast")  # fmt: skip
     add = parser.add_argument
-    add("plan", nargs="?", metavar="PLAN", help=f"a file, or one of: {shipped}")
+    add("plan", metavar="PLAN", help=f"a file, or one of: {shipped}")
     add("--name", help="of the search; default: the plan's")
     add("--log-folder", default="logs/design", metavar="DIR", help="it goes to DIR/NAME")
     add("--seeds", type=positive_int, help="searches with seeds from 0; default: the plan's")
@@ -55,13 +43,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         )  # fmt: skip
     add("--limits", type=mapping, metavar="YAML",
         help="beside the plan's, or in their place, e.g. '{lift: [0.1, null]}'")  # fmt: skip
-    add("--workers", type=positive_int, help="searches at once; default: as the cores allow")
-    add("--report", metavar="FOLDER", help="of a search: only write its report again")
-    add("--all", action="store_true", help="print the whole report")
     args = parser.parse_args(arguments)
     args.error = parser.error
-    if (args.plan is None) == (args.report is None):
-        parser.error("a PLAN or --report FOLDER is needed, and one of them alone")
     return args
 
 
@@ -69,10 +52,6 @@ def main(arguments: list[str] | None = None) -> int:
     """Search, and report; returns the exit status."""
     args = parse(arguments)
     try:
-        if args.report:
-            folder = Path(args.report)
-            report(make_plan(read_yaml(folder / PLAN)), folder, args.all)
-            return 0
         plan = read_plan(args.plan)
         flags = "seeds", "generations", "speed", "variables"
         changes = {name: value for name in flags if (value := getattr(args, name)) is not None}
@@ -80,21 +59,15 @@ def main(arguments: list[str] | None = None) -> int:
         plan = make_plan({**asdict(plan), **changes, "limits": limits})
         folder = Path(args.log_folder) / (args.name or Path(args.plan).stem)
         enter(folder, plan)
-        failed = search_all(plan, folder, args)
-        report(plan, folder, args.all)
+        short = write_report(plan, folder, search_all(plan, folder))
+        print(f"\n{short}\n\nall: {folder / REPORT}")
     except (OSError, ValueError) as error:
         args.error(" ".join(str(error).split()))
     except KeyboardInterrupt:
         print(f"\nstopped; the same command goes on: python -m agents.design "
               f"{shlex.join(sys.argv[1:] if arguments is None else arguments)}")  # fmt: skip
         return 130
-    return int(failed)
-
-
-def report(plan: Plan, folder: Path, everything: bool) -> None:
-    """Write a search's report; print the start and the best design, or everything."""
-    short, path = write_report(plan, folder, load_policy(plan)), folder / REPORT
-    print(f"\n{path.read_text(encoding='utf-8') if everything else short}\n\nall: {path}")
+    return 0
 
 
 def enter(folder: Path, plan: Plan) -> None:
@@ -118,47 +91,24 @@ def enter(folder: Path, plan: Plan) -> None:
     write_text(path, yaml.safe_dump(asdict(plan), sort_keys=False))
 
 
-def search_all(plan: Plan, folder: Path, args: argparse.Namespace) -> bool:
-    """Run all seeds; returns whether one has failed."""
-    if plan.seeds == 1:
-        run_search(plan, 0, folder / "seed_0", load_policy(plan), Shown(plan))
-        return False
-    workers = min(args.workers or available_cores(), plan.seeds)
-    spawn = multiprocessing.get_context("spawn")  # a process with threads must not be forked
-    with (
-        tqdm(total=plan.seeds * plan.generations) as bar,
-        ProcessPoolExecutor(workers, spawn) as pool,
-    ):
-        searches = {
-            f"seed_{seed}": pool.submit(execute_search, plan, seed, folder / f"seed_{seed}")
+def search_all(plan: Plan, folder: Path) -> dict[str, Searched]:
+    """Run all seeds, with a bar of the generations; returns what each has measured, by name."""
+    name = next(iter(plan.objectives))
+
+    def show(searched: Searched) -> None:
+        kept, best = searched.violation == 0.0, searched.best(plan)
+        value = f"{searched.measured[name][best]:.4g}" if kept.any() else "none yet"
+        bar.set_postfix_str(
+            f"{kept[-plan.population :].sum()} of {plan.population} keep all limits, "
+            f"best {name}: {value}"
+        )
+        bar.update()
+
+    with tqdm(total=plan.seeds * plan.generations, unit="generation") as bar:
+        return {
+            f"seed_{seed}": run_search(plan, seed, folder / f"seed_{seed}", show)
             for seed in range(plan.seeds)
         }
-        while wait(searches.values(), 1.0).not_done:
-            bar.n = sum(path.read_bytes().count(b"\n") for path in folder.glob(f"*/{JOURNAL}"))
-            bar.refresh()
-    failed = {name: error for name, search in searches.items() if (error := search.exception())}
-    for name, error in failed.items():
-        print(f"{name}: {type(error).__name__}: {error}")
-    return bool(failed)
-
-
-class Shown:
-    """A bar of the generations, with the best so far and how many of the last keep all limits."""
-
-    def __init__(self, plan: Plan) -> None:
-        self._plan, self._best = plan, np.inf
-        self._bar = tqdm(total=plan.generations, unit="generation")
-
-    def __call__(self, number: int, measured: Measured, violation: Array) -> None:
-        """Take a generation."""
-        fine = objectives_of(self._plan, measured)[violation == 0.0, 0]
-        self._best = min(self._best, fine.min(initial=np.inf))
-        name, sense = next(iter(self._plan.objectives.items()))
-        way = 1.0 if sense == "min" else -1.0
-        best = f"{way * self._best:.4g}" if np.isfinite(self._best) else "none yet"
-        self._bar.n = number + 1
-        kept = f"{len(fine)} of {len(violation)} keep all limits"
-        self._bar.set_postfix_str(f"{kept}, best {name}: {best}")
 
 
 if __name__ == "__main__":

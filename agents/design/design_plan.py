@@ -16,18 +16,16 @@ from jansen_env.scoring.benchmarks import WALKERS, check_env_kwargs
 from jansen_env.scoring.rollout import EnvKwargs
 
 PLANS = Path(__file__).parent / "plans"
-OBJECTIVES = {"cma": (1,), "nsga2": (2, 3), "map_elites": (1,)}
+OBJECTIVES = {"cma": (1,), "nsga2": (2, 3)}
 """Numbers of objectives that each method takes."""
 KEYS: dict[str, Rule] = {
     "env": Rule(words=tuple(WALKERS)), "env_kwargs": Rule((dict,)), "robot": Rule((str,)),
-    "profile": Rule((str, NoneType)),
-    "speed": Rule((float,), 0.01, 2.0), "policy": Rule((str, NoneType)),
+    "profile": Rule((str, NoneType)), "speed": Rule((float,), 0.01, 2.0),
     "method": Rule(words=tuple(OBJECTIVES)), "generations": Rule((int,), 1, 100_000),
     "population": Rule((int,), 4, 4096), "starts": Rule((int,), 1, 64),
     "variables": Rule((dict,)), "objectives": Rule((dict,)), "limits": Rule((dict,)),
-    "map": Rule((dict,)), "seeds": Rule((int,), 1, 1000),
+    "seeds": Rule((int,), 1, 1000),
 }  # fmt: skip
-MOST_CELLS = 200  # of a map, each way
 
 
 @dataclass(frozen=True)
@@ -46,12 +44,10 @@ class Plan:
     env_kwargs: EnvKwargs = field(default_factory=dict)
     robot: str = "built"
     profile: str | None = None
-    policy: str | None = None
     method: str = "cma"
     population: int = 32
     starts: int = 2
     limits: dict[str, list[float | None]] = field(default_factory=dict)
-    map: dict[str, list[float]] = field(default_factory=dict)
     seeds: int = 1
 
     def __post_init__(self) -> None:
@@ -62,42 +58,29 @@ class Plan:
         for name in ("robot", "speed_command", "terrain"):
             if name in self.env_kwargs:
                 raise ValueError(f"env_kwargs has {name!r}, which the search sets")
-        self._check_measures()
-        if self.policy is not None and [*self.variables] != ["lengths"]:
-            raise ValueError(
-                f"variables has {[*self.variables]}, must have lengths alone beside a policy"
-            )
-        self.space()
-
-    def _check_measures(self) -> None:
-        """Check objectives, limits and map."""
-        for part in ("objectives", "limits", "map"):
+        for part in ("objectives", "limits"):
             for name in getattr(self, part):
                 if name not in MEASURES:
-                    raise ValueError(
-                        f"{part} has {shown(name)}, must be of {listed(MEASURES, name)}"
-                    )
+                    allowed = listed(MEASURES, name)
+                    raise ValueError(f"{part} has {shown(name)}, must be of {allowed}")
         for name, way in self.objectives.items():
             Rule(words=("min", "max")).check(f"objectives.{name}", way)
         for name, ends in self.limits.items():
             _check_ends(f"limits.{name}", ends)
-        for name, cells in self.map.items():
-            _check_cells(f"map.{name}", cells)
         if len(self.objectives) not in OBJECTIVES[self.method]:
             wanted = " to ".join(map(str, OBJECTIVES[self.method]))
             raise ValueError(
                 f"objectives has {len(self.objectives)} entries, {self.method} must have {wanted}"
             )
-        if len(self.map) != (2 if self.method == "map_elites" else 0):
-            raise ValueError(f"map has {len(self.map)} entries, must have 2 for map_elites, else 0")
         traced = [name for name in self.measured if MEASURES[name].group == "loads"]
         if traced and self.env_kwargs.get("plant", "projection") != "projection":
             raise ValueError(f"{traced[0]} is measured on the plant 'projection' alone")
+        self.space()
 
     @property
     def measured(self) -> list[str]:
         """Names of all measures that the search needs."""
-        return [*dict.fromkeys([*self.objectives, *self.map, *self.limits])]
+        return [*dict.fromkeys([*self.objectives, *self.limits])]
 
     def space(self) -> Space:
         """Return the variables."""
@@ -130,23 +113,11 @@ def make_plan(content: Mapping[str, object]) -> Plan:
     return Plan(**content)  # type: ignore[arg-type] # checked by KEYS
 
 
-def _number(value: object) -> bool:
-    return isinstance(value, (int, float)) and type(value) is not bool and math.isfinite(value)
-
-
 def _check_ends(name: str, ends: object) -> None:
     """Check a pair of a least and a largest value, each of which may be null."""
     if isinstance(ends, list) and len(ends) == 2 and ends != [None, None]:
         given = [end for end in ends if end is not None]
-        if all(map(_number, given)) and given == sorted(given):
+        numbers = all(type(end) in (int, float) and math.isfinite(end) for end in given)
+        if numbers and given == sorted(given):
             return
     raise ValueError(f"{name} is {shown(ends)}, must be [least, most], either of which may be null")
-
-
-def _check_cells(name: str, cells: list[float]) -> None:
-    """Check the range and number of cells of a map's measure."""
-    fine = isinstance(cells, list) and len(cells) == 3 and all(map(_number, cells))
-    if not fine or not cells[0] < cells[1] or cells[2] not in range(1, MOST_CELLS + 1):
-        raise ValueError(
-            f"{name} is {shown(cells)}, must be [lowest, highest, cells], 1 to {MOST_CELLS} cells"
-        )

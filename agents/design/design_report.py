@@ -1,166 +1,86 @@
-"""Report of a search: a table, pictures, robot files and profiles, from its journals."""
+"""Report of a search: a table, pictures, robot files and profiles."""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 from tabulate import tabulate
 
 from agents.design.design_plan import Plan
-from agents.design.measures import MEASURES, Walker
-from agents.design.search import (
-    JOURNAL,
-    Searched,
-    joined,
-    make_walker,
-    measure,
-    objectives_of,
-    read_journal,
-)
+from agents.design.measures import MEASURES
+from agents.design.search import Searched, make_walker, measure, objectives_of
 from agents.design.shape import geometry_measures
 from agents.design.variables import Candidate
-from jansen_env.baselines.policy import Policy
 from jansen_env.commands.plots import save
 from jansen_env.drawings.shaft_order import layers
 from jansen_env.files import write_json, write_text
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import toe_positions, world_joints
-from jansen_env.robot.lengths import lengths
 from jansen_env.robot.robot_file import write_robot
 from jansen_env.scoring.metrics import screen_table
 
 ROBOT, PROFILE, REPORT = "robot.json", "profile.json", "report.md"
 OTHER_STARTS = "other starts"
 FRESH = 16  # crank angles, others than those of the search
-MOST_OF_FRONT = 20  # designs of a front or map that are written
+MOST_OF_FRONT = 20  # designs of a front that are written
 
 
-class SeedResult(NamedTuple):
-    """Result of one seed's search."""
-
-    name: str
-    searched: Searched
-    best: int
-    candidate: Candidate
-
-    def rank(self, plan: Plan) -> tuple[float, float]:
-        """Return how far the best design violates the limits, and its first objective."""
-        objective = objectives_of(plan, self.searched.measured)[self.best, 0]
-        return float(self.searched.violation[self.best]), float(objective)
-
-
-def read_results(plan: Plan, folder: Path) -> list[SeedResult]:
-    """Return what each seed in a folder has found so far.
-
-    Raises:
-        ValueError: a journal is damaged, or no seed has one.
-    """
-    results, space = [], plan.space()
-    for path in sorted(folder.glob(f"seed_*/{JOURNAL}"), key=lambda p: (len(p.parts[-2]), p)):
-        if parts := read_journal(path, plan):
-            searched = joined(parts)
-            best = searched.best(plan)
-            candidate = space.candidate(searched.unit[best])
-            results.append(SeedResult(path.parent.name, searched, best, candidate))
-    if not results:
-        raise ValueError(f"{folder} has no search that has measured anything")
-    return results
-
-
-def write_report(plan: Plan, folder: Path, policy: Policy | None = None) -> str:
-    """Write robot files, profiles, pictures and the report of a search.
+def write_report(plan: Plan, folder: Path, results: dict[str, Searched]) -> str:
+    """Write robot files, profiles, pictures and the report of searches, by name.
 
     Returns:
         The start and the best design, walked from other starts than the search's: a short table.
     """
-    results, space = read_results(plan, folder), plan.space()
+    space, best = plan.space(), {name: result.best(plan) for name, result in results.items()}
     designs = {"start": space.candidate(space.start)}
-    for result in results:
-        designs[result.name] = result.candidate
-        write_design(folder / result.name, plan, result.candidate)
-        if plan.method != "cma":
-            front = result.searched.front(plan)
-            for number, k in enumerate(front[:: max(1, len(front) // MOST_OF_FRONT)]):
-                candidate = space.candidate(result.searched.unit[k])
-                write_design(folder / result.name / f"front_{number}", plan, candidate)
-    names, step = plan.measured, float(plan.env_kwargs.get("time_step", 1e-3))
-    places = {
-        "search": make_walker(plan, policy), OTHER_STARTS: fresh_walker(plan, policy),
-        "half the time step": fresh_walker(plan, policy, time_step=0.5 * step),
+    for name, result in results.items():
+        designs[name] = space.candidate(result.unit[best[name]])
+        write_design(folder / name, plan, designs[name])
+        front = result.front(plan) if plan.method == "nsga2" else []
+        for number, k in enumerate(front[:: max(1, len(front) // MOST_OF_FRONT)]):
+            candidate = space.candidate(result.unit[k])
+            write_design(folder / name / f"front_{number}", plan, candidate)
+    half = 0.5 * float(plan.env_kwargs.get("time_step", 1e-3))
+    walkers = {
+        "search": make_walker(plan), OTHER_STARTS: make_walker(plan, FRESH),
+        "half the time step": make_walker(plan, FRESH, time_step=half),
     }  # fmt: skip
-    rows, walked = [], {}
-    for name, candidate in designs.items():
-        for place, walker in places.items():
-            measured, violation = measure(plan, walker, [candidate])
-            cells = [f"{float(measured[key][0]):.3g}" for key in names]
-            cells.append("yes" if violation[0] == 0.0 else "no")
-            rows.append([name if place == "search" else "", place, *cells])
-            if place == OTHER_STARTS:
-                walked[name] = cells
-        rows[-1].append("yes" if assembles(candidate.robot) else "no")
-    head = ["", "where", *(f"{key} ({MEASURES[key].unit})" for key in names), "limits kept",
-            "can be assembled"]  # fmt: skip
-    values = [space.values(space.start), *(space.values(r.searched.unit[r.best]) for r in results)]
-    table = [[name, *(f"{each[name]:.4g}" for each in values)] for name in values[0]]
-    count = sum(len(result.searched.violation) for result in results)
+    assembled = {
+        name: "yes" if assembles(design.robot) else "no" for name, design in designs.items()
+    }
+    table, walked = [], {}
+    for where, walker in walkers.items():
+        if where != "search":
+            walker.angles = np.random.default_rng(0).uniform(0.0, 2.0 * np.pi, FRESH)
+        measured, violation = measure(plan, walker, [*designs.values()])
+        for k, name in enumerate(designs):
+            cells = [f"{measured[key][k]:.3g}" for key in plan.measured]
+            cells.append("yes" if violation[k] == 0.0 else "no")
+            table.append([name, where, *cells, assembled[name]])
+            walked[name, where] = cells
+    head = [*(f"{key} ({MEASURES[key].unit})" for key in plan.measured), "limits kept"]
+    count = sum(len(result.violation) for result in results.values())
     text = (
         f"# {folder.name}\n\n{plan.method}, {plan.starts} walks at {plan.speed:g} m/s each of "
         f"{count} candidates, {plan.population} a generation.\n\n"
-        f"{tabulate(rows, head, tablefmt='github')}\n\n"
-        f"{tabulate(table, ['', *designs], tablefmt='github')}\n\n"
+        f"{tabulate(table, ['', 'where', *head, 'can be assembled'], tablefmt='github')}\n\n"
         "![designs](designs.png)\n\n![search](search.png)\n"
     )
-    if out := [result.name for result in results if result.rank(plan)[0] > 0.0]:
+    short_of = {name: float(result.violation[best[name]]) for name, result in results.items()}
+    if out := [name for name, violation in short_of.items() if violation > 0.0]:
         text += f"\nNone of {', '.join(out)} keeps all limits: shown is the one nearest to them.\n"
-    robots = {name: candidate.robot for name, candidate in designs.items()}
-    closed = all(geometry_measures(robot)["closure"] > 0.0 for robot in robots.values())
-    if len(results) > 1 and closed:
-        text += f"\n{agreement([*robots.values()])}\n"
-    draw_designs(robots, folder / "designs.png")
+    draw_designs({name: design.robot for name, design in designs.items()}, folder / "designs.png")
     draw_search(plan, results, folder / "search.png")
     write_text(folder / REPORT, text)
-    best = min(results, key=lambda result: result.rank(plan)).name
-    columns = [OTHER_STARTS, *head[2:-1]], ["start", *walked["start"]], [best, *walked[best]]
-    return screen_table([*zip(*columns, strict=True)])
 
+    def rank(name: str) -> tuple[float, float]:
+        objective = objectives_of(plan, results[name].measured)[best[name], 0]
+        return short_of[name], float(objective)
 
-def agreement(robots: Sequence[Robot]) -> str:
-    """Return how far designs agree as a sentence; the first design is the start.
-
-    Paths of the first toe: mean distance of points over width. Lengths: mean difference.
-    """
-    psi = np.linspace(0.0, 2.0 * np.pi, 180, endpoint=False)
-    toes = [toe_positions(robot, psi)[:, 0] @ (1.0, 1.0j) for robot in robots]
-    paths = [toe - toe.mean() for toe in toes]
-    sizes = np.array([[*lengths(robot).values()] for robot in robots])
-
-    def apart(i: int, k: int) -> tuple[float, float]:
-        gap = np.abs(paths[i][:, None] - paths[k])
-        mean = 0.5 * (gap.min(axis=0).mean() + gap.min(axis=1).mean())
-        width = 0.5 * (np.ptp(paths[i].real) + np.ptp(paths[k].real))
-        return mean / width, float(np.mean(np.abs(sizes[i] - sizes[k]) / np.abs(sizes[0])))
-
-    def mean(pairs: Iterable[tuple[int, int]]) -> str:
-        path, length = 100.0 * np.mean([apart(*pair) for pair in pairs], axis=0)
-        return f"paths {path:.1f} % of their width, lengths {length:.1f} %"
-
-    between = itertools.combinations(range(1, len(robots)), 2)
-    return (
-        f"Apart from each other in the mean: {mean(between)}; from the start: "
-        f"{mean((0, k) for k in range(1, len(robots)))}."
-    )
-
-
-def fresh_walker(plan: Plan, policy: Policy | None, **changes: object) -> Walker:
-    """Return what walks candidates from other starts than the search."""
-    walker = make_walker(plan, policy, FRESH, **changes)
-    walker.angles = np.random.default_rng(0).uniform(0.0, 2.0 * np.pi, FRESH)
-    return walker
+    columns = [[name, *walked[name, OTHER_STARTS]] for name in ("start", min(results, key=rank))]
+    return screen_table([*zip([OTHER_STARTS, *head], *columns, strict=True)])
 
 
 def assembles(robot: Robot) -> bool:
@@ -174,9 +94,8 @@ def assembles(robot: Robot) -> bool:
 def write_design(folder: Path, plan: Plan, candidate: Candidate) -> None:
     """Write a design's robot file and the profile that walks it."""
     write_robot(folder / ROBOT, candidate.robot)
-    if plan.policy is None:
-        numbers = [candidate.numbers.tolist()]
-        write_json(folder / PROFILE, {"found": {"commands": [plan.speed], "numbers": numbers}})
+    numbers = [candidate.numbers.tolist()]
+    write_json(folder / PROFILE, {"found": {"commands": [plan.speed], "numbers": numbers}})
 
 
 def draw_designs(robots: dict[str, Robot], path: Path) -> None:
@@ -201,34 +120,20 @@ def draw_designs(robots: dict[str, Robot], path: Path) -> None:
     save(figure, path)
 
 
-def draw_search(plan: Plan, results: list[SeedResult], path: Path) -> None:
-    """Draw the best so far, the front, or the map, as the method has it."""
+def draw_search(plan: Plan, results: dict[str, Searched], path: Path) -> None:
+    """Draw the front of several objectives, or the best so far of one."""
     figure = Figure((7.0, 4.6), layout="constrained")
-    axis = figure.subplots()
-    names = [*plan.objectives]
-    sign = np.array([1.0 if way == "min" else -1.0 for way in plan.objectives.values()])
-    for result in results:
-        objectives = objectives_of(plan, result.searched.measured)
+    axis, names = figure.subplots(), [*plan.objectives]
+    best = np.fmin if plan.objectives[names[0]] == "min" else np.fmax
+    for name, result in results.items():
         if plan.method == "nsga2":
-            front = objectives[result.searched.front(plan)][:, :2] * sign[:2]
-            axis.plot(*front.T, "o-", ms=4, lw=1.0, label=result.name)
-        elif plan.method == "map_elites":
-            places = [result.searched.measured[name] for name in plan.map]
-            kept = result.searched.violation == 0.0
-            order = np.flatnonzero(kept)[np.argsort(-objectives[kept, 0])]
-            value, (x, y) = sign[0] * objectives[order, 0], (place[order] for place in places)
-            shown = axis.scatter(x, y, c=value, s=8, cmap="viridis_r")
-            if result is results[0]:
-                figure.colorbar(shown, label=names[0])
+            front = result.front(plan)
+            axis.plot(*(result.measured[key][front] for key in names[:2]), "o-", ms=4, label=name)
         else:
-            value = np.where(result.searched.violation == 0.0, objectives[:, 0], np.inf)
-            best = np.minimum.accumulate(value.reshape(-1, plan.population).min(axis=1))
-            none = "" if np.isfinite(best).any() else ": none keeps all limits"
-            axis.plot(np.where(np.isfinite(best), sign[0] * best, np.nan), label=result.name + none)
-    labels = {"nsga2": names[:2], "map_elites": [*plan.map]}.get(
-        plan.method, ["generation", names[0]]
-    )
-    axis.set(xlabel=labels[0], ylabel=labels[1])
-    if plan.method != "map_elites":
-        axis.legend(fontsize=8)
+            value = np.where(result.violation == 0.0, result.measured[names[0]], np.nan)
+            axis.plot(best.accumulate(value), label=name)
+    axis.set(xlabel="candidate", ylabel=names[0])
+    if plan.method == "nsga2":
+        axis.set(xlabel=names[0], ylabel=names[1])
+    axis.legend(fontsize=8)
     save(figure, path)

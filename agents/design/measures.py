@@ -4,24 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from contextlib import suppress
 from typing import NamedTuple, cast
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.design.held_leg import held_leg_measures
-from agents.design.pins import loads_of_walk
 from agents.design.shape import Part, clearance, geometry_measures, shared_planes
 from agents.design.variables import Candidate
-from agents.tuning.profile_search import profiles
-from jansen_env.baselines.policy import Array, Policy
+from jansen_env.baselines.policy import Array, TorquePolicy, columns
 from jansen_env.dynamics.projection import leg_sides
+from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.plant import ProjectionPlant
-from jansen_env.robot.lengths import lengths, with_lengths
-from jansen_env.scoring.metrics import SETTLING, Episodes, point_estimates
+from jansen_env.plants.trace import trace_forces
+from jansen_env.robot import Bar, Robot
+from jansen_env.robot import buildable as built
+from jansen_env.robot.kinematics import turning
+from jansen_env.robot.linkage import CRANK
+from jansen_env.scoring.metrics import SETTLING, Env, Episodes, point_estimates
 from jansen_env.scoring.rollout import (
     EnvKwargs,
     Options,
@@ -30,6 +31,7 @@ from jansen_env.scoring.rollout import (
     make_envs,
     run_episodes,
 )
+from jansen_env.tasks.walking.profile import READ, profile_torque
 from jansen_env.tasks.walking.walker_benchmark import ENOUGH, WALKER
 from jansen_env.tasks.walking.walker_env import JansenWalkerEnv
 from jansen_env.terrain import Terrain, shapes
@@ -39,7 +41,8 @@ SEED = 130_000  # of resets, apart from all others
 STEPS = tuple(np.round(np.arange(0.04, 0.321, 0.04), 3).tolist())  # m, heights that are climbed
 STEP_AT = 1.0  # m, where the step is
 LEAST_BEYOND = 0.5  # m, to walk after it
-COPIES, TOLERANCE = 8, 5e-4  # of a candidate whose lengths are off by up to so much, m
+TRACED = 8  # time steps from one to the next in which pin forces are worked out
+PEAKS = 64  # time steps in which the ground pushes most, for the largest forces
 
 
 class Measure(NamedTuple):
@@ -50,14 +53,8 @@ class Measure(NamedTuple):
     label: str
 
 
-HELD = {
-    "leg_step": "m", "leg_clearance": "m", "leg_duty": "fraction", "leg_flatness": "1",
-    "leg_ripple": "1", "leg_wear": "N m", "leg_wear_of_mean": "N m", "leg_pin_load": "N",
-}  # fmt: skip
-"""Units of :func:`agents.design.held_leg.held_leg_measures`."""
 WALK = {name: Measure("walk", m.unit, m.label) for name, m in WALKER.metrics.items()}
 MEASURES: dict[str, Measure] = WALK | {
-    **{name: Measure("held", unit, "of one held leg") for name, unit in HELD.items()},
     "upright": Measure("walk", "fraction", "of the time limit without a fall"),
     "closure": Measure("shape", "1", "sine of two links' angle, nearest a dead point"),
     "height": Measure("shape", "m", "of the crank axis above the lowest toe, mean"),
@@ -74,13 +71,19 @@ MEASURES: dict[str, Measure] = WALK | {
     "pin_force": Measure("loads", "N", "largest force in a pin"),
     "rod_safety": Measure("loads", "1", "least buckling load over load of a bar"),
     "climb": Measure("climb", "m", "height of a step that is climbed"),
-    "worst_copy": Measure(
-        "copies", "1", f"largest cost of transport of {COPIES} copies built to {1e3 * TOLERANCE} mm"
-    ),
-}  # fmt: skip
+}
 """Measures by name; walks have the metrics of the walker's benchmark."""
-GROUPS = ("shape", "held", "planes", "walk", "copies", "climb", "loads")
+GROUPS = ("shape", "planes", "walk", "climb", "loads")
 """Groups of measures, the cheapest first."""
+
+
+def profiles(numbers: Array, env: Env) -> TorquePolicy:
+    """Return a policy for n walkers, each with its row of a profile's numbers (n, 4 + 2 K)."""
+    walker = cast(JansenWalkerEnv, env.unwrapped)
+    read = columns(walker, *READ)
+    return TorquePolicy(
+        lambda seen, *_: (profile_torque(numbers, seen, read), None), walker.torque_limit
+    )
 
 
 class Walker:
@@ -90,15 +93,12 @@ class Walker:
         env_id, env_kwargs: of a walker, with its "robot". speed: m/s.
         starts: crank angles to start from, evenly over half a turn: after that the legs have
             swapped. count: of candidates at once.
-        policy: that turns the crank in place of the candidates' profiles.
     """
 
     def __init__(
-        self, env_id: str, env_kwargs: EnvKwargs, speed: float, starts: int, count: int,
-        policy: Policy | None = None,
-    ) -> None:  # fmt: skip
-        self.env_id, self.env_kwargs, self.speed = env_id, env_kwargs, speed
-        self.starts, self.count, self.policy = starts, count, policy
+        self, env_id: str, env_kwargs: EnvKwargs, speed: float, starts: int, count: int
+    ) -> None:
+        self.env_id, self.env_kwargs, self.speed, self.count = env_id, env_kwargs, speed, count
         self.angles = math.pi * (np.arange(starts) + 0.5) / starts
         self._env = make_env(env_id, env_kwargs)
         self._envs: dict[tuple[object, ...], VectorEnv] = {}
@@ -113,16 +113,14 @@ class Walker:
 
     def measure(self, group: str, candidates: Sequence[Candidate]) -> dict[str, Array]:
         """Return a group's measures (n,) of candidates by name; NaN for what is not known."""
-        rows = {
+        values = {
             "shape": lambda: [geometry_measures(c.robot) for c in candidates],
-            "held": lambda: [held_leg_measures(c.robot) for c in candidates],
             "planes": lambda: self._planes(candidates),
             "walk": lambda: self.walk(candidates),
-            "copies": lambda: self._copies(candidates),
             "climb": lambda: self._climb(candidates),
             "loads": lambda: [self._loads(c) for c in candidates],
         }[group]()
-        return {name: np.array([row[name] for row in rows], float) for name in rows[0]}
+        return {name: np.array([each[name] for each in values], float) for name in values[0]}
 
     def _planes(self, candidates: Sequence[Candidate]) -> list[dict[str, float]]:
         """Gaps in the order along the shaft of the robot that the search began with."""
@@ -132,12 +130,12 @@ class Walker:
 
     def walk(self, candidates: Sequence[Candidate]) -> list[dict[str, float]]:
         """Score every candidate's walks from all starts."""
-        rows = []
+        scores = []
         for run in self._run(candidates, self.angles):
-            scores = point_estimates(WALKER.metrics, run, self._env)
-            row = {name: math.nan if value is None else value for name, value in scores.items()}
-            rows.append({**row, "upright": float(run["duration"].mean() / self.time_limit)})
-        return rows
+            estimates = point_estimates(WALKER.metrics, run, self._env)
+            known = {name: math.nan if v is None else v for name, v in estimates.items()}
+            scores.append({**known, "upright": float(run["duration"].mean() / self.time_limit)})
+        return scores
 
     def _run(
         self, candidates: Sequence[Candidate], angles: Array, grounds: Sequence[Terrain] = ()
@@ -164,21 +162,16 @@ class Walker:
         padded = [*candidates, *[candidates[-1]] * (count - len(candidates))]
         robots = np.empty(n, object)
         robots[:] = [candidate.robot for candidate in padded for _ in angles]
-        kwargs = dict(self.env_kwargs)
-        options: Options = {"crank_angle": np.tile(angles, count)}
+        kwargs = {**self.env_kwargs, "robot": padded[0].robot}
+        options: Options = {"crank_angle": np.tile(angles, count), "robot": robots}
         if grounds:
             kwargs["terrain"] = [*grounds] * count
-        if self.policy is None:
-            kwargs["robot"], options["robot"] = padded[0].robot, robots
-        else:  # which may observe how far lengths are from the environment's robot
-            options["lengths"] = np.empty(n, object)
-            options["lengths"][:] = [lengths(robot) for robot in robots]
         key = leg_sides(padded[0].robot), n, each, bool(grounds)
         if key not in self._envs:
             self._envs[key] = make_envs(self.env_id, kwargs, n)
         numbers = np.repeat([candidate.numbers for candidate in padded], each, axis=0)
         run = run_episodes(
-            self.policy or profiles(numbers, self._env), self.env_id, kwargs,
+            profiles(numbers, self._env), self.env_id, kwargs,
             np.full(n, self.speed), SEED + np.arange(n) % each,
             at_once=n, options=options, envs=self._envs[key],
         )  # fmt: skip
@@ -187,27 +180,6 @@ class Walker:
             {name: values[k * each : (k + 1) * each] for name, values in run.items()}
             for k in range(len(candidates))
         ]
-
-    def _copies(self, candidates: Sequence[Candidate]) -> list[dict[str, float]]:
-        """Score copies whose lengths are off, from one start each; infinite: one does not walk."""
-        rng, copies, places = np.random.default_rng(SEED), [], []
-        names = [name for name in lengths(candidates[0].robot) if name != "frame_angle"]
-        errors = rng.uniform(-TOLERANCE, TOLERANCE, (COPIES, len(names)))
-        costs = np.full((len(candidates), COPIES), np.inf)
-        for k, candidate in enumerate(candidates):
-            nominal = lengths(candidate.robot)
-            for i, error in enumerate(errors.tolist()):
-                off = {name: nominal[name] + e for name, e in zip(names, error, strict=True)}
-                with suppress(ValueError):  # three lengths that form no triangle
-                    robot = with_lengths(candidate.robot, off)
-                    if geometry_measures(robot)["closure"] > 0.0:
-                        copies.append(Candidate(robot, candidate.numbers))
-                        places.append((k, i))
-        for place, run in zip(places, self._run(copies, self.angles[:1]), strict=True):
-            cost = point_estimates(WALKER.metrics, run, self._env)["steady_cost_of_transport"]
-            if cost is not None and not run["fell"].any():
-                costs[place] = cost
-        return [{"worst_copy": value} for value in costs.max(axis=1).tolist()]
 
     def _climb(self, candidates: Sequence[Candidate]) -> list[dict[str, float]]:
         """Sum over :data:`STEPS`: their differences, times the share of the way beyond the step
@@ -218,34 +190,28 @@ class Walker:
                 f"climb at speed {self.speed} and a time limit of {self.time_limit:g} s ends "
                 f"{beyond:g} m behind the step, must be {LEAST_BEYOND} or more"
             )
-        heights, rows = np.array(STEPS), []
+        heights, climbed = np.array(STEPS), []
         grounds = [_step(height) for height in STEPS for _ in self.angles]
         for run in self._run(candidates, np.tile(self.angles, len(STEPS)), grounds):
             walked = np.clip((run["distance"] - STEP_AT) / beyond, 0.0, 1.0)
             share = np.where(run["fell"], 0.0, walked).reshape(len(STEPS), -1).mean(axis=1)
-            rows.append({"climb": float(np.diff(heights, prepend=0.0) @ share)})
-        return rows
+            climbed.append({"climb": float(np.diff(heights, prepend=0.0) @ share)})
+        return climbed
 
     def _loads(self, candidate: Candidate) -> dict[str, float]:
         """Pin forces of a walk after :data:`SETTLING` s: wear, the largest, buckling."""
-        kwargs = {**self.env_kwargs, "speed_command": self.speed}
-        options: dict[str, object] = {"crank_angle": float(self.angles[0])}
-        if self.policy is None:
-            kwargs["robot"] = candidate.robot
-        else:
-            options["lengths"] = lengths(candidate.robot)
+        kwargs = {**self.env_kwargs, "speed_command": self.speed, "robot": candidate.robot}
         env = gym.make(self.env_id, **kwargs)
         unwrapped = cast(JansenWalkerEnv, env.unwrapped)
         plant = cast(ProjectionPlant, unwrapped.plant)
-        policy = self.policy or profiles(candidate.numbers[None], env)
+        policy = profiles(candidate.numbers[None], env)
         traces: list[NDArray[np.void]] = []
-        state, over = None, False
+        over = False
         plant.tracing = True
-        seen, _ = env.reset(seed=SEED, options=options)
+        seen, _ = env.reset(seed=SEED, options={"crank_angle": float(self.angles[0])})
         begin = round(SETTLING / unwrapped.control_dt)
         while not over:
-            action, state = policy.predict(seen, state, np.array(not traces), True)
-            seen, _, fallen, late, _ = env.step(action)
+            seen, _, fallen, late, _ = env.step(policy.predict(seen)[0])
             traces.append(plant.trace.copy())
             over = fallen or late
         env.close()
@@ -254,6 +220,42 @@ class Walker:
         trace = np.concatenate(traces[begin:])
         least = 0.5 * self.speed * plant.time_step * len(trace)  # or it does not walk
         return loads_of_walk(candidate.robot, trace, plant.time_step, least)
+
+
+def loads_of_walk(
+    robot: Robot, trace: NDArray[np.void], time_step: float, least: float
+) -> dict[str, float]:
+    """Return wear (J/m), the largest pin force (N) and the least safety of a bar against buckling.
+
+    Wear is by Archard (1953): force times sliding at the bush's radius, summed over all pins, per
+    metre walked; times Archard's coefficient it is the volume worn.
+
+    Args:
+        trace: (steps,) of a walk, see :mod:`jansen_env.plants.trace`. time_step: s. least: m, to be
+            walked, or the wear is NaN.
+    """
+    pushed = np.abs(trace["impulses"]).sum(axis=(1, 2))
+    every, hardest = trace[::TRACED], trace[np.argsort(pushed)[-PEAKS:]]
+    tables = compile_robot(robot)
+    force = trace_forces(tables, every, time_step).magnitude
+    pairs = [(pin.other, pin.body) for pin in robot.linkage.pins]
+    rate = turning(robot, every["pose"][:, 3], pairs)  # rad of each pin per rad of the crank
+    rate *= np.abs(every["velocity_after"][:, 3, None, None])
+    work = float((force * rate).sum()) * built.PIN_RADIUS * time_step * TRACED
+    walked = float(trace["pose"][-1, 0] - trace["pose"][0, 0])
+    peak = trace_forces(tables, hardest, time_step)
+    axial, safety = peak.link_loads()[..., 0], math.inf
+    for body, (name, link) in enumerate(zip(robot.linkage.names, robot.bodies, strict=True), 1):
+        if isinstance(link, Bar) and body > CRANK:
+            ends = [k for k, (b, _) in enumerate(robot.linkage.corners) if b == body]
+            push = max(1e-9, -float(axial[..., ends].mean(axis=-1).min()))
+            most = built.buckling_load(link.length, thickness=built.bar_thickness(name))
+            safety = min(safety, most / push)
+    return {
+        "wear": work / walked if walked > least else math.nan,
+        "pin_force": float(peak.magnitude.max()),
+        "rod_safety": safety,
+    }
 
 
 def _step(height: float) -> Terrain:

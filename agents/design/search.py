@@ -1,35 +1,33 @@
 """A search: generations asked for, measured and told, each a line of a journal in its folder.
 
-The journal is the whole state: a search that was killed asks again, tells what it had measured,
-and goes on where it was, bit for bit.
+The journal is the whole state: the same seed and answers give the same questions, so a search that
+was killed asks again, tells what it had measured, and goes on where it was, bit for bit.
 """
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
+import cma
 import numpy as np
 
+from agents import need
 from agents.design.design_plan import Plan
 from agents.design.measures import Walker, groups_of
-from agents.design.optimisers import Cma, MapElites, Nsga2, Optimiser, check_installed
 from agents.design.variables import Candidate, Space
 from agents.training.runs import locked
-from jansen_env.baselines.policy import Array, Policy
+from jansen_env.baselines.policy import Array
 from jansen_env.checks import shown
-from jansen_env.commands.named_policies import load_named
 from jansen_env.files import open_regular
-from jansen_env.scoring.rollout import make_env
 
 JOURNAL = "journal.jsonl"
+SPREAD = 0.03  # standard deviation of the first generation: farther from the start few close
 
-Measured = dict[str, Array]
-Progress = Callable[[int, Measured, Array], None]
-"""Gets the number of a generation, its measures and violations."""
+Measured: TypeAlias = dict[str, Array]
 
 
 class Searched(NamedTuple):
@@ -50,13 +48,74 @@ class Searched(NamedTuple):
         feasible = objectives[fine]
 
         def beaten(k: int) -> bool:
-            better = (feasible <= objectives[k]).all(axis=1) & (feasible < objectives[k]).any(
-                axis=1
-            )
-            return bool(better.any())
+            no_worse = (feasible <= objectives[k]).all(axis=1)
+            return bool((no_worse & (feasible < objectives[k]).any(axis=1)).any())
 
         kept = [k for k in fine.tolist() if not beaten(k)]
         return sorted(kept, key=lambda k: float(objectives[k, 0]))
+
+
+Progress: TypeAlias = Callable[[Searched], object]
+"""Gets all that is measured after each generation."""
+
+
+class Cma:
+    """CMA-ES (Hansen 2016) for the first objective; what breaks limits ranks behind, by how far."""
+
+    def __init__(self, start: Array, population: int, seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        options = {
+            "bounds": [0.0, 1.0], "popsize": population, "seed": np.nan, "verbose": -9,
+            "CMA_elitist": True,  # or it loses a start that keeps narrow limits
+            "randn": lambda *shape: rng.standard_normal(shape),
+        }  # fmt: skip
+        inside = np.clip(start, 0.02, 0.98)
+        self._search = cma.CMAEvolutionStrategy(inside, SPREAD, options)
+        self._search.inject([inside], force=True)
+        self._asked: list[Array] = []
+
+    def ask(self) -> Array:
+        """Return the next generation (n, d), from 0 to 1."""
+        self._asked = self._search.ask()
+        return np.array(self._asked)
+
+    def tell(self, objectives: Array, violation: Array) -> None:
+        """Take its objectives (n, k), to be small, and how far it breaks the limits (n,)."""
+        rank = np.empty(len(violation))
+        rank[np.lexsort((objectives[:, 0], violation))] = np.arange(len(violation))
+        self._search.tell(self._asked, rank.tolist())
+
+
+class Nsga2:
+    """NSGA-II (Deb et al. 2002) for several objectives."""
+
+    def __init__(self, start: Array, population: int, seed: int, objectives: int) -> None:
+        need("design", "pymoo", who="nsga2")
+        from pymoo.algorithms.moo.nsga2 import NSGA2
+        from pymoo.core.problem import Problem
+
+        off = SPREAD * np.random.default_rng(seed).standard_normal((population, len(start)))
+        off[0] = 0.0
+        first = np.clip(start + off, 0.0, 1.0)
+        self._problem = Problem(n_var=len(start), n_obj=objectives, n_ieq_constr=1, xl=0.0, xu=1.0)
+        self._search = NSGA2(pop_size=population, sampling=first)
+        self._search.setup(self._problem, termination=("n_gen", 10**9), seed=seed, verbose=False)
+        self._asked: Any = None
+
+    def ask(self) -> Array:
+        """Return the next generation (n, d), from 0 to 1."""
+        self._asked = self._search.ask()
+        return np.array(self._asked.get("X"), float)
+
+    def tell(self, objectives: Array, violation: Array) -> None:
+        """Take its objectives (n, k), to be small, and how far it breaks the limits (n,)."""
+        from pymoo.core.evaluator import Evaluator
+        from pymoo.problems.static import StaticProblem
+
+        values = np.nan_to_num(objectives)  # unknown ones break a limit, and do not count
+        evaluated = StaticProblem(self._problem, F=values, G=violation[:, None])
+        Evaluator().eval(evaluated, self._asked)
+        self._search.tell(infills=self._asked)
 
 
 def objectives_of(plan: Plan, measured: Measured) -> Array:
@@ -65,35 +124,13 @@ def objectives_of(plan: Plan, measured: Measured) -> Array:
     return np.stack([sign * measured[name] for name, sign in ways], axis=1)
 
 
-def make_walker(
-    plan: Plan, policy: Policy | None = None, starts: int | None = None, **changes: object
-) -> Walker:
+def make_walker(plan: Plan, starts: int | None = None, **changes: object) -> Walker:
     """Return what measures a plan's candidates.
 
     ``starts``: in place of the plan's. ``changes``: of its environment's arguments.
     """
     kwargs = {"robot": plan.robot, **plan.env_kwargs, **changes}
-    return Walker(plan.env, kwargs, plan.speed, starts or plan.starts, plan.population, policy)
-
-
-def load_policy(plan: Plan) -> Policy | None:
-    """Return the policy that turns all cranks, None for profiles. Raises ValueError: no policy."""
-    if plan.policy is None:
-        return None
-    env = make_env(plan.env, {**plan.env_kwargs, "robot": plan.robot})
-    return load_named(plan.policy, env)
-
-
-def make_optimiser(plan: Plan, start: Array, seed: int) -> Optimiser:
-    """Return a plan's method at its beginning. Raises ValueError: its library is missing."""
-    check_installed(plan.method)
-    if plan.method == "cma":
-        return Cma(start, plan.population, seed)
-    if plan.method == "nsga2":
-        return Nsga2(start, plan.population, seed, len(plan.objectives))
-    low, high, cells = zip(*plan.map.values(), strict=True)
-    ranges = [*zip(low, high, strict=True)]
-    return MapElites(start, plan.population, seed, [*map(int, cells)], ranges)
+    return Walker(plan.env, kwargs, plan.speed, starts or plan.starts, plan.population)
 
 
 def measure(
@@ -109,20 +146,20 @@ def measure(
     measured = {name: np.full(n, np.nan) for name in [*wanted, "closure"]}
     able = np.array([candidate is not None for candidate in candidates])
     for group in groups_of(["closure", *wanted]):
-        rows = np.flatnonzero(able)
-        if not len(rows):
+        if not able.any():
             break
-        values = walker.measure(
-            group, [candidate for k in rows.tolist() if (candidate := candidates[k])]
-        )
+        part = [
+            c for c, fits in zip(candidates, able.tolist(), strict=True) if fits and c is not None
+        ]
+        values = walker.measure(group, part)
         for name in {*values} & {*measured}:
-            measured[name][rows] = values[name]
+            measured[name][able] = values[name]
         able &= (broken(plan, measured, values) == 0.0) & (measured["closure"] > 0.0)
     lost = ~(measured["closure"] > 0.0) | ~np.isfinite(objectives_of(plan, measured)).all(axis=1)
     return measured, broken(plan, measured, wanted) + lost
 
 
-def broken(plan: Plan, measured: Measured, names: Any) -> Array:
+def broken(plan: Plan, measured: Measured, names: Collection[str]) -> Array:
     """(n,) how far the limits on some measures are broken, in all.
 
     1 - 1 / (1 + x) for each of them, x in shares of the bound: below 1, so that what got far enough
@@ -140,58 +177,43 @@ def broken(plan: Plan, measured: Measured, names: Any) -> Array:
 
 
 def run_search(
-    plan: Plan, seed: int, folder: Path, policy: Policy | None = None,
-    progress: Progress = lambda *_: None,
-) -> Searched:  # fmt: skip
+    plan: Plan, seed: int, folder: Path, progress: Progress = lambda _: None
+) -> Searched:
     """Search, from where the folder's journal ends; returns all that was measured.
 
     Raises:
         ValueError: the journal is damaged, of another search, or another process writes it.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    space, path = plan.space(), folder / JOURNAL
+    walker, parts = make_walker(plan), list[Searched]()
+    search = (
+        Cma(space.start, plan.population, seed) if plan.method == "cma"
+        else Nsga2(space.start, plan.population, seed, len(plan.objectives))
+    )  # fmt: skip
     with locked(folder):
-        return _search(plan, seed, folder, policy, progress)
+        told = read_journal(path, plan)
+        for number in range(plan.generations):
+            unit = search.ask()
+            if number < len(told):
+                if not np.array_equal(unit, told[number].unit):
+                    raise ValueError(
+                        f"{path}, line {number + 1}, is not what this search asks for; the plan, "
+                        "seed or versions of the libraries are others: take another name"
+                    )
+                parts.append(told[number])
+            else:
+                parts.append(Searched(unit, *measure(plan, walker, candidates(space, unit))))
+                _append(path, parts[-1])
+            search.tell(objectives_of(plan, parts[-1].measured), parts[-1].violation)
+            progress(_joined(parts))
+    return _joined(parts)
 
 
-def execute_search(plan: Plan, seed: int, folder: Path) -> None:
-    """Run a seed's search on one core, in a process that has nothing else to do."""
-    os.environ["JANSEN_ENV_THREADS"] = "1"
-    run_search(plan, seed, folder, load_policy(plan))
-
-
-def _search(
-    plan: Plan, seed: int, folder: Path, policy: Policy | None, progress: Progress
-) -> Searched:
-    """Run a search as in :func:`run_search`, in a folder that is locked."""
-    space, walker = plan.space(), make_walker(plan, policy)
-    optimiser = make_optimiser(plan, space.start, seed)
-    told = read_journal(folder / JOURNAL, plan)
-    cut_torn_line(folder / JOURNAL)
-    parts = []
-    for number in range(plan.generations):
-        unit = optimiser.ask()
-        if number < len(told):
-            if not np.array_equal(unit, told[number].unit):
-                raise ValueError(
-                    f"{folder / JOURNAL}, line {number + 1}, is not what this search asks for; the "
-                    "plan, seed or versions of the libraries are others: take another name"
-                )
-            part = told[number]
-        else:
-            part = Searched(unit, *measure(plan, walker, candidates(space, unit)))
-            _append(folder / JOURNAL, part)
-        progress(number, part.measured, part.violation)
-        places = np.stack([part.measured[name] for name in plan.map], 1) if plan.map else part.unit
-        optimiser.tell(objectives_of(plan, part.measured), part.violation, places)
-        parts.append(part)
-    return joined(parts)
-
-
-def joined(parts: Sequence[Searched]) -> Searched:
+def _joined(parts: Sequence[Searched]) -> Searched:
     """Return generations as one."""
     units, measured, violations = zip(*parts, strict=True)
-    names = measured[0]
-    every = {name: np.concatenate([values[name] for values in measured]) for name in names}
+    every = {name: np.concatenate([values[name] for values in measured]) for name in measured[0]}
     return Searched(np.concatenate(units), every, np.concatenate(violations))
 
 
@@ -206,28 +228,20 @@ def candidates(space: Space, unit: Array) -> list[Candidate | None]:
     return made
 
 
-def cut_torn_line(path: Path) -> None:
-    """Remove a journal's last line if a process died before its end."""
-    if path.exists():
-        with open_regular(path) as file:
-            data = file.read()
-        os.truncate(path, data.rfind(b"\n") + 1)
-
-
 def _append(path: Path, part: Searched) -> None:
     """Add a generation to a journal, and see it on the disk."""
-    row = {
+    line = {
         "unit": part.unit.tolist(), "violation": part.violation.tolist(),
         "measured": {name: values.tolist() for name, values in part.measured.items()},
     }  # fmt: skip
     with path.open("a", encoding="utf-8") as file:
-        file.write(json.dumps(row) + "\n")
+        file.write(json.dumps(line) + "\n")
         file.flush()
         os.fsync(file.fileno())
 
 
 def read_journal(path: Path, plan: Plan) -> list[Searched]:
-    """Return the generations of a plan's journal, but for a last line without its end.
+    """Return the generations of a plan's journal; a last line without its end is cut off.
 
     Raises:
         ValueError: it is damaged; says in which line.
@@ -236,21 +250,16 @@ def read_journal(path: Path, plan: Plan) -> list[Searched]:
         return []
     with open_regular(path) as file:
         data = file.read()
+    os.truncate(path, data.rfind(b"\n") + 1)
     parts, names = [], {*plan.measured, "closure"}
     for number, line in enumerate(data.split(b"\n")[:-1], start=1):
         try:
             row = json.loads(line)
-            measured = {name: np.array(values, float) for name, values in row["measured"].items()}
-            part = Searched(
-                np.array(row["unit"], float), measured, np.array(row["violation"], float)
-            )
-            if part.unit.ndim != 2 or any(
-                each.shape != (len(part.unit),) for each in (part.violation, *measured.values())
-            ):
-                raise ValueError("its rows differ in length")
-            if {*measured} != names:
-                raise ValueError(f"it has measured {sorted(measured)}, must have {sorted(names)}")
-        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            measured = {name: np.array(row["measured"][name], float) for name in names}
+            violation = np.array(row["violation"], float)
+            if {values.shape for values in (violation, *measured.values())} != {(plan.population,)}:
+                raise ValueError(f"it has not {plan.population} values each")
+            parts.append(Searched(np.array(row["unit"], float), measured, violation))
+        except (ValueError, TypeError, KeyError) as error:
             raise ValueError(f"{path}, line {number}, is damaged: {shown(str(error))}") from error
-        parts.append(part)
     return parts

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from agents.tuning.profile_search import profiles
+from agents.design.measures import profiles
 from jansen_env.baselines.policy import columns
 from jansen_env.commands.named_policies import load_named
 from jansen_env.policies import pretrained

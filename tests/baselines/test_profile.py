@@ -1,12 +1,8 @@
-"""The crank-speed profile: interpolation, symmetry, how it walks, and the search for it."""
+"""The crank-speed profile: interpolation, symmetry, how it walks."""
 
 import numpy as np
 import pytest
-import scipy.stats
 
-from agents import tune
-from agents.tuning import profile_search
-from agents.tuning.profile_search import Sweep, improve, profiles, search_profile, triangular, worth
 from jansen_env.baselines.policy import TorquePolicy, columns
 from jansen_env.commands.named_policies import load_named
 from jansen_env.scoring.metrics import point_estimates
@@ -112,19 +108,6 @@ def test_it_walks_with_less_slip_than_the_pid():
     assert scores["profile", 0.1]["slip_per_metre"] < 0.5 * scores["pid", 0.1]["slip_per_metre"]
 
 
-def test_the_search_improves_a_bad_start():
-    start = np.array([0.4, 3.0, 1.0, 0.0, 0.3, 0.3])
-    sweep = Sweep(generations=4, episodes=2, step_size=1.0, candidates=6)
-    found = improve({0.1: start}, 0.1, sweep, np.random.default_rng(0))
-    env = make_env(ENV, {})
-    walks = [
-        run_episodes(profiles(own[None].repeat(8, 0), env), ENV, {}, np.full(8, 0.1), np.arange(8))
-        for own in (start, found)
-    ]
-    values = [worth(walk, env) for walk in walks]
-    assert values[1].mean() > values[0].mean() + 20.0
-
-
 def test_means_of_an_episode_end_with_its_fall():
     """The full torque throws some robots over: its mean square is its square, however soon."""
     full = TorquePolicy(lambda seen, *_: (np.full(len(seen), 20.0), None), 20.0)
@@ -132,57 +115,3 @@ def test_means_of_an_episode_end_with_its_fall():
     assert run["fell"].any() and not run["fell"].all()
     assert run["rms_torque"] == pytest.approx(np.full(3, 20.0))
     assert run["torque_change"] == pytest.approx(np.full(3, 20.0))  # once, from 0
-
-
-def test_the_search_repeats():
-    """The same seed finds the same numbers, another one others; both gaits, more harmonics."""
-    sweep = Sweep(generations=1, episodes=2, step_size=0.5, candidates=4)
-    told = []
-
-    def search(seed):
-        commands = (0.1, 0.15, 0.5)
-        (found,) = search_profile(commands, (sweep,), 5, seed, lambda c, _: told.append(c))
-        return found
-
-    found, again, other = search(0), search(0), search(1)
-    assert told[:3] == [0.1, 0.15, 0.5]
-    assert found.numbers.shape == (3, 14)
-    assert np.array_equal(found.numbers, again.numbers)
-    assert not np.array_equal(found.numbers, other.numbers)
-
-
-def test_triangular_quantiles():
-    """Those of scipy's distribution; one-sided at an end of the grid, a point where it is alone."""
-    share = np.linspace(0.01, 0.99, 9)
-    expected = scipy.stats.triang(0.25, 0.1, 0.4).ppf(share)
-    assert triangular(share, 0.1, 0.2, 0.5) == pytest.approx(expected)
-    assert triangular(share, 0.1, 0.1, 0.5) == pytest.approx(0.5 - 0.4 * np.sqrt(1.0 - share))
-    assert np.all(triangular(share, 0.3, 0.3, 0.3) == 0.3)
-
-
-def test_an_interrupted_search_leaves_no_part_of_the_grid(monkeypatch):
-    sweep, saved = Sweep(generations=1, episodes=2, step_size=0.5, candidates=4), []
-
-    def improve(found, command, sweep, rng, progress, env_id):
-        if len(saved) == 1 and command == 0.5:
-            raise KeyboardInterrupt
-        return found[command]
-
-    monkeypatch.setattr(profile_search, "improve", improve)
-    with pytest.raises(KeyboardInterrupt):
-        for found in search_profile((0.1, 0.15, 0.5), (sweep, sweep)):
-            saved.append(found)
-    assert [profile.commands.tolist() for profile in saved] == [[0.1, 0.15, 0.5]]
-
-
-def test_tuning_writes_what_can_be_loaded(tmp_path, monkeypatch, capsys):
-    short = (Sweep(generations=1, episodes=2, step_size=0.5, candidates=4),)
-    monkeypatch.setattr(profile_search, "SWEEPS", short)
-    monkeypatch.setattr(profile_search, "COMMANDS", (0.1,))
-    tune.main(["profile", "--seed", "3", "--out", str(tmp_path)])
-    assert [path.name for path in tmp_path.iterdir()] == ["profile.json"]
-    found = load_profile(tmp_path / "profile.json")
-    assert found.numbers.shape == (1, 12) and found.commands.tolist() == [0.1]
-    with pytest.raises(SystemExit):
-        tune.main(["nobody", "--out", str(tmp_path)])
-    assert "baseline is 'nobody', must be one of" in capsys.readouterr().err

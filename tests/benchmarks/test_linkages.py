@@ -57,7 +57,7 @@ def test_the_page_has_the_table_of_the_program():
 
 @pytest.mark.slow
 def test_linkages_run(tmp_path):
-    linkages.main(["--quick", "--search", "--out", str(tmp_path)])
+    linkages.main(["--quick", "--out", str(tmp_path)])
     scores = json.loads((tmp_path / "scores.json").read_text(encoding="utf-8"))
     assert list(scores) == [*linkages.LINKAGES][:3]
     for both in scores.values():

@@ -4,8 +4,8 @@
     torque     = kp (n_ref - crank speed) + tau0
 
 Even harmonics, as both pairs of legs are on crank pins half a turn apart: all repeats twice a turn.
-The lag is the target's distance ahead of the robot: with it the mean speed is held. The numbers
-are found by ``python -m agents.tune profile``.
+The lag is the target's distance ahead of the robot: with it the mean speed is held. How the
+numbers were found: ``docs/profile.md``.
 """
 
 from __future__ import annotations

@@ -1,1 +1,0 @@
-"""Find the baselines' numbers."""

@@ -2,14 +2,7 @@
 
 import pytest
 
-from benchmarks import (
-    built_robot,
-    climbing,
-    measure,
-    plants,
-    ranking,
-    speed,
-)
+from benchmarks import climbing, measure, plants, speed
 from benchmarks.plants import Comparison, Walk
 from benchmarks.walks import Walked
 
@@ -66,7 +59,6 @@ def test_what_cannot_be_measured_is_refused(arguments, tmp_path, capsys):
         (speed.main, ("stable_baselines3", "mujoco"), ["--only", "ppo"], "speed"),
         (plants.main, (), [], "plants"),
         (plants.main, (), ["--machines"], "machines"),
-        (built_robot.main, (), ["--plant", "rigid_body"], "motors_rigid_body"),
     ],
 )
 def test_a_benchmark_runs(main, needs, arguments, written, tmp_path):
@@ -77,39 +69,6 @@ def test_a_benchmark_runs(main, needs, arguments, written, tmp_path):
     assert text.startswith("# ") and "\n|:--" in text
     if written in ("plants", "machines"):
         assert not any(verdict in text for verdict in ("chaotic", "differ", "falls", "gait"))
-
-
-def scored(error, slip, cost, falls, torque, share=1.0, returned=0.0):
-    """A controller's row, over all commands and at the only one."""
-    names = ("return", "speed_error", "slip_per_metre", "cost_of_transport", "falls", "rms_torque")
-    row = dict(zip(names, (returned, error, slip, cost, falls, torque), strict=True))
-    return [{**row, "share": share}] * 2
-
-
-def test_ranks_by_return_and_by_table():
-    rows = {
-        "good": scored(0.01, 0.1, 1.0, 0.0, 5.0, returned=9.0),
-        "rough": scored(0.02, 0.2, 3.0, 0.0, 9.0, returned=5.0),
-        "near": scored(0.3, float("nan"), float("nan"), 0.0, 0.0, share=0.1, returned=1.0),
-        "far": scored(0.4, float("nan"), float("nan"), 0.0, 0.0, share=-0.1, returned=2.0),
-    }
-    at_command = [row[1] for row in rows.values()]
-    assert ranking.table_ranks(at_command) == pytest.approx([1.1, 1.9, 3.0, 4.0])
-    table, correlation = ranking.rank(rows)
-    assert correlation == pytest.approx(0.8)
-    assert [line.split("|")[1].strip() for line in table.splitlines()[2:]] == [
-        "good", "rough", "far", "near",
-    ]  # fmt: skip
-
-
-def test_ranking_runs(tmp_path, capsys):
-    ranking.main(["--quick", "--out", str(tmp_path)])
-    lines = (tmp_path / "ranking.md").read_text().splitlines()[2:]
-    order = [line.split("|")[1].strip() for line in lines if line.startswith("|")]
-    assert set(order) == {ranking.SHIPPED, *ranking.CONTROLLERS} and len(order) >= 10
-    assert order[-1] == "standing"
-    assert order.index("profile") < order.index("PID, bang-bang")
-    assert "rank correlation" in capsys.readouterr().out
 
 
 def test_an_unknown_policy_is_refused(tmp_path, capsys):

@@ -9,14 +9,13 @@ Writes ``climbing.md``, and for the paper's robot ``levels.md``.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from benchmarks import measure
-from benchmarks.measure import WALKER
 from jansen_env import Terrain
 from jansen_env.baselines.policy import Array, Bools, Policy
+from jansen_env.commands.named_policies import label, load_named
 from jansen_env.scoring.rollout import make_env, run_episodes
 from jansen_env.tasks.walking.walker_benchmark import ENOUGH, succeeded
 from jansen_env.terrain import shapes
@@ -27,6 +26,7 @@ FRICTION = 0.8
 EPISODES = 24  # of each case
 AT_ONCE = 256  # robots
 FIRST_SEED = 90_000  # apart from all others
+WALKER = "JansenWalker-v0"
 ENVS = (WALKER, "JansenWalkerBuilt-v0", "JansenWalkerRough-v0")  # the last with a look ahead
 HALF = 0.5  # of the walks: up to which size the machine is said to climb
 BEYOND = 2  # sizes beyond the highest level
@@ -54,73 +54,41 @@ def sizes(obstacle: str) -> Array:
     return -grown if obstacle.endswith("down") else grown
 
 
-def ground(obstacle: str, size: float, seed: int, start: float = shapes.START) -> Terrain:
-    """Return an obstacle of a size; place and draws differ by seed; start: m, of a single step."""
+def ground(obstacle: str, size: float, seed: int) -> Terrain:
+    """Return an obstacle of a size; place and draws differ by seed."""
     rng = np.random.default_rng([FIRST_SEED, seed])
     if obstacle != "one step":
         given = ((parameter(obstacle), size),)
         return NamedGenerator(obstacle.split()[0], given)(rng, 0)
-    edge = start + rng.uniform(0.1, 0.5)
+    edge = shapes.START + rng.uniform(0.1, 0.5)
     step = shapes.treads(np.array([edge]), np.array([size]))
     return Terrain.of(np.concatenate([[[-1.0, 0.0]], step, [[step[-1, 0] + 1.0, size]]]))
 
 
-class Walked(NamedTuple):
-    """Outcomes of walks, arrays of one shape: stayed up, succeeded."""
-
-    up: Bools
-    succeeded: Bools
-
-
-Found: TypeAlias = dict[str, Walked]
-"""Outcomes (sizes, speeds, episodes) by policy."""
-
-
-def walk(
-    policy: Policy,
-    cases: Sequence[tuple[Terrain, float, int]],
-    env_id: str = WALKER,
-    **more: object,
-) -> Walked:
-    """One walk of each case (terrain, speed command, seed), (n,); ``more``: arguments."""
-    parts = []
-    for begin in range(0, len(cases), AT_ONCE):
-        terrains, speeds, seeds = zip(*cases[begin : begin + AT_ONCE], strict=True)
-        kwargs: dict[str, object] = {
-            "friction": FRICTION,
-            "terrain": list(terrains),
-            "randomize": {},
-            **more,
-        }
-        run = run_episodes(policy, env_id, kwargs, np.array(speeds), np.array(seeds))
-        won = succeeded(run, make_env(env_id, {})).astype(bool)
-        parts.append(Walked(~run["fell"].astype(bool), won))
-    return Walked(*map(np.concatenate, zip(*parts, strict=True)))
-
-
 def climb(
-    policies: dict[str, Policy], obstacle: str, speeds: Sequence[float], episodes: int,
-    env_id: str = WALKER,
-) -> Found:  # fmt: skip
-    """Walks over all sizes of an obstacle; episode k has the same ground at all speeds."""
-    grown = sizes(obstacle)
-    cases = [
-        (ground(obstacle, size, k), speed, FIRST_SEED + k)
-        for size in grown.tolist()
-        for speed in speeds
-        for k in range(episodes)
-    ]
+    policies: dict[str, Policy], obstacle: str, speeds: Sequence[float], episodes: int, env_id: str
+) -> dict[str, Bools]:
+    """Successes (sizes, speeds, episodes) by policy; episode k has one ground at all speeds."""
+    grown, env = sizes(obstacle), make_env(env_id, {})
     shape = len(grown), len(speeds), episodes
-    return {
-        name: Walked(*(values.reshape(shape) for values in walk(policy, cases, env_id)))
-        for name, policy in policies.items()
-    }
+    cases = [*np.ndindex(shape)]
+    won: dict[str, list[Bools]] = {name: [] for name in policies}
+    for begin in range(0, len(cases), AT_ONCE):
+        some = cases[begin : begin + AT_ONCE]
+        terrains = [ground(obstacle, float(grown[i]), k) for i, _, k in some]
+        kwargs = {"friction": FRICTION, "terrain": terrains, "randomize": {}}
+        commands = np.array([speeds[j] for _, j, _ in some])
+        seeds = FIRST_SEED + np.array([k for *_, k in some])
+        for name, policy in policies.items():
+            run = run_episodes(policy, env_id, kwargs, commands, seeds)
+            won[name].append(succeeded(run, env).astype(bool))
+    env.close()
+    return {name: np.concatenate(parts).reshape(shape) for name, parts in won.items()}
 
 
-def by_any_policy(outcomes: Found) -> Array:
+def by_any_policy(outcomes: dict[str, Bools]) -> Array:
     """(sizes,) share of the grounds on which some policy succeeded at some speed."""
-    every = np.stack([walked.succeeded for walked in outcomes.values()])
-    return np.asarray(every.any(axis=(0, 2)).mean(axis=1))
+    return np.asarray(np.stack([*outcomes.values()]).any(axis=(0, 2)).mean(axis=1))
 
 
 def last(grown: Array, share: Array) -> str:
@@ -136,31 +104,26 @@ def best(values: Bools) -> Array:
     return np.asarray(shares[:, np.argmax(shares.mean(axis=0))])
 
 
-def limit_table(results: dict[str, Found]) -> str:
+def limit_table(results: dict[str, dict[str, Bools]]) -> str:
     """Return the sizes up to which policies succeed at their best speed, as Markdown."""
     rows = []
     for obstacle, outcomes in results.items():
         grown, unit = sizes(obstacle), UNITS.get(parameter(obstacle), "m")
-        limits = [last(grown, best(walked.succeeded)) for walked in outcomes.values()]
-        label = f"{obstacle}, {parameter(obstacle)} ({unit})"
-        rows.append((label, *limits, last(grown, by_any_policy(outcomes))))
+        limits = [last(grown, best(won)) for won in outcomes.values()]
+        name = f"{obstacle}, {parameter(obstacle)} ({unit})"
+        rows.append((name, *limits, last(grown, by_any_policy(outcomes))))
     return measure.table(("obstacle", *next(iter(results.values())), "any, at any speed"), rows)
 
 
-def walkable_table(results: dict[str, Found]) -> str:
+def walkable_table(results: dict[str, dict[str, Bools]]) -> str:
     """Return success by level, of any policy at any speed, as Markdown."""
-    by_kind: dict[str, list[Array]] = {name: [] for name in LEVELS}
-    rows = []
-    for obstacle, outcomes in results.items():
-        if obstacle == "one step":
-            continue
-        share = by_any_policy(outcomes)
-        by_kind[obstacle.split()[0]].append(share)
-        rows.append((obstacle, *(f"{value:.2f}" for value in share)))
-    if all(by_kind.values()):
-        mixed = np.mean([np.mean(shares, axis=0) for shares in by_kind.values()], axis=0)
-        rows.append(("mixed", *(f"{value:.2f}" for value in mixed)))
+    shares = {name: by_any_policy(won) for name, won in results.items() if name != "one step"}
+    kinds = [[share for name, share in shares.items() if name.split()[0] == kind]
+             for kind in LEVELS]  # fmt: skip
+    if all(kinds):
+        shares["mixed"] = np.mean([np.mean(alike, axis=0) for alike in kinds], axis=0)
     levels = (*range(HIGHEST + 1), *(f"({HIGHEST + 1 + i})" for i in range(BEYOND)))
+    rows = [(name, *(f"{value:.2f}" for value in share)) for name, share in shares.items()]
     return measure.table(("level", *map(str, levels)), rows)
 
 
@@ -169,19 +132,24 @@ def level_table() -> str:
     rows = []
     for name, parameters in LEVELS.items():
         for key, (low, high) in parameters.items():
-            label = f'`"{name}"`, `{key}` ({UNITS.get(key, "m")})'
-            if low == high:
-                rows.append((label, f"{low:g}", *[""] * HIGHEST))
-            else:
-                each = (f"{at_level(name, level)[key]:.3g}" for level in range(HIGHEST + 1))
-                rows.append((label, *each))
+            each = [f"{at_level(name, level)[key]:.3g}" for level in range(HIGHEST + 1)]
+            each = [f"{low:g}", *[""] * HIGHEST] if low == high else each
+            rows.append((f'`"{name}"`, `{key}` ({UNITS.get(key, "m")})', *each))
     return measure.table(("level", *map(str, range(HIGHEST + 1))), rows)
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
     parser = measure.options(__doc__, "docs/terrain", episodes=EPISODES)
-    args, policies = measure.parse_with_policies(parser, arguments, ENVS)
+    parser.add_argument("--policy", action="append", default=[], metavar="NAME",
+                        help="also a run's folder or model")  # fmt: skip
+    parser.add_argument("--env", choices=ENVS, default=WALKER, help=f"({WALKER})")
+    args = measure.parse(parser, arguments)
+    env = make_env(args.env, {})
+    try:
+        policies = {label(n): load_named(n, env) for n in ("pid", "profile", *args.policy)}
+    except ValueError as error:
+        parser.error(str(error))
     count, speeds = (2, SPEEDS[-1:]) if args.quick else (args.episodes, SPEEDS)
     results = {
         obstacle: climb(policies, obstacle, speeds, count, args.env)
@@ -204,10 +172,10 @@ def main(arguments: list[str] | None = None) -> None:
         "the mean of the seven kinds.",
         walkable_table(results),
     )
-    if args.env != WALKER:
-        return
-    measure.report(args.out / "levels.md", "# Levels", "`python -m benchmarks.climbing`: values "
-                   "of `jansen_env.terrain.generators.LEVELS`.", level_table())  # fmt: skip
+    if args.env == WALKER:
+        source = "values of `jansen_env.terrain.generators.LEVELS`."
+        measure.report(args.out / "levels.md", "# Levels",
+                       f"`python -m benchmarks.climbing`: {source}", level_table())  # fmt: skip
 
 
 if __name__ == "__main__":

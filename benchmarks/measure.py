@@ -1,4 +1,4 @@
-"""Turns, ratios, the machine, the command line, tables and figures of all benchmarks."""
+"""Turns, the machine, the command line and tables of all benchmarks."""
 
 from __future__ import annotations
 
@@ -8,54 +8,21 @@ import os
 import platform
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TypeVar
 
-import numpy as np
 from tabulate import tabulate
 
 import jansen_env
-from jansen_env.baselines.policy import Policy
-from jansen_env.commands.named_policies import label, load_named
 from jansen_env.cores import available_cores
-from jansen_env.files import write_text, write_whole
-from jansen_env.scoring.rollout import make_env
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-    from numpy.typing import NDArray
+from jansen_env.files import write_text
 
 K = TypeVar("K")
 T = TypeVar("T")
 
-WALKER = "JansenWalker-v0"
-PACKAGES = (
-    "box2d", "envpool", "gymnasium", "mujoco", "numpy", "pymunk", "stable-baselines3",
-    "torch",
-)  # fmt: skip
-
-
-class Ratio(NamedTuple):
-    """Ratio of the medians of two series, and the lowest and highest ratio within a round."""
-
-    value: float
-    low: float
-    high: float
-
-
-def ratio(ours: Sequence[float], theirs: Sequence[float]) -> Ratio:
-    """Ours over theirs; entry k of both was measured in round k."""
-    by_round = [a / b for a, b in zip(ours, theirs, strict=True)]
-    return Ratio(median(ours) / median(theirs), min(by_round), max(by_round))
-
-
-def spread(values: Sequence[float], form: str = ",.0f") -> tuple[str, str, str]:
-    """Median, lowest and highest of the rounds, as cells of a table."""
-    middle, low, high = (format(v, form) for v in (median(values), min(values), max(values)))
-    return middle, low, high
+PACKAGES = "box2d", "envpool", "gymnasium", "mujoco", "numpy", "pymunk"
 
 
 def take_turns(plays: Mapping[K, Callable[[], T]], rounds: int) -> dict[K, list[T]]:
@@ -67,6 +34,22 @@ def take_turns(plays: Mapping[K, Callable[[], T]], rounds: int) -> dict[K, list[
         for name in list(plays) if number % 2 == 0 else reversed(list(plays)):
             results[name].append(plays[name]())
     return results
+
+
+def rate_table(
+    rates: Mapping[tuple[str, ...], Sequence[float]],
+    names: Sequence[str],
+    references: Iterable[tuple[str, ...]],
+) -> str:
+    """Medians, lowest and highest of rates by contestant, and medians over those of references."""
+    references, middle = list(references), {key: median(rates[key]) for key in rates}
+    rows = [
+        (*key, *(f"{rate:,.0f}" for rate in (middle[key], min(series), max(series))),
+         *(f"{middle[key] / middle[other]:.2f}" for other in references))
+        for key, series in rates.items()
+    ]  # fmt: skip
+    ratios = (f"/ {', '.join(other)}" for other in references)
+    return table((*names, "steps/s", "lowest", "highest", *ratios), rows)
 
 
 def machine() -> str:
@@ -98,7 +81,7 @@ def options(doc: str | None, out: str, **counts: int) -> argparse.ArgumentParser
         f"python -m benchmarks.{Path(sys.argv[0]).stem}", description=(doc or "").partition("\n")[0]
     )
     parser.add_argument("--out", type=Path, default=Path(out), metavar="DIR",
-                        help=f"folder for tables and figures ({out})")  # fmt: skip
+                        help=f"folder for tables ({out})")  # fmt: skip
     parser.add_argument("--quick", action="store_true", help="try the program; proves nothing")
     for name, default in counts.items():
         parser.add_argument(f"--{name}", type=int, default=default, metavar="N",
@@ -109,34 +92,12 @@ def options(doc: str | None, out: str, **counts: int) -> argparse.ArgumentParser
 def parse(parser: argparse.ArgumentParser, arguments: list[str] | None) -> argparse.Namespace:
     """The parsed command line; exits if it cannot be followed."""
     args = parser.parse_args(arguments)
-    for name in ("episodes", "jobs", "rounds", "starts"):
+    for name in ("episodes", "jobs", "rounds"):
         if getattr(args, name, 1) < 1:
             parser.error(f"--{name} is {getattr(args, name)}, must be at least 1")
     if args.out.exists() and not args.out.is_dir():
         parser.error(f"--out is {args.out}, must be a folder")
     return args
-
-
-def parse_with_policies(
-    parser: argparse.ArgumentParser, arguments: list[str] | None, envs: Sequence[str] = (WALKER,)
-) -> tuple[argparse.Namespace, dict[str, Policy]]:
-    """The command line with ``--policy``, and the policies beside the PID and the profile."""
-    parser.add_argument("--policy", action="append", default=[], metavar="NAME",
-                        help="also a run's folder or model")  # fmt: skip
-    parser.add_argument("--env", choices=envs, default=envs[0], help=f"({envs[0]})")
-    args = parse(parser, arguments)
-    try:
-        return args, load_policies(["pid", "profile", *args.policy], args.env)
-    except ValueError as error:
-        parser.error(str(error))
-
-
-def load_policies(names: Iterable[str], env_id: str = WALKER) -> dict[str, Policy]:
-    """Policies by label; see :func:`jansen_env.commands.named_policies.load_named`."""
-    env = make_env(env_id, {})
-    policies = {label(name): load_named(name, env) for name in names}
-    env.close()
-    return policies
 
 
 def require(*modules: str) -> None:
@@ -151,22 +112,3 @@ def report(path: Path, *parts: str) -> None:
     text = "\n\n".join(parts) + "\n"
     write_text(path, text)
     print(text)
-
-
-def subplots(
-    rows: int, columns: int, width: float, height: float, **arguments: object
-) -> tuple[Figure, NDArray[np.object_]]:
-    """A matplotlib figure and its axes (rows, columns), with grids; inches."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False, **arguments)  # type: ignore[call-overload]
-    for axis in axes.flat:
-        axis.grid(alpha=0.3)
-        axis.set_axisbelow(True)
-    return figure, axes
-
-
-def save(figure: Figure, path: Path) -> None:
-    """Write a matplotlib figure."""
-    write_whole(path, partial(figure.savefig, dpi=110))

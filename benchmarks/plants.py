@@ -43,13 +43,11 @@ MACHINES = {
     "motor's line": replace(SLENDER, motor=LINE, pad_compliance=FEET),
     "built": ROBOTS["built"](),
 }
-LINKAGES = {name: make() for name, make in ZOO.items()}
 LINKAGE_SPEEDS, LINKAGE_FRICTIONS = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0), (0.2, 0.5, 0.8)
 MACHINE_SPEEDS = (1.0, 4.0)  # of the crank, rad/s
 MACHINE_DURATION = 3.0  # s
 OTHER_STARTS = tuple(math.pi * k / 12.0 for k in range(12))  # rad; half a turn on, all is the same
 ALLOWED = 0.05  # difference in distance and cost of transport up to which the plants agree
-COMPARED = ("distance", "cost_of_transport")
 HOW_COMPARED = (
     "Projection plant: the median of six runs, which start within 1 mrad of one another or have "
     "half the time step; spread: of their distances. Rigid-body plant: at half its time step. "
@@ -85,7 +83,7 @@ class Walk:
 
     def plant(self, name: str, halvings: int = 0) -> Plant:
         """Return a plant by name, its own time step halved so many times."""
-        robot = {**MACHINES, **LINKAGES}[self.machine]
+        robot = ZOO[self.machine]() if self.machine in ZOO else MACHINES[self.machine]
         robot = replace(robot, payload=Payload(self.payload))
         terrain = Terrain.slope(self.slope, friction=self.friction)
         return make_plant(name, robot, terrain, PLANTS[name] / 2**halvings)
@@ -159,7 +157,8 @@ def walk_table(compared: list[Comparison]) -> str:
     """A row a walk: distance and cost on both plants, of the rigid-body plant at half its step."""
     rows = []
     for c in compared:
-        pairs = [(c.projection(name), getattr(c.rigid[-1], name)) for name in COMPARED]
+        pairs = [(c.projection(name), getattr(c.rigid[-1], name))
+                 for name in ("distance", "cost_of_transport")]  # fmt: skip
         rows.append((
             c.walk.label, *(f"{value:.3g}" for pair in pairs for value in pair),
             "falls" if math.isinf(c.spread) else f"{100 * c.spread:.1f}", c.verdict,
@@ -179,21 +178,6 @@ def verdict_table(compared: list[Comparison]) -> str:
     return table(("machine", "walks", *verdicts), rows)
 
 
-def compare_all(walks: list[Walk], jobs: int) -> tuple[str, str, str]:
-    """Return how walks are compared, their verdicts, and the table of walks.
-
-    Where several machines are compared, the latter has the walks that do not agree.
-    """
-    compared = []
-    with ProcessPoolExecutor(jobs) as pool:
-        for number, comparison in enumerate(pool.map(compare, walks), 1):
-            compared.append(comparison)
-            print(f"{number}/{len(walks)} {comparison.walk.label}", file=sys.stderr)
-    many = len({walk.machine for walk in walks}) > 1
-    shown = [c for c in compared if c.verdict != "agree" or not many]
-    return HOW_COMPARED, verdict_table(compared), walk_table(shown)
-
-
 def machine_walks(quick: bool) -> list[Walk]:
     """Walks of :data:`MACHINES`, two of them loaded too."""
     others = list(MACHINES)[1:]
@@ -209,12 +193,12 @@ def machine_walks(quick: bool) -> list[Walk]:
 
 
 def linkage_walks(quick: bool) -> list[Walk]:
-    """21 walks of each of :data:`LINKAGES`."""
+    """21 walks of each leg of the zoo."""
     if quick:
-        return [Walk(1.0, machine=name, duration=1.0) for name in LINKAGES]
+        return [Walk(1.0, machine=name, duration=1.0) for name in ZOO]
     return [
         Walk(speed, friction, machine=name, duration=MACHINE_DURATION)
-        for name in LINKAGES
+        for name in ZOO
         for friction in LINKAGE_FRICTIONS
         for speed in LINKAGE_SPEEDS
     ]
@@ -229,26 +213,36 @@ def paper_walks(quick: bool) -> list[Walk]:
     return walks + [Walk(HARDER, payload=payload) for payload in PAYLOADS]
 
 
+SETS = {
+    "plants": (paper_walks, "walk by walk"),
+    "machines": (machine_walks, "other machines"),
+    "linkages": (linkage_walks, "other linkages"),
+}
+"""Walks by the name of their table, and what its title says of them."""
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
     parser = measure.options(__doc__, "logs/plants", jobs=2)
     others = parser.add_mutually_exclusive_group()
-    others.add_argument("--machines", action="store_true", help="other machines instead")
-    others.add_argument("--linkages", action="store_true", help="other linkages instead")
+    for name in ("machines", "linkages"):
+        others.add_argument(f"--{name}", dest="chosen", action="store_const", const=name,
+                            default="plants", help=f"other {name} instead")  # fmt: skip
     args = measure.parse(parser, arguments)
-    head = measure.machine()
-    for name, chosen, walks in (
-        ("machines", args.machines, machine_walks), ("linkages", args.linkages, linkage_walks)
-    ):  # fmt: skip
-        if chosen:
-            compared = compare_all(walks(args.quick), args.jobs)
-            command = f"`python -m benchmarks.plants --{name}`. {head}"
-            measure.report(args.out / f"{name}.md", f"# Two plants, other {name}", command,
-                           *compared)  # fmt: skip
-            return
-    compared = compare_all(paper_walks(args.quick), args.jobs)
-    command = f"`python -m benchmarks.plants`. {head}"
-    measure.report(args.out / "plants.md", "# Two plants, walk by walk", command, *compared)
+    head, (make_walks, title) = measure.machine(), SETS[args.chosen]
+    walks, compared = make_walks(args.quick), []
+    with ProcessPoolExecutor(args.jobs) as pool:
+        for number, comparison in enumerate(pool.map(compare, walks), 1):
+            compared.append(comparison)
+            print(f"{number}/{len(walks)} {comparison.walk.label}", file=sys.stderr)
+    # Of several machines, the walks that do not agree.
+    shown = [c for c in compared if c.verdict != "agree" or args.chosen == "plants"]
+    flag = "" if args.chosen == "plants" else f" --{args.chosen}"
+    measure.report(
+        args.out / f"{args.chosen}.md", f"# Two plants, {title}",
+        f"`python -m benchmarks.plants{flag}`. {head}",
+        HOW_COMPARED, verdict_table(compared), walk_table(shown),
+    )  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jansen_env import Terrain
 from jansen_env.baselines.pid import PID
 from jansen_env.engine.walk_reward import FALLEN_PITCH
 from jansen_env.gravity import GRAVITY
@@ -18,7 +17,6 @@ from jansen_env.plants.plant import Plant
 CONTROL_DT = 0.02  # s for which a torque is held
 SETTLE = 2.0  # s of walking that are not measured
 TORQUE_LIMIT = 20.0  # N m
-STEEPNESS = 0.1  # heights of rough ground are +- so much of the distance between its vertices
 
 
 class Walked(NamedTuple):
@@ -103,9 +101,3 @@ def walk(
 def fallen(plant: Plant, result: StepResult) -> bool:
     """Return whether the step ended in a fall, as the walking task defines it."""
     return bool(result.non_toe_contact) or abs(float(plant.state[2])) > FALLEN_PITCH
-
-
-def rough_ground(segments: int, spacing: float = 0.2, seed: int = 0, **arguments: float) -> Terrain:
-    """Rough ground of 5 or more segments around x = 0, equally steep whatever the spacing (m)."""
-    length, rng = (segments - 2.5) * spacing, np.random.default_rng(seed)
-    return Terrain.rough(rng, STEEPNESS * spacing, spacing, length, -0.5 * length, **arguments)

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from benchmarks import climbing
-from benchmarks.climbing import Walked
-from benchmarks.measure import load_policies
 from jansen_env import Terrain
 from jansen_env.plants.plant import PLANTS
+from jansen_env.tasks.walking.walker_baselines import BASELINES
 from jansen_env.terrain.generators import LEVELS, at_level
 
 DOCS = Path(__file__).parents[2] / "docs" / "terrain"
@@ -37,8 +36,8 @@ def test_limits_of_shares():
     assert climbing.last(grown, np.ones(12)) == f">= {abs(grown[-1]):.3g}"
     other = np.zeros_like(ok)
     other[6, 0, :1] = True
-    found = {"a": Walked(ok, ok), "b": Walked(other, other)}
-    assert climbing.by_any_policy(found)[5:9] == pytest.approx([0.5, 0.25, 0.0, 1.0])
+    share = climbing.by_any_policy({"a": ok, "b": other})
+    assert share[5:9] == pytest.approx([0.5, 0.25, 0.0, 1.0])
 
 
 @pytest.mark.slow
@@ -53,9 +52,9 @@ def test_climbing_runs(tmp_path):
 @pytest.mark.parametrize("plant", sorted(PLANTS))
 def test_walks_over_faces_do_not_diverge(plant):
     """5 s over stumps of 3 cm: nothing is refused, joints stay shut, and it gets there."""
-    policy = load_policies(["profile"])["profile"]
     terrain = Terrain.stumps(height=0.03, width=0.2, spacing=0.6)
     env = gym.make("JansenWalker-v0", terrain=terrain, plant=plant, speed_command=0.45)
+    policy = BASELINES["profile"](env.unwrapped)
     observation, _ = env.reset(seed=1)
     state, starts = None, np.ones(1, bool)
     for _ in range(250):

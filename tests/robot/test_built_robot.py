@@ -144,20 +144,21 @@ def walk_within_limits(plant, speed, duration, **given):
     return walk(plant, speed, duration, limit=limit, windup_limit=limit, **given)
 
 
+def walk_at_2_rad_s(start):
+    """The walk, largest shear and load of a foot (N), and joint forces; two half turns."""
+    plant, rows = ProjectionPlant(built_robot(), Terrain.flat(), FINE_STEP), []
+    plant.tracing = True
+    walked = walk_within_limits(
+        plant, 2.0, 3.2, start=start, watch=lambda _: rows.append(plant.trace.copy())
+    )
+    trace = np.concatenate(rows)
+    contact = np.abs(trace["impulses"][:, : plant.toes]).max(axis=(0, 1)) / FINE_STEP
+    return walked, contact, trace_forces(plant.tables, trace, FINE_STEP)
+
+
 @pytest.fixture(scope="module")
 def loads():
-    """Walk, largest shear and load of a foot (N), and joint forces of two half turns at 2 rad/s, by start."""
-    results = []
-    for start in (0.0, 0.5 * math.pi):
-        plant, rows = ProjectionPlant(built_robot(), Terrain.flat(), FINE_STEP), []
-        plant.tracing = True
-        walked = walk_within_limits(
-            plant, 2.0, 3.2, start=start, watch=lambda _: rows.append(plant.trace.copy())
-        )
-        trace = np.concatenate(rows)
-        contact = np.abs(trace["impulses"][:, : plant.toes]).max(axis=(0, 1)) / FINE_STEP
-        results.append((walked, contact, trace_forces(plant.tables, trace, FINE_STEP)))
-    return results
+    return [walk_at_2_rad_s(start) for start in (0.0, 0.5 * math.pi)]
 
 
 @pytest.mark.slow

@@ -13,7 +13,6 @@ os.environ.setdefault("RAY_AUTH_MODE", "token")
 import argparse
 import re
 import secrets
-import shutil
 import socket
 import sys
 from dataclasses import asdict, dataclass, field, replace
@@ -27,7 +26,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from agents import need
 from agents.command_line import add_run_flags
 from agents.training.config import new_config
-from agents.training.runs import FINAL, last_state, read_evaluations, record_run
+from agents.training.runs import FINAL, last_state, locked, read_evaluations, record_run
 from agents.training.scores import score_run
 from agents.training.train_model import prepare, train
 from jansen_env.checks import MAX_STEPS, shown
@@ -127,51 +126,46 @@ class Study:
 
 
 class Report(BaseCallback):
-    """Report a run to Ray Tune where it has saved a checkpoint."""
+    """Report the return of each evaluation to Ray Tune."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__()
-        self.folder, self.saved = folder, last_state(folder)
+        self.folder, self.known = folder, len(read_evaluations(folder))
 
     def _on_rollout_start(self) -> None:
-        if (saved := last_state(self.folder)) != self.saved:
-            self.saved = saved
-            report(self.folder, self.model.num_timesteps)
+        rows = read_evaluations(self.folder)
+        if len(rows) > self.known:
+            self.known = len(rows)
+            tune.report({"steps": rows[-1]["steps"], "return": rows[-1]["return"]})
 
     def _on_step(self) -> bool:
         return True
 
 
-def report(folder: Path, steps: int) -> None:
-    """Report a run's last evaluation to Ray Tune, and its folder as the checkpoint."""
-    rows = read_evaluations(folder)
-    metrics = {"steps": steps, "return": rows[-1]["return"] if rows else float("nan")}
-    tune.report(metrics, checkpoint=tune.Checkpoint.from_directory(folder))
+def run_trial(parameters: dict[str, Arguments], root: Path) -> None:
+    """Train and score the ``run`` of :meth:`Study.runs`, from its last checkpoint, as a trial.
 
-
-def run_trial(parameters: dict[str, Arguments]) -> None:
-    """Train and score the ``run`` of :meth:`Study.runs`, from its last checkpoint, as a trial."""
+    Its files go to ``root/NAME`` at once, as train.py's do to a run's folder. Of Ray's own
+    checkpoints the last could be lost: one that it removes may be what its state still names.
+    """
     torch.set_num_threads(1)  # whatever the cores: the run that a seed gives depends on the number
-    run, folder = parameters["run"], Path("run")  # in Ray's working folder of the trial
-    config = make_config(run["config"])
-    shutil.rmtree(folder, ignore_errors=True)  # of a process that was lost
-    folder.mkdir()
-    if (checkpoint := tune.get_checkpoint()) is not None:
-        checkpoint.to_directory(folder)
-    resume = last_state(folder)
-    model = prepare(config, resume)
-    if resume is None or resume.name != FINAL:
-        record_run(folder, config, "python -m agents.study")
-        try:
-            train(
-                model, config, folder, eval_every=run["eval_freq"], resume=resume,
-                save_every=run["save_freq"], tensorboard=str(folder / "tensorboard"),
-                progress=False, more_callbacks=[Report(folder)],
-            )  # fmt: skip
-        except SystemExit as error:  # it diverged, or the disk is full
-            raise RuntimeError(error.code) from error
-    score_run(folder, config, run["eval_episodes"])
-    report(folder, model.num_timesteps)
+    run = parameters["run"]
+    config, folder = make_config(run["config"]), root / run["name"]
+    folder.mkdir(exist_ok=True)
+    with locked(folder):
+        resume = last_state(folder)
+        if resume is None or resume.name != FINAL:
+            model = prepare(config, resume)
+            record_run(folder, config, "python -m agents.study")
+            try:
+                train(
+                    model, config, folder, eval_every=run["eval_freq"], resume=resume,
+                    save_every=run["save_freq"], tensorboard=str(folder / "tensorboard"),
+                    progress=False, more_callbacks=[Report(folder)],
+                )  # fmt: skip
+            except SystemExit as error:  # it diverged, or the disk is full
+                raise RuntimeError(error.code) from error
+        score_run(folder, config, run["eval_episodes"])
 
 
 def make_study(entries: Any, source: str | Path) -> Study:
@@ -203,7 +197,8 @@ def run_study(study: Study, folder: Path, args: argparse.Namespace) -> bool:
         modules = [str(Path(__file__).parent)]
         ray.init(args.address, runtime_env={"env_vars": environment, "py_modules": modules})
     write_text(plan, text)
-    trainable = tune.with_resources(run_trial, {"cpu": args.cores})
+    run = tune.with_parameters(run_trial, root=folder)
+    trainable = tune.with_resources(run, {"cpu": args.cores})
     if tune.Tuner.can_restore(str(folder)):
         tuner = tune.Tuner.restore(str(folder), trainable, resume_errored=True)
     else:
@@ -216,7 +211,6 @@ def run_study(study: Study, folder: Path, args: argparse.Namespace) -> bool:
             run_config=tune.RunConfig(
                 name=folder.name, storage_path=str(folder.parent), verbose=1,
                 failure_config=tune.FailureConfig(max_failures=RETRIES),
-                checkpoint_config=tune.CheckpointConfig(num_to_keep=1),
             ),
         )  # fmt: skip
     results = tuner.fit()

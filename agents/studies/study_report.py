@@ -36,7 +36,7 @@ over runs. Means have Student's t interval; the interquartile mean (IQM, the mea
 of the runs) and P(run of X > run of Y) have that of the BCa bootstrap, P(run > baseline) the exact
 one, with the baseline's return taken as exact. With few runs a bootstrap's nominal 95 % cover less:
 some 75 % with 3 runs, 90 % with 10. Intervals over episodes are in each run's scores.json."""
-SCORES = "*-seed_*/checkpoint_*/scores.json"  # of finished runs
+SCORES = "*-seed_*/scores.json"  # of finished runs
 DASHES = ("--", ":", "-.", (0, (1, 4)))
 CONFIDENCE = 1.0 - 2.0 * TAIL
 
@@ -69,7 +69,7 @@ def read_runs(folder: Path) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
     evaluations; ``policy`` is "run" or a baseline's name."""
     rows, commands, curves = [], [], []
     for path in sorted(folder.glob(SCORES)):
-        group, _, seed = path.parent.parent.name.rpartition("-seed_")
+        group, _, seed = path.parent.name.rpartition("-seed_")
         try:
             scores = json.loads(path.read_text("utf-8"))
             for number, (name, score) in enumerate(scores.items(), 1):

@@ -58,7 +58,7 @@ def rows_of(path):
 def finished(tmp_path_factory):
     """The folder of a finished study."""
     folder = tmp_path_factory.mktemp("studies")
-    assert start(SMALL, folder).wait(200) == 0, (folder / "out.txt").read_text()
+    assert start(SMALL, folder).wait(400) == 0, (folder / "out.txt").read_text()
     return folder / "small"
 
 
@@ -134,7 +134,7 @@ def test_report_has_the_numbers_of_the_runs(finished, tmp_path):
     rows = [row for row in rows_of(folder / "runs.csv") if row["policy"] == "run"]
     assert [row["seed"] for row in rows] == ["0", "1"] and f"{CRANK}_ppo_small" in table
     for row in rows:
-        (path,) = folder.glob(f"*-seed_{row['seed']}/checkpoint_*/scores.json")
+        (path,) = folder.glob(f"*-seed_{row['seed']}/scores.json")
         *_, scores = json.loads(path.read_text()).values()
         assert float(row["return"]) == scores["overall"]["return"][0]
     returns = [float(row["return"]) for row in rows]
@@ -181,9 +181,9 @@ def test_a_killed_study_goes_on(finished, tmp_path):
     study, bit for bit."""
     killed, driver = tmp_path, start(SMALL, tmp_path)
     for victims in ("workers", "driver"):
-        before = {*killed.glob("small/*/checkpoint_*")}
+        before = {*killed.glob("small/*/checkpoints/model_*_steps.zip")}
         end = time.monotonic() + 120.0
-        while len({*killed.glob("small/*/checkpoint_*")} - before) < 2:
+        while len({*killed.glob("small/*/checkpoints/model_*_steps.zip")} - before) < 2:
             assert driver.poll() is None and time.monotonic() < end, (
                 killed / "out.txt"
             ).read_text()
@@ -196,7 +196,7 @@ def test_a_killed_study_goes_on(finished, tmp_path):
     driver.wait()
     assert not psutil.wait_procs(workers, timeout=60)[1]  # whose runs would go on meanwhile
     again = start(SMALL, killed)
-    assert again.wait(200) == 0, (killed / "out.txt").read_text()
-    for path in finished.glob(f"*/checkpoint_*/{FINAL}"):
-        (other,) = killed.glob(f"small/{path.parent.parent.name}/checkpoint_*/{FINAL}")
+    assert again.wait(400) == 0, (killed / "out.txt").read_text()
+    for path in finished.glob(f"*/{FINAL}"):
+        other = killed / "small" / path.parent.name / FINAL
         assert same(read_model(path)[:3], read_model(other)[:3])

@@ -19,6 +19,7 @@ from jansen_env.rendering import Frame
 from jansen_env.robot import ROBOTS as DESIGNS
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.robot.lengths import with_lengths
+from jansen_env.tasks.task import Task
 from jansen_env.tasks.walking.walker_baselines import walking_pid
 from jansen_env.terrain.generators import GENERATORS, HIGHEST
 from jansen_env.viewer.recorder import Recorder
@@ -198,7 +199,7 @@ class Session:
         self._start()
 
     @property
-    def env(self) -> SingleEnv[Any]:
+    def env(self) -> SingleEnv[Task]:
         """The environment, unwrapped."""
         return self._env.inner
 

@@ -18,12 +18,13 @@ from jansen_env.gravity import GRAVITY
 from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import world_joints
+from jansen_env.tasks.task import Task
 from jansen_env.viewer.recording import LONGEST_NAME, MOST_RECORDED, Recording
 from jansen_env.viewer.web.geometry import contacts, scene_of, world_forces
+from jansen_env.world.argument_checks import Values
 
 Observation: TypeAlias = Any  # those of any wrappers
 Action: TypeAlias = Any
-Info: TypeAlias = dict[str, Any]
 
 
 class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordConstructorArgs):
@@ -74,15 +75,15 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
         return Recording(**content, joints=joints.astype(np.float32))
 
     def reset(
-        self, *, seed: int | None = None, options: Info | None = None
-    ) -> tuple[Observation, Info]:
+        self, *, seed: int | None = None, options: Values | None = None
+    ) -> tuple[Observation, Values]:
         """Reset the environment and begin another recording."""
         self._frames = {}  # also where the reset fails
         observation, info = self.env.reset(seed=seed, options=options)
         self._begin(observation, info, seed, options)
         return observation, info
 
-    def step(self, action: Action) -> tuple[Observation, SupportsFloat, bool, bool, Info]:
+    def step(self, action: Action) -> tuple[Observation, SupportsFloat, bool, bool, Values]:
         """Step the environment and record what happens."""
         if self._frames:  # set_parameters may have given another command
             self._frames["command"][-1] = self.inner.frame().command or 0.0
@@ -107,17 +108,17 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
         return results
 
     @property
-    def inner(self) -> SingleEnv[Any]:
+    def inner(self) -> SingleEnv[Task]:
         """The environment below all wrappers."""
-        inner: SingleEnv[Any] = self.env.unwrapped  # type: ignore[assignment]
+        inner: SingleEnv[Task] = self.env.unwrapped  # type: ignore[assignment]
         return inner
 
     def _begin(
         self,
         observation: Observation,
-        info: Info,
+        info: Values,
         seed: int | None,
-        options: Info | None,
+        options: Values | None,
     ) -> None:
         scene, spec, state = scene_of(self.env), self.env.spec, self.inner.get_state()
         exchanged = {"robot": state["robot"]} if "robot" in state else {}
@@ -144,19 +145,19 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
         self._frames = {name: [] for name in ("action", "reward", "slip", "energy")}
         self._add_frame(self.inner.frame(), observation, info)
 
-    def _add_frame(self, frame: Frame, observation: Observation, info: Info) -> None:
+    def _add_frame(self, frame: Frame, observation: Observation, info: Values) -> None:
         flat = flatten(self.observation_space, observation)
         weight = getattr(self.inner, "weight", self._episode["robot"].mass * GRAVITY)
         self._add(
             time=frame.time,
             state=self.inner.get_state()["plant"],
-            pose=np.array(frame.q),
+            pose=frame.q,
             command=frame.command or 0.0,
             speed=frame.speed,
             torque=info.get("crank_torque", frame.torque),  # the mean of the step
             weight=weight,
             contact=contacts(frame, weight),
-            contact_point=np.array(frame.contact_point),
+            contact_point=frame.contact_point,
             contact_force=world_forces(frame),
             observation=np.array(flat, np.float32),
         )

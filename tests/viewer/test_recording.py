@@ -15,7 +15,7 @@ import jansen_env
 from jansen_env.robot.kinematics import world_joints
 from jansen_env.viewer import recorder, recording
 from jansen_env.viewer.recorder import Recorder
-from jansen_env.viewer.recording import SHAPES, Recording
+from jansen_env.viewer.recording import ARRAYS, Recording
 from jansen_env.viewer.web.page import page
 
 WALKER, CRANK = "JansenWalker-v0", "JansenCrank-v0"
@@ -24,13 +24,14 @@ WALKER, CRANK = "JansenWalker-v0", "JansenCrank-v0"
 def walk(env, steps=20, seed=1, **options):
     """What a step gives, from the reset on, and the states."""
     observation, info = env.reset(seed=seed, options=options)
-    found, states = [(observation, None, False, False, info)], [env.unwrapped.get_state()["plant"]]
+    results = [(observation, None, False, False, info)]
+    states = [env.unwrapped.get_state()["plant"]]
     for k in range(steps):
-        found.append(env.step(np.array([0.3 * np.sin(0.3 * k)], np.float32)))
+        results.append(env.step(np.array([0.3 * np.sin(0.3 * k)], np.float32)))
         states.append(env.unwrapped.get_state()["plant"])
-        if found[-1][2] or found[-1][3]:
+        if results[-1][2] or results[-1][3]:
             break
-    return found, states
+    return results, states
 
 
 def recorded(env_id=WALKER, steps=20, **arguments):
@@ -44,12 +45,9 @@ def short():
     return recorded(steps=5)
 
 
-def same(one, other):
-    for name in SHAPES:
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+def same(first, second):
     for field in fields(Recording):
-        if field.name not in SHAPES:
-            assert getattr(one, field.name) == getattr(other, field.name), field.name
+        np.testing.assert_array_equal(getattr(first, field.name), getattr(second, field.name))
 
 
 @pytest.mark.parametrize(
@@ -60,47 +58,49 @@ def same(one, other):
 def test_a_recorded_episode_is_as_it_is_without(env_id, arguments):
     plain, states = walk(gym.make(env_id, **arguments))
     env = Recorder(gym.make(env_id, **arguments))
-    found, states_found = walk(env)
-    np.testing.assert_array_equal(states_found, states)
-    for step, other in zip(found, plain, strict=True):
+    results, recorded_states = walk(env)
+    np.testing.assert_array_equal(recorded_states, states)
+    for step, other in zip(results, plain, strict=True):
         np.testing.assert_array_equal(step[0], other[0])
         assert str(step[1:]) == str(other[1:])
-    one = env.recording
-    np.testing.assert_array_equal(one.state, states)
-    np.testing.assert_array_equal(one.observation, [step[0] for step in plain])
-    steps = plain[1:]
-    assert one.reward.tolist() == [step[1] for step in steps]
+    episode, steps = env.recording, plain[1:]
     infos = [step[4] for step in steps]
-    assert one.torque[1:].tolist() == [info["crank_torque"] for info in infos]
-    assert one.command[1:].tolist() == [info["speed_command"] for info in infos]
-    assert one.crank_speed[1:].tolist() == [info["crank_speed"] for info in infos]
-    for name in one.energies:
-        assert one.energy_of(name).tolist() == [info["energy"][name] for info in infos]
+    np.testing.assert_array_equal(episode.state, states)
+    np.testing.assert_array_equal(episode.observation, [step[0] for step in plain])
+    assert episode.reward.tolist() == [step[1] for step in steps]
+    assert episode.torque[1:].tolist() == [info["crank_torque"] for info in infos]
+    assert episode.command[1:].tolist() == [info["speed_command"] for info in infos]
+    assert episode.crank_speed[1:].tolist() == [info["crank_speed"] for info in infos]
+    for name in episode.energies:
+        assert episode.energy_of(name).tolist() == [info["energy"][name] for info in infos]
     dt = env.unwrapped.control_dt
-    np.testing.assert_allclose(one.time, dt * np.arange(len(one.time)), atol=1e-12)
-    np.testing.assert_allclose(one.power, one.energy_of("motor_work") / dt)
-    joints = world_joints(env.unwrapped.scene()["robot"], one.pose)
-    np.testing.assert_allclose(one.joints, joints, atol=1e-6)
-    if env_id != CRANK:
-        np.testing.assert_array_equal(one.slip, [info["slip"] for info in infos])
-        normal = np.array([info["contact_force"] for info in infos])
-        np.testing.assert_allclose(
-            np.hypot(*one.contact_force[1:].T), np.hypot(*normal.T), atol=1e-9
-        )
-        assert ((one.contact[1:] == 0) <= (normal[..., 1] < 1e-3)).all()
-        assert len(one.terrain) >= 2
+    np.testing.assert_allclose(episode.time, dt * np.arange(len(episode.time)), atol=1e-12)
+    np.testing.assert_allclose(episode.power, episode.energy_of("motor_work") / dt)
+    joints = world_joints(env.unwrapped.scene()["robot"], episode.pose)
+    np.testing.assert_allclose(episode.joints, joints, atol=1e-6)
+    if env_id == CRANK:
+        assert not episode.parameters and not len(episode.terrain)
+        return
+    np.testing.assert_array_equal(episode.slip, [info["slip"] for info in infos])
+    force = np.array([info["contact_force"] for info in infos])
+    np.testing.assert_allclose(
+        np.hypot(*episode.contact_force[1:].T), np.hypot(*force.T), atol=1e-9
+    )
+    assert ((episode.contact[1:] == 0) <= (force[..., 1] < 1e-3)).all()
+    assert len(episode.terrain) >= 2 and "friction" in episode.parameters
 
 
-@pytest.mark.parametrize("env_id", [WALKER, CRANK, "JansenWalkerRough-v0"])
+@pytest.mark.parametrize("env_id", [WALKER, CRANK])
 def test_round_trip(env_id, tmp_path):
-    one = recorded(env_id, robot=jansen_env.ROBOTS["holy"]())
-    path = one.save(tmp_path / "a.npz")
-    same(Recording.load(path), one)
-    assert path.read_bytes() == one.to_bytes()
-    assert "Robot(" in one.env_kwargs["robot"] and one.env_id == env_id
-    assert one.robot.bodies == jansen_env.ROBOTS["holy"]().bodies
+    holy = jansen_env.ROBOTS["holy"]()
+    episode = recorded(env_id, robot=holy)
+    path = episode.save(tmp_path / "a.npz")
+    same(Recording.load(path), episode)
+    assert path.read_bytes() == episode.to_bytes()
+    assert "Robot(" in episode.env_kwargs["robot"] and episode.env_id == env_id
+    assert episode.robot.bodies == holy.bodies
     with np.load(path, allow_pickle=False) as arrays:  # as anybody may
-        np.testing.assert_array_equal(arrays["torque"], one.torque)
+        np.testing.assert_array_equal(arrays["torque"], episode.torque)
 
 
 def test_other_wrappers_are_free():
@@ -110,9 +110,9 @@ def test_other_wrappers_are_free():
     env.reset(seed=0)
     for _ in range(3):
         env.step(np.array([5.0], np.float32))
-    one = env.get_wrapper_attr("recording")
-    assert one.action.tolist() == [[5.0]] * 3 and one.torque[-1] == pytest.approx(10.0)
-    assert (one.env_id, one.label, one.truncated) == (WALKER, "me", False)
+    episode = env.get_wrapper_attr("recording")
+    assert episode.action.tolist() == [[5.0]] * 3 and episode.torque[-1] == pytest.approx(10.0)
+    assert (episode.env_id, episode.label, episode.truncated) == (WALKER, "me", False)
     assert gym.make(Recorder(gym.make(WALKER), "me").spec).get_wrapper_attr("label") == "me"
 
 
@@ -142,16 +142,9 @@ def test_one_episode_after_another():
     assert env.recording.steps == 1
 
 
-def test_a_held_robot_has_no_parameters_of_the_ground(short):
-    assert "friction" in short.parameters and not recorded(CRANK, steps=1).parameters
-
-
-def test_a_fall_is_in_it():
-    one = recorded(steps=100, fall_pitch=1e-4)
-    assert one.terminated and one.steps < 100
-
-
-def test_long_episodes_are_cut(monkeypatch):
+def test_falls_are_in_it_and_long_episodes_are_cut(monkeypatch):
+    fall = recorded(steps=100, fall_pitch=1e-4)
+    assert fall.terminated and fall.steps < 100
     monkeypatch.setattr(recorder, "MOST_RECORDED", 3)
     with pytest.warns(UserWarning, match="more than 3 steps"):
         assert recorded(steps=4).steps == 3
@@ -167,7 +160,7 @@ def test_what_is_no_number_is_refused(short):
     walk(env, 2)
     with pytest.raises(ValueError, match="reward has nan"):
         _ = env.recording
-    for name in SHAPES:
+    for name in ARRAYS:
         array = np.array(getattr(short, name))
         if array.dtype.kind == "f":
             array.flat[-1] = np.inf
@@ -192,7 +185,6 @@ def test_what_is_no_number_is_refused(short):
         ({"label": "x" * 201}, "at most 200 characters"),
         ({"label": "\ud800"}, "must be text that UTF-8 has"),
         ({"seed": "1"}, "seed is '1', must be a int"),
-        ({"parameters": {"friction": None}}, "friction"),
         ({"robot": {}}, "robot is {}, must be a Robot"),
         ({"robot": jansen_env.paper_robot(3)}, "joints has shape"),
     ],
@@ -238,10 +230,12 @@ def claimed(shape):
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"time": np.array([Harmful()], object)}, "time has type"),
+        ({"time": np.array([Harmful()], object)}, "allow_pickle=False"),
         ({"time": np.arange(6, dtype=np.int64)}, "time has type"),
-        ({"time": claimed((10**15,))}, "must be as large as its data"),
-        ({"time": claimed((-6,))}, "must be as large as its data"),
+        ({"time": claimed((10**15,))}, "it is damaged"),
+        ({"time": claimed((10**6,))}, "cannot|EOF"),
+        ({"time": claimed((-6,))}, "negative|must"),
+        ({"time": b"no array"}, "it is damaged"),
         ({"more": np.zeros(1)}, "must have"),
         ({"description": described(b"[" * 100_000)}, "nested too deeply"),
         ({"description": described(b"9" * 2**21)}, "more than"),
@@ -267,8 +261,10 @@ def nested(depth):
         ("torque_limit", np.nan, "torque_limit is nan"),
         ("robot", {"format": "jansen_env robot 1", "is": "Leg", "side": "fore"}, "of a 'Leg'"),
         ("robot", nested(700), "nested too deeply"),
-        ("energies", "motor_work", "must be a list"),
-        ("observed", [["one", "two", "three"]], "a name and a unit"),
+        ("energies", "motor_work", "energy has shape"),
+        ("energies", 3, "description is wrong"),
+        ("robott", 3, "robott"),
+        ("observed", [["name", "unit", "more"]], "observed has"),
     ],
 )
 def test_other_descriptions_are_refused(short, entry, value, message):
@@ -286,8 +282,8 @@ def test_numbers_of_pages_are_finite(short):
     for _ in range(50):
         drawn = {
             name: rng.choice(numbers, np.shape(getattr(short, name)))
-            for name, (kind, _) in SHAPES.items()
-            if kind in ("<f8", "<f4") and name != "terrain"
+            for name, (dtype, _) in ARRAYS.items()
+            if dtype.kind == "f" and name != "terrain"
         }
         drawn["time"] = np.cumsum(rng.choice([1.1e-9, 1.0, 1e3], 6))
         drawn["weight"] = np.maximum(np.abs(drawn["weight"]), 1e-9)
@@ -321,7 +317,7 @@ def test_bombs_stay_small(short, tmp_path, monkeypatch):
         for i in range(5000):
             archive.writestr(str(i), b"")
     refused_within(many.getvalue(), "more than 64 members", 2**21)
-    bomb = rewritten(short, time=claimed((2**22,)) + bytes(2**25))
+    bomb = rewritten(short, time=claimed((6,)) + bytes(2**25))
     refused_within(with_declared_size(bomb, "time", 100), "it is damaged", 2**21)
     monkeypatch.setattr(recording, "MAX_UNPACKED", 2**22)
     refused_within(bomb, "unpacks to more than", 2**21)
@@ -343,7 +339,7 @@ def test_damaged_files_are_refused_or_read(short):
     """Whatever is cut off, flipped or put in: a recording that is whole, or ValueError."""
     data, rng, refused = short.to_bytes(), np.random.default_rng(0), 0
     text = json.dumps({"format": recording.FORMAT, "label": "\x00"}).encode()
-    for trial in range(600):
+    for trial in range(300):
         broken = bytearray(data)
         if trial % 3 == 0:
             del broken[rng.integers(len(broken)) :]
@@ -357,4 +353,4 @@ def test_damaged_files_are_refused_or_read(short):
             Recording.from_bytes(bytes(broken))
         except ValueError:
             refused += 1
-    assert refused > 500
+    assert refused > 250

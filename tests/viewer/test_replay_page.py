@@ -16,7 +16,6 @@ NAMELESS = """() => [...document.querySelectorAll('button, input, select, canvas
     .filter(one => !(one.ariaLabel || one.textContent.trim() || one.labels?.length
         || one.getAttribute('aria-labelledby')))
     .map(one => one.outerHTML)"""
-FRAME = "await new Promise(requestAnimationFrame);"
 DIGITS = {"crankSpeed": 2, "torque": 2, "power": 2, "returned": 1}  # 3 of the others
 STILL = {"reduced_motion": "reduce"}
 
@@ -135,6 +134,9 @@ def test_numbers_are_those_of_the_recording(opened, recordings):
 
 def test_the_keyboard_is_enough(opened, recordings):
     page = opened(2, **STILL).page
+    assert page.evaluate(NAMELESS) == []
+    assert page.get_attribute("html", "lang") == "en" and page.title() == "robot 0.1 and robot 0.2"
+    assert page.locator("#scrub").get_attribute("aria-valuetext") == "0.00 s of 2.00 s"
     picture = page.locator("#stage canvas").first
     press = page.keyboard.press
 
@@ -197,14 +199,13 @@ def test_wheel_drag_and_pinch(opened):
     box = picture.bounding_box()
     x, y = box["x"] + 0.4 * box["width"], box["y"] + 0.5 * box["height"]
     settled(page)
-    whole = iio.imread(picture.screenshot())
     seen = {picture.evaluate(PIXELS)}
 
     def fresh():
         settled(page)
-        found = picture.evaluate(PIXELS)
-        new = found not in seen
-        seen.add(found)
+        pixels = picture.evaluate(PIXELS)
+        new = pixels not in seen
+        seen.add(pixels)
         return new
 
     page.mouse.move(x, y)
@@ -226,18 +227,6 @@ def test_wheel_drag_and_pinch(opened):
     assert page.get_attribute("#follow", "aria-pressed") == "false"
     page.click("#fit")
     assert page.get_attribute("#follow", "aria-pressed") == "true"
-    settled(page)
-    # Chromium changes how it smooths edges where a picture is often read, by less than that.
-    shift = np.abs(iio.imread(picture.screenshot()).astype(int) - whole)
-    assert shift.max() < 128
-
-
-def test_every_control_has_a_name(opened):
-    page = opened(2, **STILL).page
-    assert page.evaluate(NAMELESS) == []
-    assert page.get_attribute("html", "lang") == "en" and page.title() == "robot 0.1 and robot 0.2"
-    scrub = page.locator("#scrub")
-    assert scrub.get_attribute("aria-valuetext") == "0.00 s of 2.00 s"
 
 
 def test_fingers_are_large(opened):
@@ -256,9 +245,8 @@ def test_fingers_are_large(opened):
     assert page.evaluate(shown).startswith('"Work of the motor per weight and distance')
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_colours_are_the_readers(opened, scheme):
-    page = opened(**STILL, color_scheme=scheme).page
+def test_colours_are_the_readers(opened):
+    page = opened(**STILL, color_scheme="light").page
 
     def darkness():
         settled(page)
@@ -266,9 +254,9 @@ def test_colours_are_the_readers(opened, scheme):
         shown = iio.imread(page.locator("#stage canvas").screenshot())
         return int(re.search(r"\d+", body)[0]) < 60, int(shown[len(shown) // 2, 8, 0]) < 60
 
-    assert darkness() == ((True, True) if scheme == "dark" else (False, False))
-    page.emulate_media(color_scheme="light" if scheme == "dark" else "dark")
-    assert darkness() == ((False, False) if scheme == "dark" else (True, True))
+    assert darkness() == (False, False)
+    page.emulate_media(color_scheme="dark")
+    assert darkness() == (True, True)
 
 
 def test_the_crank_has_no_ground(opened):

@@ -27,7 +27,6 @@ FOLDER = Path(__file__).parent
 # Each after what it imports.
 SCRIPTS = ("scene", "track", "plots", "camera", "clock", "terms", "replay")
 MOST_RECORDINGS = 2
-LEVELS = 2**16 - 1  # of a quantised number
 SEEN = 30.0  # m of ground beyond either end of the walk
 LONGEST_TEXT = 500  # characters of the line under the title
 FRAME_HEIGHT = 760  # pixels in a notebook
@@ -171,10 +170,9 @@ def _subtitle(recordings: tuple[Recording, ...]) -> str:
 
 
 def _packed(recording: Recording) -> dict[str, object]:
-    """A recording's content for ``track.js``.
+    """A recording's content for ``track.js``: arrays are of all frames, as float32 in base64.
 
-    Arrays are of all frames; numbers of a step are 0 at the start. Points are relative to the crank
-    axis.
+    Numbers of a step are 0 at the start. Points are relative to the crank axis.
     """
     axis = recording.pose[:, :2]
     since = recording.time - recording.time[0]
@@ -185,26 +183,30 @@ def _packed(recording: Recording) -> dict[str, object]:
     # Heights to which the work would lift the robot.
     lifts = np.abs(recording.energy_of("motor_work")) / recording.weight[1:]
     arrays = {
-        "time": _plain(since, "<f8"),
-        "pose": _plain(np.column_stack([axis, _turned(recording.pose[:, 2:])]), "<f4"),
-        "joints": _quantised(recording.joints.astype(float) - axis[:, None, None]),
-        "contact": _plain(recording.contact, "|u1"),
-        "contactPoint": _quantised(recording.contact_point - axis[:, None]),
-        "contactForce": _quantised(recording.contact_force),
-        "command": _plain(recording.command),
-        "speed": _plain(recording.speed),
-        "crankSpeed": _plain(recording.crank_speed),
-        "torque": _plain(recording.torque),
-        "power": _plain(_after_start(recording.power)),
-        "reward": _plain(_after_start(recording.reward)),
-        "slip": _plain(_after_start(recording.slip.sum(axis=1) / lengths)),
-        "distance": _plain(_after_start(directions * np.diff(axis[:, 0])).cumsum()),
-        "returned": _plain(_after_start(recording.reward).cumsum()),
-        "slipped": _plain(_after_start(recording.slip.sum(axis=1)).cumsum()),
-        "lifted": _plain(_after_start(lifts).cumsum()),
+        "time": since,
+        "pose": np.column_stack([axis, _turned(recording.pose[:, 2:])]),
+        "joints": recording.joints.astype(float) - axis[:, None, None],
+        "contact": recording.contact,
+        "contactPoint": recording.contact_point - axis[:, None],
+        "contactForce": recording.contact_force,
+        "command": recording.command,
+        "speed": recording.speed,
+        "crankSpeed": recording.crank_speed,
+        "torque": recording.torque,
+        "power": _after_start(recording.power),
+        "reward": _after_start(recording.reward),
+        "slip": _after_start(recording.slip.sum(axis=1) / lengths),
+        "distance": _after_start(directions * np.diff(axis[:, 0])).cumsum(),
+        "returned": _after_start(recording.reward).cumsum(),
+        "slipped": _after_start(recording.slip.sum(axis=1)).cumsum(),
+        "lifted": _after_start(lifts).cumsum(),
+    }
+    packed = {
+        name: base64.b64encode(values.astype("<f4").tobytes()).decode()
+        for name, values in arrays.items()
     }
     scene = {**recording.scene, "terrain": _seen(recording)}
-    return {"scene": scene, "ended": recording.terminated, "arrays": arrays}
+    return {"scene": scene, "ended": recording.terminated, "arrays": packed}
 
 
 def _after_start(values: Array) -> Array:
@@ -224,25 +226,5 @@ def _seen(recording: Recording) -> list[list[float]] | None:
         return None
     first = max(int(np.searchsorted(ground[:, 0], x.min() - SEEN)) - 1, 0)
     last = int(np.searchsorted(ground[:, 0], x.max() + SEEN)) + 1
-    seen = ground[min(first, len(ground) - 2) : max(last, first + 2)]
-    short = seen.round(6)
-    points: list[list[float]] = (short if (np.diff(short[:, 0]) > 0.0).all() else seen).tolist()
-    return points
-
-
-def _plain(values: Array, dtype: str = "<f4") -> dict[str, object]:
-    """An array as it is."""
-    data = np.ascontiguousarray(values, dtype)
-    return {"kind": data.dtype.name, "data": _base64(data)}
-
-
-def _quantised(values: Array) -> dict[str, object]:
-    """An array as whole multiples of a step, which is 1 / 65535 of its range."""
-    low, high = float(values.min()), float(values.max())
-    step = (high - low) / LEVELS or 1.0
-    counts = np.rint((values - low) / step).astype("<u2")
-    return {"kind": "uint16", "low": low, "step": step, "data": _base64(counts)}
-
-
-def _base64(data: Array) -> str:
-    return base64.b64encode(data.tobytes()).decode("ascii")
+    seen: list[list[float]] = ground[min(first, len(ground) - 2) : max(last, first + 2)].tolist()
+    return seen

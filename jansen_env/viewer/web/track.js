@@ -2,18 +2,10 @@
 //
 // Between control steps positions are interpolated for the eye; nothing is simulated.
 
-const KINDS = {
-  float32: Float32Array,
-  float64: Float64Array,
-  uint16: Uint16Array,
-  uint8: Uint8Array,
-};
-
-/** Numbers of a packed array {kind, low, step, data}: integers count steps from low. */
-function unpack({ kind, low, step, data }) {
+/** Numbers of a packed array: base64 of float32. */
+function unpack(data) {
   const bytes = Uint8Array.from(atob(data), (character) => character.charCodeAt(0));
-  const numbers = new KINDS[kind](bytes.buffer);
-  return step === undefined ? numbers : Float64Array.from(numbers, (count) => low + step * count);
+  return new Float32Array(bytes.buffer);
 }
 
 /** What `page.py` packs of a recording, ready to be asked. */

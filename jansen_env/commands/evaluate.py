@@ -1,13 +1,15 @@
 """Score policies side by side: ``jansen-env evaluate --policy pid --policy constant``.
 
 With ``--robustness`` all policies have the same starts and the same commands, drawn from the
-environment's range, under each friction and foot stiffness. None is tuned again.
+environment's range, under each friction and foot stiffness, or with ``--levels`` at each terrain
+level. None is tuned again.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import astuple
 from pathlib import Path
@@ -15,7 +17,12 @@ from textwrap import fill
 
 import numpy as np
 
-from jansen_env.commands.flags import parse_policies, policy_parser, positive_int
+from jansen_env.commands.flags import (
+    non_negative_int,
+    parse_policies,
+    policy_parser,
+    positive_int,
+)
 from jansen_env.commands.named_policies import Loaded, load_all
 from jansen_env.commands.plots import Sweeps, by_condition, write_files, write_scores
 from jansen_env.files import check_writable
@@ -28,8 +35,9 @@ from jansen_env.scoring.rollout import EnvKwargs, Options, make_env
 WRITTEN_NOWHERE = "--all prints them, --out DIR writes them"
 FRICTIONS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 STIFFNESSES = (10, 20, 50, 100, 200, 500, math.inf)  # kN/m
-FRICTION, FEET = "friction", "foot stiffness (kN/m)"  # names of the sweeps
+FRICTION, FEET, LEVEL = "friction", "foot stiffness (kN/m)", "terrain level"  # names of the sweeps
 METRICS = ("return", "steady_slip_per_metre", "steady_speed_error", "falls")  # of the figure
+LEVEL_METRICS = ("success", "return", "falls", "slip_per_metre", "cost_of_transport")
 FEWER = {"rigid_body": 10}  # by plant: a 10 s episode takes it some 15 s
 
 
@@ -45,22 +53,25 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--commands", type=float, nargs="+", metavar="V",
         help="speeds or goals; default: the benchmark's grid")  # fmt: skip
     add("--episodes", type=positive_int, default=10,
-        help="episodes per command, or with --robustness per condition; default: 10")  # fmt: skip
+        help="per command, or per condition of --robustness and --levels; default: 10")  # fmt: skip
     add("--random-commands", type=positive_int, metavar="N",
         help="also N episodes with commands drawn from the environment's range")  # fmt: skip
     add("--robustness", action="store_true",
         help="scores over friction and foot stiffness with random commands, in place of those by "
         "command; a tenth of the episodes on 'rigid_body'")  # fmt: skip
+    add("--levels", type=non_negative_int, nargs="+", default=[], metavar="L",
+        help="the same over terrain levels, of 0 to 9")  # fmt: skip
     add("--all", action="store_true", help="print all metrics with their 95 %% intervals")
     add("--out", type=Path, metavar="DIR",
-        help="write all scores: scores.json, .md and .png, or those of --robustness")  # fmt: skip
+        help="write all scores: scores.json, .md and .png, or robustness.*, levels.*")  # fmt: skip
     args = parse_policies(parser, arguments, "--commands")
     if args.plant and args.env not in WALKERS:
         parser.error(f"--plant is {args.plant}, but {args.env} has one plant only")
-    if args.robustness and args.env not in WALKERS:
-        parser.error(f"--robustness needs one of {WALKERS}, but --env is {args.env}")
-    if args.robustness and (args.commands or args.random_commands):
-        parser.error("--robustness goes without --commands and --random-commands")
+    args.sweep = "levels" if args.levels else "robustness" if args.robustness else None
+    if args.sweep and args.env not in WALKERS:
+        parser.error(f"--{args.sweep} needs one of {WALKERS}, but --env is {args.env}")
+    if args.sweep and (args.commands or args.random_commands):
+        parser.error(f"--{args.sweep} goes without --commands and --random-commands")
     args.commands = args.commands or list(find_benchmark(args.env).commands)
     return args
 
@@ -69,12 +80,12 @@ def main(arguments: list[str] | None = None) -> None:
     """Score, draw, print; nothing is written before all arguments are checked."""
     args = parse(arguments)
     out: Path | None = args.out
-    name = "robustness" if args.robustness else "scores"
+    name = args.sweep or "scores"
     with args.parser.refusing():
         loaded = load_all(args, args.commands)
         if out:
             check_writable("--out", out)  # before the work
-        text = _robustness(args, loaded) if args.robustness else _scores(args, loaded)
+        text = _sweep(args, loaded) if args.sweep else _scores(args, loaded)
     intervals = f"{fill(INTERVALS, 80)}\n" if args.all else ""
     where = f"{out}/{name}.md, {name}.json, {name}.png" if out else WRITTEN_NOWHERE
     print(f"{text}\n\n{intervals}all scores: {where}")
@@ -98,16 +109,17 @@ def _scores(args: argparse.Namespace, loaded: Loaded) -> str:
     return text
 
 
-def _robustness(args: argparse.Namespace, loaded: Loaded) -> str:
-    """Score over friction and foot stiffness."""
-    sweeps = score_conditions(loaded, args.env, args.episodes, args.seed)
-    metrics = {name: find_benchmark(args.env).metrics[name] for name in METRICS}
+def _sweep(args: argparse.Namespace, loaded: Loaded) -> str:
+    """Score over friction and foot stiffness, or over terrain levels."""
+    sweeps = score_conditions(loaded, args.env, args.episodes, args.seed, args.levels)
+    known, names = find_benchmark(args.env).metrics, LEVEL_METRICS if args.levels else METRICS
+    metrics = {name: known[name] for name in names if name in known}
     table = score_table(metrics, by_condition(sweeps))
     if args.out:
-        write_files(args.out / "robustness", sweeps, table, sweeps, metrics)
+        write_files(args.out / args.sweep, sweeps, table, sweeps, metrics)
     slow = {plant: n for plant, n in FEWER.items() if plant in args.plant}
     fewer = "".join(f" (on {plant} 1/{n} of that)" for plant, n in slow.items())
-    shown = table if args.all else return_table(sweeps)
+    shown = table if args.all else sweep_table(sweeps, next(iter(metrics)))
     return (f"{args.episodes} episodes under each condition{fewer}, commands drawn from the "
             f"environment's range, seed {args.seed}\n\n{shown}")  # fmt: skip
 
@@ -126,18 +138,24 @@ def feet(robot: Robot, stiffness: float) -> Compliance:
     return Compliance(*(np.array(astuple(nominal)) * scale).tolist())
 
 
-def score_conditions(loaded: Loaded, env_id: str, episodes: int, seed: int) -> Sweeps:
+def score_conditions(
+    loaded: Loaded, env_id: str, episodes: int, seed: int, levels: Sequence[int] = ()
+) -> Sweeps:
     """Score policies under each condition on so many episodes, fewer on a plant in :data:`FEWER`.
+
+    The conditions are terrain ``levels``, or each friction and each foot stiffness without any.
 
     Raises:
         ValueError: an argument out of range, or feet that give and a restitution above 0.
     """
-    sweeps: Sweeps = {FRICTION: {}, FEET: {}}
+    sweeps: Sweeps = {LEVEL: {}} if levels else {FRICTION: {}, FEET: {}}
     for policies, env_kwargs in loaded:
         count = math.ceil(episodes / FEWER.get(env_kwargs.get("plant", ""), 1))
         with closing(make_env(env_id, env_kwargs)) as env:
             robot = env.unwrapped.robot  # type: ignore[attr-defined]
         conditions: list[tuple[str, float, EnvKwargs, Options]] = [
+            (LEVEL, level, {}, {"terrain_level": np.full(count, level)}) for level in levels
+        ] or [
             # Friction is set at the reset, as the environment may draw its own.
             *((FRICTION, mu, {}, {"friction": np.full(count, mu)}) for mu in FRICTIONS),
             *((FEET, k, {"pad_compliance": feet(robot, 1e3 * k)}, {}) for k in STIFFNESSES),
@@ -150,11 +168,12 @@ def score_conditions(loaded: Loaded, env_id: str, episodes: int, seed: int) -> S
     return sweeps
 
 
-def return_table(sweeps: Sweeps) -> str:
-    """Return the return under each condition, a column per policy."""
+def sweep_table(sweeps: Sweeps, metric: str) -> str:
+    """Return a metric under each condition, a column per policy."""
     cells = [
         [f"{sweep} {condition}",
-         *(interval_text(summary["overall"]["return"][:1]) for summary in policies.values())]
+         *(interval_text(summary["overall"][metric][:1]) for summary in policies.values())]
         for sweep, conditions in sweeps.items() for condition, policies in conditions.items()
     ]  # fmt: skip
-    return screen_table([["return", *next(iter(sweeps[FRICTION].values()))], *cells])
+    first = next(iter(sweeps.values()))
+    return screen_table([[metric, *next(iter(first.values()))], *cells])

@@ -1,8 +1,9 @@
-"""Scores over friction and foot stiffness."""
+"""Scores over friction, foot stiffness and terrain levels."""
 
 import json
 import math
 
+import numpy as np
 import pytest
 
 from jansen_env import built_robot, paper_robot
@@ -10,6 +11,7 @@ from jansen_env.commands import evaluate
 from jansen_env.commands.named_policies import load_named
 from jansen_env.robot import RIGID
 from jansen_env.scoring.rollout import make_env
+from jansen_env.tasks.walking.walker_benchmark import succeeded
 
 SHORT = {"max_episode_steps": 150}  # 3 s
 
@@ -66,3 +68,31 @@ def test_robustness_command(few, tmp_path, capsys):
     assert "| friction 0.3, pid on projection " in table
     assert "| foot stiffness (kN/m) rigid, profile on rigid_body " in table
     assert (tmp_path / "robustness.png").stat().st_size > 10_000
+
+
+def test_scores_by_level(tmp_path, capsys):
+    """A row a level; what is harder is scored on the same commands."""
+    evaluate.main([
+        "--env", "JansenWalkerRough-v0", "--env-kwargs", "{terrain: stairs}",
+        "--policy", "pid", "--policy", "constant", "--levels", "0", "9", "--episodes", "3",
+        "--out", str(tmp_path),
+    ])  # fmt: skip
+    levels = json.loads((tmp_path / "levels.json").read_text())["terrain level"]
+    assert [*levels] == ["0", "9"] and [*levels["9"]] == ["pid", "constant"]
+    easy, hard = (levels[level]["pid"]["raw"] for level in levels)
+    assert easy["command"] == hard["command"] and easy["returns"] != hard["returns"]
+    assert "| terrain level 9 " in capsys.readouterr().out
+    assert (tmp_path / "levels.png").stat().st_size > 10_000
+    with pytest.raises(SystemExit):
+        evaluate.main(["--env", "JansenCrank-v0", "--policy", "pid", "--levels", "1"])
+    assert "--levels needs one of" in capsys.readouterr().err
+
+
+def test_successes_walk_towards_their_command():
+    env = make_env("JansenWalker-v0", {"max_episode_steps": 100})  # 2 s
+    run = {
+        "command": np.array([0.5, 0.5, -0.5, 0.5]),
+        "distance": np.array([1.0, 0.7, -0.9, 1.0]),
+        "fell": np.array([False, False, False, True]),
+    }
+    assert succeeded(run, env).tolist() == [1.0, 0.0, 1.0, 0.0]

@@ -24,15 +24,15 @@ from torch import nn
 import jansen_env
 from agents.training.train_model import prepare
 from jansen_env.baselines.policy import Array
-from jansen_env.checks import shown
+from jansen_env.checks import one_line, shown
 from jansen_env.commands.flags import Parser, non_negative_int, positive_int
 from jansen_env.commands.named_policies import model_file
 from jansen_env.files import write_bytes, write_json
 from jansen_env.policies import pretrained
 from jansen_env.policies.pretrained import PretrainedPolicy
 from jansen_env.sb3.normalizer import CLIP, MIN_DEVIATION, NormalizedObservation
-from jansen_env.sb3.run_config import RunConfig, find_config, load_config, make_config
-from jansen_env.sb3.trained import load_policy, read_model, untrained_policy
+from jansen_env.sb3.run_config import find_config, load_config, make_config
+from jansen_env.sb3.trained import load_policy, read_model
 from jansen_env.scoring.evaluation import evaluate
 from jansen_env.scoring.rollout import make_env
 
@@ -160,43 +160,24 @@ def to_sb3(packed: PretrainedPolicy) -> BaseAlgorithm:
     optimiser starts again.
 
     Raises:
-        ValueError: its training's configuration is not allowed, or of another environment.
+        ValueError: its training's configuration is not allowed, or of another environment or
+            network.
     """
-    model = prepare(_training_config(packed))
-    _fill(model.policy, packed)
-    return model
-
-
-def to_policy(packed: PretrainedPolicy) -> BasePolicy:
-    """Return a policy as the one in PyTorch that it was packed of; errors are :func:`to_sb3`'s."""
-    try:
-        policy = untrained_policy(_training_config(packed))
-    except (AssertionError, TypeError) as error:  # arguments that do not go together
-        raise ValueError(str(error)) from error
-    _fill(policy, packed)
-    return policy
-
-
-def _training_config(packed: PretrainedPolicy) -> RunConfig:
-    """Return the configuration that a policy was trained with."""
     training = packed.description.get("training")
     config = make_config(training.get("config") if isinstance(training, dict) else None)
     for name, value in (("env", packed.env_id), ("env_kwargs", packed.env_kwargs)):
         if (trained := getattr(config, name)) != value:
             raise ValueError(f"training.config.{name} is {shown(trained)}, must be {shown(value)}")
-    return config
-
-
-def _fill(policy: BasePolicy, packed: PretrainedPolicy) -> None:
-    """Put the packed weights into a policy of Stable-Baselines3; ValueError: they do not fit."""
+    model = prepare(config)
     state = {name: torch.from_numpy(array.copy()) for name, array in packed.tensors.items()}
-    for name in policy.state_dict():
+    for name in model.policy.state_dict():
         if name.startswith(COPY):
             state[name] = state.get(name.replace(COPY, "critic.", 1), torch.empty(0))
     try:
-        policy.load_state_dict(state)
+        model.policy.load_state_dict(state)
     except RuntimeError as error:
-        raise ValueError(f"the weights do not fit: {' '.join(str(error).split())}") from error
+        raise ValueError(f"the weights do not fit: {one_line(error)}") from error
+    return model
 
 
 def check_equal(packed: PretrainedPolicy, policy: BasePolicy, count: int = 10_000) -> float:
@@ -250,10 +231,8 @@ def main(arguments: list[str] | None = None) -> None:
     add("--episodes", type=positive_int, default=10, help="per command, of the scores; default: 10")
     add("--seed", type=non_negative_int, default=0, help="of the scores; default: 0")
     args = parser.parse_args(arguments)
-    try:
+    with parser.refusing():
         path = pack(**vars(args))
-    except (OSError, ValueError) as error:
-        parser.error(str(error))
     scores = json.loads(path.read_text(encoding="utf-8"))["scores"]["overall"]
     weights = path.with_suffix(".safetensors")
     print(f"written: {path} ({path.stat().st_size / 1000:.0f} kB), {weights}")

@@ -6,6 +6,7 @@ Without a name, such as me/jansen-walker, it stays in the folder `hub` and needs
 huggingface_hub and the extra `export`: docs/frameworks.md.
 """
 
+import json
 import shutil
 import sys
 from pathlib import Path
@@ -14,16 +15,32 @@ from huggingface_hub import HfApi, ModelCard, ModelCardData
 
 from agents.export import export
 from jansen_env import policies
+from jansen_env.policies import pretrained
 
 ENV = "JansenWalkerBuilt-v0"
 folder = Path("hub")
 shutil.copytree(Path(policies.__file__).parent / ENV, folder, dirs_exist_ok=True)
-(_, card), _ = export("pretrained", ("onnx",), folder, name="ppo", env_id=ENV, episodes=1)
+export("pretrained", ("onnx",), folder, name="ppo", env_id=ENV)
+policy = pretrained.load(ENV)
+about = {name: policy.description[name] for name in ("observation", "action", "training")}
+scores = policy.description["scores"]["overall"]
 data = ModelCardData(
     library_name="jansen-env", license="mit", tags=["reinforcement-learning", "gymnasium", ENV]
 )
-ModelCard(f"---\n{data}\n---\n\n{card.read_text(encoding='utf-8')}").save(folder / "README.md")
-card.unlink()
+card = f"""---
+{data}
+---
+
+# A policy of {ENV}
+
+`jansen_env.policies.pretrained.load_file("ppo.json")`, or `ppo.onnx` with onnxruntime. Trained and
+scored in simulation only: return {scores["return"][0]:.0f}, falls {scores["falls"][0]:.3f}.
+
+```json
+{json.dumps(about, indent=1)}
+```
+"""
+ModelCard(card).save(folder / "README.md")
 if len(sys.argv) > 1:
     HfApi().create_repo(sys.argv[1], exist_ok=True)
     HfApi().upload_folder(repo_id=sys.argv[1], folder_path=folder)

@@ -24,19 +24,10 @@ from jansen_env.policies.network import Harmonics
 from jansen_env.policies.pretrained import PretrainedPolicy
 
 TAKEN = ("main", "math", "stdio")  # files which NAME.c and NAME.h must not be taken for
+PARTS = {"{}.h": "h", "{}.c": "c", "{}_main.c": "main.c"}  # of the template, by file
 UNSAFE = re.compile(r"[^A-Za-z0-9 .,:;=+\-_()\[\]{}'/%^<>]")  # in a comment
 PER_LINE = 6  # numbers of an array
 OPTIONS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-pedantic")
-
-
-def render(template: str, filters: Mapping[str, object], **values: object) -> str:
-    """Return a file of this folder, filled in by Jinja2, which may apply filters to values."""
-    env = Environment(
-        loader=PackageLoader("agents.export", ""), undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True, keep_trailing_newline=True,
-    )  # fmt: skip
-    env.filters |= filters
-    return env.get_template(template).render(values)
 
 
 def comment(text: object, longest: int = 200) -> str:
@@ -64,20 +55,28 @@ def places(policy: PretrainedPolicy, name: str) -> list[str]:
 
 
 def sources(policy: PretrainedPolicy, name: str) -> dict[str, str]:
-    """Return the text of each file by its name; a ValueError where C does not allow a name."""
+    """Return the text of each file by its name; a ValueError where C does not allow a name.
+
+    The last one is a program that reads observations and prints actions.
+    """
     check_name(name)
-    return {f"{name}.{part}": _part(policy, name, part) for part in ("h", "c")}
-
-
-def example(policy: PretrainedPolicy, name: str) -> str:
-    """Return a program that reads observations and prints actions."""
-    return _part(policy, name, "main.c")
-
-
-def width_of(policy: PretrainedPolicy) -> int:
-    """Return how many numbers a layer takes or gives at most."""
-    features = sum(block.size for block in policy.features)
-    return max(features, *(len(layer.bias) for layer in policy.layers))
+    env = Environment(
+        loader=PackageLoader("agents.export", ""), undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True, keep_trailing_newline=True,
+    )  # fmt: skip
+    env.filters |= {"comment": comment, "single": _single, "real": _real, "array": _array}
+    blocks = [block for block in policy.features if block.size]
+    sizes = [block.size for block in blocks]
+    values = {
+        "name": name, "policy": policy, "version": jansen_env.__version__,
+        "places": places(policy, name), "limited": bool(np.isfinite(policy.limit)),
+        # Of each block its kind and where its features begin.
+        "blocks": [(type(block).__name__, block, sum(sizes[:k])) for k, block in enumerate(blocks)],
+        "harmonics": any(isinstance(block, Harmonics) for block in blocks),
+        "width": max(sum(sizes), *(len(layer.bias) for layer in policy.layers)),
+    }  # fmt: skip
+    template = env.get_template("policy.c.in")
+    return {file.format(name): template.render(values, part=part) for file, part in PARTS.items()}
 
 
 def run(
@@ -94,7 +93,7 @@ def run(
     with tempfile.TemporaryDirectory() as folder:
         for file, text in sources.items():
             (Path(folder) / file).write_text(text, encoding="ascii")
-        build = [compiler, *options, "-o", "main", "main.c", f"{name}.c", "-lm"]
+        build = [compiler, *options, "-o", "main", f"{name}_main.c", f"{name}.c", "-lm"]
         made = subprocess.run(build, cwd=folder, capture_output=True, text=True, check=False)
         if made.returncode != 0:
             raise ValueError(f"{' '.join(build)} failed: {made.stderr.strip()}")
@@ -102,21 +101,6 @@ def run(
         program = [str(Path(folder) / "main")]
         answer = subprocess.run(program, input=numbers, capture_output=True, text=True, check=True)
     return np.array(answer.stdout.split(), float)
-
-
-def _part(policy: PretrainedPolicy, name: str, part: str) -> str:
-    blocks = [block for block in policy.features if block.size]
-    sizes = [block.size for block in blocks]
-    values = {
-        "name": name, "policy": policy, "part": part, "version": jansen_env.__version__,
-        "places": places(policy, name), "limited": bool(np.isfinite(policy.limit)),
-        # Of each block its kind and where its features begin.
-        "blocks": [(type(block).__name__, block, sum(sizes[:k])) for k, block in enumerate(blocks)],
-        "harmonics": any(isinstance(block, Harmonics) for block in blocks),
-        "width": width_of(policy),
-    }  # fmt: skip
-    filters = {"comment": comment, "single": _single, "real": _real, "array": _array}
-    return render("policy.c.in", filters, **values)
 
 
 def _single(value: float) -> str:

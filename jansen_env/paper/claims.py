@@ -405,7 +405,7 @@ def levels_table(levels: list[Level]) -> str:
 
 def errata_table(errata: list[Erratum]) -> str:
     """Effects of the errata, in Markdown."""
-    return _table(("erratum", "comes to"), [(e.name, e.found) for e in errata])
+    return _table(("erratum", "comes to"), [(e.name, e.effect) for e in errata])
 
 
 def pid_table(levels: list[PIDLevel]) -> str:

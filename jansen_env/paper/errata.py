@@ -5,20 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jansen_env.dynamics.projection import DOF, leg_motion, leg_sides, masses, system_coordinates
+from jansen_env.dynamics.projection import leg_motion, leg_sides, masses, system_coordinates
 from jansen_env.dynamics.reduced import body_sums, compile_robot
 from jansen_env.paper.fixed_model import crank_only
+from jansen_env.paper.interpretations import mean_loss
 from jansen_env.paper.toes import turn
-from jansen_env.robot import JANSEN, Link, paper_robot
-
-Array = NDArray[np.float64]
+from jansen_env.robot import JANSEN, paper_robot
 
 ANGLES = 720  # crank angles in a turn
-VISCOUS = 0.1  # N m s/rad, Table 1's, for pairs that are not listed, too
-FRAME_PAIRS = ((1, 4), (1, 5))
-"""The frame's pairs at P, where bodies 1, 4 and 5 meet; the paper lists (4, 5) alone there."""
 
 
 @dataclass(frozen=True)
@@ -26,18 +21,13 @@ class Erratum:
     """Effect of an erratum."""
 
     name: str
-    found: str
-    numbers: dict[str, float]  # behind `found`, SI units
+    effect: str
+    numbers: dict[str, float]  # behind `effect`, SI units
 
 
 def errata() -> list[Erratum]:
     """Those that have a number."""
     return [inertia_of_links(), inertia_at_crank(), dropped_velocity_terms(), frame_pairs()]
-
-
-def farthest_pin(body: Link) -> float:
-    """From a link's centre of mass to its farthest pin (the foot's: the toe), m."""
-    return max(abs(reach) for reach, _ in body.corners)
 
 
 def inertia_of_links() -> Erratum:
@@ -47,7 +37,8 @@ def inertia_of_links() -> Erratum:
     """
     bodies = paper_robot().bodies
     gyration = max((body.inertia / body.mass) ** 0.5 for body in bodies)
-    excess = [body.inertia / (body.mass * farthest_pin(body) ** 2) for body in bodies]
+    farthest = [max(abs(reach) for reach, _ in body.corners) for body in bodies]
+    excess = [b.inertia / (b.mass * r**2) for b, r in zip(bodies, farthest, strict=True)]
     low, high, names = min(excess), max(excess), JANSEN.names
     return Erratum(
         "Table 1's inertia",
@@ -79,8 +70,11 @@ def dropped_velocity_terms() -> Erratum:
 
     With a fixed base the system's own D of (12) is constant: no other velocity terms are left.
     """
-    _, D, bias = _turning()
-    most = float(np.abs((D[..., 3] * masses(paper_robot()) * bias).sum(axis=(-1, -2))).max())
+    robot = paper_robot()
+    x = system_coordinates(robot, crank_only(turn(ANGLES)))
+    speeds = np.broadcast_to(crank_only(1.0), (*x.shape[:-1], 4))
+    _, D, bias = leg_motion(robot, leg_sides(robot), x, speeds)
+    most = float(np.abs((D[..., 3] * masses(robot) * bias).sum(axis=(-1, -2))).max())
     return Erratum(
         "D^T M D_dot q_dot of (7)-(10), not in (11)",
         f"up to {most:.3f} N m at 1 rad/s, {16.0 * most:.2f} at 4: as the speed squared",
@@ -89,28 +83,17 @@ def dropped_velocity_terms() -> Erratum:
 
 
 def frame_pairs() -> Erratum:
-    """Mean torque at 1 rad/s with the frame's pairs at P added to the list of friction pairs."""
-    rate = _turning()[0][..., 0::3]
+    """Mean torque at 1 rad/s with the frame's pairs at P added to the list of friction pairs.
 
-    def loss(*pairs: tuple[int, int]) -> float:
-        first, second = np.array([*JANSEN.damped, *pairs]).T - 1
-        power = VISCOUS * (rate[..., first] - rate[..., second]) ** 2
-        return float(power.sum(axis=(-1, -2)).mean())
-
-    listed, four, five, both = loss(), *(loss(pair) for pair in FRAME_PAIRS), loss(*FRAME_PAIRS)
+    Bodies 1, 4 and 5 meet at P; the paper lists (4, 5) alone there.
+    """
+    added = {"listed": (), "four": ((1, 4),), "five": ((1, 5),), "both": ((1, 4), (1, 5))}
+    loss = {name: mean_loss(paper_robot(), *pairs) for name, pairs in added.items()}
+    listed, four, five, both = loss.values()
     return Erratum(
         "no pair of the frame at P in h_f",
         f"mean torque at 1 rad/s {listed:.3f} N m as listed, {four:.3f} with (1, 4), {five:.3f} "
         f"with (1, 5), {both:.3f} with both: {100.0 * (four / listed - 1.0):.1f} to "
         f"{100.0 * (both / listed - 1.0):.1f} % more",
-        {"listed": listed, "four": four, "five": five, "both": both},
+        loss,
     )
-
-
-def _turning() -> tuple[Array, Array, Array]:
-    """x_dot, D and D_dot q_dot of all legs over a turn at 1 rad/s on a fixed base."""
-    robot = paper_robot()
-    x = system_coordinates(robot, crank_only(turn(ANGLES)))
-    speeds = np.zeros((*x.shape[:-1], DOF))
-    speeds[..., 3] = 1.0
-    return leg_motion(robot, leg_sides(robot), x, speeds)

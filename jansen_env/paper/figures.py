@@ -22,7 +22,7 @@ from jansen_env.paper.fixed_model import SETTLED
 from jansen_env.paper.interpretations import PRINTED_LEVEL, pid_run
 from jansen_env.paper.results import FRICTIONS, SLOW, Results
 from jansen_env.robot import JANSEN, paper_robot
-from jansen_env.robot.kinematics import O, P, T, world_joints
+from jansen_env.robot.kinematics import O, P, T, toe_positions, world_joints
 
 Array = NDArray[np.float64]
 
@@ -85,7 +85,7 @@ def torque(r: Results) -> Figure:
 
 
 def _toes(r: Results) -> Array:
-    return toes.toe_positions(paper_robot(), r.run.angle)
+    return toe_positions(paper_robot(), r.run.angle)
 
 
 def toe_paths(r: Results) -> Figure:
@@ -181,7 +181,7 @@ def mechanism(_: Results) -> Figure:
     """The mechanism at eight crank angles, right pair of legs in front."""
     robot = paper_robot()
     figure, grid = _figure(11.0, 4.5, 2, 4, sharex=True, sharey=True)
-    path = toes.toe_positions(robot, toes.turn(360))
+    path = toe_positions(robot, toes.turn(360))
     angles = ("0", "π/4", "π/2", "3π/4", "π", "5π/4", "3π/2", "7π/4")
     for k, (angle, axes) in enumerate(zip(angles, grid.flat, strict=True)):
         joints = world_joints(robot, np.array([0.0, 0.0, 0.0, k * np.pi / 4.0]))

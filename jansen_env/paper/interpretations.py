@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.dynamics.joint_forces import joint_forces
-from jansen_env.dynamics.projection import system_coordinates
 from jansen_env.paper import fixed_model as fixed
 from jansen_env.paper.fixed_model import crank_only
 from jansen_env.paper.toes import turn
 from jansen_env.robot import JANSEN, Bar, Leg, Robot, Triangle, holy_numbers_robot, paper_robot
+from jansen_env.robot.kinematics import turning
 
 Array = NDArray[np.float64]
 
@@ -94,11 +94,7 @@ def _level(name: str, robot: Robot, direction: float = 1.0, motors: int = 1) -> 
     q, q_dot = crank_only(turn(ANGLES)), crank_only(np.full(ANGLES, direction))
     # The dense equations at a constant crank speed.
     forces = joint_forces(robot, q, q_dot, fixed_base=True, q_ddot=np.zeros(q.shape))
-    return _summary(name, forces.torque / motors, robot)
-
-
-def _summary(name: str, torque: Array, robot: Robot) -> Level:
-    return Level(name, *_range(torque), _loss(robot))
+    return Level(name, *_range(forces.torque / motors), mean_loss(robot))
 
 
 def _range(torque: Array) -> tuple[float, float, float]:
@@ -106,14 +102,14 @@ def _range(torque: Array) -> tuple[float, float, float]:
     return float(torque.min()), float(torque.mean()), float(torque.max())
 
 
-def _loss(robot: Robot) -> float:
-    """Mean over a turn at 1 rad/s of the sum of C_ij (theta_i' - theta_j')^2, W."""
-    h = 1e-5
-    before, after = (system_coordinates(robot, crank_only(turn(ANGLES) + s)) for s in (-h, h))
-    rate = np.angle(np.exp(1j * (after - before)[..., 0::3])) / (2.0 * h)
-    first, second = np.array(JANSEN.damped).T - 1
-    power = (rate[..., first] - rate[..., second]) ** 2 @ np.array(robot.damping)
-    return float(power.sum(axis=-1).mean())
+def mean_loss(robot: Robot, *pairs: tuple[int, int]) -> float:
+    """Mean over a turn at 1 rad/s of the sum of C_ij (theta_i' - theta_j')^2, W.
+
+    ``pairs``: of bodies with friction beside those of the paper, each 0.1 N m s/rad.
+    """
+    rate = turning(robot, turn(ANGLES), (*JANSEN.damped, *pairs))
+    friction = np.array([*robot.damping, *[0.1] * len(pairs)])
+    return float((rate**2 @ friction).sum(axis=-1).mean())
 
 
 def _without_reaction(robot: Robot) -> Level:
@@ -124,7 +120,8 @@ def _without_reaction(robot: Robot) -> Level:
     x_dot, h = (v.reshape(len(angle), -1, 8, 3).copy() for v in (D, p.h))  # by leg and body
     h[..., 7, 0] += robot.damping[6] * (x_dot[..., 7, 0] - x_dot[..., 4, 0])
     torque = p.velocity_terms[:, 0] - (D * h.reshape(D.shape)).sum(axis=-1)
-    return _summary("no C58 term in h_f's last row, as printed", torque, robot)
+    name = "no C58 term in h_f's last row, as printed"
+    return Level(name, *_range(torque), mean_loss(robot))
 
 
 def pid_run(robot: Robot, motors: int = 1, direction: float = 1.0) -> fixed.Run:

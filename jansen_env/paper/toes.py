@@ -10,15 +10,14 @@ from numpy.typing import NDArray
 
 from jansen_env.dynamics.projection import constraints
 from jansen_env.dynamics.reduced import body_sums, compile_robot
+from jansen_env.paper.fixed_model import crank_only
 from jansen_env.plants.initial_pose import resting_pose
-from jansen_env.robot import JANSEN, Robot, paper_robot
-from jansen_env.robot.kinematics import coordinates, world_joints
+from jansen_env.robot import Robot, paper_robot
+from jansen_env.robot.kinematics import C, E, T, coordinates, toe_positions, world_joints
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
 
-TOE = JANSEN.joints.index("T")
-FOOT = 8  # the body whose pad is the toe
 PHASES = tuple(range(1, 13))  # 2 to 24 legs
 STEP = 1e-5  # rad, of central differences of closed forms: good to 1e-10
 
@@ -26,13 +25,6 @@ STEP = 1e-5  # rad, of central differences of closed forms: good to 1e-10
 def turn(samples: int) -> Array:
     """Crank angles of one turn (samples,), rad."""
     return 2.0 * math.pi * np.arange(samples) / samples
-
-
-def toe_positions(robot: Robot, angle: Array) -> Array:
-    """Toe centres (n, legs, 2) at crank angles (n,), m, chassis frame."""
-    q = np.zeros((len(angle), 4))
-    q[:, 3] = angle
-    return world_joints(robot, q)[:, :, TOE]
 
 
 def mirror_error(robot: Robot, samples: int = 720) -> float:
@@ -66,16 +58,22 @@ def heave(phases: int, samples: int = 1440, poses: int = 48) -> Heave:
     """
     robot = paper_robot(phases)
     fore, back = lowest_toes(robot, turn(samples) / phases)
-    standing = standing_poses(robot, turn(poses) / phases)
-    return Heave(
-        2 * phases, float(np.ptp(np.minimum(fore, back))), float(np.ptp(fore)),
-        float(np.ptp(standing[:, 0])), float(np.ptp(standing[:, 1])),
-    )  # fmt: skip
+    height, pitch = standing_poses(robot, turn(poses) / phases).T
+    level, one_side = np.ptp(np.minimum(fore, back)), np.ptp(fore)
+    sizes = map(float, (level, one_side, np.ptp(height), np.ptp(pitch)))
+    return Heave(2 * phases, *sizes)
 
 
 def level_heave(robot: Robot, samples: int = 2880) -> float:
     """Up-and-down motion over a turn of a chassis kept level, on its lowest toe, m."""
     return float(np.ptp(np.minimum(*lowest_toes(robot, turn(samples)))))
+
+
+def lowest_toes(robot: Robot, angle: Array) -> tuple[Array, Array]:
+    """Height (n,) of the lowest fore and of the lowest back toe with the chassis level, m."""
+    height = toe_positions(robot, angle)[..., 1]
+    fore = np.array([leg.side == "fore" for leg in robot.legs])
+    return height[:, fore].min(axis=1), height[:, ~fore].min(axis=1)
 
 
 def standing_poses(robot: Robot, angle: Array) -> Array:
@@ -126,39 +124,23 @@ class DoubleSupport:
 def double_support(robot: Robot, samples: int = 1440) -> DoubleSupport:
     """Slow walking on flat ground: a toe before and one behind the centre of mass carry."""
     angle = turn(samples) + math.pi / samples  # off the symmetric positions
-    poses = standing_poses(robot, angle)
-    q = np.stack([np.zeros(samples), poses[:, 0], poses[:, 1], angle], axis=-1)
-    toes = world_joints(robot, q)[:, :, TOE]
-    c = body_sums(compile_robot(robot), angle).c / robot.mass
-    centre = np.cos(poses[:, 1]) * c[:, 0] - np.sin(poses[:, 1]) * c[:, 1]
-    ahead = toes[..., 0] > centre[:, None]
-    front = np.where(ahead, toes[..., 1], np.inf).argmin(axis=1)
-    rear = np.where(ahead, np.inf, toes[..., 1]).argmin(axis=1)
-    rate, spin = _toe_rates(robot, angle)
+
+    def joints(shift: float) -> NDArray[np.complex128]:
+        """x + i y (n, legs, joints) in the chassis."""
+        return world_joints(robot, crank_only(angle + shift)) @ np.array([1.0, 1j])
+
+    place, rate = joints(0.0), (joints(STEP) - joints(-STEP)) / (2.0 * STEP)  # per rad of crank
+    spin = ((rate[..., E] - rate[..., C]) / (place[..., E] - place[..., C])).imag  # of the feet
+    upright = np.exp(1j * standing_poses(robot, angle)[:, 1])
+    toe = upright[:, None] * place[..., T]
+    centre = upright * (body_sums(compile_robot(robot), angle).c @ [1.0, 1j]) / robot.mass
+    ahead = toe.real > centre.real[:, None]
+    front = np.where(ahead, toe.imag, np.inf).argmin(axis=1)
+    rear = np.where(ahead, np.inf, toe.imag).argmin(axis=1)
     each = np.arange(samples)
     span, parting, turning = (
-        toe[each, front] - toe[each, rear] for toe in (toe_positions(robot, angle), rate, spin)
+        values[each, front] - values[each, rear] for values in (place[..., T], rate[..., T], spin)
     )
-    along = (span * parting).sum(axis=1) / np.hypot(span[:, 0], span[:, 1])
+    along = (span.conj() * parting).real / abs(span)
     rolling = robot.pad_radius * turning
-    return DoubleSupport(angle, front, rear, parting[:, 0], along + rolling, rolling)
-
-
-def _toe_rates(robot: Robot, angle: Array) -> tuple[Array, Array]:
-    """d/dpsi of toe centres (n, legs, 2), m/rad, and of foot angles (n, legs), in the chassis."""
-    rate = (toe_positions(robot, angle + STEP) - toe_positions(robot, angle - STEP)) / (2.0 * STEP)
-    spin = np.empty(rate.shape[:2])
-    for i, leg in enumerate(robot.legs):
-        after, before = (
-            coordinates(robot, leg.side, angle + leg.phase + step)[:, 3 * (FOOT - 1)]
-            for step in (STEP, -STEP)
-        )
-        spin[:, i] = np.angle(np.exp(1j * (after - before))) / (2.0 * STEP)
-    return rate, spin
-
-
-def lowest_toes(robot: Robot, angle: Array) -> tuple[Array, Array]:
-    """Height (n,) of the lowest fore and of the lowest back toe with the chassis level, m."""
-    height = toe_positions(robot, angle)[..., 1]
-    fore = np.array([leg.side == "fore" for leg in robot.legs])
-    return height[:, fore].min(axis=1), height[:, ~fore].min(axis=1)
+    return DoubleSupport(angle, front, rear, parting.real, along + rolling, rolling)

@@ -1,7 +1,7 @@
-"""Claim by claim: what the paper says, what is computed here, whether it holds, and why.
+"""Claim by claim: what the paper says, what is computed here, whether it holds.
 
-Verdicts follow from the numbers by the criterion in each function, none is set by hand. Last come
-the tables of claims, interpretations and errata.
+Verdicts follow from the numbers by the criterion in each function, none is set by hand. Why a claim
+holds or does not: ``docs/paper.md``. Last come the tables of claims, interpretations and errata.
 """
 
 from __future__ import annotations
@@ -37,7 +37,6 @@ ROUGHLY = 0.25  # relative: what still counts as "roughly constant"
 CLEARLY = 0.9  # of another heave: what counts as less
 NONE = 1e-6  # m of slip per metre: what counts as none
 SINGULAR = 1e-9  # singular values below count as 0
-TORQUE = ("interpretation", "lowest (N m)", "mean (N m)", "highest (N m)")  # heads of tables
 ROUNDING = 1e-15  # m, below which the digits are the processor's
 
 
@@ -50,8 +49,6 @@ class Claim:
     says: str
     computed: str  # here
     verdict: str  # HOLDS, CONDITION or FAILS
-    why: str
-    numbers: dict[str, float]  # behind `computed`, SI units
 
 
 def check_claims(results: Results) -> list[Claim]:
@@ -78,10 +75,9 @@ def leg_degrees_of_freedom(_: Results) -> Claim:
     return Claim(
         "leg_degrees_of_freedom", "2.1, before (5)",
         "24 coordinates less 20 constraints: 4 degrees of freedom a leg",
-        f"24 - {rank.min()} = {left} at every crank angle",
+        f"24 - {rank.min()} = {left} at every crank angle; no singular value of C below "
+        f"{values.min():.2g}",
         _verdict(left == DOF and rank.min() == rank.max()),
-        f"C has full rank all round: no singular value below {values.min():.2g}",
-        {"rank": float(rank.min()), "dof": left, "smallest_singular_value": values.min()},
     )  # fmt: skip
 
 
@@ -98,9 +94,6 @@ def system_degrees_of_freedom(_: Results) -> Claim:
         "16 coordinates less 15 constraints: 1 degree of freedom for the four legs",
         f"16 - {fixed} = {16 - fixed}; with the frame let go 16 - {free} = {16 - free}",
         _verdict(fixed == 15 and free == 12),
-        "rows 9 and 10 read as rf1 against lf1; the three rows that pin the frame are dropped "
-        "for the robot that walks",
-        {"fixed_base": 16 - fixed, "walking": 16 - free},
     )  # fmt: skip
 
 
@@ -121,9 +114,6 @@ def torque_is_periodic(r: Results) -> Claim:
         f"from {SETTLED:.0f} s to 10 s {settled.min():.3f} to {settled.max():.3f} N m, mean "
         f"{settled.mean():.3f}",
         _verdict(peaks == 2 and drift < CLOSE * swing),
-        "two pairs of legs half a turn apart: all repeats twice a turn",
-        {"peaks": peaks, "drift": drift, "low": settled.min(), "high": settled.max(),
-         "mean": settled.mean()},
     )  # fmt: skip
 
 
@@ -131,31 +121,20 @@ def torque_level(r: Results) -> Claim:
     """The mean torque of every interpretation, also under the PID, against the printed level."""
     ours, goal = r.levels[0], PRINTED_LEVEL
     means = {level.name: level.mean for level in r.levels}
-    under_pid, two, fore = r.pid_levels
+    under_pid, two, _ = r.pid_levels
     means["the PID's run"] = under_pid.mean
     nearest = min(means, key=lambda name: abs(means[name] - goal))
-    reached = abs(means[nearest] - goal) <= CLOSE * abs(goal)
     low, high = r.reversed_valley
     return Claim(
         "torque_level", "4, Fig. 4",
         "the input torque is almost constant at around -0.9 N m, except the case when the rotation "
         "speed is a constant",
         f"+{ours.mean:.3f} N m in the mean at a constant 1 rad/s, {under_pid.mean:.3f} in "
-        f"the PID's run; of {len(r.levels)} interpretations the nearest mean is "
-        f"{means[nearest]:.3f} ({nearest}), under the PID {two.low:.3f} to {two.high:.3f} the "
-        f"other way round, {100 * two.near:.0f} % of the time within {NEAR} of "
-        f"{abs(goal)}",
-        _verdict(reached),
-        f"over a turn weight and inertia give back what they took, so the motor feeds the joints: "
-        f"mean torque x 1 rad/s = {ours.loss:.3f} W of friction, positive as it drives the crank. "
-        f"Two motors, one a side, share it, and come nearest, apart from the sign: the torque of "
-        f"each dips twice a turn from a plateau. (So does the motor of the fore legs alone, "
-        f"{fore.low:.3f} to {fore.high:.3f}.) One motor's, counted the other way round, runs from "
-        f"{low:.2f} to {high:.2f} N m: {goal} is the valley between its peaks",
-        {"mean": ours.mean, "loss": ours.loss, "nearest": means[nearest], "reversed_low": low,
-         "reversed_high": high, "two_low": two.low, "two_mean": two.mean, "two_high": two.high,
-         "two_near": two.near, "fore_low": fore.low, "fore_high": fore.high,
-         "fore_near": fore.near},
+        f"the PID's run, {low:.2f} to {high:.2f} counted the other way round; of {len(r.levels)} "
+        f"interpretations the nearest mean is {means[nearest]:.3f} ({nearest}), under the PID "
+        f"{two.low:.3f} to {two.high:.3f} the other way round, {100 * two.near:.0f} % of the time "
+        f"within {NEAR} of {abs(goal)}",
+        _verdict(abs(means[nearest] - goal) <= CLOSE * abs(goal)),
     )  # fmt: skip
 
 
@@ -175,11 +154,6 @@ def constant_torque(r: Results) -> Claim:
         f"{100 * slender:.0f} %; walking at {_list(walking)} N m by "
         f"{_list(round(100 * v) for v in walking.values())} %, and it falls at {_list(fallen)}",
         _verdict(max(every) < CLOSE, min(every) < ROUGHLY),
-        "joint friction holds the mean speed, and the better the faster it turns; the weight of "
-        "the legs and the changing friction make it swing, and touchdowns kick it when walking",
-        {"mean": middle.mean, "ripple": middle.ripple, "slowest": max(fixed),
-         "fastest": min(fixed), "slender_ripple": slender,
-         "walking_low": min(walking.values()), "walking_high": max(walking.values())},
     )  # fmt: skip
 
 
@@ -188,12 +162,8 @@ def toe_paths(_: Results) -> Claim:
     error = toes.mirror_error(paper_robot())
     size = f"less than {ROUNDING:g}" if error < ROUNDING else f"{error:.0e}"
     return Claim(
-        "toe_paths", "4, Fig. 5",
-        "the toes' trajectories are symmetric",
-        f"mirror images to {size} m",
-        _verdict(error < 1e-12),
-        "the back leg's constraints are the fore leg's with x -> -x, psi -> pi - psi",
-        {"error": error},
+        "toe_paths", "4, Fig. 5", "the toes' trajectories are symmetric",
+        f"mirror images to {size} m", _verdict(error < 1e-12),
     )  # fmt: skip
 
 
@@ -207,9 +177,6 @@ def stable_walking(r: Results) -> Claim:
         f"at constant crank speed it walks for {WALK:.0f} s at {_list(standing)} rad/s and falls "
         f"sooner at {_list(fallen)}",
         _verdict(not fallen, bool(standing)),
-        "symmetric paths say nothing of balance: where it falls lies between the walk that slides "
-        "on two toes and the one that stands on one at a time, and where it leaves the ground",
-        {"walking": len(standing), "falling": len(fallen)},
     )  # fmt: skip
 
 
@@ -229,13 +196,6 @@ def toe_speeds(r: Results) -> Claim:
         f"without pads). A walk at {SLOW} rad/s, friction {FRICTIONS[0]}, slips {walk.slip:.3f} m, "
         f"on one toe for {100 * walk.one_toe:.0f} % of the time",
         _verdict(len(zeros) == 0, apart > 1.0 - ROUGHLY),
-        "true but for instants: where the mirror images meet (psi a multiple of pi / 2) both toes "
-        "have the same speed. In between slip is certain as long as both stay down",
-        {"mean": part.mean(), "smallest": part.min(), "zeros": len(zeros), "apart": apart,
-         "slip_per_turn": support.per_turn, "slip_of_points": support.per_turn_of_points,
-         "smallest_x_speed": float(np.abs(support.x_speed).min()),
-         "mean_x_speed": float(np.abs(support.x_speed).mean()),
-         "simulated_slip_per_turn": walk.slip},
     )  # fmt: skip
 
 
@@ -255,13 +215,6 @@ def no_walking_without_slip(r: Results) -> Claim:
         f"{free.speed:g} rad/s from another start: {1e3 * free.slip_per_metre:.1f} mm a metre over "
         f"{free.turns * free.distance:.1f} m",
         _verdict(free.fell or free.slip_per_metre > NONE),
-        "the two toes need not both stay down: at the right speed the robot stands on one toe at a "
-        "time, and nothing makes that one slip (in the plane, on rigid feet). Slowly, with enough "
-        "friction, a toe that touches down sticks and throws the other one up, so that it rocks "
-        "through the phases in which the toes part",
-        {"slow_loose": loose.slip, "slow_grip": grip.slip, "one_toe_loose": loose.one_toe,
-         "one_toe_grip": grip.one_toe, "best_slip_per_metre": fast.slip_per_metre,
-         "free": free.slip_per_metre, "free_distance": free.turns * free.distance},
     )  # fmt: skip
 
 
@@ -278,11 +231,6 @@ def heave_of_four_legs(r: Results) -> Claim:
         f"{1e3 * four.level:.1f} mm kept level, {1e3 * four.standing:.1f} mm standing on both "
         f"sides, with {four.pitch:.3f} rad of pitch; {shown}",
         _verdict(all(near), near[0]),
-        "the lowest toe of the four over a turn. The print leaves open which of two links L6 and "
-        "L11 are and how long the frame is, and they were chosen by this very height: it agrees, "
-        "and confirms nothing by itself",
-        {"level": four.level, "standing": four.standing, "pitch": four.pitch,
-         **r.other_heaves},
     )  # fmt: skip
 
 
@@ -299,16 +247,10 @@ def more_legs(r: Results) -> Claim:
     return Claim(
         "more_legs", "4 and summary",
         "more legs with smaller phase differences make the up-and-down motion vanish",
-        f"heave in mm by number of legs: {shown}; standing on both sides, 6 "
-        f"legs {1e3 * standing[6]:.1f}, 24 legs {1e3 * standing[24]:.2f}",
+        f"heave in mm by number of legs: {shown}; {_list(better)} legs clearly beat two more. "
+        f"Standing on both sides, 6 legs {1e3 * standing[6]:.1f}, 24 legs {1e3 * standing[24]:.2f}; "
+        f"{_list(better_standing)} beat two more",
         _verdict(steady and level[24] < 1e-3, level[24] < 1e-3),
-        "it vanishes, but not step by step: with an odd number of phases the back toes' lowest "
-        "points fall between the fore toes', with an even number on them (psi -> pi - psi maps the "
-        f"phases onto themselves), so {_list(better)} legs clearly beat two more. The price is "
-        f"pitch: standing on both sides only {_list(better_standing)} do, by little. What is left "
-        "from 20 legs on is the dent in the bottom of the toe's path",
-        {**{f"level_{legs}": height for legs, height in level.items()},
-         **{f"standing_{legs}": height for legs, height in standing.items()}},
     )  # fmt: skip
 
 
@@ -329,10 +271,6 @@ def rotation(r: Results) -> Claim:
         f"others at most {fixed[2:].max():.2f}). Walking: link 1 in {len(leading) - len(others)} "
         f"of {len(leading)} walks; {shown or 'in all of them'}",
         _verdict(first and not others, first),
-        "in the first leg link 1 takes the motor's reaction and link 2 the motor; where the toes "
-        "grip, the push on one of them has a long arm on link 8",
-        {"fixed_base_link": int(fixed.argmax()) + 1, "fixed_base": fixed.max(),
-         "fixed_base_2": fixed[1], "walks": len(leading), "others": len(others)},
     )  # fmt: skip
 
 
@@ -357,13 +295,6 @@ def translation(r: Results) -> Claim:
         f"{_list(sorted(on_ground))}; most on its joints bears {' or '.join(sorted(places))}: "
         f"{shown}",
         _verdict(seventh and on_ground == {7}, seventh),
-        f"the sum of the forces on a link is its weight and inertia, for these equal masses the "
-        f"same to {100 * (force.max() / weight - 1.0):.0f} %; what loads a link is its force on "
-        f"each joint, which cancels in that sum. On the ground the foot's sum carries the robot. A "
-        f"touchdown of a rigid foot is an impulse and has no force",
-        {"fixed_base_link": int(force.argmax()) + 1, "fixed_base": force.max(),
-         "fixed_base_8": force[7], "bearing_7": float(pins.on(7)), "bearing": pins.bearing.max(),
-         **{f"walking_{at[0]:g}_{at[1]}": loads.bearing.max() for at, loads in walks.items()}},
     )  # fmt: skip
 
 
@@ -372,15 +303,31 @@ def _list(values: Iterable[float]) -> str:
     return f"{', '.join(most)} and {last}" if most else last
 
 
-def as_markdown(
-    claims: list[Claim], errata: list[Erratum], levels: list[Level], pid_levels: list[PIDLevel]
-) -> str:
-    """All tables under their headings."""
-    return (
-        f"# Claims\n\n{claims_table(claims)}\n# Errata in numbers\n\n{errata_table(errata)}\n"
-        f"# Torque at a constant 1 rad/s, by interpretation\n\n{levels_table(levels)}\n"
-        f"# Torque under the PID, by interpretation\n\n{pid_table(pid_levels)}"
-    )
+def tables(
+    claims: Iterable[Claim],
+    errata: Iterable[Erratum],
+    levels: Iterable[Level],
+    pid_levels: Iterable[PIDLevel],
+) -> dict[str, str]:
+    """Return the tables in Markdown by their headings."""
+    torque = "interpretation", "lowest (N m)", "mean (N m)", "highest (N m)"
+    near = f"within {NEAR} of {abs(PRINTED_LEVEL)} N m"
+    return {
+        "Claims": _table(
+            ("claim", "says", "computed", "verdict"),
+            [(f"{c.key} ({c.where})", c.says, c.computed, f"**{c.verdict}**") for c in claims],
+        ),
+        "Errata in numbers": _table(("erratum", "comes to"), [(e.name, e.effect) for e in errata]),
+        "Torque at a constant 1 rad/s, by interpretation": _table(
+            (*torque, "joint loss (W)"),
+            [(name, *map(_number, values)) for name, *values in map(astuple, levels)],
+        ),
+        "Torque under the PID, by interpretation": _table(
+            (*torque, near),
+            [(name, *map(_number, values), f"{100 * share:.0f} %")
+             for name, *values, share in map(astuple, pid_levels)],
+        ),
+    }  # fmt: skip
 
 
 def as_lines(claims: list[Claim]) -> str:
@@ -388,31 +335,6 @@ def as_lines(claims: list[Claim]) -> str:
     lines = [f"{c.verdict:<24}{c.key.replace('_', ' ')} ({c.where})" for c in claims]
     held = sum(c.verdict == HOLDS for c in claims)
     return "\n".join([*lines, f"{held} of {len(claims)} claims hold without a condition"])
-
-
-def claims_table(claims: list[Claim]) -> str:
-    """The claims in Markdown."""
-    cells = [(f"{c.key} ({c.where})", c.says, c.computed, f"**{c.verdict}**", c.why)
-             for c in claims]  # fmt: skip
-    return _table(("claim", "says", "computed", "verdict", "why"), cells)
-
-
-def levels_table(levels: list[Level]) -> str:
-    """The torque by interpretation, in Markdown."""
-    cells = [(name, *map(_number, values)) for name, *values in map(astuple, levels)]
-    return _table((*TORQUE, "joint loss (W)"), cells)
-
-
-def errata_table(errata: list[Erratum]) -> str:
-    """Effects of the errata, in Markdown."""
-    return _table(("erratum", "comes to"), [(e.name, e.effect) for e in errata])
-
-
-def pid_table(levels: list[PIDLevel]) -> str:
-    """The PID's torque by interpretation, in Markdown."""
-    cells = [(name, *map(_number, values), f"{100 * near:.0f} %")
-             for name, *values, near in map(astuple, levels)]  # fmt: skip
-    return _table((*TORQUE, f"within {NEAR} of {abs(PRINTED_LEVEL)} N m"), cells)
 
 
 def _number(value: float) -> str:

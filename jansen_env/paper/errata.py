@@ -22,7 +22,6 @@ class Erratum:
 
     name: str
     effect: str
-    numbers: dict[str, float]  # behind `effect`, SI units
 
 
 def errata() -> list[Erratum]:
@@ -45,7 +44,6 @@ def inertia_of_links() -> Erratum:
         f"a radius of gyration of {gyration:.0f} m; {low:.0f} ({names[excess.index(low)]}) to "
         f"{high:.0f} ({names[excess.index(high)]}) times m r^2, r from a link's centre of mass to "
         "its farthest pin",
-        {"gyration": gyration, "low": low, "high": high},
     )
 
 
@@ -60,9 +58,7 @@ def inertia_at_crank() -> Erratum:
         "inertia k at the crank",
         f"{heavy.min():.2f} to {heavy.max():.2f} kg m^2 with Table 1's, {slender.min():.3f} to "
         f"{slender.max():.3f} with slender links'",
-        {"low": float(heavy.min()), "high": float(heavy.max()),
-         "slender_low": float(slender.min()), "slender_high": float(slender.max())},
-    )  # fmt: skip
+    )
 
 
 def dropped_velocity_terms() -> Erratum:
@@ -78,7 +74,6 @@ def dropped_velocity_terms() -> Erratum:
     return Erratum(
         "D^T M D_dot q_dot of (7)-(10), not in (11)",
         f"up to {most:.3f} N m at 1 rad/s, {16.0 * most:.2f} at 4: as the speed squared",
-        {"most": most},
     )
 
 
@@ -87,13 +82,11 @@ def frame_pairs() -> Erratum:
 
     Bodies 1, 4 and 5 meet at P; the paper lists (4, 5) alone there.
     """
-    added = {"listed": (), "four": ((1, 4),), "five": ((1, 5),), "both": ((1, 4), (1, 5))}
-    loss = {name: mean_loss(paper_robot(), *pairs) for name, pairs in added.items()}
-    listed, four, five, both = loss.values()
+    added = ((), ((1, 4),), ((1, 5),), ((1, 4), (1, 5)))
+    listed, four, five, both = (mean_loss(paper_robot(), *pairs) for pairs in added)
     return Erratum(
         "no pair of the frame at P in h_f",
         f"mean torque at 1 rad/s {listed:.3f} N m as listed, {four:.3f} with (1, 4), {five:.3f} "
         f"with (1, 5), {both:.3f} with both: {100.0 * (four / listed - 1.0):.1f} to "
         f"{100.0 * (both / listed - 1.0):.1f} % more",
-        loss,
     )

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import matplotlib
 import matplotlib.style
@@ -60,9 +59,9 @@ def draw(results: Results, folder: Path) -> list[Path]:
         ]
 
 
-def _figure(width: float, height: float, rows: int = 1, columns: int = 1, **more: Any) -> Any:
+def _figure(width: float, height: float) -> tuple[Figure, Axes]:
     figure = Figure(figsize=(width, height), layout="constrained")
-    return figure, figure.subplots(rows, columns, **more)
+    return figure, figure.subplots()
 
 
 def torque(r: Results) -> Figure:
@@ -180,7 +179,8 @@ def _angle_axis(axes: Axes) -> None:
 def mechanism(_: Results) -> Figure:
     """The mechanism at eight crank angles, right pair of legs in front."""
     robot = paper_robot()
-    figure, grid = _figure(11.0, 4.5, 2, 4, sharex=True, sharey=True)
+    figure = Figure(figsize=(11.0, 4.5), layout="constrained")
+    grid = figure.subplots(2, 4, sharex=True, sharey=True)
     path = toe_positions(robot, toes.turn(360))
     angles = ("0", "π/4", "π/2", "3π/4", "π", "5π/4", "3π/2", "7π/4")
     for k, (angle, axes) in enumerate(zip(angles, grid.flat, strict=True)):
@@ -205,7 +205,8 @@ def mechanism(_: Results) -> Figure:
 
 def heave(r: Results) -> Figure:
     """Heave against the number of legs, and why odd numbers of phases differ."""
-    figure, (left, *right) = _figure(11.0, 3.6, 1, 3, width_ratios=(1.5, 1, 1))
+    figure = Figure(figsize=(11.0, 3.6), layout="constrained")
+    left, *right = figure.subplots(1, 3, width_ratios=(1.5, 1, 1))
     legs = np.array([h.legs for h in r.heaves])
     level = 1e3 * np.array([h.level for h in r.heaves])
     standing = 1e3 * np.array([h.standing for h in r.heaves])
@@ -234,7 +235,8 @@ def heave(r: Results) -> Figure:
 
 def slip(r: Results) -> Figure:
     """Draw the speed at which two standing toes part; slip by friction and crank speed."""
-    figure, (left, middle, right) = _figure(11.5, 3.6, 1, 3)
+    figure = Figure(figsize=(11.5, 3.6), layout="constrained")
+    left, middle, right = figure.subplots(1, 3)
     support = r.support
     left.axhline(0.0, color=INK, lw=0.8)
     left.plot(support.angle, support.slip, color=INK, lw=1.8)

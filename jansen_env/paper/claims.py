@@ -141,7 +141,7 @@ def torque_level(r: Results) -> Claim:
 def constant_torque(r: Results) -> Claim:
     """Speed ripple at constant torques: fixed base, with slender links, walking."""
     fixed = [ripple.ripple for ripple in r.ripples.values()]
-    middle, slender = r.ripples[TORQUES[2]], r.slender_ripple.ripple
+    slender = r.slender_ripple.ripple
     walking = {t: ripple.ripple for t, ripple in r.walking_ripples.items() if not ripple.fell}
     fallen = [torque for torque, ripple in r.walking_ripples.items() if ripple.fell]
     every = [*fixed, slender, *walking.values()]
@@ -248,8 +248,8 @@ def more_legs(r: Results) -> Claim:
         "more_legs", "4 and summary",
         "more legs with smaller phase differences make the up-and-down motion vanish",
         f"heave in mm by number of legs: {shown}; {_list(better)} legs clearly beat two more. "
-        f"Standing on both sides, 6 legs {1e3 * standing[6]:.1f}, 24 legs {1e3 * standing[24]:.2f}; "
-        f"{_list(better_standing)} beat two more",
+        f"Standing on both sides, 6 legs {1e3 * standing[6]:.1f}, 24 legs "
+        f"{1e3 * standing[24]:.2f}; {_list(better_standing)} beat two more",
         _verdict(steady and level[24] < 1e-3, level[24] < 1e-3),
     )  # fmt: skip
 

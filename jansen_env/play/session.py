@@ -64,56 +64,6 @@ SLIDERS = {
 """Sliders by their names in ``env.inner.set_parameters``."""
 
 
-def controls_of(env_id: str) -> tuple[str, ...]:
-    """What may turn the crank in an environment: names of controls and policies."""
-    return (BY_HAND, STEADY, *pretrained.names(env_id))
-
-
-@dataclass(frozen=True)
-class Choices:
-    """What a walk is made of; ``lengths``, m, of the robot that are not its design's.
-
-    Raises ValueError: a robot, terrain or level is none of those allowed.
-    """
-
-    robot: str
-    terrain: str
-    level: int
-    control: str
-    lengths: Mapping[str, float]
-
-    def __post_init__(self) -> None:
-        one_of("robot", self.robot, ROBOTS)
-        one_of("terrain", self.terrain, TERRAINS)
-        whole_number("level", self.level, HIGHEST)
-        instance("lengths", self.lengths, dict)
-
-    def make_env(self, env_id: str) -> Recorder:
-        """Return an environment, which records what is walked in it.
-
-        Raises ValueError: the robot's lengths do not close.
-        """
-        robot = with_lengths(DESIGNS[self.robot](), self.lengths) if self.lengths else self.robot
-        env = gym.make(
-            env_id, max_episode_steps=-1, disable_env_checker=True, robot=robot,
-            terrain=self.terrain, terrain_level=0 if self.terrain == FLAT else self.level,
-            randomize=None, terminate_when_fallen=False,
-        )  # fmt: skip
-        return Recorder(env, self.robot)
-
-
-def policy_of(env_id: str, control: str, env: Recorder) -> Policy | None:
-    """Return what turns the crank of an environment; None for the torque by hand.
-
-    Raises ValueError: ``control`` is none of :func:`controls_of`.
-    """
-    one_of("control", control, controls_of(env_id))
-    if control == STEADY:
-        way = max(abs(advance_per_turn(env.inner.robot)), SHORTEST_TURN)
-        return walking_pid(lambda speed: 2.0 * math.pi / way * speed, env.inner)
-    return None if control == BY_HAND else pretrained.load(env_id, control).on(env)
-
-
 @dataclass
 class Score:
     """Score of a walk so far.
@@ -165,6 +115,8 @@ class Session:
             ground.
 
     Attributes:
+        choices: present "robot", "terrain", "level" and "control", and options: allowed values of
+            each. lengths: m, that are not the design's. env: the environment, unwrapped.
         input: -1 to 1: the action, or the policy's command as a share of :attr:`top_speed`, m/s.
         settings: the sliders that have been moved. paused: time stands still. pace: of time, one
             of :data:`PACES`. fallen: since the last start. stuck: the simulation has diverged.
@@ -183,41 +135,34 @@ class Session:
         control: str = BY_HAND,
         seed: int = 0,
     ) -> None:
-        one_of("env", env_id, ENVIRONMENTS)
-        self.env_id, self.controls = env_id, controls_of(env_id)
+        self.env_id = one_of("env", env_id, ENVIRONMENTS)
         self.seed = whole_number("seed", seed)
+        self.options: dict[str, tuple[object, ...]] = {
+            "robot": ROBOTS,
+            "terrain": TERRAINS,
+            "level": tuple(range(HIGHEST + 1)),
+            "control": (BY_HAND, STEADY, *pretrained.names(env_id)),
+        }
         self.settings: dict[str, float] = {}
         self.input, self.paused, self.pace = 0.0, False, PACES[0]
         self.top_speed, self.version = 1.0, 0
         self._held, self._returns = 0, False  # the keys; whether the torque goes back to 0
         self._message, self._message_left = "", 0.0
         defaults = arguments_of(env_id)
-        start = Choices(robot or defaults["robot"], terrain or defaults["terrain"], 0, control, {})
-        self._choices = self._chosen("level", level, start)
-        self._env = self._choices.make_env(env_id)
-        self._take_control(policy_of(env_id, control, self._env), self._choices, first=True)
-        self._start()
+        choices = {
+            "robot": robot or defaults["robot"],
+            "terrain": terrain or defaults["terrain"],
+            "level": level,
+            "control": control,
+        }
+        self._env: Recorder
+        self.choices: dict[str, Any] = {}
+        self._rebuild(choices, {})
 
     @property
     def env(self) -> SingleEnv[Task]:
         """The environment, unwrapped."""
         return self._env.inner
-
-    @property
-    def choices(self) -> dict[str, str | int]:
-        """Present "robot", "terrain", "level" and "control"."""
-        return {name: getattr(self._choices, name) for name in self.options}
-
-    @property
-    def lengths(self) -> dict[str, float]:
-        """Lengths that are not the robot's own."""
-        return dict(self._choices.lengths)
-
-    @property
-    def options(self) -> dict[str, tuple[object, ...]]:
-        """Allowed values of each of :attr:`choices`."""
-        levels = tuple(range(HIGHEST + 1))
-        return {"robot": ROBOTS, "terrain": TERRAINS, "level": levels, "control": self.controls}
 
     @property
     def command(self) -> float | None:
@@ -274,34 +219,22 @@ class Session:
         self.settings[name] = number
         self.version += 1
 
-    def choose(self, name: str, value: Any, lengths: Mapping[str, float] | None = None) -> None:
-        """Choose a robot, a terrain, a level or a control; all but a control start again.
-
-        ``lengths``: of a robot that is to walk with other lengths, its crank at a constant speed;
-        see :func:`jansen_env.robot.lengths.with_lengths`.
-        """
-        chosen = self._chosen(name, value, self._choices)
+    def choose(self, name: str, value: object) -> None:
+        """Choose a robot, a terrain, a level or a control; all but a control start again."""
+        choices = {**self.choices, one_of("choice", name, self.options): value}
         if name == "control":
-            self._take_control(policy_of(self.env_id, value, self._env), chosen)
-            return
-        if name == "robot":
-            chosen = replace(chosen, lengths={} if lengths is None else lengths)
-            chosen = chosen if lengths is None else replace(chosen, control=STEADY)
-        env = chosen.make_env(self.env_id)
-        try:
-            env.inner.set_parameters(**self.settings)
-            policy = policy_of(self.env_id, chosen.control, env)
-        except ValueError:
-            env.close()
-            raise
-        self._env.close()
-        self._env = env
-        self._take_control(policy, chosen)
-        self._start()
+            self._check(choices)
+            self._take_control(self._policy_of(str(value), self._env), choices)
+        else:
+            self._rebuild(choices, {} if name == "robot" else self.lengths)
 
     def build(self, robot: str, lengths: Mapping[str, float]) -> None:
-        """Choose a robot with other lengths, and let it walk."""
-        self.choose("robot", robot, lengths)
+        """Let a robot with other lengths walk, its crank at a constant speed.
+
+        ``lengths``: see :func:`jansen_env.robot.lengths.with_lengths`.
+        """
+        choices = {**self.choices, "robot": robot, "control": STEADY}
+        self._rebuild(choices, instance("lengths", lengths, dict))
         self.pause(False)
 
     def push(self, x: float, y: float) -> None:
@@ -375,21 +308,52 @@ class Session:
         """Let go of the environment."""
         self._env.close()
 
-    def _chosen(self, name: str, value: Any, before: Choices) -> Choices:
-        """The choices with another one."""
-        one_of("choice", name, self.options)
-        if name == "level" and before.terrain == FLAT and value != 0:
-            raise ValueError(f"level is {shown(value)}, must be 0 on flat ground")
-        return replace(before, **{name: value})
+    def _check(self, choices: Mapping[str, object]) -> None:
+        """Raise ValueError unless all choices are allowed."""
+        for name in "robot", "terrain", "control":
+            one_of(name, choices[name], self.options[name])
+        level = whole_number("level", choices["level"], HIGHEST)
+        if level and choices["terrain"] == FLAT and level != self.choices.get("level"):
+            raise ValueError(f"level is {level}, must be 0 on flat ground")
 
-    def _take_control(self, policy: Policy | None, choices: Choices, first: bool = False) -> None:
+    def _rebuild(self, choices: dict[str, Any], lengths: dict[str, float]) -> None:
+        """Start with another environment. Raises ValueError, and then changes nothing."""
+        self._check(choices)
+        design, flat = choices["robot"], choices["terrain"] == FLAT
+        made = gym.make(
+            self.env_id, max_episode_steps=-1, disable_env_checker=True,
+            robot=with_lengths(DESIGNS[design](), lengths) if lengths else design,
+            terrain=choices["terrain"], terrain_level=0 if flat else choices["level"],
+            randomize=None, terminate_when_fallen=False,
+        )  # fmt: skip
+        env = Recorder(made, design)
+        try:
+            env.inner.set_parameters(**self.settings)
+            policy = self._policy_of(choices["control"], env)
+        except ValueError:
+            env.close()
+            raise
+        if self.choices:
+            self._env.close()
+        self._env, self.lengths = env, lengths
+        self._take_control(policy, choices)
+        self._start()
+
+    def _policy_of(self, control: str, env: Recorder) -> Policy | None:
+        """Return what turns the crank of an environment; None for the torque by hand."""
+        if control == STEADY:
+            way = max(abs(advance_per_turn(env.inner.robot)), SHORTEST_TURN)
+            return walking_pid(lambda speed: 2.0 * math.pi / way * speed, env.inner)
+        return None if control == BY_HAND else pretrained.load(self.env_id, control).on(env)
+
+    def _take_control(self, policy: Policy | None, choices: dict[str, Any]) -> None:
         """Let a policy walk, or None: the hand."""
-        if self._choices.control != choices.control or first:
-            command = STEADY_COMMAND if choices.control == STEADY else FIRST_COMMAND
+        if self.choices.get("control") != choices["control"]:
+            command = STEADY_COMMAND if choices["control"] == STEADY else FIRST_COMMAND
             self.input = 0.0 if policy is None else command
             self._held, self._returns = 0, False
         self._policy, self._memory, self._fresh = policy, None, True
-        self._choices = choices
+        self.choices = choices
         if policy is not None:  # the fastest command that it was trained for
             arguments = {**arguments_of(self.env_id), **getattr(policy, "env_kwargs", {})}
             self.top_speed = float(np.max(np.abs(arguments["speed_command"])))

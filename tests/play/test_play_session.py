@@ -141,7 +141,7 @@ def test_ground_and_robot_by_name():
 def test_a_robot_of_other_lengths_walks_and_is_recorded():
     """At a constant speed of its crank, on other terrain as well, until another robot is chosen."""
     session = Session()
-    session.choose("robot", "klann", {"rod_AD": 0.47})
+    session.build("klann", {"rod_AD": 0.47})
     walk(session, 4.0)
     assert session.score().distance == pytest.approx(4.0 * session.command, rel=0.2)
     assert len(session.recording().time) == 4.0 / DT + 1
@@ -154,7 +154,7 @@ def test_a_robot_of_other_lengths_walks_and_is_recorded():
         ({"rod_AD": -0.1}, "must be above 0"),
         ({"wheel": 1.0}, "lengths has 'wheel', must be of"),
     ):
-        refused(session, message, "choose", "robot", "klann", changed)
+        refused(session, message, "build", "klann", changed)
         assert session.env.robot is robot
     assert session.choices == before
     session.choose("robot", "holy")

@@ -8,18 +8,18 @@ import re
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing
+from importlib import import_module
 from itertools import chain, zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jansen_env.baselines.policy import Policy
 from jansen_env.commands.flags import parse_policies, policy_parser, positive_int
 from jansen_env.commands.named_policies import default_policy, label, load_all
 from jansen_env.files import write_whole
-from jansen_env.rendering import GROUND, GROUND_TEXT, SLIP
+from jansen_env.rendering import GROUND, GROUND_TEXT, SLIP, Picture
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.metrics import Env
 from jansen_env.scoring.rollout import make_env
@@ -27,10 +27,8 @@ from jansen_env.scoring.rollout import make_env
 INVISIBLE = ("dummy", "offscreen")  # SDL's drivers of invisible windows
 FRAME_TIME = {".gif": 0.08, ".mp4": 0.02}  # s from one frame to the next
 GIF_WIDTH, GIF_COLOURS = 480, 32
-TITLE_LEFT, TITLE_HEIGHT = 24, 42  # pixels, from the lower left corner
-TITLE_SIZE, TITLE_WIDTH, TITLE_GAP = 30, 190, 30  # pixels: letters; least of a title; behind it
-
-Picture = NDArray[np.uint8]
+TITLE_SIZE, TITLE_MARGIN, TITLE_HEIGHT = 30, 24, 42  # pixels: letters, beside and above them
+WRITERS = {".gif": ("PIL",), ".mp4": ("PIL", "imageio", "imageio_ffmpeg")}  # packages
 
 
 class Progress(NamedTuple):
@@ -60,12 +58,13 @@ def play(policy: Policy, env: Any, command: float, seed: int) -> Iterator[Progre
 
 
 def film(
-    env: Any, moments: Iterable[Progress], every: int, title: str | None = None
+    env: Env, moments: Iterable[Progress], every: int, title: str | None = None
 ) -> Iterator[Picture]:
     """Give a frame of one in ``every`` moments, and of a failure, with a title if there is one."""
     for moment in moments:
         if moment.steps % every == 0 or moment.failed:
-            yield env.render() if title is None else _titled(env.render(), title, moment)
+            frame: Any = env.render()
+            yield frame if title is None else _titled(frame, title, moment)
 
 
 def _titled(frame: Picture, title: str, moment: Progress) -> Picture:
@@ -73,18 +72,14 @@ def _titled(frame: Picture, title: str, moment: Progress) -> Picture:
     from PIL import Image, ImageDraw, ImageFont
 
     image = Image.fromarray(frame)
-    draw, y, text = ImageDraw.Draw(image), image.height - TITLE_HEIGHT, ""
+    draw, font = ImageDraw.Draw(image), ImageFont.load_default(TITLE_SIZE)
+    y = image.height - TITLE_HEIGHT
+    draw.rectangle((0, y + 2, *image.size), GROUND)  # over the marks of the ground
+    draw.text((TITLE_MARGIN, y), title, GROUND_TEXT, font)
     if moment.slipped is not None and moment.walked is not None:
         end = "then fell" if moment.failed else f"toes slid {1e3 * moment.slipped:.0f} mm"
-        text = f"{moment.walked:.2f} m walked, {end}"
-    font = ImageFont.load_default(TITLE_SIZE)
-    room = image.width - 2 * TITLE_LEFT - TITLE_GAP - draw.textlength(text, font)
-    share = min(1.0, room / draw.textlength(title, font))  # letters of a long title are smaller
-    title_font = ImageFont.load_default(TITLE_SIZE * share)
-    draw.rectangle((0, y + 2, *image.size), GROUND)  # over the marks of the ground
-    draw.text((TITLE_LEFT, y), title, GROUND_TEXT, title_font)
-    behind = max(TITLE_WIDTH, round(draw.textlength(title, title_font)) + TITLE_GAP)
-    draw.text((TITLE_LEFT + behind, y), text, SLIP, font)
+        text, right = f"{moment.walked:.2f} m walked, {end}", image.width - TITLE_MARGIN
+        draw.text((right, y), text, SLIP, font, anchor="ra")
     return np.asarray(image)
 
 
@@ -97,7 +92,7 @@ def stack(films: Sequence[Iterable[Picture]]) -> Iterator[Picture]:
 
 
 def check_suffix(path: str | Path) -> str:
-    """Return the suffix of a video's file; a ValueError where no video has it."""
+    """Return the suffix of a video's file. Raises ValueError: no video has it."""
     if (suffix := Path(path).suffix) not in FRAME_TIME:
         raise ValueError(f"{path} ends in {suffix!r}, must end in one of {list(FRAME_TIME)}")
     return suffix
@@ -168,39 +163,35 @@ def episode(
           f"{moment.returned:.1f}, {how} after {seconds:.2f} s")  # fmt: skip
 
 
-def episodes(policy: Policy, env: Env, args: argparse.Namespace) -> Iterator[Progress]:
-    """Play episodes one after another until the window, if any, is closed."""
-    for number in range(args.episodes):
-        if not env.get_wrapper_attr("window_closed"):
-            yield from episode(policy, env, args, number)
-
-
 def show(policy: Policy, env: Env, args: argparse.Namespace) -> bool:
     """Play in a window until it is closed; return False at once if there is no display."""
-    moments = episodes(policy, env, args)
-    next(moments)
-    if env.get_wrapper_attr("window_closed"):
-        return False
-    print(f"{label(args.policy[0])} on {args.env} in a window; close it to end", flush=True)
-    for _ in moments:
-        pass
+    for number in range(args.episodes):
+        for moment in episode(policy, env, args, number):
+            if number == moment.steps == 0:
+                if env.get_wrapper_attr("window_closed"):
+                    return False
+                title = label(args.policy[0])
+                print(f"{title} on {args.env} in a window; close it to end", flush=True)
+        if env.get_wrapper_attr("window_closed"):
+            break
     return True
 
 
 def record(policies: dict[str, Policy], args: argparse.Namespace, path: Path) -> None:
     """Film the episodes; policies, by title, one above the other from the same starts."""
-    with ExitStack() as made:
-        shown: list[tuple[Env, Policy, str | None]] = [
-            (made.enter_context(closing(make_env(args.env, args.env_kwargs,
-                                                 render_mode="rgb_array"))),
-             policy, title if len(policies) > 1 else None)
-            for title, policy in policies.items()
-        ]  # fmt: skip
-        dt = shown[0][0].get_wrapper_attr("control_dt")
+    titles = policies if len(policies) > 1 else [None]
+    with ExitStack() as opened:
+        envs = [
+            opened.enter_context(
+                closing(make_env(args.env, args.env_kwargs, render_mode="rgb_array"))
+            )
+            for _ in policies
+        ]
+        dt = envs[0].get_wrapper_attr("control_dt")
         every = max(1, round(FRAME_TIME[path.suffix] / dt))
         films = (
             stack([film(env, episode(policy, env, args, number, title), every, title)
-                   for env, policy, title in shown])
+                   for env, policy, title in zip(envs, policies.values(), titles, strict=True)])
             for number in range(args.episodes)
         )  # fmt: skip
         save_video(chain.from_iterable(films), path, every * dt)
@@ -228,26 +219,22 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     return args
 
 
-def prepare(args: argparse.Namespace) -> dict[str, Policy]:
-    """Return the policies by title; a ValueError names an argument that is not allowed."""
-    if args.video is not None:
-        check_suffix(args.video)
-    ((policies, _),) = load_all(args, args.command)
-    return policies
-
-
 def main(arguments: list[str] | None = None) -> None:
     """Show a policy, or film it."""
     args = parse(arguments)
+    window = args.video is None and len(args.policy) == 1 and display()
     with args.parser.refusing():
-        policies = prepare(args)
-    title, *others = policies
-    if args.video is None and not others and display():
+        suffix = check_suffix(args.video or "film.mp4")
+        if not window:
+            for package in WRITERS[suffix]:
+                import_module(package)
+        ((policies, _),) = load_all(args, args.command)
+    if window:
         with closing(make_env(args.env, args.env_kwargs, render_mode="human")) as env:
-            if show(policies[title], env, args):
+            if show(next(iter(policies.values())), env, args):
                 return
     path = Path(args.video or f"{args.env}_{re.sub('[/ :]', '_', '_'.join(policies))}.mp4")
-    why = "" if args.video or others else "no display to open a window on: "
+    why = "" if args.video or len(policies) > 1 else "no display to open a window on: "
     print(f"{why}filming {' and '.join(policies)} on {args.env} to {path} ...", flush=True)
     with args.parser.refusing():
         record(policies, args, path)

@@ -1,10 +1,14 @@
 """Watching policies, with a display and without."""
 
+import sys
+
 import imageio.v3 as iio
 import numpy as np
 import pytest
 
+from jansen_env.__main__ import main as jansen_env
 from jansen_env.commands import enjoy
+from jansen_env.commands.named_policies import load_named
 from jansen_env.scoring.rollout import make_env
 
 CRANK = "JansenCrank-v0"
@@ -66,30 +70,41 @@ def window(invisible):
     env.close()
 
 
-def test_windows_show_all_episodes_or_until_they_are_closed(window, capsys):
+def test_windows_show_all_episodes_or_until_they_are_closed(window, capsys, monkeypatch):
     import pygame
 
     args = enjoy.parse(["--env", CRANK, "--steps", "4", "--episodes", "3"])
-    (policy,) = enjoy.prepare(args).values()
+    policy = load_named("pretrained", window)
     assert enjoy.show(policy, window, args)
     assert capsys.readouterr().out.count("return") == 3
-    moments = enjoy.episodes(policy, window, args)
-    for _ in range(7):
-        next(moments)
-    assert not window.unwrapped.window_closed
-    pygame.event.post(pygame.event.Event(pygame.QUIT))
-    assert [moment.steps for moment in moments] == [2]
-    assert window.unwrapped.window_closed
+    steps, step = [], window.unwrapped.step
+    monkeypatch.setattr(window.unwrapped, "step", lambda action: steps.append(1) or step(action))
+    render = window.unwrapped.render
+
+    def close_at_last():
+        if len(steps) == 6:
+            pygame.event.post(pygame.event.Event(pygame.QUIT))
+        render()
+
+    monkeypatch.setattr(window.unwrapped, "render", close_at_last)
+    assert enjoy.show(policy, window, args)
+    assert window.unwrapped.window_closed and len(steps) == 6
     assert capsys.readouterr().out.count("return") == 2
 
 
 def test_a_display_that_does_not_answer_gives_a_film(window, monkeypatch):
     args = enjoy.parse(["--env", CRANK, "--steps", "4"])
-    (policy,) = enjoy.prepare(args).values()
     monkeypatch.setenv("SDL_VIDEODRIVER", "x11")
     monkeypatch.setenv("DISPLAY", "nowhere:9")
     with pytest.warns(UserWarning, match="no window: "):
-        assert not enjoy.show(policy, window, args)
+        assert not enjoy.show(load_named("pretrained", window), window, args)
+
+
+def test_a_film_without_its_packages_is_refused_at_once(invisible, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    with pytest.raises(SystemExit, match="jansen-env enjoy needs imageio_ffmpeg: python -m pip"):
+        jansen_env(["enjoy", "--env", CRANK])
+    assert capsys.readouterr().out == ""
 
 
 def test_long_videos_take_little_memory(tmp_path, monkeypatch):

@@ -14,7 +14,7 @@ from jansen_env.files import write_text
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.rollout import make_env
 from jansen_env.viewer.recorder import Recorder
-from jansen_env.viewer.recording import LONGEST_NAME, MOST_RECORDED, Recording
+from jansen_env.viewer.recording import MOST_RECORDED, Recording
 from jansen_env.viewer.web.page import MOST_RECORDINGS, page
 
 
@@ -61,7 +61,7 @@ def main(arguments: list[str] | None = None) -> None:
     out = Path(args.out)
     with args.parser.refusing():
         named = zip(args.policy, labels(args.policy), strict=True)
-        made = [record(name, label[-LONGEST_NAME:], args) for name, label in named]
+        made = [record(name, label, args) for name, label in named]
         content = page(*made, *map(Recording.load, args.recording))  # before anything is written
         names = [re.sub("[^A-Za-z0-9._-]", "_", recording.label) for recording in made]
         if len({*names}) < len(names):  # labels differ in other characters alone

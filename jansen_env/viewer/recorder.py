@@ -19,7 +19,7 @@ from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import world_joints
 from jansen_env.tasks.task import Task
-from jansen_env.viewer.recording import LONGEST_NAME, MOST_RECORDED, Recording
+from jansen_env.viewer.recording import MOST_RECORDED, Recording
 from jansen_env.viewer.web.geometry import contacts, scene_of, world_forces
 from jansen_env.world.argument_checks import Values
 
@@ -135,7 +135,7 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
             "energies": tuple(info.get("energy", {})),
             "observed": tuple((entry.name, entry.unit) for entry in observed) if named else (),
             "parameters": {} if self.inner.task.world.held else dict(state["parameters"]),
-            "env_id": str(type(self.inner).__name__ if spec is None else spec.id)[:LONGEST_NAME],
+            "env_id": str(type(self.inner).__name__ if spec is None else spec.id),
             "env_kwargs": as_json({} if spec is None else spec.kwargs),
             "options": as_json({**(options or {}), **exchanged}),
             "seed": None if seed is None else int(seed),

@@ -33,7 +33,6 @@ MAX_BYTES = 2**26  # of a file
 MAX_UNPACKED = 2**27  # bytes of all its arrays
 MAX_MEMBERS = 64  # of an archive; one byte of a directory becomes ten in memory
 MAX_TEXT = 2**20  # bytes of the JSON text in it
-LONGEST_NAME = 200  # characters
 DIRECTORY_ENTRY = b"PK\x01\x02"
 # zipfile unpacks other kinds, such as bzip2, without a limit on the result.
 PACKED = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}
@@ -136,9 +135,8 @@ class Recording:
             raise ValueError(f"observed has {shown(wrong[0])}, must have a name and a unit each")
         if "motor_work" not in self.energies:
             raise ValueError(f"energies is {shown(self.energies)}, must have 'motor_work'")
-        names = (*self.energies, *(text for pair in self.observed for text in pair))
-        for text in (*names, self.speed_unit, self.env_id, self.label):
-            _check_text(text)
+        for name in ("speed_unit", "env_id", "label"):
+            instance(name, getattr(self, name), str)
         within("torque_limit", self.torque_limit, 0.0, LARGEST)
         for name in ("speed_range", "control_dt"):
             within(name, getattr(self, name), SHORTEST, LARGEST)
@@ -279,14 +277,3 @@ def _read_archive(data: bytes) -> dict[str, NDArray[Any]]:
         raise
     except Exception as error:  # damaged archives raise errors of many kinds
         raise ValueError(f"it is damaged: {one_line(error)}") from error
-
-
-def _check_text(value: str) -> None:
-    """Check a name, which a page shows."""
-    instance("a name", value, str)
-    if len(value) > LONGEST_NAME:
-        raise ValueError(f"{shown(value)} must have at most {LONGEST_NAME} characters")
-    try:
-        value.encode()
-    except UnicodeEncodeError:  # half of a pair of surrogates
-        raise ValueError(f"{shown(value)} must be text that UTF-8 has") from None

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from jansen_env.engine.mathematics import directions
 from jansen_env.gravity import GRAVITY
 from jansen_env.robot import Robot
-from jansen_env.robot.kinematics import Array, joint_positions
+from jansen_env.robot.kinematics import Array, joint_positions, world_joints
 from jansen_env.terrain import heights_of
 
 Picture = NDArray[np.uint8]
@@ -35,7 +35,10 @@ SKY, GRID = (241, 246, 251), (222, 231, 240)
 GROUND, SURFACE, GROUND_TEXT = (234, 223, 202), (150, 128, 94), (104, 86, 58)
 INK, MUTED, TRACK, WHITE = (38, 50, 66), (100, 112, 128), (220, 227, 235), (255, 255, 255)
 LINK, CRANK, FORCE = (58, 124, 190), (240, 140, 16), (124, 58, 190)
-GRIP, SLIP = (0, 140, 122), (220, 38, 38)
+GREEN, RED = (0, 140, 122), (220, 38, 38)
+AIR, GRIP, SLIP = 0, 1, 2  # a toe is lifted, holds, slides while it is loaded
+TOUCHING = 1e-6  # of the robot's weight: the normal force from which a toe is on the ground
+LEGEND = {"gripping toe": GRIP, "slipping toe": SLIP, "lifted toe": AIR, "contact force": None}
 CIRCLE = np.array([(math.cos(a), math.sin(a)) for a in np.linspace(0.0, 2.0 * math.pi, 32)])
 
 
@@ -53,6 +56,20 @@ class Frame:
     torque: float  # N m, of the crank
     torque_limit: float  # N m, its largest magnitude
     time: float  # s
+
+    @property
+    def forces(self) -> Array:
+        """(toes, 2) forces of the ground on the toes, N, world frame."""
+        tangent = self.contact_tangent
+        normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1)
+        along, across = self.contact_force.T[..., None]
+        forces: Array = along * tangent + across * normal
+        return forces
+
+    def contacts(self, weight: float) -> NDArray[np.int8]:
+        """(toes,) what each toe of a robot with a ``weight``, N, does: AIR, GRIP or SLIP."""
+        touching = self.contact_force[:, 1] > TOUCHING * weight
+        return np.where(self.slipping, SLIP, np.where(touching, GRIP, AIR)).astype(np.int8)
 
 
 class Renderer:
@@ -86,7 +103,7 @@ class Renderer:
         self._canvas: Any = None
         self._screen: Any = None
         self.dismissed = False  # the user closed the window, or there is no display
-        self._labels: dict[tuple[str, int, Color], Any] = {}
+        self._fonts: dict[int, Any] = {}
 
     def show(self, robot: Robot, terrain_points: Array | None, **_: object) -> None:
         """Draw this robot and this ground from now on."""
@@ -159,27 +176,20 @@ class Renderer:
         if self._terrain is not None:
             self._paint_ground(self._terrain)
 
-        turn = np.array([directions(q[2]), directions(q[2] + 0.5 * math.pi)])
-        legs = [
-            self._pixels(joint_positions(self.robot, leg.side, q[3] + leg.phase) @ turn + q[:2])
-            for leg in self.robot.legs
-        ]
+        legs = self._pixels(world_joints(self.robot, q))
         order = sorted(range(len(legs)), key=lambda leg: -self._depth[leg])
         far = [leg for leg in order if self._depth[leg] > 0.0]
         for leg in far:
             self._paint_leg(legs[leg], self._depth[leg])
-        self._paint_chassis(legs, turn, q)
+        self._paint_chassis(legs, q)
         for leg in order[len(far) :]:
             self._paint_leg(legs[leg], 0.0)
         pad = max(self.robot.pad_radius * self._scale / UNIT, 4.5)
+        contacts, forces = frame.contacts(self._weight), frame.forces / self._weight
         toes = sorted(enumerate(self.robot.toes), key=lambda toe: -self._depth[toe[1][0]])
         for k, (leg, joint) in toes:
-            tangent = np.asarray(frame.contact_tangent[k], dtype=float)
-            along, across = (float(f) / self._weight for f in frame.contact_force[k])
-            force = along * tangent + across * np.array([-tangent[1], tangent[0]])
-            self._arrow(self._pixels(frame.contact_point[k]), force * np.array([1.0, -1.0]))
-            touching = GRIP if across > 1e-6 else None
-            self._toe(legs[leg][joint], pad, SLIP if frame.slipping[k] else touching)
+            self._arrow(self._pixels(frame.contact_point[k]), forces[k] * [1.0, -1.0])
+            self._toe(legs[leg, joint], pad, contacts[k])
         self._paint_gauges(frame)
         if self._terrain is not None:
             self._paint_legend()
@@ -219,9 +229,10 @@ class Renderer:
             self._disc(joint, 4.2 - 0.6 * depth, ink)
             self._disc(joint, 2.3 - 0.4 * depth, WHITE)
 
-    def _paint_chassis(self, legs: list[Array], turn: Array, q: Array) -> None:
+    def _paint_chassis(self, legs: Array, q: Array) -> None:
         load = self.robot.payload
         if load.mass > 0.0:
+            turn = np.array([directions(q[2]), directions(q[2] + 0.5 * math.pi)])
             half = min(max(0.085 * load.mass ** (1.0 / 3.0), 0.06), 0.17)  # m
             box = half * np.array([[-1.0, -0.6], [1.0, -0.6], [1.0, 0.6], [-1.0, 0.6]])
             corners = self._pixels((box + load.position) @ turn + q[:2])
@@ -269,14 +280,13 @@ class Renderer:
         u = UNIT
         left = SIZE[0] - 194
         self._card(left, 180, 136)
-        rows = ("gripping toe", "slipping toe", "lifted toe", "contact force")
-        for row, (label, color) in enumerate(zip(rows, (GRIP, SLIP, None, None), strict=True)):
-            x, y = (left + 20) * u, (35 + 31 * row) * u
-            if row < 3:
-                self._toe(np.array([x, y]), 4.5, color)
+        for line, (label, contact) in enumerate(LEGEND.items()):
+            x, y = (left + 20) * u, (35 + 31 * line) * u
+            if contact is not None:
+                self._toe(np.array([x, y]), 4.5, contact)
             else:
-                shown = 22 * u / (ARROW_PER_WEIGHT * self._scale)
-                self._arrow(np.array([x - 9 * u, y]), np.array([shown, 0.0]))
+                length = 22 * u / (ARROW_PER_WEIGHT * self._scale)
+                self._arrow(np.array([x - 9 * u, y]), np.array([length, 0.0]))
             self._text(label, (left + 42) * u, y, 23, INK, 0.0)
 
     # Primitives: positions in canvas pixels, widths, radii and cards in units.
@@ -304,12 +314,13 @@ class Renderer:
     def _disc(self, center: Array, radius: float, color: Color) -> None:
         self._pg.draw.circle(self._canvas, color, center, radius * UNIT)
 
-    def _toe(self, center: Array, radius: float, color: Color | None) -> None:
+    def _toe(self, center: Array, radius: float, contact: int) -> None:
         """A toe pad: hollow in the air, else solid with a halo."""
-        if color is None:
+        if contact == AIR:
             self._disc(center, radius, INK)
             self._disc(center, radius - 1.8, WHITE)
             return
+        color = RED if contact == SLIP else GREEN
         self._blend(center + 2.1 * radius * UNIT * CIRCLE, color, 85)
         self._disc(center, radius + 1.0, WHITE)
         self._disc(center, radius, color)
@@ -343,13 +354,10 @@ class Renderer:
 
     def _text(self, text: str, x: float, y: float, size: int, color: Color, align: float) -> None:
         """One line centred on ``y``, starting (align 0), centred (0.5) or ending (1) at ``x``."""
-        image = self._labels.get((text, size, color))
-        if image is None:
+        if size not in self._fonts:
             self._pg.font.init()
-            if len(self._labels) > 500:
-                self._labels.clear()
-            image = self._pg.font.Font(None, size * UNIT).render(text, True, color)
-            self._labels[text, size, color] = image
+            self._fonts[size] = self._pg.font.Font(None, size * UNIT)
+        image = self._fonts[size].render(text, True, color)
         width, height = image.get_size()
         self._canvas.blit(image, (round(x - align * width), round(y - 0.5 * height)))
 

@@ -19,7 +19,7 @@ from jansen_env.baselines.policy import Policy
 from jansen_env.commands.flags import parse_policies, policy_parser, positive_int
 from jansen_env.commands.named_policies import default_policy, label, load_all
 from jansen_env.files import write_whole
-from jansen_env.rendering import GROUND, GROUND_TEXT, SLIP, Picture
+from jansen_env.rendering import GROUND, GROUND_TEXT, RED, Picture
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.metrics import Env
 from jansen_env.scoring.rollout import make_env
@@ -79,7 +79,7 @@ def _titled(frame: Picture, title: str, moment: Progress) -> Picture:
     if moment.slipped is not None and moment.walked is not None:
         end = "then fell" if moment.failed else f"toes slid {1e3 * moment.slipped:.0f} mm"
         text, right = f"{moment.walked:.2f} m walked, {end}", image.width - TITLE_MARGIN
-        draw.text((right, y), text, SLIP, font, anchor="ra")
+        draw.text((right, y), text, RED, font, anchor="ra")
     return np.asarray(image)
 
 

@@ -21,15 +21,17 @@ from ipaddress import ip_address
 from secrets import compare_digest, token_urlsafe
 from time import monotonic
 
+import numpy as np
 from websockets.asyncio.server import ServerConnection, broadcast
 from websockets.asyncio.server import serve as serve_sockets
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from jansen_env.checks import one_of, shown
+from jansen_env.gravity import GRAVITY
 from jansen_env.play.session import BY_HAND, LARGEST_PUSH, PACES, SLIDERS, Session
 from jansen_env.viewer.web.bench import served_bench_page
-from jansen_env.viewer.web.geometry import scene_of, state_of_frame
+from jansen_env.viewer.web.geometry import scene_of_robot, state_of_frame
 from jansen_env.viewer.web.page import FOLDER
 from jansen_env.viewer.web.page import page as replay_page
 
@@ -195,10 +197,14 @@ class Page:
 
 def scene_message(session: Session) -> str:
     """Scene, settings and choices, which change with the session's version."""
-    values = session.values()
+    values, scene = session.values(), session.env.scene()
     message = {
         "kind": "scene",
-        "scene": scene_of(session.env),
+        "scene": {
+            **scene_of_robot(scene["robot"], scene["robot"].mass * GRAVITY),
+            "terrain": np.asarray(scene["terrain_points"]).tolist(),
+            "torqueLimit": session.frame().torque_limit,
+        },
         "sliders": [
             {"name": name, "value": values[name], **slider._asdict()}
             for name, slider in SLIDERS.items()

@@ -283,10 +283,7 @@ class Session:
         return steps
 
     def frame(self) -> Frame:
-        """Interpolate between the last two steps; forces are the next one's.
-
-        The command is None where no policy walks. A positive torque walks towards +x.
-        """
+        """Interpolate between the last two steps; forces are the next one's."""
         before, now = self._frames
         moved = {
             name: (1.0 - self._due) * getattr(before, name) + self._due * getattr(now, name)
@@ -362,7 +359,6 @@ class Session:
     def _start(self) -> None:
         """Begin a walk."""
         self._dt = self.env.control_dt
-        self._direction = math.copysign(1.0, advance_per_turn(self.env.robot))
         self._observation, _ = self._env.reset(
             seed=self.seed, options={"speed_command": self.command or 0.0}
         )
@@ -371,7 +367,7 @@ class Session:
             self.input, self._held = 0.0, 0
         self._score = Score()
         self.fallen, self.stuck, self._due = False, False, 0.0
-        self._frames = (self._snapshot(),) * 2
+        self._frames = (self.env.frame(),) * 2
         self._message = ""
         self.version += 1
 
@@ -387,11 +383,6 @@ class Session:
             self.input = start + min(max(self._held - start, -step), step)
             self._returns = bool(self._held) or self.input != 0.0
 
-    def _snapshot(self) -> Frame:
-        """The present frame."""
-        frame = self.env.frame()
-        return replace(frame, command=self.command, torque=self._direction * frame.torque)
-
     def _step(self) -> None:
         """Take one step."""
         if self.stuck:
@@ -406,7 +397,7 @@ class Session:
         # Of a longer walk the rest is not recorded.
         env = self._env if self._frames[1].time < LONGEST_REPLAY else self._env.env
         self._observation, _, _, self.stuck, info = env.step(action)
-        self._frames = self._frames[1], self._snapshot()
+        self._frames = self._frames[1], self.env.frame()
         if not self.fallen:
             weight = self._env.get_wrapper_attr("weight")
             self._score.add(info, self._frames[1].time, weight, self.command)

@@ -17,10 +17,8 @@ from jansen_env.envs.single import SingleEnv
 from jansen_env.gravity import GRAVITY
 from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
-from jansen_env.robot.kinematics import world_joints
 from jansen_env.tasks.task import Task
 from jansen_env.viewer.recording import MOST_RECORDED, Recording
-from jansen_env.viewer.web.geometry import contacts, scene_of, world_forces
 from jansen_env.world.argument_checks import Values
 
 Observation: TypeAlias = Any  # those of any wrappers
@@ -70,9 +68,8 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
         """
         if not self._frames.get("reward"):
             raise gym.error.ResetNeeded("reset() and then step() must be called first")
-        joints = world_joints(self._episode["robot"], np.array(self._frames["pose"]))
-        content: dict[str, Any] = {**self._frames, **self._episode, "label": self.label}
-        return Recording(**content, joints=joints.astype(np.float32))
+        content: dict[str, Any] = {**self._frames, **self._episode}
+        return Recording(**content, label=self.label)
 
     def reset(
         self, *, seed: int | None = None, options: Values | None = None
@@ -120,18 +117,15 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
         seed: int | None,
         options: Values | None,
     ) -> None:
-        scene, spec, state = scene_of(self.env), self.env.spec, self.inner.get_state()
+        scene, spec, state = self.inner.scene(), self.env.spec, self.inner.get_state()
         exchanged = {"robot": state["robot"]} if "robot" in state else {}
-        ground, observed = scene["terrain"], self.inner.observed
+        ground, observed = scene["terrain_points"], self.inner.observed
         named = len(observed) == spaces.flatdim(self.observation_space)
         self._shape = _shape_of(self.inner.robot)
         self._episode = {
-            "robot": self.inner.scene()["robot"],
+            "robot": scene["robot"],
             "terrain": np.zeros((0, 2)) if ground is None else np.array(ground),
-            "torque_limit": scene["torqueLimit"],
-            "speed_unit": scene["speedUnit"],
-            "speed_range": scene["speedRange"],
-            "control_dt": scene["controlDt"],
+            "speed_unit": scene.get("speed_unit", "m/s"),
             "energies": tuple(info.get("energy", {})),
             "observed": tuple((entry.name, entry.unit) for entry in observed) if named else (),
             "parameters": {} if self.inner.task.world.held else dict(state["parameters"]),
@@ -156,9 +150,9 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
             speed=frame.speed,
             torque=info.get("crank_torque", frame.torque),  # the mean of the step
             weight=weight,
-            contact=contacts(frame, weight),
+            contact=frame.contacts(weight),
             contact_point=frame.contact_point,
-            contact_force=world_forces(frame),
+            contact_force=frame.forces,
             observation=np.array(flat, np.float32),
         )
 

@@ -17,14 +17,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.checks import instance, one_line, one_of, shown, within
+from jansen_env.checks import instance, one_line, one_of, shown
 from jansen_env.files import read_bounded, write_bytes
-from jansen_env.rendering import reach_of
+from jansen_env.rendering import SLIP, reach_of
 from jansen_env.robot import Robot
+from jansen_env.robot.kinematics import world_joints
 from jansen_env.robot.robot_file import robot_from_json, robot_to_json
-from jansen_env.viewer.web.geometry import SLIP, scene_of_robot
 
-FORMAT = "jansen_env recording 3"
+FORMAT = "jansen_env recording 4"
 MOST_RECORDED = 20_000  # of a recording
 LARGEST = 1e12  # of any number in it
 SHORTEST = 1e-9  # s, of a step: the page's float32 numbers include power, energy over time
@@ -56,7 +56,6 @@ class Recording:
     Args:
         time: (n + 1,) s. state: (n + 1, 8) of the plant: x, y, theta, psi and their rates.
         pose: (n + 1, 4) x, y, theta, psi, m and rad.
-        joints: (n + 1, legs, joints, 2) m, world frame, in the order of ``robot.linkage.joints``.
         command: (n + 1,) of the step that begins there, and speed: (n + 1,) in ``speed_unit``.
         torque: (n + 1,) N m. weight: (n + 1,) N, of the robot, positive.
         contact: (n + 1, toes) 0 in the air, 1 grip, 2 slip. contact_point: (n + 1, toes, 2) m;
@@ -65,7 +64,7 @@ class Recording:
         slip: (n, toes) m slid by each toe while loaded. energy: (n, e) J, see ``energies``.
         terrain: (v, 2) vertices of the ground, m; v = 0 where there is none.
         robot: the robot that walked. energies: (e,) names of the energies.
-        torque_limit: N m. speed_unit, speed_range: of the speed gauge. control_dt: s.
+        speed_unit: of speed and command.
         observed: (d,) names and units of the observation; () if a wrapper has changed it.
         parameters: of the episode.
         env_id, env_kwargs, options, seed: how it was made; values that are no JSON as text.
@@ -80,7 +79,6 @@ class Recording:
     time: Array = field(metadata=shaped("frames"))
     state: Array = field(metadata=shaped("frames", "states"))
     pose: Array = field(metadata=shaped("frames", 4))
-    joints: Array32 = field(metadata=shaped("frames", "legs", "joints", 2, dtype="<f4"))
     command: Array = field(metadata=shaped("frames"))
     speed: Array = field(metadata=shaped("frames"))
     torque: Array = field(metadata=shaped("frames"))
@@ -96,10 +94,7 @@ class Recording:
     terrain: Array = field(metadata=shaped("vertices", 2))
     robot: Robot
     energies: tuple[str, ...]
-    torque_limit: float
     speed_unit: str
-    speed_range: float
-    control_dt: float
     observed: tuple[tuple[str, str], ...] = ()
     parameters: Mapping[str, float] = field(default_factory=dict)
     env_id: str = ""
@@ -137,9 +132,6 @@ class Recording:
             raise ValueError(f"energies is {shown(self.energies)}, must have 'motor_work'")
         for name in ("speed_unit", "env_id", "label"):
             instance(name, getattr(self, name), str)
-        within("torque_limit", self.torque_limit, 0.0, LARGEST)
-        for name in ("speed_range", "control_dt"):
-            within(name, getattr(self, name), SHORTEST, LARGEST)
         for name in ("parameters", "env_kwargs", "options"):
             instance(name, getattr(self, name), dict)
         if self.seed is not None:
@@ -151,8 +143,7 @@ class Recording:
         if not 2 <= frames <= MOST_RECORDED + 1:
             raise ValueError(f"time has {frames} frames, must have 2 to {MOST_RECORDED + 1}")
         sizes: dict[str | int, int] = {
-            "frames": frames, "steps": frames - 1, "legs": len(self.robot.legs),
-            "toes": len(self.robot.toes), "joints": len(self.robot.linkage.joints),
+            "frames": frames, "steps": frames - 1, "toes": len(self.robot.toes),
             "energies": len(self.energies), 2: 2, 4: 4,
         }  # fmt: skip
         for name, (dtype, dimensions) in ARRAYS.items():
@@ -178,10 +169,9 @@ class Recording:
         return len(self.reward)
 
     @property
-    def scene(self) -> dict[str, object]:
-        """What is drawn: :func:`jansen_env.viewer.web.geometry.scene_of_robot`."""
-        gauges = self.torque_limit, self.speed_unit, self.speed_range, self.control_dt
-        return scene_of_robot(self.robot, float(self.weight[0]), *gauges)
+    def joints(self) -> Array:
+        """(n + 1, legs, joints, 2) m, world frame, in the order of ``robot.linkage.joints``."""
+        return world_joints(self.robot, self.pose)
 
     @property
     def crank_speed(self) -> Array:

@@ -55,7 +55,6 @@ def test_the_input_is_a_policys_command():
     assert session.top_speed == 0.8
     session.steer(0.5)
     walk(session, 5.0)
-    assert session.frame().command == pytest.approx(0.4)
     assert session.env.get_state()["speed_command"] == pytest.approx(0.4)
     assert session.score().distance == pytest.approx(0.4 * 5.0, abs=0.15)
     session.hold(1)

@@ -65,7 +65,7 @@ def expected(one, k):
     return {
         "command": one.command[k], "speed": one.speed[k], "crankSpeed": one.crank_speed[k],
         "torque": one.torque[k], "power": one.power[k - 1], "position": one.pose[k, 0],
-        "slip": one.slip[k - 1].sum() / one.scene["controlDt"],
+        "slip": one.slip[k - 1].sum() / (one.time[k] - one.time[k - 1]),
         "pitch": one.pose[k, 2], "returned": one.reward[:k].sum(),
         "slipPerMetre": slipped / distance if distance > 1e-3 else None,
         "costOfTransport": work / one.weight[k] / distance if distance > 1e-3 else None,

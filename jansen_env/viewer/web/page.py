@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from jansen_env.checks import shown
 from jansen_env.files import write_text
 from jansen_env.viewer.recording import Recording
+from jansen_env.viewer.web.geometry import scene_of_robot
 
 FOLDER = Path(__file__).parent
 # Each after what it imports.
@@ -185,7 +186,7 @@ def _packed(recording: Recording) -> dict[str, object]:
     arrays = {
         "time": since,
         "pose": np.column_stack([axis, _turned(recording.pose[:, 2:])]),
-        "joints": recording.joints.astype(float) - axis[:, None, None],
+        "joints": recording.joints - axis[:, None, None],
         "contact": recording.contact,
         "contactPoint": recording.contact_point - axis[:, None],
         "contactForce": recording.contact_force,
@@ -205,7 +206,11 @@ def _packed(recording: Recording) -> dict[str, object]:
         name: base64.b64encode(values.astype("<f4").tobytes()).decode()
         for name, values in arrays.items()
     }
-    scene = {**recording.scene, "terrain": _seen(recording)}
+    scene = {
+        **scene_of_robot(recording.robot, float(recording.weight[0])),
+        "terrain": _seen(recording),
+        "speedUnit": recording.speed_unit,
+    }
     return {"scene": scene, "ended": recording.terminated, "arrays": packed}
 
 

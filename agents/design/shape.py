@@ -12,7 +12,7 @@ from jansen_env.baselines.policy import Array
 from jansen_env.drawings.shaft_order import gap, layers
 from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.gravity import GRAVITY
-from jansen_env.plants.initial_pose import static_deflection
+from jansen_env.plants.base import static_deflection
 from jansen_env.robot import Robot
 from jansen_env.robot import buildable as built
 from jansen_env.robot.kinematics import (

@@ -14,7 +14,7 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-if __name__ == "__main__":  # without the rest of the package, which needs Gymnasium
+if __name__ in ("__main__", "__mp_main__"):  # without the package, which needs Gymnasium
     ROOT = Path(__file__).resolve().parents[2]
     sys.path[0] = str(ROOT)
     sys.modules["jansen_env"] = ModuleType("jansen_env")
@@ -27,6 +27,7 @@ import platform
 import re
 import subprocess
 import tempfile
+from concurrent.futures import ProcessPoolExecutor
 from typing import Any, NamedTuple, TypeAlias
 
 import llvmlite.binding as llvm
@@ -47,12 +48,6 @@ OPTIONS: dict[str, object] = {"error_model": "numpy", "_nrt": False}
 ``_nrt`` is not documented: with it, code would hold atomic instructions for every array.
 """
 SPEED_LEVEL = 3  # of LLVM's optimisation
-RETURNS = {
-    None: "    {}\n    return 0\n",
-    bool: "    return 1 if {} else 0\n",
-    int: "    return {}\n",
-    float: "    return {}\n",
-}
 
 MEMSET = """
 define hidden ptr @memset(ptr %to, i32 %value, {size} %count) "no-builtins" {{
@@ -175,14 +170,18 @@ def _entry(kernel: Kernel) -> tuple[str, str]:
         names[name] = dtype
         arguments.append(f"array_at(words[{slot}], ({lengths}), {name})")
     call = f"compiled({', '.join(arguments)})"
+    result = f"return {call}"
+    if kernel.returns in (None, bool):
+        result = f"{call}\n    return 0" if kernel.returns is None else f"return 1 if {call} else 0"
     source = (
-        "def entry(slots):\n"
+        f"def {kernel.symbol}(slots):\n"
         f"    words = array_at(slots, ({kernel.slots},), integer)\n"
         f"    floats = array_at(slots, ({kernel.slots},), real)\n"
-        + RETURNS[kernel.returns].format(call)
+        f"    {result}\n"
     )
     exec(source, names)
-    entry = NJIT(no_cpython_wrapper=True, no_cfunc_wrapper=True, **OPTIONS)(names["entry"])
+    function: Numba = names[kernel.symbol]  # its name is in that of LLVM's code
+    entry = NJIT(no_cpython_wrapper=True, no_cfunc_wrapper=True, **OPTIONS)(function)
     entry.compile((types.int64,))
     name = entry.overloads[types.int64,].fndesc.mangled_name
     return entry.inspect_llvm((types.int64,)), name
@@ -197,11 +196,15 @@ def compile_module(target: Target) -> tuple[Numba, Numba]:
     )
     layout = str(machine.target_data)
     kernels = _import_kernels()
-    whole, exported = None, set[str]()
-    for number, kernel in enumerate(kernels, 1):
-        progress = f"jansen_env compiles {number} of {len(kernels)}: {kernel.symbol}"
-        print(progress, file=sys.stderr)
-        code, name = _entry(kernel)
+    exported = {kernel.symbol for kernel in kernels} | {"memset"}
+    size = "i32" if "p:32" in layout else "i64"
+    head = f'target datalayout = "{layout}"\ntarget triple = "{target.triple}"\n'
+    whole = llvm.parse_assembly(head + MEMSET.format(size=size))
+    # In two processes, as the time step alone takes half of the time.
+    pool = ProcessPoolExecutor(2, initializer=_import_kernels)
+    entries = zip(kernels, pool.map(_entry, kernels), strict=True)
+    for number, (kernel, (code, name)) in enumerate(entries, 1):
+        print(f"jansen_env compiled {number} of {len(kernels)}: {kernel.symbol}", file=sys.stderr)
         kind = "double" if kernel.returns is float else "i64"
         code += (
             f"\ndefine {kind} @{kernel.symbol}(i64 %slots) {{\n"
@@ -210,18 +213,9 @@ def compile_module(target: Target) -> tuple[Numba, Numba]:
             f"  %value = load {kind}, ptr %result\n  ret {kind} %value\n}}\n"
         )
         code = re.sub(r"(?m)^target (datalayout|triple) = .*$", "", code)
-        code = f'target datalayout = "{layout}"\ntarget triple = "{target.triple}"\n{code}'
         code = re.sub(r"(?m)^(@\S+ = )common ", r"\1linkonce_odr ", code)
-        module = llvm.parse_assembly(code)
-        exported.add(kernel.symbol)
-        if whole is None:
-            whole = module
-        else:
-            whole.link_in(module)
-    assert whole is not None
-    size = "i32" if "p:32" in layout else "i64"
-    whole.link_in(llvm.parse_assembly(MEMSET.format(size=size)))
-    exported.add("memset")
+        whole.link_in(llvm.parse_assembly(head + code))
+    pool.shutdown()
     if target.system == "win32":
         whole.link_in(llvm.parse_assembly(ENTRY))
         exported.add("DllMainCRTStartup")

@@ -8,9 +8,9 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.engine import mathematics
-from jansen_env.engine.kernel import Bools1, Floats1, Floats2, Ints1, Ints2, Singles2, kernel, stage
-from jansen_env.engine.readings import keep_actions
+from jansen_env.engine import mathematics, readings
+from jansen_env.engine.kernel import Bools1, Floats1, Floats2, Ints1, Singles2, kernel, stage
+from jansen_env.engine.readings import inform
 from jansen_env.engine.records import Robots, floats, row_dtype
 
 START_ANGLE = math.pi  # rad, of the reference at time 0, as in the paper
@@ -19,63 +19,32 @@ TRACKING_WIDTH = 0.8  # rad, tracking error at which half of the tracking reward
 
 # The reward's terms, and likewise their weights.
 REWARD = row_dtype(floats("tracking", "torque"))
-# Information on a robot that is held; its units are listed with the environment.
-HELD_INFORMATION = row_dtype(
-    [*floats("crank_angle", "crank_speed", "crank_torque"), ("diverged", bool)]
-)
-ENERGIES = row_dtype(
-    floats("motor_work", "electrical_work", "joint_loss", "mechanical_energy_change", "residual")
-)
-# A held robot's row, see jansen_env.engine.readings.ROW.
-HELD_ROW = row_dtype(
-    [
-        *floats("action", "action_before", "weight", "direction"),
-        ("info", HELD_INFORMATION),
-        ("energy", ENERGIES),
-    ]
-)
 INFORMATION = row_dtype(floats("tracking_error", "speed_command"))
 # The task's row.
 ROW = row_dtype([("info", INFORMATION), ("reward", REWARD)])
 
 Weights = Annotated[NDArray[np.void], REWARD, 1]
-HeldRows = Annotated[NDArray[np.void], HELD_ROW, 1]
 Rows = Annotated[NDArray[np.void], ROW, 1]
 
 
 @kernel
-def take_actions(
-    actions: Floats2, active: Bools1, elapsed: Ints1, full_torque: Floats1, rows: HeldRows,
-    asked: Floats2, delay: Ints2, torque: Floats1, earlier: Floats1, switch: Ints1,
-) -> int:  # fmt: skip
-    """See :func:`jansen_env.engine.readings.keep_actions`."""
-    return keep_actions(
-        actions, active, elapsed, full_torque, rows, asked, delay, torque, earlier, switch
-    )
-
-
-@kernel
 def finish_step(
-    which: Ints1, states: Floats2, robots: Robots, torque: Floats1, elapsed: Ints1,
-    period: float, weights: Weights, rows: HeldRows, own: Rows, reward: Floats1,
-    terminated: Bools1, out: Singles2,
+    which: Ints1, states: Floats2, robots: Robots, elapsed: Ints1, period: float,
+    weights: Weights, rows: readings.Rows, own: Rows, reward: Floats1, terminated: Bools1,
+    out: Singles2,
 ) -> None:  # fmt: skip
     """Reward the step of ``period`` seconds that led to ``states`` (n, 8), and describe it.
 
     Args:
         which: (k,) robots that have taken it.
-        robots: (n,) ROBOT of :mod:`jansen_env.engine.records`. torque: (n,) last asked for, N m.
-        elapsed: (n,) steps since the reset.
-        weights: (1,) of :data:`REWARD`. rows: (n,) of :data:`HELD_ROW`, own: (n,) of :data:`ROW`.
+        robots: (n,) ROBOT of :mod:`jansen_env.engine.records`. elapsed: (n,) steps since the reset.
+        weights: (1,) of :data:`REWARD`. rows: (n,) of readings, own: (n,) of :data:`ROW`.
         reward, terminated: (n,). out: (n, 5) observations.
     """
     for r in which:
-        energy, total = rows[r].energy, robots[r].accumulators
-        work, loss, change = total.motor_work, total.joint_loss, total.energy_change
-        energy.motor_work, energy.joint_loss = work, loss
-        energy.electrical_work = total.electrical_work
-        energy.mechanical_energy_change, energy.residual = change, work - loss - change
-        rows[r].info.crank_torque = torque[r] + total.torque_impulse / period
+        total = robots[r].accumulators
+        inform(states[r], total, rows[r])
+        rows[r].info.crank_torque += total.torque_impulse / period
         _describe(states[r], elapsed[r], period, rows[r], own[r], out[r])
         term, error = own[r].reward, own[r].info.tracking_error
         term.tracking = tracking(error, weights[0].tracking)
@@ -98,7 +67,7 @@ def torque_cost(action, weight):
 
 @kernel
 def describe(
-    which: Ints1, states: Floats2, elapsed: Ints1, period: float, rows: HeldRows, own: Rows,
+    which: Ints1, states: Floats2, elapsed: Ints1, period: float, rows: readings.Rows, own: Rows,
     out: Singles2,
 ) -> None:  # fmt: skip
     """Write observations of robots ``which`` (k,) to ``out`` (n, 5), and information to both rows.

@@ -30,7 +30,9 @@ from numpy.typing import NDArray
 PYTHON = os.environ.get("JANSEN_ENV_PYTHON", "") not in ("", "0")
 FOLDER = Path(__file__).parent
 ENDINGS = {"win32": "dll", "darwin": "dylib", "wasm": "wasm"}
-RESULTS = {None: None, bool: ctypes.c_bool, int: ctypes.c_int64, float: ctypes.c_double}
+RESULTS: dict[type | None, type | None] = {
+    None: None, bool: ctypes.c_bool, int: ctypes.c_int64, float: ctypes.c_double,
+}  # fmt: skip
 BUILDERS = ("llvmlite", "numba", "ziglang")
 
 # Arguments of kernels; the digit is the number of axes.
@@ -54,12 +56,14 @@ class Parameter(NamedTuple):
 
     name: str
     slot: int  # the first of its 1 + ndim slots
-    dtype: np.dtype[Any]
+    dtype: np.dtype[np.generic]
     ndim: int
 
 
 class Kernel:
     """A compiled function, called like the Python function that it is made from.
+
+    It remembers the arguments of each thread's last call, as most are the same again.
 
     Args:
         function: annotated with ``int``, ``float``, ``bool``, the arrays above and rows,
@@ -67,37 +71,29 @@ class Kernel:
         nogil: whether other threads may run Python meanwhile.
     """
 
+    __name__: str
+
     def __init__(self, function: Function, nogil: bool) -> None:
         functools.update_wrapper(self, function)
         self.function, self.nogil = function, nogil
         self.symbol = f"{function.__module__.rpartition('.')[2]}_{function.__name__}"
+        self._last = dict[int, tuple[Slots, tuple[object, ...]]]()
 
     @functools.cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The arguments, in their order."""
-        parameters, slot = list[Parameter](), 0
-        for name, hint in self._hints.items():
-            array = hasattr(hint, "__metadata__")
-            dtype, ndim = hint.__metadata__ if array else (np.dtype(hint), 0)
-            parameters.append(Parameter(name, slot, dtype, ndim))
-            slot += 1 + ndim
-        return tuple(parameters)
+        return _parameters(self.function)
 
-    @functools.cached_property
+    @property
     def slots(self) -> int:
         """How many slots the arguments take."""
         return sum(1 + parameter.ndim for parameter in self.parameters)
 
-    @functools.cached_property
-    def returns(self) -> Any:
+    @property
+    def returns(self) -> type | None:
         """``int``, ``float``, ``bool`` or None."""
         result = get_type_hints(self.function)["return"]
         return None if result is type(None) else result
-
-    @functools.cached_property
-    def _hints(self) -> dict[str, Any]:
-        hints = get_type_hints(self.function, include_extras=True)
-        return {name: hint for name, hint in hints.items() if name != "return"}
 
     @functools.cached_property
     def entry(self) -> Function:
@@ -108,79 +104,89 @@ class Kernel:
         entry.restype = RESULTS[self.returns]
         return entry
 
-    def bound(self) -> Function:
-        """Return a caller that remembers its arguments, for calls with mostly the same ones.
+    def bound(self) -> Kernel:
+        """Return the same kernel with a memory of its own, for an object that calls it often."""
+        return Kernel(self.function, self.nogil)
 
-        It takes tuples of arguments, too, which are looked at again only if they are others. Any
-        number of threads may call it at once.
+    def __call__(self, *arguments: object) -> Any:
+        """Run it; an argument may be a tuple of several, looked at again only if it is another.
+
+        Raises TypeError: an argument is no such array or number.
         """
-        return functools.partial(Kernel.run_python, self) if PYTHON else BoundKernel(self)
-
-    def run_python(self, *arguments: object) -> Any:
-        """Run the function itself."""
-        return self.function(*flat(arguments))
-
-    def __call__(self, *arguments: object) -> Any:
-        """Run it. Raises TypeError: an argument is no such array or number."""
         if PYTHON:
-            return self.run_python(*arguments)
-        return self._caller(*arguments)
-
-    @functools.cached_property
-    def _caller(self) -> BoundKernel:
-        return BoundKernel(self)
-
-    def __reduce__(self) -> str:
-        return self.__name__  # pickled by its name
-
-    __name__: str
-
-
-class BoundKernel:
-    """A kernel, with slots that hold the arguments of each thread's last call."""
-
-    def __init__(self, kernel: Kernel) -> None:
-        self._kernel = kernel
-        self._entry = kernel.entry
-        self._last = dict[int, tuple[Slots, tuple[object, ...]]]()
-
-    def __call__(self, *arguments: object) -> Any:
-        """Run the kernel; an argument may be a tuple of several, see :meth:`Kernel.bound`."""
+            return self.function(*flat(arguments))
         thread = get_ident()
         try:
             slots, known = self._last.pop(thread)
         except KeyError:
-            slots, known = Slots(self._kernel), ()
+            slots, known = Slots(self), ()
         if len(arguments) != len(known) or not all(map(is_, arguments, known)):
             slots.fill(flat(arguments))
             known = arguments
-        result = self._entry(slots.address)
+        result = self.entry(slots.address)
         self._last[thread] = slots, known
         return result
 
-    def __reduce__(self) -> tuple[Function, tuple[Kernel]]:
-        return Kernel.bound, (self._kernel,)
+    def __reduce__(self) -> str | tuple[Function, tuple[Kernel]]:
+        named: Kernel = getattr(sys.modules[self.function.__module__], self.__name__)
+        return self.__name__ if named is self else (Kernel.bound, (named,))
+
+
+@functools.cache
+def _parameters(function: Function) -> tuple[Parameter, ...]:
+    """Return the arguments of a kernel's function."""
+    parameters, slot = list[Parameter](), 0
+    for name, hint in get_type_hints(function, include_extras=True).items():
+        if name != "return":
+            array = hasattr(hint, "__metadata__")
+            dtype, ndim = hint.__metadata__ if array else (np.dtype(hint), 0)
+            parameters.append(Parameter(name, slot, dtype, ndim))
+            slot += 1 + ndim
+    return tuple(parameters)
 
 
 class Slots:
     """Memory of a kernel's arguments."""
 
     def __init__(self, kernel: Kernel) -> None:
-        self._kernel = kernel
-        self._memory = np.zeros(kernel.slots + 1, np.int64)
-        self._known: list[object] = [self] * len(kernel.parameters)
-        self.address = ctypes.c_int64(self._memory.ctypes.data)  # which is quicker than a number
+        self._symbol, self._parameters = kernel.symbol, kernel.parameters
+        self.words = np.zeros(kernel.slots, np.int64)
+        self._known: list[object] = [self] * len(self._parameters)
+        self.address = ctypes.c_int64(self.words.ctypes.data)  # which is quicker than a number
 
     def fill(self, arguments: list[object]) -> None:
         """Put those arguments into their slots that are not there yet."""
         known, count = self._known, len(self._known)
         if len(arguments) != count:
-            name = self._kernel.symbol
-            raise TypeError(f"{name} has {len(arguments)} arguments, must have {count}")
+            raise TypeError(f"{self._symbol} has {len(arguments)} arguments, must have {count}")
         for i, argument in enumerate(arguments):
             if argument is not known[i]:
-                _fill(self._memory, self._kernel.parameters[i], argument)
+                self._put(self._parameters[i], argument)
                 known[i] = argument
+
+    def _put(self, parameter: Parameter, argument: Any) -> None:
+        """Put an argument into its slots."""
+        name, slot, dtype, ndim = parameter
+        if ndim == 0:
+            words = self.words.view(np.float64) if dtype.kind == "f" else self.words
+            words[slot] = argument
+            return
+        if (
+            not isinstance(argument, np.ndarray)
+            or (argument.dtype is not dtype and argument.dtype != dtype)
+            or argument.ndim != ndim
+            or not argument.flags.c_contiguous
+        ):
+            kind = getattr(argument, "dtype", type(argument).__name__)
+            shape = getattr(argument, "shape", ())
+            raise TypeError(f"{name} is {kind} {shape}, must be contiguous {dtype} of {ndim} axes")
+        try:  # what is quickest
+            address = ctypes.addressof(ctypes.c_char.from_buffer(argument))  # type: ignore[arg-type]
+        except (TypeError, ValueError):  # read only, or empty
+            address = argument.ctypes.data
+        self.words[slot] = address
+        for axis in range(ndim):
+            self.words[slot + 1 + axis] = argument.shape[axis]
 
 
 def flat(arguments: Iterable[object]) -> list[object]:
@@ -189,32 +195,6 @@ def flat(arguments: Iterable[object]) -> list[object]:
     for argument in arguments:
         items += flat(argument) if isinstance(argument, tuple) else [argument]
     return items
-
-
-def _fill(slots: NDArray[np.int64], parameter: Parameter, argument: Any) -> None:
-    """Put an argument into its slots."""
-    name, slot, dtype, ndim = parameter
-    if ndim == 0:
-        if dtype.kind == "f":
-            slots.view(np.float64)[slot] = argument
-        else:
-            slots[slot] = argument
-        return
-    if (
-        not isinstance(argument, np.ndarray)
-        or (argument.dtype is not dtype and argument.dtype != dtype)
-        or argument.ndim != ndim
-        or not argument.flags.c_contiguous
-    ):
-        kind = getattr(argument, "dtype", type(argument).__name__)
-        shape = getattr(argument, "shape", ())
-        raise TypeError(f"{name} is {kind} {shape}, must be contiguous {dtype} of {ndim} axes")
-    try:  # what is quickest
-        slots[slot] = ctypes.addressof(ctypes.c_char.from_buffer(argument))  # type: ignore[arg-type]
-    except (TypeError, ValueError):  # read only, or empty
-        slots[slot] = argument.ctypes.data
-    for axis in range(ndim):
-        slots[slot + 1 + axis] = argument.shape[axis]
 
 
 lower: Callable[[Function, bool], Any] | None = None

@@ -22,14 +22,14 @@ PLACEMENT_DEPTH = 1e-5
 
 @kernel
 def lower(
-    rows: Ints1, x: Floats1, angles: Floats1, pitches: Floats1, states: Floats2, body: Floats4,
+    rows: Ints1, x: float, angles: Floats1, pitches: Floats1, states: Floats2, body: Floats4,
     pads: Floats5, layout: Layouts, robots: Robots, surface: Floats2, world: World, toes: Floats2,
 ) -> None:  # fmt: skip
     """Put robots at rest where their lowest toes have no gap, toes taken as discs on their slope.
 
     Args:
-        rows: (k,) of the robots. x: (k,) m, of the crank axis. angles: (k,) rad, of the crank.
-        pitches: (k,) rad, or NaN for :func:`level_pitch`. states: (robots, 8), out.
+        rows: (k,) of the robots. x: m, of the crank axis. angles: (k,) rad, of the crank.
+        pitches: (k,) rad, or NaN for :func:`_level_pitch`. states: (robots, 8), out.
         world: (1,) WORLD. toes: (toes + 1, 2), work space.
     """
     count = world[0].toes
@@ -40,13 +40,13 @@ def lower(
             toes[j, 0], toes[j, 1] = pad_place(pads[design], layout[design, j], angles[k])
         toes[count, 0], toes[count, 1] = centre_of_mass(body[design], params, angles[k])
         common = (
-            toes[:count], toes[count], surface, status.first_near, status.end_near, x[k],
+            toes[:count], toes[count], surface, status.first_near, status.end_near, x,
             params.pad_radius,
         )  # fmt: skip
-        pitch = find_level(*common) if math.isnan(pitches[k]) else pitches[k]
-        height, _, _ = clearances(*common, pitch)
+        pitch = _level_pitch(*common) if math.isnan(pitches[k]) else pitches[k]
+        height, _, _ = _clearances(*common, pitch)
         state[:] = 0.0
-        state[0], state[1], state[2], state[3] = x[k], -height, pitch, angles[k]
+        state[0], state[1], state[2], state[3] = x, -height, pitch, angles[k]
 
 
 @kernel
@@ -83,15 +83,9 @@ def settle(
         state[1] -= PLACEMENT_DEPTH + sags[k]
 
 
-@kernel
-def clearance(centres: Floats2, surface: Floats2, begin: int, end: int, radius: float) -> float:
-    """Height by which discs with ``centres`` (n, 2), m, clear the terrain surface[begin:end], m."""
-    return _clearance(centres, surface, begin, end, radius)
-
-
 @stage(inline=False)
 def _clearance(centres, surface, begin, end, radius):
-    """:func:`clearance`, within kernels."""
+    """Height by which discs with ``centres`` (n, 2), m, clear the terrain surface[begin:end], m."""
     least = math.inf
     for j in range(len(centres)):
         x, y = centres[j, 0], centres[j, 1]
@@ -113,7 +107,7 @@ def _clearance(centres, surface, begin, end, radius):
 
 
 @stage(inline=False)
-def clearances(toes, centre, surface, begin, end, x, radius, pitch):
+def _clearances(toes, centre, surface, begin, end, x, radius, pitch):
     """Heights by which the toes clear the terrain surface[begin:end] with the axis at (x, 0).
 
     Args:
@@ -145,23 +139,15 @@ def clearances(toes, centre, surface, begin, end, x, radius, pitch):
 @stage
 def _tip(toes, centre, surface, begin, end, x, radius, pitch):
     """Return clearance of the front toes less that of the rear ones, m; +-inf for one side."""
-    _, front, rear = clearances(toes, centre, surface, begin, end, x, radius, pitch)
+    _, front, rear = _clearances(toes, centre, surface, begin, end, x, radius, pitch)
     if front < math.inf and rear < math.inf:
         return front - rear
     return math.inf if rear < math.inf else -math.inf
 
 
-@kernel
-def level_pitch(
-    toes: Floats2, centre: Floats1, surface: Floats2, begin: int, end: int, x: float, radius: float
-) -> float:
-    """The pitch at which front and rear toes touch together, of several the most level one, rad."""
-    return find_level(toes, centre, surface, begin, end, x, radius)
-
-
 @stage(inline=False)
-def find_level(toes, centre, surface, begin, end, x, radius):
-    """:func:`level_pitch`, within kernels."""
+def _level_pitch(toes, centre, surface, begin, end, x, radius):
+    """The pitch at which front and rear toes touch together, of several the most level one, rad."""
     low, high = -WIDEST_PITCH, WIDEST_PITCH
     pitch = 0.0
     for _ in range(LEVELS):

@@ -32,6 +32,11 @@ ENERGIES = row_dtype(
         "impact_loss", "mechanical_energy_change", "residual",
     )
 )  # fmt: skip
+# What of it is shown of a robot whose chassis is held.
+HELD_INFORMATION = "crank_angle", "crank_speed", "crank_torque", "diverged"
+HELD_ENERGIES = (
+    "motor_work", "electrical_work", "joint_loss", "mechanical_energy_change", "residual"
+)  # fmt: skip
 # A robot's row: its last actions, what it is, and its last step.
 ROW = row_dtype(
     [
@@ -49,10 +54,11 @@ ROW = row_dtype(
 Rows = Annotated[NDArray[np.void], ROW, 1]
 
 
-@stage(inline=False)
-def keep_actions(
-    actions, active, elapsed, full_torque, rows, asked, delay, torque, earlier, switch
-):
+@kernel
+def take_actions(
+    actions: Floats2, active: Bools1, elapsed: Ints1, full_torque: Floats1, rows: Rows,
+    asked: Floats2, delay: Ints2, torque: Floats1, earlier: Floats1, switch: Ints1,
+) -> int:  # fmt: skip
     """Keep actions (n, 1), clipped to -1 .. 1, in ``rows``; 0 of robots not ``active`` (n,).
 
     Args:
@@ -81,17 +87,6 @@ def keep_actions(
         torque[r], earlier[r], switch[r] = asked[r, whole], asked[r, whole + 1], delay[r, 1]
         rows[r].info.crank_torque = torque[r]
     return -1
-
-
-@kernel
-def take_actions(
-    actions: Floats2, active: Bools1, elapsed: Ints1, full_torque: Floats1, rows: Rows,
-    asked: Floats2, delay: Ints2, torque: Floats1, earlier: Floats1, switch: Ints1,
-) -> int:  # fmt: skip
-    """:func:`keep_actions` of walking robots."""
-    return keep_actions(
-        actions, active, elapsed, full_torque, rows, asked, delay, torque, earlier, switch
-    )
 
 
 @kernel(nogil=True)

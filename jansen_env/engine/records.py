@@ -158,7 +158,6 @@ PLANE = row_dtype(
 
 
 Robots = Annotated[NDArray[np.void], ROBOT, 1]
-Params = Annotated[NDArray[np.void], PARAMS, 1]
 Statistics = Annotated[NDArray[np.void], CONTACT_STATISTICS, 2]
 Layout = Annotated[NDArray[np.void], PAD, 1]
 Layouts = Annotated[NDArray[np.void], PAD, 2]

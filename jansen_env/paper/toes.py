@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from jansen_env.dynamics.projection import constraints
 from jansen_env.dynamics.reduced import body_sums, compile_robot
 from jansen_env.paper.fixed_model import crank_only
-from jansen_env.plants.initial_pose import resting_pose
+from jansen_env.plants.batch import Batch
 from jansen_env.robot import Robot, paper_robot
 from jansen_env.robot.kinematics import C, E, T, coordinates, toe_positions, world_joints
 from jansen_env.terrain import Terrain
@@ -78,12 +78,9 @@ def lowest_toes(robot: Robot, angle: Array) -> tuple[Array, Array]:
 
 def standing_poses(robot: Robot, angle: Array) -> Array:
     """(n, 2) height (m) and pitch (rad) of the chassis standing on flat ground at crank angles."""
-    centres = body_sums(compile_robot(robot), angle).c / robot.mass
-    flat = Terrain.flat()
-    return np.array([
-        resting_pose(robot, centre, flat, 0.0, float(psi), None)
-        for psi, centre in zip(angle, centres, strict=True)
-    ])  # fmt: skip
+    batch = Batch([robot] * len(angle), [Terrain.flat()] * len(angle), threads=1)
+    batch.place_at(np.arange(len(angle)), angle)
+    return batch.states[:, 1:3]
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from jansen_env.robot import Robot
 
 Array = NDArray[np.float64]
 SHORTEST_STEP, LONGEST_STEP = 1e-9, 1.0  # s, of the integration
+DEEPEST = 0.02  # m, of static deflection
 LARGEST = 1e12  # of a state's numbers, m, rad, m/s and rad/s
 
 
@@ -52,6 +53,28 @@ ENERGIES = (
     "contact_gain", "electrical_work", "correction_work",
 )  # fmt: skip
 """Numbers of a :class:`StepResult` that are sums of their names in a batch, J."""
+
+
+def static_deflection(robot: Robot, gravity: float) -> float:
+    """:func:`resting_depth` of a robot."""
+    return resting_depth(robot.mass, robot.pad_compliance.stiffness, gravity)
+
+
+def resting_depth(mass: float, stiffness: float, gravity: float) -> float:
+    """Static deflection of feet, m: the weight of a mass, kg, on two of a stiffness, N/m.
+
+    ``gravity``: m/s^2, downwards.
+
+    Raises:
+        ValueError: deeper than :data:`DEEPEST`: the feet are too soft.
+    """
+    depth = 0.5 * mass * max(gravity, 0.0) / stiffness
+    if depth > DEEPEST:
+        raise ValueError(
+            f"pad_compliance.stiffness is {stiffness} N/m, must be at least "
+            f"{stiffness * depth / DEEPEST:.3g} N/m to carry a robot of {mass:.3g} kg"
+        )
+    return depth
 
 
 def check_legs(robot: Robot, other: Robot) -> None:

@@ -25,10 +25,10 @@ from jansen_env.plants.base import (
     check_pushes,
     check_time_step,
     divergence,
+    resting_depth,
 )
 from jansen_env.plants.design_tables import DesignTables
 from jansen_env.plants.grounds import Grounds
-from jansen_env.plants.initial_pose import resting_depth
 from jansen_env.plants.robot_parameters import (
     HONOURED,
     apply_to_kernels,
@@ -359,7 +359,7 @@ class Batch:
         self._ask_ground(rows)
         model = self.designs.model
         placement.lower(
-            rows, np.full(len(rows), x), crank_angles, pitches, self.states, model.body, model.pads,
+            rows, x, crank_angles, pitches, self.states, model.body, model.pads,
             model.layout, self.rows, self.surface, self._world, self._centres,
         )  # fmt: skip
         self._status["margin"][rows] = SPECULATIVE_MARGIN

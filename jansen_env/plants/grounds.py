@@ -1,14 +1,15 @@
 """The ground of each robot: pymunk's shapes, asked which stretch of it a robot can reach.
 
-For pymunk a ground is cut into stretches, thick segments that hold all of it within them: few, so
-that a robot's ground is exchanged at little cost. A query answers with those that a robot can reach
-until it has moved by :data:`MARGIN` and one more step; their vertices are all that the kernels
+For pymunk a ground is cut into stretches, segments from end to end: few, so that a robot's ground
+is exchanged at little cost. A query answers with those above which a robot can be until it has
+moved by :data:`MARGIN` and one more step; their vertices are all that the kernels
 (:mod:`jansen_env.engine.collision`) know of the ground.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -16,13 +17,12 @@ import pymunk
 from numpy.typing import NDArray
 
 from jansen_env.engine.collision import LARGEST_MARGIN, MARGIN, WAY_OUT
-from jansen_env.engine.mathematics import lengths_of
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-STRETCH = 6.0  # m along the ground in a thick segment, at least
+STRETCH = 6.0  # m along the ground in a segment, at least
 MOST_STRETCHES = 100
 LEAST_ROOM = 64  # vertices, for a ground that may be exchanged
 HIGH = 1e9  # m, above and below all ground
@@ -106,23 +106,15 @@ class Grounds:
 
 
 def make_shapes(line: Array) -> Shapes:
-    """A polyline (n, 2), m, as a few thick pymunk segments that enclose it."""
+    """A polyline (n, 2), m, as a few pymunk segments, each from end to end of a stretch."""
     length = max(STRETCH, (line[-2, 0] - line[1, 0]) / MOST_STRETCHES)
     place = np.floor((line[:, 0] - line[1, 0]) / length)
     cut = np.ones(len(line), bool)
     cut[2:-2] = place[2:-2] != place[1:-3]
-    cuts = np.flatnonzero(cut)
-    start, end = line[cuts[:-1]], line[cuts[1:]]
-    owner = np.minimum(np.cumsum(cut), len(cuts) - 1) - 1
-    chord, away = (end - start)[owner], line - start[owner]
-    share = np.clip((away * chord).sum(axis=1) / (chord**2).sum(axis=1), 0.0, 1.0)
-    apart = lengths_of(away - share[:, None] * chord)
-    radii = np.maximum.reduceat(apart, cuts[:-1])
+    cuts = np.flatnonzero(cut).tolist()
     space, vertices = pymunk.Space(), dict[pymunk.Shape, tuple[int, int]]()
-    ends = zip(start.tolist(), end.tolist(), radii.tolist(), strict=True)
-    for (a, b, radius), first, last in zip(
-        ends, cuts[:-1].tolist(), cuts[1:].tolist(), strict=True
-    ):
-        vertices[pymunk.Segment(space.static_body, a, b, radius)] = first, last
+    for first, last in pairwise(cuts):
+        a, b = line[[first, last]].tolist()
+        vertices[pymunk.Segment(space.static_body, a, b, 0.0)] = first, last
     space.add(*vertices)
     return Shapes(space, vertices, float(line[0, 0]), float(line[-1, 0]))

@@ -17,8 +17,8 @@ class InfoBuilder:
     """Information on n robots: arrays of the world and of the task, put into dictionaries.
 
     Args:
-        world: (n,) structured rows: their field ``info`` has numbers and flags, ``energy`` becomes
-            a dictionary of its own. task: (n,) rows: ``info`` has more numbers and flags,
+        world: (n,) structured rows of numbers and flags. energy: (n,) rows that become a
+            dictionary of their own. task: (n,) rows: ``info`` has more numbers and flags,
             ``reward`` the reward's terms, which are 0 at a reset.
         arrays: (n,) or (n, ...) more of it.
         groups: (n,) structured rows that become dictionaries, by name.
@@ -33,22 +33,22 @@ class InfoBuilder:
     def __init__(
         self,
         world: NDArray[np.void],
+        energy: NDArray[np.void],
         task: NDArray[np.void],
         arrays: Mapping[str, NDArray[np.generic]],
         groups: Mapping[str, NDArray[np.generic]],
     ) -> None:
-        self._world, self._task = world[["info", "energy"]], task[["info", "reward"]]
+        self._world, self._energy, self._task = world, energy, task[["info", "reward"]]
         self._arrays, self._more = dict(arrays), dict(groups)
-        every = {"energy": world["energy"], **groups}
+        every: Values = {"energy": energy, **groups}
         self._groups = {name: (rows, rows.dtype.names or ()) for name, rows in every.items()}
-        infos: Any = (world["info"], task["info"])
+        infos: Any = (world, task["info"])
         names = [name for info in infos for name in info.dtype.names] + [*arrays, *every]
         if twice := sorted({name for name in names if names.count(name) > 1}):
             raise ValueError(f"a task's INFO has {twice}, which the world's information has too")
         of_any = {name: info[name] for info in infos for name in info.dtype.names}
         rewards: Any = task["reward"]
         of_any |= {f"reward/{term}": rewards[term] for term in rewards.dtype.names}
-        self._energy = world.dtype["energy"].names or ()
         self._names, self._of_any = tuple(of_any), {**of_any, **arrays}
         self.keys: tuple[str, ...] = (*self._of_any, *self._groups)
 
@@ -56,8 +56,8 @@ class InfoBuilder:
         """Return that of one robot, in Python's own types."""
         world: Any = self._world.item(row)
         task: Any = self._task.item(row)
-        info = dict(zip(self._names, world[0] + task[0] + task[1]))  # noqa: B905 - strict costs time
-        info["energy"] = dict(zip(self._energy, world[1]))  # noqa: B905
+        info = dict(zip(self._names, world + task[0] + task[1]))  # noqa: B905 - strict costs time
+        info["energy"] = dict(zip(self._groups["energy"][1], self._energy.item(row)))  # noqa: B905
         for group, rows in self._more.items():
             info[group] = dict(zip(self._groups[group][1], rows.item(row), strict=True))
         for name, array in self._arrays.items():

@@ -107,7 +107,9 @@ class Task(ABC):
         """Let this object's arrays be those that are shown."""
         self.info: NDArray[np.void] = self.data["info"]
         world = self.world
-        self.information = InfoBuilder(world.data, self.data, world.arrays, world.groups)
+        self.information = InfoBuilder(
+            world.information, world.energies, self.data, world.arrays, world.groups
+        )
         self._kept = frozenset(self.info.dtype.names or ())
         self._own = {entry.name for entry in self.OBSERVED} - {*self.COMPILED}
 

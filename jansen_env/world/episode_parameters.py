@@ -22,7 +22,7 @@ from jansen_env.parameters import (
     plain,
     robot_parameters,
 )
-from jansen_env.plants.initial_pose import resting_depth
+from jansen_env.plants.base import resting_depth
 from jansen_env.plants.plant import BatchedPlant
 from jansen_env.plants.robot_parameters import check_restitution
 from jansen_env.robot import Compliance, Payload, Robot

@@ -25,8 +25,8 @@ from jansen_env.plants.base import (
     check_held,
     check_in_contact,
     check_state,
+    static_deflection,
 )
-from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.plants.plant import BatchedPlant, make_batch, plant_time_step
 from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
@@ -89,7 +89,8 @@ class World:
         plant: moves the robots. robots: of these episodes, before parameters.
         episodes: their parameters and terrains. lengths: of their links.
         data: (n,) rows of the engine: last actions, ``info`` and ``energy``.
-        arrays, groups: see :class:`jansen_env.tasks.information.InfoBuilder`.
+        information, energies, arrays, groups: what is told of robots, see
+            :class:`jansen_env.tasks.information.InfoBuilder`.
         observations: what it can observe. toe_load: (n, toes) normal forces / weight.
         control_dt: s for which an action is held. elapsed: (n,) control steps since the reset.
         full_torque: (n,) N m, the torque of action 1, with its sign.
@@ -117,11 +118,8 @@ class World:
         self.delay_range = np.array(settings.each("delay"))
         randomize = settings.each("randomize")
         self._allocate_torques(self._find_longest_delay(randomize))
-        engine, row = (
-            (crank_tracking, crank_tracking.HELD_ROW) if self.held else (readings, readings.ROW)
-        )
-        self.data: NDArray[np.void] = np.zeros(n, row)
-        self._keep_actions = engine.take_actions.bound()
+        self.data: NDArray[np.void] = np.zeros(n, readings.ROW)
+        self._keep_actions = readings.take_actions.bound()
         self._torques = (
             self.elapsed, self.full_torque, self.data, self.asked, self.delay_steps, self.torque,
             self.earlier, self.switch,
@@ -191,6 +189,10 @@ class World:
 
     def _share_arrays(self) -> None:
         """Let information show the arrays of others."""
+        self.information, self.energies = self.data["info"], self.data["energy"]
+        if self.held:
+            self.information = self.information[[*readings.HELD_INFORMATION]]
+            self.energies = self.energies[[*readings.HELD_ENERGIES]]
         self.groups: dict[str, NDArray[np.void]] = {}
         self.arrays: dict[str, NDArray[Any]] = {}
         if self.episodes.varies:
@@ -439,10 +441,9 @@ class World:
         for name in ("info", "energy"):
             data[name][which] = np.zeros((), data.dtype[name])
         data["action"][which] = data["action_before"][which] = action
-        if not self.held:
-            states = self.plant.states[which]
-            data["x_before"][which], info["x_velocity"][which] = states[:, 0], states[:, 4]
-            info["joint_gap"][which] = self.plant.joint_gap[which]
+        states = self.plant.states[which]
+        data["x_before"][which], info["x_velocity"][which] = states[:, 0], states[:, 4]
+        info["joint_gap"][which] = self.plant.joint_gap[which]
         self.elapsed[which] = steps
         self._joint_loads[:] = 0.0
 

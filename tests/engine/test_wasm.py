@@ -60,15 +60,15 @@ class Calls:
             self.data += (kernel.ctypes.c_char * size).from_address(address).raw
         return places
 
-    def call(self, bound, *arguments):
-        """In the place of BoundKernel.__call__."""
-        made, pointers = bound._kernel, []
-        arguments = kernel.flat(arguments)
+    def call(self, made, *arguments):
+        """In the place of Kernel.__call__."""
+        pointers, arguments = [], kernel.flat(arguments)
         ranges = ranges_of([one for one in arguments if isinstance(one, np.ndarray)])
         firsts = sorted(ranges)
-        slots = np.zeros(made.slots, np.int64)
-        for parameter, argument in zip(made.parameters, arguments, strict=True):
-            kernel._fill(slots, parameter, argument)
+        filled = kernel.Slots(made)
+        filled.fill(arguments)
+        slots = filled.words
+        for parameter in made.parameters:
             if parameter.ndim:
                 number = np.searchsorted(firsts, slots[parameter.slot], "right") - 1
                 offset = slots[parameter.slot] - firsts[number]
@@ -76,7 +76,7 @@ class Calls:
         words = [str(word) for word in slots]
         ranges = {first: ranges[first] for first in firsts}
         before = self.keep(ranges)
-        result = made.entry(slots.ctypes.data)
+        result = made.entry(filled.address)
         self.calls.append(
             {
                 "symbol": made.symbol, "words": words, "pointers": pointers,
@@ -97,7 +97,7 @@ def test_it_is_small_and_imports_nothing(library):
 def test_every_call_of_a_walk_has_the_same_result(env_id, library, monkeypatch, tmp_path):
     calls = Calls()
     monkeypatch.setattr(
-        kernel.BoundKernel, "__call__", lambda bound, *arguments: calls.call(bound, *arguments)
+        kernel.Kernel, "__call__", lambda made, *arguments: calls.call(made, *arguments)
     )
     with gym.make(env_id) as env:
         policy = load(env_id).on(env) if names(env_id) else None

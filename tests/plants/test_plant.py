@@ -9,7 +9,7 @@ import pytest
 from jansen_env import ROBOTS, Bar, LinkageError, Robot, Terrain
 from jansen_env.engine.placement import PLACEMENT_DEPTH
 from jansen_env.gravity import GRAVITY
-from jansen_env.plants.initial_pose import static_deflection
+from jansen_env.plants.base import static_deflection
 from jansen_env.plants.plant import ProjectionPlant, RigidBodyPlant
 from jansen_env.robot.lengths import lengths, with_lengths
 
@@ -128,9 +128,9 @@ def test_set_down_on_the_lowest_of_all_pads(name, make, rng):
         terrain = [Terrain.flat(), ROUGH, STEPS][placed % 3]
         try:
             plant = make(with_lengths(own, given), terrain)
+            plant.reset(rng.uniform(-10.0, 10.0), rng.uniform(0.0, 2.0 * math.pi))
         except ValueError:
             continue
-        plant.reset(rng.uniform(-10.0, 10.0), rng.uniform(0.0, 2.0 * math.pi))
         sag = static_deflection(plant.robot, GRAVITY)
         if plant.robot.pad_compliance.rigid:
             sag = 0.0

@@ -10,7 +10,7 @@ from motions import runge_kutta
 
 from jansen_env import ROBOTS, Motor, Terrain
 from jansen_env.dynamics.joint_forces import joint_forces
-from jansen_env.plants.initial_pose import static_deflection
+from jansen_env.plants.base import static_deflection
 from jansen_env.plants.plant import RigidBodyPlant
 from jansen_env.robot import JANSEN, Compliance
 from jansen_env.robot.kinematics import coordinates

@@ -8,8 +8,8 @@ import pytest
 
 from jansen_env import ROBOTS, Motor, Payload, Robot, Terrain
 from jansen_env.parameters import ROBOT_PARAMETERS, effective, nominal
+from jansen_env.plants.base import static_deflection
 from jansen_env.plants.batch import Batch
-from jansen_env.plants.initial_pose import static_deflection
 from jansen_env.plants.plant import ProjectionPlant, RigidBodyPlant
 from jansen_env.plants.robot_parameters import machine_of, terrain_of, tilted
 from jansen_env.robot import Compliance

@@ -24,6 +24,7 @@ from jansen_env.checks import positive_integer, within
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.pads import pad_layout
 from jansen_env.engine.integrator import DIVERGED
+from jansen_env.engine.placement import PLACEMENT_DEPTH
 from jansen_env.engine.records import ROBOT, UNKNOWN_DEFLECTION
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.parameters import ROBOT_PARAMETERS, nominal, take_load
@@ -34,7 +35,7 @@ from jansen_env.plants.base import (
     check_time_step,
     divergence,
 )
-from jansen_env.plants.initial_pose import resting_pose, static_deflection
+from jansen_env.plants.batch import Batch
 from jansen_env.plants.rigid import bodies
 from jansen_env.plants.rigid.bodies import (
     ANGLE,
@@ -302,15 +303,14 @@ class RigidBodyBatch:
     def place_at(
         self, rows: Ints, crank_angles: Array, x: float = 0.0, pitch: float | None = None
     ) -> None:
-        """Place the robot, see :meth:`jansen_env.plants.batch.Batch.place_at`, where ground is."""
+        """Place the robot where :meth:`jansen_env.plants.batch.Batch.place_at` does, without gap.
+
+        Raises ValueError also where there is no ground."""
         within("x", x, *self._ends)
-        angle = float(crank_angles[0])
-        level = bodies.poses(self._machine, np.array([0.0, 0.0, 0.0, angle]))
-        masses = bodies.inertias(self._machine)[:, 0]
-        centre = masses @ level[:, 1:] / masses.sum()
-        y, theta = resting_pose(self._machine, centre, self._ground, x, angle, pitch)
-        y -= static_deflection(self._machine, -self._effective_gravity[1])
-        self._build(np.array([x, y, theta, angle, 0.0, 0.0, 0.0, 0.0]))
+        other = Batch(self.robots, self.terrains, gravity=self.gravity)
+        other.set_parameters(rows, self.parameters)
+        other.place_at(rows, crank_angles, x, pitch)
+        self._build(other.states[0] + PLACEMENT_DEPTH * np.eye(8)[1])
 
     def lookahead(self, torque: float = 0.0, pushes: Array | None = None) -> None:
         """Fill sums with the next :data:`LOOKAHEAD` seconds; the state stays, joints closed."""

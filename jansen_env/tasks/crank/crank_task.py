@@ -58,8 +58,8 @@ class CrankTask(CompiledTask):
         """Return those of ``finish_step`` and ``describe`` of the engine's ``crank_tracking``."""
         world, plant = self.world, self.world.plant
         step = (
-            plant.states, plant.rows, world.torque, world.elapsed, self.control_dt, self._weights,
-            world.data, self.data, self.rewards, self.ended, self.observation,
+            plant.states, plant.rows, world.elapsed, self.control_dt, self._weights, world.data,
+            self.data, self.rewards, self.ended, self.observation,
         )  # fmt: skip
         describe = (
             plant.states, world.elapsed, self.control_dt, world.data, self.data, self.observation

@@ -17,9 +17,13 @@ from numpy.typing import NDArray
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
-from agents.training.models import save_model
 from agents.training.runs import BEST, best_score, read_evaluations, replay_path
-from agents.training.training_state import read_state, restore_generators, save_replay_buffer
+from agents.training.training_state import (
+    read_state,
+    restore_generators,
+    save_model,
+    save_replay_buffer,
+)
 from jansen_env.files import write_json
 from jansen_env.sb3.normalizer import NormalizedObservation
 from jansen_env.sb3.run_config import Arguments, RunConfig

@@ -6,23 +6,23 @@ import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback, ProgressBarCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecMonitor
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 from agents.training.callbacks import NormalizerUpdate, Saver, StopOnSignal
 from agents.training.config import training_envs
-from agents.training.models import build_model, restore
 from agents.training.runs import FINAL, replay_path
-from agents.training.training_state import load_replay_buffer, restore_state
+from agents.training.training_state import load_replay_buffer, restore, restore_state
 from jansen_env.sb3 import make_vec_env
-from jansen_env.sb3.run_config import RunConfig, find_config
-from jansen_env.sb3.trained import read_model
+from jansen_env.sb3.run_config import ALGORITHMS, RunConfig, find_config
+from jansen_env.sb3.trained import policy_kwargs_of, read_model
+from jansen_env.scoring.metrics import Env
 
 EVALUATIONS = 16  # of a run, by default
 
@@ -60,24 +60,29 @@ def prepare(config: RunConfig, resume: Path | None = None) -> BaseAlgorithm:
     if resume is not None:
         saved = read_model(resume)
         restore(model, saved)
-        if isinstance(model, OffPolicyAlgorithm):
-            _refill(model, find_config(resume).parent)
+        if isinstance(model, OffPolicyAlgorithm) and model.replay_buffer is not None:
+            path = replay_path(find_config(resume).parent, model.num_timesteps)
+            load_replay_buffer(model.replay_buffer, path)
         restore_state(model, saved.notes.get("state", {}))
-        if config.env_kwargs.get("plant") == "rigid_body":
-            print("plant='rigid_body': what pymunk's solver had cached is lost, so the run goes on "
-                  "nearly, but not exactly, as it would have")  # fmt: skip
     return model
 
 
-def _refill(model: OffPolicyAlgorithm, folder: Path) -> None:
-    """Fill the replay buffer from a run's; without one, let it fill before training goes on."""
-    path = replay_path(folder, model.num_timesteps)
-    if path.is_file() and model.replay_buffer is not None:
-        load_replay_buffer(model.replay_buffer, path)
-        return
-    model.learning_starts += model.num_timesteps
-    print(f"no replay buffer in {folder}: it fills from empty, with random actions until step "
-          f"{model.learning_starts}")  # fmt: skip
+def build_model(config: RunConfig, env: VecEnv | Env) -> BaseAlgorithm:
+    """Build the new model of a configuration for an environment."""
+    arguments = dict(config.hyperparameters)
+    for name in ("learning_rate", "clip_range", "clip_range_vf"):
+        if isinstance(value := arguments.get(name), str):
+            arguments[name] = linear_schedule(value)
+    return ALGORITHMS[config.algo](
+        config.policy, env, device="cpu", seed=config.seed, **arguments,
+        policy_kwargs=policy_kwargs_of(config),
+    )  # fmt: skip
+
+
+def linear_schedule(text: str) -> LinearSchedule:
+    """Return ``"linear_X"``: from X at the start to 0 at the end, and 0 past it, where a run's last
+    rollout may end."""
+    return LinearSchedule(float(text.removeprefix("linear_")), 0.0, end_fraction=1.0)
 
 
 @contextmanager
@@ -116,7 +121,8 @@ def train(
             Or the policy's actions are no longer finite, or a file cannot be written: what was
             saved before stays good.
     """
-    venv: Any = model.get_env()
+    venv = model.get_env()
+    assert venv is not None
     stop, steps = StopOnSignal(), config.timesteps
     eval_every = max(1, steps // EVALUATIONS) if eval_every is None else eval_every
     state = read_model(resume).notes["state"] if resume is not None else None

@@ -1,39 +1,70 @@
-"""State of training besides parameters and optimisers, to resume exactly from.
+"""Models saved with the state of training besides their parameters, to resume exactly from.
 
-That is: each robot's state and generator, the observations the next rollout begins with, the global
-generators, the exploration noise where rollouts keep it, and the replay buffer. Taken when a
+The state is each robot's state and generator, the observations the next rollout begins with, the
+global generators, the exploration noise where rollouts keep it, and the replay buffer. Taken when a
 rollout begins, it leaves nothing out. All of it is numbers, read without running code.
 """
 
 from __future__ import annotations
 
+import io
+import json
+import zipfile
 from collections import deque
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.buffers import ReplayBuffer
-from stable_baselines3.common.vec_env import VecMonitor, unwrap_vec_wrapper
+from stable_baselines3.common.distributions import StateDependentNoiseDistribution
+from stable_baselines3.common.vec_env import VecEnv, VecMonitor, unwrap_vec_wrapper
 
 from jansen_env.checks import one_line, whole_number
-from jansen_env.files import open_regular, write_whole
+from jansen_env.files import open_regular, write_bytes, write_whole
 from jansen_env.sb3 import BatchVecEnv
 from jansen_env.sb3.run_config import Arguments
+from jansen_env.sb3.trained import NOTES, SavedModel
 
 MATRICES = ("exploration_mat", "exploration_matrices")  # of state-dependent exploration
 ARRAYS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
 
+def save_model(model: BaseAlgorithm, path: Path, notes: Arguments) -> None:
+    """Save as Stable-Baselines3 does, with ``notes`` as JSON in the same file; atomic."""
+    buffer = io.BytesIO()
+    model.save(buffer)
+    with zipfile.ZipFile(buffer, "a") as archive:
+        archive.writestr(NOTES, json.dumps(notes))
+    write_bytes(path, buffer.getvalue())
+
+
+def restore(model: BaseAlgorithm, saved: SavedModel) -> None:
+    """Set all parameters of a model, its optimisers' too; a ValueError where they do not fit."""
+    try:
+        model.set_parameters(saved.parameters, exact_match=True)
+        for name in model._get_torch_save_params()[1]:  # such as SAC's entropy coefficient
+            variable = getattr(model, name)
+            variable.data.copy_(saved.variables[name].reshape(variable.shape))
+        model.num_timesteps = saved.steps
+    except Exception as error:  # torch and the optimisers raise most kinds for what does not fit
+        raise ValueError(
+            f"the saved model does not fit its configuration: {one_line(error)}"
+        ) from error
+
+
 def read_state(model: BaseAlgorithm) -> Arguments:
-    """Return the state of a model whose next rollout begins now, in types that JSON knows."""
+    """Return the state of a model whose next rollout begins now, in types that JSON knows.
+
+    Environments that are simulated one by one have no state in it.
+    """
     venv, monitor = _envs(model)
+    states = venv.get_states() if isinstance(venv, BatchVecEnv) else []
     return {
         "updates": model._n_updates, "episodes": model._episode_num,
         "observations": plain(model._last_obs), "starts": plain(model._last_episode_starts),
         "returns": plain(monitor.episode_returns), "lengths": plain(monitor.episode_lengths),
-        "robots": _read_robots(venv.unwrapped), "generators": _read_generators(model),
+        "robots": [plain(state) for state in states], "generators": _read_generators(model),
     }  # fmt: skip
 
 
@@ -46,13 +77,19 @@ def restore_state(model: BaseAlgorithm, state: Arguments) -> None:
     venv, monitor = _envs(model)
     n = venv.num_envs
     try:
-        shape = (n, *venv.observation_space.shape)
-        model._last_obs = np.array(state["observations"], np.float32).reshape(shape)
-        model._last_episode_starts = np.array(state["starts"], bool).reshape(n)
-        monitor.episode_returns = np.array(state["returns"], np.float32).reshape(n)
-        monitor.episode_lengths = np.array(state["lengths"], np.int32).reshape(n)
         model._n_updates, model._episode_num = int(state["updates"]), int(state["episodes"])
-        _restore_robots(venv.unwrapped, state["robots"])
+        if isinstance(venv, BatchVecEnv):
+            observations = np.array(state["observations"], np.float32)
+            model._last_obs = observations.reshape((n, *venv.env.single_observation_space.shape))
+            model._last_episode_starts = np.array(state["starts"], bool).reshape(n)
+            monitor.episode_returns = np.array(state["returns"], np.float32).reshape(n)
+            monitor.episode_lengths = np.array(state["lengths"], np.int32).reshape(n)
+            if len(states := state["robots"]) != n:
+                raise ValueError(f"there are states of {len(states)} robots, must be of {n}")
+            venv.set_states(states)
+        else:
+            print("environments simulated one by one begin new episodes: the run goes on nearly, "
+                  "but not exactly, as it would have")  # fmt: skip
         restore_generators(model, state)
     except Exception as error:  # of what does not fit, whatever the parts of it raise
         raise ValueError(f"the training state does not fit: {one_line(error)}") from error
@@ -60,40 +97,20 @@ def restore_state(model: BaseAlgorithm, state: Arguments) -> None:
     model.ep_success_buffer = deque(maxlen=model._stats_window_size)
 
 
-def _envs(model: BaseAlgorithm) -> tuple[Any, Any]:
+def _envs(model: BaseAlgorithm) -> tuple[VecEnv, VecMonitor]:
     """Return a model's environments, and what counts their episodes."""
     venv = model.get_env()
     assert venv is not None
-    return venv, unwrap_vec_wrapper(venv, VecMonitor)
+    monitor = unwrap_vec_wrapper(venv, VecMonitor)
+    assert isinstance(monitor, VecMonitor)
+    return venv.unwrapped, monitor
 
 
-def plain(value: Any) -> Any:
+def plain(value: object) -> object:
     """Return a value in types that JSON knows, no digit lost."""
     if isinstance(value, dict):
         return {name: plain(entry) for name, entry in value.items()}
     return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
-
-
-def _read_robots(venv: Any) -> list[Arguments]:
-    """Return of each robot its state, generator included, and the steps of its episode."""
-    if isinstance(venv, BatchVecEnv):
-        return [plain(state) for state in venv.get_states()]
-    elapsed = venv.get_attr("_elapsed_steps")  # of TimeLimit
-    states = zip(venv.env_method("get_state"), elapsed, strict=True)
-    return [{**plain(state), "elapsed": steps} for state, steps in states]
-
-
-def _restore_robots(venv: Any, states: list[Arguments]) -> None:
-    """Put each robot into its state of :func:`_read_robots`."""
-    if len(states) != venv.num_envs:
-        raise ValueError(f"there are states of {len(states)} robots, must be of {venv.num_envs}")
-    if isinstance(venv, BatchVecEnv):
-        venv.set_states(states)
-        return
-    for env, state in zip(venv.envs, states, strict=True):
-        env.reset()  # wrappers ask for it
-        env.unwrapped.set_state({k: v for k, v in state.items() if k != "elapsed"})
-        env.set_wrapper_attr("_elapsed_steps", int(state["elapsed"]), force=False)
 
 
 def _read_generators(model: BaseAlgorithm) -> Arguments:
@@ -120,11 +137,12 @@ def restore_generators(model: BaseAlgorithm, state: Arguments) -> None:
             setattr(noise, name, torch.tensor(saved["noise"][name]))
 
 
-def _kept_noise(model: Any) -> Any:
+def _kept_noise(model: BaseAlgorithm) -> StateDependentNoiseDistribution | None:
     """Return the distribution whose noise lasts for a whole rollout; None without one."""
-    if not model.use_sde or model.sde_sample_freq > 0:
-        return None
-    return getattr(model, "actor", model.policy).action_dist
+    noise = getattr(getattr(model, "actor", model.policy), "action_dist", None)
+    if isinstance(noise, StateDependentNoiseDistribution) and model.sde_sample_freq <= 0:
+        return noise
+    return None
 
 
 def save_replay_buffer(buffer: ReplayBuffer, path: Path) -> None:
@@ -154,6 +172,6 @@ def load_replay_buffer(buffer: ReplayBuffer, path: Path) -> None:
 
 
 def _used(buffer: ReplayBuffer) -> int:
-    """Return the rows in a file; one past ``pos`` where a buffer that saves memory has the last
-    next observation."""
+    """Return how many steps a file has; one past ``pos`` where a buffer that saves memory has the
+    last next observation."""
     return int(buffer.buffer_size) if buffer.full else buffer.pos + 1

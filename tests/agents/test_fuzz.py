@@ -9,9 +9,9 @@ import zipfile
 import pytest
 from small_runs import go_on, small_run
 
-from agents.training import models, runs
+from agents.training import runs
 from agents.training import train_model as training
-from agents.training.training_state import load_replay_buffer, restore_state
+from agents.training.training_state import load_replay_buffer, restore, restore_state
 from jansen_env.sb3.run_config import load_config
 from jansen_env.sb3.trained import NOTES, read_model
 
@@ -78,7 +78,7 @@ def zip_of(data, rng):
 
 def read_all(path, model):
     saved = read_model(path)
-    models.restore(model, saved)
+    restore(model, saved)
     restore_state(model, saved.notes.get("state", {}))
 
 

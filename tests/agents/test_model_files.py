@@ -16,8 +16,9 @@ from small_runs import small_run
 from stable_baselines3 import PPO
 
 import train
-from agents.training import models, runs
-from agents.training.train_model import prepare
+from agents.training import runs
+from agents.training.train_model import build_model, prepare
+from agents.training.training_state import restore
 from jansen_env import sb3
 from jansen_env.sb3 import trained
 from jansen_env.sb3.run_config import RunConfig
@@ -37,7 +38,7 @@ def made(tmp_path_factory):
     """A run's folder with a model of one update, its optimiser's state and all."""
     folder = tmp_path_factory.mktemp("made")
     runs.record_run(folder, SETTINGS, "")
-    model = models.build_model(SETTINGS, make_env(ENV, {}))
+    model = build_model(SETTINGS, make_env(ENV, {}))
     model.learn(8)
     model.save(folder / "best_model.zip")
     return folder
@@ -185,7 +186,7 @@ def test_only_what_a_model_saves_is_restored():
         "ent_coef_optimizer": model.ent_coef_optimizer.state_dict(),
     }
     given = trained.SavedModel(parameters, {"log_ent_coef": torch.full((1,), -0.5)}, 7, {})
-    models.restore(model, given)
+    restore(model, given)
     assert model.log_ent_coef.item() == -0.5 and model.log_ent_coef.requires_grad
     assert model.num_timesteps == 7
     for change in (
@@ -196,4 +197,4 @@ def test_only_what_a_model_saves_is_restored():
         {"parameters": {**parameters, "actor.optimizer": {"state": 1}}},
     ):
         with pytest.raises(ValueError, match="the saved model does not fit"):
-            models.restore(model, given._replace(**change))
+            restore(model, given._replace(**change))

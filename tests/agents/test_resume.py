@@ -17,12 +17,6 @@ CASES = {
     "lengths": small_run(
         env_kwargs={"randomize": {"lengths": 0.1}, "observe_lengths": True, "max_episode_steps": 9}
     ),
-    "single environments": small_run(
-        timesteps=96,
-        n_envs=2,
-        training_variants=[{}],
-        env_kwargs={"track_joint_forces": True, "max_episode_steps": 9},
-    ),
     "sac": small_run("sac"),
     "sac, noise of a whole rollout": small_run("sac", hyperparameters={"sde_sample_freq": -1}),
 }
@@ -34,13 +28,7 @@ def few_episodes(monkeypatch):
     monkeypatch.setattr(callbacks, "EPISODES", 1)
 
 
-@pytest.mark.parametrize(
-    "case",
-    [
-        pytest.param(case, marks=[pytest.mark.slow] * (case == "single environments"))
-        for case in CASES
-    ],
-)
+@pytest.mark.parametrize("case", CASES)
 def test_a_killed_run_ends_as_if_it_had_not_been(case, tmp_path):
     """Before its first checkpoint, in the middle of a rollout, and shortly before its end."""
     settings = CASES[case]
@@ -52,3 +40,16 @@ def test_a_killed_run_ends_as_if_it_had_not_been(case, tmp_path):
         go_on(settings, killed, killed_after=part * settings.timesteps)
     go_on(settings, killed)
     assert same(outcome(whole), outcome(killed))
+
+
+def test_environments_one_by_one_go_on_with_new_episodes(tmp_path, capsys):
+    settings = small_run(
+        timesteps=96,
+        n_envs=2,
+        training_variants=[{}],
+        env_kwargs={"track_joint_forces": True, "max_episode_steps": 9},
+    )
+    go_on(settings, tmp_path, killed_after=50)
+    go_on(settings, tmp_path)
+    assert "begin new episodes" in capsys.readouterr().out
+    assert outcome(tmp_path)[0].steps == settings.timesteps

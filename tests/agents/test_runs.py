@@ -13,7 +13,7 @@ from small_runs import small_run
 from stable_baselines3 import PPO
 
 import train
-from agents.training import callbacks, models, runs, training_state
+from agents.training import callbacks, runs, training_state
 from agents.training import train_model as training
 from jansen_env.sb3.run_config import load_config
 from jansen_env.sb3.trained import read_model
@@ -61,7 +61,7 @@ def test_learning_rate_never_goes_below_zero(tmp_path, returns):
     assert model.num_timesteps > 100
     assert model.policy.optimizer.param_groups[0]["lr"] == 0.0
     assert all(torch.isfinite(p).all() for p in model.policy.parameters())
-    schedule = models.linear_schedule("linear_1e-3")
+    schedule = training.linear_schedule("linear_1e-3")
     assert [schedule(left) for left in (1.0, 0.5, 0.0, -0.04)] == [1e-3, 5e-4, 0.0, 0.0]
 
 
@@ -120,7 +120,7 @@ def test_last_state_is_the_one_of_most_steps(tmp_path):
     for name in ("checkpoints/model_9_steps.zip", "checkpoints/model_10_steps.zip", runs.FINAL,
                  "checkpoints/model_200_steps.zip"):  # fmt: skip
         model.num_timesteps = 10 if name == runs.FINAL else int(name.split("_")[1])
-        models.save_model(model, tmp_path / name, {})
+        training_state.save_model(model, tmp_path / name, {})
         assert runs.last_state(tmp_path) == tmp_path / name
 
 
@@ -128,17 +128,6 @@ def test_a_damaged_final_model_is_named(tmp_path):
     (tmp_path / runs.FINAL).write_bytes(b"half")
     with pytest.raises(ValueError, match=f"{runs.FINAL} is no Stable-Baselines3 model"):
         runs.last_state(tmp_path)
-
-
-def test_missing_replay_buffer_is_reported(tmp_path, returns, capsys):
-    settings = small_config(algo="sac")
-    go(settings, tmp_path)
-    runs.replay_path(tmp_path, STEPS).unlink()
-    model = training.prepare(settings, runs.last_state(tmp_path))
-    assert f"it fills from empty, with random actions until step {STEPS + 32}" in (
-        capsys.readouterr().out
-    )
-    assert model.learning_starts == STEPS + 32
 
 
 def test_bad_replay_buffers_are_refused(tmp_path):
@@ -261,7 +250,7 @@ def test_failed_start_leaves_no_folder(wrong, tmp_path, started):
 
 def test_failed_resume_changes_nothing(tmp_path, started):
     checkpoint = tmp_path / "checkpoints" / "model_9_steps.zip"
-    models.save_model(training.prepare(small_config()), checkpoint, {})
+    training_state.save_model(training.prepare(small_config()), checkpoint, {})
     settings = replace(small_config(), policy_kwargs={"net_arch": [8]})
     runs.record_run(tmp_path, settings, "python train.py")
     before = [(tmp_path / name).read_bytes() for name in ("config.yml", "command.txt")]

@@ -5,11 +5,10 @@ All functions raise ValueError for anything else than they describe.
 
 from __future__ import annotations
 
-import inspect
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from numbers import Integral
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -19,44 +18,29 @@ from numpy.typing import NDArray
 from jansen_env.checks import entries, instance, listed, positive_integer, shown, whole_number
 from jansen_env.world.argument_checks import Array, Values, entries_of
 
-P = ParamSpec("P")
-S = TypeVar("S")
-E = TypeVar("E")
-
 MOST_ROBOTS = 1_000_000  # of a vector environment: gigabytes
 MOST_EPISODE_STEPS = 2**53  # the largest number up to which floats count one by one
+OF_BATCHES = ("num_envs", "max_episode_steps", "autoreset_mode", "threads", "info_keys")
+"""Arguments of vector environments alone."""
 
 
-def takes(
-    settings: Callable[P, S],
-) -> Callable[[Callable[[E, S], None]], Callable[Concatenate[E, P], None]]:
-    """Let an environment's constructor take the arguments of its settings, as keywords.
+def make_settings(env: object, single: Any, arguments: Values, num_envs: int | None = None) -> Any:
+    """Return the settings of ``env``'s task, with what is not given from the preset.
 
-    What is not given is a value of the environment's ``PRESET``, or else the settings' default.
-    Type checkers, ``help`` and ``inspect.signature`` know them.
+    ``single``: the environment of one robot with that task and preset.
 
     Raises:
         TypeError: an argument that the settings do not have; ValueError: a wrong one.
     """
-    parameters = inspect.signature(settings).parameters
-
-    def decorate(init: Callable[[E, S], None]) -> Callable[Concatenate[E, P], None]:
-        def __init__(self: E, /, *args: P.args, **kwargs: P.kwargs) -> None:
-            if unknown := sorted(map(str, {*kwargs} - {*parameters})):
-                raise TypeError(
-                    f"{type(self).__name__} got an unexpected keyword argument {unknown[0]!r}, "
-                    f"must be in {listed(sorted(parameters), unknown[0])}"
-                )
-            preset: Any = {k: v for k, v in getattr(self, "PRESET", {}).items() if k not in kwargs}
-            made = settings(*args, **kwargs, **preset)
-            object.__setattr__(made, "preset", frozenset(preset))
-            init(self, made)
-
-        own = inspect.Parameter("self", inspect.Parameter.POSITIONAL_ONLY)
-        __init__.__signature__ = inspect.Signature([own, *parameters.values()])  # type: ignore[attr-defined]
-        return __init__
-
-    return decorate
+    settings = single.TASK.SETTINGS
+    known = {*settings.defaults(), *(OF_BATCHES if num_envs is not None else ())}
+    if unknown := sorted(map(str, {*arguments} - known)):
+        raise TypeError(
+            f"{type(env).__name__} got an unexpected keyword argument {unknown[0]!r}, "
+            f"must be in {listed(sorted(known), unknown[0])}"
+        )
+    preset = {name: value for name, value in single.PRESET.items() if name not in arguments}
+    return settings(**arguments, **preset, num_envs=num_envs, preset=frozenset(preset))
 
 
 def time_limit(name: str, limit: object) -> float:
@@ -115,7 +99,7 @@ def broadcast_options(count: int, options: Values) -> list[Values]:
     return [{name: values[i] for name, values in columns.items()} for i in range(count)]
 
 
-def one_action(action: object) -> Array:
+def single_action(action: object) -> Array:
     """The action (1,) of one robot as (1, 1); the number 0 stands for no torque."""
     if isinstance(action, int) and action == 0:  # what gymnasium.utils.play does without a key
         return np.zeros((1, 1))
@@ -165,12 +149,12 @@ class Renderers(dict[int, Any]):
             return None
         from jansen_env.rendering import Renderer
 
-        scene = env.task.scene(i)
+        scene, command = env.task.scene(i), env.task.command
         if i not in self:
             fps = env.metadata["render_fps"]
             self[i] = Renderer(**scene, mode=env.render_mode, fps=fps)
         self[i].show(**scene)  # which a reset may change
-        return self[i].draw(env.task.world.frame(i, env.task.command(i)))
+        return self[i].draw(env.task.world.frame(i, None if command is None else command[i]))
 
     def close(self) -> None:
         """Close windows."""

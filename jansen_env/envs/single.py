@@ -8,14 +8,19 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.envs import arguments
+from jansen_env.envs.arguments import (
+    Renderers,
+    complete_state,
+    make_settings,
+    reset_options,
+    single_action,
+)
 from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
 from jansen_env.scoring.metrics import Benchmark
 from jansen_env.tasks.task import Task
 from jansen_env.world.argument_checks import RENDER_MODES, Values
 from jansen_env.world.observations import Observed
-from jansen_env.world.settings import RobotSettings
 
 Observation = NDArray[np.float32]
 ATask = TypeVar("ATask", bound=Task)
@@ -26,30 +31,39 @@ RIGHT, LEFT = 1073741903, 1073741904  # pygame's K_RIGHT and K_LEFT
 
 
 class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
-    """One robot that does a task. Its constructor is :func:`jansen_env.envs.arguments.takes`.
+    """One robot that does a task.
+
+    Args:
+        arguments: of the task's ``SETTINGS``, in place of their defaults and of :attr:`PRESET`.
 
     Attributes:
-        PRESET: values of arguments in place of the settings' defaults.
+        TASK: the task's class. PRESET: values of arguments in place of the settings' defaults.
         BENCHMARK: the rules by which policies are scored, by default the return alone.
-        SETTINGS: the arguments, checked.
         task: the task of this one robot. dt, control_dt: s for which an action is held.
         observed: name, unit, limits and noise of each number of the observation.
     """
 
     metadata: Values = {"render_modes": RENDER_MODES, "render_fps": 50}
-    SETTINGS: ClassVar[type[RobotSettings]]
+    TASK: ClassVar[type[Any]]
     PRESET: ClassVar[Values] = {}
     BENCHMARK: ClassVar[Benchmark] = Benchmark()
 
-    def __init__(self, task: ATask, render_mode: str | None) -> None:
-        self.task, self.render_mode = task, render_mode
+    def __init__(self, **arguments: Any) -> None:
+        settings = make_settings(self, type(self), arguments)
+        task: ATask = self.TASK(settings)
+        self.task, self.render_mode = task, settings.render_mode
         self.observation_space: Any = task.observation_space
         self.action_space: Any = task.action_space
         self.control_dt: float = task.control_dt
         self.dt: float = self.control_dt
         self.observed: tuple[Observed, ...] = task.observed
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.dt))}
-        self._begun, self._renderers = False, arguments.Renderers()
+        self._begun, self._renderers = False, Renderers()
+
+    @classmethod
+    def defaults(cls) -> Values:
+        """Return all arguments by name, with their defaults."""
+        return {**cls.TASK.SETTINGS.defaults(), **cls.PRESET}
 
     @property
     def robot(self) -> Robot:
@@ -75,7 +89,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
             ValueError: an unknown option, or a value out of range. FloatingPointError: the robot
                 diverges where it is placed. Nothing has changed then.
         """
-        options = arguments.reset_options(options)
+        options = reset_options(options)
         before = self._np_random, self._np_random_seed
         super().reset(seed=seed)
         try:
@@ -97,7 +111,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         """
         self._check_begun()
         task = self.task
-        task.step(arguments.one_action(action), ACTIVE)
+        task.step(single_action(action), ACTIVE)
         if self.render_mode == "human":
             self.render()
         return (
@@ -131,7 +145,8 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
 
     def frame(self) -> Frame:
         """Return the picture data of the robot as it stands."""
-        return self.task.world.frame(0, self.task.command(0))
+        command = self.task.command
+        return self.task.world.frame(0, None if command is None else command[0])
 
     def get_state(self) -> Values:
         """Return all that the future of this robot depends on; :meth:`set_state` continues bit for
@@ -149,7 +164,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         Raises:
             ValueError: an entry is missing, or out of range.
         """
-        arguments.complete_state(state, self.get_state())
+        complete_state(state, self.get_state())
         self.task.set_state(0, state)
         self.np_random.bit_generator.state = state["generator"]
         self._begun = True

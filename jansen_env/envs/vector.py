@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import KW_ONLY, dataclass
+from collections.abc import Sequence
 from functools import partial
 from typing import Any, ClassVar, Generic
 
@@ -14,21 +13,19 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
-from typing_extensions import Self
+from typing_extensions import TypedDict
 
 from jansen_env.checks import positive_integer
-from jansen_env.envs import arguments
+from jansen_env.envs import arguments as checks
 from jansen_env.envs.single import ATask, SingleEnv
 from jansen_env.world.argument_checks import (
     Array,
     Bools,
     Ints,
-    Settings,
     Values,
-    each,
+    entries_of,
     optional,
     render_mode,
-    shared,
 )
 from jansen_env.world.observations import Observed
 
@@ -37,28 +34,13 @@ METHODS = ("get_state", "push", "render", "set_parameters", "set_state")
 """Methods of single robots, see :meth:`TaskVectorEnv.call_one`."""
 
 
-@dataclass(frozen=True)
-class VectorSettings(Settings):
-    """Arguments of all vector environments, see :class:`TaskVectorEnv`; a task adds its own."""
+class VectorArguments(TypedDict, total=False):
+    """Arguments of all vector environments by keyword, see :class:`TaskVectorEnv`."""
 
-    batched: ClassVar[bool] = True
-
-    num_envs: int = 1
-    max_episode_steps: int | Sequence[int | None] | None = each(None, arguments.time_limit)
-    autoreset_mode: AutoresetMode | str = shared(AutoresetMode.NEXT_STEP, arguments.autoreset_mode)
-    _: KW_ONLY
-    threads: int | None = shared(None, optional(positive_integer))
-    info_keys: Sequence[str] | None = None
-    render_mode: str | None = shared(None, partial(render_mode, allowed=["rgb_array"]))
-
-    @property
-    def count(self) -> int:
-        """The number of robots."""
-        return self.num_envs
-
-    def __post_init__(self) -> None:
-        self._set("num_envs", positive_integer("num_envs", self.num_envs, arguments.MOST_ROBOTS))
-        super().__post_init__()
+    max_episode_steps: int | Sequence[int | None] | None
+    autoreset_mode: AutoresetMode | str
+    threads: int | None
+    info_keys: Sequence[str] | None
 
 
 class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], Generic[ATask]):
@@ -80,7 +62,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         Others: as for one robot; those that are ``PerRobot`` may be one for each.
 
     Attributes:
-        SINGLE: the environment of one robot. PRESET: see there.
+        SINGLE: the environment of one robot, whose task and preset are used.
         task: the task of all robots. dt, control_dt: s for which an action is held.
         observed: name, unit, limits and noise of each number of an observation.
 
@@ -90,26 +72,30 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
 
     metadata: Values = {"render_modes": ["rgb_array"], "render_fps": 50}
     SINGLE: ClassVar[type[SingleEnv[Any]]]
-    PRESET: ClassVar[Values] = {}
 
-    @classmethod
-    def of(cls, single: type[SingleEnv[Any]]) -> type[Self]:
-        """Return the vector environment of a preset of this one's task."""
-        name = single.__name__.replace("Env", "VectorEnv")
-        doc = f":class:`{single.__name__}` for many robots at once: what ``gym.make_vec`` makes."
-        own = {"SINGLE": single, "PRESET": single.PRESET, "__doc__": doc}
-        return type(name, (cls,), {**own, "__module__": single.__module__})
-
-    def __init__(self, settings: Any, make: Callable[[Any, int | None], ATask]) -> None:
-        self._renderers = arguments.Renderers()
-        self.num_envs = n = settings.num_envs
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        max_episode_steps: int | Sequence[int | None] | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        threads: int | None = None,
+        info_keys: Sequence[str] | None = None,
+        **arguments: Any,
+    ) -> None:
+        self._renderers = checks.Renderers()
+        self.num_envs = n = positive_integer("num_envs", num_envs, checks.MOST_ROBOTS)
+        limits = entries_of("max_episode_steps", max_episode_steps, n)
+        limits = [checks.time_limit("max_episode_steps", limit) for limit in limits]
+        self.max_episode_steps: Array = np.array(limits, float)
+        self.autoreset_mode = checks.autoreset_mode("autoreset_mode", autoreset_mode)
+        render_mode("render_mode", arguments.get("render_mode"), ["rgb_array"])
+        threads = optional(positive_integer)("threads", threads)
+        settings = checks.make_settings(self, self.SINGLE, arguments, n)
         self.render_mode: str | None = settings.render_mode
-        self.autoreset_mode: AutoresetMode = settings.autoreset_mode
-        self.max_episode_steps: Array = np.array(settings.each("max_episode_steps"), float)
-        self.task = task = make(settings, settings.threads)
-        self.info_keys: tuple[str, ...] | None = arguments.info_keys(
-            settings.info_keys, task.information.keys
-        )
+        task: ATask = self.SINGLE.TASK(settings, threads)
+        self.task = task
+        self.info_keys = checks.info_keys(info_keys, task.information.keys)
         self.control_dt: float = task.control_dt
         self.dt: float = self.control_dt
         self.observed: tuple[Observed, ...] = task.observed
@@ -149,10 +135,10 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
             ValueError: a seed or option out of range. TypeError: a mask that is no array of bools.
                 Nothing has changed then.
         """
-        options = arguments.reset_options(options)
-        mask = arguments.reset_mask(self.num_envs, options.pop("reset_mask", None))
-        seeds = arguments.broadcast_seeds(self.num_envs, seed)
-        return self.reset_each(seeds, arguments.broadcast_options(self.num_envs, options), mask)
+        options = checks.reset_options(options)
+        mask = checks.reset_mask(self.num_envs, options.pop("reset_mask", None))
+        seeds = checks.broadcast_seeds(self.num_envs, seed)
+        return self.reset_each(seeds, checks.broadcast_options(self.num_envs, options), mask)
 
     def reset_each(
         self,
@@ -259,7 +245,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
 
         Its count towards ``max_episode_steps`` stays.
         """
-        arguments.complete_state(state, self.get_state(i))
+        checks.complete_state(state, self.get_state(i))
         self.task.set_state(i, state)
         self._generator(i).bit_generator.state = state["generator"]
         self._begun[i], self._done[i] = True, False
@@ -299,9 +285,13 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
         """Return an attribute of each robot: its own, or the common one."""
-        own = self.task.get_attr(name)
-        if own is not None:
-            return tuple(own)
+        values = self.task.world.get_attr(name)
+        if name in self.task.SETTABLE:
+            values = [
+                tuple(v) if isinstance(v, list) else v for v in getattr(self.task, name).tolist()
+            ]
+        if values is not None:
+            return tuple(values)
         if name in ("max_episode_steps", "np_random", "np_random_seed"):
             return tuple(getattr(self, name))
         common = f"single_{name}" if name in ("observation_space", "action_space") else name

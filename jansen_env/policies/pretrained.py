@@ -8,7 +8,6 @@ describes the format; ``python -m agents.pack`` writes it.
 from __future__ import annotations
 
 import hashlib
-import inspect
 import json
 import math
 from collections.abc import Mapping
@@ -211,10 +210,7 @@ def arguments_of(env_id: str) -> Json:
     specs = {name: spec for name, spec in gym.registry.items()
              if str(spec.entry_point).startswith("jansen_env.")}  # fmt: skip
     env: Any = load_env_creator(str(specs[one_of("env.id", env_id, sorted(specs))].entry_point))
-    parameters = inspect.signature(env).parameters
-    limit = {"max_episode_steps": specs[env_id].max_episode_steps}
-    defaults = {name: parameter.default for name, parameter in parameters.items()}
-    return {**defaults, **env.PRESET, **limit}
+    return {**env.defaults(), "max_episode_steps": specs[env_id].max_episode_steps}
 
 
 def check_action(
@@ -228,7 +224,7 @@ def check_action(
     """
     given = {**arguments_of(env_id), **env_kwargs}
     env: Any = load_env_creator(str(gym.registry[env_id].entry_point))
-    robot = env.SETTINGS.driven_robot(given["robot"], given["motor"], given["torque_limit"])
+    robot = env.TASK.SETTINGS.driven_robot(given["robot"], given["motor"], given["torque_limit"])
     plant = given.get("plant", "projection")  # the crank has none to choose
     period, step = control_period(given["control_dt"], plant_time_step(plant, given["time_step"]))
     for name, value, needed in (

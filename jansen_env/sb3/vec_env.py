@@ -20,7 +20,7 @@ from jansen_env.envs.vector import TaskVectorEnv
 from jansen_env.scoring.benchmarks import can_be_batched, vector_env
 from jansen_env.scoring.metrics import Env, Infos
 from jansen_env.scoring.rollout import EnvKwargs, make_env
-from jansen_env.world.argument_checks import Each
+from jansen_env.world.settings import Each
 
 
 def make_vec_env(
@@ -88,7 +88,8 @@ def _make_batch(
 ) -> TaskVectorEnv[Any]:
     """One batch with the arguments of each environment; ``varied`` names those that differ."""
     entry = vector_env(env_id)
-    defaults = {**entry.SINGLE.SETTINGS.marked("several"), **entry.PRESET}
+    single = entry.SINGLE
+    defaults = {**single.TASK.SETTINGS.defaults("several"), **single.PRESET}
     defaults["max_episode_steps"] = gym.spec(env_id).max_episode_steps
     varying = {
         name: Each(kwargs.get(name, defaults[name]) for kwargs in each)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -57,8 +56,8 @@ def find_benchmark(env_id: str) -> Benchmark:
 
 def can_be_batched(env_id: str, env_kwargs: Values, variants: Sequence[Values] = ({},)) -> bool:
     """Whether one batch can hold environments with these arguments."""
-    settings = single_env(env_id).SETTINGS
-    together, alone = settings.marked("several"), settings.marked("single_only")
+    settings = single_env(env_id).TASK.SETTINGS
+    together, alone = settings.defaults("several"), settings.defaults("single_only")
     given = [variant.get("robot", env_kwargs.get("robot", "paper")) for variant in variants]
     each = [r for robots in given for r in (robots if isinstance(robots, list) else [robots])]
     return (
@@ -84,7 +83,7 @@ def check_env_kwargs(env_id: str, env_kwargs: Values) -> None:
         ValueError: an unknown id or argument, no time limit, or a ``render_mode`` with windows.
     """
     find_benchmark(env_id)
-    allowed = {*inspect.signature(single_env(env_id)).parameters, "max_episode_steps"}
+    allowed = {*single_env(env_id).defaults(), "max_episode_steps"}
     if env_kwargs.get("render_mode") == "human":
         raise ValueError("render_mode is 'human', must be None or 'rgb_array' for many robots")
     for name in env_kwargs:

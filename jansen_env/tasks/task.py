@@ -27,7 +27,7 @@ from jansen_env.world.argument_checks import (
     option,
 )
 from jansen_env.world.observations import Observed
-from jansen_env.world.settings import HeldSettings, WorldSettings
+from jansen_env.world.settings import HeldSettings, RobotSettings, WorldSettings
 from jansen_env.world.world import Numbers, World
 
 
@@ -37,17 +37,17 @@ class Task(ABC):
     A task is a page: the class attributes, :meth:`draw`, :meth:`observe`, :meth:`reward` and
     :meth:`terminated`, in plain NumPy over all n robots. It asks :attr:`world` by name, such as
     ``world.pitch``, and keeps numbers in :attr:`info` with :meth:`keep`.
-    :mod:`jansen_env.tasks.goal` is an example.
+    :mod:`jansen_env.tasks.goal` is an example. Hooks with an underscore are for compiled tasks.
 
     Args:
         settings: arguments. threads: cores to use; None: chosen by batch size.
 
     Attributes:
-        OBSERVED: what it observes beside the world's observations.
+        SETTINGS: its arguments. OBSERVED: what it observes beside the world's observations.
         INFO: numbers and flags that it keeps of a robot, by name: shown in the information, saved
             in states, 0 at a reset but for what :meth:`draw` gives. TERMS: of the reward.
-        OPTIONS: names of reset options. SETTABLE: of :meth:`set_parameters`; both beside the
-            world's.
+        OPTIONS: names of reset options. SETTABLE: of :meth:`set_parameters`, attributes (n, ...)
+            of the task; both beside the world's.
         observed: each number of the observation, with its column in :attr:`columns`.
         observation_space, action_space: of one robot. observation: (n, d) the last ones.
         info: (n,) :attr:`INFO`. rewards: (n,) of the last step. ended: (n,) by termination.
@@ -57,6 +57,7 @@ class Task(ABC):
         ValueError: an argument out of range or of no effect, or names that do not fit.
     """
 
+    SETTINGS: ClassVar[type[RobotSettings]] = WorldSettings
     OBSERVED: ClassVar[tuple[Observed, ...]] = ()
     INFO: ClassVar[Mapping[str, type]] = {}
     TERMS: ClassVar[tuple[str, ...]] = ()
@@ -75,7 +76,7 @@ class Task(ABC):
         row = self.ROW or np.dtype([("info", [*self.INFO.items()]), ("reward", terms)])
         self.data: NDArray[np.void] = np.zeros(n, row)
         self.rewards, self.ended = np.zeros(n), np.zeros(n, bool)
-        self.observed = self.order(self.world.observations) + tuple(self.world.lengths.entries)
+        self.observed = self._order(self.world.observations) + tuple(self.world.lengths.entries)
         self.columns = {entry.name: place for place, entry in enumerate(self.observed)}
         if len(self.columns) < len(self.observed):
             raise ValueError(f"observations are {[*self.columns]}, must have different names")
@@ -87,7 +88,7 @@ class Task(ABC):
         self.world.connect(self.observed, self.observation)
         self._connect()
         kernels: Any = self.ENGINE
-        self._describe, self._finish = kernels.describe.bound(), kernels.finish_step.bound()
+        self._kernels = kernels.describe.bound(), kernels.finish_step.bound()
 
     def _check_declarations(self, settings: WorldSettings | HeldSettings) -> None:
         """Raise ValueError for settings or names that this class would ignore."""
@@ -111,20 +112,13 @@ class Task(ABC):
             world.information, world.energies, self.data, world.arrays, world.groups
         )
         self._kept = frozenset(self.info.dtype.names or ())
-        self._own = {entry.name for entry in self.OBSERVED} - {*self.COMPILED}
+        self._observes = {entry.name for entry in self.OBSERVED} - {*self.COMPILED}
 
     # What a task is.
-
-    def order(self, world: Sequence[Observed]) -> tuple[Observed, ...]:
-        """Return all observations in their order: by default those of the world come first."""
-        return (*world, *self.OBSERVED)
 
     def draw(self, i: int, rng: np.random.Generator, options: Values) -> Numbers:
         """Draw numbers of :attr:`INFO` of a robot's next episode; nothing may change yet."""
         return {}
-
-    def begin(self, which: Ints) -> None:
-        """Begin episodes of robots (k,), or go on from states: :attr:`info` has their numbers."""
 
     def observe(self) -> Mapping[str, Array]:
         """Return the numbers (n,) of :attr:`OBSERVED` by name, after a reset or a step."""
@@ -145,7 +139,16 @@ class Task(ABC):
             kept = "info" if name in self._kept else "reward"
             self.data[kept][name][which] = value[which]
 
+    def progress(self, i: int) -> tuple[float, float]:
+        """Return a robot's progress, m, and mean commanded speed, m/s, for a curriculum."""
+        return 0.0, 0.0
+
     # What environments use.
+
+    @property
+    def command(self) -> Array | None:
+        """(n,) commanded speeds, None for a task without."""
+        return self.info["speed_command"] if "speed_command" in self._kept else None
 
     def reset(
         self,
@@ -161,8 +164,8 @@ class Task(ABC):
         """
         options = [{}] * len(which) if options is None else options
         known = {*self.OPTIONS, *self.world.OPTIONS}
-        for own in options:
-            if unknown := sorted({*own} - known):
+        for given in options:
+            if unknown := sorted({*given} - known):
                 allowed = listed(sorted(known), unknown[0])
                 raise ValueError(f"reset options {unknown} are unknown, must be in {allowed}")
         before = [generator.bit_generator.state for generator in generators]
@@ -174,8 +177,8 @@ class Task(ABC):
             raise
         for i, numbers in zip(which.tolist(), drawn, strict=True):
             self._clear(i, numbers)
-        self.begin(which)
-        self.describe(which)
+        self._begin(which)
+        self._describe(which)
 
     def _clear(self, i: int, numbers: Values) -> None:
         """Put a robot's numbers of :attr:`INFO` in the place of those of its last episode."""
@@ -184,23 +187,15 @@ class Task(ABC):
         for name, value in numbers.items():
             self.info[name][i] = value
 
-    def progress(self, i: int) -> tuple[float, float]:
-        """Return a robot's progress, m, and mean commanded speed, m/s, for a curriculum."""
-        return 0.0, 0.0
-
     def step(
         self, actions: ArrayLike, active: Bools, meanwhile: Callable[[], None] | None = None
     ) -> None:
         """Hold actions (n, 1) of the ``active`` robots (n,), see ``World.step``."""
-        self.world.step(actions, active, self.finish_step, meanwhile)
-        self.judge(active)
+        self.world.step(actions, active, self._finish_step, meanwhile)
+        self._judge(active)
         self.world.disturb()
 
-    def finish_step(self, which: Ints) -> None:
-        """Account for the step of robots (k,) in one kernel, on the thread that moved them."""
-        self._finish(which, self._step_arguments)
-
-    def judge(self, active: Bools) -> None:
+    def _judge(self, active: Bools) -> None:
         """Reward the step of the ``active`` robots (n,), end their episodes, and observe them."""
         which = self._which = np.flatnonzero(active)
         self.rewards[which] = self.reward()[which]
@@ -210,19 +205,16 @@ class Task(ABC):
     def _observe(self, which: Ints) -> None:
         self._which = which
         observed = self.observe()
-        if observed.keys() != self._own:
-            raise ValueError(f"observe() returns {[*observed]}, must return {sorted(self._own)}")
+        if observed.keys() != self._observes:
+            needed = sorted(self._observes)
+            raise ValueError(f"observe() returns {[*observed]}, must return {needed}")
         for name, values in observed.items():
             self.observation[which, self.columns[name]] = values[which]
 
-    def kernel_arguments(self) -> tuple[Arguments, Arguments]:
-        """Return the arguments of the engine's ``finish_step`` and ``describe`` but the first."""
-        return self.world.step_arguments(), self.world.describe_arguments()
-
-    def describe(self, which: Ints) -> None:
+    def _describe(self, which: Ints) -> None:
         """Fill observations and information of robots (k,) as they are now."""
-        self._step_arguments, arguments = self.kernel_arguments()  # a longer terrain's are others
-        self._describe(which, *arguments)
+        self._step_arguments, arguments = self._kernel_arguments()  # a longer terrain's are others
+        self._kernels[0](which, *arguments)
         self._observe(which)
         self.world.disturb(which)
 
@@ -238,27 +230,10 @@ class Task(ABC):
         if unknown := sorted({*changes} - known):
             allowed = listed(sorted(known), unknown[0])
             raise TypeError(f"{unknown} cannot be changed, must be in {allowed}")
-        own = {name: changes.pop(name) for name in self.SETTABLE if name in changes}
-        checked, apply = self.world.checked(i, changes), self.change(i, own)
+        of_task = {name: changes.pop(name) for name in self.SETTABLE if name in changes}
+        checked, apply = self.world.checked(i, changes), self._change(i, of_task)
         self.world.change(i, checked)
         apply()  # all or nothing
-
-    def change(self, i: int, changes: Values) -> Callable[[], None]:
-        """Check changes of :attr:`SETTABLE`; return a function that applies them.
-
-        A derived task hands on the changes that are not its own.
-        """
-        if changes:
-            raise NotImplementedError(f"{type(self).__name__}.change() must apply {[*changes]}")
-        return lambda: None
-
-    def get_attr(self, name: str) -> list[object] | None:
-        """Return an attribute of each robot; None for a name that is no robot's."""
-        return self.world.get_attr(name)
-
-    def command(self, i: int) -> float | None:
-        """Return the command that is drawn with a robot, None for none."""
-        return None
 
     def scene(self, i: int) -> Values:
         """Return the arguments of :class:`jansen_env.rendering.Renderer` to draw a robot."""
@@ -272,16 +247,16 @@ class Task(ABC):
     def set_state(self, i: int, state: Values) -> None:
         """Go on from a complete state of :meth:`get_state`; ValueError: an entry out of range."""
         checked = self.world.checked_state(i, state)
-        own = {
+        numbers = {
             name: flag(f"state[{name!r}]", state[name])
             if self.info[name].dtype == np.bool_
             else self._in_range("state", name, state[name])
             for name in self._kept
         }
         self.world.restore(i, checked)
-        self._clear(i, own)
-        self.begin(np.array([i]))
-        self.describe(np.array([i]))
+        self._clear(i, numbers)
+        self._begin(np.array([i]))
+        self._describe(np.array([i]))
 
     def _in_range(self, label: str, name: str, value: object) -> float:
         """Return a number within the limits of its name, if observed. Raises ValueError."""
@@ -289,13 +264,39 @@ class Task(ABC):
         low, high = limits.get(name, (-MOST_SINGLE, MOST_SINGLE))  # as it will be observed
         return within(f"{label}[{name!r}]", value, max(low, -MOST_SINGLE), min(high, MOST_SINGLE))
 
+    # What compiled tasks add to.
+
+    def _order(self, world: Sequence[Observed]) -> tuple[Observed, ...]:
+        """Return all observations in their order: by default those of the world come first."""
+        return (*world, *self.OBSERVED)
+
+    def _begin(self, which: Ints) -> None:
+        """Begin episodes of robots (k,), or go on from states: :attr:`info` has their numbers."""
+
+    def _finish_step(self, which: Ints) -> None:
+        """Account for the step of robots (k,) in one kernel, on the thread that moved them."""
+        self._kernels[1](which, self._step_arguments)
+
+    def _kernel_arguments(self) -> tuple[Arguments, Arguments]:
+        """Return the arguments of the engine's ``finish_step`` and ``describe`` but the first."""
+        return self.world.step_arguments(), self.world.describe_arguments()
+
+    def _change(self, i: int, changes: Values) -> Callable[[], None]:
+        """Check changes of :attr:`SETTABLE`; return a function that applies them.
+
+        A derived task hands on the changes that it does not know.
+        """
+        if changes:
+            raise NotImplementedError(f"{type(self).__name__}._change() must apply {[*changes]}")
+        return lambda: None
+
     def __getstate__(self) -> Values:
         return {**self.__dict__, "information": None, "info": None}
 
     def __setstate__(self, state: Values) -> None:
         self.__dict__.update(state)
         self._connect()
-        self._step_arguments, _ = self.kernel_arguments()
+        self._step_arguments, _ = self._kernel_arguments()
 
 
 class CommandedTask(Task):
@@ -320,25 +321,15 @@ class CommandedTask(Task):
         command = option(options, "speed_command", command, -self.FASTEST, self.FASTEST)
         return {"speed_command": command}
 
-    def change(self, i: int, changes: Values) -> Callable[[], None]:
+    def _change(self, i: int, changes: Values) -> Callable[[], None]:
         """Check another range of commands, which are drawn from it from now on."""
         others = {name: value for name, value in changes.items() if name != "speed_command"}
-        apply_others = super().change(i, others)
+        apply_others = super()._change(i, others)
         if "speed_command" not in changes:
             return apply_others
         limits = -self.FASTEST, self.FASTEST
         value = number_range("speed_command", changes["speed_command"], *limits)
         return partial(self.speed_command.__setitem__, i, value)
-
-    def get_attr(self, name: str) -> list[object] | None:
-        """Return an attribute of each robot: the ranges of commands, and the world's."""
-        if name == "speed_command":
-            return [(low, high) for low, high in self.speed_command.tolist()]
-        return super().get_attr(name)
-
-    def command(self, i: int) -> float:
-        """Return a robot's command."""
-        return float(self.info["speed_command"][i])
 
 
 class CompiledTask(CommandedTask):
@@ -347,12 +338,12 @@ class CompiledTask(CommandedTask):
     A derived task may do more in :meth:`observe`, :meth:`reward` and :meth:`terminated`.
     """
 
-    def judge(self, active: Bools) -> None:
+    def _judge(self, active: Bools) -> None:
         """Leave all to the kernel, unless a derived task does more."""
         kind, kernel = type(self), CompiledTask
         derived = kind.observe, kind.reward, kind.terminated
         if derived != (kernel.observe, kernel.reward, kernel.terminated):
-            super().judge(active)
+            super()._judge(active)
 
     def reward(self) -> Array:
         """Return the kernel's rewards (n,)."""

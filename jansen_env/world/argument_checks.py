@@ -1,13 +1,9 @@
-"""Arguments of n robots: checks, and settings in which a value may differ between robots.
-
-All functions raise ValueError for anything else than they describe.
-"""
+"""Checks of arguments; all functions raise ValueError for anything else than they describe."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import Field, dataclass, field, fields
-from typing import Any, ClassVar, TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,10 +29,6 @@ PerRobot = TypeAliasType("PerRobot", T | Sequence[T] | NDArray[Any], type_params
 
 MOST_TIME_STEPS = 10_000  # time steps in a control period: seconds on the slowest plant
 RENDER_MODES = ["human", "rgb_array"]
-
-
-class Each(tuple[Any, ...]):
-    """One value for each robot, where a plain sequence could as well be one value for all."""
 
 
 def control_period(control_dt: Any, time_step: Any) -> tuple[float, float]:
@@ -118,85 +110,3 @@ def render_mode(name: str, mode: object, allowed: Sequence[str] = RENDER_MODES) 
     if mode is None or (isinstance(mode, str) and mode in allowed):
         return mode
     raise ValueError(f"{name} is {shown(mode)}, must be None or one of {allowed}")
-
-
-def shared(default: Any, check: Check, single_only: bool = False) -> Any:
-    """A field of settings with one value for all robots.
-
-    ``single_only``: several robots at once must have the default.
-    """
-    return field(default=default, metadata={"check": check, "single_only": single_only})
-
-
-def each(default: Any, check: Check, several: Callable[[Any], bool] | None = None) -> Any:
-    """A field of settings that becomes a list with a value for each robot.
-
-    ``several``: whether an argument of many robots has one value for each, and not one for all;
-    by default sequences and arrays do.
-    """
-    several = several or (lambda value: isinstance(value, (list, tuple, np.ndarray)))
-    return field(default=default, metadata={"check": check, "several": several})
-
-
-def range_each(default: Any, least: float, most: float, check: Any = number_range) -> Any:
-    """A field that becomes a list of (low, high); arrays and lists of ranges are one for each."""
-
-    def several(value: object) -> bool:
-        return isinstance(value, np.ndarray) or (
-            isinstance(value, (list, tuple))
-            and any(isinstance(part, (list, tuple, np.ndarray)) for part in value)
-        )
-
-    return each(default, lambda name, value: check(name, value, least, most), several)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Settings:
-    """Arguments of an environment; once made they are checked, fields of :func:`each` are lists.
-
-    Attributes:
-        preset: names of the values that the environment, not the user, has chosen.
-    """
-
-    batched: ClassVar[bool] = False
-    preset: ClassVar[frozenset[str]] = frozenset()
-
-    render_mode: str | None = shared(None, render_mode)
-
-    @property
-    def count(self) -> int:
-        """The number of robots."""
-        return 1
-
-    def __post_init__(self) -> None:
-        for argument in fields(self):
-            if "check" in argument.metadata:
-                self._set(argument.name, self._checked(argument))
-
-    def _set(self, name: str, value: object) -> None:
-        object.__setattr__(self, name, value)
-
-    def _checked(self, argument: Field[Any]) -> Any:
-        name, value, marks = argument.name, getattr(self, argument.name), argument.metadata
-        check = marks["check"]
-        if "several" in marks:
-            split = self.batched and (isinstance(value, Each) or marks["several"](value))
-            values = entries_of(name, value, self.count) if split else [value] * self.count
-            return [check(name, value) for value in values]
-        checked = check(name, value)
-        if self.batched and self.count > 1 and marks["single_only"] and checked != argument.default:
-            raise ValueError(
-                f"{name} is {shown(value)}, must be {argument.default!r} for several robots at "
-                "once; vectorization_mode='sync' has the others"
-            )
-        return checked
-
-    def each(self, name: str) -> list[Any]:
-        """Return the values of a field of :func:`each`, one for each robot."""
-        value = getattr(self, name)
-        return list(value) if isinstance(value, list) else [value] * self.count
-
-    @classmethod
-    def marked(cls, mark: str) -> Values:
-        """Return the defaults of the fields with a mark, "several" or "single_only", by name."""
-        return {f.name: f.default for f in fields(cls) if f.metadata.get(mark)}

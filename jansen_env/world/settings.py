@@ -5,13 +5,14 @@ All functions raise ValueError for a value out of range.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import Field, dataclass, field, fields, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
+from typing_extensions import TypedDict
 
 from jansen_env import checks
 from jansen_env.checks import (
@@ -34,16 +35,15 @@ from jansen_env.terrain.curriculum import Curriculum
 from jansen_env.terrain.generators import HIGHEST, Generator, make_generator
 from jansen_env.world.argument_checks import (
     Array,
+    Check,
     PerRobot,
     Range,
-    Settings,
     Values,
-    each,
+    entries_of,
     flag,
     number_range,
     optional,
-    range_each,
-    shared,
+    render_mode,
     start_noise,
 )
 from jansen_env.world.observations import Noise
@@ -52,6 +52,40 @@ from jansen_env.world.randomization import load_randomization
 
 FLAT = Terrain.flat()  # where a robot stands before its ground is drawn
 FURTHEST_SCAN, MOST_SCANNED = 100.0, 1000  # m, and places, of a height scan
+
+
+class Each(tuple[Any, ...]):
+    """One value for each robot, where a plain sequence could as well be one value for all."""
+
+
+def shared(default: Any, check: Check, single_only: bool = False) -> Any:
+    """A field of settings with one value for all robots.
+
+    ``single_only``: several robots at once must have the default.
+    """
+    return field(default=default, metadata={"check": check, "single_only": single_only})
+
+
+def each(default: Any, check: Check, several: Callable[[Any], bool] | None = None) -> Any:
+    """A field of settings that becomes a list with a value for each robot.
+
+    ``several``: whether an argument of many robots has one value for each, and not one for all;
+    by default sequences and arrays do.
+    """
+    several = several or (lambda value: isinstance(value, (list, tuple, np.ndarray)))
+    return field(default=default, metadata={"check": check, "several": several})
+
+
+def range_each(default: Any, least: float, most: float, check: Any = number_range) -> Any:
+    """A field that becomes a list of (low, high); arrays and lists of ranges are one for each."""
+
+    def several(value: object) -> bool:
+        return isinstance(value, np.ndarray) or (
+            isinstance(value, (list, tuple))
+            and any(isinstance(part, (list, tuple, np.ndarray)) for part in value)
+        )
+
+    return each(default, lambda name, value: check(name, value, least, most), several)
 
 
 def _by_name(kind: type, known: Values, name: str, value: object) -> Any:
@@ -124,15 +158,54 @@ def scanned_places(name: str, scan: object) -> Array:
     return np.linspace(-behind, ahead, count)
 
 
-@dataclass(frozen=True, kw_only=True)
-class RobotSettings(Settings):
-    """A robot, its actuation, and what is drawn at resets. Times in s.
+class RobotArguments(TypedDict, total=False):
+    """Arguments of every environment; :class:`RobotSettings` has their defaults and checks."""
 
-    None stands for the robot's or the motor's own value.
+    robot: PerRobot[Robot | str | Path]
+    motor: PerRobot[Motor | str | None]
+    torque_limit: PerRobot[float | None]
+    delay: PerRobot[Range]
+    control_dt: float
+    track_joint_forces: bool
+    randomize: PerRobot[Values | None]
+    reset_noise_scale: PerRobot[float]
+    observe_lengths: bool
+    render_mode: str | None
+
+
+class WorldArguments(RobotArguments, total=False):
+    """Arguments of every environment of free robots, see :class:`WorldSettings`."""
+
+    payload: PerRobot[Payload | float | None]
+    pad_compliance: PerRobot[Compliance | None]
+    time_step: float | None
+    plant: str
+    terrain: PerRobot[Terrain | str | Generator | Sequence[Sequence[float]]]
+    friction: PerRobot[float | None]
+    restitution: PerRobot[float | None]
+    terrain_level: PerRobot[int | Sequence[int]]
+    curriculum: Curriculum | bool | None
+    height_scan: Sequence[float] | None
+    noise: Noise | Values | None
+    push: Push | Values | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotSettings:
+    """Arguments of an environment, checked: a robot, its actuation, and what is drawn at resets.
+
+    Times in s. None stands for the robot's or the motor's own value. Fields of :func:`each` are
+    lists with a value for each robot.
+
+    Attributes:
+        num_envs: robots of a vector environment; None for an environment of one robot.
+        preset: names of the values that the environment, not the user, has chosen.
     """
 
     ideal_torque: ClassVar[float | None] = None  # N m, limit of an ideal motor; None: its own
 
+    num_envs: int | None = None
+    preset: frozenset[str] = frozenset()
     robot: PerRobot[Robot | str | Path] = each("paper", load_robot)
     motor: PerRobot[Motor | str | None] = each(None, optional(load_motor))
     torque_limit: PerRobot[float | None] = each(None, optional(positive))
@@ -142,6 +215,43 @@ class RobotSettings(Settings):
     randomize: PerRobot[Values | None] = each(None, load_randomization)
     reset_noise_scale: PerRobot[float] = each(0.1, start_noise)
     observe_lengths: bool = shared(False, flag)
+    render_mode: str | None = shared(None, render_mode)
+
+    def __post_init__(self) -> None:
+        for argument in fields(self):
+            if "check" in argument.metadata:
+                object.__setattr__(self, argument.name, self._checked(argument))
+
+    def _checked(self, argument: Field[Any]) -> Any:
+        name, value, marks = argument.name, getattr(self, argument.name), argument.metadata
+        check, batched = marks["check"], self.num_envs is not None
+        if "several" in marks:
+            split = batched and (isinstance(value, Each) or marks["several"](value))
+            values = entries_of(name, value, self.count) if split else [value] * self.count
+            return [check(name, value) for value in values]
+        checked = check(name, value)
+        if self.count > 1 and marks["single_only"] and checked != argument.default:
+            raise ValueError(
+                f"{name} is {shown(value)}, must be {argument.default!r} for several robots at "
+                "once; vectorization_mode='sync' has the others"
+            )
+        return checked
+
+    @property
+    def count(self) -> int:
+        """The number of robots."""
+        return 1 if self.num_envs is None else self.num_envs
+
+    def each(self, name: str) -> list[Any]:
+        """Return the values of a field of :func:`each`, one for each robot."""
+        value = getattr(self, name)
+        return list(value) if isinstance(value, list) else [value] * self.count
+
+    @classmethod
+    def defaults(cls, mark: str | None = None) -> Values:
+        """Return the defaults of the arguments by name, or of those "several" or "single_only"."""
+        arguments = [f for f in fields(cls) if f.name not in ("num_envs", "preset")]
+        return {f.name: f.default for f in arguments if mark is None or f.metadata.get(mark)}
 
     @classmethod
     def driven_robot(

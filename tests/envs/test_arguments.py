@@ -12,6 +12,7 @@ import pytest
 
 import jansen_env
 from jansen_env import Bar, Leg, Payload, Robot, Terrain, Triangle
+from jansen_env.envs.arguments import OF_BATCHES
 from jansen_env.robot import JANSEN, Linkage, Plate
 from jansen_env.tasks.crank import JansenCrankEnv
 from jansen_env.tasks.walking import JansenWalkerEnv, JansenWalkerVectorEnv
@@ -95,12 +96,18 @@ TAKEN = {
 }  # fmt: skip
 """Of the environments' arguments: those of WRONG that are right."""
 
-CASES = [
-    (maker, name)
-    for maker, (make, _) in MAKERS.items()
-    for name, parameter in inspect.signature(make).parameters.items()
-    if parameter.kind is not inspect.Parameter.VAR_KEYWORD
-]
+
+def arguments_of(make):
+    """Names of the arguments of a function, class or environment."""
+    single = getattr(make, "SINGLE", make)
+    known = single.defaults() if hasattr(single, "defaults") else {}
+    vectors = OF_BATCHES if single is not make else ()
+    named = () if known else inspect.signature(make).parameters.values()
+    named = [p.name for p in named if p.kind is not inspect.Parameter.VAR_KEYWORD]
+    return [*known, *vectors, *named]
+
+
+CASES = [(maker, name) for maker, (make, _) in MAKERS.items() for name in arguments_of(make)]
 
 
 @pytest.mark.parametrize(("maker", "argument"), CASES)

@@ -1,26 +1,33 @@
 """Arguments that type checkers know are those that environments take; mypy finds wrong calls."""
 
-import inspect
 import subprocess
 import sys
 from pathlib import Path
+from typing import get_type_hints
 
 import pytest
 
+from jansen_env.envs.arguments import OF_BATCHES
 from jansen_env.scoring.benchmarks import BENCHMARKS, single_env, vector_env
 
 ROOT = Path(__file__).parents[2]
 
 
+def typed_arguments(kind):
+    """Names and types that type checkers know of an environment's constructor."""
+    hints = get_type_hints(kind.__init__)
+    (unpacked,) = hints.pop("arguments").__args__
+    del hints["return"]
+    return {**hints, **get_type_hints(unpacked)}
+
+
 @pytest.mark.parametrize("env_id", BENCHMARKS)
-def test_arguments_are_the_settings(env_id):
-    """Type checkers see those of the settings' constructors; at run time they are the same."""
+def test_type_checkers_know_the_arguments_of_the_settings(env_id):
     single, many = single_env(env_id), vector_env(env_id)
-    known = inspect.signature(single).parameters
-    assert {*known} == {*inspect.signature(single.SETTINGS).parameters}
-    own = {"num_envs", "max_episode_steps", "autoreset_mode", "threads", "info_keys"}
-    assert {*inspect.signature(many).parameters} == {*known} | own
-    assert many.PRESET == single.PRESET and {*single.PRESET} <= {*known}
+    settings = get_type_hints(single.TASK.SETTINGS)
+    known = {name: settings[name] for name in single.defaults()}
+    assert typed_arguments(single) == known and {*single.PRESET} <= {*known}
+    assert {*typed_arguments(many)} == {*known, *OF_BATCHES} and many.SINGLE is single
 
 
 @pytest.mark.slow

@@ -1,7 +1,6 @@
 """JansenCrank-v0 as a Gymnasium environment: contract, observation, reward, state, rendering."""
 
 import copy
-import inspect
 import math
 import pickle
 
@@ -122,8 +121,7 @@ def test_reward_is_its_documented_terms(action):
         assert reward == pytest.approx(sum(info[key] for key in terms), abs=1e-12)
         assert info["crank_torque"] == share * 5.0 and not terminated
     assert f"(e / {TRACKING_WIDTH} rad)^2" in (JansenCrankEnv.__doc__ or "")
-    default = inspect.signature(JansenCrankEnv).parameters
-    weights = [default[f"{name}_weight"].default for name in ("tracking", "torque")]
+    weights = [JansenCrankEnv.defaults()[f"{name}_weight"] for name in ("tracking", "torque")]
     assert f"| {weights[0]:g}, {weights[1]:g} | see Rewards |" in (JansenCrankEnv.__doc__ or "")
 
 

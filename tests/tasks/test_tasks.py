@@ -1,49 +1,26 @@
 """Tasks of one's own: derived from a shipped one, or in plain NumPy; nothing is copied or moved."""
 
-import inspect
 from dataclasses import dataclass
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
-from jansen_env.envs.arguments import takes
 from jansen_env.envs.single import SingleEnv
-from jansen_env.envs.vector import TaskVectorEnv, VectorSettings
+from jansen_env.envs.vector import TaskVectorEnv
 from jansen_env.tasks.crank.crank_task import CrankSettings
 from jansen_env.tasks.task import CommandedTask
 from jansen_env.tasks.walking.walker_task import WalkerSettings, WalkerTask
-from jansen_env.world.argument_checks import range_each
 from jansen_env.world.observations import Observed
-from jansen_env.world.settings import WorldSettings
+from jansen_env.world.settings import WorldSettings, range_each
 
 WORLD = {"robot": "built", "height_scan": (0.2, 0.5, 3), "delay": 0.01, "friction": 0.7}
 
 
-def environments(task, settings, preset=None):
+def environments(task, preset=None):
     """Environments of one robot and of many."""
-
-    class One(SingleEnv):
-        SETTINGS = settings
-        PRESET = preset or {}
-
-        @takes(settings)
-        def __init__(self, settings):
-            super().__init__(task(settings), settings.render_mode)
-
-    @dataclass(frozen=True)
-    class ManySettings(VectorSettings, settings):
-        pass
-
-    class Many(TaskVectorEnv):
-        SINGLE = One
-        PRESET = preset or {}
-
-        @takes(ManySettings)
-        def __init__(self, settings):
-            super().__init__(settings, task)
-
-    return One, Many
+    single = type("TaskEnv", (SingleEnv,), {"TASK": task, "PRESET": preset or {}})
+    return single, type("TaskVector", (TaskVectorEnv,), {"SINGLE": single})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +29,7 @@ class DerivedSettings(WalkerSettings):
 
 
 class Derived(WalkerTask):
+    SETTINGS = DerivedSettings
     OBSERVED = (*WalkerTask.OBSERVED, Observed("crank_torque", "N m", -np.inf, np.inf, "exact"))
 
     def __init__(self, settings, threads=None):
@@ -75,6 +53,7 @@ class SlowSettings(WorldSettings):
 class Slow(CommandedTask):
     """In plain NumPy, with a command: not to be faster than that."""
 
+    SETTINGS = SlowSettings
     OBSERVED = (Observed("speed_command", "m/s", -1.0, 1.0, "exact"),)
     TERMS = ("slow",)
     FASTEST = 1.0
@@ -92,17 +71,17 @@ class Slow(CommandedTask):
 
 
 PRESET = {"speed_command": 0.2}
-DerivedEnv, DerivedVectorEnv = environments(Derived, DerivedSettings, PRESET)
-PlainEnv, _ = environments(WalkerTask, WalkerSettings, PRESET)
-HalvedEnv, _ = environments(Halved, WalkerSettings)
-SlowEnv, SlowVectorEnv = environments(Slow, SlowSettings)
+DerivedEnv, DerivedVectorEnv = environments(Derived, PRESET)
+PlainEnv, _ = environments(WalkerTask, PRESET)
+HalvedEnv, _ = environments(Halved)
+SlowEnv, SlowVectorEnv = environments(Slow)
 
 
 def test_arguments_are_those_of_the_world_and_its_own():
-    known = inspect.signature(DerivedEnv).parameters
-    assert known["torque_bonus"].default == 0.5
+    known = DerivedEnv.defaults()
+    assert known["torque_bonus"] == 0.5
     assert DerivedEnv().task.speed_command.tolist() == [[0.2, 0.2]]
-    assert {*known} == {*inspect.signature(PlainEnv).parameters, "torque_bonus"}
+    assert {*known} == {*PlainEnv.defaults(), "torque_bonus"}
     assert DerivedEnv(torque_bonus=2.0).task.bonus == 2.0
     with pytest.raises(TypeError, match="unexpected keyword argument 'tork_bonus'"):
         DerivedEnv(tork_bonus=2.0)
@@ -177,7 +156,7 @@ def test_an_observation_has_its_own_noise():
     class Noisy(Slow):
         OBSERVED = (Observed("speed_command", "m/s", -1.0, 1.0, 0.1),)
 
-    env = environments(Noisy, SlowSettings)[0](noise={}, speed_command=0.5)
+    env = environments(Noisy)[0](noise={}, speed_command=0.5)
     env.reset(seed=0)
     seen = [env.step(np.zeros(1, np.float32))[0][-1] for _ in range(200)]
     assert np.mean(seen) == pytest.approx(0.5, abs=0.03)
@@ -190,12 +169,12 @@ def test_a_task_that_observes_something_else_is_refused():
             return {}
 
     with pytest.raises(ValueError, match=r"must return \['speed_command"):
-        environments(Forgetful, SlowSettings)[0]().reset(seed=0)
+        environments(Forgetful)[0]().reset(seed=0)
 
 
 def declared(base=Slow, **names):
     """A task of that base with other class attributes."""
-    return environments(type("Declared", (base,), names), WalkerSettings)[0]
+    return environments(type("Declared", (base,), {**names, "SETTINGS": WalkerSettings}))[0]
 
 
 @pytest.mark.parametrize(
@@ -218,7 +197,7 @@ def test_names_that_information_would_mix_up_or_ignore_are_refused(base, names, 
 def test_a_settable_name_that_no_change_applies_is_refused(base):
     env = declared(base, SETTABLE=(*base.SETTABLE, "gain"))()
     env.reset(seed=0)
-    with pytest.raises(NotImplementedError, match=r"Declared.change\(\) must apply \['gain'\]"):
+    with pytest.raises(NotImplementedError, match=r"Declared._change\(\) must apply \['gain'\]"):
         env.set_parameters(gain=3.0, speed_command=0.1)
     assert env.task.speed_command.tolist() != [[0.1, 0.1]]
 

@@ -198,7 +198,7 @@ def test_friction_of_a_ground_of_ones_own():
     assert env.get_wrapper_attr("terrain").friction == found
     given = gym.make("JansenWalker-v0", terrain=ground, terrain_level=3, friction=0.6)
     assert given.reset(seed=0)[1]["parameters"]["friction"] == 0.6
-    assert given.unwrapped.task.get_attr("friction") == [0.6]
+    assert given.unwrapped.task.world.get_attr("friction") == [0.6]
     refused = gym.make("JansenWalker-v0", terrain=lambda rng, level: level)
     with pytest.raises(ValueError, match="must be a Terrain"):
         refused.reset(seed=0)
@@ -214,7 +214,7 @@ def test_the_second_plant_has_the_same_world():
         assert infos[0]["parameters"] == infos[1]["parameters"]
         assert envs[0].unwrapped.terrain == envs[1].unwrapped.terrain
         for name in ("weight", "friction"):
-            found = [env.unwrapped.task.get_attr(name) for env in envs]
+            found = [env.unwrapped.task.world.get_attr(name) for env in envs]
             assert found[0] == found[1]
         for _ in range(10):
             ends = [env.step(np.full(1, 0.2, np.float32))[4] for env in envs]

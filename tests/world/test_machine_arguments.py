@@ -142,10 +142,10 @@ def test_changes_that_exclude_each_other_change_nothing_and_their_order_does_not
     env = JansenWalkerEnv(restitution=0.5)
     with pytest.raises(ValueError, match=r"restitution is 0\.5"):
         env.task.set_parameters(0, friction=0.3, command=0.7, pad_compliance=FEET)
-    assert env.task.get_attr("friction") == [0.8] and env.task.get_attr("command") != [0.7]
+    assert env.task.world.get_attr("friction") == [0.8] and env.task.command[0] != 0.7
     env.task.set_parameters(0, pad_compliance=FEET, restitution=0.0)
     env.task.set_parameters(0, restitution=0.3, pad_compliance=Compliance())
-    assert env.task.get_attr("restitution") == [0.3]
+    assert env.task.world.get_attr("restitution") == [0.3]
 
 
 def test_bristles_do_not_outlast_the_feet():

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing_extensions import Unpack
 
 from jansen_env.dynamics.joint_forces import JointForces
-from jansen_env.envs.arguments import takes
 from jansen_env.envs.single import SingleEnv
-from jansen_env.envs.vector import TaskVectorEnv, VectorSettings
+from jansen_env.envs.vector import TaskVectorEnv, VectorArguments
 from jansen_env.plants.plant import ProjectionPlant, plant_of
 from jansen_env.tasks.crank.crank_benchmark import CRANK
-from jansen_env.tasks.crank.crank_task import CrankSettings, CrankTask
+from jansen_env.tasks.crank.crank_task import CrankArguments, CrankTask
 
 
 class JansenCrankEnv(SingleEnv[CrankTask]):
@@ -89,12 +88,11 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
     * v0: first release.
     """
 
-    SETTINGS = CrankSettings
+    TASK = CrankTask
     BENCHMARK = CRANK
 
-    @takes(CrankSettings)
-    def __init__(self, settings: CrankSettings) -> None:
-        super().__init__(CrankTask(settings), settings.render_mode)
+    def __init__(self, **arguments: Unpack[CrankArguments]) -> None:
+        super().__init__(**arguments)
 
     @property
     def plant(self) -> ProjectionPlant:
@@ -113,8 +111,7 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
         return self.task.world.joint_forces()
 
 
-@dataclass(frozen=True)
-class CrankVectorSettings(VectorSettings, CrankSettings):
+class CrankVectorArguments(VectorArguments, CrankArguments, total=False):
     """Arguments of :class:`JansenCrankVectorEnv`."""
 
 
@@ -123,6 +120,5 @@ class JansenCrankVectorEnv(TaskVectorEnv[CrankTask]):
 
     SINGLE = JansenCrankEnv
 
-    @takes(CrankVectorSettings)
-    def __init__(self, settings: CrankVectorSettings) -> None:
-        super().__init__(settings, CrankTask)
+    def __init__(self, num_envs: int = 1, **arguments: Unpack[CrankVectorArguments]) -> None:
+        super().__init__(num_envs, **arguments)

@@ -11,13 +11,22 @@ import numpy as np
 from jansen_env.checks import non_negative
 from jansen_env.engine import crank_tracking
 from jansen_env.tasks.task import CompiledTask
-from jansen_env.world.argument_checks import Arguments, PerRobot, Range, Values, range_each, shared
+from jansen_env.world.argument_checks import Arguments, PerRobot, Range, Values
 from jansen_env.world.observations import EXACT, Observed
-from jansen_env.world.settings import HeldSettings
+from jansen_env.world.settings import HeldSettings, RobotArguments, range_each, shared
 from jansen_env.world.world import START_ANGLE
 
 FASTEST_COMMAND = 10.0  # rad/s
 LOST = crank_tracking.LOST
+
+
+class CrankArguments(RobotArguments, total=False):
+    """Arguments of ``JansenCrank-v0``; :class:`CrankSettings` has their defaults and checks."""
+
+    time_step: float
+    speed_command: PerRobot[Range]
+    tracking_weight: float
+    torque_weight: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,6 +44,7 @@ class CrankTask(CompiledTask):
     See :class:`jansen_env.tasks.crank.crank_env.JansenCrankEnv`. One kernel does all.
     """
 
+    SETTINGS = CrankSettings
     OBSERVED = (
         Observed("tracking_error", "rad", -np.inf, np.inf, EXACT),
         Observed("speed_command", "rad/s", -FASTEST_COMMAND, FASTEST_COMMAND, EXACT),
@@ -52,9 +62,9 @@ class CrankTask(CompiledTask):
     def reference(self, i: int) -> float:
         """r(t) = w t + pi, rad: where a robot's crank should be now."""
         passed = float(self.world.elapsed[i]) * self.control_dt
-        return float(self.command(i) * passed + START_ANGLE)
+        return float(self.info["speed_command"][i] * passed + START_ANGLE)
 
-    def kernel_arguments(self) -> tuple[Arguments, Arguments]:
+    def _kernel_arguments(self) -> tuple[Arguments, Arguments]:
         """Return those of ``finish_step`` and ``describe`` of the engine's ``crank_tracking``."""
         world, plant = self.world, self.world.plant
         step = (

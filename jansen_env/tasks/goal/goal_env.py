@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing_extensions import Unpack
 
-from jansen_env.envs.arguments import takes
 from jansen_env.envs.single import SingleEnv
-from jansen_env.envs.vector import TaskVectorEnv, VectorSettings
+from jansen_env.envs.vector import TaskVectorEnv, VectorArguments
 from jansen_env.tasks.goal.goal_benchmark import GOAL
-from jansen_env.tasks.goal.goal_task import GoalSettings, GoalTask
+from jansen_env.tasks.goal.goal_task import GoalArguments, GoalTask
 
 
 class JansenGoalEnv(SingleEnv[GoalTask]):
@@ -65,17 +64,15 @@ class JansenGoalEnv(SingleEnv[GoalTask]):
     * v0: first release.
     """
 
-    SETTINGS = GoalSettings
+    TASK = GoalTask
     PRESET = {"robot": "built"}
     BENCHMARK = GOAL
 
-    @takes(GoalSettings)
-    def __init__(self, settings: GoalSettings) -> None:
-        super().__init__(GoalTask(settings), settings.render_mode)
+    def __init__(self, **arguments: Unpack[GoalArguments]) -> None:
+        super().__init__(**arguments)
 
 
-@dataclass(frozen=True)
-class GoalVectorSettings(VectorSettings, GoalSettings):
+class GoalVectorArguments(VectorArguments, GoalArguments, total=False):
     """Arguments of :class:`JansenGoalVectorEnv`."""
 
 
@@ -83,8 +80,6 @@ class JansenGoalVectorEnv(TaskVectorEnv[GoalTask]):
     """:class:`JansenGoalEnv` for many robots at once: what ``gym.make_vec`` makes."""
 
     SINGLE = JansenGoalEnv
-    PRESET = JansenGoalEnv.PRESET
 
-    @takes(GoalVectorSettings)
-    def __init__(self, settings: GoalVectorSettings) -> None:
-        super().__init__(settings, GoalTask)
+    def __init__(self, num_envs: int = 1, **arguments: Unpack[GoalVectorArguments]) -> None:
+        super().__init__(num_envs, **arguments)

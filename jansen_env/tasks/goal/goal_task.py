@@ -10,9 +10,9 @@ import numpy as np
 from jansen_env.checks import MOST_SINGLE, non_negative, positive, within
 from jansen_env.tasks.task import Task
 from jansen_env.uniform import uniform
-from jansen_env.world.argument_checks import Array, Bools, Values, option, shared
+from jansen_env.world.argument_checks import Array, Bools, Values, option
 from jansen_env.world.observations import EXACT, Observed
-from jansen_env.world.settings import WorldSettings
+from jansen_env.world.settings import WorldArguments, WorldSettings, shared
 from jansen_env.world.world import Numbers
 
 FARTHEST = 3.0  # m, a goal on either side
@@ -21,6 +21,13 @@ HALF_DISTANCE = 0.3  # m, at which closeness has fallen to a half
 HALF_POWER = 0.5  # m/s: motor power / weight at which energy has fallen to a half
 FALLEN_PITCH = 1.2  # rad
 UP_TO = 1e-9  # of HOLD: periods do not add up to it exactly
+
+
+class GoalArguments(WorldArguments, total=False):
+    """Arguments of ``JansenGoal-v0``; :class:`GoalSettings` has their defaults and checks."""
+
+    energy_weight: float
+    arrival_weight: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,6 +51,7 @@ def energy(power: Array, weight: Array, exponent: float) -> Array:
 class GoalTask(Task):
     """Walk to a goal and stand there; see :class:`jansen_env.tasks.goal.goal_env.JansenGoalEnv`."""
 
+    SETTINGS = GoalSettings
     OBSERVED = (Observed("goal_distance", "m", -np.inf, np.inf, EXACT),)
     INFO = {"goal": float, "distance": float, "held": float, "fallen": bool, "is_success": bool}
     TERMS = ("closeness", "arrival", "energy")

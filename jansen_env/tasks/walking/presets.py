@@ -66,7 +66,10 @@ class JansenWalkerBuiltEnv(JansenWalkerEnv):
     PRESET = BUILT
 
 
-JansenWalkerBuiltVectorEnv = JansenWalkerVectorEnv.of(JansenWalkerBuiltEnv)
+class JansenWalkerBuiltVectorEnv(JansenWalkerVectorEnv):
+    """:class:`JansenWalkerBuiltEnv` for many robots at once: what ``gym.make_vec`` makes."""
+
+    SINGLE = JansenWalkerBuiltEnv
 
 
 class JansenWalkerRoughEnv(JansenWalkerEnv):
@@ -118,7 +121,10 @@ class JansenWalkerRoughEnv(JansenWalkerEnv):
     BENCHMARK = WORLD
 
 
-JansenWalkerRoughVectorEnv = JansenWalkerVectorEnv.of(JansenWalkerRoughEnv)
+class JansenWalkerRoughVectorEnv(JansenWalkerVectorEnv):
+    """:class:`JansenWalkerRoughEnv` for many robots at once: what ``gym.make_vec`` makes."""
+
+    SINGLE = JansenWalkerRoughEnv
 
 
 class JansenWalkerHardcoreEnv(JansenWalkerEnv):
@@ -168,4 +174,7 @@ class JansenWalkerHardcoreEnv(JansenWalkerEnv):
     BENCHMARK = WORLD
 
 
-JansenWalkerHardcoreVectorEnv = JansenWalkerVectorEnv.of(JansenWalkerHardcoreEnv)
+class JansenWalkerHardcoreVectorEnv(JansenWalkerVectorEnv):
+    """:class:`JansenWalkerHardcoreEnv` for many robots at once: what ``gym.make_vec`` makes."""
+
+    SINGLE = JansenWalkerHardcoreEnv

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import Unpack
 
 from jansen_env.dynamics.joint_forces import JointForces
-from jansen_env.envs.arguments import takes
 from jansen_env.envs.single import SingleEnv
-from jansen_env.envs.vector import TaskVectorEnv, VectorSettings
+from jansen_env.envs.vector import TaskVectorEnv, VectorArguments
 from jansen_env.plants.plant import Plant, plant_of
 from jansen_env.tasks.walking.walker_benchmark import WALKER
-from jansen_env.tasks.walking.walker_task import WalkerSettings, WalkerTask
+from jansen_env.tasks.walking.walker_task import WalkerArguments, WalkerTask
 from jansen_env.terrain import Terrain
 
 
@@ -189,12 +187,11 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     * v0: first release.
     """
 
-    SETTINGS = WalkerSettings
+    TASK = WalkerTask
     BENCHMARK = WALKER
 
-    @takes(WalkerSettings)
-    def __init__(self, settings: WalkerSettings) -> None:
-        super().__init__(WalkerTask(settings), settings.render_mode)
+    def __init__(self, **arguments: Unpack[WalkerArguments]) -> None:
+        super().__init__(**arguments)
 
     @property
     def terrain(self) -> Terrain:
@@ -230,8 +227,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
         return self.task.world.joint_forces()
 
 
-@dataclass(frozen=True)
-class WalkerVectorSettings(VectorSettings, WalkerSettings):
+class WalkerVectorArguments(VectorArguments, WalkerArguments, total=False):
     """Arguments of :class:`JansenWalkerVectorEnv`."""
 
 
@@ -240,6 +236,5 @@ class JansenWalkerVectorEnv(TaskVectorEnv[WalkerTask]):
 
     SINGLE = JansenWalkerEnv
 
-    @takes(WalkerVectorSettings)
-    def __init__(self, settings: WalkerVectorSettings) -> None:
-        super().__init__(settings, WalkerTask)
+    def __init__(self, num_envs: int = 1, **arguments: Unpack[WalkerVectorArguments]) -> None:
+        super().__init__(num_envs, **arguments)

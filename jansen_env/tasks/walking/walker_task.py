@@ -22,14 +22,11 @@ from jansen_env.world.argument_checks import (
     PerRobot,
     Range,
     Values,
-    each,
     finite_numbers,
     flag,
-    range_each,
-    shared,
 )
 from jansen_env.world.observations import EXACT, Observed
-from jansen_env.world.settings import WorldSettings
+from jansen_env.world.settings import WorldArguments, WorldSettings, each, range_each, shared
 
 SPEED_COMMAND = (0.05, 0.8)  # m/s, the default range of commanded speeds
 FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine
@@ -41,6 +38,21 @@ FURTHEST = walk_reward.FURTHEST_TARGET
 
 def _interval(name: str, value: object) -> float:
     return math.inf if value is None else positive(name, value)
+
+
+class WalkerArguments(WorldArguments, total=False):
+    """Arguments of the walkers; :class:`WalkerSettings` has their defaults and checks."""
+
+    speed_command: PerRobot[Range]
+    command_interval: PerRobot[float | None]
+    slip_weight: float
+    energy_weight: float
+    effort_weight: float
+    smoothness_weight: float
+    posture_weight: float
+    fall_pitch: float
+    fall_contact: bool
+    terminate_when_fallen: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +84,7 @@ class WalkerTask(CompiledTask):
         covered: (n, 2) m walked towards the commands and commanded; with a curriculum.
     """
 
+    SETTINGS = WalkerSettings
     OBSERVED = (
         Observed("speed_command", "m/s", -FASTEST_COMMAND, FASTEST_COMMAND, EXACT),
         # Noisy sensors measure these, see _connect:
@@ -111,18 +124,18 @@ class WalkerTask(CompiledTask):
             self.world.sensors.measure(numbers, [self.columns[name] for name in ACCOUNTS])
             self._error = self.world.sensors.mean_error
 
-    def order(self, world: Sequence[Observed]) -> tuple[Observed, ...]:
+    def _order(self, world: Sequence[Observed]) -> tuple[Observed, ...]:
         """Return all observations in the documented order; a derived task's come last."""
         known = {entry.name: entry for entry in (*world, *self.OBSERVED)}
         heights = [name for name in known if name.startswith("height_scan_")]
         loads = [name for name in known if name.startswith("toe_load_")]
         later = [*COMMANDED, *loads, *heights, "last_action"]
-        own = [entry.name for entry in self.OBSERVED if entry.name not in COMMANDED]
+        added = [entry.name for entry in self.OBSERVED if entry.name not in COMMANDED]
         first = [entry.name for entry in world if entry.name not in later]
-        last = ("last_action", *ACCOUNTS, *heights, *own)
+        last = ("last_action", *ACCOUNTS, *heights, *added)
         return tuple(known[name] for name in (*first, "speed_command", *loads, *last))
 
-    def begin(self, which: Ints) -> None:
+    def _begin(self, which: Ints) -> None:
         """Begin episodes of robots (k,), whose lag and means are 0."""
         self.data["mean_path"][which] = abs(self.world.advance_per_turn[which]) / STEPS_PER_TURN
         self.data["next_command"][which] = self.info["speed_command"][which]
@@ -138,20 +151,20 @@ class WalkerTask(CompiledTask):
             self._draw_commands(active)
         super().step(actions, active, meanwhile)
 
-    def finish_step(self, which: Ints) -> None:
+    def _finish_step(self, which: Ints) -> None:
         """Account for the step of robots (k,) in one kernel, on the thread that moved them."""
         if self.world.episodes.curriculum is not None:
             self._cover(which)
-        super().finish_step(which)
+        super()._finish_step(which)
 
-    def kernel_arguments(self) -> tuple[Arguments, Arguments]:
+    def _kernel_arguments(self) -> tuple[Arguments, Arguments]:
         """Return those of ``finish_step`` and ``describe`` of the engine's ``walk_reward``."""
-        step, describe = super().kernel_arguments()
-        own = (
+        step, describe = super()._kernel_arguments()
+        first = (
             self._settings, self.data, self.rewards, self.ended, self._error, self._measured,
             self._places,
         )  # fmt: skip
-        return (*own, *step), (self.data, self._places, *describe)
+        return (*first, *step), (self.data, self._places, *describe)
 
     def _draw_commands(self, active: Bools) -> None:
         """Draw the commands that hold after this step, where it is time for others."""
@@ -173,10 +186,10 @@ class WalkerTask(CompiledTask):
         walked, commanded = self.covered[i].tolist()
         return walked, commanded / (max(1, int(self.world.elapsed[i])) * self.control_dt)
 
-    def change(self, i: int, changes: Values) -> Callable[[], None]:
+    def _change(self, i: int, changes: Values) -> Callable[[], None]:
         """Check another range of commands, and a command that holds from the next step on."""
         others = {name: value for name, value in changes.items() if name != "command"}
-        apply_range = super().change(i, others)
+        apply_range = super()._change(i, others)
         if "command" not in changes:
             return apply_range
         command = within("command", changes["command"], -self.FASTEST, self.FASTEST)
@@ -184,15 +197,9 @@ class WalkerTask(CompiledTask):
         def apply() -> None:
             apply_range()
             self.info["speed_command"][i] = self.data["next_command"][i] = command
-            self.describe(np.array([i]))
+            self._describe(np.array([i]))
 
         return apply
-
-    def get_attr(self, name: str) -> list[object] | None:
-        """Return an attribute of each robot: ``command``, the ranges, and the world's."""
-        if name == "command":
-            return list(self.info["speed_command"].tolist())
-        return super().get_attr(name)
 
     def get_state(self, i: int) -> Values:
         """Return all that a robot's future depends on but its random numbers."""
@@ -214,4 +221,4 @@ class WalkerTask(CompiledTask):
         self.covered[i] = covered
         if measured:
             self._measured[i] = measured
-            self.describe(np.array([i]))
+            self._describe(np.array([i]))

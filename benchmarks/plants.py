@@ -21,7 +21,7 @@ import numpy as np
 
 from benchmarks import measure
 from benchmarks.measure import table
-from benchmarks.walks import Walked, walk, whole_half_turns
+from benchmarks.walks import Walked, walk
 from jansen_env import ROBOTS, Compliance, Motor, Terrain, paper_robot
 from jansen_env.plants.plant import PLANTS, Plant, make_plant
 from jansen_env.robot import JANSEN, Payload
@@ -57,10 +57,7 @@ HOW_COMPARED = (
 
 @dataclass(frozen=True)
 class Walk:
-    """The crank held at a speed (rad/s) by the paper's PID; slope in rad, payload in kg.
-
-    ``measured`` s is the whole number of half turns nearest to ``duration`` s.
-    """
+    """The crank held at a speed (rad/s) by the paper's PID; slope in rad, payload in kg."""
 
     speed: float
     friction: float = 0.8
@@ -68,10 +65,6 @@ class Walk:
     payload: float = 0.0
     machine: str = "paper"
     duration: float = 6.0
-
-    @property
-    def measured(self) -> float:
-        return whole_half_turns(self.speed, self.duration)
 
     @property
     def label(self) -> str:
@@ -89,7 +82,7 @@ class Walk:
         return make_plant(name, robot, terrain, PLANTS[name] / 2**halvings)
 
     def run(self, plant: Plant, start: float = 0.0) -> Walked:
-        return walk(plant, self.speed, self.measured, start=start)
+        return walk(plant, self.speed, self.duration, start=start)
 
 
 class Comparison(NamedTuple):

@@ -31,14 +31,7 @@ class Walked(NamedTuple):
     cost_of_transport: float  # |motor work| per weight and distance
     electrical: float  # energy drawn, likewise
     heave: float  # highest less lowest crank axis over the ground, m
-    joint_gap: float  # m
     fell: bool
-
-
-def whole_half_turns(speed: float, duration: float) -> float:
-    """The duration (s) of the nearest whole number of the crank's half turns, one at least."""
-    half_turn = math.pi / speed
-    return max(1, round(duration / half_turn)) * half_turn
 
 
 def walk(
@@ -54,14 +47,16 @@ def walk(
     """Walk at a crank speed (rad/s) under the paper's PID and measure.
 
     Args:
-        duration, settle: s measured, and before that. start: crank angle at first, rad.
+        duration, settle: s measured, as many half turns of the crank as come next to it, one at
+            least; and before that. start: crank angle at first, rad.
         limit: of the torque asked for, N m. windup_limit: the same, for the PID's integral.
         watch: called with the result of each measured step, also of one that ends in a fall.
     """
     plant.reset(crank_angle=start)
     pid, motor, reference, integral = PID(), plant.robot.motor, start, np.zeros(())
-    steps = round(settle / CONTROL_DT), round((settle + duration) / CONTROL_DT)
-    x = crank = gap = work = drawn = slip = 0.0
+    measured = max(1, round(duration * speed / math.pi)) * math.pi / speed
+    steps = round(settle / CONTROL_DT), round((settle + measured) / CONTROL_DT)
+    x = crank = work = drawn = slip = 0.0
     torques: list[float] = []
     heights: list[float] = []
     fell = False
@@ -75,10 +70,10 @@ def walk(
         torque = min(limit, max(-limit, float(wanted)))
         reference += speed * CONTROL_DT
         result = plant.step(torque, CONTROL_DT)
-        gap = max(gap, result.joint_gap)
         if watch is not None and k >= steps[0]:
             watch(result)
-        fell = fallen(plant, result)
+        # As the walking task has it.
+        fell = bool(result.non_toe_contact) or abs(float(plant.state[2])) > FALLEN_PITCH
         if fell:
             break
         if k >= steps[0]:
@@ -87,17 +82,12 @@ def walk(
             torques.append(float(motor.torque(torque, rate)))
             heights.append(float(plant.state[1] - plant.terrain.height(plant.x)))
     if not torques:
-        return Walked(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, gap, fell)
-    distance, measured = plant.x - x, CONTROL_DT * len(torques)
+        return Walked(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, fell)
+    distance, walked = plant.x - x, CONTROL_DT * len(torques)
     path = max(abs(distance), 1e-9)
     carried = plant.robot.mass * GRAVITY * path
     return Walked(
-        distance, distance / measured, (float(plant.state[3]) - crank) / measured,
+        distance, distance / walked, (float(plant.state[3]) - crank) / walked,
         math.sqrt(float(np.mean(np.square(torques)))), max(map(abs, torques)), slip / path,
-        work / carried, drawn / carried, float(np.ptp(heights)), gap, fell,
+        work / carried, drawn / carried, float(np.ptp(heights)), fell,
     )  # fmt: skip
-
-
-def fallen(plant: Plant, result: StepResult) -> bool:
-    """Return whether the step ended in a fall, as the walking task defines it."""
-    return bool(result.non_toe_contact) or abs(float(plant.state[2])) > FALLEN_PITCH

@@ -19,13 +19,12 @@ from jansen_env.commands import drawings as command
 from jansen_env.drawings import shaft_order
 from jansen_env.drawings.assembly import HEAD
 from jansen_env.drawings.materials import bill_of_materials, counts, hardware, to_csv
-from jansen_env.drawings.outlines import HUB, WALL, Round, cut_parts, feet_of, sides
+from jansen_env.drawings.outlines import HUB, WALL, Round, cut_parts, feet_of, gap, sides
 from jansen_env.drawings.shaft_order import (
     SPACER,
     TUBE,
     CollisionError,
     carried,
-    gap,
     layers,
     units,
 )

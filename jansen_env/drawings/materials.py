@@ -40,8 +40,7 @@ COLUMNS = ("name", "material", "stock size", "thickness mm", "number", "each g",
 class Part(NamedTuple):
     """A line of the bill of materials.
 
-    ``each`` is in kg, ``thickness`` in mm, 0 for what is not flat; ``price`` is a class for all of
-    them: A below 10 EUR, B 10 to 100 EUR, C above.
+    ``each`` is in kg, ``thickness`` in mm, 0 for what is not flat.
     """
 
     name: str
@@ -49,7 +48,6 @@ class Part(NamedTuple):
     dimensions: str
     number: int
     each: float
-    price: str = ""
     thickness: float = 0.0
     note: str = ""
 
@@ -76,10 +74,10 @@ def bill_of_materials(robot: Robot) -> list[Part]:
     legs, toes, links = len(robot.legs), len(robot.legs) * len(robot.linkage.toes), []
     for body, (name, link) in enumerate(zip(robot.linkage.names, robot.bodies, strict=True), 1):
         part = link_part(robot, body)
-        thick, material, price = part.thickness, SHEET, "B"
+        thick, material = part.thickness, SHEET
         if len(part.outline.corners) == 2:
             length = max(abs(p - q) for p, q in combinations(part.joints.values(), 2))
-            width, material, price = 2e-3 * part.outline.radius, BAR, "A"
+            width, material = 2e-3 * part.outline.radius, BAR
             size = f"{1e3 * width:g} x {thick:g} mm, {length:.1f} mm between pins"
             each = built.flat_bar(1e-3 * length, width, 0.0, 1e-3 * thick).mass
         elif isinstance(link, Triangle):
@@ -90,8 +88,8 @@ def bill_of_materials(robot: Robot) -> list[Part]:
             box = part.lying().outline.box[1]
             size, each = f"{thick:g} mm, {box.real:.0f} x {box.imag:.0f} mm", part.mass
         note = f"{1e3 * part.mass:.1f} g as drawn"
-        links.append(Part(name, material, size, counts(robot)[name], each, price, thick, note))
-    links.sort(key=lambda part: part.price)
+        links.append(Part(name, material, size, counts(robot)[name], each, thick, note))
+    links.sort(key=lambda part: part.material)
     pin = "shoulder screw, nut, washers, spacer; iglidur J200 bush, 6 mm"
     tread = f"natural rubber, {built.RUBBER_HARDNESS:g} Shore A, bonded to its shoe"
     radius, wide = 1e3 * built.FOOT_RADIUS, 1e3 * built.FOOT_WIDTH
@@ -99,20 +97,20 @@ def bill_of_materials(robot: Robot) -> list[Part]:
     pivots = len({leg.side for leg in robot.legs}) * (len(robot.linkage.bodies[0][1]) - 1)
     return [
         *links,
-        Part("pin and bush, a link's share", pin, "half a joint", ends, built.PIN_SHARE, "B"),
+        Part("pin and bush, a link's share", pin, "half a joint", ends, built.PIN_SHARE),
         Part("foot's tread", tread, f"half-round, radius {radius:g} mm, {wide:g} mm wide", toes,
-             built.TREAD_MASS, "B"),
+             built.TREAD_MASS),
         Part("foot's shoe", "EN AW-6060 sheet, two M4 screws", "40 x 30 x 3 mm", toes,
-             built.SHOE_MASS, "A", 3.0),
+             built.SHOE_MASS, 3.0),
         Part("crankshaft, at O", "steel C45; hubs of EN AW-6060", "12 x 160 mm; 4 hubs 25 x 10 mm",
-             1, built.CRANKSHAFT_MASS, "B"),
+             1, built.CRANKSHAFT_MASS),
         Part("motor plate, at O", "EN AW-6060 sheet", "100 x 100 x 4 mm, hole 60 mm", 1,
-             built.MOTOR_PLATE_MASS, "A", 4.0),
+             built.MOTOR_PLATE_MASS, 4.0),
         Part("cross-member, at P", "EN AW-6060 T66 tube", "20 x 2 mm, 200 mm", pivots,
-             built.CROSS_MEMBER_MASS, "A"),
-        Part("gearmotor, at O", "T-Motor AK80-6", "98 x 38.5 mm", 1, built.MOTOR_MASS, "C"),
+             built.CROSS_MEMBER_MASS),
+        Part("gearmotor, at O", "T-Motor AK80-6", "98 x 38.5 mm", 1, built.MOTOR_MASS),
         Part("battery, controller, cables", "LiPo 6S", "in two halves, at P", 1,
-             built.BATTERY_MASS, "C"),
+             built.BATTERY_MASS),
     ]  # fmt: skip
 
 

@@ -15,8 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jansen_env.drawings.outlines import HUB, CutPart, Points, feet_of, link_part
-from jansen_env.drawings.outlines import gap as gap
+from jansen_env.drawings.outlines import HUB, CutPart, Points, feet_of, gap, link_part
 from jansen_env.robot import Robot
 from jansen_env.robot import buildable as built
 from jansen_env.robot.kinematics import joint_positions

@@ -1,4 +1,4 @@
-"""Parts of a machine that could be built: flat bars, plates, pins, feet; masses and strengths.
+"""Parts of a machine that could be built: flat bars, plates, pins, feet; their masses.
 
 Bars and plates are of aluminium EN AW-6060 T66. Every end of a link carries its share of a pin:
 half of a shoulder screw with nut, washers and a spacer, and a plain bearing of iglidur J200. A foot
@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 DENSITY = 2700.0  # kg/m^3, EN AW-6060
 STIFFNESS = 69e9  # Pa, its modulus of elasticity
-STRENGTH = 160e6  # Pa, its proof strength in temper T66
 BAR_THICKNESS, LOWER_ROD_THICKNESS, PLATE_THICKNESS = 5e-3, 6e-3, 4e-3  # m
 WIDTH, FRAME_WIDTH = 15e-3, 30e-3  # m, of a link's flat bar and of the frame's
 OUTLINE, WINDOW = 1.1, 0.9  # of a triangular plate and the hole in it, to the pins' triangle
@@ -34,8 +33,6 @@ RUBBER_DENSITY = 1000.0  # kg/m^3
 RUBBER_HARDNESS = 60.0  # Shore A
 FOOT_STIFFNESS = 1.28e5, 5.1e4  # N/m, normal and tangential: a secant at 530 N
 FOOT_LOSS_FACTOR = 0.1  # tan delta of natural rubber
-FOOT_STRAIN = 0.275  # of the radius, what a rubber spring bears a million times
-FOOT_SHEAR_STRAIN = 0.28  # of the radius, as of a rubber buffer of 30 x 30 mm
 TREAD_MASS = 0.5 * math.pi * FOOT_RADIUS * FOOT_RADIUS * FOOT_WIDTH * RUBBER_DENSITY
 SHOE_MASS = 13e-3  # kg, a plate of 40 x 30 x 3 mm and two screws, M4
 FOOT_MASS = TREAD_MASS + SHOE_MASS
@@ -95,26 +92,6 @@ def triangular_plate(
     return Inertial(mass + 3.0 * end_mass + more, inertia + end_mass * 12.0 * spread)
 
 
-def rubber_modulus(hardness: float) -> float:
-    """Young's modulus of rubber of a Shore A hardness by Gent's relation (1958), Pa."""
-    return 1e6 * 0.0981 * (56.0 + 7.62336 * hardness) / (0.137505 * (254.0 - 2.54 * hardness))
-
-
-def tread_load(compression: float) -> float:
-    """The load that compresses a foot's tread so far (m), N, static.
-
-    Lindley (1967) for a rubber cylinder between two plates, of which the tread is one half.
-    """
-    strain = compression / FOOT_RADIUS
-    size = rubber_modulus(RUBBER_HARDNESS) * FOOT_WIDTH * 2.0 * FOOT_RADIUS
-    cube = strain * strain * strain
-    return size * (1.25 * math.sqrt(cube) + 50.0 * cube * cube)
-
-
-FOOT_LOAD = tread_load(FOOT_STRAIN * FOOT_RADIUS)  # N, permissible
-FOOT_SHEAR = FOOT_SHEAR_STRAIN * FOOT_RADIUS * FOOT_STIFFNESS[1]  # N, permissible
-
-
 def dry_torque(load: float) -> float:
     """Coulomb friction torque of a pin's plain bearing under a load (N), N m."""
     return BEARING_FRICTION * PIN_RADIUS * load
@@ -129,8 +106,3 @@ def buckling_load(length: float, width: float = WIDTH, thickness: float = BAR_TH
     """Euler's load of a flat bar between two pins (across its thickness, pinned ends), N."""
     stiffness = STIFFNESS * width * thickness * thickness * thickness / 12.0
     return math.pi * math.pi * stiffness / (length * length)
-
-
-def yield_load(width: float = WIDTH) -> float:
-    """The pull at which a bar yields beside a pin's hole, N."""
-    return STRENGTH * BAR_THICKNESS * (width - 2.0 * (PIN_RADIUS + 1e-3))

@@ -19,6 +19,7 @@ from jansen_env.checks import (
     infinite,
     instance,
     non_negative,
+    one_of,
     positive,
     positive_integer,
     shown,
@@ -260,8 +261,7 @@ class Leg:
     phase: float = 0.0
 
     def __post_init__(self) -> None:
-        if not isinstance(self.side, str) or self.side not in ("fore", "back"):
-            raise ValueError(f"Leg.side is {shown(self.side)}, must be 'fore' or 'back'")
+        one_of("Leg.side", self.side, ("fore", "back"))
         set_checked(self, finite, "phase")
         within("Leg.phase", self.phase, -LARGEST, LARGEST)
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.checks import infinite, positive, positive_single, shown, within
-from jansen_env.robot.links import LARGEST, set_checked
+from jansen_env.robot.links import LARGEST, set_checked, up_to_largest
 
 Array = NDArray[np.float64]
 
@@ -65,7 +65,7 @@ class Motor:
         # Of float32, as observations have torques.
         set_checked(self, positive_single, "torque_limit", "gear_ratio")
         sizes = "gear_ratio", "rotor_inertia", "friction", "viscous_friction"
-        set_checked(self, lambda name, value: within(name, value, 0.0, LARGEST), *sizes)
+        set_checked(self, up_to_largest, *sizes)
         if self.gear_ratio**2 * self.rotor_inertia > LARGEST:
             raise ValueError(
                 f"Motor.gear_ratio is {self.gear_ratio}, must make no more than {LARGEST:g} kg m^2 "

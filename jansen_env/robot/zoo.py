@@ -7,23 +7,21 @@ own, in the unit of the source. Links are slender rods and uniform plates, all e
 from __future__ import annotations
 
 import math
-from collections.abc import ItemsView, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
-from jansen_env.checks import entries, instance, positive, shown, within
+from jansen_env.checks import entries, instance, positive, shown
 from jansen_env.engine.mathematics import hypot
 from jansen_env.robot.kinematics import toe_positions
 from jansen_env.robot.linkage import Dyad, Linkage
-from jansen_env.robot.links import Bar, Leg, Link, Plate, phased_legs
+from jansen_env.robot.links import Bar, Leg, Link, Plate, phased_legs, point
 from jansen_env.robot.robot import Robot
 
 Place = tuple[float, float]
 Body = dict[str, Place]
 """Joints of a body and their places."""
 
-LARGEST = 1e6  # m, of a place
 DAMPING = 0.1  # N m s/rad, of every pin, as in Table 1
 
 
@@ -53,8 +51,15 @@ def robot_from_joints(
         ValueError: joints that do not make a leg with one degree of freedom.
         LinkageError: with ``height``, a linkage that does not close.
     """
-    named = tuple((name, _joints(name, body)) for name, body in _items("bodies", bodies))
-    linkage = Linkage(named, dyads, toes)  # type: ignore[arg-type] # it makes dyads of them
+    named = []
+    for name, body in instance("bodies", bodies, dict).items():
+        where = f"bodies[{name!r}]"
+        for joint, place in instance(where, body, dict).items():
+            if not isinstance(joint, str) or len(joint) != 1:
+                raise ValueError(f"{where} has a joint {shown(joint)}, must be a letter")
+            point(f"{where}[{joint!r}]", place)
+        named.append((name, "".join(body)))
+    linkage = Linkage(tuple(named), dyads, toes)  # type: ignore[arg-type] # it makes dyads of them
     legs = entries("legs", legs, "at least one Leg")
     each = positive("mass", mass) / max(1, len(legs) * len(bodies))
     pins = len(linkage.pins)
@@ -68,32 +73,13 @@ def robot_from_joints(
             damping=(DAMPING,) * pins, bearing_friction=(0.0,) * pins,
         )  # fmt: skip
 
-    own = of_scale(1.0)
+    unscaled = of_scale(1.0)
     if height is None:
-        return own
-    stands = standing_height(own)
+        return unscaled
+    stands = standing_height(unscaled)
     if stands <= 0.0:
         raise ValueError(f"height is {height}, must be None: the toes are {-stands:g} m above O")
     return of_scale(positive("height", height) / stands)
-
-
-def _items(name: str, value: Any) -> ItemsView[Any, Any]:
-    items: ItemsView[Any, Any] = instance(name, value, dict).items()
-    return items
-
-
-def _joints(name: Any, body: Any) -> str:
-    """Joints of a body whose places are numbers. Raises ValueError: they are not."""
-    where = f"bodies[{name!r}]"
-    for joint, place in _items(where, body):
-        if not isinstance(joint, str) or len(joint) != 1:
-            raise ValueError(f"{where} has a joint {shown(joint)}, must be a letter")
-        pair = entries(f"{where}[{joint!r}]", place, "a place (x, y)")
-        if len(pair) != 2:
-            raise ValueError(f"{where}[{joint!r}] is {shown(place)}, must be a place (x, y)")
-        for number in pair:
-            within(f"{where}[{joint!r}]", number, -LARGEST, LARGEST)
-    return "".join(body)
 
 
 def _as_the_paper(

@@ -26,7 +26,7 @@ def test_verdicts():
     """Agree within 5 % in distance and cost; chaotic if the projection plant itself is."""
 
     def run(distance, cost=1.0, fell=False):
-        return Walked(distance, 0.1, 1.0, 5.0, 9.0, 0.1, cost, cost, 0.03, 1e-5, fell)
+        return Walked(distance, 0.1, 1.0, 5.0, 9.0, 0.1, cost, cost, 0.03, fell)
 
     def verdict(ensemble, rigid, others=()):
         return Comparison(Walk(1.0), ensemble, list(others), rigid).verdict

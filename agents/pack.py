@@ -18,8 +18,7 @@ import torch
 from safetensors.numpy import save
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.policies import BasePolicy
-from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, FlattenExtractor
-from torch import nn
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
 import jansen_env
 from agents.training.train_model import prepare
@@ -30,59 +29,49 @@ from jansen_env.commands.named_policies import model_file
 from jansen_env.files import write_bytes, write_json
 from jansen_env.policies import pretrained
 from jansen_env.policies.pretrained import PretrainedPolicy
-from jansen_env.sb3.normalizer import CLIP, MIN_DEVIATION, NormalizedObservation
-from jansen_env.sb3.run_config import find_config, load_config, make_config
-from jansen_env.sb3.trained import load_policy, read_model
+from jansen_env.sb3.run_config import RunConfig, find_config, load_config, make_config
+from jansen_env.sb3.trained import (
+    CLIP,
+    MIN_DEVIATION,
+    load_policy,
+    read_model,
+)
 from jansen_env.scoring.evaluation import evaluate
 from jansen_env.scoring.rollout import make_env
 
 Description: TypeAlias = dict[str, Any]
 """A part of a policy's JSON file."""
 
-ACTIVATIONS = {nn.Tanh: "tanh", nn.ReLU: "relu", nn.ELU: "elu"}
 LIBRARIES = ("gymnasium", "numpy", "stable-baselines3", "torch")
 COPY = "critic_target."  # SAC's, of the critic: it need not be kept
 TOLERANCE = 1e-6  # of an action, between the network in torch and in NumPy
 
 
-def describe_network(policy: Any) -> Description:
-    """Describe how a policy of PPO or SAC gets from an observation to its action without noise; a
-    ValueError names a part that :mod:`jansen_env.policies.pretrained` does not know."""
-    if hasattr(policy, "actor"):  # SAC
-        extractor, parts = "actor.features_extractor", ("actor.latent_pi", "actor.mu")
-    else:
-        extractor, parts = "pi_features_extractor", ("mlp_extractor.policy_net", "action_net")
-    layers: list[Description] = []
+def describe_network(config: RunConfig, tensors: pretrained.Tensors) -> Description:
+    """Describe how a policy of PPO or SAC gets from an observation to its action without noise."""
+    given, sac = config.policy_kwargs, config.algo == "sac"
+    hidden, last = (
+        ("actor.latent_pi", "actor.mu") if sac else ("mlp_extractor.policy_net", "action_net")
+    )
+    activation = given.get("activation", "relu" if sac else "tanh")
+    weights = [name for name in tensors if name.startswith((f"{hidden}.", f"{last}."))]
+    layers = [
+        {"units": len(tensors[name]), "activation": None if name.startswith(last) else activation,
+         "weight": name, "bias": f"{name.removesuffix('weight')}bias"}
+        for name in weights if name.endswith(".weight")
+    ]  # fmt: skip
+    features: list[Description] = [{"kind": "observation"}]
+    if given.get("normalize"):
+        path = "actor.features_extractor" if sac else "pi_features_extractor"
+        features = [{"kind": "normalized", "mean": f"{path}.mean", "variance": f"{path}.variance",
+                     "floor": MIN_DEVIATION, "clip": CLIP}]  # fmt: skip
+    if count := given.get("harmonics"):
+        features.append({"kind": "harmonics", "multiples": [2 * k for k in range(1, count + 1)]})
     limit = None
-    for part in parts:
-        for name, module in policy.get_submodule(part).named_modules(prefix=part):
-            if isinstance(module, nn.Linear):
-                layers.append({"units": module.out_features, "activation": None,
-                               "weight": f"{name}.weight", "bias": f"{name}.bias"})  # fmt: skip
-            elif type(module) in ACTIVATIONS and layers and layers[-1]["activation"] is None:
-                layers[-1]["activation"] = ACTIVATIONS[type(module)]
-            elif isinstance(module, nn.Hardtanh) and module.min_val == -module.max_val:
-                limit = module.max_val  # of the mean of SAC's gSDE
-            elif not isinstance(module, nn.Sequential):
-                raise ValueError(f"{name} is a {type(module).__name__}, which cannot be packed")
-    features = _features(policy.get_submodule(extractor), extractor)
-    squash = "tanh" if policy.squash_output else "clip"
+    if sac and config.hyperparameters.get("use_sde"):  # of the mean
+        limit = given.get("clip_mean", 2.0) or None
+    squash = "tanh" if sac or given.get("squash_output") else "clip"
     return {"features": features, "layers": layers, "limit": limit, "squash": squash}
-
-
-def _features(extractor: nn.Module, path: str) -> list[Description]:
-    """Describe the features made of an observation, block by block."""
-    if isinstance(extractor, FlattenExtractor):
-        return [{"kind": "observation"}]
-    if not isinstance(extractor, NormalizedObservation):
-        raise ValueError(f"{path} is a {type(extractor).__name__}, which cannot be packed")
-    blocks: list[Description] = [{
-        "kind": "normalized", "mean": f"{path}.mean", "variance": f"{path}.variance",
-        "floor": MIN_DEVIATION, "clip": CLIP,
-    }]  # fmt: skip
-    if count := extractor.harmonics:
-        blocks.append({"kind": "harmonics", "multiples": [2 * k for k in range(1, count + 1)]})
-    return blocks
 
 
 def pack(
@@ -125,6 +114,11 @@ def from_run(run: str | Path) -> PretrainedPolicy:
     model = model_file(str(run)) or Path(run)
     policy, source = load_policy(model), find_config(model)
     config, commands = load_config(source), source.parent / "command.txt"
+    tensors = {
+        key: np.ascontiguousarray(tensor.float().numpy())  # counts of steps, too
+        for key, tensor in policy.state_dict().items()
+        if not key.startswith(COPY)
+    }
     lines = commands.read_text("utf-8", "replace").splitlines() if commands.is_file() else []
     env: Any = make_env(config.env, config.env_kwargs).unwrapped
     description = {
@@ -134,17 +128,12 @@ def from_run(run: str | Path) -> PretrainedPolicy:
         # The unit is a share of the limit, N m; the time is in s.
         "action": {"name": "crank_torque", "unit": "torque_limit",
                    "torque_limit": env.torque_limit, "control_dt": env.control_dt},
-        "network": describe_network(policy),
+        "network": describe_network(config, tensors),
         "training": {"command": lines, "steps": read_model(model).steps, "config": asdict(config)},
         "versions": {"jansen_env": jansen_env.__version__, "python": platform.python_version(),
                      **{name: version(name) for name in LIBRARIES}},
     }  # fmt: skip
     env.close()
-    tensors = {
-        key: np.ascontiguousarray(tensor.float().numpy())  # counts of steps, too
-        for key, tensor in policy.state_dict().items()
-        if not key.startswith(COPY)
-    }
     packed = PretrainedPolicy(description, tensors)
     check_equal(packed, load_policy(model))
     return packed

@@ -20,8 +20,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 import jansen_env
 from jansen_env.baselines.policy import Array
 from jansen_env.checks import shown
-from jansen_env.policies.network import Harmonics
-from jansen_env.policies.pretrained import PretrainedPolicy
+from jansen_env.policies.pretrained import Harmonics, PretrainedPolicy
 
 TAKEN = ("main", "math", "stdio")  # files which NAME.c and NAME.h must not be taken for
 PARTS = {"{}.h": "h", "{}.c": "c", "{}_main.c": "main.c"}  # of the template, by file

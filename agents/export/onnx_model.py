@@ -18,8 +18,13 @@ from torch import Tensor, nn
 
 import jansen_env
 from jansen_env.baselines.policy import Array
-from jansen_env.policies.network import Features, Harmonics, Layer, Normalized
-from jansen_env.policies.pretrained import PretrainedPolicy
+from jansen_env.policies.pretrained import (
+    Features,
+    Harmonics,
+    Layer,
+    Normalized,
+    PretrainedPolicy,
+)
 
 if TYPE_CHECKING:
     import onnx

@@ -55,8 +55,7 @@ def write_report(folder: Path) -> str:
     parts = [f"# {folder.name}", table, improvement_table(runs), NOTES.replace("\n", " ")]
     for env_id, of_env in runs.groupby("env"):
         path = plot(of_env, curves[curves.env == env_id], folder / f"{env_id}.png")
-        parts += [f"## {env_id}", f"Means over the seeds.\n\n{metrics_table(of_env)}"]
-        parts += [f"![Runs on {env_id}]({path.name})"]
+        parts += [f"## {env_id}", f"![Runs on {env_id}]({path.name})"]
         for group, rows in commands[commands.env == env_id].groupby("group"):
             parts.append(f"### {group}\n\nAt each command the mean over the seeds and, in brackets,"
                          f" the worst seed's.\n\n{commands_table(rows)}")  # fmt: skip
@@ -114,19 +113,6 @@ def improvement_table(runs: pd.DataFrame) -> str:
             better = with_interval(improvement, first.to_numpy(), second.to_numpy())
             rows.append({"X": x, "Y": y, "P(run of X > run of Y)": text(better, 2)})
     return markdown(pd.DataFrame(rows)) if rows else ""
-
-
-def metrics_table(runs: pd.DataFrame) -> str:
-    """Return a Markdown table: all metrics' means, of each group's runs and of the baselines."""
-    rows = []
-    for (group, policy), scores in runs.groupby(["group", "policy"], sort=False):
-        metrics = tabled(find_benchmark(scores.env.iloc[0]).metrics)
-        means = {name: mean_with_interval(scores[name].to_numpy(float)) for name in metrics}
-        cells = {
-            metric.heading: text(means[name], metric.digits) for name, metric in metrics.items()
-        }
-        rows.append({"runs of": group if policy == "run" else policy, **cells})
-    return markdown(pd.DataFrame(rows).drop_duplicates("runs of"))
 
 
 def commands_table(commands: pd.DataFrame) -> str:

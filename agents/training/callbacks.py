@@ -25,8 +25,8 @@ from agents.training.training_state import (
     save_replay_buffer,
 )
 from jansen_env.files import write_json
-from jansen_env.sb3.normalizer import NormalizedObservation
 from jansen_env.sb3.run_config import Arguments, RunConfig
+from jansen_env.sb3.trained import NormalizedObservation
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.metrics import point_estimates
 from jansen_env.scoring.rollout import make_env, run_episodes

@@ -9,7 +9,7 @@ from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 
 from agents.training import train_model as training
 from agents.training.callbacks import NormalizerUpdate
-from jansen_env.sb3.normalizer import CLIP, NormalizedObservation
+from jansen_env.sb3.trained import CLIP, NormalizedObservation
 
 N_ENVS, N_STEPS = 4, 8
 

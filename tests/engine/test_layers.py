@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from jansen_env.policies.network import Harmonics, Layer, Network
+from jansen_env.policies.pretrained import Harmonics, Layer, Network
 
 FUNCTIONS = {
     "tanh": np.tanh,

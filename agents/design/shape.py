@@ -9,7 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from jansen_env.baselines.policy import Array
-from jansen_env.drawings.shaft_order import gap, layers
+from jansen_env.drawings.outlines import gap
+from jansen_env.drawings.shaft_order import layers
 from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.base import static_deflection

@@ -12,7 +12,7 @@ def need(extra: str, *names: str, who: str = "agents") -> None:
         )
 
 
-NEEDED = ("PIL", "cma", "imageio", "imageio_ffmpeg", "jinja2", "matplotlib",
+NEEDED = ("PIL", "cma", "imageio_ffmpeg", "jinja2", "matplotlib",
           "rich", "scipy", "stable_baselines3", "tabulate", "tensorboard", "torch",
           "tqdm", "yaml")  # fmt: skip
 need("train", *NEEDED)

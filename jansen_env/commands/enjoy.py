@@ -11,7 +11,7 @@ from contextlib import ExitStack, closing
 from importlib import import_module
 from itertools import chain, zip_longest
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,7 +28,7 @@ INVISIBLE = ("dummy", "offscreen")  # SDL's drivers of invisible windows
 FRAME_TIME = {".gif": 0.08, ".mp4": 0.02}  # s from one frame to the next
 GIF_WIDTH, GIF_COLOURS = 480, 32
 TITLE_SIZE, TITLE_MARGIN, TITLE_HEIGHT = 30, 24, 42  # pixels: letters, beside and above them
-WRITERS = {".gif": ("PIL",), ".mp4": ("PIL", "imageio", "imageio_ffmpeg")}  # packages
+WRITERS = {".gif": ("PIL",), ".mp4": ("PIL", "imageio_ffmpeg")}  # packages
 
 
 class Progress(NamedTuple):
@@ -42,9 +42,10 @@ class Progress(NamedTuple):
     slipped: float | None = None
 
 
-def play(policy: Policy, env: Any, command: float, seed: int) -> Iterator[Progress]:
+def play(policy: Policy, env: Env, command: float, seed: int) -> Iterator[Progress]:
     """Play an episode of one robot with a command; yield its start and each step."""
-    observation, _ = env.reset(seed=seed, options=find_benchmark(env.spec.id).options(command))
+    benchmark = find_benchmark(env.get_wrapper_attr("spec").id)
+    observation, _ = env.reset(seed=seed, options=benchmark.options(command))
     moment, state, truncated = Progress(0, 0.0, False), None, False
     yield moment
     while not (moment.failed or truncated):
@@ -52,7 +53,7 @@ def play(policy: Policy, env: Any, command: float, seed: int) -> Iterator[Progre
         actions, state = policy.predict(observation[None], state, starts, True)
         observation, reward, terminated, truncated, info = env.step(actions[0])
         slipped = (moment.slipped or 0.0) + info["slip"].sum() if "slip" in info else None
-        moment = Progress(moment.steps + 1, moment.returned + reward, terminated,
+        moment = Progress(moment.steps + 1, moment.returned + float(reward), terminated,
                           info.get("x_position"), slipped)  # fmt: skip
         yield moment
 
@@ -63,7 +64,7 @@ def film(
     """Give a frame of one in ``every`` moments, and of a failure, with a title if there is one."""
     for moment in moments:
         if moment.steps % every == 0 or moment.failed:
-            frame: Any = env.render()
+            frame = np.asarray(env.render())
             yield frame if title is None else _titled(frame, title, moment)
 
 
@@ -85,10 +86,10 @@ def _titled(frame: Picture, title: str, moment: Progress) -> Picture:
 
 def stack(films: Sequence[Iterable[Picture]]) -> Iterator[Picture]:
     """Put films one above the other; the last frame of one that ends stays until all have ended."""
-    shown: list[Any] = [None] * len(films)
+    last: list[Picture] = []
     for frames in zip_longest(*films):
-        shown = [before if new is None else new for new, before in zip(frames, shown, strict=True)]
-        yield np.concatenate(shown)
+        last = [last[i] if frame is None else frame for i, frame in enumerate(frames)]
+        yield np.concatenate(last)
 
 
 def check_suffix(path: str | Path) -> str:
@@ -102,33 +103,32 @@ def save_video(frames: Iterable[Picture], path: str | Path, frame_time: float) -
     """Write frames (height, width, 3), of one even size, as they come, as an endless .gif or .mp4.
 
     Raises:
-        ValueError: no frames, or another suffix.
+        ValueError: another suffix.
     """
     write = _write_mp4 if check_suffix(path) == ".mp4" else _write_gif
-    first = next(frames := iter(frames), None)
-    if first is None:
-        raise ValueError(f"{path} has 0 frames, must have some")
-    write_whole(path, lambda name: write(chain([first], frames), name, frame_time))
+    write_whole(path, lambda name: write(iter(frames), name, frame_time))
 
 
-def _write_mp4(frames: Iterable[Picture], name: str, frame_time: float) -> None:
-    import imageio.v2 as imageio
+def _write_mp4(frames: Iterator[Picture], name: str, frame_time: float) -> None:
+    import imageio_ffmpeg
 
-    options: dict[str, Any] = {"format": "FFMPEG", "fps": 1.0 / frame_time, "macro_block_size": 2}
-    writer: Any
-    with imageio.get_writer(name, **options) as writer:
-        for frame in frames:
-            writer.append_data(frame)
+    first = next(frames)
+    height, width, _ = first.shape
+    size, rate = (width, height), 1.0 / frame_time
+    with closing(imageio_ffmpeg.write_frames(name, size, fps=rate, macro_block_size=2)) as writer:
+        writer.send(None)  # which starts it
+        for frame in chain([first], frames):
+            writer.send(np.ascontiguousarray(frame))
 
 
-def _write_gif(frames: Iterable[Picture], name: str, frame_time: float) -> None:
+def _write_gif(frames: Iterator[Picture], name: str, frame_time: float) -> None:
     from PIL import Image
 
     def small(frame: Picture) -> Image.Image:
         size = GIF_WIDTH, round(GIF_WIDTH * frame.shape[0] / frame.shape[1])
         return Image.fromarray(frame).resize(size, Image.Resampling.LANCZOS)
 
-    first = small(next(frames := iter(frames)))
+    first = small(next(frames))
     # One palette for all keeps still parts from flickering; this one keeps a toe's few red pixels.
     palette = first.quantize(GIF_COLOURS, Image.Quantize.MAXCOVERAGE, kmeans=3)
     pictures = (

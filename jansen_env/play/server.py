@@ -209,7 +209,7 @@ def scene_message(session: Session) -> str:
             {"name": name, "value": values[name], **slider._asdict()}
             for name, slider in SLIDERS.items()
         ],
-        "choices": session.choices,
+        "choices": asdict(session.choices),
         "lengths": session.lengths,
         "options": session.options,
         "byHand": BY_HAND,

@@ -24,6 +24,7 @@ from jansen_env.tasks.walking.walker_baselines import walking_pid
 from jansen_env.terrain.generators import GENERATORS, HIGHEST
 from jansen_env.viewer.recorder import Recorder
 from jansen_env.viewer.recording import Recording
+from jansen_env.world.argument_checks import Values
 
 MIN_DISTANCE = 1e-3  # m, below which a ratio per metre is not formed
 PACES = (1.0, 0.5, 0.25, 0.1)  # of the robot's time in the user's
@@ -64,6 +65,27 @@ SLIDERS = {
 """Sliders by their names in ``env.inner.set_parameters``."""
 
 
+@dataclass(frozen=True)
+class Choices:
+    """What a walk is made of. Raises ValueError: a robot, terrain or level is not allowed."""
+
+    robot: str
+    terrain: str
+    level: int
+    control: str
+
+    def __post_init__(self) -> None:
+        one_of("robot", self.robot, ROBOTS)
+        one_of("terrain", self.terrain, TERRAINS)
+        whole_number("level", self.level, HIGHEST)
+
+    def changed(self, name: str, value: Any) -> Choices:
+        """These with another choice. Raises ValueError, too, for a level of flat ground."""
+        if name == "level" and self.terrain == FLAT and value != 0:
+            raise ValueError(f"level is {shown(value)}, must be 0 on flat ground")
+        return replace(self, **{name: value})
+
+
 @dataclass
 class Score:
     """Score of a walk so far.
@@ -84,9 +106,7 @@ class Score:
     def __post_init__(self) -> None:
         self._x = self._free = self._commanded = self._slip = self._lift = 0.0  # m
 
-    def add(
-        self, info: Mapping[str, Any], time: float, weight: float, command: float | None
-    ) -> None:
+    def add(self, info: Values, time: float, weight: float, command: float | None) -> None:
         """Add a step by its ``info`` and end, s, the robot's weight, N, and command, m/s, in it."""
         way, self._x = float(info["x_position"]) - self._x, float(info["x_position"])
         if command:
@@ -115,8 +135,8 @@ class Session:
             ground.
 
     Attributes:
-        choices: present "robot", "terrain", "level" and "control", and options: allowed values of
-            each. lengths: m, that are not the design's. env: the environment, unwrapped.
+        choices: present ones, and options: allowed values of each. lengths: m, that are not the
+            design's. env: the environment, unwrapped.
         input: -1 to 1: the action, or the policy's command as a share of :attr:`top_speed`, m/s.
         settings: the sliders that have been moved. paused: time stands still. pace: of time, one
             of :data:`PACES`. fallen: since the last start. stuck: the simulation has diverged.
@@ -149,15 +169,10 @@ class Session:
         self._held, self._returns = 0, False  # the keys; whether the torque goes back to 0
         self._message, self._message_left = "", 0.0
         defaults = arguments_of(env_id)
-        choices = {
-            "robot": robot or defaults["robot"],
-            "terrain": terrain or defaults["terrain"],
-            "level": level,
-            "control": control,
-        }
+        start = Choices(robot or defaults["robot"], terrain or defaults["terrain"], 0, control)
+        self.choices = replace(start, control="")
         self._env: Recorder
-        self.choices: dict[str, Any] = {}
-        self._rebuild(choices, {})
+        self._rebuild(start.changed("level", level), {})
 
     @property
     def env(self) -> SingleEnv[Task]:
@@ -221,10 +236,9 @@ class Session:
 
     def choose(self, name: str, value: object) -> None:
         """Choose a robot, a terrain, a level or a control; all but a control start again."""
-        choices = {**self.choices, one_of("choice", name, self.options): value}
+        choices = self.choices.changed(one_of("choice", name, self.options), value)
         if name == "control":
-            self._check(choices)
-            self._take_control(self._policy_of(str(value), self._env), choices)
+            self._take_control(self._policy_of(choices.control, self._env), choices)
         else:
             self._rebuild(choices, {} if name == "robot" else self.lengths)
 
@@ -233,7 +247,7 @@ class Session:
 
         ``lengths``: see :func:`jansen_env.robot.lengths.with_lengths`.
         """
-        choices = {**self.choices, "robot": robot, "control": STEADY}
+        choices = replace(self.choices, robot=robot, control=STEADY)
         self._rebuild(choices, instance("lengths", lengths, dict))
         self.pause(False)
 
@@ -305,32 +319,23 @@ class Session:
         """Let go of the environment."""
         self._env.close()
 
-    def _check(self, choices: Mapping[str, object]) -> None:
-        """Raise ValueError unless all choices are allowed."""
-        for name in "robot", "terrain", "control":
-            one_of(name, choices[name], self.options[name])
-        level = whole_number("level", choices["level"], HIGHEST)
-        if level and choices["terrain"] == FLAT and level != self.choices.get("level"):
-            raise ValueError(f"level is {level}, must be 0 on flat ground")
-
-    def _rebuild(self, choices: dict[str, Any], lengths: dict[str, float]) -> None:
+    def _rebuild(self, choices: Choices, lengths: dict[str, float]) -> None:
         """Start with another environment. Raises ValueError, and then changes nothing."""
-        self._check(choices)
-        design, flat = choices["robot"], choices["terrain"] == FLAT
+        design, flat = choices.robot, choices.terrain == FLAT
         made = gym.make(
             self.env_id, max_episode_steps=-1, disable_env_checker=True,
             robot=with_lengths(DESIGNS[design](), lengths) if lengths else design,
-            terrain=choices["terrain"], terrain_level=0 if flat else choices["level"],
+            terrain=choices.terrain, terrain_level=0 if flat else choices.level,
             randomize=None, terminate_when_fallen=False,
         )  # fmt: skip
         env = Recorder(made, design)
         try:
             env.inner.set_parameters(**self.settings)
-            policy = self._policy_of(choices["control"], env)
+            policy = self._policy_of(choices.control, env)
         except ValueError:
             env.close()
             raise
-        if self.choices:
+        if self.choices.control:  # not the first one
             self._env.close()
         self._env, self.lengths = env, lengths
         self._take_control(policy, choices)
@@ -338,15 +343,16 @@ class Session:
 
     def _policy_of(self, control: str, env: Recorder) -> Policy | None:
         """Return what turns the crank of an environment; None for the torque by hand."""
+        one_of("control", control, self.options["control"])
         if control == STEADY:
             way = max(abs(advance_per_turn(env.inner.robot)), SHORTEST_TURN)
             return walking_pid(lambda speed: 2.0 * math.pi / way * speed, env.inner)
         return None if control == BY_HAND else pretrained.load(self.env_id, control).on(env)
 
-    def _take_control(self, policy: Policy | None, choices: dict[str, Any]) -> None:
+    def _take_control(self, policy: Policy | None, choices: Choices) -> None:
         """Let a policy walk, or None: the hand."""
-        if self.choices.get("control") != choices["control"]:
-            command = STEADY_COMMAND if choices["control"] == STEADY else FIRST_COMMAND
+        if self.choices.control != choices.control:
+            command = STEADY_COMMAND if choices.control == STEADY else FIRST_COMMAND
             self.input = 0.0 if policy is None else command
             self._held, self._returns = 0, False
         self._policy, self._memory, self._fresh = policy, None, True

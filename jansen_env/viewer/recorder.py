@@ -32,10 +32,9 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
     ``env.recording``. The environment goes on as it would without, bit for bit.
 
     One episode is kept. A reset begins a new one, and so does a step at which time went back or
-    the robot was exchanged (``Autoreset`` below, ``set_state``). A robot that a reset has exchanged
-    is among the recording's ``options``, as in a robot file. Observations and actions are those at
-    this place among the wrappers; the robot and its ground are those at the reset. Only the first
-    ``MOST_RECORDED`` of an episode are kept, with a warning.
+    the robot was exchanged (``Autoreset`` below, ``set_state``). Observations and actions are those
+    at this place among the wrappers; the robot and its ground are those at the reset. Only the
+    first ``MOST_RECORDED`` steps of an episode are kept, with a warning.
 
     Args:
         env: one robot's, of any task of this package, under any wrappers.
@@ -55,7 +54,7 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
                 raise ValueError(f"env has {name} {getattr(env, name)}, must be of arrays")
         self.label = label
         self._frames: dict[str, list[Any]] = {}
-        self._episode: dict[str, Any] = {}  # what does not change during it
+        self._episode: Values = {}  # what does not change during it
         self._shape: tuple[object, ...] = ()
 
     @property
@@ -68,7 +67,7 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
         """
         if not self._frames.get("reward"):
             raise gym.error.ResetNeeded("reset() and then step() must be called first")
-        content: dict[str, Any] = {**self._frames, **self._episode}
+        content: Values = {**self._frames, **self._episode}
         return Recording(**content, label=self.label)
 
     def reset(
@@ -118,7 +117,6 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
         options: Values | None,
     ) -> None:
         scene, spec, state = self.inner.scene(), self.env.spec, self.inner.get_state()
-        exchanged = {"robot": state["robot"]} if "robot" in state else {}
         ground, observed = scene["terrain_points"], self.inner.observed
         named = len(observed) == spaces.flatdim(self.observation_space)
         self._shape = _shape_of(self.inner.robot)
@@ -131,7 +129,7 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
             "parameters": {} if self.inner.task.world.held else dict(state["parameters"]),
             "env_id": str(type(self.inner).__name__ if spec is None else spec.id),
             "env_kwargs": as_json({} if spec is None else spec.kwargs),
-            "options": as_json({**(options or {}), **exchanged}),
+            "options": as_json(options or {}),
             "seed": None if seed is None else int(seed),
             "terminated": False,
             "truncated": False,

@@ -12,7 +12,6 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from jansen_env.rendering import SLIP, reach_of
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import world_joints
 from jansen_env.robot.robot_file import robot_from_json, robot_to_json
+from jansen_env.world.argument_checks import Values
 
 FORMAT = "jansen_env recording 4"
 MOST_RECORDED = 20_000  # of a recording
@@ -216,7 +216,7 @@ class Recording:
     @staticmethod
     def from_bytes(data: bytes) -> Recording:
         """A recording from a file's content. Raises ValueError as :meth:`load` does."""
-        content: dict[str, Any] = _read_archive(data)
+        content: Values = {**_read_archive(data)}
         text = content.pop("description").tobytes()
         if len(text) > MAX_TEXT:
             raise ValueError(f"its description has more than {MAX_TEXT} bytes")
@@ -244,7 +244,7 @@ ARRAYS = {entry.name: (entry.metadata["dtype"], entry.metadata["dimensions"])
 """Type and dimensions of each array; other fields are kept as JSON."""
 
 
-def _read_archive(data: bytes) -> dict[str, NDArray[Any]]:
+def _read_archive(data: bytes) -> dict[str, NDArray[np.generic]]:
     """The arrays of a file; their number and sizes are checked before they are unpacked."""
     if data.count(DIRECTORY_ENTRY) > MAX_MEMBERS:
         raise ValueError(f"it has more than {MAX_MEMBERS} members")

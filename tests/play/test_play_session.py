@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jansen_env
-from jansen_env.play.session import LARGEST_PUSH, PACES, SLIDERS, STEADY, Session
+from jansen_env.play.session import LARGEST_PUSH, PACES, SLIDERS, STEADY, Choices, Session
 from jansen_env.policies import pretrained
 from jansen_env.robot.lengths import lengths
 from jansen_env.scoring.metrics import point_estimates
@@ -132,9 +132,7 @@ def test_ground_and_robot_by_name():
     assert session.env.robot == jansen_env.holy_numbers_robot()
     session.choose("terrain", "flat")
     session.choose("terrain", "stairs")
-    assert session.choices == {
-        "robot": "holy", "terrain": "stairs", "level": 7, "control": "torque"
-    }  # fmt: skip
+    assert session.choices == Choices("holy", "stairs", 7, "torque")
 
 
 def test_a_robot_of_other_lengths_walks_and_is_recorded():
@@ -147,7 +145,7 @@ def test_a_robot_of_other_lengths_walks_and_is_recorded():
     session.choose("terrain", "waves")
     assert session.lengths == {"rod_AD": 0.47}
     robot, before = session.env.robot, session.choices
-    assert lengths(robot)["rod_AD"] == 0.47 and session.choices["control"] == STEADY
+    assert lengths(robot)["rod_AD"] == 0.47 and session.choices.control == STEADY
     for changed, message in (
         ({"rod_AD": 0.1}, "joint D does not close at crank angle"),
         ({"rod_AD": -0.1}, "must be above 0"),
@@ -187,7 +185,7 @@ def test_what_cannot_be_is_refused_and_changes_nothing(session):
         ("push", np.nan, 0.0), ("pause", 1), ("set", "gravity", 1.0),
     ):  # fmt: skip
         refused(session, "must be", action, *arguments)
-    assert session.env is env and session.choices["robot"] == "paper"
+    assert session.env is env and session.choices.robot == "paper"
     assert session.input == 0.0 and session.version == version
     session.say("a message")
     walk(session, 7.0)

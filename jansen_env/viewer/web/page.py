@@ -14,7 +14,6 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +31,7 @@ SEEN = 30.0  # m of ground beyond either end of the walk
 LONGEST_TEXT = 500  # characters of the line under the title
 FRAME_HEIGHT = 760  # pixels in a notebook
 
-Array = NDArray[Any]
+Array = NDArray[np.float64]
 
 
 def page(*recordings: Recording) -> str:

@@ -18,8 +18,8 @@ from jansen_env.baselines.policy import Array, Bools, Policy
 from jansen_env.commands.named_policies import label, load_named
 from jansen_env.scoring.rollout import make_env, run_episodes
 from jansen_env.tasks.walking.walker_benchmark import ENOUGH, succeeded
-from jansen_env.terrain import shapes
 from jansen_env.terrain.generators import HIGHEST, LEVELS, NamedGenerator, at_level
+from jansen_env.terrain.ground import START, treads
 
 SPEEDS = (0.2, 0.3, 0.45, 0.6)  # m/s
 FRICTION = 0.8
@@ -60,9 +60,9 @@ def ground(obstacle: str, size: float, seed: int) -> Terrain:
     if obstacle != "one step":
         given = ((parameter(obstacle), size),)
         return NamedGenerator(obstacle.split()[0], given)(rng, 0)
-    edge = shapes.START + rng.uniform(0.1, 0.5)
-    step = shapes.treads(np.array([edge]), np.array([size]))
-    return Terrain.of(np.concatenate([[[-1.0, 0.0]], step, [[step[-1, 0] + 1.0, size]]]))
+    edge = START + rng.uniform(0.1, 0.5)
+    step = treads(np.array([edge]), np.array([size]))
+    return Terrain(np.concatenate([[[-1.0, 0.0]], step, [[step[-1, 0] + 1.0, size]]]).tolist())
 
 
 def climb(

@@ -34,7 +34,7 @@ from jansen_env.scoring.rollout import (
 from jansen_env.tasks.walking.profile import READ, profile_torque
 from jansen_env.tasks.walking.walker_benchmark import ENOUGH, WALKER
 from jansen_env.tasks.walking.walker_env import JansenWalkerEnv
-from jansen_env.terrain import Terrain, shapes
+from jansen_env.terrain.ground import Terrain, treads
 from jansen_env.world.settings import load_robot
 
 SEED = 130_000  # of resets, apart from all others
@@ -260,8 +260,8 @@ def loads_of_walk(
 
 def _step(height: float) -> Terrain:
     """Flat ground with one step up."""
-    tread = shapes.treads(np.array([STEP_AT]), np.array([height]))
-    return Terrain.of(np.concatenate([[[-1.0, 0.0]], tread, [[tread[-1, 0] + 1.0, height]]]))
+    tread = treads(np.array([STEP_AT]), np.array([height]))
+    return Terrain(np.concatenate([[[-1.0, 0.0]], tread, [[tread[-1, 0] + 1.0, height]]]).tolist())
 
 
 def groups_of(names: Collection[str]) -> list[str]:

@@ -1,6 +1,5 @@
-"""Terrains: shapes, generators, curriculum."""
+"""Terrains: the ground, generators, curriculum."""
 
-from jansen_env.terrain.ground import Terrain, heights_of, make_terrain
-from jansen_env.terrain.shapes import MAX_SLOPE
+from jansen_env.terrain.ground import MAX_SLOPE, Terrain, heights_of, make_terrain
 
 __all__ = ["MAX_SLOPE", "Terrain", "heights_of", "make_terrain"]

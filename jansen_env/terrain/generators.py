@@ -8,13 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import TypeAlias
 
 import numpy as np
 
 from jansen_env.checks import finite, listed, one_of, shown, whole_number
-from jansen_env.terrain import Terrain, shapes
+from jansen_env.terrain.ground import REACH, START, Terrain, both_sides, layout
 from jansen_env.uniform import uniform
 
 Random: TypeAlias = np.random.Generator
@@ -42,20 +41,20 @@ GENERATORS = (*LEVELS, "mixed")
 
 def at_level(name: str, level: int) -> dict[str, float]:
     """A generator's parameters at a level, by name. Raises ValueError: no such name or level."""
-    one_of("generator", name, LEVELS)
+    one_of("generator", name, GENERATORS)
     share = whole_number("level", level, HIGHEST) / HIGHEST
-    return {key: low + share * (high - low) for key, (low, high) in LEVELS[name].items()}
+    return {key: low + share * (high - low) for key, (low, high) in LEVELS.get(name, {}).items()}
 
 
 @dataclass(frozen=True)
 class NamedGenerator:
-    """A ground of one kind, drawn at each call: ``(rng, level) -> Terrain``.
+    """A ground of one kind, or of any for "mixed", drawn at each call: ``(rng, level) -> Terrain``.
 
     Slopes and stairs go up or down at random unless that is given. With default friction and
     restitution.
 
     Args:
-        name: one of :data:`LEVELS`.
+        name: one of :data:`GENERATORS`.
         given: (parameter, value) that do not change with the level.
 
     Raises:
@@ -82,6 +81,8 @@ class NamedGenerator:
 
     def __call__(self, rng: Random, level: int) -> Terrain:
         """A ground. Raises ValueError: no such level."""
+        if self.name == "mixed":
+            return KINDS[rng.integers(len(KINDS))](rng, level)
         values = at_level(self.name, level)
         down = rng.random() < 0.5  # drawn in any case, so that fixing it leaves the others
         if down and (sign := _UP_OR_DOWN.get(self.name)):
@@ -92,9 +93,9 @@ class NamedGenerator:
         if self.name == "steps":
             return Terrain.steps(rng, **values)
         # The start is drawn, or the way to its first step could be learned by heart.
-        start = uniform(rng, shapes.START, shapes.START + SHIFT)
-        if self.name == "rough":  # unlike ``Terrain.rough`` on both sides
-            return Terrain.of(shapes.rough(rng, **values, start=start, reach=shapes.REACH))
+        start = uniform(rng, START, START + SHIFT)
+        if self.name == "rough":
+            return _rough(rng, start, **values)
         maker: Callable[..., Terrain] = getattr(Terrain, self.name)
         return maker(**values, start=start)
 
@@ -104,38 +105,16 @@ class NamedGenerator:
         return f"{self.name}:{given}" if given else self.name
 
 
-@dataclass(frozen=True)
-class MixedGenerator:
-    """A ground of one of ``kinds``, drawn evenly at each call: ``(rng, level) -> Terrain``."""
-
-    kinds: tuple[NamedGenerator, ...] = tuple(map(NamedGenerator, LEVELS))
-
-    def __call__(self, rng: Random, level: int) -> Terrain:
-        """A ground. Raises ValueError: no such level."""
-        return self.kinds[rng.integers(len(self.kinds))](rng, level)
-
-    def __str__(self) -> str:
-        return "mixed"
+def _rough(rng: Random, start: float, height: float, spacing: float) -> Terrain:
+    """Vertices on both sides, unlike ``Terrain.rough``, with heights uniform in +- ``height``."""
+    start, count = layout(start, REACH, spacing)
+    sides = np.zeros((2, count + 2, 2))
+    sides[:, :, 0] = start + spacing * np.arange(count + 2)
+    sides[:, 1:-1, 1] = uniform(rng, -height, height, (2, count))
+    return Terrain(both_sides(sides[0], sides[1]).tolist())
 
 
-@dataclass(frozen=True)
-class OwnGenerator:
-    """A user's ``function`` ``(rng, level) -> Terrain``, whose result is checked."""
-
-    function: Callable[[Random, int], object]
-
-    def __call__(self, rng: Random, level: int) -> Terrain:
-        """A ground. Raises ValueError: the function has returned something else."""
-        terrain = self.function(rng, level)
-        if not isinstance(terrain, Terrain):
-            raise ValueError(
-                f"terrain generator {self} returned {shown(terrain)}, must be a Terrain"
-            )
-        return terrain
-
-    def __str__(self) -> str:
-        function = self.function.func if isinstance(self.function, partial) else self.function
-        return str(getattr(function, "__qualname__", type(function).__qualname__))
+KINDS = tuple(map(NamedGenerator, LEVELS))
 
 
 def make_generator(spec: object) -> Generator | None:
@@ -149,10 +128,8 @@ def make_generator(spec: object) -> Generator | None:
     Raises:
         ValueError: a text that is neither, with what is allowed.
     """
-    if isinstance(spec, (NamedGenerator, MixedGenerator, OwnGenerator)):
-        return spec
     if not isinstance(spec, str):
-        return OwnGenerator(spec) if callable(spec) and not isinstance(spec, type) else None
+        return spec if callable(spec) and not isinstance(spec, type) else None
     name, colon, text = spec.partition(":")
     if name == "flat" or (name == "slope" and colon and "=" not in text):
         return None  # make_terrain's
@@ -161,10 +138,6 @@ def make_generator(spec: object) -> Generator | None:
             f"terrain is {shown(spec)}, must be 'flat', 'slope:ANGLE' or, with parameters as in "
             f"'stairs:rise=0.02,tread=0.3' or without, one of {listed(GENERATORS, name)}"
         )
-    if name == "mixed":
-        if colon:
-            raise ValueError(f"terrain is {shown(spec)}, but 'mixed' has no parameters")
-        return MixedGenerator()
     return NamedGenerator(name, _parameters(spec, name, text) if colon else ())
 
 
@@ -178,6 +151,6 @@ def _parameters(spec: str, name: str, text: str) -> tuple[tuple[str, float], ...
         except ValueError:
             raise ValueError(
                 f"terrain is {shown(spec)}: {part!r} must be NAME=NUMBER, with a name of "
-                f"{list(LEVELS[name])}"
+                f"{list(LEVELS.get(name, {}))}"
             ) from None
     return tuple(given.items())

@@ -3,26 +3,32 @@
 from __future__ import annotations
 
 import functools
-import inspect
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, ClassVar, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import pymunk
 from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.checks import entries, finite, instance, non_negative, positive, shown, within
-from jansen_env.engine.mathematics import tan
-from jansen_env.terrain import shapes
-from jansen_env.terrain.shapes import MAX_SLOPE, MOST_POINTS
+from jansen_env.engine.mathematics import cos, tan
 from jansen_env.uniform import uniform
 
 Array = NDArray[np.float64]
-Maker: TypeAlias = "classmethod[Terrain, ..., Terrain]"
+Random: TypeAlias = np.random.Generator
 
-REACH = 1000.0  # m, how far the first and last segment are extended as pymunk's shapes
+START = 0.6  # m, from the origin to where a ground begins: the machine's toes reach 0.55 m
+REACH = 9.0  # m, to where it ends: 8 m are 10 s at 0.8 m/s, and the toes ahead
+MAX_SLOPE = math.radians(80.0)
+RISER_SLOPE = math.radians(75.0)  # of the faces of steps, as x must increase from point to point
+LEAST_RUN = 1e-3  # m, of a face however low
+PER_WAVE = 8  # vertices
+MOST_POINTS = 100_000  # of a ground
+TALLEST = 100.0  # m, of a step or wave
+EXTENT = 1000.0  # m, how far the first and last segment are extended as pymunk's shapes
 STEEPEST = (1.0 + 1e-12) * tan(MAX_SLOPE)  # slopes of MAX_SLOPE are rounded
 GRADIENT_STEP = 1e-4  # m, to either side
 FARTHEST = 1e6  # m, largest coordinate of a point: beyond, a toe's grip drowns in rounding
@@ -36,38 +42,73 @@ def heights_of(line: Array, x: ArrayLike) -> Array:
     return heights + before * first[1] / first[0] + after * last[1] / last[0]
 
 
-def _maker(points: Callable[..., Array]) -> Maker:
-    """A constructor with the arguments of a function that returns points, and a terrain's own."""
+def layout(start: float, reach: float, period: float) -> tuple[float, int]:
+    """Return the checked start and the number of periods that have room, at least one.
 
-    def make(
-        cls: type[Terrain],
-        *args: object,
-        friction: float = 0.8,
-        restitution: float = 0.0,
-        **named: object,
-    ) -> Terrain:
-        return cls.of(points(*args, **named), friction, restitution)
+    Raises:
+        ValueError: not 0 < start < reach, or more than MOST_POINTS periods.
+    """
+    start, reach = positive("start", start), positive("reach", reach)
+    if start >= reach:
+        raise ValueError(f"start is {start:g}, must be below reach, {reach:g}")
+    count = (reach - start) / period
+    if count > MOST_POINTS:
+        raise ValueError(
+            f"reach / (length of what is repeated) is {count:g}, must be at most {MOST_POINTS}"
+        )
+    return start, max(1, int(count))
 
-    # For help(): the arguments of both.
-    signature = inspect.signature(make)
-    first, _, *more, _ = signature.parameters.values()
-    all_of_them = [first, *inspect.signature(points).parameters.values(), *more]
-    make.__signature__ = signature.replace(parameters=all_of_them)  # type: ignore[attr-defined]
-    make.__name__, make.__doc__ = points.__name__, points.__doc__
-    make.__qualname__ = f"Terrain.{points.__name__}"
-    return classmethod(make)
+
+def both_sides(right: Array, left: Array) -> Array:
+    """Two half terrains, each (k, 2) points of x > 0 outwards, as one, level at its ends.
+
+    ``left`` is mirrored to x < 0.
+    """
+    level = np.array([1.0, 0.0])
+    left = np.concatenate([left, left[-1:] + level])[::-1] * np.array([-1.0, 1.0])
+    return np.concatenate([left, right, right[-1:] + level])
+
+
+def treads(edges: Array, heights: Array) -> Array:
+    """Level treads with steep faces between them.
+
+    Args:
+        edges: (m,) m, increasing: the middles of the faces. heights: (m,) m, of the treads after
+            them; the one before the first is at 0.
+
+    Returns:
+        (2 m, 2) points.
+    """
+    before = np.concatenate([[0.0], heights[:-1]])
+    run = np.maximum(np.abs(heights - before) / tan(RISER_SLOPE), LEAST_RUN)
+    points = np.empty((2 * len(edges), 2))
+    points[0::2, 0], points[0::2, 1] = edges - 0.5 * run, before
+    points[1::2, 0], points[1::2, 1] = edges + 0.5 * run, heights
+    return points
+
+
+def _room(name: str, value: float, face: float) -> float:
+    """A tread's length, m, with room for the face of a step of height ``face``."""
+    value = positive(name, value)
+    least = max(abs(face) / tan(RISER_SLOPE), LEAST_RUN)
+    if value <= least:
+        raise ValueError(
+            f"{name} is {value:g}, must be above {least:.4g}, the run of a step's face"
+        )
+    return value
 
 
 @dataclass(frozen=True)
 class Terrain:
     """A ground profile y(x), the same across the whole width of the robot.
 
-    ``waves``, ``stairs``, ``steps``, ``stumps`` and ``ramps`` have the arguments of the functions
-    of these names in ``jansen_env.terrain.shapes``, and by name a friction and a restitution.
+    ``waves``, ``stairs``, ``steps``, ``stumps`` and ``ramps`` are level around x = 0, where a
+    robot is placed, and mirrored or drawn on both sides of it, as commands may be negative. Their
+    vertices are few: in a batch, robots exchange their terrains at resets.
 
     Args:
         points: at least two (x, y) vertices, m, x increasing. The first and the last segment go on
-            with their slope without end (under the rigid-body plant for ``REACH`` metres).
+            with their slope without end (under the rigid-body plant for ``EXTENT`` metres).
         friction: Coulomb coefficient between toe and ground.
         restitution: Newton's coefficient of restitution, 0 to 1; where an impact with friction
             would gain energy by it, it bounces less.
@@ -112,8 +153,8 @@ class Terrain:
         set_value("friction", non_negative("Terrain.friction", self.friction))
         set_value("restitution", within("Terrain.restitution", self.restitution, 0.0, 1.0))
         set_value("points", tuple(map(tuple, table.tolist())))
-        before = table[0] - REACH * step[0] / step[0, 0]
-        after = table[-1] + REACH * step[-1] / step[-1, 0]
+        before = table[0] - EXTENT * step[0] / step[0, 0]
+        after = table[-1] + EXTENT * step[-1] / step[-1, 0]
         line = np.concatenate([[before], table[1:-1], [after]])
         line.setflags(write=False)
         set_value("_line", line)
@@ -157,16 +198,146 @@ class Terrain:
         tail = [(x[-1] + spacing, 0.0), (x[-1] + spacing + 1.0, 0.0)]
         return cls(tuple(lead + list(zip(x, y, strict=True)) + tail), friction, restitution)
 
-    waves: ClassVar[Maker] = _maker(shapes.waves)
-    stairs: ClassVar[Maker] = _maker(shapes.stairs)
-    steps: ClassVar[Maker] = _maker(shapes.steps)
-    stumps: ClassVar[Maker] = _maker(shapes.stumps)
-    ramps: ClassVar[Maker] = _maker(shapes.ramps)
+    @classmethod
+    def waves(
+        cls,
+        height: float = 0.03,
+        length: float = 1.0,
+        start: float = START,
+        reach: float = REACH,
+        *,
+        friction: float = 0.8,
+        restitution: float = 0.0,
+    ) -> Terrain:
+        """Cosine waves on both sides of the origin, of eight segments each.
+
+        Args:
+            height: m, from trough to crest; below 0 they begin with a trough. length: of a wave, m.
+            start: m from the origin, to where the ground is level. reach: m, where they end, with
+                the last that has room; level beyond.
+        """
+        height, length = within("height", height, -TALLEST, TALLEST), positive("length", length)
+        start, count = layout(start, reach, length)
+        turns = np.arange(count * PER_WAVE + 1) / PER_WAVE
+        wave = [0.5 - 0.5 * cos(2.0 * math.pi * k / PER_WAVE) for k in range(PER_WAVE)]
+        side = np.stack([start + length * turns, height * np.resize(wave, len(turns))], axis=1)
+        points = both_sides(side, side)
+        return cls(points.tolist(), friction, restitution)
 
     @classmethod
-    def of(cls, points: Any, friction: float = 0.8, restitution: float = 0.0) -> Terrain:
-        """From points in any form, such as an array (n, 2), m."""
-        return cls(points, friction, restitution)
+    def stairs(
+        cls,
+        rise: float = 0.03,
+        tread: float = 0.4,
+        start: float = START,
+        reach: float = REACH,
+        *,
+        friction: float = 0.8,
+        restitution: float = 0.0,
+    ) -> Terrain:
+        """Stairs that rise towards +x for ``rise`` > 0, with a landing around the origin.
+
+        The faces of all steps are 75 degrees steep, as x must increase: see ``docs/terrain.md``.
+
+        Args:
+            rise: m, of each step. tread: m, from step to step.
+            start, reach: m, half the landing but for half a tread, and where the stairs end on
+                either side; level beyond.
+        """
+        rise = within("rise", rise, -TALLEST, TALLEST)
+        tread = _room("tread", tread, rise)
+        start, count = layout(start, reach, tread)
+        steps = np.arange(count, dtype=np.float64)
+        heights = rise * (steps + 1.0)
+        edges = start + 0.5 * tread + tread * steps
+        points = both_sides(treads(edges, heights), treads(edges, -heights))
+        return cls(points.tolist(), friction, restitution)
+
+    @classmethod
+    def steps(
+        cls,
+        rng: Random,
+        height: float = 0.03,
+        spacing: float = 0.5,
+        start: float = START,
+        reach: float = REACH,
+        *,
+        friction: float = 0.8,
+        restitution: float = 0.0,
+    ) -> Terrain:
+        """Level pieces of random heights and lengths, with steps between them.
+
+        Args:
+            rng: the generator that they are drawn from.
+            height: m; the pieces' are uniform in +- height / 2, so that no step is higher.
+            spacing: m, the mean length of a piece; lengths are uniform in 0.5 to 1.5 times that.
+            start, reach: m from the origin, where they begin and about where they end, on both
+                sides; level before and beyond.
+        """
+        instance("rng", rng, np.random.Generator)
+        height = within("height", height, 0.0, TALLEST)
+        spacing = 2.0 * _room("spacing / 2", 0.5 * finite("spacing", spacing), height)
+        start, count = layout(start, reach, spacing)
+        lengths = uniform(rng, 0.5 * spacing, 1.5 * spacing, (2, count))
+        edges = start + np.cumsum(lengths, axis=1)
+        heights = uniform(rng, -0.5 * height, 0.5 * height, (2, count))
+        points = both_sides(treads(edges[0], heights[0]), treads(edges[1], heights[1]))
+        return cls(points.tolist(), friction, restitution)
+
+    @classmethod
+    def stumps(
+        cls,
+        height: float = 0.03,
+        width: float = 0.2,
+        spacing: float = 1.0,
+        start: float = START,
+        reach: float = REACH,
+        *,
+        friction: float = 0.8,
+        restitution: float = 0.0,
+    ) -> Terrain:
+        """Blocks on level ground on both sides of the origin, or ditches for ``height`` < 0.
+
+        Args:
+            height, width: m, of a block. spacing: m, from one to the next.
+            start, reach: m from the origin, where the ground begins, half a gap before the first
+                block, and where it ends; level beyond.
+        """
+        height = within("height", height, -TALLEST, TALLEST)
+        width = _room("width", width, height)
+        gap = _room("spacing - width", finite("spacing", spacing) - width, height)
+        start, count = layout(start, reach, width + gap)
+        edges = np.empty(2 * count)
+        edges[0::2] = start + 0.5 * gap + (width + gap) * np.arange(count)
+        edges[1::2] = edges[0::2] + width
+        side = treads(edges, np.tile([height, 0.0], count))
+        points = both_sides(side, side)
+        return cls(points.tolist(), friction, restitution)
+
+    @classmethod
+    def ramps(
+        cls,
+        angle: float = 0.1,
+        length: float = 0.8,
+        start: float = START,
+        reach: float = REACH,
+        *,
+        friction: float = 0.8,
+        restitution: float = 0.0,
+    ) -> Terrain:
+        """Ramps up and down with level pieces between them, on both sides of the origin.
+
+        Args:
+            angle: rad; below 0 they go down first. length: m in x, of a ramp and a level piece.
+            start, reach: m from the origin, where they begin and end; level beyond.
+        """
+        angle, length = within("angle", angle, -MAX_SLOPE, MAX_SLOPE), positive("length", length)
+        start, count = layout(start, reach, 4.0 * length)
+        side = np.empty((4 * count, 2))
+        side[:, 0] = start + length * np.arange(4 * count)
+        side[:, 1] = np.tile([0.0, 1.0, 1.0, 0.0], count) * length * tan(angle)
+        points = both_sides(side, side)
+        return cls(points.tolist(), friction, restitution)
 
     @property
     def polyline(self) -> Array:

@@ -213,6 +213,11 @@ class EpisodeParameters:
         terrain = None
         if generator is not None:
             terrain = generator(rng, round(float(numbers["terrain_level"])))
+            if not isinstance(terrain, Terrain):
+                raise ValueError(
+                    f"terrain generator {shown(generator)} returned {shown(terrain)}, must be a "
+                    "Terrain"
+                )
             for name, fixed in self._fixed.items():
                 if not fixed[i] and name not in (*randomization, *given):
                     numbers[name] = getattr(terrain, name)

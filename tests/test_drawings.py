@@ -42,10 +42,9 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 def points_of(drawing):
     """Centres of holes and of crosses."""
-    circles = [complex(*one.dxf.center.vec2) for one in drawing.modelspace().query("CIRCLE")]
+    circles = [complex(*circle.dxf.center.vec2) for circle in drawing.modelspace().query("CIRCLE")]
     marks = drawing.modelspace().query('LWPOLYLINE[layer=="MARK"]')
-    middles = [sum(complex(x, y) for x, y in one.get_points("xy")) / 2 for one in marks]
-    return circles, middles
+    return circles, [sum(complex(x, y) for x, y in mark.get_points("xy")) / 2 for mark in marks]
 
 
 @pytest.mark.parametrize("name", OTHER_LINKS)
@@ -58,19 +57,19 @@ def test_the_drawing_read_back_has_the_lengths_of_the_links(name):
             pair: 1e3 * robot.body(link).distance(*pair)
             for pair in itertools.combinations(range(len(joints)), 2)
         }
-        found = itertools.permutations(circles + crosses[::2], len(joints))
+        orders = itertools.permutations(circles + crosses[::2], len(joints))
         assert any(
             all(abs(abs(z[j] - z[i]) - length) < 0.01 for (i, j), length in wanted.items())
-            for z in found
+            for z in orders
         ), link
         root = ET.fromstring(to_svg([part]))
         size = part.outline.box[1]
         assert root.get("width") == f"{size.real:.3f}mm"
         assert root.get("viewBox") == f"0 0 {size.real:.3f} {size.imag:.3f}"
-        drawn = [complex(float(one.get("cx")), size.imag - float(one.get("cy")))
-                 for one in root.iter(f"{SVG}circle")]  # fmt: skip
+        drawn = [complex(float(circle.get("cx")), size.imag - float(circle.get("cy")))
+                 for circle in root.iter(f"{SVG}circle")]  # fmt: skip
         np.testing.assert_allclose(drawn, circles, atol=1e-3)
-        assert {one.get("id") for one in root} == {"CUT", "ENGRAVE", "MARK"}
+        assert {group.get("id") for group in root} == {"CUT", "ENGRAVE", "MARK"}
 
 
 @pytest.mark.parametrize("name", OTHER_LINKS)
@@ -82,28 +81,25 @@ def test_holes_and_names_have_material_around_them(name):
         for hole in part.holes:
             z = np.array(hole.corners)
             assert gap(corners, z) + hole.radius + WALL <= part.outline.radius + 1e-9
-            for other in (*part.windows, *(one for one in part.holes if one is not hole)):
+            for other in (*part.windows, *(other for other in part.holes if other is not hole)):
                 room = gap(np.array(other.corners), z) - other.radius - hole.radius
                 assert room > WALL - 1e-9, part.name
         drawing = ezdxf.read(io.StringIO(to_dxf([part]))).modelspace()
-        points = [z for one in drawing.query('LWPOLYLINE[layer=="ENGRAVE"]')
-                  for z in one.get_points("xy")]  # fmt: skip
+        points = [z for letter in drawing.query('LWPOLYLINE[layer=="ENGRAVE"]')
+                  for z in letter.get_points("xy")]  # fmt: skip
         letters = np.array(points) @ [[1], [1j]]
         assert len(letters) > 10
-        assert (
-            gap(np.broadcast_to(corners, (len(letters), len(corners))), letters)
-            < part.outline.radius - 1.0
-        ).all()
-        for one in (*part.windows, *part.holes):
-            assert (gap(np.array([one.corners]), letters) > one.radius).all()
+        rim = np.broadcast_to(corners, (len(letters), len(corners)))
+        assert (gap(rim, letters) < part.outline.radius - 1.0).all()
+        for shape in (*part.windows, *part.holes):
+            assert (gap(np.array([shape.corners]), letters) > shape.radius).all()
 
 
 @pytest.mark.parametrize("name", ["paper", "holy", "built"])
 def test_parts_weigh_what_the_model_says(name):
     """Holes, hub screws and round corners, which the model leaves out, are 4 % at most."""
-    robot, parts = DESIGNS[name], {}
-    for part in cut_parts(robot):
-        parts[part.name] = part.mass
+    robot = DESIGNS[name]
+    parts = {part.name: part.mass for part in cut_parts(robot)}
     for part in bill_of_materials(robot)[: len(robot.bodies)]:
         assert parts[part.name] == pytest.approx(part.each, rel=0.04), part.name
 
@@ -130,14 +126,14 @@ def test_sheets_hold_all_parts_and_none_overlaps_another(name):
     number = counts(robot)
     parts = [part for part in cut_parts(robot) for _ in range(number[part.name])]
     sheets = nest(parts, sheet)
-    laid = [part.name for one in sheets for part in one]
-    assert sorted(laid) == sorted(part.name for part in parts)
-    for one in sheets:
-        for part in one:
+    names = [part.name for laid in sheets for part in laid]
+    assert sorted(names) == sorted(part.name for part in parts)
+    for laid in sheets:
+        for part in laid:
             low, high = part.outline.box
             assert min(low.real, low.imag) > MARGIN - 1e-6
             assert min((sheet - high).real, (sheet - high).imag) > MARGIN - 1e-6
-        for a, b in itertools.combinations(one, 2):
+        for a, b in itertools.combinations(laid, 2):
             apart = gap(np.array(a.outline.corners), np.array(b.outline.corners))
             assert apart > a.outline.radius + b.outline.radius + MARGIN - 1e-6
 
@@ -145,16 +141,14 @@ def test_sheets_hold_all_parts_and_none_overlaps_another(name):
 def test_distances_between_polygons(rng):
     """Those of many points in them, which are never nearer and at last as near."""
     for count, more in itertools.product((1, 2, 3), repeat=2):
-        one, other = (
+        pair = [
             rng.normal(size=(300, n)) + 1j * rng.normal(size=(300, n)) + shift
             for n, shift in ((count, 0.0), (more, 1.5))
-        )
-        shares = [rng.dirichlet(np.full(n, 0.4), 60).T for n in (count, more)]
-        inside = [z @ share for z, share in zip((one, other), shares, strict=True)]
+        ]
+        inside = [z @ rng.dirichlet(np.full(z.shape[1], 0.4), 60).T for z in pair]
         nearest = abs(inside[0][:, :, None] - inside[1][:, None, :]).min(axis=(1, 2))
-        found = gap(one, other)
-        assert (found <= nearest + 1e-12).all()
-        assert (nearest - found).max() < 0.8 and (nearest - found).mean() < 0.1
+        beyond = nearest - gap(*pair)
+        assert beyond.min() > -1e-12 and beyond.max() < 0.8 and beyond.mean() < 0.1
 
 
 @pytest.mark.parametrize("name", [
@@ -174,51 +168,49 @@ def test_a_pin_of_a_leg_alone_goes_through_both_frames():
 
 def check_that_nothing_meets(robot):
     """Every half degree: parts that share some z lie apart, and no pin is where a part passes."""
-    placed = layers(robot)
-    assert {(one.leg, one.body) for one in placed} == {
-        (leg, body) for leg in range(len(robot.legs)) for body in range(1, len(robot.bodies) + 1)
-    }
-    psi = np.radians(np.arange(0.0, 360.0, 0.5))
+    placed, bodies = layers(robot), range(1, len(robot.bodies) + 1)
+    drawn = {(item.leg, item.body) for item in placed}
+    assert drawn == {*itertools.product(range(len(robot.legs)), bodies)}
+    psi, end = np.radians(np.arange(0.0, 360.0, 0.5)), placed[-1].top
     axis, pin = robot.linkage.bodies[CRANK - 1][1][:2]
     at = [joint_positions(robot, leg.side, psi + leg.phase) @ [1e3, 1e3j] for leg in robot.legs]
-    indices = {joint: k for k, joint in enumerate(robot.linkage.joints)}
-    pinned = {one.joint for one in robot.linkage.pins}
+    pinned = {pin.joint for pin in robot.linkage.pins} - {axis}
 
-    def places(one):
-        return at[one.leg][:, [indices[joint] for joint in one.part.joints]]
+    def places(leg, joints):
+        return at[leg][:, [robot.linkage.joints.index(joint) for joint in joints]]
 
-    def corners(one):
-        return carried(one.part, one.part.outline.corners, places(one), robot.legs[one.leg].side)
+    def corners(item):
+        joints, side = places(item.leg, item.part.joints), robot.legs[item.leg].side
+        return carried(item.part, item.part.outline.corners, joints, side)
 
-    faces = [(one.z, one.z + one.part.thickness) for one in placed]
-    for (one, (low, high)), (other, (bottom, top)) in itertools.combinations(
-        zip(placed, faces, strict=True), 2
-    ):
-        if bottom < high and low < top:
-            apart = gap(corners(one), corners(other)).min()
-            assert apart > one.part.outline.radius + other.part.outline.radius + 0.5
-    end, discs = placed[-1].z + placed[-1].part.thickness, []
+    for item, other in itertools.combinations(placed, 2):
+        if other.z < item.top and item.z < other.top:
+            apart = gap(corners(item), corners(other)).min()
+            assert apart > item.part.outline.radius + other.part.outline.radius + 0.5
+    discs = []  # leg, joint, both ends, radius
     for unit, legs in enumerate(units(robot)):
-        own = [(one, face) for one, face in zip(placed, faces, strict=True) if one.unit == unit]
-        webs = [face for one, face in own if one.body == CRANK]
-        for ends in ((own[0][1][0], webs[0][1]), (webs[1][0], own[-1][1][1])):
-            discs.append((legs[0], axis, ends, HUB))
-        for leg, joint in itertools.product(legs, pinned - {axis}):
-            on = [face for one, face in own
-                  if joint in one.part.joints and (one.leg == leg or joint == pin)]  # fmt: skip
-            discs.append((leg, joint, (min(on)[0] - HEAD, max(on)[1] + HEAD), SPACER))
-        for one, (low, high) in own:
-            tread = (low + high - 30.0) / 2, (low + high + 30.0) / 2
-            discs += [(one.leg, toe, tread, 20.0) for toe in feet_of(robot, one.body)]
-            discs += [(one.leg, joint, (0.0, end), TUBE) for joint in one.through]
-    for leg, joint, (low, high), radius in discs:
-        z, side = at[leg][:, [indices[joint]]], robot.legs[leg].side
-        for one, (bottom, top) in zip(placed, faces, strict=True):
-            alike = robot.legs[one.leg].side == side if radius == TUBE else one.leg == leg
-            shared = joint in one.part.joints and (alike or joint in (axis, pin))
-            if bottom < high and low < top and not shared:
-                apart = gap(corners(one), z).min() - one.part.outline.radius
-                assert apart > radius, (joint, one.part.name)
+        parts = [item for item in placed if item.unit == unit]
+        first, last = (item for item in parts if item.body == CRANK)
+        discs.append((legs[0], axis, parts[0].z, first.top, HUB))
+        discs.append((legs[0], axis, last.z, parts[-1].top, HUB))
+        for leg, joint in itertools.product(legs, pinned):
+            on = [item for item in parts
+                  if joint in item.part.joints and (item.leg == leg or joint == pin)]  # fmt: skip
+            ends = min(item.z for item in on) - HEAD, max(item.top for item in on) + HEAD
+            discs.append((leg, joint, *ends, SPACER))
+        for item in parts:
+            middle = (item.z + item.top) / 2
+            discs += [(item.leg, toe, middle - 15.0, middle + 15.0, 20.0)
+                      for toe in feet_of(robot, item.body)]  # fmt: skip
+            discs += [(item.leg, joint, 0.0, end, TUBE) for joint in item.through]
+    for leg, joint, low, high, radius in discs:
+        side = robot.legs[leg].side
+        for item in placed:
+            alike = robot.legs[item.leg].side == side if radius == TUBE else item.leg == leg
+            shared = joint in item.part.joints and (alike or joint in (axis, pin))
+            if item.z < high and low < item.top and not shared:
+                apart = gap(corners(item), places(leg, joint)).min() - item.part.outline.radius
+                assert apart > radius, (joint, item.part.name)
 
 
 def test_a_search_that_finds_no_order_ends(monkeypatch):
@@ -238,7 +230,7 @@ def test_legs_of_any_phases_have_webs_of_their_own():
     robot = replace(built_robot(), legs=(Leg("fore"), Leg("back", 0.3), Leg("fore", 2.0)))
     assert units(robot) == [(0,), (1,), (2,)]
     placed = layers(robot)
-    webs = [one for one in placed if one.body == CRANK]
+    webs = [item for item in placed if item.body == CRANK]
     assert len(webs) == counts(robot)["crank"] == 6
     shafts = [part for part in hardware(robot, placed) if part.name == "shaft, at O"]
     assert sum(part.number for part in shafts) == 4
@@ -261,28 +253,28 @@ def test_the_table_of_materials_adds_up_to_the_robot(phases):
 def test_files_are_the_same_every_time(tmp_path, capsys):
     """In another process too, where sets have another order."""
     arguments = ["built", "--sheet", "1000x500", "--out"]
-    command.main([*arguments, str(tmp_path / "one")])
+    first, second = tmp_path / "first", tmp_path / "second"
+    command.main([*arguments, str(first)])
     printed = capsys.readouterr().out
     assert "37 parts to cut; the machine weighs 5.21 kg" in printed and "warning" not in printed
-    again = [sys.executable, "-m", "jansen_env", "drawings", *arguments, str(tmp_path / "two")]
+    again = [sys.executable, "-m", "jansen_env", "drawings", *arguments, str(second)]
     subprocess.run(again, check=True, env=os.environ | {"PYTHONHASHSEED": "1"})
-    for file in (tmp_path / "one").rglob("*.*"):
-        other = tmp_path / "two" / file.relative_to(tmp_path / "one")
-        both = [path.read_bytes() for path in (file, other)]
-        if file.suffix == ".dxf":  # ezdxf lists what it registers in the order of a set
-            both = [b"".join(sorted(text.splitlines())) for text in both]
-        assert both[0] == both[1], file
-    first = {path.relative_to(tmp_path / "one"): path for path in (tmp_path / "one").rglob("*.*")}
-    assert {str(path) for path in first} >= {
+    files = {str(path.relative_to(first)) for path in first.rglob("*.*")}
+    for file in files:
+        texts = [(folder / file).read_bytes() for folder in (first, second)]
+        if file.endswith(".dxf"):  # ezdxf lists what it registers in the order of a set
+            texts = [b"".join(sorted(text.splitlines())) for text in texts]
+        assert texts[0] == texts[1], file
+    assert files >= {
         "assembly.svg", "materials.csv", "parts/foot.dxf", "parts/foot.svg", "sheets/4mm_1.dxf",
         "sheets/6mm_1.svg",
     }  # fmt: skip
-    drawing = ezdxf.readfile(tmp_path / "one" / "sheets" / "6mm_1.dxf")
+    drawing = ezdxf.readfile(first / "sheets" / "6mm_1.dxf")
     assert drawing.units == ezdxf.units.MM
     assert not ezdxf.audit.Auditor(drawing).run()
-    root = ET.parse(tmp_path / "one" / "sheets" / "6mm_1.svg").getroot()
+    root = ET.parse(first / "sheets" / "6mm_1.svg").getroot()
     assert (root.get("width"), root.get("height")) == ("1000.000mm", "500.000mm")
-    assert ET.parse(tmp_path / "one" / "assembly.svg").getroot().tag == f"{SVG}svg"
+    assert ET.parse(first / "assembly.svg").getroot().tag == f"{SVG}svg"
 
 
 def test_a_robot_file_is_drawn_under_its_own_name(tmp_path, monkeypatch, capsys):
@@ -307,8 +299,8 @@ def test_the_machine_that_would_be_cut_is_a_robot(name, tmp_path, capsys):
     psi = np.linspace(0.0, 6.0, 7)
     assert np.allclose(toe_positions(cut, psi), toe_positions(robot, psi), atol=1e-12)
     if name == "built":
-        for one, other in zip(cut.bodies, robot.bodies, strict=True):
-            assert one.inertia == pytest.approx(other.inertia, rel=0.05)
+        inertias = [[body.inertia for body in machine.bodies] for machine in (cut, robot)]
+        assert inertias[0] == pytest.approx(inertias[1], rel=0.05)
         assert cut.pad_compliance == robot.pad_compliance
     make_env("JansenWalker-v0", {"robot": str(path)}).reset(seed=0)
 

@@ -12,12 +12,10 @@ import pytest
 
 from jansen_env.commands import paper as command
 from jansen_env.dynamics.inverse import crank_torque
-from jansen_env.dynamics.projection import constraints
 from jansen_env.paper import claims, errata, fixed_model, free_walk, toes
 from jansen_env.paper.interpretations import mean_loss
 from jansen_env.paper.results import FRICTIONS, LOADS, Results, compute
 from jansen_env.robot import JANSEN, holy_numbers_robot, paper_robot
-from jansen_env.robot.kinematics import coordinates
 
 DOCS = Path(__file__).parents[2] / "docs" / "paper.md"
 VERDICTS = {
@@ -136,13 +134,6 @@ def test_frame_pairs_at_the_pivot():
     assert both == pytest.approx(four + five - listed, rel=1e-12)
 
 
-def test_toe_paths_are_mirror_images():
-    """The mirrored fore leg fulfils the back leg's constraints to rounding; itself it does not."""
-    robot = paper_robot()
-    assert toes.mirror_error(robot) < 1e-14
-    assert np.abs(constraints(robot, "back", coordinates(robot, "fore", 1.0))).max() > 0.01
-
-
 def test_standing_toes_part(results):
     support = results.support
     assert np.sort(support.zeros()) == pytest.approx(0.5 * math.pi * np.arange(1, 5), abs=2e-3)
@@ -227,16 +218,6 @@ def test_odd_numbers_of_phases_interleave(results):
     assert back == pytest.approx(
         np.roll(np.roll(fore[::-1], 1), 120), abs=1e-12
     )  # half a period on
-
-
-def test_constraint_forces_are_the_projections(results):
-    for k in (0, 400, 999):
-        run = results.run
-        p = fixed_model.fixed_base_projection(
-            paper_robot(), run.angle[k], run.speed[k], run.torque[k]
-        )
-        expected = p.constraint_forces().reshape(4, 8, 3)[0]
-        assert results.forces[k] == pytest.approx(expected, abs=1e-12)
 
 
 def test_loads_of_the_walking_robot(results):

@@ -4,7 +4,6 @@ import json
 import math
 from dataclasses import replace
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -102,14 +101,6 @@ def test_a_robot_file_may_be_a_design_with_other_lengths(tmp_path):
     ):
         with pytest.raises(ValueError, match=message):
             robot_from_json({**content, **wrong})
-
-
-def test_an_environment_takes_a_robot_file(tmp_path):
-    """By its path, of an episode as of the robot itself."""
-    robot = with_lengths(ROBOTS["built"](), {"rocker": 0.24})
-    path = write_robot(tmp_path / "own.json", robot)
-    with gym.make("JansenWalkerBuilt-v0", robot=str(path)) as env:
-        assert env.unwrapped.plant.robot == robot
 
 
 @pytest.mark.parametrize(

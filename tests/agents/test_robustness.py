@@ -46,27 +46,20 @@ def test_conditions_are_what_they_are_called(few):
 
 
 def test_robustness_command(few, tmp_path, capsys):
+    """Each policy on each plant under each condition; fewer episodes on the slow plant."""
     evaluate.main([
         "--robustness", "--policy", "pid", "--policy", "profile", "--plant", "projection",
         "--plant", "rigid_body", "--episodes", "3", "--env-kwargs", "{max_episode_steps: 4}",
         "--out", str(tmp_path),
     ])  # fmt: skip
-    found = json.loads((tmp_path / "robustness.json").read_text())
-    assert {sweep: list(own) for sweep, own in found.items()} == {
-        "friction": ["0.3", "0.8"], evaluate.FEET: ["20", "rigid"]
-    }  # fmt: skip
-    for own in (one for sweep in found.values() for one in sweep.values()):
-        assert [one["episodes"] for one in own.values()] == [3, 3, 1, 1]
-        assert own["pid on projection"]["overall"]["falls"] == [
-            0.0,
-            0.0,
-            pytest.approx(0.7076, 1e-3),
-        ]
+    sweeps = json.loads((tmp_path / "robustness.json").read_text())
+    conditions = {sweep: [*scores] for sweep, scores in sweeps.items()}
+    assert conditions == {"friction": ["0.3", "0.8"], evaluate.FEET: ["20", "rigid"]}
+    for scores in (scores for sweep in sweeps.values() for scores in sweep.values()):
+        assert [score["episodes"] for score in scores.values()] == [3, 3, 1, 1]
     printed = capsys.readouterr().out
     assert "| friction 0.3 " in printed and "[" not in printed
-    table = (tmp_path / "robustness.md").read_text()
-    assert "| friction 0.3, pid on projection " in table
-    assert "| foot stiffness (kN/m) rigid, profile on rigid_body " in table
+    assert "| friction 0.3, pid on projection " in (tmp_path / "robustness.md").read_text()
     assert (tmp_path / "robustness.png").stat().st_size > 10_000
 
 

@@ -91,12 +91,6 @@ def test_of_equal_models_the_first_is_kept(tmp_path, returns, capsys):
     assert capsys.readouterr().out.count("(the best so far)") == 1
 
 
-def test_damaged_evaluations_are_named(tmp_path):
-    (tmp_path / "evaluations.json").write_text("[{}]")
-    with pytest.raises(ValueError, match="must be a list of evaluations"):
-        runs.read_evaluations(tmp_path)
-
-
 def test_finished_run_stays_as_it_is(tmp_path, returns, monkeypatch, capsys):
     """Resumed with nothing left to train it is scored only; with more steps it goes on."""
     monkeypatch.setattr(train, "score_run", lambda *given: {})
@@ -122,12 +116,6 @@ def test_last_state_is_the_one_of_most_steps(tmp_path):
         model.num_timesteps = 10 if name == runs.FINAL else int(name.split("_")[1])
         training_state.save_model(model, tmp_path / name, {})
         assert runs.last_state(tmp_path) == tmp_path / name
-
-
-def test_a_damaged_final_model_is_named(tmp_path):
-    (tmp_path / runs.FINAL).write_bytes(b"half")
-    with pytest.raises(ValueError, match=f"{runs.FINAL} is no Stable-Baselines3 model"):
-        runs.last_state(tmp_path)
 
 
 def test_bad_replay_buffers_are_refused(tmp_path):

@@ -142,14 +142,6 @@ def test_what_is_refused():
             make_vec_env(ENV, 2, env_kwargs={}, variants=variants)
 
 
-def test_ground_from_points():
-    points = [[-1.0, 0.0], [0.2, 0.05], [1.0, 0.0]]
-    venv = make_vec_env(ENV, 2, env_kwargs={"terrain": points})
-    assert venv.get_attr("terrain") == [Terrain(points)] * 2
-    venv = make_vec_env(ENV, 2, env_kwargs={}, variants=[{"terrain": points}, {}])
-    assert venv.get_attr("terrain") == [Terrain(points), Terrain.flat()]
-
-
 def test_what_cannot_move_together_takes_turns():
     assert can_be_batched(ENV, {"friction": 0.5}, [{"payload": 1.0}, {}])
     assert not can_be_batched(ENV, {"plant": "rigid_body"})

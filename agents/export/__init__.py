@@ -18,7 +18,7 @@ from agents.export import c_source, onnx_model
 from agents.pack import TOLERANCE, from_run, random_observations
 from jansen_env.baselines.policy import Array
 from jansen_env.commands.flags import Parser, env_id
-from jansen_env.commands.named_policies import ALIASES, SHIPPED
+from jansen_env.commands.named_policies import shipped_file
 from jansen_env.files import write_bytes
 from jansen_env.policies import pretrained
 from jansen_env.policies.pretrained import PretrainedPolicy
@@ -30,9 +30,8 @@ CASES = 10_000  # observations on which is compared
 
 def read(run: str, env_id: str | None = None) -> tuple[PretrainedPolicy, str]:
     """Return the policy and the name of what :func:`export` is given."""
-    name = ALIASES.get(run, run)
-    if name.startswith(SHIPPED):
-        run = str(pretrained.shipped(env_id or DEFAULT, name.removeprefix(SHIPPED)))
+    if (file := shipped_file(run, env_id or DEFAULT)) is not None:
+        run = str(file)
     elif env_id is not None:
         raise ValueError(f"--env is {env_id}, but {run} says itself what it was trained on")
     if Path(run).suffix == ".json":

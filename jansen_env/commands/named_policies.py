@@ -16,8 +16,6 @@ from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.rollout import EnvKwargs, make_env
 from jansen_env.tasks.walking.profile import load_profile
 
-ALIASES = {"pid-paper": "pid", "pretrained": f"pretrained:{pretrained.DEFAULT}"}
-SHIPPED = "pretrained:"  # before the name of a policy that comes with the package
 SEARCHED = "profile:"  # before the file of a profile that a search has found
 
 Loaded: TypeAlias = list[tuple[dict[str, Policy], EnvKwargs]]
@@ -30,6 +28,14 @@ def default_policy(env_id: str) -> str:
     return "pretrained" if trained else next(iter(find_benchmark(env_id).baselines))
 
 
+def shipped_file(name: str, env_id: str) -> Path | None:
+    """Return the file of ``"pretrained"`` or ``"pretrained:NAME"``; None for another name."""
+    word, _, policy = name.partition(":")
+    return (
+        pretrained.shipped(env_id, policy or pretrained.DEFAULT) if word == "pretrained" else None
+    )
+
+
 def load_named(name: str, env: Any) -> Policy:
     """Load a policy for ``env``.
 
@@ -39,15 +45,13 @@ def load_named(name: str, env: Any) -> Policy:
     Raises:
         ValueError: there is none of this name, or it does not fit the environment.
     """
-    env_id, full_name, path = env.spec.id, ALIASES.get(name, name), Path(name)
-    baselines = find_benchmark(env_id).baselines
-    if full_name in baselines:
-        return baselines[full_name](env.unwrapped)
-    if full_name.startswith(SHIPPED):
-        path = pretrained.shipped(env_id, full_name.removeprefix(SHIPPED))
-    elif full_name.startswith(SEARCHED):
-        return load_profile(full_name.removeprefix(SEARCHED), "found").policy(env.unwrapped)
-    elif not path.exists():
+    env_id = env.spec.id
+    baselines, path = find_benchmark(env_id).baselines, shipped_file(name, env_id) or Path(name)
+    if name in baselines:
+        return baselines[name](env.unwrapped)
+    if name.startswith(SEARCHED):
+        return load_profile(name.removeprefix(SEARCHED), "found").policy(env.unwrapped)
+    if not path.exists():
         raise ValueError(
             f"policy is {name!r}, no run's folder, model's zip file or policy's json file: must be "
             f"one of {listed([*baselines, 'pretrained'], name)}"
@@ -95,7 +99,7 @@ def labels(names: list[str]) -> list[str]:
     Raises:
         ValueError: a policy is given twice.
     """
-    policies = [model_file(name) or ALIASES.get(name, name) for name in names]
+    policies = [model_file(name) or name for name in names]
     for policy, name in zip(policies, names, strict=True):
         if (times := policies.count(policy)) > 1:
             raise ValueError(f"policy {name!r} is given {times} times, must be once")

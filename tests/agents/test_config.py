@@ -146,7 +146,6 @@ def test_policies_keep_labels_of_their_own(tmp_path, monkeypatch):
         ["pid", "pid"],
         [first, f"./{first}"],
         [first, f"{first}/best_model.zip"],
-        ["pid", "pid-paper"],
     ):
         with pytest.raises(ValueError, match="is given 2 times"):
             named_policies.labels(twice)

@@ -32,7 +32,7 @@ REFUSED = {
     ],
     (replay,): [
         (["--policy", "pid"] * 3, "are given 3 times"),
-        (["--policy", "pid", "--policy", "pid-paper"], "is given 2 times"),
+        (["--policy", "pid", "--policy", "pid"], "is given 2 times"),
         (["--policy", "nobody"], "policy is 'nobody', no run's folder"),
         (["--policy", "pid", "--command", "9"], "9.0"),
         (["--policy", "pid", "--out", "walk.htm"], "must end in .html"),

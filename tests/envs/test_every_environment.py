@@ -1,5 +1,8 @@
 """What holds for every registered environment: checkers, the same seed, one like many, pages."""
 
+import copy
+import json
+import pickle
 import warnings
 from pathlib import Path
 
@@ -12,6 +15,7 @@ from side_by_side import compare
 from stable_baselines3.common.env_checker import check_env as check_for_sb3
 
 from agents.training.config import shipped_config
+from agents.training.training_state import plain
 from jansen_env.sb3 import make_vec_env
 from jansen_env.sb3.run_config import load_config
 from jansen_env.scoring.benchmarks import BENCHMARKS, vector_env
@@ -83,6 +87,86 @@ def test_the_same_seed_gives_the_same_episode(env_id):
     assert not np.array_equal(episode(env, 4), first)
     np.testing.assert_array_equal(episode(env, 3), first)
     np.testing.assert_array_equal(episode(other, 3), first)
+
+
+def walk(env, steps=60, seed=0):
+    """Observations and rewards of random actions."""
+    rng, rows = np.random.default_rng(seed), []
+    for _ in range(steps):
+        observation, reward, *ends, _ = env.step(rng.uniform(-0.4, 0.8, 1).astype(np.float32))
+        rows.append(np.append(observation, reward))
+        if any(ends):
+            env.reset()
+    return np.array(rows)
+
+
+@pytest.mark.parametrize(
+    ("env_id", "each", "share"), [("JansenWalker-v0", 1e-3, 1e-3), ("JansenCrank-v0", 1e-7, 1e-6)]
+)
+def test_energy_balances_in_every_step(env_id, each, share):
+    """The account is closed to 1e-12, its residual small, J, under random hard torque."""
+    env, rng, missed, worked = gym.make(env_id), np.random.default_rng(1), 0.0, 0.0
+    env.reset(seed=0)
+    for _ in range(1000):
+        _, _, terminated, truncated, info = env.step(rng.uniform(-0.5, 1, 1).astype(np.float32))
+        energy = {**info["energy"]}
+        del energy["electrical_work"]
+        work, residual = energy.pop("motor_work"), energy["residual"]
+        put_in = work + energy.pop("push_work", 0.0) + energy.pop("correction_work", 0.0)
+        assert put_in == pytest.approx(sum(energy.values()), abs=1e-12)
+        assert abs(residual) < each and energy["joint_loss"] >= 0.0
+        assert energy.get("slip_loss", 0.0) >= 0.0
+        missed, worked = missed + abs(residual), worked + abs(work)
+        if terminated or truncated:
+            env.reset()
+    assert worked > 5.0 and missed < share * worked
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_states_copies_and_pickles_go_on_bit_for_bit(env_id):
+    """Through JSON into another environment, deepcopy and pickle, and into a robot of a batch."""
+    env, other = gym.make(env_id).unwrapped, gym.make(env_id).unwrapped
+    env.reset(seed=5), other.reset(seed=99)
+    last = walk(env)[-1, :-1].astype(np.float32)
+    state = json.loads(json.dumps(plain(env.get_state())))
+    assert (other.set_state(state) == last).all()
+    batch = gym.make_vec(env_id, 3).unwrapped
+    batch.reset(seed=8)
+    assert (batch.set_state(1, state) == last).all()
+    action = np.full((3, 1), 0.3, np.float32)
+    copies = copy.deepcopy(batch), pickle.loads(pickle.dumps(batch))
+    others = other, copy.deepcopy(env), pickle.loads(pickle.dumps(env))
+    seen, rewards, *_ = batch.step(action)
+    for many in copies:
+        again = many.step(action)
+        assert (again[0] == seen).all() and (again[1] == rewards).all()
+    for one in (env, *others):
+        observation, reward, *_ = one.step(action[1])
+        assert (observation == seen[1]).all() and reward == rewards[1]
+    expected, start = walk(env, 100, seed=6), env.reset()[0]
+    for one in others:
+        assert (walk(one, 100, seed=6) == expected).all() and (one.reset()[0] == start).all()
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_observations_move_and_share_no_memory(env_id):
+    """No element but a command is constant over 500 random steps; each array is fresh."""
+    env, envs = gym.make(env_id).unwrapped, gym.make_vec(env_id, 2)
+    first, returned = env.reset(seed=0)[0], envs.reset(seed=0)[0]
+    step = envs.step(np.full((2, 1), 0.3, np.float32))
+    arrays = [
+        first,
+        returned,
+        *step[:4],
+        *(a for a in step[4].values() if isinstance(a, np.ndarray)),
+    ]
+    kept = [array.copy() for array in arrays]
+    rows = walk(env, 500)[:, :-1]
+    envs.step(np.ones((2, 1), np.float32))
+    assert all((a == b).all() for a, b in zip(arrays, kept, strict=True))
+    constant = {env.observed[i].name for i in np.flatnonzero(np.ptp(rows, axis=0) < 1e-4)}
+    hidden = {"mean_slip"} if "Hardcore" in env_id else set()
+    assert constant <= {"speed_command", *hidden}
 
 
 def kinds(info):

@@ -1,8 +1,6 @@
 """Robots that move together do what each does alone, and Gymnasium's vector interface around it."""
 
-import copy
 import gc
-import pickle
 import sys
 
 import gymnasium as gym
@@ -106,31 +104,6 @@ def test_a_mask_resets_some():
             ours.reset(options={"reset_mask": bad})
 
 
-def test_masks_may_reset_all_in_turn():
-    env = together(3, AutoresetMode.DISABLED)
-    env.reset(options={"reset_mask": np.array([True, False, True])})
-    with pytest.raises(gym.error.ResetNeeded, match=r"\[1\]"):
-        env.step(np.zeros((3, 1)))
-    env.reset(options={"reset_mask": np.array([False, True, False])})
-    env.step(np.zeros((3, 1)))
-
-
-def test_copies_and_pickles_go_on_bit_for_bit():
-    env = together(32, limit=30, terrain=ROUGH, threads=2)
-    env.reset(seed=3)
-    rng = np.random.default_rng(0)
-    actions = rng.uniform(-1.0, 1.0, (60, 32, 1)).astype(np.float32)
-    for action in actions[:10]:
-        env.step(action)
-    others = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
-    for action in actions[10:]:
-        expected = env.step(action)
-        for other in others:
-            found = other.step(action)
-            assert np.array_equal(found[0], expected[0]) and np.array_equal(found[1], expected[1])
-            same(found[4], expected[4])
-
-
 def test_an_action_that_is_ignored_may_be_anything():
     env = together(2, limit=1)
     env.reset(seed=0)
@@ -168,20 +141,6 @@ def test_information_on_request(mode):
             assert set(asked) - own <= {*keys, *(f"_{key}" for key in keys)}
             same({k: v for k, v in asked.items() if k not in own},
                  {k: full[k] for k in asked if k not in own})  # fmt: skip
-
-
-def test_what_was_returned_is_not_changed_later():
-    env = together(4, AutoresetMode.SAME_STEP, limit=3)
-    env.reset(seed=0)
-    kept = [env.step(np.full((4, 1), 0.5, np.float32)) for _ in range(3)]
-    before = [
-        (o.copy(), r.copy(), i["slip"].copy(), i["x_position"].copy()) for o, r, *_, i in kept
-    ]
-    for _ in range(5):
-        env.step(np.ones((4, 1), np.float32))
-    for (o, r, *_, i), (o2, r2, slip, x) in zip(kept, before, strict=True):
-        assert np.array_equal(o, o2) and np.array_equal(r, r2)
-        assert np.array_equal(i["slip"], slip) and np.array_equal(i["x_position"], x)
 
 
 def test_members_can_be_asked_and_told():

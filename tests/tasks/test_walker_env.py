@@ -1,8 +1,6 @@
 """JansenWalker-v0 as a Gymnasium environment: contract, observation, state, falls, rendering."""
 
-import copy
 import math
-import pickle
 
 import gymnasium as gym
 import numpy as np
@@ -26,18 +24,6 @@ def env():
     made.close()
 
 
-def roll(env, steps, seed=0):
-    """Observations and rewards of seeded random actions."""
-    rng = np.random.default_rng(seed)
-    rows = []
-    for _ in range(steps):
-        obs, reward, terminated, truncated, _ = env.step(rng.uniform(-1, 1, 1).astype(np.float32))
-        rows.append(np.append(obs, reward))
-        if terminated or truncated:
-            env.reset()
-    return np.array(rows)
-
-
 def test_observation_is_the_documented_table(env):
     env.reset(seed=1, options={"speed_command": 0.4})
     for _ in range(20):
@@ -52,15 +38,6 @@ def test_observation_is_the_documented_table(env):
     ]
     assert obs == pytest.approx(np.array(expected, np.float32), abs=1e-6)
     assert info["crank_torque"] == pytest.approx(0.2 * 20.0, rel=1e-6)
-
-
-def test_observations_move_and_share_no_memory(env):
-    """No element but the command is constant over 1000 random steps; each array is fresh."""
-    first, _ = env.reset(seed=0)
-    kept = first.copy()
-    rows = roll(env, 1000)
-    assert np.array_equal(first, kept)
-    assert (np.ptp(rows, axis=0) > 1e-4).all()
 
 
 def test_loads_at_rest_carry_the_weight(env):
@@ -79,42 +56,6 @@ def test_stands_level_at_every_starting_angle():
         assert abs(state[2]) < 0.05
         gap = env.plant.toe_positions()[:, 1] - env.robot.pad_radius
         assert np.sort(gap)[1] < 1e-3  # a second toe is down too
-
-
-def test_state_copies_and_pickles_go_on_bit_for_bit():
-    """get_state/set_state into a fresh environment, deepcopy and pickle, all in mid-walk."""
-    env = JansenWalkerEnv(command_interval=0.3)
-    env.reset(seed=5)
-    roll(env, 60)
-    fresh = JansenWalkerEnv(command_interval=0.3)
-    fresh.reset(seed=99)
-    fresh.set_state(copy.deepcopy(env.get_state()))
-    others = [fresh, copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
-    expected = roll(env, 300, seed=6)
-    for other in others:
-        assert np.array_equal(roll(other, 300, seed=6), expected)
-
-
-def test_energy_balances_in_every_step():
-    """To 1e-3 J in a step of hard random torque (up to 20 N m), and to 0.1 % of the work in all."""
-    env = JansenWalkerEnv()
-    env.reset(seed=0)
-    rng = np.random.default_rng(1)
-    residual, work = 0.0, 0.0
-    for _ in range(1000):
-        _, _, terminated, _, info = env.step(rng.uniform(-1, 1, 1).astype(np.float32))
-        energy = info["energy"]
-        parts = ("joint_loss", "slip_loss", "impact_loss", "mechanical_energy_change", "residual")
-        assert energy["push_work"] == 0.0
-        put_in = energy["motor_work"] + energy["correction_work"]
-        assert put_in == pytest.approx(sum(energy[p] for p in parts), abs=1e-12)
-        assert abs(energy["residual"]) < 1e-3
-        assert min(energy[p] for p in ("joint_loss", "slip_loss")) >= 0.0
-        residual += abs(energy["residual"])
-        work += abs(energy["motor_work"])
-        if terminated:
-            env.reset()
-    assert residual < 1e-3 * work
 
 
 @pytest.mark.parametrize("robot", ["paper", "holy"])
@@ -172,19 +113,12 @@ def test_a_simulation_that_diverges_ends_the_episode(plant):
     assert truncated and not terminated and info["diverged"] and np.isfinite(reward)
     assert np.isfinite(observation).all() and (env.plant.state == before).all()
     assert not info["slip"].any() and info["energy"]["motor_work"] == 0.0
-    _, info = env.reset(seed=0)
-    assert not info["diverged"]
-    *_, truncated, info = env.step(np.array([0.0], np.float32))
-    assert not truncated and not info["diverged"]
-
-
-def test_reset_options():
-    env = JansenWalkerEnv()
-    obs, info = env.reset(seed=0, options={"speed_command": 0.3, "crank_angle": 1.0})
-    assert info["speed_command"] == 0.3 and obs[SEES["speed_command"]] == np.float32(0.3)
-    assert info["crank_angle"] == 1.0
-    with pytest.raises(ValueError, match="sped_command"):
-        env.reset(options={"sped_command": 0.3})
+    state = env.get_state()
+    for begin in (lambda: env.reset(seed=0), lambda: env.set_state(state)):
+        begin()
+        assert not env.task.world.truncated.any() and not env.task.world.plant.diverged.any()
+        *_, truncated, info = env.step(np.array([0.0], np.float32))
+        assert not truncated and not info["diverged"]
 
 
 @pytest.mark.parametrize("robot", [*sorted(jansen_env.ROBOTS), jansen_env.paper_robot(3)])
@@ -269,16 +203,3 @@ def test_it_can_be_played(env_id):
     play(env, callback=callback, fps=1000)
     assert torques[:2] == [0.0, 0.0] and torques[-1] == env.unwrapped.torque_limit
     assert env.unwrapped.dt == env.unwrapped.control_dt
-
-
-def test_parameters_can_be_changed():
-    env = JansenWalkerEnv()
-    env.set_parameters(friction=0.3, restitution=0.2, payload=1.5, speed_command=0.4)
-    other = JansenWalkerEnv(friction=0.3, restitution=0.2, payload=1.5, speed_command=0.4)
-    assert np.array_equal(env.reset(seed=3)[0], other.reset(seed=3)[0])
-    for _ in range(20):
-        assert env.step(np.ones(1))[1] == other.step(np.ones(1))[1]
-    with pytest.raises(TypeError, match="terrain"):
-        env.set_parameters(terrain="flat")
-    with pytest.raises(ValueError, match="friction cannot be changed"):
-        JansenWalkerEnv(plant="rigid_body").set_parameters(friction=0.3)

@@ -114,16 +114,6 @@ def test_a_state_has_torques_on_their_way_and_bent_bristles(plant):
         np.testing.assert_allclose(found[0], expected[0], atol=0.02)
 
 
-def test_motor_and_feet_change_from_now_on():
-    """Through set_parameters: as if the robot had been made with them."""
-    parts = dict(motor=MOTOR, pad_compliance=FEET)
-    env, other = JansenWalkerEnv(robot=ROBOT), JansenWalkerEnv(robot=ROBOT, **parts)
-    env.task.set_parameters(0, **parts)
-    taken = actions(20)
-    one, two = (episode(e, taken, seed=4) for e in (env, other))
-    assert (one[0] == two[0]).all() and (one[1] == two[1]).all()
-
-
 SOFT, RIGID = r"stiffness is 100\.0 N/m, must be at least 785 N/m", {"restitution": 0.5}
 
 

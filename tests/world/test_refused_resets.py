@@ -8,9 +8,12 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from jansen_env import Bar, Compliance, LinkageError, Payload, built_robot
+from jansen_env import Bar, Compliance, LinkageError, Payload, built_robot, paper_robot
+from jansen_env.engine import walk_reward
 from jansen_env.plants.rigid.rigid_batch import RigidBodyBatch
+from jansen_env.robot.robot_file import FORMAT, robot_to_json
 
+ACCOUNTS = walk_reward.ACCOUNTS.names
 HEAVIER = replace(built_robot(), payload=Payload(0.5))
 OPEN = built_robot().with_bodies(crank=Bar(0.2))  # it does not close
 STIFF = replace(HEAVIER, pad_compliance=Compliance(1e9, 10.0))  # for the rigid-body plant
@@ -130,21 +133,6 @@ def test_a_refused_reset_keeps_the_level_of_a_curriculum(monkeypatch):
     assert before["level"] == 4 and same(env.get_state(), before)
 
 
-@pytest.mark.filterwarnings("ignore:.*the episode:UserWarning")
-@pytest.mark.parametrize("plant", ["projection", "rigid_body"])
-def test_a_divergence_ends_with_its_episode(plant):
-    """Whether a reset or a state begins another one."""
-    env = gym.make("JansenWalker-v0", plant=plant, torque_limit=1e8).unwrapped
-    env.reset(seed=3)
-    state = env.get_state()
-    for begin in (lambda: env.reset(seed=3), lambda: env.set_state(state)):
-        assert env.step(np.ones(1, np.float32))[3]  # truncated
-        begin()
-        world = env.task.world
-        assert not (world.truncated.any() or world.plant.diverged.any())
-        assert not env.step(np.zeros(1, np.float32))[3]
-
-
 @pytest.mark.parametrize("plant", ["projection", "rigid_body"])
 def test_a_state_that_the_plant_refuses_changes_nothing(plant):
     env = gym.make("JansenWalkerBuilt-v0", plant=plant).unwrapped
@@ -159,6 +147,49 @@ def test_a_state_that_the_plant_refuses_changes_nothing(plant):
     else:
         env.set_state(state)
         assert env.robot != built_robot()
+
+
+@pytest.mark.parametrize("as_state", [False, True])
+@pytest.mark.parametrize(
+    ("given", "error", "message"),
+    [
+        (
+            {"crank": 0.2},
+            LinkageError,
+            r"^joint . does not close at crank angle -?\d\.\d+ rad: ",
+        ),
+        ({"tail": 0.1}, ValueError, r"^lengths has 'tail', must be of \['frame', 'crank', .*$"),
+        ({"crank": -0.1}, ValueError, r"^lengths\['crank'\] is -0.1, must be above 0$"),
+        ({"foot_CE": 0.9}, ValueError, r"^lengths of foot: .*$"),
+        (0.1, ValueError, r"^lengths is 0.1, must be a Mapping$"),
+    ],
+)
+@pytest.mark.parametrize("env_id", ["JansenWalkerBuilt-v0", "JansenCrank-v0"])
+def test_lengths_are_refused_by_name(env_id, given, error, message, as_state):
+    env = gym.make(env_id).unwrapped
+    env.reset(seed=3)
+    before = env.get_state()
+    with pytest.raises(error, match=message):
+        if as_state:
+            env.set_state({**before, "lengths": given})
+        else:
+            env.reset(options={"lengths": given})
+    assert same(env.get_state(), before)
+
+
+@pytest.mark.parametrize(
+    ("robot", "error", "match"),
+    [
+        (OPEN, LinkageError, "does not close"),
+        (paper_robot(3), ValueError, "must be on"),
+        ("hopper", ValueError, r"options\['robot'\] is 'hopper', must be a Robot or one of"),
+        ("klann", ValueError, "a robot's linkage has the bodies"),
+    ],
+)
+def test_robots_are_refused_by_name(robot, error, match):
+    envs = gym.make_vec("JansenWalkerBuilt-v0", 2)
+    with pytest.raises(error, match=match):
+        envs.reset(options={"robot": [HEAVIER, robot]})
 
 
 def test_a_robot_is_checked_with_its_own_lengths():
@@ -195,55 +226,52 @@ def test_a_start_that_no_observation_can_have(env_id, options):
         gym.make(env_id, reset_noise_scale=1e300)
 
 
-@pytest.mark.parametrize(
-    "value", [10**400, 1e300, "x", {"a": 1}, None, [10**400] * 8, [[1, 2], [3]]]
-)
-@pytest.mark.parametrize(
-    "name",
-    [
-        "plant",
-        "asked",
-        "loads",
-        "deflection",
-        "mean_speed",
-        "generator",
-        "covered",
-        "fallen",
-        "random_pushes",
-        "in_contact",
-    ],
-)
-def test_an_entry_of_a_state_that_is_none(name, value):
-    """Of whatever kind, also what overflows a float or, observed, a float32."""
-    env = gym.make("JansenWalkerBuilt-v0").unwrapped
-    env.reset(seed=3)
-    before = env.get_state()
-    if not (name == "in_contact" and value is None):
-        with pytest.raises(ValueError, match="state is" if name == "plant" else name):
-            env.set_state({**before, name: value})
-    assert same(env.get_state(), before)
+NO_NUMBERS = [10**400, 1e300, "x", {"a": 1}, None, [10**400] * 8, [[1, 2], [3]]]
+ENTRIES = {
+    "JansenWalkerBuilt-v0": {
+        **dict.fromkeys(("plant", "asked", "loads", "deflection", "mean_speed", "generator",
+                         "covered", "fallen", "random_pushes"), NO_NUMBERS),
+        "in_contact": NO_NUMBERS[:4] + NO_NUMBERS[5:],
+        "robot": [{}, None, {"format": FORMAT, "design": "paper", "lengths": {"crank": 0.2}}],
+    },
+    "JansenWalkerHardcore-v0": {
+        "ground": [0, [1.0], (math.nan, 0.0), "ab", (0.5, 2.0)],
+        "terrain": [0, [1.0], (math.nan, 0.0), "ab"],
+        "measured": [3.0, {"lag": 0.0}, dict.fromkeys(ACCOUNTS, "much"),
+                     dict.fromkeys(ACCOUNTS, 0.6), dict.fromkeys(ACCOUNTS, -0.1)],
+    },
+    "JansenCrank-v0": {
+        "plant": [np.zeros(2), np.ones(8)], "steps": [10**400], "speed_command": [11.0],
+        "robot": [robot_to_json(paper_robot())],
+    },
+    "JansenGoal-v0": {"goal": [math.nan, 3.1], "held": [-5.0]},
+}  # fmt: skip
+"""Entries of states that are none, of whatever kind, also what overflows a float or, observed, a
+float32."""
+MESSAGES = {
+    "plant": "state is|must",
+    "ground": "ground|restitution",
+    "robot": "robot|does not close",
+}
 
 
-@pytest.mark.parametrize("value", [0, [1.0], (math.nan, 0.0), "ab"])
-@pytest.mark.parametrize("name", ["ground", "terrain"])
-def test_a_terrain_of_a_state_that_is_none(name, value):
-    env = gym.make("JansenWalkerHardcore-v0").unwrapped
+@pytest.mark.parametrize(
+    ("env_id", "name", "value"),
+    [(env_id, name, value) for env_id, entries in ENTRIES.items()
+     for name, values in entries.items() for value in values],
+)  # fmt: skip
+def test_an_entry_of_a_state_that_is_none(env_id, name, value):
+    env = gym.make(env_id).unwrapped
     env.reset(seed=3)
     before = env.get_state()
-    with pytest.raises(ValueError, match=f"(?i){name}"):
+    with pytest.raises(ValueError, match=f"(?i){MESSAGES.get(name, name)}"):
         env.set_state({**before, name: value})
     assert same(env.get_state(), before)
 
 
-def test_a_terrain_of_a_state_that_bounces_too_much_is_told_in_plain_numbers():
-    env = gym.make("JansenWalkerHardcore-v0").unwrapped
-    env.reset(seed=3)
-    with pytest.raises(ValueError, match=r"restitution is 2\.0, must"):
-        env.set_state({**env.get_state(), "ground": (0.5, 2.0)})
-
-
-def test_a_held_robot_has_no_more_steps_than_can_be_counted():
+def test_a_state_that_lacks_entries_is_refused():
     env = gym.make("JansenCrank-v0").unwrapped
-    env.reset(seed=3)
-    with pytest.raises(ValueError, match=r"^state\['steps'\] is 1000"):
-        env.set_state({**env.get_state(), "steps": 10**400})
+    env.reset(seed=0)
+    state = {k: v for k, v in env.get_state().items() if k not in ("steps", "action")}
+    with pytest.raises(ValueError, match=r"state lacks \['action', 'steps'\]"):
+        env.set_state(state)

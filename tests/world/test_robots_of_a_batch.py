@@ -1,7 +1,6 @@
 """Robots of different lengths in one batch, and robots that a reset exchanges."""
 
 import json
-import pickle
 from copy import deepcopy
 from dataclasses import replace
 
@@ -13,7 +12,7 @@ from jansen_env import Bar, LinkageError, Payload, built_robot, holy_numbers_rob
 from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.plants.design_tables import DesignTables
 from jansen_env.robot import Leg
-from jansen_env.robot.robot_file import FORMAT, robot_to_json
+from jansen_env.robot.robot_file import FORMAT
 from jansen_env.scoring.benchmarks import can_be_batched
 from jansen_env.viewer.recorder import Recorder
 from jansen_env.viewer.recording import Recording
@@ -72,32 +71,6 @@ def test_a_reset_exchanges_the_robot_for_good(plant):
     assert env.weight == fresh.weight
 
 
-@pytest.mark.parametrize(
-    ("robot", "error", "match"),
-    [
-        (paper_robot().with_bodies(crank=Bar(0.2)), LinkageError, "does not close"),
-        (paper_robot(3), ValueError, "must be on"),
-        ("hopper", ValueError, r"options\['robot'\] is 'hopper', must be a Robot or one of"),
-        ("klann", ValueError, "a robot's linkage has the bodies"),
-        (paper_robot(), ValueError, "friction"),  # with another option that is refused
-    ],
-)
-def test_after_a_refusal_all_goes_on_as_before(robot, error, match):
-    """Robots, parameters that were drawn, and states, of feet that give, too."""
-    randomize = {"payload": (0.0, 1.0), "friction": (0.4, 0.9)}
-    pair = [gym.make_vec("JansenWalkerBuilt-v0", 2, randomize=randomize) for _ in range(2)]
-    for envs in pair:
-        envs.reset(seed=3)
-        walk(envs, (2, 1), 5)
-    options = {"robot": [LONGER, robot]}
-    if robot == paper_robot():
-        options["friction"] = [0.5, -1.0]
-    with pytest.raises(error, match=match):
-        pair[0].reset(options=options)
-    assert (walk(pair[0], (2, 1)) == walk(pair[1], (2, 1))).all()
-    assert pair[0].get_attr("robot") == pair[1].get_attr("robot")
-
-
 def test_equal_designs_share_their_tables():
     """Rows that no robot has any more are used again; the arrays grow when there are none."""
     a, b, c, d = (paper_robot().with_bodies(coupler=Bar(0.239 + 1e-4 * k)) for k in range(4))
@@ -113,13 +86,6 @@ def test_equal_designs_share_their_tables():
     for row, robot in zip(designs.number, (c, d, a), strict=True):
         assert (designs.model.body[row] == compile_robot(robot).body).all()
         assert (designs.model.pads[row] == compile_robot(robot).pads).all()
-
-
-def test_a_copy_goes_on_after_one_of_two_equal_robots_was_exchanged():
-    envs = gym.make_vec("JansenWalkerBuilt-v0", 2).unwrapped
-    envs.reset(seed=0, options={"robot": [LONGER, built_robot()]})
-    copy = pickle.loads(pickle.dumps(envs))
-    assert (walk(copy, (2, 1)) == walk(envs, (2, 1))).all()
 
 
 def test_pads_of_several_sizes_are_felt_alike():
@@ -214,13 +180,6 @@ def test_a_state_with_a_wrong_robot_changes_nothing(plant, robot, match):
         env.set_state({**before, "robot": robot})
     after = env.get_state()
     assert env.robot == LONGER and repr(after) == repr(before)
-
-
-def test_a_held_robot_is_not_exchanged_by_a_state():
-    env = gym.make("JansenCrank-v0").unwrapped
-    env.reset(seed=0)
-    with pytest.raises(ValueError, match=r"^state has 'robot', must have none"):
-        env.set_state({**env.get_state(), "robot": robot_to_json(paper_robot())})
 
 
 def test_a_recording_has_the_exchanged_robot():

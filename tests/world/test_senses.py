@@ -1,13 +1,10 @@
 """What a walker senses and what disturbs it: height scan, noise, pushes; alone and side by side."""
 
-import copy
-import pickle
-
 import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from side_by_side import DISTURBED, ROUGH, WORLD, together
+from side_by_side import DISTURBED, ROUGH, WORLD
 
 from jansen_env import Noise, paper_robot
 from jansen_env.checks import load_record
@@ -221,72 +218,6 @@ def test_a_reset_forgets_what_was_measured():
     env.reset(seed=0)
     assert walk(env, 20, 1)[0][-1, LAG : LAG + 5].any()
     assert not env.reset()[0][LAG : LAG + 5].any()
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [3.0, {"lag": 0.0}, {name: "much" for name in ACCOUNTS}, dict.fromkeys(ACCOUNTS, 0.6),
-     dict.fromkeys(ACCOUNTS, -0.1)],
-)  # fmt: skip
-def test_wrong_measured_accounts_are_refused_whole(wrong):
-    env = walker(noise=Noise())
-    env.reset(seed=0)
-    state = env.get_state()
-    with pytest.raises(ValueError, match=r"state\['measured'\]"):
-        env.set_state({**state, "measured": wrong})
-    assert str(env.get_state()) == str(state)
-
-
-def test_a_state_goes_on_with_the_same_noise_and_pushes_through_both_apis():
-    env, seeds = walker(**ALL), [5, 6, 7]
-    own = [(0.3, 1.0, 0.0), (0.35, -1.0, 0.4)]
-    env.reset(seed=6, options={"pushes": own})
-    walk(env, 14, 0)
-    state = env.get_state()
-    assert all(state["measured"][name] != state[name] for name in ACCOUNTS[:4])
-    onward, _ = walk(env, 20, 1)
-    other = walker(**ALL)
-    other.reset(seed=1)
-    again = other.set_state(copy.deepcopy(state))
-    assert other.terrain == env.terrain
-    walked, _ = walk(other, 20, 1, again)
-    np.testing.assert_array_equal(walked[1:], onward)
-    np.testing.assert_array_equal(other.get_state()["pushes"], own)
-    assert other.get_state()["parameters"] == state["parameters"]
-    np.testing.assert_array_equal(other.reset()[0], env.reset()[0])
-
-    envs = together(3, **ALL).unwrapped
-    envs.reset(seed=seeds, options={"pushes": [None, own, []]})
-    rng = np.random.default_rng(0)
-    for _ in range(14):
-        row = rng.uniform(-0.5, 0.5, 1)
-        envs.step(np.repeat(row[None], 3, axis=0).astype(np.float32))
-    kept = envs.get_state(1)
-    for name, value in state.items():
-        if name != "generator":
-            np.testing.assert_array_equal(kept[name], value)
-    copied = pickle.loads(pickle.dumps(envs))
-    for one in (envs, copied):
-        moved = one.set_state(0, kept)  # another robot goes on from it
-        np.testing.assert_array_equal(moved, again)
-        rng = np.random.default_rng(1)
-        for step in range(20):
-            row = rng.uniform(-0.5, 0.5, 1)
-            seen = one.step(np.repeat(row[None], 3, axis=0).astype(np.float32))[0]
-            np.testing.assert_array_equal(seen[0], onward[step])
-
-
-def test_what_is_drawn_at_a_reset_does_not_depend_on_noise_and_pushes():
-    """Nor do the episodes after it: one who adds them walks the same starts."""
-    starts = []
-    for arguments in (WORLD, ALL):
-        env = walker(**arguments)
-        env.reset(seed=2)
-        for _ in range(3):
-            env.reset()
-        starts.append(env.get_state())
-    assert starts[0]["speed_command"] == starts[1]["speed_command"]
-    np.testing.assert_array_equal(starts[0]["plant"], starts[1]["plant"])
 
 
 @pytest.mark.parametrize("plant", ["projection", "rigid_body"])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple, cast
 
 import gymnasium as gym
@@ -46,35 +46,24 @@ PEAKS = 64  # time steps in which the ground pushes most, for the largest forces
 
 
 class Measure(NamedTuple):
-    """A measure: the group that gives it, its unit and description."""
+    """The group that gives a measure, and its unit; ``docs/design.md`` says what each is."""
 
     group: str
     unit: str
-    label: str
 
 
-WALK = {name: Measure("walk", m.unit, m.label) for name, m in WALKER.metrics.items()}
-MEASURES: dict[str, Measure] = WALK | {
-    "upright": Measure("walk", "fraction", "of the time limit without a fall"),
-    "closure": Measure("shape", "1", "sine of two links' angle, nearest a dead point"),
-    "height": Measure("shape", "m", "of the crank axis above the lowest toe, mean"),
-    "width": Measure("shape", "m", "of the machine"),
-    "longest": Measure("shape", "m", "longest side of a link"),
-    "mass": Measure("shape", "kg", "of the machine"),
-    "lift": Measure("shape", "m", "most that a toe comes above the lowest one"),
-    "opening": Measure("shape", "m", "of a toe's path in its middle: what it steps over"),
-    "heave": Measure("shape", "m", "range of the crank axis's height, level and slow"),
-    "stance": Measure("shape", "fraction", "of a turn with a toe near the ground, mean of all"),
-    "advance": Measure("shape", "m", "way in a turn of the crank, level and slow, either way"),
-    "clearance": Measure("planes", "m", "between links in one plane of the drawings"),
-    "wear": Measure("loads", "J/m", "load times sliding in all pins per metre"),
-    "pin_force": Measure("loads", "N", "largest force in a pin"),
-    "rod_safety": Measure("loads", "1", "least buckling load over load of a bar"),
-    "climb": Measure("climb", "m", "height of a step that is climbed"),
-}
-"""Measures by name; walks have the metrics of the walker's benchmark."""
-GROUPS = ("shape", "planes", "walk", "climb", "loads")
-"""Groups of measures, the cheapest first."""
+GROUPS: dict[str, dict[str, str]] = {
+    "shape": {
+        "closure": "1", "height": "m", "width": "m", "longest": "m", "mass": "kg", "lift": "m",
+        "opening": "m", "heave": "m", "stance": "fraction", "advance": "m",
+    },
+    "planes": {"clearance": "m"},
+    "walk": {**{name: m.unit for name, m in WALKER.metrics.items()}, "upright": "fraction"},
+    "climb": {"climb": "m"},
+    "loads": {"wear": "J/m", "pin_force": "N", "rod_safety": "1"},
+}  # fmt: skip
+"""Units of measures by group, the cheapest first; walks have the metrics of the benchmark."""
+MEASURES = {n: Measure(group, unit) for group, units in GROUPS.items() for n, unit in units.items()}
 
 
 def profiles(numbers: Array, env: Env) -> TorquePolicy:
@@ -262,9 +251,3 @@ def _step(height: float) -> Terrain:
     """Flat ground with one step up."""
     tread = treads(np.array([STEP_AT]), np.array([height]))
     return Terrain(np.concatenate([[[-1.0, 0.0]], tread, [[tread[-1, 0] + 1.0, height]]]).tolist())
-
-
-def groups_of(names: Collection[str]) -> list[str]:
-    """Return the groups that give some measures, in the order of :data:`GROUPS`."""
-    needed = {MEASURES[name].group for name in names}
-    return [group for group in GROUPS if group in needed]

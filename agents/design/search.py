@@ -17,7 +17,7 @@ import numpy as np
 
 from agents import need
 from agents.design.design_plan import Plan
-from agents.design.measures import Walker, groups_of
+from agents.design.measures import GROUPS, Walker
 from agents.design.variables import Candidate, Space
 from agents.training.runs import locked
 from jansen_env.baselines.policy import Array
@@ -145,9 +145,9 @@ def measure(
     n, wanted = len(candidates), plan.measured
     measured = {name: np.full(n, np.nan) for name in [*wanted, "closure"]}
     able = np.array([candidate is not None for candidate in candidates])
-    for group in groups_of(["closure", *wanted]):
-        if not able.any():
-            break
+    for group, units in GROUPS.items():
+        if not able.any() or not {*units} & {*measured}:
+            continue
         part = [
             c for c, fits in zip(candidates, able.tolist(), strict=True) if fits and c is not None
         ]

@@ -21,7 +21,6 @@ from jansen_env.baselines.policy import Array
 from jansen_env.policies.pretrained import (
     Features,
     Harmonics,
-    Layer,
     Normalized,
     PretrainedPolicy,
 )
@@ -45,12 +44,14 @@ class Controller(nn.Module):
         policy, seen = self.policy, observation.double()
         values = torch.cat([_features(block, seen) for block in policy.features], dim=1)
         for layer in policy.layers:
-            values = _layer(layer, values)
+            values = values @ torch.tensor(layer.weight.T) + torch.tensor(layer.bias)
+            if layer.activation == "elu":  # not of float64 in onnxruntime
+                values = torch.where(values > 0.0, values, values.clamp(max=0.0).exp() - 1.0)
+            elif layer.activation is not None:
+                values = getattr(torch, layer.activation)(values)
         if np.isfinite(policy.limit):
             values = values.clamp(-policy.limit, policy.limit)
-        if policy.squash == "tanh":
-            values = values.tanh()
-        actions = values.clamp(-1.0, 1.0)
+        actions = (values.tanh() if policy.squash == "tanh" else values).clamp(-1.0, 1.0)
         return actions.float(), (actions * policy.torque_limit).float()
 
 
@@ -71,13 +72,6 @@ def _features(block: Features, seen: Tensor) -> Tensor:
             cos, sin, k = cos * cos - sin * sin, 2.0 * sin * cos, k // 2
         parts += pair
     return torch.cat(parts, dim=1)
-
-
-def _layer(layer: Layer, values: Tensor) -> Tensor:
-    values = values @ torch.tensor(layer.weight.T) + torch.tensor(layer.bias)
-    if layer.activation == "elu":  # not of float64 in onnxruntime
-        return torch.where(values > 0.0, values, values.clamp(max=0.0).exp() - 1.0)
-    return values if layer.activation is None else getattr(torch, layer.activation)(values)
 
 
 def build(policy: PretrainedPolicy, name: str) -> onnx.ModelProto:

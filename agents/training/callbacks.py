@@ -1,13 +1,9 @@
-"""Callbacks of a training run: checkpoints, evaluations, observation statistics, signals."""
+"""Callbacks of a training run: checkpoints, evaluations, observation statistics."""
 
 from __future__ import annotations
 
-import os
-import signal
-import threading
 import time
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -33,8 +29,6 @@ from jansen_env.scoring.rollout import make_env, run_episodes
 
 EPISODES = 16  # per command, of each evaluation, times the benchmark's variety
 SELECTION_SEED = 30_000  # of the episodes that choose the best model, apart from all others
-SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP")
-           if hasattr(signal, name)]  # fmt: skip
 
 
 class Saver(BaseCallback):
@@ -45,17 +39,15 @@ class Saver(BaseCallback):
     Args:
         folder, config: of the run. save_every, eval_every: environment steps; 0 for never.
         done: steps trained before. state: to resume from, of these steps.
-        stop: when to save and end before the time; then ``ended`` is set.
     """
 
     def __init__(
         self, folder: Path, config: RunConfig, save_every: int, eval_every: int, done: int = 0,
-        state: Arguments | None = None, stop: StopOnSignal | None = None,
+        state: Arguments | None = None,
     ) -> None:  # fmt: skip
         super().__init__()
         self.folder, self.config = folder, config
-        self.save_every, self.eval_every = save_every, eval_every
-        self.stop, self.ended, self.last, self._state = stop, False, folder, state
+        self.save_every, self.eval_every, self._state = save_every, eval_every, state
         self.benchmark = find_benchmark(config.env)
         self.commands = np.repeat(self.benchmark.commands, EPISODES * self.benchmark.variety)
         # After a kill the last evaluations may be of steps that are now trained again. The best
@@ -76,16 +68,11 @@ class Saver(BaseCallback):
             restore_generators(self.model, self._state)
             self._state = None
         steps = self.model.num_timesteps
-        due = self.save_every and steps >= self._next_save
-        self.ended = self.stop is not None and self.stop.signal != 0
-        if due:
+        if self.save_every and steps >= self._next_save:
             self._next_save += self.save_every
-        if due or self.ended:
             self.save(self.folder / "checkpoints" / f"model_{steps}_steps.zip")
 
     def _on_step(self) -> bool:
-        if self.ended:
-            return False
         if self.eval_every and self.num_timesteps >= self._next_eval:
             self._next_eval += self.eval_every
             self.evaluate()
@@ -103,7 +90,7 @@ class Saver(BaseCallback):
                 old.unlink()
             save_replay_buffer(replay_buffer, file)
         save_model(self.model, path, {"state": read_state(self.model)})
-        self.last, self._replay_buffer = path, file
+        self._replay_buffer = file
 
     def evaluate(self) -> None:
         """Score the present policy; keep it if it is the best so far."""
@@ -164,29 +151,3 @@ class NormalizerUpdate(BaseCallback):
 
     def _on_step(self) -> bool:
         return True
-
-
-class StopOnSignal:
-    """Catch SIGINT (Ctrl-C), SIGTERM and SIGHUP while open, for :class:`Saver` to end training
-    where the next rollout begins; a second Ctrl-C kills at once. ``signal``: which came, or 0."""
-
-    def __init__(self) -> None:
-        self.signal = 0
-        self._handlers: dict[int, Any] = {}
-
-    def __enter__(self) -> StopOnSignal:
-        if threading.current_thread() is threading.main_thread():  # no other may handle signals
-            for number in SIGNALS:
-                if signal.getsignal(number) != signal.SIG_IGN:  # by nohup
-                    self._handlers[number] = signal.signal(number, self._catch)
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        for number, handler in self._handlers.items():
-            signal.signal(number, handler)
-
-    def _catch(self, number: int, frame: FrameType | None) -> None:
-        self.signal = number
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        # Not by print: the signal may have come in the midst of one.
-        os.write(2, b"\nstopping after this rollout; Ctrl-C to end at once\n")

@@ -15,7 +15,7 @@ from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecMonitor
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
-from agents.training.callbacks import NormalizerUpdate, Saver, StopOnSignal
+from agents.training.callbacks import NormalizerUpdate, Saver
 from agents.training.config import training_envs
 from agents.training.runs import FINAL, replay_path
 from agents.training.training_state import load_replay_buffer, restore, restore_state
@@ -87,9 +87,12 @@ def linear_schedule(text: str) -> LinearSchedule:
 
 @contextmanager
 def _failures_explained(model: BaseAlgorithm, go_on: str) -> Iterator[None]:
-    """Turn a full disk and a policy that is NaN into a SystemExit that says so."""
+    """Turn a full disk, a policy that is NaN and Ctrl-C into a SystemExit that says so."""
     try:
         yield
+    except KeyboardInterrupt:
+        print(f"\nstopped at {model.num_timesteps} steps; {go_on}")
+        raise SystemExit(130) from None
     except OSError as error:
         reason = f"stopped at {model.num_timesteps} steps: {error}; {go_on}"
         raise SystemExit(f"training {reason}") from error
@@ -117,16 +120,15 @@ def train(
         more_callbacks: of Stable-Baselines3, called after an evaluation at the same step.
 
     Raises:
-        SystemExit: a signal came (status 128 + its number, 130 for SIGINT); a checkpoint is saved.
-            Or the policy's actions are no longer finite, or a file cannot be written: what was
-            saved before stays good.
+        SystemExit: Ctrl-C (status 130), the policy's actions are no longer finite, or a file cannot
+            be written: what was saved before stays good.
     """
     venv = model.get_env()
     assert venv is not None
-    stop, steps = StopOnSignal(), config.timesteps
+    steps = config.timesteps
     eval_every = max(1, steps // EVALUATIONS) if eval_every is None else eval_every
     state = read_model(resume).notes["state"] if resume is not None else None
-    saver = Saver(folder, config, save_every, eval_every, model.num_timesteps, state, stop)
+    saver = Saver(folder, config, save_every, eval_every, model.num_timesteps, state)
     saver.init_callback(model)
     model.tensorboard_log = tensorboard
     callbacks = [NormalizerUpdate(), saver, *more_callbacks]
@@ -135,13 +137,7 @@ def train(
     go_on = f"python train.py --resume {shlex.quote(str(folder))} goes on from the last checkpoint"
     with _failures_explained(model, go_on), closing(venv):
         if (remaining := steps - model.num_timesteps) > 0:
-            with stop:
-                model.learn(remaining, callback=callbacks, reset_num_timesteps=False,
-                            tb_log_name=folder.name)  # fmt: skip
-            if saver.ended:
-                print(f"stopped, saved as {saver.last}; {go_on}")
-                raise SystemExit(128 + stop.signal)
+            model.learn(remaining, callback=callbacks, reset_num_timesteps=False,
+                        tb_log_name=folder.name)  # fmt: skip
             saver.evaluate()
         saver.save(folder / FINAL)
-    if stop.signal:  # in the last rollout
-        raise SystemExit(128 + stop.signal)

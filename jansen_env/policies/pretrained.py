@@ -142,8 +142,8 @@ class PretrainedPolicy:
             is held. scale: mean and standard deviation of each observation in training, 0 and 1
             where they are not kept.
         features, layers, limit, squash: the network, in this order: features side by side; layers;
-            the most that their output may be; the function of that
-            (this module's). Clipped to -1 .. 1: share of the torque limit.
+            the most that their output may be; the function of that.
+            Clipped to -1 .. 1: share of the torque limit.
 
     Raises:
         ValueError: something in the description is missing or not allowed, does not fit the

@@ -64,8 +64,12 @@ def make_vec_env(
         varied = {name for variant in variants for name in variant}
         venv = BatchVecEnv(_make_batch(env_id, common, each, varied), info_keys)
     else:
-        wrap = partial(wrapper_class, **(wrapper_kwargs or {})) if wrapper_class else _unwrapped
-        venv = DummyVecEnv([partial(_make_single, env_id, kwargs, wrap) for kwargs in each])
+
+        def make_single(arguments: EnvKwargs) -> Env:
+            env = make_env(env_id, arguments)
+            return wrapper_class(env, **(wrapper_kwargs or {})) if wrapper_class else env
+
+        venv = DummyVecEnv([partial(make_single, arguments) for arguments in each])
     if seed is not None:
         venv.seed(seed)
         venv.action_space.seed(seed)
@@ -73,14 +77,6 @@ def make_vec_env(
         Path(monitor_dir).mkdir(parents=True, exist_ok=True)
         venv = VecMonitor(venv, str(monitor_dir))
     return venv
-
-
-def _unwrapped(env: Env) -> Env:
-    return env
-
-
-def _make_single(env_id: str, kwargs: EnvKwargs, wrap: Callable[[Env], Env]) -> Env:
-    return wrap(make_env(env_id, kwargs))
 
 
 def _make_batch(

@@ -15,6 +15,7 @@ import sys
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -37,16 +38,19 @@ ROTOR = Motor(gear_ratio=70.0, rotor_inertia=1.4e-5)  # 0.07 kg m^2 at the crank
 LINE = Motor(stall_torque=20.0, no_load_speed=8.0, torque_limit=12.0, friction=0.3)
 MACHINES = {
     "paper": paper_robot(),
-    "feet that give": replace(paper_robot(), pad_compliance=FEET),
-    "dry bearings": replace(paper_robot(), bearing_friction=(0.03,) * len(JANSEN.bearings)),
-    "rotor": replace(SLENDER, motor=ROTOR),
-    "motor's line": replace(SLENDER, motor=LINE, pad_compliance=FEET),
     "built": ROBOTS["built"](),
+    "motor's line": replace(SLENDER, motor=LINE, pad_compliance=FEET),
+    "rotor": replace(SLENDER, motor=ROTOR),
+    "dry bearings": replace(paper_robot(), bearing_friction=(0.03,) * len(JANSEN.bearings)),
+    "feet that give": replace(paper_robot(), pad_compliance=FEET),
 }
 LINKAGE_SPEEDS, LINKAGE_FRICTIONS = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0), (0.2, 0.5, 0.8)
 MACHINE_SPEEDS = (1.0, 4.0)  # of the crank, rad/s
-MACHINE_DURATION = 3.0  # s
+SHORT = 3.0  # s, walks of other machines and linkages
 OTHER_STARTS = tuple(math.pi * k / 12.0 for k in range(12))  # rad; half a turn on, all is the same
+TITLES = {
+    "plants": "walk by walk", "machines": "other machines", "linkages": "other linkages",
+}  # fmt: skip
 ALLOWED = 0.05  # difference in distance and cost of transport up to which the plants agree
 HOW_COMPARED = (
     "Projection plant: the median of six runs, which start within 1 mrad of one another or have "
@@ -171,47 +175,22 @@ def verdict_table(compared: list[Comparison]) -> str:
     return table(("machine", "walks", *verdicts), rows)
 
 
-def machine_walks(quick: bool) -> list[Walk]:
-    """Walks of :data:`MACHINES`, two of them loaded too."""
-    others = list(MACHINES)[1:]
-    if quick:
-        return [Walk(1.0, machine=name, duration=1.0) for name in others[-2:]]
-    chosen = [(name, 0.0) for name in others]
-    chosen += [(name, PAYLOADS[0]) for name in ("feet that give", "built")]
-    return [
-        Walk(speed, payload=payload, machine=name, duration=MACHINE_DURATION)
-        for name, payload in chosen
-        for speed in MACHINE_SPEEDS
-    ]
-
-
-def linkage_walks(quick: bool) -> list[Walk]:
-    """21 walks of each leg of the zoo."""
-    if quick:
-        return [Walk(1.0, machine=name, duration=1.0) for name in ZOO]
-    return [
-        Walk(speed, friction, machine=name, duration=MACHINE_DURATION)
-        for name in ZOO
-        for friction in LINKAGE_FRICTIONS
-        for speed in LINKAGE_SPEEDS
-    ]
-
-
-def paper_walks(quick: bool) -> list[Walk]:
-    """Walks of the paper's robot over crank speeds, frictions, slopes and loads."""
-    if quick:
-        return [Walk(speed, 0.3, duration=1.0) for speed in (1.0, 4.0)]
+def walks_of(name: str) -> list[Walk]:
+    """All walks of a table."""
+    if name == "machines":
+        chosen = [(machine, 0.0) for machine in [*MACHINES][1:]]
+        chosen += [(machine, PAYLOADS[0]) for machine in ("feet that give", "built")]
+        return [
+            Walk(speed, payload=payload, machine=machine, duration=SHORT)
+            for machine, payload in chosen
+            for speed in MACHINE_SPEEDS
+        ]
+    if name == "linkages":
+        cases = product(ZOO, LINKAGE_FRICTIONS, LINKAGE_SPEEDS)
+        return [Walk(speed, mu, machine=leg, duration=SHORT) for leg, mu, speed in cases]
     walks = [Walk(speed, friction) for friction in FRICTIONS for speed in SPEEDS]
     walks += [Walk(HARDER, slope=slope) for slope in SLOPES]
     return walks + [Walk(HARDER, payload=payload) for payload in PAYLOADS]
-
-
-SETS = {
-    "plants": (paper_walks, "walk by walk"),
-    "machines": (machine_walks, "other machines"),
-    "linkages": (linkage_walks, "other linkages"),
-}
-"""Walks by the name of their table, and what its title says of them."""
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -222,8 +201,9 @@ def main(arguments: list[str] | None = None) -> None:
         others.add_argument(f"--{name}", dest="chosen", action="store_const", const=name,
                             default="plants", help=f"other {name} instead")  # fmt: skip
     args = measure.parse(parser, arguments)
-    head, (make_walks, title) = measure.machine(), SETS[args.chosen]
-    walks, compared = make_walks(args.quick), []
+    head, walks, compared = measure.machine(), walks_of(args.chosen), []
+    if args.quick:
+        walks = [replace(walk, duration=1.0) for walk in walks if walk.speed == 1.0][1:2]
     with ProcessPoolExecutor(args.jobs) as pool:
         for number, comparison in enumerate(pool.map(compare, walks), 1):
             compared.append(comparison)
@@ -232,7 +212,7 @@ def main(arguments: list[str] | None = None) -> None:
     shown = [c for c in compared if c.verdict != "agree" or args.chosen == "plants"]
     flag = "" if args.chosen == "plants" else f" --{args.chosen}"
     measure.report(
-        args.out / f"{args.chosen}.md", f"# Two plants, {title}",
+        args.out / f"{args.chosen}.md", f"# Two plants, {TITLES[args.chosen]}",
         f"`python -m benchmarks.plants{flag}`. {head}",
         HOW_COMPARED, verdict_table(compared), walk_table(shown),
     )  # fmt: skip

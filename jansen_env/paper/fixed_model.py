@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.baselines.pid import PID
-from jansen_env.dynamics.joint_forces import joint_forces
 from jansen_env.dynamics.projection import Projection, project
 from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.robot import Robot
@@ -90,12 +89,3 @@ def simulate(advance: Advance, controller: Callable[..., float], duration: float
         states.append(advance(*states[-1], torques[-1]))
     angle, speed = np.array(states).T
     return Run(time, angle, speed, np.array(torques))
-
-
-def constraint_forces(robot: Robot, run: Run) -> Array:
-    """C^T lambda (n, 8, 3) on the bodies of the right forepaw, (4): moment N m, force x and y N.
-
-    What is drawn in Figs. 8 and 9, at every sample of a run but the last.
-    """
-    q, q_dot = crank_only(run.angle[:-1]), crank_only(run.speed[:-1])
-    return joint_forces(robot, q, q_dot, run.torque, fixed_base=True).body[:, 0]

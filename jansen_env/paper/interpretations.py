@@ -13,8 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.dynamics.joint_forces import joint_forces
-from jansen_env.paper import fixed_model as fixed
-from jansen_env.paper.fixed_model import crank_only
+from jansen_env.paper.fixed_model import (
+    Run,
+    crank_only,
+    fixed_base_projection,
+    simulate_pid,
+    tables_advance,
+)
 from jansen_env.paper.toes import turn
 from jansen_env.robot import JANSEN, Bar, Leg, Robot, Triangle, holy_numbers_robot, paper_robot
 from jansen_env.robot.kinematics import turning
@@ -115,7 +120,7 @@ def mean_loss(robot: Robot, *pairs: tuple[int, int]) -> float:
 def _without_reaction(robot: Robot) -> Level:
     """h_f with its last moment row as printed: no C58 (theta_8' - theta_5') on body 8."""
     angle = turn(ANGLES)[::3]
-    p = fixed.fixed_base_projection(robot, angle, np.ones(len(angle)), 0.0)
+    p = fixed_base_projection(robot, angle, np.ones(len(angle)), 0.0)
     D = p.D[..., 0]
     x_dot, h = (v.reshape(len(angle), -1, 8, 3).copy() for v in (D, p.h))  # by leg and body
     h[..., 7, 0] += robot.damping[6] * (x_dot[..., 7, 0] - x_dot[..., 4, 0])
@@ -124,12 +129,10 @@ def _without_reaction(robot: Robot) -> Level:
     return Level(name, *_range(torque), mean_loss(robot))
 
 
-def pid_run(robot: Robot, motors: int = 1, direction: float = 1.0) -> fixed.Run:
+def pid_run(robot: Robot, motors: int = 1, direction: float = 1.0) -> Run:
     """The PID's 10 s, with its torque on the shaft ``motors`` times; its torque is one motor's."""
-    advance = fixed.tables_advance(robot)
-    return fixed.simulate_pid(
-        lambda angle, speed, tau: advance(angle, speed, motors * tau), direction
-    )
+    advance = tables_advance(robot)
+    return simulate_pid(lambda angle, speed, tau: advance(angle, speed, motors * tau), direction)
 
 
 def pid_levels() -> list[PIDLevel]:
@@ -142,7 +145,7 @@ def pid_levels() -> list[PIDLevel]:
     ]
 
 
-def _pid_level(name: str, run: fixed.Run) -> PIDLevel:
+def _pid_level(name: str, run: Run) -> PIDLevel:
     torque = run.torque[run.settled]
     near = float((np.abs(torque - abs(PRINTED_LEVEL)) <= NEAR).mean())
     return PIDLevel(name, *_range(torque), near)

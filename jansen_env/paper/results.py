@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.dynamics.inverse import crank_torque
-from jansen_env.dynamics.joint_forces import joint_forces
+from jansen_env.dynamics.joint_forces import JointForces, joint_forces
 from jansen_env.paper import fixed_model, free_walk, interpretations, toes
 from jansen_env.robot import Robot, paper_robot
 
@@ -53,15 +53,16 @@ class Results:
 
 def compute() -> Results:
     """Compute everything; 15 s."""
-    robot, run = paper_robot(), _run(fixed_model.DURATION)
+    robot = paper_robot()
+    advance, run = fixed_model.tables_advance(robot), interpretations.pid_run(robot)
     return Results(
         run=run,
-        long=_run(LONG),
+        long=fixed_model.simulate_pid(advance, duration=LONG),
         ripples={torque: _ripple(robot, torque) for torque in TORQUES},
         slender_ripple=_ripple(robot.with_slender_inertias(), TORQUES[2]),
         walking_ripples={torque: free_walk.walking_ripple(robot, torque)
                          for torque in WALKING_TORQUES},
-        forces=fixed_model.constraint_forces(robot, run),
+        forces=_forces(run.angle[:-1], run.speed[:-1], run.torque).body[:, 0],
         fixed_loads=_fixed_loads(),
         walking_loads={(speed, mu): free_walk.largest_loads(
             free_walk.walking_forces(robot, speed, 3, mu)) for speed, mu in LOADS},
@@ -79,20 +80,21 @@ def compute() -> Results:
     )  # fmt: skip
 
 
-def _run(duration: float) -> fixed_model.Run:
-    return fixed_model.simulate_pid(fixed_model.tables_advance(paper_robot()), duration=duration)
-
-
 def _ripple(robot: Robot, torque: float) -> free_walk.Ripple:
     """The second half of a run on a fixed base at a constant torque."""
-    run = fixed_model.simulate(
-        fixed_model.tables_advance(robot), lambda *_: torque, duration=RIPPLE
-    )
+    advance = fixed_model.tables_advance(robot)
+    run = fixed_model.simulate(advance, lambda *_: torque, RIPPLE)
     return free_walk.Ripple.of(run.speed[len(run.speed) // 2 :])
 
 
+def _forces(angle: Array, speed: Array, torque: Array) -> JointForces:
+    """Joint forces (n,) of the paper's robot on a fixed base."""
+    q, q_dot = fixed_model.crank_only(angle), fixed_model.crank_only(speed)
+    return joint_forces(paper_robot(), q, q_dot, torque, fixed_base=True)
+
+
 def _fixed_loads() -> free_walk.Loads:
-    robot, angle = paper_robot(), toes.turn(interpretations.ANGLES)
-    q, q_dot = fixed_model.crank_only(angle), fixed_model.crank_only(np.ones(len(angle)))
-    torque = crank_torque(robot, angle).total
-    return free_walk.largest_loads(joint_forces(robot, q, q_dot, torque, fixed_base=True))
+    """The largest loads over a turn at 1 rad/s."""
+    angle = toes.turn(interpretations.ANGLES)
+    torque = crank_torque(paper_robot(), angle).total
+    return free_walk.largest_loads(_forces(angle, np.ones(len(angle)), torque))

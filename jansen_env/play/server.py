@@ -30,19 +30,16 @@ from websockets.http11 import Request, Response
 from jansen_env.checks import one_of, shown
 from jansen_env.gravity import GRAVITY
 from jansen_env.play.session import BY_HAND, LARGEST_PUSH, PACES, SLIDERS, Session
-from jansen_env.viewer.web.bench import served_bench_page
+from jansen_env.viewer.web.bench import bench_page
 from jansen_env.viewer.web.geometry import scene_of_robot, state_of_frame
-from jansen_env.viewer.web.page import FOLDER
 from jansen_env.viewer.web.page import page as replay_page
+from jansen_env.viewer.web.page import page_of
 
 ADDRESS = "127.0.0.1"
 SOCKET = "/socket"
-TYPES = {".css": "text/css", ".js": "text/javascript"}
 HEADERS = {
     "Cache-Control": "no-store",
-    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
-    "connect-src {sockets}; img-src 'self' data:; base-uri 'none'; form-action 'none'; "
-    "frame-ancestors 'none'",
+    "Content-Security-Policy": "frame-ancestors 'none'",  # the pages have the rest
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cross-Origin-Resource-Policy": "same-origin",
     "Referrer-Policy": "no-referrer",
@@ -111,18 +108,14 @@ class Page:
 
     def __init__(self, session: Session, port: int, host: str = ADDRESS, token: str = "") -> None:
         self.session = session
-        self.root = f"/{token}" if token else ""  # of all paths; the files' links are relative
+        self.root = f"/{token}" if token else ""  # of all paths; the pages' links are relative
         end = "" if port == 80 else f":{port}"  # browsers leave that one out
         self.hosts = [f"{name}{end}" for name in dict.fromkeys((host, ADDRESS, "localhost"))]
         sockets = " ".join(f"ws://{host}" for host in self.hosts)  # to some browsers not 'self'
-        self.headers = {name: value.format(sockets=sockets) for name, value in HEADERS.items()}
-        self.files = {
-            f"/{path.name}": (path.read_text("utf-8"), TYPES[path.suffix])
-            for path in FOLDER.iterdir()
-            if path.suffix in TYPES
+        self.pages = {
+            "/": page_of("play", None, sockets=sockets),
+            "/bench": bench_page(sockets),
         }
-        self.files["/"] = (FOLDER / "play.html").read_text("utf-8"), "text/html"
-        self.files["/bench"] = served_bench_page(), "text/html"
         self._open: set[ServerConnection] = set()
 
     def answer(self, connection: ServerConnection, request: Request) -> Response | None:
@@ -133,10 +126,10 @@ class Page:
             return None
         text, kind = f"{status.value} {status.phrase}\n", "text/plain"
         if status == HTTPStatus.OK:
-            text, kind = self.files[path]
+            text, kind = self.pages[path], "text/html"
         response = connection.respond(status, text)
         del response.headers["Content-Type"]
-        for name, value in {**self.headers, "Content-Type": f"{kind}; charset=utf-8"}.items():
+        for name, value in {**HEADERS, "Content-Type": f"{kind}; charset=utf-8"}.items():
             response.headers[name] = value
         return response
 
@@ -151,7 +144,7 @@ class Page:
             return HTTPStatus.FORBIDDEN
         if not compare_digest(root, self.root.encode()):
             return HTTPStatus.FORBIDDEN
-        if path in self.files:
+        if path in self.pages:
             return HTTPStatus.OK
         if path != SOCKET:
             return HTTPStatus.NOT_FOUND

@@ -109,8 +109,8 @@ def test_the_pages_numbers_are_the_packages(window, rng):
     for name, robot in [*designs, *((name, changed_at_random(r, rng)) for name, r in designs)]:
         angles = np.linspace(-7.0, 7.0, 50)
         places, numbers, again = window.page.evaluate(
-            """async ([design, angles]) => {
-              const { assemble, lengthsOf, measure, place, turnOf } = await import("/linkage.js");
+            """([design, angles]) => {
+              const { assemble, lengthsOf, measure, place, turnOf } = linkage_js;
               const linkage = assemble(design, design.lengths);
               const placed = (psi) => [...design.joints].map((j) => place(linkage, psi).at[j]);
               const { at } = place(linkage, 1);

@@ -1,7 +1,7 @@
 """Recordings as one HTML file that plays them: no server, no network, nothing else to install.
 
-The page is ``replay.html`` with ``theme.css``, ``replay.css`` and the scripts of this folder put
-in, and the recordings as JSON. ``docs/replay.md`` says how exact they are.
+``docs/replay.md`` says how exact they are. :func:`page_of` makes the pages to play and to design,
+too.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import hashlib
 import html
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
@@ -24,8 +24,6 @@ from jansen_env.viewer.recording import Recording
 from jansen_env.viewer.web.geometry import scene_of_robot
 
 FOLDER = Path(__file__).parent
-# Each after what it imports.
-SCRIPTS = ("scene", "track", "plots", "camera", "clock", "terms", "replay")
 MOST_RECORDINGS = 2
 SEEN = 30.0  # m of ground beyond either end of the walk
 LONGEST_TEXT = 500  # characters of the line under the title
@@ -58,43 +56,35 @@ def page(*recordings: Recording) -> str:
         ],
     }
     parts = {"<title>Replay</title>": f"<title>{html.escape(title)}</title>"}
-    return page_of("replay.html", ("theme.css", "replay.css"), SCRIPTS, data, parts)
+    return page_of("replay", data, parts)
 
 
 def page_of(
-    template: str,
-    styles: Sequence[str],
-    scripts: Sequence[str],
+    name: str,
     data: object,
     parts: Mapping[str, str] = MappingProxyType({}),
+    sockets: str = "",
 ) -> str:
-    """A page as one file, which may run and ask for nothing else: styles, scripts and JSON put in.
+    """A page as one file, which may run nothing else, and ask for nothing but ``sockets``.
 
-    Args:
-        template, styles, scripts: names of files in this folder, scripts without ``.js``, each
-            after what it imports. parts: other texts of the template and what replaces them.
+    It is the file of this folder that is called ``name``.html, with ``theme.css``, its own styles
+    and script, what that imports, and ``data`` as JSON put in. parts: other texts of the file and
+    what replaces them.
     """
-    style, script = "".join(map(_read, styles)), _script(scripts)
+    style, script = _read("theme.css") + _read(f"{name}.css"), _script(name)
     policy = (
         f"default-src 'none'; img-src data:; style-src {_hash_of(style)}; "
         f"script-src {_hash_of(script)}; base-uri 'none'; form-action 'none'"
     )
     filling = {
-        "default-src 'none'": policy,
+        "default-src 'none'": f"{policy}; connect-src {sockets}" if sockets else policy,
         "<!-- style -->": f"<style>{style}</style>",
-        "<!-- script -->": f"<script>{script}</script>",
-    }
-    return filled(template, {**filling, **parts}, data)
-
-
-def filled(template: str, parts: Mapping[str, str], data: object) -> str:
-    """A file of this folder with texts replaced, all at once, and data put in as JSON."""
-    all_parts = {
         "<!-- data -->": f'<script type="application/json" id="data">{_json(data)}</script>',
+        "<!-- script -->": f"<script>{script}</script>",
         **parts,
     }
-    pattern = "|".join(map(re.escape, all_parts))
-    return re.sub(pattern, lambda match: all_parts[match[0]], _read(template))
+    pattern = "|".join(map(re.escape, filling))  # all at once: what is put in stays as it is
+    return re.sub(pattern, lambda match: filling[match[0]], _read(f"{name}.html"))
 
 
 def write_page(path: str | Path, *recordings: Recording) -> Path:
@@ -114,11 +104,15 @@ def _read(name: str) -> str:
     return (FOLDER / name).read_text(encoding="utf-8")
 
 
-def _script(names: Sequence[str]) -> str:
-    """Scripts as one: each module a function that returns its exports."""
-    modules = []
-    for name in names:
-        source = _read(f"{name}.js")
+def _script(name: str) -> str:
+    """A script and all that it imports as one: each module a function that returns its exports."""
+    modules: dict[str, str] = {}
+
+    def add(module: str) -> None:
+        source = _read(f"{module}.js")
+        for imported in re.findall(r' from "\./(\w+)\.js";', source):
+            if imported not in modules:
+                add(imported)
         exported = re.findall(r"^export (?:function|const) (\w+)", source, re.MULTILINE)
         source = re.sub(r"^export (?=function|const)", "", source, flags=re.MULTILINE)
         source = re.sub(
@@ -126,11 +120,12 @@ def _script(names: Sequence[str]) -> str:
             source, flags=re.MULTILINE,
         )  # fmt: skip
         if match := re.search(r"^(?:import|export)\b.*|</script|<!--", source, re.MULTILINE):
-            raise ValueError(f"{name}.js has {match[0]!r}, which cannot be put into a page")
-        modules.append(
-            f"const {name}_js = (() => {{\n{source}\nreturn {{ {', '.join(exported)} }};\n}})();"
-        )
-    return '"use strict";\n' + "\n".join(modules)
+            raise ValueError(f"{module}.js has {match[0]!r}, which cannot be put into a page")
+        result = f"return {{ {', '.join(exported)} }};"
+        modules[module] = f"const {module}_js = (() => {{\n{source}\n{result}\n}})();"
+
+    add(name)
+    return "\n".join(['"use strict";', *modules.values()])
 
 
 def _hash_of(text: str) -> str:

@@ -6,13 +6,7 @@ The template is ``policy.c.in``. Texts of a policy's file come into comments and
 
 from __future__ import annotations
 
-import os
 import re
-import shutil
-import subprocess
-import tempfile
-from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -26,7 +20,6 @@ TAKEN = ("main", "math", "stdio")  # files which NAME.c and NAME.h must not be t
 PARTS = {"{}.h": "h", "{}.c": "c", "{}_main.c": "main.c"}  # of the template, by file
 UNSAFE = re.compile(r"[^A-Za-z0-9 .,:;=+\-_()\[\]{}'/%^<>]")  # in a comment
 PER_LINE = 6  # numbers of an array
-OPTIONS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-pedantic")
 
 
 def comment(text: object, longest: int = 200) -> str:
@@ -76,30 +69,6 @@ def sources(policy: PretrainedPolicy, name: str) -> dict[str, str]:
     }  # fmt: skip
     template = env.get_template("policy.c.in")
     return {file.format(name): template.render(values, part=part) for file, part in PARTS.items()}
-
-
-def run(
-    sources: Mapping[str, str], name: str, cases: Array, options: Sequence[str] = OPTIONS
-) -> Array | None:
-    """Return the actions (n,) of generated C for observations (n, d); None without a compiler.
-
-    Raises:
-        ValueError: the compiler refuses the source.
-    """
-    compilers = (shutil.which(each) for each in (os.environ.get("CC", "cc"), "cc", "gcc", "clang"))
-    if (compiler := next(filter(None, compilers), None)) is None:
-        return None
-    with tempfile.TemporaryDirectory() as folder:
-        for file, text in sources.items():
-            (Path(folder) / file).write_text(text, encoding="ascii")
-        build = [compiler, *options, "-o", "main", f"{name}_main.c", f"{name}.c", "-lm"]
-        made = subprocess.run(build, cwd=folder, capture_output=True, text=True, check=False)
-        if made.returncode != 0:
-            raise ValueError(f"{' '.join(build)} failed: {made.stderr.strip()}")
-        numbers = "\n".join(" ".join(f"{x:.9g}" for x in seen) for seen in cases.tolist())
-        program = [str(Path(folder) / "main")]
-        answer = subprocess.run(program, input=numbers, capture_output=True, text=True, check=True)
-    return np.array(answer.stdout.split(), float)
 
 
 def _single(value: float) -> str:

@@ -17,7 +17,6 @@ import torch
 from torch import Tensor, nn
 
 import jansen_env
-from jansen_env.baselines.policy import Array
 from jansen_env.policies.pretrained import (
     Features,
     Harmonics,
@@ -102,11 +101,3 @@ def build(policy: PretrainedPolicy, name: str) -> onnx.ModelProto:
     onnx.helper.set_model_props(model, {"env_id": policy.env_id, **texts})
     onnx.checker.check_model(model, full_check=True)
     return model
-
-
-def run(model: onnx.ModelProto, cases: Array) -> Array:
-    """Return the actions (n,) for observations (n, d), by onnx's reference implementation."""
-    from onnx.reference import ReferenceEvaluator
-
-    (actions,) = ReferenceEvaluator(model).run(["action"], {"observation": cases})
-    return np.asarray(actions, float)[:, 0]

@@ -19,8 +19,8 @@ ARGUMENTS = (
 
 def chromium() -> str | None:
     """Where the browser is: $CHROMIUM, or else one on the path."""
-    own = os.environ.get("CHROMIUM")
-    names = [own] if own else ["chromium", "chromium-browser", "google-chrome"]
+    given = os.environ.get("CHROMIUM")
+    names = [given] if given else ["chromium", "chromium-browser", "google-chrome"]
     return next((path for name in names if (path := shutil.which(name))), None)
 
 
@@ -72,7 +72,7 @@ def open_window(browser):
         return window
 
     yield opened
-    found = [window.errors for window in windows]
+    errors = [window.errors for window in windows]
     for context in contexts:
         context.close()
-    assert not any(found), found
+    assert not any(errors), errors

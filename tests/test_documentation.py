@@ -19,8 +19,8 @@ IDS = [str(page.relative_to(ROOT)) for page in PAGES]
 def blocks(page: Path, language: str) -> Iterator[tuple[int, str]]:
     """The fenced code blocks of a page in a language, with the lines they begin at."""
     text = page.read_text(encoding="utf-8")
-    for found in re.finditer(rf"^```{language}\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
-        yield text[: found.start(1)].count("\n"), found[1]
+    for match in re.finditer(rf"^```{language}\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
+        yield text[: match.start(1)].count("\n"), match[1]
 
 
 @pytest.mark.parametrize(
@@ -42,7 +42,7 @@ def test_python_blocks_run(page: Path, tmp_path: Path, monkeypatch: pytest.Monke
 def commands() -> dict[tuple[str, ...], set[str]]:
     """What the pages run of this project, ``("-m", module)``, ``(script,)`` or ``("jansen-env",
     command)``, with its options."""
-    found: dict[tuple[str, ...], set[str]] = {}
+    options_of: dict[tuple[str, ...], set[str]] = {}
     for page in PAGES:
         for _, block in blocks(page, "(?:bash|console)"):
             for line in re.split(r"\n|&&|;", block.replace("\\\n", " ")):
@@ -55,8 +55,8 @@ def commands() -> dict[tuple[str, ...], set[str]]:
                     continue
                 program = tuple(words[: 1 if words[0].endswith(".py") else 2])
                 options = {word.split("=")[0] for word in words if re.match("--?[a-z]", word)}
-                found.setdefault(program, set()).update(options - {"-m"})
-    return {p: options for p, options in found.items() if p[-1] not in ("pip", "pytest")}
+                options_of.setdefault(program, set()).update(options - {"-m"})
+    return {p: options for p, options in options_of.items() if p[-1] not in ("pip", "pytest")}
 
 
 @pytest.mark.parametrize("program", commands(), ids=" ".join)

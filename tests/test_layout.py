@@ -61,19 +61,19 @@ def part_of(module: str) -> str | None:
 
 def imported(path: Path) -> set[str]:
     """All modules that a file imports, also within functions."""
-    found = set()
+    modules = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            found |= {name.name for name in node.names}
+            modules |= {name.name for name in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
-            found.add(node.module)
-            found |= {f"{node.module}.{name.name}" for name in node.names}
-    return found
+            modules.add(node.module)
+            modules |= {f"{node.module}.{name.name}" for name in node.names}
+    return modules
 
 
 def test_agents_ask_for_all_packages_that_they_import():
     """Beside those that the package itself needs, and those that have extras of their own."""
-    found = {
+    packages = {
         name.split(".")[0]
         for path in FILES
         if "agents" in path.relative_to(ROOT).parts
@@ -81,14 +81,14 @@ def test_agents_ask_for_all_packages_that_they_import():
     }
     others = {"agents", "jansen_env", "benchmarks", "gymnasium", "numpy", "safetensors"}
     others |= {"jinja2", "onnx", "onnxruntime", "pymoo", "pandas", "ray"}
-    assert found - others - sys.stdlib_module_names <= {*NEEDED}
+    assert packages - others - sys.stdlib_module_names <= {*NEEDED}
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_imports_go_in_one_direction(path):
-    own = part_of(".".join(path.relative_to(ROOT).with_suffix("").parts))
-    assert own is not None, "a part that ORDER does not name"
-    wrong = [m for m in imported(path) if RANK.get(part_of(m) or "", 0) > RANK[own]]
+    part = part_of(".".join(path.relative_to(ROOT).with_suffix("").parts))
+    assert part is not None, "a part that ORDER does not name"
+    wrong = [m for m in imported(path) if RANK.get(part_of(m) or "", 0) > RANK[part]]
     assert not wrong
 
 

@@ -99,8 +99,8 @@ def numbers_of(robot):
 
 def changed_at_random(robot, rng):
     """The robot with lengths that differ by 1 % or so."""
-    own = lengths(robot)
-    return with_lengths(robot, {name: v * rng.uniform(0.99, 1.01) for name, v in own.items()})
+    changes = {name: v * rng.uniform(0.99, 1.01) for name, v in lengths(robot).items()}
+    return with_lengths(robot, changes)
 
 
 def test_the_pages_numbers_are_the_packages(window, rng):
@@ -191,7 +191,7 @@ def test_everything_by_keys(window):
     assert fragment(page) == "paper"
     nameless = page.evaluate(
         """() => [...document.querySelectorAll("button, select, input, a, .handle")]
-          .filter((one) => !one.ariaLabel && !one.labels?.length && !one.textContent.trim())
+          .filter((e) => !e.ariaLabel && !e.labels?.length && !e.textContent.trim())
           .length"""
     )
     assert nameless == 0
@@ -273,9 +273,9 @@ def test_on_a_phone_by_touch(alone):
     assert page.evaluate("document.documentElement.scrollWidth") == 360
     small = page.evaluate(
         """() => [...document.querySelectorAll("button, select, input, .check")]
-          .filter((one) => one.type !== "checkbox")
-          .filter((one) => one.offsetParent && one.getBoundingClientRect().height < 43.9)
-          .map((one) => one.outerHTML)"""
+          .filter((e) => e.type !== "checkbox")
+          .filter((e) => e.offsetParent && e.getBoundingClientRect().height < 43.9)
+          .map((e) => e.outerHTML)"""
     )
     assert small == []
     toe, x, y = handle(page, "T")

@@ -20,7 +20,7 @@ def test_two_policies_start_alike(tmp_path, capsys):
     assert (pid.label, pid.steps, pid.seed, pid.command[0]) == ("pid", 5, 3, 0.1)
     assert pid.state[0].tolist() == other.state[0].tolist()
     assert pid.state[5].tolist() != other.state[5].tolist()
-    assert [one["label"] for one in data_of(out)["recordings"]] == ["pid", "constant"]
+    assert [track["label"] for track in data_of(out)["recordings"]] == ["pid", "constant"]
     assert capsys.readouterr().out.count("written: ") == 3
 
 
@@ -30,5 +30,5 @@ def test_saved_ones_are_shown_again(tmp_path):
     saved = str(tmp_path / "a_pid.npz")
     main(["--recording", saved, "--recording", saved, "--out", str(tmp_path / "b.html")])
     data = data_of(tmp_path / "b.html")
-    assert [one["label"] for one in data["recordings"]] == ["pid (1)", "pid (2)"]
+    assert [track["label"] for track in data["recordings"]] == ["pid (1)", "pid (2)"]
     assert data["recordings"][0]["arrays"] == data_of(out)["recordings"][0]["arrays"]

@@ -13,9 +13,9 @@ from jansen_env.viewer.web.page import frame_of, write_page
 
 PIXELS = "canvas => canvas.toDataURL()"
 NAMELESS = """() => [...document.querySelectorAll('button, input, select, canvas, dialog')]
-    .filter(one => !(one.ariaLabel || one.textContent.trim() || one.labels?.length
-        || one.getAttribute('aria-labelledby')))
-    .map(one => one.outerHTML)"""
+    .filter(e => !(e.ariaLabel || e.textContent.trim() || e.labels?.length
+        || e.getAttribute('aria-labelledby')))
+    .map(e => e.outerHTML)"""
 DIGITS = {"crankSpeed": 2, "torque": 2, "power": 2, "returned": 1}  # 3 of the others
 STILL = {"reduced_motion": "reduce"}
 
@@ -53,33 +53,34 @@ def time_of(page):
 
 def numbers(page, i=0):
     cells = page.locator(f"td[data-recording='{i}']")
-    values = cells.evaluate_all("all => all.map(one => [one.dataset.name, one.textContent])")
+    values = cells.evaluate_all("all => all.map(e => [e.dataset.name, e.textContent])")
     return {name: float(text) if text != "\u2013" else None for name, text in values}
 
 
-def expected(one, k):
+def expected(episode, k):
     """What it should say of a control step, from the recording."""
-    distance = one.pose[k, 0] - one.pose[0, 0]
-    slipped = one.slip[:k].sum()
-    work = np.abs(one.energy_of("motor_work"))[:k].sum()
+    distance = episode.pose[k, 0] - episode.pose[0, 0]
+    slipped = episode.slip[:k].sum()
+    work = np.abs(episode.energy_of("motor_work"))[:k].sum()
     return {
-        "command": one.command[k], "speed": one.speed[k], "crankSpeed": one.crank_speed[k],
-        "torque": one.torque[k], "power": one.power[k - 1], "position": one.pose[k, 0],
-        "slip": one.slip[k - 1].sum() / (one.time[k] - one.time[k - 1]),
-        "pitch": one.pose[k, 2], "returned": one.reward[:k].sum(),
+        "command": episode.command[k], "speed": episode.speed[k],
+        "crankSpeed": episode.crank_speed[k],
+        "torque": episode.torque[k], "power": episode.power[k - 1], "position": episode.pose[k, 0],
+        "slip": episode.slip[k - 1].sum() / (episode.time[k] - episode.time[k - 1]),
+        "pitch": episode.pose[k, 2], "returned": episode.reward[:k].sum(),
         "slipPerMetre": slipped / distance if distance > 1e-3 else None,
-        "costOfTransport": work / one.weight[k] / distance if distance > 1e-3 else None,
+        "costOfTransport": work / episode.weight[k] / distance if distance > 1e-3 else None,
     }  # fmt: skip
 
 
 def check(page, recordings, k):
-    for i, one in enumerate(recordings):
-        for name, value in expected(one, k).items():
-            found = numbers(page, i)[name]
+    for i, episode in enumerate(recordings):
+        for name, value in expected(episode, k).items():
+            number = numbers(page, i)[name]
             if value is None:
-                assert found is None, name
+                assert number is None, name
             else:
-                assert found == pytest.approx(value, abs=0.501 * 0.1 ** DIGITS.get(name, 3)), name
+                assert number == pytest.approx(value, abs=0.501 * 0.1 ** DIGITS.get(name, 3)), name
 
 
 def settled(page):
@@ -114,7 +115,7 @@ def test_numbers_are_those_of_the_recording(opened, recordings):
     page = opened(2, **STILL).page
     for time in (0.0, 0.5, 1.3, 2.0):
         page.locator("#scrub").evaluate(
-            "(one, time) => { one.value = time; one.dispatchEvent(new Event('input')); }",
+            "(e, time) => { e.value = time; e.dispatchEvent(new Event('input')); }",
             time + 0.004,
         )
         settled(page)
@@ -186,7 +187,7 @@ def test_the_keyboard_is_enough(opened, recordings):
         outline = page.evaluate("getComputedStyle(document.activeElement).outlineStyle")
         assert visited[-1] == "" or outline != "none", visited
     controls = page.locator("button:visible, input:visible, select:visible")
-    assert {*controls.evaluate_all("all => all.map(one => one.id)")} <= {*visited}
+    assert {*controls.evaluate_all("all => all.map(e => e.id)")} <= {*visited}
     page.focus("#forces")
     press("Space")  # presses the button that has the focus, and does not play
     assert page.get_attribute("#forces", "aria-pressed") == "true"
@@ -260,13 +261,13 @@ def test_colours_are_the_readers(opened):
 
 
 def test_the_crank_has_no_ground(opened):
-    one = recorded("JansenCrank-v0", "crank", 0.1)
-    page = opened(shown=[one], **STILL).page
+    episode = recorded("JansenCrank-v0", "crank", 0.1)
+    page = opened(shown=[episode], **STILL).page
     page.keyboard.press("g")  # there is no second one
     page.keyboard.press("End")
     settled(page)
     shown = numbers(page)
-    assert shown["speed"] == pytest.approx(one.crank_speed[-1], abs=6e-4)
+    assert shown["speed"] == pytest.approx(episode.crank_speed[-1], abs=6e-4)
     assert "slip" not in shown and not page.locator("#legend").is_visible()
     assert page.locator("#stage canvas").evaluate(PIXELS)
 
@@ -274,11 +275,11 @@ def test_the_crank_has_no_ground(opened):
 def test_names_are_text(opened, open_window, recordings, tmp_path):
     """Not markup or code, in the page and in a notebook's frame, which may not do anything."""
     evil = "</script><script>document.title='x'</script><img src=x onerror=alert(1)>\"'&"
-    one = recorded("JansenWalker-v0", evil, 0.1)
-    page = opened(shown=[one], **STILL).page
+    episode = recorded("JansenWalker-v0", evil, 0.1)
+    page = opened(shown=[episode], **STILL).page
     assert page.inner_text("h1") == evil == page.title()
     notebook = tmp_path / "notebook.html"
-    notebook.write_text(f"<!doctype html><p>before</p>{one._repr_html_()}", encoding="utf-8")
+    notebook.write_text(f"<!doctype html><p>before</p>{episode._repr_html_()}", encoding="utf-8")
     window = open_window(**STILL)
     window.page.goto(notebook.as_uri())
     frame = window.page.frame_locator("iframe")
@@ -287,4 +288,4 @@ def test_names_are_text(opened, open_window, recordings, tmp_path):
     window.page.keyboard.press("End")
     frame.locator("#time", has_text="2.00 s").wait_for()
     assert len(window.requests) == 1 or all(u.startswith("about:") for u in window.requests[1:])
-    assert frame_of(one) == one._repr_html_()
+    assert frame_of(episode) == episode._repr_html_()

@@ -112,8 +112,8 @@ def test_sums_are_those_of_each_step():
     (track,) = recordings_of(page(recording))
     assert track["scene"]["weight"] == pytest.approx(weights[0])
     packed = track["arrays"]
-    found = [unpacked(packed[name])[-1] for name in ("distance", "slipped", "lifted")]
-    np.testing.assert_allclose(found, [distance, slipped, lifted], rtol=1e-6)
+    sums = [unpacked(packed[name])[-1] for name in ("distance", "slipped", "lifted")]
+    np.testing.assert_allclose(sums, [distance, slipped, lifted], rtol=1e-6)
     still = replace(recording, command=np.zeros(151))
     assert unpacked(recordings_of(page(still))[0]["arrays"]["distance"])[-1] == pytest.approx(x)
 
@@ -135,9 +135,9 @@ def test_far_walks_have_the_ground_they_see(recording):
     """Not thousands of vertices elsewhere; the two at the ends of a segment are enough."""
     x = np.linspace(-5000.0, 5000.0, 100_001)
     ground = np.stack([x, np.sin(x)], axis=1)
-    (one,) = recordings_of(page(replace(recording, terrain=ground)))
-    seen = np.array(one["scene"]["terrain"])
+    (track,) = recordings_of(page(replace(recording, terrain=ground)))
+    seen = np.array(track["scene"]["terrain"])
     assert len(seen) < 1000 and seen[0, 0] < -30.0 and seen[-1, 0] > 30.0
     beside = np.array([[100.0, 0.0], [101.0, 0.0], [102.0, 1.0]])
-    (one,) = recordings_of(page(replace(recording, terrain=beside)))
-    assert one["scene"]["terrain"] == [[100.0, 0.0], [101.0, 0.0]]
+    (track,) = recordings_of(page(replace(recording, terrain=beside)))
+    assert track["scene"]["terrain"] == [[100.0, 0.0], [101.0, 0.0]]

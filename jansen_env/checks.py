@@ -12,6 +12,8 @@ from numbers import Integral, Real
 from types import NoneType
 from typing import Any
 
+import numpy as np
+
 MAX_STEPS = 10**10  # environment steps of one run: months of training
 LONGEST = 200  # characters of a value in a message
 LEAST_SINGLE, MOST_SINGLE = 2.0**-126, (2.0 - 2.0**-23) * 2.0**127  # of normal float32 numbers
@@ -127,6 +129,19 @@ def entries(name: str, value: object, allowed: str) -> tuple[Any, ...]:
         with contextlib.suppress(TypeError):  # of an array without dimensions
             return tuple(value)
     raise ValueError(f"{name} is {shown(value)}, must be {allowed}")
+
+
+def number_range(name: str, value: object, least: float, most: float) -> tuple[float, float]:
+    """Return a number or a pair within limits as (low, high). Raises ValueError."""
+    pair: tuple[Any, ...] = (value, value)
+    if isinstance(value, (tuple, list, np.ndarray)):
+        pair = entries(name, value, "a number or (low, high)")
+    if len(pair) != 2:
+        raise ValueError(f"{name} is {shown(value)}, must be a number or (low, high)")
+    low, high = (within(name, number, least, most) for number in pair)
+    if low > high:
+        raise ValueError(f"{name} is {shown(value)}, must be (low, high) with low <= high")
+    return low, high
 
 
 def one_or_two(name: str, value: object) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""The table of parameters: numbers that may differ between robots and between episodes.
+"""The table of parameters, numbers that may differ between robots and episodes, and their draws.
 
 Types, checks, ``randomize``, reset options, ``set_parameters``, ``info["parameters"]`` and the
 documentation are made from it; :mod:`jansen_env.plants.robot_parameters` and the world apply it.
@@ -6,16 +6,17 @@ documentation are made from it; :mod:`jansen_env.plants.robot_parameters` and th
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.checks import shown, within
+from jansen_env.checks import listed, number_range, shown, within
 from jansen_env.robot import Robot
 from jansen_env.terrain import MAX_SLOPE, Terrain
 from jansen_env.terrain.generators import HIGHEST
+from jansen_env.uniform import uniform
 
 LARGEST = 1e6  # of a coefficient of friction, a mass in kg, a place in m
 LONGEST_DELAY = 1.0  # s, of an action
@@ -173,3 +174,78 @@ def markdown() -> str:
         limits = f"{row.least:g} to {row.most:g}"
         lines.append(f"| `{row.name}` | {row.unit} | {limits} | {row.meaning} | {row.idle} |")
     return "\n".join(lines)
+
+
+@runtime_checkable
+class Distribution(Protocol):
+    """Protocol of what draws a number."""
+
+    def sample(self, rng: np.random.Generator) -> float:
+        """Draw a number with ``rng`` alone."""
+        ...
+
+
+class Uniform(NamedTuple):
+    """A uniform distribution from ``low`` to ``high``, ``whole``: of whole numbers, with both."""
+
+    low: float
+    high: float
+    whole: bool = False
+
+    def sample(self, rng: np.random.Generator) -> float:
+        """Draw a number."""
+        if self.whole:
+            return float(rng.integers(int(self.low), int(self.high), endpoint=True))
+        return float(uniform(rng, self.low, self.high))
+
+
+Randomization: TypeAlias = dict[str, Distribution]
+"""Distributions of parameters by name, in the order of :data:`TABLE`."""
+
+EVERY = "*"  # stands for all lengths
+WIDEST = 0.9  # by which a length may be shorter
+
+
+def load_randomization(
+    name: str, value: object, parameters: Iterable[str] | None = None
+) -> dict[str, Any]:
+    """Return the distributions of ``randomize``: a :data:`Randomization`, and "lengths".
+
+    ``value``: by name a number, (low, high) for a uniform draw (of whole numbers where the
+    parameter is one), or a :class:`Distribution`; None for none. "lengths" are factors by length,
+    or of all; a number s stands for (1 - s, 1 + s). ``parameters``: allowed names; None for all.
+
+    Raises:
+        ValueError: an unknown name or invalid range.
+    """
+    given = {} if value is None else value
+    if not isinstance(given, Mapping):
+        raise ValueError(f"{name} is {shown(given)}, must map of {[*PARAMETERS]} to ranges")
+    parameters = [*(PARAMETERS if parameters is None else parameters)]
+    known = [*parameters, "lengths"]
+    if unknown := sorted(map(str, {*given} - {*known})):
+        raise ValueError(f"{name} has {unknown}, must be of {listed(known, unknown[0])}")
+    drawn: dict[str, Any] = {k: _distribution(k, given[k]) for k in parameters if k in given}
+    if "lengths" in given:
+        given_factors = given["lengths"]
+        factors = given_factors if isinstance(given_factors, Mapping) else {EVERY: given_factors}
+        drawn["lengths"] = {str(name): _factor(str(name), f) for name, f in factors.items()}
+    return drawn
+
+
+def _factor(name: str, value: object) -> Distribution:
+    if isinstance(value, Distribution):
+        return value
+    label = "randomize['lengths']" + ("" if name == EVERY else f"[{name!r}]")
+    if isinstance(value, (tuple, list, np.ndarray)):
+        return Uniform(*number_range(label, value, *SCALE))
+    spread = within(label, value, 0.0, WIDEST)
+    return Uniform(1.0 - spread, 1.0 + spread)
+
+
+def _distribution(name: str, value: object) -> Distribution:
+    if isinstance(value, Distribution):
+        return value
+    row, label = PARAMETERS[name], f"randomize[{name!r}]"
+    low, high = number_range(label, value, row.least, row.most)
+    return Uniform(check(label, name, low), check(label, name, high), row.whole)

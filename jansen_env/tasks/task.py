@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env.checks import MOST_SINGLE, listed, within
+from jansen_env.checks import MOST_SINGLE, listed, number_range, within
 from jansen_env.engine import readings
 from jansen_env.tasks.information import InfoBuilder
 from jansen_env.uniform import uniform
@@ -23,7 +23,6 @@ from jansen_env.world.argument_checks import (
     Ints,
     Values,
     flag,
-    number_range,
     option,
 )
 from jansen_env.world.observations import Observed

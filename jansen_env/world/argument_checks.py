@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import TypeAliasType
 
-from jansen_env.checks import entries, positive, shown, within
+from jansen_env.checks import positive, shown, within
 from jansen_env.engine.integrator import DIVERGED
 from jansen_env.plants.base import check_time_step, numbers_of
 
@@ -68,19 +68,6 @@ def start_noise(name: str, value: object) -> float:
 def optional(check: Check) -> Check:
     """A check that also accepts None."""
     return lambda name, value: None if value is None else check(name, value)
-
-
-def number_range(name: str, value: object, least: float, most: float) -> tuple[float, float]:
-    """A number or a pair between ``least`` and ``most`` as (low, high)."""
-    pair: tuple[Any, ...] = (value, value)
-    if isinstance(value, (tuple, list, np.ndarray)):
-        pair = entries(name, value, "a number or (low, high)")
-    if len(pair) != 2:
-        raise ValueError(f"{name} is {shown(value)}, must be a number or (low, high)")
-    low, high = (within(name, number, least, most) for number in pair)
-    if low > high:
-        raise ValueError(f"{name} is {shown(value)}, must be (low, high) with low <= high")
-    return low, high
 
 
 def option(

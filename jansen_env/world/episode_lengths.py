@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from jansen_env.checks import instance, listed, shown
 from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.gravity import GRAVITY
+from jansen_env.parameters import EVERY, Distribution
 from jansen_env.plants.base import static_deflection
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import nearest_dead_point
 from jansen_env.robot.lengths import lengths, with_lengths
 from jansen_env.world.argument_checks import Values
 from jansen_env.world.observations import EXACT, Observed
-from jansen_env.world.randomization import EVERY, Distribution
 
 MARGIN = 0.12  # least sine of the angle between two links that meet in a drawn robot
 ATTEMPTS = 200  # draws of a robot's lengths: of 10 % each, six in ten will do
@@ -40,8 +40,9 @@ class EpisodeLengths:
         observed: whether observations show the lengths.
 
     Attributes:
-        own: robots as constructed. nominal: robots with their own lengths, as exchanged by resets
-            and changed since. changed: of each, lengths of this episode that are not its own, m.
+        constructed: the robots at first. nominal: robots with their own lengths, as exchanged by
+            resets and changed since. changed: of each, lengths of this episode that are not its
+            own, m.
             factors: of each, distributions of factors by length.
         entries: numbers for observations. values: (n,) all lengths of this episode, m, by name;
             None where they are neither drawn nor observed.
@@ -53,7 +54,7 @@ class EpisodeLengths:
     def __init__(
         self, robots: Sequence[Robot], randomizations: Sequence[Values], observed: bool
     ) -> None:
-        self.own, self.nominal = list(robots), list(robots)
+        self.constructed, self.nominal = list(robots), list(robots)
         self.changed: list[dict[str, float]] = [{} for _ in robots]
         self.entries: list[Observed] = []
         self.values: NDArray[Any] | None = None
@@ -107,7 +108,7 @@ class EpisodeLengths:
         static_deflection(build.robot, GRAVITY)  # or its feet are too soft
         return build
 
-    def take(self, builds: Mapping[int, Build]) -> None:
+    def begin(self, builds: Mapping[int, Build]) -> None:
         """Begin episodes with planned robots."""
         for i, build in builds.items():
             self.nominal[i], self.changed[i] = build.nominal, build.changed
@@ -118,11 +119,11 @@ class EpisodeLengths:
         if self.values is None:
             return
         for i in which:
-            own = lengths(self.nominal[i])
-            now = {**own, **self.changed[i]}
+            nominal = lengths(self.nominal[i])
+            now = {**nominal, **self.changed[i]}
             self.values[i] = tuple(now.values())
             if len(self._columns) > 0:  # of a length of 0, such as an offset, the change itself
-                shares = [(now[name] - own[name]) / (own[name] or 1.0) for name in own]
+                shares = [(now[k] - nominal[k]) / (nominal[k] or 1.0) for k in nominal]
                 self._observation[i, self._columns] = shares
 
     def equip(self, i: int, robot: Robot) -> None:
@@ -132,7 +133,7 @@ class EpisodeLengths:
 
     def exchanged(self, i: int) -> bool:
         """Return whether a robot is another one than that constructed, lengths of draws aside."""
-        return self.nominal[i] != self.own[i]
+        return self.nominal[i] != self.constructed[i]
 
 
 def _by_name(factors: dict[str, Distribution], names: Sequence[str]) -> dict[str, Distribution]:
@@ -146,8 +147,8 @@ def _by_name(factors: dict[str, Distribution], names: Sequence[str]) -> dict[str
 
 def _build(nominal: Robot, given: Mapping[str, float]) -> Build:
     """Return a robot with given lengths, m."""
-    robot, own = with_lengths(nominal, given) if given else nominal, lengths(nominal)
-    changed = {name: float(value) for name, value in given.items() if value != own[name]}
+    robot, before = with_lengths(nominal, given) if given else nominal, lengths(nominal)
+    changed = {name: float(value) for name, value in given.items() if value != before[name]}
     return Build(nominal, changed, robot)
 
 
@@ -155,9 +156,9 @@ def _draw(
     nominal: Robot, given: Mapping[str, float], factors: Mapping[str, Distribution], rng: Any
 ) -> Build:
     """Draw the lengths that are not given until the robot can turn, well off any dead point."""
-    own, reason = lengths(nominal), ""
+    before, reason = lengths(nominal), ""
     for _ in range(ATTEMPTS):
-        drawn = {name: own[name] * factor.sample(rng) for name, factor in factors.items()}
+        drawn = {name: before[name] * factor.sample(rng) for name, factor in factors.items()}
         try:
             build = _build(nominal, {**drawn, **given})
             sine, joint, angle = nearest_dead_point(build.robot)

@@ -18,6 +18,8 @@ from jansen_env.parameters import (
     OF_ROBOTS,
     OF_ROBOTS_COLUMNS,
     PARAMETERS,
+    Randomization,
+    Uniform,
     check,
     plain,
     robot_parameters,
@@ -31,15 +33,15 @@ from jansen_env.terrain.curriculum import Curriculum
 from jansen_env.terrain.generators import Generator
 from jansen_env.world.argument_checks import Ints, Values, finite_numbers
 from jansen_env.world.episode_lengths import Build
-from jansen_env.world.randomization import Randomization, Uniform
 from jansen_env.world.settings import HeldSettings, WorldSettings
 
 
 class Plan(NamedTuple):
-    """An episode to come: parameters (1,) of EPISODE; terrain, None where it stays."""
+    """An episode to come: parameters (1,) of EPISODE; terrain and robot, None where it stays."""
 
-    values: NDArray[Any]
+    values: NDArray[np.void]
     terrain: Terrain | None
+    build: Build | None = None
 
 
 class EpisodeParameters:
@@ -106,7 +108,7 @@ class EpisodeParameters:
         if self.curriculum is not None and not has_levels.all():
             raise ValueError("curriculum is given, must be None on a ground that has no levels")
 
-    def take(self, i: int, changes: Mapping[str, float]) -> None:
+    def set_numbers(self, i: int, changes: Mapping[str, float]) -> None:
         """Set a robot's nominal and present numbers."""
         for name, value in changes.items():
             self.nominal[name][i] = self.values[name][i] = value
@@ -122,7 +124,7 @@ class EpisodeParameters:
         self.check_names(i, [*given], "randomize", robot)
         return given
 
-    def take_robot(self, i: int, robot: Robot) -> None:
+    def exchange_robot(self, i: int, robot: Robot) -> None:
         """Take the payload and the draws of a robot that comes in place of another."""
         parameters.take_load(self.nominal[i], robot)
         self.randomizations[i] = self._draws(i, robot)
@@ -201,7 +203,7 @@ class EpisodeParameters:
             self._check_feet(robot, _heaviest(numbers, randomization))
         numbers["delay"] = delay
         if not options and not self.varies and not self._changed[i]:
-            return Plan(values, None)
+            return Plan(values, None, build)
         numbers["terrain_level"] = self._next_level(i, rng, walked, command)
         for name, distribution in randomization.items():
             label = f"a sample of randomize[{name!r}]"
@@ -224,14 +226,14 @@ class EpisodeParameters:
             if terrain.restitution != numbers["restitution"]:  # compliant pads may exclude it
                 terrain = replace(terrain, restitution=float(numbers["restitution"]))
         self._check_feet(robot or self._plant.robots[i], numbers)
-        return Plan(values, terrain)
+        return Plan(values, terrain, build)
 
     def _next_level(self, i: int, rng: np.random.Generator, walked: float, command: float) -> float:
         low, high = self.levels[i].tolist()
         if self.curriculum is not None:
-            own = np.random.default_rng(rng.integers(2**63))  # later draws stay the seed's
-            commanded = command * self.curriculum.horizon
-            return float(self.curriculum.next_level(int(self.level[i]), walked, commanded, own))
+            separate = np.random.default_rng(rng.integers(2**63))  # later draws stay the seed's
+            commanded, level = command * self.curriculum.horizon, int(self.level[i])
+            return float(self.curriculum.next_level(level, walked, commanded, separate))
         return float(rng.integers(int(low), int(high), endpoint=True)) if high > low else low
 
     def begin(self, which: Ints, plans: Sequence[Plan]) -> None:

@@ -20,11 +20,12 @@ from jansen_env.checks import (
     listed,
     load_record,
     non_negative,
+    number_range,
     positive,
     shown,
     within,
 )
-from jansen_env.parameters import LONGEST_DELAY
+from jansen_env.parameters import LONGEST_DELAY, load_randomization
 from jansen_env.plants.base import check_time_step
 from jansen_env.plants.plant import plant_time_step
 from jansen_env.robot import ROBOTS, Compliance, Payload, Robot
@@ -41,14 +42,12 @@ from jansen_env.world.argument_checks import (
     Values,
     entries_of,
     flag,
-    number_range,
     optional,
     render_mode,
     start_noise,
 )
 from jansen_env.world.observations import Noise
 from jansen_env.world.push import Push
-from jansen_env.world.randomization import load_randomization
 
 FLAT = Terrain.flat()  # where a robot stands before its ground is drawn
 FURTHEST_SCAN, MOST_SCANNED = 100.0, 1000  # m, and places, of a height scan

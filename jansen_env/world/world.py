@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from typing import Any, cast
@@ -12,13 +12,13 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env.checks import entries, shown, whole_number, within
+from jansen_env.checks import entries, number_range, shown, whole_number, within
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.pads import pad_layout
 from jansen_env.engine import crank_tracking, readings
 from jansen_env.engine.integrator import DIVERGED
 from jansen_env.gravity import GRAVITY
-from jansen_env.parameters import CHANGED_BY, CHANGES, LONGEST_DELAY, PARAMETERS, check
+from jansen_env.parameters import CHANGED_BY, CHANGES, LONGEST_DELAY, PARAMETERS, Uniform, check
 from jansen_env.plants.base import (
     LARGEST,
     check_deflection,
@@ -43,14 +43,12 @@ from jansen_env.world.argument_checks import (
     control_period,
     finite_numbers,
     flag,
-    number_range,
     option,
 )
 from jansen_env.world.episode_lengths import Build, EpisodeLengths
 from jansen_env.world.episode_parameters import EpisodeParameters, Plan
 from jansen_env.world.observations import Noise, NoisySensors, Observed, world_observations
 from jansen_env.world.push import Push, Pushes, check_schedule
-from jansen_env.world.randomization import Uniform
 from jansen_env.world.settings import (
     HeldSettings,
     WorldSettings,
@@ -210,8 +208,8 @@ class World:
     def connect(self, observed: Sequence[Observed], observation: NDArray[np.float32]) -> None:
         """Take the array of observations (n, d) and its columns."""
         names = [entry.name for entry in observed]
-        own = [entry.name for entry in self.observations]
-        self._places = np.array([names.index(name) if name in names else -1 for name in own])
+        known = [entry.name for entry in self.observations]
+        self._places = np.array([names.index(name) if name in names else -1 for name in known])
         self._observation = observation
         self.lengths.connect(observed, observation)
         if self._noise is not None:
@@ -307,23 +305,22 @@ class World:
             ValueError: an option out of range, FloatingPointError: the robot diverges where it is
                 placed. Nothing has changed then but the generators.
         """
-        robots = list(zip(which.tolist(), generators, options, strict=True))
+        robots, plant = list(zip(which.tolist(), generators, options, strict=True)), self.plant
         starts = [self._draw_start(*robot, draw) for robot in robots]
         seeds = [self._draw_seed(i, rng) for i, rng, _ in robots]
-        builds = self._plan_robots(robots, seeds)
         plans = [
-            self.episodes.plan(*robot, start[2], *progress(robot[0]), builds.get(robot[0]))
-            for robot, start in zip(robots, starts, strict=True)
+            self.episodes.plan(
+                *robot, start[2], *progress(robot[0]), self._plan_robot(robot[0], robot[2], seed)
+            )
+            for robot, start, seed in zip(robots, starts, seeds, strict=True)
         ]
-        given = [own.get("pushes") for own in options]
+        given = [named.get("pushes") for named in options]
         schedules = [
             NO_PUSHES if pushes is None else check_schedule("options['pushes']", pushes)
             for pushes in given
         ]
-        plant = self.plant
-        with self._all_or_nothing(which, builds, plans):
-            self._exchange(builds)
-            self._apply_parameters(which, plans)
+        with self._all_or_nothing(which, plans):
+            self._apply(which, plans)
             plant.place(which, np.array([start[0] for start in starts]))
         self.seeds[which] = [seed or 0 for seed in seeds]
         self.toe_load[which] = plant.contact_force[which, :, 1] / self.weight[which, None]
@@ -345,18 +342,18 @@ class World:
         # Drawn in any case, so that fixing one leaves the others as they were.
         noise, limits = self.reset_noise_scale[i], (-LARGEST, LARGEST)
         if self.held:
-            own = draw(i, rng, options)
+            numbers = draw(i, rng, options)
             angle = START_ANGLE + noise * uniform(rng, -1.0, 1.0)
             limits = START_ANGLE - FURTHEST, START_ANGLE + FURTHEST
         else:
             angle = uniform(rng, 0.0, 2.0 * math.pi)
-            own = draw(i, rng, options)
+            numbers = draw(i, rng, options)
         speed = noise * uniform(rng, -1.0, 1.0)
         low, high = self.delay_range[i].tolist()
         delay = uniform(rng, low, high) if high > low else low
         delay = option(options, "delay", delay, 0.0, self._longest_delay)
         angle = option(options, "crank_angle", angle, *limits)
-        return angle, option(options, "crank_speed", speed, -DIVERGED, DIVERGED), delay, own
+        return angle, option(options, "crank_speed", speed, -DIVERGED, DIVERGED), delay, numbers
 
     def _draw_seed(self, i: int, rng: np.random.Generator) -> int | None:
         """Draw the seed of what an episode draws later; None for a held robot without draws."""
@@ -364,62 +361,50 @@ class World:
             return None
         return int(rng.integers(2**63))
 
-    def _plan_robots(
-        self,
-        robots: Sequence[tuple[int, np.random.Generator, Values]],
-        seeds: Sequence[int | None],
-    ) -> dict[int, Build]:
-        """Return the builds of resets, by robot, where one does not stay as it is."""
-        builds = {}
-        for (i, _, own), seed in zip(robots, seeds, strict=True):
-            robot = load_robot("options['robot']", own["robot"]) if "robot" in own else None
-            if robot is not None:
-                self.plant.check_robot(robot)  # with its own lengths, for later episodes
-            build = self.lengths.plan(i, own.get("lengths", {}), seed, robot)
-            if build is not None:
-                builds[i] = build
-        return builds
+    def _plan_robot(self, i: int, options: Values, seed: int | None) -> Build | None:
+        """Return the robot of the next episode, or None if it stays as it is."""
+        robot = load_robot("options['robot']", options["robot"]) if "robot" in options else None
+        if robot is not None:
+            self.plant.check_robot(robot)  # with its own lengths, for later episodes
+        return self.lengths.plan(i, options.get("lengths", {}), seed, robot)
 
     @contextmanager
-    def _all_or_nothing(
-        self, which: Ints, builds: Mapping[int, Build], plans: Sequence[Plan]
-    ) -> Iterator[None]:
-        """Put robots (k,), which get builds and plans, back as they are now if an error comes."""
+    def _all_or_nothing(self, which: Ints, plans: Sequence[Plan]) -> Iterator[None]:
+        """Put robots (k,), which get plans, back as they are now if an error comes."""
         episodes, lengths, plant = self.episodes, self.lengths, self.plant
-        undo = plant.keep(which)
-        robots = {i: Build(lengths.nominal[i], lengths.changed[i], self.robots[i]) for i in builds}
+        undo, levels = plant.keep(which), episodes.level[which]
         before = [
-            Plan(episodes.values[[i]], plan.terrain and plant.terrains[i])
+            Plan(
+                episodes.values[[i]],
+                plan.terrain and plant.terrains[i],
+                plan.build and Build(lengths.nominal[i], lengths.changed[i], self.robots[i]),
+            )
             for i, plan in zip(which.tolist(), plans, strict=True)
         ]
-        levels = episodes.level[which]
         try:
             yield
         except Exception:
-            self._exchange(robots)
-            self._apply_parameters(which, before)
+            self._apply(which, before)
             episodes.level[which] = levels
             undo()
             raise
 
-    def _exchange(self, builds: Mapping[int, Build]) -> None:
-        """Put robots in the place of others.
+    def _apply(self, which: Ints, plans: Sequence[Plan]) -> None:
+        """Apply planned robots, parameters and terrains; the robots must be placed again.
 
         Raises:
-            ValueError: a robot that the plant refuses; nothing has changed then.
+            ValueError: a robot that the plant refuses, before anything has changed.
         """
+        builds = {i: p.build for i, p in zip(which.tolist(), plans, strict=True) if p.build}
         others = {i: b.robot for i, b in builds.items() if b.robot != self.robots[i]}
         if others:
             self.plant.set_robots(np.array([*others]), [*others.values()])
         for i, robot in others.items():
             self.robots[i] = robot
-            self.episodes.take_robot(i, robot)
-        self.lengths.take(builds)
+            self.episodes.exchange_robot(i, robot)
+        self.lengths.begin(builds)
         if others:
             self._note_robots(np.array([*others], np.int64))
-
-    def _apply_parameters(self, which: Ints, plans: Sequence[Plan]) -> None:
-        """Apply planned parameters and terrains."""
         self.episodes.begin(which, plans)
         self._update_scales(which)
 
@@ -608,7 +593,7 @@ class World:
             self.plant.change(i, physical)
             self.robots[i] = self.plant.robots[i]
             self.lengths.equip(i, self.robots[i])
-            self.episodes.take(i, _parameters_of(checked))
+            self.episodes.set_numbers(i, _parameters_of(checked))
             self._update_scales(np.array([i]))
 
     def get_attr(self, name: str) -> list[object] | None:
@@ -618,25 +603,24 @@ class World:
         ``terrain_level``, ``payload``, ``motor``, ``torque_limit``, ``pad_compliance``,
         ``weight``, ``reset_noise_scale`` and :data:`KEPT`.
         """
-        if name == "delay":
-            return [self.delay(i) for i in range(self.num_envs)]
-        if name == "robot":
-            return list(self.robots)
-        if name == "state":
-            return list(self.plant.states.copy())
-        if self.held:
-            return None
-        if name == "terrain":
-            return list(self.plant.terrains)
-        if name in ("payload", "motor", "pad_compliance"):
-            return [getattr(robot, name) for robot in self.robots]
-        if name == "torque_limit":
-            return [robot.motor.torque_limit for robot in self.robots]
-        if name in ("weight", "reset_noise_scale"):
-            return list(getattr(self, name).tolist())
-        if name == "terrain_level":
-            return list(self.episodes.values[name].astype(int).tolist())
-        return list(self.episodes.values[name].tolist()) if name in KEPT else None
+        values: dict[str, Callable[[], Any]] = {
+            "robot": lambda: self.robots,
+            "state": self.plant.states.copy,
+            "delay": lambda: [self.delay(i) for i in range(self.num_envs)],
+        }
+        if not self.held:
+            for part in ("payload", "motor", "pad_compliance"):
+                values[part] = lambda: [getattr(robot, name) for robot in self.robots]
+            numbers = self.episodes.values
+            values |= {
+                "terrain": lambda: self.plant.terrains,
+                "terrain_level": lambda: numbers[name].astype(int).tolist(),
+                "torque_limit": lambda: [robot.motor.torque_limit for robot in self.robots],
+                "weight": self.weight.tolist,
+                "reset_noise_scale": self.reset_noise_scale.tolist,
+                **dict.fromkeys(KEPT, lambda: numbers[name].tolist()),
+            }
+        return list(values[name]()) if name in values else None
 
     def get_state(self, i: int) -> Values:
         """Return all that a robot's future depends on but the task and random numbers."""
@@ -670,8 +654,9 @@ class World:
         if self.held:
             check_held(checked["plant"])
         pads = len(pad_layout(self.robots[0]).leg)
-        checked["builds"] = self._checked_builds(i, state)
-        robot = checked["builds"][i].robot if checked["builds"] else self.robots[i]
+        build = self._checked_build(i, state)
+        robot = build.robot if build else self.robots[i]
+        plan, checked["level"] = self.episodes.planned(i, state, robot)
         return {
             **checked,
             "delay": within("state['delay']", state["delay"], 0.0, self._longest_delay),
@@ -682,12 +667,12 @@ class World:
             "seed": whole_number("state['command_seed']", state["command_seed"], LARGEST_COUNT),
             "pushes": check_schedule("state['pushes']", state["pushes"]),
             "random_pushes": flag("state['random_pushes']", state["random_pushes"]),
-            "plan": self.episodes.planned(i, state, robot),
+            "plan": plan._replace(build=build),
         }
 
-    def _checked_builds(self, i: int, state: Values) -> dict[int, Build]:
-        """Return the build of a state's robot, if it is another one or has other lengths."""
-        robot: Robot = self.lengths.own[i]
+    def _checked_build(self, i: int, state: Values) -> Build | None:
+        """Return a state's robot, if it is another than now or has other lengths."""
+        robot: Robot = self.lengths.constructed[i]
         if "robot" in state:
             if self.held:
                 raise ValueError("state has 'robot', must have none: this robot is not exchanged")
@@ -698,18 +683,15 @@ class World:
         other = robot if robot != self.lengths.nominal[i] else None
         if other is not None:
             self.plant.check_robot(other)
-        build = self.lengths.plan(i, state.get("lengths", {}), None, other)
-        return {} if build is None else {i: build}
+        return self.lengths.plan(i, state.get("lengths", {}), None, other)
 
     def restore(self, i: int, state: Values) -> None:
         """Let a robot go on from a state of :meth:`checked_state`."""
         plant, which = self.plant, np.array([i])
-        plan, level = state["plan"]
-        with self._all_or_nothing(which, state["builds"], [plan]):
-            self._exchange(state["builds"])
-            self._apply_parameters(which, [plan])
+        with self._all_or_nothing(which, [state["plan"]]):
+            self._apply(which, [state["plan"]])
             plant.set_state(i, state["plant"], state["deflection"])
-        self.episodes.level[i] = level
+        self.episodes.level[i] = state["level"]
         if i == 0:
             plant.in_contact = state["in_contact"]
         self._begin_delay(which, np.array([state["delay"]]), state["asked"])

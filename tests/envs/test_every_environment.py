@@ -16,10 +16,10 @@ from stable_baselines3.common.env_checker import check_env as check_for_sb3
 
 from agents.training.config import shipped_config
 from agents.training.training_state import plain
+from jansen_env.parameters import Uniform
 from jansen_env.sb3 import make_vec_env
 from jansen_env.sb3.run_config import load_config
 from jansen_env.scoring.benchmarks import BENCHMARKS, vector_env
-from jansen_env.world.randomization import Uniform
 
 IDS = sorted(BENCHMARKS)
 WALKERS = [name for name in IDS if "Walker" in name]

@@ -215,12 +215,12 @@ def _link(robot: Robot, body: int) -> Plate:
 def _moments(part: CutPart) -> tuple[float, complex, float]:
     """Return area, mm^2, centroid, mm, and second moment about it, mm^4, of a part as drawn."""
     signed = [(1.0, part.outline), *((-1.0, shape) for shape in (*part.windows, *part.holes))]
-    moments = np.array([sign * _about_origin(shape) for sign, shape in signed]).sum(axis=0)
+    moments = np.array([sign * about_origin(shape) for sign, shape in signed]).sum(axis=0)
     area, centre = float(moments[0].real), complex(moments[1] / moments[0])
     return area, centre, float(moments[2].real) - area * abs(centre) ** 2
 
 
-def _about_origin(shape: Round) -> NDArray[np.complex128]:
+def about_origin(shape: Round) -> NDArray[np.complex128]:
     """Return area, first and second moment about the origin of a polygon with round corners."""
     p = np.array(hull(z + shape.radius * turn for z in shape.corners for turn in CIRCLE))
     q = np.roll(p, -1)

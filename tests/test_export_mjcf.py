@@ -43,19 +43,19 @@ def test_flight_with_rotor_and_payload():
         robot, bearing_friction=(0.0,) * len(robot.bearing_friction),
         motor=replace(robot.motor, friction=0.0),
     )  # fmt: skip
-    one = ProjectionPlant(robot, Terrain.flat(), 1e-4)
-    other = mujoco_witness.MujocoPlant(robot, Terrain.flat(), 1e-4, loop_stiffness=1e7)
-    other.model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
-    one.reset()
-    one.state = one.state + 5.0 * np.eye(8)[1]
-    other.reset()
-    other.data.qpos[1] += 5.0
+    ours = ProjectionPlant(robot, Terrain.flat(), 1e-4)
+    theirs = mujoco_witness.MujocoPlant(robot, Terrain.flat(), 1e-4, loop_stiffness=1e7)
+    theirs.model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    ours.reset()
+    ours.state = ours.state + 5.0 * np.eye(8)[1]
+    theirs.reset()
+    theirs.data.qpos[1] += 5.0
     for _ in range(30):
-        one.step(1.5, 0.01)
-        other.step(1.5, 0.01)
-    assert one.state[3] > 1.0
-    np.testing.assert_allclose(other.state, one.state, atol=2e-4)
-    np.testing.assert_allclose(other.state[:4], one.state[:4], atol=1e-5)
+        ours.step(1.5, 0.01)
+        theirs.step(1.5, 0.01)
+    assert ours.state[3] > 1.0
+    np.testing.assert_allclose(theirs.state, ours.state, atol=2e-4)
+    np.testing.assert_allclose(theirs.state[:4], ours.state[:4], atol=1e-5)
 
 
 def test_dry_friction_holds():

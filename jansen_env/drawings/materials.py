@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations, pairwise
@@ -121,20 +121,19 @@ def hardware(robot: Robot, placed: Sequence[Placed]) -> list[Part]:
     """
     axis, crank_pin, *_ = [*robot.linkage.bodies[CRANK - 1][1]]
     end, pieces = placed[-1].top, Counter[tuple[str, str, str, str]]()
-    stacks: dict[tuple[str, object], list[tuple[float, float]]] = {}
+    stacks = defaultdict[tuple[str, object, bool], list[tuple[float, float]]](list)
     for item in placed:
         for joint in item.part.joints:
+            axle = joint in item.through
             where: object = item.unit if joint == crank_pin else (item.unit, item.leg)
-            if axle := joint in item.through:
-                where = robot.legs[item.leg].side
-            faces = stacks.setdefault((joint, where), [(0.0, 0.0), (end, end)] if axle else [])
-            faces.append((item.z, item.top))
-    for (joint, where), faces in stacks.items():
+            where = robot.legs[item.leg].side if axle else where
+            stacks[joint, where, axle].append((item.z, item.top))
+    for (joint, _, axle), stack in stacks.items():
         if joint == axis:
             continue
-        faces.sort()
+        faces = sorted([*stack, (0.0, 0.0), (end, end)] if axle else stack)
         name, radius, wall, owner = "pin", SPACER, 1.9, "link's"
-        if isinstance(where, str):
+        if axle:
             name, radius, wall, owner = "axle", TUBE, 2.0, "cross-member"
         if len(faces) > 1:  # a toe has no pin
             size = f"{2 * PIN:g} x {faces[-1][1] - faces[0][0]:.1f} mm"
@@ -177,9 +176,9 @@ def machine(robot: Robot) -> Robot:
 
     Raises ValueError: a part cannot be made; names it.
     """
-    made = replace(
-        robot, bodies=tuple(_link(robot, body) for body in range(1, len(robot.bodies) + 1))
-    )
+    masses = {part.name: part.mass for part in bill_of_materials(robot)}
+    links = (_link(robot, k, masses[name]) for k, name in enumerate(robot.linkage.names, 1))
+    made = replace(robot, bodies=tuple(links))
     damping = [round(built.foot_damping(k, made.mass), 1) for k in built.FOOT_STIFFNESS]
     normal, tangential = zip(built.FOOT_STIFFNESS, damping, strict=True)
     return replace(
@@ -188,11 +187,13 @@ def machine(robot: Robot) -> Robot:
     )  # fmt: skip
 
 
-def _link(robot: Robot, body: int) -> Plate:
-    """Return a body of a leg: its flat parts, and pins, feet, motor and battery as point masses."""
+def _link(robot: Robot, body: int, flat: float) -> Plate:
+    """Return a body of a leg: its flat parts, and pins, feet, motor and battery as point masses.
+
+    ``flat``: mass of its flat parts in all legs, kg.
+    """
     part, legs = link_part(robot, body), len(robot.legs)
-    each = next(line.each for line in bill_of_materials(robot) if line.name == part.name)
-    mass = each * counts(robot)[part.name] / legs
+    mass = flat / legs
     area, centre, inertia = _moments(part)
     points = [(mass, centre)]
     points += [(built.PIN_SHARE, part.joints[joint])

@@ -93,11 +93,11 @@ def carried(part: CutPart, points: Sequence[complex], joints: Points, side: str)
 
     A back leg's part is seen from behind.
     """
-    own, on = np.array([*part.joints.values()]), np.array(points)
+    drawn, on = np.array([*part.joints.values()]), np.array(points)
     if side == "back":
-        own, on = own.conj(), on.conj()
-    turn = (joints[..., 1] - joints[..., 0]) / (own[1] - own[0])
-    places: Points = joints[..., :1] + turn[..., None] * (on - own[0])
+        drawn, on = drawn.conj(), on.conj()
+    turn = (joints[..., 1] - joints[..., 0]) / (drawn[1] - drawn[0])
+    places: Points = joints[..., :1] + turn[..., None] * (on - drawn[0])
     return places
 
 
@@ -121,14 +121,14 @@ def _solids(robot: Robot, legs: Sequence[int]) -> list[Solid]:
                 radius, tread = 1e3 * built.FOOT_RADIUS, at[:, [linkage.joints.index(toe)]]
                 discs.append(Solid(leg, toe, tread, radius, (len(bodies),), TREAD_LAYERS))
             bodies.append(Solid(leg, linkage.bodies[body - 1][1], places, part.outline.radius))
-        own = bodies[first:]
+        links = bodies[first:]
         for k, joint in enumerate(linkage.joints):
-            on = tuple(first + i for i, body in enumerate(own) if joint in body.joints)
+            on = tuple(first + i for i, body in enumerate(links) if joint in body.joints)
             disc = Solid(leg, joint, at[:, [k]], SPACER, on)
             if joint in (axis, pin):
                 shared = disc._replace(radius=HUB if joint == axis else SPACER, on=())
                 discs += [shared] if leg == legs[0] else []
-            elif len(on) > 1 and (joint not in linkage.bodies[0][1] or _swept(robot, disc, own)):
+            elif len(on) > 1 and (joint not in linkage.bodies[0][1] or _swept(robot, disc, links)):
                 discs.append(disc)
     return bodies + discs
 

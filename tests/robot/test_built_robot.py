@@ -170,7 +170,7 @@ def test_a_walk_at_2_rad_s_is_borne(loads):
 @pytest.mark.parametrize("start", [0.0, 0.2 * math.pi])
 def test_touchdowns_are_resolved(start):
     """Half the time step changes the largest loads of a first step at 4 N m, from rest: 5 %."""
-    found = []
+    largest = []
     for step in (FINE_STEP, 0.5 * FINE_STEP):
         plant, rows = ProjectionPlant(built_robot(), Terrain.flat(), step), []
         plant.reset(crank_angle=start)
@@ -181,33 +181,33 @@ def test_touchdowns_are_resolved(start):
         traced = np.concatenate(rows)
         contact = np.abs(traced["impulses"][:, : plant.toes]).max(axis=(0, 1)) / step
         pins = trace_forces(plant.tables, traced, step).magnitude.max(axis=(0, 1))
-        found.append([*contact[:2], *pins])
-    assert found[0][1] > 600.0  # N, touched down
-    np.testing.assert_allclose(found[1], found[0], rtol=0.05)
+        largest.append([*contact[:2], *pins])
+    assert largest[0][1] > 600.0  # N, touched down
+    np.testing.assert_allclose(largest[1], largest[0], rtol=0.05)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("speed", [1.0, 1.5])
 def test_it_walks_under_the_papers_pid(speed):
     """The crank kept within 2 %; on both plants as fast, as dear, sliding as much: 10 %."""
-    found = [
+    walks = [
         walk_within_limits(make_plant(plant, built_robot(), Terrain.flat()), speed, 2.5)
         for plant in ("projection", "rigid_body")
     ]
-    for one in found:
-        assert not one.fell and one.crank_speed == pytest.approx(speed, rel=0.02)
-        assert one.speed > 0.05 * speed and one.electrical > one.cost_of_transport > 0.0
+    for walked in walks:
+        assert not walked.fell and walked.crank_speed == pytest.approx(speed, rel=0.02)
+        assert walked.speed > 0.05 * speed and walked.electrical > walked.cost_of_transport > 0.0
     for name in ("speed", "slip", "rms_torque", "cost_of_transport", "electrical"):
-        assert getattr(found[0], name) == pytest.approx(getattr(found[1], name), rel=0.1)
+        assert getattr(walks[0], name) == pytest.approx(getattr(walks[1], name), rel=0.1)
 
 
 @pytest.mark.parametrize("name", [name for name in MOTORS if name != "ideal"])
 def test_every_motor_carries_it(name):
     """At 1 rad/s the crank is kept within 5 %, below the motor's torque limit."""
     robot = replace(built_robot(), motor=MOTORS[name])
-    found = walk_within_limits(ProjectionPlant(robot, Terrain.flat()), 1.0, 6.3)
-    assert not found.fell and found.crank_speed == pytest.approx(1.0, rel=0.05)
-    assert found.peak_torque < robot.motor.torque_limit
+    walked = walk_within_limits(ProjectionPlant(robot, Terrain.flat()), 1.0, 6.3)
+    assert not walked.fell and walked.crank_speed == pytest.approx(1.0, rel=0.05)
+    assert walked.peak_torque < robot.motor.torque_limit
 
 
 def test_motors_are_those_of_the_sheets():

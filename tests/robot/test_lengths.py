@@ -21,14 +21,14 @@ ANGLES = np.linspace(0.0, 6.0, 7)
 def test_lengths_are_distances_between_joints(name):
     """Of every name with two joints, at any crank angle."""
     robot = ROBOTS[name]()
-    linkage, found = robot.linkage, lengths(robot)
+    linkage, known = robot.linkage, lengths(robot)
     place = joint_positions(robot, "fore", ANGLES)
     for (body, joints), link in zip(linkage.bodies, robot.bodies, strict=True):
         bar = [(body, joints)] if isinstance(link, Bar) else []
-        named = bar + [(key, key[-2:]) for key in found if key.startswith(f"{body}_")]
+        named = bar + [(key, key[-2:]) for key in known if key.startswith(f"{body}_")]
         for key, (a, b) in [pair for pair in named if pair[1].isupper()]:
             between = place[:, linkage.joints.index(a)] - place[:, linkage.joints.index(b)]
-            assert np.hypot(*between.T) == pytest.approx(found[key], rel=1e-9)
+            assert np.hypot(*between.T) == pytest.approx(known[key], rel=1e-9)
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -82,14 +82,14 @@ def test_impossible_lengths_are_refused(changed, message):
 def test_a_robot_file_gives_the_same_robot(name, tmp_path):
     """To the last bit, and strict JSON."""
     robot = replace(ROBOTS[name](), payload=Payload(0.3, 0.01, (0.1, 0.2)))
-    path = write_robot(tmp_path / "own.json", robot)
+    path = write_robot(tmp_path / "mine.json", robot)
     assert read_robot(path) == robot
     json.loads(path.read_text(), parse_constant=pytest.fail)
 
 
 def test_a_robot_file_may_be_a_design_with_other_lengths(tmp_path):
     """As the bench writes it."""
-    path = tmp_path / "own.json"
+    path = tmp_path / "mine.json"
     content = {"format": "jansen_env robot 1", "design": "built", "lengths": {"rocker": 0.24}}
     path.write_text(json.dumps(content))
     assert read_robot(path) == with_lengths(ROBOTS["built"](), {"rocker": 0.24})

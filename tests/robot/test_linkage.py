@@ -91,11 +91,11 @@ def test_klanns_joints_are_the_patents():
     """US 6,260,862: crank at half a turn, joints 27, 35, 37, 33 relative to the crank axis 15."""
     robot = ZOO["klann"]()
     unit = robot.crank.distance(0, 1) / 0.268
-    found = joint_positions(robot, "fore", math.pi) / unit
+    place = joint_positions(robot, "fore", math.pi) / unit
     patent = {"D": (0.741, 0.750), "E": (0.232, 0.866), "F": (0.866, 1.5), "T": (0.0, 0.0)}
-    for joint, place in patent.items():
-        expected = np.subtract(place, (1.599, 0.750))
-        assert found[robot.linkage.joints.index(joint)] == pytest.approx(expected, abs=1e-12)
+    for joint, published in patent.items():
+        expected = np.subtract(published, (1.599, 0.750))
+        assert place[robot.linkage.joints.index(joint)] == pytest.approx(expected, abs=1e-12)
 
 
 def test_chebyshevs_feet_walk_on_a_line():
@@ -138,8 +138,8 @@ def test_pins_in_any_order_are_the_same_machine():
     robot = four_bar()
     turned = replace(robot, linkage=replace(robot.linkage, pins=robot.linkage.pins[::-1]))
     ends = []
-    for one in (robot, turned):
-        plant = RigidBodyPlant(one, Terrain.flat(friction=0.5))
+    for machine in (robot, turned):
+        plant = RigidBodyPlant(machine, Terrain.flat(friction=0.5))
         plant.reset(crank_angle=0.4)
         plant.step(1.0, 0.2)
         ends.append(plant.state)

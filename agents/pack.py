@@ -6,7 +6,6 @@ It writes ``ENV_ID/NAME.json``, with the policy's scores, and ``NAME.safetensors
 
 from __future__ import annotations
 
-import json
 import platform
 from dataclasses import asdict
 from importlib.metadata import version
@@ -135,7 +134,7 @@ def from_run(run: str | Path) -> PretrainedPolicy:
     }  # fmt: skip
     env.close()
     packed = PretrainedPolicy(description, tensors)
-    check_equal(packed, load_policy(model))
+    check_equal(packed, policy)
     return packed
 
 
@@ -207,7 +206,7 @@ def in_float64(policy: BasePolicy) -> BasePolicy:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Pack a policy; print where it is and its scores."""
+    """Pack a policy; print where it is."""
     parser = Parser("python -m agents.pack", __doc__,
                     "python -m agents.pack logs/ppo/JansenWalkerBuilt-v0_1",
                     "python -m agents.pack model.zip --name mine --out policies")  # fmt: skip
@@ -222,10 +221,7 @@ def main(arguments: list[str] | None = None) -> None:
     args = parser.parse_args(arguments)
     with parser.refusing():
         path = pack(**vars(args))
-    scores = json.loads(path.read_text(encoding="utf-8"))["scores"]["overall"]
-    weights = path.with_suffix(".safetensors")
-    print(f"written: {path} ({path.stat().st_size / 1000:.0f} kB), {weights}")
-    print(*(f"{name} {v[0]:.4g}" for name, v in scores.items() if v[0] is not None), sep=", ")
+    print(f"written: {path}, with its scores, and {path.with_suffix('.safetensors')}")
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 
 import yaml
@@ -77,18 +77,17 @@ def enter(folder: Path, plan: Plan) -> None:
         ValueError: it holds another search; says what differs.
     """
     path, begin = folder / PLAN, folder / ROBOT
-    robot = plan.space().base
+    robot, entries = plan.space().base, asdict(plan)
     if path.is_file():
-        there = make_plan(read_yaml(path))
-        names = [f.name for f in fields(Plan)]
-        other = [name for name in names if getattr(there, name) != getattr(plan, name)]
-        differ = [name for name in other if name not in ("generations", "seeds")]
-        if begin.exists() and read_robot(begin) != robot and "robot" not in differ:
-            differ.append("robot")  # a file that has changed
-        if differ:
+        there = asdict(make_plan(read_yaml(path)))
+        may_differ = {"generations", "seeds"}
+        differ = [name for name in entries if there[name] != entries[name]]
+        if begin.exists() and read_robot(begin) != robot:  # or the file of that name has changed
+            differ.append("robot")
+        if differ := sorted({*differ} - may_differ):
             raise ValueError(f"{folder} holds another search: {differ} differ; take another name")
     write_robot(begin, robot)
-    write_text(path, yaml.safe_dump(asdict(plan), sort_keys=False))
+    write_text(path, yaml.safe_dump(entries, sort_keys=False))
 
 
 def search_all(plan: Plan, folder: Path) -> dict[str, Searched]:

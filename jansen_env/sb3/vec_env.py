@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
@@ -61,8 +61,15 @@ def make_vec_env(
     each = [{**common, **variants[i % len(variants)]} for i in range(n_envs)]
     venv: VecEnv
     if wrapper_class is None and can_be_batched(env_id, common, variants):
-        varied = {name for variant in variants for name in variant}
-        venv = BatchVecEnv(_make_batch(env_id, common, each, varied), info_keys)
+        single = vector_env(env_id).SINGLE
+        defaults = {**single.TASK.SETTINGS.defaults("several"), **single.PRESET}
+        defaults["max_episode_steps"] = gym.spec(env_id).max_episode_steps
+        varied = {name for variant in variants for name in variant} & {*defaults}
+        values = {name: Each(given.get(name, defaults[name]) for given in each) for name in varied}
+        envs = gym.make_vec(
+            env_id, n_envs, autoreset_mode=AutoresetMode.DISABLED, **{**common, **values}
+        )
+        venv = BatchVecEnv(cast("TaskVectorEnv[Any]", envs.unwrapped), info_keys)
     else:
 
         def make_single(arguments: EnvKwargs) -> Env:
@@ -77,24 +84,6 @@ def make_vec_env(
         Path(monitor_dir).mkdir(parents=True, exist_ok=True)
         venv = VecMonitor(venv, str(monitor_dir))
     return venv
-
-
-def _make_batch(
-    env_id: str, kwargs: EnvKwargs, each: Sequence[EnvKwargs], varied: set[str]
-) -> TaskVectorEnv[Any]:
-    """One batch with the arguments of each environment; ``varied`` names those that differ."""
-    entry = vector_env(env_id)
-    single = entry.SINGLE
-    defaults = {**single.TASK.SETTINGS.defaults("several"), **single.PRESET}
-    defaults["max_episode_steps"] = gym.spec(env_id).max_episode_steps
-    varying = {
-        name: Each(kwargs.get(name, defaults[name]) for kwargs in each)
-        for name in varied & {*defaults}
-    }
-    env: Any = gym.make_vec(
-        env_id, num_envs=len(each), autoreset_mode=AutoresetMode.DISABLED, **{**kwargs, **varying}
-    )
-    return env.unwrapped
 
 
 class BatchVecEnv(VecEnv):

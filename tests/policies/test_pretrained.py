@@ -83,7 +83,7 @@ def test_scores_can_be_made_again(made, tmp_path, capsys):
     before = json.loads(path.read_text())
     change(path, scores={})
     pack.main([str(path), "--episodes", "2", "--seed", "1"])
-    assert f"written: {path} (" in capsys.readouterr().out
+    assert f"written: {path}, with its scores" in capsys.readouterr().out
     after = pretrained.load_file(path).description
     assert after["scores"]["episodes_per_command"] == 2 and after["scores"]["seed"] == 1
     assert {**after, "scores": before["scores"]} == before

@@ -10,9 +10,11 @@ from decimal import Decimal
 from difflib import get_close_matches
 from numbers import Integral, Real
 from types import NoneType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+
+T = TypeVar("T")
 
 MAX_STEPS = 10**10  # environment steps of one run: months of training
 LONGEST = 200  # characters of a value in a message
@@ -33,14 +35,14 @@ def one_line(error: BaseException) -> str:
     return (" ".join(str(error).split()) or type(error).__name__)[:1000]
 
 
-def listed(known: Iterable[Any], value: object) -> str:
+def listed(known: Iterable[object], value: object) -> str:
     """Known names as a message lists them, and which of them ``value`` may have meant."""
     names, text = [*known], value[:LONGEST] if isinstance(value, str) else ""
     near = get_close_matches(text, map(str, names), 1)
     return f"{names}; did you mean {near[0]!r}?" if near else str(names)
 
 
-def one_of(name: str, value: object, known: Iterable[Any]) -> Any:
+def one_of(name: str, value: object, known: Iterable[T]) -> T:
     """Return ``value``. Raises ValueError unless it is a known name."""
     allowed = [*known]
     if not isinstance(value, (str, NoneType)) or value not in allowed:
@@ -133,7 +135,7 @@ def entries(name: str, value: object, allowed: str) -> tuple[Any, ...]:
 
 def number_range(name: str, value: object, least: float, most: float) -> tuple[float, float]:
     """Return a number or a pair within limits as (low, high). Raises ValueError."""
-    pair: tuple[Any, ...] = (value, value)
+    pair: tuple[object, ...] = (value, value)
     if isinstance(value, (tuple, list, np.ndarray)):
         pair = entries(name, value, "a number or (low, high)")
     if len(pair) != 2:

@@ -113,13 +113,13 @@ their meaning. Nothing else depends on it."""
 
 PARAMETERS = {row.name: row for row in TABLE}
 """The rows by name."""
-EPISODE: np.dtype[Any] = np.dtype([(row.name, "f8") for row in TABLE])
+EPISODE: np.dtype[np.void] = np.dtype([(row.name, "f8") for row in TABLE])
 """The numbers of one episode."""
 OF_ROBOTS = tuple(row.name for row in TABLE if row.honoured_by == "plant")
 """Names of those of them that plants honour."""
 OF_ROBOTS_COLUMNS = [place for place, row in enumerate(TABLE) if row.honoured_by == "plant"]
 """Where these stand in :data:`EPISODE`."""
-ROBOT_PARAMETERS: np.dtype[Any] = np.dtype([(name, "f8") for name in OF_ROBOTS])
+ROBOT_PARAMETERS: np.dtype[np.void] = np.dtype([(name, "f8") for name in OF_ROBOTS])
 """The numbers that plants honour."""
 CHANGES = tuple(
     name for name in OF_ROBOTS if PARAMETERS[name].set_as is None and not PARAMETERS[name].argument
@@ -129,9 +129,11 @@ CHANGED_BY = tuple(dict.fromkeys(row.changed_by for row in TABLE if row.changed_
 """Arguments of ``set_parameters`` that change a parameter."""
 
 
-def nominal(robot: Robot, terrain: Terrain, row_type: np.dtype[Any] = ROBOT_PARAMETERS) -> np.void:
+def nominal(
+    robot: Robot, terrain: Terrain, row_type: np.dtype[np.void] = ROBOT_PARAMETERS
+) -> np.void:
     """Return the row, of :data:`ROBOT_PARAMETERS` or :data:`EPISODE`, that changes nothing."""
-    names: Any = row_type.names
+    names = row_type.names or ()
     values = tuple(PARAMETERS[name].nominal(robot, terrain) for name in names)
     return np.array([values], row_type)[0]
 

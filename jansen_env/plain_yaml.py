@@ -74,13 +74,14 @@ class Rule(NamedTuple):
     words: Sequence[str] = ()
     prefix: str = ""
 
-    def check(self, name: str, value: Any) -> None:
+    def check(self, name: str, value: object) -> None:
         """Raise a ValueError that says what is allowed unless ``value`` is."""
-        number, low = value, self.low
+        number: object = value
+        low = self.low
         if self.prefix and isinstance(value, str) and value.startswith(self.prefix):
             with suppress(ValueError):
                 number, low = float(value.removeprefix(self.prefix)), max(low, TINY)
-        if type(number) in (int, float):
+        if isinstance(number, (int, float)) and not isinstance(number, bool):
             known = float in self.types or type(number) in self.types
             allowed = known and low <= number <= self.high
         else:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.baselines.pid import PID
 from jansen_env.checks import one_of
@@ -66,9 +66,9 @@ class TorquePolicy:
 
     def predict(
         self,
-        observation: Any,
+        observation: ArrayLike,
         state: Memory = None,
-        episode_start: Any = None,
+        episode_start: ArrayLike | None = None,
         deterministic: bool = False,
     ) -> tuple[NDArray[np.float32], Memory]:
         """Actions (n, 1) or (1,) for observations (n, d) or (d,), and the state to pass back."""

@@ -16,6 +16,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from jansen_env.checks import entries, instance, listed, positive_integer, shown, whole_number
+from jansen_env.rendering import Renderer
 from jansen_env.world.argument_checks import Array, Values, entries_of
 
 MOST_ROBOTS = 1_000_000  # of a vector environment: gigabytes
@@ -72,7 +73,7 @@ def autoreset_mode(name: str, mode: object) -> AutoresetMode:
         raise ValueError(f"{name} is {shown(mode)}, must be one of {allowed}") from None
 
 
-def reset_mask(count: int, mask: Any) -> NDArray[np.bool_]:
+def reset_mask(count: int, mask: object) -> NDArray[np.bool_]:
     """Which robots to reset (count,), all for None; TypeError for no array of bools."""
     if mask is None:
         return np.ones(count, bool)
@@ -86,7 +87,7 @@ def reset_mask(count: int, mask: Any) -> NDArray[np.bool_]:
     return mask
 
 
-def reset_options(options: Any) -> Values:
+def reset_options(options: object) -> Values:
     """The options of ``reset``, a copy; none for None. Raises ValueError for anything else."""
     return {} if options is None else dict(instance("options", options, dict))
 
@@ -138,7 +139,7 @@ def complete_state(state: Values, example: Values) -> None:
         raise ValueError(f"state['generator'] is {given}, must come from get_state()") from error
 
 
-class Renderers(dict[int, Any]):
+class Renderers(dict[int, Renderer]):
     """Renderers of the robots of an environment, by number; made when first needed."""
 
     def draw(self, env: Any, i: int) -> NDArray[np.uint8] | None:
@@ -147,8 +148,6 @@ class Renderers(dict[int, Any]):
             modes = env.metadata["render_modes"]
             gym.logger.warn(f"render() was called without a render_mode; pass one of {modes}")
             return None
-        from jansen_env.rendering import Renderer
-
         scene, command = env.task.scene(i), env.task.command
         if i not in self:
             fps = env.metadata["render_fps"]
@@ -162,5 +161,5 @@ class Renderers(dict[int, Any]):
             renderer.close()
         self.clear()
 
-    def __reduce__(self) -> Any:
+    def __reduce__(self) -> tuple[type[Renderers], tuple[()]]:
         return Renderers, ()  # a copy draws with its own

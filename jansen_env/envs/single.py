@@ -48,7 +48,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
     PRESET: ClassVar[Values] = {}
     BENCHMARK: ClassVar[Benchmark] = Benchmark()
 
-    def __init__(self, **arguments: Any) -> None:
+    def __init__(self, **arguments: object) -> None:
         settings = make_settings(self, type(self), arguments)
         task: ATask = self.TASK(settings)
         self.task, self.render_mode = task, settings.render_mode
@@ -126,7 +126,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         if not self._begun:
             raise gym.error.ResetNeeded("reset() must be called first")
 
-    def set_parameters(self, **changes: Any) -> None:
+    def set_parameters(self, **changes: object) -> None:
         """Change the robot from now on, see :meth:`jansen_env.tasks.task.Task.set_parameters`."""
         self.task.set_parameters(0, **changes)
 

@@ -18,6 +18,7 @@ from typing_extensions import TypedDict
 from jansen_env.checks import positive_integer
 from jansen_env.envs import arguments as checks
 from jansen_env.envs.single import ATask, SingleEnv
+from jansen_env.robot import Robot
 from jansen_env.world.argument_checks import (
     Array,
     Bools,
@@ -81,7 +82,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int | None = None,
         info_keys: Sequence[str] | None = None,
-        **arguments: Any,
+        **arguments: object,
     ) -> None:
         self._renderers = checks.Renderers()
         self.num_envs = n = positive_integer("num_envs", num_envs, checks.MOST_ROBOTS)
@@ -106,8 +107,8 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         }
         self.single_observation_space: spaces.Box = task.observation_space
         self.single_action_space: spaces.Box = task.action_space
-        self.observation_space: Any = batch_space(self.single_observation_space, n)
-        self.action_space: Any = batch_space(self.single_action_space, n)
+        self.observation_space = batch_space(self.single_observation_space, n)
+        self.action_space = batch_space(self.single_action_space, n)
         self._elapsed = np.zeros(n, np.int64)  # steps of each episode
         self._done = np.ones(n, bool)  # must be reset before it goes on
         self._begun = np.zeros(n, bool)
@@ -115,9 +116,14 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         self._seeds = [-1] * n
 
     @property
+    def robot(self) -> Robot:
+        """The first robot."""
+        return self.task.world.robots[0]
+
+    @property
     def torque_limit(self) -> float:
         """Torque of action 1 of the first robot, N m."""
-        return float(self.task.world.robots[0].motor.torque_limit)
+        return self.robot.motor.torque_limit
 
     def reset(
         self,
@@ -218,7 +224,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         disabled = self.autoreset_mode == AutoresetMode.DISABLED
         return ~self._begun | self._done if disabled else ~self._begun
 
-    def set_parameters(self, i: int, **changes: Any) -> None:
+    def set_parameters(self, i: int, **changes: object) -> None:
         """Change robot ``i`` from now on, see :meth:`jansen_env.tasks.task.Task.set_parameters`."""
         self.task.set_parameters(i, **changes)
 
@@ -269,7 +275,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         """Every robot's seed; -1 where it has none yet."""
         return tuple(self._seeds)
 
-    def call_one(self, i: int, name: str, *args: Any, **kwargs: Any) -> Any:
+    def call_one(self, i: int, name: str, *args: object, **kwargs: object) -> Any:
         """Call one of :data:`METHODS` of robot ``i``."""
         if name not in METHODS:
             raise AttributeError(f"{name!r} cannot be asked of a robot, must be in {METHODS}")
@@ -277,7 +283,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
             return self._renderers.draw(self, i)
         return getattr(self, name)(i, *args, **kwargs)
 
-    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+    def call(self, name: str, *args: object, **kwargs: object) -> tuple[Any, ...]:
         """Call one of :data:`METHODS` of each robot, or return its attribute of that name."""
         if name in METHODS:
             return tuple(self.call_one(i, name, *args, **kwargs) for i in range(self.num_envs))
@@ -300,7 +306,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
             raise AttributeError(f"{name!r} cannot be asked of a robot, must be in {METHODS}")
         return (value,) * self.num_envs
 
-    def set_attr(self, name: str, values: Any) -> None:
+    def set_attr(self, name: str, values: object) -> None:
         """Set a parameter of all robots: to one value, or to the entries of a list."""
         values = values if isinstance(values, (list, tuple)) else [values] * self.num_envs
         if len(values) != self.num_envs:
@@ -315,7 +321,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
             return None
         return (*pictures, *(self._renderers.draw(self, i) for i in range(1, self.num_envs)))
 
-    def close_extras(self, **kwargs: Any) -> None:
+    def close_extras(self, **kwargs: object) -> None:
         """Let go of pictures and threads."""
         if hasattr(self, "task"):  # Gymnasium closes what was refused, too
             self._renderers.close()

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import cast
 
 import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
 
 from jansen_env.checks import listed, one_of, positive_integer
 from jansen_env.dynamics.projection import leg_sides
+from jansen_env.envs.single import SingleEnv
+from jansen_env.envs.vector import TaskVectorEnv
 from jansen_env.registration import IDS
 from jansen_env.scoring.metrics import Benchmark
+from jansen_env.tasks.task import Task
 from jansen_env.world.argument_checks import Values
 from jansen_env.world.settings import load_robot
 
@@ -22,8 +25,7 @@ class Benchmarks(Mapping[str, Benchmark]):
     def __getitem__(self, env_id: str) -> Benchmark:
         if env_id not in IDS:
             raise KeyError(env_id)
-        benchmark: Benchmark = single_env(env_id).BENCHMARK
-        return benchmark
+        return single_env(env_id).BENCHMARK
 
     def __iter__(self) -> Iterator[str]:
         return iter(IDS)
@@ -37,10 +39,9 @@ DEFAULT = "JansenWalkerBuilt-v0"  # of the commands, where no other is named
 WALKERS = [name for name in IDS if name.startswith("JansenWalker")]
 
 
-def single_env(env_id: str) -> Any:
+def single_env(env_id: str) -> type[SingleEnv[Task]]:
     """The environment of one robot."""
-    entry: Any = gym.spec(env_id).entry_point
-    return load_env_creator(entry)
+    return cast("type[SingleEnv[Task]]", load_env_creator(str(gym.spec(env_id).entry_point)))
 
 
 def find_benchmark(env_id: str) -> Benchmark:
@@ -68,10 +69,10 @@ def can_be_batched(env_id: str, env_kwargs: Values, variants: Sequence[Values] =
     )
 
 
-def vector_env(env_id: str) -> Any:
+def vector_env(env_id: str) -> type[TaskVectorEnv[Task]]:
     """The environment of many robots."""
-    entry: Any = gym.spec(env_id).vector_entry_point
-    return load_env_creator(entry)
+    entry = str(gym.spec(env_id).vector_entry_point)
+    return cast("type[TaskVectorEnv[Task]]", load_env_creator(entry))
 
 
 def check_env_kwargs(env_id: str, env_kwargs: Values) -> None:

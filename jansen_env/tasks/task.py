@@ -63,7 +63,9 @@ class Task(ABC):
     OPTIONS: ClassVar[tuple[str, ...]] = ()
     SETTABLE: ClassVar[tuple[str, ...]] = ()
     ENGINE: ClassVar[ModuleType] = readings  # with the kernels finish_step and describe
-    ROW: ClassVar[Any] = None  # dtype of a compiled task, in place of INFO and TERMS
+    ROW: ClassVar[np.dtype[np.void] | None] = (
+        None  # dtype of a compiled task, in place of INFO and TERMS
+    )
     COMPILED: ClassVar[tuple[str, ...]] = ()  # observations that the kernels fill
 
     def __init__(self, settings: WorldSettings | HeldSettings, threads: int | None = None) -> None:
@@ -72,7 +74,9 @@ class Task(ABC):
         self.world = World(settings, threads)
         self.control_dt, self.truncated = self.world.control_dt, self.world.truncated
         terms = [(name, float) for name in self.TERMS]
-        row = self.ROW or np.dtype([("info", [*self.INFO.items()]), ("reward", terms)])
+        row: np.dtype[np.void] = self.ROW or np.dtype(
+            [("info", [*self.INFO.items()]), ("reward", terms)]
+        )
         self.data: NDArray[np.void] = np.zeros(n, row)
         self.rewards, self.ended = np.zeros(n), np.zeros(n, bool)
         self.observed = self._order(self.world.observations) + tuple(self.world.lengths.entries)
@@ -86,8 +90,7 @@ class Task(ABC):
         self._which: Ints = np.arange(n)
         self.world.connect(self.observed, self.observation)
         self._connect()
-        kernels: Any = self.ENGINE
-        self._kernels = kernels.describe.bound(), kernels.finish_step.bound()
+        self._kernels = self.ENGINE.describe.bound(), self.ENGINE.finish_step.bound()
 
     def _check_declarations(self, settings: WorldSettings | HeldSettings) -> None:
         """Raise ValueError for settings or names that this class would ignore."""
@@ -98,7 +101,7 @@ class Task(ABC):
         if both := sorted({*self.INFO} & {*self.TERMS}):
             raise ValueError(f"INFO and TERMS have {both}, must have different names")
         if self.ROW is not None:
-            known = {*self.ROW["info"].names, *self.ROW["reward"].names}
+            known = {*(self.ROW["info"].names or ()), *(self.ROW["reward"].names or ())}
             if unknown := sorted({*self.INFO, *self.TERMS} - known):
                 allowed = f"must be in {sorted(known)}, those of the compiled task's ROW"
                 raise ValueError(f"INFO and TERMS have {unknown}, {allowed}")
@@ -131,7 +134,7 @@ class Task(ABC):
     def terminated(self) -> Bools:
         """Return whether episodes (n,) are over after a step."""
 
-    def keep(self, **values: NDArray[Any]) -> None:
+    def keep(self, **values: NDArray[np.generic]) -> None:
         """Keep numbers (n,) of :attr:`INFO` and :attr:`TERMS` of the robots of this step."""
         which = self._which
         for name, value in values.items():
@@ -217,7 +220,7 @@ class Task(ABC):
         self._observe(which)
         self.world.disturb(which)
 
-    def set_parameters(self, i: int, **changes: Any) -> None:
+    def set_parameters(self, i: int, **changes: object) -> None:
         """Change a robot from now on: :attr:`SETTABLE`, and the world's.
 
         Energies in ``info`` do not have what the change itself adds to the robot's energy.

@@ -24,14 +24,14 @@ Arguments: TypeAlias = tuple[Any, ...]
 
 T = TypeVar("T")
 Range = TypeAliasType("Range", float | Sequence[float])  # a number, or (low, high)
-PerRobot = TypeAliasType("PerRobot", T | Sequence[T] | NDArray[Any], type_params=(T,))
+PerRobot = TypeAliasType("PerRobot", T | Sequence[T] | NDArray[np.generic], type_params=(T,))
 """One for all robots, or one for each."""
 
 MOST_TIME_STEPS = 10_000  # time steps in a control period: seconds on the slowest plant
 RENDER_MODES = ["human", "rgb_array"]
 
 
-def control_period(control_dt: Any, time_step: Any) -> tuple[float, float]:
+def control_period(control_dt: object, time_step: object) -> tuple[float, float]:
     """``control_dt`` and ``time_step``, s: the first 1 to ``MOST_TIME_STEPS`` times the second."""
     period = positive("control_dt", control_dt)
     step = check_time_step(time_step)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +57,7 @@ class EpisodeLengths:
         self.constructed, self.nominal = list(robots), list(robots)
         self.changed: list[dict[str, float]] = [{} for _ in robots]
         self.entries: list[Observed] = []
-        self.values: NDArray[Any] | None = None
+        self.values: NDArray[np.void] | None = None
         self._columns, self._observation = np.zeros(0, np.int64), np.zeros((0, 0), np.float32)
         given = [ranges.get("lengths", {}) for ranges in randomizations]
         self.factors: list[dict[str, Distribution]] = given
@@ -153,7 +153,10 @@ def _build(nominal: Robot, given: Mapping[str, float]) -> Build:
 
 
 def _draw(
-    nominal: Robot, given: Mapping[str, float], factors: Mapping[str, Distribution], rng: Any
+    nominal: Robot,
+    given: Mapping[str, float],
+    factors: Mapping[str, Distribution],
+    rng: np.random.Generator,
 ) -> Build:
     """Draw the lengths that are not given until the robot can turn, well off any dead point."""
     before, reason = lengths(nominal), ""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -169,7 +169,7 @@ class EpisodeParameters:
         for values in (present, heaviest):  # of this episode, and others
             self._check_feet(replace(self._plant.robots[i], pad_compliance=pads), values)
 
-    def _check_feet(self, robot: Robot, values: Any) -> None:
+    def _check_feet(self, robot: Robot, values: np.void) -> None:
         """Raises ValueError where a robot's feet cannot bear a row of EPISODE."""
         pads = robot.pad_compliance
         if pads.rigid:
@@ -304,7 +304,7 @@ class EpisodeParameters:
 
 def _heaviest(
     nominal: np.void, randomization: Randomization, changes: Mapping[str, float] | None = None
-) -> Any:
+) -> np.void:
     """The episode parameters with the highest foot load."""
     values = nominal.copy()
     for name, value in (changes or {}).items():

@@ -75,7 +75,9 @@ def each(default: Any, check: Check, several: Callable[[Any], bool] | None = Non
     return field(default=default, metadata={"check": check, "several": several})
 
 
-def range_each(default: Any, least: float, most: float, check: Any = number_range) -> Any:
+def range_each(
+    default: Any, least: float, most: float, check: Callable[..., object] = number_range
+) -> Any:
     """A field that becomes a list of (low, high); arrays and lists of ranges are one for each."""
 
     def several(value: object) -> bool:
@@ -281,7 +283,7 @@ class RobotSettings:
 
     def make_robots(self) -> list[Robot]:
         """Return robots with their payloads, motors ...; those of the same parts are one object."""
-        made: dict[Any, Robot] = {}
+        made: dict[object, Robot] = {}
         parts = [self.each(name) for name in ("payload", "motor", "torque_limit", "pad_compliance")]
         robots = []
         for robot, *chosen in zip(self.each("robot"), *parts, strict=True):
@@ -295,7 +297,7 @@ class RobotSettings:
         """Return terrains, flat where a reset draws them, and the generators that draw."""
         grounds = self.each("terrain")
         known = {id(ground): make_generator(ground) for ground in grounds}
-        made: dict[Any, Terrain] = {}  # robots on equal ground share it
+        made: dict[object, Terrain] = {}  # robots on equal ground share it
         terrains = []
         for ground, *numbers in zip(
             grounds, self.each("friction"), self.each("restitution"), strict=True

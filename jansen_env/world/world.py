@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
-from typing import Any, cast
+from typing import cast
 
 import gymnasium as gym
 import numpy as np
@@ -192,7 +192,7 @@ class World:
             self.information = self.information[[*readings.HELD_INFORMATION]]
             self.energies = self.energies[[*readings.HELD_ENERGIES]]
         self.groups: dict[str, NDArray[np.void]] = {}
-        self.arrays: dict[str, NDArray[Any]] = {}
+        self.arrays: dict[str, NDArray[np.generic]] = {}
         if self.episodes.varies:
             self.groups["parameters"] = self.episodes.values
         if self.lengths.values is not None:
@@ -603,7 +603,7 @@ class World:
         ``terrain_level``, ``payload``, ``motor``, ``torque_limit``, ``pad_compliance``,
         ``weight``, ``reset_noise_scale`` and :data:`KEPT`.
         """
-        values: dict[str, Callable[[], Any]] = {
+        values: dict[str, Callable[[], Iterable[object]]] = {
             "robot": lambda: self.robots,
             "state": self.plant.states.copy,
             "delay": lambda: [self.delay(i) for i in range(self.num_envs)],

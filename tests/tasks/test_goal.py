@@ -4,8 +4,8 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from jansen_env.tasks.goal import goal_pid
-from jansen_env.tasks.goal.goal_pid import GoalPid
+from jansen_env.tasks.goal import goal_pid as pid
+from jansen_env.tasks.goal.goal_pid import goal_pid
 from jansen_env.tasks.goal.goal_task import NEAR
 
 
@@ -47,12 +47,12 @@ class Still:
 def test_the_baseline_solves_it_and_the_reward_ranks(monkeypatch):
     """97 of the 100 goals of seeds from 1000 on, on which it was not tuned; 0.9 at least."""
     env = make(100)
-    success, returns, work = solved(GoalPid(env.unwrapped), env, seed=1000)
+    success, returns, work = solved(goal_pid(env.unwrapped), env, seed=1000)
     assert success.mean() >= 0.9
-    shaken = solved(Shaken(GoalPid(env.unwrapped), 0.08), env, seed=1000)
+    shaken = solved(Shaken(goal_pid(env.unwrapped), 0.08), env, seed=1000)
     assert shaken[0].mean() > 0.8 and shaken[2].mean() > 1.2 * work.mean()
-    monkeypatch.setattr(goal_pid, "GAIN", 0.25)
-    slow = solved(GoalPid(env.unwrapped), env, seed=1000)
+    monkeypatch.setattr(pid, "GAIN", 0.25)
+    slow = solved(goal_pid(env.unwrapped), env, seed=1000)
     still = solved(Still(), env, seed=1000)
     assert success.mean() > shaken[0].mean() - 0.05 > slow[0].mean() > still[0].mean() == 0.0
     assert returns.mean() > shaken[1].mean() > slow[1].mean() > still[1].mean()
@@ -61,7 +61,7 @@ def test_the_baseline_solves_it_and_the_reward_ranks(monkeypatch):
 
 def test_success_is_the_last_second_within_two_centimetres():
     env = gym.make("JansenGoal-v0")
-    policy, state = GoalPid(env.unwrapped), None
+    policy, state = goal_pid(env.unwrapped), None
     observation, info = env.reset(seed=3, options={"goal": 0.4})
     assert info["goal"] == 0.4 and not info["is_success"]
     inside = 0

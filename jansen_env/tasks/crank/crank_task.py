@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from types import ModuleType
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -51,7 +51,7 @@ class CrankTask(CompiledTask):
     )
     COMPILED = ("tracking_error", "speed_command")
     ENGINE: ClassVar[ModuleType] = crank_tracking
-    ROW: ClassVar[np.dtype[Any]] = crank_tracking.ROW
+    ROW = crank_tracking.ROW
     FASTEST = FASTEST_COMMAND
 
     def __init__(self, settings: CrankSettings, threads: int | None = None) -> None:

@@ -15,7 +15,7 @@ from jansen_env.scoring.metrics import (
     mean_of,
     per_weight,
 )
-from jansen_env.tasks.goal.goal_pid import GoalPid
+from jansen_env.tasks.goal.goal_pid import goal_pid
 from jansen_env.tasks.goal.goal_task import FARTHEST
 
 
@@ -42,7 +42,7 @@ GOAL = Benchmark(
         "slip": Metric("slip", "m", mean_of("slip")),
         "falls": Metric("falls", "fraction", mean_of("fell"), axis="fraction"),
     },
-    baselines={"pid": GoalPid},
+    baselines={"pid": goal_pid},
     option="goal",
     drawn=(-FARTHEST, FARTHEST),
 )

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import ModuleType
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -96,7 +96,7 @@ class WalkerTask(CompiledTask):
     )
     COMPILED = COMMANDED
     ENGINE: ClassVar[ModuleType] = walk_reward
-    ROW: ClassVar[np.dtype[Any]] = walk_reward.ROW
+    ROW = walk_reward.ROW
     SETTABLE = ("speed_command", "command")
     FASTEST = FASTEST_COMMAND
 

@@ -26,6 +26,7 @@ from jansen_env.commands.flags import (
 from jansen_env.commands.named_policies import Loaded, load_all
 from jansen_env.commands.plots import Sweeps, by_condition, write_files, write_scores
 from jansen_env.files import check_writable
+from jansen_env.plants.plant import PLANTS
 from jansen_env.robot import RIGID, Compliance, Robot, built_robot
 from jansen_env.scoring.benchmarks import WALKERS, find_benchmark
 from jansen_env.scoring.evaluation import Scores, evaluate
@@ -47,9 +48,11 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         "jansen-env evaluate", "Score policies side by side.",
         "jansen-env evaluate --policy pretrained --policy pid",
         "jansen-env evaluate --env JansenWalkerRough-v0 --policy pretrained --all --out scores",
-        required=True, plants=True,
+        required=True,
     )  # fmt: skip
     add = parser.add_argument
+    add("--plant", action="append", default=[], choices=sorted(PLANTS),
+        help="plant of the walkers; repeat to compare; default: the environment's")  # fmt: skip
     add("--commands", type=float, nargs="+", metavar="V",
         help="speeds or goals; default: the benchmark's grid")  # fmt: skip
     add("--episodes", type=positive_int, default=10,

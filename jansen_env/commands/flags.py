@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from jansen_env.checks import MAX_STEPS, listed
-from jansen_env.plants.plant import PLANTS
 from jansen_env.robot import ROBOTS
 from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT, find_benchmark
 
@@ -100,12 +99,7 @@ def robot_parser(
 
 
 def policy_parser(
-    prog: str,
-    description: str | None,
-    *examples: str,
-    default: str = DEFAULT,
-    required: bool = False,
-    plants: bool = False,
+    prog: str, description: str | None, *examples: str, required: bool = False
 ) -> Parser:
     """Return a parser with the flags of policies and their environment."""
     named = "; ".join(f"{name}: {', '.join(b.baselines)}" for name, b in BENCHMARKS.items())
@@ -114,16 +108,12 @@ def policy_parser(
     add("--policy", action="append", default=[], required=required, metavar="NAME",
         help=f"a baseline ({named}), 'pretrained', a run's folder, or a file of a model or policy; "
         "repeat to compare")  # fmt: skip
-    add("--env", default=default, type=imported_env_id, metavar="ID",
+    add("--env", default=DEFAULT, type=imported_env_id, metavar="ID",
         help=f"environment: {', '.join(BENCHMARKS)}, or MODULE:ID; default: %(default)s"
         )  # fmt: skip
     add("--env-kwargs", default={}, type=mapping, metavar="YAML",
         help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
     add("--seed", type=non_negative_int, default=0, help="seed of the starts; default: 0")
-    if plants:
-        add("--plant", action="append", default=[], choices=sorted(PLANTS),
-            help="plant of the walkers; repeat to compare; default: the environment's"
-            )  # fmt: skip
     return parser
 
 

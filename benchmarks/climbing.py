@@ -3,7 +3,7 @@
     python -m benchmarks.climbing [--episodes 24] [--env ID] [--policy RUN] [--quick]
 
 All controllers and speeds meet the same grounds: where one of them succeeds, the machine can.
-Writes ``climbing.md``, and for the paper's robot ``levels.md``.
+Writes ``climbing.md``.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from jansen_env.baselines.policy import Array, Bools, Policy
 from jansen_env.commands.named_policies import label, load_named
 from jansen_env.scoring.rollout import make_env, run_episodes
 from jansen_env.tasks.walking.walker_benchmark import ENOUGH, succeeded
-from jansen_env.terrain.generators import HIGHEST, LEVELS, NamedGenerator, at_level
+from jansen_env.terrain.generators import HIGHEST, LEVELS, NamedGenerator
 from jansen_env.terrain.ground import START, treads
 
 SPEEDS = (0.2, 0.3, 0.45, 0.6)  # m/s
@@ -127,17 +127,6 @@ def walkable_table(results: dict[str, dict[str, Bools]]) -> str:
     return measure.table(("level", *map(str, levels)), rows)
 
 
-def level_table() -> str:
-    """Return sizes of the levels as Markdown."""
-    rows = []
-    for name, parameters in LEVELS.items():
-        for key, (low, high) in parameters.items():
-            each = [f"{at_level(name, level)[key]:.3g}" for level in range(HIGHEST + 1)]
-            each = [f"{low:g}", *[""] * HIGHEST] if low == high else each
-            rows.append((f'`"{name}"`, `{key}` ({UNITS.get(key, "m")})', *each))
-    return measure.table(("level", *map(str, range(HIGHEST + 1))), rows)
-
-
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
     parser = measure.options(__doc__, "docs/terrain", episodes=EPISODES)
@@ -172,10 +161,6 @@ def main(arguments: list[str] | None = None) -> None:
         "the mean of the seven kinds.",
         walkable_table(results),
     )
-    if args.env == WALKER:
-        source = "values of `jansen_env.terrain.generators.LEVELS`."
-        measure.report(args.out / "levels.md", "# Levels",
-                       f"`python -m benchmarks.climbing`: {source}", level_table())  # fmt: skip
 
 
 if __name__ == "__main__":

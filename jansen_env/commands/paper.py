@@ -8,7 +8,6 @@ from pathlib import Path
 from jansen_env.commands.flags import Parser
 from jansen_env.files import check_writable, write_text
 from jansen_env.paper.claims import as_lines, check_claims, tables
-from jansen_env.paper.errata import errata
 from jansen_env.paper.figures import draw
 from jansen_env.paper.results import compute
 
@@ -26,7 +25,7 @@ def main(arguments: list[str] | None = None) -> None:
         check_writable("--out", out)  # before the work
     results = compute()
     claims = check_claims(results)
-    by_heading = tables(claims, errata(), results.levels, results.pid_levels)
+    by_heading = tables(claims, results.levels, results.pid_levels)
     text = "\n".join(f"# {heading}\n\n{table}" for heading, table in by_heading.items())
     print(text if args.all else as_lines(claims))
     write_text(out / "claims.md", text)

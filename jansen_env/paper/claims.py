@@ -1,7 +1,7 @@
 """Claim by claim: what the paper says, what is computed here, whether it holds.
 
 Verdicts follow from the numbers by the criterion in each function, none is set by hand. Why a claim
-holds or does not: ``docs/paper.md``. Last come the tables of claims, interpretations and errata.
+holds or does not: ``docs/paper.md``. Last come the tables of claims and interpretations.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ from jansen_env.dynamics.projection import (
 )
 from jansen_env.gravity import GRAVITY
 from jansen_env.paper import toes
-from jansen_env.paper.errata import Erratum
 from jansen_env.paper.fixed_model import SETTLED, crank_only
 from jansen_env.paper.interpretations import NEAR, PRINTED_LEVEL, Level, PIDLevel
 from jansen_env.paper.results import FRICTIONS, SLOW, TORQUES, WALK, Results
@@ -304,10 +303,7 @@ def _list(values: Iterable[float]) -> str:
 
 
 def tables(
-    claims: Iterable[Claim],
-    errata: Iterable[Erratum],
-    levels: Iterable[Level],
-    pid_levels: Iterable[PIDLevel],
+    claims: Iterable[Claim], levels: Iterable[Level], pid_levels: Iterable[PIDLevel]
 ) -> dict[str, str]:
     """Return the tables in Markdown by their headings."""
     torque = "interpretation", "lowest (N m)", "mean (N m)", "highest (N m)"
@@ -317,7 +313,6 @@ def tables(
             ("claim", "says", "computed", "verdict"),
             [(f"{c.key} ({c.where})", c.says, c.computed, f"**{c.verdict}**") for c in claims],
         ),
-        "Errata in numbers": _table(("erratum", "comes to"), [(e.name, e.effect) for e in errata]),
         "Torque at a constant 1 rad/s, by interpretation": _table(
             (*torque, "joint loss (W)"),
             [(name, *map(_number, values)) for name, *values in map(astuple, levels)],

@@ -99,7 +99,7 @@ def _level(name: str, robot: Robot, direction: float = 1.0, motors: int = 1) -> 
     q, q_dot = crank_only(turn(ANGLES)), crank_only(np.full(ANGLES, direction))
     # The dense equations at a constant crank speed.
     forces = joint_forces(robot, q, q_dot, fixed_base=True, q_ddot=np.zeros(q.shape))
-    return Level(name, *_range(forces.torque / motors), mean_loss(robot))
+    return Level(name, *_range(forces.torque / motors), _mean_loss(robot))
 
 
 def _range(torque: Array) -> tuple[float, float, float]:
@@ -107,14 +107,10 @@ def _range(torque: Array) -> tuple[float, float, float]:
     return float(torque.min()), float(torque.mean()), float(torque.max())
 
 
-def mean_loss(robot: Robot, *pairs: tuple[int, int]) -> float:
-    """Mean over a turn at 1 rad/s of the sum of C_ij (theta_i' - theta_j')^2, W.
-
-    ``pairs``: of bodies with friction beside those of the paper, each 0.1 N m s/rad.
-    """
-    rate = turning(robot, turn(ANGLES), (*JANSEN.damped, *pairs))
-    friction = np.array([*robot.damping, *[0.1] * len(pairs)])
-    return float((rate**2 @ friction).sum(axis=-1).mean())
+def _mean_loss(robot: Robot) -> float:
+    """Mean over a turn at 1 rad/s of the sum of C_ij (theta_i' - theta_j')^2, W."""
+    rate = turning(robot, turn(ANGLES), JANSEN.damped)
+    return float((rate**2 @ robot.damping).sum(axis=-1).mean())
 
 
 def _without_reaction(robot: Robot) -> Level:
@@ -126,7 +122,7 @@ def _without_reaction(robot: Robot) -> Level:
     h[..., 7, 0] += robot.damping[6] * (x_dot[..., 7, 0] - x_dot[..., 4, 0])
     torque = p.velocity_terms[:, 0] - (D * h.reshape(D.shape)).sum(axis=-1)
     name = "no C58 term in h_f's last row, as printed"
-    return Level(name, *_range(torque), mean_loss(robot))
+    return Level(name, *_range(torque), _mean_loss(robot))
 
 
 def pid_run(robot: Robot, motors: int = 1, direction: float = 1.0) -> Run:

@@ -212,16 +212,11 @@ def toe_positions(robot: Robot, psi: ArrayLike) -> Array:
 
     Raises LinkageError: the linkage does not close.
     """
-    return positions_of(robot, psi, robot.toes)
-
-
-def positions_of(robot: Robot, psi: ArrayLike, chosen: Sequence[tuple[int, int]]) -> Array:
-    """:func:`toe_positions` of other joints, (leg, joint) each as indices."""
     back = np.array([leg.side == "back" for leg in robot.legs])
     angle = np.asarray(psi, dtype=float)[..., None] + np.array([leg.phase for leg in robot.legs])
     # A back leg mirrors a fore leg whose crank is mirrored.
     joints = joint_positions(robot, "fore", np.where(back, math.pi - angle, angle))
-    leg, joint = np.array(chosen).T
+    leg, joint = np.array(robot.toes).T
     places = joints[..., leg, joint, :]
     places[..., back[leg], 0] *= -1.0
     return places

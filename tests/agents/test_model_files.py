@@ -91,12 +91,10 @@ def test_names_in_a_configuration_import_nothing(folder, payload):
     for values in (
         {"env": f"payload:{ENV}"},
         {"algo": "payload:PPO"},
-        {"policy": "payload.Policy"},
         {"env_kwargs": {"entry_point": "payload:Env"}},
         {"training_variants": [{"additional_wrappers": ["payload:Wrapper"]}]},
         {"policy_kwargs": {"features_extractor_class": "payload.Extractor"}},
         {"policy_kwargs": {"activation": "payload.activation"}},
-        {"hyperparameters": {"rollout_buffer_class": "payload.Buffer"}},
     ):
         configure(folder, **values)
         refused(folder, "must be")

@@ -9,14 +9,8 @@ CASES = {
     "ppo": small_run(),
     "noise of a whole rollout": small_run(hyperparameters={"use_sde": True, "sde_sample_freq": -1}),
     "lasting noise": small_run(hyperparameters={"use_sde": True, "sde_sample_freq": 8}),
-    "delay, slope, commands": small_run(
-        env_kwargs={"terrain": "slope:0.05", "delay": [0.0, 0.03], "command_interval": 0.12}
-    ),
     "all that is drawn": small_run(env_id="JansenWalkerHardcore-v0"),
     "crank": small_run(env_id="JansenCrank-v0"),
-    "lengths": small_run(
-        env_kwargs={"randomize": {"lengths": 0.1}, "observe_lengths": True, "max_episode_steps": 9}
-    ),
     "sac": small_run("sac"),
     "sac, noise of a whole rollout": small_run("sac", hyperparameters={"sde_sample_freq": -1}),
 }

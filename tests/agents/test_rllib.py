@@ -1,14 +1,12 @@
-"""RLlib trains one policy with several processes, one of which is killed."""
+"""RLlib trains one policy with several processes."""
 
 import os
 import re
-import signal
 import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
 
-import psutil
 import pytest
 
 if find_spec("ray") is None:  # not imported: it reads how it is to authenticate when it is
@@ -21,41 +19,20 @@ SMALL = ["--env", "JansenCrank-v0", "--steps", str(STEPS), "--envs", "6", "--run
          "--learners", "2"]  # fmt: skip
 
 
-def env_runners(driver: int) -> set[int]:
-    """Return the process ids of a driver's env runners."""
-    found = set()
-    for process in psutil.Process(driver).children(recursive=True):
-        try:
-            if "::SingleAgentEnvRunner" in " ".join(process.cmdline()):
-                found.add(process.pid)
-        except psutil.Error:  # it has just ended
-            pass
-    return found
-
-
 @pytest.mark.slow
-def test_training_survives_a_killed_env_runner(tmp_path: Path) -> None:
-    """Kill -9 of one of two after the first iteration: training ends as planned, with a new one."""
+def test_the_example_trains_and_scores(tmp_path: Path) -> None:
     environment = {
         **os.environ, "SDL_VIDEODRIVER": "dummy", "RAY_AUTH_MODE": "token",
         "RAY_USAGE_STATS_ENABLED": "0",
     }  # fmt: skip
-    errors = tmp_path / "errors.txt"
-    with errors.open("w") as file, subprocess.Popen(
+    done = subprocess.run(
         [sys.executable, EXAMPLE, *SMALL], cwd=tmp_path, env=environment, text=True,
-        stdout=subprocess.PIPE, stderr=file,
-    ) as driver:  # fmt: skip
-        assert driver.stdout is not None
-        steps, before, after, last = [], set[int](), set[int](), ""
-        for line in driver.stdout:
-            if found := re.match(r"([\d,]+) steps, ", line):
-                steps.append(int(found[1].replace(",", "")))
-                after |= env_runners(driver.pid)
-                if not before:
-                    before = set(after)
-                    os.kill(min(before), signal.SIGKILL)
-            last = line
-    assert driver.returncode == 0, errors.read_text()
+        capture_output=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    *iterations, last = done.stdout.splitlines()
+    steps = [
+        int(n.replace(",", "")) for n in re.findall(r"([\d,]+) steps, ", "\n".join(iterations))
+    ]
     assert steps[0] < STEPS <= steps[-1] and steps == sorted(set(steps))
-    assert len(before) == 2 and len(after) == 3, (before, after)
     assert re.match(r"ppo: return -?\d+, pid: return \d+$", last)

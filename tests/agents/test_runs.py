@@ -225,9 +225,3 @@ def test_training_that_diverges_says_so(tmp_path, returns):
     settings = small_config(hyperparameters={"n_steps": 8, "learning_rate": 1e30})
     with pytest.raises(SystemExit, match=r"training diverged at \d+ steps: .* lower learning_rate"):
         go(replace(settings, timesteps=4 * STEPS), tmp_path)
-
-
-def test_a_log_folder_that_cannot_be_written_is_named(tmp_path, returns):
-    (tmp_path / "file").touch()
-    with pytest.raises(SystemExit, match="Not a directory"):
-        train.main(["-n", "64", "--n-envs", "4", "--log-folder", str(tmp_path / "file")])

@@ -200,7 +200,6 @@ NAN, HARMONICS = float("nan"), {"kind": "harmonics", "multiples": [2]}
         ({"network__features": []}, "network.features has no numbers, must have some"),
         ({"network__layers__0__weight": "os.system"}, "there is no tensor 'os.system'"),
         ({"network__features__0__kind": "eval"}, "kind of features is 'eval', must be"),
-        ({"network__features__0__variance": "pi_features_extractor.mean"}, ""),
         ({"network__features": [HARMONICS | {"multiples": [0.5]}]}, "a multiple is 0.5, must be"),
         ({"network__features": [HARMONICS], "observation__0__name": "height"},
          "harmonics take the first observations ['cos_crank_angle', 'sin_crank_angle']"),
@@ -219,11 +218,6 @@ def test_descriptions_that_do_not_fit_are_refused(values, reason, made, tmp_path
     for file in made[1].parent.iterdir():
         shutil.copy(file, tmp_path)
     change(path, **values)
-    if not reason:  # means may be negative, variances may not
-        tensors = load(path.with_suffix(".safetensors").read_bytes())
-        tensors["pi_features_extractor.mean"] = -tensors["pi_features_extractor.mean"]
-        path.with_suffix(".safetensors").write_bytes(save(tensors))
-        reason = "must be 0 or above"
     with pytest.raises(ValueError, match=re.escape(reason)) as error:
         pretrained.load_file(path)
     assert str(path) in str(error.value) and "\n" not in str(error.value)
@@ -254,19 +248,18 @@ def test_a_policy_trains_where_it_walks(made, tmp_path):
 
 
 def test_damaged_files_are_refused(made, tmp_path):
-    """Cut anywhere, too large, of other types, with numbers that are none, missing."""
+    """Cut, too large, of other types, with numbers that are none, missing."""
     path, weights = tmp_path / "mine.json", tmp_path / "mine.safetensors"
     text, data = (p.read_bytes() for p in (made[1], made[1].with_suffix(".safetensors")))
-    tensors = load(data)
-    bias = "action_net.bias"
+    tensors, bias, variance = load(data), "action_net.bias", "pi_features_extractor.variance"
     spoilt = [
-        (text[:-30], data), (b"[" * 10**5, data), (b"3", data), (b"\xff" + text, data),
+        (text[:-30], data), (b"[" * 10**5, data), (b"3", data),
         (text + b" " * pretrained.MAX_BYTES, data), (text, data + bytes(pretrained.MAX_BYTES)),
-        (None, data), (text, None), (text, data + b"0"),
-        *[(text, data[:cut]) for cut in (0, 5, 300, len(data) - 1)],
-        (text, (2**62).to_bytes(8, "little") + data[8:]), (text, b"PK\3\4" + data[4:]),
+        (None, data), (text, None), (text, data[:300]),
+        (text, (2**62).to_bytes(8, "little") + data[8:]),
         (text, save({**tensors, bias: np.full(1, np.nan, np.float32)})),
         (text, save({**tensors, bias: np.zeros(1)})),
+        (text, save({**tensors, variance: -tensors[variance]})),
         (text, save({**tensors, bias: np.zeros(1, np.float32)})),
     ]  # fmt: skip
     for description, content in spoilt:
@@ -285,8 +278,8 @@ def test_observations_of_other_shapes_are_refused(wrong):
         pretrained.load(CRANK).predict(wrong)
 
 
-def test_evaluation_takes_shipped_and_packed_policies(made, tmp_path, capsys, monkeypatch):
-    """By name and by path, side by side with a baseline; what does not fit is refused."""
+def test_evaluation_takes_shipped_and_packed_policies(made, tmp_path, monkeypatch):
+    """By name and by path, side by side with a baseline."""
     monkeypatch.chdir(tmp_path)
     given = ["--policy", "pretrained", "--policy", str(made[1]), "--policy", "pid"]
     ((policies, env_kwargs),) = named_policies.load_all(evaluate.parse(["--env", CRANK, *given]))
@@ -294,17 +287,13 @@ def test_evaluation_takes_shipped_and_packed_policies(made, tmp_path, capsys, mo
     assert [*scores][::2] == ["pretrained", "pid"] and [*scores][1].endswith(f"{CRANK} mine")
     returns = [score["overall"]["return"][0] for score in scores.values()]
     assert returns[0] > returns[2] > returns[1]
-    env = make_env(CRANK, {})
-    named = named_policies.load_named("pretrained:ppo", env).description
-    assert named == pretrained.load(CRANK).description
-    for policy, reason in (
-        (str(made[1]), "observes tracking_error, must be one of ['cos_crank_angle', "),
-        ("pretrained:sac", "policy is 'sac', must be one of"),
-        ("pretrained", "is given 2 times"),
+
+
+def test_policies_of_other_observations_are_refused(made):
+    for name, env_kwargs, reason in (
+        (str(made[1]), {}, "observes tracking_error, must be one of ['cos_crank_angle', "),
+        ("pretrained:sac", {}, "policy is 'sac', must be one of"),
+        ("pretrained", {"robot": paper_robot(3)}, "shows toe_load_4, which the policy"),
     ):
-        with pytest.raises(SystemExit):
-            evaluate.main(["--policy", policy, "--policy", "pretrained"])
-        assert reason in capsys.readouterr().err
-    six_toes = make_env("JansenWalker-v0", {"robot": paper_robot(3)})
-    with pytest.raises(ValueError, match="this environment shows toe_load_4, which the policy"):
-        named_policies.load_named("pretrained", six_toes)
+        with pytest.raises(ValueError, match=re.escape(reason)):
+            named_policies.load_named(name, make_env("JansenWalker-v0", env_kwargs))

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.engine.mathematics import directions
-from jansen_env.gravity import GRAVITY
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import Array, joint_positions, world_joints
 from jansen_env.terrain import heights_of
@@ -37,7 +36,6 @@ INK, MUTED, TRACK, WHITE = (38, 50, 66), (100, 112, 128), (220, 227, 235), (255,
 LINK, CRANK, FORCE = (58, 124, 190), (240, 140, 16), (124, 58, 190)
 GREEN, RED = (0, 140, 122), (220, 38, 38)
 AIR, GRIP, SLIP = 0, 1, 2  # a toe is lifted, holds, slides while it is loaded
-TOUCHING = 1e-6  # of the robot's weight: the normal force from which a toe is on the ground
 LEGEND = {"gripping toe": GRIP, "slipping toe": SLIP, "lifted toe": AIR, "contact force": None}
 CIRCLE = np.array([(math.cos(a), math.sin(a)) for a in np.linspace(0.0, 2.0 * math.pi, 32)])
 
@@ -47,29 +45,15 @@ class Frame:
     """Content of one picture; toes in the order of ``robot.toes``."""
 
     q: Array  # (4,) crank axis x and y (m), chassis pitch theta and crank angle psi (rad)
-    contact_force: Array  # (toes, 2) N, tangential and normal force on each toe
+    contact: NDArray[np.int_]  # (toes,) what each toe does: AIR, GRIP or SLIP
     contact_point: Array  # (toes, 2) m, where each toe touches, world frame
-    contact_tangent: Array  # (toes, 2) unit tangents of the ground there; normals are 90 degrees on
-    slipping: NDArray[np.bool_]  # (toes,) the toes that slide along the ground
+    contact_force: Array  # (toes, 2) N, of the ground on each toe, world frame
+    weight: float  # N, of robot and payload
     command: float | None  # speed, or None, in the renderer's unit
     speed: float  # likewise
     torque: float  # N m, of the crank
     torque_limit: float  # N m, its largest magnitude
     time: float  # s
-
-    @property
-    def forces(self) -> Array:
-        """(toes, 2) forces of the ground on the toes, N, world frame."""
-        tangent = self.contact_tangent
-        normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1)
-        along, across = self.contact_force.T[..., None]
-        forces: Array = along * tangent + across * normal
-        return forces
-
-    def contacts(self, weight: float) -> NDArray[np.int8]:
-        """(toes,) what each toe of a robot with a ``weight``, N, does: AIR, GRIP or SLIP."""
-        touching = self.contact_force[:, 1] > TOUCHING * weight
-        return np.where(self.slipping, SLIP, np.where(touching, GRIP, AIR)).astype(np.int8)
 
 
 class Renderer:
@@ -111,7 +95,6 @@ class Renderer:
         self._reach = reach = reach_of(robot)
         self._scale = min(HEIGHT / (1.66 * reach), WIDTH / (2.3 * reach))  # canvas pixels per m
         self._depth = depths_of(robot)
-        self._weight = robot.mass * GRAVITY
 
     def draw(self, frame: Frame) -> Picture | None:
         """Paint ``frame``; returns a new array (height, width, 3) uint8.
@@ -185,11 +168,11 @@ class Renderer:
         for leg in order[len(far) :]:
             self._paint_leg(legs[leg], 0.0)
         pad = max(self.robot.pad_radius * self._scale / UNIT, 4.5)
-        contacts, forces = frame.contacts(self._weight), frame.forces / self._weight
+        forces = frame.contact_force / frame.weight
         toes = sorted(enumerate(self.robot.toes), key=lambda toe: -self._depth[toe[1][0]])
         for k, (leg, joint) in toes:
             self._arrow(self._pixels(frame.contact_point[k]), forces[k] * [1.0, -1.0])
-            self._toe(legs[leg, joint], pad, contacts[k])
+            self._toe(legs[leg, joint], pad, frame.contact[k])
         self._paint_gauges(frame)
         if self._terrain is not None:
             self._paint_legend()

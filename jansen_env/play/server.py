@@ -28,7 +28,6 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from jansen_env.checks import one_of, shown
-from jansen_env.gravity import GRAVITY
 from jansen_env.play.session import BY_HAND, LARGEST_PUSH, PACES, SLIDERS, Session
 from jansen_env.viewer.web.bench import bench_page
 from jansen_env.viewer.web.geometry import scene_of_robot, state_of_frame
@@ -190,13 +189,13 @@ class Page:
 
 def scene_message(session: Session) -> str:
     """Scene, settings and choices, which change with the session's version."""
-    values, scene = session.values(), session.env.scene()
+    values, scene, frame = session.values(), session.env.scene(), session.frame()
     message = {
         "kind": "scene",
         "scene": {
-            **scene_of_robot(scene["robot"], scene["robot"].mass * GRAVITY),
+            **scene_of_robot(scene["robot"], frame.weight),
             "terrain": np.asarray(scene["terrain_points"]).tolist(),
-            "torqueLimit": session.frame().torque_limit,
+            "torqueLimit": frame.torque_limit,
         },
         "sliders": [
             {"name": name, "value": values[name], **slider._asdict()}

@@ -106,16 +106,16 @@ class Score:
     def __post_init__(self) -> None:
         self._x = self._free = self._commanded = self._slip = self._lift = 0.0  # m
 
-    def add(self, info: Values, time: float, weight: float, command: float | None) -> None:
-        """Add a step by its ``info`` and end, s, the robot's weight, N, and command, m/s, in it."""
+    def add(self, info: Values, frame: Frame, command: float | None) -> None:
+        """Add a step by its ``info``, the frame at its end and the command, m/s, in it."""
         way, self._x = float(info["x_position"]) - self._x, float(info["x_position"])
         if command:
             self._commanded += way if command > 0.0 else -way
         else:
             self._free += way
         self._slip += float(np.sum(info["slip"]))
-        self._lift += abs(float(info["energy"]["motor_work"])) / weight
-        self.time, self.speed = time, float(info["mean_speed"])
+        self._lift += abs(float(info["energy"]["motor_work"])) / frame.weight
+        self.time, self.speed = frame.time, float(info["mean_speed"])
         self.distance = max(self._commanded, 0.0) + abs(self._free)
         if self.distance > MIN_DISTANCE:
             self.slip_per_metre = self._slip / self.distance
@@ -405,6 +405,5 @@ class Session:
         self._observation, _, _, self.stuck, info = env.step(action)
         self._frames = self._frames[1], self.env.frame()
         if not self.fallen:
-            weight = self._env.get_wrapper_attr("weight")
-            self._score.add(info, self._frames[1].time, weight, self.command)
+            self._score.add(info, self._frames[1], self.command)
             self.fallen = bool(info["fallen"])

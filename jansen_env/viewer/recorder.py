@@ -14,7 +14,6 @@ from gymnasium.utils import RecordConstructorArgs
 
 from jansen_env.checks import shown
 from jansen_env.envs.single import SingleEnv
-from jansen_env.gravity import GRAVITY
 from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
 from jansen_env.tasks.task import Task
@@ -97,7 +96,7 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
             self._add(
                 action=np.array(flat, np.float32),
                 reward=float(reward),
-                slip=np.array(info.get("slip", np.zeros(len(frame.slipping)))),
+                slip=np.array(info.get("slip", np.zeros(len(frame.contact)))),
                 energy=[info["energy"][name] for name in self._episode["energies"]],
             )
             self._episode.update(terminated=bool(terminated), truncated=bool(truncated))
@@ -139,7 +138,6 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
 
     def _add_frame(self, frame: Frame, observation: Observation, info: Values) -> None:
         flat = flatten(self.observation_space, observation)
-        weight = getattr(self.inner, "weight", self._episode["robot"].mass * GRAVITY)
         self._add(
             time=frame.time,
             state=self.inner.get_state()["plant"],
@@ -147,10 +145,10 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
             command=frame.command or 0.0,
             speed=frame.speed,
             torque=info.get("crank_torque", frame.torque),  # the mean of the step
-            weight=weight,
-            contact=frame.contacts(weight),
+            weight=frame.weight,
+            contact=frame.contact,
             contact_point=frame.contact_point,
-            contact_force=frame.forces,
+            contact_force=frame.contact_force,
             observation=np.array(flat, np.float32),
         )
 

@@ -28,7 +28,7 @@ from jansen_env.plants.base import (
     static_deflection,
 )
 from jansen_env.plants.plant import BatchedPlant, make_batch, plant_time_step
-from jansen_env.rendering import Frame
+from jansen_env.rendering import AIR, GRIP, SLIP, Frame
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.robot.robot_file import robot_from_json, robot_to_json
@@ -67,6 +67,7 @@ Progress = Callable[[int], tuple[float, float]]
 MOST_DELAYED = 10_000  # control periods in a delay: torques that are kept
 LARGEST_COUNT = 2**63 - 1  # of an episode; and the largest seed
 SLIPPING = 0.01  # m/s of mean slip speed from which a toe is drawn as slipping
+TOUCHING = 1e-6  # of the robot's weight: the normal force from which a toe is on the ground
 START_ANGLE, FURTHEST = crank_tracking.START_ANGLE, crank_tracking.LOST  # rad, of held cranks
 NO_PUSHES = np.zeros((0, 3))
 FROM_RESETS = ("delay", "terrain_level")  # changes that apply from the next reset on
@@ -714,14 +715,19 @@ class World:
 
     def frame(self, i: int, command: float | None) -> Frame:
         """Return the picture data of a robot as it is now."""
-        plant, state = self.plant, self.plant.states[i]
-        points = tangents = np.zeros((plant.toes, 2))
+        plant, state, weight = self.plant, self.plant.states[i], float(self.weight[i])
+        points = force = np.zeros((plant.toes, 2))
+        contact = np.full(plant.toes, AIR)
         if not self.held:
             points, tangents = plant.contact_frames(i)
+            normals = np.stack([-tangents[:, 1], tangents[:, 0]], axis=-1)
+            along, across = plant.contact_force[i].T[..., None]
+            force = along * tangents + across * normals
+            contact = np.where(across[:, 0] > TOUCHING * weight, GRIP, AIR)
+            contact[plant.slip[i] > SLIPPING * self.control_dt] = SLIP
         return Frame(
-            q=state[:4].copy(), contact_point=points, contact_tangent=tangents,
-            contact_force=plant.contact_force[i].copy(),
-            slipping=plant.slip[i] > SLIPPING * self.control_dt, command=command,
+            q=state[:4].copy(), contact=contact, contact_point=points, contact_force=force,
+            weight=weight, command=command,
             speed=float(state[7] if self.held else state[4]), torque=float(self.torque[i]),
             torque_limit=abs(float(self.full_torque[i])),
             time=float(self.elapsed[i]) * self.control_dt,

@@ -5,7 +5,6 @@ Colours, widths and meaning are those of :mod:`jansen_env.rendering`.
 
 from __future__ import annotations
 
-from jansen_env.gravity import GRAVITY
 from jansen_env.rendering import Frame, depths_of, reach_of
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import world_joints
@@ -60,8 +59,8 @@ def state_of_frame(robot: Robot, frame: Frame) -> dict[str, object]:
         frame; ``toes``: for each ``contact`` (AIR, GRIP or SLIP), ``point`` (2,) m where it touches
         and ``force`` (2,) N on it, world frame.
     """
-    contacts, points = frame.contacts(robot.mass * GRAVITY).tolist(), frame.contact_point.tolist()
-    toes = zip(contacts, points, frame.forces.tolist(), strict=True)
+    arrays = frame.contact, frame.contact_point, frame.contact_force
+    toes = zip(*(array.tolist() for array in arrays), strict=True)
     return {
         **dict(zip(("x", "y", "pitch"), frame.q[:3].tolist(), strict=True)),
         "joints": world_joints(robot, frame.q).tolist(),

@@ -19,7 +19,7 @@ from jansen_env.files import write_json
 from jansen_env.robot import ROBOTS
 from jansen_env.scoring.benchmarks import BENCHMARKS
 from jansen_env.scoring.rollout import make_env, run_episodes
-from jansen_env.tasks.walking.walker_baselines import (
+from jansen_env.tasks.walking.walker_benchmark import (
     DATA,
     constant_torque,
     nearest_setting,

@@ -17,7 +17,7 @@ from jansen_env.robot import ROBOTS, Robot
 from jansen_env.robot.lengths import lengths, with_lengths
 from jansen_env.robot.motor import MOTORS
 from jansen_env.tasks.walking.profile import DATA, load_profile
-from jansen_env.tasks.walking.walker_baselines import tuned_for
+from jansen_env.tasks.walking.walker_benchmark import tuned_for
 from jansen_env.world.settings import load_robot
 
 T = TypeVar("T")

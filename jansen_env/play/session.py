@@ -20,7 +20,7 @@ from jansen_env.robot import ROBOTS as DESIGNS
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.robot.lengths import with_lengths
 from jansen_env.tasks.task import Task
-from jansen_env.tasks.walking.walker_baselines import walking_pid
+from jansen_env.tasks.walking.walker_benchmark import walking_pid
 from jansen_env.terrain.generators import GENERATORS, HIGHEST
 from jansen_env.viewer.recorder import Recorder
 from jansen_env.viewer.recording import Recording

@@ -14,15 +14,15 @@ from jansen_env.commands import evaluate
 from jansen_env.plants.plant import PLANTS
 from jansen_env.scoring import metrics
 from jansen_env.scoring.rollout import draw_episodes, make_env, run_episodes
-from jansen_env.tasks.walking.walker_baselines import (
+from jansen_env.tasks.walking.walker_benchmark import (
     BASELINES,
     DATA,
+    WALKER,
     measured,
     measured_setting,
     nearest_setting,
     walking_pid,
 )
-from jansen_env.tasks.walking.walker_benchmark import WALKER
 
 OBSERVED = make_env("JansenWalker-v0", {}).unwrapped.observed
 ONE_TO_ONE = nearest_setting(np.array([0.5, 1.0, 2.0]), np.array([[0.5], [1.0], [2.0]]))

@@ -10,8 +10,7 @@ import train
 from jansen_env.baselines.pid import PID
 from jansen_env.dynamics.inverse import crank_torque
 from jansen_env.scoring.rollout import run_episodes
-from jansen_env.tasks.crank.crank_baselines import BASELINES, inverse_dynamics
-from jansen_env.tasks.crank.crank_benchmark import CRANK
+from jansen_env.tasks.crank.crank_benchmark import BASELINES, CRANK, inverse_dynamics
 
 ENV = "JansenCrank-v0"
 PAPER_START = {"crank_angle": np.pi, "crank_speed": 0.0, "speed_command": 1.0}

@@ -9,7 +9,7 @@ import pytest
 from benchmarks import climbing
 from jansen_env import Terrain
 from jansen_env.plants.plant import PLANTS
-from jansen_env.tasks.walking.walker_baselines import BASELINES
+from jansen_env.tasks.walking.walker_benchmark import BASELINES
 from jansen_env.terrain.generators import LEVELS, at_level
 
 DOCS = Path(__file__).parents[2] / "docs" / "terrain"

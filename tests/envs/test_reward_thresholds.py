@@ -8,7 +8,7 @@ import pytest
 
 from jansen_env.policies import pretrained
 from jansen_env.scoring.benchmarks import BENCHMARKS
-from jansen_env.tasks.goal.goal_pid import goal_pid
+from jansen_env.tasks.goal.goal_benchmark import goal_pid
 
 STILL = SimpleNamespace(predict=lambda seen, *_: (np.zeros((len(seen), 1), np.float32), None))
 

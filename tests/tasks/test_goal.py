@@ -4,9 +4,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from jansen_env.tasks.goal import goal_pid as pid
-from jansen_env.tasks.goal.goal_pid import goal_pid
-from jansen_env.tasks.goal.goal_task import NEAR
+from jansen_env.tasks.goal import goal_benchmark
+from jansen_env.tasks.goal.goal_benchmark import goal_pid
+from jansen_env.tasks.goal.goal_env import NEAR
 
 
 def solved(policy, env, steps=750, seed=0):
@@ -51,7 +51,7 @@ def test_the_baseline_solves_it_and_the_reward_ranks(monkeypatch):
     assert success.mean() >= 0.9
     shaken = solved(Shaken(goal_pid(env.unwrapped), 0.08), env, seed=1000)
     assert shaken[0].mean() > 0.8 and shaken[2].mean() > 1.2 * work.mean()
-    monkeypatch.setattr(pid, "GAIN", 0.25)
+    monkeypatch.setattr(goal_benchmark, "GAIN", 0.25)
     slow = solved(goal_pid(env.unwrapped), env, seed=1000)
     still = solved(Still(), env, seed=1000)
     assert success.mean() > shaken[0].mean() - 0.05 > slow[0].mean() > still[0].mean() == 0.0

@@ -8,9 +8,9 @@ import pytest
 
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.vector import TaskVectorEnv
-from jansen_env.tasks.crank.crank_task import CrankSettings
+from jansen_env.tasks.crank.crank_env import CrankSettings
 from jansen_env.tasks.task import CommandedTask
-from jansen_env.tasks.walking.walker_task import WalkerSettings, WalkerTask
+from jansen_env.tasks.walking.walker_env import WalkerSettings, WalkerTask
 from jansen_env.world.observations import Observed
 from jansen_env.world.settings import WorldSettings, range_each
 

@@ -1,12 +1,68 @@
-"""How policies are scored on ``JansenCrank-v0``."""
+"""How policies are scored on ``JansenCrank-v0``, and its baselines; they read observations only.
+
+The paper's PID, constant torque, and inverse dynamics; each is made for an unwrapped environment.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
+from jansen_env.baselines.pid import PID
+from jansen_env.baselines.policy import (
+    Array,
+    Bools,
+    Controlled,
+    Policy,
+    TorquePolicy,
+    columns,
+    pid_policy,
+)
+from jansen_env.dynamics.inverse import crank_torque
+from jansen_env.engine.crank_tracking import LOST
 from jansen_env.scoring.metrics import TORQUE, Aggregate, Benchmark, Metric, mean_of
-from jansen_env.tasks.crank.crank_baselines import BASELINES
-from jansen_env.tasks.crank.crank_task import LOST
+
+# Beside the joints' friction, 1.6 N m s / rad, it damps the crank (0.73 kg m^2) nearly critically.
+FEEDBACK = PID(kp=5.0, ki=0.0, kd=2.0)
+
+
+def paper_pid(env: Controlled) -> Policy:
+    """The PID (13) behind the environment's own reference, whose error the observation has."""
+    rate, lacking, command = columns(env, "crank_speed", "tracking_error", "speed_command")
+
+    def reference(seen: Array, memory: None, starts: Bools) -> tuple[Array, Array, None]:
+        return seen[:, lacking], seen[:, command] - seen[:, rate], None
+
+    return pid_policy(reference, env.torque_limit, env.control_dt)
+
+
+def constant_torque(env: Controlled) -> Policy:
+    """The torque whose power feeds the joints' mean friction over a turn at the commanded speed."""
+    (command,) = columns(env, "speed_command")
+    turn = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
+    friction = float(crank_torque(env.robot, turn).friction.mean())  # N m s / rad
+    return TorquePolicy(lambda seen, *_: (friction * seen[:, command], None), env.torque_limit)
+
+
+def inverse_dynamics(env: Controlled, feedback: PID = FEEDBACK) -> Policy:
+    """Computed torque: what the commanded speed takes at this crank angle, plus kp e + kd de/dt."""
+    read = columns(
+        env, "cos_crank_angle", "sin_crank_angle", "crank_speed", "tracking_error", "speed_command"
+    )
+
+    def controller(seen: Array, memory: None, starts: Bools) -> tuple[Array, None]:
+        cos, sin, speed, error, command = (seen[:, column] for column in read)
+        needed = crank_torque(env.robot, np.arctan2(sin, cos), command).total
+        return needed + feedback.kp * error + feedback.kd * (command - speed), None
+
+    return TorquePolicy(controller, env.torque_limit)
+
+
+BASELINES: dict[str, Callable[[Controlled], Policy]] = {
+    "pid": paper_pid, "constant": constant_torque, "inverse": inverse_dynamics,
+}  # fmt: skip
+
 
 CRANK = Benchmark(
     commands=(1.0,),

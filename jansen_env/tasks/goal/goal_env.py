@@ -1,13 +1,108 @@
-"""``JansenGoal-v0``: walk to a goal and stand there."""
+"""``JansenGoal-v0``: walk to a goal and stand there; plain NumPy over n robots."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
 from typing_extensions import Unpack
 
+from jansen_env.checks import MOST_SINGLE, non_negative, positive, within
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.vector import TaskVectorEnv, VectorArguments
-from jansen_env.tasks.goal.goal_benchmark import GOAL
-from jansen_env.tasks.goal.goal_task import GoalArguments, GoalTask
+from jansen_env.tasks.goal.goal_benchmark import FARTHEST, GOAL
+from jansen_env.tasks.task import Task
+from jansen_env.uniform import uniform
+from jansen_env.world.argument_checks import Array, Bools, Values, option
+from jansen_env.world.observations import EXACT, Observed
+from jansen_env.world.settings import WorldArguments, WorldSettings, shared
+from jansen_env.world.world import Numbers
+
+NEAR, HOLD = 0.02, 1.0  # m from the goal, and s there, that are a success
+HALF_DISTANCE = 0.3  # m, at which closeness has fallen to a half
+HALF_POWER = 0.5  # m/s: motor power / weight at which energy has fallen to a half
+FALLEN_PITCH = 1.2  # rad
+UP_TO = 1e-9  # of HOLD: periods do not add up to it exactly
+
+
+class GoalArguments(WorldArguments, total=False):
+    """Arguments of ``JansenGoal-v0``; :class:`GoalSettings` has their defaults and checks."""
+
+    energy_weight: float
+    arrival_weight: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class GoalSettings(WorldSettings):
+    """Arguments of ``JansenGoal-v0``: those of the world, and the reward's weights."""
+
+    energy_weight: float = shared(1.0, non_negative)  # exponent of the energy's factor
+    arrival_weight: float = shared(1.0, positive)  # worth of standing at the goal
+
+
+def closeness(distance: Array) -> Array:
+    """1 at the goal, a half at :data:`HALF_DISTANCE`; distance: (n,) m, without its sign."""
+    return 1.0 / (1.0 + distance / HALF_DISTANCE)
+
+
+def energy(power: Array, weight: Array, exponent: float) -> Array:
+    """1 without power; power: (n,) W, weight: (n,) N."""
+    return (1.0 + power / weight / HALF_POWER) ** -exponent
+
+
+class GoalTask(Task):
+    """Walk to a goal and stand there; see :class:`jansen_env.tasks.goal.goal_env.JansenGoalEnv`."""
+
+    SETTINGS = GoalSettings
+    OBSERVED = (Observed("goal_distance", "m", -np.inf, np.inf, EXACT),)
+    INFO = {"goal": float, "distance": float, "held": float, "fallen": bool, "is_success": bool}
+    TERMS = ("closeness", "arrival", "energy")
+    OPTIONS = ("goal",)
+
+    def __init__(self, settings: GoalSettings, threads: int | None = None) -> None:
+        self._arrival, self._exponent = settings.arrival_weight, settings.energy_weight
+        super().__init__(settings, threads)
+
+    def draw(self, i: int, rng: np.random.Generator, options: Values) -> Numbers:
+        """Draw a goal, m."""
+        goal = uniform(rng, -FARTHEST, FARTHEST)
+        return {"goal": option(options, "goal", goal, -FARTHEST, FARTHEST)}
+
+    def set_state(self, i: int, state: Values) -> None:
+        """Go on from a complete state of ``get_state``; ValueError: an entry out of range."""
+        within("state['goal']", state["goal"], -FARTHEST, FARTHEST)
+        within("state['held']", state["held"], 0.0, MOST_SINGLE)
+        super().set_state(i, state)
+
+    @property
+    def distance(self) -> Array:
+        """(n,) m, how far ahead the goals are."""
+        return self.info["goal"] - self.world.x_position
+
+    def observe(self) -> Mapping[str, Array]:
+        """Show how far ahead the goal is."""
+        distance = self.distance
+        self.keep(distance=distance)
+        return {"goal_distance": distance}
+
+    def reward(self) -> Array:
+        """Pay for being near, and for standing at the goal, at little power."""
+        distance, world = np.abs(self.distance), self.world
+        near = distance <= NEAR
+        held = np.where(near, self.info["held"] + self.control_dt, 0.0)
+        self.keep(held=held, is_success=held >= HOLD - UP_TO)
+        close, arrival = closeness(distance), self._arrival * near
+        saving = energy(np.abs(world.motor_power), world.weight, self._exponent)
+        self.keep(closeness=close, arrival=arrival, energy=saving)
+        return (close + arrival) * saving
+
+    def terminated(self) -> Bools:
+        """A fall ends the episode."""
+        tipped = np.abs(self.world.pitch) > FALLEN_PITCH
+        fallen = self.info["fallen"] | tipped | self.world.non_toe_contact
+        self.keep(fallen=fallen)
+        return fallen
 
 
 class JansenGoalEnv(SingleEnv[GoalTask]):

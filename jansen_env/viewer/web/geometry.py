@@ -8,46 +8,35 @@ from __future__ import annotations
 from jansen_env.rendering import Frame, depths_of, reach_of
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import world_joints
-from jansen_env.robot.linkage import CRANK, FRAME, Linkage
+from jansen_env.robot.linkage import CRANK, FRAME
 
 
 def scene_of_robot(robot: Robot, weight: float) -> dict[str, object]:
     """Scene of a robot of a ``weight``, N: what does not change while it moves.
 
     Returns:
-        :func:`drawing_of` its linkage, and ``legs``: for each its ``depth`` (0 the nearest, 1 the
+        ``joints``: names of a leg's; ``frame``: its edges as pairs of indices of joints; ``crank``:
+        its edges, the first from the axis on; ``skeleton``: edges of the other bodies; ``plates``:
+        corners of those with more than two; ``legs``: for each its ``depth`` (0 the nearest, 1 the
         farthest); ``toes``: leg and joint of each; ``padRadius`` m; ``reach`` m, of the farthest
         joint from the crank axis; ``weight`` N; ``payload``: ``mass`` kg and ``x``, ``y`` m in the
         chassis frame, or None.
     """
-    load = robot.payload
+    linkage, load = robot.linkage, robot.payload
     return {
+        "joints": linkage.joints,
+        "frame": linkage.edges[FRAME - 1],
+        "crank": linkage.edges[CRANK - 1],
+        "skeleton": [edge for edges in linkage.edges[CRANK:] for edge in edges],
+        "plates": [joints for joints in linkage.members[CRANK:] if len(joints) > 2],
         "legs": [{"depth": depth} for depth in depths_of(robot)],
-        "toes": [list(toe) for toe in robot.toes],
-        **drawing_of(robot.linkage),
-        "padRadius": float(robot.pad_radius),
+        "toes": robot.toes,
+        "padRadius": robot.pad_radius,
         "reach": reach_of(robot),
         "weight": weight,
         "payload": {"mass": load.mass, "x": load.position[0], "y": load.position[1]}
         if load.mass > 0.0
         else None,
-    }
-
-
-def drawing_of(linkage: Linkage) -> dict[str, object]:
-    """How a leg is drawn: edges as pairs of joints, joints as indices.
-
-    Returns:
-        ``joints``: their names; ``frame``: its edges; ``crank``: its edges, the first from
-        the axis on;
-        ``skeleton``: edges of the other bodies; ``plates``: corners of those with more than two.
-    """
-    return {
-        "joints": list(linkage.joints),
-        "frame": [list(edge) for edge in linkage.edges[FRAME - 1]],
-        "crank": [list(edge) for edge in linkage.edges[CRANK - 1]],
-        "skeleton": [list(edge) for edges in linkage.edges[CRANK:] for edge in edges],
-        "plates": [list(joints) for joints in linkage.members[CRANK:] if len(joints) > 2],
     }
 
 

@@ -1,4 +1,4 @@
-"""The paper's Figs. 4 to 9 reproduced, and figures that it lacks."""
+"""The paper's Figs. 4 to 9 reproduced; the mechanism, heave and slip."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from jansen_env.dynamics.inverse import crank_torque
 from jansen_env.files import write_whole
 from jansen_env.gravity import GRAVITY
 from jansen_env.paper import toes
@@ -46,8 +45,7 @@ def draw(results: Results, folder: Path) -> list[Path]:
     figures: dict[str, Callable[[Results], Figure]] = {
         "fig4_torque": torque, "fig5_toe_paths": toe_paths, "fig6_toe_x": toe_x,
         "fig7_toe_y": toe_y, "fig8_rotation": rotation, "fig9_translation": translation,
-        "torque_split": torque_split, "mechanism": mechanism, "heave": heave, "slip": slip,
-        "joint_forces": joint_forces,
+        "mechanism": mechanism, "heave": heave, "slip": slip,
     }  # fmt: skip
     with matplotlib.style.context(["default", STYLE]):
         return [
@@ -152,23 +150,6 @@ def translation(r: Results) -> Figure:
     return figure
 
 
-def torque_split(_: Results) -> Figure:
-    """The torque at a constant 1 rad/s on a fixed base, by cause."""
-    figure, axes = _figure(7.2, 3.6)
-    angle = toes.turn(720)
-    split = crank_torque(paper_robot(), angle)
-    for name, value, color in (
-        ("friction", split.friction, "#c2410c"), ("gravity", split.gravity, "#1d4ed8"),
-        ("inertia", split.inertia, "#059669"), ("total", split.total, INK),
-    ):  # fmt: skip
-        axes.plot(angle, value, color=color, lw=2.2 if name == "total" else 1.5,
-                  label=f"{name}, mean {round(value.mean(), 3) + 0.0:.3f} N m")  # fmt: skip
-    axes.set(title="Torque at a constant 1 rad/s", ylim=(-0.6, 2.9), ylabel="torque (N m)")
-    axes.legend(loc="upper center", ncols=2)
-    _angle_axis(axes)
-    return figure
-
-
 def _angle_axis(axes: Axes) -> None:
     axes.set_xlabel("crank angle (rad)")
     labels = ["0", r"$\pi/2$", r"$\pi$", r"$3\pi/2$", r"$2\pi$"]
@@ -264,31 +245,4 @@ def slip(r: Results) -> Figure:
     right.plot(r.no_slip.speed, FLOOR, "v", color="#059669", label="no slip, from another start")
     right.set_ylim(0.05 * FLOOR, 1.5)
     right.legend(loc="lower right")
-    return figure
-
-
-def joint_forces(r: Results) -> Figure:
-    """The largest force of every link on each of its joints, on a fixed base and walking."""
-    figure, axes = _figure(11.5, 3.8)
-    names = [f"{body} at {joint}" for body, joint in JANSEN.corners[:-1]]
-    shown = {(1.0, 0.3): "#c4b5fd", (1.0, 0.8): "#7c3aed", (3.5, 0.8): "#c2410c"}
-    sets = [("fixed base, 1 rad/s", r.fixed_loads, "#94a3b8")]
-    sets += [
-        (f"walking, {at[0]:g} rad/s, friction {at[1]}", r.walking_loads[at], color)
-        for at, color in shown.items()
-    ]
-    place = np.arange(len(names))
-    for k, (label, loads, color) in enumerate(sets):
-        bars = axes.bar(place + 0.22 * (k - 1.5), loads.bearing, 0.2, color=color, label=label)
-        axes.bar_label(bars, fmt="%.0f", fontsize=6, padding=1)
-    weight = paper_robot().mass * GRAVITY
-    axes.axhline(weight, color=INK, lw=0.9, ls="--")
-    axes.text(17.6, weight + 1.5, "the robot's\nweight", ha="right", fontsize=8.5)
-    axes.set_xlim(-0.7, 17.6)
-    axes.set(
-        title="Largest force of each link on each of its joints, impacts apart", ylabel="force (N)"
-    )
-    axes.set_xticks(place, names)
-    axes.grid(visible=False, axis="x")
-    axes.legend(loc="upper left")
     return figure

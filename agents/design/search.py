@@ -1,4 +1,4 @@
-"""A search: generations asked for, measured and told, each a line of a journal in its folder.
+"""A search: generations asked for, measured and told, all kept in a journal in its folder.
 
 The journal is the whole state: the same seed and answers give the same questions, so a search that
 was killed asks again, tells what it had measured, and goes on where it was, bit for bit.
@@ -6,8 +6,6 @@ was killed asks again, tells what it had measured, and goes on where it was, bit
 
 from __future__ import annotations
 
-import json
-import os
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -21,10 +19,10 @@ from agents.design.measures import GROUPS, Walker
 from agents.design.variables import Candidate, Space
 from agents.training.runs import locked
 from jansen_env.baselines.policy import Array
-from jansen_env.checks import shown
-from jansen_env.files import open_regular
+from jansen_env.checks import one_line
+from jansen_env.files import open_regular, write_whole
 
-JOURNAL = "journal.jsonl"
+JOURNAL = "journal.npz"
 SPREAD = 0.03  # standard deviation of the first generation: farther from the start few close
 
 Measured: TypeAlias = dict[str, Array]
@@ -37,6 +35,20 @@ class Searched(NamedTuple):
     unit: Array
     measured: Measured
     violation: Array
+
+    def part(self, begin: int, end: int) -> Searched:
+        """Return those from one index to another."""
+        measured = {name: values[begin:end] for name, values in self.measured.items()}
+        return Searched(self.unit[begin:end], measured, self.violation[begin:end])
+
+    def joined(self, more: Searched) -> Searched:
+        """Return these and those after them."""
+        pairs = {name: (values, more.measured[name]) for name, values in self.measured.items()}
+        return Searched(
+            np.concatenate([self.unit, more.unit]),
+            {name: np.concatenate(pair) for name, pair in pairs.items()},
+            np.concatenate([self.violation, more.violation]),
+        )
 
     def best(self, plan: Plan) -> int:
         """Return the index of the best of those that keep all limits, else of the nearest to it."""
@@ -185,36 +197,30 @@ def run_search(
         ValueError: the journal is damaged, of another search, or another process writes it.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    space, path = plan.space(), folder / JOURNAL
-    walker, parts = make_walker(plan), list[Searched]()
+    space, path, n, end = plan.space(), folder / JOURNAL, plan.population, 0
+    walker = make_walker(plan)
     search = (
-        Cma(space.start, plan.population, seed) if plan.method == "cma"
-        else Nsga2(space.start, plan.population, seed, len(plan.objectives))
+        Cma(space.start, n, seed) if plan.method == "cma"
+        else Nsga2(space.start, n, seed, len(plan.objectives))
     )  # fmt: skip
     with locked(folder):
-        told = read_journal(path, plan)
-        for number in range(plan.generations):
+        known = read_journal(path, plan)
+        for end in range(n, n * plan.generations + 1, n):
             unit = search.ask()
-            if number < len(told):
-                if not np.array_equal(unit, told[number].unit):
-                    raise ValueError(
-                        f"{path}, line {number + 1}, is not what this search asks for; the plan, "
-                        "seed or versions of the libraries are others: take another name"
-                    )
-                parts.append(told[number])
-            else:
-                parts.append(Searched(unit, *measure(plan, walker, candidates(space, unit))))
-                _append(path, parts[-1])
-            search.tell(objectives_of(plan, parts[-1].measured), parts[-1].violation)
-            progress(_joined(parts))
-    return _joined(parts)
-
-
-def _joined(parts: Sequence[Searched]) -> Searched:
-    """Return generations as one."""
-    units, measured, violations = zip(*parts, strict=True)
-    every = {name: np.concatenate([values[name] for values in measured]) for name in measured[0]}
-    return Searched(np.concatenate(units), every, np.concatenate(violations))
+            if len(known.violation) < end:
+                known = known.joined(
+                    Searched(unit, *measure(plan, walker, candidates(space, unit)))
+                )
+                write_journal(path, known)
+            part = known.part(end - n, end)
+            if not np.array_equal(unit, part.unit):
+                raise ValueError(
+                    f"{path}, generation {end // n}, is not what this search asks for; the plan, "
+                    "seed or versions of the libraries are others: take another name"
+                )
+            search.tell(objectives_of(plan, part.measured), part.violation)
+            progress(known.part(0, end))
+    return known.part(0, end)
 
 
 def candidates(space: Space, unit: Array) -> list[Candidate | None]:
@@ -228,38 +234,24 @@ def candidates(space: Space, unit: Array) -> list[Candidate | None]:
     return made
 
 
-def _append(path: Path, part: Searched) -> None:
-    """Add a generation to a journal, and see it on the disk."""
-    line = {
-        "unit": part.unit.tolist(), "violation": part.violation.tolist(),
-        "measured": {name: values.tolist() for name, values in part.measured.items()},
-    }  # fmt: skip
-    with path.open("a", encoding="utf-8") as file:
-        file.write(json.dumps(line) + "\n")
-        file.flush()
-        os.fsync(file.fileno())
+def write_journal(path: Path, searched: Searched) -> None:
+    """Write all that a search has measured as .npz, atomically."""
+    arrays = {**searched.measured, "unit": searched.unit, "violation": searched.violation}
+    write_whole(path, lambda part: np.savez(part, **arrays))  # type: ignore[arg-type]
 
 
-def read_journal(path: Path, plan: Plan) -> list[Searched]:
-    """Return the generations of a plan's journal; a last line without its end is cut off.
-
-    Raises:
-        ValueError: it is damaged; says in which line.
-    """
+def read_journal(path: Path, plan: Plan) -> Searched:
+    """Return all that a plan's journal has; nothing without one. Raises ValueError: damaged."""
+    names = [*dict.fromkeys([*plan.measured, "closure"])]
     if not path.exists():
-        return []
-    with open_regular(path) as file:
-        data = file.read()
-    os.truncate(path, data.rfind(b"\n") + 1)
-    parts, names = [], {*plan.measured, "closure"}
-    for number, line in enumerate(data.split(b"\n")[:-1], start=1):
-        try:
-            row = json.loads(line)
-            measured = {name: np.array(row["measured"][name], float) for name in names}
-            violation = np.array(row["violation"], float)
-            if {values.shape for values in (violation, *measured.values())} != {(plan.population,)}:
-                raise ValueError(f"it has not {plan.population} values each")
-            parts.append(Searched(np.array(row["unit"], float), measured, violation))
-        except (ValueError, TypeError, KeyError) as error:
-            raise ValueError(f"{path}, line {number}, is damaged: {shown(str(error))}") from error
-    return parts
+        size, none = len(plan.space().start), np.empty(0)
+        return Searched(np.empty((0, size)), dict.fromkeys(names, none), none)
+    try:
+        with open_regular(path) as file, np.load(file, allow_pickle=False) as arrays:
+            measured = {name: arrays[name] for name in names}
+            searched = Searched(arrays["unit"], measured, arrays["violation"])
+            if len({len(searched.unit), len(searched.violation), *map(len, measured.values())}) > 1:
+                raise ValueError("its arrays differ in length")
+    except Exception as error:  # of a damaged file zipfile and NumPy raise nearly every kind
+        raise ValueError(f"{path} is damaged: {one_line(error)}") from error
+    return searched

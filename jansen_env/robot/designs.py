@@ -8,15 +8,7 @@ from dataclasses import replace
 from jansen_env.engine.mathematics import atan2, hypot
 from jansen_env.robot import buildable as built
 from jansen_env.robot.linkage import JANSEN
-from jansen_env.robot.links import (
-    CRANK_RADIUS,
-    Bar,
-    Compliance,
-    Link,
-    Plate,
-    Triangle,
-    phased_legs,
-)
+from jansen_env.robot.links import CRANK_RADIUS, Bar, Compliance, Link, Plate, Triangle, phased_legs
 from jansen_env.robot.motor import MOTORS
 from jansen_env.robot.robot import Robot
 from jansen_env.robot.zoo import ZOO

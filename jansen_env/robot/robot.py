@@ -6,15 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from jansen_env.checks import (
-    entries,
-    finite,
-    instance,
-    one_of,
-    positive,
-    shown,
-    within,
-)
+from jansen_env.checks import entries, finite, instance, one_of, positive, shown, within
 from jansen_env.engine.mathematics import atan2
 from jansen_env.robot.linkage import CRANK, FRAME, JANSEN, Linkage
 from jansen_env.robot.links import (

@@ -8,12 +8,7 @@ import numpy as np
 import pytest
 
 from jansen_env.robot import ROBOTS, Leg, Triangle, paper_robot
-from jansen_env.robot.kinematics import (
-    T,
-    advance_per_turn,
-    coordinates,
-    joint_positions,
-)
+from jansen_env.robot.kinematics import T, advance_per_turn, coordinates, joint_positions
 
 TURN = np.linspace(0.0, 2.0 * math.pi, 1440, endpoint=False)  # rad, a quarter of a degree apart
 

@@ -57,7 +57,7 @@ def joint_positions(robot: Robot, side: Side, psi: ArrayLike) -> Array:
         psi: crank angle relative to the chassis, rad, any shape (...).
 
     Returns:
-        (..., joints, 2): joints in the order of ``robot.linkage.joints``, m, chassis frame.
+        Places in the order of ``robot.linkage.joints``, (..., joints, 2), m, chassis frame.
 
     Raises:
         LinkageError: the linkage does not close; names the joint and the crank angle.

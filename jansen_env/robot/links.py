@@ -15,7 +15,6 @@ import numpy as np
 
 from jansen_env.checks import (
     entries,
-    finite,
     infinite,
     instance,
     non_negative,
@@ -47,7 +46,12 @@ def point(name: str, value: object) -> tuple[float, float]:
     pair = entries(name, value, "two numbers (x, y)")
     if len(pair) != 2:
         raise ValueError(f"{name} is {shown(value)}, must be two numbers (x, y)")
-    return within(name, pair[0], -LARGEST, LARGEST), within(name, pair[1], -LARGEST, LARGEST)
+    return within_largest(name, pair[0]), within_largest(name, pair[1])
+
+
+def within_largest(name: str, value: object) -> float:
+    """Return a float. Raises ValueError unless it is a number from -LARGEST to LARGEST."""
+    return within(name, value, -LARGEST, LARGEST)
 
 
 def up_to_largest(name: str, value: object) -> float:
@@ -262,8 +266,7 @@ class Leg:
 
     def __post_init__(self) -> None:
         one_of("Leg.side", self.side, ("fore", "back"))
-        set_checked(self, finite, "phase")
-        within("Leg.phase", self.phase, -LARGEST, LARGEST)
+        set_checked(self, within_largest, "phase")
 
 
 @dataclass(frozen=True)

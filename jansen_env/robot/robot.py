@@ -6,12 +6,11 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from jansen_env.checks import entries, finite, instance, one_of, positive, shown, within
+from jansen_env.checks import entries, instance, one_of, positive, shown, within
 from jansen_env.engine.mathematics import atan2
 from jansen_env.robot.linkage import CRANK, FRAME, JANSEN, Linkage
 from jansen_env.robot.links import (
     CRANK_RADIUS,
-    LARGEST,
     RIGID,
     Bar,
     Compliance,
@@ -22,6 +21,7 @@ from jansen_env.robot.links import (
     phased_legs,
     set_checked,
     up_to_largest,
+    within_largest,
 )
 from jansen_env.robot.motor import IDEAL, Motor
 
@@ -79,8 +79,7 @@ class Robot:
         instance("Robot.payload", self.payload, Payload)
         instance("Robot.motor", self.motor, Motor)
         instance("Robot.pad_compliance", self.pad_compliance, Compliance)
-        set_checked(self, finite, "frame_angle")
-        within("Robot.frame_angle", self.frame_angle, -LARGEST, LARGEST)
+        set_checked(self, within_largest, "frame_angle")
         set_checked(self, positive, "pad_radius")
         within("Robot.pad_radius", self.pad_radius, 0.0, LONGEST)
         self._set_pairs("damping", "joint pairs", self.linkage.damped)

@@ -154,7 +154,8 @@ def trotbot_robot(phases: int = 2) -> Robot:
     bodies = {
         "frame": {"O": (0.0, 0.0), "P": (-7.0, 6.0)},
         "crank": {"O": (0.0, 0.0), "A": (4.0, 0.0)},
-        "rider": {"A": (0.0, 0.0), "B": (6.0, 0.0), "C": _third(6.0, 3.0, 7.55)},
+        # C lies 3.0 from A and 7.55 from B.
+        "rider": {"A": (0.0, 0.0), "B": (6.0, 0.0), "C": (-1.0002083333333331, 2.828353459157917)},
         "rocker": {"P": (0.0, 0.0), "B": (8.0, 0.0), "D": (-2.0, 0.0)},
         "hanger": {"D": (0.0, 0.0), "E": (6.0, 0.0), "F": (8.0, 0.0)},
         "rod": {"A": (0.0, 0.0), "E": (11.0, 0.0)},
@@ -189,13 +190,6 @@ def strider_robot(phases: int = 2) -> Robot:
     ]  # fmt: skip
     units = tuple(leg for leg in phased_legs(phases) if leg.side == "fore")
     return _as_the_paper(bodies, dyads, "TU", units)
-
-
-def _third(first_second: float, first: float, second: float) -> Place:
-    """The corner on the left of a line along x, by its distances from the line's two ends."""
-    along = first_second * first_second + first * first - second * second
-    x = along / (2.0 * first_second)
-    return x, math.sqrt(first * first - x * x)
 
 
 ZOO = {

@@ -138,7 +138,7 @@ def nominal(
     return np.array([values], row_type)[0]
 
 
-def take_load(row: np.void, robot: Robot) -> None:
+def set_payload(row: np.void, robot: Robot) -> None:
     """Put the payload of another robot into a row of either type."""
     load = robot.payload
     row["payload"], (row["payload_x"], row["payload_y"]) = load.mass, load.position

@@ -18,7 +18,7 @@ from jansen_env.engine.collision import MARGIN, SPECULATIVE_MARGIN
 from jansen_env.engine.records import CONTACT_STATISTICS, PLANE, ROBOT, UNKNOWN_DEFLECTION, WORLD
 from jansen_env.engine.tables import energy
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
-from jansen_env.parameters import CHANGES, OF_ROBOTS, ROBOT_PARAMETERS, nominal, take_load
+from jansen_env.parameters import CHANGES, OF_ROBOTS, ROBOT_PARAMETERS, nominal, set_payload
 from jansen_env.plants.base import (
     check_held,
     check_legs,
@@ -261,7 +261,7 @@ class Batch:
         for row, robot in zip(rows.tolist(), robots, strict=True):
             self.robots[row], self._links_mass[row] = robot, robot.links_mass
             self._take_numbers(row)
-            take_load(self.nominal[row], robot)
+            set_payload(self.nominal[row], robot)
         self.any_gives = self.any_gives or bool(compliant.any())
         self.parameters[rows] = self.nominal[rows]
         self._apply(rows)

@@ -52,16 +52,16 @@ class InfoBuilder:
         self._names, self._of_any = tuple(of_any), {**of_any, **arrays}
         self.keys: tuple[str, ...] = (*self._of_any, *self._groups)
 
-    def single(self, row: int) -> Values:
+    def single(self, i: int) -> Values:
         """Return that of one robot, in Python's own types."""
-        world: Any = self._world.item(row)
-        task: Any = self._task.item(row)
+        world: Any = self._world.item(i)
+        task: Any = self._task.item(i)
         info = dict(zip(self._names, world + task[0] + task[1]))  # noqa: B905 - strict costs time
-        info["energy"] = dict(zip(self._groups["energy"][1], self._energy.item(row)))  # noqa: B905
-        for group, rows in self._more.items():
-            info[group] = dict(zip(self._groups[group][1], rows.item(row), strict=True))
+        info["energy"] = dict(zip(self._groups["energy"][1], self._energy.item(i)))  # noqa: B905
+        for group, values in self._more.items():
+            info[group] = dict(zip(self._groups[group][1], values.item(i), strict=True))
         for name, array in self._arrays.items():
-            info[name] = array[row].copy() if array.ndim > 1 else array.item(row)
+            info[name] = array[i].copy() if array.ndim > 1 else array.item(i)
         return info
 
     def batched(self, known: Bools, keys: Sequence[str] | None = None) -> Values:

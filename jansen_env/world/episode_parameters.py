@@ -126,7 +126,7 @@ class EpisodeParameters:
 
     def exchange_robot(self, i: int, robot: Robot) -> None:
         """Take the payload and the draws of a robot that comes in place of another."""
-        parameters.take_load(self.nominal[i], robot)
+        parameters.set_payload(self.nominal[i], robot)
         self.randomizations[i] = self._draws(i, robot)
 
     def checked_level(self, i: int, level: object) -> int:
@@ -198,7 +198,7 @@ class EpisodeParameters:
         numbers = values[0]
         robot = None if build is None else build.robot
         if robot is not None:
-            parameters.take_load(numbers, robot)
+            parameters.set_payload(numbers, robot)
             randomization = self._draws(i, robot)
             self._check_feet(robot, _heaviest(numbers, randomization))
         numbers["delay"] = delay

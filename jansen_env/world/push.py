@@ -105,8 +105,8 @@ class Pushes:
 
     def add(self, i: int, push: Array) -> None:
         """Add a push (3,) to a robot's own, less those that are over; ValueError: too many."""
-        own = self.scheduled(i)
-        going_on = own[own[:, 0] + self._settings["duration"] > push[0]]
+        pushes = self.scheduled(i)
+        going_on = pushes[pushes[:, 0] + self._settings["duration"] > push[0]]
         if len(going_on) == MOST_PUSHES:
             raise ValueError(f"there are {MOST_PUSHES} pushes, must be fewer")
         self.schedule(i, np.concatenate([going_on, push[None]]), bool(self.random[i]))

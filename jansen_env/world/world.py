@@ -470,7 +470,7 @@ class World:
         """
         plant = self.plant
         pushes = self.pushes.of_step(active, self.elapsed, self.seeds)
-        self._take_actions(actions, active)
+        self._check_actions(actions, active)
         every = np.count_nonzero(active) == self.num_envs
         self._moved = self._every if every else active.nonzero()[0]
         if self.sensors is not None:
@@ -486,7 +486,7 @@ class World:
         if self.track_joint_forces and active[0]:  # of the single robot
             self._joint_loads[:] = self._find_joint_loads()
 
-    def _take_actions(self, actions: ArrayLike, active: Bools) -> None:
+    def _check_actions(self, actions: ArrayLike, active: Bools) -> None:
         count = self.num_envs
         try:
             values: Array = np.asarray(actions, dtype=float)

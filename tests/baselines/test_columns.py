@@ -35,8 +35,8 @@ def world(request, monkeypatch):
 def acts(policy, seen):
     """Its actions on one observation after the other."""
     state, actions = None, []
-    for i, one in enumerate(seen):
-        action, state = policy.predict(one[None], state, np.array([i == 0]), True)
+    for i, observation in enumerate(seen):
+        action, state = policy.predict(observation[None], state, np.array([i == 0]), True)
         actions.append(action[0, 0])
     return actions
 

@@ -140,12 +140,12 @@ def test_states_copies_and_pickles_go_on_bit_for_bit(env_id):
     for many in copies:
         again = many.step(action)
         assert (again[0] == seen).all() and (again[1] == rewards).all()
-    for one in (env, *others):
-        observation, reward, *_ = one.step(action[1])
+    for single in (env, *others):
+        observation, reward, *_ = single.step(action[1])
         assert (observation == seen[1]).all() and reward == rewards[1]
     expected, start = walk(env, 100, seed=6), env.reset()[0]
-    for one in others:
-        assert (walk(one, 100, seed=6) == expected).all() and (one.reset()[0] == start).all()
+    for single in others:
+        assert (walk(single, 100, seed=6) == expected).all() and (single.reset()[0] == start).all()
 
 
 @pytest.mark.parametrize("env_id", IDS)
@@ -217,9 +217,9 @@ def test_defaults_that_would_do_nothing_are_left_out():
     flat = gym.make("JansenWalkerRough-v0", terrain="flat").reset(seed=0)[1]["parameters"]
     assert flat["terrain_level"] == 0 and flat["payload"] > 0.0
     plain = gym.make_vec("JansenWalkerHardcore-v0", 2, robot="paper", noise=None, push=None)
-    found = plain.reset(seed=0)[1]["parameters"]
-    assert found["noise_level"].tolist() == found["foot_stiffness_scale"].tolist() == [1.0, 1.0]
-    assert found["friction"][0] != found["friction"][1]
+    drawn = plain.reset(seed=0)[1]["parameters"]
+    assert drawn["noise_level"].tolist() == drawn["foot_stiffness_scale"].tolist() == [1.0, 1.0]
+    assert drawn["friction"][0] != drawn["friction"][1]
     plain.close()
     with pytest.raises(ValueError, match="noise_level"):
         gym.make("JansenWalkerHardcore-v0", noise=None, randomize={"noise_level": (0.5, 1.0)})

@@ -20,8 +20,8 @@ def film(folder):
 
 
 def check(folder, pictures, fps):
-    frames, found = film(folder)
-    assert (found, frames.shape) == (fps, np.shape(pictures))
+    frames, rate = film(folder)
+    assert (rate, frames.shape) == (fps, np.shape(pictures))
     assert np.abs(frames.astype(int) - pictures).mean() < 3.0  # of 255; the codec loses some
 
 

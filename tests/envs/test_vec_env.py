@@ -36,7 +36,7 @@ def test_it_is_what_single_environments_are(noise):
     shared = {"slip_weight": 2.0, "max_episode_steps": 100, "noise": noise}
     together = make_vec_env(ENV, 6, env_kwargs=shared, variants=VARIANTS, info_keys=None)
     each = [{**shared, **VARIANTS[i % 3]} for i in range(6)]
-    apart = DummyVecEnv([lambda own=own: make_env(ENV, own) for own in each])
+    apart = DummyVecEnv([lambda kwargs=kwargs: make_env(ENV, kwargs) for kwargs in each])
     assert isinstance(together, BatchVecEnv)
     together.seed(3), apart.seed(3)
     assert np.array_equal(together.reset(), apart.reset())
@@ -55,8 +55,8 @@ def test_it_is_what_single_environments_are(noise):
             else:
                 del infos_b[i]["TimeLimit.truncated"]
             equal(infos_a[i], infos_b[i])
-        for one, other in zip(together.reset_infos, apart.reset_infos, strict=True):
-            equal(one, other)
+        for ours, theirs in zip(together.reset_infos, apart.reset_infos, strict=True):
+            equal(ours, theirs)
     assert limits >= 10 and falls >= 2
     together.close(), apart.close()
 

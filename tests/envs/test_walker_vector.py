@@ -55,14 +55,14 @@ def test_each_has_its_own_ground_load_and_command():
          "command_interval": 0.1},
         {"friction": 1.0, "restitution": 0.1, "payload": Payload(1.0, 0.1, (0.2, 0.1))},
     ]  # fmt: skip
-    for own, terrain in zip(each, ("flat", ROUGH, "slope:0.1"), strict=True):
-        own["terrain"] = terrain
+    for kwargs, terrain in zip(each, ("flat", ROUGH, "slope:0.1"), strict=True):
+        kwargs["terrain"] = terrain
     names = ("terrain", "restitution", "payload")
     ours = together(
         3, limit=50, command_interval=[0.4, 0.1, None],
-        friction=np.array([own["friction"] for own in each]),
+        friction=np.array([kwargs["friction"] for kwargs in each]),
         speed_command=np.array([[0.1, 0.1], [-0.2, 0.3], [0.05, 0.8]]),
-        **{name: [own[name] for own in each] for name in names},
+        **{name: [kwargs[name] for kwargs in each] for name in names},
     )  # fmt: skip
     compare(ours, side_by_side(3, limit=50, each=each), 120)
 
@@ -128,7 +128,7 @@ def test_information_on_request(mode):
     ours, whole, silent = (
         together(4, mode, limit=5, info_keys=wanted) for wanted in (keys, None, ())
     )
-    own = {"final_obs", "_final_obs", "final_info", "_final_info"}
+    at_ends = {"final_obs", "_final_obs", "final_info", "_final_info"}
     for seed in (1, 2):
         infos = [env.reset(seed=seed)[1] for env in (ours, whole, silent)]
         assert not infos[2] and set(infos[0]) == {*keys, *(f"_{key}" for key in keys)}
@@ -137,10 +137,10 @@ def test_information_on_request(mode):
             for a, b, c in zip(*(step[:4] for step in steps), strict=True):
                 assert np.array_equal(a, b) and np.array_equal(a, c)
             asked, full, none = (step[4] for step in steps)
-            assert set(none) <= own
-            assert set(asked) - own <= {*keys, *(f"_{key}" for key in keys)}
-            same({k: v for k, v in asked.items() if k not in own},
-                 {k: full[k] for k in asked if k not in own})  # fmt: skip
+            assert set(none) <= at_ends
+            assert set(asked) - at_ends <= {*keys, *(f"_{key}" for key in keys)}
+            same({k: v for k, v in asked.items() if k not in at_ends},
+                 {k: full[k] for k in asked if k not in at_ends})  # fmt: skip
 
 
 def test_members_can_be_asked_and_told():

@@ -87,8 +87,8 @@ def test_losing_the_reference_ends_the_episode(direction):
 def test_joint_forces(env):
     """``joint_force_max`` is the largest of joint_forces() after the step; off by default."""
     tracked = JansenCrankEnv(track_joint_forces=True)
-    for one in (env, tracked):
-        one.reset(seed=0)
+    for single in (env, tracked):
+        single.reset(seed=0)
     for share in (0.0, 1.0, -1.0):
         *_, info = env.step(np.array([share], np.float32))
         *_, more = tracked.step(np.array([share], np.float32))

@@ -129,9 +129,9 @@ def test_a_commanded_task_in_numpy_is_scored_and_observed():
 def test_a_task_derived_from_the_walkers_may_change_its_reward():
     env, plain = HalvedEnv(robot="built"), gym.make("JansenWalkerBuilt-v0").unwrapped
     rewards = []
-    for one in (env, plain):
-        one.reset(seed=4)
-        rewards.append([one.step(np.ones(1, np.float32))[1] for _ in range(10)])
+    for single in (env, plain):
+        single.reset(seed=4)
+        rewards.append([single.step(np.ones(1, np.float32))[1] for _ in range(10)])
     assert rewards[1] == [2.0 * reward for reward in rewards[0]] and min(rewards[0]) > 0.0
 
 

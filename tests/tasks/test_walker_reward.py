@@ -119,8 +119,8 @@ def test_weights_are_exponents():
             *_, info = env.step(np.array([action], np.float32))
         infos.append(info)
     for name in names:
-        one, two, none = (info[f"reward/{name}"] for info in infos)
-        assert 0.0 < one < 1.0 and two == pytest.approx(one**2) and none == 1.0
+        linear, squared, none = (info[f"reward/{name}"] for info in infos)
+        assert 0.0 < linear < 1.0 and squared == pytest.approx(linear**2) and none == 1.0
 
 
 def test_a_mirrored_command_earns_the_same():

@@ -38,21 +38,6 @@ def test_past_the_top_any_level(rng):
     assert {curriculum.next_level(9, 0.0, 5.0, rng) for _ in range(100)} == {0, 1, 2, 3, 4}
 
 
-@pytest.mark.parametrize(
-    "arguments, message",
-    [
-        ({"up": 1.5}, "up is 1.5"),
-        ({"down": -0.1}, "down is -0.1"),
-        ({"up": 0.2}, "down is 0.25, must be at most up, 0.2"),
-        ({"highest": 10}, "highest is 10"),
-        ({"horizon": 0.0}, "horizon is 0.0"),
-    ],
-)
-def test_wrong_arguments_are_refused(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        Curriculum(**arguments)
-
-
 def test_levels_of_a_batch():
     """One for each robot, by argument, by option, and from the next episode on."""
     envs = gym.make_vec("JansenWalker-v0", 3, terrain="stairs", terrain_level=np.array([0, 4, 9]))

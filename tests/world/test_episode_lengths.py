@@ -36,14 +36,14 @@ def walk(env, steps=40, shape=(1,)):
 
 @every
 def test_given_lengths_are_those_of_a_robot_made_so_for_one_episode(env_id, kwargs, steps):
-    env, own = made(env_id, **kwargs), made(env_id, **kwargs)
+    env, nominal = made(env_id, **kwargs), made(env_id, **kwargs)
     other = made(env_id, robot=with_lengths(env.robot, WANTED), **kwargs)
     seen = env.reset(seed=3, options={"lengths": WANTED})[0], other.reset(seed=3)[0]
     assert (seen[0] == seen[1]).all() and (walk(env, steps) == walk(other, steps)).all()
     assert env.robot == other.robot
-    own.reset(seed=3)
-    assert (env.reset()[0] == own.reset()[0]).all()
-    assert (walk(env, steps) == walk(own, steps)).all() and env.robot == own.robot
+    nominal.reset(seed=3)
+    assert (env.reset()[0] == nominal.reset()[0]).all()
+    assert (walk(env, steps) == walk(nominal, steps)).all() and env.robot == nominal.robot
 
 
 @every
@@ -80,7 +80,7 @@ def lengths_by_info(env):
 def test_draws_are_the_seeds_and_leave_the_others_as_they_are(env_id):
     env, same = made(env_id, **DRAWN), made(env_id, **DRAWN)
     without = made(env_id, randomize={})
-    infos = [one.reset(seed=4)[1] for one in (env, same, without)]
+    infos = [walker.reset(seed=4)[1] for walker in (env, same, without)]
     assert infos[0]["lengths"] == infos[1]["lengths"] and (walk(env) == walk(same)).all()
     assert "lengths" not in infos[2] and env.robot != without.robot
     for name in ("speed_command", "crank_angle", "goal", "parameters"):
@@ -91,8 +91,8 @@ def test_draws_are_the_seeds_and_leave_the_others_as_they_are(env_id):
         same.reset()
         assert env.robot == same.robot
         robots.append(env.robot)
-        own = lengths(without.robot)
-        factors = [value / own[name] for name, value in lengths(env.robot).items()]
+        nominal = lengths(without.robot)
+        factors = [value / nominal[name] for name, value in lengths(env.robot).items()]
         assert 0.9 <= min(factors) < 0.98 and 1.02 < max(factors) <= 1.1
         assert nearest_dead_point(env.robot)[0] >= episode_lengths.MARGIN
     assert len({*robots}) == 5
@@ -119,40 +119,40 @@ def test_robots_are_exchanged_while_other_threads_move_theirs():
         gym.make_vec("JansenWalkerBuilt-v0", 40, threads=threads, max_episode_steps=12, **DRAWN)
         for threads in (1, 3)
     ]
-    for one in envs:
-        one.reset(seed=0)
-        for row in range(40):  # so that each step ends some episodes
-            one.unwrapped._elapsed[row] = row % 12
-    seen = [walk(one, 40, (40, 1)) for one in envs]
+    for batch in envs:
+        batch.reset(seed=0)
+        for i in range(40):  # so that each step ends some episodes
+            batch.unwrapped._elapsed[i] = i % 12
+    seen = [walk(batch, 40, (40, 1)) for batch in envs]
     assert (seen[0] == seen[1]).all() and len({*envs[0].unwrapped.get_attr("robot")}) == 40
 
 
 def test_a_batch_takes_one_set_of_lengths_or_one_for_each():
     envs = gym.make_vec("JansenWalker-v0", 3, robot="built").unwrapped
-    own = built_robot()
+    built = built_robot()
     envs.reset(seed=0, options={"lengths": WANTED})
-    assert envs.get_attr("robot") == (with_lengths(own, WANTED),) * 3
+    assert envs.get_attr("robot") == (with_lengths(built, WANTED),) * 3
     each = [{}, {"rocker": 0.24}, WANTED]
     envs.reset(options={"lengths": each})
-    assert envs.get_attr("robot") == tuple(with_lengths(own, one) for one in each)
+    assert envs.get_attr("robot") == tuple(with_lengths(built, given) for given in each)
     mask = np.array([True, False, False])
     envs.reset(options={"lengths": WANTED, "reset_mask": mask, "robot": "paper"})
     robots = envs.get_attr("robot")
-    assert robots[0] == with_lengths(paper_robot(), WANTED) and robots[1] != own
+    assert robots[0] == with_lengths(paper_robot(), WANTED) and robots[1] != built
     envs.reset()
-    assert envs.get_attr("robot") == (paper_robot(), own, own)
+    assert envs.get_attr("robot") == (paper_robot(), built, built)
 
 
 @pytest.mark.parametrize("env_id", IDS)
 def test_observed_are_factors_less_one_at_the_end(env_id):
     env, without = made(env_id, observe_lengths=True), made(env_id)
-    names = [one.name for one in env.observed]
-    own = lengths(env.robot)
+    names = [entry.name for entry in env.observed]
+    nominal = lengths(env.robot)
     assert env.observed[:-13] == without.observed
-    assert names[-13:] == [f"length_{name}" for name in own]
+    assert names[-13:] == [f"length_{name}" for name in nominal]
     observation, info = env.reset(seed=0, options={"lengths": WANTED})
-    assert info["lengths"] == {**own, **WANTED}
-    factors = [{**own, **WANTED}[name] / own[name] - 1.0 for name in own]
+    assert info["lengths"] == {**nominal, **WANTED}
+    factors = [{**nominal, **WANTED}[name] / nominal[name] - 1.0 for name in nominal]
     np.testing.assert_allclose(observation[-13:], factors, atol=1e-7)
     without.reset(seed=0, options={"lengths": WANTED})
     seen = walk(env)
@@ -171,13 +171,13 @@ def test_observed_are_factors_less_one_at_the_end(env_id):
 )
 def test_ranges(value, low, high):
     env = made("JansenWalker-v0", randomize={"lengths": value, "friction": (0.5, 1.0)})
-    own = lengths(env.robot)
-    names = [*value] if isinstance(value, dict) else [*own]
+    nominal = lengths(env.robot)
+    names = [*value] if isinstance(value, dict) else [*nominal]
     for seed in range(8):
         _, info = env.reset(seed=seed)
-        factors = {name: one / own[name] for name, one in info["lengths"].items()}
+        factors = {name: length / nominal[name] for name, length in info["lengths"].items()}
         assert all(low <= factors[name] <= high for name in names)
-        assert all(factors[name] == 1.0 for name in own if name not in names)
+        assert all(factors[name] == 1.0 for name in nominal if name not in names)
         assert 0.5 <= info["parameters"]["friction"] <= 1.0
 
 

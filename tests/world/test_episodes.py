@@ -31,16 +31,16 @@ def walk(env, seed, steps=40, **options):
 def test_each_is_drawn_from_its_range():
     """Uniformly: the mean of many within three standard errors of the middle."""
     env = gym.make_vec("JansenWalker-v0", 400, **WORLD)
-    found = env.reset(seed=0)[1]["parameters"]
+    drawn = env.reset(seed=0)[1]["parameters"]
     ranges = {**WORLD["randomize"], "terrain_level": (0, 9)}
     for name, (low, high) in ranges.items():
-        values = found[name]
+        values = drawn[name]
         assert low <= values.min() < values.max() <= high
         width = high - low + (name == "terrain_level")
         assert values.mean() == pytest.approx(0.5 * (low + high), abs=3 * width / np.sqrt(12 * 400))
-    assert set(np.unique(found["terrain_level"])) == set(range(10))
-    assert np.unique(found["restitution"]).tolist() == [0.0]  # not drawn
-    assert {*found} == {*PARAMETERS} | {f"_{name}" for name in PARAMETERS}
+    assert set(np.unique(drawn["terrain_level"])) == set(range(10))
+    assert np.unique(drawn["restitution"]).tolist() == [0.0]  # not drawn
+    assert {*drawn} == {*PARAMETERS} | {f"_{name}" for name in PARAMETERS}
     env.close()
 
 
@@ -76,9 +76,9 @@ class Wild:
 
 def test_any_distribution_will_do():
     envs = gym.make_vec("JansenWalker-v0", 300, randomize={"payload": Twice()})
-    found = envs.reset(seed=0)[1]["parameters"]["payload"]
-    assert set(found) == {0.0, 1.0}
-    assert found.mean() == pytest.approx(1.0 / 3.0, abs=0.09)
+    payloads = envs.reset(seed=0)[1]["parameters"]["payload"]
+    assert set(payloads) == {0.0, 1.0}
+    assert payloads.mean() == pytest.approx(1.0 / 3.0, abs=0.09)
     envs.close()
     env = gym.make("JansenWalker-v0", randomize={"payload": Wild()})
     with pytest.raises(ValueError, match=r"a sample of randomize\['payload'\] is -0.*between 0"):
@@ -159,8 +159,8 @@ def test_compliant_feet_stay_out_of_drawn_restitution():
     fixed.unwrapped.set_parameters(restitution=0.0, pad_compliance=Compliance(2e4, 20.0))
     fixed.reset()
     copy = pickle.loads(pickle.dumps(fixed.unwrapped))
-    for one in (fixed, copy):
-        seen = one.step(np.full(1, 0.3, np.float32))[0]
+    for walker in (fixed, copy):
+        seen = walker.step(np.full(1, 0.3, np.float32))[0]
     np.testing.assert_array_equal(seen, fixed.unwrapped.task.observation[0])
 
 
@@ -169,9 +169,9 @@ def test_a_seed_and_a_level_replay_an_episode_of_a_curriculum():
     first, other = (make(curriculum=Curriculum(up=0.0, down=0.0)) for _ in range(2))
     expected = walk(first, 5, terrain_level=3)
     walk(other, 1, terrain_level=HIGHEST)  # goes up
-    found = walk(other, 5, terrain_level=3)
-    np.testing.assert_array_equal(found[0], expected[0])
-    assert found[1]["parameters"] == expected[1]["parameters"]
+    again = walk(other, 5, terrain_level=3)
+    np.testing.assert_array_equal(again[0], expected[0])
+    assert again[1]["parameters"] == expected[1]["parameters"]
 
 
 def test_friction_of_a_ground_of_ones_own():
@@ -182,9 +182,9 @@ def test_friction_of_a_ground_of_ones_own():
         return Terrain(points, friction=rng.uniform(0.2, 0.3))
 
     env = gym.make("JansenWalker-v0", terrain=ground, terrain_level=3)
-    found = env.reset(seed=0)[1]["parameters"]["friction"]
-    assert 0.2 < found < 0.3
-    assert env.get_wrapper_attr("terrain").friction == found
+    friction = env.reset(seed=0)[1]["parameters"]["friction"]
+    assert 0.2 < friction < 0.3
+    assert env.get_wrapper_attr("terrain").friction == friction
     given = gym.make("JansenWalker-v0", terrain=ground, terrain_level=3, friction=0.6)
     assert given.reset(seed=0)[1]["parameters"]["friction"] == 0.6
     assert given.unwrapped.task.world.get_attr("friction") == [0.6]
@@ -203,8 +203,8 @@ def test_the_second_plant_has_the_same_world():
         assert infos[0]["parameters"] == infos[1]["parameters"]
         assert envs[0].unwrapped.terrain == envs[1].unwrapped.terrain
         for name in ("weight", "friction"):
-            found = [env.unwrapped.task.world.get_attr(name) for env in envs]
-            assert found[0] == found[1]
+            values = [env.unwrapped.task.world.get_attr(name) for env in envs]
+            assert values[0] == values[1]
         for _ in range(10):
             ends = [env.step(np.full(1, 0.2, np.float32))[4] for env in envs]
         for name in ("x_position", "pitch", "crank_speed"):

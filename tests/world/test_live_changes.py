@@ -12,8 +12,10 @@ STEPS = 30
 
 def walk(env, steps=STEPS):
     """Observations (steps, d) and the works of pushes (steps,), J."""
-    found = [env.step(np.array([0.3], np.float32)) for _ in range(steps)]
-    return np.array([step[0] for step in found]), [step[4]["energy"]["push_work"] for step in found]
+    results = [env.step(np.array([0.3], np.float32)) for _ in range(steps)]
+    return np.array([step[0] for step in results]), [
+        step[4]["energy"]["push_work"] for step in results
+    ]
 
 
 def begun(**arguments):
@@ -36,9 +38,9 @@ def test_changed_is_as_if_the_state_had_it(name, value):
     state["parameters"][name] = value
     changed.set_parameters(**{name: value})
     other.set_state(state)
-    found = walk(changed)[0]
-    np.testing.assert_array_equal(found, walk(other)[0])
-    assert not np.array_equal(found, before)
+    walked = walk(changed)[0]
+    np.testing.assert_array_equal(walked, walk(other)[0])
+    assert not np.array_equal(walked, before)
     assert changed.parameters[[*state["parameters"]].index(name)] == value
     changed.reset(seed=2)  # and so it stays
     assert changed.get_state()["parameters"][name] == value
@@ -117,12 +119,12 @@ def test_a_push_begins_at_once_beside_the_others(push):
     first = walk(env, 2)[0]
     other.set_state(env.get_state())
     rest = walk(env, STEPS - 2)[0]
-    found = np.concatenate([first, rest])
+    pushed = np.concatenate([first, rest])
     np.testing.assert_array_equal(rest, walk(other, STEPS - 2)[0])
     velocity = env.task.columns["crank_axis_x_velocity"]
-    assert np.abs(found[:, velocity] - without[:, velocity]).max() > 0.05  # m/s
+    assert np.abs(pushed[:, velocity] - without[:, velocity]).max() > 0.05  # m/s
     if push is None:
-        np.testing.assert_array_equal(found, walk(scheduled)[0])
+        np.testing.assert_array_equal(pushed, walk(scheduled)[0])
     else:
         assert env.get_state()["random_pushes"]
 
@@ -157,4 +159,4 @@ def test_a_robot_is_pushed_whatever_the_others_do(mode):
     elif mode == AutoresetMode.NEXT_STEP:
         envs.push(0, (1.5, 0.0))  # of no effect
     work = [envs.step(np.zeros((2, 1), np.float32))[4]["energy"]["push_work"] for _ in range(2)]
-    assert [own[0] for own in work] == [0.0, 0.0] and work[1][1] != 0.0
+    assert [of_step[0] for of_step in work] == [0.0, 0.0] and work[1][1] != 0.0

@@ -63,10 +63,10 @@ def test_a_delay_of_control_steps_is_the_same_actions_later(name, plant):
     late = episode(gym.make(name, delay=2 * dt, **plant), taken, seed=1)[2]
     none = np.zeros((2, 1), np.float32)
     shifted = episode(env, np.concatenate([none, taken[:-2]]), seed=1)[2]
-    for one, other in zip(late, shifted, strict=True):
-        assert one["crank_torque"] == other["crank_torque"]
-        assert one["crank_angle"] == other["crank_angle"]
-        assert one["crank_speed"] == other["crank_speed"]
+    for delayed, other in zip(late, shifted, strict=True):
+        assert delayed["crank_torque"] == other["crank_torque"]
+        assert delayed["crank_angle"] == other["crank_angle"]
+        assert delayed["crank_speed"] == other["crank_speed"]
 
 
 @pytest.mark.parametrize("plant", ["projection", "rigid_body"])
@@ -80,11 +80,11 @@ def test_a_delay_within_a_control_step_switches_there(plant):
 
 def test_a_delays_range_is_drawn_at_each_reset_and_can_be_set():
     env = gym.make(WALKER, delay=(0.0, 0.04))
-    found = []
+    delays = []
     for _ in range(20):
-        env.reset(seed=None if found else 0)
-        found.append(env.unwrapped.get_state()["delay"])
-    assert len(set(found)) > 10 and 0.0 <= min(found) < 0.01 and 0.03 < max(found) <= 0.04
+        env.reset(seed=None if delays else 0)
+        delays.append(env.unwrapped.get_state()["delay"])
+    assert len(set(delays)) > 10 and 0.0 <= min(delays) < 0.01 and 0.03 < max(delays) <= 0.04
     env.reset(options={"delay": 0.02})
     assert env.unwrapped.get_state()["delay"] == 0.02
     with pytest.raises(ValueError, match=r"\['delay'\] is 0.1, must be between 0.0 and 0.04"):
@@ -108,10 +108,10 @@ def test_a_state_has_torques_on_their_way_and_bent_bristles(plant):
     other.reset(seed=9)
     other.set_state(state)
     for action in taken[6:]:
-        expected, found = env.step(action), other.step(action)
+        expected, again = env.step(action), other.step(action)
         if plant == "projection":
-            assert (expected[0] == found[0]).all() and expected[1] == found[1]
-        np.testing.assert_allclose(found[0], expected[0], atol=0.02)
+            assert (expected[0] == again[0]).all() and expected[1] == again[1]
+        np.testing.assert_allclose(again[0], expected[0], atol=0.02)
 
 
 SOFT, RIGID = r"stiffness is 100\.0 N/m, must be at least 785 N/m", {"restitution": 0.5}

@@ -42,18 +42,18 @@ BAD = {
     "hops": 1.0,
 }
 PAIRS = [
-    {one: GOOD[one], other: BAD[other]}
-    for one, other in permutations({**GOOD, **BAD}, 2)
-    if one in GOOD and other in BAD
+    {good: GOOD[good], bad: BAD[bad]}
+    for good, bad in permutations({**GOOD, **BAD}, 2)
+    if good in GOOD and bad in BAD
 ]
-TOO_STIFF = [{one: GOOD[one], "foot_stiffness_scale": 100.0} for one in GOOD if one != "robot"]
+TOO_STIFF = [{good: GOOD[good], "foot_stiffness_scale": 100.0} for good in GOOD if good != "robot"]
 TOO_STIFF += [{"robot": STIFF, "lengths": {"rocker": 0.236}}]
 
 
-def same(one, other):
-    if isinstance(one, dict):
-        return {*one} == {*other} and all(same(one[name], other[name]) for name in one)
-    return np.array_equal(one, other)
+def same(a, b):
+    if isinstance(a, dict):
+        return {*a} == {*b} and all(same(a[name], b[name]) for name in a)
+    return np.array_equal(a, b)
 
 
 @pytest.mark.parametrize("plant", ["projection", "rigid_body"])
@@ -61,15 +61,17 @@ def test_one_robot(plant):
     arguments = {"delay": (0.0, 0.02), "plant": plant, "randomize": {"friction": (0.4, 0.9)}}
     env, twin = (gym.make("JansenWalkerBuilt-v0", **arguments).unwrapped for _ in range(2))
     action = np.full(1, 0.5, np.float32)
-    for one in (env, twin):
-        one.reset(seed=3, options={"lengths": {"rocker": 0.235}})
-        one.step(action)
+    for walker in (env, twin):
+        walker.reset(seed=3, options={"lengths": {"rocker": 0.235}})
+        walker.step(action)
     for options in PAIRS + TOO_STIFF * (plant == "rigid_body"):
         with pytest.raises(ValueError):
             env.reset(seed=5, options=options)
         assert env.robot == twin.robot and same(env.get_state(), twin.get_state()), options
     for _ in range(3):
-        (seen, *ours, info), (expected, *theirs, other) = (one.step(action) for one in (env, twin))
+        (seen, *ours, info), (expected, *theirs, other) = (
+            walker.step(action) for walker in (env, twin)
+        )
         assert (seen == expected).all() and ours == theirs and same(info, other)
     assert (env.reset()[0] == twin.reset()[0]).all() and same(env.get_state(), twin.get_state())
 
@@ -77,11 +79,11 @@ def test_one_robot(plant):
 def test_many_robots():
     """One of three is refused, with the first one masked."""
     pair = [gym.make_vec("JansenWalkerBuilt-v0", 3, randomize={"lengths": 0.02}) for _ in range(2)]
-    envs, twins = (one.unwrapped for one in pair)
+    envs, twins = (batch.unwrapped for batch in pair)
     actions, mask = np.full((3, 1), 0.5, np.float32), np.array([False, True, True])
-    for one in pair:
-        one.reset(seed=3)
-        one.step(actions)
+    for batch in pair:
+        batch.reset(seed=3)
+        batch.step(actions)
     names = [*GOOD, "tilt"]
     for options in PAIRS:
         (good, value), (bad, wrong) = options.items()
@@ -101,8 +103,8 @@ def test_many_robots():
 
 def test_a_robot_that_diverges_where_it_is_placed(monkeypatch):
     env, twin = (gym.make("JansenWalkerBuilt-v0", plant="rigid_body").unwrapped for _ in range(2))
-    for one in (env, twin):
-        one.reset(seed=3)
+    for walker in (env, twin):
+        walker.reset(seed=3)
 
     def diverge(plant, *_):
         plant.lookahead()

@@ -95,23 +95,23 @@ def test_pads_of_several_sizes_are_felt_alike():
 
     def lie(envs, n):
         envs.reset(seed=[4] * n)
-        for row in range(n):
-            state = envs.get_state(row)
+        for i in range(n):
+            state = envs.get_state(i)
             state["plant"][1:4] += 0.5, 2.4, 0.3
-            envs.set_state(row, state)
+            envs.set_state(i, state)
         return walk(envs, (n, 1), 80)
 
     many = lie(gym.make_vec("JansenWalker-v0", 2, robot=robots, **arguments).unwrapped, 2)
     for k, robot in enumerate(robots):
-        one = lie(gym.make_vec("JansenWalker-v0", 1, robot=[robot], **arguments).unwrapped, 1)
-        assert (many[:, k] == one[:, 0]).all(), k
+        single = lie(gym.make_vec("JansenWalker-v0", 1, robot=[robot], **arguments).unwrapped, 1)
+        assert (many[:, k] == single[:, 0]).all(), k
 
 
 def test_draws_by_default_are_those_of_the_robot():
     """What is randomised where nobody asks: of the robot that is there, not of the first one."""
     for first, then in (("built", "paper"), ("paper", "built")):
         env, fresh = (
-            gym.make("JansenWalkerHardcore-v0", robot=one).unwrapped for one in (first, then)
+            gym.make("JansenWalkerHardcore-v0", robot=robot).unwrapped for robot in (first, then)
         )
         env.reset(seed=0)
         ours, theirs = env.reset(seed=1, options={"robot": then}), fresh.reset(seed=1)
@@ -121,7 +121,8 @@ def test_draws_by_default_are_those_of_the_robot():
 
 def test_pictures_show_the_robot_that_is_there():
     env, fresh = (
-        gym.make("JansenWalker-v0", robot=one, render_mode="rgb_array") for one in ("paper", LATER)
+        gym.make("JansenWalker-v0", robot=robot, render_mode="rgb_array")
+        for robot in ("paper", LATER)
     )
     env.reset(seed=0)
     env.render()

@@ -27,7 +27,7 @@ from jansen_env.engine.integrator import DIVERGED
 from jansen_env.engine.placement import PLACEMENT_DEPTH
 from jansen_env.engine.records import ROBOT, UNKNOWN_DEFLECTION
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
-from jansen_env.parameters import ROBOT_PARAMETERS, nominal, take_load
+from jansen_env.parameters import ROBOT_PARAMETERS, nominal, set_payload
 from jansen_env.plants.base import (
     check_held,
     check_legs,
@@ -224,7 +224,7 @@ class RigidBodyBatch:
         compliant = np.array([not robot.pad_compliance.rigid])
         check_restitution(compliant, self.nominal["restitution"])
         values = self.nominal[0].copy()
-        take_load(values, robot)
+        set_payload(values, robot)
         self._put_in_place(robot, self.terrains[0], values)
         self.nominal[0] = values
         self._build(np.zeros(8))

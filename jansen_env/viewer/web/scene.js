@@ -1,7 +1,7 @@
 // Draws one state of a robot on a canvas: ground, legs, chassis, payload, toes and forces.
 //
 // What is drawn, and how, is as in jansen_env/rendering.py; positions come from Python
-// (geometry.py: scene_of, state_of). Lengths in m, forces in N, sizes in CSS pixels.
+// (geometry.py). Lengths in m, forces in N, sizes in CSS pixels.
 // `view` = {x, y, scale}: the world point in the middle of the canvas, and pixels per m.
 
 const ARROW_PER_WEIGHT = 0.25; // m of arrow for a contact force equal to the robot's weight

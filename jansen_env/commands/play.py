@@ -14,7 +14,6 @@ from jansen_env.terrain.generators import HIGHEST
 from jansen_env.viewer.web.bench import write_bench
 
 PORT = 8765
-HAND = "hand"  # in place of a policy
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -29,9 +28,9 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--robot", choices=ROBOTS, help="default: the environment's")
     add("--terrain", choices=TERRAINS, help="default: the environment's")
     add("--level", type=int, default=0, help=f"of the terrain, 0 (default) to {HIGHEST}")
-    add("--policy", default=pretrained.DEFAULT, choices=(*policies, HAND),
+    add("--policy", default=pretrained.DEFAULT, choices=(*policies, BY_HAND),
         help="walks at your speed command; default: the environment's "
-        f"{pretrained.DEFAULT}; {HAND}: you turn the crank")  # fmt: skip
+        f"{pretrained.DEFAULT}; {BY_HAND}: you turn the crank")  # fmt: skip
     add("--seed", type=int, default=0, help="another number, another start and ground")
     add("--host", type=IPv4Address, default="127.0.0.1", metavar="ADDRESS",
         help="where the page is served; default: 127.0.0.1, this machine alone; 0.0.0.0: the "
@@ -54,8 +53,7 @@ def main(arguments: list[str] | None = None) -> None:
         if args.bench_file:
             print(write_bench(args.bench_file))
             return
-        control = BY_HAND if args.policy == HAND else args.policy
-        session = Session(args.env, args.robot, args.terrain, args.level, control, args.seed)
+        session = Session(args.env, args.robot, args.terrain, args.level, args.policy, args.seed)
     from jansen_env.play.server import serve
 
     def tell(address: str) -> None:

@@ -41,7 +41,7 @@ ENVIRONMENTS = (
 FLAT = "flat"
 TERRAINS = (FLAT, *GENERATORS)
 ROBOTS = tuple(sorted(DESIGNS))
-BY_HAND = "torque"  # in place of a policy's name
+BY_HAND = "hand"  # in place of a policy's name
 STEADY = "constant speed"  # of the crank, by the PID (13)
 SHORTEST_TURN = 0.05  # m, by which the crank's speed is found for a command
 

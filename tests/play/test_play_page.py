@@ -150,7 +150,7 @@ def test_the_hand_takes_the_crank_and_gives_it_back(window):
     assert not page.locator("#help").is_visible()
     reads(page, "input-label", "^speed command$")
     page.keyboard.press("c")
-    assert soon(window, lambda: heard["scene"]["choices"]["control"] == "torque")
+    assert soon(window, lambda: heard["scene"]["choices"]["control"] == "hand")
     assert page.locator("#panel .take").text_content() == "Let “ppo” walk"
     page.get_by_label("control", exact=True).select_option("constant speed")
     assert soon(window, lambda: heard["scene"]["choices"]["control"] == "constant speed")

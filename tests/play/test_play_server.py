@@ -153,8 +153,8 @@ def test_a_robot_is_built_for_the_page_that_asks(served):
         asking.send(json.dumps({"do": "replay"}))
         assert next_of(asking, "replay")["page"].startswith("<!doctype html>")
         asking.send(json.dumps({"do": "choose", "name": "robot", "value": "built"}))
-        asking.send(json.dumps({"do": "choose", "name": "control", "value": "torque"}))
-        while next_of(other, "scene")["choices"]["control"] != "torque":
+        asking.send(json.dumps({"do": "choose", "name": "control", "value": "hand"}))
+        while next_of(other, "scene")["choices"]["control"] != "hand":
             pass
 
 
@@ -196,7 +196,7 @@ def rubbish(rng):
     fields = {name: rng.choice(numbers) for name in ACTIONS[action]}
     if "name" in fields:
         fields["name"] = rng.choice(names)
-        fields["value"] = rng.choice([*numbers, *ROBOTS, *TERRAINS, "ppo", "torque", *range(11)])
+        fields["value"] = rng.choice([*numbers, *ROBOTS, *TERRAINS, "ppo", "hand", *range(11)])
     if kind == 1:
         fields[rng.choice(names)] = rng.choice(numbers)
     text = json.dumps({"do": action, **fields})

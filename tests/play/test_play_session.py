@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jansen_env
-from jansen_env.play.session import LARGEST_PUSH, PACES, SLIDERS, STEADY, Choices, Session
+from jansen_env.play.session import BY_HAND, LARGEST_PUSH, PACES, SLIDERS, STEADY, Choices, Session
 from jansen_env.policies import pretrained
 from jansen_env.robot.lengths import lengths
 from jansen_env.scoring.metrics import point_estimates
@@ -62,7 +62,7 @@ def test_the_input_is_a_policys_command():
     session.hold(0)
     walk(session, 0.2)
     assert session.command == pytest.approx(0.48)
-    session.choose("control", "torque")
+    session.choose("control", BY_HAND)
     assert session.command is None and session.input == 0.0
 
 
@@ -94,7 +94,7 @@ def test_a_walk_backwards_has_a_distance_unless_it_was_to_go_forwards():
     walk(session, 1.0)
     back = x - session.frame().q[0]
     assert session.score().distance == pytest.approx(before + back, abs=0.02)
-    session.choose("control", "torque")
+    session.choose("control", BY_HAND)
     assert session.score().distance > 1.0
     session.choose("control", "ppo")
     session.reset()
@@ -132,7 +132,7 @@ def test_ground_and_robot_by_name():
     assert session.env.robot == jansen_env.holy_numbers_robot()
     session.choose("terrain", "flat")
     session.choose("terrain", "stairs")
-    assert session.choices == Choices("holy", "stairs", 7, "torque")
+    assert session.choices == Choices("holy", "stairs", 7, BY_HAND)
 
 
 def test_a_robot_of_other_lengths_walks_and_is_recorded():

@@ -135,10 +135,8 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--env", choices=ENVS, default=WALKER, help=f"({WALKER})")
     args = measure.parse(parser, arguments)
     env = make_env(args.env, {})
-    try:
+    with parser.refusing():
         policies = {label(n): load_named(n, env) for n in ("pid", "profile", *args.policy)}
-    except ValueError as error:
-        parser.error(str(error))
     count, speeds = (2, SPEEDS[-1:]) if args.quick else (args.episodes, SPEEDS)
     results = {
         obstacle: climb(policies, obstacle, speeds, count, args.env)

@@ -16,8 +16,9 @@ from typing import TypeVar
 from tabulate import tabulate
 
 import jansen_env
+from jansen_env.commands.flags import Parser, positive_int
 from jansen_env.cores import available_cores
-from jansen_env.files import write_text
+from jansen_env.files import check_writable, write_text
 
 K = TypeVar("K")
 T = TypeVar("T")
@@ -75,28 +76,24 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     return tabulate(list(rows), head, tablefmt="pipe", disable_numparse=True, colalign=align)
 
 
-def options(doc: str | None, out: str, **counts: int) -> argparse.ArgumentParser:
+def options(doc: str | None, out: str, **counts: int) -> Parser:
     """A command line with ``--out``, ``--quick`` and options for counts, by their defaults."""
-    parser = argparse.ArgumentParser(
-        f"python -m benchmarks.{Path(sys.argv[0]).stem}", description=(doc or "").partition("\n")[0]
-    )
+    command = f"python -m benchmarks.{Path(sys.argv[0]).stem}"
+    parser = Parser(command, doc, f"{command} --quick --out logs/tried")
     parser.add_argument("--out", type=Path, default=Path(out), metavar="DIR",
                         help=f"folder for tables ({out})")  # fmt: skip
     parser.add_argument("--quick", action="store_true", help="try the program; proves nothing")
     for name, default in counts.items():
-        parser.add_argument(f"--{name}", type=int, default=default, metavar="N",
+        parser.add_argument(f"--{name}", type=positive_int, default=default, metavar="N",
                             help=f"({default})")  # fmt: skip
     return parser
 
 
-def parse(parser: argparse.ArgumentParser, arguments: list[str] | None) -> argparse.Namespace:
+def parse(parser: Parser, arguments: list[str] | None) -> argparse.Namespace:
     """The parsed command line; exits if it cannot be followed."""
     args = parser.parse_args(arguments)
-    for name in ("episodes", "jobs", "rounds"):
-        if getattr(args, name, 1) < 1:
-            parser.error(f"--{name} is {getattr(args, name)}, must be at least 1")
-    if args.out.exists() and not args.out.is_dir():
-        parser.error(f"--out is {args.out}, must be a folder")
+    with parser.refusing():
+        check_writable("--out", args.out)
     return args
 
 

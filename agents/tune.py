@@ -17,7 +17,7 @@ from jansen_env.checks import listed
 from jansen_env.commands.flags import Parser, positive_int
 from jansen_env.files import write_json
 from jansen_env.robot import ROBOTS
-from jansen_env.scoring.benchmarks import BENCHMARKS
+from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.rollout import make_env, run_episodes
 from jansen_env.tasks.walking.walker_benchmark import (
     DATA,
@@ -59,7 +59,7 @@ def measure_pid(episodes: int, env_id: str) -> Measured:
     """Measure the PID at :data:`CRANK_SPEEDS` with the paper's gains, or on another robot with
     those :data:`GAINS` whose mean return over the benchmark's commands is best, on other starts."""
     env = cast("Controlled", make_env(env_id, {}).unwrapped)
-    commands = np.repeat(BENCHMARKS[env_id].commands, episodes)
+    commands = np.repeat(find_benchmark(env_id).commands, episodes)
     seeds = FIRST_SEED + episodes + np.arange(len(commands)) % episodes
     best, made = -np.inf, Measured()
     for gains in (PAPER,) if env_id == ENV else GAINS:

@@ -7,14 +7,15 @@ from typing import Any
 
 from sphinx.application import Sphinx
 
-from jansen_env.scoring.benchmarks import BENCHMARKS, single_env
+from jansen_env.registration import IDS
+from jansen_env.scoring.benchmarks import single_env
 
 
 def adapt_docstring(
     app: Sphinx, what: str, name: str, member: Any, options: Any, lines: list[str]
 ) -> None:
     """Mark blocks of equations, which are indented after a blank line, and escape ``|x|``."""
-    pages = {single_env(env_id): env_id for env_id in BENCHMARKS}
+    pages = {single_env(env_id): env_id for env_id in IDS}
     if what == "class" and member in pages:  # its docstring is Markdown, and a page
         lines[:] = [lines[0], "", f":doc:`Its documentation </environments/{pages[member]}>`."]
         return

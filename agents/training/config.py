@@ -8,8 +8,9 @@ from pathlib import Path
 
 import gymnasium as gym
 
+from jansen_env.registration import IDS
 from jansen_env.sb3.run_config import Arguments, RunConfig, load_config
-from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT
+from jansen_env.scoring.benchmarks import DEFAULT
 
 
 def training_folder(env_id: str) -> Path:
@@ -20,7 +21,7 @@ def training_folder(env_id: str) -> Path:
 
 def shipped_configs() -> list[Path]:
     """Return the configuration files of all environments."""
-    return sorted(file for env_id in BENCHMARKS for file in training_folder(env_id).glob("*.yml"))
+    return sorted(file for env_id in IDS for file in training_folder(env_id).glob("*.yml"))
 
 
 def shipped_config(env_id: str, algo: str) -> Path:

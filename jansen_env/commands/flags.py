@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from jansen_env.checks import MAX_STEPS, listed
+from jansen_env.registration import IDS
 from jansen_env.robot import ROBOTS
-from jansen_env.scoring.benchmarks import BENCHMARKS, DEFAULT, find_benchmark
+from jansen_env.scoring.benchmarks import DEFAULT, find_benchmark
 
 
 class Parser(argparse.ArgumentParser):
@@ -41,8 +42,8 @@ class Parser(argparse.ArgumentParser):
 
 def env_id(text: str) -> str:
     """Parse the id of an environment that has a benchmark."""
-    if text not in BENCHMARKS:
-        known = listed(sorted(BENCHMARKS), text)
+    if text not in IDS:
+        known = listed(sorted(IDS), text)
         raise argparse.ArgumentTypeError(f"is {text!r}, must be one of {known}")
     return text
 
@@ -102,14 +103,14 @@ def policy_parser(
     prog: str, description: str | None, *examples: str, required: bool = False
 ) -> Parser:
     """Return a parser with the flags of policies and their environment."""
-    named = "; ".join(f"{name}: {', '.join(b.baselines)}" for name, b in BENCHMARKS.items())
+    named = "; ".join(f"{name}: {', '.join(find_benchmark(name).baselines)}" for name in IDS)
     parser = Parser(prog, description, *examples)
     add = parser.add_argument
     add("--policy", action="append", default=[], required=required, metavar="NAME",
         help=f"a baseline ({named}), 'pretrained', a run's folder, or a file of a model or policy; "
         "repeat to compare")  # fmt: skip
     add("--env", default=DEFAULT, type=imported_env_id, metavar="ID",
-        help=f"environment: {', '.join(BENCHMARKS)}, or MODULE:ID; default: %(default)s"
+        help=f"environment: {', '.join(IDS)}, or MODULE:ID; default: %(default)s"
         )  # fmt: skip
     add("--env-kwargs", default={}, type=mapping, metavar="YAML",
         help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip

@@ -41,7 +41,7 @@ def make_vec_env(
     The first eight arguments are those of Stable-Baselines3's own ``make_vec_env``.
 
     Args:
-        env_id: one of :data:`jansen_env.scoring.benchmarks.BENCHMARKS`.
+        env_id: one of :data:`jansen_env.registration.IDS`.
         seed: of the starts, environment i has seed + i, and of the action space.
         monitor_dir: folder of the returns and lengths of episodes, ``monitor.csv``.
         wrapper_class, wrapper_kwargs: wrapper of each environment; they are simulated one by one.

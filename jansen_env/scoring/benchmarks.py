@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from typing import cast
 
 import gymnasium as gym
@@ -18,23 +18,6 @@ from jansen_env.tasks.task import Task
 from jansen_env.world.argument_checks import Values
 from jansen_env.world.settings import load_robot
 
-
-class Benchmarks(Mapping[str, Benchmark]):
-    """The benchmark of each environment that :mod:`jansen_env.registration` has registered."""
-
-    def __getitem__(self, env_id: str) -> Benchmark:
-        if env_id not in IDS:
-            raise KeyError(env_id)
-        return single_env(env_id).BENCHMARK
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(IDS)
-
-    def __len__(self) -> int:
-        return len(IDS)
-
-
-BENCHMARKS = Benchmarks()
 DEFAULT = "JansenWalkerBuilt-v0"  # of the commands, where no other is named
 WALKERS = [name for name in IDS if name.startswith("JansenWalker")]
 
@@ -52,7 +35,7 @@ def find_benchmark(env_id: str) -> Benchmark:
     Raises:
         ValueError: no benchmark is known for this id.
     """
-    return BENCHMARKS[one_of("environment id", env_id, sorted(BENCHMARKS))]
+    return single_env(one_of("environment id", env_id, sorted(IDS))).BENCHMARK
 
 
 def can_be_batched(env_id: str, env_kwargs: Values, variants: Sequence[Values] = ({},)) -> bool:

@@ -15,7 +15,7 @@ from agents import export, pack
 from agents.export import c_source, onnx_model
 from jansen_env.policies import pretrained
 from jansen_env.policies.pretrained import PretrainedPolicy
-from jansen_env.scoring.benchmarks import BENCHMARKS
+from jansen_env.registration import IDS
 from jansen_env.scoring.rollout import make_env
 
 STRICT = (
@@ -81,7 +81,7 @@ def test_onnx_and_c_act_as_pytorch(kind, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("env_id", [*filter(pretrained.names, BENCHMARKS)])
+@pytest.mark.parametrize("env_id", [*filter(pretrained.names, IDS)])
 def test_shipped_policies_act_as_pytorch(env_id):
     agree(pretrained.load(env_id), 10_000, single=2e-5)
 

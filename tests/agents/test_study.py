@@ -22,7 +22,7 @@ from agents import study
 from agents.studies import study_report
 from agents.training.runs import FINAL
 from jansen_env.sb3.trained import read_model
-from jansen_env.scoring.benchmarks import BENCHMARKS
+from jansen_env.scoring.benchmarks import find_benchmark
 
 ROOT = Path(__file__).parents[2]
 CRANK = "JansenCrank-v0"
@@ -140,9 +140,9 @@ def test_report_has_the_numbers_of_the_runs(finished, tmp_path):
     returns = [float(row["return"]) for row in rows]
     assert f"| {np.mean(returns):.3g} [" in table
     assert f"{min(returns):.3g} (seed {np.argmin(returns)})" in table
-    assert len(rows_of(folder / "commands.csv")) == 2 * (1 + len(BENCHMARKS[CRANK].baselines))
+    assert len(rows_of(folder / "commands.csv")) == 2 * (1 + len(find_benchmark(CRANK).baselines))
     report = (folder / "report.md").read_text()
-    assert all(f"| {name} " in report for name in BENCHMARKS[CRANK].baselines)
+    assert all(f"| {name} " in report for name in find_benchmark(CRANK).baselines)
     assert (folder / f"{CRANK}.png").stat().st_size > 10_000
 
 

@@ -11,9 +11,10 @@ import train
 from agents.training import callbacks, config
 from agents.training import train_model as training
 from agents.training.scores import outcome
+from jansen_env.registration import IDS
 from jansen_env.sb3.run_config import ALGORITHMS
 from jansen_env.sb3.trained import read_model
-from jansen_env.scoring.benchmarks import BENCHMARKS, find_benchmark
+from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.evaluation import Scores
 
 SMALL_PPO = Path(__file__).parents[1] / "small_ppo.yml"
@@ -52,7 +53,7 @@ def test_the_same_policy_is_reported_once(tmp_path, monkeypatch, capsys):
     assert len(lines) == len({*scores}) < len(scores)
 
 
-@pytest.mark.parametrize("env_id", BENCHMARKS)
+@pytest.mark.parametrize("env_id", IDS)
 def test_last_words_of_a_run_fit_a_terminal(env_id, tmp_path, monkeypatch):
     """Five rows, and in one sentence whether the best baseline is reached, and since when."""
     benchmark = find_benchmark(env_id)
@@ -80,7 +81,7 @@ def test_every_config_builds(path):
     training.prepare(config.new_config(path, algo, path.parent.name))
 
 
-@pytest.mark.parametrize("env_id", BENCHMARKS)
+@pytest.mark.parametrize("env_id", IDS)
 def test_training_begins_on_every_environment(env_id, tmp_path, monkeypatch):
     """Without a configuration of the caller's; scores have tests of their own."""
     monkeypatch.setattr(train, "score_run", lambda *_: {})

@@ -7,7 +7,8 @@ from agents.design.measures import profiles
 from jansen_env.baselines.policy import columns
 from jansen_env.commands.named_policies import load_named
 from jansen_env.policies import pretrained
-from jansen_env.scoring.benchmarks import BENCHMARKS, find_benchmark
+from jansen_env.registration import IDS
+from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.rollout import make_env
 from jansen_env.tasks.walking.profile import READ, load_profile
 from jansen_env.world.observations import Observed
@@ -15,7 +16,7 @@ from jansen_env.world.observations import Observed
 ADDED = Observed("crank_torque", "N m", -np.inf, np.inf, "exact")
 
 
-@pytest.fixture(params=BENCHMARKS)
+@pytest.fixture(params=IDS)
 def world(request, monkeypatch):
     """An environment, what it observes in 30 steps, and how to show a number more at a column."""
     env = make_env(request.param, {})

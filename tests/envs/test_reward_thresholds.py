@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from jansen_env.policies import pretrained
-from jansen_env.scoring.benchmarks import BENCHMARKS
+from jansen_env.registration import IDS
+from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.tasks.goal.goal_benchmark import goal_pid
 
 STILL = SimpleNamespace(predict=lambda seen, *_: (np.zeros((len(seen), 1), np.float32), None))
@@ -29,12 +30,12 @@ def mean_return(policy_of, env_id, episodes):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("env_id", BENCHMARKS)
+@pytest.mark.parametrize("env_id", IDS)
 def test_reward_threshold(env_id):
     threshold, episodes = gym.spec(env_id).reward_threshold, 20 if "Crank" in env_id else 100
     goal = "Goal" in env_id
     solves = goal_pid if goal else lambda env: pretrained.load(env_id)
-    fail = {"still": lambda env: STILL} if goal else BENCHMARKS[env_id].baselines
+    fail = {"still": lambda env: STILL} if goal else find_benchmark(env_id).baselines
     assert mean_return(solves, env_id, episodes) >= threshold
     for name in {"pid", "constant", "still"} & {*fail}:
         assert mean_return(fail[name], env_id, episodes) < threshold

@@ -8,7 +8,8 @@ from typing import get_type_hints
 import pytest
 
 from jansen_env.envs.arguments import OF_BATCHES
-from jansen_env.scoring.benchmarks import BENCHMARKS, single_env, vector_env
+from jansen_env.registration import IDS
+from jansen_env.scoring.benchmarks import single_env, vector_env
 
 ROOT = Path(__file__).parents[2]
 
@@ -21,7 +22,7 @@ def typed_arguments(kind):
     return {**hints, **get_type_hints(unpacked)}
 
 
-@pytest.mark.parametrize("env_id", BENCHMARKS)
+@pytest.mark.parametrize("env_id", IDS)
 def test_type_checkers_know_the_arguments_of_the_settings(env_id):
     single, many = single_env(env_id), vector_env(env_id)
     settings = get_type_hints(single.TASK.SETTINGS)

@@ -18,13 +18,14 @@ from jansen_env import paper_robot, sb3
 from jansen_env.commands import evaluate, named_policies
 from jansen_env.policies import pretrained
 from jansen_env.policies.pretrained import check_action
+from jansen_env.registration import IDS
 from jansen_env.sb3.trained import read_model
-from jansen_env.scoring.benchmarks import BENCHMARKS
+from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.rollout import make_env, make_envs
 
-SHIPPED = [(env_id, name) for env_id in BENCHMARKS for name in pretrained.names(env_id)]
+SHIPPED = [(env_id, name) for env_id in IDS for name in pretrained.names(env_id)]
 CRANK = "JansenCrank-v0"
-WITH_POLICIES = {*BENCHMARKS} - {"JansenGoal-v0"}  # whose baseline solves it
+WITH_POLICIES = {*IDS} - {"JansenGoal-v0"}  # whose baseline solves it
 
 
 def test_every_environment_has_its_policy():
@@ -67,7 +68,7 @@ def test_scores_are_those_shipped(env_id, name):
     policy = pretrained.load(env_id, name)
     shipped = policy.description["scores"]
     scores = pack.scores_of(policy, shipped["episodes_per_command"], shipped["seed"])
-    assert set(scores["overall"]) == set(BENCHMARKS[env_id].metrics)
+    assert set(scores["overall"]) == set(find_benchmark(env_id).metrics)
     for metric, interval in scores["overall"].items():
         expected = shipped["overall"][metric]
         assert interval[0] == expected[0], metric

@@ -17,6 +17,23 @@ ARGUMENTS = (
 )  # fmt: skip
 
 
+PHONE = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
+NAMELESS = """() => [...document.querySelectorAll("button, input, select, canvas, dialog, .handle")]
+    .filter((e) => !(e.ariaLabel || e.textContent.trim() || e.labels?.length
+        || e.getAttribute("aria-labelledby")))
+    .map((e) => e.outerHTML)"""
+"""Controls that a screen reader has no word for."""
+
+
+def check_phone(page: Any) -> None:
+    """Check that nothing is wider than a phone, and all controls are large enough for a finger."""
+    assert page.evaluate("document.documentElement.scrollWidth") == 360
+    kinds = ("button", "a.button", "select", "input:not([type=checkbox])")
+    for control in page.locator(", ".join(f"{kind}:visible" for kind in kinds)).all():
+        box = control.bounding_box()
+        assert box["height"] >= 43.9 and box["width"] >= 43.9, control.inner_text()
+
+
 def chromium() -> str | None:
     """Where the browser is: $CHROMIUM, or else one on the path."""
     given = os.environ.get("CHROMIUM")

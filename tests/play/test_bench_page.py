@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from browser import NAMELESS, PHONE, check_phone
 from page_client import WAIT, reads
 
 from jansen_env.commands.play import main
@@ -189,12 +190,7 @@ def test_everything_by_keys(window):
     page.keyboard.press(" ")
     page.locator("#back").click()
     assert fragment(page) == "paper"
-    nameless = page.evaluate(
-        """() => [...document.querySelectorAll("button, select, input, a, .handle")]
-          .filter((e) => !e.ariaLabel && !e.labels?.length && !e.textContent.trim())
-          .length"""
-    )
-    assert nameless == 0
+    assert page.evaluate(NAMELESS) == []
 
 
 def test_a_link_holds_the_design(alone):
@@ -268,16 +264,8 @@ def test_it_walks_with_the_new_lengths(window):
 
 def test_on_a_phone_by_touch(alone):
     """Nothing is wider than the screen, and everything large enough for a finger."""
-    phone = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
-    page = alone("paper", **phone, color_scheme="dark").page
-    assert page.evaluate("document.documentElement.scrollWidth") == 360
-    small = page.evaluate(
-        """() => [...document.querySelectorAll("button, select, input, .check")]
-          .filter((e) => e.type !== "checkbox")
-          .filter((e) => e.offsetParent && e.getBoundingClientRect().height < 43.9)
-          .map((e) => e.outerHTML)"""
-    )
-    assert small == []
+    page = alone("paper", **PHONE, color_scheme="dark").page
+    check_phone(page)
     toe, x, y = handle(page, "T")
     assert toe.locator("circle").bounding_box()["width"] == pytest.approx(44, abs=1)
     point = {"bubbles": True, "pointerId": 1, "clientX": x, "clientY": y, "button": 0}

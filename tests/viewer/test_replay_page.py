@@ -6,16 +6,13 @@ import gymnasium as gym
 import imageio.v3 as iio
 import numpy as np
 import pytest
+from browser import NAMELESS, PHONE, check_phone
 
 import jansen_env  # noqa: F401 - registers the environments
 from jansen_env.viewer.recorder import Recorder
 from jansen_env.viewer.web.page import frame_of, write_page
 
 PIXELS = "canvas => canvas.toDataURL()"
-NAMELESS = """() => [...document.querySelectorAll('button, input, select, canvas, dialog')]
-    .filter(e => !(e.ariaLabel || e.textContent.trim() || e.labels?.length
-        || e.getAttribute('aria-labelledby')))
-    .map(e => e.outerHTML)"""
 DIGITS = {"crankSpeed": 2, "torque": 2, "power": 2, "returned": 1}  # 3 of the others
 STILL = {"reduced_motion": "reduce"}
 
@@ -232,12 +229,8 @@ def test_wheel_drag_and_pinch(opened):
 
 def test_fingers_are_large(opened):
     """Controls have 44 pixels, help has no keys, and a tapped word explains itself."""
-    phone = {"viewport": {"width": 360, "height": 640}, "has_touch": True, "is_mobile": True}
-    page = opened(2, **STILL, **phone).page
-    assert page.evaluate("document.documentElement.scrollWidth") == 360
-    for control in page.locator("button:visible, input:visible, select:visible").all():
-        box = control.bounding_box()
-        assert box["height"] >= 43.9 and box["width"] >= 43.9
+    page = opened(2, **STILL, **PHONE).page
+    check_phone(page)
     page.tap("#help")
     assert page.locator("#keys").is_visible() and not page.locator("kbd").first.is_visible()
     page.tap("#keys button")

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from jansen_env.baselines.policy import Array
-from jansen_env.checks import listed, shown
+from jansen_env.checks import shown
 from jansen_env.drawings.shaft_order import units
-from jansen_env.plain_yaml import Rule
+from jansen_env.plain_yaml import Rule, check_keys
 from jansen_env.robot import ROBOTS, Robot
 from jansen_env.robot.lengths import lengths, with_lengths
 from jansen_env.robot.motor import MOTORS
@@ -42,7 +42,7 @@ class Variable(NamedTuple):
 
 
 class Candidate(NamedTuple):
-    """A robot, and numbers (4 + 2 K,) of the profile that turns its crank; none: a policy does."""
+    """A robot, and numbers (4 + 2 K,) of the profile that turns its crank."""
 
     robot: Robot
     numbers: Array
@@ -64,12 +64,9 @@ class Space:
     """
 
     def __init__(
-        self, robot: str, speed: float, wanted: Mapping[str, Any], profile: str | None = None
+        self, robot: str, speed: float, wanted: dict[str, Any], profile: str | None = None
     ) -> None:
-        for name, value in wanted.items():
-            if name not in KINDS:
-                raise ValueError(f"variables has {shown(name)}, must be of {listed(KINDS, name)}")
-            KINDS[name].check(f"variables.{name}", value)
+        check_keys("variables", wanted, KINDS)
         self._name, self.base = robot, load_robot("robot", robot)
         self._choices = {name: _choices(name, wanted[name], robot)
                          for name in ("pins", "motors") if name in wanted}  # fmt: skip
@@ -91,14 +88,8 @@ class Space:
         self.variables = [*self._lengths, *self._phases, *picks, *tuned]
         if not self.variables:
             raise ValueError(f"variables is {shown(wanted)}, must have some of {[*KINDS]}")
-        low, high, start = np.array([variable[1:] for variable in self.variables]).T
-        self._low, self._high = low, high
-        self.start: Array = (start - low) / (high - low)
-
-    def values(self, unit: Array) -> dict[str, float]:
-        """Return the variables' values by name, of numbers (d,) from 0 to 1."""
-        values = self._low + np.clip(unit, 0.0, 1.0) * (self._high - self._low)
-        return dict(zip((v.name for v in self.variables), values.tolist(), strict=True))
+        self._low, self._high, start = np.array([each[1:] for each in self.variables]).T
+        self.start: Array = (start - self._low) / (self._high - self._low)
 
     def candidate(self, unit: Array) -> Candidate:
         """Return what numbers (d,) from 0 to 1 stand for.
@@ -106,7 +97,8 @@ class Space:
         Raises:
             ValueError: lengths that form no triangle.
         """
-        values = self.values(unit)
+        numbers = self._low + np.clip(unit, 0.0, 1.0) * (self._high - self._low)
+        values = dict(zip((v.name for v in self.variables), numbers.tolist(), strict=True))
         robot = self.base
         if "pins" in values:
             robot = ROBOTS[self._name](_pick(self._choices["pins"], values["pins"]))
@@ -147,12 +139,9 @@ def _length_variables(robot: Robot, shares: float | dict[str, float]) -> list[Va
     known = lengths(robot)
     if not isinstance(shares, dict):
         shares = {name: shares for name, length in known.items() if abs(length) > 1e-9}
+    check_keys("variables.lengths", {**shares}, dict.fromkeys(known, Rule((float,), 1e-4, 0.9)))
     variables = []
     for name, share in shares.items():
-        if name not in known:
-            allowed = listed(known, name)
-            raise ValueError(f"variables.lengths has {shown(name)}, must be of {allowed}")
-        Rule((float,), 1e-4, 0.9).check(f"variables.lengths.{name}", share)
         ends = sorted(known[name] * (1.0 + way * share) for way in (-1.0, 1.0))
         if ends[0] == ends[1]:
             raise ValueError(f"variables.lengths.{name} would be a share of 0 m, must be of more")

@@ -20,14 +20,12 @@ from scipy.stats import bootstrap, mannwhitneyu, sem, t, trim_mean
 from agents.training.runs import read_evaluations
 from jansen_env.commands.plots import save
 from jansen_env.files import write_text
-from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.metrics import (
     TAIL,
     Array,
     Interval,
     interval_text,
     proportion_with_interval,
-    tabled,
 )
 
 NOTES = """\
@@ -56,9 +54,6 @@ def write_report(folder: Path) -> str:
     for env_id, of_env in runs.groupby("env"):
         path = plot(of_env, curves[curves.env == env_id], folder / f"{env_id}.png")
         parts += [f"## {env_id}", f"![Runs on {env_id}]({path.name})"]
-        for group, rows in commands[commands.env == env_id].groupby("group"):
-            parts.append(f"### {group}\n\nAt each command the mean over the seeds and, in brackets,"
-                         f" the worst seed's.\n\n{commands_table(rows)}")  # fmt: skip
     write_text(folder / "report.md", "\n\n".join(parts) + "\n")
     return table
 
@@ -113,20 +108,6 @@ def improvement_table(runs: pd.DataFrame) -> str:
             better = with_interval(improvement, first.to_numpy(), second.to_numpy())
             rows.append({"X": x, "Y": y, "P(run of X > run of Y)": text(better, 2)})
     return markdown(pd.DataFrame(rows)) if rows else ""
-
-
-def commands_table(commands: pd.DataFrame) -> str:
-    """Return a Markdown table of a group: at each command the mean and the worst seed of metrics
-    where less is better."""
-    benchmark = find_benchmark(commands.env.iloc[0])
-    at = commands[commands.policy == "run"].groupby("command")
-    columns = {}
-    for name, metric in tabled(benchmark.metrics).items():
-        if metric.axis and name not in ("return", benchmark.chosen_by):
-            both = zip(at[name].mean(), at[name].max(), strict=True)
-            columns[metric.heading] = [f"{mean:.2g} ({worst:.2g})" for mean, worst in both]
-    unit = f"command ({benchmark.command_unit})"
-    return markdown(pd.DataFrame({unit: [f"{command:g}" for command in at.groups], **columns}))
 
 
 def markdown(table: pd.DataFrame) -> str:

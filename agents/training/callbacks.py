@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from gymnasium.spaces.utils import flatdim
 from numpy.typing import NDArray
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
 from agents.training.runs import BEST, best_score, read_evaluations, replay_path
@@ -139,10 +139,11 @@ class NormalizerUpdate(BaseCallback):
 
     def _on_rollout_end(self) -> None:
         # Now, not when the next rollout begins: Stable-Baselines3 has emptied the buffer by then.
-        model: Any = self.model
+        model = self.model
         if isinstance(model, OnPolicyAlgorithm):
             observations = model.rollout_buffer.observations
         else:  # of the replay buffer, what is new in it
+            assert isinstance(model, OffPolicyAlgorithm) and model.replay_buffer is not None
             buffer = model.replay_buffer
             count = min((model.num_timesteps - self._begun) // buffer.n_envs, buffer.size())
             observations = buffer.observations[np.arange(buffer.pos - count, buffer.pos)]

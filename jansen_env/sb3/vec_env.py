@@ -163,7 +163,7 @@ class BatchVecEnv(VecEnv):
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
         return self.env.render() or [None] * self.num_envs
 
-    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[object]:
         values = self.env.get_attr(attr_name)
         return [values[i] for i in self._get_indices(indices)]
 
@@ -174,7 +174,7 @@ class BatchVecEnv(VecEnv):
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **kwargs: object
-    ) -> list[Any]:
+    ) -> list[object]:
         """Call a method of each robot; ``get_wrapper_attr`` asks for an attribute."""
         if method_name == "get_wrapper_attr":
             return self.get_attr(method_args[0], indices)

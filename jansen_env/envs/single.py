@@ -19,8 +19,8 @@ from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
 from jansen_env.scoring.metrics import Benchmark
 from jansen_env.tasks.task import Task
-from jansen_env.world.argument_checks import RENDER_MODES, Values
 from jansen_env.world.observations import Observed
+from jansen_env.world.settings import RENDER_MODES, Values
 
 Observation = NDArray[np.float32]
 ATask = TypeVar("ATask", bound=Task)

@@ -19,7 +19,8 @@ from jansen_env.checks import positive_integer
 from jansen_env.envs import arguments as checks
 from jansen_env.envs.single import ATask, SingleEnv
 from jansen_env.robot import Robot
-from jansen_env.world.argument_checks import (
+from jansen_env.world.observations import Observed
+from jansen_env.world.settings import (
     Array,
     Bools,
     Ints,
@@ -28,7 +29,6 @@ from jansen_env.world.argument_checks import (
     optional,
     render_mode,
 )
-from jansen_env.world.observations import Observed
 
 Observations = NDArray[np.float32]
 METHODS = ("get_state", "push", "render", "set_parameters", "set_state")

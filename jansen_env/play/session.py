@@ -24,7 +24,7 @@ from jansen_env.tasks.walking.walker_benchmark import walking_pid
 from jansen_env.terrain.generators import GENERATORS, HIGHEST
 from jansen_env.viewer.recorder import Recorder
 from jansen_env.viewer.recording import Recording
-from jansen_env.world.argument_checks import Values
+from jansen_env.world.settings import Values
 
 MIN_DISTANCE = 1e-3  # m, below which a ratio per metre is not formed
 PACES = (1.0, 0.5, 0.25, 0.1)  # of the robot's time in the user's

@@ -34,7 +34,7 @@ from jansen_env.checks import (
 from jansen_env.engine.layers import ELU, LINEAR, RELU, TANH, put_actions, put_harmonics
 from jansen_env.files import read_bounded
 from jansen_env.plants.plant import plant_time_step
-from jansen_env.world.argument_checks import control_period
+from jansen_env.world.settings import control_period
 
 FORMAT = "jansen_env policy 1"
 ENTRIES = (

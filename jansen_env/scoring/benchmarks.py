@@ -15,8 +15,7 @@ from jansen_env.envs.vector import TaskVectorEnv
 from jansen_env.registration import IDS
 from jansen_env.scoring.metrics import Benchmark
 from jansen_env.tasks.task import Task
-from jansen_env.world.argument_checks import Values
-from jansen_env.world.settings import load_robot
+from jansen_env.world.settings import Values, load_robot
 
 DEFAULT = "JansenWalkerBuilt-v0"  # of the commands, where no other is named
 WALKERS = [name for name in IDS if name.startswith("JansenWalker")]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.world.argument_checks import Values
+from jansen_env.world.settings import Values
 
 Bools = NDArray[np.bool_]
 

@@ -16,17 +16,19 @@ from jansen_env.checks import MOST_SINGLE, listed, number_range, within
 from jansen_env.engine import readings
 from jansen_env.tasks.information import InfoBuilder
 from jansen_env.uniform import uniform
-from jansen_env.world.argument_checks import (
+from jansen_env.world.observations import Observed
+from jansen_env.world.settings import (
     Arguments,
     Array,
     Bools,
+    HeldSettings,
     Ints,
+    RobotSettings,
     Values,
+    WorldSettings,
     flag,
     option,
 )
-from jansen_env.world.observations import Observed
-from jansen_env.world.settings import HeldSettings, RobotSettings, WorldSettings
 from jansen_env.world.world import Numbers, World
 
 

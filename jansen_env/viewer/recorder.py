@@ -18,7 +18,7 @@ from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
 from jansen_env.tasks.task import Task
 from jansen_env.viewer.recording import MOST_RECORDED, Recording
-from jansen_env.world.argument_checks import Values
+from jansen_env.world.settings import Values
 
 Observation: TypeAlias = Any  # those of any wrappers
 Action: TypeAlias = Any

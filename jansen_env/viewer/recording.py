@@ -22,7 +22,7 @@ from jansen_env.rendering import SLIP, reach_of
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import world_joints
 from jansen_env.robot.robot_file import robot_from_json, robot_to_json
-from jansen_env.world.argument_checks import Values
+from jansen_env.world.settings import Values
 
 FORMAT = "jansen_env recording 4"
 MOST_RECORDED = 20_000  # of a recording

@@ -17,8 +17,8 @@ from jansen_env.plants.base import static_deflection
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import nearest_dead_point
 from jansen_env.robot.lengths import lengths, with_lengths
-from jansen_env.world.argument_checks import Values
 from jansen_env.world.observations import EXACT, Observed
+from jansen_env.world.settings import Values
 
 MARGIN = 0.12  # least sine of the angle between two links that meet in a drawn robot
 ATTEMPTS = 200  # draws of a robot's lengths: of 10 % each, six in ten will do

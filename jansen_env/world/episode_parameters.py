@@ -31,9 +31,8 @@ from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.terrain import Terrain
 from jansen_env.terrain.curriculum import Curriculum
 from jansen_env.terrain.generators import Generator
-from jansen_env.world.argument_checks import Ints, Values, finite_numbers
 from jansen_env.world.episode_lengths import Build
-from jansen_env.world.settings import HeldSettings, WorldSettings
+from jansen_env.world.settings import HeldSettings, Ints, Values, WorldSettings, finite_numbers
 
 
 class Plan(NamedTuple):

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from jansen_env.checks import listed, load_record, one_or_two, shown
 from jansen_env.engine.sensors import add_noise, draw_errors
-from jansen_env.world.argument_checks import Ints
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 Deviation: TypeAlias = float | tuple[float, float]
 """Standard deviation of each step's noise, or that and the one of the episode's bias."""
 

@@ -1,4 +1,4 @@
-"""Settings of a world, and the robots and terrains that they give.
+"""Settings of a world: checked arguments, and the robots and terrains that they give.
 
 All functions raise ValueError for a value out of range.
 """
@@ -9,10 +9,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import Field, dataclass, field, fields, replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias, TypeVar
 
 import numpy as np
-from typing_extensions import TypedDict
+from numpy.typing import NDArray
+from typing_extensions import TypeAliasType, TypedDict
 
 from jansen_env import checks
 from jansen_env.checks import (
@@ -25,8 +26,9 @@ from jansen_env.checks import (
     shown,
     within,
 )
+from jansen_env.engine.integrator import DIVERGED
 from jansen_env.parameters import LONGEST_DELAY, load_randomization
-from jansen_env.plants.base import check_time_step
+from jansen_env.plants.base import check_time_step, numbers_of
 from jansen_env.plants.plant import plant_time_step
 from jansen_env.robot import ROBOTS, Compliance, Payload, Robot
 from jansen_env.robot.motor import IDEAL, MOTORS, Motor
@@ -34,23 +36,90 @@ from jansen_env.robot.robot_file import read_robot
 from jansen_env.terrain import Terrain, make_terrain
 from jansen_env.terrain.curriculum import Curriculum
 from jansen_env.terrain.generators import HIGHEST, Generator, make_generator
-from jansen_env.world.argument_checks import (
-    Array,
-    Check,
-    PerRobot,
-    Range,
-    Values,
-    entries_of,
-    flag,
-    optional,
-    render_mode,
-    start_noise,
-)
 from jansen_env.world.observations import Noise
 from jansen_env.world.push import Push
 
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+Check: TypeAlias = Callable[[str, Any], Any]  # of an argument's name and value
+Values: TypeAlias = dict[str, Any]
+"""Values by name: options of a reset, changes, states, information."""
+Arguments: TypeAlias = tuple[Any, ...]
+"""Arguments of a kernel but the first."""
+
+T = TypeVar("T")
+Range = TypeAliasType("Range", float | Sequence[float])  # a number, or (low, high)
+PerRobot = TypeAliasType("PerRobot", T | Sequence[T] | NDArray[np.generic], type_params=(T,))
+"""One for all robots, or one for each."""
+
+MOST_TIME_STEPS = 10_000  # time steps in a control period: seconds on the slowest plant
+RENDER_MODES = ["human", "rgb_array"]
 FLAT = Terrain.flat()  # where a robot stands before its ground is drawn
 FURTHEST_SCAN, MOST_SCANNED = 100.0, 1000  # m, and places, of a height scan
+
+
+def control_period(control_dt: object, time_step: object) -> tuple[float, float]:
+    """``control_dt`` and ``time_step``, s: the first 1 to ``MOST_TIME_STEPS`` times the second."""
+    period = positive("control_dt", control_dt)
+    step = check_time_step(time_step)
+    steps = period / step
+    too_long = steps > MOST_TIME_STEPS * (1.0 + 1e-9)
+    if too_long or steps < 1.0 - 1e-9 or abs(steps - round(steps)) > 1e-6 * steps:
+        allowed = f"at most {MOST_TIME_STEPS} times" if too_long else "a multiple of"
+        raise ValueError(
+            f"control_dt is {shown(control_dt)}, must be {allowed} time_step, {shown(time_step)}"
+        )
+    return period, step
+
+
+def flag(name: str, value: object) -> bool:
+    """A switch: True or False."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise ValueError(f"{name} is {shown(value)}, must be True or False")
+    return bool(value)
+
+
+def finite_numbers(name: str, value: object, count: int) -> Array:
+    """Finite numbers (count,), a copy."""
+    numbers = numbers_of(value)
+    if numbers.shape != (count,) or not np.isfinite(numbers).all():
+        raise ValueError(f"{name} is {shown(value)}, must be {count} finite numbers")
+    return numbers
+
+
+def optional(check: Check) -> Check:
+    """A check that also accepts None."""
+    return lambda name, value: None if value is None else check(name, value)
+
+
+def option(
+    options: Values,
+    name: str,
+    drawn: float,
+    low: float = -np.inf,
+    high: float = np.inf,
+) -> float:
+    """An option of ``reset``, or the number that was drawn in its place."""
+    return within(f"options[{name!r}]", options[name], low, high) if name in options else drawn
+
+
+def entries_of(name: str, value: object, count: int) -> list[Any]:
+    """``count`` values: the entries of a sequence or array (count,), or one value repeated."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if not isinstance(value, (list, tuple)):
+        return [value] * count
+    if len(value) != count:
+        raise ValueError(f"{name} has {len(value)} entries, must have {count}, or be one")
+    return list(value)
+
+
+def render_mode(name: str, mode: object, allowed: Sequence[str] = RENDER_MODES) -> str | None:
+    """None, or one of the modes allowed."""
+    if mode is None or (isinstance(mode, str) and mode in allowed):
+        return mode
+    raise ValueError(f"{name} is {shown(mode)}, must be None or one of {allowed}")
 
 
 class Each(tuple[Any, ...]):
@@ -214,7 +283,7 @@ class RobotSettings:
     control_dt: float = 0.02
     track_joint_forces: bool = shared(False, flag, single_only=True)
     randomize: PerRobot[Values | None] = each(None, load_randomization)
-    reset_noise_scale: PerRobot[float] = each(0.1, start_noise)
+    reset_noise_scale: PerRobot[float] = each(0.1, partial(within, low=0.0, high=DIVERGED))
     observe_lengths: bool = shared(False, flag)
     render_mode: str | None = shared(None, render_mode)
 

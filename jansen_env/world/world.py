@@ -33,29 +33,27 @@ from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.robot.robot_file import robot_from_json, robot_to_json
 from jansen_env.uniform import uniform
-from jansen_env.world.argument_checks import (
-    Arguments,
-    Array,
-    Bools,
-    Check,
-    Ints,
-    Values,
-    control_period,
-    finite_numbers,
-    flag,
-    option,
-)
 from jansen_env.world.episode_lengths import Build, EpisodeLengths
 from jansen_env.world.episode_parameters import EpisodeParameters, Plan
 from jansen_env.world.observations import Noise, NoisySensors, Observed, world_observations
 from jansen_env.world.push import Push, Pushes, check_schedule
 from jansen_env.world.settings import (
+    Arguments,
+    Array,
+    Bools,
+    Check,
     HeldSettings,
+    Ints,
+    Values,
     WorldSettings,
+    control_period,
+    finite_numbers,
+    flag,
     load_compliance,
     load_motor,
     load_payload,
     load_robot,
+    option,
 )
 
 Numbers = dict[str, float]

@@ -20,9 +20,17 @@ from jansen_env.envs.vector import TaskVectorEnv, VectorArguments
 from jansen_env.plants.plant import ProjectionPlant, plant_of
 from jansen_env.tasks.crank.crank_benchmark import CRANK
 from jansen_env.tasks.task import CompiledTask
-from jansen_env.world.argument_checks import Arguments, PerRobot, Range, Values
 from jansen_env.world.observations import EXACT, Observed
-from jansen_env.world.settings import HeldSettings, RobotArguments, range_each, shared
+from jansen_env.world.settings import (
+    Arguments,
+    HeldSettings,
+    PerRobot,
+    Range,
+    RobotArguments,
+    Values,
+    range_each,
+    shared,
+)
 from jansen_env.world.world import START_ANGLE
 
 FASTEST_COMMAND = 10.0  # rad/s

@@ -14,9 +14,16 @@ from jansen_env.envs.vector import TaskVectorEnv, VectorArguments
 from jansen_env.tasks.goal.goal_benchmark import FARTHEST, GOAL
 from jansen_env.tasks.task import Task
 from jansen_env.uniform import uniform
-from jansen_env.world.argument_checks import Array, Bools, Values, option
 from jansen_env.world.observations import EXACT, Observed
-from jansen_env.world.settings import WorldArguments, WorldSettings, shared
+from jansen_env.world.settings import (
+    Array,
+    Bools,
+    Values,
+    WorldArguments,
+    WorldSettings,
+    option,
+    shared,
+)
 from jansen_env.world.world import Numbers
 
 NEAR, HOLD = 0.02, 1.0  # m from the goal, and s there, that are a success

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from jansen_env.tasks.walking.walker_benchmark import WORLD
 from jansen_env.tasks.walking.walker_env import JansenWalkerEnv, JansenWalkerVectorEnv
-from jansen_env.world.argument_checks import Values
 from jansen_env.world.observations import Noise
 from jansen_env.world.push import Push
+from jansen_env.world.settings import Values
 
 BUILT: Values = {"robot": "built"}
 ROUGH: Values = {

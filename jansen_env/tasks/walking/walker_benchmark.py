@@ -41,7 +41,7 @@ from jansen_env.scoring.metrics import (
     per_weight,
 )
 from jansen_env.tasks.walking import profile
-from jansen_env.world.argument_checks import Values
+from jansen_env.world.settings import Values
 
 DATA = Path(__file__).parent / "data" / "baselines.json"
 

@@ -25,18 +25,22 @@ from jansen_env.tasks.task import CompiledTask
 from jansen_env.tasks.walking.walker_benchmark import WALKER
 from jansen_env.terrain import Terrain
 from jansen_env.uniform import uniform
-from jansen_env.world.argument_checks import (
+from jansen_env.world.observations import EXACT, Observed
+from jansen_env.world.settings import (
     Arguments,
     Bools,
     Ints,
     PerRobot,
     Range,
     Values,
+    WorldArguments,
+    WorldSettings,
+    each,
     finite_numbers,
     flag,
+    range_each,
+    shared,
 )
-from jansen_env.world.observations import EXACT, Observed
-from jansen_env.world.settings import WorldArguments, WorldSettings, each, range_each, shared
 
 SPEED_COMMAND = (0.05, 0.8)  # m/s, the default range of commanded speeds
 FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine

@@ -120,19 +120,18 @@ def torque_level(r: Results) -> Claim:
     """The mean torque of every interpretation, also under the PID, against the printed level."""
     ours, goal = r.levels[0], PRINTED_LEVEL
     means = {level.name: level.mean for level in r.levels}
-    under_pid, two, _ = r.pid_levels
+    under_pid, two, _, backwards = r.pid_levels
     means["the PID's run"] = under_pid.mean
     nearest = min(means, key=lambda name: abs(means[name] - goal))
-    low, high = r.reversed_valley
     return Claim(
         "torque_level", "4, Fig. 4",
         "the input torque is almost constant at around -0.9 N m, except the case when the rotation "
         "speed is a constant",
         f"+{ours.mean:.3f} N m in the mean at a constant 1 rad/s, {under_pid.mean:.3f} in "
-        f"the PID's run, {low:.2f} to {high:.2f} counted the other way round; of {len(r.levels)} "
-        f"interpretations the nearest mean is {means[nearest]:.3f} ({nearest}), under the PID "
-        f"{two.low:.3f} to {two.high:.3f} the other way round, {100 * two.near:.0f} % of the time "
-        f"within {NEAR} of {abs(goal)}",
+        f"the PID's run, {backwards.low:.2f} to {backwards.high:.2f} turning the other way; of "
+        f"{len(r.levels)} interpretations the nearest mean is {means[nearest]:.3f} ({nearest}), "
+        f"under the PID {two.low:.3f} to {two.high:.3f} the other way round, {100 * two.near:.0f} "
+        f"% of the time within {NEAR} of {abs(goal)}",
         _verdict(abs(means[nearest] - goal) <= CLOSE * abs(goal)),
     )  # fmt: skip
 

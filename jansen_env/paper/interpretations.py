@@ -132,12 +132,13 @@ def pid_run(robot: Robot, motors: int = 1, direction: float = 1.0) -> Run:
 
 
 def pid_levels() -> list[PIDLevel]:
-    """Ours, and those with the means nearest to the printed level's size."""
+    """Ours, those with the means nearest to the printed level's size, and ours backwards."""
     paper = paper_robot()
     return [
         _pid_level("as read here", pid_run(paper)),
         _pid_level("two motors, one a side", pid_run(paper, motors=2)),
         _pid_level("fore legs alone", pid_run(fore_legs())),
+        _pid_level("turning the other way", pid_run(paper, direction=-1.0)),
     ]
 
 
@@ -145,9 +146,3 @@ def _pid_level(name: str, run: Run) -> PIDLevel:
     torque = run.torque[run.settled]
     near = float((np.abs(torque - abs(PRINTED_LEVEL)) <= NEAR).mean())
     return PIDLevel(name, *_range(torque), near)
-
-
-def reversed_valley() -> tuple[float, float]:
-    """Lowest and highest torque (N m) after 3 s of the PID's run turned the other way."""
-    level = _pid_level("reversed", pid_run(paper_robot(), direction=-1.0))
-    return level.low, level.high

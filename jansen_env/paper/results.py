@@ -42,7 +42,6 @@ class Results:
     walking_loads: dict[tuple[float, float], free_walk.Loads]  # by speed and friction
     levels: list[interpretations.Level]
     pid_levels: list[interpretations.PIDLevel]
-    reversed_valley: tuple[float, float]
     heaves: list[toes.Heave]  # by number of phases
     other_heaves: dict[str, float]  # of four legs, m, by the lengths that the print leaves open
     support: toes.DoubleSupport  # a slow walk's two toes
@@ -68,7 +67,6 @@ def compute() -> Results:
             free_walk.walking_forces(robot, speed, 3, mu)) for speed, mu in LOADS},
         levels=interpretations.torque_levels(),
         pid_levels=interpretations.pid_levels(),
-        reversed_valley=interpretations.reversed_valley(),
         heaves=[toes.heave(phases) for phases in toes.PHASES],
         other_heaves={name: toes.level_heave(other)
                       for name, other in interpretations.other_lengths().items()},

@@ -45,7 +45,6 @@ class Heave:
 
     legs: int
     level: float  # m, with the chassis kept level: the lowest toe carries
-    one_side: float  # m, the same on the fore toes alone
     standing: float  # m, where a toe on either side carries and the chassis pitches
     pitch: float  # rad, of that pitching
 
@@ -59,9 +58,8 @@ def heave(phases: int, samples: int = 1440, poses: int = 48) -> Heave:
     robot = paper_robot(phases)
     fore, back = lowest_toes(robot, turn(samples) / phases)
     height, pitch = standing_poses(robot, turn(poses) / phases).T
-    level, one_side = np.ptp(np.minimum(fore, back)), np.ptp(fore)
-    sizes = map(float, (level, one_side, np.ptp(height), np.ptp(pitch)))
-    return Heave(2 * phases, *sizes)
+    sizes = np.ptp(np.minimum(fore, back)), np.ptp(height), np.ptp(pitch)
+    return Heave(2 * phases, *map(float, sizes))
 
 
 def level_heave(robot: Robot, samples: int = 2880) -> float:

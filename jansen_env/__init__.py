@@ -20,7 +20,7 @@ from jansen_env.robot import (
 from jansen_env.robot.kinematics import LinkageError
 from jansen_env.robot.motor import MOTORS, Motor
 from jansen_env.terrain import Terrain
-from jansen_env.terrain.curriculum import Curriculum
+from jansen_env.terrain.generators import Curriculum
 from jansen_env.world.observations import Noise
 from jansen_env.world.push import Push
 

@@ -1,4 +1,4 @@
-"""Terrains: the ground, generators, curriculum."""
+"""Terrains: the ground, and generators with a curriculum."""
 
 from jansen_env.terrain.ground import MAX_SLOPE, Terrain, heights_of, make_terrain
 

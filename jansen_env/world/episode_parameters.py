@@ -29,8 +29,7 @@ from jansen_env.plants.plant import BatchedPlant
 from jansen_env.plants.robot_parameters import check_restitution
 from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.terrain import Terrain
-from jansen_env.terrain.curriculum import Curriculum
-from jansen_env.terrain.generators import Generator
+from jansen_env.terrain.generators import Curriculum, Generator
 from jansen_env.world.episode_lengths import Build
 from jansen_env.world.settings import HeldSettings, Ints, Values, WorldSettings, finite_numbers
 

@@ -34,8 +34,7 @@ from jansen_env.robot import ROBOTS, Compliance, Payload, Robot
 from jansen_env.robot.motor import IDEAL, MOTORS, Motor
 from jansen_env.robot.robot_file import read_robot
 from jansen_env.terrain import Terrain, make_terrain
-from jansen_env.terrain.curriculum import Curriculum
-from jansen_env.terrain.generators import HIGHEST, Generator, make_generator
+from jansen_env.terrain.generators import HIGHEST, Curriculum, Generator, make_generator
 from jansen_env.world.observations import Noise
 from jansen_env.world.push import Push
 

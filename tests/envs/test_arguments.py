@@ -16,7 +16,7 @@ from jansen_env.envs.arguments import OF_BATCHES
 from jansen_env.robot import JANSEN, Linkage, Plate
 from jansen_env.tasks.crank import JansenCrankEnv
 from jansen_env.tasks.walking import JansenWalkerEnv, JansenWalkerVectorEnv
-from jansen_env.terrain.curriculum import Curriculum
+from jansen_env.terrain.generators import Curriculum
 from jansen_env.world import settings as arguments
 
 WRONG = {

@@ -4,8 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from jansen_env.terrain.curriculum import Curriculum
-from jansen_env.terrain.generators import HIGHEST
+from jansen_env.terrain.generators import HIGHEST, Curriculum
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,7 @@ from side_by_side import WORLD
 
 from jansen_env import Compliance, Terrain
 from jansen_env.parameters import PARAMETERS
-from jansen_env.terrain.curriculum import Curriculum
-from jansen_env.terrain.generators import HIGHEST
+from jansen_env.terrain.generators import HIGHEST, Curriculum
 
 
 def make(**more):

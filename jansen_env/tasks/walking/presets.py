@@ -102,7 +102,7 @@ class JansenWalkerRoughEnv(JansenWalkerEnv):
     ``reset(options={"terrain_level": 3, "friction": 0.8})`` fixes what it names for one episode.
     With ``curriculum=True`` a robot begins at level 0, goes up when it has walked more than half of
     the commanded distance, down when less than half of that, and past the top to any level
-    (:class:`jansen_env.terrain.curriculum.Curriculum`).
+    (:class:`jansen_env.terrain.generators.Curriculum`).
 
     ## Information
     That of ``JansenWalker-v0``, and ``parameters``: all numbers of the episode by name

@@ -31,12 +31,6 @@ READ = ("cos_crank_angle", "sin_crank_angle", "crank_speed", "speed_command", "l
 :func:`jansen_env.baselines.policy.columns`."""
 
 
-def number_names(harmonics: int) -> tuple[str, ...]:
-    """The names of a profile's numbers."""
-    shape = [f"{letter}{k}" for letter in "ab" for k in range(1, harmonics + 1)]
-    return (*NUMBERS, *shape)
-
-
 def profile_torque(numbers: Array, observation: Array, read: Sequence[int]) -> Array:
     """Torques (n,), N m, of profiles (n, 4 + 2 K) for observations (n, d), columns ``read``.
 

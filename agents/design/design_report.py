@@ -9,9 +9,8 @@ from matplotlib.figure import Figure
 from tabulate import tabulate
 
 from agents.design.design_plan import Plan
-from agents.design.measures import MEASURES
+from agents.design.measures import MEASURES, geometry_measures
 from agents.design.search import Searched, make_walker, measure, objectives_of
-from agents.design.shape import geometry_measures
 from agents.design.variables import Candidate
 from jansen_env.commands.plots import save
 from jansen_env.drawings.shaft_order import layers

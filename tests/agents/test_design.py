@@ -11,9 +11,15 @@ import yaml
 from agents.design import __main__ as command
 from agents.design import design_report, search
 from agents.design.design_plan import PLANS, make_plan, read_plan
-from agents.design.measures import SEED, STEPS, Walker, profiles
+from agents.design.measures import (
+    SEED,
+    STEPS,
+    Walker,
+    clearance,
+    geometry_measures,
+    profiles,
+)
 from agents.design.search import Cma, Nsga2
-from agents.design.shape import clearance, geometry_measures
 from agents.design.variables import Candidate, Space
 from jansen_env import ROBOTS
 from jansen_env.commands.named_policies import load_named

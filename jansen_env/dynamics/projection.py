@@ -244,7 +244,7 @@ def frame_angle(robot: Robot, side: Side) -> float:
 def axis_on_frame(robot: Robot) -> tuple[float, Array]:
     """Where the crank axis is on each leg's frame: c, and o (legs,), of its corner there."""
     linkage = robot.linkage
-    reach, offset = robot.frame.corners[linkage.members[FRAME - 1].index(linkage.axis)]
+    reach, offset = robot.bodies[FRAME - 1].corners[linkage.members[FRAME - 1].index(linkage.axis)]
     return reach, np.array([offset if leg.side == "fore" else -offset for leg in robot.legs])
 
 

@@ -77,14 +77,9 @@ class Bar:
         set_checked(self, up_to_largest, "mass", "inertia")
 
     @property
-    def half(self) -> float:
-        """Distance from either pin to the centre of mass, m (the paper's d_i and l_i)."""
-        return 0.5 * self.length
-
-    @property
     def corners(self) -> Corners:
         """(c, o) of both ends, m and rad: the end is at the centre + c (cos, sin)(theta + o)."""
-        return (-self.half, 0.0), (self.half, 0.0)
+        return (-0.5 * self.length, 0.0), (0.5 * self.length, 0.0)
 
     def distance(self, i: int, k: int) -> float:
         """Distance between two different joints, m."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from jansen_env.checks import entries, instance, one_of, positive, shown, within
 from jansen_env.engine.mathematics import atan2
-from jansen_env.robot.linkage import CRANK, FRAME, JANSEN, Linkage
+from jansen_env.robot.linkage import JANSEN, Linkage
 from jansen_env.robot.links import (
     CRANK_RADIUS,
     RIGID,
@@ -143,16 +143,6 @@ class Robot:
             one_of("body", name, self.linkage.names)
         pairs = zip(self.linkage.names, self.bodies, strict=True)
         return replace(self, bodies=tuple(links.get(name, body) for name, body in pairs))
-
-    @property
-    def frame(self) -> Link:
-        """Body 1 of a leg, which is part of the chassis."""
-        return self.bodies[FRAME - 1]
-
-    @property
-    def crank(self) -> Link:
-        """Body 2 of a leg, which the motor turns."""
-        return self.bodies[CRANK - 1]
 
     @property
     def toes(self) -> tuple[tuple[int, int], ...]:

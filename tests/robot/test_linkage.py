@@ -90,7 +90,7 @@ def test_the_zoo_is_as_high_and_heavy_as_the_paper(name):
 def test_klanns_joints_are_the_patents():
     """US 6,260,862: crank at half a turn, joints 27, 35, 37, 33 relative to the crank axis 15."""
     robot = ZOO["klann"]()
-    unit = robot.crank.distance(0, 1) / 0.268
+    unit = robot.bodies[1].distance(0, 1) / 0.268
     place = joint_positions(robot, "fore", math.pi) / unit
     patent = {"D": (0.741, 0.750), "E": (0.232, 0.866), "F": (0.866, 1.5), "T": (0.0, 0.0)}
     for joint, published in patent.items():

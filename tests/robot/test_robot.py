@@ -159,10 +159,10 @@ def test_slender_inertias():
 def test_holy_numbers_are_jansens():
     """The published lengths, in units of 1/15 of the crank: exact but for rounding, 1e-12."""
     robot = ROBOTS["holy"]()
-    unit = robot.crank.length / 15.0
+    unit = robot.body("crank").length / 15.0
     rods = [robot.body(name) for name in ("upper_rod", "rocker", "lower_rod", "coupler")]
     assert [rod.length / unit for rod in rods] == pytest.approx([50, 39.3, 61.9, 39.4], rel=1e-12)
-    frame = robot.frame.length / unit * np.exp(1j * robot.frame_angle)
+    frame = robot.body("frame").length / unit * np.exp(1j * robot.frame_angle)
     assert (frame.real, frame.imag) == pytest.approx((38.0, 7.8), rel=1e-12)
     triangles = np.array([*robot.body("upper_triangle").sides, *robot.body("foot").sides]) / unit
     assert triangles == pytest.approx([41.5, 55.8, 40.1, 36.7, 65.7, 49.0], rel=1e-12)

@@ -17,7 +17,7 @@ from jansen_env.robot.zoo import klann_robot
 def holy_path(samples):
     robot = holy_numbers_robot(1)
     psi = 2.0 * math.pi / samples * np.arange(samples)
-    return toe_positions(robot, psi)[:, 0] / robot.crank.length * 15.0
+    return toe_positions(robot, psi)[:, 0] / robot.bodies[1].length * 15.0
 
 
 def longest_run(on):
@@ -60,7 +60,7 @@ def test_strandbeest_evolutions_quasi_static_torque():
 
     def feet(ahead):
         at = toe_positions(robot, psi[:, None] + phase + ahead)[..., 0, :]
-        return at / robot.crank.length * 15.0
+        return at / robot.bodies[1].length * 15.0
 
     now, after, before = feet(0.0), feet(h), feet(-h)
     low = now[..., 1].min(axis=1)
@@ -96,7 +96,7 @@ def test_klanns_path_in_the_patents_assembly():
     """Three times the patent's lengths, 48 samples; leggedsnake's assembly gives 3.40 x 1.59."""
     robot = klann_robot(1)
     path = toe_positions(robot, 2.0 * math.pi / 48 * np.arange(48))[:, 0]
-    unit = robot.crank.distance(0, 1) / 0.268
+    unit = robot.bodies[1].distance(0, 1) / 0.268
     assert 3.0 / unit * np.ptp(path, axis=0) == pytest.approx([3.02, 1.58], abs=6e-3)
 
 

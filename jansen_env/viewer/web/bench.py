@@ -29,7 +29,7 @@ def write_bench(path: str | Path) -> Path:
 def design_of(robot: Robot) -> dict[str, object]:
     """A robot's linkage and lengths as plain numbers; ``linkage.js`` says what is what."""
     linkage = robot.linkage
-    start, end = (cmath.rect(c, o) for c, o in robot.frame.corners[:2])
+    start, end = (cmath.rect(c, o) for c, o in robot.bodies[0].corners[:2])
     return {
         "joints": linkage.joints,
         "bodies": [list(body) for body in linkage.bodies],

@@ -26,11 +26,8 @@ SINGLE = (*STRICT, "-DMINE_SINGLE_PRECISION")
 WALKER, CRANK = "JansenWalker-v0", "JansenCrank-v0"
 needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 
-RUNS = {
-    "harmonics": ("ppo", {}, {"net_arch": [8, 8], "activation": "elu", "normalize": True,
-                              "harmonics": 2}),
-    "sac": ("sac", {}, {"net_arch": [8, 8], "activation": "relu", "normalize": True}),
-}  # fmt: skip
+HARMONICS = ("ppo", {}, {"net_arch": [8, 8], "activation": "elu", "normalize": True,
+                         "harmonics": 2})  # fmt: skip
 
 
 def make_cases(policy, count):
@@ -75,9 +72,9 @@ def agree(policy, count, limit=1e-6, single=1e-5):
         assert np.abs(found - expected).max() < limit
 
 
-@pytest.mark.parametrize("kind", [*RUNS])
-def test_onnx_and_c_act_as_pytorch(kind, tmp_path):
-    agree(pack.from_run(made_run(tmp_path / "run", *RUNS[kind], WALKER)), 300)
+@pytest.mark.parametrize("network", [HARMONICS, NETWORKS["sac"]], ids=["harmonics", "sac"])
+def test_onnx_and_c_act_as_pytorch(network, tmp_path):
+    agree(pack.from_run(made_run(tmp_path / "run", *network, WALKER)), 300)
 
 
 @pytest.mark.slow

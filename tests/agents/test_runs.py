@@ -179,20 +179,14 @@ def started(monkeypatch):
 def test_config_file_says_algorithm_environment_and_seed(tmp_path, started):
     path = tmp_path / "my.yml"
     path.write_text(yaml.safe_dump(asdict(small_config("JansenCrank-v0", seed=7))))
-    folder = train.main(["--config", str(path), "--log-folder", str(tmp_path)])
+    given = ["--config", str(path), "--log-folder", str(tmp_path)]
+    folder = train.main(given)
     assert folder == tmp_path / "ppo" / "JansenCrank-v0_1"
-    assert [getattr(started[-1], name) for name in ("algo", "env", "seed")] == [
-        "ppo",
-        "JansenCrank-v0",
-        7,
-    ]
-    assert load_config(folder / "config.yml").seed == 7
-    train.main(["--config", str(path), "--log-folder", str(tmp_path), "--seed", "0",
-                "--env", "JansenWalker-v0"])  # fmt: skip
-    assert [getattr(started[-1], name) for name in ("env", "seed")] == ["JansenWalker-v0", 0]
+    assert load_config(folder / "config.yml") == started[-1] and started[-1].seed == 7
+    train.main([*given, "--seed", "0", "--env", "JansenWalker-v0"])
+    assert (started[-1].env, started[-1].seed) == ("JansenWalker-v0", 0)
     path.write_text(yaml.safe_dump(asdict(small_config(algo="sac"))))
-    assert train.main(["--config", str(path), "--log-folder", str(tmp_path)]).parent.name == "sac"
-    assert started[-1].algo == "sac"
+    assert train.main(given).parent.name == started[-1].algo == "sac"
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import os
 import platform
 import sys
@@ -95,13 +94,6 @@ def parse(parser: Parser, arguments: list[str] | None) -> argparse.Namespace:
     with parser.refusing():
         check_writable("--out", args.out)
     return args
-
-
-def require(*modules: str) -> None:
-    """Exit with what to install unless these modules are there."""
-    missing = [name for name in modules if importlib.util.find_spec(name) is None]
-    if missing:
-        raise SystemExit(f"not installed: {', '.join(missing)}; install the extra 'bench'")
 
 
 def report(path: Path, *parts: str) -> None:

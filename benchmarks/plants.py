@@ -48,9 +48,6 @@ LINKAGE_SPEEDS, LINKAGE_FRICTIONS = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0), (0.2, 0
 MACHINE_SPEEDS = (1.0, 4.0)  # of the crank, rad/s
 SHORT = 3.0  # s, walks of other machines and linkages
 OTHER_STARTS = tuple(math.pi * k / 12.0 for k in range(12))  # rad; half a turn on, all is the same
-TITLES = {
-    "plants": "walk by walk", "machines": "other machines", "linkages": "other linkages",
-}  # fmt: skip
 ALLOWED = 0.05  # difference in distance and cost of transport up to which the plants agree
 HOW_COMPARED = (
     "Projection plant: the median of six runs, which start within 1 mrad of one another or have "
@@ -212,7 +209,7 @@ def main(arguments: list[str] | None = None) -> None:
     shown = [c for c in compared if c.verdict != "agree" or args.chosen == "plants"]
     flag = "" if args.chosen == "plants" else f" --{args.chosen}"
     measure.report(
-        args.out / f"{args.chosen}.md", f"# Two plants, {TITLES[args.chosen]}",
+        args.out / f"{args.chosen}.md", "# Two plants, walk by walk",
         f"`python -m benchmarks.plants{flag}`. {head}",
         HOW_COMPARED, verdict_table(compared), walk_table(shown),
     )  # fmt: skip

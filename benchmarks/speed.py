@@ -183,8 +183,6 @@ def main(arguments: list[str] | None = None) -> None:
                         help=f"of {', '.join(PARTS)}; all without it")  # fmt: skip
     args = measure.parse(parser, arguments)
     rounds = 1 if args.quick else args.rounds
-    if {"one", "many"} & {*args.only}:
-        measure.require("mujoco", "Box2D")
     text = [f"{measure.machine()} Medians of {rounds} rounds in turns."]
     for name in [name for name in PARTS if name in args.only]:
         print(f"{name} ...", file=sys.stderr, flush=True)

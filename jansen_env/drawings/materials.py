@@ -25,10 +25,10 @@ from jansen_env.drawings.outlines import (
     link_part,
 )
 from jansen_env.drawings.shaft_order import GAP, HUB_LENGTH, SPACER, TUBE, Placed, units
-from jansen_env.robot import Compliance, Plate, Robot, Triangle
+from jansen_env.robot import Plate, Robot, Triangle
 from jansen_env.robot import buildable as built
+from jansen_env.robot.designs import with_built_feet
 from jansen_env.robot.linkage import CRANK, FRAME
-from jansen_env.robot.motor import MOTORS
 
 BAR, SHEET = "EN AW-6060 T66 flat bar", "EN AW-6060 T66 sheet, laser cut"
 SHAFT_END = 10.0  # mm, of the shaft beyond the machine's frames
@@ -178,13 +178,7 @@ def machine(robot: Robot) -> Robot:
     """
     masses = {part.name: part.mass for part in bill_of_materials(robot)}
     links = (_link(robot, k, masses[name]) for k, name in enumerate(robot.linkage.names, 1))
-    made = replace(robot, bodies=tuple(links))
-    damping = [round(built.foot_damping(k, made.mass), 1) for k in built.FOOT_STIFFNESS]
-    normal, tangential = zip(built.FOOT_STIFFNESS, damping, strict=True)
-    return replace(
-        made, pad_radius=built.FOOT_RADIUS, motor=MOTORS["ak80_6"],
-        pad_compliance=Compliance(*normal, *tangential),
-    )  # fmt: skip
+    return with_built_feet(replace(robot, bodies=tuple(links)))
 
 
 def _link(robot: Robot, body: int, flat: float) -> Plate:

@@ -68,7 +68,7 @@ def compute() -> Results:
         levels=interpretations.torque_levels(),
         pid_levels=interpretations.pid_levels(),
         heaves=[toes.heave(phases) for phases in toes.PHASES],
-        other_heaves={name: toes.level_heave(other)
+        other_heaves={name: float(np.ptp(np.minimum(*toes.lowest_toes(other, toes.turn(2880)))))
                       for name, other in interpretations.other_lengths().items()},
         support=toes.double_support(robot),
         slow={mu: free_walk.walk(robot, SLOW, 2, mu) for mu in FRICTIONS},

@@ -62,11 +62,6 @@ def heave(phases: int, samples: int = 1440, poses: int = 48) -> Heave:
     return Heave(2 * phases, *map(float, sizes))
 
 
-def level_heave(robot: Robot, samples: int = 2880) -> float:
-    """Up-and-down motion over a turn of a chassis kept level, on its lowest toe, m."""
-    return float(np.ptp(np.minimum(*lowest_toes(robot, turn(samples)))))
-
-
 def lowest_toes(robot: Robot, angle: Array) -> tuple[Array, Array]:
     """Height (n,) of the lowest fore and of the lowest back toe with the chassis level, m."""
     height = toe_positions(robot, angle)[..., 1]

@@ -47,19 +47,18 @@ def built_robot(phases: int = 2) -> Robot:
     Flat bars and windowed plates, pins in dry plain bearings (Coulomb friction alone, by their mean
     load), feet of rubber: see :mod:`jansen_env.robot.buildable`.
     """
-    robot = with_built_parts(paper_robot(phases))
+    robot = with_built_feet(with_built_parts(paper_robot(phases)))
+    friction = tuple(round(built.dry_torque(load), 4) for load in BEARING_LOADS)
+    return replace(robot, damping=(0.0,) * len(JANSEN.damped), bearing_friction=friction)
+
+
+def with_built_feet(robot: Robot) -> Robot:
+    """Return the robot with the built robot's feet of rubber, and its motor."""
     normal, tangential = built.FOOT_STIFFNESS
-    return replace(
-        robot,
-        damping=(0.0,) * len(JANSEN.damped),
-        pad_radius=built.FOOT_RADIUS,
-        motor=MOTORS["ak80_6"],
-        bearing_friction=tuple(round(built.dry_torque(load), 4) for load in BEARING_LOADS),
-        pad_compliance=Compliance(
-            normal, round(built.foot_damping(normal, robot.mass), 1),
-            tangential, round(built.foot_damping(tangential, robot.mass), 1),
-        ),
-    )  # fmt: skip
+    damping = [round(built.foot_damping(k, robot.mass), 1) for k in built.FOOT_STIFFNESS]
+    give = Compliance(normal, damping[0], tangential, damping[1])
+    motor = MOTORS["ak80_6"]
+    return replace(robot, pad_radius=built.FOOT_RADIUS, motor=motor, pad_compliance=give)
 
 
 def with_built_parts(robot: Robot) -> Robot:

@@ -9,7 +9,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 from side_by_side import ROUGH, compare, same, side_by_side, together
 
-from jansen_env import Payload, paper_robot
+from jansen_env import Compliance, Motor, Payload, paper_robot
 from jansen_env.tasks.walking import JansenWalkerVectorEnv
 
 MODES = [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP]
@@ -46,24 +46,28 @@ def test_joint_loads_after_a_restart(env_id):
     assert compare(gym.make_vec(env_id, 1, **arguments), alone, 60) == 10
 
 
-def test_each_has_its_own_ground_load_and_command():
-    """Friction, restitution, payload, command and terrain differ; still bit for bit."""
-    each = [
-        {"friction": 0.2, "restitution": 0.0, "payload": 0.0, "speed_command": 0.1,
-         "command_interval": 0.4},
-        {"friction": 0.8, "restitution": 0.4, "payload": 3.0, "speed_command": (-0.2, 0.3),
-         "command_interval": 0.1},
-        {"friction": 1.0, "restitution": 0.1, "payload": Payload(1.0, 0.1, (0.2, 0.1))},
-    ]  # fmt: skip
-    for kwargs, terrain in zip(each, ("flat", ROUGH, "slope:0.1"), strict=True):
-        kwargs["terrain"] = terrain
-    names = ("terrain", "restitution", "payload")
-    ours = together(
-        3, limit=50, command_interval=[0.4, 0.1, None],
-        friction=np.array([kwargs["friction"] for kwargs in each]),
-        speed_command=np.array([[0.1, 0.1], [-0.2, 0.3], [0.05, 0.8]]),
-        **{name: [kwargs[name] for kwargs in each] for name in names},
+def test_each_has_its_own_ground_machine_and_command():
+    """Whatever may differ between robots differs; still bit for bit."""
+    motor = Motor(
+        stall_torque=12.0, no_load_speed=7.0, torque_limit=8.0, gear_ratio=60.0,
+        rotor_inertia=1.4e-5, friction=0.3, viscous_friction=0.02, efficiency=0.7,
     )  # fmt: skip
+    feet, rigid = Compliance(3e4, 60.0, 2e4, 40.0), Compliance()
+    differ = {
+        "terrain": ["flat", ROUGH, "slope:0.1"], "restitution": [0.0, 0.4, 0.0],
+        "payload": [0.0, 3.0, Payload(1.0, 0.1, (0.2, 0.1))], "friction": np.array([0.2, 0.8, 1.0]),
+        "speed_command": np.array([[0.1, 0.1], [-0.2, 0.3], [0.05, 0.8]]),
+        "command_interval": [0.4, 0.1, None], "motor": [motor, "ideal", motor],
+        "pad_compliance": [feet, rigid, feet], "torque_limit": np.array([8.0, 15.0, 5.0]),
+        "delay": np.array([[0.0, 0.0], [0.013, 0.013], [0.0, 0.05]]),
+    }  # fmt: skip
+    pairs = ("speed_command", "delay")
+    each = [
+        {name: tuple(values[k]) if name in pairs else values[k] for name, values in differ.items()}
+        for k in range(3)
+    ]
+    ours = together(3, limit=50, **differ)
+    assert ours.unwrapped.get_attr("torque_limit") == (8.0, 15.0, 5.0)
     compare(ours, side_by_side(3, limit=50, each=each), 120)
 
 

@@ -61,6 +61,14 @@ def test_what_is_drawn_is_what_an_argument_gives(name, value):
     np.testing.assert_array_equal(walk(plain, 3)[0], before)
 
 
+def test_fixing_one_leaves_the_others():
+    """As they are drawn with the same seed."""
+    env = make()
+    drawn = walk(env, 4, 1)[1]["parameters"]
+    fixed = walk(env, 4, 1, friction=0.9, terrain_level=2)[1]["parameters"]
+    assert fixed == {**drawn, "friction": 0.9, "terrain_level": 2.0}
+
+
 class Twice:
     """A distribution of one's own: half as often 1 as 0."""
 
@@ -147,8 +155,18 @@ def test_what_feet_cannot_bear_changes_nothing():
 def test_compliant_feet_stay_out_of_drawn_restitution():
     """Also where this episode happens to have none."""
     randomize = {"restitution": (0.0, 0.5)}
-    with pytest.raises(ValueError, match="restitution"):
-        gym.make("JansenWalker-v0", pad_compliance=Compliance(1e5), randomize=randomize)
+    soft = r"stiffness is 100\.0 N/m, must be at least 785 N/m"
+    for arguments, message in (
+        ({"pad_compliance": Compliance(1e5), "randomize": randomize}, "restitution"),
+        (
+            {"pad_compliance": Compliance(1e5), "restitution": 0.5},
+            r"restitution is 0\.5, must be 0",
+        ),
+        ({"pad_compliance": Compliance(100.0), "plant": "projection"}, soft),
+        ({"pad_compliance": Compliance(100.0), "plant": "rigid_body"}, soft),
+    ):
+        with pytest.raises(ValueError, match=message):
+            gym.make("JansenWalker-v0", **arguments)
     drawn = gym.make("JansenWalker-v0", randomize=randomize)
     fixed = gym.make("JansenWalker-v0", restitution=0.3)
     for env in (drawn, fixed):

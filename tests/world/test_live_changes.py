@@ -78,6 +78,7 @@ SOFT = {"pad_compliance": Compliance(2000.0, 20.0)}
      ({}, {"motor_strength": 0.0}, "motor_strength is 0.0"),
      ({"plant": "rigid_body"}, {"tilt": 0.1}, "friction cannot be changed with plant='rigid_body'"),
      ({}, {"rotor_inertia_scale": 2.0}, "'rotor_inertia_scale', which does nothing here"),
+     (FEET, {"restitution": 0.5}, r"restitution is 0\.5"),
      ({"robot": "built"}, {"payload": 1e6}, "stiffness is .*, must be at least"),
      (FEET, {"pad_compliance": Compliance(100.0, 20.0)}, "stiffness is .*, must be at least"),
      (FEET, {**SOFT, "payload": 8.0}, "stiffness is .*, must be at least"),

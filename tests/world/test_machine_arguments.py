@@ -5,7 +5,6 @@ from dataclasses import replace
 import gymnasium as gym
 import numpy as np
 import pytest
-from side_by_side import compare, side_by_side, together
 
 from jansen_env import Compliance, Motor, paper_robot
 from jansen_env.engine.records import UNKNOWN_DEFLECTION
@@ -36,20 +35,6 @@ def episode(env, taken, **reset):
         rewards.append(reward)
         infos.append(info)
     return np.array(seen), np.array(rewards), infos
-
-
-def test_every_robot_of_a_batch_moves_as_it_would_alone():
-    """Motors, feet, torque limits and delays that differ, bit for bit."""
-    arguments = {
-        "motor": [MOTOR, "ideal", MOTOR], "pad_compliance": [FEET, FEET, Compliance()],
-        "delay": np.array([[0.0, 0.0], [0.013, 0.013], [0.0, 0.05]]),
-        "torque_limit": np.array([8.0, 15.0, 5.0]),
-    }  # fmt: skip
-    each = [{name: value[k] for name, value in arguments.items()} for k in range(3)]
-    each = [{**own, "delay": tuple(own["delay"])} for own in each]
-    envs = together(3, robot=ROBOT, **arguments)
-    assert envs.unwrapped.get_attr("torque_limit") == (8.0, 15.0, 5.0)
-    compare(envs, side_by_side(3, each=each, robot=ROBOT), 60)
 
 
 @pytest.mark.parametrize(("name", "plant"), [
@@ -112,20 +97,6 @@ def test_a_state_has_torques_on_their_way_and_bent_bristles(plant):
         if plant == "projection":
             assert (expected[0] == again[0]).all() and expected[1] == again[1]
         np.testing.assert_allclose(again[0], expected[0], atol=0.02)
-
-
-SOFT, RIGID = r"stiffness is 100\.0 N/m, must be at least 785 N/m", {"restitution": 0.5}
-
-
-@pytest.mark.parametrize("arguments, change, message", [
-    ({"pad_compliance": FEET, **RIGID}, {}, r"restitution is 0\.5, must be 0 with compliant pads"),
-    ({"pad_compliance": FEET}, RIGID, r"restitution is 0\.5"),
-    ({"pad_compliance": Compliance(100.0), "plant": "projection"}, {}, SOFT),
-    ({"pad_compliance": Compliance(100.0), "plant": "rigid_body"}, {}, SOFT),
-])  # fmt: skip
-def test_feet_that_cannot_be_are_refused(arguments, change, message):
-    with pytest.raises(ValueError, match=message):
-        JansenWalkerEnv(**arguments).task.set_parameters(0, **change)
 
 
 def test_changes_that_exclude_each_other_change_nothing_and_their_order_does_not_matter():

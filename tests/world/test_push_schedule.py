@@ -46,6 +46,17 @@ def test_a_scheduled_push_is_a_half_sine_that_adds_up_to_its_impulse():
     np.testing.assert_allclose(impulses, shares[:, None] * [1.5, -0.7], atol=2e-6)
 
 
+def test_scheduled_pushes_add_up_where_they_overlap_whatever_their_order():
+    both, first, second = (Pushes(1, None, STEPS, STEP) for _ in range(3))
+    late, early = [0.31, 1.0, 0.5], [0.27, -0.4, 0.1]
+    both.schedule(0, np.array([late, early]), False)
+    first.schedule(0, np.array([late]), False)
+    second.schedule(0, np.array([early]), False)
+    seed = np.array([0])
+    sums = felt(first, 25, seed) + felt(second, 25, seed)
+    np.testing.assert_allclose(felt(both, 25, seed), sums, atol=1e-16)
+
+
 def test_random_pushes_come_once_in_each_interval_and_end_in_it():
     push = Push((1.2, 0.4), duration=0.05, interval=0.5)
     pushes, seeds = Pushes(40, push, STEPS, STEP), np.arange(40)

@@ -1,6 +1,7 @@
 """Robots of different lengths in one batch, and robots that a reset exchanges."""
 
 import json
+import pickle
 from copy import deepcopy
 from dataclasses import replace
 
@@ -86,6 +87,13 @@ def test_equal_designs_share_their_tables():
     for row, robot in zip(designs.number, (c, d, a), strict=True):
         assert (designs.model.body[row] == compile_robot(robot).body).all()
         assert (designs.model.pads[row] == compile_robot(robot).pads).all()
+
+
+def test_a_copy_goes_on_after_one_of_two_equal_robots_was_exchanged():
+    envs = gym.make_vec("JansenWalkerBuilt-v0", 2).unwrapped
+    envs.reset(seed=0, options={"robot": [LONGER, built_robot()]})
+    copy = pickle.loads(pickle.dumps(envs))
+    assert (walk(copy, (2, 1)) == walk(envs, (2, 1))).all()
 
 
 def test_pads_of_several_sizes_are_felt_alike():

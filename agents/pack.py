@@ -87,12 +87,9 @@ def pack(
     Raises:
         ValueError: there is no such model, or it has a part that cannot be packed.
     """
-    if Path(run).suffix == ".json":
-        policy, path = pretrained.load_file(run), Path(run)
-    else:
-        policy = from_run(run)
-        name = name or policy.description["training"]["config"]["algo"]
-        path = Path(out) / policy.env_id / f"{name}.json"
+    policy, short = read(run)
+    again = Path(run).suffix == ".json"
+    path = Path(run) if again else Path(out) / policy.env_id / f"{name or short}.json"
     policy.description["scores"] = scores_of(policy, episodes, seed)
     weights = save(policy.tensors)
     write_bytes(path.with_suffix(".safetensors"), weights)
@@ -106,6 +103,14 @@ def scores_of(policy: PretrainedPolicy, episodes: int, seed: int = 0) -> Descrip
     ).values()
     return {"episodes_per_command": episodes, "seed": seed, "overall": scores["overall"],
             "by_command": scores["by_command"]}  # fmt: skip
+
+
+def read(run: str | Path) -> tuple[PretrainedPolicy, str]:
+    """Return a policy and its name, of its JSON file or as :func:`from_run`."""
+    if Path(run).suffix == ".json":
+        return pretrained.load_file(run), Path(run).stem
+    policy = from_run(run)
+    return policy, policy.description["training"]["config"]["algo"]
 
 
 def from_run(run: str | Path) -> PretrainedPolicy:

@@ -9,27 +9,13 @@ from pathlib import Path
 
 from agents import need
 from agents.export import c_source, onnx_model
-from agents.pack import from_run
+from agents.pack import read
 from jansen_env.commands.flags import Parser, env_id
 from jansen_env.commands.named_policies import shipped_file
 from jansen_env.files import write_bytes
-from jansen_env.policies import pretrained
-from jansen_env.policies.pretrained import PretrainedPolicy
 from jansen_env.scoring.benchmarks import DEFAULT
 
 KINDS = ("onnx", "c")
-
-
-def read(run: str, env_id: str | None = None) -> tuple[PretrainedPolicy, str]:
-    """Return the policy and the name of what :func:`export` is given."""
-    if (path := shipped_file(run, env_id or DEFAULT)) is not None:
-        run = str(path)
-    elif env_id is not None:
-        raise ValueError(f"--env is {env_id}, but {run} says itself what it was trained on")
-    if Path(run).suffix == ".json":
-        return pretrained.load_file(run), Path(run).stem
-    policy = from_run(run)
-    return policy, policy.description["training"]["config"]["algo"]
 
 
 def export(
@@ -48,7 +34,9 @@ def export(
         ValueError: there is no such policy, it is damaged, or it has a part that cannot be packed;
             or the name is none for C.
     """
-    policy, short = read(run, env_id)
+    if (file := shipped_file(run, env_id or DEFAULT)) is None and env_id is not None:
+        raise ValueError(f"--env is {env_id}, but {run} says itself what it was trained on")
+    policy, short = read(file or run)
     words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", f"{policy.env_id}_{short}").lower()
     default = re.sub(r"[^a-z0-9]+", "_", words).strip("_")[:63]
     name = c_source.check_name(default if name is None else name)

@@ -109,9 +109,8 @@ class Saver(BaseCallback):
         names = dict.fromkeys(("return", self.benchmark.chosen_by))
         text = ", ".join(f"{name} {scored[name]:.3g}" for name in names)
         better = score > self.best  # of equal ones the first is kept
-        if not self.history or scored.items() - self.history[-1].items():  # else the same policy
-            print(f"evaluation: {self.num_timesteps} steps, {seconds:.0f} s, {text}"
-                  f"{' (the best so far)' * better}", flush=True)  # fmt: skip
+        print(f"evaluation: {self.num_timesteps} steps, {seconds:.0f} s, {text}"
+              f"{' (the best so far)' * better}", flush=True)  # fmt: skip
         if better:
             self.best = score
             # Its score in the same file: no kill can part the two.

@@ -43,16 +43,6 @@ def test_run_folder_holds_all(run):
     assert "train.py" in (run / "command.txt").read_text()
 
 
-def test_the_same_policy_is_reported_once(tmp_path, monkeypatch, capsys):
-    """A policy that has not changed between evaluations, as at the end, has one line."""
-    monkeypatch.setattr(callbacks, "EPISODES", 1)
-    train.main([*SMALL[:-1], "64", "--log-folder", str(tmp_path)])
-    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("evaluation")]
-    rows = json.loads(next(tmp_path.glob("*/*/evaluations.json")).read_text())
-    scores = [row["return"] for row in rows]
-    assert len(lines) == len({*scores}) < len(scores)
-
-
 @pytest.mark.parametrize("env_id", IDS)
 def test_last_words_of_a_run_fit_a_terminal(env_id, tmp_path, monkeypatch):
     """Five rows, and in one sentence whether the best baseline is reached, and since when."""

@@ -131,10 +131,6 @@ class EpisodeLengths:
         parts = {name: getattr(robot, name) for name in ("payload", "motor", "pad_compliance")}
         self.nominal[i] = replace(self.nominal[i], **parts) if self.changed[i] else robot
 
-    def exchanged(self, i: int) -> bool:
-        """Return whether a robot is another one than that constructed, lengths of draws aside."""
-        return self.nominal[i] != self.constructed[i]
-
 
 def _by_name(factors: dict[str, Distribution], names: Sequence[str]) -> dict[str, Distribution]:
     """Return distributions of factors by lengths' names, in their order."""

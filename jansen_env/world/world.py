@@ -114,7 +114,7 @@ class World:
         self.reset_noise_scale = np.array(settings.each("reset_noise_scale"))
         self.delay_range = np.array(settings.each("delay"))
         randomize = settings.each("randomize")
-        self._allocate_torques(self._find_longest_delay(randomize))
+        self._allocate_torques(randomize)
         self.data: NDArray[np.void] = np.zeros(n, readings.ROW)
         self._keep_actions = readings.take_actions.bound()
         self._torques = (
@@ -154,9 +154,9 @@ class World:
         self.lengths = EpisodeLengths(self.robots, randomize, settings.observe_lengths)
         self._share_arrays()
 
-    def _find_longest_delay(self, randomize: Sequence[Values]) -> float:
-        """Return the longest delay of any episode, s; ValueError: too long for this period."""
-        drawn = [ranges["delay"] for ranges in randomize if "delay" in ranges]
+    def _allocate_torques(self, randomize: Sequence[Values]) -> None:
+        """Make room for the longest delay of any episode; ValueError: too long for this period."""
+        n, drawn = self.num_envs, [ranges["delay"] for ranges in randomize if "delay" in ranges]
         most = [d.high if isinstance(d, Uniform) else LONGEST_DELAY for d in drawn]
         longest = max([float(self.delay_range.max()), *most])
         if longest > MOST_DELAYED * self.control_dt:
@@ -164,12 +164,8 @@ class World:
                 f"delay is {longest} s, must be at most {MOST_DELAYED} times control_dt, "
                 f"{self.control_dt}"
             )
-        return longest
-
-    def _allocate_torques(self, longest_delay: float) -> None:
-        n = self.num_envs
-        longest = math.ceil(longest_delay / self.control_dt)
-        self.asked, self.delay_steps = np.zeros((n, longest + 2)), np.zeros((n, 2), np.int64)
+        steps = math.ceil(longest / self.control_dt)
+        self.asked, self.delay_steps = np.zeros((n, steps + 2)), np.zeros((n, 2), np.int64)
         self.torque, self.earlier, self.switch = np.zeros(n), np.zeros(n), np.zeros(n, np.int64)
         self._actions, self.elapsed = np.zeros((n, 1)), np.zeros(n, np.int64)
         self.full_torque = np.array([robot.motor.torque_limit for robot in self.robots])
@@ -306,7 +302,10 @@ class World:
         """
         robots, plant = list(zip(which.tolist(), generators, options, strict=True)), self.plant
         starts = [self._draw_start(*robot, draw) for robot in robots]
-        seeds = [self._draw_seed(i, rng) for i, rng, _ in robots]
+        seeds = [  # of what an episode draws later; None for a held robot without draws
+            None if self.held and not self.lengths.factors[i] else int(rng.integers(2**63))
+            for i, rng, _ in robots
+        ]
         plans = [
             self.episodes.plan(
                 *robot, start[2], *progress(robot[0]), self._plan_robot(robot[0], robot[2], seed)
@@ -353,12 +352,6 @@ class World:
         delay = option(options, "delay", delay, 0.0, self._longest_delay)
         angle = option(options, "crank_angle", angle, *limits)
         return angle, option(options, "crank_speed", speed, -DIVERGED, DIVERGED), delay, numbers
-
-    def _draw_seed(self, i: int, rng: np.random.Generator) -> int | None:
-        """Draw the seed of what an episode draws later; None for a held robot without draws."""
-        if self.held and not self.lengths.factors[i]:
-            return None
-        return int(rng.integers(2**63))
 
     def _plan_robot(self, i: int, options: Values, seed: int | None) -> Build | None:
         """Return the robot of the next episode, or None if it stays as it is."""
@@ -638,7 +631,7 @@ class World:
             "pushes": self.pushes.scheduled(i),
             "random_pushes": bool(self.pushes.random[i]),
         }
-        if self.lengths.exchanged(i):
+        if self.lengths.nominal[i] != self.lengths.constructed[i]:
             state["robot"] = robot_to_json(self.lengths.nominal[i])
         if changed:
             state["lengths"] = dict(changed)

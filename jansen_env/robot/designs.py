@@ -26,19 +26,37 @@ def holy_numbers_robot(phases: int = 2) -> Robot:
     g 36.7, h 65.7, i 49, j 50, k 61.9, l 7.8, m 15.
     """
     s = CRANK_RADIUS / 15.0
-    return Robot(frame_angle=atan2(7.8, 38.0), legs=phased_legs(phases)).with_bodies(
-        frame=Bar(s * hypot(38.0, 7.8)),
-        upper_rod=Bar(s * 50.0),
-        upper_triangle=Triangle.from_sides(s * 41.5, s * 55.8, s * 40.1),
-        rocker=Bar(s * 39.3),
-        lower_rod=Bar(s * 61.9),
-        coupler=Bar(s * 39.4),
-        foot=Triangle.from_sides(s * 36.7, s * 65.7, s * 49.0, outward=True),
+    return _of_lengths(
+        phases, atan2(7.8, 38.0), s * hypot(38.0, 7.8), CRANK_RADIUS, s * 50.0,
+        (s * 41.5, s * 55.8, s * 40.1), s * 39.3, s * 61.9, s * 39.4,
+        (s * 36.7, s * 65.7, s * 49.0),
+    )  # fmt: skip
+
+
+def _of_lengths(
+    phases: int, frame_angle: float, frame: float, crank: float, upper_rod: float,
+    upper_triangle: tuple[float, float, float], rocker: float, lower_rod: float, coupler: float,
+    foot: tuple[float, float, float],
+) -> Robot:  # fmt: skip
+    """Jansen's linkage with these lengths (m) and the paper's masses."""
+    return Robot(frame_angle=frame_angle, legs=phased_legs(phases)).with_bodies(
+        frame=Bar(frame),
+        crank=Bar(crank),
+        upper_rod=Bar(upper_rod),
+        upper_triangle=Triangle.from_sides(*upper_triangle),
+        rocker=Bar(rocker),
+        lower_rod=Bar(lower_rod),
+        coupler=Bar(coupler),
+        foot=Triangle.from_sides(*foot, outward=True),
     )
 
 
-BEARING_LOADS = (17.0, 13.0, 11.0, 14.0, 23.0, 14.0, 11.0, 20.0, 11.0, 10.0)
-"""N, mean load of each of the bearings of the built robot in walks at 2 rad/s."""
+BEARING_LOADS = {
+    "built": (17.0, 13.0, 11.0, 14.0, 23.0, 14.0, 11.0, 20.0, 11.0, 10.0),
+    "economy": (12.6, 8.3, 8.7, 8.4, 17.7, 10.9, 8.5, 14.6, 10.3, 10.1),
+    "climber": (24.3, 18.2, 10.7, 17.9, 34.6, 12.0, 10.3, 15.1, 19.3, 19.2),
+}
+"""N, mean load of each of the bearings of the machines that could be built, in walks at 2 rad/s."""
 
 
 def built_robot(phases: int = 2) -> Robot:
@@ -47,8 +65,31 @@ def built_robot(phases: int = 2) -> Robot:
     Flat bars and windowed plates, pins in dry plain bearings (Coulomb friction alone, by their mean
     load), feet of rubber: see :mod:`jansen_env.robot.buildable`.
     """
-    robot = with_built_feet(with_built_parts(paper_robot(phases)))
-    friction = tuple(round(built.dry_torque(load), 4) for load in BEARING_LOADS)
+    return _with_hardware(paper_robot(phases), BEARING_LOADS["built"])
+
+
+def economy_robot(phases: int = 2) -> Robot:
+    """The built robot with the lengths that a search found for little work at 0.5 m/s."""
+    robot = _of_lengths(
+        phases, 0.1301, 0.3556, 0.1082, 0.3527, (0.2995, 0.3853, 0.2268), 0.2238, 0.4173, 0.2277,
+        (0.2250, 0.3918, 0.3367),
+    )  # fmt: skip
+    return _with_hardware(robot, BEARING_LOADS["economy"])
+
+
+def climber_robot(phases: int = 2) -> Robot:
+    """The built robot with the lengths that a search found for high steps."""
+    robot = _of_lengths(
+        phases, 0.1461, 0.3250, 0.1324, 0.2733, (0.1986, 0.3386, 0.2537), 0.2630, 0.3602, 0.2267,
+        (0.2967, 0.3083, 0.3881),
+    )  # fmt: skip
+    return _with_hardware(robot, BEARING_LOADS["climber"])
+
+
+def _with_hardware(robot: Robot, bearing_loads: tuple[float, ...]) -> Robot:
+    """Return the robot with built parts, dry bearings alone, built feet and the gearmotor."""
+    robot = with_built_feet(with_built_parts(robot))
+    friction = tuple(round(built.dry_torque(load), 4) for load in bearing_loads)
     return replace(robot, damping=(0.0,) * len(JANSEN.damped), bearing_friction=friction)
 
 
@@ -94,6 +135,8 @@ ROBOTS: dict[str, Callable[..., Robot]] = {
     "holy": holy_numbers_robot,
     "holy_slender": lambda phases=2: holy_numbers_robot(phases).with_slender_inertias(),
     "built": built_robot,
+    "economy": economy_robot,
+    "climber": climber_robot,
     **ZOO,
 }
 """Built-in designs by name; each takes the number of crank pins, with two toes on each."""

@@ -1,6 +1,6 @@
 """Make the baselines' data: ``python -m agents.tune [pid] [constant]``.
 
-Walking speeds are measured on the robot of ``--env``, at many crank speeds and torques.
+Walking speeds are measured on the robot ``--robot``, at many crank speeds and torques.
 """
 
 from __future__ import annotations
@@ -23,14 +23,12 @@ from jansen_env.tasks.walking.walker_benchmark import (
     DATA,
     constant_torque,
     nearest_setting,
-    tuned_for,
     walking_pid,
 )
 
 Measured: TypeAlias = dict[str, list[float] | list[list[float]]]
 
-ENV = "JansenWalker-v0"
-FLAT = (ENV, "JansenWalkerBuilt-v0")  # harder worlds take the numbers of their robot
+ENV = "JansenWalker-v0"  # harder worlds take the numbers of their robot
 CRANK_SPEEDS = np.round(np.concatenate([np.arange(0.2, 3.0, 0.1), np.arange(3.0, 8.1, 0.25)]), 3)
 TORQUES = np.round(np.concatenate([np.arange(0.5, 6.0, 0.25), np.arange(6.0, 15.1, 0.5)]), 3)
 PAPER = (10.0, 1.0, 1.0)  # kp, ki, kd of the paper's PID
@@ -42,31 +40,34 @@ HORIZON = 10.0  # s, the time limit of an episode
 
 
 def measure(
-    name: str, settings: Array, episodes: int, env_id: str = ENV, gains: tuple[float, ...] = PAPER
-) -> Measured:
+    name: str, settings: Array, episodes: int, robot: str = "paper",
+    gains: tuple[float, ...] = PAPER,
+) -> Measured:  # fmt: skip
     """Measure walking speeds, m/s, of each crank speed ("pid") or torque ("constant")."""
-    env = cast("Controlled", make_env(env_id, {}).unwrapped)
+    kwargs = {"robot": robot}
+    env = cast("Controlled", make_env(ENV, kwargs).unwrapped)
     each = np.repeat(settings, episodes)
     commands, seeds = np.full(len(each), 0.3), FIRST_SEED + np.arange(len(each)) % episodes
     policy = (walking_pid(lambda _: each, env, PID(*gains)) if name == "pid"
               else constant_torque(lambda _: each, env))  # fmt: skip
-    run = run_episodes(policy, env_id, {}, commands, seeds, at_once=len(each))
+    run = run_episodes(policy, ENV, kwargs, commands, seeds, at_once=len(each))
     speeds = (run["distance"] / HORIZON).reshape(-1, episodes)
     return {"settings": settings.tolist(), "speeds": speeds.round(4).tolist()}
 
 
-def measure_pid(episodes: int, env_id: str) -> Measured:
+def measure_pid(episodes: int, robot: str) -> Measured:
     """Measure the PID at :data:`CRANK_SPEEDS` with the paper's gains, or on another robot with
     those :data:`GAINS` whose mean return over the benchmark's commands is best, on other starts."""
-    env = cast("Controlled", make_env(env_id, {}).unwrapped)
-    commands = np.repeat(find_benchmark(env_id).commands, episodes)
+    kwargs = {"robot": robot}
+    env = cast("Controlled", make_env(ENV, kwargs).unwrapped)
+    commands = np.repeat(find_benchmark(ENV).commands, episodes)
     seeds = FIRST_SEED + episodes + np.arange(len(commands)) % episodes
     best, made = -np.inf, Measured()
-    for gains in (PAPER,) if env_id == ENV else GAINS:
-        measured = measure("pid", CRANK_SPEEDS, episodes, env_id, gains)
+    for gains in (PAPER,) if robot == "paper" else GAINS:
+        measured = measure("pid", CRANK_SPEEDS, episodes, robot, gains)
         setting = nearest_setting(np.array(measured["settings"]), np.array(measured["speeds"]))
         policy = walking_pid(setting, env, PID(*gains))
-        mean = run_episodes(policy, env_id, {}, commands, seeds)["returns"].mean()
+        mean = run_episodes(policy, ENV, kwargs, commands, seeds)["returns"].mean()
         print(f"gains {gains}: return {mean:.1f}", flush=True)
         if mean > best:
             best, made = mean, {"gains": list(gains), **measured}
@@ -79,25 +80,21 @@ def main(arguments: list[str] | None = None) -> None:
                     "python -m agents.tune pid constant")  # fmt: skip
     add = parser.add_argument
     add("baselines", nargs="*", metavar="NAME", help="of pid, constant; default: both")
-    add("--env", default=ENV, choices=FLAT, help="whose robot walks; default: %(default)s")
+    add("--robot", default="paper", choices=sorted(ROBOTS), help="which; default: %(default)s")
     add("--episodes", type=positive_int, default=6, help="per crank speed and torque measured")
     add("--out", type=Path, default=DATA.parent, metavar="DIR", help="folder to write to")
     args = parser.parse_args(arguments)
-    names = args.baselines or ["pid", "constant"]
-    for name in names:
-        if name not in ("pid", "constant"):
-            parser.error(
-                f"baseline is {name!r}, must be one of {listed(['pid', 'constant'], name)}"
-            )
-    path, env = args.out / DATA.name, cast("Controlled", make_env(args.env, {}).unwrapped)
-    design = tuned_for(env.robot, ROBOTS)
+    for name in args.baselines:
+        if name not in MEASURED:
+            parser.error(f"baseline is {name!r}, must be one of {listed(MEASURED, name)}")
+    path = args.out / DATA.name
     for name in args.baselines or MEASURED:
-        made = (measure_pid(args.episodes, args.env) if name == "pid"
-                else measure(name, TORQUES, args.episodes, args.env))  # fmt: skip
-        command = f"python -m agents.tune {name} --env {args.env} --episodes {args.episodes}"
+        made = (measure_pid(args.episodes, args.robot) if name == "pid"
+                else measure(name, TORQUES, args.episodes, args.robot))  # fmt: skip
+        command = f"python -m agents.tune {name} --robot {args.robot} --episodes {args.episodes}"
         kept = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-        entry = {**kept.get(design, {}), name: {"command": command, **made}}
-        write_json(path, {**kept, design: entry})  # other designs' numbers stay
+        entry = {**kept.get(args.robot, {}), name: {"command": command, **made}}
+        write_json(path, {**kept, args.robot: entry})  # other robots' numbers stay
         print(f"written: {path}")
 
 

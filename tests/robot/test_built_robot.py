@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.walks import walk
-from jansen_env import MOTORS, Terrain, built_robot
+from jansen_env import MOTORS, ROBOTS, Terrain, built_robot
 from jansen_env.drawings.materials import about_origin, bill_of_materials
 from jansen_env.drawings.outlines import Round
 from jansen_env.plants.plant import ProjectionPlant, make_plant
@@ -121,9 +121,9 @@ def walk_within_limits(plant, speed, duration, **given):
     return walk(plant, speed, duration, limit=limit, windup_limit=limit, **given)
 
 
-def walk_at_2_rad_s(start):
+def walk_at_2_rad_s(robot, start):
     """The walk, largest shear and load of a foot (N), and joint forces; two half turns."""
-    plant, rows = ProjectionPlant(built_robot(), Terrain.flat(), FINE_STEP), []
+    plant, rows = ProjectionPlant(robot, Terrain.flat(), FINE_STEP), []
     plant.tracing = True
     walked = walk_within_limits(
         plant, 2.0, 3.2, start=start, watch=lambda _: rows.append(plant.trace.copy())
@@ -133,27 +133,30 @@ def walk_at_2_rad_s(start):
     return walked, contact, trace_forces(plant.tables, trace, FINE_STEP)
 
 
-@pytest.fixture(scope="module")
-def loads():
-    return [walk_at_2_rad_s(start) for start in (0.0, 0.5 * math.pi)]
+@pytest.fixture(scope="module", params=["built", "economy"])
+def loads(request):
+    """The name of a robot, and its walks from two starts."""
+    robot = ROBOTS[request.param]()
+    return request.param, [walk_at_2_rad_s(robot, start) for start in (0.0, 0.5 * math.pi)]
 
 
 @pytest.mark.slow
 def test_bearings_have_the_friction_of_their_mean_load(loads):
     """The loads that the code has are those of a walk, within 1.5 N; mu r F, in tenths of mN m."""
-    robot = built_robot()
-    mean = np.mean([forces.magnitude.mean(axis=(0, 1)) for *_, forces in loads], axis=0)
+    name, walks = loads
+    robot, known = ROBOTS[name](), BEARING_LOADS[name]
+    mean = np.mean([forces.magnitude.mean(axis=(0, 1)) for *_, forces in walks], axis=0)
     pins = {frozenset(pin[1:]): load for pin, load in zip(JANSEN.pins, mean, strict=True)}
     measured = [pins[frozenset(pair)] for pair in JANSEN.bearings]
-    np.testing.assert_allclose(BEARING_LOADS, measured, atol=1.5)
-    for torque, load in zip(robot.bearing_friction, BEARING_LOADS, strict=True):
+    np.testing.assert_allclose(known, measured, atol=1.5)
+    for torque, load in zip(robot.bearing_friction, known, strict=True):
         assert torque == pytest.approx(0.11 * 3e-3 * load, abs=5.1e-5)
 
 
 def test_a_walk_at_2_rad_s_is_borne(loads):
     """Feet, rods (buckling, thrice), pins' holes and motor (6 N m rated), from either start."""
-    robot = built_robot()
-    for walked, (shear, normal, *_), forces in loads:
+    robot, walks = ROBOTS[loads[0]](), loads[1]
+    for walked, (shear, normal, *_), forces in walks:
         assert normal < tread_load(COMPRESSION) and shear < SHEAR
         assert 10.0 * forces.magnitude.max() < HOLE
         assert walked.rms_torque < 0.5 * 6.0 and walked.peak_torque < robot.motor.torque_limit
@@ -199,6 +202,26 @@ def test_it_walks_under_the_papers_pid(speed):
         assert walked.speed > 0.05 * speed and walked.electrical > walked.cost_of_transport > 0.0
     for name in ("speed", "slip", "rms_torque", "cost_of_transport", "electrical"):
         assert getattr(walks[0], name) == pytest.approx(getattr(walks[1], name), rel=0.1)
+
+
+@pytest.mark.slow
+def test_the_economy_machine_has_three_witnesses():
+    """At 2 rad/s as fast and as dear on both plants (1 %) and in MuJoCo (5 %), and half as dear as
+    the built robot."""
+    from benchmarks.mujoco_witness import MujocoPlant
+
+    robot, ground = ROBOTS["economy"](), Terrain.flat()
+    ours, rigid, theirs = (
+        walk_within_limits(plant, 2.0, 3.2)
+        for plant in (ProjectionPlant(robot, ground), make_plant("rigid_body", robot, ground),
+                      MujocoPlant(robot, ground))
+    )  # fmt: skip
+    for name in ("speed", "cost_of_transport"):
+        assert getattr(rigid, name) == pytest.approx(getattr(ours, name), rel=0.01)
+        assert getattr(theirs, name) == pytest.approx(getattr(ours, name), rel=0.05)
+    built = walk_within_limits(ProjectionPlant(built_robot(), ground), 2.0, 3.2)
+    assert ours.speed > 1.5 * built.speed
+    assert ours.cost_of_transport < 0.55 * built.cost_of_transport
 
 
 @pytest.mark.parametrize("name", [name for name in MOTORS if name != "ideal"])

@@ -61,20 +61,6 @@ def test_closed_form_fulfils_the_constraints(robot, side):
 
 
 @pytest.mark.parametrize("side", ["fore", "back"])
-def test_newton_on_the_constraints_finds_the_same_paths(robot, side):
-    """Once round from one pose, each solved from the one before, without dyads: 1e-12."""
-    x = coordinates(robot, side, TURN[0])
-    for psi in TURN:
-        x[3] = psi
-        for _ in range(8):
-            C, phi = pr.constraint_matrix(robot, side, x), pr.constraints(robot, side, x)
-            x[4:] -= np.linalg.solve(C[:, 4:], phi)
-        miss = x - coordinates(robot, side, psi)
-        miss[0::3] = np.angle(np.exp(1j * miss[0::3]))
-        assert np.abs(miss).max() <= 1e-12
-
-
-@pytest.mark.parametrize("side", ["fore", "back"])
 def test_C_is_the_derivative_of_Phi(robot, side, rng):
     """At any x, fulfilling the constraints or not; exact differences, so 1e-13."""
     x = rng.uniform(-3.0, 3.0, 3 * len(robot.bodies))

@@ -88,15 +88,3 @@ def test_a_driven_cranks_torque_is_the_reduced_models(robot, random_state):
         expected = M[3] @ a + missing[3]
         size = max(1.0, np.abs(missing).max())
         assert 2.0 * mean[1] - mean[0] == pytest.approx(expected, abs=1e-6 * size)
-
-
-def test_a_crank_set_free_goes_on(robot):
-    """Driven for a while and let go: from then on, bit for bit, as if it had never been driven."""
-    let_go = flying(robot, damping=0.1, locked=True)
-    let_go.step(0.0, 0.1)
-    let_go.prescribed_crank_speed = False
-    free = flying(robot, let_go.state, 0.1)
-    for plant in (free, let_go):
-        plant.step(2.0, 0.1)
-    assert (free.state == let_go.state).all()
-    assert abs(free.state[7] - FLIGHT[7]) > 0.01

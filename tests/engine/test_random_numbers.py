@@ -30,13 +30,6 @@ def test_numbers_are_those_of_splitmix64(seed, known):
     assert [int(number(seed, k)) for k in range(len(known))] == known
 
 
-def test_uniform_numbers_have_their_moments_and_stay_inside():
-    found = numbers(uniform, 3)
-    assert 0.0 < found.min() < 1e-3 and 1.0 - 1e-3 < found.max() < 1.0
-    assert np.mean(found) == pytest.approx(0.5, abs=4.0 * np.sqrt(1.0 / 12.0 / COUNT))
-    assert np.var(found) == pytest.approx(1.0 / 12.0, rel=0.03)
-
-
 def test_normal_numbers_have_their_moments():
     found = numbers(normal, 4)
     assert np.mean(found) == pytest.approx(0.0, abs=4.0 / np.sqrt(COUNT))

@@ -10,7 +10,7 @@ from motions import PADS, pads, pinned, placed, shift
 from jansen_env import Motor, Robot
 from jansen_env.dynamics.reduced import body_sums, compile_robot
 from jansen_env.gravity import GRAVITY
-from jansen_env.robot import JANSEN, ROBOTS
+from jansen_env.robot import ROBOTS
 from jansen_env.robot.kinematics import joint_positions
 
 TORQUE = 1.5  # N m, of friction
@@ -123,21 +123,3 @@ def test_the_same_stop_in_flight(name, measured):
     errors = [np.abs(end - ends[-1])[3] for end in ends[:3]]
     measured("flight: crank angle at which it stops, error at 1 ms", errors[1], 5e-6, "rad")
     measured("flight: order lost of 2", 2.0 - math.log(errors[0] / errors[2], 4.0), 0.3)
-
-
-def test_bearings_hold_and_stop_it_as_the_gear_does(measured):
-    """Fixed base with weight: energy lost = the integral of the friction along the way."""
-    friction = (0.05,) * len(JANSEN.bearings)
-    robot = replace(Robot(), bearing_friction=friction)
-    plant = pinned(robot, 0.3, 5.0, 5e-4)
-    missed = turned = 0.0
-    for _ in range(300):
-        before = plant.state[3]
-        result = plant.step(0.0, 0.01)
-        missed += abs(result.energy_residual)
-        turned += abs(plant.state[3] - before)
-    assert plant.state[7] == 0.0 and turned > 0.5
-    measured("bearings, fixed base: energy unaccounted for", missed, 5e-6, "J")
-    before = plant.state
-    plant.step(0.0, 10.0)
-    assert (plant.state == before).all()

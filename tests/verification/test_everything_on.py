@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motions import HOLD, audit, governor, momenta, placed, shift
+from motions import HOLD, audit, governor, placed
 
 from jansen_env import ROBOTS, Motor, Payload, Robot, Terrain
 from jansen_env.gravity import GRAVITY
@@ -50,46 +50,6 @@ def test_energy_audit(name, ground, measured):
     measured(f"everything on, {ground}: energy unaccounted for at 1 ms", missed, most)
     measured(f"everything on, {ground}: the same at 0.25 ms", fine, 0.1 * most)
     measured("everything on: order lost of 2", 2.0 - math.log(missed / fine, 4.0), 0.3)
-
-
-@pytest.mark.parametrize("name", ["paper", "holy_slender", *ZOO])
-def test_the_ground_accounts_for_all_momentum(name, rng, measured):
-    """By the trace: contact impulses + m g t = change of momentum; all within Coulomb's cone."""
-    plant = placed(full(name), Terrain.flat(0.6), tracing=True)
-    error = cone = 0.0
-    for _ in range(100):
-        before = momenta(plant)[0]
-        plant.step(float(rng.uniform(-10.0, 10.0)), HOLD)
-        impulses = plant.trace["impulses"][:, :, :2]
-        total = impulses.sum(axis=(0, 1)) - np.array([0.0, plant.robot.mass * GRAVITY * HOLD])
-        error = max(error, np.abs(momenta(plant)[0] - before - total).max())
-        tangential, normal = np.moveaxis(impulses, -1, 0)
-        cone = max(cone, (np.abs(tangential) - 0.6 * normal).max(), -normal.min())
-    measured("everything on: momentum not accounted for", error, 3e-14, "N s")
-    measured("everything on: impulse outside the cone", cone, 1e-12, "N s")
-
-
-SUNK = {  # first state changed by, torque: the contacts stay as they are
-    "in flight": (shift(y=5.0, pitch=0.4, vx=0.5, spin=1.0, crank=4.0), 3.0),
-    "standing on two toes": (shift(vx=0.01), 0.0),
-    "rolling on two toes": (shift(crank=0.3), 4.0),
-}
-
-
-@pytest.mark.parametrize("name", SUNK)
-def test_smooth_motion_is_of_second_order(name, measured):
-    """Against a 16 times finer step; on the ground with stiff friction, so that nothing slides."""
-    change, torque = SUNK[name]
-    robot = replace(full("paper"), pad_compliance=Compliance(2e4, 40.0, 2e4, 40.0))
-    ends, steps = [], [2e-3, 1e-3, 5e-4, 2.5e-4, 1.5625e-5]
-    for step in steps:
-        plant = placed(robot, Terrain.flat(5.0), moved=change, time_step=step)
-        plant.step(torque, 0.1)
-        ends.append(plant.state)
-    errors = [np.abs(end - ends[-1]).max() for end in ends[:-1]]
-    order = np.polyfit(np.log(steps[:-1]), np.log(errors), 1)[0]
-    measured(f"everything on, {name}: error at 1 ms", errors[1], 2e-4, "m, rad, 1/s")
-    measured(f"everything on, {name}: order lost of 2", 2.0 - order, 0.1)
 
 
 def mixed(n):

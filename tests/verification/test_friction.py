@@ -11,7 +11,6 @@ import pytest
 from motions import momenta, placed, shift
 
 from jansen_env import Leg, Payload, Robot, Terrain
-from jansen_env.dynamics import reduced as rd
 from jansen_env.gravity import GRAVITY
 from jansen_env.robot import ROBOTS, holy_numbers_robot, paper_robot
 
@@ -91,67 +90,6 @@ def test_sliding_to_a_stop(name, mu, speed, measured):
     before = plant.state
     plant.step(0.0, 1.0)
     measured("creep after the stop", np.abs(plant.state - before)[:3].max(), 1e-12, "m")
-
-
-@pytest.mark.parametrize("mu, speed", [(0.2, 0.6), (0.5, -1.0), (0.8, 1.5)])
-def test_sliding_to_a_stop_on_one_toe(mu, speed, measured):
-    """A payload puts the centre of mass mu z behind the toe: (-mu, 1) N has no moment."""
-    psi, pitch, depth = 1.0, 0.1, -0.3
-    bare = placed(psi=psi, pitch=pitch)
-    toes, state = bare.toe_positions(), bare.state
-    toe, turn = toes[np.argmin(toes[:, 1])], np.exp(1j * pitch)
-    c = complex(*rd.body_sums(bare.tables, psi).c)  # mass * place in the chassis frame
-    load, side = 5.0, math.copysign(mu, speed)
-
-    def miss(along):
-        """By how much the line of force passes the centre of mass, m; linear in ``along``."""
-        centre = (c + load * complex(along, depth)) / (Robot().mass + load) * turn
-        height = state[1] + centre.imag - toe[1] + Robot().pad_radius
-        return state[0] + centre.real - toe[0] + side * height
-
-    along = -miss(0.0) / (miss(1.0) - miss(0.0))
-    robot = Robot(payload=Payload(load, 0.1, (along, depth)))
-    plant = placed(robot, Terrain.flat(friction=mu), psi, pitch, moved=shift(vx=speed), locked=True)
-    steps = math.ceil(abs(speed) / (mu * GRAVITY * STEP))
-    result = plant.step(0.0, (steps - 1) * STEP)
-    assert np.count_nonzero(result.contact_force[:, 1]) == 1
-    measured("pitch rate meanwhile", abs(plant.state[6]), 1e-8, "rad/s")
-    left = speed - math.copysign(mu * GRAVITY * (steps - 1) * STEP, speed)
-    measured("speed on one toe", abs(plant.state[4] - left), 1e-9, "m/s")
-    distance = (speed * abs(speed) - left * abs(left)) / (2.0 * mu * GRAVITY)
-    measured("distance on one toe, relative", abs(plant.x / distance - 1.0), 2e-9)
-    measured("slip on one toe, relative", abs(result.slip.sum() / abs(distance) - 1.0), 4e-9)
-    loss = result.slip_loss / (0.5 * robot.mass * (speed**2 - left**2))
-    measured("friction's work on one toe, relative", abs(loss - 1.0), 4e-9)
-    last = plant.step(0.0, STEP)
-    stop = speed * abs(speed) / (2.0 * mu * GRAVITY)
-    assert last.slip.sum() < 1e-9
-    measured("stop distance's error on one toe, relative", abs(plant.x / stop - 1.0), 1e-5)
-
-
-@machines
-@pytest.mark.parametrize("way", [1.0, -1.0])
-def test_below_and_above_the_friction_angle(name, way, measured):
-    """0.1 % below it stays for 10 s; above it slides with g (sin a - mu cos a), on ice g sin a."""
-    robot, _, most = MACHINES[name]
-    weight, mu = robot.mass * GRAVITY, 0.8 * most
-    angle = way * 0.999 * math.atan(mu)
-    plant = standing(name, Terrain.slope(angle, friction=mu))
-    before = plant.state
-    force = plant.step(0.0, 10.0).contact_force.sum(axis=0)
-    measured("creep in 10 s", np.abs(plant.state - before)[:3].max(), 1e-11, "m, rad")
-    load = weight * np.array([math.sin(angle), math.cos(angle)])
-    measured("loads less weight", np.abs(force - load).max(), 1e-12 * weight, "N")
-    for rough, steep in ((mu, 1.1 * math.atan(mu)), (0.0, math.atan(most))):
-        plant = standing(name, Terrain.slope(way * steep, friction=rough))
-        before = plant.state
-        result = plant.step(0.0, 0.5)
-        downhill = -way * np.array([math.cos(steep), way * math.sin(steep)])
-        gained = (plant.state - before)[4:6] @ downhill / 0.5
-        block = GRAVITY * (math.sin(steep) - rough * math.cos(steep))
-        measured("acceleration downhill", abs(gained - block), 1e-12, "m/s^2")
-        slid = np.sort(result.slip)[-2:] - 0.5 * block * 0.5**2
-        measured("slip less distance downhill", np.abs(slid).max(), 1e-12, "m")
 
 
 @machines

@@ -108,12 +108,3 @@ def test_a_braced_robot_holds_little_and_stands_still(measured):
         moved.append(np.abs(plant.state - before)[:3].max())
     measured("wedged robot: mean force on a toe over 20 ms", force, 1e5, "N")
     measured("wedged robots left alone: motion in a second", float(np.median(moved)), 5e-5, "m")
-
-
-@pytest.mark.slow
-def test_what_is_unaccounted_for_falls_with_the_time_step(measured):
-    """Mean over 128 walks of the worst 20 ms of each: of first order, an error of the time step."""
-    robot = DESIGNS["paper_slender"]
-    means = [walk(robot, 1, 128, step)[0][:, 1].mean() for step in (1e-3, 2.5e-4)]
-    order = math.log(means[0] / means[1], 4.0)
-    measured("walks on grooves: order lost of 1 of the energy unaccounted for", 1.0 - order, 0.3)

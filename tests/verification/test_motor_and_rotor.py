@@ -67,16 +67,6 @@ def test_momentum_in_flight_with_a_rotor(ratio, inertia, measured):
     measured("rotor in flight: spin's drift, order lost of 2", 2.0 - order, 0.05)
 
 
-def test_a_free_rotor_feels_like_g_squared_j(measured):
-    """Fixed base, weightless and undamped: a torque gives psi'' = tau / (k + G^2 J), k' small."""
-    robot = replace(Robot(motor=Motor(gear_ratio=100.0, rotor_inertia=0.1)), damping=(0.0,) * 10)
-    plant = pinned(robot, 0.3, gravity=0.0)
-    plant.step(5.0, 1.0)
-    work = 5.0 * (plant.state[3] - 0.3)
-    measured("geared crank: work off its energy", abs(work / plant.energy() - 1.0), 1e-12)
-    measured("geared crank: speed off tau t / (G^2 J)", abs(plant.state[7] * 200.0 - 1.0), 1e-3)
-
-
 def test_no_load_speed(measured):
     """Full torque asked for, no friction, no weight: the crank gets to the no-load speed."""
     robot = replace(Robot(motor=replace(LINE, rotor_inertia=0.05, gear_ratio=20.0)),
@@ -155,24 +145,6 @@ def test_electrical_work_is_its_integral(efficiency, measured):
         assert result.electrical_work >= max(result.motor_work, 0.0) - 1e-9
     assert regained < 0.0
     measured("electrical work against the trace, relative", abs(found / expected - 1.0), 1e-12)
-
-
-def test_electrical_work_of_both_bases(measured):
-    """At a stall the winding alone draws: n0 tau^2 / stall; on the fixed base the same integral."""
-    motor = Motor(stall_torque=12.0, no_load_speed=6.0, torque_limit=9.0, friction=50.0)
-    plant = pinned(Robot(motor=motor), 0.3)
-    drawn = plant.step(5.0, 2.0).electrical_work
-    also = placed(Robot(motor=motor)).step(5.0, 2.0).electrical_work
-    expected = 2.0 * 6.0 * 5.0**2 / 12.0
-    measured("drawn at a stall", max(abs(drawn / expected - 1), abs(also / expected - 1)), 1e-9)
-    turning = pinned(Robot(motor=LINE), 0.3)
-    total, summed = 0.0, 0.0
-    for _ in range(2000):
-        before = turning.state[7]
-        summed += turning.step(6.0, 1e-3).electrical_work
-        mean = 0.5 * (before + turning.state[7])
-        total += 1e-3 * float(LINE.electrical_power(LINE.torque(6.0, mean), mean))
-    measured("electrical work, fixed base", abs(summed / total - 1.0), 1e-5)
 
 
 @pads

@@ -151,17 +151,6 @@ def test_singular_problems_obey_the_law(kind, count, measured):
     measured(f"contact law violated, singular, {count} contacts, {kind}", wrong, 3e-8)
 
 
-def test_first_guess_decides_only_among_solutions(measured):
-    """From each of the four modes as first guess: always one of the solutions of the trial."""
-    W, q, mu = draw("four degrees of freedom", 3, 200)
-    W += COMPLIANCE * (np.trace(W, axis1=1, axis2=2) / 6.0)[:, None, None] * np.eye(6)
-    worst = 0.0
-    for guess in (OPEN, STICK, SLIDE_FORWARD, SLIDE_BACKWARD):
-        _, u = solved(W, q, mu, guess)
-        worst = max(worst, nearest_solution(W, q, mu, u)[0].max())
-    measured("velocity off the nearest of 4^n trials, any first guess", worst, 1e-11)
-
-
 def test_a_standing_robot_may_have_three_answers(measured):
     """At crank angle 0.3 under 11 N m: the fore toe slides, or the back toe, or both.
 

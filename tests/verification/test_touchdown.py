@@ -275,18 +275,3 @@ def test_no_impact_creates_energy(robot, friction, restitution, rng, measured):
     energies = impacts(robot, friction, restitution, rng)
     gain = (energies[:, 1] / energies[:, 0]).max() - 1.0
     measured(f"energy gained in an impact, friction {friction}, e = {restitution}", gain, 2e-6)
-
-
-def test_what_bounces_lawfully_bounces_as_asked(rng, measured):
-    """One toe struck, no friction: no energy is at risk, and it leaves at e times its speed."""
-    for e in (0.5, 1.0):
-        ground = Terrain.flat(0.0, e)  # locked: a rigid body, whose struck toe's speed is told
-        plant = placed(
-            None, ground, 1.0, 0.2, moved=shift(vy=-1.0), locked=True, time_step=THROWN, gravity=0.0
-        )
-        toe = int(np.argmin(plant.toe_positions()[:, 1]))
-        plant.step(0.0, THROWN)
-        left = plant.toe_positions()[toe, 1]
-        plant.step(0.0, 1e-4)
-        speed = (plant.toe_positions()[toe, 1] - left) / 1e-4
-        measured(f"rebound speed, e = {e}, less e", abs(speed - e), 5e-5, "m/s")

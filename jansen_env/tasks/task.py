@@ -96,8 +96,6 @@ class Task(ABC):
 
     def _check_declarations(self, settings: WorldSettings | HeldSettings) -> None:
         """Raise ValueError for settings or names that this class would ignore."""
-        if settings.held and self.ENGINE is readings:
-            raise ValueError("settings are of held robots, of which the task's ENGINE must know")
         if settings.curriculum is not None and type(self).progress is Task.progress:
             raise ValueError("curriculum is given, must be None: this task defines no progress()")
         if both := sorted({*self.INFO} & {*self.TERMS}):
@@ -334,25 +332,3 @@ class CommandedTask(Task):
         limits = -self.FASTEST, self.FASTEST
         value = number_range("speed_command", changes["speed_command"], *limits)
         return partial(self.speed_command.__setitem__, i, value)
-
-
-class CompiledTask(CommandedTask):
-    """A commanded task whose kernel rewards, ends and observes a step.
-
-    A derived task may do more in :meth:`observe`, :meth:`reward` and :meth:`terminated`.
-    """
-
-    def _judge(self, active: Bools) -> None:
-        """Leave all to the kernel, unless a derived task does more."""
-        kind, kernel = type(self), CompiledTask
-        derived = kind.observe, kind.reward, kind.terminated
-        if derived != (kernel.observe, kernel.reward, kernel.terminated):
-            super()._judge(active)
-
-    def reward(self) -> Array:
-        """Return the kernel's rewards (n,)."""
-        return self.rewards
-
-    def terminated(self) -> Bools:
-        """Return whether episodes (n,) are over, as the kernel says."""
-        return self.ended

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from jansen_env.checks import entries, number_range, shown, whole_number, within
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.pads import pad_layout
-from jansen_env.engine import crank_tracking, readings
+from jansen_env.engine import readings
 from jansen_env.engine.integrator import DIVERGED
 from jansen_env.gravity import GRAVITY
 from jansen_env.parameters import CHANGED_BY, CHANGES, LONGEST_DELAY, PARAMETERS, Uniform, check
@@ -66,7 +66,8 @@ MOST_DELAYED = 10_000  # control periods in a delay: torques that are kept
 LARGEST_COUNT = 2**63 - 1  # of an episode; and the largest seed
 SLIPPING = 0.01  # m/s of mean slip speed from which a toe is drawn as slipping
 TOUCHING = 1e-6  # of the robot's weight: the normal force from which a toe is on the ground
-START_ANGLE, FURTHEST = crank_tracking.START_ANGLE, crank_tracking.LOST  # rad, of held cranks
+START_ANGLE = math.pi  # rad, of a held crank's reference at time 0, as in the paper
+LOST = math.pi  # rad, from the reference: where an episode of a held robot ends
 NO_PUSHES = np.zeros((0, 3))
 FROM_RESETS = ("delay", "terrain_level")  # changes that apply from the next reset on
 KEPT = ("friction", "restitution", *CHANGES)
@@ -131,7 +132,7 @@ class World:
         self.plant.tracing = self.track_joint_forces and not self.held
         self._joint_loads = np.zeros(2)
         self.scan = np.asarray(settings.height_scan, float)
-        self.observations = world_observations(self.plant.toes, len(self.scan))
+        self._readings = self.observations = world_observations(self.plant.toes, len(self.scan))
         if self.held:
             self.observations = self.observations[:3]  # of the crank
             self.OPTIONS: tuple[str, ...] = ("crank_angle", "crank_speed", "delay", "lengths")
@@ -203,7 +204,7 @@ class World:
     def connect(self, observed: Sequence[Observed], observation: NDArray[np.float32]) -> None:
         """Take the array of observations (n, d) and its columns."""
         names = [entry.name for entry in observed]
-        known = [entry.name for entry in self.observations]
+        known = [entry.name for entry in self._readings]
         self._places = np.array([names.index(name) if name in names else -1 for name in known])
         self._observation = observation
         self.lengths.connect(observed, observation)
@@ -342,7 +343,7 @@ class World:
         if self.held:
             numbers = draw(i, rng, options)
             angle = START_ANGLE + noise * uniform(rng, -1.0, 1.0)
-            limits = START_ANGLE - FURTHEST, START_ANGLE + FURTHEST
+            limits = START_ANGLE - LOST, START_ANGLE + LOST
         else:
             angle = uniform(rng, 0.0, 2.0 * math.pi)
             numbers = draw(i, rng, options)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import jansen_env
-from jansen_env.engine.crank_tracking import TRACKING_WIDTH
 from jansen_env.tasks.crank import JansenCrankEnv
+from jansen_env.tasks.crank.crank_env import TRACKING_WIDTH
 
 
 @pytest.fixture

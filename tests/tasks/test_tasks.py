@@ -8,7 +8,6 @@ import pytest
 
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.vector import TaskVectorEnv
-from jansen_env.tasks.crank.crank_env import CrankSettings
 from jansen_env.tasks.task import CommandedTask
 from jansen_env.tasks.walking.walker_env import WalkerSettings, WalkerTask
 from jansen_env.world.observations import Observed
@@ -200,11 +199,6 @@ def test_a_settable_name_that_no_change_applies_is_refused(base):
     with pytest.raises(NotImplementedError, match=r"Declared._change\(\) must apply \['gain'\]"):
         env.set_parameters(gain=3.0, speed_command=0.1)
     assert env.task.speed_command.tolist() != [[0.1, 0.1]]
-
-
-def test_held_robots_need_a_task_whose_engine_knows_of_them():
-    with pytest.raises(ValueError, match="settings are of held robots, of which the task's ENGINE"):
-        Slow(CrankSettings())
 
 
 def test_a_curriculum_needs_a_task_that_tells_progress():

@@ -20,8 +20,8 @@ from jansen_env.baselines.policy import (
     pid_policy,
 )
 from jansen_env.dynamics.inverse import crank_torque
-from jansen_env.engine.crank_tracking import LOST
 from jansen_env.scoring.metrics import TORQUE, Aggregate, Benchmark, Metric, mean_of
+from jansen_env.world.world import LOST
 
 # Beside the joints' friction, 1.6 N m s / rad, it damps the crank (0.73 kg m^2) nearly critically.
 FEEDBACK = PID(kp=5.0, ki=0.0, kd=2.0)

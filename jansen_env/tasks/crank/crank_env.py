@@ -1,28 +1,24 @@
-"""``JansenCrank-v0``: the paper's fixed model; follow a turning reference with the crank.
-
-Numbers: :mod:`jansen_env.engine.crank_tracking`.
-"""
+"""``JansenCrank-v0``: the paper's fixed model; follow a turning reference with the crank."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from types import ModuleType
-from typing import ClassVar
 
 import numpy as np
 from typing_extensions import Unpack
 
 from jansen_env.checks import non_negative
 from jansen_env.dynamics.joint_forces import JointForces
-from jansen_env.engine import crank_tracking
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.vector import TaskVectorEnv, VectorArguments
 from jansen_env.plants.plant import ProjectionPlant, plant_of
 from jansen_env.tasks.crank.crank_benchmark import CRANK
-from jansen_env.tasks.task import CompiledTask
+from jansen_env.tasks.task import CommandedTask
 from jansen_env.world.observations import EXACT, Observed
 from jansen_env.world.settings import (
-    Arguments,
+    Array,
+    Bools,
     HeldSettings,
     PerRobot,
     Range,
@@ -31,9 +27,10 @@ from jansen_env.world.settings import (
     range_each,
     shared,
 )
-from jansen_env.world.world import START_ANGLE
+from jansen_env.world.world import LOST, START_ANGLE
 
 FASTEST_COMMAND = 10.0  # rad/s
+TRACKING_WIDTH = 0.8  # rad, tracking error at which half of the tracking reward is left
 
 
 class CrankArguments(RobotArguments, total=False):
@@ -54,43 +51,59 @@ class CrankSettings(HeldSettings):
     torque_weight: float = shared(1.0, non_negative)
 
 
-class CrankTask(CompiledTask):
-    """Turn the crank along a reference.
+def tracking(error: Array, weight: float) -> Array:
+    """The weight without an error (rad), half of it at :data:`TRACKING_WIDTH`."""
+    return weight / (1.0 + (error / TRACKING_WIDTH) ** 2)
 
-    See :class:`jansen_env.tasks.crank.crank_env.JansenCrankEnv`. One kernel does all.
-    """
+
+def torque_cost(action: Array, weight: float) -> Array:
+    """Minus the square of the torque, as a share of its limit."""
+    return -weight * action**2
+
+
+class CrankTask(CommandedTask):
+    """Turn the crank along a reference; see :class:`JansenCrankEnv`."""
 
     SETTINGS = CrankSettings
     OBSERVED = (
         Observed("tracking_error", "rad", -np.inf, np.inf, EXACT),
         Observed("speed_command", "rad/s", -FASTEST_COMMAND, FASTEST_COMMAND, EXACT),
     )
-    COMPILED = ("tracking_error", "speed_command")
-    ENGINE: ClassVar[ModuleType] = crank_tracking
-    ROW = crank_tracking.ROW
+    INFO = {"tracking_error": float, "speed_command": float}
+    TERMS = ("tracking", "torque")
     FASTEST = FASTEST_COMMAND
 
     def __init__(self, settings: CrankSettings, threads: int | None = None) -> None:
-        self._weights = np.zeros(1, crank_tracking.REWARD)
-        self._weights[0] = settings.tracking_weight, settings.torque_weight
+        self._weights = settings.tracking_weight, settings.torque_weight
         super().__init__(settings, threads)
 
-    def reference(self, i: int) -> float:
-        """r(t) = w t + pi, rad: where a robot's crank should be now."""
-        passed = float(self.world.elapsed[i]) * self.control_dt
-        return float(self.info["speed_command"][i] * passed + START_ANGLE)
+    @property
+    def reference(self) -> Array:
+        """(n,) r(t) = w t + pi, rad: where the cranks should be now."""
+        elapsed = self.world.elapsed.astype(float)
+        return self.info["speed_command"] * elapsed * self.control_dt + START_ANGLE
 
-    def _kernel_arguments(self) -> tuple[Arguments, Arguments]:
-        """Return those of ``finish_step`` and ``describe`` of the engine's ``crank_tracking``."""
-        world, plant = self.world, self.world.plant
-        step = (
-            plant.states, plant.rows, world.elapsed, self.control_dt, self._weights, world.data,
-            self.data, self.rewards, self.ended, self.observation,
-        )  # fmt: skip
-        describe = (
-            plant.states, world.elapsed, self.control_dt, world.data, self.data, self.observation
-        )  # fmt: skip
-        return step, describe
+    @property
+    def tracking_error(self) -> Array:
+        """(n,) reference less crank angle, rad."""
+        return self.reference - self.world.crank_angle
+
+    def observe(self) -> Mapping[str, Array]:
+        """Show the tracking error and the command."""
+        error = self.tracking_error
+        self.keep(tracking_error=error)
+        return {"tracking_error": error, "speed_command": self.info["speed_command"]}
+
+    def reward(self) -> Array:
+        """Pay for following the reference, at little torque."""
+        close = tracking(self.tracking_error, self._weights[0])
+        cost = torque_cost(self.world.action, self._weights[1])
+        self.keep(tracking=close, torque=cost)
+        return close + cost
+
+    def terminated(self) -> Bools:
+        """A lost reference ends the episode."""
+        return np.abs(self.tracking_error) > LOST
 
     def scene(self, i: int) -> Values:
         """Return the arguments of the renderer."""
@@ -190,7 +203,7 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
     @property
     def reference(self) -> float:
         """r(t) = w t + pi, rad: where the crank should be now."""
-        return self.task.reference(0)
+        return float(self.task.reference[0])
 
     def joint_forces(self) -> JointForces:
         """Return the forces in every joint now, under the last action's torque."""

@@ -21,13 +21,14 @@ from jansen_env.engine import walk_reward
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.vector import TaskVectorEnv, VectorArguments
 from jansen_env.plants.plant import Plant, plant_of
-from jansen_env.tasks.task import CompiledTask
+from jansen_env.tasks.task import CommandedTask
 from jansen_env.tasks.walking.walker_benchmark import WALKER
 from jansen_env.terrain import Terrain
 from jansen_env.uniform import uniform
 from jansen_env.world.observations import EXACT, Observed
 from jansen_env.world.settings import (
     Arguments,
+    Array,
     Bools,
     Ints,
     PerRobot,
@@ -88,7 +89,7 @@ class WalkerSettings(WorldSettings):
     terminate_when_fallen: bool = shared(True, flag)
 
 
-class WalkerTask(CompiledTask):
+class WalkerTask(CommandedTask):
     """Walk at a commanded speed, m/s.
 
     See :class:`jansen_env.tasks.walking.walker_env.JansenWalkerEnv`.
@@ -164,6 +165,21 @@ class WalkerTask(CompiledTask):
         if self._commands_change:
             self._draw_commands(active)
         super().step(actions, active, meanwhile)
+
+    def _judge(self, active: Bools) -> None:
+        """Leave all to the kernel, unless a derived task does more."""
+        kind, kernel = type(self), WalkerTask
+        derived = kind.observe, kind.reward, kind.terminated
+        if derived != (kernel.observe, kernel.reward, kernel.terminated):
+            super()._judge(active)
+
+    def reward(self) -> Array:
+        """Return the kernel's rewards (n,)."""
+        return self.rewards
+
+    def terminated(self) -> Bools:
+        """Return whether episodes (n,) are over, as the kernel says."""
+        return self.ended
 
     def _finish_step(self, which: Ints) -> None:
         """Account for the step of robots (k,) in one kernel, on the thread that moved them."""

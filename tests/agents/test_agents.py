@@ -112,18 +112,18 @@ def test_baselines_are_those_found_for_the_robot(env_id, kwargs, design):
 
 
 def test_tuning_finds_gains_and_keeps_other_designs(tmp_path, monkeypatch):
-    """The gains that return most of those tried, measured on the robot of the environment."""
+    """The gains that return most of those tried, measured on the robot."""
     soft, stiff = (2.0, 0.5, 0.5), (100.0, 10.0, 10.0)
     monkeypatch.setattr(tune, "GAINS", (stiff, soft))
     monkeypatch.setattr(tune, "CRANK_SPEEDS", np.array([1.0, 2.5, 4.0]))
     (tmp_path / DATA.name).write_text('{"paper": {"pid": 1}}')
-    tune.main(["pid", "--env", "JansenWalkerBuilt-v0", "--episodes", "2", "--out", str(tmp_path)])
+    tune.main(["pid", "--robot", "built", "--episodes", "2", "--out", str(tmp_path)])
     found = json.loads((tmp_path / DATA.name).read_text())
     assert found["paper"] == {"pid": 1}
     assert found["built"]["pid"]["gains"] == list(soft)
     assert found["built"]["pid"]["settings"] == [1.0, 2.5, 4.0]
-    with pytest.raises(SystemExit):  # drawn ground and pushes are no place to measure a robot
-        tune.main(["pid", "--env", "JansenWalkerRough-v0", "--out", str(tmp_path)])
+    with pytest.raises(SystemExit):
+        tune.main(["pid", "--robot", "bulit", "--out", str(tmp_path)])
 
 
 class Steps:

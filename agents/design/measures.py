@@ -76,7 +76,7 @@ GROUPS: dict[str, dict[str, str]] = {
     },
     "planes": {"clearance": "m"},
     "walk": {**{name: m.unit for name, m in WALKER.metrics.items()}, "upright": "fraction"},
-    "climb": {"climb": "m"},
+    "climb": {"climb": "m", "links_in_ground": "fraction"},
     "loads": {"wear": "J/m", "pin_force": "N", "rod_safety": "1"},
 }  # fmt: skip
 """Units of measures by group, the cheapest first; walks have the metrics of the benchmark."""
@@ -111,11 +111,16 @@ class Walker:
         self._shared: list[tuple[Part, Part]] | None = None
 
     @property
+    def control_dt(self) -> float:
+        """Duration of a control step, s."""
+        return cast(JansenWalkerEnv, self._env.unwrapped).control_dt
+
+    @property
     def time_limit(self) -> float:
         """Duration of an episode without a fall, s."""
         spec = self._env.spec
         assert spec is not None and spec.max_episode_steps is not None
-        return spec.max_episode_steps * cast(JansenWalkerEnv, self._env.unwrapped).control_dt
+        return spec.max_episode_steps * self.control_dt
 
     def measure(self, group: str, candidates: Sequence[Candidate]) -> dict[str, Array]:
         """Return a group's measures (n,) of candidates by name; NaN for what is not known."""
@@ -189,7 +194,9 @@ class Walker:
 
     def _climb(self, candidates: Sequence[Candidate]) -> list[dict[str, float]]:
         """Sum over :data:`STEPS`: their differences, times the share of the way beyond the step
-        that is walked, 0 after a fall, mean of all starts."""
+        that is walked, 0 after a fall, mean of all starts.
+
+        And of the walks that count in it, the share of time in which a link is in the ground."""
         beyond = ENOUGH * self.speed * self.time_limit - STEP_AT
         if beyond < LEAST_BEYOND:
             raise ValueError(
@@ -200,8 +207,12 @@ class Walker:
         grounds = [_step(height) for height in STEPS for _ in self.angles]
         for run in self._run(candidates, np.tile(self.angles, len(STEPS)), grounds):
             walked = np.clip((run["distance"] - STEP_AT) / beyond, 0.0, 1.0)
-            share = np.where(run["fell"], 0.0, walked).reshape(len(STEPS), -1).mean(axis=1)
-            climbed.append({"climb": float(np.diff(heights, prepend=0.0) @ share)})
+            walked = np.where(run["fell"], 0.0, walked)
+            share = walked.reshape(len(STEPS), -1).mean(axis=1)
+            steps, over = run["duration"] / self.control_dt, walked > 0.0
+            in_ground = float((run["steps_in_ground"] / steps)[over].mean()) if over.any() else 0.0
+            climb = float(np.diff(heights, prepend=0.0) @ share)
+            climbed.append({"climb": climb, "links_in_ground": in_ground})
         return climbed
 
     def _loads(self, candidate: Candidate) -> dict[str, float]:

@@ -33,3 +33,24 @@ def pad_layout(robot: Robot) -> Pads:
         seen.add(leg.side)
     leg_index, joint = np.array(rows, dtype=np.int64).T
     return Pads(leg_index, joint, len(robot.toes))
+
+
+def pad_sides(robot: Robot) -> NDArray[np.int64]:
+    """Straight sides of links as pairs (n, 2) of pads: those with a pad's joint at both ends.
+
+    In order, so that those of toes come first. Rods that end at a crank pin have none.
+    """
+    layout, linkage = pad_layout(robot), robot.linkage
+
+    def key(leg: int, joint: int) -> tuple[int | Side, int]:
+        fixed = joint in linkage.members[FRAME - 1]  # which legs of one side share
+        return robot.legs[leg].side if fixed else leg, joint
+
+    joints = [linkage.all_pads[k][0] for k in layout.joint.tolist()]
+    pad = {key(*pair): k for k, pair in enumerate(zip(layout.leg.tolist(), joints, strict=True))}
+    sides = {
+        tuple(sorted((pad[key(leg, a)], pad[key(leg, b)])))
+        for leg in range(len(robot.legs)) for a, b in linkage.skeleton
+        if key(leg, a) in pad and key(leg, b) in pad
+    }  # fmt: skip
+    return np.array(sorted(sides), np.int64).reshape(-1, 2)

@@ -17,7 +17,7 @@ def begin(robot, state, statistics, body, sums):
     total.worst_residual = total.contact_gain = 0.0
     total.non_toe_impulse = total.energy_change = total.elastic_energy = 0.0
     total.torque_impulse = total.electrical_work = total.push_work = 0.0
-    total.correction_work = 0.0
+    total.correction_work, total.links_in_ground = 0.0, 0
     robot.status.step, robot.status.lost = 0, False
     for j in range(len(statistics)):
         statistics[j].slip = 0.0

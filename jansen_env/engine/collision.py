@@ -10,7 +10,7 @@ import numpy as np
 
 from jansen_env.engine import mathematics
 from jansen_env.engine.contact_solver import STICK
-from jansen_env.engine.kernel import Floats1, Floats2, Floats4, kernel, stage
+from jansen_env.engine.kernel import Floats1, Floats2, Floats4, Ints2, kernel, stage
 from jansen_env.engine.records import Layout, Planes, Robots, World
 from jansen_env.engine.tables import locate, pad_place
 
@@ -114,6 +114,65 @@ def find_centres(state, pads, layout, out):
         px, py = pad_place(pads, layout[j], state[3])
         out[j, 0] = state[0] + cos * px - sin * py
         out[j, 1] = state[1] + sin * px + cos * py
+
+
+@stage(inline=False)
+def links_in_ground(state, status, model, ground, toes, sides, places):
+    """How many of a robot's ``sides``, pairs (n, 2) of pads, are in the ground between their ends.
+
+    Those with a toe come first, toe first. ``places`` is work space for two numbers a pad.
+    """
+    if status.end_near - status.first_near <= 2:
+        return 0  # no vertices
+    count, layout, pads = len(sides), model.layout, model.pads
+    cos, sin = mathematics.cos(state[2]), mathematics.sin(state[2])
+    if _others_near(state, status, ground):
+        for j in range(len(layout)):
+            _put_place(state, cos, sin, pads, layout[j], j, places)
+    else:  # all ground is below the other sides
+        while count > 0 and sides[count - 1, 0] >= toes:
+            count -= 1
+        for j in range(toes):
+            _put_place(state, cos, sin, pads, layout[j], j, places)
+        for k in range(count):
+            j = sides[k, 1]
+            _put_place(state, cos, sin, pads, layout[j], j, places)
+    surface = ground.surface
+    return _count_sides(places, count, sides, surface, status.first_near, status.end_near)
+
+
+@stage
+def _put_place(state, cos, sin, pads, pad, j, places):
+    """Put the centre of pad ``j`` among ``places``."""
+    px, py = pad_place(pads, pad, state[3])
+    places[2 * j] = state[0] + cos * px - sin * py
+    places[2 * j + 1] = state[1] + sin * px + cos * py
+
+
+@kernel
+def sides_in_ground(places: Floats1, sides: Ints2, surface: Floats2) -> int:
+    """:func:`links_in_ground` of pads at places (2 pads,), x and y in turn, m, on one ground."""
+    return _count_sides(places, len(sides), sides, surface, 0, len(surface))
+
+
+@stage(inline=False)
+def _count_sides(places, first, sides, surface, begin, end):
+    """How many of the ``first`` sides pass below a vertex of the ground surface[begin:end]."""
+    count = 0
+    for k in range(first):
+        a, b = 2 * sides[k, 0], 2 * sides[k, 1]
+        if places[b] < places[a]:
+            a, b = b, a
+        ax, ay = places[a], places[a + 1]
+        ex, ey = places[b] - ax, places[b + 1] - ay
+        vertex = segment_at(surface, begin, end, ax) + 1
+        below = False
+        while not below and vertex < end - 1 and surface[vertex, 0] - ax < ex:
+            x, y = surface[vertex, 0] - ax, surface[vertex, 1] - ay
+            below = x > 0.0 and ex * y > ey * x
+            vertex += 1
+        count += below
+    return count
 
 
 @kernel

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from jansen_env.engine import mathematics
 from jansen_env.engine.accumulators import accumulate_contacts, accumulate_step, begin, end
-from jansen_env.engine.collision import MARGIN, detect
+from jansen_env.engine.collision import MARGIN, detect, links_in_ground
 from jansen_env.engine.compliance import (
     accumulate_compliant,
     add_compliance,
@@ -124,8 +124,8 @@ def advance(
     earlier: Floats1, switch: Ints1, pushes: Floats3, trace: Floats2, jacobians: Floats3,
     matrices: Floats3, vectors: Floats2, readings: Floats3, spare: Floats2, ints: Ints1,
     moved: Ints1, flags: Bools1, states: Floats2, body: Floats4, pads: Floats5, layout: Layouts,
-    bearings: Floats2, surface: Floats2, depths: Floats2, world: World, robots: Robots,
-    planes: Planes, statistics: Statistics, slip: Floats2, force: Floats3,
+    bearings: Floats2, sides: Ints2, surface: Floats2, depths: Floats2, world: World,
+    robots: Robots, planes: Planes, statistics: Statistics, slip: Floats2, force: Floats3,
 ) -> int:  # fmt: skip
     """Advance robots by a control step, finding the ground as they go: a thread's, then others'.
 
@@ -144,8 +144,8 @@ def advance(
         states: (robots, 8) crank-axis states, changed in place.
         body, pads, bearings: (designs, ...) of a :class:`jansen_env.engine.records.Model`.
         surface, depths: of a :class:`jansen_env.engine.records.Ground`, depths (designs, ...).
-        layout: (designs, pads) PAD; world: (1,) WORLD; robots: (robots,)
-            ROBOT; planes: (planes,) PLANE, of all robots;
+        layout: (designs, pads) PAD; sides: (sides, 2) pads at the ends of links' sides;
+            world: (1,) WORLD; robots: (robots,) ROBOT; planes: (planes,) PLANE, of all robots;
             statistics: (robots, pads) CONTACT_STATISTICS. A robot faster than :data:`DIVERGED`,
             not finite, off its stretch of the ground or too deep in it stops, ``lost``.
         slip, force: out: (robots, toes) m, (robots, toes, 2) N, as CONTACT_STATISTICS has them.
@@ -187,6 +187,10 @@ def advance(
             else:
                 elapsed = steps * world_row.time_step
                 end(robot, state, statistics[r], elapsed, slip[r], force[r], model.body, work.sums)
+                if not robot.params.held:
+                    robot.accumulators.links_in_ground = links_in_ground(
+                        state, robot.status, model, ground, world_row.toes, sides, work.bound
+                    )
                 moved[count] = r
                 count += 1
             if not robot.params.held:

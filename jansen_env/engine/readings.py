@@ -25,7 +25,9 @@ from jansen_env.engine.records import Robots, floats, row_dtype
 
 # Information on a robot in its world; units are listed with the environments.
 STATE = ("x_position", "x_velocity", "pitch", "crank_angle", "crank_speed", "crank_torque")
-INFORMATION = row_dtype([*floats(*STATE, "joint_gap"), ("diverged", bool)])
+INFORMATION = row_dtype(
+    [*floats(*STATE, "joint_gap"), ("links_in_ground", "i8"), ("diverged", bool)]
+)
 ENERGIES = row_dtype(
     floats(
         "motor_work", "push_work", "correction_work", "electrical_work", "joint_loss", "slip_loss",
@@ -130,6 +132,7 @@ def take_step(r, period, states, slip, force, robots, rows, loads):
         slipped += slip[r, j]
         loads[r, j] = force[r, j, 1] / row.weight
     row.info.x_velocity = (x - row.x_before) / period
+    row.info.links_in_ground = robots[r].accumulators.links_in_ground
     row.x_before = x
     return slipped
 

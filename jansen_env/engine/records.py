@@ -102,6 +102,7 @@ ACCUMULATORS = row_dtype(
         ("worst_residual", "f8"),  # N s, of the contact law, the largest of a time step
         ("contact_gain", "f8"),  # J that contact impulses added, the largest of a time step
         ("non_toe_impulse", "f8"),  # N s, normal, on pads that are no toes
+        ("links_in_ground", "i8"),  # sides of links below a vertex of the ground, at the end
         ("initial_energy", "f8"),  # J, kinetic and potential, when the sums were begun
         ("energy_change", "f8"),  # J, since then
         ("elastic_energy", "f8"),  # J, in compliant pads

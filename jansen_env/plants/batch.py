@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.checks import finite, positive
 from jansen_env.dynamics.joint_forces import JointForces, joint_forces
+from jansen_env.dynamics.pads import pad_sides
 from jansen_env.dynamics.reduced import Tables, compile_robot
 from jansen_env.engine import collision, integrator, placement
 from jansen_env.engine.collision import MARGIN, SPECULATIVE_MARGIN
@@ -126,6 +127,7 @@ class Batch:
         self.time_step = check_time_step(time_step)
         self.detection_interval = positive("detection_interval", detection_interval)
         self.designs, n = DesignTables(robots), len(robots)
+        self._sides = pad_sides(robots[0])
         self.toes, self.pads = len(robots[0].toes), len(self.designs.model.layout[0])
         toes, pads, self._every = self.toes, self.pads, np.arange(n)
         # Parameters.
@@ -180,9 +182,9 @@ class Batch:
         """Note the arguments that threads share in a step."""
         model = self.designs.model
         self._shared = (
-            self.states, model.body, model.pads, model.layout, model.bearings, self.surface,
-            self.designs.depths, self._world, self.rows, self.planes, self.contact_statistics,
-            self.slip, self.contact_force,
+            self.states, model.body, model.pads, model.layout, model.bearings, self._sides,
+            self.surface, self.designs.depths, self._world, self.rows, self.planes,
+            self.contact_statistics, self.slip, self.contact_force,
         )  # fmt: skip
 
     def set_parameters(self, rows: Ints, values: Rows) -> None:

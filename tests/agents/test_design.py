@@ -182,7 +182,9 @@ def test_wear_grows_with_what_slides(walker):
 def test_climbing_counts_heights(walker):
     """The mean height is within those tried; a walk too short for a step is refused."""
     whole = Walker("JansenWalkerBuilt-v0", {"robot": "built"}, 0.4, 1, 1)
-    assert STEPS[0] < whole.measure("climb", [begin(0.4)])["climb"][0] < STEPS[-1]
+    measured = whole.measure("climb", [begin(0.4)])
+    assert STEPS[0] < measured["climb"][0] < STEPS[-1]
+    assert 0.0 <= measured["links_in_ground"][0] < 0.1
     with pytest.raises(ValueError, match=r"climb at speed .* and a time limit of 3 s ends"):
         walker.measure("climb", [begin(0.4)])
 

@@ -22,7 +22,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.checks import positive_integer, within
 from jansen_env.dynamics.joint_forces import JointForces
-from jansen_env.dynamics.pads import pad_layout
+from jansen_env.dynamics.pads import pad_layout, pad_sides
+from jansen_env.engine.collision import sides_in_ground
 from jansen_env.engine.integrator import DIVERGED
 from jansen_env.engine.placement import PLACEMENT_DEPTH
 from jansen_env.engine.records import ROBOT, UNKNOWN_DEFLECTION
@@ -182,7 +183,7 @@ class RigidBodyBatch:
         self.accumulators = self.rows["accumulators"]
         self.diverged, self.any_diverged = np.zeros(1, bool), False
         self.lookahead_steps = max(1, round(LOOKAHEAD / self.time_step))
-        self._owners = bodies.pad_bodies(robot, pad_layout(robot))
+        self._owners, self._sides = bodies.pad_bodies(robot, pad_layout(robot)), pad_sides(robot)
         self.gravity = gravity_vector(gravity)
         self._apply_parameters()
         self._build(np.zeros(8))
@@ -362,6 +363,9 @@ class RigidBodyBatch:
         self.states[0] = self._space.state
         sums.fill(self.accumulators[0], self.toes, torque, len(impulses), h)
         self.accumulators["energy_change"] = now.energy + self._stored - start
+        places = np.ascontiguousarray(now.pads).ravel()
+        in_ground = 0 if self.held else sides_in_ground(places, self._sides, self.surface)
+        self.accumulators["links_in_ground"] = in_ground
         self.slip[0], self.joint_gap[0] = sums.slip[: self.toes], sums.joint_gap
         self.contact_force[0] = sums.impulse[: self.toes] / (len(impulses) * h)
 

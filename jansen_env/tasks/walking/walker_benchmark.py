@@ -190,6 +190,7 @@ WALKER = Benchmark(
         "drawn": Aggregate("sum", lambda info: info["energy"]["electrical_work"]),
         # A simulation that diverged is no walk either: it counts as a fall.
         "fell": Aggregate("last", lambda info: info["fallen"] | info["diverged"]),
+        "steps_in_ground": Aggregate("sum", lambda info: 1.0 * (info["links_in_ground"] > 0)),
         "torque_change": Aggregate("change", lambda info: info["crank_torque"]),
         **TORQUE,
     },

@@ -372,7 +372,8 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     ``crank_speed`` rad/s, ``crank_torque`` N m, ``speed_command`` m/s, ``lag`` m, ``mean_speed``
     and ``mean_slip`` m/s, ``mean_power`` W, ``rms_torque`` N m (see Rewards), ``slip`` (n,) m slid by each
     toe while loaded in this step, ``contact_force`` (n, 2) mean tangential and normal force on each
-    toe in N, ``fallen`` (since the last reset), and ``energy``, J in this step: ``motor_work``, ``push_work``,
+    toe in N, ``links_in_ground`` (how many sides of links, lines between two joints with pads, pass below a vertex of the ground at the
+    end of this step; rods to a crank pin are not looked at), ``fallen`` (since the last reset), and ``energy``, J in this step: ``motor_work``, ``push_work``,
     ``correction_work`` (what taking sunken pads out of the ground adds), ``joint_loss``, ``slip_loss``, ``impact_loss``,
     ``mechanical_energy_change``, ``residual``; the first three are the sum of the others; ``electrical_work`` is what the motor drew; ``joint_gap`` m, the widest gap of any joint in this step (0 on the projection
     plant). With ``track_joint_forces``: ``joint_force_max`` N, the largest force with which a

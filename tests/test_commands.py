@@ -82,7 +82,8 @@ def test_a_folder_that_cannot_be_written_to_is_named_before_the_work(capsys):
         assert ended.value.code == 2 and "/proc" in capsys.readouterr().err
 
 
-def test_an_environment_without_policies_shows_its_baseline(tmp_path):
+def test_an_environment_without_policies_shows_its_baseline(tmp_path, monkeypatch):
+    monkeypatch.setattr("jansen_env.policies.pretrained.names", lambda _: [])
     main(["replay", "--env", "JansenGoal-v0", "--steps", "5", "--out", str(tmp_path / "x.html")])
     assert [path.name for path in tmp_path.glob("*.npz")] == ["x_pid.npz"]
 

@@ -25,18 +25,17 @@ from jansen_env.scoring.rollout import make_env, make_envs
 
 SHIPPED = [(env_id, name) for env_id in IDS for name in pretrained.names(env_id)]
 CRANK = "JansenCrank-v0"
-WITH_POLICIES = {*IDS} - {"JansenGoal-v0"}  # whose baseline solves it
 
 
 def test_every_environment_has_its_policy():
-    assert {env_id for env_id, name in SHIPPED if name == pretrained.DEFAULT} == WITH_POLICIES
+    assert {env_id for env_id, name in SHIPPED if name == pretrained.DEFAULT} == {*IDS}
     for path in (pretrained.shipped(*one) for one in SHIPPED):
         assert max(p.stat().st_size for p in path.parent.glob(f"{path.stem}.*")) < 200_000
     for name in ("none", f"../{CRANK}/ppo", None):
         with pytest.raises(ValueError, match=re.escape(f"policy is {name!r}, must be one of")):
             pretrained.load(CRANK, name)
-    known = re.escape(str(sorted(WITH_POLICIES)))
-    for env_id in ("..", None, "JansenGoal-v0", "JansenWalkr-v0"):
+    known = re.escape(str(sorted(IDS)))
+    for env_id in ("..", None, "JansenWalkr-v0"):
         with pytest.raises(ValueError, match=f"^env_id is {env_id!r}, must be one of {known}"):
             pretrained.load(env_id)
 
@@ -99,7 +98,7 @@ import sys
 for name in ("torch", "stable_baselines3", "yaml", "imageio", "scipy", "agents"):
     sys.modules[name] = None
 from jansen_env.policies import pretrained
-for env_id in {sorted(WITH_POLICIES)}:
+for env_id in {sorted(IDS)}:
     policy = pretrained.load(env_id)
     action, _ = policy.predict([0.5] * len(policy.observed))
     assert action.shape == (1,)

@@ -105,7 +105,7 @@ class Kernel:
         return entry
 
     def bound(self) -> Kernel:
-        """Return the same kernel with a memory of its own, for an object that calls it often."""
+        """Return a copy that remembers its own arguments, for an object that calls it often."""
         return Kernel(self.function, self.nogil)
 
     def __call__(self, *arguments: object) -> Any:

@@ -1,4 +1,4 @@
-"""Claim by claim: what the paper says, what is computed here, whether it holds.
+"""The paper's claims beside what is computed here, each with a verdict.
 
 Verdicts follow from the numbers by the criterion in each function, none is set by hand. Why a claim
 holds or does not: ``docs/paper.md``. Last come the tables of claims and interpretations.

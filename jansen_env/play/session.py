@@ -67,7 +67,7 @@ SLIDERS = {
 
 @dataclass(frozen=True)
 class Choices:
-    """What a walk is made of. Raises ValueError: a robot, terrain or level is not allowed."""
+    """The robot, terrain, level and control of a walk. Raises ValueError: one is not allowed."""
 
     robot: str
     terrain: str

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 from jansen_env.engine.mathematics import atan2, hypot
 from jansen_env.robot import buildable as built
@@ -26,28 +27,54 @@ def holy_numbers_robot(phases: int = 2) -> Robot:
     g 36.7, h 65.7, i 49, j 50, k 61.9, l 7.8, m 15.
     """
     s = CRANK_RADIUS / 15.0
-    return _of_lengths(
-        phases, atan2(7.8, 38.0), s * hypot(38.0, 7.8), CRANK_RADIUS, s * 50.0,
-        (s * 41.5, s * 55.8, s * 40.1), s * 39.3, s * 61.9, s * 39.4,
-        (s * 36.7, s * 65.7, s * 49.0),
+    lengths = Lengths(
+        frame=s * hypot(38.0, 7.8), crank=CRANK_RADIUS, upper_rod=s * 50.0,
+        upper_triangle=(s * 41.5, s * 55.8, s * 40.1), rocker=s * 39.3, lower_rod=s * 61.9,
+        coupler=s * 39.4, foot=(s * 36.7, s * 65.7, s * 49.0), frame_angle=atan2(7.8, 38.0),
     )  # fmt: skip
+    return _with_lengths(lengths, phases)
 
 
-def _of_lengths(
-    phases: int, frame_angle: float, frame: float, crank: float, upper_rod: float,
-    upper_triangle: tuple[float, float, float], rocker: float, lower_rod: float, coupler: float,
-    foot: tuple[float, float, float],
-) -> Robot:  # fmt: skip
-    """Jansen's linkage with these lengths (m) and the paper's masses."""
-    return Robot(frame_angle=frame_angle, legs=phased_legs(phases)).with_bodies(
-        frame=Bar(frame),
-        crank=Bar(crank),
-        upper_rod=Bar(upper_rod),
-        upper_triangle=Triangle.from_sides(*upper_triangle),
-        rocker=Bar(rocker),
-        lower_rod=Bar(lower_rod),
-        coupler=Bar(coupler),
-        foot=Triangle.from_sides(*foot, outward=True),
+class Lengths(NamedTuple):
+    """Lengths of Jansen's linkage, m; of triangles, their sides. The frame's angle is in rad."""
+
+    frame: float
+    crank: float
+    upper_rod: float
+    upper_triangle: tuple[float, float, float]
+    rocker: float
+    lower_rod: float
+    coupler: float
+    foot: tuple[float, float, float]
+    frame_angle: float
+
+
+FOUND = {
+    "economy": Lengths(
+        frame=0.3556, crank=0.1082, upper_rod=0.3527, upper_triangle=(0.2995, 0.3853, 0.2268),
+        rocker=0.2238, lower_rod=0.4173, coupler=0.2277, foot=(0.2250, 0.3918, 0.3367),
+        frame_angle=0.1301,
+    ),
+    "climber": Lengths(
+        frame=0.3250, crank=0.1324, upper_rod=0.2733, upper_triangle=(0.1986, 0.3386, 0.2537),
+        rocker=0.2630, lower_rod=0.3602, coupler=0.2267, foot=(0.2967, 0.3083, 0.3881),
+        frame_angle=0.1461,
+    ),
+}  # fmt: skip
+"""Lengths that searches found, for little work at 0.5 m/s and for high steps."""
+
+
+def _with_lengths(lengths: Lengths, phases: int) -> Robot:
+    """Return Jansen's linkage with these lengths and the paper's masses."""
+    return Robot(frame_angle=lengths.frame_angle, legs=phased_legs(phases)).with_bodies(
+        frame=Bar(lengths.frame),
+        crank=Bar(lengths.crank),
+        upper_rod=Bar(lengths.upper_rod),
+        upper_triangle=Triangle.from_sides(*lengths.upper_triangle),
+        rocker=Bar(lengths.rocker),
+        lower_rod=Bar(lengths.lower_rod),
+        coupler=Bar(lengths.coupler),
+        foot=Triangle.from_sides(*lengths.foot, outward=True),
     )
 
 
@@ -68,22 +95,9 @@ def built_robot(phases: int = 2) -> Robot:
     return _with_hardware(paper_robot(phases), BEARING_LOADS["built"])
 
 
-def economy_robot(phases: int = 2) -> Robot:
-    """The built robot with the lengths that a search found for little work at 0.5 m/s."""
-    robot = _of_lengths(
-        phases, 0.1301, 0.3556, 0.1082, 0.3527, (0.2995, 0.3853, 0.2268), 0.2238, 0.4173, 0.2277,
-        (0.2250, 0.3918, 0.3367),
-    )  # fmt: skip
-    return _with_hardware(robot, BEARING_LOADS["economy"])
-
-
-def climber_robot(phases: int = 2) -> Robot:
-    """The built robot with the lengths that a search found for high steps."""
-    robot = _of_lengths(
-        phases, 0.1461, 0.3250, 0.1324, 0.2733, (0.1986, 0.3386, 0.2537), 0.2630, 0.3602, 0.2267,
-        (0.2967, 0.3083, 0.3881),
-    )  # fmt: skip
-    return _with_hardware(robot, BEARING_LOADS["climber"])
+def found_robot(name: str, phases: int = 2) -> Robot:
+    """The built robot with the lengths :data:`FOUND` under a name."""
+    return _with_hardware(_with_lengths(FOUND[name], phases), BEARING_LOADS[name])
 
 
 def _with_hardware(robot: Robot, bearing_loads: tuple[float, ...]) -> Robot:
@@ -135,8 +149,8 @@ ROBOTS: dict[str, Callable[..., Robot]] = {
     "holy": holy_numbers_robot,
     "holy_slender": lambda phases=2: holy_numbers_robot(phases).with_slender_inertias(),
     "built": built_robot,
-    "economy": economy_robot,
-    "climber": climber_robot,
+    "economy": lambda phases=2: found_robot("economy", phases),
+    "climber": lambda phases=2: found_robot("climber", phases),
     **ZOO,
 }
 """Built-in designs by name; each takes the number of crank pins, with two toes on each."""

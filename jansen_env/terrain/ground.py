@@ -54,7 +54,7 @@ def layout(start: float, reach: float, period: float) -> tuple[float, int]:
     count = (reach - start) / period
     if count > MOST_POINTS:
         raise ValueError(
-            f"reach / (length of what is repeated) is {count:g}, must be at most {MOST_POINTS}"
+            f"start and reach leave room for {count:g} repetitions, must be at most {MOST_POINTS}"
         )
     return start, max(1, int(count))
 

@@ -40,7 +40,7 @@ def make_cases(policy, count):
 
 
 def run_c(sources, seen, options):
-    """What the program of some sources prints for observations, as numbers."""
+    """Compile C sources, and return what the program prints for observations, as numbers."""
     with tempfile.TemporaryDirectory() as folder:
         for file, text in sources.items():
             (Path(folder) / file).write_text(text, encoding="ascii")

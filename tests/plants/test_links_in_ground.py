@@ -21,7 +21,7 @@ def spike(x, y):
 
 
 def expected_count(centres, points):
-    """Sides below a point of the ground, by a formula of its own."""
+    """Count the sides that pass below a vertex of the ground, by another formula."""
     count = 0
     for a, b in centres[pad_sides(ROBOT)]:
         share = (points[:, 0] - a[0]) / (b[0] - a[0])
@@ -37,7 +37,7 @@ def test_sides_of_a_leg():
 
 @pytest.mark.parametrize("name", sorted(PLANTS))
 def test_links_over_a_spike(name):
-    """As many sides are counted as pass below a spike, from under the toes to above the frame."""
+    """The count is that of the other formula, for spikes from below the toes to above the frame."""
     counts = []
     for x, y in [(0.3, -0.7), (0.25, -0.3), (-0.2, -0.2), (0.35, 0.1), (0.0, 0.3), (-0.3, -0.45)]:
         plant = make_plant(name, ROBOT, spike(x, y))

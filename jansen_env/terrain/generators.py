@@ -44,7 +44,7 @@ LEVELS: dict[str, dict[str, tuple[float, float]]] = {
 """Parameters of each generator at level 0 and level 9, evenly spaced between; m and rad."""
 
 
-_UP_OR_DOWN = {"slope": "angle", "stairs": "rise"}  # whose sign is drawn, if they are not given
+UP_OR_DOWN = {"slope": "angle", "stairs": "rise"}  # whose sign is drawn, if they are not given
 GENERATORS = (*LEVELS, "mixed")
 """Their names."""
 
@@ -95,7 +95,7 @@ class NamedGenerator:
             return KINDS[rng.integers(len(KINDS))](rng, level)
         values = at_level(self.name, level)
         down = rng.random() < 0.5  # drawn in any case, so that fixing it leaves the others
-        if down and (sign := _UP_OR_DOWN.get(self.name)):
+        if down and (sign := UP_OR_DOWN.get(self.name)):
             values[sign] *= -1.0
         values |= dict(self.given)
         if self.name == "slope":

@@ -1,0 +1,53 @@
+"""Grounds that a page draws by name, level and seed are those of the package, bit for bit."""
+
+import json
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from jansen_env.terrain.generators import GENERATORS, HIGHEST, NamedGenerator
+from jansen_env.viewer.web.page import FOLDER
+from jansen_env.viewer.web.terrain_data import terrain_data
+
+SEEDS = (0, 1, 7, 2**32 + 5, 2**53 - 1)
+SCRIPT = """
+import { readFileSync } from "node:fs";
+import { generatorOf } from "FOLDER/random.js";
+import { groundOf, polyline } from "FOLDER/terrain.js";
+const { data, asked, seeds } = JSON.parse(readFileSync(0, "utf8"));
+const grounds = asked.map(([name, level, seed]) => {
+  const points = groundOf(data, name, level, seed);
+  return [points, polyline(points)];
+});
+const numbers = seeds.map((seed) => {
+  const rng = generatorOf(seed);
+  const drawn = [rng.random(), rng.integer(7), rng.integer(3), rng.uniform(-2, 5), rng.integer(10)];
+  return [...drawn, String(rng.integer(2n ** 63n)), rng.random(), rng.integer(2 ** 32)];
+});
+console.log(JSON.stringify([grounds, numbers]));
+"""
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="Node.js is not installed")
+def test_a_page_draws_the_same_grounds():
+    asked = [
+        (name, level, seed) for name in GENERATORS for level in range(HIGHEST + 1) for seed in SEEDS
+    ]
+    script = SCRIPT.replace("FOLDER", str(FOLDER))
+    done = subprocess.run(
+        ["node", "--input-type=module", "-e", script],
+        input=json.dumps({"data": terrain_data(), "asked": asked, "seeds": SEEDS}),
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    grounds, numbers = json.loads(done.stdout)
+    for (name, level, seed), (points, line) in zip(asked, grounds, strict=True):
+        terrain = NamedGenerator(name)(np.random.default_rng(seed), level)
+        assert [tuple(point) for point in points] == list(terrain.points), (name, level, seed)
+        assert line == terrain.polyline.tolist(), (name, level, seed)
+    for seed, drawn in zip(SEEDS, numbers, strict=True):
+        rng = np.random.default_rng(seed)
+        expected = [rng.random(), rng.integers(7), rng.integers(3), -2.0 + 7.0 * rng.random()]
+        expected += [rng.integers(10), str(rng.integers(2**63)), rng.random(), rng.integers(2**32)]
+        assert drawn == expected, seed

@@ -4,6 +4,7 @@ With $CHROMIUM set, or $JANSEN_ENV_BROWSER "required", they fail there. The fixt
 ``conftest.py``'s; what a page reports is checked at the end.
 """
 
+import math
 import os
 import shutil
 from dataclasses import dataclass, field
@@ -70,6 +71,20 @@ class Window:
     page: Any
     errors: list[str] = field(default_factory=list)
     requests: list[str] = field(default_factory=list)
+
+
+def draw_path(page: Any) -> None:
+    """Draw a path that is flat below on the bench, and wait for its leg."""
+    page.click("#draw")
+    box = page.locator("#picture").bounding_box()
+    x, y = box["x"] + 0.4 * box["width"], box["y"] + 0.8 * box["height"]
+    for k in range(40):
+        angle = 2.0 * math.pi * k / 40
+        page.mouse.move(x + 150.0 * math.cos(angle), y - 50.0 * max(math.sin(angle), 0.0))
+        if k == 0:
+            page.mouse.down()
+    page.mouse.up()
+    page.locator("#message", has_text="of the path's size away").wait_for()
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from browser import ARGUMENTS, chromium
+from browser import ARGUMENTS, chromium, draw_path
 from PIL import Image
 
 from jansen_env.commands.replay import main as record
@@ -31,9 +31,9 @@ BENCHES = {
 """Options of the browser, design, joint that is dragged by so many pixels, crank angle, degrees."""
 
 
-def save(tab: Any, path: Path, whole: bool = False) -> None:
-    """Write a picture of a page with few colours."""
-    picture = Image.open(io.BytesIO(tab.screenshot(full_page=whole))).convert("RGB")
+def save(shown: Any, path: Path, **options: Any) -> None:
+    """Write a picture of a page, or of an element, with few colours."""
+    picture = Image.open(io.BytesIO(shown.screenshot(**options))).convert("RGB")
     few = picture.quantize(COLOURS, kmeans=1, dither=Image.Dither.NONE)
     write_whole(path, lambda to: few.save(to, optimize=True))
     print(f"written: {path} ({path.stat().st_size / 1000:.0f} kB)")
@@ -47,7 +47,7 @@ def take_replays(browser: Any, page: Path, folder: Path) -> None:
         for key in [*keys, *["ArrowRight"] * STEPS]:
             tab.keyboard.press(key)
         tab.get_by_text(f"{0.02 * STEPS:.2f} s", exact=True).first.wait_for()
-        save(tab, folder / f"{name}.png", whole)
+        save(tab, folder / f"{name}.png", full_page=whole)
 
 
 def take_benches(browser: Any, page: Path, folder: Path) -> None:
@@ -67,6 +67,12 @@ def take_benches(browser: Any, page: Path, folder: Path) -> None:
             tab.mouse.up()
         tab.wait_for_timeout(200)
         save(tab, folder / f"{name}.png")
+    tab = browser.new_page(reduced_motion="reduce", viewport={"width": 1000, "height": 760})
+    tab.goto(f"{page.as_uri()}#built")
+    draw_path(tab)
+    tab.click("#next")
+    tab.wait_for_timeout(200)
+    save(tab.locator("#picture"), folder / "drawn.png")
 
 
 def main() -> None:

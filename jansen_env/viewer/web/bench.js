@@ -6,12 +6,15 @@
 import * as design from "./bench_design.js";
 import * as picture from "./bench_picture.js";
 import { angleOf, assemble, lengthsOf, measure, openingOf, place, turnOf } from "./linkage.js";
+import { evenly, legsFor } from "./path_search.js";
 import { explain } from "./terms.js";
 
 const CRANK_SPEED = 2; // rad/s, of the animation
 const STEP = 0.001; // m, of an arrow key
 const STICKY = 7; // pixels, by which the crank's pin may leave its circle before it gets longer
 const TOUCH = 22; // pixels around a joint
+const SMALLEST = 0.02; // m, of a path that is drawn
+const SEARCHING = 12; // ms of a frame
 const FLIPPED = 0.002; // m, by which a joint may miss the pointer, or it would snap to the other side
 
 const $ = (id) => document.getElementById(id);
@@ -45,6 +48,10 @@ let psi = angleOf(0);
 let running = false;
 let last = 0; // ms, of the frame before
 let grabbed = null; // {joint, offset, from: view} while a joint is dragged
+let drawing = false; // whether the pointer draws a path
+let pen = null; // the path, m, while the pointer is down
+let wanted = null; // the last one, where the leg's own is
+let legs = []; // those that were found for it; the first is shown
 let asked = false; // for a frame
 let note = ""; // of the page itself
 
@@ -78,7 +85,7 @@ function rework() {
 
 /** Keep a design as the present one; without one, show that which is. */
 function settle(other) {
-  draft = null;
+  draft = wanted = null;
   note = "";
   if (other && (now < 0 || design.linkOf(other) !== design.linkOf(past[now])))
     past.splice(++now, past.length, other);
@@ -105,7 +112,9 @@ function frame(time) {
   last = time;
   const { width, height } = view.box;
   Object.assign(view, { psi, pixel: Math.max(width / svg.clientWidth, height / svg.clientHeight) });
-  $("drawing").innerHTML = picture.pictureOf(view, $("others").checked, kept?.paths);
+  const others = [pen, wanted].filter(Boolean).map(picture.closed);
+  const paths = [...(kept?.paths ?? []), ...others];
+  $("drawing").innerHTML = picture.pictureOf(view, $("others").checked, paths);
   const { at } = place(view.linkage, psi);
   for (const handle of $("handles").children) {
     const [x, y] = at[handle.dataset.joint] ?? [1e9, 0]; // out of sight
@@ -177,6 +186,8 @@ function showLengths() {
     const { name } = row.dataset;
     const [, slider, field] = row.children;
     const value = design.shown(name, view.lengths[name]);
+    slider.min = Math.min(slider.min, Math.floor(value));
+    slider.max = Math.max(slider.max, Math.ceil(value));
     row.classList.toggle("changed", name in present().changes);
     if (!slider.matches(":active")) slider.value = value;
     if (!draft || document.activeElement !== field) field.value = value;
@@ -243,6 +254,11 @@ function pointOf({ clientX, clientY }) {
 }
 
 svg.addEventListener("pointerdown", (event) => {
+  if (drawing) {
+    svg.setPointerCapture(event.pointerId);
+    pen = [pointOf(event)];
+    return;
+  }
   const { at } = place(view.linkage, psi);
   const [x, y] = pointOf(event);
   const away = ({ dataset }) =>
@@ -257,6 +273,10 @@ svg.addEventListener("pointerdown", (event) => {
   grabbed = { joint, offset: [at[joint][0] - x, at[joint][1] - y], from: { ...view, psi } };
 });
 svg.addEventListener("pointermove", (event) => {
+  if (pen) {
+    pen.push(pointOf(event));
+    touch();
+  }
   if (!grabbed) return;
   const [x, y] = pointOf(event);
   move(grabbed.joint, [x + grabbed.offset[0], y + grabbed.offset[1]], grabbed.from);
@@ -265,7 +285,69 @@ for (const end of ["pointerup", "pointercancel"])
   svg.addEventListener(end, () => {
     if (grabbed) settle(draft);
     grabbed = null;
+    if (pen) search(pen);
+    pen = null;
   });
+
+// A leg for a path that is drawn.
+
+/** Let the pointer draw a path, or no longer. */
+function draw(on) {
+  drawing = on;
+  $("draw").setAttribute("aria-pressed", on);
+  svg.classList.toggle("pen", on);
+  if (on) say("Draw the path of a toe, all the way round.");
+}
+
+/** Search for a path's legs while pictures go on. */
+function search(path) {
+  const size = (i) => Math.max(...path.map((p) => p[i])) - Math.min(...path.map((p) => p[i]));
+  if (Math.max(size(0), size(1)) < SMALLEST) return say("The path is too small.");
+  draw(false);
+  const work = legsFor(oneOfEach(), path);
+  const go = () => {
+    const until = performance.now() + SEARCHING;
+    let done = work.next();
+    while (!done.done && performance.now() < until) done = work.next();
+    if (!done.done) {
+      say(`Searching for a leg: ${Math.round(100 * done.value)} %`);
+      return requestAnimationFrame(go);
+    }
+    const bases = new Map([...done.value].reverse().map((leg) => [leg.base, leg]));
+    legs = [...bases.values()].sort((a, b) => a.error - b.error);
+    show(path);
+  };
+  go();
+}
+
+/** A design of each linkage, by name. */
+function oneOfEach() {
+  const kinds = new Map();
+  for (const name of [...Object.keys(designs), first]) {
+    const { bodies, dyads, toes } = designs[name];
+    kinds.set(JSON.stringify([bodies, dyads, toes]), name);
+  }
+  return Object.fromEntries([...kinds.values()].map((name) => [name, designs[name]]));
+}
+
+/** Show the first of the legs that were found, with the path where its toe's is. */
+function show(path) {
+  $("next").hidden = legs.length < 2;
+  if (legs.length === 0) return say("No leg was found that walks by such a path.");
+  const [{ base, lengths, error }] = legs;
+  settle(design.withLengths(designs, { base, changes: {} }, lengths));
+  const middle = (points, i) => points.reduce((sum, point) => sum + point[i], 0) / points.length;
+  const toe = evenly(view.turn.map(({ at }) => at[view.linkage.design.toes[0]]));
+  const drawn = evenly(path);
+  wanted = drawn.map((p) => p.map((v, i) => v + middle(toe, i) - middle(drawn, i)));
+  say(`${plain(base)}: its toe is ${share(error)} of the path's size away from it.`);
+}
+
+/** Show the leg of another linkage for the same path. */
+function next() {
+  legs.push(legs.shift());
+  show(wanted);
+}
 
 // The crank, buttons and keys.
 
@@ -330,6 +412,8 @@ function walk() {
 const BUTTONS = {
   walk,
   keep,
+  draw: () => draw(!drawing),
+  next,
   undo: () => step(-1),
   redo: () => step(1),
   original: () => settle({ base: present().base, changes: {} }),

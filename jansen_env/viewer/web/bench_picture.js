@@ -59,6 +59,9 @@ function trace(pointOf) {
   return text;
 }
 
+/** SVG path data of a closed path [[x, y], ...], m. */
+export const closed = (points) => `M${points.map(at).join("L")}Z`;
+
 /** Paths of the first leg's toes, of those samples that `shows` chooses. */
 export function toePaths({ toes }, turn, shows = () => true) {
   return [...toes].map((toe, which) => trace((k) => shows(which, k) && turn[k].at[toe]));

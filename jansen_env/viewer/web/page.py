@@ -113,7 +113,7 @@ def _script(name: str) -> str:
         for imported in re.findall(r' from "\./(\w+)\.js";', source):
             if imported not in modules:
                 add(imported)
-        exported = re.findall(r"^export (?:function|const) (\w+)", source, re.MULTILINE)
+        exported = re.findall(r"^export (?:function\*?|const) (\w+)", source, re.MULTILINE)
         source = re.sub(r"^export (?=function|const)", "", source, flags=re.MULTILINE)
         source = re.sub(
             r'^import (?:\* as )?(\w+|\{[^}]*\}) from "\./(\w+)\.js";', r"const \1 = \2_js;",

@@ -1,0 +1,115 @@
+"""A leg for a drawn path: as near as the page says, by the package's kinematics, and walking."""
+
+import json
+import math
+import shutil
+import subprocess
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from browser import draw_path
+
+from jansen_env.robot import ROBOTS
+from jansen_env.robot.kinematics import advance_per_turn, toe_positions
+from jansen_env.robot.lengths import with_lengths
+from jansen_env.tasks.walking.walker_benchmark import walking_pid
+from jansen_env.viewer.web.bench import design_of, write_bench
+from jansen_env.viewer.web.page import FOLDER
+
+TURN = np.linspace(0.0, 2.0 * math.pi, 100, endpoint=False)
+COS, SIN = np.cos(TURN), np.sin(TURN)
+RISE = np.concatenate([np.zeros(40), np.arange(20), 20 - np.arange(20)]) / 20
+PATHS = {  # x, y, m
+    "ellipse": (0.15 * COS, 0.05 * SIN),
+    "egg": (0.15 * COS, 0.06 * SIN * (1.0 + 0.3 * COS)),
+    "bean": (0.15 * COS, 0.05 * SIN + 0.03 * np.cos(2.0 * TURN)),
+    "half circle": (0.12 * COS, 0.12 * np.maximum(SIN, 0.0)),
+    "flat below": (0.15 * COS, 0.08 * np.maximum(SIN, 0.0)),
+    "triangle": (np.interp(np.arange(80), [0, 40, 80], [-0.15, 0.15, -0.15]), 0.1 * RISE),
+}
+PATHS = {name: np.stack(path, axis=1) for name, path in PATHS.items()}
+SCRIPT = """
+import { readFileSync } from "node:fs";
+import { legsFor } from "FOLDER/path_search.js";
+const { designs, paths } = JSON.parse(readFileSync(0, "utf8"));
+const search = (path) => {
+  const work = legsFor(designs, path, {});
+  for (;;) {
+    const { value, done } = work.next();
+    if (done) return value;
+  }
+};
+console.log(JSON.stringify(paths.map(search)));
+"""
+
+
+@pytest.fixture(scope="module")
+def found():
+    """{path's name: legs}."""
+    if shutil.which("node") is None:
+        pytest.skip("Node.js is not installed")
+    names = ("built", "klann", "chebyshev", "trotbot", "strider")
+    designs = {name: design_of(ROBOTS[name]()) for name in names}
+    paths = [path.tolist() for path in PATHS.values()]
+    done = subprocess.run(
+        ["node", "--input-type=module", "-e", SCRIPT.replace("FOLDER", str(FOLDER))],
+        input=json.dumps({"designs": designs, "paths": paths}),
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    return dict(zip(PATHS, json.loads(done.stdout), strict=True))
+
+
+def shape(path):
+    """64 complex points evenly along a closed path (n, 2), of size 1 about their mean; the size."""
+    closed = np.append(path, path[:1], axis=0)
+    way = np.append(0.0, np.hypot(*np.diff(closed, axis=0).T).cumsum())
+    places = np.linspace(0.0, way[-1], 64, endpoint=False)
+    points = np.interp(places, way, closed[:, 0]) + 1j * np.interp(places, way, closed[:, 1])
+    points -= points.mean()
+    size = np.sqrt((np.abs(points) ** 2).mean())
+    return points / size, size
+
+
+@pytest.mark.parametrize("name", PATHS)
+def test_legs_are_as_near_as_they_say(found, name):
+    target, size = shape(PATHS[name])
+    legs = found[name]
+    assert legs[0]["error"] < 0.0125
+    for leg in legs:
+        robot = with_lengths(ROBOTS[leg["base"]](), leg["lengths"])
+        psi = 2.0 * math.pi * np.arange(64) / 64
+        toe = toe_positions(robot, psi)[:, 0]
+        points, reached = shape(toe)
+        turned = [np.roll(each, k) for each in (points, points[::-1]) for k in range(64)]
+        error = min(np.sqrt((np.abs(each - target) ** 2).mean()) for each in turned)
+        assert error == pytest.approx(leg["error"], abs=1e-6)
+        assert reached == pytest.approx(size)
+
+
+def test_the_nearest_leg_walks(found):
+    leg = found["flat below"][0]
+    robot = with_lengths(ROBOTS[leg["base"]](), leg["lengths"])
+    with gym.make("JansenWalker-v0", robot=robot, speed_command=0.3) as env:
+        observation, _ = env.reset(seed=0)
+        turn = 2.0 * math.pi / abs(advance_per_turn(robot))
+        pid, memory = walking_pid(lambda speed: turn * speed, env.unwrapped), None
+        for step in range(250):
+            action, memory = pid.predict(observation, memory, step == 0)
+            observation, _, fallen, _, info = env.step(action)
+            assert not fallen
+    assert info["x_position"] > 1.0  # m, in 5 s at 0.3 m/s
+
+
+def test_a_path_is_drawn_on_the_bench(open_window, tmp_path):
+    window = open_window(reduced_motion="reduce", viewport={"width": 1400, "height": 900})
+    page = window.page
+    page.goto(f"{write_bench(tmp_path / 'bench.html').as_uri()}#paper")
+    draw_path(page)
+    says = page.locator("#message")
+    first, base = says.text_content(), page.input_value("#base")
+    assert base in first and len(page.evaluate("location.hash").split("&")) > 10
+    page.click("#next")
+    assert page.input_value("#base") != base and "its toe is" in says.text_content()
+    page.click("#undo")
+    assert page.input_value("#base") == base

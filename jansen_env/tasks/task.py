@@ -176,6 +176,7 @@ class Task(ABC):
         except Exception:
             for generator, state in zip(generators, before, strict=True):
                 generator.bit_generator.state = state
+            self._take_arguments()
             raise
         for i, numbers in zip(which.tolist(), drawn, strict=True):
             self._clear(i, numbers)
@@ -215,7 +216,7 @@ class Task(ABC):
 
     def _describe(self, which: Ints) -> None:
         """Fill observations and information of robots (k,) as they are now."""
-        self._step_arguments, arguments = self._kernel_arguments()  # a longer terrain's are others
+        arguments = self._take_arguments()
         self._kernels[0](which, *arguments)
         self._observe(which)
         self.world.disturb(which)
@@ -255,7 +256,11 @@ class Task(ABC):
             else self._in_range("state", name, state[name])
             for name in self._kept
         }
-        self.world.restore(i, checked)
+        try:
+            self.world.restore(i, checked)
+        except Exception:
+            self._take_arguments()
+            raise
         self._clear(i, numbers)
         self._begin(np.array([i]))
         self._describe(np.array([i]))
@@ -283,6 +288,11 @@ class Task(ABC):
         """Return the arguments of the engine's ``finish_step`` and ``describe`` but the first."""
         return self.world.step_arguments(), self.world.describe_arguments()
 
+    def _take_arguments(self) -> Arguments:
+        """Take the world's arrays, others after a longer terrain; returns those of ``describe``."""
+        self._step_arguments, arguments = self._kernel_arguments()
+        return arguments
+
     def _change(self, i: int, changes: Values) -> Callable[[], None]:
         """Check changes of :attr:`SETTABLE`; return a function that applies them.
 
@@ -298,7 +308,7 @@ class Task(ABC):
     def __setstate__(self, state: Values) -> None:
         self.__dict__.update(state)
         self._connect()
-        self._step_arguments, _ = self._kernel_arguments()
+        self._take_arguments()
 
 
 class CommandedTask(Task):

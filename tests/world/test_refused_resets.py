@@ -1,6 +1,7 @@
 """A reset that is refused changes nothing: pairs of options, both plants, one robot and many."""
 
 import math
+from copy import deepcopy
 from dataclasses import replace
 from itertools import permutations
 
@@ -117,6 +118,22 @@ def test_a_robot_that_diverges_where_it_is_placed(monkeypatch):
     assert env.robot == twin.robot and same(env.get_state(), twin.get_state())
     action = np.full(1, 0.5, np.float32)
     assert (env.step(action)[0] == twin.step(action)[0]).all()
+
+
+@pytest.mark.parametrize("as_state", [False, True])
+def test_a_copy_sees_its_ground_after_a_refusal(as_state):
+    """Which puts a copy's terrain back at another place, in a longer array."""
+    envs = gym.make_vec("JansenWalkerRough-v0", 3).unwrapped
+    envs.reset(seed=3)
+    copy = deepcopy(envs)
+    with pytest.raises(LinkageError, match="does not close"):
+        if as_state:
+            copy.set_state(1, {**copy.get_state(1), "lengths": {"crank": 0.2}})
+        else:
+            copy.reset(options={"lengths": {"crank": 0.2}})
+    for _ in range(5):
+        expected, observed = (batch.step(np.full((3, 1), 0.5))[0] for batch in (envs, copy))
+        assert (observed == expected).all()
 
 
 def test_a_refused_reset_keeps_the_level_of_a_curriculum(monkeypatch):

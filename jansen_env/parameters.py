@@ -7,7 +7,7 @@ documentation are made from it; :mod:`jansen_env.plants.robot_parameters` and th
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
+from typing import Any, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,8 +44,8 @@ class Parameter(NamedTuple):
         name, unit: of the number. least, most: its limits. meaning: what it does.
         nominal: its value for a robot on a terrain where nothing is drawn.
         idle: where it has no effect, in words, and is_idle: whether that holds for a robot.
-        honoured_by: "plant": it changes robot or ground; "world": what surrounds them.
-        set_as: the argument of ``set_parameters`` that changes it, "" for none, None for its name.
+        of_robot: whether it changes robot or ground, not what surrounds them.
+        settable: whether ``set_parameters`` changes it by name.
         argument: whether the constructor has an argument of its name. whole: no fractions.
     """
 
@@ -57,15 +57,10 @@ class Parameter(NamedTuple):
     nominal: Callable[[Robot, Terrain], float] = _unity
     idle: str = ""
     is_idle: Callable[[Robot], bool] = _never
-    honoured_by: Literal["plant", "world"] = "plant"
-    set_as: str | None = None
+    of_robot: bool = True
+    settable: bool = True
     argument: bool = False
     whole: bool = False
-
-    @property
-    def changed_by(self) -> str:
-        """The argument of ``set_parameters`` that changes it, "" for none."""
-        return self.name if self.set_as is None else self.set_as
 
 
 TABLE = (
@@ -77,9 +72,9 @@ TABLE = (
     Parameter("payload", "kg", 0.0, LARGEST, "mass of the payload; its own inertia stays",
               lambda robot, terrain: robot.payload.mass, argument=True),
     Parameter("payload_x", "m", -LARGEST, LARGEST, "place of the payload ahead of the crank axis",
-              lambda robot, terrain: robot.payload.position[0], set_as="payload"),
+              lambda robot, terrain: robot.payload.position[0], settable=False),
     Parameter("payload_y", "m", -LARGEST, LARGEST, "place of the payload above the crank axis",
-              lambda robot, terrain: robot.payload.position[1], set_as="payload"),
+              lambda robot, terrain: robot.payload.position[1], settable=False),
     Parameter("mass_scale", "1", *SCALE, "times the links' masses and inertias"),
     Parameter("inertia_scale", "1", *FROM_0,
               "times the links' inertias about their own centres, on top", _unity,
@@ -99,13 +94,13 @@ TABLE = (
               "turns gravity, so that the floor rises towards +x above 0",
               lambda robot, terrain: 0.0),
     Parameter("delay", "s", 0.0, LONGEST_DELAY, "time by which torques come late",
-              lambda robot, terrain: 0.0, honoured_by="world", argument=True),
+              lambda robot, terrain: 0.0, of_robot=False, argument=True),
     Parameter("noise_level", "1", 0.0, LOUDEST, "times the sensors' noise",
-              idle="environments without noise", honoured_by="world", set_as=""),
+              idle="environments without noise", of_robot=False, settable=False),
     Parameter("push_strength", "1", 0.0, LOUDEST, "times the impulses of random pushes",
-              idle="environments without random pushes", honoured_by="world", set_as=""),
+              idle="environments without random pushes", of_robot=False, settable=False),
     Parameter("terrain_level", "1", 0.0, HIGHEST, "level of a drawn terrain, a whole number",
-              lambda robot, terrain: 0.0, "terrains that are not drawn", honoured_by="world",
+              lambda robot, terrain: 0.0, "terrains that are not drawn", of_robot=False,
               argument=True, whole=True),
 )  # fmt: skip
 """All rows. Random numbers are drawn in this order: a new row goes to the end, so that seeds keep
@@ -115,18 +110,16 @@ PARAMETERS = {row.name: row for row in TABLE}
 """The rows by name."""
 EPISODE: np.dtype[np.void] = np.dtype([(row.name, "f8") for row in TABLE])
 """The numbers of one episode."""
-OF_ROBOTS = tuple(row.name for row in TABLE if row.honoured_by == "plant")
-"""Names of those of them that plants honour."""
-OF_ROBOTS_COLUMNS = [place for place, row in enumerate(TABLE) if row.honoured_by == "plant"]
+OF_ROBOTS = tuple(row.name for row in TABLE if row.of_robot)
+"""Names of those that plants apply."""
+OF_ROBOTS_COLUMNS = [place for place, row in enumerate(TABLE) if row.of_robot]
 """Where these stand in :data:`EPISODE`."""
 ROBOT_PARAMETERS: np.dtype[np.void] = np.dtype([(name, "f8") for name in OF_ROBOTS])
-"""The numbers that plants honour."""
-CHANGES = tuple(
-    name for name in OF_ROBOTS if PARAMETERS[name].set_as is None and not PARAMETERS[name].argument
-)
-"""Parameters that ``set_parameters`` changes by name, beside those that are arguments, too."""
-CHANGED_BY = tuple(dict.fromkeys(row.changed_by for row in TABLE if row.changed_by))
-"""Arguments of ``set_parameters`` that change a parameter."""
+"""The numbers that plants apply."""
+SETTABLE = tuple(row.name for row in TABLE if row.settable)
+"""Names of those that ``set_parameters`` changes."""
+CHANGES = tuple(name for name in SETTABLE if not PARAMETERS[name].argument)
+"""Names of those of them that no constructor has."""
 
 
 def nominal(

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from jansen_env.engine.collision import MARGIN, SPECULATIVE_MARGIN
 from jansen_env.engine.records import CONTACT_STATISTICS, PLANE, ROBOT, UNKNOWN_DEFLECTION, WORLD
 from jansen_env.engine.tables import energy
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
-from jansen_env.parameters import CHANGES, OF_ROBOTS, ROBOT_PARAMETERS, nominal, set_payload
+from jansen_env.parameters import ROBOT_PARAMETERS, nominal
 from jansen_env.plants.base import (
     check_held,
     check_legs,
@@ -31,7 +30,6 @@ from jansen_env.plants.base import (
 from jansen_env.plants.design_tables import DesignTables
 from jansen_env.plants.grounds import Grounds
 from jansen_env.plants.robot_parameters import (
-    HONOURED,
     apply_to_kernels,
     check_restitution,
     check_values,
@@ -57,10 +55,9 @@ Rows = NDArray[np.void]
 TIME_STEP = 1e-3  # s
 DETECTION_INTERVAL = 0.01  # s between two looks for the ground; its planes are kept meanwhile
 PLANES_PER_PAD = 4  # kept of a robot, on average over its pads
-MACHINE = ("payload", "motor", "pad_compliance")  # fields of a robot that change while it walks
-NOT_THE_ROBOT = ("gravity_x", "gravity_y", "steepest", "design", "held")  # fields of PARAMS
-RESULTS = ("states", "accumulators", "contact_statistics", "slip", "contact_force")
-CHANGING = (*RESULTS, "params", "nominal_params", "nominal", "parameters", "diverged")
+NOT_THE_ROBOT = ["gravity_x", "gravity_y", "steepest", "design", "held"]  # fields of PARAMS
+RESULTS = ("states", "accumulators", "contact_statistics", "slip", "contact_force", "diverged")
+PARAMETERS = ("params", "nominal_params", "parameters")
 
 
 class Batch:
@@ -85,13 +82,12 @@ class Batch:
             compression and bend of compliant pads, m; to be read.
         slip: (n, toes) m, contact_force: (n, toes, 2) N, joint_gap: (n,) m, of the last step.
         diverged: (n,) whether the last step was refused. any_diverged: whether one was.
-        nominal: (n,) ROBOT_PARAMETERS, the robots' own numbers. parameters: (n,) those in force.
+        parameters: (n,) ROBOT_PARAMETERS in force.
         tracing: whether the first robot's steps are recorded: trace, (steps,) of
             :func:`jansen_env.engine.integrator.trace_dtype`, and touchdowns, (steps,) whether a pad
             touched down in each.
         in_contact: (pads,) the first robot's pads on the ground, as traced last; None where that is
             not known. It says what touches down next, and nothing else.
-        honours, changeable: names that :meth:`set_parameters` and :meth:`change` take.
         knows_joint_forces: whether :meth:`joint_forces` does. joints_open: whether joints gap.
 
     Raises:
@@ -99,8 +95,6 @@ class Batch:
             cannot turn its crank.
     """
 
-    honours = HONOURED
-    changeable = frozenset({"friction", "restitution", "gravity", *MACHINE, *CHANGES})
     knows_joint_forces, joints_open = True, False
     lookahead_steps = 1
 
@@ -137,9 +131,8 @@ class Batch:
         self.nominal_params["steepest"] = [terrain.steepest for terrain in terrains]
         self.nominal_params["design"], self.nominal_params["held"] = self.designs.number, held
         values = [nominal(*pair) for pair in zip(robots, terrains, strict=True)]
-        self.nominal = np.array(values, ROBOT_PARAMETERS)
-        self.parameters = self.nominal.copy()
-        check_restitution(self.nominal_params["compliant"], self.nominal["restitution"])
+        self.parameters = np.array(values, ROBOT_PARAMETERS)
+        check_restitution(self.nominal_params["compliant"], self.parameters["restitution"])
         self._links_mass = np.array([robot.links_mass for robot in robots])
         self.any_gives = bool(self.nominal_params["compliant"].any())
         # Motion.
@@ -191,10 +184,9 @@ class Batch:
         """Put ``values`` (k,) of ROBOT_PARAMETERS in force, from the robots' next placing on.
 
         Raises:
-            ValueError: one is out of its limits, or is not honoured.
+            ValueError: one is out of its limits, or restitution with compliant pads.
         """
-        compliant = self.nominal_params["compliant"][rows]
-        check_values(values, self.nominal[rows], compliant, self.honours)
+        check_values(values, self.nominal_params["compliant"][rows])
         self.parameters[rows] = values
         self._apply(rows)
 
@@ -207,40 +199,11 @@ class Batch:
         self.params[rows] = params
         self._status["pad_radius"][rows] = params["pad_radius"]
 
-    def change(self, row: int, changes: Mapping[str, Any]) -> None:
-        """Change a robot or its ground themselves, while it walks; what else is in force stays.
-
-        Raises:
-            ValueError: restitution with compliant pads; nothing has changed then.
-        """
-        fields = {name: changes[name] for name in MACHINE if name in changes}
-        robot = replace(self.robots[row], **fields) if fields else self.robots[row]
-        numbers = {name: changes[name] for name in OF_ROBOTS if name in {*changes} - {*fields}}
-        restitution = numbers.get("restitution", self.params["restitution"][row])
-        compliant = np.array([not robot.pad_compliance.rigid])
-        check_restitution(compliant, np.array([restitution]))
-        if fields:
-            self.robots[row] = robot
-            self._take_numbers(row)
-        if "payload" in fields:
-            x, y = robot.payload.position
-            numbers |= {"payload": robot.payload.mass, "payload_x": x, "payload_y": y}
-        if "pad_compliance" in fields:
-            self.deflection[row] = UNKNOWN_DEFLECTION
-            self.any_gives = self.any_gives or bool(compliant[0])
-        if "gravity" in changes:
-            x, y = gravity_vector(changes["gravity"])
-            self.nominal_params["gravity_x"][row], self.nominal_params["gravity_y"][row] = x, y
-        for name, number in numbers.items():
-            self.nominal[name][row] = self.parameters[name][row] = number
+    def set_gravity(self, row: int, gravity: Gravity) -> None:
+        """Change a robot's gravity, m/s^2; its tilt stays."""
+        x, y = gravity_vector(gravity)
+        self.nominal_params["gravity_x"][row], self.nominal_params["gravity_y"][row] = x, y
         self._apply(np.array([row]))
-
-    def _take_numbers(self, row: int) -> None:
-        """Let the kernels' row of a robot have its own numbers."""
-        kept = self.nominal_params[row].copy()
-        self.nominal_params[row] = kernel_row(self.robots[row])[0]
-        for name in NOT_THE_ROBOT:
-            self.nominal_params[name][row] = kept[name]
 
     def check_robot(self, robot: Robot) -> None:
         """Raise what :meth:`set_robots` would for a robot in place of any other."""
@@ -248,24 +211,23 @@ class Batch:
         compile_robot(robot)
 
     def set_robots(self, rows: Ints, robots: Sequence[Robot]) -> None:
-        """Exchange robots (k,), with their payloads; they must be placed again.
+        """Exchange robots (k,), with parameters that change nothing; they must be placed again.
 
         Raises:
-            ValueError: legs on other sides, or restitution with compliant pads; LinkageError: a
-                robot cannot turn its crank. Nothing has changed then.
+            ValueError: legs on other sides; LinkageError: a robot cannot turn its crank. Nothing
+                has changed then.
         """
-        compliant = np.array([not robot.pad_compliance.rigid for robot in robots])
-        check_restitution(compliant, self.nominal["restitution"][rows])
         for robot in robots:
             self.check_robot(robot)
         self.designs.set(rows, robots)
-        self.nominal_params["design"][rows] = self.designs.number[rows]
         for row, robot in zip(rows.tolist(), robots, strict=True):
+            params = kernel_row(robot)
+            params[NOT_THE_ROBOT] = self.nominal_params[NOT_THE_ROBOT][[row]]
             self.robots[row], self._links_mass[row] = robot, robot.links_mass
-            self._take_numbers(row)
-            set_payload(self.nominal[row], robot)
-        self.any_gives = self.any_gives or bool(compliant.any())
-        self.parameters[rows] = self.nominal[rows]
+            self.nominal_params[row] = params[0]
+            self.parameters[row] = nominal(robot, self.terrains[row])
+        self.nominal_params["design"][rows] = self.designs.number[rows]
+        self.any_gives = bool(self.nominal_params["compliant"].any())
         self._apply(rows)
         self.deflection[rows] = UNKNOWN_DEFLECTION
         self._status["asked_x"][rows] = np.inf
@@ -303,7 +265,7 @@ class Batch:
         self.terrains[row] = terrain
         self.nominal_params["steepest"][row] = self.params["steepest"][row] = terrain.steepest
         for name in ("friction", "restitution"):
-            for numbers in (self.nominal, self.parameters, self.params):
+            for numbers in (self.parameters, self.params):
                 numbers[name][row] = getattr(terrain, name)
         surface = self.surface
         self._grounds.set_terrain(row, terrain)
@@ -385,15 +347,18 @@ class Batch:
             self.in_contact = None
 
     def keep(self, rows: Ints) -> Callable[[], None]:
-        """Return a function that puts robots (k,) back into their states as they are now.
-
-        Their designs, parameters and terrains must be back before it is called.
-        """
-        kept = ("states", "deflection", "slip", "contact_force", "accumulators", "diverged")
-        before = [(array := getattr(self, name), array[rows]) for name in kept]  # copies
-        in_contact = self.in_contact
+        """Return a function that makes robots (k,), and their grounds, what they are now."""
+        robots = [(self.robots[row], self.terrains[row]) for row in rows.tolist()]
+        before = [(array := getattr(self, name), array[rows]) for name in RESULTS]  # copies
+        parameters, in_contact = self.parameters[rows], self.in_contact
 
         def undo() -> None:
+            self.set_robots(rows, [robot for robot, _ in robots])
+            for row, (_, terrain) in zip(rows.tolist(), robots, strict=True):
+                if terrain is not self.terrains[row]:
+                    self.set_terrain(row, terrain)
+            self.parameters[rows] = parameters
+            self._apply(rows)
             for array, values in before:
                 array[rows] = values
             self._ask_ground(rows)
@@ -601,18 +566,12 @@ class Batch:
 
     def __getstate__(self) -> dict[str, Any]:
         """The arguments, and what has become of them: everything else is made again from them."""
-        kept = ("robots", "terrains", "_arguments", "tracing", "in_contact", *CHANGING)
+        kept = ("robots", "terrains", "_arguments", "tracing", "in_contact", *RESULTS, *PARAMETERS)
         return {name: getattr(self, name) for name in kept}
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
-        pairs = zip(saved["terrains"], saved["nominal"]["restitution"].tolist(), strict=True)
-        grounds = [  # as compliant pads must have them now
-            terrain if terrain.restitution == value else replace(terrain, restitution=value)
-            for terrain, value in pairs
-        ]
-        self.__init__(saved["robots"], grounds, *saved["_arguments"])  # type: ignore[misc]
-        self.terrains[:] = saved["terrains"]
-        for name in CHANGING:
+        self.__init__(saved["robots"], saved["terrains"], *saved["_arguments"])  # type: ignore[misc]
+        for name in (*RESULTS, *PARAMETERS):
             getattr(self, name)[:] = saved[name]
         for params in (self.params, self.nominal_params):
             params["design"] = self.designs.number  # which are numbered anew

@@ -12,7 +12,7 @@ from jansen_env.checks import finite, one_of, positive
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.reduced import Tables
 from jansen_env.gravity import GRAVITY, Gravity
-from jansen_env.parameters import ROBOT_PARAMETERS
+from jansen_env.parameters import ROBOT_PARAMETERS, nominal
 from jansen_env.plants.base import (
     ENERGIES,
     StepResult,
@@ -74,12 +74,12 @@ class Plant:
 
     @gravity.setter
     def gravity(self, value: Gravity) -> None:
-        self.batch.change(0, {"gravity": value})
+        self.batch.set_gravity(0, value)
 
     @property
     def nominal(self) -> np.void:
         """The robot's and its ground's own numbers, for :meth:`set_parameters`."""
-        return self.batch.nominal[0].copy()
+        return nominal(self.robot, self.terrain)
 
     def set_parameters(self, values: np.void) -> None:
         """Put parameters in force, see :meth:`Batch.set_parameters`."""

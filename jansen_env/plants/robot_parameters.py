@@ -4,14 +4,11 @@ A row of :data:`jansen_env.parameters.ROBOT_PARAMETERS` has friction, restitutio
 as they are, the others as scales of the robot's own numbers (1: as it is), so that a row never
 builds on the one before. Coulomb friction of bearings stays: it is data of the machine, by loads
 measured.
-
-A parameter in neither table of effects below is honoured by no plant, and refused.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -46,8 +43,6 @@ SCALED = {
 """The numbers that it scales."""
 ON_TERRAINS = ("friction", "restitution")
 """Fields of a terrain."""
-HONOURED = frozenset({*COPIED, *SCALED, "tilt"})
-"""Names of the parameters that the plants know."""
 
 
 def machine_of(robot: Robot, row: np.void) -> Robot:
@@ -148,34 +143,19 @@ def apply_to_kernels(
     params["gravity_x"], params["gravity_y"] = cos * x + sin * y, cos * y - sin * x
 
 
-def check_values(
-    values: Rows, nominal: Rows, compliant: NDArray[np.bool_], honours: Collection[str]
-) -> None:
-    """Check parameters (k,) of robots whose pads give or not (k,).
-
-    Args:
-        values: that are to be put in force. nominal: those that change nothing.
-        honours: names of the parameters that the plant knows.
+def check_values(values: Rows, compliant: NDArray[np.bool_]) -> None:
+    """Check parameters (k,) that are to be put in force, of robots whose pads give or not (k,).
 
     Raises:
-        ValueError: a number out of its limits, another than the nominal one of a parameter that
-            the plant does not honour, or restitution where pads give.
+        ValueError: a number out of its limits, or restitution where pads give.
     """
-    numbers, unchanged = plain(values), plain(nominal)
+    numbers = plain(values)
     wrong = ~((numbers >= LIMITS[0]) & (numbers <= LIMITS[1]))
     if wrong.any():
         k, i = np.argwhere(wrong)[0]
         row = PARAMETERS[OF_ROBOTS[i]]
         raise ValueError(
             f"{row.name} is {numbers[k, i]}, must be between {row.least:g} and {row.most:g}"
-        )
-    fixed = [name not in honours for name in OF_ROBOTS]
-    other = (numbers != unchanged) & fixed
-    if other.any():
-        k, i = np.argwhere(other)[0]
-        raise ValueError(
-            f"{OF_ROBOTS[i]} is {numbers[k, i]}, must be {unchanged[k, i]:g}: this plant honours "
-            f"{sorted(honours)} only"
         )
     check_restitution(compliant, values["restitution"])
 

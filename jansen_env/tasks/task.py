@@ -227,7 +227,7 @@ class Task(ABC):
         Energies in ``info`` do not have what the change itself adds to the robot's energy.
 
         Raises:
-            ValueError: a value out of range, or fixed by the plant. TypeError: another name.
+            ValueError: a value out of range. TypeError: another name.
         """
         known = {*self.SETTABLE, *self.world.SETTABLE}
         if unknown := sorted({*changes} - known):
@@ -236,6 +236,7 @@ class Task(ABC):
         of_task = {name: changes.pop(name) for name in self.SETTABLE if name in changes}
         checked, apply = self.world.checked(i, changes), self._change(i, of_task)
         self.world.change(i, checked)
+        self._step_arguments, _ = self._kernel_arguments()
         apply()  # all or nothing
 
     def scene(self, i: int) -> Values:

@@ -126,10 +126,9 @@ class EpisodeLengths:
                 shares = [(now[k] - nominal[k]) / (nominal[k] or 1.0) for k in nominal]
                 self._observation[i, self._columns] = shares
 
-    def equip(self, i: int, robot: Robot) -> None:
-        """Let a robot, with its own lengths too, have the payload, motor and feet of another."""
-        parts = {name: getattr(robot, name) for name in ("payload", "motor", "pad_compliance")}
-        self.nominal[i] = replace(self.nominal[i], **parts) if self.changed[i] else robot
+    def equipped(self, i: int, parts: Values) -> Build | None:
+        """Return a robot with other parts, such as its motor, its lengths as they are."""
+        return _build(replace(self.nominal[i], **parts), self.changed[i]) if parts else None
 
 
 def _by_name(factors: dict[str, Distribution], names: Sequence[str]) -> dict[str, Distribution]:

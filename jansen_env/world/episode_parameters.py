@@ -15,8 +15,6 @@ from jansen_env.engine import mathematics
 from jansen_env.gravity import GRAVITY
 from jansen_env.parameters import (
     EPISODE,
-    OF_ROBOTS,
-    OF_ROBOTS_COLUMNS,
     PARAMETERS,
     Randomization,
     Uniform,
@@ -46,7 +44,7 @@ class EpisodeParameters:
     """Parameters and terrains of the episodes of n robots.
 
     Args:
-        plant: moves them. robots: of each, before randomisation. settings: the world's.
+        plant: moves them, before randomisation. settings: the world's.
         generators: of each robot's terrains, None where they are fixed.
         has: "noise_level" and "push_strength", and whether the world has noise and pushes.
 
@@ -63,7 +61,6 @@ class EpisodeParameters:
     def __init__(
         self,
         plant: BatchedPlant,
-        robots: Sequence[Robot],
         settings: WorldSettings | HeldSettings,
         generators: Sequence[Generator | None],
         has: Mapping[str, bool],
@@ -80,10 +77,9 @@ class EpisodeParameters:
         ]
         self.levels = np.array(settings.each("terrain_level"), float)
         self._preset = settings.preset
-        pairs = zip(robots, plant.terrains, strict=True)
+        pairs = zip(plant.robots, plant.terrains, strict=True)
         self.nominal = np.array([parameters.nominal(*pair, EPISODE) for pair in pairs], EPISODE)
         self.values = self.nominal.copy()
-        self._changed = np.zeros(len(robots), bool)  # by a draw, from the nominal parameters
         self._check_draws()
         self.level = self.levels[:, 0].astype(np.int64)
         self.varies = any(self.randomizations) or any(make is not None for make in generators)
@@ -106,10 +102,23 @@ class EpisodeParameters:
         if self.curriculum is not None and not has_levels.all():
             raise ValueError("curriculum is given, must be None on a ground that has no levels")
 
-    def set_numbers(self, i: int, changes: Mapping[str, float]) -> None:
-        """Set a robot's nominal and present numbers."""
-        for name, value in changes.items():
-            self.nominal[name][i] = self.values[name][i] = value
+    def changed(self, i: int, numbers: Mapping[str, float], build: Build | None) -> Plan:
+        """Return the rest of a robot's episode with other numbers."""
+        values = self.values[[i]]
+        for name, value in numbers.items():
+            values[name] = value
+        terrain, given = self._plant.terrains[i], {*numbers} & {*self._fixed}
+        other = replace(
+            terrain,
+            friction=numbers.get("friction", terrain.friction),
+            restitution=numbers.get("restitution", terrain.restitution),
+        )
+        return Plan(values, other if given else None, build)
+
+    def set_nominal(self, i: int, numbers: Mapping[str, float]) -> None:
+        """Set numbers of a robot's later episodes."""
+        for name, value in numbers.items():
+            self.nominal[name][i] = value
             if name in self._fixed:
                 self._fixed[name][i] = True
 
@@ -122,20 +131,14 @@ class EpisodeParameters:
         self.check_names(i, [*given], "randomize", robot)
         return given
 
-    def exchange_robot(self, i: int, robot: Robot) -> None:
-        """Take the payload and the draws of a robot that comes in place of another."""
-        parameters.set_payload(self.nominal[i], robot)
-        self.randomizations[i] = self._draws(i, robot)
-
     def checked_level(self, i: int, level: object) -> int:
         """Return a terrain level of a robot; ValueError: out of range, or its ground has none."""
         self.check_names(i, ["terrain_level"], "set_parameters")
         return round(check("terrain_level", "terrain_level", level))
 
     def _useful(self, i: int, robot: Robot) -> set[str]:
-        useful = {*parameters.effective(robot)} & {*self._plant.honours}
         has = {**self._has, "delay": True, "terrain_level": self._generators[i] is not None}
-        return useful | {name for name, present in has.items() if present}
+        return {*parameters.effective(robot), *(name for name, present in has.items() if present)}
 
     def check_names(
         self, i: int, names: Sequence[str], label: str, robot: Robot | None = None
@@ -144,10 +147,8 @@ class EpisodeParameters:
         useful = self._useful(i, robot or self._plant.robots[i]) if names else ()
         for name in names:
             if name not in useful:
-                unknown = name in OF_ROBOTS and name not in self._plant.honours
-                why = "this plant does not honour" if unknown else "does nothing here"
                 raise ValueError(
-                    f"{label} has {name!r}, which {why}, must be of "
+                    f"{label} has {name!r}, which does nothing here, must be of "
                     f"{[known for known in PARAMETERS if known in useful]}"
                 )
 
@@ -200,7 +201,7 @@ class EpisodeParameters:
             randomization = self._draws(i, robot)
             self._check_feet(robot, _heaviest(numbers, randomization))
         numbers["delay"] = delay
-        if not options and not self.varies and not self._changed[i]:
+        if not options and not self.varies:
             return Plan(values, None, build)
         numbers["terrain_level"] = self._next_level(i, rng, walked, command)
         for name, distribution in randomization.items():
@@ -234,34 +235,27 @@ class EpisodeParameters:
             return float(self.curriculum.next_level(level, walked, commanded, separate))
         return float(rng.integers(int(low), int(high), endpoint=True)) if high > low else low
 
-    def begin(self, which: Ints, plans: Sequence[Plan]) -> None:
-        """Apply planned episodes; the robots must be placed again.
+    def apply(self, which: Ints, plans: Sequence[Plan]) -> None:
+        """Put planned terrains and parameters in force; the robots must be placed again.
 
         Raises:
-            ValueError: feet too stiff for ``"rigid_body"``'s time step; nothing has changed then.
+            ValueError: feet too stiff for ``"rigid_body"``'s time step.
         """
-        drawn = {i: plan.terrain for i, plan in zip(which.tolist(), plans, strict=True)}
-        grounds = {i: terrain for i, terrain in drawn.items() if terrain is not None}
-        before = {i: self._plant.terrains[i] for i in grounds}
-        for i, terrain in grounds.items():
-            self._plant.set_terrain(i, terrain)
-        numbers = np.concatenate([plain(plan.values) for plan in plans])
-        values = numbers.view(EPISODE)[:, 0]
-        other = numbers != plain(self.nominal)[which]
-        changed = np.array([plan.terrain is not None for plan in plans])
-        changed |= other[:, OF_ROBOTS_COLUMNS].any(axis=1)
-        due = changed | self._changed[which]
+        for i, plan in zip(which.tolist(), plans, strict=True):
+            if plan.terrain is not None:
+                self._plant.set_terrain(i, plan.terrain)
+        values = robot_parameters(_rows(plans))
+        due = (plain(values) != plain(self._plant.parameters)[which]).any(axis=1)
         if due.any():
-            try:
-                self._plant.set_parameters(which[due], robot_parameters(values[due]))
-            except ValueError:
-                for i, terrain in before.items():
-                    self._plant.set_terrain(i, terrain)
-                self._plant.set_parameters(which, robot_parameters(self.values[which]))
-                raise
-        plain(self.values)[which], self._changed[which] = numbers, changed
-        if self.curriculum is not None:
-            self.level[which] = values["terrain_level"].astype(np.int64)
+            self._plant.set_parameters(which[due], values[due])
+
+    def begin(self, which: Ints, plans: Sequence[Plan]) -> None:
+        """Begin planned episodes that are in force."""
+        plain(self.values)[which] = plain(_rows(plans))
+        for i, plan in zip(which.tolist(), plans, strict=True):
+            if plan.build is not None:
+                parameters.set_payload(self.nominal[i], plan.build.robot)
+                self.randomizations[i] = self._draws(i, plan.build.robot)
 
     def shown_robot(self, i: int, robot: Robot) -> Robot:
         """Return a robot with the payload that it has in this episode, for pictures."""
@@ -298,6 +292,11 @@ class EpisodeParameters:
             ground = finite_numbers("state['ground']", state["ground"], 2).tolist()
             terrain = Terrain(points, *ground)
         return Plan(values, terrain), int(level)
+
+
+def _rows(plans: Sequence[Plan]) -> NDArray[np.void]:
+    """Return the parameters (k,) of plans."""
+    return np.concatenate([plain(plan.values) for plan in plans]).view(EPISODE)[:, 0]
 
 
 def _heaviest(

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import cast
 
@@ -18,7 +17,7 @@ from jansen_env.dynamics.pads import pad_layout
 from jansen_env.engine import readings
 from jansen_env.engine.integrator import DIVERGED
 from jansen_env.gravity import GRAVITY
-from jansen_env.parameters import CHANGED_BY, CHANGES, LONGEST_DELAY, PARAMETERS, Uniform, check
+from jansen_env.parameters import CHANGES, LONGEST_DELAY, PARAMETERS, SETTABLE, Uniform, check
 from jansen_env.plants.base import (
     LARGEST,
     check_deflection,
@@ -70,6 +69,7 @@ START_ANGLE = math.pi  # rad, of a held crank's reference at time 0, as in the p
 LOST = math.pi  # rad, from the reference: where an episode of a held robot ends
 NO_PUSHES = np.zeros((0, 3))
 FROM_RESETS = ("delay", "terrain_level")  # changes that apply from the next reset on
+PARTS = ("payload", "motor", "pad_compliance")  # of a robot, which changes replace
 KEPT = ("friction", "restitution", *CHANGES)
 
 
@@ -84,7 +84,7 @@ class World:
 
     Attributes:
         OPTIONS: names of reset options. SETTABLE: names that :meth:`change` takes.
-        plant: moves the robots. robots: of these episodes, before parameters.
+        plant: moves the robots.
         episodes: their parameters and terrains. lengths: of their links.
         data: (n,) rows of the engine: last actions, ``info`` and ``energy``.
         information, energies, arrays, groups: what is told of robots, see
@@ -105,8 +105,8 @@ class World:
     def __init__(self, settings: WorldSettings | HeldSettings, threads: int | None = None) -> None:
         self.held, n = settings.held, settings.count
         self.num_envs = n
-        self.robots = settings.make_robots()
-        for robot in self.robots:
+        robots = settings.make_robots()
+        for robot in robots:
             static_deflection(robot, GRAVITY)  # raises an error if its feet are too soft
         terrains, generators = settings.make_terrains()
         time_step = plant_time_step(settings.plant, settings.time_step)
@@ -115,7 +115,7 @@ class World:
         self.reset_noise_scale = np.array(settings.each("reset_noise_scale"))
         self.delay_range = np.array(settings.each("delay"))
         randomize = settings.each("randomize")
-        self._allocate_torques(randomize)
+        self._allocate_torques(robots, randomize)
         self.data: NDArray[np.void] = np.zeros(n, readings.ROW)
         self._keep_actions = readings.take_actions.bound()
         self._torques = (
@@ -124,7 +124,7 @@ class World:
         )  # fmt: skip
         self._every = np.arange(n)
         self.plant: BatchedPlant = make_batch(
-            settings.plant, self.robots, terrains, self.time_step, threads, self.held
+            settings.plant, robots, terrains, self.time_step, threads, self.held
         )
         self.track_joint_forces = settings.track_joint_forces
         if self.track_joint_forces and not self.plant.knows_joint_forces:
@@ -139,11 +139,11 @@ class World:
             self.SETTABLE: tuple[str, ...] = ("delay",)
         else:
             self.OPTIONS = ("crank_angle", "pushes", "robot", "lengths", *PARAMETERS)
-            self.SETTABLE = (*CHANGED_BY, "motor", "pad_compliance")
+            self.SETTABLE = (*SETTABLE, "motor", "pad_compliance")
         self.advance_per_turn, self._links_mass = np.zeros(n), np.zeros(n)
         self._note_robots(self._every)
         self.full_torque *= self.data["direction"]
-        self.data["weight"] = [robot.mass * GRAVITY for robot in self.robots]
+        self.data["weight"] = [robot.mass * GRAVITY for robot in robots]
         self.toe_load = np.zeros((n, self.plant.toes))
         self.seeds = np.zeros(n, np.int64)
         self._noise = cast("Noise | None", settings.noise)  # which the settings have loaded
@@ -151,11 +151,11 @@ class World:
         self.sensors: NoisySensors | None = None
         self.pushes = Pushes(n, push, self.steps, self.time_step)
         has = {"noise_level": self._noise is not None, "push_strength": push is not None}
-        self.episodes = EpisodeParameters(self.plant, self.robots, settings, generators, has)
-        self.lengths = EpisodeLengths(self.robots, randomize, settings.observe_lengths)
+        self.episodes = EpisodeParameters(self.plant, settings, generators, has)
+        self.lengths = EpisodeLengths(robots, randomize, settings.observe_lengths)
         self._share_arrays()
 
-    def _allocate_torques(self, randomize: Sequence[Values]) -> None:
+    def _allocate_torques(self, robots: Sequence[Robot], randomize: Sequence[Values]) -> None:
         """Make room for the longest delay of any episode; ValueError: too long for this period."""
         n, drawn = self.num_envs, [ranges["delay"] for ranges in randomize if "delay" in ranges]
         most = [d.high if isinstance(d, Uniform) else LONGEST_DELAY for d in drawn]
@@ -169,7 +169,7 @@ class World:
         self.asked, self.delay_steps = np.zeros((n, steps + 2)), np.zeros((n, 2), np.int64)
         self.torque, self.earlier, self.switch = np.zeros(n), np.zeros(n), np.zeros(n, np.int64)
         self._actions, self.elapsed = np.zeros((n, 1)), np.zeros(n, np.int64)
-        self.full_torque = np.array([robot.motor.torque_limit for robot in self.robots])
+        self.full_torque = np.array([robot.motor.torque_limit for robot in robots])
         self.truncated, self._any_truncated = np.zeros(n, bool), False
 
     def _note_robots(self, which: Ints) -> None:
@@ -211,6 +211,11 @@ class World:
         if self._noise is not None:
             self.sensors = NoisySensors(self.num_envs, self._noise, observed)
             self._share_arrays()
+
+    @property
+    def robots(self) -> list[Robot]:
+        """The robots of these episodes, before parameters."""
+        return self.plant.robots
 
     # Named questions. What the engine says of the last step is exact, whatever sensors measure.
 
@@ -318,9 +323,10 @@ class World:
             NO_PUSHES if pushes is None else check_schedule("options['pushes']", pushes)
             for pushes in given
         ]
-        with self._all_or_nothing(which, plans):
-            self._apply(which, plans)
-            plant.place(which, np.array([start[0] for start in starts]))
+        angles = np.array([start[0] for start in starts])
+        self._begin(which, plans, lambda: plant.place(which, angles))
+        if self.episodes.curriculum is not None:
+            self.episodes.level[which] = self.episodes.values["terrain_level"][which]
         self.seeds[which] = [seed or 0 for seed in seeds]
         self.toe_load[which] = plant.contact_force[which, :, 1] / self.weight[which, None]
         states = plant.states[which]
@@ -361,44 +367,27 @@ class World:
             self.plant.check_robot(robot)  # with its own lengths, for later episodes
         return self.lengths.plan(i, options.get("lengths", {}), seed, robot)
 
-    @contextmanager
-    def _all_or_nothing(self, which: Ints, plans: Sequence[Plan]) -> Iterator[None]:
-        """Put robots (k,), which get plans, back as they are now if an error comes."""
-        episodes, lengths, plant = self.episodes, self.lengths, self.plant
-        undo, levels = plant.keep(which), episodes.level[which]
-        before = [
-            Plan(
-                episodes.values[[i]],
-                plan.terrain and plant.terrains[i],
-                plan.build and Build(lengths.nominal[i], lengths.changed[i], self.robots[i]),
-            )
-            for i, plan in zip(which.tolist(), plans, strict=True)
-        ]
-        try:
-            yield
-        except Exception:
-            self._apply(which, before)
-            episodes.level[which] = levels
-            undo()
-            raise
-
-    def _apply(self, which: Ints, plans: Sequence[Plan]) -> None:
-        """Apply planned robots, parameters and terrains; the robots must be placed again.
+    def _begin(self, which: Ints, plans: Sequence[Plan], place: Callable[[], None]) -> None:
+        """Begin planned episodes of robots (k,), which ``place`` puts where they start.
 
         Raises:
-            ValueError: a robot that the plant refuses, before anything has changed.
+            ValueError, FloatingPointError: the plant refuses that; nothing has changed then.
         """
         builds = {i: p.build for i, p in zip(which.tolist(), plans, strict=True) if p.build}
         others = {i: b.robot for i, b in builds.items() if b.robot != self.robots[i]}
-        if others:
-            self.plant.set_robots(np.array([*others]), [*others.values()])
-        for i, robot in others.items():
-            self.robots[i] = robot
-            self.episodes.exchange_robot(i, robot)
+        undo = self.plant.keep(which)
+        try:
+            if others:
+                self.plant.set_robots(np.array([*others]), [*others.values()])
+            self.episodes.apply(which, plans)
+            place()
+        except Exception:
+            undo()
+            raise
         self.lengths.begin(builds)
+        self.episodes.begin(which, plans)
         if others:
             self._note_robots(np.array([*others], np.int64))
-        self.episodes.begin(which, plans)
         self._update_scales(which)
 
     def _update_scales(self, which: Ints) -> None:
@@ -554,10 +543,7 @@ class World:
         self.pushes.add(i, push[0])
 
     def checked(self, i: int, changes: Values) -> Values:
-        """Return changes for :meth:`change`; ValueError: out of range, or fixed by the plant."""
-        physical = sorted({*changes} - {*FROM_RESETS})
-        if not {*physical} <= self.plant.changeable:
-            raise ValueError(f"{physical[0]} cannot be changed with plant='rigid_body'")
+        """Return changes for :meth:`change`; ValueError: out of range."""
         checks: dict[str, Check] = {
             "payload": load_payload,
             "motor": load_motor,
@@ -570,24 +556,27 @@ class World:
             for name, value in changes.items()
         }
         self.episodes.check_names(i, [name for name in checked if name in CHANGES], "changes")
-        if physical:
+        if {*checked} - {*FROM_RESETS}:
             pads = checked.get("pad_compliance", self.robots[i].pad_compliance)
             self.episodes.check_change(i, pads, _parameters_of(checked))
         return checked
 
     def change(self, i: int, checked: Values) -> None:
         """Apply changes that :meth:`checked` returned to a robot and its ground."""
+        plant = self.plant
+        if {*checked} - {*FROM_RESETS}:
+            state, in_contact = plant.states[i].copy(), plant.in_contact
+            deflection = None if "pad_compliance" in checked else plant.deflection[i].copy()
+            parts = {name: checked[name] for name in PARTS if name in checked}
+            numbers = _parameters_of(checked)
+            plan = self.episodes.changed(i, numbers, self.lengths.equipped(i, parts))
+            self._begin(np.array([i]), [plan], lambda: plant.set_state(i, state, deflection))
+            plant.in_contact = in_contact
+            self.episodes.set_nominal(i, numbers)
         if "delay" in checked:
             self.delay_range[i] = checked["delay"]
         if "terrain_level" in checked:
             self.episodes.level[i] = self.episodes.levels[i] = checked["terrain_level"]
-        physical = {name: value for name, value in checked.items() if name not in FROM_RESETS}
-        if physical:
-            self.plant.change(i, physical)
-            self.robots[i] = self.plant.robots[i]
-            self.lengths.equip(i, self.robots[i])
-            self.episodes.set_numbers(i, _parameters_of(checked))
-            self._update_scales(np.array([i]))
 
     def get_attr(self, name: str) -> list[object] | None:
         """Return an attribute of each robot; None for a name that is none of these.
@@ -681,9 +670,8 @@ class World:
     def restore(self, i: int, state: Values) -> None:
         """Let a robot go on from a state of :meth:`checked_state`."""
         plant, which = self.plant, np.array([i])
-        with self._all_or_nothing(which, [state["plan"]]):
-            self._apply(which, [state["plan"]])
-            plant.set_state(i, state["plant"], state["deflection"])
+        where = state["plant"], state["deflection"]
+        self._begin(which, [state["plan"]], lambda: plant.set_state(i, *where))
         self.episodes.level[i] = state["level"]
         if i == 0:
             plant.in_contact = state["in_contact"]

@@ -91,7 +91,7 @@ def test_a_row_that_changes_nothing_changes_no_bit(design):
         np.arange(2), np.array([changed_row(robot, *CHANGES)] * 2, ROBOT_PARAMETERS)
     )
     assert (other.params["mass"] > plain.params["mass"]).all()
-    other.set_parameters(np.arange(2), other.nominal)
+    other.set_parameters(np.arange(2), plain.parameters)
     for name in plain.params.dtype.names:
         assert other.params[name].tobytes() == plain.params[name].tobytes()
     for a, b in zip(walked(plain), walked(other), strict=True):
@@ -110,38 +110,13 @@ def test_the_rigid_body_plant_is_varied_alike():
         batch.step(np.array([2.0]), steps, pushes=np.full((1, steps, 2), 1.0 / steps))
         ends[name] = batch.states[0, :4].copy()
         assert not batch.any_diverged
-        batch.set_parameters(place[0], batch.nominal)
-        batch.place(*place)
         again = make(GIVING, GROUND).batch
+        batch.set_parameters(place[0], again.parameters)
+        batch.place(*place)
         again.place(*place)
         assert batch.states.tobytes() == again.states.tobytes()
     assert np.abs(ends["projection"] - [0.0, 0.0, 0.0, 0.3]).max() > 0.02
     assert ends["rigid_body"] == pytest.approx(ends["projection"], abs=1e-3)
-
-
-def test_setters_change_what_the_robot_is():
-    """A setter's number is in force and nominal; what else was changed stays."""
-    batch = Batch([GIVING] * 2, [GROUND] * 2)
-    row = changed_row(GIVING, *CHANGES)
-    batch.set_parameters(np.array([1]), np.array([row], ROBOT_PARAMETERS))
-    motor = replace(AK80_6, stall_torque=50.0)
-    parts = {"motor": motor, "payload": Payload(2.0, 0.1, (0.1, 0.0)),
-             "pad_compliance": Compliance(1e4, 30.0)}  # fmt: skip
-    for name, value in {**parts, "friction": 0.9, "gravity": 5.0}.items():
-        batch.change(1, {name: value})
-    robot = replace(GIVING, **parts)
-    assert batch.robots[1] == robot
-    row["friction"], row["payload"], row["payload_x"], row["payload_y"] = 0.9, 2.0, 0.1, 0.0
-    assert batch.parameters[1] == row
-    assert batch.nominal[1] == nominal(robot, replace(GROUND, friction=0.9))
-    built = Batch([machine_of(robot, row)], [GROUND], gravity=tilted((0.0, -5.0), row["tilt"]))
-    scales = {"friction", "mass_scale", "inertia_scale", "own_inertia", "damping_scale"}
-    for name in set(batch.params.dtype.names) - scales:
-        assert batch.params[name][1] == pytest.approx(built.params[name][0], rel=1e-12), name
-    assert batch.params["gravity_y"][0] == -9.81 and batch.parameters[0] == batch.nominal[0]
-    batch.set_terrain(1, Terrain.flat(0.3))
-    assert batch.params["friction"][1] == batch.nominal["friction"][1] == 0.3
-    assert batch.parameters["tilt"][1] == row["tilt"]
 
 
 def test_what_is_in_force_counts_for_placing_and_forces():

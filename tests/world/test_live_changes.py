@@ -27,19 +27,21 @@ def begun(**arguments):
 
 
 @pytest.mark.parametrize(
-    ("name", "value"),
-    [("tilt", 0.1), ("motor_strength", 0.5), ("mass_scale", 1.5), ("damping_scale", 3.0),
-     ("friction", 0.2)],
+    ("name", "value", "plant"),
+    [("tilt", 0.1, "projection"), ("motor_strength", 0.5, "projection"),
+     ("mass_scale", 1.5, "projection"), ("damping_scale", 3.0, "projection"),
+     ("friction", 0.2, "projection"), ("tilt", 0.1, "rigid_body")],
 )  # fmt: skip
-def test_changed_is_as_if_the_state_had_it(name, value):
-    changed, other = begun(), begun()
-    before = walk(begun())[0]
+def test_changed_is_as_if_the_state_had_it(name, value, plant):
+    steps = STEPS if plant == "projection" else 2
+    changed, other = (begun(plant=plant) for _ in range(2))
+    before = walk(begun(plant=plant), steps)[0]
     state = other.get_state()
     state["parameters"][name] = value
     changed.set_parameters(**{name: value})
     other.set_state(state)
-    walked = walk(changed)[0]
-    np.testing.assert_array_equal(walked, walk(other)[0])
+    walked = walk(changed, steps)[0]
+    np.testing.assert_array_equal(walked, walk(other, steps)[0])
     assert not np.array_equal(walked, before)
     assert changed.parameters[[*state["parameters"]].index(name)] == value
     changed.reset(seed=2)  # and so it stays
@@ -76,7 +78,7 @@ SOFT = {"pad_compliance": Compliance(2000.0, 20.0)}
     ("arguments", "change", "message"),
     [({}, {"tilt": 9.0}, "tilt is 9.0, must be"),
      ({}, {"motor_strength": 0.0}, "motor_strength is 0.0"),
-     ({"plant": "rigid_body"}, {"tilt": 0.1}, "friction cannot be changed with plant='rigid_body'"),
+     ({"plant": "rigid_body"}, {"pad_compliance": Compliance(1e9)}, "time_step is 0.00025"),
      ({}, {"rotor_inertia_scale": 2.0}, "'rotor_inertia_scale', which does nothing here"),
      (FEET, {"restitution": 0.5}, r"restitution is 0\.5"),
      ({"robot": "built"}, {"payload": 1e6}, "stiffness is .*, must be at least"),

@@ -6,11 +6,8 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from jansen_env import Compliance, Motor, Payload, Robot, Terrain, parameters
+from jansen_env import Compliance, Motor, Payload, Robot, parameters
 from jansen_env.parameters import PARAMETERS, TABLE, markdown
-from jansen_env.plants import robot_parameters
-from jansen_env.plants.batch import Batch
-from jansen_env.plants.plant import make_batch
 
 ROOT = Path(__file__).parents[2]
 MACHINE = {"payload": Payload(0.5, 0.01, (0.05, 0.1)),
@@ -45,25 +42,6 @@ def test_every_parameter_changes_the_walk_on_both_plants(row, plant):
         values = [round(row.least), round(row.most)]
     first, second = (walked(plant, row, value, feet) for value in values)
     assert np.abs(first - second).max() > 1e-7
-
-
-@pytest.mark.parametrize("plant", PLANTS)
-def test_a_row_that_no_plant_knows_is_refused_by_name(plant, monkeypatch):
-    """As if nobody had told the plants of it; the others go on."""
-    assert {*parameters.OF_ROBOTS} == robot_parameters.HONOURED
-    for kind in (Batch, type(make_batch("rigid_body", [Robot()], [Terrain.flat()]))):
-        monkeypatch.setattr(kind, "honours", kind.honours - {"mass_scale"})
-    ranges = {"mass_scale": (0.9, 1.1)}
-    with pytest.raises(ValueError, match="'mass_scale', which this plant does not honour"):
-        gym.make("JansenWalker-v0", plant=plant, randomize=ranges)
-    env = gym.make("JansenWalker-v0", plant=plant)
-    with pytest.raises(ValueError, match="'mass_scale', which this plant does not honour"):
-        env.reset(options={"mass_scale": 1.1})
-    env.reset(seed=0, options={"tilt": 0.02})
-    state = env.unwrapped.get_state()
-    state["parameters"]["mass_scale"] = 1.1
-    with pytest.raises(ValueError, match=r"mass_scale is 1.1, must be 1: this plant honours"):
-        env.unwrapped.set_state(state)
 
 
 def test_limits_hold_everywhere():

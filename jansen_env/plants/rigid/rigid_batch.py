@@ -14,7 +14,7 @@ gets ten times the iterations. It is some hundred times slower than the projecti
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,7 @@ from jansen_env.engine.integrator import DIVERGED
 from jansen_env.engine.placement import PLACEMENT_DEPTH
 from jansen_env.engine.records import ROBOT, UNKNOWN_DEFLECTION
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
-from jansen_env.parameters import ROBOT_PARAMETERS, nominal, set_payload
+from jansen_env.parameters import ROBOT_PARAMETERS, nominal
 from jansen_env.plants.base import (
     check_held,
     check_legs,
@@ -51,8 +51,6 @@ from jansen_env.plants.rigid.bodies import (
 )
 from jansen_env.plants.rigid.pad_forces import PadContacts, SpringPads, Sums, check_stiffness
 from jansen_env.plants.robot_parameters import (
-    HONOURED,
-    check_restitution,
     check_values,
     machine_of,
     terrain_of,
@@ -71,7 +69,7 @@ ITERATIONS = 200  # of pymunk's solver in a time step, from the last one's impul
 TOUCHDOWN_ITERATIONS = 2000  # in one in which a pad may touch down, with nothing to go on from
 BEFORE_END = 5.0  # m, from the end of the ground at which a robot must turn back
 MAX_JOINT_GAP = 0.01  # m, a joint's gap beyond which the robot is no longer one
-CHANGING = ("parameters", "rows", "slip", "contact_force", "joint_gap", "diverged")
+CHANGING = ("states", "parameters", "rows", "slip", "contact_force", "joint_gap", "diverged")
 TWIST = 0.3  # rad: what the gear's fastest vibration turns on in a time step
 TWIST_DAMPING = 0.125  # its damping ratio
 LOOKAHEAD = 0.01  # s, after which pymunk's impulses on a robot placed again have settled
@@ -155,8 +153,6 @@ class RigidBodyBatch:
             robot's pads; LinkageError: the robot cannot turn its crank.
     """
 
-    honours = HONOURED
-    changeable: frozenset[str] = frozenset()
     knows_joint_forces, joints_open, tracing = False, True, False
 
     def __init__(
@@ -171,8 +167,7 @@ class RigidBodyBatch:
     ) -> None:
         check_closure(robot)
         self.robots, self.terrains = [robot], [terrain]
-        self.nominal = np.array([nominal(robot, terrain)], ROBOT_PARAMETERS)
-        self.parameters = self.nominal.copy()
+        self.parameters = np.array([nominal(robot, terrain)], ROBOT_PARAMETERS)
         self.time_step = check_time_step(time_step)
         self.iterations = positive_integer("iterations", iterations)
         self.touchdown_iterations = positive_integer("touchdown_iterations", touchdown_iterations)
@@ -207,39 +202,24 @@ class RigidBodyBatch:
 
     def set_parameters(self, rows: Ints, values: NDArray[np.void]) -> None:
         """Put parameters in force; ValueError also if the pads are too stiff for the time step."""
-        compliant = np.array([not self.robots[0].pad_compliance.rigid])
-        for k in range(len(values)):
-            check_values(values[k : k + 1], self.nominal, compliant, self.honours)
-            self._put_in_place(self.robots[0], self.terrains[0], values[k])
+        check_values(values, np.array([not self.robots[0].pad_compliance.rigid]))
+        self._go_on(self.robots[0], self.terrains[0], values[0])
 
     def set_terrain(self, row: int, terrain: Terrain) -> None:
         values = self.parameters[0].copy()
         values["friction"], values["restitution"] = terrain.friction, terrain.restitution
-        self._put_in_place(self.robots[0], terrain, values)
-        for name in ("friction", "restitution"):
-            self.nominal[name] = values[name]
+        self._go_on(self.robots[0], terrain, values)
 
     def set_robots(self, rows: Ints, robots: Sequence[Robot]) -> None:
-        robot = robots[0]
-        self.check_robot(robot)
-        compliant = np.array([not robot.pad_compliance.rigid])
-        check_restitution(compliant, self.nominal["restitution"])
-        values = self.nominal[0].copy()
-        set_payload(values, robot)
-        self._put_in_place(robot, self.terrains[0], values)
-        self.nominal[0] = values
-        self._build(np.zeros(8))
+        self.check_robot(robots[0])
+        self._go_on(robots[0], self.terrains[0], nominal(robots[0], self.terrains[0]))
 
-    def _put_in_place(self, robot: Robot, terrain: Terrain, values: np.void) -> None:
-        """Go on from the same state as a robot on a ground with parameters; as before on errors."""
-        undo, memory = self.keep(np.arange(1)), self._memory
+    def _go_on(self, robot: Robot, terrain: Terrain, values: np.void) -> None:
+        """Go on from the same state as a robot on a ground with parameters."""
+        memory = self._memory
         self.robots, self.terrains, self.parameters[0] = [robot], [terrain], values
-        try:
-            self._apply_parameters()
-            self._memory = memory
-        except ValueError:
-            undo()
-            raise
+        self._apply_parameters()
+        self._memory = memory
 
     def check_robot(self, robot: Robot) -> None:
         check_legs(robot, self.robots[0])
@@ -249,7 +229,7 @@ class RigidBodyBatch:
 
     def keep(self, rows: Ints) -> Callable[[], None]:
         before = self.__dict__.copy()  # pymunk's space is built again, not changed
-        kept = {name: before[name].copy() for name in (*CHANGING, "nominal", "states")}
+        kept = {name: before[name].copy() for name in CHANGING}
 
         def undo() -> None:
             self.__dict__.update(before)
@@ -258,11 +238,8 @@ class RigidBodyBatch:
 
         return undo
 
-    def change(self, row: int, changes: Mapping[str, Any]) -> None:
-        """Change the gravity; this plant is built once. Raises ValueError: anything else."""
-        if {*changes} != {"gravity"}:
-            raise ValueError(f"{sorted(changes)} cannot be changed on this plant")
-        self.gravity = gravity_vector(changes["gravity"])
+    def set_gravity(self, row: int, gravity: Gravity) -> None:
+        self.gravity = gravity_vector(gravity)
         self._effective_gravity = tilted(self.gravity, float(self.parameters["tilt"][0]))
         self._space.set_gravity(self._effective_gravity)
 

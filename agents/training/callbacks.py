@@ -109,8 +109,9 @@ class Saver(BaseCallback):
         names = dict.fromkeys(("return", self.benchmark.chosen_by))
         text = ", ".join(f"{name} {scored[name]:.3g}" for name in names)
         better = score > self.best  # of equal ones the first is kept
-        print(f"evaluation: {self.num_timesteps} steps, {seconds:.0f} s, {text}"
-              f"{' (the best so far)' * better}", flush=True)  # fmt: skip
+        if not self.history or {**self.history[-1], "seconds": seconds} != row:
+            print(f"evaluation: {self.num_timesteps} steps, {seconds:.0f} s, {text}"
+                  f"{' (the best so far)' * better}", flush=True)  # fmt: skip
         if better:
             self.best = score
             # Its score in the same file: no kill can part the two.

@@ -91,6 +91,13 @@ def test_of_equal_models_the_first_is_kept(tmp_path, returns, capsys):
     assert capsys.readouterr().out.count("(the best so far)") == 1
 
 
+def test_the_last_evaluation_is_printed_once(tmp_path, returns, capsys):
+    """The last update of a learning rate that falls to 0 changes nothing."""
+    returns += [1.0, 2.0, 2.0]
+    go(small_config(), tmp_path)
+    assert capsys.readouterr().out.count(f"evaluation: {STEPS} steps, ") == 1
+
+
 def test_finished_run_stays_as_it_is(tmp_path, returns, monkeypatch, capsys):
     """Resumed with nothing left to train it is scored only; with more steps it goes on."""
     monkeypatch.setattr(train, "score_run", lambda *given: {})

@@ -61,7 +61,8 @@ def test_example(name: str, tmp_path: Path) -> None:
             assert (tmp_path / word.strip(".")).stat().st_size > 1000
 
 
-def test_notebook_is_stored_without_output() -> None:
-    cells = json.loads((EXAMPLES / "walk_and_train.ipynb").read_text(encoding="utf-8"))["cells"]
+@pytest.mark.parametrize("name", ["six_questions", "walk_and_train"])
+def test_notebook_is_stored_without_output(name: str) -> None:
+    cells = json.loads((EXAMPLES / f"{name}.ipynb").read_text(encoding="utf-8"))["cells"]
     code = [cell for cell in cells if cell["cell_type"] == "code"]
     assert code and not any(cell["outputs"] or cell["execution_count"] for cell in code)

@@ -8,21 +8,33 @@ Writes ``speed.md``.
 from __future__ import annotations
 
 import importlib.util
+import os
+import platform
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple, TypeAlias, cast
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from statistics import median
+from typing import Any, NamedTuple, TypeAlias, TypeVar, cast
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.spaces import Box
+from tabulate import tabulate
 
-from benchmarks import measure
+import jansen_env
 from jansen_env import ROBOTS, Robot, Terrain, paper_robot
+from jansen_env.commands.flags import Parser, positive_int
 from jansen_env.cores import available_cores
+from jansen_env.files import check_writable, write_text
 from jansen_env.terrain.generators import make_generator
 
+K = TypeVar("K")
+T = TypeVar("T")
+
+PACKAGES = "box2d", "envpool", "gymnasium", "mujoco", "numpy", "pymunk"
 OURS, MUJOCO, BOX2D = "JansenWalker-v0", "Walker2d-v5", "BipedalWalker-v3"
 REAL = "motor, bearings, feet"
 SEGMENTS = 100  # of the rough ground, 20 cm each
@@ -176,20 +188,76 @@ def harder_environments(quick: bool) -> Part:
 PARTS = {"one": one_environment, "many": many_environments, "worlds": harder_environments}
 
 
+def take_turns(plays: Mapping[K, Callable[[], T]], rounds: int) -> dict[K, list[T]]:
+    """Return results of each contestant by round, after a warm-up; every other round reversed."""
+    results: dict[K, list[T]] = {name: [] for name in plays}
+    for play in plays.values():
+        play()
+    for number in range(rounds):
+        for name in list(plays) if number % 2 == 0 else reversed(list(plays)):
+            results[name].append(plays[name]())
+    return results
+
+
+def rate_table(
+    rates: Mapping[tuple[str, ...], Sequence[float]],
+    names: Sequence[str],
+    references: Iterable[tuple[str, ...]],
+) -> str:
+    """Medians, lowest and highest of rates by contestant, and medians over those of references."""
+    references, middle = list(references), {key: median(rates[key]) for key in rates}
+    rows = [
+        (*key, *(f"{rate:,.0f}" for rate in (middle[key], min(series), max(series))),
+         *(f"{middle[key] / middle[other]:.2f}" for other in references))
+        for key, series in rates.items()
+    ]  # fmt: skip
+    ratios = (f"/ {', '.join(other)}" for other in references)
+    head = (*names, "steps/s", "lowest", "highest", *ratios)
+    align = ("left", *["right"] * (len(head) - 1))
+    return tabulate(rows, head, tablefmt="pipe", disable_numparse=True, colalign=align)
+
+
+def machine() -> str:
+    """Processor, cores, load, and the versions of all that is measured."""
+    listing = Path("/proc/cpuinfo")
+    lines = listing.read_text(encoding="utf-8").splitlines() if listing.exists() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    parts = [next(iter(names), platform.machine()), f"{available_cores()} cores"]
+    if hasattr(os, "getloadavg"):
+        parts.append(f"load average {os.getloadavg()[0]:.2f} at the start")
+    versions = {"jansen_env": jansen_env.__version__, "Python": platform.python_version()}
+    for package in PACKAGES:
+        try:
+            versions[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return f"{', '.join(parts)}; {', '.join(f'{n} {number}' for n, number in versions.items())}."
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    parser = measure.options(__doc__, "logs/speed", rounds=ROUNDS)
-    parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART",
-                        help=f"of {', '.join(PARTS)}; all without it")  # fmt: skip
-    args = measure.parse(parser, arguments)
+    parser = Parser("python -m benchmarks.speed", __doc__,
+                    "python -m benchmarks.speed --quick --out logs/tried")  # fmt: skip
+    add = parser.add_argument
+    add("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART",
+        help=f"of {', '.join(PARTS)}; all without it")  # fmt: skip
+    add("--rounds", type=positive_int, default=ROUNDS, metavar="N", help=f"({ROUNDS})")
+    add("--out", type=Path, default=Path("logs/speed"), metavar="DIR",
+        help="folder for the table (logs/speed)")  # fmt: skip
+    add("--quick", action="store_true", help="try the program; proves nothing")
+    args = parser.parse_args(arguments)
+    with parser.refusing():
+        check_writable("--out", args.out)
     rounds = 1 if args.quick else args.rounds
-    text = [f"{measure.machine()} Medians of {rounds} rounds in turns."]
+    parts = ["# Speed", f"{machine()} Medians of {rounds} rounds in turns."]
     for name in [name for name in PARTS if name in args.only]:
         print(f"{name} ...", file=sys.stderr, flush=True)
         part = PARTS[name](args.quick)
-        rates = measure.take_turns(part.plays, rounds)
-        text += [f"## {part.title}", measure.rate_table(rates, part.names, part.references)]
-    measure.report(args.out / "speed.md", "# Speed", *text)
+        rates = take_turns(part.plays, rounds)
+        parts += [f"## {part.title}", rate_table(rates, part.names, part.references)]
+    text = "\n\n".join(parts) + "\n"
+    write_text(args.out / "speed.md", text)
+    print(text)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 curriculum of levels.
 
 ``"stairs"`` has all its parameters from the level, ``"stairs:rise=0.02"`` its tread alone.
-``python -m benchmarks.climbing`` measures what can be climbed.
 """
 
 from __future__ import annotations

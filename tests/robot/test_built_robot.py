@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from walks import walk
 
-from benchmarks.walks import walk
 from jansen_env import MOTORS, ROBOTS, Terrain, built_robot
 from jansen_env.drawings.materials import about_origin, bill_of_materials
 from jansen_env.drawings.outlines import Round
@@ -115,19 +115,11 @@ def test_the_feets_numbers_belong_to_one_part():
     assert tangential == pytest.approx(cantilever, rel=0.1)
 
 
-def walk_within_limits(plant, speed, duration, **given):
-    """Walk under the PID with the motor's torque limit."""
-    limit = plant.robot.motor.torque_limit
-    return walk(plant, speed, duration, limit=limit, windup_limit=limit, **given)
-
-
 def walk_at_2_rad_s(robot, start):
     """The walk, largest shear and load of a foot (N), and joint forces; two half turns."""
     plant, rows = ProjectionPlant(robot, Terrain.flat(), FINE_STEP), []
     plant.tracing = True
-    walked = walk_within_limits(
-        plant, 2.0, 3.2, start=start, watch=lambda _: rows.append(plant.trace.copy())
-    )
+    walked = walk(plant, 2.0, 3.2, start=start, watch=lambda _: rows.append(plant.trace.copy()))
     trace = np.concatenate(rows)
     contact = np.abs(trace["impulses"][:, : plant.toes]).max(axis=(0, 1)) / FINE_STEP
     return walked, contact, trace_forces(plant.tables, trace, FINE_STEP)
@@ -194,7 +186,7 @@ def test_touchdowns_are_resolved(start):
 def test_it_walks_under_the_papers_pid(speed):
     """The crank kept within 2 %; on both plants as fast, as dear, sliding as much: 10 %."""
     walks = [
-        walk_within_limits(make_plant(plant, built_robot(), Terrain.flat()), speed, 2.5)
+        walk(make_plant(plant, built_robot(), Terrain.flat()), speed, 2.5)
         for plant in ("projection", "rigid_body")
     ]
     for walked in walks:
@@ -208,18 +200,18 @@ def test_it_walks_under_the_papers_pid(speed):
 def test_the_economy_machine_has_three_witnesses():
     """At 2 rad/s as fast and as dear on both plants (1 %) and in MuJoCo (5 %), and half as dear as
     the built robot."""
-    from benchmarks.mujoco_witness import MujocoPlant
+    from mujoco_plant import MujocoPlant
 
     robot, ground = ROBOTS["economy"](), Terrain.flat()
     ours, rigid, theirs = (
-        walk_within_limits(plant, 2.0, 3.2)
+        walk(plant, 2.0, 3.2)
         for plant in (ProjectionPlant(robot, ground), make_plant("rigid_body", robot, ground),
                       MujocoPlant(robot, ground))
     )  # fmt: skip
     for name in ("speed", "cost_of_transport"):
         assert getattr(rigid, name) == pytest.approx(getattr(ours, name), rel=0.01)
         assert getattr(theirs, name) == pytest.approx(getattr(ours, name), rel=0.05)
-    built = walk_within_limits(ProjectionPlant(built_robot(), ground), 2.0, 3.2)
+    built = walk(ProjectionPlant(built_robot(), ground), 2.0, 3.2)
     assert ours.speed > 1.5 * built.speed
     assert ours.cost_of_transport < 0.55 * built.cost_of_transport
 
@@ -228,7 +220,7 @@ def test_the_economy_machine_has_three_witnesses():
 def test_every_motor_carries_it(name):
     """At 1 rad/s the crank is kept within 5 %, below the motor's torque limit."""
     robot = replace(built_robot(), motor=MOTORS[name])
-    walked = walk_within_limits(ProjectionPlant(robot, Terrain.flat()), 1.0, 6.3)
+    walked = walk(ProjectionPlant(robot, Terrain.flat()), 1.0, 6.3)
     assert not walked.fell and walked.crank_speed == pytest.approx(1.0, rel=0.05)
     assert walked.peak_torque < robot.motor.torque_limit
 

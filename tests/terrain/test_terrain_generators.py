@@ -3,11 +3,15 @@
 import math
 import pickle
 from functools import partial
+from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
 from jansen_env import Terrain
+from jansen_env.plants.plant import PLANTS
+from jansen_env.tasks.walking.walker_benchmark import BASELINES
 from jansen_env.terrain import make_terrain
 from jansen_env.terrain.generators import (
     GENERATORS,
@@ -138,6 +142,19 @@ def test_levels_get_harder(rng):
     assert np.unique(np.round(rises, 9)) == pytest.approx([-rise, rise])  # up and down
 
 
+def test_the_documented_levels_are_those_of_the_code():
+    page = Path(__file__).parents[2] / "docs" / "terrain" / "levels.md"
+    lines = page.read_text(encoding="utf-8").splitlines()
+    rows = dict(line[1:-1].split("|", 1) for line in lines if line.startswith('| `"'))
+    for name, parameters in LEVELS.items():
+        for key, (low, high) in parameters.items():
+            row = next(rows.pop(label) for label in [*rows] if f'"{name}"`, `{key}`' in label)
+            shown = [float(cell) for cell in row.split("|") if cell.strip()]
+            levels = range(10) if low < high else (0,)
+            assert shown == pytest.approx([at_level(name, k)[key] for k in levels], rel=5e-3)
+    assert not rows
+
+
 def test_parameters_that_are_given_stay(rng):
     """At all levels, the sign too; the others come from the level as without them."""
     generator = make_generator("stairs:rise=0.02, tread=0.3")
@@ -224,3 +241,18 @@ def test_rough_terrain():
     assert 0.02 < rough.height(x).max() <= 0.03 and -0.03 <= rough.height(x).min() < -0.02
     assert rough == Terrain.rough(np.random.default_rng(3), height=0.03, start=2.0)
     assert rough != Terrain.rough(np.random.default_rng(4), height=0.03, start=2.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("plant", sorted(PLANTS))
+def test_walks_over_faces_do_not_diverge(plant):
+    """5 s over stumps of 3 cm: nothing is refused, joints stay shut, and it gets there."""
+    terrain = Terrain.stumps(height=0.03, width=0.2, spacing=0.6)
+    env = gym.make("JansenWalker-v0", terrain=terrain, plant=plant, speed_command=0.45)
+    policy = BASELINES["profile"](env.unwrapped)
+    observation, _ = env.reset(seed=1)
+    for _ in range(250):
+        observation, _, terminated, _, info = env.step(policy.predict(observation)[0])
+        assert not info["diverged"] and not terminated and info["joint_gap"] < 1e-3
+    assert info["x_position"] > 1.6
+    env.close()

@@ -19,7 +19,7 @@ from jansen_env.dynamics.projection import leg_sides
 from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.base import static_deflection
-from jansen_env.plants.plant import ProjectionPlant
+from jansen_env.plants.batch import Batch
 from jansen_env.plants.trace import trace_forces
 from jansen_env.robot import Bar, Robot
 from jansen_env.robot import buildable as built
@@ -220,7 +220,7 @@ class Walker:
         kwargs = {**self.env_kwargs, "speed_command": self.speed, "robot": candidate.robot}
         env = gym.make(self.env_id, **kwargs)
         unwrapped = cast(JansenWalkerEnv, env.unwrapped)
-        plant = cast(ProjectionPlant, unwrapped.plant)
+        plant = cast(Batch, unwrapped.plant.batch)
         policy = profiles(candidate.numbers[None], env)
         traces: list[NDArray[np.void]] = []
         over = False

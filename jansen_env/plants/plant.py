@@ -21,8 +21,8 @@ from jansen_env.plants.base import (
     check_state,
 )
 from jansen_env.plants.batch import DETECTION_INTERVAL, TIME_STEP, Batch
-from jansen_env.plants.rigid.rigid_batch import ITERATIONS, TOUCHDOWN_ITERATIONS, RigidBodyBatch
 from jansen_env.plants.rigid.rigid_batch import TIME_STEP as RIGID_TIME_STEP
+from jansen_env.plants.rigid.rigid_batch import RigidBodyBatch
 from jansen_env.plants.trace import PeakLoads
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
@@ -187,11 +187,6 @@ class ProjectionPlant(Plant):
         super().__init__(Batch([robot], [terrain], time_step, gravity, detection_interval, 1, held))
 
     @property
-    def detection_interval(self) -> float:
-        """Time between two looks for the ground, s."""
-        return self.batch.detection_interval
-
-    @property
     def tables(self) -> Tables:
         """The compiled robot under its parameters."""
         return self.batch.tables_in_force(0)
@@ -244,12 +239,9 @@ class RigidBodyPlant(Plant):
         terrain: Terrain,
         time_step: float = RIGID_TIME_STEP,
         gravity: Gravity = GRAVITY,
-        iterations: int = ITERATIONS,
-        touchdown_iterations: int = TOUCHDOWN_ITERATIONS,
         held: bool = False,
     ) -> None:
-        numbers = iterations, touchdown_iterations, held
-        super().__init__(RigidBodyBatch(robot, terrain, time_step, gravity, *numbers))
+        super().__init__(RigidBodyBatch(robot, terrain, time_step, gravity, held))
 
 
 PLANTS = {"projection": TIME_STEP, "rigid_body": RIGID_TIME_STEP}
@@ -268,7 +260,7 @@ def make_plant(name: str, robot: Robot, terrain: Terrain, time_step: float | Non
     Raises:
         ValueError: another name, or an argument out of range.
     """
-    return plant_of(make_batch(name, [robot], [terrain], time_step))
+    return Plant(make_batch(name, [robot], [terrain], time_step))
 
 
 def make_batch(
@@ -292,11 +284,3 @@ def make_batch(
     if len(robots) > 1:
         raise ValueError(f"plant is {name!r}, must be 'projection' for several robots at once")
     return RigidBodyBatch(robots[0], terrains[0], step)
-
-
-def plant_of(batched: BatchedPlant) -> Plant:
-    """Return the view of a batch of one robot."""
-    kind = ProjectionPlant if isinstance(batched, Batch) else RigidBodyPlant
-    plant = kind.__new__(kind)
-    Plant.__init__(plant, batched)
-    return plant

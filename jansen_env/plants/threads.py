@@ -35,11 +35,10 @@ class Threads:
 
     def __init__(self, robots: int, threads: int | None, memory: Callable[[], Memory]) -> None:
         self._count = count_threads(robots, threads)
-        self._robots, self._shares = robots, _shares(robots, self._count)
-        self._left = self._shares.copy()
         self._memory = [memory() for _ in range(self._count)]
-        self._alone, self._all = np.zeros((2, 2, 2), np.int64)
-        self._all[:] = (0, robots), (robots, robots)
+        # The same arrays each time, which kernels know.
+        self._shares = np.zeros((self._count + 1, 2), np.int64)
+        self._alone = np.zeros((2, 2), np.int64)
         self._others_move = False
         self._pool: tuple[int, ThreadPoolExecutor] | None = None
 
@@ -51,21 +50,17 @@ class Threads:
         An error in any thread is raised here, after all have ended.
         """
         # What ``meanwhile`` moves would wait for the other threads to end.
-        count = 1 if self._others_move else self._count
-        whole = robots == self._robots and count == self._count
-        if count == 1 and meanwhile is None:
-            self._alone[:] = self._all if whole else ((0, robots), (robots, robots))
+        if meanwhile is None and (self._count == 1 or self._others_move):
+            self._alone[0], self._alone[1] = (0, robots), robots
             return move(0, self._alone, robots, self._memory[0])
-        if whole:
-            shares = self._left  # the same array each time, which kernels know
-            shares[:] = self._shares
-        else:
-            shares = _shares(robots, count)
+        shares, count = self._shares, max(1, min(self._count, robots // ROBOTS_PER_THREAD))
+        shares[:] = 0
+        shares[:count], shares[-1] = _split(robots, count)
 
         def work(thread: int, most: int = robots) -> tuple[bool, bool]:
             return move(thread, shares, most, self._memory[thread])
 
-        others = [self._threads().submit(work, thread) for thread in range(1, len(shares) - 1)]
+        others = [self._threads().submit(work, thread) for thread in range(1, count)]
         first = False, False
         try:
             if meanwhile is not None:  # Python's lock would keep the other threads from starting
@@ -80,7 +75,7 @@ class Threads:
                 for other in others:
                     other.exception()  # waits; quicker than concurrent.futures.wait
         flags = [first, last, *(other.result() for other in others)]
-        return any(one for one, _ in flags), any(two for _, two in flags)
+        return any(far for far, _ in flags), any(diverged for _, diverged in flags)
 
     def _threads(self) -> ThreadPoolExecutor:
         """Return the other threads of this process: a forked one starts its own."""
@@ -104,14 +99,13 @@ def count_threads(robots: int, threads: int | None) -> int:
     return max(1, min(available, robots // ROBOTS_PER_THREAD))
 
 
-def _shares(robots: int, most: int) -> NDArray[np.int64]:
-    """Return the first and the end of the robots of each of ``most`` threads at most, and the last.
+def _split(robots: int, threads: int) -> tuple[list[tuple[int, int]], tuple[int, int]]:
+    """Return the first and the end of each thread's robots, and of the last ones.
 
     A thread takes its own robots first, the same ones in each step: they are in its core's cache.
     Falling asleep until a thread ends takes as long as moving ten robots, so the calling thread
     keeps the last robots and ends after the others.
     """
-    threads = max(1, min(most, robots // ROBOTS_PER_THREAD))
     shared = robots - LAST if threads > 1 else robots
-    bounds = [*(shared * thread // threads for thread in range(threads + 1)), robots]
-    return np.array([*pairwise(bounds)])
+    bounds = [shared * thread // threads for thread in range(threads + 1)]
+    return [*pairwise(bounds)], (shared, robots)

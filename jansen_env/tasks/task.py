@@ -93,6 +93,8 @@ class Task(ABC):
         self.world.connect(self.observed, self.observation)
         self._connect()
         self._kernels = self.ENGINE.describe.bound(), self.ENGINE.finish_step.bound()
+        self._step_arguments: Arguments = ()
+        self._surface: Array | None = None  # of these arguments
 
     def _check_declarations(self, settings: WorldSettings | HeldSettings) -> None:
         """Raise ValueError for settings or names that this class would ignore."""
@@ -176,7 +178,6 @@ class Task(ABC):
         except Exception:
             for generator, state in zip(generators, before, strict=True):
                 generator.bit_generator.state = state
-            self._take_arguments()
             raise
         for i, numbers in zip(which.tolist(), drawn, strict=True):
             self._clear(i, numbers)
@@ -216,8 +217,7 @@ class Task(ABC):
 
     def _describe(self, which: Ints) -> None:
         """Fill observations and information of robots (k,) as they are now."""
-        arguments = self._take_arguments()
-        self._kernels[0](which, *arguments)
+        self._kernels[0](which, *self._kernel_arguments()[1])
         self._observe(which)
         self.world.disturb(which)
 
@@ -236,7 +236,6 @@ class Task(ABC):
         of_task = {name: changes.pop(name) for name in self.SETTABLE if name in changes}
         checked, apply = self.world.checked(i, changes), self._change(i, of_task)
         self.world.change(i, checked)
-        self._step_arguments, _ = self._kernel_arguments()
         apply()  # all or nothing
 
     def scene(self, i: int) -> Values:
@@ -257,11 +256,7 @@ class Task(ABC):
             else self._in_range("state", name, state[name])
             for name in self._kept
         }
-        try:
-            self.world.restore(i, checked)
-        except Exception:
-            self._take_arguments()
-            raise
+        self.world.restore(i, checked)
         self._clear(i, numbers)
         self._begin(np.array([i]))
         self._describe(np.array([i]))
@@ -283,16 +278,14 @@ class Task(ABC):
 
     def _finish_step(self, which: Ints) -> None:
         """Account for the step of robots (k,) in one kernel, on the thread that moved them."""
+        if self._surface is not self.world.plant.surface:  # that of a longer terrain
+            self._step_arguments, _ = self._kernel_arguments()
+            self._surface = self.world.plant.surface
         self._kernels[1](which, self._step_arguments)
 
     def _kernel_arguments(self) -> tuple[Arguments, Arguments]:
         """Return the arguments of the engine's ``finish_step`` and ``describe`` but the first."""
         return self.world.step_arguments(), self.world.describe_arguments()
-
-    def _take_arguments(self) -> Arguments:
-        """Take the world's arrays, others after a longer terrain; returns those of ``describe``."""
-        self._step_arguments, arguments = self._kernel_arguments()
-        return arguments
 
     def _change(self, i: int, changes: Values) -> Callable[[], None]:
         """Check changes of :attr:`SETTABLE`; return a function that applies them.
@@ -304,12 +297,11 @@ class Task(ABC):
         return lambda: None
 
     def __getstate__(self) -> Values:
-        return {**self.__dict__, "information": None, "info": None}
+        return {**self.__dict__, "information": None, "info": None, "_surface": None}
 
     def __setstate__(self, state: Values) -> None:
         self.__dict__.update(state)
         self._connect()
-        self._take_arguments()
 
 
 class CommandedTask(Task):

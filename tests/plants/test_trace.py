@@ -149,7 +149,7 @@ def test_a_restored_walker_reports_the_same_loads():
 def test_walker_info_has_the_largest_loads_when_asked():
     """The plant's, in every step; off by default; observations and rewards are the same bits."""
     envs = [JansenWalkerEnv(track_joint_forces=on) for on in (True, False)]
-    assert not JansenWalkerEnv().plant.tracing
+    assert not JansenWalkerEnv().plant.batch.tracing
     keys, impulses = {"joint_force_max", "joint_impulse_max"}, []
     for env in envs:
         env.reset(seed=0, options={"crank_angle": 1.0})
@@ -158,8 +158,8 @@ def test_walker_info_has_the_largest_loads_when_asked():
         other, paid, *_, bare = envs[1].step(np.array([0.25]))
         assert obs.tobytes() == other.tobytes() and reward == paid
         assert info.keys() - bare.keys() == keys
-        plant = envs[0].plant
-        forces = trace_forces(plant.tables, plant.trace, plant.time_step).bearing
+        plant = envs[0].plant.batch
+        forces = trace_forces(plant.tables_in_force(0), plant.trace, plant.time_step).bearing
         expected = peak_loads(forces, plant.touchdowns, plant.time_step)
         assert (info["joint_force_max"], info["joint_impulse_max"]) == expected
         assert 1.0 < info["joint_force_max"] < 1e3

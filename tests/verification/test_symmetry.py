@@ -121,9 +121,8 @@ def compare_scales(robot, terrain, law, duration, time_step, state=None, locked=
     """Largest difference of state (8,), force, slip and energies, scaled back; ``law`` of rate."""
     small = ProjectionPlant(robot, terrain, time_step)
     ground = replace(terrain, points=tuple((S * x, S * y) for x, y in terrain.points))
-    large = ProjectionPlant(
-        scaled(robot), ground, TIME * time_step, detection_interval=TIME * small.detection_interval
-    )
+    interval = TIME * small.batch.detection_interval
+    large = ProjectionPlant(scaled(robot), ground, TIME * time_step, detection_interval=interval)
     small.reset(0.0, 0.3)
     placed = small.state
     placed[1] += PLACEMENT_DEPTH - TOUCHING  # or the large one would be too deep

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pymunk
@@ -31,24 +32,12 @@ SHORT_ENOUGH = 1.0  # (k h^2 + d h) / effective mass; beyond 2 to 4 the springs 
 FLAT = 1e-9  # m: nearer to the ground, its own normal is taken
 
 
-class Sums:
-    """Sums over a step: energies, J; of each pad the path it slid, m, and its impulse (2,), N s."""
+class Sums(NamedTuple):
+    """Sums over a step."""
 
-    def __init__(self, pads: int) -> None:
-        self.motor_work = self.push_work = self.electrical_work = 0.0
-        self.joint_loss = self.slip_loss = self.impact_loss = 0.0
-        self.joint_gap = self.torque_impulse = 0.0  # of the motor beyond what was last asked for
-        self.slip, self.impulse = np.zeros(pads), np.zeros((pads, 2))
-
-    def fill(self, total: np.void, toes: int, torque: float, steps: int, h: float) -> None:
-        """Put them into ACCUMULATORS after steps of ``h`` s under a torque asked for, N m."""
-        for name in ("motor_work", "push_work", "electrical_work", "joint_loss", "slip_loss",
-                     "impact_loss"):  # fmt: skip
-            total[name] = getattr(self, name)
-        total["contact_gain"] = total["worst_residual"] = math.nan
-        total["non_toe_impulse"] = self.impulse[toes:, 1].sum()
-        lacking = torque + self.torque_impulse / (steps * h) - torque  # of the mean, as rounded
-        total["torque_impulse"] = lacking * steps * h
+    total: np.void  # ACCUMULATORS of :mod:`jansen_env.engine.records`
+    slip: Array  # (pads,) m, the path each slid
+    impulse: Array  # (pads, 2) N s, tangential and normal
 
 
 class PadContacts:
@@ -250,7 +239,7 @@ class SpringPads:
                 self.stored += 0.5 * k * middle**2 + held
             else:
                 if sums is not None:
-                    sums.impact_loss += held
+                    sums.total["impact_loss"] += held
                 new = rate = slide = self.bristle[pad] = 0.0
             self._then[pad], self.forces[pad] = new, (tangential, normal)
             self._gap[pad], self._rate[pad], self._slide[pad] = depth, (rate, across), slide
@@ -263,9 +252,9 @@ class SpringPads:
         kt = float(self._give.tangential_stiffness or 0.0)
         # Work of the springs alone is stored or given back; the rest is lost.
         elastic = -self._give.stiffness * float(self._gap[pad])
-        sums.impact_loss -= h * (normal - elastic) * 0.5 * (across + down)
-        sums.impact_loss -= h * (tangential + kt * float(self.bristle[pad])) * bristle
-        sums.slip_loss -= h * tangential * drift
+        sums.total["impact_loss"] -= h * (normal - elastic) * 0.5 * (across + down)
+        sums.total["impact_loss"] -= h * (tangential + kt * float(self.bristle[pad])) * bristle
+        sums.total["slip_loss"] -= h * tangential * drift
         sums.slip[pad] += h * abs(float(self._slide[pad]))
         sums.impulse[pad] += h * tangential, h * normal
 

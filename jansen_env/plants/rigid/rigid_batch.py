@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env.checks import positive_integer, within
+from jansen_env.checks import within
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.pads import pad_layout, pad_sides
 from jansen_env.engine.collision import sides_in_ground
@@ -66,7 +66,9 @@ Ints = NDArray[np.int64]
 
 TIME_STEP = 2.5e-4  # s
 ITERATIONS = 200  # of pymunk's solver in a time step, from the last one's impulses on
-TOUCHDOWN_ITERATIONS = 2000  # in one in which a pad may touch down, with nothing to go on from
+# In one in which a pad may touch down, with nothing to go on from: an impact has to run through all
+# joints at once, or it is too soft.
+TOUCHDOWN_ITERATIONS = 2000
 BEFORE_END = 5.0  # m, from the end of the ground at which a robot must turn back
 MAX_JOINT_GAP = 0.01  # m, a joint's gap beyond which the robot is no longer one
 CHANGING = ("states", "parameters", "rows", "slip", "contact_force", "joint_gap", "diverged")
@@ -144,8 +146,6 @@ class RigidBodyBatch:
 
     Args:
         time_step: of pymunk, s. gravity: m/s^2 downwards, or a vector (x, y).
-        iterations: of pymunk's solver in a time step. touchdown_iterations: in one in which a pad
-            may touch down; an impact has to run through all joints at once, or it is too soft.
         held: hold the chassis still in the air, as the paper's fixed model does.
 
     Raises:
@@ -161,16 +161,12 @@ class RigidBodyBatch:
         terrain: Terrain,
         time_step: float = TIME_STEP,
         gravity: Gravity = GRAVITY,
-        iterations: int = ITERATIONS,
-        touchdown_iterations: int = TOUCHDOWN_ITERATIONS,
         held: bool = False,
     ) -> None:
         check_closure(robot)
         self.robots, self.terrains = [robot], [terrain]
         self.parameters = np.array([nominal(robot, terrain)], ROBOT_PARAMETERS)
         self.time_step = check_time_step(time_step)
-        self.iterations = positive_integer("iterations", iterations)
-        self.touchdown_iterations = positive_integer("touchdown_iterations", touchdown_iterations)
         self.held = bool(held)
         self.toes = toes = len(robot.toes)
         self.slip, self.contact_force = np.zeros((1, toes)), np.zeros((1, toes, 2))
@@ -324,27 +320,34 @@ class RigidBodyBatch:
 
     def _run(self, torque: float, earlier: float, switch: int, impulses: Array) -> None:
         """Take time steps with impulses (steps, 2) on the chassis, N s."""
-        h, sums, before = self.time_step, Sums(len(self._owners)), self._space.state
-        now = self._space.snapshot()
-        start = now.energy + self._stored
+        h, before, now, gap = self.time_step, self._space.state, self._space.snapshot(), 0.0
+        start, pads = now.energy + self._stored, len(self._owners)
+        self.accumulators[:] = 0.0
+        total = self.accumulators[0]
+        sums = Sums(total, np.zeros(pads), np.zeros((pads, 2)))
         for k, impulse in enumerate(impulses):
             now, used = self._advance(now, earlier if k < switch else torque, impulse, sums)
-            sums.torque_impulse += h * (used - torque)
-        self._refusal = self._refused(before, torque, sums.joint_gap)
+            total["torque_impulse"] += h * (used - torque)
+            gap = max(gap, now.joint_gap)
+        self._refusal = self._refused(before, torque, gap)
         self.diverged[:] = self.any_diverged = self._refusal is not None
-        self.accumulators[:] = 0.0
         self.slip[:] = self.contact_force[:] = self.joint_gap[:] = 0.0
         if self.any_diverged:
+            self.accumulators[:] = 0.0
             self._build(before)
             return
         self.states[0] = self._space.state
-        sums.fill(self.accumulators[0], self.toes, torque, len(impulses), h)
-        self.accumulators["energy_change"] = now.energy + self._stored - start
-        places = np.ascontiguousarray(now.pads).ravel()
-        in_ground = 0 if self.held else sides_in_ground(places, self._sides, self.surface)
-        self.accumulators["links_in_ground"] = in_ground
-        self.slip[0], self.joint_gap[0] = sums.slip[: self.toes], sums.joint_gap
-        self.contact_force[0] = sums.impulse[: self.toes] / (len(impulses) * h)
+        total["contact_gain"] = total["worst_residual"] = math.nan
+        total["non_toe_impulse"] = sums.impulse[self.toes :, 1].sum()
+        total["energy_change"] = now.energy + self._stored - start
+        duration = len(impulses) * h
+        lacking = torque + total["torque_impulse"] / duration - torque  # of the mean, as rounded
+        total["torque_impulse"] = lacking * len(impulses) * h
+        if not self.held:
+            places = np.ascontiguousarray(now.pads).ravel()
+            total["links_in_ground"] = sides_in_ground(places, self._sides, self.surface)
+        self.slip[0], self.joint_gap[0] = sums.slip[: self.toes], gap
+        self.contact_force[0] = sums.impulse[: self.toes] / duration
 
     def refusal(self, torque: float) -> FloatingPointError:
         """Return the error of the last step, which was refused."""
@@ -389,7 +392,7 @@ class RigidBodyBatch:
         impulse = np.array([*push, x * push[1] - y * push[0]])
         loads[CHASSIS] += impulse / h
         landing = springs is None and self._contacts.landing_soon(now)
-        after = self._space.advance(h, self.touchdown_iterations if landing else self.iterations)
+        after = self._space.advance(h, TOUCHDOWN_ITERATIONS if landing else ITERATIONS)
         mean = 0.5 * (spin + after.motion[:, SPIN])
         moved = 0.5 * (now.motion[CHASSIS] + after.motion[CHASSIS])[[VX, VY, SPIN]]
         push_work = float(impulse @ moved)
@@ -399,21 +402,21 @@ class RigidBodyBatch:
         if rotor is not None:
             rotor.step(after.motion)
             loss += rotor.loss
-        sums.motor_work += work
-        sums.push_work += push_work
-        sums.electrical_work += h * float(motor.electrical_power(torque, turning))
-        sums.joint_loss += loss
+        total = sums.total
+        total["motor_work"] += work
+        total["push_work"] += push_work
+        total["electrical_work"] += h * float(motor.electrical_power(torque, turning))
+        total["joint_loss"] += loss
         if springs is None:
             slip_loss, landed = self._contacts.book(after, sums)
-            sums.slip_loss += slip_loss
+            total["slip_loss"] += slip_loss
             if landed:
                 left = now.energy + stored + work + push_work - loss - slip_loss
-                sums.impact_loss += left - (after.energy + self._stored)
+                total["impact_loss"] += left - (after.energy + self._stored)
         else:
             touching = springs.touching
             springs.step(after, self._space.space, sums)
             self._contacts.note(touching)
-        sums.joint_gap = max(sums.joint_gap, after.joint_gap)
         return after, torque
 
     @property
@@ -467,13 +470,10 @@ class RigidBodyBatch:
     def __getstate__(self) -> dict[str, Any]:
         """The arguments, and what has become of them: everything else is made again from them."""
         return {
-            "arguments": (
-                self.robots[0], self.terrains[0], self.time_step, self.gravity, self.iterations,
-                self.touchdown_iterations, self.held,
-            ),
+            "arguments": (*self.robots, *self.terrains, self.time_step, self.gravity, self.held),
             "memory": self._memory,
             "arrays": {name: getattr(self, name).copy() for name in CHANGING},
-        }  # fmt: skip
+        }
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
         self.__init__(*saved["arguments"])  # type: ignore[misc]

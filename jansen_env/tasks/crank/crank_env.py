@@ -12,7 +12,7 @@ from jansen_env.checks import non_negative
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.vector import TaskVectorEnv, VectorArguments
-from jansen_env.plants.plant import ProjectionPlant, plant_of
+from jansen_env.plants.plant import Plant
 from jansen_env.tasks.crank.crank_benchmark import CRANK
 from jansen_env.tasks.task import CommandedTask
 from jansen_env.world.observations import EXACT, Observed
@@ -194,11 +194,9 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
         super().__init__(**arguments)
 
     @property
-    def plant(self) -> ProjectionPlant:
+    def plant(self) -> Plant:
         """The plant, its chassis held."""
-        plant = plant_of(self.task.world.plant)
-        assert isinstance(plant, ProjectionPlant)
-        return plant
+        return Plant(self.task.world.plant)
 
     @property
     def reference(self) -> float:

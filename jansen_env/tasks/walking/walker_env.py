@@ -20,7 +20,7 @@ from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine import walk_reward
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.vector import TaskVectorEnv, VectorArguments
-from jansen_env.plants.plant import Plant, plant_of
+from jansen_env.plants.plant import Plant
 from jansen_env.tasks.task import CommandedTask
 from jansen_env.tasks.walking.walker_benchmark import WALKER
 from jansen_env.terrain import Terrain
@@ -441,7 +441,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     @property
     def plant(self) -> Plant:
         """The plant."""
-        return plant_of(self.task.world.plant)
+        return Plant(self.task.world.plant)
 
     @property
     def weight(self) -> float:

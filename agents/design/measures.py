@@ -56,6 +56,7 @@ PEAKS = 64  # time steps in which the ground pushes most, for the largest forces
 OF_PATHS = "height", "width", "lift", "opening", "heave", "stance", "advance"
 PLANE = np.array([1.0, 1.0j])  # a point as a complex number
 SAMPLES = 180  # crank angles of a turn
+PATH_POINTS = 64  # of a toe's path
 NEAR = 0.01  # of the standing height: a toe so far above the lowest one counts as on the ground
 
 Part = tuple[int, int]
@@ -75,6 +76,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "opening": "m", "heave": "m", "stance": "fraction", "advance": "m",
     },
     "planes": {"clearance": "m"},
+    "path": {"path_error": "1"},
     "walk": {**{name: m.unit for name, m in WALKER.metrics.items()}, "upright": "fraction"},
     "climb": {"climb": "m", "links_in_ground": "fraction"},
     "loads": {"wear": "J/m", "pin_force": "N", "rod_safety": "1"},
@@ -109,6 +111,7 @@ class Walker:
         self._env = make_env(env_id, env_kwargs)
         self._envs: dict[tuple[object, ...], VectorEnv] = {}
         self._shared: list[tuple[Part, Part]] | None = None
+        self._path: NDArray[np.complex128] | None = None
 
     @property
     def control_dt(self) -> float:
@@ -127,6 +130,7 @@ class Walker:
         values = {
             "shape": lambda: [geometry_measures(c.robot) for c in candidates],
             "planes": lambda: self._planes(candidates),
+            "path": lambda: self._paths(candidates),
             "walk": lambda: self.walk(candidates),
             "climb": lambda: self._climb(candidates),
             "loads": lambda: [self._loads(c) for c in candidates],
@@ -138,6 +142,12 @@ class Walker:
         if self._shared is None:
             self._shared = shared_planes(load_robot("robot", self.env_kwargs["robot"]))
         return [{"clearance": clearance(c.robot, self._shared)} for c in candidates]
+
+    def _paths(self, candidates: Sequence[Candidate]) -> list[dict[str, float]]:
+        """How far toes' paths are from that of the robot that the search began with."""
+        if self._path is None:
+            self._path = toe_path(load_robot("robot", self.env_kwargs["robot"]))
+        return [{"path_error": path_error(toe_path(c.robot), self._path)} for c in candidates]
 
     def walk(self, candidates: Sequence[Candidate]) -> list[dict[str, float]]:
         """Score every candidate's walks from all starts."""
@@ -314,6 +324,30 @@ def _opening(path: Array) -> float:
     crossing = x * after[1] <= 0.0
     share = (x / np.where(crossing, x - after[1], 1.0))[crossing]
     return float(np.ptp((1.0 - share) * path[:, 1][crossing] + share * after[0][crossing]))
+
+
+def evenly(path: Array) -> NDArray[np.complex128]:
+    """Return :data:`PATH_POINTS` points evenly along a closed path (n, 2), about their mean."""
+    closed = np.append(path, path[:1], axis=0) @ PLANE
+    way = np.append(0.0, np.abs(np.diff(closed)).cumsum())
+    points = np.interp(np.linspace(0.0, way[-1], PATH_POINTS, endpoint=False), way, closed)
+    return np.asarray(points - points.mean())
+
+
+def toe_path(robot: Robot) -> NDArray[np.complex128]:
+    """Return the path of the first toe, as :func:`evenly` does; LinkageError: it is not closed."""
+    angles = np.linspace(0.0, 2.0 * math.pi, PATH_POINTS, endpoint=False)
+    return evenly(toe_positions(robot, angles)[:, 0])
+
+
+def path_error(path: NDArray[np.complex128], target: NDArray[np.complex128]) -> float:
+    """Root mean square distance of points from those of a target / its size, begun anywhere.
+
+    Both paths are those of :func:`evenly`, and at their own size.
+    """
+    path, target = (each / np.sqrt((np.abs(each) ** 2).mean()) for each in (path, target))
+    turned = [np.roll(way, k) for way in (path, path[::-1]) for k in range(PATH_POINTS)]
+    return float(np.sqrt((np.abs(np.array(turned) - target) ** 2).mean(axis=1).min()))
 
 
 def _longest(robot: Robot) -> float:

@@ -146,6 +146,15 @@ def test_links_in_one_plane_keep_apart_or_cross(walker):
     assert 0.0 < gaps[0] < 0.3 and gaps[0] != gaps[1]
 
 
+def test_a_path_is_compared_with_the_first_robots(walker):
+    """Whatever its size; another coupler's is another."""
+    twice = {name: 2.0 * v for name, v in lengths(BUILT).items() if name != "frame_angle"}
+    robots = [BUILT, with_lengths(BUILT, twice), with_lengths(BUILT, {"coupler": 0.27})]
+    errors = walker.measure("path", [Candidate(robot, np.ones(4)) for robot in robots])
+    assert errors["path_error"][:2] == pytest.approx(0.0, abs=1e-9)
+    assert 0.05 < errors["path_error"][2] < 1.0
+
+
 def test_walks_are_scored_as_everywhere(walker):
     """Of two candidates: the numbers of the same walks by themselves, and of each in any place."""
     space = Space("built", 0.3, {"lengths": 0.1})

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from browser import draw_path
 
+from agents.design.measures import evenly, path_error, toe_path
 from jansen_env.robot import ROBOTS
-from jansen_env.robot.kinematics import advance_per_turn, toe_positions
+from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.robot.lengths import with_lengths
 from jansen_env.tasks.walking.walker_benchmark import walking_pid
 from jansen_env.viewer.web.bench import design_of, write_bench
@@ -60,31 +61,14 @@ def found():
     return dict(zip(PATHS, json.loads(done.stdout), strict=True))
 
 
-def shape(path):
-    """64 complex points evenly along a closed path (n, 2), of size 1 about their mean; the size."""
-    closed = np.append(path, path[:1], axis=0)
-    way = np.append(0.0, np.hypot(*np.diff(closed, axis=0).T).cumsum())
-    places = np.linspace(0.0, way[-1], 64, endpoint=False)
-    points = np.interp(places, way, closed[:, 0]) + 1j * np.interp(places, way, closed[:, 1])
-    points -= points.mean()
-    size = np.sqrt((np.abs(points) ** 2).mean())
-    return points / size, size
-
-
 @pytest.mark.parametrize("name", PATHS)
 def test_legs_are_as_near_as_they_say(found, name):
-    target, size = shape(PATHS[name])
-    legs = found[name]
+    target, legs = evenly(PATHS[name]), found[name]
     assert legs[0]["error"] < 0.0125
     for leg in legs:
-        robot = with_lengths(ROBOTS[leg["base"]](), leg["lengths"])
-        psi = 2.0 * math.pi * np.arange(64) / 64
-        toe = toe_positions(robot, psi)[:, 0]
-        points, reached = shape(toe)
-        turned = [np.roll(each, k) for each in (points, points[::-1]) for k in range(64)]
-        error = min(np.sqrt((np.abs(each - target) ** 2).mean()) for each in turned)
-        assert error == pytest.approx(leg["error"], abs=1e-6)
-        assert reached == pytest.approx(size)
+        path = toe_path(with_lengths(ROBOTS[leg["base"]](), leg["lengths"]))
+        assert path_error(path, target) == pytest.approx(leg["error"], abs=1e-6)
+        assert np.linalg.norm(path) == pytest.approx(np.linalg.norm(target))
 
 
 def test_the_nearest_leg_walks(found):

@@ -21,12 +21,11 @@ from typing import Any
 
 import torch
 import yaml
-from stable_baselines3.common.callbacks import BaseCallback
 
 from agents import need
 from agents.command_line import add_run_flags
 from agents.training.config import new_config
-from agents.training.runs import FINAL, last_state, locked, read_evaluations, record_run
+from agents.training.runs import FINAL, last_state, locked, record_run
 from agents.training.scores import score_run
 from agents.training.train_model import prepare, train
 from jansen_env.checks import MAX_STEPS, shown
@@ -125,23 +124,6 @@ class Study:
         ]  # fmt: skip
 
 
-class Report(BaseCallback):
-    """Report the return of each evaluation to Ray Tune."""
-
-    def __init__(self, folder: Path) -> None:
-        super().__init__()
-        self.folder, self.known = folder, len(read_evaluations(folder))
-
-    def _on_rollout_start(self) -> None:
-        rows = read_evaluations(self.folder)
-        if len(rows) > self.known:
-            self.known = len(rows)
-            tune.report({"steps": rows[-1]["steps"], "return": rows[-1]["return"]})
-
-    def _on_step(self) -> bool:
-        return True
-
-
 def run_trial(parameters: dict[str, Arguments], root: Path) -> None:
     """Train and score the ``run`` of :meth:`Study.runs`, from its last checkpoint, as a trial.
 
@@ -161,7 +143,7 @@ def run_trial(parameters: dict[str, Arguments], root: Path) -> None:
                 train(
                     model, config, folder, eval_every=run["eval_freq"], resume=resume,
                     save_every=run["save_freq"], tensorboard=str(folder / "tensorboard"),
-                    progress=False, more_callbacks=[Report(folder)],
+                    progress=False,
                 )  # fmt: skip
             except SystemExit as error:  # it diverged, or the disk is full
                 raise RuntimeError(error.code) from error

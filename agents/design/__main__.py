@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from agents.design.design_plan import PLANS, Plan, make_plan, read_plan
 from agents.design.design_report import REPORT, ROBOT, write_report
-from agents.design.search import Searched, run_search
+from agents.design.search import Journal, best_of, run_search
 from jansen_env.commands.flags import Parser, mapping, positive_int
 from jansen_env.files import write_text
 from jansen_env.plain_yaml import read_yaml
@@ -90,13 +90,13 @@ def enter(folder: Path, plan: Plan) -> None:
     write_text(path, yaml.safe_dump(entries, sort_keys=False))
 
 
-def search_all(plan: Plan, folder: Path) -> dict[str, Searched]:
+def search_all(plan: Plan, folder: Path) -> dict[str, Journal]:
     """Run all seeds, with a bar of the generations; returns what each has measured, by name."""
     name = next(iter(plan.objectives))
 
-    def show(searched: Searched) -> None:
-        kept, best = searched.violation == 0.0, searched.best(plan)
-        value = f"{searched.measured[name][best]:.4g}" if kept.any() else "none yet"
+    def show(journal: Journal) -> None:
+        kept = journal["violation"] == 0.0
+        value = f"{journal[name][best_of(plan, journal)]:.4g}" if kept.any() else "none yet"
         bar.set_postfix_str(
             f"{kept[-plan.population :].sum()} of {plan.population} keep all limits, "
             f"best {name}: {value}"

@@ -10,7 +10,14 @@ from tabulate import tabulate
 
 from agents.design.design_plan import Plan
 from agents.design.measures import MEASURES, geometry_measures
-from agents.design.search import Searched, make_walker, measure, objectives_of
+from agents.design.search import (
+    Journal,
+    best_of,
+    front_of,
+    make_walker,
+    measure,
+    objectives_of,
+)
 from agents.design.variables import Candidate
 from jansen_env.commands.plots import save
 from jansen_env.drawings.shaft_order import layers
@@ -26,20 +33,20 @@ FRESH = 16  # crank angles, others than those of the search
 MOST_OF_FRONT = 20  # designs of a front that are written
 
 
-def write_report(plan: Plan, folder: Path, results: dict[str, Searched]) -> str:
+def write_report(plan: Plan, folder: Path, results: dict[str, Journal]) -> str:
     """Write robot files, profiles, pictures and the report of searches, by name.
 
     Returns:
         The start and the best design, walked from other starts than the search's: a short table.
     """
-    space, best = plan.space(), {name: result.best(plan) for name, result in results.items()}
+    space, best = plan.space(), {name: best_of(plan, rows) for name, rows in results.items()}
     designs = {"start": space.candidate(space.start)}
     for name, result in results.items():
-        designs[name] = space.candidate(result.unit[best[name]])
+        designs[name] = space.candidate(result["unit"][best[name]])
         write_design(folder / name, plan, designs[name])
-        front = result.front(plan) if plan.method == "nsga2" else []
+        front = front_of(plan, result) if plan.method == "nsga2" else []
         for number, k in enumerate(front[:: max(1, len(front) // MOST_OF_FRONT)]):
-            candidate = space.candidate(result.unit[k])
+            candidate = space.candidate(result["unit"][k])
             write_design(folder / name / f"front_{number}", plan, candidate)
     half = 0.5 * float(plan.env_kwargs.get("time_step", 1e-3))
     walkers = {
@@ -60,14 +67,14 @@ def write_report(plan: Plan, folder: Path, results: dict[str, Searched]) -> str:
             table.append([name, where, *cells, assembled[name]])
             walked[name, where] = cells
     head = [*(f"{key} ({MEASURES[key].unit})" for key in plan.measured), "limits kept"]
-    count = sum(len(result.violation) for result in results.values())
+    count = sum(map(len, results.values()))
     text = (
         f"# {folder.name}\n\n{plan.method}, {plan.starts} walks at {plan.speed:g} m/s each of "
         f"{count} candidates, {plan.population} a generation.\n\n"
         f"{tabulate(table, ['', 'where', *head, 'can be assembled'], tablefmt='github')}\n\n"
         "![designs](designs.png)\n\n![search](search.png)\n"
     )
-    short_of = {name: float(result.violation[best[name]]) for name, result in results.items()}
+    short_of = {name: float(result["violation"][best[name]]) for name, result in results.items()}
     if out := [name for name, violation in short_of.items() if violation > 0.0]:
         text += f"\nNone of {', '.join(out)} keeps all limits: shown is the one nearest to them.\n"
     draw_designs({name: design.robot for name, design in designs.items()}, folder / "designs.png")
@@ -75,7 +82,7 @@ def write_report(plan: Plan, folder: Path, results: dict[str, Searched]) -> str:
     write_text(folder / REPORT, text)
 
     def rank(name: str) -> tuple[float, float]:
-        objective = objectives_of(plan, results[name].measured)[best[name], 0]
+        objective = objectives_of(plan, results[name])[best[name], 0]
         return short_of[name], float(objective)
 
     columns = [[name, *walked[name, OTHER_STARTS]] for name in ("start", min(results, key=rank))]
@@ -119,17 +126,17 @@ def draw_designs(robots: dict[str, Robot], path: Path) -> None:
     save(figure, path)
 
 
-def draw_search(plan: Plan, results: dict[str, Searched], path: Path) -> None:
+def draw_search(plan: Plan, results: dict[str, Journal], path: Path) -> None:
     """Draw the front of several objectives, or the best so far of one."""
     figure = Figure((7.0, 4.6), layout="constrained")
     axis, names = figure.subplots(), [*plan.objectives]
     best = np.fmin if plan.objectives[names[0]] == "min" else np.fmax
     for name, result in results.items():
         if plan.method == "nsga2":
-            front = result.front(plan)
-            axis.plot(*(result.measured[key][front] for key in names[:2]), "o-", ms=4, label=name)
+            front = front_of(plan, result)
+            axis.plot(*(result[key][front] for key in names[:2]), "o-", ms=4, label=name)
         else:
-            value = np.where(result.violation == 0.0, result.measured[names[0]], np.nan)
+            value = np.where(result["violation"] == 0.0, result[names[0]], np.nan)
             axis.plot(best.accumulate(value), label=name)
     axis.set(xlabel="candidate", ylabel=names[0])
     if plan.method == "nsga2":

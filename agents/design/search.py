@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import cma
 import numpy as np
+from numpy.typing import NDArray
 
 from agents import need
 from agents.design.design_plan import Plan
@@ -22,53 +23,34 @@ from jansen_env.baselines.policy import Array
 from jansen_env.checks import one_line
 from jansen_env.files import open_regular, write_whole
 
-JOURNAL = "journal.npz"
+JOURNAL = "journal.npy"
 SPREAD = 0.03  # standard deviation of the first generation: farther from the start few close
 
 Measured: TypeAlias = dict[str, Array]
+Journal: TypeAlias = NDArray[np.void]
+"""All that a search has measured (n,): "unit", variables (d,) from 0 to 1; each measure by name;
+"violation" of its limits, 0 where all are kept."""
 
-
-class Searched(NamedTuple):
-    """All that a search has measured: variables (n, d) from 0 to 1, measures (n,), violations (n,)
-    of its limits, 0 where all are kept."""
-
-    unit: Array
-    measured: Measured
-    violation: Array
-
-    def part(self, begin: int, end: int) -> Searched:
-        """Return those from one index to another."""
-        measured = {name: values[begin:end] for name, values in self.measured.items()}
-        return Searched(self.unit[begin:end], measured, self.violation[begin:end])
-
-    def joined(self, more: Searched) -> Searched:
-        """Return these and those after them."""
-        pairs = {name: (values, more.measured[name]) for name, values in self.measured.items()}
-        return Searched(
-            np.concatenate([self.unit, more.unit]),
-            {name: np.concatenate(pair) for name, pair in pairs.items()},
-            np.concatenate([self.violation, more.violation]),
-        )
-
-    def best(self, plan: Plan) -> int:
-        """Return the index of the best of those that keep all limits, else of the nearest to it."""
-        return int(np.lexsort((objectives_of(plan, self.measured)[:, 0], self.violation))[0])
-
-    def front(self, plan: Plan) -> list[int]:
-        """Return indices of those that keep all limits and that no other is better than in all."""
-        objectives, fine = objectives_of(plan, self.measured), np.flatnonzero(self.violation == 0.0)
-        feasible = objectives[fine]
-
-        def beaten(k: int) -> bool:
-            no_worse = (feasible <= objectives[k]).all(axis=1)
-            return bool((no_worse & (feasible < objectives[k]).any(axis=1)).any())
-
-        kept = [k for k in fine.tolist() if not beaten(k)]
-        return sorted(kept, key=lambda k: float(objectives[k, 0]))
-
-
-Progress: TypeAlias = Callable[[Searched], object]
+Progress: TypeAlias = Callable[[Journal], object]
 """Gets all that is measured after each generation."""
+
+
+def best_of(plan: Plan, journal: Journal) -> int:
+    """Return the index of the best of those that keep all limits, else of the nearest to it."""
+    return int(np.lexsort((objectives_of(plan, journal)[:, 0], journal["violation"]))[0])
+
+
+def front_of(plan: Plan, journal: Journal) -> list[int]:
+    """Return indices of those that keep all limits and that no other is better than in all."""
+    objectives, kept = objectives_of(plan, journal), np.flatnonzero(journal["violation"] == 0.0)
+    feasible = objectives[kept]
+
+    def beaten(k: int) -> bool:
+        no_worse = (feasible <= objectives[k]).all(axis=1)
+        return bool((no_worse & (feasible < objectives[k]).any(axis=1)).any())
+
+    front = [k for k in kept.tolist() if not beaten(k)]
+    return sorted(front, key=lambda k: float(objectives[k, 0]))
 
 
 class Cma:
@@ -130,7 +112,7 @@ class Nsga2:
         self._search.tell(infills=self._asked)
 
 
-def objectives_of(plan: Plan, measured: Measured) -> Array:
+def objectives_of(plan: Plan, measured: Measured | Journal) -> Array:
     """(n, k) the plan's objectives, to be small."""
     ways = [(name, 1.0 if way == "min" else -1.0) for name, way in plan.objectives.items()]
     return np.stack([sign * measured[name] for name, sign in ways], axis=1)
@@ -188,9 +170,7 @@ def broken(plan: Plan, measured: Measured, names: Collection[str]) -> Array:
     return total
 
 
-def run_search(
-    plan: Plan, seed: int, folder: Path, progress: Progress = lambda _: None
-) -> Searched:
+def run_search(plan: Plan, seed: int, folder: Path, progress: Progress = lambda _: None) -> Journal:
     """Search, from where the folder's journal ends; returns all that was measured.
 
     Raises:
@@ -204,23 +184,25 @@ def run_search(
         else Nsga2(space.start, n, seed, len(plan.objectives))
     )  # fmt: skip
     with locked(folder):
-        known = read_journal(path, plan)
+        journal = read_journal(path, plan)
         for end in range(n, n * plan.generations + 1, n):
             unit = search.ask()
-            if len(known.violation) < end:
-                known = known.joined(
-                    Searched(unit, *measure(plan, walker, candidates(space, unit)))
-                )
-                write_journal(path, known)
-            part = known.part(end - n, end)
-            if not np.array_equal(unit, part.unit):
+            if len(journal) < end:
+                measured, violation = measure(plan, walker, candidates(space, unit))
+                part = np.empty(n, journal.dtype)
+                for name, values in {**measured, "unit": unit, "violation": violation}.items():
+                    part[name] = values
+                journal = np.concatenate([journal, part])
+                write_whole(path, lambda name, rows=journal: np.save(name, rows))  # type: ignore[misc]
+            part = journal[end - n : end]
+            if not np.array_equal(unit, part["unit"]):
                 raise ValueError(
                     f"{path}, generation {end // n}, is not what this search asks for; the plan, "
                     "seed or versions of the libraries are others: take another name"
                 )
-            search.tell(objectives_of(plan, part.measured), part.violation)
-            progress(known.part(0, end))
-    return known.part(0, end)
+            search.tell(objectives_of(plan, part), part["violation"])
+            progress(journal[:end])
+    return journal[:end]
 
 
 def candidates(space: Space, unit: Array) -> list[Candidate | None]:
@@ -234,24 +216,17 @@ def candidates(space: Space, unit: Array) -> list[Candidate | None]:
     return made
 
 
-def write_journal(path: Path, searched: Searched) -> None:
-    """Write all that a search has measured as .npz, atomically."""
-    arrays = {**searched.measured, "unit": searched.unit, "violation": searched.violation}
-    write_whole(path, lambda part: np.savez(part, **arrays))  # type: ignore[arg-type]
-
-
-def read_journal(path: Path, plan: Plan) -> Searched:
+def read_journal(path: Path, plan: Plan) -> Journal:
     """Return all that a plan's journal has; nothing without one. Raises ValueError: damaged."""
-    names = [*dict.fromkeys([*plan.measured, "closure"])]
+    names = dict.fromkeys([*plan.measured, "closure", "violation"])
+    row = np.dtype([("unit", float, len(plan.space().start)), *((name, float) for name in names)])
     if not path.exists():
-        size, none = len(plan.space().start), np.empty(0)
-        return Searched(np.empty((0, size)), dict.fromkeys(names, none), none)
+        return np.empty(0, row)
     try:
-        with open_regular(path) as file, np.load(file, allow_pickle=False) as arrays:
-            measured = {name: arrays[name] for name in names}
-            searched = Searched(arrays["unit"], measured, arrays["violation"])
-            if len({len(searched.unit), len(searched.violation), *map(len, measured.values())}) > 1:
-                raise ValueError("its arrays differ in length")
-    except Exception as error:  # of a damaged file zipfile and NumPy raise nearly every kind
+        with open_regular(path) as file:
+            journal: Journal = np.load(file, allow_pickle=False)
+        if journal.dtype != row or journal.ndim != 1:
+            raise ValueError(f"it has rows of {journal.dtype}, must be of {row}")
+    except Exception as error:  # of a damaged file NumPy raises many kinds
         raise ValueError(f"{path} is damaged: {one_line(error)}") from error
-    return searched
+    return journal

@@ -15,13 +15,13 @@ from warnings import catch_warnings, simplefilter
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from scipy.stats import bootstrap, mannwhitneyu, sem, t, trim_mean
+from scipy.stats import bootstrap, mannwhitneyu, trim_mean, ttest_1samp
 
 from agents.training.runs import read_evaluations
 from jansen_env.commands.plots import save
 from jansen_env.files import write_text
 from jansen_env.scoring.metrics import (
-    TAIL,
+    CONFIDENCE,
     Array,
     Interval,
     interval_text,
@@ -36,7 +36,6 @@ one, with the baseline's return taken as exact. With few runs a bootstrap's nomi
 some 75 % with 3 runs, 90 % with 10. Intervals over episodes are in each run's scores.json."""
 SCORES = "*-seed_*/scores.json"  # of finished runs
 DASHES = ("--", ":", "-.", (0, (1, 4)))
-CONFIDENCE = 1.0 - 2.0 * TAIL
 
 
 def write_report(folder: Path) -> str:
@@ -91,11 +90,11 @@ def groups_table(runs: pd.DataFrame) -> str:
             better = proportion_with_interval(int((returns > score).sum()), len(returns))
             rows.append({
                 "runs of": group, "finished": len(returns),
-                "mean return": text(mean_with_interval(returns)),
-                "IQM of return": text(with_interval(interquartile_mean, returns)),
+                "mean return": interval_text(mean_with_interval(returns)),
+                "IQM of return": interval_text(with_interval(interquartile_mean, returns)),
                 "worst run": f"{worst['return']:.3g} (seed {worst.seed})",
                 "baseline": baseline, "its return": f"{score:.3g}",
-                "P(run > baseline)": text(better, 2),
+                "P(run > baseline)": interval_text(better, 2),
             })  # fmt: skip
     return markdown(pd.DataFrame(rows))
 
@@ -106,7 +105,7 @@ def improvement_table(runs: pd.DataFrame) -> str:
     for ((env, x), first), ((other_env, y), second) in combinations(groups, 2):
         if env == other_env:
             better = with_interval(improvement, first.to_numpy(), second.to_numpy())
-            rows.append({"X": x, "Y": y, "P(run of X > run of Y)": text(better, 2)})
+            rows.append({"X": x, "Y": y, "P(run of X > run of Y)": interval_text(better, 2)})
     return markdown(pd.DataFrame(rows)) if rows else ""
 
 
@@ -119,8 +118,8 @@ def mean_with_interval(values: Array) -> Interval:
     """Return the mean of scores (n,) with Student's interval, which few runs need."""
     if len(values) < 2:
         return float(values[0]), np.nan, np.nan
-    mean, half = float(values.mean()), float(t.ppf(1.0 - TAIL, len(values) - 1) * sem(values))
-    return mean, mean - half, mean + half
+    low, high = ttest_1samp(values, 0.0).confidence_interval(CONFIDENCE)
+    return float(values.mean()), float(low), float(high)
 
 
 def interquartile_mean(values: Array, axis: int = -1) -> Array:
@@ -144,11 +143,6 @@ def with_interval(statistic: Callable[..., Array], *groups: Array) -> Interval:
         result = bootstrap(groups, statistic, rng=0, confidence_level=CONFIDENCE, method="BCa")
     low, high = result.confidence_interval
     return value, float(low), float(high)
-
-
-def text(interval: Interval, digits: int = 3) -> str:
-    """Return "value [low, high]"."""
-    return interval_text([None if np.isnan(number) else number for number in interval], digits)
 
 
 def plot(runs: pd.DataFrame, curves: pd.DataFrame, path: Path) -> Path:

@@ -33,8 +33,7 @@ Interval: TypeAlias = tuple[float, float, float]
 
 MAIN = 5  # metrics of short tables
 RESAMPLES = 2000
-TAIL = 0.025  # beyond either end of a 95 % interval
-ENDS = 100.0 * TAIL, 100.0 - 100.0 * TAIL  # percentiles
+CONFIDENCE, ENDS = 0.95, (2.5, 97.5)  # of intervals; their percentiles
 INTERVALS = (
     "95 % intervals over episodes: exact (Clopper-Pearson) for fractions, percentile bootstrap for "
     "the others"
@@ -182,7 +181,7 @@ def proportion_with_interval(k: int, n: int) -> Interval:
     from scipy.stats import binomtest  # only now, as it takes long to import
 
     test = binomtest(k, n)
-    ends = test.proportion_ci(1.0 - 2.0 * TAIL, method="exact")
+    ends = test.proportion_ci(CONFIDENCE, method="exact")
     return float(test.statistic), float(ends.low), float(ends.high)
 
 
@@ -258,8 +257,8 @@ def _number(value: float | Array) -> float | None:
 
 
 def interval_text(interval: Sequence[float | None], digits: int = 3) -> str:
-    """Return "value [low, high]", to so many significant digits; "-" for what is not known."""
-    value, *ends = ("-" if number is None else f"{number:.{digits}g}" for number in interval)
+    """Return "value [low, high]", to so many significant digits; "-" for None and NaN."""
+    value, *ends = ("-" if n is None or np.isnan(n) else f"{n:.{digits}g}" for n in interval)
     return f"{value} [{', '.join(ends)}]" if ends and ends[0] != "-" else value
 
 

@@ -294,7 +294,8 @@ def check_action(
     """
     given = {**arguments_of(env_id), **env_kwargs}
     env: Any = load_env_creator(str(gym.registry[env_id].entry_point))
-    robot = env.TASK.SETTINGS.driven_robot(given["robot"], given["motor"], given["torque_limit"])
+    driven = {name: given[name] for name in ("robot", "motor", "torque_limit")}
+    robot = env.TASK.SETTINGS(**driven).make_robots()[0]
     plant = given.get("plant", "projection")  # the crank has none to choose
     period, step = control_period(given["control_dt"], plant_time_step(plant, given["time_step"]))
     for name, value, needed in (

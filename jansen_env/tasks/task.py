@@ -21,9 +21,7 @@ from jansen_env.world.settings import (
     Arguments,
     Array,
     Bools,
-    HeldSettings,
     Ints,
-    RobotSettings,
     Values,
     WorldSettings,
     flag,
@@ -58,7 +56,7 @@ class Task(ABC):
         ValueError: an argument out of range or of no effect, or names that do not fit.
     """
 
-    SETTINGS: ClassVar[type[RobotSettings]] = WorldSettings
+    SETTINGS: ClassVar[type[WorldSettings]] = WorldSettings
     OBSERVED: ClassVar[tuple[Observed, ...]] = ()
     INFO: ClassVar[Mapping[str, type]] = {}
     TERMS: ClassVar[tuple[str, ...]] = ()
@@ -70,7 +68,7 @@ class Task(ABC):
     )
     COMPILED: ClassVar[tuple[str, ...]] = ()  # observations that the kernels fill
 
-    def __init__(self, settings: WorldSettings | HeldSettings, threads: int | None = None) -> None:
+    def __init__(self, settings: WorldSettings, threads: int | None = None) -> None:
         n = self.num_envs = settings.count
         self._check_declarations(settings)
         self.world = World(settings, threads)
@@ -96,7 +94,7 @@ class Task(ABC):
         self._step_arguments: Arguments = ()
         self._surface: Array | None = None  # of these arguments
 
-    def _check_declarations(self, settings: WorldSettings | HeldSettings) -> None:
+    def _check_declarations(self, settings: WorldSettings) -> None:
         """Raise ValueError for settings or names that this class would ignore."""
         if settings.curriculum is not None and type(self).progress is Task.progress:
             raise ValueError("curriculum is given, must be None: this task defines no progress()")
@@ -317,7 +315,7 @@ class CommandedTask(Task):
     SETTABLE: ClassVar[tuple[str, ...]] = ("speed_command",)
 
     def __init__(self, settings: Any, threads: int | None = None) -> None:
-        self.speed_command = np.array(settings.each("speed_command"), float)
+        self.speed_command = np.array(settings.speed_command, float)
         super().__init__(settings, threads)
 
     def draw(self, i: int, rng: np.random.Generator, options: Values) -> Numbers:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +27,9 @@ from jansen_env.plants.plant import BatchedPlant
 from jansen_env.plants.robot_parameters import check_restitution
 from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.terrain import Terrain
-from jansen_env.terrain.generators import Curriculum, Generator
+from jansen_env.terrain.generators import Generator
 from jansen_env.world.episode_lengths import Build
-from jansen_env.world.settings import HeldSettings, Ints, Values, WorldSettings, finite_numbers
+from jansen_env.world.settings import Ints, Values, WorldSettings, finite_numbers
 
 
 class Plan(NamedTuple):
@@ -61,21 +61,21 @@ class EpisodeParameters:
     def __init__(
         self,
         plant: BatchedPlant,
-        settings: WorldSettings | HeldSettings,
+        settings: WorldSettings,
         generators: Sequence[Generator | None],
         has: Mapping[str, bool],
     ) -> None:
         self._plant, self._generators, self._has = plant, generators, dict(has)
-        self.curriculum = cast("Curriculum | None", settings.curriculum)
+        self.curriculum = settings.curriculum
         self._fixed = {  # by an argument, whatever a drawn terrain has
-            name: np.array([value is not None for value in settings.each(name)])
+            name: np.array([value is not None for value in getattr(settings, name)])
             for name in ("friction", "restitution")
         }
         self._given = [
             {name: drawn for name, drawn in ranges.items() if name != "lengths"}
-            for ranges in settings.each("randomize")
+            for ranges in settings.randomize
         ]
-        self.levels = np.array(settings.each("terrain_level"), float)
+        self.levels = np.array(settings.terrain_level, float)
         self._preset = settings.preset
         pairs = zip(plant.robots, plant.terrains, strict=True)
         self.nominal = np.array([parameters.nominal(*pair, EPISODE) for pair in pairs], EPISODE)

@@ -22,6 +22,7 @@ from jansen_env.checks import (
     load_record,
     non_negative,
     number_range,
+    one_of,
     positive,
     shown,
     within,
@@ -29,7 +30,7 @@ from jansen_env.checks import (
 from jansen_env.engine.integrator import DIVERGED
 from jansen_env.parameters import LONGEST_DELAY, load_randomization
 from jansen_env.plants.base import check_time_step, numbers_of
-from jansen_env.plants.plant import plant_time_step
+from jansen_env.plants.plant import PLANTS
 from jansen_env.robot import ROBOTS, Compliance, Payload, Robot
 from jansen_env.robot.motor import IDEAL, MOTORS, Motor
 from jansen_env.robot.robot_file import read_robot
@@ -196,9 +197,8 @@ def load_curriculum(name: str, value: object) -> Curriculum | None:
     return instance(name, value, Curriculum)
 
 
-def _plant_name(name: str, value: str) -> str:
-    plant_time_step(value)  # refuses another name
-    return value
+def _load_ground(name: str, value: Any) -> Terrain | Generator:
+    return make_generator(value) or make_terrain(value)
 
 
 def _several_terrains(value: object) -> bool:
@@ -228,7 +228,7 @@ def scanned_places(name: str, scan: object) -> Array:
 
 
 class RobotArguments(TypedDict, total=False):
-    """Arguments of every environment; :class:`RobotSettings` has their defaults and checks."""
+    """Arguments of every environment; :class:`WorldSettings` has their defaults and checks."""
 
     robot: PerRobot[Robot | str | Path]
     motor: PerRobot[Motor | str | None]
@@ -260,30 +260,45 @@ class WorldArguments(RobotArguments, total=False):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RobotSettings:
-    """Arguments of an environment, checked: a robot, its actuation, and what is drawn at resets.
+class WorldSettings:
+    """Arguments of an environment, checked: robots, ground, and what disturbs or is drawn.
 
-    Times in s. None stands for the robot's or the motor's own value. Fields of :func:`each` are
-    lists with a value for each robot.
+    Times in s. None stands for the robot's, the motor's or the terrain's own value. Lists have a
+    value for each robot; types are those of checked values.
 
     Attributes:
+        held: whether chassis are held in the air. FIXED: names of fields that are no arguments.
         num_envs: robots of a vector environment; None for an environment of one robot.
         preset: names of the values that the environment, not the user, has chosen.
     """
 
+    held: ClassVar[bool] = False
     ideal_torque: ClassVar[float | None] = None  # N m, limit of an ideal motor; None: its own
+    FIXED: ClassVar[frozenset[str]] = frozenset({"num_envs", "preset"})
 
     num_envs: int | None = None
     preset: frozenset[str] = frozenset()
-    robot: PerRobot[Robot | str | Path] = each("paper", load_robot)
-    motor: PerRobot[Motor | str | None] = each(None, optional(load_motor))
-    torque_limit: PerRobot[float | None] = each(None, optional(positive))
-    delay: PerRobot[Range] = range_each(0.0, 0.0, LONGEST_DELAY)
+    robot: list[Robot] = each("paper", load_robot)
+    payload: list[Payload | None] = each(None, optional(load_payload))
+    motor: list[Motor | None] = each(None, optional(load_motor))
+    torque_limit: list[float | None] = each(None, optional(positive))
+    pad_compliance: list[Compliance | None] = each(None, optional(load_compliance))
+    delay: list[tuple[float, float]] = range_each(0.0, 0.0, LONGEST_DELAY)
     control_dt: float = 0.02
-    track_joint_forces: bool = shared(False, flag, single_only=True)
-    randomize: PerRobot[Values | None] = each(None, load_randomization)
-    reset_noise_scale: PerRobot[float] = each(0.1, partial(within, low=0.0, high=DIVERGED))
+    time_step: float | None = None
+    plant: str = shared("projection", partial(one_of, known=sorted(PLANTS)), single_only=True)
+    terrain: list[Terrain | Generator] = each("flat", _load_ground, _several_terrains)
+    friction: list[float | None] = each(None, optional(non_negative))
+    restitution: list[float | None] = each(None, optional(partial(within, low=0.0, high=1.0)))
+    terrain_level: list[tuple[float, float]] = range_each(0, 0, HIGHEST, _levels)
+    curriculum: Curriculum | None = shared(None, load_curriculum)
+    randomize: list[Values] = each(None, load_randomization)
+    reset_noise_scale: list[float] = each(0.1, partial(within, low=0.0, high=DIVERGED))
+    height_scan: Array = shared(None, scanned_places)
+    noise: Noise | None = shared(None, partial(load_record, Noise))
+    push: Push | None = shared(None, partial(load_record, Push))
     observe_lengths: bool = shared(False, flag)
+    track_joint_forces: bool = shared(False, flag, single_only=True)
     render_mode: str | None = shared(None, render_mode)
 
     def __post_init__(self) -> None:
@@ -295,9 +310,11 @@ class RobotSettings:
         name, value, marks = argument.name, getattr(self, argument.name), argument.metadata
         check, batched = marks["check"], self.num_envs is not None
         if "several" in marks:
-            split = batched and (isinstance(value, Each) or marks["several"](value))
-            values = entries_of(name, value, self.count) if split else [value] * self.count
-            return [check(name, value) for value in values]
+            if not (batched and (isinstance(value, Each) or marks["several"](value))):
+                return [check(name, value)] * self.count
+            entries = entries_of(name, value, self.count)
+            checked = {id(entry): check(name, entry) for entry in entries}
+            return [checked[id(entry)] for entry in entries]
         checked = check(name, value)
         if self.count > 1 and marks["single_only"] and checked != argument.default:
             raise ValueError(
@@ -311,25 +328,11 @@ class RobotSettings:
         """The number of robots."""
         return 1 if self.num_envs is None else self.num_envs
 
-    def each(self, name: str) -> list[Any]:
-        """Return the values of a field of :func:`each`, one for each robot."""
-        value = getattr(self, name)
-        return list(value) if isinstance(value, list) else [value] * self.count
-
     @classmethod
     def defaults(cls, mark: str | None = None) -> Values:
         """Return the defaults of the arguments by name, or of those "several" or "single_only"."""
-        arguments = [f for f in fields(cls) if f.name not in ("num_envs", "preset")]
+        arguments = [f for f in fields(cls) if f.name not in cls.FIXED]
         return {f.name: f.default for f in arguments if mark is None or f.metadata.get(mark)}
-
-    @classmethod
-    def driven_robot(
-        cls, robot: Robot | str, motor: Motor | str | None, torque_limit: float | None
-    ) -> Robot:
-        """Return the robot that such arguments give."""
-        chosen_motor = optional(load_motor)("motor", motor)
-        limit = optional(positive)("torque_limit", torque_limit)
-        return cls.equip(load_robot("robot", robot), motor=chosen_motor, torque_limit=limit)
 
     @classmethod
     def equip(
@@ -351,72 +354,32 @@ class RobotSettings:
 
     def make_robots(self) -> list[Robot]:
         """Return robots with their payloads, motors ...; those of the same parts are one object."""
-        made: dict[object, Robot] = {}
-        parts = [self.each(name) for name in ("payload", "motor", "torque_limit", "pad_compliance")]
-        robots = []
-        for robot, *chosen in zip(self.each("robot"), *parts, strict=True):
-            key = (id(robot), *chosen)
-            if key not in made:
-                made[key] = self.equip(robot, *chosen)
-            robots.append(made[key])
-        return robots
+        parts = self.payload, self.motor, self.torque_limit, self.pad_compliance
+        return [*map(cache(self.equip), self.robot, *parts)]
 
     def make_terrains(self) -> tuple[list[Terrain], list[Generator | None]]:
         """Return terrains, flat where a reset draws them, and the generators that draw."""
-        grounds = self.each("terrain")
-        known = {id(ground): make_generator(ground) for ground in grounds}
-        made: dict[object, Terrain] = {}  # robots on equal ground share it
+        made: dict[object, Terrain] = {}  # robots on the same ground share it
         terrains = []
-        for ground, *numbers in zip(
-            grounds, self.each("friction"), self.each("restitution"), strict=True
-        ):
+        for ground, *numbers in zip(self.terrain, self.friction, self.restitution, strict=True):
             key = (id(ground), *numbers)
             if key not in made:
-                made[key] = make_terrain(FLAT if known[id(ground)] else ground, *numbers)
+                made[key] = make_terrain(ground if isinstance(ground, Terrain) else FLAT, *numbers)
             terrains.append(made[key])
-        return terrains, [known[id(ground)] for ground in grounds]
+        return terrains, [None if isinstance(g, Terrain) else g for g in self.terrain]
 
 
 @dataclass(frozen=True, kw_only=True)
-class WorldSettings(RobotSettings):
-    """Robots on the ground, and what disturbs them; None stands for the terrain's own value too."""
-
-    held: ClassVar[bool] = False
-
-    payload: PerRobot[Payload | float | None] = each(None, optional(load_payload))
-    pad_compliance: PerRobot[Compliance | None] = each(None, optional(load_compliance))
-    time_step: float | None = None
-    plant: str = shared("projection", _plant_name, single_only=True)
-    terrain: PerRobot[Terrain | str | Generator | Sequence[Sequence[float]]] = each(
-        "flat", lambda name, value: value, _several_terrains
-    )
-    friction: PerRobot[float | None] = each(None, optional(non_negative))
-    restitution: PerRobot[float | None] = each(None, optional(partial(within, low=0.0, high=1.0)))
-    terrain_level: PerRobot[int | Sequence[int]] = range_each(0, 0, HIGHEST, _levels)
-    curriculum: Curriculum | bool | None = shared(None, load_curriculum)
-    height_scan: Sequence[float] | None = shared(None, scanned_places)
-    noise: Noise | Values | None = shared(None, partial(load_record, Noise))
-    push: Push | Values | None = shared(None, partial(load_record, Push))
-
-
-@dataclass(frozen=True, kw_only=True)
-class HeldSettings(RobotSettings):
+class HeldSettings(WorldSettings):
     """Robots whose chassis are held in the air: no ground, no disturbances."""
 
     held: ClassVar[bool] = True
     ideal_torque: ClassVar[float | None] = 5.0
-    payload: ClassVar[None] = None
-    pad_compliance: ClassVar[None] = None
-    plant: ClassVar[str] = "projection"
-    terrain: ClassVar[str] = "flat"
-    friction: ClassVar[None] = None
-    restitution: ClassVar[None] = None
-    terrain_level: ClassVar[tuple[float, float]] = (0.0, 0.0)
-    curriculum: ClassVar[None] = None
-    height_scan: ClassVar[Array] = np.empty(0)
-    noise: ClassVar[None] = None
-    push: ClassVar[None] = None
+    FIXED: ClassVar[frozenset[str]] = WorldSettings.FIXED | {
+        "payload", "pad_compliance", "plant", "terrain", "friction", "restitution",
+        "terrain_level", "curriculum", "height_scan", "noise", "push",
+    }  # fmt: skip
 
     control_dt: float = 0.01
-    time_step: float = shared(0.001, lambda name, value: check_time_step(value))
-    randomize: PerRobot[Values | None] = each(None, partial(load_randomization, parameters=()))
+    time_step: float | None = shared(0.001, lambda name, value: check_time_step(value))
+    randomize: list[Values] = each(None, partial(load_randomization, parameters=()))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from typing import cast
 
 import gymnasium as gym
 import numpy as np
@@ -34,14 +33,13 @@ from jansen_env.robot.robot_file import robot_from_json, robot_to_json
 from jansen_env.uniform import uniform
 from jansen_env.world.episode_lengths import Build, EpisodeLengths
 from jansen_env.world.episode_parameters import EpisodeParameters, Plan
-from jansen_env.world.observations import Noise, NoisySensors, Observed, world_observations
-from jansen_env.world.push import Push, Pushes, check_schedule
+from jansen_env.world.observations import NoisySensors, Observed, world_observations
+from jansen_env.world.push import Pushes, check_schedule
 from jansen_env.world.settings import (
     Arguments,
     Array,
     Bools,
     Check,
-    HeldSettings,
     Ints,
     Values,
     WorldSettings,
@@ -102,7 +100,7 @@ class World:
         ValueError: an argument out of range; LinkageError: the robot cannot turn its crank.
     """
 
-    def __init__(self, settings: WorldSettings | HeldSettings, threads: int | None = None) -> None:
+    def __init__(self, settings: WorldSettings, threads: int | None = None) -> None:
         self.held, n = settings.held, settings.count
         self.num_envs = n
         robots = settings.make_robots()
@@ -112,10 +110,9 @@ class World:
         time_step = plant_time_step(settings.plant, settings.time_step)
         self.control_dt, self.time_step = control_period(settings.control_dt, time_step)
         self.steps = round(self.control_dt / self.time_step)
-        self.reset_noise_scale = np.array(settings.each("reset_noise_scale"))
-        self.delay_range = np.array(settings.each("delay"))
-        randomize = settings.each("randomize")
-        self._allocate_torques(robots, randomize)
+        self.reset_noise_scale = np.array(settings.reset_noise_scale)
+        self.delay_range = np.array(settings.delay)
+        self._allocate_torques(robots, settings.randomize)
         self.data: NDArray[np.void] = np.zeros(n, readings.ROW)
         self._keep_actions = readings.take_actions.bound()
         self._torques = (
@@ -131,7 +128,7 @@ class World:
             raise ValueError("track_joint_forces is True, must be False with plant='rigid_body'")
         self.plant.tracing = self.track_joint_forces and not self.held
         self._joint_loads = np.zeros(2)
-        self.scan = np.asarray(settings.height_scan, float)
+        self.scan = settings.height_scan
         self._readings = self.observations = world_observations(self.plant.toes, len(self.scan))
         if self.held:
             self.observations = self.observations[:3]  # of the crank
@@ -146,13 +143,12 @@ class World:
         self.data["weight"] = [robot.mass * GRAVITY for robot in robots]
         self.toe_load = np.zeros((n, self.plant.toes))
         self.seeds = np.zeros(n, np.int64)
-        self._noise = cast("Noise | None", settings.noise)  # which the settings have loaded
-        push = cast("Push | None", settings.push)
+        self._noise = settings.noise
         self.sensors: NoisySensors | None = None
-        self.pushes = Pushes(n, push, self.steps, self.time_step)
-        has = {"noise_level": self._noise is not None, "push_strength": push is not None}
+        self.pushes = Pushes(n, settings.push, self.steps, self.time_step)
+        has = {"noise_level": self._noise is not None, "push_strength": settings.push is not None}
         self.episodes = EpisodeParameters(self.plant, settings, generators, has)
-        self.lengths = EpisodeLengths(robots, randomize, settings.observe_lengths)
+        self.lengths = EpisodeLengths(robots, settings.randomize, settings.observe_lengths)
         self._share_arrays()
 
     def _allocate_torques(self, robots: Sequence[Robot], randomize: Sequence[Values]) -> None:

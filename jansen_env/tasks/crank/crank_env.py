@@ -46,7 +46,7 @@ class CrankArguments(RobotArguments, total=False):
 class CrankSettings(HeldSettings):
     """Arguments of ``JansenCrank-v0``; commands in rad/s, by default the paper's."""
 
-    speed_command: PerRobot[Range] = range_each(1.0, -FASTEST_COMMAND, FASTEST_COMMAND)
+    speed_command: list[tuple[float, float]] = range_each(1.0, -FASTEST_COMMAND, FASTEST_COMMAND)
     tracking_weight: float = shared(1.0, non_negative)
     torque_weight: float = shared(1.0, non_negative)
 

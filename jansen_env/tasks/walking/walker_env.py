@@ -77,8 +77,10 @@ class WalkerSettings(WorldSettings):
     Commands in m/s, their interval in s, pitch in rad; weights are exponents of the reward.
     """
 
-    speed_command: PerRobot[Range] = range_each(SPEED_COMMAND, -FASTEST_COMMAND, FASTEST_COMMAND)
-    command_interval: PerRobot[float | None] = each(None, _interval)
+    speed_command: list[tuple[float, float]] = range_each(
+        SPEED_COMMAND, -FASTEST_COMMAND, FASTEST_COMMAND
+    )
+    command_interval: list[float] = each(None, _interval)
     slip_weight: float = shared(1.0, non_negative)
     energy_weight: float = shared(1.0, non_negative)
     effort_weight: float = shared(1.0, non_negative)
@@ -117,7 +119,7 @@ class WalkerTask(CommandedTask):
 
     def __init__(self, settings: WalkerSettings, threads: int | None = None) -> None:
         n = settings.count
-        self._intervals = np.array(settings.each("command_interval"))
+        self._intervals = np.array(settings.command_interval)
         self._commands_change = bool(np.isfinite(self._intervals).any())
         self._settings = np.zeros(1, walk_reward.SETTINGS)
         self._settings[0] = (

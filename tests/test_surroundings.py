@@ -23,6 +23,7 @@ RUNS = {
     "train": [str(Path(__file__).parents[1] / "train.py"), "--timesteps", "2048",
               "--eval-episodes", "1", "--algo", "ppo", "--env", "JansenCrank-v0"],
 }  # fmt: skip
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="they are POSIX's")
 UNSET = ("DISPLAY", "HOME", "LANG", "LC_ALL", "MPLBACKEND", "SDL_VIDEODRIVER", "TERM", "TZ", "USER")
 BARE = {name: value for name, value in os.environ.items() if name not in UNSET}
 ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "TERM": "dumb"}

@@ -159,7 +159,7 @@ def _parameters(spec: str, name: str, text: str) -> tuple[tuple[str, float], ...
             given[key.strip()] = float(number)
         except ValueError:
             raise ValueError(
-                f"terrain is {shown(spec)}: {part!r} must be NAME=NUMBER, with a name of "
+                f"terrain is {shown(spec)}: {shown(part)} must be NAME=NUMBER, with a name of "
                 f"{list(LEVELS.get(name, {}))}"
             ) from None
     return tuple(given.items())

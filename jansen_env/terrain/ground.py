@@ -13,7 +13,16 @@ import numpy as np
 import pymunk
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env.checks import entries, finite, instance, non_negative, positive, shown, within
+from jansen_env.checks import (
+    entries,
+    finite,
+    instance,
+    non_negative,
+    one_line,
+    positive,
+    shown,
+    within,
+)
 from jansen_env.engine.mathematics import cos, tan
 from jansen_env.uniform import uniform
 
@@ -412,7 +421,8 @@ def make_terrain(
         try:
             made = Terrain.flat() if name == "flat" else Terrain.slope(float(number))
         except ValueError as error:
-            raise ValueError(f"terrain is {shown(terrain)}, must be {ALLOWED}: {error}") from error
+            reason = one_line(error)
+            raise ValueError(f"terrain is {shown(terrain)}, must be {ALLOWED}: {reason}") from error
     else:
         made = Terrain(entries("terrain", terrain, ALLOWED))
     return Terrain(

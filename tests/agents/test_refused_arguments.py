@@ -17,7 +17,7 @@ REFUSED = {
         (["--episodes", "many"], "many"),
         (["--seed", "-1"], "-1"),
         (["--commands", "9"], "is 9.0, must be between"),
-        (["--out", "/dev/null/out"], "--out is /dev/null/out, must be a folder"),
+        (["--out", f"{__file__}/out"], "out, must be a folder that can be written to"),
     ],
     (enjoy, "--env", "JansenCrank-v0"): [
         (["--policy", "nobody"], "must be one of ['pid', 'constant', 'inverse', 'pretrained']"),
@@ -28,7 +28,7 @@ REFUSED = {
         (["--env-kwargs", "{robot: none}"], "robot is 'none', must be a Robot or one of"),
         (["--policy", "pid", "--policy", "pid"], "policy 'pid' is given 2 times, must be once"),
         (["--video", "a.avi"], "a.avi ends in '.avi', must end in one of ['.gif', '.mp4']"),
-        (["--video", "/dev/null/a.gif"], "/dev/null/a.gif"),
+        (["--video", f"{__file__}/a.gif"], "a.gif"),
     ],
     (replay,): [
         (["--policy", "pid"] * 3, "are given 3 times"),

@@ -206,6 +206,13 @@ SHAPES = [
 TEXTS = [(partial(make_generator, text), message) for text, message in REFUSED.items()]
 
 
+@pytest.mark.parametrize("kind", ["slope", "stairs", "mixed", "lava"])
+def test_a_long_text_is_cut_in_its_refusal(kind):
+    with pytest.raises(ValueError, match="must be") as refused:
+        make_terrain(make_generator(f"{kind}:{'x' * 5000}") or f"{kind}:{'x' * 5000}")
+    assert len(str(refused.value)) < 1500
+
+
 @pytest.mark.parametrize("make, message", TEXTS + SHAPES)
 def test_texts_and_shapes_that_cannot_be_are_refused(make, message):
     with pytest.raises(ValueError, match=message):

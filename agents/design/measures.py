@@ -15,7 +15,6 @@ from agents.design.variables import Candidate
 from jansen_env.baselines.policy import Array, TorquePolicy, columns
 from jansen_env.drawings.outlines import gap
 from jansen_env.drawings.shaft_order import layers
-from jansen_env.dynamics.projection import leg_sides
 from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.base import static_deflection
@@ -162,21 +161,15 @@ class Walker:
         self, candidates: Sequence[Candidate], angles: Array, grounds: Sequence[Terrain] = ()
     ) -> list[Episodes]:
         """Return each candidate's episodes, one from each crank angle, on its ground or level."""
-        runs: dict[int, Episodes] = {}
-        by_sides: dict[tuple[str, ...], list[int]] = {}
-        for k, candidate in enumerate(candidates):
-            by_sides.setdefault(leg_sides(candidate.robot), []).append(k)
-        for members in by_sides.values():
-            for begin in range(0, len(members), self.count):
-                part = members[begin : begin + self.count]
-                batch = self._batch([candidates[k] for k in part], angles, grounds)
-                runs.update(zip(part, batch, strict=True))
-        return [runs[k] for k in range(len(candidates))]
+        runs: list[Episodes] = []
+        for begin in range(0, len(candidates), self.count):
+            runs += self._batch([*candidates[begin : begin + self.count]], angles, grounds)
+        return runs
 
     def _batch(
         self, candidates: list[Candidate], angles: Array, grounds: Sequence[Terrain]
     ) -> list[Episodes]:
-        """:meth:`_run` of up to ``count`` candidates with the same legs."""
+        """:meth:`_run` of up to ``count`` candidates."""
         # Batches have few sizes, and are kept: places to spare walk the last candidate again.
         count = min(self.count, 1 << (len(candidates) - 1).bit_length())
         n, each = count * len(angles), len(angles)
@@ -187,7 +180,7 @@ class Walker:
         options: Options = {"crank_angle": np.tile(angles, count), "robot": robots}
         if grounds:
             kwargs["terrain"] = [*grounds] * count
-        key = leg_sides(padded[0].robot), n, each, bool(grounds)
+        key = n, each, bool(grounds)
         if key not in self._envs:
             self._envs[key] = make_envs(self.env_id, kwargs, n)
         numbers = np.repeat([candidate.numbers for candidate in padded], each, axis=0)

@@ -74,9 +74,6 @@ def test_shipped_plans_are_complete(name, monkeypatch):
         ({"variables": {"wheels": 1}}, "'wheels' is no key of variables"),
         ({"variables": {"lengths": 2.0}}, "variables.lengths is 2.0"),
         ({"variables": {"lengths": {"shin": 0.1}}}, "'shin' is no key of variables.lengths"),
-        ({"variables": {"motors": ["diesel"]}}, r"variables.motors is \['diesel'\]"),
-        ({"variables": {"pins": [0]}}, r"variables.pins is \[0\]"),
-        ({"variables": {"pins": [2], "phases": 0.1}}, "has pins and phases"),
         ({"robot": "centipede"}, "robot is 'centipede'"),
         ({"profile": "none.json"}, "none.json cannot be read"),
         ({"env_kwargs": {"colour": 1}}, "'colour' is no argument"),
@@ -99,8 +96,8 @@ def test_a_plan_needs_a_speed():
 
 
 def test_the_start_is_the_design_itself():
-    """Its lengths, motor and profile; the ends of the range are the share."""
-    space = Space("built", 0.3, {"lengths": 0.2, "harmonics": 2, "motors": ["ak80_6", "mx_106"]})
+    """Its lengths and profile; the ends of the range are the share."""
+    space = Space("built", 0.3, {"lengths": 0.2, "harmonics": 2})
     robot = space.candidate(space.start).robot
     assert lengths(robot) == pytest.approx(lengths(BUILT), rel=1e-12)
     assert robot.mass == pytest.approx(BUILT.mass, rel=1e-4)
@@ -108,17 +105,6 @@ def test_the_start_is_the_design_itself():
     for name, value in lengths(BUILT).items():
         assert lengths(low)[name] == pytest.approx(0.8 * value)
         assert lengths(high)[name] == pytest.approx(1.2 * value)
-    assert low.motor != high.motor
-
-
-def test_crank_pins_and_phases_are_variables():
-    """Pins make other legs, phases turn cranks; the first leg's stays."""
-    space = Space("built", 0.3, {"pins": [2, 3]})
-    assert [len(space.candidate(np.array([u])).robot.legs) for u in (0.1, 0.9)] == [4, 6]
-    space = Space("built", 0.3, {"phases": 0.4})
-    assert len(space.variables) == 1
-    turned = space.candidate(np.ones(1)).robot
-    assert [leg.phase for leg in turned.legs] == pytest.approx([0.0, np.pi + 0.4] * 2)
 
 
 def test_the_shape_of_the_built_robot():

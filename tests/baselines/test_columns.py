@@ -3,14 +3,11 @@
 import numpy as np
 import pytest
 
-from agents.design.measures import profiles
-from jansen_env.baselines.policy import columns
 from jansen_env.commands.named_policies import load_named
 from jansen_env.policies import pretrained
 from jansen_env.registration import IDS
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.rollout import make_env
-from jansen_env.tasks.walking.profile import READ, load_profile
 from jansen_env.world.observations import Observed
 
 ADDED = Observed("crank_torque", "N m", -np.inf, np.inf, "exact")
@@ -54,18 +51,3 @@ def test_baselines_and_policies_find_their_columns(world):
         more = add(column)
         for name in names:
             assert acts(load_named(name, env), more) == expected[name], (name, column)
-
-
-def test_the_search_finds_its_columns(world):
-    """The torque of profiles that are searched for; what is not shown is refused by name."""
-    env, seen, add = world
-    if "lag" not in [entry.name for entry in env.unwrapped.observed]:
-        with pytest.raises(ValueError, match=r"name is '(lag|speed_command)', must be one of"):
-            columns(env, *READ)
-        return
-    numbers = load_profile().numbers[np.zeros(len(seen), int)]
-    expected = profiles(numbers, env).predict(seen)[0]
-    assert np.ptp(expected) > 0.01
-    for column in (0, 9, len(seen[0])):
-        more = add(column)
-        assert np.array_equal(profiles(numbers, env).predict(more)[0], expected), column

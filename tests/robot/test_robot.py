@@ -1,7 +1,7 @@
 """The machine and its motor: the paper's numbers, and designs that are refused."""
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -21,78 +21,72 @@ from jansen_env import (
 )
 from jansen_env.robot import JANSEN, ROBOTS
 from jansen_env.robot.kinematics import check_closure
+from jansen_env.robot.motor import AK80_6
 from jansen_env.terrain import make_terrain
 
 TRIANGLE = Robot().body("foot")
 
-REFUSED = {
-    "length 0": (lambda: Bar(0.0), "Bar.length is 0.0"),
-    "mass": (lambda: Bar(1.0, mass=-0.1), "Bar.mass is -0.1"),
-    "triangle angle": (lambda: replace(TRIANGLE, alpha=0.0), "Triangle.alpha is 0.0"),
-    "triangle angles": (lambda: replace(TRIANGLE, gamma=5.0), "alpha [+] gamma is 6.57408"),
-    "no triangle": (lambda: Triangle.from_sides(1.0, 2.0, 3.5), "sides 1.0, 2.0, 3.5 m"),
-    "side": (lambda: Triangle.from_sides(1.0, -2.0, 1.0), "second_third is -2.0"),
-    "leg side": (lambda: Leg("left"), "Leg.side is 'left'"),
-    "load mass": (lambda: Payload(-1.0), "Payload.mass is -1.0"),
-    "load place": (lambda: Payload(position=(1.0,)), r"Payload.position is \(1.0,\)"),
-    "phases": (lambda: phased_legs(0), "phases is 0"),
-    "pad": (lambda: Robot(pad_radius=0.0), "Robot.pad_radius is 0.0"),
-    "damping": (lambda: Robot(damping=(0.1,) * 9), "Robot.damping has 9 values"),
-    "damping sign": (lambda: Robot(damping=(-0.1,) * 10), "Robot.damping is -0.1"),
-    "body": (lambda: Robot().with_bodies(rocker=0.25), "rocker is 0.25, must be a Bar or a Plate"),
-    "triangle body": (
-        lambda: Robot().with_bodies(foot=Bar(0.25)),
-        r"foot is Bar\(.*must be a Triangle or a Plate",
-    ),
-    "bearings": (lambda: Robot(bearing_friction=(0.1,)), "bearing_friction has 1 values"),
-    "stiffness": (lambda: Compliance(0.0), "Compliance.stiffness is 0.0"),
-    "damping of pads": (lambda: Compliance(1e4, -1.0), "Compliance.damping is -1.0"),
-    "rigid damping": (lambda: Compliance(damping=1.0), "Compliance.damping is 1.0, must be 0"),
-    "rigid along": (lambda: Compliance(1e4, 0.0, math.inf), "tangential_stiffness is inf"),
-    "phases many": (lambda: paper_robot(101), "phases is 101, must be .* from 1 to 100"),
-    "no legs": (lambda: Robot(legs=()), "Robot.legs is empty"),
-    "201 legs": (lambda: Robot(legs=(Leg("fore"),) * 201), "legs are 201 of 6 pads each, must"),
-    "pad large": (lambda: Robot(pad_radius=1e308), r"Robot.pad_radius is 1e\+308, must be between"),
-    "long": (
-        lambda: paper_robot().with_bodies(coupler=Bar(1e308)),
-        r"a joint's distance is 5e\+307",
-    ),
-    "strong": (lambda: Motor(torque_limit=1e39), r"Motor.torque_limit is 1e\+39, must be of"),
-    "heavy": (lambda: Bar(0.1, mass=1e300), r"Bar.mass is 1e\+300, must be between"),
-    "heavy load": (lambda: Payload(1e300), r"Payload.mass is 1e\+300, must be between"),
-    "load far": (lambda: Payload(1.0, position=(1e300, 0.0)), r"position is 1e\+300, must be"),
-    "damped": (lambda: Robot(damping=(1e300,) * 10), r"Robot.damping is 1e\+300, must be between"),
-    "turned": (lambda: Robot(frame_angle=1e30), r"frame_angle is 1e\+30, must be between"),
-    "late": (lambda: Leg("fore", 1e308), r"Leg.phase is 1e\+308, must be between"),
-    "stiff": (lambda: Compliance(np.zeros(0), 1.0), r"stiffness is array\(\[\].* must be a finite"),
-    "first phase": (lambda: Robot(legs=(Leg("fore", 0.5),)), r"legs\[0\].phase is 0.5"),
-    "one point": (lambda: Terrain(((0.0, 0.0),)), r"Terrain.points has shape \(1, 2\)"),
-    "points back": (lambda: Terrain(((0, 0), (2, 0), (1, 0))), "point 2 is at 1.0 after 2.0"),
-    "friction": (lambda: Terrain.flat(friction=-0.1), "Terrain.friction is -0.1"),
-    "points far": (lambda: Terrain(((0.0, 0.0), (1e7, 0.0))), r"is 1e\+07 m, must be within"),
-    "terrain angle": (lambda: make_terrain("slope:up"), "terrain is 'slope:up'"),
-    **{
-        f"motor's {named}": (lambda given=given: Motor(**given), named)
-        for given, named in (
-            ({"stall_torque": 0.0}, "Motor.stall_torque is 0.0"),
-            ({"stall_torque": np.array([math.inf])}, "stall_torque is array.* must be a finite"),
-            ({"no_load_speed": 5.0}, "stall_torque is inf"),
-            ({"torque_limit": -1.0}, "torque_limit"),
-            ({"gear_ratio": 1e30}, "gear_ratio is 1e[+]30, must be between 0.0 and 1000000.0"),
-            ({"rotor_inertia": -1e-6}, "rotor_inertia"),
-            ({"viscous_friction": 1e7}, "viscous_friction"),
-            ({"gear_ratio": 1e5, "rotor_inertia": 1.0}, "must make no more than"),
-            ({"efficiency": 1.1}, "efficiency"),
-        )
-    },
-}
+REFUSED = [
+    (lambda: Bar(0.0), "Bar.length is 0.0"),
+    (lambda: Bar(1.0, mass=-0.1), "Bar.mass is -0.1"),
+    (lambda: replace(TRIANGLE, alpha=0.0), "Triangle.alpha is 0.0"),
+    (lambda: replace(TRIANGLE, gamma=5.0), "alpha [+] gamma is 6.57408"),
+    (lambda: Triangle.from_sides(1.0, 2.0, 3.5), "sides 1.0, 2.0, 3.5 m"),
+    (lambda: Triangle.from_sides(1.0, -2.0, 1.0), "second_third is -2.0"),
+    (lambda: Leg("left"), "Leg.side is 'left'"),
+    (lambda: Payload(position=(1.0,)), r"Payload.position is \(1.0,\)"),
+    (lambda: phased_legs(0), "phases is 0"),
+    (lambda: paper_robot(101), "phases is 101, must be .* from 1 to 100"),
+    (lambda: Robot(pad_radius=0.0), "Robot.pad_radius is 0.0"),
+    (lambda: Robot(damping=(0.1,) * 9), "Robot.damping has 9 values"),
+    (lambda: Robot(damping=(-0.1,) * 10), "Robot.damping is -0.1"),
+    (lambda: Robot(bearing_friction=(0.1,)), "bearing_friction has 1 values"),
+    (lambda: Robot().with_bodies(rocker=0.25), "rocker is 0.25, must be a Bar or a Plate"),
+    (lambda: Robot().with_bodies(foot=Bar(0.25)), r"foot is Bar\(.*must be a Triangle or a Plate"),
+    (lambda: paper_robot().with_bodies(coupler=Bar(1e308)), r"a joint's distance is 5e\+307"),
+    (lambda: Robot(legs=()), "Robot.legs is empty"),
+    (lambda: Robot(legs=(Leg("fore"),) * 201), "legs are 201 of 6 pads each, must"),
+    (lambda: Robot(legs=(Leg("fore", 0.5),)), r"legs\[0\].phase is 0.5"),
+    (lambda: Compliance(1e4, -1.0), "Compliance.damping is -1.0"),
+    (lambda: Compliance(damping=1.0), "Compliance.damping is 1.0, must be 0"),
+    (lambda: Compliance(1e4, 0.0, math.inf), "tangential_stiffness is inf"),
+    (lambda: Compliance(np.zeros(0), 1.0), r"stiffness is array\(\[\].* must be a finite"),
+    (lambda: Motor(no_load_speed=5.0), "stall_torque is inf"),
+    (lambda: Motor(gear_ratio=1e5, rotor_inertia=1.0), "must make no more than"),
+    (lambda: Motor(efficiency=1.1), "efficiency"),
+    (lambda: Motor(stall_torque=np.array([math.inf])), "stall_torque is array.* must be a finite"),
+    (lambda: Terrain(((0.0, 0.0),)), r"Terrain.points has shape \(1, 2\)"),
+    (lambda: Terrain(((0, 0), (2, 0), (1, 0))), "point 2 is at 1.0 after 2.0"),
+    (lambda: Terrain.flat(friction=-0.1), "Terrain.friction is -0.1"),
+    (lambda: Terrain(((0.0, 0.0), (1e7, 0.0))), r"is 1e\+07 m, must be within"),
+    (lambda: make_terrain("slope:up"), "terrain is 'slope:up'"),
+]
 
 
-@pytest.mark.parametrize("make, message", REFUSED.values(), ids=REFUSED.keys())
+@pytest.mark.parametrize("make, message", REFUSED)
 def test_bad_values_are_refused_by_name_and_value(make, message):
     """Each raises ValueError whose message names the argument and the value it was given."""
     with pytest.raises(ValueError, match=message):
         make()
+
+
+UNLIMITED = ("length", "d", "l", "h", "alpha", "gamma", "stall_torque", "no_load_speed")
+
+
+@pytest.mark.parametrize(
+    "part",
+    [Bar(1.0), TRIANGLE, Leg("fore"), Payload(1.0), Compliance(1e4, 1.0), AK80_6, Robot()],
+    ids=lambda part: type(part).__name__,
+)
+def test_numbers_are_finite_and_within_the_limits_of_machines(part):
+    """Each number, and each of several; a robot limits the lengths of its links."""
+    for name in (field.name for field in fields(part)):
+        value = getattr(part, name)
+        several = isinstance(value, tuple) and type(value[0]) is float
+        for bad in (math.nan, -1e300, 1e300):
+            if (type(value) is float or several) and not (bad > 0.0 and name in UNLIMITED):
+                with pytest.raises(ValueError, match=f"{name} is "):
+                    replace(part, **{name: (*value[1:], bad) if several else bad})
 
 
 @pytest.mark.parametrize(

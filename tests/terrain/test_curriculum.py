@@ -14,12 +14,9 @@ from jansen_env.terrain.generators import HIGHEST, Curriculum
         (3, 2.5, 5.0, 3),  # more than half is more than half
         (3, 1.25, 5.0, 3),
         (3, 1.24, 5.0, 2),
-        (3, -1.0, 5.0, 2),
         (0, 0.0, 5.0, 0),
-        (0, 5.0, 5.0, 1),
         (8, 5.0, 5.0, 9),
         (9, 2.0, 5.0, 9),
-        (9, 0.0, 5.0, 8),
         (4, 0.0, 0.0, 4),  # nothing was asked for
     ],
 )

@@ -6,6 +6,7 @@ was killed asks again, tells what it had measured, and goes on where it was, bit
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -21,7 +22,7 @@ from agents.design.variables import Candidate, Space
 from agents.training.runs import locked
 from jansen_env.baselines.policy import Array
 from jansen_env.checks import one_line
-from jansen_env.files import open_regular, write_whole
+from jansen_env.files import open_regular, write_bytes
 
 JOURNAL = "journal.npy"
 SPREAD = 0.03  # standard deviation of the first generation: farther from the start few close
@@ -193,7 +194,9 @@ def run_search(plan: Plan, seed: int, folder: Path, progress: Progress = lambda 
                 for name, values in {**measured, "unit": unit, "violation": violation}.items():
                     part[name] = values
                 journal = np.concatenate([journal, part])
-                write_whole(path, lambda name, rows=journal: np.save(name, rows))  # type: ignore[misc]
+                data = io.BytesIO()  # into a file NumPy does not notice that the disk is full
+                np.save(data, journal)
+                write_bytes(path, data.getvalue())
             part = journal[end - n : end]
             if not np.array_equal(unit, part["unit"]):
                 raise ValueError(

@@ -258,6 +258,22 @@ def test_a_damaged_journal_is_refused(tmp_path):
         search.run_search(plan, 0, tmp_path)
 
 
+def test_a_full_disk_leaves_the_journal(tmp_path):
+    """Of a generation before; with room the search goes on."""
+    resource = pytest.importorskip("resource")
+    plan, path = plan_of(), tmp_path / search.JOURNAL
+    search.run_search(replace(plan, generations=1), 0, tmp_path)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 10, hard))
+    try:
+        with pytest.raises(OSError, match=str(path)):
+            search.run_search(plan, 0, tmp_path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert len(search.read_journal(path, plan)) == plan.population
+    assert len(search.run_search(plan, 0, tmp_path)) == 3 * plan.population
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_the_command_searches_and_reports(method, tmp_path, capsys):
     """Two seeds: robot files and profiles that walk, pictures; given again, the same report."""

@@ -2,9 +2,10 @@
 
     python jansen_env/engine/build.py [TARGET]
 
-Numba types and lowers the Python, LLVM optimises it, Zig links it. The library needs no other: its
-mathematics is its own (:mod:`jansen_env.engine.mathematics`), and nothing is contracted to fused
-operations, so its results are the same bits on every platform.
+Beside it comes the same as WebAssembly, for browsers; ``wasm32`` is that alone. Numba types and
+lowers the Python, LLVM optimises it, Zig links it. The library needs no other: its mathematics is
+its own (:mod:`jansen_env.engine.mathematics`), and nothing is contracted to fused operations, so
+its results are the same bits on every platform.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ import re
 import subprocess
 import tempfile
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from typing import Any, NamedTuple, TypeAlias
 
 import llvmlite.binding as llvm
@@ -187,21 +189,9 @@ def _entry(kernel: Kernel) -> tuple[str, str]:
     return entry.inspect_llvm((types.int64,)), name
 
 
-def compile_module(target: Target) -> tuple[Numba, Numba]:
-    """All kernels as one optimised module of LLVM, and the machine that it is for."""
-    llvm.initialize_all_targets()
-    llvm.initialize_all_asmprinters()
-    machine = llvm.Target.from_triple(target.triple).create_target_machine(
-        cpu="", features="", opt=SPEED_LEVEL, reloc="pic", codemodel="default"
-    )
-    layout = str(machine.target_data)
-    kernels = _import_kernels()
-    exported = {kernel.symbol for kernel in kernels} | {"memset"}
-    size = "i32" if "p:32" in layout else "i64"
-    head = f'target datalayout = "{layout}"\ntarget triple = "{target.triple}"\n'
-    whole = llvm.parse_assembly(head + MEMSET.format(size=size))
-    # In two processes, as the time step alone takes half of the time.
-    pool = ProcessPoolExecutor(2, initializer=_import_kernels)
+def lower_kernels(pool: ProcessPoolExecutor) -> list[str]:
+    """LLVM's code of each kernel with its entry point, for whatever platform."""
+    kernels, codes = _import_kernels(), list[str]()
     entries = zip(kernels, pool.map(_entry, kernels), strict=True)
     for number, (kernel, (code, name)) in enumerate(entries, 1):
         print(f"jansen_env compiled {number} of {len(kernels)}: {kernel.symbol}", file=sys.stderr)
@@ -213,9 +203,24 @@ def compile_module(target: Target) -> tuple[Numba, Numba]:
             f"  %value = load {kind}, ptr %result\n  ret {kind} %value\n}}\n"
         )
         code = re.sub(r"(?m)^target (datalayout|triple) = .*$", "", code)
-        code = re.sub(r"(?m)^(@\S+ = )common ", r"\1linkonce_odr ", code)
+        codes.append(re.sub(r"(?m)^(@\S+ = )common ", r"\1linkonce_odr ", code))
+    return codes
+
+
+def compile_code(codes: list[str], target: Target) -> bytes:
+    """An object file of all kernels, optimised as one module."""
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    machine = llvm.Target.from_triple(target.triple).create_target_machine(
+        cpu="", features="", opt=SPEED_LEVEL, reloc="pic", codemodel="default"
+    )
+    layout = str(machine.target_data)
+    exported = {kernel.symbol for kernel in kernel_module.kernels} | {"memset"}
+    size = "i32" if "p:32" in layout else "i64"
+    head = f'target datalayout = "{layout}"\ntarget triple = "{target.triple}"\n'
+    whole = llvm.parse_assembly(head + MEMSET.format(size=size))
+    for code in codes:
         whole.link_in(llvm.parse_assembly(head + code))
-    pool.shutdown()
     if target.system == "win32":
         whole.link_in(llvm.parse_assembly(ENTRY))
         exported.add("DllMainCRTStartup")
@@ -227,26 +232,31 @@ def compile_module(target: Target) -> tuple[Numba, Numba]:
     options.loop_vectorization = False  # loops of a few numbers, which are slower then
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(whole, builder)
-    return whole, machine
+    return bytes(machine.emit_object(whole))
 
 
 def build(name: str, folder: Path = FOLDER) -> Path:
-    """Build the library for a platform of :data:`TARGETS` into a folder; return its path.
+    """Build the library for a platform of :data:`TARGETS`, and WebAssembly, into a folder.
+
+    Returns the library's path.
 
     Raises:
         RuntimeError: the sources have changed meanwhile.
     """
-    target = TARGETS[name]
-    path = library_path(folder, target.system)
-    module, machine = compile_module(target)
-    if library_path(folder, target.system) != path:
+    targets = [TARGETS[each] for each in dict.fromkeys((name, "wasm32"))]
+    paths = [library_path(folder, target.system) for target in targets]
+    # In two processes, as the time step alone takes half of the time.
+    with ProcessPoolExecutor(2, initializer=_import_kernels) as pool:
+        objects = [*pool.map(partial(compile_code, lower_kernels(pool)), targets)]
+    if library_path(folder, targets[0].system) != paths[0]:
         raise RuntimeError(f"the engine's sources in {FOLDER} have changed while they compiled")
     with tempfile.TemporaryDirectory(dir=folder) as scratch:
-        code, made = Path(scratch, "engine.o"), Path(scratch, path.name)
-        code.write_bytes(machine.emit_object(module))
-        link(target, code, made)
-        made.replace(path)
-    return path
+        for target, path, content in zip(targets, paths, objects, strict=True):
+            code, made = Path(scratch, "engine.o"), Path(scratch, path.name)
+            code.write_bytes(content)
+            link(target, code, made)
+            made.replace(path)
+    return paths[0]
 
 
 def link(target: Target, code: Path, library: Path) -> None:

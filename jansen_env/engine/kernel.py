@@ -241,14 +241,13 @@ def library_path(folder: Path = FOLDER, platform: str = sys.platform) -> Path:
     return folder / f"engine-{digest.hexdigest()[:16]}.{ENDINGS.get(platform, 'so')}"
 
 
-@functools.cache
-def _libraries() -> tuple[ctypes.CDLL, ctypes.PyDLL]:
-    """The library, called without and with Python's lock.
+def built_library(platform: str = sys.platform) -> Path:
+    """:func:`library_path`, built first where it is missing; ``"wasm"`` is for browsers.
 
     Raises:
         ImportError: it is missing or older than its sources, and cannot be built here.
     """
-    path = library_path()
+    path = library_path(platform=platform)
     if not path.exists():
         missing = [name for name in BUILDERS if importlib.util.find_spec(name) is None]
         if missing:
@@ -258,6 +257,14 @@ def _libraries() -> tuple[ctypes.CDLL, ctypes.PyDLL]:
                 "run: python -m pip install -e ."
             )
         logging.getLogger("jansen_env").warning("jansen_env builds its engine, %s", path.name)
-        build = [sys.executable, str(FOLDER / "build.py")]
+        targets = ["wasm32"] if platform == "wasm" else []
+        build = [sys.executable, str(FOLDER / "build.py"), *targets]
         subprocess.run(build, check=True, stdout=subprocess.DEVNULL)
-    return ctypes.CDLL(str(path)), ctypes.PyDLL(str(path))
+    return path
+
+
+@functools.cache
+def _libraries() -> tuple[ctypes.CDLL, ctypes.PyDLL]:
+    """The library, called without and with Python's lock. Raises ImportError: there is none."""
+    path = str(built_library())
+    return ctypes.CDLL(path), ctypes.PyDLL(path)

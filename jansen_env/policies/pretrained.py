@@ -116,17 +116,20 @@ class Network:
 
     Args:
         layers: at least one. limit: the most that the last may give. squash: one of :data:`SQUASH`.
+
+    Attributes:
+        layers, weights: as :func:`jansen_env.engine.layers.put_actions` takes them.
     """
 
     def __init__(self, layers: Sequence[Layer], limit: float, squash: str) -> None:
         sizes = [(*layer.weight.T.shape, ACTIVATIONS[layer.activation]) for layer in layers]
         parts = [part for layer in layers for part in (layer.weight.T.ravel(), layer.bias)]
-        self._layers, self._weights = np.array(sizes, np.int64), np.concatenate(parts)
-        self._limit, self._squash, self._widest = limit, SQUASH[squash], self._layers[:, :2].max()
+        self.layers, self.weights = np.array(sizes, np.int64), np.concatenate(parts)
+        self._limit, self._squash, self._widest = limit, SQUASH[squash], self.layers[:, :2].max()
 
     def __call__(self, inputs: Array) -> Array:
-        out, work = np.empty((len(inputs), self._layers[-1, 1])), np.empty((2, self._widest))
-        put_actions(inputs, self._layers, self._weights, self._limit, self._squash, work, out)
+        out, work = np.empty((len(inputs), self.layers[-1, 1])), np.empty((2, self._widest))
+        put_actions(inputs, self.layers, self.weights, self._limit, self._squash, work, out)
         return out
 
 
@@ -183,7 +186,7 @@ class PretrainedPolicy:
             raise ValueError(f"the last layer has {width} units, must have 1: the action")
         self.limit = np.inf if (m := network.get("limit")) is None else positive_single("limit", m)
         self.squash: str = one_of("squash", network.get("squash"), SQUASH)
-        self._network = Network(self.layers, self.limit, self.squash)
+        self.network = Network(self.layers, self.limit, self.squash)
 
     def _feature(self, block: Json) -> Features:
         """Return a part of the network's input as a function of observations (n, d)."""
@@ -266,7 +269,7 @@ class PretrainedPolicy:
         if x.ndim not in (1, 2) or x.shape[-1] != size:
             raise ValueError(f"observation has shape {x.shape}, must have ({size},) or (n, {size})")
         batch = np.take(x.reshape(-1, size), self._columns, axis=1)
-        outputs = self._network(np.concatenate([part(batch) for part in self.features], axis=1))
+        outputs = self.network(np.concatenate([part(batch) for part in self.features], axis=1))
         actions = np.clip(outputs, -1.0, 1.0).astype(np.float32)
         return (actions if x.ndim == 2 else actions[0]), state
 

@@ -113,9 +113,11 @@ def test_an_older_library_is_refused_by_name_where_none_can_be_built(copy):
         file.write("# changed\n")
     before = sorted(path.name for path in (copy / "jansen_env/engine").iterdir())
     without = "import importlib.util as util; util.find_spec = lambda *_: None\n"
-    ended = run(without + "from jansen_env.engine import kernel; kernel._libraries()", copy)
-    last = ended.stderr.strip().splitlines()[-1]
-    assert ended.returncode == 1 and "sources have changed since it was built" in last
+    for load in ("_libraries()", "built_library('wasm')"):
+        ended = run(f"{without}from jansen_env.engine import kernel; kernel.{load}", copy)
+        last = ended.stderr.strip().splitlines()[-1]
+        assert ended.returncode == 1 and "sources have changed since it was built" in last
+    assert "wasm is missing" in last
     after = sorted(path.name for path in (copy / "jansen_env/engine").iterdir())
     assert [name for name in after if name != "__pycache__"] == before
 
@@ -127,7 +129,8 @@ def test_an_older_library_is_built_again(copy):
     ended = run(WALK, copy)
     assert ended.returncode == 0 and "builds its engine" in ended.stderr
     assert ended.stdout.splitlines()[-1] == run(WALK).stdout.splitlines()[-1]
-    assert "builds" not in run(WALK, copy).stderr
+    both = "from jansen_env.engine import kernel; kernel.built_library('wasm')\n" + WALK
+    assert "builds" not in run(both, copy).stderr
 
 
 def test_nothing_is_written_at_run_time(copy):

@@ -4,7 +4,6 @@ import gzip
 import json
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import gymnasium as gym
@@ -15,7 +14,6 @@ from jansen_env.engine import kernel
 from jansen_env.policies.pretrained import load, names
 
 HERE = Path(__file__).parent
-BUILD = HERE.parents[1] / "jansen_env" / "engine" / "build.py"
 ENVS = ("JansenWalker-v0", "JansenWalkerBuilt-v0", "JansenWalkerHardcore-v0", "JansenGoal-v0",
         "JansenCrank-v0")  # fmt: skip
 STEPS = 40
@@ -26,11 +24,9 @@ pytestmark = [
 
 
 @pytest.fixture(scope="module")
-def library(tmp_path_factory):
+def library():
     """The path of the engine as WebAssembly."""
-    folder = tmp_path_factory.mktemp("wasm")
-    subprocess.run([sys.executable, BUILD, "wasm32", "--folder", folder], check=True)
-    return next(folder.glob("*.wasm"))
+    return kernel.built_library("wasm")
 
 
 def ranges_of(arrays):

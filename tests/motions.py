@@ -75,6 +75,16 @@ def audit(plant, torque, duration):
     return missed, turned, residual
 
 
+def depth(plant, centres=None):
+    """How deep the deepest of pads, the toes' by default, reaches below the ground's line, m."""
+    p, line = plant.toe_positions() if centres is None else centres, plant.terrain.polyline
+    a, along = line[:-1], np.diff(line, axis=0)
+    share = np.clip(((p[:, None] - a) * along).sum(-1) / (along**2).sum(-1), 0.0, 1.0)
+    away = np.linalg.norm(p[:, None] - a - share[..., None] * along, axis=-1).min(axis=1)
+    away = np.where(p[:, 1] < plant.terrain.height(p[:, 0]), -away, away)
+    return float((plant.robot.pad_radius - away).max())
+
+
 def toes_of(robot, q):
     """(toes, 3) x, y of the pads' centres and the angles of the foot links, from the linkage."""
     rows = []

@@ -1,12 +1,14 @@
 """Robots that move together as a Stable-Baselines3 ``VecEnv``: like single ones that take turns."""
 
+from dataclasses import replace
+
 import gymnasium as gym
 import numpy as np
 import pytest
 from stable_baselines3.common.env_util import make_vec_env as their_vec_env
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from jansen_env import Payload, Terrain
+from jansen_env import Leg, Payload, Terrain, paper_robot
 from jansen_env.sb3 import BatchVecEnv, make_vec_env
 from jansen_env.scoring.benchmarks import can_be_batched
 from jansen_env.scoring.rollout import make_env
@@ -147,6 +149,9 @@ def test_what_cannot_move_together_takes_turns():
     assert not can_be_batched(ENV, {"plant": "rigid_body"})
     assert not can_be_batched(ENV, {"track_joint_forces": True})
     assert not can_be_batched(ENV, {}, [{"control_dt": 0.01}])
+    legs = tuple(Leg(side, phase) for phase in (0.0, 3.0) for side in ("fore", "back"))
+    assert not can_be_batched(ENV, {}, [{}, {"robot": replace(paper_robot(), legs=legs)}])
+    assert can_be_batched(ENV, {}, [{"robot": "built"}, {}])
     assert can_be_batched("JansenCrank-v0", {"reset_noise_scale": 1.0})
     assert not can_be_batched("JansenCrank-v0", {"track_joint_forces": True})
     assert isinstance(

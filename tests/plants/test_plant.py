@@ -5,6 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
+from motions import depth
 
 from jansen_env import ROBOTS, Bar, LinkageError, Robot, Terrain
 from jansen_env.engine.placement import PLACEMENT_DEPTH
@@ -102,20 +103,6 @@ def test_set_down_touches_a_rounded_ridge_everywhere():
         assert plant.step(0.0, 2.0 * plant.time_step).contact_force[:, 1].max() > 0.0
 
 
-def depth(plant):
-    """How deep the deepest pad of a plant's robot is in the ground, m, by its distance from it."""
-    line = plant.terrain.polyline
-    start, side = line[:-1], np.diff(line, axis=0)
-    deepest = -math.inf
-    for x, y in plant.batch.pad_centres(0):
-        away = np.array([x, y]) - start
-        share = np.clip((away * side).sum(axis=1) / (side**2).sum(axis=1), 0.0, 1.0)
-        distance = np.hypot(*(away - share[:, None] * side).T).min()
-        above = math.copysign(1.0, y - np.interp(x, *line.T))
-        deepest = max(deepest, plant.robot.pad_radius - above * distance)
-    return deepest
-
-
 @pytest.mark.parametrize("make", [ProjectionPlant, RigidBodyPlant])
 @pytest.mark.parametrize("name", ROBOTS)
 def test_set_down_on_the_lowest_of_all_pads(name, make, rng):
@@ -134,7 +121,9 @@ def test_set_down_on_the_lowest_of_all_pads(name, make, rng):
         sag = static_deflection(plant.robot, GRAVITY)
         if plant.robot.pad_compliance.rigid:
             sag = 0.0
-        assert -1e-9 < depth(plant) < wanted + sag + 1e-6, given  # as deep on level ground
+        assert -1e-9 < depth(plant, plant.batch.pad_centres(0)) < wanted + sag + 1e-6, (
+            given
+        )  # as deep on level ground
         result = plant.step(0.0, 0.01)
         assert result.correction_work < 1e-2, given
         placed += 1

@@ -142,52 +142,6 @@ def test_every_design_walks_without_harm(robot):
     assert missed < 1e-3 * work
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("robot", "terrain", "low", "high"),
-    # 60 falls each: 6, 4 and 36 get up, give or take two standard deviations
-    [("paper", "flat", 0.0, 0.18), ("paper", "rough", 0.0, 0.15), ("holy", "rough", 0.47, 0.73)],
-)
-def test_a_fall_is_a_fall(robot, terrain, low, high):
-    """Whichever criterion strikes first, the paper's robot hardly ever gets up, of 60 falls."""
-    ground = jansen_env.Terrain.rough(np.random.default_rng(0), height=0.03)
-    env = JansenWalkerEnv(
-        robot=robot, terrain=ground if terrain == "rough" else terrain, terminate_when_fallen=False
-    )
-    rng = np.random.default_rng(0)
-    falls, recovered, episode = 0, 0, 0
-
-    def hold(seen, crank_speed, noise=0.0):
-        share = (
-            10.0 * (crank_speed - seen[SPEED]) + 1.5 * crank_speed
-        ) / 20.0 + noise * rng.normal()
-        return env.step(np.array([np.clip(share, -1.0, 1.0)]))
-
-    while falls < 60:
-        seen, _ = env.reset(seed=episode)
-        episode += 1
-        assert episode < 1000
-        crank_speed, fallen, up, steps = rng.choice([2.0, 3.0, 10.0, -2.0, 12.0]), False, 0, 0
-        while not fallen and steps < 500:
-            seen, _, _, _, info = hold(seen, crank_speed, 0.3)
-            fallen, steps = info["fallen"], steps + 1
-        if not fallen:
-            continue
-        for step in range(400):
-            seen = hold(seen, 0.0 if step < 100 else 3.0)[0]
-            level = (
-                abs(env.plant.state[2]) < 0.5
-                and not env.task.world.plant.accumulators["non_toe_impulse"][0] > 0.0
-            )
-            up = up + 1 if level else 0
-            if up > 50:
-                recovered += 1
-                break
-        falls += 1
-    print(f"{robot} on {terrain}: {recovered} of {falls} got up")
-    assert low * falls <= recovered <= high * falls
-
-
 @pytest.mark.parametrize("env_id", ["JansenWalker-v0", "JansenCrank-v0"])
 def test_it_can_be_played(env_id):
     """By Gymnasium's own function, without further arguments: no key, then the right one."""

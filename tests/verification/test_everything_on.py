@@ -1,7 +1,6 @@
 """Compliant pads, motor, rotor, bearings and payload at once; and the limits in which they go."""
 
 import math
-import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,6 @@ from motions import HOLD, audit, governor, placed
 
 from jansen_env import ROBOTS, Motor, Payload, Robot, Terrain
 from jansen_env.gravity import GRAVITY
-from jansen_env.plants.batch import Batch
 from jansen_env.robot import JANSEN, Compliance
 from jansen_env.robot.zoo import ZOO
 
@@ -52,45 +50,6 @@ def test_energy_audit(name, ground, measured):
     measured("everything on: order lost of 2", 2.0 - math.log(missed / fine, 4.0), 0.3)
 
 
-def mixed(n):
-    """Robots of one design with motors, pads and payloads of their own."""
-    rng, robots = np.random.default_rng(8), []
-    for i in range(n):
-        pads = Compliance() if i % 3 == 0 else Compliance(10.0 ** rng.uniform(3, 8), 50.0)
-        motor = (
-            Motor() if i % 4 == 1 else replace(MOTOR, friction=0.1 * (i % 3), stall_torque=8.0 + i)
-        )
-        robots.append(replace(
-            ROBOTS["paper"](), motor=motor, pad_compliance=pads, payload=Payload(0.1 * i)
-        ))  # fmt: skip
-    return robots
-
-
-@pytest.mark.parametrize("threads", [1, 3])
-def test_each_of_a_mixed_batch_moves_as_it_would_alone(threads):
-    """Bit for bit: states, sums, slip and forces, whatever the others have."""
-    n = 12
-    robots = mixed(n)
-    grounds = [list(GROUNDS.values())[i % 3] for i in range(n)]
-    batch = Batch(robots, grounds, threads=threads)
-    singles = [Batch([r], [g], threads=1) for r, g in zip(robots, grounds, strict=True)]
-    for i, single in enumerate(singles):
-        batch.place(np.array([i]), np.array([0.5 * i]))
-        single.place(np.array([0]), np.array([0.5 * i]))
-    rng, earlier = np.random.default_rng(9), np.zeros(n)
-    for _ in range(50):
-        torque, switch = rng.uniform(-12.0, 12.0, n), rng.integers(0, 20, n)
-        batch.step(torque, 20, earlier, switch)
-        for i, single in enumerate(singles):
-            single.step(torque[i : i + 1], 20, earlier[i : i + 1], switch[i : i + 1])
-            assert (single.states[0] == batch.states[i]).all()
-            assert (single.deflection[0] == batch.deflection[i]).all()
-            assert single.accumulators[0] == batch.accumulators[i]
-            assert (single.contact_force[0] == batch.contact_force[i]).all()
-        earlier = torque
-    batch.close()
-
-
 NOTHING = {
     "gear without rotor": dict(motor=Motor(gear_ratio=5.0)),
     "torque limit alone": dict(motor=Motor(torque_limit=3.0)),
@@ -110,16 +69,3 @@ def test_what_is_not_there_changes_no_bit(name):
         a, b = one.step(torque, HOLD), other.step(torque, HOLD)
         assert (one.state == other.state).all()
         assert a.motor_work == b.motor_work and a.impact_loss == b.impact_loss
-
-
-def test_a_pickled_batch_goes_on_as_it_would(rng):
-    """Bristles and motors travel with the batch."""
-    batch = Batch(mixed(4), [Terrain.flat(0.6)] * 4, threads=1)
-    for i in range(4):
-        batch.place(np.array([i]), np.array([0.3]))
-    batch.step(rng.uniform(-5.0, 5.0, 4), 200)
-    assert (batch.deflection != 0.0).any()
-    copy = pickle.loads(pickle.dumps(batch))
-    for each in (batch, copy):
-        each.step(np.full(4, 4.0), 200)
-    assert (copy.states == batch.states).all() and (copy.deflection == batch.deflection).all()

@@ -9,7 +9,6 @@ from motions import FLIGHT, HOLD, PADS, pads, pinned, placed
 
 from jansen_env import Motor, Payload, Robot, Terrain
 from jansen_env.dynamics import reduced as rd
-from jansen_env.plants.batch import Batch
 from jansen_env.plants.plant import ProjectionPlant
 
 LINE = Motor(stall_torque=12.0, no_load_speed=6.0, torque_limit=9.0)
@@ -145,38 +144,3 @@ def test_electrical_work_is_its_integral(efficiency, measured):
         assert result.electrical_work >= max(result.motor_work, 0.0) - 1e-9
     assert regained < 0.0
     measured("electrical work against the trace, relative", abs(found / expected - 1.0), 1e-12)
-
-
-@pads
-def test_a_delayed_action_is_the_earlier_one_for_a_while(name, measured):
-    """Bit for bit where that is one call; a state written down between two is rounded."""
-    robot = Robot(motor=replace(LINE, friction=0.3), pad_compliance=PADS[name])
-    n = 4
-    delayed, plain = (Batch([robot] * n, [Terrain.flat()] * n, threads=1) for _ in range(2))
-    for i in range(n):
-        delayed.place(np.array([i]), np.array([0.3 + i]))
-    rng = np.random.default_rng(4)
-    earlier, switch = np.zeros(n), np.array([0, 3, 10, 20])
-    apart, work_apart = 0.0, 0.0
-    for _ in range(40):
-        torque = rng.uniform(-9.0, 9.0, n)
-        deflection = delayed.deflection.copy()
-        ends, work = np.zeros((n, 8)), np.zeros(n)
-        for i, first in enumerate(switch):
-            for j in range(n):
-                plain.set_state(j, delayed.states[j])
-            plain.deflection[:] = deflection
-            for held, steps in ((earlier, first), (torque, 20 - first)):
-                if steps > 0:
-                    plain.step(held, int(steps))
-                    work[i] += plain.accumulators["motor_work"][i]
-            ends[i] = plain.states[i]
-        delayed.step(torque, 20, earlier, switch)
-        assert (delayed.states[[0, 3]] == ends[[0, 3]]).all()
-        apart = max(apart, np.abs(delayed.states - ends).max())
-        work_apart = max(work_apart, np.abs(delayed.accumulators["motor_work"] - work).max())
-        earlier = torque
-    measured(f"delayed action against the same torques, {name}", apart, 1e-9, "m, rad, 1/s")
-    measured(f"delayed action: motor work, {name}", work_apart, 1e-9, "J")
-    for batch in (delayed, plain):
-        batch.close()

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motions import HOLD, governor, placed, shift
+from motions import HOLD, depth, governor, placed, shift
 
 from jansen_env import ROBOTS, Leg, Payload, Robot, Terrain
 from jansen_env.gravity import GRAVITY
@@ -35,16 +35,6 @@ CASES = {  # robot, terrain, time step, sunk at the start, largest torque
     "in a V-groove": (Robot(), Terrain(GROOVE), 1e-3, 0.0, 20.0),
     "in a V-groove, friction 5": (Robot(), Terrain(GROOVE, friction=5.0), 1e-3, 0.0, 20.0),
 }
-
-
-def depth(plant):
-    """How deep the deepest toe's pad reaches below the polyline of the ground, m."""
-    p, line = plant.toe_positions(), plant.terrain.polyline
-    a, along = line[:-1], np.diff(line, axis=0)
-    share = np.clip(((p[:, None] - a) * along).sum(-1) / (along**2).sum(-1), 0.0, 1.0)
-    away = np.linalg.norm(p[:, None] - a - share[..., None] * along, axis=-1).min(axis=1)
-    away = np.where(p[:, 1] < plant.terrain.height(p[:, 0]), -away, away)
-    return float((plant.robot.pad_radius - away).max())
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -14,7 +14,6 @@ from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.plants.design_tables import DesignTables
 from jansen_env.robot import Leg
 from jansen_env.robot.robot_file import FORMAT
-from jansen_env.scoring.benchmarks import can_be_batched
 from jansen_env.viewer.recorder import Recorder
 from jansen_env.viewer.recording import Recording
 
@@ -137,14 +136,6 @@ def test_pictures_show_the_robot_that_is_there():
     env.reset(seed=1, options={"robot": LATER})
     fresh.reset(seed=1)
     assert (env.render() == fresh.render()).all()
-
-
-def test_legs_on_other_sides_are_simulated_apart():
-    """As Stable-Baselines3's environments, which robots of one batch cannot be."""
-    legs = tuple(Leg(side, phase) for phase in (0.0, 3.0) for side in ("fore", "back"))
-    variants = [{"robot": "paper"}, {"robot": replace(paper_robot(), legs=legs)}]
-    assert not can_be_batched("JansenWalker-v0", {}, variants)
-    assert can_be_batched("JansenWalker-v0", {}, [{"robot": "built"}, {}])
 
 
 @pytest.mark.parametrize("plant", ["projection", "rigid_body"])

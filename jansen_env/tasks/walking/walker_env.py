@@ -363,7 +363,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     Terminated when the robot has fallen: \\|pitch\\| > ``fall_pitch``, or, if ``fall_contact``, a
     joint other than a toe (knee, ankle, hip, frame pivot) is pressed on the ground. Of 60 falls the
     paper's robot gets up after 6 on flat and 4 on rough ground, the holy one on rough ground after
-    36 (``tests/tasks/test_walker_env.py``).
+    36.
 
     Truncated after 500 steps (10 s) when made with ``gym.make``, and where the simulation diverges
     (absurd torques, time steps or terrains): that step does nothing, says so in ``info`` and in a

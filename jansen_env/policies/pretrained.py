@@ -34,6 +34,7 @@ from jansen_env.checks import (
 from jansen_env.engine.layers import ELU, LINEAR, RELU, TANH, put_actions, put_harmonics
 from jansen_env.files import read_bounded
 from jansen_env.plants.plant import plant_time_step
+from jansen_env.registration import IDS
 from jansen_env.world.settings import control_period
 
 FORMAT = "jansen_env policy 1"
@@ -280,10 +281,9 @@ def arguments_of(env_id: str) -> Json:
     Raises:
         ValueError: the package has no environment of this id.
     """
-    specs = {name: spec for name, spec in gym.registry.items()
-             if str(spec.entry_point).startswith("jansen_env.")}  # fmt: skip
-    env: Any = load_env_creator(str(specs[one_of("env.id", env_id, sorted(specs))].entry_point))
-    return {**env.defaults(), "max_episode_steps": specs[env_id].max_episode_steps}
+    spec = gym.spec(one_of("env.id", env_id, sorted(IDS)))
+    env: Any = load_env_creator(str(spec.entry_point))
+    return {**env.defaults(), "max_episode_steps": spec.max_episode_steps}
 
 
 def check_action(

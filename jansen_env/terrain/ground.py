@@ -113,7 +113,8 @@ class Terrain:
 
     ``waves``, ``stairs``, ``steps``, ``stumps`` and ``ramps`` are level around x = 0, where a
     robot is placed, and mirrored or drawn on both sides of it, as commands may be negative. Their
-    vertices are few: in a batch, robots exchange their terrains at resets.
+    vertices are few: in a batch, robots exchange their terrains at resets. For other friction and
+    restitution there is ``dataclasses.replace``.
 
     Args:
         points: at least two (x, y) vertices, m, x increasing. The first and the last segment go on
@@ -188,8 +189,6 @@ class Terrain:
         spacing: float = 0.2,
         length: float = 40.0,
         start: float = 1.0,
-        friction: float = 0.8,
-        restitution: float = 0.0,
     ) -> Terrain:
         """Random vertices from ``start`` on, level before: heights uniform in +- ``height``, m."""
         instance("rng", rng, np.random.Generator)
@@ -205,18 +204,11 @@ class Terrain:
         y = uniform(rng, -height, height, count)
         lead = [(start - 1.0, 0.0), (start, 0.0)]
         tail = [(x[-1] + spacing, 0.0), (x[-1] + spacing + 1.0, 0.0)]
-        return cls(tuple(lead + list(zip(x, y, strict=True)) + tail), friction, restitution)
+        return cls(tuple(lead + list(zip(x, y, strict=True)) + tail))
 
     @classmethod
     def waves(
-        cls,
-        height: float = 0.03,
-        length: float = 1.0,
-        start: float = START,
-        reach: float = REACH,
-        *,
-        friction: float = 0.8,
-        restitution: float = 0.0,
+        cls, height: float = 0.03, length: float = 1.0, start: float = START, reach: float = REACH
     ) -> Terrain:
         """Cosine waves on both sides of the origin, of eight segments each.
 
@@ -230,19 +222,11 @@ class Terrain:
         turns = np.arange(count * PER_WAVE + 1) / PER_WAVE
         wave = [0.5 - 0.5 * cos(2.0 * math.pi * k / PER_WAVE) for k in range(PER_WAVE)]
         side = np.stack([start + length * turns, height * np.resize(wave, len(turns))], axis=1)
-        points = both_sides(side, side)
-        return cls(points.tolist(), friction, restitution)
+        return cls(both_sides(side, side).tolist())
 
     @classmethod
     def stairs(
-        cls,
-        rise: float = 0.03,
-        tread: float = 0.4,
-        start: float = START,
-        reach: float = REACH,
-        *,
-        friction: float = 0.8,
-        restitution: float = 0.0,
+        cls, rise: float = 0.03, tread: float = 0.4, start: float = START, reach: float = REACH
     ) -> Terrain:
         """Stairs that rise towards +x for ``rise`` > 0, with a landing around the origin.
 
@@ -259,8 +243,7 @@ class Terrain:
         steps = np.arange(count, dtype=np.float64)
         heights = rise * (steps + 1.0)
         edges = start + 0.5 * tread + tread * steps
-        points = both_sides(treads(edges, heights), treads(edges, -heights))
-        return cls(points.tolist(), friction, restitution)
+        return cls(both_sides(treads(edges, heights), treads(edges, -heights)).tolist())
 
     @classmethod
     def steps(
@@ -270,9 +253,6 @@ class Terrain:
         spacing: float = 0.5,
         start: float = START,
         reach: float = REACH,
-        *,
-        friction: float = 0.8,
-        restitution: float = 0.0,
     ) -> Terrain:
         """Level pieces of random heights and lengths, with steps between them.
 
@@ -290,8 +270,7 @@ class Terrain:
         lengths = uniform(rng, 0.5 * spacing, 1.5 * spacing, (2, count))
         edges = start + np.cumsum(lengths, axis=1)
         heights = uniform(rng, -0.5 * height, 0.5 * height, (2, count))
-        points = both_sides(treads(edges[0], heights[0]), treads(edges[1], heights[1]))
-        return cls(points.tolist(), friction, restitution)
+        return cls(both_sides(treads(edges[0], heights[0]), treads(edges[1], heights[1])).tolist())
 
     @classmethod
     def stumps(
@@ -301,9 +280,6 @@ class Terrain:
         spacing: float = 1.0,
         start: float = START,
         reach: float = REACH,
-        *,
-        friction: float = 0.8,
-        restitution: float = 0.0,
     ) -> Terrain:
         """Blocks on level ground on both sides of the origin, or ditches for ``height`` < 0.
 
@@ -320,19 +296,11 @@ class Terrain:
         edges[0::2] = start + 0.5 * gap + (width + gap) * np.arange(count)
         edges[1::2] = edges[0::2] + width
         side = treads(edges, np.tile([height, 0.0], count))
-        points = both_sides(side, side)
-        return cls(points.tolist(), friction, restitution)
+        return cls(both_sides(side, side).tolist())
 
     @classmethod
     def ramps(
-        cls,
-        angle: float = 0.1,
-        length: float = 0.8,
-        start: float = START,
-        reach: float = REACH,
-        *,
-        friction: float = 0.8,
-        restitution: float = 0.0,
+        cls, angle: float = 0.1, length: float = 0.8, start: float = START, reach: float = REACH
     ) -> Terrain:
         """Ramps up and down with level pieces between them, on both sides of the origin.
 
@@ -345,8 +313,7 @@ class Terrain:
         side = np.empty((4 * count, 2))
         side[:, 0] = start + length * np.arange(4 * count)
         side[:, 1] = np.tile([0.0, 1.0, 1.0, 0.0], count) * length * tan(angle)
-        points = both_sides(side, side)
-        return cls(points.tolist(), friction, restitution)
+        return cls(both_sides(side, side).tolist())
 
     @property
     def polyline(self) -> Array:

@@ -165,7 +165,7 @@ def test_smooth_ground_cannot_push_it_along(name, restitution, rng, measured):
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
 def test_rough_ground_accounts_for_all_momentum(name, restitution, rng, measured):
     """Normals change within a hold: by the trace, toes and outer joints together."""
-    ground = Terrain.rough(np.random.default_rng(1), start=-20.0, restitution=restitution)
+    ground = replace(Terrain.rough(np.random.default_rng(1), start=-20.0), restitution=restitution)
     plant = placed(DESIGNS[name], ground, tracing=True)
     weight = np.array([0.0, -plant.robot.mass * GRAVITY])
     error, change_most = 0.0, 0.0

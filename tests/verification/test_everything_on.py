@@ -14,7 +14,7 @@ from jansen_env.robot.zoo import ZOO
 
 MOTOR = Motor(14.0, 7.0, 10.0, 40.0, 1e-4, 0.15, 0.02, 0.8)
 PADS = Compliance(3e4, 60.0, 2e4, 40.0)
-ROUGH = Terrain.rough(np.random.default_rng(0), start=-5.0, friction=0.6)
+ROUGH = replace(Terrain.rough(np.random.default_rng(0), start=-5.0), friction=0.6)
 GROUNDS = {"level": Terrain.flat(0.6), "slope": Terrain.slope(0.1, friction=0.6), "rough": ROUGH}
 
 

@@ -15,7 +15,7 @@ from jansen_env.robot.kinematics import B, C, D, E, P, joint_positions
 LEFT = 2e-5  # m, penetration that is left alone
 SPIKE = ((-1.0, 0.0), (-0.05, 0.0), (0.0, 0.28), (0.05, 0.0), (1.0, 0.0))  # 80 degrees steep
 GROOVE = ((-1.0, 1.5), (0.0, 0.0), (1.0, 1.5))
-ROUGH = Terrain.rough(np.random.default_rng(0), start=-5.0, friction=100.0)
+ROUGH = replace(Terrain.rough(np.random.default_rng(0), start=-5.0), friction=100.0)
 HEAVY = replace(Robot(), payload=Payload(1000.0, 10.0, (0.0, 0.2)))
 INERT = replace(Robot(), payload=Payload(1e-6, 1e3))
 FLAT = Terrain.flat()

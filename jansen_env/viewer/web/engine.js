@@ -1,0 +1,170 @@
+// The compiled engine in a page: memory for its arrays, and calls of its kernels.
+//
+// An entry point of the module has one argument, the address of its slots: 8 bytes for each number,
+// and for each array its address and its lengths (jansen_env/engine/kernel.py). Which arguments a
+// kernel has, and where the fields of a row are, walk_data.py writes.
+
+const PAGE = 65536; // bytes by which memory grows
+const WORD = 8; // bytes of a slot, and what arrays are aligned to
+const MOST_SLOTS = 256;
+const VIEWS = { f8: Float64Array, f4: Float32Array, i8: BigInt64Array, b1: Uint8Array };
+
+/** Numbers, a typed array of class `Kind`, out of text in base64. */
+export function numbersOf(text, Kind) {
+  return new Kind(Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)).buffer);
+}
+
+/** The compiled module; `bytes` is a Uint8Array, `layout` that of walk_data.py. */
+export class Engine {
+  constructor(bytes, layout) {
+    Object.assign(this, { layout, module: new WebAssembly.Module(bytes) });
+  }
+
+  /** New memory, which is gone when nothing refers to it any more. */
+  memory() {
+    return new Memory(new WebAssembly.Instance(this.module), this.layout);
+  }
+}
+
+/** An instance of the module: arrays in its memory, and the kernels that work on them. */
+export class Memory {
+  constructor({ exports }, layout) {
+    Object.assign(this, { exports, layout, end: exports.__heap_base.value });
+    this.slots = this.array("i8", MOST_SLOTS);
+  }
+
+  get buffer() {
+    return this.exports.memory.buffer;
+  }
+
+  /** An array of zeros; `type`: "f8", "f4", "i8", "b1" or the name of a record. */
+  array(type, ...shape) {
+    const size = VIEWS[type]?.BYTES_PER_ELEMENT ?? this.layout.records[type].size;
+    const address = Math.ceil(this.end / WORD) * WORD;
+    const block = new Block(this, type, shape, address, size);
+    this.end = address + block.length * size;
+    const missing = this.end - this.buffer.byteLength;
+    if (missing > 0) this.exports.memory.grow(Math.ceil(missing / PAGE));
+    block.bytes.fill(0);
+    return block;
+  }
+
+  /** An array with these values, in the order of its memory; without a shape it has one axis. */
+  filled(type, values, ...shape) {
+    const block = this.array(type, ...(shape.length > 0 ? shape : [values.length]));
+    block.view.set(type === "i8" ? BigInt64Array.from(values, BigInt) : values);
+    return block;
+  }
+
+  /** What `work` returns; arrays that it makes are gone afterwards. */
+  scratch(work) {
+    const { end } = this;
+    try {
+      return work();
+    } finally {
+      this.end = end;
+    }
+  }
+
+  /** Call a kernel by its symbol; an argument may be a list of several. Returns its number. */
+  call(symbol, ...given) {
+    const values = given.flat();
+    const view = new DataView(this.buffer, this.slots.address, MOST_SLOTS * WORD);
+    let place = 0;
+    const put = (type, value) => {
+      if (type === "f8") view.setFloat64(place, value, true);
+      else view.setBigInt64(place, BigInt(value), true);
+      place += WORD;
+    };
+    for (const [i, [name, type, axes]] of this.layout.kernels[symbol].entries()) {
+      const value = values[i];
+      if (axes > 0 && (value?.type !== type || value.shape.length !== axes))
+        throw new Error(`${symbol}: ${name} must be an array ${type} of ${axes} axes`);
+      if (axes === 0) put(type, value);
+      else for (const word of [value.address, ...value.shape]) put("i8", word);
+    }
+    return Number(this.exports[symbol](BigInt(this.slots.address)));
+  }
+
+  /** Cosines and sines of angles, rad, as the engine has them: two arrays. */
+  directions(angles) {
+    return this.scratch(() => {
+      const out = this.array("f8", angles.length, 2);
+      this.call("mathematics__put_directions", this.filled("f8", angles), out);
+      const { view } = out;
+      return [0, 1].map((k) => Float64Array.from(angles, (_, i) => view[2 * i + k]));
+    });
+  }
+
+  /** Angles of vectors, rad, in (-pi, pi]. */
+  angles(x, y) {
+    return this.scratch(() => {
+      const out = this.array("f8", x.length);
+      const vectors = Float64Array.from({ length: 2 * x.length }, (_, i) => [x, y][i % 2][i >> 1]);
+      const given = this.filled("f8", vectors, x.length, 2);
+      this.call("mathematics__put_angles", given, out);
+      return out.view.slice();
+    });
+  }
+}
+
+/** An array in a memory. */
+class Block {
+  constructor(memory, type, shape, address, size) {
+    Object.assign(this, { memory, type, shape, address, size });
+  }
+
+  get length() {
+    return this.shape.reduce((product, length) => product * length, 1);
+  }
+
+  get bytes() {
+    return new Uint8Array(this.memory.buffer, this.address, this.length * this.size);
+  }
+
+  /** Its numbers as a typed array, good until the memory grows. */
+  get view() {
+    return new VIEWS[this.type](this.memory.buffer, this.address, this.length);
+  }
+
+  /** Entry `i` along the first axis. */
+  at(i) {
+    const part = new Block(this.memory, this.type, this.shape.slice(1), 0, this.size);
+    part.address = this.address + i * part.length * this.size;
+    return part;
+  }
+
+  /** Row `i` of a record as an object of numbers, lists and objects. */
+  read(i = 0) {
+    const { records } = this.memory.layout;
+    return readRow(this.memory.buffer, records[this.type], this.address + i * this.size);
+  }
+
+  /** Set some fields of row `i`. */
+  write(values, i = 0) {
+    const { records } = this.memory.layout;
+    writeRow(this.memory.buffer, records[this.type], this.address + i * this.size, values);
+  }
+}
+
+function readRow(buffer, { fields }, address) {
+  const entries = Object.entries(fields).map(([name, [offset, type, count]]) => {
+    const place = address + offset;
+    if (typeof type !== "string") return [name, readRow(buffer, type, place)];
+    const numbers = Array.from(new VIEWS[type](buffer, place, count), Number);
+    return [name, count > 1 ? numbers : numbers[0]];
+  });
+  return Object.fromEntries(entries);
+}
+
+function writeRow(buffer, { fields }, address, values) {
+  for (const [name, value] of Object.entries(values)) {
+    const [offset, type, count] = fields[name];
+    const place = address + offset;
+    if (typeof type !== "string") writeRow(buffer, type, place, value);
+    else
+      new VIEWS[type](buffer, place, count).set(
+        [value].flat().map(type === "i8" ? BigInt : Number),
+      );
+  }
+}

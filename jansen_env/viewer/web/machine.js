@@ -1,0 +1,522 @@
+// One robot on a ground, as the environment JansenWalkerEnv moves it, bit for bit.
+//
+// The engine's kernels do the work; what is here stands in jansen_env/world/world.py and
+// jansen_env/plants: batch.py, grounds.py, robot_parameters.py. Metres, radians, seconds, newtons.
+
+import { Closure, edgesOf, modulo, TURN } from "./closure.js";
+import { compileRobot, exactSum } from "./tables.js";
+import { polyline } from "./terrain.js";
+
+const FLAT = [[-1, 0], [1, 0]]; // biome-ignore format: points
+const INFINITE = Number.POSITIVE_INFINITY;
+const [AIR, GRIP, SLIP] = [0, 1, 2]; // what a toe does
+
+const numbered = (count, make) => Array.from({ length: count }, (_, i) => make(i));
+const camel = (name) => name.replace(/_(\w)/g, (_, letter) => letter.toUpperCase());
+const camelled = (row) =>
+  Object.fromEntries(Object.entries(row).map(([name, value]) => [camel(name), value]));
+
+export class Machine {
+  /**
+   * robot: the content of a robot file, all its fields given but for infinite ones. terrain: {points,
+   * friction, restitution}, null for level ground. Throws if the robot cannot turn its crank.
+   */
+  constructor(engine, robot, terrain) {
+    const [{ layout }, memory] = [engine, engine.memory()];
+    Object.assign(this, { layout, memory, robot, tables: compileRobot(engine, robot) });
+    this.line = polyline(terrain?.points ?? FLAT);
+    this.stretches = stretchesOf(this.line, layout.numbers);
+    const sumOf = (name) => robot.legs.length * exactSum(robot.bodies.map((link) => link[name]));
+    Object.assign(this, { linksMass: sumOf("mass"), linksInertia: sumOf("inertia") });
+    this.closure = new Closure(memory, robot);
+    this.toes = robot.legs.length * robot.linkage.toes.length;
+    this.makeFixed();
+    this.makeTask();
+    this.makeState();
+    const { mass: payload, position } = robot.payload;
+    const [payload_x, payload_y] = position;
+    const unity = Object.fromEntries(Object.keys(layout.parameters).map((name) => [name, 1]));
+    this.parameters = { ...unity, ...layout.ground, payload, payload_x, payload_y, tilt: 0 };
+    const { friction, restitution } = { ...layout.ground, ...terrain };
+    this.apply(this.checked({ friction, restitution }));
+    this.longest = layout.numbers.TIME_STEP;
+    this.reset();
+  }
+
+  /** The robot's tables and its ground, and work space. */
+  makeFixed() {
+    const { memory, layout, toes, line, tables } = this;
+    const { INTERVALS: intervals, ORDER: order } = layout.numbers;
+    const { body, pads, bearings, depths, layout: padRows, sides } = tables;
+    const numbers = (values, ...shape) => memory.filled("f8", values, ...shape);
+    this.body = numbers(body, 1, intervals, order, body.length / (intervals * order));
+    this.pads = numbers(pads, 1, pads.length / (3 * intervals * order), intervals, order, 3);
+    this.padLayout = memory.array("PAD", 1, padRows.length);
+    for (const [k, { table, phase, mirror }] of padRows.entries())
+      this.padLayout.write({ table, phase, mirror }, k);
+    this.model = [this.body, this.pads, this.padLayout, numbers(bearings, 1, bearings.length)];
+    this.sides = memory.filled("i8", sides.flat(), sides.length, 2);
+    this.surface = numbers(line.flat(), line.length, 2);
+    this.depths = numbers(depths, 1, depths.length);
+    const capacity = layout.numbers.PLANES_PER_PAD * padRows.length;
+    this.world = memory.array("WORLD", 1);
+    this.world.write({
+      time_step: layout.numbers.TIME_STEP,
+      stride: layout.stride,
+      toes,
+      capacity,
+    });
+    this.planes = memory.array("PLANE", capacity);
+    const [none, one] = layout.workSpace;
+    this.work = none.map(([type, ...shape], k) => {
+      const lengths = shape.map((length, axis) => length + (one[k][axis + 1] - length) * capacity);
+      return memory.array(type, ...lengths);
+    });
+    this.which = memory.array("i8", 1);
+    this.active = memory.filled("b1", [1]);
+    this.shares = memory.array("i8", 2, 2);
+    this.moved = memory.array("i8", 1);
+    this.flags = memory.array("b1", 2);
+    this.centres = memory.array("f8", Math.max(padRows.length, toes + 1), 2);
+    this.trace = memory.array("f8", 0, 0);
+    this.still = [memory.array("f8", 1), memory.array("f8", 1), memory.array("i8", 1)];
+  }
+
+  /** The walking task's settings and the columns of its observation, and pushes. */
+  makeTask() {
+    const { memory, layout, toes } = this;
+    const { steps, scan, commanded, numbers } = layout;
+    const loads = numbered(toes, (k) => `toe_load_${k}`);
+    const heights = numbered(scan.length, (k) => `height_scan_${k}`);
+    const [first, last] = [layout.observed.slice(0, -1), layout.observed.at(-1)]; // last_action
+    this.observed = [...first, commanded[0], ...loads, last, ...commanded.slice(1), ...heights];
+    const columns = (names) => memory.filled("i8", names.map((name) => this.observed.indexOf(name))); // biome-ignore format: short
+    this.places = columns([...layout.observed, ...loads, ...heights]);
+    this.taskPlaces = columns(commanded);
+    this.scan = memory.filled("f8", scan);
+    this.settings = memory.array("SETTINGS", 1);
+    this.settings.write(layout.settings);
+    this.exact = [memory.array("f8", 0, 2), memory.array("ACCOUNTS", 0)]; // without noise
+    const push = memory.array("PUSHES", 1);
+    push.write(layout.push);
+    this.unplanned = [memory.array("i8", 1), memory.array("f8", 1), push, memory.array("b1", 1)];
+    this.schedule = memory.array("f8", 1, numbers.MOST_PUSHES, 3);
+    this.scheduled = memory.array("i8", 1);
+    this.impulse = memory.array("f8", 1, steps, 2);
+    this.noPushes = memory.array("f8", 0, 0, 2);
+  }
+
+  /** Arrays that change from step to step: in one piece, for snapshots. */
+  makeState() {
+    const { memory, toes, padLayout } = this;
+    const begin = memory.end;
+    const state = {
+      states: ["f8", 1, 8],
+      robots: ["ROBOT", 1],
+      statistics: ["STATISTICS", 1, padLayout.length],
+      slip: ["f8", 1, toes],
+      force: ["f8", 1, toes, 2],
+      readings: ["READINGS", 1],
+      walk: ["WALK", 1],
+      loads: ["f8", 1, toes],
+      actions: ["f8", 1, 1],
+      elapsed: ["i8", 1],
+      fullTorque: ["f8", 1],
+      asked: ["f8", 1, 2],
+      delay: ["i8", 1, 2],
+      torque: ["f8", 1],
+      earlier: ["f8", 1],
+      switch: ["i8", 1],
+      reward: ["f8", 1],
+      ended: ["b1", 1],
+      out: ["f4", 1, this.observed.length],
+    };
+    for (const [name, [type, ...shape]] of Object.entries(state))
+      this[name] = memory.array(type, ...shape);
+    this.state = () => new Uint8Array(memory.buffer, begin, memory.end - begin);
+    const status = { margin: this.layout.numbers.SPECULATIVE_MARGIN, end_vertex: this.line.length };
+    this.robots.write({ status: { ...status, asked_x: INFINITE } });
+  }
+
+  // Parameters.
+
+  /** Changes as numbers for `parameters`; throws if one is out of range. */
+  checked(changes) {
+    const { layout, robot } = this;
+    for (const [name, value] of Object.entries(changes)) {
+      const [least, most] = layout.parameters[name] ?? [];
+      if (!(value >= least && value <= most))
+        throw new Error(`${name} is ${value}, must be between ${least} and ${most}`);
+    }
+    const numbers = { ...changes };
+    if ("payload" in numbers) Object.assign(numbers, { payload_x: 0, payload_y: 0 });
+    const all = { ...this.parameters, ...numbers };
+    const { stiffness = INFINITE } = robot.pad_compliance;
+    if (all.restitution > 0 && stiffness < INFINITE)
+      throw new Error(`restitution is ${all.restitution}, must be 0 with compliant pads`);
+    const mass = all.mass_scale * this.linksMass + all.payload;
+    const gravity = layout.numbers.GRAVITY * this.memory.directions([all.tilt])[0][0];
+    if (restingDepth(mass, all.foot_stiffness_scale * stiffness, gravity) > layout.numbers.DEEPEST)
+      throw new Error(`payload is ${all.payload} kg, which these feet are too soft to carry`);
+    return numbers;
+  }
+
+  /** Put checked numbers in force: robot_parameters.py, apply_to_kernels. */
+  apply(numbers) {
+    const { layout, tables, memory, parameters } = this;
+    Object.assign(parameters, numbers);
+    if ("payload" in numbers) {
+      const payload = { mass: numbers.payload, inertia: 0, position: [0, 0] };
+      this.robot = { ...this.robot, payload };
+    }
+    const row = kernelRow(this.robot);
+    for (const [name, copied] of Object.entries(layout.copied)) row[copied] = parameters[name];
+    for (const [name, fields] of Object.entries(layout.scaled))
+      for (const field of fields) {
+        const scaled = [row[field]].flat().map((value) => value * parameters[name]);
+        row[field] = scaled.length > 1 ? scaled : scaled[0];
+      }
+    const mass = parameters.mass_scale * this.linksMass + parameters.payload;
+    const [pitchArm, crankArm] = tables.farthest.map(
+      ([centre, pad]) => layout.numbers.BOUND * ((row.mass_scale * centre) / mass + pad),
+    );
+    const reach = Math.sqrt(row.load_x * row.load_x + row.load_y * row.load_y);
+    const [[cos], [sin]] = memory.directions([parameters.tilt]);
+    const slopes = this.line
+      .slice(1)
+      .map(([x, y], i) => (y - this.line[i][1]) / (x - this.line[i][0]));
+    const params = {
+      ...row,
+      mass,
+      own_inertia: this.linksInertia,
+      pitch_arm: pitchArm + (row.load_mass * reach) / mass,
+      crank_arm: crankArm,
+      winding: row.winding / parameters.motor_strength,
+      gravity_x: cos * 0 + sin * -layout.numbers.GRAVITY,
+      gravity_y: cos * -layout.numbers.GRAVITY - sin * 0,
+      steepest: Math.max(...slopes.map(Math.abs)),
+    };
+    this.robots.write({ params, status: { pad_radius: row.pad_radius } });
+    const direction = tables.advance < 0 ? -1 : 1;
+    this.weight = layout.numbers.GRAVITY * mass;
+    this.readings.write({ direction, weight: this.weight });
+    this.fullTorque.view[0] = direction * this.torqueLimit * parameters.motor_strength;
+  }
+
+  /** Change parameters, and the command, m/s, from now on; throws, and then changes nothing. */
+  change({ command, ...changes }) {
+    const most = this.layout.numbers.FASTEST_COMMAND;
+    if (command !== undefined && !(Math.abs(command) <= most))
+      throw new Error(`command is ${command}, must be between ${-most} and ${most}`);
+    const numbers = this.checked(changes);
+    if (Object.keys(numbers).length > 0) this.apply(numbers);
+    if (command === undefined) return;
+    this.walk.write({ next_command: command, info: { speed_command: command } });
+    this.describe();
+  }
+
+  // Episodes and steps.
+
+  /** Begin at rest at x = 0 on the lowest toes, the crank at an angle, rad, with a speed, rad/s. */
+  reset({ crankAngle = 0, crankSpeed = 0, command = 0 } = {}) {
+    this.place(crankAngle);
+    const { force, loads, states, weight, tables, layout } = this;
+    const { view: forces } = force;
+    loads.view.set(loads.view.map((_, toe) => forces[2 * toe + 1] / weight));
+    states.view[7] = crankSpeed;
+    this.askGround();
+    for (const block of [this.asked, this.torque, this.earlier, this.reward]) block.view.fill(0);
+    const kept = this.readings.read();
+    this.readings.bytes.fill(0);
+    const [x, , , , x_velocity] = states.view;
+    const { direction } = kept;
+    this.readings.write({ direction, weight, x_before: x, info: { x_velocity } });
+    this.walk.bytes.fill(0);
+    const mean_path = Math.abs(tables.advance) / layout.numbers.STEPS_PER_TURN;
+    this.walk.write({ mean_path, next_command: command, info: { speed_command: command } });
+    Object.assign(this, { time: 0, pushes: [] });
+    this.elapsed.view[0] = 0n;
+    this.describe();
+  }
+
+  /** Lower it onto the ground, and look one time step ahead. */
+  place(crankAngle) {
+    const { memory, states, robots, pads, planes, which } = this;
+    states.view[0] = 0;
+    this.askGround();
+    const { mass, stiffness, gravity_y } = robots.read().params;
+    const common = [this.padLayout, robots, this.surface, this.world, this.centres];
+    memory.scratch(() => {
+      const numbers = [crankAngle, Number.NaN, restingDepth(mass, stiffness[0], -gravity_y)];
+      const [angle, pitch, depth] = numbers.map((value) => memory.filled("f8", [value]));
+      memory.call("placement_lower", which, 0, angle, pitch, states, this.body, pads, common);
+      robots.write({ status: { margin: this.layout.numbers.SPECULATIVE_MARGIN } });
+      memory.call("placement_settle", which, depth, states, pads, common, planes);
+    });
+    const forget = () => {
+      for (let pad = 0; pad < this.statistics.length; pad += 1)
+        this.statistics.write({ deflection: [INFINITE, 0] }, pad);
+    };
+    forget();
+    const state = states.view.slice();
+    this.run(1, [...this.still, this.noPushes]);
+    states.view.set(state);
+    forget();
+  }
+
+  /** Advance by time steps under `asked`: torque, the one before, when it ends, and pushes. */
+  run(steps, asked) {
+    const { memory, layout, states, robots, statistics, flags, slip, force } = this;
+    if (steps * layout.numbers.TIME_STEP > this.longest) {
+      this.longest = steps * layout.numbers.TIME_STEP;
+      robots.write({ status: { asked_x: INFINITE } });
+      this.askGround();
+    }
+    const before = [states, statistics].map((block) => block.bytes.slice());
+    this.shares.view.set([0n, 1n, 0n, 0n]);
+    const own = [0, this.shares, 1, this.which, steps, asked, this.trace, this.work, this.moved];
+    const shared = [states, this.model, this.sides, this.surface, this.depths, this.world, robots];
+    const results = [this.planes, statistics, slip, force];
+    memory.call("integrator_advance", own.flat(), flags, shared.flat(), results);
+    const [far, diverged] = flags.view;
+    if (diverged) {
+      for (const [k, block] of [states, statistics].entries()) block.bytes.set(before[k]);
+      for (let pad = 0; pad < statistics.length; pad += 1)
+        statistics.write({ slip: 0, impulse: [0, 0] }, pad);
+      const sums = Object.keys(robots.read().accumulators).map((name) => [name, 0]);
+      robots.write({ accumulators: Object.fromEntries(sums) });
+      for (const block of [slip, force]) block.view.fill(0);
+    }
+    if (far) this.askGround();
+    return diverged;
+  }
+
+  /** Hold an action, -1 to 1, for a control step. */
+  step(action) {
+    if (!Number.isFinite(action)) throw new Error(`action is ${action}, must be finite`);
+    const { memory, layout, readings } = this;
+    const pushes = this.pushesOfStep();
+    this.actions.view[0] = action;
+    const torques = [this.torque, this.earlier, this.switch];
+    const given = [this.actions, this.active, this.elapsed, this.fullTorque, readings];
+    memory.call("readings_take_actions", given, this.asked, this.delay, torques);
+    const diverged = this.run(layout.steps, [...torques, pushes]);
+    const { which, settings, walk, reward, ended, exact, taskPlaces, states, slip, force } = this;
+    const task = [which, settings, walk, reward, ended, ...exact, taskPlaces, layout.period];
+    memory.call("walk_reward_finish_step", task, states, slip, force, this.read());
+    readings.write({ info: { diverged } });
+    this.time = Number(this.elapsed.view[0]) * layout.period;
+  }
+
+  /** Arguments of the kernels that read a robot's state. */
+  read() {
+    const { robots, readings, loads, surface, scan, places, out } = this;
+    return [robots, readings, loads, surface, scan, places, out];
+  }
+
+  /** Fill observation and information as they are now. */
+  describe() {
+    const { memory, which, walk, taskPlaces, states } = this;
+    memory.call("walk_reward_describe", which, walk, taskPlaces, states, this.read());
+  }
+
+  /** Push the chassis at the crank axis from now on by an impulse, N s: world/push.py. */
+  push(x, y) {
+    const { push, numbers } = this.layout;
+    if (!Number.isFinite(x + y)) throw new Error(`impulse is ${x}, ${y}, must be finite`);
+    const left = this.pushes.filter(([start]) => start + push.duration > this.time);
+    if (left.length === numbers.MOST_PUSHES) throw new Error("there are too many pushes");
+    this.pushes = [...left, [this.time, x, y]];
+  }
+
+  pushesOfStep() {
+    const { active, elapsed, unplanned, schedule, scheduled, impulse, pushes } = this;
+    if (pushes.length === 0) return this.noPushes;
+    schedule.view.set(pushes.flat());
+    scheduled.view[0] = BigInt(pushes.length);
+    const given = [active, elapsed, unplanned, schedule, scheduled, impulse];
+    return this.memory.call("pushes_fill_pushes", given.flat()) ? impulse : this.noPushes;
+  }
+
+  /** Find the stretch of ground that can be reached, where it has moved by the margin. */
+  askGround() {
+    const { layout, line, states, robots } = this;
+    const [x] = states.view;
+    const { asked_x, pad_radius } = robots.read().status;
+    const { MARGIN, FASTEST, WAY_OUT, LARGEST_MARGIN } = layout.numbers;
+    if (Math.abs(x - asked_x) <= MARGIN) return;
+    const room = MARGIN + FASTEST * this.longest;
+    const reach = room + this.tables.extent + pad_radius + Math.max(WAY_OUT, LARGEST_MARGIN);
+    const [first, last] = [line[0][0], line.at(-1)[0]];
+    const left = Math.min(Math.max(x - reach, first), last);
+    const right = Math.max(Math.min(x + reach, last), first);
+    const near = this.stretches.filter(([a, b]) => line[b][0] >= left && line[a][0] <= right);
+    if (near.length === 0) throw new Error(`there is no ground at x = ${x} m`);
+    const [first_near, end_near] = [near[0][0], near.at(-1)[1] + 1];
+    robots.write({ status: { first_near, end_near, asked_x: x, room } });
+  }
+
+  /** All that the future depends on. */
+  snapshot() {
+    const { parameters, robot, pushes, time, longest, weight } = this;
+    const kept = { parameters: { ...parameters }, robot, pushes, time, longest, weight };
+    return { ...kept, bytes: this.state().slice() };
+  }
+
+  /** Go on from a snapshot of this machine. */
+  restore({ bytes, parameters, ...kept }) {
+    this.state().set(bytes);
+    Object.assign(this, kept, { parameters: { ...parameters } });
+  }
+
+  // Questions.
+
+  get observation() {
+    return this.out.view.slice();
+  }
+
+  get torqueLimit() {
+    return this.robot.motor.torque_limit;
+  }
+
+  get command() {
+    return this.walk.read().info.speed_command;
+  }
+
+  /** The environment's `info` in camel case, with time and reward; flags are 0 or 1. */
+  get info() {
+    const [{ info, energy }, walk] = [this.readings.read(), this.walk.read()];
+    return {
+      ...camelled(info),
+      ...camelled(walk.info),
+      time: this.time,
+      torque: info.crank_torque,
+      slip: [...this.slip.view],
+      contactForce: [...this.force.view],
+      motorWork: energy.motor_work,
+      energy: camelled(energy),
+      reward: this.reward.view[0],
+      rewards: camelled(walk.reward),
+    };
+  }
+
+  /** Where legs and toes are: what scene.js draws, see geometry.py. */
+  pose() {
+    const { layout, memory, closure, weight, force, slip } = this;
+    const [x, y, pitch, psi] = this.states.view;
+    const [[cos], [sin]] = memory.directions([pitch]);
+    const place = ([[u], [v]]) => [cos * u - sin * v + x, sin * u + cos * v + y];
+    const toes = this.contactFrames().map(({ point, tangent: [u, v] }, toe) => {
+      const [along, across] = force.view.slice(2 * toe, 2 * toe + 2);
+      const held = across > layout.numbers.TOUCHING * weight ? GRIP : AIR;
+      const contact = slip.view[toe] > layout.numbers.SLIPPING * layout.period ? SLIP : held;
+      return { contact, point, force: [along * u - across * v, along * v + across * u] };
+    });
+    return { x, y, pitch, joints: closure.legs([psi]).map((joints) => joints.map(place)), toes };
+  }
+
+  /** Nearest points of the ground to toes, and its tangents there: batch.py, contact_frames. */
+  contactFrames() {
+    const { memory, robots, planes, toes, robot, centres, surface, world } = this;
+    const radius = robot.pad_radius;
+    const design = [this.states.at(0), this.pads.at(0), this.padLayout.at(0), centres];
+    memory.call("collision_pad_centres", design);
+    const places = numbered(toes, (toe) => [...centres.view.slice(2 * toe, 2 * toe + 2)]);
+    const found = places.map(([x, y]) => ({ point: [x, y - radius], tangent: [1, 0] }));
+    robots.write({ status: { margin: this.layout.numbers.SPECULATIVE_MARGIN } });
+    memory.scratch(() => {
+      const given = memory.filled("f8", places.flat(), toes, 2);
+      memory.call("collision_planes_near", 0, given, robots, surface, world, planes);
+    });
+    const { first_plane, end_plane } = robots.read().status;
+    for (let k = end_plane - 1; k >= first_plane; k -= 1) {
+      const { pad, normal_x: u, normal_y: v } = planes.read(k); // a pad's nearest comes last
+      const [x, y] = places[pad];
+      found[pad] = { point: [x - radius * u, y - radius * v], tangent: [v, -u] };
+    }
+    return found;
+  }
+
+  /** What stays the same while it walks: geometry.py, scene_of_robot. */
+  get scene() {
+    const { robot, closure, weight, line } = this;
+    const [frame, crank, ...others] = closure.members;
+    const { joints, toes } = robot.linkage;
+    const { mass, position } = robot.payload;
+    const legs = depthsOf(robot.legs).map((depth) => ({ depth }));
+    this.reach ??= reachOf(closure);
+    return {
+      joints,
+      frame: edgesOf(frame),
+      crank: edgesOf(crank),
+      skeleton: others.flatMap(edgesOf),
+      plates: others.filter((body) => body.length > 2),
+      legs,
+      toes: legs.flatMap((_, leg) => [...toes].map((toe) => [leg, joints.indexOf(toe)])),
+      padRadius: robot.pad_radius,
+      reach: this.reach,
+      weight,
+      payload: mass > 0 ? { mass, x: position[0], y: position[1] } : null,
+      terrain: line,
+      speedUnit: "m/s",
+    };
+  }
+}
+
+/** How deep pads sink under a robot at rest, m. */
+function restingDepth(mass, stiffness, gravity) {
+  return (0.5 * mass * Math.max(gravity, 0)) / stiffness;
+}
+
+/** What a robot has of PARAMS, without parameters: robot_parameters.py, kernel_row. */
+function kernelRow({ payload, motor, pad_compliance: pads, bearing_friction, pad_radius }) {
+  const { stall_torque = INFINITE, no_load_speed = INFINITE, efficiency } = motor;
+  const { stiffness = INFINITE, tangential_stiffness = INFINITE } = pads;
+  const slope = no_load_speed < INFINITE ? stall_torque / no_load_speed : 0;
+  const [J, G] = [motor.rotor_inertia, motor.gear_ratio];
+  const limited = stall_torque < INFINITE;
+  return {
+    load_inertia: payload.inertia,
+    pad_radius,
+    rotor_pitch: J,
+    rotor_coupling: G * J,
+    rotor_crank: G * G * J,
+    stall_torque,
+    torque_slope: slope,
+    most_torque: limited ? motor.torque_limit : INFINITE,
+    winding: slope > 0 ? efficiency / slope : 0,
+    limited,
+    driving: 1 / efficiency,
+    driven: efficiency,
+    viscous_friction: motor.viscous_friction,
+    gear_friction: motor.friction,
+    dry: motor.friction > 0 || bearing_friction.some((value) => value > 0),
+    compliant: stiffness < INFINITE,
+    stiffness: [stiffness, tangential_stiffness],
+    pad_damping: [pads.damping, pads.tangential_damping],
+  };
+}
+
+/** A ground's stretches as pairs of vertices: grounds.py, make_shapes. */
+function stretchesOf(line, { STRETCH, MOST_STRETCHES }) {
+  const start = line[1][0];
+  const length = Math.max(STRETCH, (line.at(-2)[0] - start) / MOST_STRETCHES);
+  const place = line.map(([x]) => Math.floor((x - start) / length));
+  const inside = (i) => i > 1 && i < line.length - 2;
+  const cuts = [...line.keys()].filter((i) => !inside(i) || place[i] !== place[i - 1]);
+  return cuts.slice(1).map((last, k) => [cuts[k], last]);
+}
+
+/** Depth of each leg in a picture, from 0, the nearest, to 1: rendering.py. */
+function depthsOf(legs) {
+  const phases = legs.map(({ phase }) => modulo(phase, TURN));
+  const layers = [...new Set(phases)].sort((a, b) => a - b);
+  return phases.map((phase) => layers.indexOf(phase) / Math.max(1, layers.length - 1));
+}
+
+/** Distance of the farthest joint from the crank axis over a turn, m. */
+function reachOf(closure, samples = 180) {
+  const psi = Float64Array.from({ length: samples }, (_, k) => (TURN * k) / samples);
+  const distances = ([x, y]) => Math.max(...x.map((value, i) => Math.hypot(value, y[i])));
+  return Math.max(...closure.joints(psi).map(distances));
+}

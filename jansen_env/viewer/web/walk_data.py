@@ -1,0 +1,176 @@
+"""What a page needs to let robots walk: the engine, its kernels and records, robots, policies."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jansen_env import gravity
+from jansen_env.baselines.policy import PAPER_PID
+from jansen_env.dynamics import reduced
+from jansen_env.engine import (
+    collision,
+    integrator,
+    kernel,
+    pushes,
+    readings,
+    records,
+    walk_reward,
+)
+from jansen_env.parameters import OF_ROBOTS, PARAMETERS
+from jansen_env.plants import base, batch, design_tables, grounds, robot_parameters
+from jansen_env.policies import pretrained
+from jansen_env.robot import ROBOTS
+from jansen_env.robot.robot_file import robot_to_json
+from jansen_env.tasks.walking import walker_benchmark, walker_env
+from jansen_env.tasks.walking.presets import ROUGH
+from jansen_env.terrain import Terrain
+from jansen_env.viewer.web.bench import design_of
+from jansen_env.viewer.web.terrain_data import terrain_data
+from jansen_env.world import push, world
+from jansen_env.world.observations import world_observations
+
+Json = dict[str, Any]
+RECORDS = {
+    "ROBOT": records.ROBOT, "STATISTICS": records.CONTACT_STATISTICS, "PAD": records.PAD,
+    "WORLD": records.WORLD, "PLANE": records.PLANE, "READINGS": readings.ROW,
+    "WALK": walk_reward.ROW, "SETTINGS": walk_reward.SETTINGS, "ACCOUNTS": walk_reward.ACCOUNTS,
+    "PUSHES": pushes.PUSHES,
+}  # fmt: skip
+NUMBERS = {
+    reduced: "SAMPLES HARMONICS INTERVALS ORDER TAIL_TOLERANCE BEARING_SAMPLES",
+    design_tables: "PITCHES SPARSE BETWEEN",
+    collision: "SPECULATIVE_MARGIN LARGEST_MARGIN MARGIN WAY_OUT",
+    grounds: "FASTEST STRETCH MOST_STRETCHES",
+    batch: "TIME_STEP PLANES_PER_PAD",
+    robot_parameters: "BOUND",
+    base: "DEEPEST",
+    gravity: "GRAVITY",
+    push: "MOST_PUSHES",
+    walker_env: "FASTEST_COMMAND STEPS_PER_TURN",
+    world: "TOUCHING SLIPPING",
+}
+ENVIRONMENTS = (
+    "JansenWalkerBuilt-v0", "JansenWalker-v0", "JansenWalkerRough-v0", "JansenWalkerHardcore-v0",
+)  # fmt: skip
+SLIDER = ("name", "label", "unit", "low", "high")
+SLIDERS = (
+    ("friction", "friction", "", 0.0, 1.2), ("payload", "payload", "kg", 0.0, 6.0),
+    ("restitution", "restitution", "", 0.0, 0.9), ("tilt", "slope", "rad", -0.25, 0.25),
+    ("motor_strength", "motor strength", "", 0.1, 1.5),
+)  # fmt: skip
+"""What may be changed while a robot walks."""
+SHORTEST_TURN = 0.05  # m, by which the crank's speed is found for a command
+
+
+def walk_data() -> Json:
+    """Return all that a page needs, for JSON: ``machine.js`` says what is what."""
+    designs = {name: make() for name, make in ROBOTS.items()}
+    policies = dict(
+        policy_data(env, name) for env in ENVIRONMENTS for name in pretrained.names(env)
+    )
+    baselines = json.loads(walker_benchmark.DATA.read_text(encoding="utf-8"))
+    module = kernel.built_library("wasm").read_bytes()
+    return {
+        "engine": _packed(np.frombuffer(module, np.uint8), "u1"),
+        "layout": engine_data(),
+        "robots": {name: {"name": name, **robot_to_json(each)} for name, each in designs.items()},
+        "designs": {name: design_of(each) for name, each in designs.items()},
+        "policies": policies,
+        "controllers": ["hand", "constant speed", "pid", *policies],
+        "control": {
+            "topSpeed": walker_env.SPEED_COMMAND[1],
+            "shortestTurn": SHORTEST_TURN,
+            "paperGains": [PAPER_PID.kp, PAPER_PID.ki, PAPER_PID.kd],
+            "baselines": {name: of_design["pid"] for name, of_design in baselines.items()},
+        },
+        "sliders": [dict(zip(SLIDER, values, strict=True)) for values in SLIDERS],
+        "terrain": terrain_data(),
+    }
+
+
+def policy_data(env_id: str, name: str) -> tuple[str, Json]:
+    """Return a policy's name on the page, and its network, observations and fastest command."""
+    policy = pretrained.load(env_id, name)
+    arguments = {**pretrained.arguments_of(env_id), **policy.env_kwargs}
+    preset = env_id.removeprefix("JansenWalker").removesuffix("-v0").lower() or "paper"
+    mean, deviation = policy.scale
+    return f"{preset if name == pretrained.DEFAULT else name} policy", {
+        "robot": arguments["robot"],
+        "fastest": float(np.max(np.abs(arguments["speed_command"]))),
+        "observed": policy.observed,
+        "features": [_feature(part) for part in policy.features],
+        "mean": _packed(mean, "<f8"),
+        "deviation": _packed(deviation, "<f8"),
+        "layers": policy.network.layers.tolist(),
+        "weights": _packed(policy.network.weights, "<f4"),
+        "limit": policy.limit if math.isfinite(policy.limit) else None,
+        "squash": pretrained.SQUASH[policy.squash],
+    }
+
+
+def _feature(part: pretrained.Features) -> Json:
+    return {name: getattr(part, name) for name in ("clip", "multiples") if hasattr(part, name)}
+
+
+def engine_data() -> Json:
+    """Return arguments of the kernels, layouts of records, and numbers of plant, world and task."""
+    env = walker_env.JansenWalkerEnv(
+        height_scan=ROUGH["height_scan"], terminate_when_fallen=False, push=push.Push(0.0)
+    )
+    task, ground, steps = env.task, Terrain.flat(), env.task.world.steps
+    return {
+        "kernels": {each.symbol: _arguments(each) for each in kernel.kernels},
+        "records": {name: _layout(dtype) for name, dtype in RECORDS.items()},
+        "numbers": {n: getattr(part, n) for part, names in NUMBERS.items() for n in names.split()},
+        "expansion": _packed(reduced._expansion(), "<f8"),
+        "parameters": {n: [PARAMETERS[n].least, PARAMETERS[n].most] for n in OF_ROBOTS},
+        "copied": robot_parameters.COPIED,
+        "scaled": robot_parameters.SCALED,
+        "ground": {name: getattr(ground, name) for name in robot_parameters.ON_TERRAINS},
+        "period": env.control_dt,
+        "steps": steps,
+        "stride": max(1, round(batch.DETECTION_INTERVAL / batch.TIME_STEP)),
+        # Lengths of the arrays at two capacities, in which each is linear.
+        "workSpace": [[*map(_shape, integrator.work_space(n))] for n in (0, 1)],
+        "push": _values(task.world.pushes._settings[0]),
+        "settings": _values(task._settings[0]),
+        "scan": task.world.scan.tolist(),
+        "observed": [each.name for each in world_observations(0, 0)],
+        "commanded": walker_env.COMMANDED,
+    }
+
+
+def _packed(values: ArrayLike, dtype: str) -> str:
+    """Return numbers as base64."""
+    return base64.b64encode(np.ascontiguousarray(values, dtype).tobytes()).decode()
+
+
+def _shape(array: np.ndarray[Any, Any]) -> tuple[str | int, ...]:
+    return array.dtype.str[1:], *array.shape
+
+
+def _values(row: np.void) -> Json:
+    return dict(zip(row.dtype.names or (), row.item(), strict=True))
+
+
+def _arguments(made: kernel.Kernel) -> list[tuple[str, str, int]]:
+    """Return name, type and number of axes of each argument."""
+    named: dict[Any, str] = {dtype: name for name, dtype in RECORDS.items()}
+    return [(p.name, named.get(p.dtype) or p.dtype.str[1:], p.ndim) for p in made.parameters]
+
+
+def _layout(dtype: np.dtype[Any]) -> Json:
+    """Return the size of a record, and offset, type and length of each field."""
+    fields = {name: _field(*place[:2]) for name, place in (dtype.fields or {}).items()}
+    return {"size": dtype.itemsize, "fields": fields}
+
+
+def _field(dtype: np.dtype[Any], offset: int) -> tuple[int, str | Json, int]:
+    kind, shape = dtype.subdtype or (dtype, ())
+    return offset, _layout(kind) if kind.names else kind.str[1:], math.prod(shape)

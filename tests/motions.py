@@ -41,7 +41,7 @@ def placed(
     if state is not None or moved is not None:
         moved = np.zeros(8) if moved is None else moved
         plant.state = np.add(plant.state if state is None else state, moved)
-    plant.prescribed_crank_speed, plant.tracing = locked, tracing
+    plant.prescribed_crank_speed, plant.batch.tracing = locked, tracing
     return plant
 
 

@@ -29,11 +29,11 @@ def walk_on(
 ) -> Iterator[tuple[float, StepResult]]:
     """``count`` traced intervals of ``duration`` s after ``settle`` s; a fall ends them.
 
-    Yields x (m) at the interval's start and its result; plant.x and plant.trace are its end's.
+    Yields x (m) at the interval's start and its result; x and trace of the plant are its end's.
     """
     if settle > 0.0 and _fallen(plant, plant.step(torque, settle)):
         return
-    plant.tracing = True
+    plant.batch.tracing = True
     for _ in range(count):
         start, result = plant.x, plant.step(torque, duration)
         if _fallen(plant, result):
@@ -93,7 +93,7 @@ def walk(
         places += [begin, plant.x]
         slip += float(result.slip.sum())
         work += result.motor_work
-        down = pads_in_contact(plant.trace).sum(axis=1)
+        down = pads_in_contact(plant.batch.trace).sum(axis=1)
         toes += np.bincount(np.minimum(down, 2), minlength=3)
     done = len(places) // 2
     count = max(done, 1)
@@ -124,7 +124,7 @@ def walking_forces(
     period = 2.0 * math.pi / speed
     plant = prescribed_speed(robot, Terrain.flat(friction=friction), speed, time_step=time_step)
     for _ in walk_on(plant, SETTLE * period, turns * period, count=1):
-        rows = plant.trace[~plant.touchdowns][::every]
+        rows = plant.batch.trace[~plant.batch.touchdowns][::every]
         return trace_forces(plant.tables, rows, plant.time_step)
     raise ValueError(f"the robot falls at a crank speed of {speed} rad/s")
 
@@ -150,7 +150,7 @@ def walking_ripple(robot: Robot, torque: float, duration: float = 20.0) -> Rippl
     plant.reset()
     count = round(duration / 0.1)
     parts = walk_on(plant, 0.0, 0.1, count, torque)
-    speeds = [plant.trace["velocity_after"][:, 3] for _ in parts]
+    speeds = [plant.batch.trace["velocity_after"][:, 3] for _ in parts]
     return Ripple.of(np.concatenate(speeds[len(speeds) // 2 :]), len(speeds) < count)
 
 

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.checks import finite, one_of, positive
-from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.reduced import Tables
 from jansen_env.gravity import GRAVITY, Gravity
-from jansen_env.parameters import ROBOT_PARAMETERS, nominal
+from jansen_env.parameters import ROBOT_PARAMETERS
 from jansen_env.plants.base import (
     ENERGIES,
     StepResult,
@@ -23,7 +22,6 @@ from jansen_env.plants.base import (
 from jansen_env.plants.batch import DETECTION_INTERVAL, TIME_STEP, Batch
 from jansen_env.plants.rigid.rigid_batch import TIME_STEP as RIGID_TIME_STEP
 from jansen_env.plants.rigid.rigid_batch import RigidBodyBatch
-from jansen_env.plants.trace import PeakLoads
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
@@ -75,11 +73,6 @@ class Plant:
     @gravity.setter
     def gravity(self, value: Gravity) -> None:
         self.batch.set_gravity(0, value)
-
-    @property
-    def nominal(self) -> np.void:
-        """The robot's and its ground's own numbers, for :meth:`set_parameters`."""
-        return nominal(self.robot, self.terrain)
 
     def set_parameters(self, values: np.void) -> None:
         """Put parameters in force, see :meth:`Batch.set_parameters`."""
@@ -157,10 +150,6 @@ class Plant:
             **{name: sums[name] for name in ENERGIES},
         )
 
-    def contact_frames(self) -> tuple[Array, Array]:
-        """(toes, 2) points and tangents, see :meth:`Batch.contact_frames`."""
-        return self.batch.contact_frames(0)
-
     def toe_positions(self) -> Array:
         """(toes, 2) centres of the toe pads, m."""
         return self.batch.pad_centres(0)[: self.toes]
@@ -199,33 +188,6 @@ class ProjectionPlant(Plant):
     @prescribed_crank_speed.setter
     def prescribed_crank_speed(self, driven: bool) -> None:
         self.batch.params["prescribed_speed"] = bool(driven)
-
-    @property
-    def tracing(self) -> bool:
-        """Whether :meth:`step` keeps a record of its time steps in :attr:`trace`."""
-        return self.batch.tracing
-
-    @tracing.setter
-    def tracing(self, value: bool) -> None:
-        self.batch.tracing = bool(value)
-
-    @property
-    def trace(self) -> NDArray[np.void]:
-        """(steps,) time steps of the last :meth:`step` or :meth:`lookahead`, see :class:`Batch`."""
-        return self.batch.trace
-
-    @property
-    def touchdowns(self) -> NDArray[np.bool_]:
-        """(steps,) whether a pad touched down in each time step of the last traced :meth:`step`."""
-        return self.batch.touchdowns
-
-    def joint_forces(self, torque: float = 0.0, push: Array | None = None) -> JointForces:
-        """Forces in every joint in the next time step, see :meth:`Batch.joint_forces`."""
-        return self.batch.joint_forces(torque, push)
-
-    def peak_loads(self) -> PeakLoads:
-        """The largest loads on any joint in the last :meth:`step`, which must have been traced."""
-        return self.batch.peak_loads()
 
 
 class RigidBodyPlant(Plant):

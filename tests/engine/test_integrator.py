@@ -79,7 +79,7 @@ def test_a_driven_cranks_torque_is_the_reduced_models(robot, random_state):
         for step in (2.0 * h, h):
             plant = flying(robot, state, 0.1, time_step=step, locked=True, tracing=True)
             plant.step(0.0, step)
-            mean.append(plant.trace[0]["torque"])
+            mean.append(plant.batch.trace[0]["torque"])
         q, v = np.split(state, 2)
         M = rd.mass_matrix(plant.tables, q)
         terms = rd.velocity_terms(plant.tables, q, v)

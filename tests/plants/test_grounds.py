@@ -148,7 +148,7 @@ def test_a_step_that_leaves_the_stretch_is_refused():
         plant.state = state + np.eye(8)[4] * speed
         plant.step(0.0, duration)
         assert plant.x == pytest.approx(speed * duration, rel=1e-3)
-        assert plant.contact_frames()[0][1:3, 1] == pytest.approx(0.0, abs=2e-5)
+        assert plant.batch.contact_frames(0)[0][1:3, 1] == pytest.approx(0.0, abs=2e-5)
     plant = ProjectionPlant(Robot(), Terrain.flat(0.0), gravity=0.0)
     plant.reset()
     plant.step(0.0, 0.02)

@@ -34,7 +34,7 @@ def test_accelerations_are_the_dense_projections(linkage, random_state, rng):
         q, v = np.array([[0.0, 0.0, 0.0, psi], [0.0, 0.0, 0.0, n]])
         (expected,) = pr.project(linkage, q, v, torque, fixed_base=True).acceleration()
         size = max(1.0, abs(expected))
-        forces = plant.joint_forces(torque)
+        forces = plant.batch.joint_forces(torque)
         assert forces.q_ddot == pytest.approx([0.0, 0.0, 0.0, expected], abs=1e-9 * size)
         assert forces.torque == pytest.approx(torque, abs=1e-9 * size)
         assert crank_acceleration(plant, torque) == pytest.approx(expected, abs=1e-7 * size)

@@ -85,7 +85,7 @@ def test_set_down_on_the_lowest_toes(terrain, pitch):
     state = plant.reset(0.5, 1.0, pitch)
     assert state[0] == 0.5 and state[3] == 1.0 and (state[4:] == 0.0).all()
     assert pitch is None or state[2] == pitch
-    points, tangents = plant.contact_frames()
+    points, tangents = plant.batch.contact_frames(0)
     normals = np.column_stack([-tangents[:, 1], tangents[:, 0]])
     toes = plant.toe_positions()
     # A toe's lowest point along the normal is where its pad meets the ground, if it has no gap.

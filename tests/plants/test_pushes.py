@@ -102,11 +102,11 @@ def test_frames_carry_what_pushes_the_chassis():
     plant = placed(tracing=True)
     pushes = half_sine(100, [6.0, 3.0])
     plant.step(2.0, DURATION, pushes=pushes)
-    forces = trace_forces(plant.tables, plant.trace, plant.time_step)
+    forces = trace_forces(plant.tables, plant.batch.trace, plant.time_step)
     frame = forces.frame.sum(axis=1)
     assert frame[:, :2] == pytest.approx(pushes / plant.time_step, abs=1e-8)
-    assert frame[:, 2] == pytest.approx(-plant.trace["torque"], abs=1e-4)
-    assert forces.torque == pytest.approx(plant.trace["torque"], abs=1e-4)
+    assert frame[:, 2] == pytest.approx(-plant.batch.trace["torque"], abs=1e-4)
+    assert forces.torque == pytest.approx(plant.batch.trace["torque"], abs=1e-4)
 
 
 def test_robots_of_a_batch_are_pushed_one_by_one():

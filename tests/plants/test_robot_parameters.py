@@ -128,12 +128,14 @@ def test_what_is_in_force_counts_for_placing_and_forces():
     plant.set_parameters(row)
     assert static_deflection(built, -pull[1]) > 1.2 * static_deflection(GIVING, 9.81)
     for each in (plant, other):
-        each.tracing = True
+        each.batch.tracing = True
         each.reset(0.0, 0.3)
         each.step(2.0, 0.02)
     assert plant.state == pytest.approx(other.state, abs=1e-10)
-    assert plant.joint_forces().bearing == pytest.approx(other.joint_forces().bearing, rel=1e-6)
-    assert plant.peak_loads().force == pytest.approx(other.peak_loads().force, rel=1e-6)
+    assert plant.batch.joint_forces().bearing == pytest.approx(
+        other.batch.joint_forces().bearing, rel=1e-6
+    )
+    assert plant.batch.peak_loads().force == pytest.approx(other.batch.peak_loads().force, rel=1e-6)
     assert plant.energy() == pytest.approx(other.energy(), rel=1e-9)
 
 
@@ -147,12 +149,12 @@ def test_refused(plant):
         ("tilt", math.nan, "tilt is nan, must be between"),
         ("restitution", 0.5, "restitution is 0.5, must be 0 with compliant pads"),
     ):
-        row = plant.nominal
+        row = nominal(plant.robot, plant.terrain)
         row[name] = value
         with pytest.raises(ValueError, match=message):
             plant.set_parameters(row)
     assert plant.state.tobytes() == before.tobytes()
-    row = plant.nominal
+    row = nominal(plant.robot, plant.terrain)
     row["foot_stiffness_scale"], row["mass_scale"] = 0.01, 10.0
     plant.set_parameters(row)
     with pytest.raises(ValueError, match=r"stiffness is 200\.0 N/m, must be at least"):

@@ -24,8 +24,8 @@ def walk(plant, duration):
     rows, landed = [], []
     for _ in range(round(duration / HOLD)):
         plant.step(governor(plant), HOLD)
-        rows.append(plant.trace)
-        landed.append(plant.touchdowns)
+        rows.append(plant.batch.trace)
+        landed.append(plant.batch.touchdowns)
     return np.concatenate(rows), np.concatenate(landed)
 
 
@@ -74,7 +74,7 @@ def test_traced_impulses_are_the_results():
     plant = standing(terrain=Terrain.slope(angle))
     for _ in range(50):
         result = plant.step(5.0, HOLD)
-        impulse = plant.trace["impulses"].sum(axis=0)[:4, :2]
+        impulse = plant.batch.trace["impulses"].sum(axis=0)[:4, :2]
         tangent = np.array([np.cos(angle), np.sin(angle)])
         along = impulse @ np.column_stack([tangent, [-tangent[1], tangent[0]]])
         assert along == pytest.approx(HOLD * result.contact_force, abs=1e-12)
@@ -83,13 +83,13 @@ def test_traced_impulses_are_the_results():
 def test_landing_impulse_of_a_drop_does_not_depend_on_the_time_step():
     """5 cm onto one toe: 1 % with half the time step; before, the robot falls free of force."""
     plants = [dropped(h) for h in (1e-3, 5e-4)]
-    loads = [plant.peak_loads() for plant in plants]
+    loads = [plant.batch.peak_loads() for plant in plants]
     assert loads[0].impulse == pytest.approx(loads[1].impulse, rel=0.01)
     assert loads[0].force == pytest.approx(loads[1].force, rel=0.01)
     for plant in plants:
-        assert plant.touchdowns.sum() == 1
-        steps = slice(0, np.flatnonzero(plant.touchdowns)[0])
-        forces = trace_forces(plant.tables, plant.trace, plant.time_step)
+        assert plant.batch.touchdowns.sum() == 1
+        steps = slice(0, np.flatnonzero(plant.batch.touchdowns)[0])
+        forces = trace_forces(plant.tables, plant.batch.trace, plant.time_step)
         assert np.abs(forces.magnitude[steps]).max() <= 1e-9
 
 
@@ -99,25 +99,25 @@ def test_landings_across_steps():
     After a state was set, what is pressed counts as landing, unless it is said what was pressed.
     """
     plant = dropped(1e-3, duration=0.1)
-    assert not plant.touchdowns.any()
+    assert not plant.batch.touchdowns.any()
     seen = []
     for _ in range(5):
-        plant.joint_forces()
+        plant.batch.joint_forces()
         plant.step(0.0, 1e-3)
-        seen.append(plant.touchdowns.tolist())
+        seen.append(plant.batch.touchdowns.tolist())
     assert seen.count([True]) == 1
     down = plant.state
     plant.state = down + np.eye(8)[1]
     plant.step(0.0, 1e-3)
-    assert not pads_in_contact(plant.trace).any()
+    assert not pads_in_contact(plant.batch.trace).any()
     plant.state = down
     plant.step(0.0, 1e-3)
-    assert pads_in_contact(plant.trace).any() and plant.touchdowns.all()
+    assert pads_in_contact(plant.batch.trace).any() and plant.batch.touchdowns.all()
     in_contact = plant.in_contact
     plant.state = down
     plant.in_contact = in_contact
     plant.step(0.0, 1e-3)
-    assert not plant.touchdowns.any()
+    assert not plant.batch.touchdowns.any()
     with pytest.raises(ValueError, match=r"in_contact is \[True\], must be None or 22"):
         plant.in_contact = [True]
 
@@ -126,12 +126,24 @@ def test_joint_forces_leave_the_trace_alone():
     """Also where the look ahead fails: trace, landings and state of the last step stay."""
     plant = standing()
     walk(plant, 0.5)
-    kept = plant.trace.copy(), plant.touchdowns.copy(), plant.peak_loads(), plant.state
-    plant.joint_forces(3.0)
+    kept = (
+        plant.batch.trace.copy(),
+        plant.batch.touchdowns.copy(),
+        plant.batch.peak_loads(),
+        plant.state,
+    )
+    plant.batch.joint_forces(3.0)
     with pytest.raises(FloatingPointError):
-        plant.joint_forces(1e9)
-    assert plant.trace.tobytes() == kept[0].tobytes() and (plant.touchdowns == kept[1]).all()
-    assert plant.peak_loads() == kept[2] and (plant.state == kept[3]).all() and plant.tracing
+        plant.batch.joint_forces(1e9)
+    assert (
+        plant.batch.trace.tobytes() == kept[0].tobytes()
+        and (plant.batch.touchdowns == kept[1]).all()
+    )
+    assert (
+        plant.batch.peak_loads() == kept[2]
+        and (plant.state == kept[3]).all()
+        and plant.batch.tracing
+    )
 
 
 def test_a_restored_walker_reports_the_same_loads():

@@ -118,8 +118,10 @@ def test_the_feets_numbers_belong_to_one_part():
 def walk_at_2_rad_s(robot, start):
     """The walk, largest shear and load of a foot (N), and joint forces; two half turns."""
     plant, rows = ProjectionPlant(robot, Terrain.flat(), FINE_STEP), []
-    plant.tracing = True
-    walked = walk(plant, 2.0, 3.2, start=start, watch=lambda _: rows.append(plant.trace.copy()))
+    plant.batch.tracing = True
+    walked = walk(
+        plant, 2.0, 3.2, start=start, watch=lambda _: rows.append(plant.batch.trace.copy())
+    )
     trace = np.concatenate(rows)
     contact = np.abs(trace["impulses"][:, : plant.toes]).max(axis=(0, 1)) / FINE_STEP
     return walked, contact, trace_forces(plant.tables, trace, FINE_STEP)
@@ -169,10 +171,10 @@ def test_touchdowns_are_resolved(start):
     for step in (FINE_STEP, 0.5 * FINE_STEP):
         plant, rows = ProjectionPlant(built_robot(), Terrain.flat(), step), []
         plant.reset(crank_angle=start)
-        plant.tracing = True
+        plant.batch.tracing = True
         for _ in range(25):
             plant.step(4.0, 0.02)
-            rows.append(plant.trace.copy())
+            rows.append(plant.batch.trace.copy())
         traced = np.concatenate(rows)
         contact = np.abs(traced["impulses"][:, : plant.toes]).max(axis=(0, 1)) / step
         pins = trace_forces(plant.tables, traced, step).magnitude.max(axis=(0, 1))

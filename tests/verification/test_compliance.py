@@ -48,9 +48,9 @@ def contact_time(omega, ratio):
 
 def leaving(plant, steps):
     """Time steps in which the pads push, and the speed at the end."""
-    plant.tracing = True
+    plant.batch.tracing = True
     plant.step(0.0, steps * plant.time_step)
-    return int((plant.trace["impulses"][:, :, 1] > 0.0).any(axis=1).sum()), plant.state[5]
+    return int((plant.batch.trace["impulses"][:, :, 1] > 0.0).any(axis=1).sum()), plant.state[5]
 
 
 @pytest.mark.parametrize("ratio", [0.0, 0.1, 0.3])

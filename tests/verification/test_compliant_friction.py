@@ -23,7 +23,7 @@ def standing(pads=PADS, friction=FRICTION, speed=0.0, settle=10.0):
     plant = placed(robot, Terrain.flat(friction), moved=shift(vx=speed), locked=True)
     if settle > 0.0:
         plant.step(0.0, settle)
-    plant.tracing = True
+    plant.batch.tracing = True
     return plant
 
 

@@ -172,7 +172,7 @@ def test_rough_ground_accounts_for_all_momentum(name, restitution, rng, measured
     for _ in range(80):
         before = momenta(plant)[0]
         plant.step(wild(plant, rng), HOLD)
-        impulses = plant.trace["impulses"]
+        impulses = plant.batch.trace["impulses"]
         change = momenta(plant)[0] - before
         total = impulses[:, :, :2].sum(axis=(0, 1)) + weight * HOLD
         error = max(error, np.abs(change - total).max())

@@ -18,7 +18,7 @@ def run(step, duration, torque=0.0, **placing):
     """End state, and the pads that carried in each time step."""
     plant = placed(**placing, tracing=True, time_step=step)
     result = plant.step(torque, duration)
-    return plant.state, plant.trace["impulses"][:, :, 1] > 0.0, result
+    return plant.state, plant.batch.trace["impulses"][:, :, 1] > 0.0, result
 
 
 def fitted_order(steps, errors):

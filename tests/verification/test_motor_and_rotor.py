@@ -94,7 +94,7 @@ def test_torque_keeps_to_the_line(name, measured):
     for k in range(200):
         asked = 9.0 * math.copysign(1.0, math.sin(0.05 * k))
         plant.step(asked, HOLD)
-        rows = plant.trace
+        rows = plant.batch.trace
         mean = 0.5 * (rows["velocity_before"][:, 3] + rows["velocity_after"][:, 3])
         worst.append(np.abs(rows["torque"] - LINE.torque(asked, mean)))
         limited += np.count_nonzero(np.abs(rows["torque"]) < 8.9)
@@ -131,7 +131,7 @@ def test_electrical_work_is_its_integral(efficiency, measured):
     found = expected = regained = 0.0
     for k in range(150):
         result = plant.step(8.0 * math.sin(0.11 * k), HOLD)
-        rows = plant.trace
+        rows = plant.batch.trace
         speed = 0.5 * (rows["velocity_before"][:, 3] + rows["velocity_after"][:, 3])
         torque = rows["torque"]
         driving = np.where(torque * speed >= 0.0, 1.0 / efficiency, efficiency)

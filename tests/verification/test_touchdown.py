@@ -116,7 +116,7 @@ def strike(robot, v, mu, restitution, locked, psi=PSI):
     plant = placed(robot, ground, psi, 0.0, moved=above, **settings)
     pose = plant.state[:4] + 0.5 * IMPACT * plant.state[4:]
     result = plant.step(0.0, IMPACT)
-    assert plant.touchdowns.all()
+    assert plant.batch.touchdowns.all()
     M = rd.mass_matrix(plant.tables, pose)
     after = plant.state[4:]
     gained = 0.5 * (after @ M @ after - v @ M @ v) - result.motor_work
@@ -261,7 +261,7 @@ def impacts(robot, friction, restitution, rng, count=300):
         plant.state = state
         before = plant.energy()
         plant.step(0.0, THROWN)
-        if plant.touchdowns[0]:
+        if plant.batch.touchdowns[0]:
             energies.append((before, plant.energy()))
     assert len(energies) > count // 2
     return np.array(energies)

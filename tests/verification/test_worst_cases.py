@@ -47,7 +47,7 @@ def test_contact_law_and_penetration(name, measured):
     residual, deepest, landings = 0.0, -math.inf, 0
     for k in range(150):
         result = plant.step(governor(plant, speed, most), HOLD)
-        residual, landings = max(residual, result.residual), landings + plant.touchdowns.sum()
+        residual, landings = max(residual, result.residual), landings + plant.batch.touchdowns.sum()
         assert np.isfinite(plant.state).all() and np.isfinite(result.contact_force).all()
         assert (result.contact_force[:, 1] >= 0.0).all()
         if k >= 25:
@@ -190,7 +190,7 @@ def test_a_toe_too_deep_is_refused():
     with pytest.raises(FloatingPointError, match="a pad too deep in the ground"):
         plant.step(0.0, 0.1)
     assert (plant.state == state).all() and plant.in_contact.all()
-    assert len(plant.trace) == len(plant.touchdowns) == 0
+    assert len(plant.batch.trace) == len(plant.batch.touchdowns) == 0
 
 
 def test_deep_toes_come_out_of_grooves(measured):

@@ -37,8 +37,7 @@ def detect(state, robot, model, ground, world, planes):
     begin_planes(status)
     cos, sin = mathematics.cos(state[2]), mathematics.sin(state[2])
     for j in range(near):
-        px, py = pad_place(model.pads, model.layout[j], state[3])
-        x, y = state[0] + cos * px - sin * py, state[1] + sin * px + cos * py
+        x, y = _centre(state, cos, sin, model.pads, model.layout[j])
         list_planes(x, y, j, status, ground.surface, world, planes)
     sort_planes(status.first_plane, status.end_plane, planes)
     return True
@@ -111,9 +110,14 @@ def find_centres(state, pads, layout, out):
     """:func:`pad_centres`, within kernels."""
     cos, sin = mathematics.cos(state[2]), mathematics.sin(state[2])
     for j in range(len(layout)):
-        px, py = pad_place(pads, layout[j], state[3])
-        out[j, 0] = state[0] + cos * px - sin * py
-        out[j, 1] = state[1] + sin * px + cos * py
+        out[j, 0], out[j, 1] = _centre(state, cos, sin, pads, layout[j])
+
+
+@stage
+def _centre(state, cos, sin, pads, pad):
+    """(x, y) of a pad's centre, m; ``cos``, ``sin``: of the pitch."""
+    x, y = pad_place(pads, pad, state[3])
+    return state[0] + cos * x - sin * y, state[1] + sin * x + cos * y
 
 
 @stage(inline=False)
@@ -126,27 +130,17 @@ def links_in_ground(state, status, model, ground, toes, sides, places):
         return 0  # no vertices
     count, layout, pads = len(sides), model.layout, model.pads
     cos, sin = mathematics.cos(state[2]), mathematics.sin(state[2])
-    if _others_near(state, status, ground):
-        for j in range(len(layout)):
-            _put_place(state, cos, sin, pads, layout[j], j, places)
-    else:  # all ground is below the other sides
-        while count > 0 and sides[count - 1, 0] >= toes:
-            count -= 1
-        for j in range(toes):
-            _put_place(state, cos, sin, pads, layout[j], j, places)
-        for k in range(count):
-            j = sides[k, 1]
-            _put_place(state, cos, sin, pads, layout[j], j, places)
+    near = len(layout) if _others_near(state, status, ground) else toes
+    while near == toes and count > 0 and sides[count - 1, 0] >= toes:
+        count -= 1  # all ground is below the other sides
+    for j in range(near):
+        places[2 * j], places[2 * j + 1] = _centre(state, cos, sin, pads, layout[j])
+    for k in range(count):
+        j = sides[k, 1]
+        if j >= near:
+            places[2 * j], places[2 * j + 1] = _centre(state, cos, sin, pads, layout[j])
     surface = ground.surface
     return _count_sides(places, count, sides, surface, status.first_near, status.end_near)
-
-
-@stage
-def _put_place(state, cos, sin, pads, pad, j, places):
-    """Put the centre of pad ``j`` among ``places``."""
-    px, py = pad_place(pads, pad, state[3])
-    places[2 * j] = state[0] + cos * px - sin * py
-    places[2 * j + 1] = state[1] + sin * px + cos * py
 
 
 @kernel

@@ -75,39 +75,39 @@ Rows = Annotated[NDArray[np.void], ROW, 1]
 
 @kernel(nogil=True)
 def finish_step(
-    which: Ints1, settings: Settings, own: Rows, reward: Floats1, terminated: Bools1,
-    error: Floats2, measured: Accounts, own_places: Ints1, period: float, states: Floats2,
+    which: Ints1, settings: Settings, task: Rows, reward: Floats1, terminated: Bools1,
+    error: Floats2, measured: Accounts, task_places: Ints1, period: float, states: Floats2,
     slip: Floats2, force: Floats3, robots: Robots, rows: readings.Rows, loads: Floats2,
     surface: Floats2, scan: Floats1, places: Ints1, out: Singles2,
 ) -> None:  # fmt: skip
     """Reward the step that led to ``states`` (n, 8), and :func:`describe` it.
 
     Args:
-        settings: (1,) of :data:`SETTINGS`. own: (n,) of :data:`ROW`.
+        settings: (1,) of :data:`SETTINGS`. task: (n,) of :data:`ROW`.
         reward, terminated: (n,). error: (n, 2) of the measured mean speeds: m/s in x; rad/s of the
             crank, counted as the action is. measured: (n,) of :data:`ACCOUNTS`. Without noise
             these two have no rows.
-        own_places: (6,) columns in ``out`` of the command, the lag and the means.
+        task_places: (6,) columns in ``out`` of the command, the lag and the means.
         which, period ... out: see :func:`jansen_env.engine.readings.finish_step`.
     """
     for r in which:
         slipped = take_step(r, period, states, slip, force, robots, rows, loads)
-        row, mine, total, state = rows[r], own[r], robots[r].accumulators, states[r]
+        row, task_row, total, state = rows[r], task[r], robots[r].accumulators, states[r]
         torque = row.info.crank_torque
         velocity, power = row.info.x_velocity, total.motor_work / period
-        keep_accounts(velocity, slipped / period, power, torque, period, mine, mine.info)
+        keep_accounts(velocity, slipped / period, power, torque, period, task_row, task_row.info)
         if len(measured) > 0:
             velocity += error[r, 0]
             power += torque * row.direction * error[r, 1]
-            keep_accounts(velocity, 0.0, power, torque, period, mine, measured[r])  # of no slip
+            keep_accounts(velocity, 0.0, power, torque, period, task_row, measured[r])  # of no slip
         falls = settings[0].fall_contact and total.non_toe_impulse > 0.0
         falls = falls or abs(state[2]) > settings[0].fall_pitch
-        mine.info.fallen = mine.info.fallen or falls
-        terminated[r] = mine.info.fallen and settings[0].ends_episode
-        reward[r] = compute_reward(state[2], settings[0], row, mine)
-        mine.info.speed_command = mine.next_command
+        task_row.info.fallen = task_row.info.fallen or falls
+        terminated[r] = task_row.info.fallen and settings[0].ends_episode
+        reward[r] = compute_reward(state[2], settings[0], row, task_row)
+        task_row.info.speed_command = task_row.next_command
         read(r, states, robots, rows, loads, surface, scan, places, out)
-        observe(r, mine.info, own_places, out)
+        observe(r, task_row.info, task_places, out)
 
 
 @stage
@@ -137,9 +137,9 @@ def mean_time(command, path):
 
 
 @stage
-def compute_reward(pitch, settings, row, own):
+def compute_reward(pitch, settings, row, task):
     """Fill a robot's factors and return their product; pitch: rad, settings: :data:`SETTINGS`."""
-    info, term = own.info, own.reward
+    info, term = task.info, task.reward
     pace = max(abs(info.speed_command), SLOWEST)
     term.tracking = tracking(info.lag)
     term.progress = progress(info.mean_speed, info.speed_command)
@@ -205,7 +205,7 @@ def factor(cost, weight):
 
 @kernel
 def describe(
-    which: Ints1, own: Rows, own_places: Ints1, states: Floats2, robots: Robots,
+    which: Ints1, task: Rows, task_places: Ints1, states: Floats2, robots: Robots,
     rows: readings.Rows, loads: Floats2, surface: Floats2, scan: Floats1, places: Ints1,
     out: Singles2,
 ) -> None:  # fmt: skip
@@ -215,7 +215,7 @@ def describe(
     """
     for r in which:
         read(r, states, robots, rows, loads, surface, scan, places, out)
-        observe(r, own[r].info, own_places, out)
+        observe(r, task[r].info, task_places, out)
 
 
 @stage

@@ -63,16 +63,16 @@ class Grounds:
         ground = np.array([number[id(terrain)] for terrain in terrains])
         status["first_vertex"], status["end_vertex"] = bounds[ground], bounds[ground + 1]
         status["asked_x"] = np.inf
-        # First vertex and room of what is a robot's alone: at first others may be on its ground.
-        self._own, self._used = np.zeros((len(terrains), 2), np.int64), len(self.surface)
+        # First vertex and room of a robot's own ground: at first others may be on it.
+        self._rooms, self._used = np.zeros((len(terrains), 2), np.int64), len(self.surface)
 
     def set_terrain(self, row: int, terrain: Terrain) -> None:
         """Give a robot another ground; where there is no room, :attr:`surface` is a new array."""
         line, status = terrain.polyline, self._status[row]
-        first, room = self._own[row].tolist()
+        first, room = self._rooms[row].tolist()
         if len(line) > room:
             first, room = self._used, max(len(line), 2 * room, LEAST_ROOM)
-            self._own[row], self._used = (first, room), first + room
+            self._rooms[row], self._used = (first, room), first + room
             if self._used > len(self.surface):
                 larger = np.zeros((2 * self._used, 2))
                 larger[: len(self.surface)] = self.surface

@@ -11,7 +11,6 @@ from scipy.stats import kstest
 from agents import tune
 from jansen_env.baselines.pid import PID
 from jansen_env.commands import evaluate
-from jansen_env.plants.plant import PLANTS
 from jansen_env.scoring import metrics
 from jansen_env.scoring.rollout import draw_episodes, make_env, run_episodes
 from jansen_env.tasks.walking.walker_benchmark import (
@@ -246,23 +245,6 @@ def test_an_evaluation_fits_a_terminal_and_writes_nothing(tmp_path, capsys, monk
     evaluate.main([*arguments, "--all"])
     everything = capsys.readouterr().out
     assert "change of torque" in everything and "95 % intervals" in everything
-
-
-def test_evaluation_on_both_plants(tmp_path, capsys):
-    """A row per policy and plant, close to one another; the crank has one plant only."""
-    evaluate.main(
-        ["--env", "JansenWalker-v0", "--policy", "pid", "--plant", "projection",
-         "--plant", "rigid_body", "--episodes", "1", "--commands", "0.4",
-         "--env-kwargs", "{max_episode_steps: 25, friction: 0.3}",
-         "--out", str(tmp_path)]
-    )  # fmt: skip
-    assert "| pid on rigid_body" in capsys.readouterr().out.replace("\n", " ")
-    table = json.loads((tmp_path / "scores.json").read_text())
-    torque = [table[f"pid on {plant}"]["overall"]["rms_torque"][0] for plant in PLANTS]
-    assert torque[0] == pytest.approx(torque[1], rel=0.02) and torque[0] != torque[1]
-    with pytest.raises(SystemExit):
-        evaluate.main(["--env", "JansenCrank-v0", "--policy", "pid", "--plant", "rigid_body"])
-    assert "has one plant only" in capsys.readouterr().err
 
 
 def test_baselines_walk_the_right_way_on_every_robot():

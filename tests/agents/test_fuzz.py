@@ -6,24 +6,35 @@ import random
 import shutil
 import zipfile
 
+import gymnasium as gym
+import numpy as np
 import pytest
 from small_runs import go_on, small_run
 
 from agents.training import runs
 from agents.training import train_model as training
 from agents.training.training_state import load_replay_buffer, restore, restore_state
+from jansen_env.policies import pretrained
 from jansen_env.sb3.run_config import load_config
 from jansen_env.sb3.trained import NOTES, read_model
+from jansen_env.viewer.recorder import Recorder
+from jansen_env.viewer.recording import Recording
 
 VALUES = (None, True, -1, 0, 7, 10**30, 1e308, -1e-320, float("nan"), "", "x", [], {}, [[]], "\n")
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """A run of SAC and its model, to be resumed."""
+    """A run of SAC and its model, to be resumed; a recording and a policy beside it."""
     folder = tmp_path_factory.mktemp("fuzz")
     settings = small_run("sac", timesteps=200, n_envs=2, env_kwargs={"max_episode_steps": 9})
     go_on(settings, folder)
+    env = Recorder(gym.make("JansenWalker-v0"))
+    env.reset(seed=1)
+    env.step(np.zeros(1, np.float32))
+    env.recording.save(folder / "walk.npz")
+    for file in pretrained.POLICIES.glob("JansenCrank-v0/ppo.*"):
+        shutil.copy(file, folder)
     return folder, training.prepare(settings, folder / runs.FINAL)
 
 
@@ -69,6 +80,8 @@ READERS = {
     runs.FINAL: (zip_of, read_all),
     "replay_buffer_200.npz": (zip_of, lambda p, model: load_replay_buffer(model.replay_buffer, p)),
     "config.yml": (damaged, lambda path, model: load_config(path)),
+    "walk.npz": (damaged, lambda path, model: Recording.load(path)),
+    "ppo.json": (json_of, lambda path, model: pretrained.load_file(path)),
     "evaluations.json": (json_of, lambda path, model: runs.read_evaluations(path.parent)),
 }
 
@@ -78,7 +91,8 @@ def test_damaged_files_are_refused_in_one_line(name, made, tmp_path):
     folder, model = made
     change, read = READERS[name]
     whole, rng, refused = (folder / name).read_bytes(), random.Random(name), 0
-    shutil.copy(folder / "config.yml", tmp_path)
+    for beside in ("config.yml", "ppo.safetensors"):
+        shutil.copy(folder / beside, tmp_path)
     path = tmp_path / name
     for number in range(100):
         path.write_bytes(change(whole, rng))

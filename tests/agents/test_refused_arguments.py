@@ -18,6 +18,8 @@ REFUSED = {
         (["--seed", "-1"], "-1"),
         (["--commands", "9"], "is 9.0, must be between"),
         (["--out", f"{__file__}/out"], "out, must be a folder that can be written to"),
+        (["--env", "JansenCrank-v0", "--plant", "rigid_body"], "has one plant only"),
+        (["--env", "JansenCrank-v0", "--levels", "1"], "--levels needs one of"),
     ],
     (enjoy, "--env", "JansenCrank-v0"): [
         (["--policy", "nobody"], "must be one of ['pid', 'constant', 'inverse', 'pretrained']"),
@@ -26,19 +28,18 @@ REFUSED = {
         (["--env-kwargs", "{speed_command: 2}"], "speed_command in --env-kwargs has no effect"),
         (["--env-kwargs", "{render_mode: human}"], "render_mode is 'human', must be"),
         (["--env-kwargs", "{robot: none}"], "robot is 'none', must be a Robot or one of"),
-        (["--policy", "pid", "--policy", "pid"], "policy 'pid' is given 2 times, must be once"),
         (["--video", "a.avi"], "a.avi ends in '.avi', must end in one of ['.gif', '.mp4']"),
         (["--video", f"{__file__}/a.gif"], "a.gif"),
+    ],
+    (enjoy, "--env", "JansenGoal-v0"): [
+        (["--command", "5"], "options['goal'] is 5.0, must be between -3.0 and 3.0"),
     ],
     (replay,): [
         (["--policy", "pid"] * 3, "are given 3 times"),
         (["--policy", "pid", "--policy", "pid"], "is given 2 times"),
-        (["--policy", "nobody"], "policy is 'nobody', no run's folder"),
-        (["--policy", "pid", "--command", "9"], "9.0"),
         (["--policy", "pid", "--out", "walk.htm"], "must end in .html"),
         (["--policy", "pid", "--steps", "20001"], "must be at most 20000"),
         (["--policy", "pid", "--env-kwargs", "{speed_command: 1}"], "must be in --command"),
-        (["--policy", "pid", "--env-kwargs", "{friktion: 1}"], "'friktion' is no argument"),
         (["--recording", "nowhere.npz"], "nowhere.npz is no recording"),
     ],
 }

@@ -3,8 +3,7 @@
 import pytest
 from small_runs import go_on, outcome, same, small_run
 
-from agents.training import callbacks
-
+pytestmark = pytest.mark.usefixtures("few_episodes")
 CASES = {
     "ppo": small_run(),
     "noise of a whole rollout": small_run(hyperparameters={"use_sde": True, "sde_sample_freq": -1}),
@@ -14,12 +13,6 @@ CASES = {
     "sac": small_run("sac"),
     "sac, noise of a whole rollout": small_run("sac", hyperparameters={"sde_sample_freq": -1}),
 }
-
-
-@pytest.fixture(autouse=True)
-def few_episodes(monkeypatch):
-    """One episode for each evaluation's command."""
-    monkeypatch.setattr(callbacks, "EPISODES", 1)
 
 
 @pytest.mark.parametrize("case", CASES)

@@ -10,22 +10,15 @@ import pytest
 from small_runs import go_on, outcome, same, small_run
 
 import train
-from agents.training import callbacks, runs
+from agents.training import runs
 from jansen_env.files import PART
 
 resource = pytest.importorskip("resource")
-
-
-@pytest.fixture(autouse=True, scope="module")
-def few_episodes():
-    """One episode for each evaluation's command."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(callbacks, "EPISODES", 1)
-        yield
+pytestmark = pytest.mark.usefixtures("few_episodes")
 
 
 @pytest.fixture(scope="module")
-def killed(tmp_path_factory):
+def killed(tmp_path_factory, few_episodes):
     """Settings, a run killed with two checkpoints, and what comes of it if it is not."""
     settings = small_run("sac")
     whole, folder = (tmp_path_factory.mktemp("sac") for _ in range(2))

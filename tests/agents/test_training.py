@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 import train
-from agents.training import callbacks, config
+from agents.training import config
 from agents.training import train_model as training
 from agents.training.scores import outcome
 from jansen_env.registration import IDS
@@ -23,11 +23,8 @@ SMALL = ["--config", str(SMALL_PPO), "-n", "1024", "--n-envs", "4", "--eval-epis
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    root = tmp_path_factory.mktemp("logs")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(callbacks, "EPISODES", 1)
-        return train.main([*SMALL, "--log-folder", str(root), "--seed", "3"])
+def run(tmp_path_factory, few_episodes):
+    return train.main([*SMALL, "--log-folder", str(tmp_path_factory.mktemp("logs")), "--seed", "3"])
 
 
 def test_run_folder_holds_all(run):
@@ -72,11 +69,10 @@ def test_every_config_builds(path):
 
 
 @pytest.mark.parametrize("env_id", IDS)
-def test_training_begins_on_every_environment(env_id, tmp_path, monkeypatch):
+def test_training_begins_on_every_environment(env_id, tmp_path, monkeypatch, few_episodes):
     """Without a configuration of the caller's; scores have tests of their own."""
     monkeypatch.setattr(train, "score_run", lambda *_: {})
     monkeypatch.setattr(train, "outcome", lambda *_: "")
-    monkeypatch.setattr(callbacks, "EPISODES", 1)
     arguments = ["--env", env_id, "--timesteps", "8", "--n-envs", "2", "--eval-episodes", "1",
                  "--env-kwargs", "{max_episode_steps: 5}", "--no-progress"]  # fmt: skip
     folder = train.main([*arguments, "--log-folder", str(tmp_path)])

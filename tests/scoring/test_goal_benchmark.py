@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from jansen_env.commands import enjoy, evaluate, replay
+from jansen_env.commands import evaluate
 
 
 def test_goals_are_scored(tmp_path, capsys):
@@ -21,14 +21,3 @@ def test_goals_are_scored(tmp_path, capsys):
     assert 0.9 < by_goal["time"]["value"][1] < 4.0  # a second at the goal
     assert max(map(abs, score["drawn"]["raw"]["command"])) > 0.8
     assert "commands 0.01 2.5 -3 m, episodes at each 1" in capsys.readouterr().out
-
-
-def test_goals_are_watched(tmp_path, capsys):
-    arguments = ["--env", "JansenGoal-v0", "--policy", "pid", "--steps", "5", "--command"]
-    enjoy.main([*arguments, "0.4", "--video", str(tmp_path / "a.gif")])
-    assert "command 0.4 m: return" in capsys.readouterr().out
-    replay.main([*arguments, "-1", "--out", str(tmp_path / "a.html")])
-    assert (tmp_path / "a.html").is_file()
-    with pytest.raises(SystemExit):
-        enjoy.main([*arguments, "5", "--video", str(tmp_path / "a.gif")])
-    assert "options['goal'] is 5.0, must be between -3.0 and 3.0" in capsys.readouterr().err

@@ -89,7 +89,7 @@ class EpisodeParameters:
         has_levels = np.array([generator is not None for generator in self._generators])
         if "terrain_level" in self._preset:
             self.levels[~has_levels] = 0.0
-        self.randomizations = [self._draws(i, robot) for i, robot in enumerate(self._plant.robots)]
+        self.randomizations = [self.draws(i, robot) for i, robot in enumerate(self._plant.robots)]
         for i, robot in enumerate(self._plant.robots):
             self._check_feet(robot, _heaviest(self.nominal[i], self.randomizations[i]))
         if bad := np.flatnonzero(self.levels.any(axis=1) & ~has_levels).tolist():
@@ -122,7 +122,7 @@ class EpisodeParameters:
             if name in self._fixed:
                 self._fixed[name][i] = True
 
-    def _draws(self, i: int, robot: Robot) -> Randomization:
+    def draws(self, i: int, robot: Robot) -> Randomization:
         """Return what is randomised of a robot; ValueError: a parameter that would do nothing."""
         given = self._given[i]
         if "randomize" in self._preset:
@@ -198,7 +198,7 @@ class EpisodeParameters:
         robot = None if build is None else build.robot
         if robot is not None:
             parameters.set_payload(numbers, robot)
-            randomization = self._draws(i, robot)
+            randomization = self.draws(i, robot)
             self._check_feet(robot, _heaviest(numbers, randomization))
         numbers["delay"] = delay
         if not options and not self.varies:
@@ -249,13 +249,12 @@ class EpisodeParameters:
         if due.any():
             self._plant.set_parameters(which[due], values[due])
 
-    def begin(self, which: Ints, plans: Sequence[Plan]) -> None:
-        """Begin planned episodes that are in force."""
+    def begin(self, which: Ints, plans: Sequence[Plan], draws: Mapping[int, Randomization]) -> None:
+        """Begin planned episodes that are in force, with the :meth:`draws` of other robots."""
         plain(self.values)[which] = plain(_rows(plans))
-        for i, plan in zip(which.tolist(), plans, strict=True):
-            if plan.build is not None:
-                parameters.set_payload(self.nominal[i], plan.build.robot)
-                self.randomizations[i] = self._draws(i, plan.build.robot)
+        for i, randomization in draws.items():
+            parameters.set_payload(self.nominal[i], self._plant.robots[i])
+            self.randomizations[i] = randomization
 
     def shown_robot(self, i: int, robot: Robot) -> Robot:
         """Return a robot with the payload that it has in this episode, for pictures."""

@@ -367,10 +367,12 @@ class World:
         """Begin planned episodes of robots (k,), which ``place`` puts where they start.
 
         Raises:
-            ValueError, FloatingPointError: the plant refuses that; nothing has changed then.
+            ValueError, FloatingPointError: the plant refuses that, or a draw would do nothing for
+                a robot; nothing has changed then.
         """
         builds = {i: p.build for i, p in zip(which.tolist(), plans, strict=True) if p.build}
         others = {i: b.robot for i, b in builds.items() if b.robot != self.robots[i]}
+        draws = {i: self.episodes.draws(i, build.robot) for i, build in builds.items()}
         undo = self.plant.keep(which)
         try:
             if others:
@@ -381,7 +383,7 @@ class World:
             undo()
             raise
         self.lengths.begin(builds)
-        self.episodes.begin(which, plans)
+        self.episodes.begin(which, plans, draws)
         if others:
             self._note_robots(np.array([*others], np.int64))
         self._update_scales(which)

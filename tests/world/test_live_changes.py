@@ -80,6 +80,8 @@ SOFT = {"pad_compliance": Compliance(2000.0, 20.0)}
      ({}, {"motor_strength": 0.0}, "motor_strength is 0.0"),
      ({"plant": "rigid_body"}, {"pad_compliance": Compliance(1e9)}, "time_step is 0.00025"),
      ({}, {"rotor_inertia_scale": 2.0}, "'rotor_inertia_scale', which does nothing here"),
+     ({"robot": "built", "randomize": {"rotor_inertia_scale": (0.5, 2.0)}}, {"motor": Motor()},
+      "randomize has 'rotor_inertia_scale', which does nothing here"),
      (FEET, {"restitution": 0.5}, r"restitution is 0\.5"),
      ({"robot": "built"}, {"payload": 1e6}, "stiffness is .*, must be at least"),
      (FEET, {"pad_compliance": Compliance(100.0, 20.0)}, "stiffness is .*, must be at least"),
@@ -90,10 +92,10 @@ SOFT = {"pad_compliance": Compliance(2000.0, 20.0)}
 def test_refused(arguments, change, message):
     """Nothing changes; feet must bear this episode and those to come."""
     env = begun(**arguments)
-    before = env.get_state()["parameters"], env.robot
+    before = repr(env.get_state()), env.robot
     with pytest.raises(ValueError, match=message):
         env.set_parameters(**change, friction=0.1)
-    assert (env.get_state()["parameters"], env.robot) == before
+    assert (repr(env.get_state()), env.robot) == before
     for seed in range(5):
         env.reset(seed=seed)
 

@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from jansen_env import Bar, Compliance, LinkageError, Payload, built_robot, paper_robot
+from jansen_env import Bar, Compliance, LinkageError, Motor, Payload, built_robot, paper_robot
 from jansen_env.engine import walk_reward
 from jansen_env.plants.rigid.rigid_batch import RigidBodyBatch
 from jansen_env.robot.robot_file import FORMAT, robot_to_json
@@ -166,6 +166,17 @@ def test_a_state_that_the_plant_refuses_changes_nothing(plant):
     else:
         env.set_state(state)
         assert env.robot != built_robot()
+
+
+def test_a_state_whose_robot_has_no_use_for_what_is_drawn_changes_nothing():
+    rotorless = replace(built_robot(), motor=Motor(torque_limit=12.0))
+    drawn = {"rotor_inertia_scale": (0.5, 2.0)}
+    env = gym.make("JansenWalkerBuilt-v0", randomize=drawn).unwrapped
+    env.reset(seed=3)
+    before = env.get_state()
+    with pytest.raises(ValueError, match="'rotor_inertia_scale', which does nothing here"):
+        env.set_state({**before, "robot": robot_to_json(rotorless)})
+    assert env.robot == built_robot() and same(env.get_state(), before)
 
 
 @pytest.mark.parametrize("as_state", [False, True])

@@ -4,12 +4,13 @@
 // for infinite ones. Arrays are of many crank angles at once, as NumPy's there: the operations are
 // the same in the same order. Chassis frame: crank axis at the origin, +x the walking direction.
 
+import { each } from "./engine.js";
+
 export const TURN = 2 * Math.PI;
 export const FRAME = 0; // the bodies that all legs share
 export const CRANK = 1;
 
 export const hypot = (x, y) => Math.sqrt(x * x + y * y); // Math.hypot rounds otherwise
-export const each = (count, make) => Float64Array.from({ length: count }, (_, i) => make(i));
 
 /** x less whole periods, from 0 to `period`. */
 export function modulo(x, period) {
@@ -152,20 +153,22 @@ function thirdCorner(psi, places, { name, branch, sides }) {
   const [{ span: fromP }, { span: fromQ }] = sides;
   const [p, q] = sides.map(({ other }) => places[other]);
   const [x, y] = [p[0].slice(), p[1].slice()];
+  let worst = null;
   for (let i = 0; i < psi.length; i += 1) {
     const [spanX, spanY] = [q[0][i] - p[0][i], q[1][i] - p[1][i]];
     const span = hypot(spanX, spanY);
     const along = (span * span + (fromP * fromP - fromQ * fromQ)) / (2 * span);
     const across2 = fromP * fromP - along * along;
-    if (!(across2 > 0))
-      throw new Error(
-        `joint ${name} does not close at crank angle ${psi[i].toFixed(4)} rad: its two links of ` +
-          `${fromP.toFixed(5)} m and ${fromQ.toFixed(5)} m cannot span ${span.toFixed(5)} m`,
-      );
+    if (!(across2 > 0) && !(worst?.across2 <= across2)) worst = { across2, span, angle: psi[i] };
     const [unitX, unitY, across] = [spanX / span, spanY / span, branch * Math.sqrt(across2)];
     x[i] = p[0][i] + along * unitX + across * -unitY;
     y[i] = p[1][i] + along * unitY + across * unitX;
   }
+  if (worst)
+    throw new Error(
+      `joint ${name} does not close at crank angle ${worst.angle.toFixed(4)} rad: its two links of ` +
+        `${fromP.toFixed(5)} m and ${fromQ.toFixed(5)} m cannot span ${worst.span.toFixed(5)} m`,
+    );
   return [x, y];
 }
 

@@ -18,7 +18,9 @@ export function controllerNamed(engine, data, name, machine) {
     return new Steady(machine, topSpeed, paperGains, (command) => (TURN / way) * command);
   }
   if (name === "pid") {
-    const { gains, settings, speeds } = baselines[machine.robot.name] ?? baselines.paper;
+    const { bodies } = machine.robot;
+    const isOf = (design) => data.robots[design].bodies.every((link, k) => link === bodies[k]);
+    const { gains, settings, speeds } = baselines[Object.keys(baselines).find(isOf) ?? "paper"];
     return new Steady(machine, topSpeed, gains, (command) => nearest(settings, speeds, command));
   }
   return new Policy(engine, data.policies[name], machine);

@@ -4,10 +4,18 @@
 // and for each array its address and its lengths (jansen_env/engine/kernel.py). Which arguments a
 // kernel has, and where the fields of a row are, walk_data.py writes.
 
-const PAGE = 65536; // bytes by which memory grows
+const PAGE = 65536; // bytes
+const GROWTH = 64; // pages by which memory grows, at least
 const WORD = 8; // bytes of a slot, and what arrays are aligned to
 const MOST_SLOTS = 256;
 const VIEWS = { f8: Float64Array, f4: Float32Array, i8: BigInt64Array, b1: Uint8Array };
+
+/** An array (count,) of numbers. */
+export function each(count, make) {
+  const out = new Float64Array(count);
+  for (let i = 0; i < count; i += 1) out[i] = make(i);
+  return out;
+}
 
 /** Numbers, a typed array of class `Kind`, out of text in base64. */
 export function numbersOf(text, Kind) {
@@ -18,6 +26,7 @@ export function numbersOf(text, Kind) {
 export class Engine {
   constructor(bytes, layout) {
     Object.assign(this, { layout, module: new WebAssembly.Module(bytes) });
+    this.work = this.memory(); // to be used within its scratch()
   }
 
   /** New memory, which is gone when nothing refers to it any more. */
@@ -44,7 +53,7 @@ export class Memory {
     const block = new Block(this, type, shape, address, size);
     this.end = address + block.length * size;
     const missing = this.end - this.buffer.byteLength;
-    if (missing > 0) this.exports.memory.grow(Math.ceil(missing / PAGE));
+    if (missing > 0) this.exports.memory.grow(Math.max(GROWTH, Math.ceil(missing / PAGE)));
     block.bytes.fill(0);
     return block;
   }
@@ -92,7 +101,7 @@ export class Memory {
       const out = this.array("f8", angles.length, 2);
       this.call("mathematics__put_directions", this.filled("f8", angles), out);
       const { view } = out;
-      return [0, 1].map((k) => Float64Array.from(angles, (_, i) => view[2 * i + k]));
+      return [0, 1].map((k) => each(angles.length, (i) => view[2 * i + k]));
     });
   }
 
@@ -100,7 +109,7 @@ export class Memory {
   angles(x, y) {
     return this.scratch(() => {
       const out = this.array("f8", x.length);
-      const vectors = Float64Array.from({ length: 2 * x.length }, (_, i) => [x, y][i % 2][i >> 1]);
+      const vectors = each(2 * x.length, (i) => (i % 2 === 0 ? x : y)[i >> 1]);
       const given = this.filled("f8", vectors, x.length, 2);
       this.call("mathematics__put_angles", given, out);
       return out.view.slice();

@@ -17,7 +17,7 @@ const times = ([a, b], [c, d]) => [a * c - b * d, a * d + b * c]; // of complex 
 const unit = (angle) => [Math.cos(angle), Math.sin(angle)];
 
 /** Names of a body's lengths. */
-function lengthNames(design, body) {
+export function lengthNames(design, body) {
   const [name, joints] = design.bodies[body];
   if (design.kinds[body] === "Bar") return [name];
   if (design.kinds[body] === "Triangle")

@@ -4,6 +4,7 @@
 // jansen_env/plants: batch.py, grounds.py, robot_parameters.py. Metres, radians, seconds, newtons.
 
 import { Closure, edgesOf, modulo, TURN } from "./closure.js";
+import { each } from "./engine.js";
 import { compileRobot, exactSum } from "./tables.js";
 import { polyline } from "./terrain.js";
 
@@ -516,7 +517,7 @@ function depthsOf(legs) {
 
 /** Distance of the farthest joint from the crank axis over a turn, m. */
 function reachOf(closure, samples = 180) {
-  const psi = Float64Array.from({ length: samples }, (_, k) => (TURN * k) / samples);
+  const psi = each(samples, (k) => (TURN * k) / samples);
   const distances = ([x, y]) => Math.max(...x.map((value, i) => Math.hypot(value, y[i])));
   return Math.max(...closure.joints(psi).map(distances));
 }

@@ -1,7 +1,7 @@
 // Robot -> periodic tables, bit for bit as jansen_env/dynamics/reduced.py has them.
 
-import { Closure, each, edgesOf, FRAME, hypot, modulo, TURN } from "./closure.js";
-import { numbersOf } from "./engine.js";
+import { Closure, edgesOf, FRAME, hypot, modulo, TURN } from "./closure.js";
+import { each, numbersOf } from "./engine.js";
 
 const SCALE = 2 ** 200; // for exact sums
 const range = (count) => [...Array(count).keys()];
@@ -133,11 +133,14 @@ class Fourier {
 }
 
 /** Tables, layout and reach of a robot: what the kernels have of it. Throws if it cannot turn. */
-export function compileRobot(engine, robot) {
-  const memory = engine.memory();
+export function compileRobot({ work }, robot) {
+  return work.scratch(() => compileIn(work, robot));
+}
+
+function compileIn(memory, robot) {
   const fourier = new Fourier(memory);
   const closure = new Closure(memory, robot);
-  const { SAMPLES, HARMONICS, INTERVALS, ORDER, TAIL_TOLERANCE } = engine.layout.numbers;
+  const { SAMPLES, HARMONICS, INTERVALS, ORDER, TAIL_TOLERANCE } = memory.layout.numbers;
   const psi = each(SAMPLES, (i) => (TURN / SAMPLES) * i);
   const joints = closure.joints(psi);
   const x = closure.coordinates(psi, joints);

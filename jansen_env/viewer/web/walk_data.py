@@ -25,7 +25,8 @@ from jansen_env.engine import (
 from jansen_env.parameters import OF_ROBOTS, PARAMETERS
 from jansen_env.plants import base, batch, design_tables, grounds, robot_parameters
 from jansen_env.policies import pretrained
-from jansen_env.robot import ROBOTS
+from jansen_env.robot import ROBOTS, buildable
+from jansen_env.robot.designs import is_of_built_parts
 from jansen_env.robot.robot_file import robot_to_json
 from jansen_env.tasks.walking import walker_benchmark, walker_env
 from jansen_env.tasks.walking.presets import ROUGH
@@ -48,6 +49,8 @@ NUMBERS = {
     collision: "SPECULATIVE_MARGIN LARGEST_MARGIN MARGIN WAY_OUT",
     grounds: "FASTEST STRETCH MOST_STRETCHES",
     batch: "TIME_STEP PLANES_PER_PAD",
+    buildable: "DENSITY BAR_THICKNESS LOWER_ROD_THICKNESS PLATE_THICKNESS WIDTH FRAME_WIDTH "
+    "OUTLINE WINDOW PIN_SHARE AXIS_MASS FOOT_MASS",
     robot_parameters: "BOUND",
     base: "DEEPEST",
     gravity: "GRAVITY",
@@ -81,6 +84,7 @@ def walk_data() -> Json:
         "layout": engine_data(),
         "robots": {name: {"name": name, **robot_to_json(each)} for name, each in designs.items()},
         "designs": {name: design_of(each) for name, each in designs.items()},
+        "built": [name for name, each in designs.items() if is_of_built_parts(each)],
         "policies": policies,
         "controllers": ["hand", "constant speed", "pid", *policies],
         "control": {

@@ -1,0 +1,181 @@
+"""Robots walk in a page as in Python, bit for bit; Node.js runs the page's modules."""
+
+import base64
+import itertools
+import json
+import math
+import shutil
+import subprocess
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jansen_env.dynamics.pads import pad_sides
+from jansen_env.dynamics.reduced import compile_robot
+from jansen_env.plants.design_tables import DesignTables
+from jansen_env.policies import pretrained
+from jansen_env.robot import ROBOTS
+from jansen_env.robot.kinematics import LinkageError, advance_per_turn
+from jansen_env.robot.lengths import lengths, with_lengths
+from jansen_env.robot.robot_file import robot_to_json
+from jansen_env.tasks.walking.presets import ROUGH
+from jansen_env.tasks.walking.walker_benchmark import BASELINES, walking_pid
+from jansen_env.tasks.walking.walker_env import JansenWalkerEnv
+from jansen_env.terrain import Terrain
+from jansen_env.terrain.generators import GENERATORS, NamedGenerator
+from jansen_env.viewer.web.page import FOLDER
+from jansen_env.viewer.web.walk_data import ENVIRONMENTS, SHORTEST_TURN, policy_data, walk_data
+
+POLICIES = {policy_data(e, n)[0]: (e, n) for e in ENVIRONMENTS for n in pretrained.names(e)}
+CONTROLS = ("hand", "constant speed", "pid", *POLICIES)
+STEPS = 500
+pytestmark = pytest.mark.skipif(shutil.which("node") is None, reason="Node.js is not installed")
+
+
+@cache
+def data():
+    return walk_data()
+
+
+def in_node(robots, walks=()):
+    """What the page's modules make of robots and walks."""
+    asked = json.dumps({"data": data(), "robots": robots, "walks": walks})
+    command = ["node", Path(__file__).parent / "walk.mjs", FOLDER]
+    done = subprocess.run(command, input=asked, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def numbers(text):
+    return np.frombuffer(base64.b64decode(text))
+
+
+def other_lengths(name, rng, spread):
+    return {k: v * rng.uniform(1 - spread, 1 + spread) for k, v in lengths(ROBOTS[name]()).items()}
+
+
+def test_tables_of_every_robot_are_the_same():
+    found = in_node([[name, None] for name in ROBOTS])
+    for name, told in zip(ROBOTS, found["tables"], strict=True):
+        robot = ROBOTS[name]()
+        tables, designs = compile_robot(robot), DesignTables([robot])
+        expected = {
+            "body": tables.body, "pads": tables.pads, "bearings": tables.bearings,
+            "depths": designs.depths[0], "farthest": designs.farthest[0].T,
+            "extent, advance": [designs.extent[0], advance_per_turn(robot)],
+            "sides": pad_sides(robot),
+        }  # fmt: skip
+        for (part, values), text in zip(expected.items(), told, strict=True):
+            assert np.array_equal(numbers(text), np.ravel(values)), (name, part)
+
+
+def test_robots_with_other_lengths_are_the_same():
+    rng, asked = np.random.default_rng(1), []
+    for name in ROBOTS:
+        every = other_lengths(name, rng, 0.02)
+        asked += [[name, every], [name, dict(itertools.islice(every.items(), 2, 4))]]
+    found = in_node(asked)
+    each = zip(asked, found["robots"], found["tables"], strict=True)
+    for (name, changed), told, tables in each:
+        robot = with_lengths(ROBOTS[name](), changed)
+        assert told == {"name": name, **json.loads(json.dumps(robot_to_json(robot)))}, name
+        try:
+            body = compile_robot(robot).body.ravel()
+        except LinkageError as error:
+            assert tables == str(error)
+        except ValueError as error:
+            assert "dead point" in tables and "dead point" in str(error), name
+        else:
+            assert np.array_equal(numbers(tables[0]), body), name
+
+
+class Walk:
+    """A walk in Python, and how a page is asked for the same."""
+
+    def __init__(self, number, steps):
+        self.rng = rng = np.random.default_rng(number)
+        name = [*ROBOTS][number % len(ROBOTS)]
+        control = CONTROLS[number % len(CONTROLS)]
+        ground = ("flat", *GENERATORS)[number % (1 + len(GENERATORS))]
+        level = int(rng.integers(6))
+        drawn = Terrain.flat() if ground == "flat" else NamedGenerator(ground)(rng, level)
+        self.robot = [name, other_lengths(name, rng, 0.005) if number % 5 == 4 else None]
+        made = with_lengths(ROBOTS[name](), self.robot[1]) if self.robot[1] else ROBOTS[name]()
+        bounces = 0.4 if made.pad_compliance.rigid and number % 3 == 1 else 0.0
+        numbers = {"friction": float(rng.uniform(0.4, 1.0)), "restitution": bounces}
+        self.terrain = {"points": drawn.points, **numbers}
+        self.env = JansenWalkerEnv(
+            robot=made, terrain=drawn, height_scan=ROUGH["height_scan"],
+            terminate_when_fallen=False, **numbers,
+        )  # fmt: skip
+        self.control, self.events = control, self.draw_events(steps)
+        self.rows, self.actions = [], []
+        self.walk(steps, float(rng.choice([-0.3, 0.0, 0.2, 0.5, 0.8])))
+
+    def draw_events(self, steps):
+        rng = self.rng
+        changes = [
+            {"friction": 0.3}, {"payload": 2.0}, {"tilt": 0.1, "motor_strength": 0.7},
+            {"mass_scale": 1.2, "friction": 0.9}, {"command": -0.2}, {"command": 0.6},
+        ]  # fmt: skip
+        at = np.sort(rng.integers(steps, size=len(changes))).tolist()
+        pushes = [[k, "push", rng.uniform(-1.0, 1.0, 2).tolist()] for k in (10, 12, steps // 2)]
+        return [[k, "change", [c]] for k, c in zip(at, changes, strict=True)] + pushes
+
+    def policy(self):
+        if self.control in POLICIES:
+            return pretrained.load(*POLICIES[self.control]).on(self.env)
+        if self.control == "pid":
+            return BASELINES["pid"](self.env)
+        way = max(abs(advance_per_turn(self.env.robot)), SHORTEST_TURN)
+        return walking_pid(lambda speed: 2.0 * math.pi / way * speed, self.env)
+
+    def walk(self, steps, command):
+        env, policy, memory = self.env, self.policy(), None
+        seen, info = env.reset(seed=int(self.rng.integers(100)), options={"speed_command": command})
+        state, nested = env.task.world.plant.states[0], ("slip", "contact_force", "energy")
+        self.start = {"crankAngle": state[3], "crankSpeed": state[7], "command": command}
+        plain = [["", name] for name in info if name not in nested and "/" not in name]
+        terms = [["rewards", name[7:]] for name in info if name.startswith("reward/")]
+        self.names = [*plain, *terms, *(["energy", name] for name in info["energy"])]
+        self.keep(0.0, 0.0, seen, info)
+        for step in range(steps):
+            for at, method, given in self.events:
+                if at == step and method == "push":
+                    env.push(given)
+                elif at == step:
+                    env.set_parameters(**given[0])
+            if self.control == "hand":
+                action = np.float32([math.sin(0.1 * step) + self.rng.uniform(-0.5, 0.5)])
+            else:
+                action, memory = policy.predict(env.task.observation[0], memory, step == 0)
+            seen, reward, _, _, info = env.step(action)
+            self.actions.append(float(action[0]))
+            self.keep(self.actions[-1], reward, seen, info)
+
+    def keep(self, action, reward, seen, info):
+        of = {"": info, "energy": info["energy"]}
+        told = [info[f"reward/{n}"] if g == "rewards" else of[g][n] for g, n in self.names]
+        state, force = self.env.task.world.plant.states[0], info["contact_force"].ravel()
+        self.rows.append([action, *state, reward, *seen, *told, *info["slip"], *force])
+
+    def asked(self, robot):
+        names = ("control", "actions", "start", "events", "names", "terrain")
+        return {"robot": robot, **{name: getattr(self, name) for name in names}}
+
+
+@pytest.mark.parametrize(
+    ("first", "count", "steps"),
+    [(0, 22, 60), pytest.param(0, 100, STEPS, marks=pytest.mark.slow)],
+)
+def test_walks_are_the_same(first, count, steps):
+    walks = [Walk(number, steps) for number in range(first, first + count)]
+    robots, asked = [walk.robot for walk in walks], [walk.asked(k) for k, walk in enumerate(walks)]
+    for walk, text in zip(walks, in_node(robots, asked)["walks"], strict=True):
+        expected, label = np.array(walk.rows), (walk.robot, walk.control)
+        found = numbers(text).reshape(expected.shape)
+        for step, (row, wanted) in enumerate(zip(found, expected, strict=True)):
+            assert np.array_equal(row, wanted), (*label, step, np.flatnonzero(row != wanted))
+    assert any(row[-1] for walk in walks for row in walk.rows)

@@ -1,0 +1,60 @@
+// Lets robots walk as a page does: node walk.mjs FOLDER < {data, robots, walks} > results
+//
+// Prints for each of `robots`, [name, lengths or null], the robot, and its tables or why it has none; of each walk {robot:
+// place in robots, terrain, control, actions by hand, start, events: [step, method, arguments], names
+// of info} the numbers of its start and of each step, all in base64. In between each walk goes back
+// ten steps, and comes again.
+import { readFileSync } from "node:fs";
+
+const folder = process.argv[2];
+const load = (name) => import(`${folder}/${name}.js`);
+const [{ Engine }, { robotWithLengths }, { compileRobot }, { Machine }, { controllerNamed }] =
+	await Promise.all(["engine", "lengths", "tables", "machine", "controllers"].map(load));
+const { data, robots, walks } = JSON.parse(readFileSync(0, "utf8"));
+const engine = new Engine(Buffer.from(data.engine, "base64"), data.layout);
+const camel = (name) => name.replace(/_(\w)/g, (_, letter) => letter.toUpperCase());
+const packed = (values) => Buffer.from(Float64Array.from(values).buffer).toString("base64");
+
+function numbersOf(machine, names, action) {
+	const { info, states, observation } = machine;
+	const told = names.map(([group, name]) => Number((group ? info[group] : info)[camel(name)]));
+	return [action, ...states.view, info.reward, ...observation, ...told, ...info.slip, ...info.contactForce];
+}
+
+function walk({ robot, terrain, control, actions, start, events, names }) {
+	const machine = new Machine(engine, made[robot], terrain);
+	const controller = controllerNamed(engine, data, control, machine);
+	machine.reset(start);
+	controller.begin();
+	const rows = [numbersOf(machine, names, 0)];
+	let saved;
+	for (let step = 0, again = 0; step < actions.length; step++) {
+		if (step % 100 === 40) saved = [machine.snapshot(), structuredClone(controller.memory)];
+		if (step % 100 === 50 && again < step) {
+			again = step;
+			step -= 10;
+			machine.restore(saved[0]);
+			controller.memory = saved[1];
+			rows.length -= 10;
+		}
+		for (const [at, method, given] of events) if (at === step) machine[method](...given);
+		if (control === "hand") controller.memory = actions[step];
+		const action = controller.act();
+		machine.step(action);
+		rows.push(numbersOf(machine, names, action));
+	}
+	return packed(rows.flat());
+}
+
+const made = robots.map(([name, lengths]) =>
+	lengths ? robotWithLengths(engine, data, name, lengths) : data.robots[name],
+);
+function tablesOf(robot) {
+	try {
+		const { body, pads, bearings, depths, extent, farthest, advance, sides } = compileRobot(engine, robot);
+		return [body, pads, bearings, depths, farthest.flat(), [extent, advance], sides.flat()].map(packed);
+	} catch (error) {
+		return error.message;
+	}
+}
+console.log(JSON.stringify({ robots: made, tables: made.map(tablesOf), walks: walks.map(walk) }));

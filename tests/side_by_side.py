@@ -31,8 +31,8 @@ def side_by_side(count, mode=AutoresetMode.NEXT_STEP, limit=None, each=None, **a
     """Gymnasium's vector environment of single ones; ``each`` has further arguments of each."""
 
     def make(index):
-        own = {} if each is None else each[index]
-        return lambda: gym.make("JansenWalker-v0", max_episode_steps=limit, **arguments, **own)
+        more = {} if each is None else each[index]
+        return lambda: gym.make("JansenWalker-v0", max_episode_steps=limit, **arguments, **more)
 
     return gym.vector.SyncVectorEnv([make(i) for i in range(count)], autoreset_mode=mode)
 

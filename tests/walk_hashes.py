@@ -27,16 +27,16 @@ WALKS = {
 
 def walk(env, env_id):
     """Return the hash of all that an environment tells in a walk, of one robot or many."""
-    found, policy = hashlib.sha256(), load(env_id).on(env)
+    digest, policy = hashlib.sha256(), load(env_id).on(env)
     seen, _ = env.reset(seed=0)
     for _ in range(STEPS):
-        seen, *told, _ = env.step(policy.predict(seen)[0])
-        for each in (seen, *told):
-            found.update(np.ascontiguousarray(each).tobytes())
-        if isinstance(env, gym.Env) and (told[1] or told[2]):
+        seen, *results, _ = env.step(policy.predict(seen)[0])
+        for each in (seen, *results):
+            digest.update(np.ascontiguousarray(each).tobytes())
+        if isinstance(env, gym.Env) and (results[1] or results[2]):
             seen, _ = env.reset()  # a batch does that itself
     env.close()
-    return found.hexdigest()[:16]
+    return digest.hexdigest()[:16]
 
 
 def main():

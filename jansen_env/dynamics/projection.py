@@ -86,7 +86,7 @@ class _Rows(NamedTuple):
 @functools.lru_cache(maxsize=64)
 def _rows(robot: Robot, side: Sides) -> _Rows:
     if isinstance(side, tuple):
-        legs = [_rows(robot, one) for one in side]
+        legs = [_rows(robot, each) for each in side]
         return legs[0]._replace(offset=np.stack([leg.offset for leg in legs]))
     terms = []
     closures = leg_closures(robot, side)

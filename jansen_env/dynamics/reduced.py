@@ -222,9 +222,9 @@ def _bearing_friction(robot: Robot, slope: Array) -> Array:
     total = np.zeros(BEARING_SAMPLES)
     if any(robot.bearing_friction):
         rates = _series(_relative(slope, robot.linkage.bearings))
-        one = np.stack([np.ones(HARMONICS), np.zeros(HARMONICS)])
+        unity = np.stack([np.ones(HARMONICS), np.zeros(HARMONICS)])
         for leg in robot.legs:
-            turning = np.abs(_sampled(_of_legs(rates, [leg]), BEARING_SAMPLES, one))
+            turning = np.abs(_sampled(_of_legs(rates, [leg]), BEARING_SAMPLES, unity))
             total += _sum(np.array(robot.bearing_friction) * turning)
     return total
 
@@ -246,17 +246,17 @@ def _polynomials(series: Series, groups: int) -> Array:
 def _expansion() -> Array:
     """(ORDER, HARMONICS) economised coefficients of exp(i n t), |t| <= pi / INTERVALS, over i^k."""
     half, n = math.pi / INTERVALS, np.arange(HARMONICS)
-    term, found = np.ones(HARMONICS), np.zeros((ORDER, HARMONICS))
+    term, weights = np.ones(HARMONICS), np.zeros((ORDER, HARMONICS))
     order, economy = np.arange(ORDER), ECONOMY  # of t^k at Chebyshev's nodes, in units of half
     for k in range(TERMS):
         if k < ORDER:
-            found[k] += term
+            weights[k] += term
         else:
             sign = np.where((k - order) % 4 < 2, 1.0, -1.0)  # of i^k beside those of i^order
-            found += (economy * sign)[:, None] * term
+            weights += (economy * sign)[:, None] * term
             economy = np.append(0.0, economy[:-1]) + economy[-1] * ECONOMY
         term = term * (n * half) / (k + 1)
-    return found / np.cumprod([1.0] + (ORDER - 1) * [half])[:, None]
+    return weights / np.cumprod([1.0] + (ORDER - 1) * [half])[:, None]
 
 
 @dataclass(frozen=True)

@@ -84,9 +84,9 @@ def check_legs(robot: Robot, other: Robot) -> None:
             f"a robot's linkage has the bodies {robot.linkage.names}, must be that with "
             f"{other.linkage.names}"
         )
-    mine, others = ([leg.side for leg in each.legs] for each in (robot, other))
-    if mine != others:
-        raise ValueError(f"a robot's legs are on the sides {mine}, must be on {others}")
+    sides, others = ([leg.side for leg in each.legs] for each in (robot, other))
+    if sides != others:
+        raise ValueError(f"a robot's legs are on the sides {sides}, must be on {others}")
 
 
 def check_time_step(value: object) -> float:

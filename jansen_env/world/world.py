@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from functools import partial
+from functools import cache, partial
 
 import gymnasium as gym
 import numpy as np
@@ -112,7 +112,7 @@ class World:
         self.steps = round(self.control_dt / self.time_step)
         self.reset_noise_scale = np.array(settings.reset_noise_scale)
         self.delay_range = np.array(settings.delay)
-        self._allocate_torques(robots, settings.randomize)
+        self._allocate_torques(settings.randomize)
         self.data: NDArray[np.void] = np.zeros(n, readings.ROW)
         self._keep_actions = readings.take_actions.bound()
         self._torques = (
@@ -139,8 +139,6 @@ class World:
             self.SETTABLE = (*SETTABLE, "motor", "pad_compliance")
         self.advance_per_turn, self._links_mass = np.zeros(n), np.zeros(n)
         self._note_robots(self._every)
-        self.full_torque *= self.data["direction"]
-        self.data["weight"] = [robot.mass * GRAVITY for robot in robots]
         self.toe_load = np.zeros((n, self.plant.toes))
         self.seeds = np.zeros(n, np.int64)
         self._noise = settings.noise
@@ -149,9 +147,10 @@ class World:
         has = {"noise_level": self._noise is not None, "push_strength": settings.push is not None}
         self.episodes = EpisodeParameters(self.plant, settings, generators, has)
         self.lengths = EpisodeLengths(robots, settings.randomize, settings.observe_lengths)
+        self._update_scales(self._every)
         self._share_arrays()
 
-    def _allocate_torques(self, robots: Sequence[Robot], randomize: Sequence[Values]) -> None:
+    def _allocate_torques(self, randomize: Sequence[Values]) -> None:
         """Make room for the longest delay of any episode; ValueError: too long for this period."""
         n, drawn = self.num_envs, [ranges["delay"] for ranges in randomize if "delay" in ranges]
         most = [d.high if isinstance(d, Uniform) else LONGEST_DELAY for d in drawn]
@@ -165,15 +164,14 @@ class World:
         self.asked, self.delay_steps = np.zeros((n, steps + 2)), np.zeros((n, 2), np.int64)
         self.torque, self.earlier, self.switch = np.zeros(n), np.zeros(n), np.zeros(n, np.int64)
         self._actions, self.elapsed = np.zeros((n, 1)), np.zeros(n, np.int64)
-        self.full_torque = np.array([robot.motor.torque_limit for robot in robots])
+        self.full_torque = np.zeros(n)
         self.truncated, self._any_truncated = np.zeros(n, bool), False
 
     def _note_robots(self, which: Ints) -> None:
         """Note numbers of robots that their lengths and masses give."""
-        robots = {id(robot): robot for robot in map(self.robots.__getitem__, which.tolist())}
-        advance = {key: advance_per_turn(robot) for key, robot in robots.items()}
-        self.advance_per_turn[which] = [advance[id(self.robots[i])] for i in which.tolist()]
-        self._links_mass[which] = [self.robots[i].links_mass for i in which.tolist()]
+        robots = [self.robots[i] for i in which.tolist()]
+        self.advance_per_turn[which] = [*map(cache(advance_per_turn), robots)]
+        self._links_mass[which] = [robot.links_mass for robot in robots]
         signs = np.copysign(1.0, self.advance_per_turn[which])
         self.data["direction"][which] = 1.0 if self.held else signs
 
@@ -579,28 +577,26 @@ class World:
     def get_attr(self, name: str) -> list[object] | None:
         """Return an attribute of each robot; None for a name that is none of these.
 
-        Names: ``robot``, ``state``, ``delay`` (s, of this episode); of free robots ``terrain``,
-        ``terrain_level``, ``payload``, ``motor``, ``torque_limit``, ``pad_compliance``,
-        ``weight``, ``reset_noise_scale`` and :data:`KEPT`.
+        Names: ``robot``, ``state``, ``delay`` (s, of this episode), ``terrain``, ``terrain_level``,
+        ``payload``, ``motor``, ``torque_limit``, ``pad_compliance``, ``weight``,
+        ``reset_noise_scale`` and :data:`KEPT`.
         """
-        values: dict[str, Callable[[], Iterable[object]]] = {
-            "robot": lambda: self.robots,
-            "state": self.plant.states.copy,
-            "delay": lambda: [self.delay(i) for i in range(self.num_envs)],
+        numbers = self.episodes.values
+        if name in PARTS:
+            return [getattr(robot, name) for robot in self.robots]
+        if name in KEPT:
+            return list(numbers[name].tolist())
+        values: dict[str, Iterable[object]] = {
+            "robot": self.robots,
+            "state": self.plant.states.copy(),
+            "delay": map(self.delay, range(self.num_envs)),
+            "terrain": self.plant.terrains,
+            "terrain_level": map(int, numbers["terrain_level"]),
+            "torque_limit": (robot.motor.torque_limit for robot in self.robots),
+            "weight": self.weight.tolist(),
+            "reset_noise_scale": self.reset_noise_scale.tolist(),
         }
-        if not self.held:
-            for part in ("payload", "motor", "pad_compliance"):
-                values[part] = lambda: [getattr(robot, name) for robot in self.robots]
-            numbers = self.episodes.values
-            values |= {
-                "terrain": lambda: self.plant.terrains,
-                "terrain_level": lambda: numbers[name].astype(int).tolist(),
-                "torque_limit": lambda: [robot.motor.torque_limit for robot in self.robots],
-                "weight": self.weight.tolist,
-                "reset_noise_scale": self.reset_noise_scale.tolist,
-                **dict.fromkeys(KEPT, lambda: numbers[name].tolist()),
-            }
-        return list(values[name]()) if name in values else None
+        return list(values[name]) if name in values else None
 
     def get_state(self, i: int) -> Values:
         """Return all that a robot's future depends on but the task and random numbers."""

@@ -41,10 +41,10 @@ def periodic(robot, side, psi):
     f = np.concatenate([angle, x[..., 1] + 1j * x[..., 2], joints @ [1.0, 1.0j]], axis=1)
     n = np.fft.fftfreq(SAMPLES, 1.0 / SAMPLES)[:, None]
     waves = np.fft.fft(f, axis=0) / SAMPLES * np.exp(1j * n * psi)
-    found = np.array([(waves * (1j * n) ** order).sum(axis=0) for order in range(3)])
-    found[:, :bodies] = found[:, :bodies].real
-    found[:2, 1] += psi, 1.0
-    return found
+    motion = np.array([(waves * (1j * n) ** order).sum(axis=0) for order in range(3)])
+    motion[:, :bodies] = motion[:, :bodies].real
+    motion[:2, 1] += psi, 1.0
+    return motion
 
 
 class Moving:
@@ -208,14 +208,14 @@ def test_many_instants_are_each_one(laden, random_state, rng):
     args = [np.reshape(arg, s) for arg, s in zip(zip(*draws, strict=True), shape, strict=True)]
     every = joint_forces(laden, *args)
     one_by_one = [joint_forces(laden, *each) for each in draws]
-    for k, one in enumerate(one_by_one):
+    for k, single in enumerate(one_by_one):
         for name in ("pin", "frame", "shaft", "toe", "joints", "centres", "q_ddot"):
-            found, expected = getattr(every.at(k // 3).at(k % 3), name), getattr(one, name)
-            assert found.shape == expected.shape
-            assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)
+            value, expected = getattr(every.at(k // 3).at(k % 3), name), getattr(single, name)
+            assert value.shape == expected.shape
+            assert value == pytest.approx(expected, rel=1e-9, abs=1e-9)
     assert every.torque.shape == (2, 3) and every.link_loads().shape[:2] == (2, 3)
     assert every.largest()[0] == every.bearing.max()
-    size, leg, pin = max(one.largest() for one in one_by_one)
+    size, leg, pin = max(single.largest() for single in one_by_one)
     assert every.largest() == (pytest.approx(size), leg, pin)
 
 

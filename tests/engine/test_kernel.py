@@ -100,8 +100,8 @@ def test_python_itself_walks_alike():
 
 
 def test_two_checkouts_have_a_library_each(copy):
-    found = run("from jansen_env.engine import kernel; print(kernel._libraries())", copy)
-    assert str(copy) in found.stdout and found.stderr == ""
+    loaded = run("from jansen_env.engine import kernel; print(kernel._libraries())", copy)
+    assert str(copy) in loaded.stdout and loaded.stderr == ""
     with (copy / "jansen_env/engine/lemke.py").open("a") as file:
         file.write("# another\n")
     other = run("from jansen_env.engine.kernel import library_path; print(library_path())", copy)

@@ -27,14 +27,14 @@ def test_a_network_is_its_layers_one_after_the_other(activation, sizes, rng):
     for layer in layers:
         values = FUNCTIONS[activation](values @ layer.weight.T + layer.bias)
     network = Network(layers, 0.5, "tanh")
-    found = network(inputs)
-    assert found == pytest.approx(np.tanh(np.clip(values, -0.5, 0.5)), abs=1e-14)
+    outputs = network(inputs)
+    assert outputs == pytest.approx(np.tanh(np.clip(values, -0.5, 0.5)), abs=1e-14)
     for row in range(len(inputs)):
-        assert (network(inputs[row : row + 1]) == found[row]).all()
+        assert (network(inputs[row : row + 1]) == outputs[row]).all()
 
 
 def test_harmonics_are_of_multiples_of_the_angle(rng):
     angle, multiples = rng.uniform(0.0, 6.0, 5), (0, 1, 2, 7, 1000)
-    found = Harmonics(multiples)(np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    harmonics = Harmonics(multiples)(np.stack([np.cos(angle), np.sin(angle)], axis=1))
     expected = np.exp(1j * angle[:, None] * multiples)
-    assert found[:, ::2] + 1j * found[:, 1::2] == pytest.approx(expected, abs=1e-12)
+    assert harmonics[:, ::2] + 1j * harmonics[:, 1::2] == pytest.approx(expected, abs=1e-12)

@@ -60,8 +60,8 @@ def test_special_values():
         for x in (*SPECIAL, 709.9, -746.0):
             with np.errstate(over="ignore"):
                 expected = float(getattr(np, name)(x))
-            found = getattr(mathematics, name)(x)
-            assert found == expected or (math.isnan(found) and math.isnan(expected)), (name, x)
+            value = getattr(mathematics, name)(x)
+            assert value == expected or (math.isnan(value) and math.isnan(expected)), (name, x)
     for x in (math.inf, -math.inf, math.nan):
         assert math.isnan(mathematics.sin(x)) and math.isnan(mathematics.cos(x))
     assert mathematics.log(0.0) == -math.inf and mathematics.log(math.inf) == math.inf

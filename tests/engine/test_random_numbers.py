@@ -31,11 +31,11 @@ def test_numbers_are_those_of_splitmix64(seed, known):
 
 
 def test_normal_numbers_have_their_moments():
-    found = numbers(normal, 4)
-    assert np.mean(found) == pytest.approx(0.0, abs=4.0 / np.sqrt(COUNT))
-    assert np.var(found) == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / COUNT))
-    assert np.mean(found**3) == pytest.approx(0.0, abs=4.0 * np.sqrt(15.0 / COUNT))
-    assert np.mean(found**4) == pytest.approx(3.0, abs=4.0 * np.sqrt(96.0 / COUNT))
+    drawn = numbers(normal, 4)
+    assert np.mean(drawn) == pytest.approx(0.0, abs=4.0 / np.sqrt(COUNT))
+    assert np.var(drawn) == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / COUNT))
+    assert np.mean(drawn**3) == pytest.approx(0.0, abs=4.0 * np.sqrt(15.0 / COUNT))
+    assert np.mean(drawn**4) == pytest.approx(3.0, abs=4.0 * np.sqrt(96.0 / COUNT))
 
 
 def test_keys_and_their_keys_are_independent_of_one_another():
@@ -45,6 +45,6 @@ def test_keys_and_their_keys_are_independent_of_one_another():
     steps = np.array([[normal(np.uint64(number(5, step)), k) for k in range(100)] for step in each])
     limit = 5.0 / np.sqrt(seeds.size)
     for table in (seeds, steps):
-        for one, other in ((table[1:], table[:-1]), (table[:, 1:], table[:, :-1])):
-            assert abs(np.corrcoef(one.ravel(), other.ravel())[0, 1]) < limit
+        for some, others in ((table[1:], table[:-1]), (table[:, 1:], table[:, :-1])):
+            assert abs(np.corrcoef(some.ravel(), others.ravel())[0, 1]) < limit
     assert abs(np.corrcoef(seeds.ravel(), steps.ravel())[0, 1]) < limit

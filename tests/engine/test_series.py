@@ -46,5 +46,5 @@ def test_polynomials_are_the_taylor_series_of_what_the_weights_say(rng):
         waves = np.exp(1j * n * ((2 * row + 1) * half + t))
         waves[1:] *= 2.0
         expected = (waves[:, None] * (series[0] + 1j * series[1])).sum(axis=0).real
-        found = t ** np.arange(order) @ out[:, row]
-        assert found.ravel() == pytest.approx(expected, abs=1e-7)
+        values = t ** np.arange(order) @ out[:, row]
+        assert values.ravel() == pytest.approx(expected, abs=1e-7)

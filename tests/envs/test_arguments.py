@@ -114,11 +114,11 @@ CASES = [(maker, name) for maker, (make, _) in MAKERS.items() for name in argume
 def test_wrong_values_are_refused_by_name(maker, argument):
     """ValueError with the argument's name and a message of a sane length, for all but a few."""
     make, needed = MAKERS[maker]
-    taken = TAKEN.get((maker, argument), TAKEN.get(("*", argument), set()))
+    allowed = TAKEN.get((maker, argument), TAKEN.get(("*", argument), set()))
     known = "walker", "crank", "walkers", "Triangle", "from_sides", "Linkage", "Motor", "Compliance"
-    taken = taken if maker in known else set()
+    allowed = allowed if maker in known else set()
     for what, value in WRONG.items():
-        if what in taken:
+        if what in allowed:
             make(**{**needed, argument: value})
             continue
         with pytest.raises(ValueError) as error:

@@ -188,9 +188,9 @@ def test_the_nearest_planes_are_kept_when_there_is_no_room():
     """Six pads, room for three planes: those with the smallest gaps stay, in order of pads."""
     gaps = np.array([0.04, 0.01, 0.03, 0.0, 0.02, 0.045])
     centres = np.column_stack([np.arange(6.0), RADIUS + gaps])
-    _, pad, found = detect(Terrain.flat(), centres, capacity=3)
+    _, pad, kept = detect(Terrain.flat(), centres, capacity=3)
     assert pad.tolist() == [1, 3, 4]
-    assert found == pytest.approx(gaps[[1, 3, 4]], abs=1e-12)
+    assert kept == pytest.approx(gaps[[1, 3, 4]], abs=1e-12)
 
 
 def test_a_robot_walks_off_the_end_of_pymunks_ground():

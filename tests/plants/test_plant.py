@@ -107,14 +107,14 @@ def test_set_down_touches_a_rounded_ridge_everywhere():
 @pytest.mark.parametrize("name", ROBOTS)
 def test_set_down_on_the_lowest_of_all_pads(name, make, rng):
     """Of any lengths, within 60 %, on any ground; the first step gets no energy from nothing."""
-    own, placed = ROBOTS[name](), 0
+    nominal, placed = ROBOTS[name](), 0
     wanted = PLACEMENT_DEPTH if make is ProjectionPlant else 0.0
     while placed < 12:
-        changed = rng.choice([*lengths(own)], rng.integers(1, 4), replace=False)
-        given = {one: lengths(own)[one] * rng.uniform(0.4, 1.6) for one in changed}
+        changed = rng.choice([*lengths(nominal)], rng.integers(1, 4), replace=False)
+        given = {one: lengths(nominal)[one] * rng.uniform(0.4, 1.6) for one in changed}
         terrain = [Terrain.flat(), ROUGH, STEPS][placed % 3]
         try:
-            plant = make(with_lengths(own, given), terrain)
+            plant = make(with_lengths(nominal, given), terrain)
             plant.reset(rng.uniform(-10.0, 10.0), rng.uniform(0.0, 2.0 * math.pi))
         except ValueError:
             continue
@@ -136,10 +136,10 @@ def test_what_a_robot_in_the_ground_gets_from_nothing():
     before, plant.state = plant.energy(), plant.state - [0.0, 0.07, *[0.0] * 6]
     deep = plant.energy()
     results = [plant.step(0.0, 0.02) for _ in range(5)]
-    found = sum(one.correction_work for one in results)
-    assert found == pytest.approx(before - deep, rel=0.1) and found > 2.0
-    assert all(one.impact_loss > -1e-6 for one in results)
-    assert max(abs(one.energy_residual) for one in results) < 1e-3
+    gained = sum(result.correction_work for result in results)
+    assert gained == pytest.approx(before - deep, rel=0.1) and gained > 2.0
+    assert all(result.impact_loss > -1e-6 for result in results)
+    assert max(abs(result.energy_residual) for result in results) < 1e-3
 
 
 def projection(robot=None, **arguments):

@@ -86,9 +86,9 @@ def test_it_stands_and_starts_like_the_projection_plant(name, phases):
             assert carried[0] == pytest.approx(carried[1], rel=0.005)
     torque = 3.0 if robot.pad_compliance.rigid else 1.0
     results = [plant.step(torque, 0.2) for plant in plants]
-    one, other = (plant.state for plant in plants)
-    np.testing.assert_allclose(one[:2], other[:2], atol=5e-4)
-    np.testing.assert_allclose(one[2:4], other[2:4], atol=4e-3)
+    rigid, other = (plant.state for plant in plants)
+    np.testing.assert_allclose(rigid[:2], other[:2], atol=5e-4)
+    np.testing.assert_allclose(rigid[2:4], other[2:4], atol=4e-3)
     assert results[0].joint_gap < 2e-4 and results[1].joint_gap == 0.0
 
 
@@ -220,20 +220,20 @@ def test_set_down_again_or_pickled_nothing_is_remembered():
 
 def test_the_task_is_the_same():
     """Spaces, keys of info and the start agree with the default plant's."""
-    one, other = (gym.make("JansenWalker-v0", plant=name) for name in ("rigid_body", "projection"))
-    (seen, info), (expected, known) = one.reset(seed=3), other.reset(seed=3)
-    assert one.observation_space == other.observation_space
+    env, other = (gym.make("JansenWalker-v0", plant=name) for name in ("rigid_body", "projection"))
+    (seen, info), (expected, known) = env.reset(seed=3), other.reset(seed=3)
+    assert env.observation_space == other.observation_space
     assert info.keys() == known.keys() and info["energy"].keys() == known["energy"].keys()
     np.testing.assert_allclose(seen, expected, atol=0.03)
     for _ in range(5):
         action = np.array([0.2], np.float32)
-        _, reward, *_, info = one.step(action)
+        _, reward, *_, info = env.step(action)
         *_, known = other.step(action)
     assert info.keys() == known.keys() and known["joint_gap"] == 0.0 < info["joint_gap"] < 2e-4
     assert info["x_position"] == pytest.approx(known["x_position"], abs=3e-3)
     factors = [value for name, value in info.items() if name.startswith("reward/")]
     assert reward == pytest.approx(np.prod(factors), rel=1e-12)
-    assert one.unwrapped.plant.time_step < other.unwrapped.plant.time_step
+    assert env.unwrapped.plant.time_step < other.unwrapped.plant.time_step
 
 
 def spun(plant, state, torque, duration):
@@ -309,11 +309,11 @@ def test_the_motor_gives_what_it_can():
     assert results[0].electrical_work == results[1].electrical_work > results[0].motor_work > 0.0
     fast = RigidBodyPlant(replace(LIGHT, motor=motor), Terrain.flat(), held=True)
     fast.state = np.array([0.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0, 7.0])
-    one = fast.step(3.0, fast.time_step)
+    result = fast.step(3.0, fast.time_step)
     speed = 0.5 * (7.0 + fast.state[7])
-    assert one.motor_work == pytest.approx(0.5 * speed * fast.time_step, rel=1e-6)
+    assert result.motor_work == pytest.approx(0.5 * speed * fast.time_step, rel=1e-6)
     drawn = float(motor.electrical_power(0.5, speed)) * fast.time_step
-    assert one.electrical_work == pytest.approx(drawn, rel=1e-6)
+    assert result.electrical_work == pytest.approx(drawn, rel=1e-6)
 
 
 def landing(duration, fall, time_step):
@@ -344,10 +344,10 @@ def test_a_landing_is_that_of_a_mass_on_a_spring():
     heights, plant = landing(start + t[-1], fall, 2e-5)
     times = 1e-3 * np.arange(1, len(heights) + 1) - start
     during = (times > 0.0) & (times < t[-1])
-    found = heights[during]
+    sunk = heights[during]
     wanted = np.interp(times[during], t, exact, left=0.0)
     close = times[during] > 1e-3
-    assert np.abs(found - wanted)[close].max() < 0.01 * np.abs(exact).max()
+    assert np.abs(sunk - wanted)[close].max() < 0.01 * np.abs(exact).max()
     assert plant.step(0.0, 1e-3).joint_gap < 2e-4
 
 

@@ -25,8 +25,8 @@ def measured(request):
     def note(what: str, value: float, limit: float, unit: str = "1") -> None:
         numbers = request.config.stash[NUMBERS]
         name = what, f"{request.path.stem}::{request.node.originalname}"
-        found, allowed, _ = numbers.get(name, (-math.inf, 1.0, ""))
-        if value * allowed >= found * limit:
+        worst, allowed, _ = numbers.get(name, (-math.inf, 1.0, ""))
+        if value * allowed >= worst * limit:
             numbers[name] = float(value), float(limit), unit
         assert value <= limit, f"{what}: {value} {unit}, allowed is {limit}"  # a NaN fails, too
 

@@ -77,8 +77,8 @@ def test_energy_error_falls_with_the_time_step(name, measured):
     """Order between 2 and 0.25 ms: 2 in smooth motion, 1 with impacts, whose error scatters."""
     order, lost = ORDERS[name]
     coarse, fine = (unaccounted(step, *MOTIONS[name][:3])[0] for step in (2e-3, 2.5e-4))
-    found = math.log(coarse / fine) / math.log(8.0)
-    measured(f"energy error's order lost of {order:.0f}, {name}", order - found, lost)
+    fitted = math.log(coarse / fine) / math.log(8.0)
+    measured(f"energy error's order lost of {order:.0f}, {name}", order - fitted, lost)
 
 
 @loads

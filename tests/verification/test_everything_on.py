@@ -63,9 +63,9 @@ NOTHING = {
 @pytest.mark.parametrize("name", NOTHING)
 def test_what_is_not_there_changes_no_bit(name):
     """A walk on rough ground with it and without: the same states."""
-    one, other = placed(Robot(), ROUGH), placed(replace(Robot(), **NOTHING[name]), ROUGH)
+    plant, other = placed(Robot(), ROUGH), placed(replace(Robot(), **NOTHING[name]), ROUGH)
     for _ in range(100):
-        torque = walking(one)
-        a, b = one.step(torque, HOLD), other.step(torque, HOLD)
-        assert (one.state == other.state).all()
+        torque = walking(plant)
+        a, b = plant.step(torque, HOLD), other.step(torque, HOLD)
+        assert (plant.state == other.state).all()
         assert a.motor_work == b.motor_work and a.impact_loss == b.impact_loss

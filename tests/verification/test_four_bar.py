@@ -100,11 +100,11 @@ def test_it_passes_through_the_flat_positions(path, measured):
     measured("A02 four-bar: nearest approach to a flat position", nearest, 1e-3, "rad")
     worst = 0.0
     for phi, rate in path[::50]:
-        found = acceleration(positions(phi), rate)[0]
-        worst = max(worst, abs(found + 3.5 / 3.0 * G * np.cos(phi)) * np.sin(phi) ** 2)
+        turning = acceleration(positions(phi), rate)[0]
+        worst = max(worst, abs(turning + 3.5 / 3.0 * G * np.cos(phi)) * np.sin(phi) ** 2)
     for distance in 10.0 ** np.arange(-6.0, 0.0):
         for flat in (0.0, np.pi, -np.pi):
-            found = acceleration(positions(flat + distance), -5.0)[0]
-            error = abs(found + 3.5 / 3.0 * G * np.cos(flat + distance))
+            turning = acceleration(positions(flat + distance), -5.0)[0]
+            error = abs(turning + 3.5 / 3.0 * G * np.cos(flat + distance))
             worst = max(worst, error * distance**2)
     measured("A02 four-bar: phi_ddot, error times sin(phi)^2", worst, 1e-13, "rad/s^2")

@@ -56,8 +56,8 @@ def walk(robot, seed: int, episodes: int, time_step: float = 1e-3):
         unaccounted = sums["motor_work"] + sums["correction_work"] - sums["energy_change"]
         for loss in ("joint_loss", "slip_loss", "impact_loss"):
             unaccounted -= sums[loss]
-        found = sums["contact_gain"], np.abs(unaccounted), force, sums["worst_residual"]
-        worst = np.maximum(worst, np.stack(found, axis=1))
+        figures = sums["contact_gain"], np.abs(unaccounted), force, sums["worst_residual"]
+        worst = np.maximum(worst, np.stack(figures, axis=1))
     batch.close()
     wedging = [t.friction * t.steepest >= 1.0 or t.restitution > 0.0 for t in terrains]
     return worst, np.array(wedging)

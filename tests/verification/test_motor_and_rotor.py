@@ -37,8 +37,8 @@ def test_the_rotor_is_a_body_of_its_own(ratio, rng, measured):
     for _ in range(20):
         q, v = rng.uniform(-3.0, 3.0, 4), rng.normal(0.0, 2.0, 4)
         expected = rd.mass_matrix(bare, q) + motor.rotor_inertia * np.outer(spin, spin)
-        found = rd.mass_matrix(tables, q)
-        worst = max(worst, np.abs(found - expected).max() / np.abs(expected).max())
+        M = rd.mass_matrix(tables, q)
+        worst = max(worst, np.abs(M - expected).max() / np.abs(expected).max())
         plant.state = other.state = np.concatenate([q, v])
         rotor = 0.5 * motor.rotor_inertia * (spin @ v) ** 2
         energy = max(energy, abs(plant.energy() - other.energy() - rotor) / (1.0 + plant.energy()))
@@ -128,7 +128,7 @@ def test_electrical_work_is_its_integral(efficiency, measured):
     """What the plant adds up against the trace, at half steps refined, by the data sheet's law."""
     motor = replace(LINE, efficiency=efficiency)
     plant = placed(Robot(motor=motor), tracing=True)
-    found = expected = regained = 0.0
+    drawn = expected = regained = 0.0
     for k in range(150):
         result = plant.step(8.0 * math.sin(0.11 * k), HOLD)
         rows = plant.batch.trace
@@ -140,7 +140,7 @@ def test_electrical_work_is_its_integral(efficiency, measured):
         power = armature * speed + current * armature
         expected += np.maximum(power, 0.0).sum() * 1e-3
         regained += np.minimum(power, 0.0).sum() * 1e-3
-        found += result.electrical_work
+        drawn += result.electrical_work
         assert result.electrical_work >= max(result.motor_work, 0.0) - 1e-9
     assert regained < 0.0
-    measured("electrical work against the trace, relative", abs(found / expected - 1.0), 1e-12)
+    measured("electrical work against the trace, relative", abs(drawn / expected - 1.0), 1e-12)

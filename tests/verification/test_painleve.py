@@ -68,19 +68,19 @@ def test_thresholds(name):
     assert any_posture(robot) == pytest.approx(anywhere, rel=0.01)
     support = toes.double_support(robot, samples=360)
     poses = toes.standing_poses(robot, support.angle)
-    found = min(
+    least = min(
         threshold(robot, support.angle[carries == toe], poses[carries == toe, 1], toe)
         for carries in (support.front, support.rear)
         for toe in np.unique(carries)
     )
-    assert found == pytest.approx(standing, rel=0.01)
+    assert least == pytest.approx(standing, rel=0.01)
     loaded = replace(robot, payload=Payload(5.0))
     assert any_posture(loaded) == pytest.approx(LOADED[name], rel=0.01)
 
 
 def painleve_postures(plant, mu):
     """Postures on one toe, sliding so that W_nn -+ mu W_nt < 0: (state, toe, crank angle)."""
-    found = []
+    postures = []
     for psi in np.linspace(0.0, 2.0 * math.pi, 24, endpoint=False):
         for pitch in np.linspace(-0.6, 0.6, 9):
             state = plant.reset(0.0, psi, pitch)
@@ -88,8 +88,8 @@ def painleve_postures(plant, mu):
             W = delassus(plant.robot, np.array([psi]), np.array([pitch]), toe)[0]
             if W[1, 1] < 0.98 * mu * abs(W[0, 1]):
                 state[4] = math.copysign(1.0, W[0, 1])  # slides with friction pressing it down
-                found.append((state, toe))
-    return found
+                postures.append((state, toe))
+    return postures
 
 
 @pytest.mark.parametrize("mu", [pytest.param(4.0, marks=pytest.mark.slow), 5.0])

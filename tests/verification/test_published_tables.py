@@ -36,9 +36,9 @@ def test_strandbeest_evolutions_gait_of_jansens_leg():
     x, y = holy_path(180).T
     width = np.ptp(x)
     stance = longest_run(y <= y.min() + 0.015 * width)
-    found = width, np.ptp(y), np.ptp(x[stance]), len(stance) / 180
+    measures = width, np.ptp(y), np.ptp(x[stance]), len(stance) / 180
     published = 67.89875413151022, 22.45683436986971, 57.08132601641949, 0.43333333333333335
-    assert found == pytest.approx(published, rel=1e-12)
+    assert measures == pytest.approx(published, rel=1e-12)
 
 
 def test_strandbeest_evolutions_stroke_has_not_converged():

@@ -157,9 +157,9 @@ def test_rough_impact_is_coulombs(toes, mu, locked, measured):
     for v in np.array(VELOCITIES) * [1.0, 1.0, 1.0, not locked]:
         plant, pose, after, gained, missing = strike(level(toes), v, mu, 0.0, locked)
         most, unbooked = max(most, gained), max(unbooked, abs(missing))
-        found = coulomb(inverse_mass(plant, pose), *jacobians(plant.robot, pose), v, mu)
-        assert len(found) > 0
-        worst = max(worst, np.abs(found - after).max())
+        answers = coulomb(inverse_mass(plant, pose), *jacobians(plant.robot, pose), v, mu)
+        assert len(answers) > 0
+        worst = max(worst, np.abs(answers - after).max())
     measured(f"velocity after a rough impact, {toes} toe(s)", worst, 2e-7, "m/s")
     measured("energy gained in it", most, 0.0, "J")
     measured("loss not booked in it", unbooked, 5e-7, "J")

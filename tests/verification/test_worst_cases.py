@@ -79,7 +79,7 @@ def bounced(step):
         plant = placed(None, ground, state=start, locked=True, time_step=step)
         start = plant.energy()
         results = [plant.step(0.0, HOLD) for _ in range(200)]
-        losses = [one.impact_loss - one.correction_work for one in results]
+        losses = [result.impact_loss - result.correction_work for result in results]
         lost += abs(sum(losses)) / start / 6.0
         missed = max(missed, abs(plant.energy() - start + sum(losses)) / start)
     return lost, missed

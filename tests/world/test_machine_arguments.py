@@ -25,11 +25,11 @@ def actions(steps, seed=0):
     return (0.5 + noise).astype(np.float32)
 
 
-def episode(env, taken, **reset):
+def episode(env, torques, **reset):
     """Observations and rewards of one robot."""
     seen = [env.reset(**reset)[0]]
     rewards, infos = [], []
-    for action in taken:
+    for action in torques:
         observation, reward, _, _, info = env.step(action)
         seen.append(observation)
         rewards.append(reward)
@@ -43,11 +43,11 @@ def episode(env, taken, **reset):
 def test_a_delay_of_control_steps_is_the_same_actions_later(name, plant):
     """And before them no torque; two steps, so that a torque on its way is not the newest."""
     env = gym.make(name, **plant)
-    taken = actions(8)
+    torques = actions(8)
     dt = env.unwrapped.control_dt
-    late = episode(gym.make(name, delay=2 * dt, **plant), taken, seed=1)[2]
+    late = episode(gym.make(name, delay=2 * dt, **plant), torques, seed=1)[2]
     none = np.zeros((2, 1), np.float32)
-    shifted = episode(env, np.concatenate([none, taken[:-2]]), seed=1)[2]
+    shifted = episode(env, np.concatenate([none, torques[:-2]]), seed=1)[2]
     for delayed, other in zip(late, shifted, strict=True):
         assert delayed["crank_torque"] == other["crank_torque"]
         assert delayed["crank_angle"] == other["crank_angle"]

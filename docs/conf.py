@@ -17,6 +17,7 @@ import jansen_env
 from jansen_env.commands import replay
 from jansen_env.viewer.web.bench import write_bench
 from jansen_env.viewer.web.page import write_page
+from jansen_env.viewer.web.walk import write_walk
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -110,12 +111,13 @@ def insert_numbers(app: Sphinx, page: str, source: list[str]) -> None:
 
 
 def write_pages(app: Sphinx, exception: Exception | None) -> None:
-    """Write the bench, and a replay of PID and trained policy, beside the documentation."""
+    """Write the pages to walk, design and replay a walk beside the documentation."""
     if exception or app.builder.format != "html":
         return
     folder = Path(app.outdir) / "try"
     folder.mkdir(exist_ok=True)
     write_bench(folder / "bench.html")
+    write_walk(folder / "walk.html")
     walk = "--policy pid --policy pretrained --command 0.2 --seed 0 --steps 500"
     args = replay.parse(walk.split())
     walks = (replay.record(name, name, args) for name in args.policy)

@@ -6,6 +6,7 @@ With $CHROMIUM set, or $JANSEN_ENV_BROWSER "required", they fail there. The fixt
 
 import math
 import os
+import re
 import shutil
 from dataclasses import dataclass, field
 from typing import Any
@@ -17,7 +18,7 @@ ARGUMENTS = (
     "--disable-background-networking", "--disable-component-update", "--disable-sync",
 )  # fmt: skip
 
-
+WAIT = 10_000  # ms that a page may take
 PHONE = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
 NAMELESS = """() => [...document.querySelectorAll("button, input, select, canvas, dialog, .handle")]
     .filter((e) => !(e.ariaLabel || e.textContent.trim() || e.labels?.length
@@ -33,6 +34,13 @@ def check_phone(page: Any) -> None:
     for control in page.locator(", ".join(f"{kind}:visible" for kind in kinds)).all():
         box = control.bounding_box()
         assert box["height"] >= 43.9 and box["width"] >= 43.9, control.inner_text()
+
+
+def reads(page: Any, name: str, pattern: str, timeout: float = WAIT) -> None:
+    """Wait until an element's text matches a pattern."""
+    from playwright.sync_api import expect
+
+    expect(page.locator(f"#{name}")).to_have_text(re.compile(pattern), timeout=timeout)
 
 
 def chromium() -> str | None:

@@ -1,4 +1,4 @@
-"""The pictures of ``docs/replay.md`` and ``docs/bench.md``: ``python tests/pictures.py docs``."""
+"""Pictures of replays, the bench and the page that walks: ``python tests/pictures.py docs``."""
 
 import argparse
 import io
@@ -12,6 +12,7 @@ from PIL import Image
 from jansen_env.commands.replay import main as record
 from jansen_env.files import write_whole
 from jansen_env.viewer.web.bench import write_bench
+from jansen_env.viewer.web.walk import write_walk
 
 COLOURS = 256  # of a picture
 PHONE = {"viewport": {"width": 360, "height": 780}, "device_scale_factor": 2}
@@ -75,6 +76,16 @@ def take_benches(browser: Any, page: Path, folder: Path) -> None:
     save(tab.locator("#picture"), folder / "drawn.png")
 
 
+def take_walk(browser: Any, page: Path, path: Path) -> None:
+    """Write the picture of two machines on rough ground."""
+    choices = "terrain=rough&level=3&robot2=klann&control2=constant+speed"
+    tab = browser.new_page(viewport={"width": 1280, "height": 800})
+    tab.goto(f"{page.as_uri()}#{choices}")
+    tab.wait_for_timeout(6000)
+    tab.keyboard.press("p")
+    save(tab, path)
+
+
 def main() -> None:
     """Record, open in Chromium, take the pictures."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -89,6 +100,7 @@ def main() -> None:
         browser = playwright.chromium.launch(executable_path=chromium(), args=list(ARGUMENTS))
         take_replays(browser, page, docs / "replay")
         take_benches(browser, write_bench(Path(name) / "bench.html"), docs / "bench")
+        take_walk(browser, write_walk(Path(name) / "page.html"), docs / "play" / "page.png")
         browser.close()
 
 

@@ -9,7 +9,7 @@ from jansen_env import __version__
 from jansen_env.__main__ import COMMANDS, main
 
 OPTIONAL = ("PIL", "cma", "ezdxf", "imageio", "imageio_ffmpeg", "matplotlib", "mujoco", "rich",
-            "scipy", "stable_baselines3", "tabulate", "torch", "websockets", "yaml")  # fmt: skip
+            "scipy", "stable_baselines3", "tabulate", "torch", "yaml")  # fmt: skip
 WITHOUT = f"import sys; sys.modules.update(dict.fromkeys({OPTIONAL}))"
 RUN = f"{WITHOUT}; from jansen_env.__main__ import main; main(sys.argv[1:])"
 

@@ -27,7 +27,6 @@ ORDER = (
     ["policies"],
     ["scoring"],
     ["drawings", "export_mjcf", "sb3", "viewer", "paper"],
-    ["play"],
     ["commands"],
     ["__main__"],
     ["agents.command_line", "agents.training"],

@@ -1,7 +1,6 @@
 // The bench: change the lengths of a walker, and see its toes' paths and their numbers at once.
 //
-// Everything is worked out in here but the walk, which the server's physics does. The data in the
-// page are bench.py's: {served: whether there is a server, base: the first design, designs}.
+// The data in the page are bench.py's: {base: the first design, designs}. It walks on the page beside.
 
 import * as design from "./bench_design.js";
 import * as picture from "./bench_picture.js";
@@ -18,7 +17,7 @@ const SEARCHING = 12; // ms of a frame
 const FLIPPED = 0.002; // m, by which a joint may miss the pointer, or it would snap to the other side
 
 const $ = (id) => document.getElementById(id);
-const { served, base: first, designs } = JSON.parse($("data").textContent);
+const { base: first, designs } = JSON.parse($("data").textContent);
 const svg = $("picture");
 const plain = (name) => name.replaceAll("_", " ");
 const mm = (value) => `${(1000 * value).toFixed(1)} mm`;
@@ -393,20 +392,11 @@ function saveRobot() {
   design.download(`${present().base}.json`, "application/json", text);
 }
 
-/** Have the server's robot made with these lengths, and go where it walks. */
+/** Go where it walks. */
 function walk() {
-  if (!view.numbers || !served) return;
-  const { base, changes } = present();
-  const socket = design.openSocket();
-  const message = JSON.stringify({ do: "build", robot: base, lengths: changes });
-  socket.addEventListener("open", () => socket.send(message));
-  socket.addEventListener("error", () => say("No connection to the program."));
-  socket.addEventListener("message", ({ data }) => {
-    const answer = JSON.parse(data);
-    if (answer.kind === "built") location.href = "./#walk";
-    if (answer.kind === "error") say(answer.message);
-    if (answer.kind === "error" || answer.kind === "built") socket.close();
-  });
+  if (!view.numbers) return;
+  const robot = design.linkOf(present());
+  location.href = `walk.html#${new URLSearchParams({ robot, control: "constant speed" })}`;
 }
 
 const BUTTONS = {
@@ -477,7 +467,6 @@ function open() {
 const style = new CSSStyleSheet();
 style.replaceSync(picture.STYLE);
 document.adoptedStyleSheets = [style];
-$("walk").hidden = $("play-link").hidden = !served;
 $("base").innerHTML = Object.keys(designs)
   .map((name) => `<option value="${name}">${plain(name)}</option>`)
   .join("");

@@ -1,4 +1,4 @@
-"""The bench, a page to design legs on: served by ``jansen_env.play``, or as one file.
+"""The bench, a page to design legs on, as one file.
 
 ``linkage.js`` closes the linkages, whose topology and lengths it gets from here.
 """
@@ -14,11 +14,10 @@ from jansen_env.robot.lengths import lengths
 from jansen_env.viewer.web.page import page_of
 
 
-def bench_page(sockets: str = "") -> str:
-    """The bench as one HTML file with all designs; it walks where a server has ``sockets``."""
+def bench_page() -> str:
+    """The bench as one HTML file with all designs; beside :mod:`.walk`'s they walk."""
     designs = {name: design_of(make()) for name, make in ROBOTS.items()}
-    data = {"served": bool(sockets), "base": "built", "designs": designs}
-    return page_of("bench", data, sockets=sockets)
+    return page_of("bench", {"base": "built", "designs": designs})
 
 
 def write_bench(path: str | Path) -> Path:

@@ -73,13 +73,6 @@ export function robotFile({ base, changes }) {
   return `${JSON.stringify(content, null, 1)}\n`;
 }
 
-/** A socket to the server that has sent this page. */
-export function openSocket() {
-  const address = new URL("socket", location);
-  address.protocol = "ws:";
-  return new WebSocket(address);
-}
-
 /** Let the browser save a text as a file. */
 export function download(name, type, text) {
   const href = URL.createObjectURL(new Blob([text], { type }));

@@ -1,6 +1,6 @@
 """Recordings as one HTML file that plays them: no server, no network, nothing else to install.
 
-``docs/replay.md`` says how exact they are. :func:`page_of` makes the pages to play and to design,
+``docs/replay.md`` says how exact they are. :func:`page_of` makes the pages to walk and to design,
 too.
 """
 
@@ -63,21 +63,21 @@ def page_of(
     name: str,
     data: object,
     parts: Mapping[str, str] = MappingProxyType({}),
-    sockets: str = "",
+    runs: str = "",
 ) -> str:
-    """A page as one file, which may run nothing else, and ask for nothing but ``sockets``.
+    """A page as one file, which may ask for nothing, and run nothing else but what ``runs`` allows.
 
     It is the file of this folder that is called ``name``.html, with ``theme.css``, its own styles
     and script, what that imports, and ``data`` as JSON put in. parts: other texts of the file and
-    what replaces them.
+    what replaces them. runs: a source of scripts as its content security policy names it.
     """
     style, script = _read("theme.css") + _read(f"{name}.css"), _script(name)
     policy = (
         f"default-src 'none'; img-src data:; style-src {_hash_of(style)}; "
-        f"script-src {_hash_of(script)}; base-uri 'none'; form-action 'none'"
+        f"script-src {_hash_of(script)}{runs and f' {runs}'}; base-uri 'none'; form-action 'none'"
     )
     filling = {
-        "default-src 'none'": f"{policy}; connect-src {sockets}" if sockets else policy,
+        "default-src 'none'": policy,
         "<!-- style -->": f"<style>{style}</style>",
         "<!-- data -->": f'<script type="application/json" id="data">{_json(data)}</script>',
         "<!-- script -->": f"<script>{script}</script>",
@@ -113,8 +113,8 @@ def _script(name: str) -> str:
         for imported in re.findall(r' from "\./(\w+)\.js";', source):
             if imported not in modules:
                 add(imported)
-        exported = re.findall(r"^export (?:function\*?|const) (\w+)", source, re.MULTILINE)
-        source = re.sub(r"^export (?=function|const)", "", source, flags=re.MULTILINE)
+        exported = re.findall(r"^export (?:function\*?|class|const) (\w+)", source, re.MULTILINE)
+        source = re.sub(r"^export (?=function|class|const)", "", source, flags=re.MULTILINE)
         source = re.sub(
             r'^import (?:\* as )?(\w+|\{[^}]*\}) from "\./(\w+)\.js";', r"const \1 = \2_js;",
             source, flags=re.MULTILINE,

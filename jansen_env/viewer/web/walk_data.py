@@ -61,6 +61,7 @@ NUMBERS = {
 ENVIRONMENTS = (
     "JansenWalkerBuilt-v0", "JansenWalker-v0", "JansenWalkerRough-v0", "JansenWalkerHardcore-v0",
 )  # fmt: skip
+CONTROLLERS = ("hand", "constant speed", "pid")  # those that are no policies
 SLIDER = ("name", "label", "unit", "low", "high")
 SLIDERS = (
     ("friction", "friction", "", 0.0, 1.2), ("payload", "payload", "kg", 0.0, 6.0),
@@ -86,7 +87,7 @@ def walk_data() -> Json:
         "designs": {name: design_of(each) for name, each in designs.items()},
         "built": [name for name, each in designs.items() if is_of_built_parts(each)],
         "policies": policies,
-        "controllers": ["hand", "constant speed", "pid", *policies],
+        "controllers": [*CONTROLLERS, *policies],
         "control": {
             "topSpeed": walker_env.SPEED_COMMAND[1],
             "shortestTurn": SHORTEST_TURN,
@@ -98,13 +99,18 @@ def walk_data() -> Json:
     }
 
 
+def controller_name(env_id: str, name: str) -> str:
+    """Return the name that a policy of an environment has on the page."""
+    preset = env_id.removeprefix("JansenWalker").removesuffix("-v0").lower() or "paper"
+    return f"{preset if name == pretrained.DEFAULT else name} policy"
+
+
 def policy_data(env_id: str, name: str) -> tuple[str, Json]:
     """Return a policy's name on the page, and its network, observations and fastest command."""
     policy = pretrained.load(env_id, name)
     arguments = {**pretrained.arguments_of(env_id), **policy.env_kwargs}
-    preset = env_id.removeprefix("JansenWalker").removesuffix("-v0").lower() or "paper"
     mean, deviation = policy.scale
-    return f"{preset if name == pretrained.DEFAULT else name} policy", {
+    return controller_name(env_id, name), {
         "robot": arguments["robot"],
         "fastest": float(np.max(np.abs(arguments["speed_command"]))),
         "observed": policy.observed,

@@ -1,14 +1,12 @@
-"""The bench in a real Chromium: against a real server, and as one file without any."""
+"""The bench in a real Chromium, as one file."""
 
 import math
 import re
 
 import numpy as np
 import pytest
-from browser import NAMELESS, PHONE, check_phone
-from page_client import WAIT, reads
+from browser import NAMELESS, PHONE, check_phone, reads
 
-from jansen_env.commands.play import main
 from jansen_env.robot import ROBOTS
 from jansen_env.robot.kinematics import (
     advance_per_turn,
@@ -27,16 +25,7 @@ NEAR = 0.01  # of the standing height
 
 
 @pytest.fixture
-def window(open_window, served):
-    """The bench of a running program."""
-    opened = open_window(**STILL)
-    opened.page.goto(f"http://{served[1]}/bench#paper")
-    opened.host = served[1]
-    return opened
-
-
-@pytest.fixture
-def alone(open_window, tmp_path):
+def bench(open_window, tmp_path):
     """A function to the window of the bench's file, with a link's fragment."""
 
     def opened(fragment="paper", **options):
@@ -46,6 +35,11 @@ def alone(open_window, tmp_path):
         return window
 
     return opened
+
+
+@pytest.fixture
+def window(bench):
+    return bench()
 
 
 def number(page, name):
@@ -193,9 +187,9 @@ def test_everything_by_keys(window):
     assert page.evaluate(NAMELESS) == []
 
 
-def test_a_link_holds_the_design(alone):
+def test_a_link_holds_the_design(bench):
     """Exactly; one that is wrong is refused in one line."""
-    page = alone("klann&rod_AD=470&foot_T_across=-220.55&frame_angle=-3.25").page
+    page = bench("klann&rod_AD=470&foot_T_across=-220.55&frame_angle=-3.25").page
     assert fragment(page) == "klann&rod_AD=470&foot_T_across=-220.55&frame_angle=-3.25"
     assert page.locator("#base").input_value() == "klann"
     for wrong, text in {
@@ -214,9 +208,9 @@ def test_a_link_holds_the_design(alone):
         assert "=" not in fragment(page) or fragment(page).startswith("klann")
 
 
-def test_files_are_taken_away(alone, tmp_path):
+def test_files_are_taken_away(bench, tmp_path):
     """A robot file that Python reads, and a drawing with all lengths."""
-    page = alone("built&rocker=240.08&foot_CE=250&frame_angle=9").page
+    page = bench("built&rocker=240.08&foot_CE=250&frame_angle=9").page
     with page.expect_download() as robot:
         page.locator("#file").click()
     robot.value.save_as(tmp_path / "robot.json")
@@ -235,36 +229,17 @@ def test_files_are_taken_away(alone, tmp_path):
     assert text.startswith("<svg ") and ">240.08</text>" in text and ">383.22</text>" in text
 
 
-def test_the_file_needs_nothing(alone):
-    """No network, no server, nothing but itself; and it cannot walk."""
-    window = alone("strider")
-    assert number(window.page, "advance") == pytest.approx(1714.6)
-    assert not window.page.locator("#walk").is_visible()
+def test_the_file_needs_nothing(bench):
+    """No network, nothing but itself; the walk is on the page beside."""
+    window = bench("strider&rod_AD=470")
     assert len(window.requests) == 1 and window.requests[0].startswith("file://")
     text = bench_page()
     assert "unsafe" not in text and not re.search(r"\bsrc=|@import|url\(|\bfetch\(|eval\(", text)
 
 
-def test_it_walks_with_the_new_lengths(window):
-    """The play page shows them walking, and leads back to them; a replay is a file."""
-    page = window.page
-    page.goto(f"http://{window.host}/bench#klann&rod_AD=470")
-    page.reload()
-    page.locator("#walk").click()
-    page.wait_for_url(f"http://{window.host}/#walk", timeout=WAIT)
-    assert not page.locator("#help").is_visible()
-    reads(page, "distance", r"^(0\.[3-9]|[1-9])", 2 * WAIT)
-    assert page.locator("#robot").input_value() == "klann"
-    with page.expect_download() as replay:
-        page.locator("#replay").click()
-    assert "Content-Security-Policy" in replay.value.path().read_text()
-    page.locator("#bench").click()
-    page.wait_for_url(f"http://{window.host}/bench#klann&rod_AD=470", timeout=WAIT)
-
-
-def test_on_a_phone_by_touch(alone):
+def test_on_a_phone_by_touch(bench):
     """Nothing is wider than the screen, and everything large enough for a finger."""
-    page = alone("paper", **PHONE, color_scheme="dark").page
+    page = bench("paper", **PHONE, color_scheme="dark").page
     check_phone(page)
     toe, x, y = handle(page, "T")
     assert toe.locator("circle").bounding_box()["width"] == pytest.approx(44, abs=1)
@@ -274,13 +249,3 @@ def test_on_a_phone_by_touch(alone):
     page.locator("#picture").dispatch_event("pointermove", {**point, "clientX": x + 4})
     page.locator("#picture").dispatch_event("pointerup", point)
     assert changed(page) == {"foot_ET", "foot_TC"}
-
-
-def test_the_command_writes_the_file(tmp_path, capsys):
-    """With one line about a folder that cannot be written."""
-    path = tmp_path / "bench.html"
-    main(["--bench-file", str(path)])
-    assert path.read_text() == bench_page()
-    with pytest.raises(SystemExit):
-        main(["--bench-file", str(path / "x.html")])
-    assert ": error: /" in capsys.readouterr().err.splitlines()[0]

@@ -1,1 +1,0 @@
-"""Walk a robot by hand on a page: ``jansen-env play``."""

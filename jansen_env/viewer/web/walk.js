@@ -1,0 +1,703 @@
+// The page that walks: machines that the engine moves in here, grounds, controllers, and the hand.
+//
+// The data in the page are those of walk_data.py, the engine's module among them. All that is chosen is
+// in the page's address, after the #, so that a link to a walk is a link to this page.
+
+import { designOf, linkOf } from "./bench_design.js";
+import { Engine, numbersOf } from "./engine.js";
+import { LESSONS } from "./lessons.js";
+import { plotOn } from "./plots.js";
+import { CLICK_PUSH, drawPush, impulseOf } from "./push.js";
+import { generatorOf } from "./random.js";
+import { drawScene, followingView, THEMES } from "./scene.js";
+import { explain } from "./terms.js";
+import { groundOf } from "./terrain.js";
+import { APART, HAND, STEP, Walker } from "./walker.js";
+
+const LARGEST_PUSH = 10; // N s
+const LONGEST_GAP = 0.25; // s: after a longer pause of the browser time has stood still
+const PACES = [1, 0.5, 0.25, 0.1]; // of the robot's time in the user's
+const TORQUE_RATE = 3; // 1/s, of the torque while a key is held ...
+const RELEASE_RATE = 8; // ... and after it
+const COMMAND_RATE = 0.5; // 1/s, of the command while a key is held, of the fastest
+const FIRST_COMMAND = 0.3; // m/s
+const WINDOW = 10; // s, of the plots
+const REPLOT = 150; // ms between two pictures of the plots
+const DEAD_ZONE = 0.12; // of a gamepad's stick
+const LARGEST_SEED = 2 ** 32 - 1;
+const MESSAGE_TIME = 6000; // ms for which a message is shown
+const GOAL = { distance: 10, cost: 0.3 }; // m, at most; by hand
+const FLAT = "flat";
+const STEADY = "constant speed";
+const PLOTS = [
+  ["crank torque", "N m", (info) => info.torque],
+  ["slip speed, all toes", "m/s", (info) => sum(info.slip) / STEP],
+  ["motor power", "W", (info) => info.motorWork / STEP],
+];
+const ENERGIES = [
+  ["motor work", "motorWork"],
+  ["into joints", "jointLoss"],
+  ["into slip", "slipLoss"],
+  ["into impacts", "impactLoss"],
+];
+// biome-ignore format: a table
+const DEFAULTS = {
+  robot: "built", control: "built policy", terrain: FLAT, level: "0", robot2: "", control2: "", seed: "0",
+};
+
+const $ = (id) => document.getElementById(id);
+const sum = (values) => [...values].reduce((total, value) => total + value, 0);
+const within = (value, low, high) => Math.min(Math.max(value, low), high);
+const plain = (name) => name.replaceAll("_", " ");
+const data = JSON.parse($("data").textContent);
+const dark = matchMedia("(prefers-color-scheme: dark)");
+const engine = new Engine(numbersOf(data.engine, Uint8Array), data.layout);
+
+let chosen = {}; // by the names of DEFAULTS
+let walkers = []; // one, or two that are compared
+let torque = 0; // -1 to 1, by hand
+let command = FIRST_COMMAND; // m/s, the same for all
+let settings = {}; // of the sliders that were moved
+let pace = PACES[0];
+let running = false;
+let shownAt = null; // count of steps at which the past is shown, or null for now
+let due = 0; // share of a step that has not been taken
+let last = 0; // ms, of the frame before
+let plotted = 0; // ms, of the last plots
+let held = 0; // -1, 0, 1: the keys
+let returns = false; // whether the torque goes back to 0
+let won = false; // whether the goal was reached since the start
+let lesson = -1; // index of the question that is shown, if one is
+let drag = null; // {x, y, toX, toY}, pixels of a `canvas`
+let stick = { value: 0, pressed: false }; // of the gamepad
+
+// What walks.
+
+/** The robot of a choice: a name, or a name with lengths as in the bench's links. */
+function robotOf(text) {
+  const { base, changes } = designOf(data.designs, text);
+  if (Object.keys(changes).length === 0) return data.robots[base];
+  throw new Error("Changed lengths do not walk here yet.");
+}
+
+/** Start again with what is chosen; throws, and changes nothing, where that cannot be. */
+function build(choice) {
+  for (const [name, values] of Object.entries(OPTIONS))
+    if (!name.startsWith("robot") && !values.includes(choice[name]))
+      throw new Error(`${name} is "${choice[name].slice(0, 40)}", which this page does not have.`);
+  const seed = Number(choice.seed);
+  if (!Number.isInteger(seed) || seed < 0 || seed > LARGEST_SEED)
+    throw new Error(`seed is "${choice.seed.slice(0, 40)}", must be from 0 to ${LARGEST_SEED}.`);
+  const ground = groundOf(data.terrain, choice.terrain, Number(choice.level), seed);
+  const pairs = [[choice.robot, choice.control]];
+  if (choice.robot2) pairs.push([choice.robot2, choice.control2 || choice.control]);
+  const made = pairs.map(
+    ([robot, control]) => new Walker(engine, data, robotOf(robot), ground, control),
+  );
+  chosen = choice;
+  start(made);
+}
+
+/** What turns the crank of a robot at first: the policy that has learnt on it, if there is one. */
+function controlFor(robot) {
+  const name = `${robot.split("&")[0]} policy`;
+  return name in data.policies && !robot.includes("&") ? name : STEADY;
+}
+
+function start(made) {
+  // The crank angle that an environment draws first from a seed.
+  const angle = generatorOf(Number(chosen.seed)).uniform(0, 2 * Math.PI);
+  const most = made[0].controller.topSpeed;
+  if (!made[0].byHand) command = within(command, -most, most);
+  for (const walker of made) walker.start(angle, settings, command);
+  walkers = made;
+  shownAt = null;
+  due = 0;
+  won = false;
+  torque = 0;
+  showPanel();
+  remember();
+}
+
+const byHand = () => walkers[0].byHand;
+/** -1 to 1: the torque by hand, or the command as a share of the fastest. */
+const share = () => (byHand() ? torque : command / walkers[0].controller.topSpeed);
+
+function steer(value) {
+  if (byHand()) torque = within(value, -1, 1);
+  else command = within(value, -1, 1) * walkers[0].controller.topSpeed;
+  showInput();
+}
+
+function restart() {
+  start(walkers);
+}
+
+/** Change choices, or say why not. All but a control start again. */
+function choose(changes) {
+  const choice = { ...chosen, ...changes };
+  if (choice.terrain === FLAT) choice.level = "0";
+  for (const [robot, control] of [
+    ["robot", "control"],
+    ["robot2", "control2"],
+  ])
+    if (changes[robot] && choice[control] !== HAND) choice[control] = controlFor(choice[robot]);
+  try {
+    if (Object.keys(changes).every((name) => name.startsWith("control"))) {
+      walkers[0].take(choice.control);
+      walkers[1]?.take(choice.control2 || choice.control);
+      chosen = choice;
+    } else build(choice);
+  } catch (error) {
+    say(error.message);
+  }
+  torque = 0;
+  steer(share());
+  showPanel();
+  remember();
+}
+
+/** Move a slider, or say why not. */
+function set(name, value) {
+  goOn();
+  const before = walkers.map(({ machine }) => machine.parameters[name]);
+  try {
+    for (const { machine } of walkers) machine.change({ [name]: value });
+    settings = { ...settings, [name]: value };
+  } catch (error) {
+    for (const [i, { machine }] of walkers.entries()) machine.change({ [name]: before[i] });
+    say(error.message);
+  }
+  showPanel();
+}
+
+function push(x, y) {
+  goOn();
+  for (const { machine } of walkers) machine.push(x, y);
+}
+
+// The address.
+
+/** Put all that is chosen into the page's address. */
+function remember() {
+  const all = { ...chosen, command: command.toFixed(2), ...settings };
+  const different = Object.entries(all).filter(([name, value]) => value !== DEFAULTS[name]);
+  history.replaceState(null, "", `#${new URLSearchParams(different)}`);
+}
+
+/** Choose what an address says. */
+function open(address) {
+  const { command: speed = FIRST_COMMAND, ...given } = Object.fromEntries(
+    new URLSearchParams(address),
+  );
+  const choice = { ...DEFAULTS };
+  const values = {};
+  for (const [name, value] of Object.entries(given)) {
+    const slider = data.sliders.find((each) => each.name === name);
+    if (slider) values[name] = within(Number(value) || 0, slider.low, slider.high);
+    else if (name in DEFAULTS) choice[name] = value;
+  }
+  command = Number(speed) || 0;
+  settings = values;
+  try {
+    build(choice);
+  } catch (error) {
+    settings = {};
+    build({ ...DEFAULTS });
+    say(error.message);
+  }
+}
+
+// Time.
+
+function frame(now) {
+  requestAnimationFrame(frame);
+  readGamepad();
+  const passed = Math.min((now - last) / 1000, LONGEST_GAP);
+  last = now;
+  if (running && !$("help").open) advance(passed);
+  for (const [i, walker] of walkers.entries()) draw(walker, $("pictures").children[i]);
+  if (now - plotted > REPLOT) {
+    plotted = now;
+    drawPlots();
+    showPast();
+    showEnergies();
+    if (lesson >= 0) write($("answer"), LESSONS[lesson].answer(walkers));
+  }
+}
+
+/** Let the user's time pass. */
+function advance(seconds) {
+  moveInput(seconds);
+  due += (seconds * pace) / STEP;
+  for (; due >= 1; due -= 1) for (const walker of walkers) walker.step(torque, command);
+  const { distance, cost } = walkers[0].score;
+  if (won || !byHand() || walkers[0].fallen || distance < GOAL.distance || cost > GOAL.cost) return;
+  won = true;
+  say(`${GOAL.distance} m by hand at a cost of transport of ${cost.toFixed(2)}: well walked!`);
+}
+
+/** Move the input as long as a key is held, and the torque back after it. */
+function moveInput(seconds) {
+  const before = share();
+  if (held && byHand())
+    // From 0 on where it is against the torque that there is.
+    steer((before * held < 0 ? 0 : before) + held * seconds * TORQUE_RATE);
+  else if (held) steer(before + held * seconds * COMMAND_RATE);
+  else if (returns && byHand()) {
+    steer(Math.sign(before) * Math.max(0, Math.abs(before) - RELEASE_RATE * seconds));
+    returns = torque !== 0;
+  }
+}
+
+function run(on) {
+  if (on) goOn();
+  running = on;
+  last = performance.now();
+  $("pause").setAttribute("aria-pressed", !on);
+}
+
+/** Go on from the place that is shown. */
+function goOn() {
+  if (shownAt === null) return;
+  for (const walker of walkers) walker.back(shownAt);
+  shownAt = null;
+  due = 0;
+  showPanel();
+}
+
+/** Show the place `steps` from the one that is shown. */
+function goBy(steps) {
+  const [first, newest] = rangeOfPast();
+  run(false);
+  shownAt = within((shownAt ?? newest + (steps < 0 ? 1 : 0)) + steps, first, newest);
+  shownAt -= shownAt % APART;
+  showPast();
+}
+
+/** First and last count of the past to which all walkers can go. */
+function rangeOfPast() {
+  const { past } = walkers[0];
+  return [past[0].count, past.at(-1).count - (past.at(-1).count % APART)];
+}
+
+// What is shown.
+
+function draw(walker, figure) {
+  const canvas = figure.querySelector("canvas");
+  const ctx = canvas.getContext("2d");
+  const ratio = window.devicePixelRatio || 1;
+  const size = { width: canvas.clientWidth, height: canvas.clientHeight };
+  const [width, height] = [size.width, size.height].map((length) => Math.round(length * ratio));
+  if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+  ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
+  const theme = dark.matches ? THEMES.dark : THEMES.light;
+  const { scene } = walker.machine;
+  const now = shownAt === null;
+  const index = now ? walker.past.length - 1 : walker.indexOf(shownAt);
+  const state = walker.poseAt(index, now ? due : 1);
+  const reach = Math.max(...walkers.map(({ machine }) => machine.scene.reach)); // one scale
+  const view = followingView(size, { ...scene, reach }, state);
+  drawScene(ctx, size, scene, state, view, { theme });
+  figure.axis = [0.5 * size.width, 0.5 * size.height - (state.y - view.y) * view.scale];
+  if (drag?.canvas === canvas) drawPush(ctx, drag, LARGEST_PUSH, theme);
+  showScore(walker, figure);
+}
+
+function write(place, text) {
+  if (place.textContent !== text) place.textContent = text;
+}
+
+function showScore(walker, figure) {
+  const { distance, slip, cost, speed, time } = walker.score;
+  const ratio = (value, digits, unit) => (value === null ? "–" : value.toFixed(digits) + unit);
+  const texts = [
+    `${distance.toFixed(2)} m`,
+    ratio(slip, 3, " m/m"),
+    ratio(cost, 2, ""),
+    `${speed.toFixed(2).replace("-0.00", "0.00")} m/s`,
+    `${time.toFixed(1)} s`,
+  ];
+  for (const [i, cell] of figure.querySelectorAll("dd").entries()) write(cell, texts[i]);
+  let note = walker.fallen ? "It has fallen. Start again (R), or push it up." : "";
+  if (walker.stuck) note = "The simulation has diverged. Start again.";
+  write(figure.querySelector("output"), note);
+}
+
+/** Curves of the last seconds before the time that is shown. */
+function drawPlots() {
+  const theme = dark.matches ? THEMES.dark : THEMES.light;
+  const style = getComputedStyle(document.documentElement);
+  const names = ["first", "second"];
+  const colors = Object.fromEntries(
+    names.map((name) => [name, style.getPropertyValue(`--${name}`)]),
+  );
+  const places = walkers.map(lastPlaces);
+  const time = places[0].map((_, k) => k * STEP);
+  for (const [k, [, , value]] of PLOTS.entries()) {
+    const canvas = $("plots").children[k].querySelector("canvas");
+    const curves = places.map((those, i) => ({
+      time, values: those.map(({ info }) => value(info)), first: 0, color: names[i],
+    })); // biome-ignore format: one line
+    const plot = plotOn(canvas, curves, WINDOW);
+    const size = { width: canvas.clientWidth, height: canvas.clientHeight };
+    plot.paint(theme, colors, size, window.devicePixelRatio || 1);
+    plot.draw(time.at(-1) ?? 0, [], colors);
+  }
+}
+
+/** Steps of a walker that its plots show. */
+function lastPlaces(walker) {
+  const end = shownAt === null ? walker.past.length - 1 : walker.indexOf(shownAt);
+  return walker.past.slice(Math.max(end + 1 - WINDOW / STEP, 1), end + 1);
+}
+
+function showPast() {
+  const [first, newest] = rangeOfPast();
+  Object.assign($("past"), { min: first, max: newest, step: APART });
+  $("past").value = shownAt ?? newest;
+  const ago = ((shownAt ?? newest) - newest) * STEP;
+  write($("past-value"), shownAt === null ? "now" : `${ago.toFixed(1).replace("-", "−")} s`);
+}
+
+/** Where the motor's work went in the time of the plots. */
+function showEnergies() {
+  const all = walkers.map(lastPlaces);
+  for (const [i, [, name]] of ENERGIES.entries()) {
+    const texts = all.map((places) => {
+      const total = (energy) => sum(places.map(({ info }) => info.energy[energy]));
+      const work = total("motorWork");
+      if (!(Math.abs(work) > 1e-6)) return "–";
+      return i === 0 ? `${work.toFixed(1)} J` : `${Math.round((100 * total(name)) / work)} %`;
+    });
+    write($("energies").children[i].lastElementChild, texts.join(" | "));
+  }
+}
+
+function showPanel() {
+  for (const name of Object.keys(OPTIONS)) showChoice(name);
+  $("level").disabled = chosen.terrain === FLAT;
+  $("control2").disabled = !chosen.robot2;
+  $("pictures").children[1].hidden = walkers.length < 2;
+  $("pictures").classList.toggle("two", walkers.length > 1);
+  for (const { name, unit } of data.sliders) {
+    const value = walkers[0].machine.parameters[name];
+    if (!$(name).matches(":active")) $(name).value = value;
+    $(`${name}-value`).textContent = `${value.toFixed(2)} ${unit}`.trim();
+  }
+  for (const [i, { control }] of walkers.entries()) {
+    const robot = [chosen.robot, chosen.robot2][i];
+    const title = $("pictures").children[i].querySelector("b");
+    title.textContent = `${nameOf(robot)}, ${nameOf(control)}`;
+  }
+  $("input-label").textContent = byHand() ? "torque" : "speed command";
+  $("pace").value = pace;
+  $("bench").href = `bench.html#${chosen.robot}`;
+  for (const button of document.querySelectorAll(".take"))
+    button.textContent = byHand() ? "Let it walk" : "Take the crank";
+  showInput();
+  explain("dt, label");
+}
+
+/** Show a choice; a robot of other lengths is an entry of its own. */
+function showChoice(name) {
+  const values = [...$(name).options].map(({ value }) => value);
+  if (!values.includes(chosen[name])) $(name).append(optionOf(chosen[name]));
+  $(name).value = chosen[name];
+}
+
+function showInput() {
+  if (!$("input").matches(":active")) $("input").value = share();
+  $("input-value").textContent = byHand()
+    ? `${(torque * walkers[0].machine.torqueLimit).toFixed(1)} N m`
+    : `${command.toFixed(2)} m/s`;
+}
+
+function nameOf(text) {
+  const [name, ...lengths] = String(text).split("&");
+  return plain(name === HAND ? "by hand" : name) + (lengths.length ? " (changed)" : "");
+}
+
+let note; // timer of the message
+function say(text) {
+  clearTimeout(note);
+  $("message").textContent = text;
+  note = setTimeout(() => $("message").replaceChildren(), MESSAGE_TIME);
+}
+
+// The panel.
+
+const robots = Object.keys(data.robots);
+const { kinds, levels } = data.terrain;
+const OPTIONS = {
+  robot: robots,
+  control: data.controllers,
+  terrain: [FLAT, ...kinds, "mixed"],
+  level: levels[kinds[0]].map((_, level) => String(level)),
+  robot2: ["", ...robots],
+  control2: ["", ...data.controllers],
+};
+const LABELS = { robot2: "compare with", control2: "its control" };
+
+function element(tag, properties) {
+  return Object.assign(document.createElement(tag), properties);
+}
+
+function optionOf(value) {
+  return new Option(value === "" ? "–" : nameOf(value), value);
+}
+
+function addChoice(id, label, options, act) {
+  const select = element("select", { id });
+  select.append(...options);
+  let pointed = false; // whether it was the pointer that chose, or keys, which may go on
+  select.addEventListener("pointerdown", () => {
+    pointed = true;
+  });
+  select.addEventListener("keydown", () => {
+    pointed = false;
+  });
+  select.addEventListener("change", () => {
+    act(select.value);
+    if (pointed) select.blur();
+  });
+  const row = element("div", {});
+  row.append(element("label", { htmlFor: id, textContent: label }), select);
+  $("choices").append(row);
+}
+
+function addSlider({ name, label, low, high }) {
+  const row = element("div", { className: "slider" });
+  const slider = element("input", { id: name, type: "range", min: low, max: high, step: 0.01 });
+  slider.addEventListener("input", () => set(name, Number(slider.value)));
+  slider.addEventListener("change", () => {
+    slider.value = walkers[0].machine.parameters[name]; // as it is, where the new one was refused
+    remember();
+  });
+  row.append(
+    element("label", { htmlFor: name, textContent: label }),
+    element("output", { id: `${name}-value`, htmlFor: name, ariaLive: "off" }),
+    slider,
+  );
+  $("sliders").append(row);
+}
+
+function addPlot([label, unit]) {
+  const figure = element("figure", {});
+  const caption = element("div", {});
+  caption.append(element("dt", { textContent: label }), ` (${unit})`);
+  figure.append(caption, element("canvas", { role: "img", ariaLabel: `${label} over time` }));
+  $("plots").append(figure);
+}
+
+function addEnergy([label]) {
+  const row = element("div", {});
+  row.append(element("dt", { textContent: label }), element("dd", {}));
+  $("energies").append(row);
+}
+
+function buildPanel() {
+  for (const [name, values] of Object.entries(OPTIONS))
+    addChoice(name, LABELS[name] ?? name, values.map(optionOf), (value) =>
+      choose({ [name]: value }),
+    );
+  const paceOf = (value) => new Option(value === 1 ? "real time" : `1/${1 / value}`, value);
+  addChoice("pace", "pace", PACES.map(paceOf), (value) => {
+    pace = Number(value);
+  });
+  data.sliders.forEach(addSlider);
+  PLOTS.forEach(addPlot);
+  ENERGIES.forEach(addEnergy);
+  const picture = $("pictures").firstElementChild;
+  $("pictures").append(picture.cloneNode(true));
+  for (const figure of $("pictures").children) listen(figure);
+}
+
+function copyLink() {
+  remember();
+  const copied = navigator.clipboard?.writeText(location.href) ?? Promise.reject();
+  copied.then(
+    () => say("The link to this walk is copied."),
+    () => say(location.href),
+  );
+}
+
+/** Show a question, and what it is about; none for -1. */
+function teach(index) {
+  lesson = index;
+  $("lesson").hidden = index < 0;
+  $("lessons").setAttribute("aria-pressed", index >= 0);
+  if (index < 0) return;
+  const { title, question, trial, address } = LESSONS[index];
+  write($("lesson-title"), `${index + 1}. ${title}: ${question}`);
+  write($("trial"), trial);
+  open(address);
+  run(true);
+}
+
+/** Let a robot file that is dropped walk. */
+async function drop(file) {
+  try {
+    const { format, design, lengths } = JSON.parse(await file.text());
+    if (format !== "jansen_env robot 1") throw new Error("This is no robot file of jansen_env.");
+    choose({ robot: linkOf({ base: design, changes: lengths }) });
+  } catch (error) {
+    say(error.message);
+  }
+}
+
+// Keys, pointers and the gamepad.
+
+function hold(direction) {
+  if (direction === held) return;
+  held = direction;
+  if (direction === 0) {
+    returns = true;
+    remember();
+  } else {
+    $("help").close();
+    run(true);
+  }
+}
+
+/** Let the hand turn the crank, or a controller. */
+function take() {
+  choose({ control: byHand() ? controlFor(chosen.robot) : HAND });
+}
+
+function toggleHelp() {
+  if ($("help").open) $("help").close();
+  else $("help").show();
+}
+
+function slower() {
+  pace = PACES[(PACES.indexOf(pace) + 1) % PACES.length];
+  showPanel();
+}
+
+const pressed = { ArrowLeft: false, ArrowRight: false };
+const holdKeys = () => hold(Number(pressed.ArrowRight) - Number(pressed.ArrowLeft));
+const KEYS = {
+  " ": () => push(CLICK_PUSH, 0),
+  r: restart,
+  n: () => choose({ seed: String(Number(chosen.seed) + 1) }),
+  p: () => run(!running),
+  s: slower,
+  c: take,
+  ",": () => goBy(-APART),
+  ".": () => goBy(APART),
+  Escape: () => $("help").close(),
+  h: toggleHelp,
+  "?": toggleHelp,
+};
+
+/** Whether a key is the focused element's own: arrows of a slider, letters of a list. */
+function taken({ key, target: { tagName } }) {
+  if (tagName === "SELECT" || tagName === "INPUT") return key in pressed || tagName === "SELECT";
+  return tagName === "BUTTON" && key === " ";
+}
+
+addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.metaKey || event.altKey || taken(event)) return;
+  const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+  if (key in pressed) {
+    pressed[key] = true;
+    holdKeys();
+  } else if (KEYS[key]) {
+    if (!event.repeat) KEYS[key]();
+  } else return;
+  event.preventDefault();
+});
+
+addEventListener("keyup", ({ key }) => {
+  if (!pressed[key]) return;
+  pressed[key] = false;
+  holdKeys();
+});
+
+addEventListener("blur", () => {
+  pressed.ArrowLeft = pressed.ArrowRight = false;
+  hold(0);
+});
+
+for (const [id, direction] of [
+  ["left", -1],
+  ["right", 1],
+]) {
+  const press = ({ key }) => (key === " " || key === "Enter") && hold(direction);
+  $(id).addEventListener("pointerdown", () => hold(direction));
+  for (const end of ["pointerup", "pointercancel", "pointerleave", "blur", "keyup"])
+    $(id).addEventListener(end, () => hold(0));
+  $(id).addEventListener("keydown", press);
+}
+
+/** Let the pointer push the robots from a picture. */
+function listen(figure) {
+  const canvas = figure.querySelector("canvas");
+  canvas.addEventListener("pointerdown", (event) => {
+    if (event.button !== 0) return;
+    canvas.setPointerCapture(event.pointerId);
+    const { offsetX: x, offsetY: y } = event;
+    drag = { x, y, toX: x, toY: y, canvas };
+    document.activeElement.blur();
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    if (drag) Object.assign(drag, { toX: event.offsetX, toY: event.offsetY });
+  });
+  canvas.addEventListener("pointercancel", () => {
+    drag = null;
+  });
+  canvas.addEventListener("pointerup", () => {
+    const impulse = drag && impulseOf(drag, figure.axis, LARGEST_PUSH);
+    drag = null;
+    if (impulse) push(impulse.x, impulse.y);
+  });
+}
+
+function readGamepad() {
+  const pad = navigator.getGamepads?.().find((each) => each?.connected && each.axes.length > 0);
+  if (!pad) return;
+  const value = Math.abs(pad.axes[0]) < DEAD_ZONE ? 0 : within(pad.axes[0], -1, 1);
+  const down = Boolean(pad.buttons[0]?.pressed);
+  if (value !== stick.value) steer(value);
+  if (down && !stick.pressed) restart();
+  stick = { value, pressed: down };
+}
+
+const BUTTONS = {
+  lessons: () => teach(lesson < 0 ? 0 : -1),
+  "lesson-before": () => teach((lesson || LESSONS.length) - 1),
+  "lesson-next": () => teach((lesson + 1) % LESSONS.length),
+  reset: restart,
+  another: KEYS.n,
+  pause: KEYS.p,
+  "show-help": toggleHelp,
+  share: copyLink,
+};
+for (const [id, act] of Object.entries(BUTTONS)) $(id).addEventListener("click", act);
+for (const button of document.querySelectorAll(".take")) button.addEventListener("click", take);
+$("begin").addEventListener("click", () => run(true));
+$("input").addEventListener("input", () => {
+  steer(Number($("input").value));
+  returns = false;
+});
+$("input").addEventListener("change", remember);
+$("past").addEventListener("input", () => {
+  shownAt = Number($("past").value);
+  goBy(0);
+});
+$("panel").addEventListener("submit", (event) => event.preventDefault());
+// After the pointer has moved a slider or pressed a button, keys are the robot's again.
+$("panel").addEventListener("pointerup", ({ target }) => target.closest("button, input")?.blur());
+addEventListener("hashchange", () => open(location.hash.slice(1)));
+addEventListener("dragover", (event) => event.preventDefault());
+addEventListener("drop", (event) => {
+  event.preventDefault();
+  const [file] = event.dataTransfer.files;
+  if (file) drop(file);
+});
+
+buildPanel();
+open(location.hash.slice(1) || data.start);
+run(!matchMedia("(prefers-reduced-motion: reduce)").matches);
+requestAnimationFrame(frame);

@@ -1,0 +1,121 @@
+// A machine that walks on the page: what turns its crank, its score, and its last minute.
+
+import { controllerNamed } from "./controllers.js";
+import { Machine } from "./machine.js";
+
+export const HAND = "hand"; // of data.controllers: the torque is the user's
+export const STEP = 0.02; // s, of a control step
+export const APART = 25; // steps between two places to which time can go back
+const KEPT = 3000; // steps of the past: 60 s
+const MIN_DISTANCE = 1e-3; // m, below which a ratio per metre is not formed
+const NOTHING = { time: 0, speed: 0, x: 0, commanded: 0, free: 0, slipped: 0, lifted: 0 };
+
+/** The sums of a walk with one more step; `command`: m/s, null where the torque is given. */
+function counted(sums, info, weight, command) {
+  const way = info.xPosition - sums.x;
+  const next = { ...sums, x: info.xPosition, time: info.time, speed: info.meanSpeed };
+  if (command) next.commanded += Math.sign(command) * way;
+  else next.free += way;
+  for (const slip of info.slip) next.slipped += slip;
+  next.lifted += Math.abs(info.motorWork) / weight;
+  return next;
+}
+
+export class Walker {
+  /** robot: of data.robots; ground: its points; control: of data.controllers. */
+  constructor(engine, data, robot, ground, control) {
+    this.engine = engine;
+    this.data = data;
+    this.machine = new Machine(engine, robot, { points: ground });
+    this.take(control);
+  }
+
+  /** Let another controller turn the crank; throws where it does not fit the robot. */
+  take(control) {
+    this.controller = controllerNamed(this.engine, this.data, control, this.machine);
+    this.control = control;
+    if (this.past) this.controller.begin();
+  }
+
+  get byHand() {
+    return this.control === HAND;
+  }
+
+  /** Stand at rest at a crank angle, rad, with settings of `Machine.change`. */
+  start(crankAngle, settings, command) {
+    this.machine.reset({ crankAngle, command });
+    this.machine.change(settings);
+    this.controller.begin();
+    this.sums = NOTHING;
+    this.fallen = this.stuck = false;
+    this.past = []; // {count, pose, info, action, weight} of the start and of each step
+    this.keep(0, 0);
+  }
+
+  /** Distance, m; slip per metre and cost of transport, or null; mean speed, m/s; time, s. */
+  get score() {
+    const { time, speed, commanded, free, slipped, lifted } = this.sums;
+    const distance = Math.max(commanded, 0) + Math.abs(free);
+    const ratio = (sum) => (distance > MIN_DISTANCE ? sum / distance : null);
+    return { distance, slip: ratio(slipped), cost: ratio(lifted), speed, time };
+  }
+
+  /** Take a step of a torque, -1 to 1, where it is given by hand, else for a command, m/s. */
+  step(torque, command) {
+    if (this.stuck) return;
+    if (!this.byHand) this.machine.change({ command });
+    const action = this.byHand ? torque : this.controller.act();
+    this.machine.step(action);
+    const { info, weight } = this.machine;
+    this.stuck = info.diverged;
+    if (!this.fallen) {
+      this.sums = counted(this.sums, info, weight, this.byHand ? null : command);
+      this.fallen = info.fallen;
+    }
+    this.keep(action, this.past.at(-1).count + 1);
+  }
+
+  keep(action, count) {
+    const { machine, controller, control, sums, fallen } = this;
+    const place = {
+      count,
+      pose: machine.pose(),
+      info: machine.info,
+      action,
+      command: machine.command,
+    };
+    if (count % APART === 0) {
+      const memory = structuredClone(controller.memory ?? null);
+      place.snapshot = { state: machine.snapshot(), control, memory, sums, fallen };
+    }
+    this.past.push(place);
+    if (this.past.length > KEPT + APART) this.past.splice(0, APART);
+  }
+
+  /** Go back to a step with a snapshot; what came after it is forgotten. */
+  back(count) {
+    const index = this.indexOf(count);
+    const { state, control, memory, sums, fallen } = this.past[index].snapshot;
+    this.machine.restore(state);
+    if (control !== this.control) this.take(control);
+    if (memory !== null) this.controller.memory = structuredClone(memory);
+    Object.assign(this, { sums, fallen, stuck: false });
+    this.past.length = index + 1;
+  }
+
+  /** Index in `past` of a step, or of the last one where it stopped before. */
+  indexOf(count) {
+    return Math.min(Math.max(count - this.past[0].count, 0), this.past.length - 1);
+  }
+
+  /** The pose a share of a step before the one of an index; what touches is the latter's. */
+  poseAt(index, share) {
+    const [from, to] = [this.past[Math.max(index - 1, 0)].pose, this.past[index].pose];
+    const part = (a, b) => a + share * (b - a);
+    const [x, y, pitch] = ["x", "y", "pitch"].map((name) => part(from[name], to[name]));
+    const joints = to.joints.map((leg, i) =>
+      leg.map((point, j) => point.map((value, k) => part(from.joints[i][j][k], value))),
+    );
+    return { ...to, x, y, pitch, joints };
+  }
+}

@@ -1,0 +1,256 @@
+"""The page that walks, in a real Chromium: from a file, by keys, pointer, finger and link."""
+
+import re
+import webbrowser
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from browser import NAMELESS, PHONE, WAIT, check_phone, reads
+
+from jansen_env.commands.play import main
+from jansen_env.terrain.generators import NamedGenerator
+from jansen_env.viewer.web.walk import write_walk
+
+STILL = {"viewport": {"width": 1200, "height": 720}, "reduced_motion": "reduce"}
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    return write_walk(tmp_path_factory.mktemp("walk") / "walk.html")
+
+
+@pytest.fixture
+def opened(open_window, path):
+    """A function from a link's choices to the page, offline."""
+
+    def page(choices="", **options):
+        window = open_window(offline=True, **(options or STILL))
+        window.page.goto(f"{path.as_uri()}#{choices}")
+        assert [url.split("#")[0] for url in window.requests] == [path.as_uri()]
+        return window.page
+
+    return page
+
+
+def score(page, name, i=0):
+    """A number of a robot's score, without its unit."""
+    cells = page.locator("figure:visible:has(figcaption)").nth(i).locator("figcaption div")
+    text = cells.filter(has_text=name).locator("dd").text_content()
+    return float(text.split(" ")[0].replace("\u2013", "nan"))
+
+
+def until(page, condition):
+    """Wait until something is the case here, while the page goes on."""
+    for _ in range(WAIT // 20):
+        if condition():
+            return
+        page.wait_for_timeout(20)
+    raise AssertionError("it is not the case in time")
+
+
+def test_it_walks_at_once(opened):
+    page = opened(viewport={"width": 1200, "height": 720})
+    until(page, lambda: score(page, "distance") > 0.3)
+    assert 0.0 < score(page, "slip per metre") < 1.0 and 0.0 < score(page, "cost") < 2.0
+    page.keyboard.press("h")
+    time = score(page, "time")
+    page.wait_for_timeout(300)
+    assert page.locator("#help").is_visible() and score(page, "time") == time
+    page.keyboard.press("Escape")
+    until(page, lambda: score(page, "time") > time)
+    assert page.evaluate(NAMELESS) == []
+
+
+def test_the_browsers_walk_is_pythons(opened):
+    """Bit for bit, over drawn ground with a push on the way."""
+    page = opened()
+    found = page.evaluate(
+        """() => {
+          const data = JSON.parse(document.getElementById("data").textContent);
+          const { Engine, numbersOf } = engine_js;
+          const engine = new Engine(numbersOf(data.engine, Uint8Array), data.layout);
+          const points = terrain_js.groundOf(data.terrain, "stairs", 3, 7);
+          const machine = new machine_js.Machine(engine, data.robots.klann, { points });
+          machine.reset({ crankAngle: 1, command: 0.3 });
+          const seen = [];
+          for (let k = 0; k < 200; k += 1) {
+            if (k === 50) machine.push(2, 1);
+            machine.step(Math.fround(0.4));
+            const { xPosition, crankSpeed, energy } = machine.info;
+            seen.push([xPosition, crankSpeed, energy.slipLoss]);
+          }
+          return seen;
+        }"""
+    )
+    env = gym.make(
+        "JansenWalker-v0", robot="klann", reset_noise_scale=0.0, terminate_when_fallen=False,
+        terrain=NamedGenerator("stairs")(np.random.default_rng(7), 3), speed_command=0.3,
+    )  # fmt: skip
+    env.reset(seed=0, options={"crank_angle": 1.0})
+    for k, numbers in enumerate(found):
+        if k == 50:
+            env.unwrapped.push((2.0, 1.0))
+        info = env.step(np.array([0.4], np.float32))[4]
+        names = info["x_position"], info["crank_speed"], info["energy"]["slip_loss"]
+        assert tuple(numbers) == names, k
+
+
+def test_keys_turn_the_crank(opened):
+    page = opened("robot=built&control=hand")
+    assert page.locator("#pause").get_attribute("aria-pressed") == "true"  # of reduced motion
+    page.keyboard.down("ArrowRight")
+    reads(page, "input-value", r"^12\.0 N m$")
+    until(page, lambda: score(page, "distance") > 0.1)
+    page.keyboard.up("ArrowRight")
+    reads(page, "input-value", r"^0\.0 N m$")
+    page.keyboard.press("p")
+    page.keyboard.press("r")
+    assert score(page, "time") == 0.0
+    page.keyboard.press("c")
+    reads(page, "input-label", "^speed command$")
+    assert page.locator("#control").input_value() == "built policy"
+    page.keyboard.press("s")
+    assert page.locator("#pace").input_value() == "0.5"
+    page.keyboard.press("n")
+    assert "seed=1" in page.evaluate("location.hash")
+
+
+def test_clicks_and_drags_push(opened):
+    page = opened()
+    page.evaluate(
+        """() => {
+          window.pushes = [];
+          machine_js.Machine.prototype.push = (...impulse) => window.pushes.push(impulse);
+        }"""
+    )
+    box = page.locator("#pictures canvas").first.bounding_box()
+    x, y = box["x"] + 0.2 * box["width"], box["y"] + 0.5 * box["height"]
+    for right in (0.0, -100.0, 600.0):
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x + right, y)
+        page.mouse.up()
+    page.keyboard.press(" ")
+    click, drag, longest, key = page.evaluate("window.pushes")
+    assert click[0] > 2.5 and np.hypot(*click) == pytest.approx(3.0)
+    assert drag == [pytest.approx(-3.0), 0.0] and longest[0] == 10.0 and key == [3, 0]
+
+
+def test_choices_are_the_link(opened):
+    """A page of this link has them all; what cannot be is said, and changes nothing."""
+    page = opened()
+    page.get_by_label("robot", exact=True).select_option("klann")
+    page.get_by_label("compare with").select_option("paper")
+    page.get_by_label("terrain").select_option("rough")
+    page.get_by_label("level").select_option("4")
+    page.locator("#friction").fill("0.4")
+    page.locator("#friction").blur()
+    link = page.evaluate("location.hash.slice(1)")
+    assert {*link.split("&")} == {
+        "robot=klann", "control=constant+speed", "terrain=rough", "level=4", "robot2=paper",
+        "control2=paper+policy", "command=0.30", "friction=0.4",
+    }  # fmt: skip
+    other = opened(link)
+    names = ("robot", "control", "terrain", "level", "robot2", "control2", "friction")
+    values = [[p.locator(f"#{name}").input_value() for name in names] for p in (page, other)]
+    assert values[0] == values[1] and other.locator("#friction-value").text_content() == "0.40"
+    for key in "p":
+        other.keyboard.press(key)
+    until(other, lambda: score(other, "time", 1) > 0.5)
+    time = score(other, "time")
+    other.get_by_label("control", exact=True).select_option("hand")  # goes on
+    assert score(other, "time") >= time
+
+
+@pytest.mark.parametrize(
+    ("link", "text"),
+    [("robot=wheel", "no robot"), ("terrain=constructor", "terrain"), ("level=10", "level"),
+     ("seed=-1", "seed"), ("control=x", "control"), ("robot=klann%26rod_AD=x", "rod_AD"),
+     ("restitution=0.5", "restitution"), ("robot=chebyshev&friction=nan", "")],
+)  # fmt: skip
+def test_wrong_links_are_refused(opened, link, text):
+    page = opened(link)
+    assert text in page.locator("#message").text_content()
+    page.keyboard.press("p")
+    until(page, lambda: score(page, "time") > 0.1)
+
+
+def test_a_refused_slider_goes_back(opened):
+    """Compliant pads do not bounce."""
+    page = opened()
+    page.locator("#restitution").fill("0.5")
+    assert "restitution" in page.locator("#message").text_content()
+    assert page.locator("#restitution").input_value() == "0"
+
+
+def test_time_goes_back(opened):
+    """To a place before, and from there the same walk again."""
+    page = opened("terrain=waves&level=2")
+    page.keyboard.press("p")
+    until(page, lambda: score(page, "time") > 1.6)
+    page.keyboard.press("p")
+    page.keyboard.press(",")
+    page.keyboard.press(",")
+    reads(page, "past-value", "s$")
+    before = page.locator("#pictures canvas").first.screenshot()
+    page.keyboard.press("p")
+    until(page, lambda: page.locator("#past-value").text_content() == "now")
+    page.keyboard.press("p")
+    assert score(page, "time") < 1.9
+    assert page.locator("#pictures canvas").first.screenshot() != before
+
+
+def test_a_gamepad_is_the_input(opened):
+    page = opened("control=hand")
+    page.evaluate(
+        """() => {
+          const pad = { connected: true, axes: [-0.5, 0], buttons: [{ pressed: false }] };
+          const other = { connected: true, axes: [], buttons: [] }; // such as a keyboard's
+          window.pad = pad;
+          navigator.getGamepads = () => [null, other, pad];
+        }"""
+    )
+    reads(page, "input-value", r"^-6\.0 N m$")
+    page.evaluate("window.pad.axes = [0.05, 0]")
+    reads(page, "input-value", r"^0\.0 N m$")
+
+
+@pytest.mark.parametrize("across", [False, True])
+def test_on_a_phone_in_the_dark(opened, across):
+    width, height = PHONE["viewport"].values()
+    size = {"width": height, "height": width} if across else PHONE["viewport"]
+    page = opened("robot2=klann", **{**PHONE, "viewport": size}, color_scheme="dark")
+    until(page, lambda: score(page, "time", 1) > 0.3)
+    sky = page.evaluate(
+        "[...document.querySelector('canvas').getContext('2d').getImageData(3, 3, 1, 1).data]"
+    )
+    assert max(sky[:3]) < 60
+    assert page.evaluate("document.documentElement.scrollWidth") == size["width"]
+    if not across:
+        check_phone(page)
+    before = page.locator("#input-value").text_content()
+    page.locator("#left").dispatch_event("pointerdown")
+    until(page, lambda: page.locator("#input-value").text_content() < before)
+    page.locator("#left").dispatch_event("pointerup")
+    page.locator("#show-help").tap()
+    assert page.get_by_text("hold \u25c0 \u25b6").is_visible()
+    assert not page.locator("kbd").first.is_visible()
+
+
+def test_the_command_writes_both_pages(tmp_path, capsys, monkeypatch):
+    links = []
+    monkeypatch.setattr(webbrowser, "open", links.append)
+    main(["--env", "JansenWalkerRough-v0", "--level", "4", "--out", str(tmp_path / "x")])
+    walk, bench = (tmp_path / "x" / name for name in ("walk.html", "bench.html"))
+    assert capsys.readouterr().out.split() == [str(walk), str(bench)]
+    assert links == [walk.as_uri()]
+    start = re.search(r'"start":"([^"]*)"', walk.read_text())[1].split(r"\u0026")
+    assert start == ["robot=built", "control=rough+policy", "terrain=mixed", "level=4", "seed=0"]
+    for wrong in (["--level", "3"], ["--seed", "-1"], ["--out", "/proc/x", "--no-open"],
+                  ["--policy", "robust", "--env", "JansenWalker-v0"]):  # fmt: skip
+        with pytest.raises(SystemExit):
+            main(wrong)
+        assert ": error: " in capsys.readouterr().err.splitlines()[0]
+    main(["--bench", "--out", str(tmp_path)])
+    assert links[1:] == [(tmp_path / "bench.html").as_uri()]

@@ -26,7 +26,7 @@ from jansen_env.world.settings import (
 )
 from jansen_env.world.world import Numbers
 
-NEAR, HOLD = 0.02, 1.0  # m from the goal, and s there, that are a success
+NEAR, HOLD = 0.02, 1.0  # m from the goal, where arrival is a half, and s there, that are a success
 HALF_DISTANCE = 0.3  # m, at which closeness has fallen to a half
 HALF_POWER = 0.5  # m/s: motor power / weight at which energy has fallen to a half
 FALLEN_PITCH = 1.2  # rad
@@ -51,6 +51,11 @@ class GoalSettings(WorldSettings):
 def closeness(distance: Array) -> Array:
     """1 at the goal, a half at :data:`HALF_DISTANCE`; distance: (n,) m, without its sign."""
     return 1.0 / (1.0 + distance / HALF_DISTANCE)
+
+
+def arrived(distance: Array, worth: float) -> Array:
+    """``worth`` at the goal, half of it at :data:`NEAR`; distance: (n,) m, without its sign."""
+    return worth / (1.0 + (distance / NEAR) ** 2)
 
 
 def energy(power: Array, weight: Array, exponent: float) -> Array:
@@ -99,7 +104,7 @@ class GoalTask(Task):
         near = distance <= NEAR
         held = np.where(near, self.info["held"] + self.control_dt, 0.0)
         self.keep(held=held, is_success=held >= HOLD - UP_TO)
-        close, arrival = closeness(distance), self._arrival * near
+        close, arrival = closeness(distance), arrived(distance, self._arrival)
         saving = energy(np.abs(world.motor_power), world.weight, self._exponent)
         self.keep(closeness=close, arrival=arrival, energy=saving)
         return (close + arrival) * saving
@@ -143,7 +148,7 @@ class JansenGoalEnv(SingleEnv[GoalTask]):
     | Term | Value |
     |------|-------|
     | ``reward/closeness`` | 1 / (1 + \\|distance\\| / 0.3 m) |
-    | ``reward/arrival`` | ``arrival_weight`` within 2 cm of the goal, else 0 |
+    | ``reward/arrival`` | ``arrival_weight`` / (1 + (distance / 2 cm)^2) |
     | ``reward/energy`` | (1 + \\|motor power\\| / (weight * 0.5 m/s)) to the power -``energy_weight`` |
 
     ## Starting State

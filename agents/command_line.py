@@ -15,11 +15,7 @@ def add_run_flags(parser: argparse.ArgumentParser) -> None:
     add("--n-envs", type=positive_int, help="parallel environments of a run, in place of its")
     add("--env-kwargs", type=mapping, metavar="YAML",
         help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
-    add(
-        "--config",
-        metavar="FILE",
-        help="hyperparameters; default: the one of ENV and ALGO",
-    )
+    add("--config", metavar="FILE", help="hyperparameters; default: the one of ENV and ALGO")
     add("--eval-freq", type=non_negative_int,
         help="steps between evaluations, 0 for none; default: a 16th of the timesteps"
         )  # fmt: skip

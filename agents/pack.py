@@ -29,12 +29,7 @@ from jansen_env.files import write_bytes, write_json
 from jansen_env.policies import pretrained
 from jansen_env.policies.pretrained import PretrainedPolicy
 from jansen_env.sb3.run_config import RunConfig, find_config, load_config, make_config
-from jansen_env.sb3.trained import (
-    CLIP,
-    MIN_DEVIATION,
-    load_policy,
-    read_model,
-)
+from jansen_env.sb3.trained import CLIP, MIN_DEVIATION, load_policy, read_model
 from jansen_env.scoring.evaluation import evaluate
 from jansen_env.scoring.rollout import make_env
 

@@ -37,12 +37,7 @@ def test_a_file_that_fails_leaves_the_old_one(tmp_path):
     assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
 
 
-READERS = [
-    Recording.load,
-    pretrained.load_file,
-    plain_yaml.read_yaml,
-    read_model,
-]
+READERS = [Recording.load, pretrained.load_file, plain_yaml.read_yaml, read_model]
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no fifos")

@@ -10,14 +10,7 @@ from tabulate import tabulate
 
 from agents.design.design_plan import Plan
 from agents.design.measures import MEASURES, geometry_measures
-from agents.design.search import (
-    Journal,
-    best_of,
-    front_of,
-    make_walker,
-    measure,
-    objectives_of,
-)
+from agents.design.search import Journal, best_of, front_of, make_walker, measure, objectives_of
 from agents.design.variables import Candidate
 from jansen_env.commands.plots import save
 from jansen_env.drawings.shaft_order import layers

@@ -17,12 +17,7 @@ import torch
 from torch import Tensor, nn
 
 import jansen_env
-from jansen_env.policies.pretrained import (
-    Features,
-    Harmonics,
-    Normalized,
-    PretrainedPolicy,
-)
+from jansen_env.policies.pretrained import Features, Harmonics, Normalized, PretrainedPolicy
 
 if TYPE_CHECKING:
     import onnx

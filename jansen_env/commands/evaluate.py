@@ -17,12 +17,7 @@ from textwrap import fill
 
 import numpy as np
 
-from jansen_env.commands.flags import (
-    non_negative_int,
-    parse_policies,
-    policy_parser,
-    positive_int,
-)
+from jansen_env.commands.flags import non_negative_int, parse_policies, policy_parser, positive_int
 from jansen_env.commands.named_policies import Loaded, load_all
 from jansen_env.commands.plots import Sweeps, by_condition, write_files, write_scores
 from jansen_env.files import check_writable

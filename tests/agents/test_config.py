@@ -9,11 +9,10 @@ import yaml
 
 import train
 from agents import command_line
-from agents.training import config, runs
+from agents.training import config
 from jansen_env.commands import named_policies
 from jansen_env.plain_yaml import read_yaml
-from jansen_env.sb3.run_config import ALGORITHMS, RunConfig, load_config
-from jansen_env.scoring.benchmarks import can_be_batched
+from jansen_env.sb3.run_config import RunConfig, load_config
 
 
 def written(folder, **values):
@@ -109,15 +108,6 @@ def test_values_that_are_allowed(tmp_path):
         assert load_config(written(tmp_path, **values)) == RunConfig(**values)
 
 
-def test_recorded_configurations_are_read_again(tmp_path):
-    """What record_run writes is what load_config gives, for each shipped configuration."""
-    for path in config.shipped_configs():
-        algo = path.stem if path.stem in ALGORITHMS else None
-        settings = config.new_config(path, algo, path.parent.name, seed=3)
-        runs.record_run(tmp_path, settings, "")
-        assert load_config(tmp_path / "config.yml") == settings
-
-
 def test_whole_numbers_may_be_written_with_an_exponent():
     """As in a configuration file; what is not whole, negative or endless is refused."""
     read = [command_line.positive_int(text) for text in ("1e5", "12", "2.5e1")]
@@ -138,11 +128,7 @@ def test_policies_keep_labels_of_their_own(tmp_path, monkeypatch):
     first, second = (f"{root}/ppo/JansenWalker-v0_1" for root in ("a", "b"))
     assert named_policies.labels([first, "pid"]) == ["ppo/JansenWalker-v0_1", "pid"]
     assert named_policies.labels([first, second]) == [first, second]
-    for twice in (
-        ["pid", "pid"],
-        [first, f"./{first}"],
-        [first, f"{first}/best_model.zip"],
-    ):
+    for twice in (["pid", "pid"], [first, f"./{first}"], [first, f"{first}/best_model.zip"]):
         with pytest.raises(ValueError, match="is given 2 times"):
             named_policies.labels(twice)
 
@@ -155,17 +141,13 @@ def test_what_the_command_line_says_holds_for_all_variants():
 
 
 def test_what_all_variants_have_alike_holds_for_all_environments():
-    """One batch then has them; what differs stays a variant's."""
+    """So a batch has them; what differs stays a variant's."""
     variants = [{"friction": 0.5, "slip_weight": 2.0}, {"friction": 0.6, "slip_weight": 2.0}]
     given = RunConfig(env_kwargs={"payload": 1.0}, training_variants=variants)
     common = {"payload": 1.0, "slip_weight": 2.0}
     assert config.training_envs(given) == (common, [{"friction": 0.5}, {"friction": 0.6}])
     alone = RunConfig(training_variants=variants[:1])
     assert config.training_envs(alone) == (variants[0], [{}])
-    for path in config.shipped_configs():
-        algo = path.stem if path.stem in ALGORITHMS else None
-        settings = config.new_config(path, algo, path.parent.name)
-        assert can_be_batched(path.parent.name, *config.training_envs(settings))
 
 
 @pytest.mark.parametrize("script", ["agents.design", "train"])

@@ -11,14 +11,7 @@ import yaml
 from agents.design import __main__ as command
 from agents.design import design_report, search
 from agents.design.design_plan import PLANS, make_plan, read_plan
-from agents.design.measures import (
-    SEED,
-    STEPS,
-    Walker,
-    clearance,
-    geometry_measures,
-    profiles,
-)
+from agents.design.measures import SEED, STEPS, Walker, clearance, geometry_measures, profiles
 from agents.design.search import Cma, Nsga2
 from agents.design.variables import Candidate, Space
 from jansen_env import ROBOTS
@@ -34,10 +27,7 @@ SMALL = {
     "variables": {"lengths": 0.02, "harmonics": 1},
     "objectives": {"steady_cost_of_transport": "min"}, "limits": {"falls": [None, 0]},
 }  # fmt: skip
-METHODS = {
-    "cma": {},
-    "nsga2": {"objectives": {"steady_cost_of_transport": "min", "lift": "max"}},
-}
+METHODS = {"cma": {}, "nsga2": {"objectives": {"steady_cost_of_transport": "min", "lift": "max"}}}
 BUILT = ROBOTS["built"]()
 OPEN = Candidate(with_lengths(BUILT, {"rocker": 0.05}), np.ones(4))  # its linkage cannot turn
 

@@ -12,36 +12,25 @@ import numpy as np
 import pytest
 import torch
 import yaml
-from small_runs import small_run
+from small_runs import made_run, small_run
 from stable_baselines3 import PPO
 
 import train
-from agents.training import runs
-from agents.training.train_model import build_model, prepare
+from agents.training.train_model import prepare
 from agents.training.training_state import restore
 from jansen_env import sb3
 from jansen_env.sb3 import trained
-from jansen_env.sb3.run_config import RunConfig
 from jansen_env.sb3.trained import read_model
 from jansen_env.scoring.rollout import make_env
 
 ENV = "JansenCrank-v0"
 POLICY = {"net_arch": [8], "normalize": True}
-SETTINGS = RunConfig(
-    env=ENV, timesteps=16, n_envs=1, policy_kwargs=POLICY,
-    hyperparameters={"n_steps": 8, "batch_size": 8, "n_epochs": 1},
-)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """A run's folder with a model of one update, its optimiser's state and all."""
-    folder = tmp_path_factory.mktemp("made")
-    runs.record_run(folder, SETTINGS, "")
-    model = build_model(SETTINGS, make_env(ENV, {}))
-    model.learn(8)
-    model.save(folder / "best_model.zip")
-    return folder
+    """A run's folder with a model."""
+    return made_run(tmp_path_factory.mktemp("made") / "run", "ppo", {}, POLICY)
 
 
 @pytest.fixture

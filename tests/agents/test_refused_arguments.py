@@ -32,7 +32,7 @@ REFUSED = {
         (["--video", f"{__file__}/a.gif"], "a.gif"),
     ],
     (enjoy, "--env", "JansenGoal-v0"): [
-        (["--command", "5"], "options['goal'] is 5.0, must be between -3.0 and 3.0"),
+        (["--command", "5"], "options['goal'] is 5.0, must be between -3.0 and 3.0")
     ],
     (replay,): [
         (["--policy", "pid"] * 3, "are given 3 times"),

@@ -98,10 +98,8 @@ def test_the_last_evaluation_is_printed_once(tmp_path, returns, capsys):
     assert capsys.readouterr().out.count(f"evaluation: {STEPS} steps, ") == 1
 
 
-def test_finished_run_stays_as_it_is(tmp_path, returns, monkeypatch, capsys):
+def test_finished_run_stays_as_it_is(tmp_path, returns, no_scores, capsys):
     """Resumed with nothing left to train it is scored only; with more steps it goes on."""
-    monkeypatch.setattr(train, "score_run", lambda *given: {})
-    monkeypatch.setattr(train, "outcome", lambda *given: "")
     go(small_config(), tmp_path)
     PPO.load(tmp_path / runs.FINAL, device="cpu")  # Stable-Baselines3 reads what is saved, too
     names = (runs.FINAL, "config.yml", "command.txt", "evaluations.json")
@@ -169,14 +167,12 @@ def test_ctrl_c_says_how_to_go_on(tmp_path, returns, monkeypatch, capsys):
 
 
 @pytest.fixture
-def started(monkeypatch):
+def started(monkeypatch, no_scores):
     """The configurations that train.py would train and score."""
     found = []
     monkeypatch.setattr(
         train, "train", lambda model, settings, *given, **more: found.append(settings)
     )
-    monkeypatch.setattr(train, "score_run", lambda *given: {})
-    monkeypatch.setattr(train, "outcome", lambda *given: "")
     return found
 
 

@@ -10,9 +10,11 @@ import yaml
 import train
 from agents.training import config
 from agents.training import train_model as training
+from agents.training.runs import record_run
 from agents.training.scores import outcome
 from jansen_env.registration import IDS
-from jansen_env.sb3.run_config import ALGORITHMS
+from jansen_env.sb3 import BatchVecEnv
+from jansen_env.sb3.run_config import ALGORITHMS, load_config
 from jansen_env.sb3.trained import read_model
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.evaluation import Scores
@@ -59,20 +61,20 @@ def test_last_words_of_a_run_fit_a_terminal(env_id, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "path",
-    config.shipped_configs(),
-    ids=lambda path: f"{path.parent.name}/{path.stem}",
+    "path", config.shipped_configs(), ids=lambda path: f"{path.parent.name}/{path.stem}"
 )
-def test_every_config_builds(path):
+def test_every_config_builds(path, tmp_path):
+    """On robots that are simulated together; as recorded it is read again."""
     algo = path.stem if path.stem in ALGORITHMS else None
-    training.prepare(config.new_config(path, algo, path.parent.name))
+    settings = config.new_config(path, algo, path.parent.name, seed=3)
+    assert isinstance(training.prepare(settings).get_env().unwrapped, BatchVecEnv)
+    record_run(tmp_path, settings, "")
+    assert load_config(tmp_path / "config.yml") == settings
 
 
 @pytest.mark.parametrize("env_id", IDS)
-def test_training_begins_on_every_environment(env_id, tmp_path, monkeypatch, few_episodes):
+def test_training_begins_on_every_environment(env_id, tmp_path, no_scores, few_episodes):
     """Without a configuration of the caller's; scores have tests of their own."""
-    monkeypatch.setattr(train, "score_run", lambda *_: {})
-    monkeypatch.setattr(train, "outcome", lambda *_: "")
     arguments = ["--env", env_id, "--timesteps", "8", "--n-envs", "2", "--eval-episodes", "1",
                  "--env-kwargs", "{max_episode_steps: 5}", "--no-progress"]  # fmt: skip
     folder = train.main([*arguments, "--log-folder", str(tmp_path)])

@@ -19,7 +19,6 @@ from jansen_env.commands import evaluate, named_policies
 from jansen_env.policies import pretrained
 from jansen_env.policies.pretrained import check_action
 from jansen_env.registration import IDS
-from jansen_env.sb3.trained import read_model
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.rollout import make_env, make_envs
 
@@ -152,16 +151,6 @@ def test_packing_keeps_the_policy(network, tmp_path):
         assert torch.equal(tensor, again.policy.state_dict()[name]), name
     assert policy.description["training"]["command"] == ["python train.py --seed 0"]
     assert policy.env_kwargs == {"max_episode_steps": 50}
-
-
-def test_a_model_from_a_policy_goes_on_learning(made, tmp_path):
-    model = pack.to_sb3(pretrained.load_file(made[1]))
-    before = {name: tensor.clone() for name, tensor in model.policy.state_dict().items()}
-    model.learn(8)
-    after = model.policy.state_dict()
-    assert any(not torch.equal(before[name], after[name]) for name in after)
-    model.save(tmp_path / "model.zip")
-    assert set(read_model(tmp_path / "model.zip").parameters["policy"]) == set(before)
 
 
 def test_what_cannot_be_packed_is_refused(made, tmp_path, capsys):

@@ -168,6 +168,13 @@ class EpisodeParameters:
         for values in (present, heaviest):  # of this episode, and others
             self._check_feet(replace(self._plant.robots[i], pad_compliance=pads), values)
 
+    def _check_robot(self, i: int, robot: Robot) -> Randomization:
+        """Return the draws of another robot; ValueError: its feet cannot bear later episodes."""
+        nominal, randomization = self.nominal[i].copy(), self.draws(i, robot)
+        parameters.set_payload(nominal, robot)
+        self._check_feet(robot, _heaviest(nominal, randomization))
+        return randomization
+
     def _check_feet(self, robot: Robot, values: np.void) -> None:
         """Raises ValueError where a robot's feet cannot bear a row of EPISODE."""
         pads = robot.pad_compliance
@@ -197,9 +204,8 @@ class EpisodeParameters:
         numbers = values[0]
         robot = None if build is None else build.robot
         if robot is not None:
+            randomization = self._check_robot(i, robot)
             parameters.set_payload(numbers, robot)
-            randomization = self.draws(i, robot)
-            self._check_feet(robot, _heaviest(numbers, randomization))
         numbers["delay"] = delay
         if not options and not self.varies:
             return Plan(values, None, build)
@@ -284,6 +290,7 @@ class EpisodeParameters:
         for name in PARAMETERS:
             values[name] = check(f"state['parameters'][{name!r}]", name, given[name])
         self._check_feet(robot, values[0])
+        self._check_robot(i, robot)
         level = check("state['level']", "terrain_level", state["level"])
         terrain = None
         if self._generators[i] is not None:

@@ -144,6 +144,11 @@ def test_weights_are_finite(folder):
     refused(path, "weights that are not finite")
 
 
+@pytest.mark.parametrize("data", [b"[1]", b"[" * 100_000, b'{"num_timesteps": true}'])
+def test_steps_are_a_whole_number(data, folder):
+    refused(changed(folder / "best_model.zip", data=data), "no Stable-Baselines3 model")
+
+
 def test_nothing_unpacks_without_bound(folder, monkeypatch):
     monkeypatch.setattr(trained, "MAX_BYTES", 10**6)
     with zipfile.ZipFile(folder / "best_model.zip", "a", zipfile.ZIP_DEFLATED) as archive:

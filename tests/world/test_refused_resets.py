@@ -168,15 +168,20 @@ def test_a_state_that_the_plant_refuses_changes_nothing(plant):
         assert env.robot != built_robot()
 
 
-def test_a_state_whose_robot_has_no_use_for_what_is_drawn_changes_nothing():
-    rotorless = replace(built_robot(), motor=Motor(torque_limit=12.0))
-    drawn = {"rotor_inertia_scale": (0.5, 2.0)}
-    env = gym.make("JansenWalkerBuilt-v0", randomize=drawn).unwrapped
+@pytest.mark.parametrize(
+    ("robot", "arguments", "message"),
+    [(replace(built_robot(), motor=Motor(torque_limit=12.0)),
+      {"randomize": {"rotor_inertia_scale": (0.5, 2.0)}}, "'rotor_inertia_scale', which does nothing"),
+     (built_robot(), {"robot": "paper", "restitution": 0.3}, "restitution is 0.3, must be 0 with")],
+)  # fmt: skip
+def test_a_state_whose_robot_could_have_no_later_episode_changes_nothing(robot, arguments, message):
+    env = gym.make("JansenWalkerBuilt-v0", **arguments).unwrapped
     env.reset(seed=3)
-    before = env.get_state()
-    with pytest.raises(ValueError, match="'rotor_inertia_scale', which does nothing here"):
-        env.set_state({**before, "robot": robot_to_json(rotorless)})
-    assert env.robot == built_robot() and same(env.get_state(), before)
+    before, machine = env.get_state(), env.robot
+    parameters = {**before["parameters"], "restitution": 0.0}
+    with pytest.raises(ValueError, match=message):
+        env.set_state({**before, "robot": robot_to_json(robot), "parameters": parameters})
+    assert env.robot == machine and same(env.get_state(), before)
 
 
 @pytest.mark.parametrize("as_state", [False, True])

@@ -131,9 +131,11 @@ def test_bad_replay_buffers_are_refused(tmp_path):
         def __reduce__(self):
             return (open, (str(tmp_path / "boom"), "w"))
 
-    path.write_bytes(pickle.dumps(Bomb()))
-    with pytest.raises(ValueError, match="is no replay buffer"):
-        training_state.load_replay_buffer(buffer, path)
+    training_state.save_replay_buffer(buffer, path)
+    for content in (pickle.dumps(Bomb()), path.read_bytes()[:-100], b""):
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match="is no replay buffer"):
+            training_state.load_replay_buffer(buffer, path)
     arrays = {name: getattr(buffer, name)[:6] for name in training_state.ARRAYS}
     good = {"pos": 5, "full": False, **arrays}
     for changed, reason in (

@@ -171,7 +171,7 @@ def test_a_state_that_the_plant_refuses_changes_nothing(plant):
 @pytest.mark.parametrize(
     ("robot", "arguments", "message"),
     [(replace(built_robot(), motor=Motor(torque_limit=12.0)),
-      {"randomize": {"rotor_inertia_scale": (0.5, 2.0)}}, "'rotor_inertia_scale', which does nothing"),
+      {"randomize": {"rotor_inertia_scale": (0.5, 2.0)}}, "_scale', which does nothing"),
      (built_robot(), {"robot": "paper", "restitution": 0.3}, "restitution is 0.3, must be 0 with")],
 )  # fmt: skip
 def test_a_state_whose_robot_could_have_no_later_episode_changes_nothing(robot, arguments, message):

@@ -7,7 +7,7 @@ import pytest
 
 from jansen_env import ROBOTS, Compliance, Leg, Payload, Robot, Terrain, paper_robot
 from jansen_env.dynamics import reduced as rd
-from jansen_env.plants.plant import ProjectionPlant
+from jansen_env.plants.plant import ProjectionPlant, RigidBodyPlant
 from jansen_env.robot import RIGID
 from jansen_env.robot.kinematics import coordinates, joint_positions
 
@@ -22,6 +22,7 @@ DESIGNS = {
     "six legs": paper_robot(3),
     "twelve legs": paper_robot(6),
 }
+PLANTS = {"projection": ProjectionPlant, "rigid_body": RigidBodyPlant}
 PADS = {"rigid": Compliance(), "compliant": Compliance(3e4, 60.0)}
 pads = pytest.mark.parametrize("name", PADS)
 

@@ -148,12 +148,12 @@ class Renderers(dict[int, Renderer]):
             modes = env.metadata["render_modes"]
             gym.logger.warn(f"render() was called without a render_mode; pass one of {modes}")
             return None
-        scene, command = env.task.scene(i), env.task.command
+        scene = env.task.scene(i)
         if i not in self:
             fps = env.metadata["render_fps"]
             self[i] = Renderer(**scene, mode=env.render_mode, fps=fps)
         self[i].show(**scene)  # which a reset may change
-        return self[i].draw(env.task.world.frame(i, None if command is None else command[i]))
+        return self[i].draw(env.task.frame(i))
 
     def close(self) -> None:
         """Close windows."""

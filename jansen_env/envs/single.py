@@ -145,8 +145,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
 
     def frame(self) -> Frame:
         """Return the picture data of the robot as it stands."""
-        command = self.task.command
-        return self.task.world.frame(0, None if command is None else command[0])
+        return self.task.frame(0)
 
     def get_state(self) -> Values:
         """Return all that the future of this robot depends on; :meth:`set_state` continues bit for

@@ -15,7 +15,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 from typing_extensions import TypedDict
 
-from jansen_env.checks import positive_integer
+from jansen_env.checks import one_of, positive_integer
 from jansen_env.envs import arguments as checks
 from jansen_env.envs.single import ATask, SingleEnv
 from jansen_env.robot import Robot
@@ -27,7 +27,6 @@ from jansen_env.world.settings import (
     Values,
     entries_of,
     optional,
-    render_mode,
 )
 
 Observations = NDArray[np.float32]
@@ -90,7 +89,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         limits = [checks.time_limit("max_episode_steps", limit) for limit in limits]
         self.max_episode_steps: Array = np.array(limits, float)
         self.autoreset_mode = checks.autoreset_mode("autoreset_mode", autoreset_mode)
-        render_mode("render_mode", arguments.get("render_mode"), ["rgb_array"])
+        one_of("render_mode", arguments.get("render_mode"), (None, "rgb_array"))
         threads = optional(positive_integer)("threads", threads)
         settings = checks.make_settings(self, self.SINGLE, arguments, n)
         self.render_mode: str | None = settings.render_mode

@@ -216,15 +216,6 @@ def plant_time_step(name: str, time_step: float | None = None) -> float:
     return default if time_step is None else time_step
 
 
-def make_plant(name: str, robot: Robot, terrain: Terrain, time_step: float | None = None) -> Plant:
-    """Return a plant of :data:`PLANTS`, with its default time step for None.
-
-    Raises:
-        ValueError: another name, or an argument out of range.
-    """
-    return Plant(make_batch(name, [robot], [terrain], time_step))
-
-
 def make_batch(
     name: str,
     robots: Sequence[Robot],

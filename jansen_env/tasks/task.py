@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.checks import MOST_SINGLE, listed, number_range, within
 from jansen_env.engine import readings
+from jansen_env.rendering import Frame
 from jansen_env.tasks.information import InfoBuilder
 from jansen_env.uniform import uniform
 from jansen_env.world.observations import Observed
@@ -235,6 +236,10 @@ class Task(ABC):
         checked, apply = self.world.checked(i, changes), self._change(i, of_task)
         self.world.change(i, checked)
         apply()  # all or nothing
+
+    def frame(self, i: int) -> Frame:
+        """Return the picture data of a robot as it is now."""
+        return self.world.frame(i, None if self.command is None else self.command[i])
 
     def scene(self, i: int) -> Values:
         """Return the arguments of :class:`jansen_env.rendering.Renderer` to draw a robot."""

@@ -115,13 +115,6 @@ def entries_of(name: str, value: object, count: int) -> list[Any]:
     return list(value)
 
 
-def render_mode(name: str, mode: object, allowed: Sequence[str] = RENDER_MODES) -> str | None:
-    """None, or one of the modes allowed."""
-    if mode is None or (isinstance(mode, str) and mode in allowed):
-        return mode
-    raise ValueError(f"{name} is {shown(mode)}, must be None or one of {allowed}")
-
-
 class Each(tuple[Any, ...]):
     """One value for each robot, where a plain sequence could as well be one value for all."""
 
@@ -299,7 +292,7 @@ class WorldSettings:
     push: Push | None = shared(None, partial(load_record, Push))
     observe_lengths: bool = shared(False, flag)
     track_joint_forces: bool = shared(False, flag, single_only=True)
-    render_mode: str | None = shared(None, render_mode)
+    render_mode: str | None = shared(None, partial(one_of, known=(None, *RENDER_MODES)))
 
     def __post_init__(self) -> None:
         for argument in fields(self):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import gymnasium as gym
 import numpy as np
 import pytest
+from side_by_side import same
 from stable_baselines3.common.env_util import make_vec_env as their_vec_env
 from stable_baselines3.common.vec_env import DummyVecEnv
 
@@ -19,17 +20,6 @@ VARIANTS = [
     {"speed_command": [0.05, 0.25], "terrain": "slope:-0.6", "payload": 2.0},
     {"speed_command": 0.3, "friction": 0.3, "terrain": Terrain(((-1, 0), (0.5, 0.02), (1, 0)))},
 ]
-
-
-def equal(a, b):
-    """One robot's information, nested, bit for bit."""
-    assert set(a) == set(b)
-    for key, value in a.items():
-        if isinstance(value, dict):
-            equal(value, b[key])
-        else:
-            assert np.array_equal(value, b[key]), key
-            assert isinstance(value, np.ndarray) or type(value) is type(b[key]), key
 
 
 @pytest.mark.parametrize("noise", [None, {}], ids=["exact", "noisy"])
@@ -56,9 +46,9 @@ def test_it_is_what_single_environments_are(noise):
                 falls += not infos_b[i]["TimeLimit.truncated"]
             else:
                 del infos_b[i]["TimeLimit.truncated"]
-            equal(infos_a[i], infos_b[i])
+            same(infos_a[i], infos_b[i])
         for ours, theirs in zip(together.reset_infos, apart.reset_infos, strict=True):
-            equal(ours, theirs)
+            same(ours, theirs)
     assert limits >= 10 and falls >= 2
     together.close(), apart.close()
 

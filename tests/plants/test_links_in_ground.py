@@ -3,10 +3,10 @@
 import gymnasium as gym
 import numpy as np
 import pytest
+from motions import PLANTS
 
 from jansen_env import Terrain
 from jansen_env.dynamics.pads import pad_sides
-from jansen_env.plants.plant import PLANTS, make_plant
 from jansen_env.robot import ROBOTS
 from jansen_env.tasks.walking.walker_benchmark import BASELINES
 from jansen_env.terrain.ground import treads
@@ -40,7 +40,7 @@ def test_links_over_a_spike(name):
     """The count is that of the other formula, for spikes from below the toes to above the frame."""
     counts = []
     for x, y in [(0.3, -0.7), (0.25, -0.3), (-0.2, -0.2), (0.35, 0.1), (0.0, 0.3), (-0.3, -0.45)]:
-        plant = make_plant(name, ROBOT, spike(x, y))
+        plant = PLANTS[name](ROBOT, spike(x, y))
         plant.state = np.zeros(8)
         plant.batch.step(np.zeros(1), 1)
         if plant.batch.any_diverged:  # a pad is deep in the spike

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motions import HOLD, governor, momenta, placed
+from motions import HOLD, PLANTS, governor, momenta, placed
 
 from jansen_env import ROBOTS, Payload, Robot, Terrain
 from jansen_env.plants.batch import Batch
@@ -19,7 +19,6 @@ IMPULSE = np.array([3.0, -1.5])  # N s
 DURATION, BRIEF = 0.1, 0.02  # s, of a push on the ground and in flight
 LADEN = replace(Robot(), payload=Payload(2.0, 0.1, (0.1, 0.2)))
 DESIGNS = {"laden": LADEN, "built": ROBOTS["built"]()}  # the latter with a geared rotor
-PLANTS = {"projection": ProjectionPlant, "rigid_body": RigidBodyPlant}
 
 
 def half_sine(steps, impulse=IMPULSE):

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from motions import PLANTS
 from walks import walk
 
 from jansen_env import MOTORS, ROBOTS, Terrain, built_robot
 from jansen_env.drawings.materials import about_origin, bill_of_materials
 from jansen_env.drawings.outlines import Round
-from jansen_env.plants.plant import ProjectionPlant, make_plant
+from jansen_env.plants.plant import ProjectionPlant, RigidBodyPlant
 from jansen_env.plants.trace import trace_forces
 from jansen_env.robot import BEARING_LOADS, JANSEN
 from jansen_env.robot import buildable as built
@@ -188,7 +189,7 @@ def test_touchdowns_are_resolved(start):
 def test_it_walks_under_the_papers_pid(speed):
     """The crank kept within 2 %; on both plants as fast, as dear, sliding as much: 10 %."""
     walks = [
-        walk(make_plant(plant, built_robot(), Terrain.flat()), speed, 2.5)
+        walk(PLANTS[plant](built_robot(), Terrain.flat()), speed, 2.5)
         for plant in ("projection", "rigid_body")
     ]
     for walked in walks:
@@ -207,7 +208,7 @@ def test_the_economy_machine_has_three_witnesses():
     robot, ground = ROBOTS["economy"](), Terrain.flat()
     ours, rigid, theirs = (
         walk(plant, 2.0, 3.2)
-        for plant in (ProjectionPlant(robot, ground), make_plant("rigid_body", robot, ground),
+        for plant in (ProjectionPlant(robot, ground), RigidBodyPlant(robot, ground),
                       MujocoPlant(robot, ground))
     )  # fmt: skip
     for name in ("speed", "cost_of_transport"):

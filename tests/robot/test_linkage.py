@@ -5,12 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from motions import PLANTS
 from walks import walk
 
 from jansen_env import LinkageError, Terrain, paper_robot, phased_legs, robot_from_joints
 from jansen_env.dynamics import projection as pr
 from jansen_env.dynamics.reduced import compile_robot, mass_matrix
-from jansen_env.plants.plant import ProjectionPlant, RigidBodyPlant, make_plant
+from jansen_env.plants.plant import ProjectionPlant, RigidBodyPlant
 from jansen_env.robot import JANSEN, ROBOTS, Linkage
 from jansen_env.robot.kinematics import joint_positions, nearest_dead_point, toe_positions
 from jansen_env.robot.zoo import ZOO, standing_height
@@ -171,7 +172,7 @@ def test_names_of_the_paper_are_kept():
 def test_walks_agree_on_both_plants(name):
     """A steady walk at 1 rad/s on slippery ground: speed and cost of transport within 5 %."""
     ours, theirs = (
-        walk(make_plant(plant, ROBOTS[name](), Terrain.flat(0.2)), 1.0, 3.0)
+        walk(PLANTS[plant](ROBOTS[name](), Terrain.flat(0.2)), 1.0, 3.0)
         for plant in ("projection", "rigid_body")
     )
     assert not ours.fell and not theirs.fell

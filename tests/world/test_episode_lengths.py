@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
-from side_by_side import compare
+from side_by_side import compare, walk
 
 from agents.training.training_state import plain
 from jansen_env import Payload, built_robot, paper_robot
@@ -27,11 +27,6 @@ NOT_CLOSING = {"crank": 0.2}
 
 def made(env_id, **kwargs):
     return gym.make(env_id, **kwargs).unwrapped
-
-
-def walk(env, steps=40, shape=(1,)):
-    """(steps, ...) observations under one torque."""
-    return np.array([env.step(np.full(shape, 0.3, np.float32))[0] for _ in range(steps)])
 
 
 @every
@@ -108,9 +103,9 @@ def test_many_are_what_each_is_alone(env_id, mode):
     alone = gym.vector.SyncVectorEnv([lambda: gym.make(env_id, **kwargs)] * 5, autoreset_mode=mode)
     assert compare(together, alone, 45, scale=0.6) >= 10
     copies = deepcopy(together.unwrapped), pickle.loads(pickle.dumps(together.unwrapped))
-    after = walk(together, 20, (5, 1))
+    after = walk(together, 20)
     for copy in copies:
-        assert (walk(copy, 20, (5, 1)) == after).all()
+        assert (walk(copy, 20) == after).all()
     assert len({*together.unwrapped.get_attr("robot")}) == 5
 
 
@@ -123,7 +118,7 @@ def test_robots_are_exchanged_while_other_threads_move_theirs():
         batch.reset(seed=0)
         for i in range(40):  # so that each step ends some episodes
             batch.unwrapped._elapsed[i] = i % 12
-    seen = [walk(batch, 40, (40, 1)) for batch in envs]
+    seen = [walk(batch, 40) for batch in envs]
     assert (seen[0] == seen[1]).all() and len({*envs[0].unwrapped.get_attr("robot")}) == 40
 
 

@@ -8,6 +8,7 @@ from itertools import permutations
 import gymnasium as gym
 import numpy as np
 import pytest
+from side_by_side import same
 
 from jansen_env import Bar, Compliance, LinkageError, Motor, Payload, built_robot, paper_robot
 from jansen_env.engine import walk_reward
@@ -49,12 +50,6 @@ PAIRS = [
 ]
 TOO_STIFF = [{good: GOOD[good], "foot_stiffness_scale": 100.0} for good in GOOD if good != "robot"]
 TOO_STIFF += [{"robot": STIFF, "lengths": {"rocker": 0.236}}]
-
-
-def same(a, b):
-    if isinstance(a, dict):
-        return {*a} == {*b} and all(same(a[name], b[name]) for name in a)
-    return np.array_equal(a, b)
 
 
 @pytest.mark.parametrize("plant", ["projection", "rigid_body"])
@@ -267,7 +262,8 @@ ENTRIES = {
         **dict.fromkeys(("plant", "asked", "loads", "deflection", "mean_speed", "generator",
                          "covered", "fallen", "random_pushes"), NO_NUMBERS),
         "in_contact": NO_NUMBERS[:4] + NO_NUMBERS[5:],
-        "robot": [{}, None, {"format": FORMAT, "design": "paper", "lengths": {"crank": 0.2}}],
+        "robot": [{}, None, {"format": FORMAT, "design": "paper", "lengths": {"crank": 0.2}},
+                  {"format": FORMAT, "design": "klann", "lengths": {}}],
     },
     "JansenWalkerHardcore-v0": {
         "ground": [0, [1.0], (math.nan, 0.0), "ab", (0.5, 2.0)],

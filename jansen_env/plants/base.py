@@ -119,11 +119,16 @@ def check_held(state: ArrayLike) -> None:
 def check_deflection(value: object, pads: int) -> Array:
     """Return pads' deflection (pads, 2), m, or raise ValueError: shape, compression, bend."""
     deflection = numbers_of(value)
-    shape = deflection.shape == (pads, 2)
-    if not (shape and (deflection[:, 0] >= 0.0).all() and np.isfinite(deflection[:, 1]).all()):
+    fits = deflection.shape == (pads, 2)
+    if fits:
+        compression, bend = deflection.T
+        unknown = compression == np.inf
+        fits = bool(((compression >= 0.0) & ((compression <= LARGEST) | unknown)).all())
+        fits = fits and bool((np.abs(bend) <= LARGEST).all())
+    if not fits:
         raise ValueError(
             f"deflection is {shown(value)}, must be {pads} pairs of a compression of 0 or above "
-            "(infinity where unknown) and a finite bend"
+            f"(infinity where unknown) and a bend, within {LARGEST:g}"
         )
     return deflection
 

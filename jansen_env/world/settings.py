@@ -81,10 +81,12 @@ def flag(name: str, value: object) -> bool:
 
 
 def finite_numbers(name: str, value: object, count: int) -> Array:
-    """Finite numbers (count,), a copy."""
-    numbers = numbers_of(value)
-    if numbers.shape != (count,) or not np.isfinite(numbers).all():
-        raise ValueError(f"{name} is {shown(value)}, must be {count} finite numbers")
+    """Finite numbers (count,), as float32 too; a copy."""
+    numbers, most = numbers_of(value), checks.MOST_SINGLE
+    if numbers.shape != (count,) or not (np.abs(numbers) <= most).all():
+        raise ValueError(
+            f"{name} is {shown(value)}, must be {count} finite numbers, within {most:.2g}"
+        )
     return numbers
 
 

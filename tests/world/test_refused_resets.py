@@ -259,9 +259,11 @@ def test_a_start_that_no_observation_can_have(env_id, options):
 NO_NUMBERS = [10**400, 1e300, "x", {"a": 1}, None, [10**400] * 8, [[1, 2], [3]]]
 ENTRIES = {
     "JansenWalkerBuilt-v0": {
-        **dict.fromkeys(("plant", "asked", "loads", "deflection", "mean_speed", "generator",
+        **dict.fromkeys(("plant", "loads", "mean_speed", "generator",
                          "covered", "fallen", "random_pushes"), NO_NUMBERS),
         "in_contact": NO_NUMBERS[:4] + NO_NUMBERS[5:],
+        "asked": [*NO_NUMBERS, [1e300, 0.0]],
+        "deflection": [*NO_NUMBERS, [[0.0, 1e300]] * 22, [[1e300, 0.0]] * 22],
         "robot": [{}, None, {"format": FORMAT, "design": "paper", "lengths": {"crank": 0.2}},
                   {"format": FORMAT, "design": "klann", "lengths": {}}],
     },

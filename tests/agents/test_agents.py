@@ -10,6 +10,7 @@ from scipy.stats import kstest
 
 from agents import tune
 from jansen_env.baselines.pid import PID
+from jansen_env.baselines.policy import TorquePolicy
 from jansen_env.commands import evaluate
 from jansen_env.scoring import metrics
 from jansen_env.scoring.rollout import draw_episodes, make_env, run_episodes
@@ -125,23 +126,13 @@ def test_tuning_finds_gains_and_keeps_other_designs(tmp_path, monkeypatch):
         tune.main(["pid", "--robot", "bulit", "--out", str(tmp_path)])
 
 
-class Steps:
-    """A policy of given torques, N m, step by step."""
-
-    def __init__(self, torques):
-        self.torques, self.step = torques, -1
-
-    def predict(self, observation, *state_and_starts):
-        self.step += 1
-        action = np.full((len(observation), 1), self.torques[self.step] / 20.0, np.float32)
-        return action, None
-
-
 def test_what_is_kept_of_an_episode(walker):
     """The position after two seconds, slip and work from then on, and how much the torque changes,
     the first time from 0."""
     torques = [2.0, 2.0, -1.0, 3.0] + [2.5, 3.0] * 58
-    run = run_episodes(Steps(torques), "JansenWalker-v0", {"max_episode_steps": 120},
+    left = iter(torques)
+    policy = TorquePolicy(lambda seen, *_: (np.full(len(seen), next(left)), None), 20.0)
+    run = run_episodes(policy, "JansenWalker-v0", {"max_episode_steps": 120},
                        np.array([0.2]), np.array([5]))  # fmt: skip
     env = gym.make("JansenWalker-v0", max_episode_steps=120)
     robot = env.unwrapped

@@ -8,6 +8,7 @@ import pytest
 
 import train
 from jansen_env.baselines.pid import PID
+from jansen_env.baselines.policy import still
 from jansen_env.dynamics.inverse import crank_torque
 from jansen_env.scoring.rollout import run_episodes
 from jansen_env.tasks.crank.crank_benchmark import BASELINES, CRANK, inverse_dynamics
@@ -92,12 +93,7 @@ def test_scores_are_those_of_the_episodes(env):
         if name != "return"
     }
     assert measured == pytest.approx(expected)
-
-    class Nothing:
-        def predict(self, seen, state=None, start=None, deterministic=True):
-            return np.zeros((len(seen), 1), np.float32), None
-
-    left = run_episodes(Nothing(), ENV, {}, np.array([1.0]), np.zeros(1, int))
+    left = run_episodes(still(env.unwrapped), ENV, {}, np.array([1.0]), np.zeros(1, int))
     assert left["lost"][0] and 3.0 < left["duration"][0] < 3.5
 
 

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from jansen_env.gravity import GRAVITY
-from jansen_env.robot.kinematics import T, joint_positions
+from jansen_env.robot import ROBOTS, Payload
+from jansen_env.robot.kinematics import joint_positions
 from jansen_env.viewer.recorder import Recorder
-from jansen_env.viewer.web.geometry import scene_of_robot, state_of_frame
+from jansen_env.viewer.web.geometry import scene_of_robot
 from jansen_env.viewer.web.page import page
 
 
@@ -34,37 +35,13 @@ def unpacked(array):
     return np.frombuffer(base64.b64decode(array), "<f4")
 
 
-@pytest.mark.parametrize(
-    ("env_id", "arguments"),
-    [("JansenWalker-v0", {"payload": 2.0, "robot": "holy"}), ("JansenCrank-v0", {})],
-)
-def test_scene_and_state(env_id, arguments):
-    env = gym.make(env_id, **arguments)
-    env.reset(seed=0)
-    for _ in range(5):
-        env.step(np.zeros(1, np.float32))
-    robot, frame = env.unwrapped.scene()["robot"], env.unwrapped.frame()
-    weight = robot.mass * GRAVITY
-    scene, state = scene_of_robot(robot, weight), state_of_frame(robot, frame)
-    assert json.dumps([scene, state], allow_nan=False)
+def test_scene():
+    robot = replace(ROBOTS["holy"](), payload=Payload(2.0))
+    scene = scene_of_robot(robot, robot.mass * GRAVITY)
+    assert json.dumps(scene, allow_nan=False) and scene["payload"]["mass"] == 2.0
     assert [leg["depth"] for leg in scene["legs"]] == [0.0, 1.0, 0.0, 1.0]
-    axis, angle = np.array([state["x"], state["y"]]), state["pitch"]
-    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    for leg, joints in zip(robot.legs, state["joints"], strict=True):
-        level = joint_positions(robot, leg.side, frame.q[3] + leg.phase)
-        np.testing.assert_allclose(joints, level @ turn + axis, atol=1e-12)
-        assert np.linalg.norm(level, axis=1).max() <= scene["reach"] * 1.001
-    toes = state["toes"]
-    if env_id == "JansenCrank-v0":
-        assert [toe["contact"] for toe in toes] == [0] * 4
-        return
-    assert env.unwrapped.weight == pytest.approx(weight) and scene["payload"]["mass"] == 2.0
-    for toe, joints in zip(toes, state["joints"], strict=True):
-        assert (toe["contact"] == 0) == (np.hypot(*toe["force"]) < 1e-4)
-        if toe["contact"]:
-            assert np.hypot(*np.subtract(toe["point"], joints[T])) < 2.0 * scene["padRadius"]
-    lift = sum(toe["force"][1] for toe in toes)  # at rest, nearly
-    assert lift == pytest.approx(weight, rel=0.2)
+    joints = joint_positions(robot, "fore", np.linspace(0.0, 6.0, 100))
+    assert scene["reach"] == pytest.approx(np.hypot(*joints.T).max(), rel=1e-3)
 
 
 def test_pages_are_small(recording):

@@ -5,9 +5,8 @@ Colours, widths and meaning are those of :mod:`jansen_env.rendering`.
 
 from __future__ import annotations
 
-from jansen_env.rendering import Frame, depths_of, reach_of
+from jansen_env.rendering import depths_of, reach_of
 from jansen_env.robot import Robot
-from jansen_env.robot.kinematics import world_joints
 from jansen_env.robot.linkage import CRANK, FRAME
 
 
@@ -37,21 +36,4 @@ def scene_of_robot(robot: Robot, weight: float) -> dict[str, object]:
         "payload": {"mass": load.mass, "x": load.position[0], "y": load.position[1]}
         if load.mass > 0.0
         else None,
-    }
-
-
-def state_of_frame(robot: Robot, frame: Frame) -> dict[str, object]:
-    """Pose and toes of a robot in a frame.
-
-    Returns:
-        ``x``, ``y`` m of the crank axis, ``pitch`` rad; ``joints``: (legs, joints, 2) m, world
-        frame; ``toes``: for each ``contact`` (AIR, GRIP or SLIP), ``point`` (2,) m where it touches
-        and ``force`` (2,) N on it, world frame.
-    """
-    arrays = frame.contact, frame.contact_point, frame.contact_force
-    toes = zip(*(array.tolist() for array in arrays), strict=True)
-    return {
-        **dict(zip(("x", "y", "pitch"), frame.q[:3].tolist(), strict=True)),
-        "joints": world_joints(robot, frame.q).tolist(),
-        "toes": [dict(zip(("contact", "point", "force"), toe, strict=True)) for toe in toes],
     }

@@ -12,6 +12,8 @@ from xml.etree import ElementTree as ET
 import ezdxf
 import numpy as np
 import pytest
+from ezdxf.math import area
+from ezdxf.path import make_path
 from known_designs import DESIGNS
 
 from jansen_env import Bar, built_robot
@@ -19,7 +21,7 @@ from jansen_env.commands import drawings as command
 from jansen_env.drawings import shaft_order
 from jansen_env.drawings.assembly import HEAD
 from jansen_env.drawings.materials import bill_of_materials, counts, hardware, to_csv
-from jansen_env.drawings.outlines import HUB, WALL, cut_parts, feet_of, gap
+from jansen_env.drawings.outlines import HUB, WALL, Round, cut_parts, feet_of, gap
 from jansen_env.drawings.shaft_order import SPACER, TUBE, CollisionError, carried, layers, units
 from jansen_env.drawings.sheets import MARGIN, nest, to_dxf, to_svg
 from jansen_env.robot import ROBOTS, Leg
@@ -95,6 +97,13 @@ def test_parts_weigh_what_the_model_says(name):
     parts = {part.name: part.mass for part in cut_parts(robot)}
     for part in bill_of_materials(robot)[: len(robot.bodies)]:
         assert parts[part.name] == pytest.approx(part.each, rel=0.04), part.name
+
+
+def test_what_is_drawn_has_the_area_of_its_shape():
+    shape = Round((0j, 40 + 0j, 10 + 30j), 7.0)
+    points = [(z.real, z.imag, bulge) for z, bulge in shape.path]
+    line = ezdxf.new().modelspace().add_lwpolyline(points, "xyb", close=True)
+    assert area([*make_path(line).flattening(1e-4)]) == pytest.approx(shape.area, rel=1e-5)
 
 
 @pytest.mark.parametrize("name", DIFFERENT)

@@ -2,7 +2,7 @@
 //
 // Prints for each of `robots`, [name, lengths or null], the robot, and its tables or why it has none; of each walk {robot:
 // place in robots, terrain, control, actions by hand, start, events: [step, method, arguments], names
-// of info} the numbers of its start and of each step, all in base64. In between each walk goes back
+// of info} the numbers of its start and of each step, all in base64, and its last pose. In between each walk goes back
 // ten steps, and comes again.
 import { readFileSync } from "node:fs";
 
@@ -37,13 +37,19 @@ function walk({ robot, terrain, control, actions, start, events, names }) {
 			controller.memory = saved[1];
 			rows.length -= 10;
 		}
-		for (const [at, method, given] of events) if (at === step) machine[method](...given);
+		for (const [at, method, given] of events) if (at === step) attempt(machine, method, given);
 		if (control === "hand") controller.memory = actions[step];
 		const action = controller.act();
 		machine.step(action);
 		rows.push(numbersOf(machine, names, action));
 	}
-	return packed(rows.flat());
+	return { numbers: packed(rows.flat()), pose: machine.pose(), scene: machine.scene };
+}
+
+function attempt(machine, method, given) {
+	try {
+		machine[method](...given);
+	} catch {} // refused, as in Python, or the numbers differ
 }
 
 const made = robots.map(([name, lengths]) =>
@@ -51,8 +57,8 @@ const made = robots.map(([name, lengths]) =>
 );
 function tablesOf(robot) {
 	try {
-		const { body, pads, bearings, depths, extent, farthest, advance, sides } = compileRobot(engine, robot);
-		return [body, pads, bearings, depths, farthest.flat(), [extent, advance], sides.flat()].map(packed);
+		const { body, pads, bearings, depths, extent, farthest, advance } = compileRobot(engine, robot);
+		return [body, pads, bearings, depths, farthest.flat(), [extent, advance]].map(packed);
 	} catch (error) {
 		return error.message;
 	}

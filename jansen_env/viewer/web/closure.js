@@ -1,14 +1,12 @@
 // Where the joints of a robot's legs are, bit for bit as jansen_env/robot/kinematics.py has it.
 //
-// A robot is the content of a robot file (jansen_env/robot/robot_file.py), all its fields given but
-// for infinite ones. Arrays are of many crank angles at once, as NumPy's there: the operations are
+// A robot is an entry of data.robots, which walk_data.py writes (robot_data). Arrays are of many crank angles at once, as NumPy's there: the operations are
 // the same in the same order. Chassis frame: crank axis at the origin, +x the walking direction.
 
 import { each } from "./engine.js";
 
 export const TURN = 2 * Math.PI;
-export const FRAME = 0; // the bodies that all legs share
-export const CRANK = 1;
+const [FRAME, CRANK] = [0, 1]; // the bodies that all legs share
 
 export const hypot = (x, y) => Math.sqrt(x * x + y * y); // Math.hypot rounds otherwise
 
@@ -16,12 +14,6 @@ export const hypot = (x, y) => Math.sqrt(x * x + y * y); // Math.hypot rounds ot
 export function modulo(x, period) {
   const rest = x % period;
   return rest < 0 ? rest + period : rest;
-}
-
-/** Straight edges of a body, as pairs of joints. */
-export function edgesOf(joints) {
-  const ends = joints.length === 2 ? joints : [...joints, joints[0]];
-  return ends.slice(1).map((joint, k) => [ends[k], joint]);
 }
 
 /** Sides of a triangle: first-second, second-third, third-first, m. */
@@ -54,9 +46,9 @@ export function distance(memory, link, i, k) {
 export class Closure {
   constructor(memory, robot) {
     const { bodies, joints, dyads } = robot.linkage;
-    this.members = bodies.map(([, names]) => [...names].map((name) => joints.indexOf(name)));
+    const { members } = robot;
     this.corners = robot.bodies.map((link) => cornersOf(memory, link));
-    const has = (body, joint) => this.members[body].indexOf(joint);
+    const has = (body, joint) => members[body].indexOf(joint);
     this.dyads = dyads.map(([name, ...ends]) => {
       const joint = joints.indexOf(name);
       const sides = ends.slice(0, 2).map((end) => {
@@ -67,7 +59,7 @@ export class Closure {
       });
       return { name, joint, sides, branch: ends[2] };
     });
-    Object.assign(this, { memory, robot, linkage: robot.linkage });
+    Object.assign(this, { memory, robot, members });
   }
 
   /** [x, y] of each joint of a fore leg whose crank stands at `psi` (n,), in the linkage's order. */

@@ -3,8 +3,7 @@
 // The engine's kernels do the work; what is here stands in jansen_env/world/world.py and
 // jansen_env/plants: batch.py, grounds.py, robot_parameters.py. Metres, radians, seconds, newtons.
 
-import { Closure, edgesOf, modulo, TURN } from "./closure.js";
-import { each } from "./engine.js";
+import { Closure } from "./closure.js";
 import { compileRobot, exactSum } from "./tables.js";
 import { polyline } from "./terrain.js";
 
@@ -19,8 +18,8 @@ const camelled = (row) =>
 
 export class Machine {
   /**
-   * robot: the content of a robot file, all its fields given but for infinite ones. terrain: {points,
-   * friction, restitution}, null for level ground. Throws if the robot cannot turn its crank.
+   * robot: of data.robots, or with other lengths (lengths.js). terrain: {points, friction,
+   * restitution}, null for level ground. Throws if the robot cannot turn its crank.
    */
   constructor(engine, robot, terrain) {
     const [{ layout }, memory] = [engine, engine.memory()];
@@ -30,7 +29,7 @@ export class Machine {
     const sumOf = (name) => robot.legs.length * exactSum(robot.bodies.map((link) => link[name]));
     Object.assign(this, { linksMass: sumOf("mass"), linksInertia: sumOf("inertia") });
     this.closure = new Closure(memory, robot);
-    this.toes = robot.legs.length * robot.linkage.toes.length;
+    this.toes = robot.scene.toes.length;
     this.makeFixed();
     this.makeTask();
     this.makeState();
@@ -46,20 +45,21 @@ export class Machine {
 
   /** The robot's tables and its ground, and work space. */
   makeFixed() {
-    const { memory, layout, toes, line, tables } = this;
+    const { memory, layout, toes, line, tables, robot } = this;
     const { INTERVALS: intervals, ORDER: order } = layout.numbers;
-    const { body, pads, bearings, depths, layout: padRows, sides } = tables;
+    const { body, pads, bearings, depths } = tables;
     const numbers = (values, ...shape) => memory.filled("f8", values, ...shape);
     this.body = numbers(body, 1, intervals, order, body.length / (intervals * order));
     this.pads = numbers(pads, 1, pads.length / (3 * intervals * order), intervals, order, 3);
-    this.padLayout = memory.array("PAD", 1, padRows.length);
-    for (const [k, { table, phase, mirror }] of padRows.entries())
+    const padCount = robot.layout.length;
+    this.padLayout = memory.array("PAD", 1, padCount);
+    for (const [k, [table, phase, mirror]] of robot.layout.entries())
       this.padLayout.write({ table, phase, mirror }, k);
     this.model = [this.body, this.pads, this.padLayout, numbers(bearings, 1, bearings.length)];
-    this.sides = memory.filled("i8", sides.flat(), sides.length, 2);
+    this.sides = memory.filled("i8", robot.sides.flat(), robot.sides.length, 2);
     this.surface = numbers(line.flat(), line.length, 2);
     this.depths = numbers(depths, 1, depths.length);
-    const capacity = layout.numbers.PLANES_PER_PAD * padRows.length;
+    const capacity = layout.numbers.PLANES_PER_PAD * padCount;
     this.world = memory.array("WORLD", 1);
     this.world.write({
       time_step: layout.numbers.TIME_STEP,
@@ -78,7 +78,7 @@ export class Machine {
     this.shares = memory.array("i8", 2, 2);
     this.moved = memory.array("i8", 1);
     this.flags = memory.array("b1", 2);
-    this.centres = memory.array("f8", Math.max(padRows.length, toes + 1), 2);
+    this.centres = memory.array("f8", Math.max(padCount, toes + 1), 2);
     this.trace = memory.array("f8", 0, 0);
     this.still = [memory.array("f8", 1), memory.array("f8", 1), memory.array("i8", 1)];
   }
@@ -170,7 +170,8 @@ export class Machine {
       const payload = { mass: numbers.payload, inertia: 0, position: [0, 0] };
       this.robot = { ...this.robot, payload };
     }
-    const row = kernelRow(this.robot);
+    const own = Object.entries(this.robot.params).map(([name, value]) => [name, known(value)]);
+    const row = { ...Object.fromEntries(own), load_inertia: this.robot.payload.inertia };
     for (const [name, copied] of Object.entries(layout.copied)) row[copied] = parameters[name];
     for (const [name, fields] of Object.entries(layout.scaled))
       for (const field of fields) {
@@ -211,6 +212,10 @@ export class Machine {
       throw new Error(`command is ${command}, must be between ${-most} and ${most}`);
     const numbers = this.checked(changes);
     if (Object.keys(numbers).length > 0) this.apply(numbers);
+    if (["friction", "restitution", "payload"].some((name) => name in numbers)) {
+      this.robots.write({ status: { asked_x: INFINITE } }); // as for a new ground or robot
+      this.askGround();
+    }
     if (command === undefined) return;
     this.walk.write({ next_command: command, info: { speed_command: command } });
     this.describe();
@@ -440,27 +445,10 @@ export class Machine {
 
   /** What stays the same while it walks: geometry.py, scene_of_robot. */
   get scene() {
-    const { robot, closure, weight, line } = this;
-    const [frame, crank, ...others] = closure.members;
-    const { joints, toes } = robot.linkage;
+    const { robot, weight, line } = this;
     const { mass, position } = robot.payload;
-    const legs = depthsOf(robot.legs).map((depth) => ({ depth }));
-    this.reach ??= reachOf(closure);
-    return {
-      joints,
-      frame: edgesOf(frame),
-      crank: edgesOf(crank),
-      skeleton: others.flatMap(edgesOf),
-      plates: others.filter((body) => body.length > 2),
-      legs,
-      toes: legs.flatMap((_, leg) => [...toes].map((toe) => [leg, joints.indexOf(toe)])),
-      padRadius: robot.pad_radius,
-      reach: this.reach,
-      weight,
-      payload: mass > 0 ? { mass, x: position[0], y: position[1] } : null,
-      terrain: line,
-      speedUnit: "m/s",
-    };
+    const payload = mass > 0 ? { mass, x: position[0], y: position[1] } : null;
+    return { ...robot.scene, weight, payload, terrain: line, speedUnit: "m/s" };
   }
 }
 
@@ -469,33 +457,9 @@ function restingDepth(mass, stiffness, gravity) {
   return (0.5 * mass * Math.max(gravity, 0)) / stiffness;
 }
 
-/** What a robot has of PARAMS, without parameters: robot_parameters.py, kernel_row. */
-function kernelRow({ payload, motor, pad_compliance: pads, bearing_friction, pad_radius }) {
-  const { stall_torque = INFINITE, no_load_speed = INFINITE, efficiency } = motor;
-  const { stiffness = INFINITE, tangential_stiffness = INFINITE } = pads;
-  const slope = no_load_speed < INFINITE ? stall_torque / no_load_speed : 0;
-  const [J, G] = [motor.rotor_inertia, motor.gear_ratio];
-  const limited = stall_torque < INFINITE;
-  return {
-    load_inertia: payload.inertia,
-    pad_radius,
-    rotor_pitch: J,
-    rotor_coupling: G * J,
-    rotor_crank: G * G * J,
-    stall_torque,
-    torque_slope: slope,
-    most_torque: limited ? motor.torque_limit : INFINITE,
-    winding: slope > 0 ? efficiency / slope : 0,
-    limited,
-    driving: 1 / efficiency,
-    driven: efficiency,
-    viscous_friction: motor.viscous_friction,
-    gear_friction: motor.friction,
-    dry: motor.friction > 0 || bearing_friction.some((value) => value > 0),
-    compliant: stiffness < INFINITE,
-    stiffness: [stiffness, tangential_stiffness],
-    pad_damping: [pads.damping, pads.tangential_damping],
-  };
+/** A number or a list of them, in which null is infinite. */
+function known(value) {
+  return Array.isArray(value) ? value.map(known) : (value ?? INFINITE);
 }
 
 /** A ground's stretches as pairs of vertices: grounds.py, make_shapes. */
@@ -506,18 +470,4 @@ function stretchesOf(line, { STRETCH, MOST_STRETCHES }) {
   const inside = (i) => i > 1 && i < line.length - 2;
   const cuts = [...line.keys()].filter((i) => !inside(i) || place[i] !== place[i - 1]);
   return cuts.slice(1).map((last, k) => [cuts[k], last]);
-}
-
-/** Depth of each leg in a picture, from 0, the nearest, to 1: rendering.py. */
-function depthsOf(legs) {
-  const phases = legs.map(({ phase }) => modulo(phase, TURN));
-  const layers = [...new Set(phases)].sort((a, b) => a - b);
-  return phases.map((phase) => layers.indexOf(phase) / Math.max(1, layers.length - 1));
-}
-
-/** Distance of the farthest joint from the crank axis over a turn, m. */
-function reachOf(closure, samples = 180) {
-  const psi = each(samples, (k) => (TURN * k) / samples);
-  const distances = ([x, y]) => Math.max(...x.map((value, i) => Math.hypot(value, y[i])));
-  return Math.max(...closure.joints(psi).map(distances));
 }

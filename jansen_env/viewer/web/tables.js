@@ -1,6 +1,6 @@
 // Robot -> periodic tables, bit for bit as jansen_env/dynamics/reduced.py has them.
 
-import { Closure, edgesOf, FRAME, hypot, modulo, TURN } from "./closure.js";
+import { Closure, hypot, modulo, TURN } from "./closure.js";
 import { each, numbersOf } from "./engine.js";
 
 const SCALE = 2 ** 200; // for exact sums
@@ -132,7 +132,7 @@ class Fourier {
   }
 }
 
-/** Tables, layout and reach of a robot: what the kernels have of it. Throws if it cannot turn. */
+/** Tables and reach of a robot: what the kernels have of it. Throws if it cannot turn. */
 export function compileRobot({ work }, robot) {
   return work.scratch(() => compileIn(work, robot));
 }
@@ -156,26 +156,18 @@ function compileIn(memory, robot) {
   const slope = fourier.sampled(motion, SAMPLES, byAngle);
   for (const [k, turn] of turns.entries()) slope[k] = slope[k].map((rate) => rate + turn);
   const sums = fourier.series(legSums(robot, x, slope));
-  const padJoints = padsOf(robot.linkage);
   const places = fourier.series(
-    padJoints.flatMap(([joint, link]) => [...joints[joint], angles[link]]),
+    robot.pads.flatMap(([joint, link]) => [...joints[joint], angles[link]]),
   );
   if (![motion, sums, places].every((series) => fourier.tail(series) <= TAIL_TOLERANCE))
     throw new Error("its linkage passes too near a dead point: two links that meet are in line");
   const body = fourier.polynomials(fourier.ofLegs(sums, robot.legs, 1), 1);
-  const pads = fourier.polynomials(places, padJoints.length);
-  for (let row = 0; row < padJoints.length * INTERVALS; row += 1)
-    pads[(row * ORDER + 1) * 3 + 2] += turns[padJoints[(row / INTERVALS) | 0][1]];
-  const layout = padLayout(robot, padJoints);
-  return {
-    body,
-    pads,
-    bearings: bearingFriction(fourier, robot, slope),
-    layout,
-    sides: padSides(robot, padJoints, closure.members, layout),
-    ...reachOf(memory, robot, { body, pads, layout }),
-    advance: advancePerTurn(closure),
-  };
+  const pads = fourier.polynomials(places, robot.pads.length);
+  for (let row = 0; row < robot.pads.length * INTERVALS; row += 1)
+    pads[(row * ORDER + 1) * 3 + 2] += turns[robot.pads[(row / INTERVALS) | 0][1]];
+  const bearings = bearingFriction(fourier, robot, slope);
+  const advance = advancePerTurn(closure);
+  return { body, pads, bearings, advance, ...reachOf(memory, robot, { body, pads }) };
 }
 
 /** Angles without jumps: `numpy.unwrap`. */
@@ -242,40 +234,8 @@ function bearingFriction(fourier, robot, slope) {
   return total;
 }
 
-/** [joint, body] of every pad of a leg as indices, toes first. */
-function padsOf({ bodies, joints, toes, pads }) {
-  const last = (joint) => bodies.findLastIndex(([, names]) => names.includes(joint)) + 1;
-  const all = [...[...toes].map((toe) => [toe, last(toe)]), ...pads];
-  return all.map(([joint, body]) => [joints.indexOf(joint), body - 1]);
-}
-
-/** Every pad of a robot, toes first: {leg, table, phase, mirror}; see jansen_env/dynamics/pads.py. */
-function padLayout({ legs, linkage }, pads) {
-  const seen = new Set();
-  const rows = legs.flatMap(({ side, phase }, leg) => {
-    const way = side === "fore" ? { phase, mirror: 1 } : { phase: Math.PI - phase, mirror: -1 };
-    const own = range(pads.length).filter((k) => pads[k][1] !== FRAME || !seen.has(side));
-    seen.add(side);
-    return own.map((table) => ({ leg, table, ...way }));
-  });
-  const isToe = ({ table }) => table < linkage.toes.length;
-  return [...rows.filter(isToe), ...rows.filter((row) => !isToe(row))];
-}
-
-/** Straight sides of links as pairs of pads, in order; see jansen_env/dynamics/pads.py. */
-function padSides({ legs }, pads, members, layout) {
-  const key = (leg, joint) => `${members[FRAME].includes(joint) ? legs[leg].side : leg} ${joint}`;
-  const pad = new Map(layout.map(({ leg, table }, k) => [key(leg, pads[table][0]), k]));
-  const edges = legs.flatMap((_, leg) => members.flatMap(edgesOf).map((edge) => edge.map((joint) => pad.get(key(leg, joint))))); // biome-ignore format: short
-  const sides = edges
-    .filter((edge) => !edge.includes(undefined))
-    .map((edge) => edge.sort((a, b) => a - b));
-  const different = new Map(sides.map((side) => [`${side}`, side]));
-  return [...different.values()].sort(([a, b], [c, d]) => a - c || b - d);
-}
-
 /** How far pads and centre of mass get: see jansen_env/plants/design_tables.py. */
-function reachOf(memory, robot, { body, pads, layout }) {
+function reachOf(memory, robot, { body, pads }) {
   const { ORDER, INTERVALS, PITCHES, BETWEEN, SPARSE, SPECULATIVE_MARGIN } = memory.layout.numbers;
   // Lengths of the first two functions of coefficient k in each row of a table.
   const lengths = (table, functions, k) =>
@@ -284,9 +244,7 @@ function reachOf(memory, robot, { body, pads, layout }) {
       return hypot(table[place], table[place + 1]);
     });
   const farthest = [0, 1].map((k) => [largest(lengths(body, 8, k)), largest(lengths(pads, 3, k))]);
-  const others = layout
-    .slice(robot.legs.length * robot.linkage.toes.length)
-    .map((pad) => pad.table);
+  const others = robot.layout.slice(robot.scene.toes.length).map(([table]) => table);
   const rows = [...new Set(others)].flatMap((table) =>
     range(INTERVALS / SPARSE).map((i) => (table * INTERVALS + i * SPARSE) * ORDER * 3),
   );

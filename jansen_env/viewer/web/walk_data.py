@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from jansen_env import gravity
 from jansen_env.baselines.policy import PAPER_PID
 from jansen_env.dynamics import reduced
+from jansen_env.dynamics.pads import pad_sides
 from jansen_env.engine import (
     collision,
     integrator,
@@ -25,13 +26,14 @@ from jansen_env.engine import (
 from jansen_env.parameters import OF_ROBOTS, PARAMETERS
 from jansen_env.plants import base, batch, design_tables, grounds, robot_parameters
 from jansen_env.policies import pretrained
-from jansen_env.robot import ROBOTS, buildable
+from jansen_env.robot import ROBOTS, Robot, buildable
 from jansen_env.robot.designs import is_of_built_parts
 from jansen_env.robot.robot_file import robot_to_json
 from jansen_env.tasks.walking import walker_benchmark, walker_env
 from jansen_env.tasks.walking.presets import ROUGH
 from jansen_env.terrain import Terrain
 from jansen_env.viewer.web.bench import design_of
+from jansen_env.viewer.web.geometry import scene_of_robot
 from jansen_env.viewer.web.terrain_data import terrain_data
 from jansen_env.world import push, world
 from jansen_env.world.observations import world_observations
@@ -83,7 +85,7 @@ def walk_data() -> Json:
     return {
         "engine": _packed(np.frombuffer(module, np.uint8), "u1"),
         "layout": engine_data(),
-        "robots": {name: {"name": name, **robot_to_json(each)} for name, each in designs.items()},
+        "robots": {name: robot_data(name, each) for name, each in designs.items()},
         "designs": {name: design_of(each) for name, each in designs.items()},
         "built": [name for name, each in designs.items() if is_of_built_parts(each)],
         "policies": policies,
@@ -96,6 +98,24 @@ def walk_data() -> Json:
         },
         "sliders": [dict(zip(SLIDER, values, strict=True)) for values in SLIDERS],
         "terrain": terrain_data(),
+    }
+
+
+def robot_data(name: str, robot: Robot) -> Json:
+    """Return a robot file's content, and what of the robot does not depend on its lengths.
+
+    None stands for infinity.
+    """
+    row = robot_parameters.kernel_row(robot)[0]
+    return {
+        "name": name,
+        **robot_to_json(robot),
+        "members": robot.linkage.members,
+        "pads": robot.linkage.all_pads,
+        "layout": design_tables.kernel_model(reduced.compile_robot(robot)).layout[0].tolist(),
+        "sides": pad_sides(robot).tolist(),
+        "params": {field: _finite(row[field].tolist()) for field in row.dtype.names},
+        "scene": scene_of_robot(robot, 0.0),
     }
 
 
@@ -163,6 +183,12 @@ def _packed(values: ArrayLike, dtype: str) -> str:
 
 def _shape(array: np.ndarray[Any, Any]) -> tuple[str | int, ...]:
     return array.dtype.str[1:], *array.shape
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, list):
+        return [*map(_finite, value)]
+    return value if math.isfinite(value) else None
 
 
 def _values(row: np.void) -> Json:

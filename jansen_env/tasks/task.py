@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from threading import RLock
 from types import ModuleType
 from typing import Any, ClassVar
 
@@ -109,6 +110,7 @@ class Task(ABC):
 
     def _connect(self) -> None:
         """Let this object's arrays be those that are shown."""
+        self._lock = RLock()  # kernels write without Python's, and a step resets other robots
         self.info: NDArray[np.void] = self.data["info"]
         world = self.world
         self.information = InfoBuilder(
@@ -171,17 +173,18 @@ class Task(ABC):
             if unknown := sorted({*given} - known):
                 allowed = listed(sorted(known), unknown[0])
                 raise ValueError(f"reset options {unknown} are unknown, must be in {allowed}")
-        before = [generator.bit_generator.state for generator in generators]
-        try:
-            drawn = self.world.reset(which, generators, options, self.draw, self.progress)
-        except Exception:
-            for generator, state in zip(generators, before, strict=True):
-                generator.bit_generator.state = state
-            raise
-        for i, numbers in zip(which.tolist(), drawn, strict=True):
-            self._clear(i, numbers)
-        self._begin(which)
-        self._describe(which)
+        with self._lock:
+            before = [generator.bit_generator.state for generator in generators]
+            try:
+                drawn = self.world.reset(which, generators, options, self.draw, self.progress)
+            except Exception:
+                for generator, state in zip(generators, before, strict=True):
+                    generator.bit_generator.state = state
+                raise
+            for i, numbers in zip(which.tolist(), drawn, strict=True):
+                self._clear(i, numbers)
+            self._begin(which)
+            self._describe(which)
 
     def _clear(self, i: int, numbers: Values) -> None:
         """Put a robot's numbers of :attr:`INFO` in the place of those of its last episode."""
@@ -194,9 +197,10 @@ class Task(ABC):
         self, actions: ArrayLike, active: Bools, meanwhile: Callable[[], None] | None = None
     ) -> None:
         """Hold actions (n, 1) of the ``active`` robots (n,), see ``World.step``."""
-        self.world.step(actions, active, self._finish_step, meanwhile)
-        self._judge(active)
-        self.world.disturb()
+        with self._lock:
+            self.world.step(actions, active, self._finish_step, meanwhile)
+            self._judge(active)
+            self.world.disturb()
 
     def _judge(self, active: Bools) -> None:
         """Reward the step of the ``active`` robots (n,), end their episodes, and observe them."""
@@ -300,7 +304,7 @@ class Task(ABC):
         return lambda: None
 
     def __getstate__(self) -> Values:
-        return {**self.__dict__, "information": None, "info": None, "_surface": None}
+        return {**self.__dict__, "information": None, "info": None, "_surface": None, "_lock": None}
 
     def __setstate__(self, state: Values) -> None:
         self.__dict__.update(state)

@@ -2,6 +2,7 @@
 
 import gc
 import sys
+from threading import Thread
 
 import gymnasium as gym
 import numpy as np
@@ -47,6 +48,23 @@ def test_threads_do_not_change_a_bit():
         runs.append(np.concatenate([np.append(step[0], step[1]) for step in steps]))
         env.close()
     assert all(np.array_equal(run, runs[0]) for run in runs)
+
+
+def test_threads_that_share_an_environment_take_turns():
+    """Which else would end the process: kernels run without Python's lock."""
+    arguments = {"terminate_when_fallen": False, "threads": 2}
+    envs, twins = (gym.make_vec("JansenWalkerRough-v0", 32, **arguments) for _ in range(2))
+    action = np.full((32, 1), 0.4, np.float32)
+    for batch in (envs, twins):
+        batch.reset(seed=1)
+    threads = [Thread(target=lambda: [envs.step(action) for _ in range(20)]) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for _ in range(60):
+        twins.step(action)
+    assert (envs.step(action)[0] == twins.step(action)[0]).all()
 
 
 @pytest.mark.parametrize("env_id", ["JansenWalker-v0", "JansenCrank-v0"])

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env.checks import finite, positive
+from jansen_env.checks import finite
 from jansen_env.dynamics.joint_forces import JointForces, joint_forces
 from jansen_env.dynamics.pads import pad_sides
 from jansen_env.dynamics.reduced import Tables, compile_robot
@@ -67,7 +67,6 @@ class Batch:
         robots: with legs on the same sides; all else may differ. terrains: the ground of each.
         time_step: of the integration, s.
         gravity: m/s^2 downwards, or a vector (x, y).
-        detection_interval: time between two looks for the ground, s.
         threads: see :class:`jansen_env.plants.threads.Threads`.
         held: whether all chassis stay where they are, as in the paper's fixed model: there is no
             ground then, pushes do nothing, and robots are placed level, the axis at (x, 0).
@@ -104,7 +103,6 @@ class Batch:
         terrains: Sequence[Terrain],
         time_step: float = TIME_STEP,
         gravity: Gravity = GRAVITY,
-        detection_interval: float = DETECTION_INTERVAL,
         threads: int | None = None,
         held: bool = False,
     ) -> None:
@@ -116,10 +114,9 @@ class Batch:
         different = {id(robot): robot for robot in robots}
         for robot in different.values():
             check_legs(robot, robots[0])
-        self._arguments = (time_step, gravity, detection_interval, threads, held)
+        self._arguments = (time_step, gravity, threads, held)
         self.robots, self.terrains, self.held = list(robots), list(terrains), held
         self.time_step = check_time_step(time_step)
-        self.detection_interval = positive("detection_interval", detection_interval)
         self.designs, n = DesignTables(robots), len(robots)
         self._sides = pad_sides(robots[0])
         self.toes, self.pads = len(robots[0].toes), len(self.designs.model.layout[0])
@@ -149,7 +146,7 @@ class Batch:
         # The ground.
         capacity = PLANES_PER_PAD * pads
         self._world, self.planes = np.zeros(1, WORLD), np.zeros(n * capacity, PLANE)
-        stride = max(1, round(detection_interval / time_step))
+        stride = max(1, round(DETECTION_INTERVAL / time_step))
         self._world[0] = self.time_step, stride, toes, capacity
         self._status["margin"] = SPECULATIVE_MARGIN
         self._status["first_plane"] = self._status["end_plane"] = capacity * self._every

@@ -19,7 +19,7 @@ from jansen_env.plants.base import (
     check_pushes,
     check_state,
 )
-from jansen_env.plants.batch import DETECTION_INTERVAL, TIME_STEP, Batch
+from jansen_env.plants.batch import TIME_STEP, Batch
 from jansen_env.plants.rigid.rigid_batch import TIME_STEP as RIGID_TIME_STEP
 from jansen_env.plants.rigid.rigid_batch import RigidBodyBatch
 from jansen_env.robot import Robot
@@ -170,10 +170,9 @@ class ProjectionPlant(Plant):
         terrain: Terrain,
         time_step: float = TIME_STEP,
         gravity: Gravity = GRAVITY,
-        detection_interval: float = DETECTION_INTERVAL,
         held: bool = False,
     ) -> None:
-        super().__init__(Batch([robot], [terrain], time_step, gravity, detection_interval, 1, held))
+        super().__init__(Batch([robot], [terrain], time_step, gravity, 1, held))
 
     @property
     def tables(self) -> Tables:

@@ -36,7 +36,7 @@ def torques(rng):
 def test_same_inputs_same_bits(terrain, torques):
     """Of two plants, of one set down again, pickled half way, or given the state of another one."""
     arguments = Robot(pad_radius=0.02), terrain, 5e-4, 1.62
-    first, second, third = (ProjectionPlant(*arguments, detection_interval=4e-3) for _ in range(3))
+    first, second, third = (ProjectionPlant(*arguments) for _ in range(3))
     first.reset(0.0, 0.3)
     bits = run(first, torques)
     assert len(set(bits)) == len(bits)  # and something moved
@@ -162,7 +162,6 @@ REFUSED = [
     *((make, {"robot": TOO_LONG}, None, "joint C") for make in (projection, rigid_body)),
     (projection, {"gravity": (0.0,)}, None, r"gravity is \(0.0,\)"),
     (projection, {"gravity": (0.0, math.nan)}, None, "gravity is nan"),
-    (projection, {"detection_interval": math.nan}, None, "detection_interval is nan"),
     *((make, {}, state, "state is .*must be 8 finite numbers")
       for make in (projection, rigid_body) for state in ([0.0] * 7, [math.nan] * 8)),
     (held, {}, np.ones(8), "must not move: it is held"),

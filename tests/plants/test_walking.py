@@ -7,6 +7,7 @@ import pytest
 from motions import placed, toes_of, walked
 
 from jansen_env import Robot, Terrain
+from jansen_env.plants import batch
 from jansen_env.robot.kinematics import joint_positions
 
 
@@ -29,14 +30,15 @@ def test_distance_walked_does_not_depend_on_the_time_step(psi):
     assert distance[1] > 0.5
 
 
-def test_looking_for_the_ground_less_often():
+def test_looking_for_the_ground_less_often(monkeypatch):
     """Every 10 ms as every 1 ms: 20 s over four rough grounds, within 3 %, as steps are chaotic."""
     distance = []
     for interval in (1e-3, 1e-2):
         distance.append(0.0)
+        monkeypatch.setattr(batch, "DETECTION_INTERVAL", interval)
         for seed in range(4):
             terrain = Terrain.rough(np.random.default_rng(seed), start=-5.0)
-            plant = placed(None, terrain, detection_interval=interval)
+            plant = placed(None, terrain)
             walk(plant, 1.0, 20.0)
             distance[-1] += plant.x
     assert distance[0] == pytest.approx(distance[1], rel=0.03)

@@ -15,6 +15,7 @@ from motions import FLIGHT, HOLD, ODD, governor, placed
 from jansen_env import ROBOTS, Leg, Payload, Robot, Terrain, paper_robot
 from jansen_env.engine.placement import PLACEMENT_DEPTH
 from jansen_env.gravity import GRAVITY
+from jansen_env.plants import batch
 from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.robot import Bar, Plate
 
@@ -121,8 +122,9 @@ def compare_scales(robot, terrain, law, duration, time_step, state=None, locked=
     """Largest difference of state (8,), force, slip and energies, scaled back; ``law`` of rate."""
     small = ProjectionPlant(robot, terrain, time_step)
     ground = replace(terrain, points=tuple((S * x, S * y) for x, y in terrain.points))
-    interval = TIME * small.batch.detection_interval
-    large = ProjectionPlant(scaled(robot), ground, TIME * time_step, detection_interval=interval)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(batch, "DETECTION_INTERVAL", TIME * batch.DETECTION_INTERVAL)
+        large = ProjectionPlant(scaled(robot), ground, TIME * time_step)
     small.reset(0.0, 0.3)
     placed = small.state
     placed[1] += PLACEMENT_DEPTH - TOUCHING  # or the large one would be too deep

@@ -21,8 +21,7 @@ from pathlib import Path
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 
-from agents.command_line import add_run_flags
-from agents.training.config import new_config
+from agents.training.config import add_run_flags, new_config
 from agents.training.runs import FINAL, last_state, locked, new_run_folder, record_run
 from agents.training.scores import outcome, score_run
 from agents.training.train_model import prepare, train

@@ -23,8 +23,7 @@ import torch
 import yaml
 
 from agents import need
-from agents.command_line import add_run_flags
-from agents.training.config import new_config
+from agents.training.config import add_run_flags, new_config
 from agents.training.runs import FINAL, last_state, locked, record_run
 from agents.training.scores import score_run
 from agents.training.train_model import prepare, train
@@ -32,7 +31,7 @@ from jansen_env.checks import MAX_STEPS, shown
 from jansen_env.commands.flags import Parser, env_id, positive_int
 from jansen_env.cores import available_cores
 from jansen_env.files import write_text
-from jansen_env.plain_yaml import Rule, check_keys, read_yaml
+from jansen_env.plain_yaml import Rule, check_keys, named_errors, read_yaml
 from jansen_env.sb3.run_config import ALGORITHMS, KEYS, Arguments, RunConfig, make_config
 from jansen_env.scoring.benchmarks import DEFAULT
 
@@ -105,10 +104,8 @@ class Study:
                     values = {"timesteps": self.timesteps, "n_envs": self.n_envs, **variant}
                     values |= {"env": None, "algo": algo, "env_id": env}
                     values["env_kwargs"] = {**self.env_kwargs, **variant.get("env_kwargs", {})}
-                    try:
+                    with named_errors(group):
                         groups[group] = new_config(values.pop("config", self.config), **values)
-                    except ValueError as error:
-                        raise ValueError(f"{group}: {error}") from error
         return groups
 
     def runs(self) -> list[Arguments]:
@@ -152,12 +149,10 @@ def run_trial(parameters: dict[str, Arguments], root: Path) -> None:
 
 def make_study(entries: Any, source: str | Path) -> Study:
     """Return the study with these entries; a ValueError names its source."""
-    try:
+    with named_errors(source):
         Rule((dict,)).check("study", entries)
         check_keys("", entries, RULES)
         return Study(**entries)
-    except ValueError as error:
-        raise ValueError(f"{source}: {error}") from error
 
 
 def run_study(study: Study, folder: Path, args: argparse.Namespace) -> bool:

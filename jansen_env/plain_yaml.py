@@ -4,8 +4,8 @@ rules for its values."""
 from __future__ import annotations
 
 import re
-from collections.abc import Hashable, Sequence
-from contextlib import suppress
+from collections.abc import Hashable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import NoneType
 from typing import Any, NamedTuple
@@ -53,6 +53,15 @@ def parse_yaml(text: str, name: str) -> Any:
         raise ValueError(f"{name}{line}: {error.problem or error.context}") from error
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         raise ValueError(f"{name} is no YAML: {' '.join(str(error).split())}") from error
+
+
+@contextmanager
+def named_errors(source: object) -> Iterator[None]:
+    """Let a ValueError within begin with its source."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{source}: {error}") from error
 
 
 def read_yaml(path: str | Path) -> Any:

@@ -29,7 +29,7 @@ ORDER = (
     ["drawings", "export_mjcf", "sb3", "viewer", "paper"],
     ["commands"],
     ["__main__"],
-    ["agents.command_line", "agents.training"],
+    ["agents.training"],
     ["agents.pack"],
     ["agents.export", "agents.studies"],
     ["agents"],  # the other commands

@@ -11,7 +11,7 @@ from types import NoneType
 from agents.design.measures import MEASURES
 from agents.design.variables import Space
 from jansen_env.checks import listed, one_of, shown
-from jansen_env.plain_yaml import Rule, check_keys, read_yaml
+from jansen_env.plain_yaml import Rule, check_keys, named_errors, read_yaml
 from jansen_env.scoring.benchmarks import WALKERS, check_env_kwargs
 from jansen_env.scoring.rollout import EnvKwargs
 
@@ -97,10 +97,8 @@ def read_plan(path: str | Path) -> Plan:
         shipped = [file.stem for file in sorted(PLANS.glob("*.yml"))]
         path = PLANS / f"{one_of('plan', str(path), shipped)}.yml"
     content = read_yaml(path)
-    try:
+    with named_errors(path):
         return make_plan(content)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
 
 
 def make_plan(content: Mapping[str, object]) -> Plan:

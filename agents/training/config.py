@@ -1,13 +1,15 @@
-"""Training configurations: those that are shipped, and a new run's."""
+"""Training configurations: those that are shipped, and a new run's; its flags."""
 
 from __future__ import annotations
 
+import argparse
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
 import gymnasium as gym
 
+from jansen_env.commands.flags import mapping, non_negative_int, positive_int
 from jansen_env.registration import IDS
 from jansen_env.sb3.run_config import Arguments, RunConfig, load_config
 from jansen_env.scoring.benchmarks import DEFAULT
@@ -62,6 +64,24 @@ def new_config(
         given[name] = {**getattr(config, name), **given.get(name, {})}
     env_kwargs = {**config.env_kwargs, **overrides}
     return replace(config, env_kwargs=env_kwargs, training_variants=variants, **given)
+
+
+def add_run_flags(parser: argparse.ArgumentParser) -> None:
+    """Add the flags of a training run, named as in RL Baselines3 Zoo; all are None by default."""
+    add = parser.add_argument
+    add("-n", "--timesteps", type=positive_int,
+        help="environment steps of a run, in place of the configuration's")  # fmt: skip
+    add("--n-envs", type=positive_int, help="parallel environments of a run, in place of its")
+    add("--env-kwargs", type=mapping, metavar="YAML",
+        help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
+    add("--config", metavar="FILE", help="hyperparameters; default: the one of ENV and ALGO")
+    add("--eval-freq", type=non_negative_int,
+        help="steps between evaluations, 0 for none; default: a 16th of the timesteps"
+        )  # fmt: skip
+    add("--save-freq", type=non_negative_int,
+        help="steps between checkpoints, 0 for none; default: 100000")  # fmt: skip
+    add("--eval-episodes", type=positive_int,
+        help="episodes per command of the scores; default: 10")  # fmt: skip
 
 
 def training_envs(config: RunConfig) -> tuple[Arguments, list[Arguments]]:

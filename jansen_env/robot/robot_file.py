@@ -13,7 +13,7 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 
 from jansen_env.checks import listed, one_of, shown
-from jansen_env.files import open_regular, write_json
+from jansen_env.files import read_bounded, write_json
 from jansen_env.robot.designs import ROBOTS
 from jansen_env.robot.lengths import with_lengths
 from jansen_env.robot.linkage import Linkage
@@ -73,11 +73,7 @@ def read_robot(path: str | Path) -> Robot:
         ValueError: it cannot be read, or is no robot; names the file.
     """
     try:
-        with open_regular(path) as file:
-            text = file.read(MAX_BYTES + 1)
-        if len(text) > MAX_BYTES:
-            raise ValueError(f"it has more than {MAX_BYTES} bytes")
-        return robot_from_json(json.loads(text))
+        return robot_from_json(json.loads(read_bounded(path, MAX_BYTES)))
     except OSError as error:
         raise ValueError(f"{path} cannot be read: {error.strerror}") from error
     except (ValueError, RecursionError) as error:

@@ -14,7 +14,7 @@ from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from jansen_env.checks import MAX_STEPS, shown
-from jansen_env.plain_yaml import HUGE, TINY, Rule, check_keys, read_yaml
+from jansen_env.plain_yaml import HUGE, TINY, Rule, check_keys, named_errors, read_yaml
 from jansen_env.registration import IDS
 from jansen_env.scoring.benchmarks import DEFAULT, check_env_kwargs
 
@@ -109,10 +109,8 @@ def load_config(path: str | Path, **values: str | None) -> RunConfig:
             the file.
     """
     entries = read_yaml(path)
-    try:
+    with named_errors(path):
         return make_config(entries, **values)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
 
 
 def make_config(entries: Any, **values: str | None) -> RunConfig:

@@ -65,13 +65,8 @@ def load_policy(path: str | Path) -> BasePolicy:
     """Load a trained policy from a run's folder or a model's zip file, without running its code.
 
     A model that Stable-Baselines3 trained elsewhere takes a config.yml beside it that says how the
-    policy is built; policy_kwargs and use_sde may be left out where they are the library's own::
-
-        algo: ppo
-        env: JansenWalker-v0
-        policy: MlpPolicy
-        hyperparameters: {use_sde: true}
-        policy_kwargs: {net_arch: [128, 128], activation: relu}
+    policy is built: algo, env and policy, with hyperparameters' use_sde and policy_kwargs where
+    they are not the library's own.
 
     Raises:
         ValueError: no such model or a damaged one, or no config.yml, or one that is not allowed

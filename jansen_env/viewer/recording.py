@@ -50,26 +50,10 @@ def shaped(*dimensions: str | int, dtype: str = "<f8") -> dict[str, object]:
 class Recording:
     """An episode of n control steps: n + 1 frames, the start and the end of each step.
 
-    Arrays are read-only. Contact, forces and torque of a frame are those of the step that ends
-    there, the last two its means.
-
-    Args:
-        time: (n + 1,) s. state: (n + 1, 8) of the plant: x, y, theta, psi and their rates.
-        pose: (n + 1, 4) x, y, theta, psi, m and rad.
-        command: (n + 1,) of the step that begins there, and speed: (n + 1,) in ``speed_unit``.
-        torque: (n + 1,) N m. weight: (n + 1,) N, of the robot, positive.
-        contact: (n + 1, toes) 0 in the air, 1 grip, 2 slip. contact_point: (n + 1, toes, 2) m;
-            contact_force: (n + 1, toes, 2) mean force of the ground on each toe, N, world frame.
-        observation: (n + 1, d) and action: (n, a), flattened, as the policy has them; reward: (n,).
-        slip: (n, toes) m slid by each toe while loaded. energy: (n, e) J, see ``energies``.
-        terrain: (v, 2) vertices of the ground, m; v = 0 where there is none.
-        robot: the robot that walked. energies: (e,) names of the energies.
-        speed_unit: of speed and command.
-        observed: (d,) names and units of the observation; () if a wrapper has changed it.
-        parameters: of the episode.
-        env_id, env_kwargs, options, seed: how it was made; values that are no JSON as text.
-        label: its name, such as a policy's.
-        terminated, truncated: how the last step ended.
+    Arrays are read-only, in SI units, places and forces in the world frame. Contact, forces and
+    torque of a frame are those of the step that ends there, the last two its means; the command is
+    that of the step that begins there. ``observed``, the names and units of the observation, is ()
+    if a wrapper has changed it; ``energies`` names the columns of ``energy``.
 
     Raises:
         ValueError: an array of another shape, a number that is not finite or out of range, no motor

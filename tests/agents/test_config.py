@@ -8,9 +8,8 @@ import pytest
 import yaml
 
 import train
-from agents import command_line
 from agents.training import config
-from jansen_env.commands import named_policies
+from jansen_env.commands import flags, named_policies
 from jansen_env.plain_yaml import read_yaml
 from jansen_env.sb3.run_config import RunConfig, load_config
 
@@ -51,7 +50,7 @@ def test_yaml_that_is_no_plain_data(text, reason, tmp_path):
         read_yaml(path)
     assert str(path) in one_line(error)
     with pytest.raises(argparse.ArgumentTypeError, match=reason):
-        command_line.mapping(text)
+        flags.mapping(text)
 
 
 @pytest.mark.parametrize(
@@ -110,12 +109,12 @@ def test_values_that_are_allowed(tmp_path):
 
 def test_whole_numbers_may_be_written_with_an_exponent():
     """As in a configuration file; what is not whole, negative or endless is refused."""
-    read = [command_line.positive_int(text) for text in ("1e5", "12", "2.5e1")]
+    read = [flags.positive_int(text) for text in ("1e5", "12", "2.5e1")]
     assert read == [100_000, 12, 25] and all(type(number) is int for number in read)
-    assert command_line.non_negative_int("0") == 0
+    assert flags.non_negative_int("0") == 0
     for text in ("0", "-1", "2.5", "1e99", "inf", "nan", "many"):
         with pytest.raises(argparse.ArgumentTypeError, match=f"'{text}' is not allowed, must be"):
-            command_line.positive_int(text)
+            flags.positive_int(text)
 
 
 def test_policies_keep_labels_of_their_own(tmp_path, monkeypatch):

@@ -131,7 +131,7 @@ def test_a_missing_and_a_huge_file_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r"cannot be read: No such file"):
         read_robot(tmp_path / "none.json")
     (tmp_path / "huge.json").write_bytes(b" " * 2**21)
-    with pytest.raises(ValueError, match="more than 1048576 bytes"):
+    with pytest.raises(ValueError, match="is larger than 1048576 bytes"):
         read_robot(tmp_path / "huge.json")
     with pytest.raises(ValueError, match="must be of format"):
         robot_from_json(robot_to_json(Robot())["bodies"])

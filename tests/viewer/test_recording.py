@@ -218,6 +218,14 @@ def described(text):
     return np.frombuffer(text, np.uint8)
 
 
+def nested(depth):
+    """A robot within a robot."""
+    robot = {"is": "Robot"}
+    for _ in range(depth):
+        robot = {"is": "Robot", "linkage": robot}
+    return {**robot, "format": "jansen_env robot 1"}
+
+
 def claimed(shape):
     """An array that says it is larger than it is."""
     file = io.BytesIO()
@@ -239,38 +247,28 @@ def claimed(shape):
         ({"description": described(b"[" * 100_000)}, "nested too deeply"),
         ({"description": described(b"9" * 2**21)}, "more than"),
         ({"description": described(b'{"format": "jansen_env recording 3"}')}, "recording 3"),
+        *(
+            ({"description": entry}, message)
+            for entry, message in (
+                ({"robot": {**nested(0), "is": "Leg", "side": "fore"}}, "of a 'Leg'"),
+                ({"robot": nested(700)}, "nested too deeply"),
+                ({"energies": "motor_work"}, "energy has shape"),
+                ({"energies": 3}, "description is wrong"),
+                ({"robott": 3}, "robott"),
+                ({"observed": [["name", "unit", "more"]]}, "observed has"),
+            )
+        ),
     ],
 )
 def test_other_files_are_refused(short, changed, message):
+    """Also those with an entry of the description changed."""
+    if isinstance(changed.get("description"), dict):
+        with np.load(io.BytesIO(short.to_bytes())) as archive:
+            entries = json.loads(archive["description"].tobytes())
+        text = json.dumps({**entries, **changed["description"]}).encode()
+        changed = {"description": described(text)}
     with pytest.raises(ValueError, match=message):
         Recording.from_bytes(rewritten(short, **changed))
-
-
-def nested(depth):
-    """A robot within a robot."""
-    robot = {"is": "Robot"}
-    for _ in range(depth):
-        robot = {"is": "Robot", "linkage": robot}
-    return {**robot, "format": "jansen_env robot 1"}
-
-
-@pytest.mark.parametrize(
-    ("entry", "value", "message"),
-    [
-        ("robot", {"format": "jansen_env robot 1", "is": "Leg", "side": "fore"}, "of a 'Leg'"),
-        ("robot", nested(700), "nested too deeply"),
-        ("energies", "motor_work", "energy has shape"),
-        ("energies", 3, "description is wrong"),
-        ("robott", 3, "robott"),
-        ("observed", [["name", "unit", "more"]], "observed has"),
-    ],
-)
-def test_other_descriptions_are_refused(short, entry, value, message):
-    with np.load(io.BytesIO(short.to_bytes())) as archive:
-        entries = json.loads(archive["description"].tobytes())
-    text = json.dumps({**entries, entry: value}).encode()
-    with pytest.raises(ValueError, match=message):
-        Recording.from_bytes(rewritten(short, description=described(text)))
 
 
 def test_numbers_of_pages_are_finite(short):

@@ -1,0 +1,56 @@
+"""A walk on the page is scored as by ``jansen-env evaluate``; Node.js runs the page's modules."""
+
+import json
+import shutil
+import subprocess
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from jansen_env.baselines.policy import TorquePolicy
+from jansen_env.policies import pretrained
+from jansen_env.scoring.metrics import point_estimates
+from jansen_env.scoring.rollout import run_episodes
+from jansen_env.tasks.walking.walker_benchmark import WALKER
+from jansen_env.terrain import Terrain
+from jansen_env.viewer.web.page import FOLDER
+from jansen_env.viewer.web.walk_data import walk_data
+
+ENV = "JansenWalkerBuilt-v0"
+SCRIPT = """
+import { readFileSync } from "node:fs";
+import { Engine } from "FOLDER/engine.js";
+import { generatorOf } from "FOLDER/random.js";
+import { Walker } from "FOLDER/walker.js";
+const { data, control, seed, points } = JSON.parse(readFileSync(0, "utf8"));
+const engine = new Engine(Buffer.from(data.engine, "base64"), data.layout);
+const walker = new Walker(engine, data, data.robots.built, points, control);
+walker.start(generatorOf(seed).uniform(0, 2 * Math.PI), {}, 0.4);
+for (let k = 0; k < 500; k++) walker.step(1, 0.4);
+console.log(JSON.stringify(walker.score));
+"""
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="Node.js is not installed")
+@pytest.mark.parametrize(("control", "seed"), [("built policy", 3), ("hand", 1)])
+def test_the_score_is_that_of_the_evaluation(control, seed):
+    """Of ten seconds; by hand, with the whole torque, until the robot falls."""
+    asked = {"data": walk_data(), "control": control, "seed": seed, "points": Terrain.flat().points}
+    script = ["--input-type=module", "-e", SCRIPT.replace("FOLDER", str(FOLDER))]
+    done = subprocess.run(
+        ["node", *script], input=json.dumps(asked), capture_output=True, text=True, check=True
+    )
+    score, env = json.loads(done.stdout), gym.make(ENV)
+    limit = env.unwrapped.torque_limit
+    policy = TorquePolicy(lambda seen, *_: (np.full(len(seen), limit), None), limit)
+    if control != "hand":
+        policy = pretrained.load(ENV).on(env)
+    arguments = {"reset_noise_scale": 0.0, "randomize": {}}
+    run = run_episodes(policy, ENV, arguments, np.array([0.4]), np.array([seed]))
+    expected = point_estimates(WALKER.metrics, run, env)
+    assert (run["duration"][0] < 9.0) == (control == "hand")
+    assert score["time"] == pytest.approx(run["duration"][0])
+    assert score["distance"] == pytest.approx(run["distance"][0], rel=1e-9)
+    assert score["slip"] == pytest.approx(expected["slip_per_metre"], rel=1e-9)
+    assert score["cost"] == pytest.approx(expected["cost_of_transport"], rel=1e-9)

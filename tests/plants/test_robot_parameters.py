@@ -119,6 +119,13 @@ def test_the_rigid_body_plant_is_varied_alike():
     assert ends["rigid_body"] == pytest.approx(ends["projection"], abs=1e-3)
 
 
+def test_another_ground_puts_its_friction_in_force():
+    batch = Batch([GIVING] * 2, [GROUND] * 2)
+    batch.set_terrain(1, Terrain.flat(0.3))
+    for numbers in (batch.parameters, batch.params):
+        assert numbers["friction"].tolist() == [GROUND.friction, 0.3]
+
+
 def test_what_is_in_force_counts_for_placing_and_forces():
     """Feet that give sink in by the weight in force; joint forces know it, too."""
     row = changed_row(GIVING, *CHANGES)

@@ -17,7 +17,7 @@ from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.plants.design_tables import DesignTables
 from jansen_env.policies import pretrained
 from jansen_env.robot import ROBOTS
-from jansen_env.robot.kinematics import LinkageError, advance_per_turn
+from jansen_env.robot.kinematics import LinkageError, advance_per_turn, world_joints
 from jansen_env.robot.lengths import lengths, with_lengths
 from jansen_env.robot.robot_file import robot_to_json
 from jansen_env.tasks.walking.presets import ROUGH
@@ -25,7 +25,7 @@ from jansen_env.tasks.walking.walker_benchmark import BASELINES, walking_pid
 from jansen_env.tasks.walking.walker_env import JansenWalkerEnv
 from jansen_env.terrain import Terrain
 from jansen_env.terrain.generators import GENERATORS, NamedGenerator
-from jansen_env.viewer.web.geometry import scene_of_robot, state_of_frame
+from jansen_env.viewer.web.geometry import scene_of_robot
 from jansen_env.viewer.web.page import FOLDER
 from jansen_env.viewer.web.walk_data import ENVIRONMENTS, SHORTEST_TURN, policy_data, walk_data
 
@@ -198,11 +198,11 @@ def check_picture(env, told):
     """Check what is drawn: nearly the same, as poses are no part of a walk."""
     task = env.task
     scene = scene_of_robot(task.scene(0)["robot"], float(task.world.weight[0]))
-    pose = state_of_frame(env.robot, env.frame())
+    frame, pose = env.frame(), told["pose"]
     for key in ("skeleton", "plates", "crank", "legs", "toes", "payload", "weight"):
         assert told["scene"][key] == json.loads(json.dumps(scene[key])), key
-    assert np.allclose(told["pose"]["joints"], pose["joints"], rtol=0.0, atol=1e-12)
-    for toe, wanted in zip(told["pose"]["toes"], pose["toes"], strict=True):
-        assert toe["contact"] == wanted["contact"]
-        for key in ("point", "force"):
-            assert toe[key] == pytest.approx(wanted[key], abs=1e-9), key
+    joints = world_joints(env.robot, frame.q)
+    assert np.allclose(pose["joints"], joints, rtol=0.0, atol=1e-12)
+    for key, wanted in (("point", frame.contact_point), ("force", frame.contact_force)):
+        assert np.allclose([toe[key] for toe in pose["toes"]], wanted, rtol=0.0, atol=1e-9), key
+    assert [toe["contact"] for toe in pose["toes"]] == frame.contact.tolist()

@@ -406,7 +406,7 @@ export class Machine {
     };
   }
 
-  /** Where legs and toes are: what scene.js draws, see geometry.py. */
+  /** Where legs and toes are: what scene.js draws, as World.frame has it. */
   pose() {
     const { layout, memory, closure, weight, force, slip } = this;
     const [x, y, pitch, psi] = this.states.view;

@@ -17,6 +17,7 @@ COMMANDS = {
     "replay": "write a web page that replays walks",
     "play": "walk a robot by hand and design its lengths, on a page in a browser",
     "drawings": "draw a robot's parts, to be cut",
+    "predict": "what a built machine would measure, with its uncertainty",
     "paper": "run the paper's simulation, draw its figures, test its claims",
     "mjcf": "export a robot to MuJoCo",
 }

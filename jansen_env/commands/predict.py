@@ -1,0 +1,233 @@
+"""Predict what a machine that is built would measure, with its uncertainty: ``jansen-env predict``.
+
+Many copies of a robot walk at once; what is not known of the real one differs from copy to copy, by
+Latin hypercube sampling. The crank turns at a constant speed under the paper's PID, from rest, and
+is stopped in the end.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from typing import Any, cast
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+from tabulate import tabulate
+
+from jansen_env import __version__
+from jansen_env.checks import within
+from jansen_env.commands.flags import positive_int, robot_parser
+from jansen_env.files import write_text
+from jansen_env.gravity import GRAVITY
+from jansen_env.robot import Robot
+from jansen_env.robot.kinematics import advance_per_turn
+from jansen_env.robot.lengths import lengths, with_lengths
+from jansen_env.scoring.metrics import SETTLING
+from jansen_env.scoring.rollout import make_env
+from jansen_env.tasks.walking.walker_benchmark import walking_pid
+from jansen_env.tasks.walking.walker_env import JansenWalkerEnv
+from jansen_env.terrain.ground import Terrain, treads
+from jansen_env.world.settings import load_robot
+
+Array = NDArray[np.float64]
+
+ENV = "JansenWalkerBuilt-v0"
+WALKED, STOPPED = 8.0, 2.0  # s, about, that are measured; and with the crank stopped
+CONTROL_DT = 0.02  # s
+WITHIN = {
+    "friction": (0.5, 1.0),  # of feet on the ground
+    "mass": (0.97, 1.03),  # times all links'
+    "lengths": (-3e-4, 3e-4),  # m, each for itself
+    "bearings": (0.5, 1.5),  # times their friction
+    "feet": (0.5, 1.5),  # times their stiffness
+    "battery": (0.9, 1.1),  # times its voltage
+    "start": (0.0, math.pi),  # rad, of the crank: after half a turn the legs have swapped
+}
+"""Limits between which each uncertain number is taken to be uniform."""
+UNITS = {
+    "speed": "m/s", "cost_of_transport": "1", "slip": "m/m", "mean_torque": "N m",
+    "peak_torque": "N m", "electrical_power": "W", "duty_factor": "1", "foot_load": "N",
+    "pitch_range": "rad", "heave": "m", "start_distance": "m", "stop_distance": "m",
+    "falls": "fraction", "step_climbed": "m",
+}  # fmt: skip
+"""What is predicted. The peak torque and the foot's load are means of 20 ms, the largest of 99 in a
+hundred; the start is the first 2 s."""
+STEPS = tuple(np.round(np.arange(0.02, 0.161, 0.02), 2).tolist())  # m, heights that are climbed
+STEP_AT, BEYOND, FAR = 0.7, 1.3, 2.0  # m: the step; where it is climbed; way without slip
+SLOWEST, FASTEST = 0.5, 10.0  # rad/s
+SPAN = 5.0, 95.0  # per cent of the copies, below and above which others lie
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Predict, print a table, write JSON."""
+    parser = robot_parser(
+        "jansen-env predict", __doc__, "FILE", "nothing is written",
+        "jansen-env predict built", "jansen-env predict economy --speeds 1 2 --out economy.json",
+    )  # fmt: skip
+    add = parser.add_argument
+    add("--speeds", type=float, nargs="+", default=[1.0, 2.0, 4.0], metavar="RAD_PER_S",
+        help="of the crank; default: 1 2 4")  # fmt: skip
+    add("--copies", type=positive_int, default=256, help="of the machine; default: 256")
+    args = parser.parse_args(arguments)
+    with parser.refusing():
+        robot = load_robot("ROBOT", args.robot)
+        for speed in args.speeds:
+            within("--speeds", abs(speed), SLOWEST, FASTEST)
+        made = {f"{speed:g}": predict(robot, speed, args.copies) for speed in args.speeds}
+        if args.out is not None:
+            known = {"robot": args.robot, "version": __version__, "copies": args.copies}
+            content = {"format": "jansen_env predictions 1", **known, "within": WITHIN}
+            write_text(args.out, json.dumps({**content, "crank_speed": made}, indent=1) + "\n")
+    for speed, quantities in made.items():
+        print(f"\n{args.robot}, crank at {speed} rad/s\n\n{table(quantities)}")
+
+
+def table(quantities: dict[str, Any]) -> str:
+    """A Markdown table of predictions."""
+    rows = []
+    for name, row in quantities.items():
+        most = max(row["sources"], key=row["sources"].get, default="")
+        source = f"{most}, {100 * row['sources'][most]:.0f} %" if most else ""
+        numbers = [f"{row[key]:.3g}" for key in ("median", "low", "high")]
+        rows.append([f"{name.replace('_', ' ')} ({UNITS[name]})", *numbers, source])
+    heads = ("quantity", "median", "5 %", "95 %", "largest source")
+    return tabulate(rows, heads, "github", disable_numparse=True)
+
+
+def predict(robot: Robot, speed: float, copies: int) -> dict[str, Any]:
+    """Predictions at a crank speed, rad/s: {quantity: {median, low, high, sources}}.
+
+    ``low`` and ``high``: 90 % of the copies are between them. ``sources``: shares of the variance
+    by linear regression; what is left to 1 is not linear, as the walk is chaotic.
+    """
+    drawn = qmc.LatinHypercube(len(WITHIN) - 1 + len(lengths(robot)), rng=0).random(copies)
+    names = [name for name in WITHIN if name != "lengths"]
+    limits = np.array([WITHIN[name] for name in names]).T
+    values = limits[0] + (limits[1] - limits[0]) * drawn[:, : len(names)]
+    least, most = WITHIN["lengths"]
+    errors = least + (most - least) * drawn[:, len(names) :]
+    known = dict(zip(names, values.T, strict=True))
+    robots = [
+        copy_of(robot, dict(zip(names, row, strict=True)), error)
+        for row, error in zip(values.tolist(), errors, strict=True)
+    ]
+    measured = {
+        **measure(robots, known, speed),
+        "step_climbed": climb(robots, known, speed),
+    }
+    inputs = {name: known[name][:, None] for name in names if name != "start"}
+    inputs["lengths"] = errors
+    inputs["start"] = np.stack([np.cos(2.0 * known["start"]), np.sin(2.0 * known["start"])], axis=1)
+    return {name: summary(measured[name], inputs) for name in UNITS}
+
+
+def copy_of(robot: Robot, numbers: dict[str, float], errors: Array) -> Robot:
+    """The robot with one draw of what is uncertain; errors: m, of each length."""
+    changed = zip(lengths(robot).items(), errors.tolist(), strict=True)
+    wrong = with_lengths(robot, {n: v + e for (n, v), e in changed if n != "frame_angle"})
+    motor, feet = wrong.motor, wrong.pad_compliance
+    volts, stiff = numbers["battery"], numbers["feet"]
+    motor = replace(motor, stall_torque=volts * motor.stall_torque,
+                    no_load_speed=volts * motor.no_load_speed)  # fmt: skip
+    if not feet.rigid:
+        feet = replace(feet, stiffness=stiff * feet.stiffness,
+                       tangential_stiffness=stiff * (feet.tangential_stiffness or 0.0))  # fmt: skip
+    return replace(
+        wrong, motor=motor, pad_compliance=feet,
+        bodies=tuple(replace(b, mass=numbers["mass"] * b.mass, inertia=numbers["mass"] * b.inertia)
+                     for b in wrong.bodies),
+        bearing_friction=tuple(numbers["bearings"] * each for each in robot.bearing_friction),
+    )  # fmt: skip
+
+
+def walk(
+    robots: list[Robot], known: dict[str, Array], speed: float, ground: Terrain, seconds: float
+) -> dict[str, Array]:
+    """What robots do (steps, n) whose cranks turn for ``seconds``, and then are stopped."""
+    single = cast(JansenWalkerEnv, make_env(ENV, {"robot": robots[0]}).unwrapped)
+    envs: Any = gym.make_vec(
+        ENV, len(robots), robot=robots, terrain=ground, friction=known["friction"].tolist(),
+        terminate_when_fallen=False, reset_noise_scale=0.0, max_episode_steps=-1,
+    )  # fmt: skip
+    now = speed
+    policy = walking_pid(lambda command: np.full(len(command), now), single)
+    seen, _ = envs.reset(seed=0, options={"crank_angle": known["start"]})
+    height, rows, memory = single.task.columns["crank_axis_height"], [], None
+    for step in range(steps_of(seconds + STOPPED)):
+        now = speed if step < steps_of(seconds) else 0.0
+        action, memory = policy.predict(seen, memory, np.full(len(robots), step == 0))
+        seen, _, _, _, info = envs.step(action)
+        row = {name: info[name] for name in ("x_position", "crank_torque", "pitch", "fallen")}
+        row |= {name: info["energy"][name] for name in ("motor_work", "electrical_work")}
+        row["slip"], row["load"] = info["slip"].sum(axis=-1), info["contact_force"][..., 1]
+        rows.append({**row, "height": seen[:, height]})
+    envs.close()
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+def steps_of(seconds: float) -> int:
+    """Control steps in some seconds."""
+    return round(seconds / CONTROL_DT)
+
+
+def measure(robots: list[Robot], known: dict[str, Array], speed: float) -> dict[str, Array]:
+    """Numbers (n,) of a walk on level ground, most of whole half turns of the crank after 2 s."""
+    half_turn = math.pi / abs(speed)
+    time = half_turn * max(1, math.floor(WALKED / half_turn))
+    run = walk(robots, known, speed, Terrain.flat(), SETTLING + time)
+    begin, end = steps_of(SETTLING), steps_of(SETTLING + time)
+    part = {name: values[begin:end] for name, values in run.items()}
+    x, torque, load = run["x_position"], np.abs(part["crank_torque"]), part["load"]
+    way = x[end - 1] - x[begin - 1]
+    weight = np.array([GRAVITY * robot.mass for robot in robots])
+    return {
+        "speed": way / time,
+        "cost_of_transport": np.abs(part["motor_work"]).sum(axis=0) / (weight * np.abs(way)),
+        "slip": part["slip"].sum(axis=0) / np.abs(way),
+        "mean_torque": torque.mean(axis=0),
+        "peak_torque": np.percentile(torque, 99, axis=0),
+        "electrical_power": part["electrical_work"].sum(axis=0) / time,
+        "duty_factor": (load > 0.0).mean(axis=(0, 2)),
+        "foot_load": np.percentile(load, 99, axis=(0, 2)),
+        "pitch_range": np.ptp(part["pitch"], axis=0),
+        "heave": np.ptp(part["height"], axis=0),
+        "start_distance": x[begin - 1],
+        "stop_distance": x[-1] - x[end - 1],
+        "falls": run["fallen"][-1].astype(float),
+    }
+
+
+def climb(robots: list[Robot], known: dict[str, Array], speed: float) -> Array:
+    """The highest of :data:`STEPS` (n,) up to which robots get over all, m."""
+    turns = FAR / abs(advance_per_turn(robots[0]))
+    climbed = []
+    for height in STEPS:
+        (a, y), (b, z) = treads(np.array([STEP_AT]), np.array([height])).tolist()
+        ground = Terrain(((-1.0, 0.0), (a, y), (b, z), (STEP_AT + 1.0, height)))
+        run = walk(robots, known, speed, ground, 2.0 * math.pi * turns / abs(speed))
+        climbed.append(~run["fallen"][-1] & (np.abs(run["x_position"][-1]) > BEYOND))
+    count = np.cumprod(climbed, axis=0).sum(axis=0).astype(int)
+    return np.append(0.0, STEPS)[count]
+
+
+def summary(values: Array, inputs: dict[str, Array]) -> dict[str, Any]:
+    """Median, 90 % band, and shares of the variance by groups of inputs."""
+    low, high = np.percentile(values, SPAN).tolist()
+    columns = np.concatenate([*inputs.values()], axis=1)
+    columns = (columns - columns.mean(axis=0)) / columns.std(axis=0)
+    spread = values - values.mean()
+    sources = {}
+    if values.std() > 1e-9 * max(1.0, abs(values.mean())):
+        slopes = np.linalg.lstsq(columns, spread, rcond=None)[0]
+        shares = slopes * (spread @ columns) / (spread @ spread)  # whose sum is R^2
+        ends = np.cumsum([part.shape[1] for part in inputs.values()])
+        parts = [float(part.sum()) for part in np.split(shares, ends[:-1])]
+        sources = {name: round(part, 3) for name, part in zip(inputs, parts, strict=True)}
+    median = float(np.median(values))
+    if set(np.unique(values)) <= {0.0, 1.0}:  # of what happens or not, its share
+        median = low = high = float(values.mean())
+    return {"median": median, "low": low, "high": high, "sources": sources}

@@ -1,0 +1,59 @@
+"""Predictions of what a built machine would measure: of its copies, with their uncertainty."""
+
+import json
+
+import numpy as np
+import pytest
+
+from jansen_env.commands import predict
+from jansen_env.robot import ROBOTS
+from jansen_env.robot.lengths import lengths
+
+ECONOMY = ROBOTS["economy"]()
+NOMINAL = {"mass": 1.0, "bearings": 1.0, "feet": 1.0, "battery": 1.0}
+
+
+def test_copies_differ_in_what_is_not_known():
+    exact = predict.copy_of(ECONOMY, NOMINAL, np.zeros(len(lengths(ECONOMY))))
+    assert lengths(exact) == pytest.approx(lengths(ECONOMY))
+    assert exact.mass == pytest.approx(ECONOMY.mass) and exact.motor == ECONOMY.motor
+    other = {"mass": 1.03, "bearings": 0.5, "feet": 1.5, "battery": 0.9}
+    copy = predict.copy_of(ECONOMY, other, np.full(len(lengths(ECONOMY)), 3e-4))
+    assert copy.motor.no_load_speed == pytest.approx(0.9 * ECONOMY.motor.no_load_speed)
+    assert copy.bearing_friction == pytest.approx(tuple(0.5 * np.array(ECONOMY.bearing_friction)))
+    assert copy.pad_compliance.stiffness == pytest.approx(1.5 * ECONOMY.pad_compliance.stiffness)
+    assert 1.03 < copy.mass / ECONOMY.mass < 1.04
+    assert lengths(copy)["rocker"] == pytest.approx(lengths(ECONOMY)["rocker"] + 3e-4)
+
+
+def test_the_witnessed_walk_is_within_its_band(tmp_path, capsys):
+    """Of the economy machine at 2 rad/s, as three simulators walk it (0.199 to 0.203 m/s)."""
+    out = tmp_path / "economy.json"
+    predict.main(["economy", "--speeds", "2", "--copies", "24", "--out", str(out)])
+    content = json.loads(out.read_text())
+    quantities = content["crank_speed"]["2"]
+    assert quantities.keys() == predict.UNITS.keys()
+    speed, cost = quantities["speed"], quantities["cost_of_transport"]
+    assert 0.19 < speed["low"] < 0.2024 < speed["high"] < 0.21
+    assert 0.20 < cost["low"] < 0.2127 < cost["high"] < 0.23
+    assert quantities["falls"]["median"] == 0.0
+    for row in quantities.values():
+        assert row["low"] <= row["median"] <= row["high"]
+        assert sum(row["sources"].values()) <= 1.0
+    assert "speed (m/s)" in capsys.readouterr().out
+
+
+def test_variance_is_shared_out():
+    """To the inputs that cause it, of what is linear."""
+    rng = np.random.default_rng(0)
+    inputs = {"friction": rng.random((5000, 1)), "lengths": rng.random((5000, 2))}
+    values = 3.0 * inputs["friction"][:, 0] + inputs["lengths"] @ [2.0, 1.0]
+    sources = predict.summary(values, inputs)["sources"]
+    assert sources == pytest.approx({"friction": 9 / 14, "lengths": 5 / 14}, abs=0.03)
+
+
+@pytest.mark.parametrize("speed", ["0", "20", "nan"])
+def test_speeds_out_of_range_are_refused(speed, capsys):
+    with pytest.raises(SystemExit):
+        predict.main(["built", "--speeds", speed])
+    assert "--speeds" in capsys.readouterr().err

@@ -1,5 +1,6 @@
 """The page that walks, in a real Chromium: from a file, by keys, pointer, finger and link."""
 
+import json
 import re
 import webbrowser
 
@@ -10,6 +11,7 @@ from browser import NAMELESS, PHONE, WAIT, check_phone, reads
 
 from jansen_env.commands.play import main
 from jansen_env.terrain.generators import NamedGenerator
+from jansen_env.viewer.web.bench import write_bench
 from jansen_env.viewer.web.walk import write_walk
 
 STILL = {"viewport": {"width": 1200, "height": 720}, "reduced_motion": "reduce"}
@@ -167,13 +169,75 @@ def test_choices_are_the_link(opened):
     ("link", "text"),
     [("robot=wheel", "no robot"), ("terrain=constructor", "terrain"), ("level=10", "level"),
      ("seed=-1", "seed"), ("control=x", "control"), ("robot=klann%26rod_AD=x", "rod_AD"),
-     ("restitution=0.5", "restitution"), ("robot=chebyshev&friction=nan", "")],
+     ("restitution=0.5", "restitution"), ("terrain=drawn", "terrain"),
+     ("terrain=drawn&ground=70,0,65,0", "ground")],
 )  # fmt: skip
 def test_wrong_links_are_refused(opened, link, text):
     page = opened(link)
     assert text in page.locator("#message").text_content()
     page.keyboard.press("p")
     until(page, lambda: score(page, "time") > 0.1)
+
+
+def test_lengths_of_the_bench_walk(open_window, path):
+    """By its link, and by a robot file that is dropped; the page leads back to them."""
+    write_bench(path.with_name("bench.html"))
+    page = open_window(**STILL).page
+    page.goto(f"{path.with_name('bench.html').as_uri()}#klann&rod_AD=470")
+    page.locator("#walk").click()
+    page.locator("#robot").wait_for(timeout=WAIT)
+    assert page.locator("#robot").input_value() == "klann&rod_AD=470"
+    page.keyboard.press("p")
+    until(page, lambda: score(page, "distance") > 0.1)
+    page.evaluate(
+        """() => {
+          const file = { format: "jansen_env robot 1", design: "paper", lengths: { rocker: 0.24 } };
+          const dataTransfer = new DataTransfer();
+          dataTransfer.items.add(new File([JSON.stringify(file)], "mine.json"));
+          dispatchEvent(new DragEvent("drop", { dataTransfer }));
+        }"""
+    )
+    until(page, lambda: page.locator("#robot").input_value() == "paper&rocker=240")
+    page.locator("#bench").click()
+    page.locator("#lengths").wait_for(timeout=WAIT)
+    assert page.evaluate("location.hash") == "#paper&rocker=240"
+
+
+def test_a_ground_is_drawn(opened):
+    """Level up to the robot, then as drawn, in the link; the walk starts again on it."""
+    page = opened("terrain=stairs&level=3")
+    page.get_by_text("Draw ground").click()
+    page.wait_for_timeout(100)  # for the picture of all of it
+    box = page.locator("#pictures canvas").first.bounding_box()
+    x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
+    page.mouse.move(x, y)
+    page.mouse.down()
+    for k in range(1, 40):
+        page.mouse.move(x + 10 * k, y + 20 * np.sin(0.2 * k))
+    page.mouse.up()
+    assert page.locator("#terrain").input_value() == "drawn"
+    link = page.evaluate("location.hash.slice(1)")
+    ground = re.search("ground=([^&]*)", link)[1].replace("%2C", ",").split(",")
+    places = np.array(ground, int).reshape(-1, 2)
+    assert places[0, 0] > 60 and (np.diff(places[:, 0]) >= 3).all() and np.ptp(places[:, 1]) > 20
+    until(page, lambda: score(page, "time") > 0.1)
+    assert opened(link).locator("#terrain").input_value() == "drawn"
+
+
+def test_a_walk_is_saved(opened):
+    """Its start, and what came in each step."""
+    page = opened("control=hand&friction=0.5")
+    page.keyboard.press(" ")
+    page.keyboard.press("p")
+    until(page, lambda: score(page, "time") > 0.3)
+    page.keyboard.press("p")
+    with page.expect_download() as saved:
+        page.locator("#save").click()
+    walk = json.loads(saved.value.path().read_text())
+    assert walk["format"] == "jansen_env walk 1" and walk["robot"]["name"] == "built"
+    assert walk["start"]["changes"] == {"friction": 0.5}
+    assert walk["steps"][0] == {"action": 0, "command": pytest.approx(0.3), "pushes": [[3, 0]]}
+    assert 0.02 * len(walk["steps"]) == pytest.approx(score(page, "time"), abs=0.06)
 
 
 def test_a_refused_slider_goes_back(opened):

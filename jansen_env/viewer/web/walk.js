@@ -3,13 +3,15 @@
 // The data in the page are those of walk_data.py, the engine's module among them. All that is chosen is
 // in the page's address, after the #, so that a link to a walk is a link to this page.
 
-import { designOf, linkOf } from "./bench_design.js";
+import { designOf, download, linkOf } from "./bench_design.js";
+import { pointsOf, textOf } from "./drawn_ground.js";
 import { Engine, numbersOf } from "./engine.js";
+import { robotWithLengths } from "./lengths.js";
 import { LESSONS } from "./lessons.js";
 import { plotOn } from "./plots.js";
 import { CLICK_PUSH, drawPush, impulseOf } from "./push.js";
 import { generatorOf } from "./random.js";
-import { drawScene, followingView, THEMES } from "./scene.js";
+import { css, drawScene, followingView, heightAt, THEMES } from "./scene.js";
 import { explain } from "./terms.js";
 import { groundOf } from "./terrain.js";
 import { APART, HAND, STEP, Walker } from "./walker.js";
@@ -22,12 +24,14 @@ const RELEASE_RATE = 8; // ... and after it
 const COMMAND_RATE = 0.5; // 1/s, of the command while a key is held, of the fastest
 const FIRST_COMMAND = 0.3; // m/s
 const WINDOW = 10; // s, of the plots
-const REPLOT = 150; // ms between two pictures of the plots
+const REPLOT = 200; // ms between two pictures of the plots
 const DEAD_ZONE = 0.12; // of a gamepad's stick
 const LARGEST_SEED = 2 ** 32 - 1;
 const MESSAGE_TIME = 6000; // ms for which a message is shown
 const GOAL = { distance: 10, cost: 0.3 }; // m, at most; by hand
 const FLAT = "flat";
+const DRAWN = "drawn";
+const OVERVIEW = 0.3; // zoom while a ground is drawn
 const STEADY = "constant speed";
 const PLOTS = [
   ["crank torque", "N m", (info) => info.torque],
@@ -42,7 +46,8 @@ const ENERGIES = [
 ];
 // biome-ignore format: a table
 const DEFAULTS = {
-  robot: "built", control: "built policy", terrain: FLAT, level: "0", robot2: "", control2: "", seed: "0",
+  robot: "built", control: "", terrain: FLAT, level: "0",robot2: "", control2: "", seed: "0",
+  ground: "",
 };
 
 const $ = (id) => document.getElementById(id);
@@ -68,6 +73,8 @@ let held = 0; // -1, 0, 1: the keys
 let returns = false; // whether the torque goes back to 0
 let won = false; // whether the goal was reached since the start
 let lesson = -1; // index of the question that is shown, if one is
+let drawing = false; // whether the pointer draws the ground
+let stroke = null; // [[x, y] ...], m from the robot, of the pen
 let drag = null; // {x, y, toX, toY}, pixels of a `canvas`
 let stick = { value: 0, pressed: false }; // of the gamepad
 
@@ -77,20 +84,23 @@ let stick = { value: 0, pressed: false }; // of the gamepad
 function robotOf(text) {
   const { base, changes } = designOf(data.designs, text);
   if (Object.keys(changes).length === 0) return data.robots[base];
-  throw new Error("Changed lengths do not walk here yet.");
+  return robotWithLengths(engine, data, base, { ...data.designs[base].lengths, ...changes });
 }
 
 /** Start again with what is chosen; throws, and changes nothing, where that cannot be. */
 function build(choice) {
   for (const [name, values] of Object.entries(OPTIONS))
-    if (!name.startsWith("robot") && !values.includes(choice[name]))
+    if (!name.startsWith("robot") && ![...values, choice.ground && DRAWN].includes(choice[name]))
       throw new Error(`${name} is "${choice[name].slice(0, 40)}", which this page does not have.`);
   const seed = Number(choice.seed);
   if (!Number.isInteger(seed) || seed < 0 || seed > LARGEST_SEED)
     throw new Error(`seed is "${choice.seed.slice(0, 40)}", must be from 0 to ${LARGEST_SEED}.`);
-  const ground = groundOf(data.terrain, choice.terrain, Number(choice.level), seed);
+  const ground =
+    choice.terrain === DRAWN
+      ? pointsOf(choice.ground)
+      : groundOf(data.terrain, choice.terrain, Number(choice.level), seed);
   const pairs = [[choice.robot, choice.control]];
-  if (choice.robot2) pairs.push([choice.robot2, choice.control2 || choice.control]);
+  if (choice.robot2) pairs.push([choice.robot2, secondControl(choice)]);
   const made = pairs.map(
     ([robot, control]) => new Walker(engine, data, robotOf(robot), ground, control),
   );
@@ -99,9 +109,13 @@ function build(choice) {
 }
 
 /** What turns the crank of a robot at first: the policy that has learnt on it, if there is one. */
-function controlFor(robot) {
-  const name = `${robot.split("&")[0]} policy`;
-  return name in data.policies && !robot.includes("&") ? name : STEADY;
+function controlFor(robot, otherwise = STEADY) {
+  const name = `${robot} policy`;
+  return Object.hasOwn(data.policies, name) ? name : otherwise;
+}
+
+function secondControl({ control, robot2, control2 }) {
+  return control2 || controlFor(robot2, control);
 }
 
 function start(made) {
@@ -119,6 +133,7 @@ function start(made) {
   remember();
 }
 
+const hasLevels = ({ terrain }) => terrain !== FLAT && terrain !== DRAWN;
 const byHand = () => walkers[0].byHand;
 /** -1 to 1: the torque by hand, or the command as a share of the fastest. */
 const share = () => (byHand() ? torque : command / walkers[0].controller.topSpeed);
@@ -136,7 +151,7 @@ function restart() {
 /** Change choices, or say why not. All but a control start again. */
 function choose(changes) {
   const choice = { ...chosen, ...changes };
-  if (choice.terrain === FLAT) choice.level = "0";
+  if (!hasLevels(choice)) choice.level = "0";
   for (const [robot, control] of [
     ["robot", "control"],
     ["robot2", "control2"],
@@ -145,7 +160,7 @@ function choose(changes) {
   try {
     if (Object.keys(changes).every((name) => name.startsWith("control"))) {
       walkers[0].take(choice.control);
-      walkers[1]?.take(choice.control2 || choice.control);
+      walkers[1]?.take(secondControl(choice));
       chosen = choice;
     } else build(choice);
   } catch (error) {
@@ -162,10 +177,10 @@ function set(name, value) {
   goOn();
   const before = walkers.map(({ machine }) => machine.parameters[name]);
   try {
-    for (const { machine } of walkers) machine.change({ [name]: value });
+    for (const walker of walkers) walker.change({ [name]: value });
     settings = { ...settings, [name]: value };
   } catch (error) {
-    for (const [i, { machine }] of walkers.entries()) machine.change({ [name]: before[i] });
+    for (const [i, walker] of walkers.entries()) walker.change({ [name]: before[i] });
     say(error.message);
   }
   showPanel();
@@ -173,7 +188,7 @@ function set(name, value) {
 
 function push(x, y) {
   goOn();
-  for (const { machine } of walkers) machine.push(x, y);
+  for (const walker of walkers) walker.push(x, y);
 }
 
 // The address.
@@ -190,12 +205,12 @@ function open(address) {
   const { command: speed = FIRST_COMMAND, ...given } = Object.fromEntries(
     new URLSearchParams(address),
   );
-  const choice = { ...DEFAULTS };
+  const choice = { ...DEFAULTS, control: controlFor(given.robot ?? DEFAULTS.robot) };
   const values = {};
   for (const [name, value] of Object.entries(given)) {
     const slider = data.sliders.find((each) => each.name === name);
     if (slider) values[name] = within(Number(value) || 0, slider.low, slider.high);
-    else if (name in DEFAULTS) choice[name] = value;
+    else if (Object.hasOwn(DEFAULTS, name)) choice[name] = value;
   }
   command = Number(speed) || 0;
   settings = values;
@@ -203,7 +218,7 @@ function open(address) {
     build(choice);
   } catch (error) {
     settings = {};
-    build({ ...DEFAULTS });
+    build({ ...DEFAULTS, control: controlFor(DEFAULTS.robot) });
     say(error.message);
   }
 }
@@ -285,7 +300,7 @@ function rangeOfPast() {
 
 function draw(walker, figure) {
   const canvas = figure.querySelector("canvas");
-  const ctx = canvas.getContext("2d");
+  const ctx = canvas.getContext("2d", { alpha: false });
   const ratio = window.devicePixelRatio || 1;
   const size = { width: canvas.clientWidth, height: canvas.clientHeight };
   const [width, height] = [size.width, size.height].map((length) => Math.round(length * ratio));
@@ -297,11 +312,31 @@ function draw(walker, figure) {
   const index = now ? walker.past.length - 1 : walker.indexOf(shownAt);
   const state = walker.poseAt(index, now ? due : 1);
   const reach = Math.max(...walkers.map(({ machine }) => machine.scene.reach)); // one scale
-  const view = followingView(size, { ...scene, reach }, state);
+  const view = followingView(size, { ...scene, reach }, state, drawing ? OVERVIEW : 1);
   drawScene(ctx, size, scene, state, view, { theme });
-  figure.axis = [0.5 * size.width, 0.5 * size.height - (state.y - view.y) * view.scale];
+  const at = ([x, y]) => [
+    0.5 * size.width + (x - view.x) * view.scale,
+    0.5 * size.height - (y - view.y) * view.scale,
+  ];
+  const foot = [state.x, heightAt(scene.terrain, state.x)];
+  figure.foot = { place: at(foot), scale: view.scale };
+  if (stroke)
+    drawStroke(
+      ctx,
+      stroke.map(([x, y]) => at([foot[0] + x, foot[1] + y])),
+      theme,
+    );
+  figure.axis = at([state.x, state.y]);
   if (drag?.canvas === canvas) drawPush(ctx, drag, LARGEST_PUSH, theme);
   showScore(walker, figure);
+}
+
+function drawStroke(ctx, points, theme) {
+  ctx.strokeStyle = css(theme.crank);
+  ctx.lineWidth = 3;
+  ctx.beginPath();
+  for (const [x, y] of points) ctx.lineTo(x, y);
+  ctx.stroke();
 }
 
 function write(place, text) {
@@ -376,7 +411,7 @@ function showEnergies() {
 
 function showPanel() {
   for (const name of Object.keys(OPTIONS)) showChoice(name);
-  $("level").disabled = chosen.terrain === FLAT;
+  $("level").disabled = !hasLevels(chosen);
   $("control2").disabled = !chosen.robot2;
   $("pictures").children[1].hidden = walkers.length < 2;
   $("pictures").classList.toggle("two", walkers.length > 1);
@@ -522,6 +557,21 @@ function copyLink() {
   );
 }
 
+/** Save the walks since the start as files that Python walks again. */
+function save() {
+  for (const [i, walker] of walkers.entries()) {
+    const label = $("pictures").children[i].querySelector("b").textContent;
+    download(`walk${i || ""}.json`, "application/json", JSON.stringify(walker.file(label)));
+  }
+}
+
+/** Let the pointer draw a ground, or no longer. */
+function draft(on) {
+  drawing = on;
+  $("draft").setAttribute("aria-pressed", on);
+  if (on) say("Draw the ground ahead, from left to right.");
+}
+
 /** Show a question, and what it is about; none for -1. */
 function teach(index) {
   lesson = index;
@@ -634,20 +684,38 @@ for (const [id, direction] of [
 /** Let the pointer push the robots from a picture. */
 function listen(figure) {
   const canvas = figure.querySelector("canvas");
+  const placeOf = ({ offsetX, offsetY }) => {
+    const { place, scale } = figure.foot;
+    return [(offsetX - place[0]) / scale, (place[1] - offsetY) / scale];
+  };
   canvas.addEventListener("pointerdown", (event) => {
     if (event.button !== 0) return;
     canvas.setPointerCapture(event.pointerId);
+    if (drawing) {
+      run(false);
+      stroke = [placeOf(event)];
+      return;
+    }
     const { offsetX: x, offsetY: y } = event;
     drag = { x, y, toX: x, toY: y, canvas };
     document.activeElement.blur();
   });
   canvas.addEventListener("pointermove", (event) => {
     if (drag) Object.assign(drag, { toX: event.offsetX, toY: event.offsetY });
+    stroke?.push(placeOf(event));
   });
   canvas.addEventListener("pointercancel", () => {
-    drag = null;
+    drag = stroke = null;
   });
   canvas.addEventListener("pointerup", () => {
+    if (stroke) {
+      const ground = textOf(stroke);
+      stroke = null;
+      draft(false);
+      say("");
+      if (ground) choose({ terrain: DRAWN, ground });
+      run(true);
+    }
     const impulse = drag && impulseOf(drag, figure.axis, LARGEST_PUSH);
     drag = null;
     if (impulse) push(impulse.x, impulse.y);
@@ -672,6 +740,8 @@ const BUTTONS = {
   another: KEYS.n,
   pause: KEYS.p,
   "show-help": toggleHelp,
+  draft: () => draft(!drawing),
+  save,
   share: copyLink,
 };
 for (const [id, act] of Object.entries(BUTTONS)) $(id).addEventListener("click", act);

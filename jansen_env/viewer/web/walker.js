@@ -24,8 +24,7 @@ function counted(sums, info, weight, command) {
 export class Walker {
   /** robot: of data.robots; ground: its points; control: of data.controllers. */
   constructor(engine, data, robot, ground, control) {
-    this.engine = engine;
-    this.data = data;
+    Object.assign(this, { engine, data, robot, ground });
     this.machine = new Machine(engine, robot, { points: ground });
     this.take(control);
   }
@@ -46,10 +45,12 @@ export class Walker {
     this.machine.reset({ crankAngle, command });
     this.machine.change(settings);
     this.controller.begin();
+    this.walk = { crankAngle, command, settings, steps: [] };
+    this.asked = {}; // what comes before the next step
     this.sums = NOTHING;
     this.fallen = this.stuck = false;
-    this.past = []; // {count, pose, info, action, weight} of the start and of each step
-    this.keep(0, 0);
+    this.past = []; // {count, pose, info} of the start and of each step
+    this.keep(0);
   }
 
   /** Distance, m; slip per metre and cost of transport, or null; mean speed, m/s; time, s. */
@@ -60,30 +61,45 @@ export class Walker {
     return { distance, slip: ratio(slipped), cost: ratio(lifted), speed, time };
   }
 
+  /** Change numbers of the machine from the next step on; throws if one cannot be. */
+  change(changes) {
+    this.machine.change(changes);
+    this.asked.changes = { ...this.asked.changes, ...changes };
+  }
+
+  push(x, y) {
+    this.machine.push(x, y);
+    this.asked.pushes = [...(this.asked.pushes ?? []), [x, y]];
+  }
+
+  /** The walk since the start as a file, with which Python walks it again. */
+  file(label) {
+    const { crankAngle: crank_angle, command, settings: changes, steps } = this.walk;
+    const start = { crank_angle, command, changes };
+    const { robot, ground } = this;
+    return { format: "jansen_env walk 1", label, robot, ground, start, steps };
+  }
+
   /** Take a step of a torque, -1 to 1, where it is given by hand, else for a command, m/s. */
   step(torque, command) {
     if (this.stuck) return;
     if (!this.byHand) this.machine.change({ command });
     const action = this.byHand ? torque : this.controller.act();
     this.machine.step(action);
+    this.walk.steps.push({ action, command: this.machine.command, ...this.asked });
+    this.asked = {};
     const { info, weight } = this.machine;
     this.stuck = info.diverged;
     if (!this.fallen) {
       this.sums = counted(this.sums, info, weight, this.byHand ? null : command);
       this.fallen = info.fallen;
     }
-    this.keep(action, this.past.at(-1).count + 1);
+    this.keep(this.past.at(-1).count + 1);
   }
 
-  keep(action, count) {
+  keep(count) {
     const { machine, controller, control, sums, fallen } = this;
-    const place = {
-      count,
-      pose: machine.pose(),
-      info: machine.info,
-      action,
-      command: machine.command,
-    };
+    const place = { count, pose: machine.pose(), info: machine.info };
     if (count % APART === 0) {
       const memory = structuredClone(controller.memory ?? null);
       place.snapshot = { state: machine.snapshot(), control, memory, sums, fallen };
@@ -101,6 +117,8 @@ export class Walker {
     if (memory !== null) this.controller.memory = structuredClone(memory);
     Object.assign(this, { sums, fallen, stuck: false });
     this.past.length = index + 1;
+    this.walk.steps.length = this.past[index].count;
+    this.asked = {};
   }
 
   /** Index in `past` of a step, or of the last one where it stopped before. */

@@ -4,10 +4,13 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
+from side_by_side import same
 
 from jansen_env import Compliance, Motor, Push
 
 STEPS = 30
+FEET, HEAVY = {"pad_compliance": Compliance(20_000.0, 20.0)}, {"mass_scale": (1.0, 3.0)}
+SOFT = {"pad_compliance": Compliance(2000.0, 20.0)}
 
 
 def walk(env, steps=STEPS):
@@ -27,19 +30,20 @@ def begun(**arguments):
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "plant"),
-    [("tilt", 0.1, "projection"), ("motor_strength", 0.5, "projection"),
-     ("mass_scale", 1.5, "projection"), ("damping_scale", 3.0, "projection"),
-     ("friction", 0.2, "projection"), ("tilt", 0.1, "rigid_body")],
+    ("name", "value", "arguments"),
+    [("tilt", 0.1, {}), ("motor_strength", 0.5, FEET), ("mass_scale", 1.5, {}),
+     ("damping_scale", 3.0, {}), ("friction", 0.2, {"track_joint_forces": True}),
+     ("tilt", 0.1, {"plant": "rigid_body"})],
 )  # fmt: skip
-def test_changed_is_as_if_the_state_had_it(name, value, plant):
-    steps = STEPS if plant == "projection" else 2
-    changed, other = (begun(plant=plant) for _ in range(2))
-    before = walk(begun(plant=plant), steps)[0]
+def test_changed_is_as_if_the_state_had_it(name, value, arguments):
+    steps = 2 if "plant" in arguments else STEPS
+    changed, other = (begun(**arguments) for _ in range(2))
+    before = walk(begun(**arguments), steps)[0]
     state = other.get_state()
     state["parameters"][name] = value
     changed.set_parameters(**{name: value})
     other.set_state(state)
+    assert same(changed.get_state(), other.get_state())
     walked = walk(changed, steps)[0]
     np.testing.assert_array_equal(walked, walk(other, steps)[0])
     assert not np.array_equal(walked, before)
@@ -68,10 +72,6 @@ def test_a_state_has_the_robot_that_was_changed(name, value):
     other.set_state(before)
     assert changed.robot == other.robot == robot
     np.testing.assert_array_equal(walk(changed)[0], walk(other)[0])
-
-
-FEET, HEAVY = {"pad_compliance": Compliance(20_000.0, 20.0)}, {"mass_scale": (1.0, 3.0)}
-SOFT = {"pad_compliance": Compliance(2000.0, 20.0)}
 
 
 @pytest.mark.parametrize(

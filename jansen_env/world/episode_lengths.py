@@ -58,7 +58,6 @@ class EpisodeLengths:
         self.changed: list[dict[str, float]] = [{} for _ in robots]
         self.entries: list[Observed] = []
         self.values: NDArray[np.void] | None = None
-        self._columns, self._observation = np.zeros(0, np.int64), np.zeros((0, 0), np.float32)
         given = [ranges.get("lengths", {}) for ranges in randomizations]
         self.factors: list[dict[str, Distribution]] = given
         if not observed and not any(given):
@@ -69,7 +68,6 @@ class EpisodeLengths:
         if observed:
             limits = -np.inf, np.inf
             self.entries = [Observed(f"length_{name}", "1", *limits, EXACT) for name in names]
-        self._note(range(len(robots)))
 
     def connect(self, observed: Sequence[Observed], observation: NDArray[np.float32]) -> None:
         """Take the array of observations (n, d) and its columns."""

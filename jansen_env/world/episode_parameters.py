@@ -44,7 +44,7 @@ class EpisodeParameters:
     """Parameters and terrains of the episodes of n robots.
 
     Args:
-        plant: moves them, before randomisation. settings: the world's.
+        plant: of the robots, before randomisation. settings: the world's.
         generators: of each robot's terrains, None where they are fixed.
         has: "noise_level" and "push_strength", and whether the world has noise and pushes.
 

@@ -82,20 +82,14 @@ class Pushes:
 
     def __init__(self, num_envs: int, push: Push | None, steps: int, time_step: float) -> None:
         self.strength = np.ones(num_envs)
-        self._steps = steps
         self._settings = np.zeros(1, PUSHES)
         kind = push or Push(0.0)
         self._settings[0] = (*kind.impulse, kind.duration, kind.interval, time_step)  # type: ignore[misc]
         self.random = np.ones(num_envs, bool)
         self._scheduled = np.zeros(num_envs, np.int64)
         self._schedule = np.zeros((num_envs, 1, 3))
-        self._impulse = np.zeros((0, steps, 2))
+        self._impulse, self._any = np.zeros((num_envs, steps, 2)), push is not None
         self._fill = fill_pushes.bound()
-        if push is not None:
-            self._make_room()
-
-    def _make_room(self) -> None:
-        self._impulse = np.zeros((len(self.strength), self._steps, 2))
 
     def schedule(self, i: int, pushes: Array, random: bool) -> None:
         """Give a robot's episode checked pushes (k, 3), and ``random`` ones or not."""
@@ -104,8 +98,7 @@ class Pushes:
             self._schedule[:, : before.shape[1]] = before
         self._schedule[i, : len(pushes)], self._scheduled[i] = pushes, len(pushes)
         self.random[i] = random
-        if len(pushes) > 0 and len(self._impulse) == 0:
-            self._make_room()
+        self._any = self._any or len(pushes) > 0
 
     def add(self, i: int, push: Array) -> None:
         """Add a push (3,) to a robot's own, less those that are over; ValueError: too many."""
@@ -124,7 +117,7 @@ class Pushes:
 
         elapsed, seeds: (n,) control steps of the episodes so far, and their seeds.
         """
-        if len(self._impulse) == 0:
+        if not self._any:
             return None
         pushed = self._fill(
             active, elapsed, seeds, self.strength, self._settings, self.random, self._schedule,

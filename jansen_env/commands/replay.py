@@ -15,6 +15,7 @@ from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.rollout import make_env
 from jansen_env.viewer.recorder import Recorder
 from jansen_env.viewer.recording import MOST_RECORDED, Recording
+from jansen_env.viewer.saved_walk import walk_again
 from jansen_env.viewer.web.page import MOST_RECORDINGS, page
 
 
@@ -26,7 +27,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     )  # fmt: skip
     add = parser.add_argument
     add("--recording", action="append", default=[], metavar="FILE",
-        help="a saved .npz to show, in place of a policy or beside one")  # fmt: skip
+        help="a saved .npz, or a walk that the page saved, .json; in place of a policy or beside "
+        "one")  # fmt: skip
     add("--command", type=float, metavar="V",
         help="speed or goal; default: the middle of the benchmark's grid")  # fmt: skip
     add("--steps", type=positive_int, default=MOST_RECORDED,
@@ -55,6 +57,11 @@ def record(name: str, label: str, args: argparse.Namespace) -> Recording:
         return env.recording
 
 
+def load(path: str) -> Recording:
+    """A recording, or the one of a walk that the page has saved."""
+    return walk_again(path) if path.endswith(".json") else Recording.load(path)
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Record, and write recordings and page."""
     args = parse(arguments)
@@ -62,7 +69,7 @@ def main(arguments: list[str] | None = None) -> None:
     with args.parser.refusing():
         named = zip(args.policy, labels(args.policy), strict=True)
         made = [record(name, label, args) for name, label in named]
-        content = page(*made, *map(Recording.load, args.recording))  # before anything is written
+        content = page(*made, *map(load, args.recording))  # before anything is written
         names = [re.sub("[^A-Za-z0-9._-]", "_", recording.label) for recording in made]
         if len({*names}) < len(names):  # labels differ in other characters alone
             names = [f"{name}_{i}" for i, name in enumerate(names, start=1)]

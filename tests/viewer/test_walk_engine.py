@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from jansen_env.commands.replay import main
 from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.plants.design_tables import DesignTables
 from jansen_env.policies import pretrained
@@ -25,6 +26,7 @@ from jansen_env.tasks.walking.walker_benchmark import BASELINES, walking_pid
 from jansen_env.tasks.walking.walker_env import JansenWalkerEnv
 from jansen_env.terrain import Terrain
 from jansen_env.terrain.generators import GENERATORS, NamedGenerator
+from jansen_env.viewer.saved_walk import FORMAT, walk_again
 from jansen_env.viewer.web.geometry import scene_of_robot
 from jansen_env.viewer.web.page import FOLDER
 from jansen_env.viewer.web.walk_data import ENVIRONMENTS, SHORTEST_TURN, policy_data, walk_data
@@ -43,9 +45,9 @@ def data():
     return walk_data()
 
 
-def in_node(robots, walks=()):
+def in_node(robots, walks=(), saved=()):
     """What the page's modules make of robots and walks."""
-    asked = json.dumps({"data": data(), "robots": robots, "walks": walks})
+    asked = json.dumps({"data": data(), "robots": robots, "walks": walks, "saved": saved})
     command = ["node", Path(__file__).parent / "walk.mjs", FOLDER]
     done = subprocess.run(command, input=asked, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -206,3 +208,41 @@ def check_picture(env, told):
     for key, wanted in (("point", frame.contact_point), ("force", frame.contact_force)):
         assert np.allclose([toe[key] for toe in pose["toes"]], wanted, rtol=0.0, atol=1e-9), key
     assert [toe["contact"] for toe in pose["toes"]] == frame.contact.tolist()
+
+
+def test_a_saved_walk_is_the_same_again(tmp_path):
+    rng = np.random.default_rng(3)
+    robots = [["paper", None], ["built", other_lengths("built", rng, 0.005)], ["strider", None]]
+    grounds = ["stairs", "rough", "waves"]
+    controls = ["hand", "pid", "rough policy"]
+    asked = [
+        {"robot": k, "ground": NamedGenerator(ground)(rng, 2).points, "control": control}
+        for k, (ground, control) in enumerate(zip(grounds, controls, strict=True))
+    ]
+    for number, saved in enumerate(in_node(robots, saved=asked)["saved"]):
+        path = tmp_path / f"{number}.json"
+        path.write_text(json.dumps(saved["file"]))
+        recording = walk_again(path)
+        assert np.array_equal(recording.state, saved["states"]), number
+    main(["--recording", str(path), "--out", str(tmp_path / "page.html")])
+    assert "a walk" in (tmp_path / "page.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("part", "value", "message"),
+    [("format", "x", "its format is 'x'"), ("steps", [], "it has 0 steps"),
+     ("robot", {"is": "Robot"}, "a robot file"), ("start", {}, "an entry is missing"),
+     ("ground", [[0.0, 0.0]], "two"), ("steps", [{"action": math.inf, "command": 0.0}], "finite")],
+)  # fmt: skip
+def test_what_is_no_walk_is_refused(part, value, message, tmp_path):
+    walk = {
+        "format": FORMAT, "label": "", "robot": robot_to_json(ROBOTS["paper"]()),
+        "ground": [[-1.0, 0.0], [1.0, 0.0]], "steps": [{"action": 0.0, "command": 0.3}],
+        "start": {"crank_angle": 0.0, "command": 0.3, "changes": {}},
+    }  # fmt: skip
+    path = tmp_path / "walk.json"
+    path.write_text(json.dumps(walk))
+    assert walk_again(path).steps == 1
+    path.write_text(json.dumps({**walk, part: value}))
+    with pytest.raises(ValueError, match=f"walk.json is no walk: .*{message}"):
+        walk_again(path)

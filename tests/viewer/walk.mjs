@@ -1,16 +1,17 @@
-// Lets robots walk as a page does: node walk.mjs FOLDER < {data, robots, walks} > results
+// Lets robots walk as a page does: node walk.mjs FOLDER < {data, robots, walks, saved} > results
 //
 // Prints for each of `robots`, [name, lengths or null], the robot, and its tables or why it has none; of each walk {robot:
 // place in robots, terrain, control, actions by hand, start, events: [step, method, arguments], names
-// of info} the numbers of its start and of each step, all in base64, and its last pose. In between each walk goes back
+// of info} the numbers of its start and of each step, all in base64, and its last pose;
+// and walks as the page saves them, `saved`: [{robot, ground, control}]. In between each walk goes back
 // ten steps, and comes again.
 import { readFileSync } from "node:fs";
 
 const folder = process.argv[2];
 const load = (name) => import(`${folder}/${name}.js`);
-const [{ Engine }, { robotWithLengths }, { compileRobot }, { Machine }, { controllerNamed }] =
-	await Promise.all(["engine", "lengths", "tables", "machine", "controllers"].map(load));
-const { data, robots, walks } = JSON.parse(readFileSync(0, "utf8"));
+const [{ Engine }, { robotWithLengths }, { compileRobot }, { Machine }, { controllerNamed }, { Walker }] =
+	await Promise.all(["engine", "lengths", "tables", "machine", "controllers", "walker"].map(load));
+const { data, robots, walks, saved } = JSON.parse(readFileSync(0, "utf8"));
 const engine = new Engine(Buffer.from(data.engine, "base64"), data.layout);
 const camel = (name) => name.replace(/_(\w)/g, (_, letter) => letter.toUpperCase());
 const packed = (values) => Buffer.from(Float64Array.from(values).buffer).toString("base64");
@@ -63,4 +64,18 @@ function tablesOf(robot) {
 		return error.message;
 	}
 }
-console.log(JSON.stringify({ robots: made, tables: made.map(tablesOf), walks: walks.map(walk) }));
+/** A walk as the page saves it, pushed and changed on its way. */
+function save({ robot, ground, control }) {
+	const walker = new Walker(engine, data, made[robot], ground, control);
+	walker.start(1, { friction: 0.6 }, 0.3);
+	const states = [[...walker.machine.states.view]];
+	for (let step = 0; step < 80; step++) {
+		if (step % 30 === 10) walker.push(0.3, step / 100);
+		if (step === 20) walker.change({ payload: 1.5, tilt: 0.02 });
+		walker.step(0.3 * Math.sin(step), 0.3 + step / 1000);
+		states.push([...walker.machine.states.view]);
+	}
+	return { file: walker.file("a walk"), states };
+}
+
+console.log(JSON.stringify({ robots: made, tables: made.map(tablesOf), walks: walks.map(walk), saved: saved.map(save) }));

@@ -1,0 +1,61 @@
+"""Walks that a page has saved: what was done in each step, to be simulated again."""
+
+from __future__ import annotations
+
+import json
+from contextlib import closing
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+from jansen_env.checks import entries, instance, one_line, shown
+from jansen_env.files import read_bounded
+from jansen_env.robot import Robot
+from jansen_env.robot.robot_file import robot_from_json
+from jansen_env.tasks.walking.walker_env import JansenWalkerEnv
+from jansen_env.viewer.recorder import Recorder
+from jansen_env.viewer.recording import MOST_RECORDED, Recording
+from jansen_env.world.settings import Values
+
+FORMAT = "jansen_env walk 1"
+MAX_BYTES = 2**24  # of a file
+OF_ROBOT = {"format", "is", *(field.name for field in fields(Robot))}  # a page has more of it
+
+
+def walk_again(path: str | Path) -> Recording:
+    """Simulate a walk of a file that ``walk.html`` saved: the same bit for bit.
+
+    Raises:
+        ValueError: it is missing, no walk, or asks for what the environment refuses.
+    """
+    try:
+        content = json.loads(read_bounded(path, MAX_BYTES))
+        if (kind := instance("it", content, dict).get("format")) != FORMAT:
+            raise ValueError(f"its format is {shown(kind)}, must be {FORMAT!r}")
+        return _simulated(content)
+    except (OSError, RecursionError, ValueError) as error:
+        raise ValueError(f"{path} is no walk: {one_line(error)}") from error
+    except (KeyError, TypeError) as error:
+        raise ValueError(f"{path} is no walk: an entry is missing or wrong: {error}") from error
+
+
+def _simulated(content: Values) -> Recording:
+    start, steps = content["start"], entries("steps", content["steps"], "a list")
+    if not 0 < len(steps) <= MOST_RECORDED:
+        raise ValueError(f"it has {len(steps)} steps, must have 1 to {MOST_RECORDED}")
+    robot = {name: value for name, value in content["robot"].items() if name in OF_ROBOT}
+    env = JansenWalkerEnv(
+        robot=robot_from_json(robot), terrain=content["ground"], reset_noise_scale=0.0,
+        terminate_when_fallen=False,
+    )  # fmt: skip
+    with closing(Recorder(env, instance("label", content["label"], str))) as recorder:
+        options = {"crank_angle": start["crank_angle"], "speed_command": start["command"]}
+        recorder.reset(seed=0, options=options)
+        env.set_parameters(**start["changes"])
+        for step in steps:
+            env.set_parameters(command=step["command"], **step.get("changes", {}))
+            for impulse in step.get("pushes", ()):
+                env.push(impulse)
+            recorder.step(np.array([step["action"]], dtype=float))
+        return recorder.recording

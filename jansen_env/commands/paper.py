@@ -7,7 +7,7 @@ from pathlib import Path
 
 from jansen_env.commands.flags import Parser
 from jansen_env.files import check_writable, write_text
-from jansen_env.paper.claims import as_lines, check_claims, tables
+from jansen_env.paper.claims import as_lines, check_claims, table
 from jansen_env.paper.figures import draw
 from jansen_env.paper.results import compute
 
@@ -17,16 +17,15 @@ def main(arguments: list[str] | None = None) -> None:
     parser = Parser("jansen-env paper", "Reproduce the paper.", "jansen-env paper --out paper",
                     "jansen-env paper --out paper --all")  # fmt: skip
     parser.add_argument("--out", type=Path, required=True, metavar="DIR",
-                        help="folder for tables and figures")  # fmt: skip
-    parser.add_argument("--all", action="store_true", help="print all tables")
+                        help="folder for the table and figures")  # fmt: skip
+    parser.add_argument("--all", action="store_true", help="print the whole table")
     args = parser.parse_args(arguments)
     start, out = time.perf_counter(), args.out
     with parser.refusing():
         check_writable("--out", out)  # before the work
     results = compute()
     claims = check_claims(results)
-    by_heading = tables(claims, results.levels, results.pid_levels)
-    text = "\n".join(f"# {heading}\n\n{table}" for heading, table in by_heading.items())
+    text = table(claims)
     print(text if args.all else as_lines(claims))
     write_text(out / "claims.md", text)
     figures = draw(results, out)

@@ -1,13 +1,13 @@
 """The paper's claims beside what is computed here, each with a verdict.
 
 Verdicts follow from the numbers by the criterion in each function, none is set by hand. Why a claim
-holds or does not: ``docs/paper.md``. Last come the tables of claims and interpretations.
+holds or does not: ``docs/paper.md``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import astuple, dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -24,13 +24,13 @@ from jansen_env.dynamics.projection import (
 from jansen_env.gravity import GRAVITY
 from jansen_env.paper import toes
 from jansen_env.paper.fixed_model import SETTLED, crank_only
-from jansen_env.paper.interpretations import NEAR, PRINTED_LEVEL, Level, PIDLevel
 from jansen_env.paper.results import FRICTIONS, SLOW, TORQUES, WALK, Results
 from jansen_env.robot import paper_robot
 
 Array = NDArray[np.float64]
 
 HOLDS, CONDITION, FAILS = "holds", "holds with a condition", "does not hold"
+PRINTED_LEVEL, NEAR = -0.9, 0.1  # N m, "almost constant at around", and what counts as near
 CLOSE = 0.05  # relative: what still counts as "constant" or "around"
 ROUGHLY = 0.25  # relative: what still counts as "roughly constant"
 CLEARLY = 0.9  # of another heave: what counts as less
@@ -117,22 +117,19 @@ def torque_is_periodic(r: Results) -> Claim:
 
 
 def torque_level(r: Results) -> Claim:
-    """The mean torque of every interpretation, also under the PID, against the printed level."""
-    ours, goal = r.levels[0], PRINTED_LEVEL
-    means = {level.name: level.mean for level in r.levels}
-    under_pid, two, _, backwards = r.pid_levels
-    means["the PID's run"] = under_pid.mean
-    nearest = min(means, key=lambda name: abs(means[name] - goal))
+    """The mean torque, and the PID's with another reference or two motors, at the printed level."""
+    settled = r.run.settled
+    mean, back, two = (run.torque[settled] for run in (r.run, r.backwards, r.two_motors))
+    near = float((np.abs(two - abs(PRINTED_LEVEL)) <= NEAR).mean())
     return Claim(
         "torque_level", "4, Fig. 4",
         "the input torque is almost constant at around -0.9 N m, except the case when the rotation "
         "speed is a constant",
-        f"+{ours.mean:.3f} N m in the mean at a constant 1 rad/s, {under_pid.mean:.3f} in "
-        f"the PID's run, {backwards.low:.2f} to {backwards.high:.2f} turning the other way; of "
-        f"{len(r.levels)} interpretations the nearest mean is {means[nearest]:.3f} ({nearest}), "
-        f"under the PID {two.low:.3f} to {two.high:.3f} the other way round, {100 * two.near:.0f} "
-        f"% of the time within {NEAR} of {abs(goal)}",
-        _verdict(abs(means[nearest] - goal) <= CLOSE * abs(goal)),
+        f"+{r.mean_torque:.3f} N m in the mean at a constant 1 rad/s, {mean.mean():.3f} in the "
+        f"PID's run, {back.min():.2f} to {back.max():.2f} turning the other way; each of two "
+        f"motors {two.min():.3f} to {two.max():.3f}, {100 * near:.0f} % of the time within {NEAR} "
+        f"of {abs(PRINTED_LEVEL)}",
+        _verdict(abs(r.mean_torque - PRINTED_LEVEL) <= CLOSE * abs(PRINTED_LEVEL)),
     )  # fmt: skip
 
 
@@ -301,27 +298,12 @@ def _list(values: Iterable[float]) -> str:
     return f"{', '.join(most)} and {last}" if most else last
 
 
-def tables(
-    claims: Iterable[Claim], levels: Iterable[Level], pid_levels: Iterable[PIDLevel]
-) -> dict[str, str]:
-    """Return the tables in Markdown by their headings."""
-    torque = "interpretation", "lowest (N m)", "mean (N m)", "highest (N m)"
-    near = f"within {NEAR} of {abs(PRINTED_LEVEL)} N m"
-    return {
-        "Claims": _table(
-            ("claim", "says", "computed", "verdict"),
-            [(f"{c.key} ({c.where})", c.says, c.computed, f"**{c.verdict}**") for c in claims],
-        ),
-        "Torque at a constant 1 rad/s, by interpretation": _table(
-            (*torque, "joint loss (W)"),
-            [(name, *map(_number, values)) for name, *values in map(astuple, levels)],
-        ),
-        "Torque under the PID, by interpretation": _table(
-            (*torque, near),
-            [(name, *map(_number, values), f"{100 * share:.0f} %")
-             for name, *values, share in map(astuple, pid_levels)],
-        ),
-    }  # fmt: skip
+def table(claims: Iterable[Claim]) -> str:
+    """Return the claims as a table in Markdown."""
+    rows = [(f"{c.key} ({c.where})", c.says, c.computed, f"**{c.verdict}**") for c in claims]
+    # Cells of whole sentences: not padded to one width.
+    heads = "claim", "says", "computed", "verdict"
+    return tabulate(rows, heads, "github", disable_numparse=True, stralign=None) + "\n"
 
 
 def as_lines(claims: list[Claim]) -> str:
@@ -329,12 +311,3 @@ def as_lines(claims: list[Claim]) -> str:
     lines = [f"{c.verdict:<24}{c.key.replace('_', ' ')} ({c.where})" for c in claims]
     held = sum(c.verdict == HOLDS for c in claims)
     return "\n".join([*lines, f"{held} of {len(claims)} claims hold without a condition"])
-
-
-def _number(value: float) -> str:
-    return f"{round(value, 3) + 0.0:.3f}"  # not -0.000
-
-
-def _table(head: Sequence[str], cells: Sequence[Sequence[str]]) -> str:
-    # Cells of whole sentences: not padded to one width.
-    return tabulate(cells, head, "github", disable_numparse=True, stralign=None) + "\n"

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from jansen_env.files import write_whole
 from jansen_env.gravity import GRAVITY
 from jansen_env.paper import toes
+from jansen_env.paper.claims import PRINTED_LEVEL
 from jansen_env.paper.fixed_model import SETTLED
-from jansen_env.paper.interpretations import PRINTED_LEVEL, pid_run
 from jansen_env.paper.results import FRICTIONS, SLOW, Results
 from jansen_env.robot import JANSEN, paper_robot
 from jansen_env.robot.kinematics import O, P, T, toe_positions, world_joints
@@ -66,10 +66,9 @@ def torque(r: Results) -> Figure:
     """Fig. 4: the PID's torque against time."""
     figure, axes = _figure(7.2, 3.4)
     axes.plot(r.run.time[:-1], r.run.torque, color=INK, label="PID (13), crank speed about 1 rad/s")
-    two = pid_run(paper_robot(), motors=2)
-    axes.plot(two.time[:-1], -two.torque, color="#c2410c", lw=1.2,
+    axes.plot(r.two_motors.time[:-1], -r.two_motors.torque, color="#c2410c", lw=1.2,
               label="two motors, each one's, counted the other way round")  # fmt: skip
-    mean = r.levels[0].mean
+    mean = r.mean_torque
     axes.axhline(mean, color=ACCENT, ls="--", lw=1.1)
     axes.axhline(PRINTED_LEVEL, color=MUTED, ls=":", lw=1.3)
     note = partial(axes.text, ha="right", fontsize=8.5)

@@ -80,6 +80,12 @@ def simulate_pid(advance: Advance, direction: float = 1.0, duration: float = DUR
     return simulate(advance, controller, duration)
 
 
+def pid_run(robot: Robot, motors: int = 1, direction: float = 1.0) -> Run:
+    """The PID's 10 s, with its torque on the shaft ``motors`` times; its torque is one motor's."""
+    advance = tables_advance(robot)
+    return simulate_pid(lambda angle, speed, tau: advance(angle, speed, motors * tau), direction)
+
+
 def simulate(advance: Advance, controller: Callable[..., float], duration: float) -> Run:
     """A controller (time, angle, speed) -> torque on the mechanism for a while (s), from rest."""
     time = SAMPLING * np.arange(round(duration / SAMPLING) + 1, dtype=np.float64)

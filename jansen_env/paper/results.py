@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from jansen_env.dynamics.inverse import crank_torque
 from jansen_env.dynamics.joint_forces import JointForces, joint_forces
-from jansen_env.paper import fixed_model, free_walk, interpretations, toes
-from jansen_env.robot import Robot, paper_robot
+from jansen_env.paper import fixed_model, free_walk, toes
+from jansen_env.robot import Bar, Robot, paper_robot
 
 Array = NDArray[np.float64]
 
+ANGLES = 360  # crank angles in a turn
 LONG = 80.0  # s: what is left of the start dies out with kp / ki = 10 s
 RIPPLE = 40.0  # s, of a fixed-base run at constant torque
 SPEEDS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0)  # rad/s, of the crank, walking
@@ -40,8 +41,9 @@ class Results:
     forces: Array  # (samples, 8, 3) constraint moment and force on the right forepaw in `run`
     fixed_loads: free_walk.Loads  # of all legs over a turn at 1 rad/s
     walking_loads: dict[tuple[float, float], free_walk.Loads]  # by speed and friction
-    levels: list[interpretations.Level]
-    pid_levels: list[interpretations.PIDLevel]
+    mean_torque: float  # N m, over a turn at a constant 1 rad/s
+    two_motors: fixed_model.Run  # the PID's 10 s with a motor on either side
+    backwards: fixed_model.Run  # and with the reference turning the other way
     heaves: list[toes.Heave]  # by number of phases
     other_heaves: dict[str, float]  # of four legs, m, by the lengths that the print leaves open
     support: toes.DoubleSupport  # a slow walk's two toes
@@ -53,7 +55,7 @@ class Results:
 def compute() -> Results:
     """Compute everything; 15 s."""
     robot = paper_robot()
-    advance, run = fixed_model.tables_advance(robot), interpretations.pid_run(robot)
+    advance, run = fixed_model.tables_advance(robot), fixed_model.pid_run(robot)
     return Results(
         run=run,
         long=fixed_model.simulate_pid(advance, duration=LONG),
@@ -65,17 +67,29 @@ def compute() -> Results:
         fixed_loads=_fixed_loads(),
         walking_loads={(speed, mu): free_walk.largest_loads(
             free_walk.walking_forces(robot, speed, 3, mu)) for speed, mu in LOADS},
-        levels=interpretations.torque_levels(),
-        pid_levels=interpretations.pid_levels(),
+        mean_torque=float(crank_torque(robot, toes.turn(ANGLES)).total.mean()),
+        two_motors=fixed_model.pid_run(robot, motors=2),
+        backwards=fixed_model.pid_run(robot, direction=-1.0),
         heaves=[toes.heave(phases) for phases in toes.PHASES],
         other_heaves={name: float(np.ptp(np.minimum(*toes.lowest_toes(other, toes.turn(2880)))))
-                      for name, other in interpretations.other_lengths().items()},
+                      for name, other in _other_lengths().items()},
         support=toes.double_support(robot),
         slow={mu: free_walk.walk(robot, SLOW, 2, mu) for mu in FRICTIONS},
         walks=[free_walk.walk(robot, speed, round(WALK * speed / (2.0 * math.pi)))
                for speed in SPEEDS],
         no_slip=free_walk.walk(robot, NO_SLIP[0], 12, start=NO_SLIP[1]),
     )  # fmt: skip
+
+
+def _other_lengths() -> dict[str, Robot]:
+    """The paper's machine with the lengths that its print leaves open taken the other way."""
+    paper = paper_robot()
+    return {
+        "L6 and L11 swapped": paper.with_bodies(
+            rocker=paper.body("coupler"), coupler=paper.body("rocker")
+        ),
+        "frame of hypot(l0, h0) = 0.32765 m": paper.with_bodies(frame=Bar(0.32765)),
+    }
 
 
 def _ripple(robot: Robot, torque: float) -> free_walk.Ripple:
@@ -93,6 +107,6 @@ def _forces(angle: Array, speed: Array, torque: Array) -> JointForces:
 
 def _fixed_loads() -> free_walk.Loads:
     """The largest loads over a turn at 1 rad/s."""
-    angle = toes.turn(interpretations.ANGLES)
+    angle = toes.turn(ANGLES)
     torque = crank_torque(paper_robot(), angle).total
     return free_walk.largest_loads(_forces(angle, np.ones(len(angle)), torque))

@@ -277,7 +277,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
     def call_one(self, i: int, name: str, *args: object, **kwargs: object) -> Any:
         """Call one of :data:`METHODS` of robot ``i``."""
         if name not in METHODS:
-            raise AttributeError(f"{name!r} cannot be asked of a robot, must be in {METHODS}")
+            raise AttributeError(f"{name!r} is no method of one robot, must be in {METHODS}")
         if name == "render":
             return self._renderers.draw(self, i)
         return getattr(self, name)(i, *args, **kwargs)
@@ -302,7 +302,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         common = f"single_{name}" if name in ("observation_space", "action_space") else name
         value = getattr(self, common)
         if callable(value):
-            raise AttributeError(f"{name!r} cannot be asked of a robot, must be in {METHODS}")
+            raise AttributeError(f"{name!r} is no method of one robot, must be in {METHODS}")
         return (value,) * self.num_envs
 
     def set_attr(self, name: str, values: object) -> None:

@@ -394,8 +394,8 @@ class Batch:
             pushes = self._no_pushes
         else:
             pushes = check_pushes(pushes, len(self.states), steps)
-        asked = torque, *(self._at_once if earlier is None else (earlier, switch)), pushes
-        self._run(self._every if rows is None else rows, asked, steps, meanwhile, finish)
+        torques = torque, *(self._at_once if earlier is None else (earlier, switch)), pushes
+        self._run(self._every if rows is None else rows, torques, steps, meanwhile, finish)
 
     def lookahead(
         self, torque: float = 0.0, rows: Ints | None = None, pushes: Array | None = None
@@ -417,12 +417,12 @@ class Batch:
     def _run(
         self,
         rows: Ints,
-        asked: tuple[Array | Ints | None, ...],
+        torques: tuple[Array | Ints | None, ...],
         steps: int,
         meanwhile: Callable[[], None] | None = None,
         finish: Callable[[Ints], None] | None = None,
     ) -> None:
-        """:meth:`step` of some robots; ``asked``: torque, earlier, switch and pushes."""
+        """:meth:`step` of some robots; ``torques``: torque, earlier, switch and pushes."""
         if len(rows) == 0:  # others are placed, no more
             if meanwhile is not None:
                 meanwhile()
@@ -444,7 +444,7 @@ class Batch:
 
         def move(thread: int, shares: Ints, most: int, memory: Memory) -> tuple[bool, bool]:
             count = self._advance(
-                thread, shares, most, rows, steps, *asked, plain, memory, self._shared
+                thread, shares, most, rows, steps, *torques, plain, memory, self._shared
             )
             *_, moved, (far, diverged) = memory
             if finish is not None and count > 0:
@@ -571,7 +571,7 @@ class Batch:
         for name in (*RESULTS, *PARAMETERS):
             getattr(self, name)[:] = saved[name]
         for params in (self.params, self.nominal_params):
-            params["design"] = self.designs.number  # which are numbered anew
+            params["design"] = self.designs.number  # which are numbered again
         self._ask_ground(self._every)
         self.tracing, self.in_contact = saved["tracing"], saved["in_contact"]
         self.any_diverged = bool(self.diverged.any())

@@ -128,9 +128,9 @@ class Plant:
                 ground. The state is as it was before.
         """
         steps = max(1, round(positive("duration", duration) / self.time_step))
-        asked, before = np.array([torque], dtype=float), np.array([earlier], dtype=float)
+        held, before = np.array([torque], dtype=float), np.array([earlier], dtype=float)
         impulses = None if pushes is None else check_pushes(pushes, steps)[None]
-        self.batch.step(asked, steps, before, np.array([switch]), pushes=impulses)
+        self.batch.step(held, steps, before, np.array([switch]), pushes=impulses)
         return self._result(torque, steps)
 
     def _result(self, torque: float, steps: int) -> StepResult:

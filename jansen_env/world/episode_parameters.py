@@ -143,7 +143,7 @@ class EpisodeParameters:
     def check_names(
         self, i: int, names: Sequence[str], label: str, robot: Robot | None = None
     ) -> None:
-        """Raises ValueError where a parameter would do nothing for a robot, or another one."""
+        """Raise ValueError where a parameter would do nothing for a robot."""
         useful = self._useful(i, robot or self._plant.robots[i]) if names else ()
         for name in names:
             if name not in useful:

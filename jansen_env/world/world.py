@@ -85,7 +85,7 @@ class World:
         plant: moves the robots.
         episodes: their parameters and terrains. lengths: of their links.
         data: (n,) rows of the engine: last actions, ``info`` and ``energy``.
-        information, energies, arrays, groups: what is told of robots, see
+        information, energies, arrays, groups: information on robots, see
             :class:`jansen_env.tasks.information.InfoBuilder`.
         observations: what it can observe. toe_load: (n, toes) normal forces / weight.
         control_dt: s for which an action is held. elapsed: (n,) control steps since the reset.

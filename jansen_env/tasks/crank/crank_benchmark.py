@@ -79,7 +79,7 @@ CRANK = Benchmark(
         "return": Metric("return", "", mean_of("returns")),
         "rms_error": Metric("RMS tracking error", "rad", mean_of("rms_error")),
         "peak_error": Metric("peak tracking error", "rad", mean_of("peak_error")),
-        # Whoever turns the crank feeds the same friction: policies differ in the last digits.
+        # All controllers feed the same friction: they differ in the last digits.
         "rms_torque": Metric("RMS torque", "N m", mean_of("rms_torque"), digits=4),
         "peak_torque": Metric("peak torque", "N m", mean_of("peak_torque")),
         "power": Metric("mean motor power", "W", lambda run, _: run["work"] / run["duration"]),

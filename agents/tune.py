@@ -15,7 +15,7 @@ from jansen_env.baselines.pid import PID
 from jansen_env.baselines.policy import Array, Controlled
 from jansen_env.checks import listed
 from jansen_env.commands.flags import Parser, positive_int
-from jansen_env.files import write_json
+from jansen_env.files import check_writable, write_json
 from jansen_env.robot import ROBOTS
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.rollout import make_env, run_episodes
@@ -87,6 +87,8 @@ def main(arguments: list[str] | None = None) -> None:
     for name in args.baselines:
         if name not in MEASURED:
             parser.error(f"baseline is {name!r}, must be one of {listed(MEASURED, name)}")
+    with parser.refusing():
+        check_writable("--out", args.out)
     path = args.out / DATA.name
     for name in args.baselines or MEASURED:
         made = (measure_pid(args.episodes, args.robot) if name == "pid"

@@ -2,6 +2,7 @@
 
 import pytest
 
+from agents import tune
 from jansen_env.commands import enjoy, evaluate, replay
 
 REFUSED = {
@@ -20,6 +21,9 @@ REFUSED = {
         (["--out", f"{__file__}/out"], "out, must be a folder that can be written to"),
         (["--env", "JansenCrank-v0", "--plant", "rigid_body"], "has one plant only"),
         (["--env", "JansenCrank-v0", "--levels", "1"], "--levels needs one of"),
+    ],
+    (tune, "pid"): [
+        (["--out", f"{__file__}/out"], "out, must be a folder that can be written to"),
     ],
     (enjoy, "--env", "JansenCrank-v0"): [
         (["--policy", "nobody"], "must be one of ['pid', 'constant', 'inverse', 'pretrained']"),

@@ -43,6 +43,20 @@ def walk(env, steps=40):
     return np.array([env.step(action)[0] for _ in range(steps)])
 
 
+def rollout(policy, envs, steps, seed=0):
+    """(n,) returns and motor work, J, of episodes side by side, which go on, and the last infos."""
+    observation, _ = envs.reset(seed=seed)
+    n = len(observation)
+    memory, on, returns, work = None, np.ones(n, bool), np.zeros(n), np.zeros(n)
+    for k in range(steps):
+        action, memory = policy.predict(observation, memory, np.full(n, k == 0))
+        observation, reward, terminated, truncated, infos = envs.step(action)
+        returns += on * reward
+        work += on * np.abs(infos["energy"]["motor_work"])
+        on &= ~(terminated | truncated)
+    return returns, work, on, infos
+
+
 def same(a, b, place="it"):
     """Whether nested information agrees bit for bit, types too; fails where it does not."""
     assert type(a) is type(b), place

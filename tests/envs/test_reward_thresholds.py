@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import gymnasium as gym
 import numpy as np
 import pytest
+from side_by_side import rollout
 
 from jansen_env.policies import pretrained
 from jansen_env.registration import IDS
@@ -16,17 +17,9 @@ STILL = SimpleNamespace(predict=lambda seen, *_: (np.zeros((len(seen), 1), np.fl
 
 def mean_return(policy_of, env_id, episodes):
     """Mean return of episodes as ``reset`` draws them."""
-    envs = gym.make_vec(env_id, episodes, info_keys=())
-    policy, memory = policy_of(gym.make(env_id).unwrapped), None
-    observation, _ = envs.reset(seed=1000)
-    going, returns = np.ones(episodes, bool), np.zeros(episodes)
-    for step in range(envs.spec.max_episode_steps):
-        action, memory = policy.predict(observation, memory, np.full(episodes, step == 0))
-        observation, reward, terminated, truncated, _ = envs.step(action)
-        returns += going * reward
-        going &= ~(terminated | truncated)
-    envs.close()
-    return returns.mean()
+    envs = gym.make_vec(env_id, episodes)
+    policy = policy_of(gym.make(env_id).unwrapped)
+    return rollout(policy, envs, envs.spec.max_episode_steps, seed=1000)[0].mean()
 
 
 @pytest.mark.slow

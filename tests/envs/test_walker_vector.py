@@ -134,14 +134,6 @@ def test_an_action_that_is_ignored_may_be_anything():
     assert [env.get_state(i)["action"] for i in range(2)] == before  # as all of the state
 
 
-def test_options_for_each():
-    env = together(3)
-    angles, commands = np.array([0.1, 2.0, 5.0]), np.array([0.1, 0.5, -0.3])
-    _, info = env.reset(seed=0, options={"crank_angle": angles, "speed_command": commands})
-    assert np.array_equal(info["crank_angle"], angles)
-    assert np.array_equal(info["speed_command"], commands)
-
-
 @pytest.mark.parametrize("mode", MODES)
 def test_information_on_request(mode):
     """With ``info_keys`` infos have these and no others; all else is as ever, bit for bit."""
@@ -165,15 +157,23 @@ def test_information_on_request(mode):
 
 
 def test_members_can_be_asked_and_told():
-    env = together(3, friction=0.5)
-    env.reset(seed=0)
+    env = together(3, friction=0.5, limit=7, reset_noise_scale=[0.1, 0.2, 0.3])
+    angles = np.array([0.1, 2.0, 5.0])
+    _, info = env.reset(seed=0, options={"crank_angle": angles})
+    assert np.array_equal(info["crank_angle"], angles)
     assert env.get_attr("control_dt") == (0.02,) * 3
+    assert env.get_attr("max_episode_steps") == (7.0,) * 3
+    assert env.get_attr("reset_noise_scale") == (0.1, 0.2, 0.3)
+    assert env.get_attr("np_random")[0] is env.np_random[0]
+    with pytest.raises(AttributeError, match="reset"):
+        env.call("reset")
     assert env.call("friction") == (0.5,) * 3
     env.set_attr("friction", [0.1, 0.2, 0.3])
     env.set_attr("payload", 2.0)
     env.set_attr("speed_command", 0.4)
     assert env.get_attr("friction") == (0.1, 0.2, 0.3)
-    other = together(3, friction=[0.1, 0.2, 0.3], payload=2.0, speed_command=0.4)
+    arguments = {"friction": [0.1, 0.2, 0.3], "payload": 2.0, "speed_command": 0.4}
+    other = together(3, limit=7, reset_noise_scale=[0.1, 0.2, 0.3], **arguments)
     assert np.array_equal(env.reset(seed=5)[0], other.reset(seed=5)[0])
     action = np.full((3, 1), 0.7, np.float32)
     for _ in range(20):
@@ -268,12 +268,3 @@ def test_a_robot_that_diverges_ends_its_own_episode_only(mode):
     assert diverged[1] >= 5 and not diverged[[0, 2, 3]].any()
     ours.close()
     theirs.close()
-
-
-def test_what_each_robot_has_of_its_own():
-    env = together(2, limit=7, reset_noise_scale=[0.1, 0.2])
-    assert env.get_attr("max_episode_steps") == (7.0, 7.0)
-    assert env.get_attr("reset_noise_scale") == (0.1, 0.2)
-    assert env.get_attr("np_random")[0] is env.np_random[0]
-    with pytest.raises(AttributeError, match="reset"):
-        env.call("reset")

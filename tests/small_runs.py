@@ -35,8 +35,11 @@ class Killed(BaseException):
     """Nothing in training catches it."""
 
 
-def go_on(settings, folder: Path, killed_after=float("inf")):
-    """Train from a folder's last state to the end, as train.py does, or for so many steps only."""
+def go_on(settings, folder: Path, killed_after=float("inf"), every=None):
+    """Train from a folder's last state to the end, as train.py does, or for so many steps only.
+
+    With checkpoints and evaluations ``every`` so many steps; returns the model.
+    """
     steps = settings.timesteps
     with runs.locked(folder):
         resume = runs.last_state(folder)
@@ -45,12 +48,13 @@ def go_on(settings, folder: Path, killed_after=float("inf")):
         runs.record_run(folder, settings, "python train.py")
         try:
             training.train(
-                model, settings, folder, eval_every=steps // 3, save_every=steps // SAVED,
-                resume=resume, progress=False,
+                model, settings, folder, eval_every=every or steps // 3,
+                save_every=every or steps // SAVED, resume=resume, progress=False,
             )  # fmt: skip
             assert killed_after == float("inf"), "it has come to its end before"
         except Killed:
             pass
+    return model
 
 
 def _kill(venv, steps):

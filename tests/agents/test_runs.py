@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
-from small_runs import small_run
+from small_runs import go_on, small_run
 from stable_baselines3 import PPO
 
 import train
@@ -40,16 +40,6 @@ def returns(monkeypatch):
     return left
 
 
-def go(settings, folder, resume=None):
-    """Train, with evaluations and checkpoints every :data:`KEPT` steps."""
-    model = training.prepare(settings, resume)
-    runs.record_run(folder, settings, "python train.py")
-    training.train(
-        model, settings, folder, eval_every=KEPT, save_every=KEPT, resume=resume, progress=False
-    )
-    return model
-
-
 def kill(folder):
     """Leave of a finished run what a kill shortly before its end leaves."""
     (folder / runs.FINAL).unlink()
@@ -57,7 +47,7 @@ def kill(folder):
 
 def test_learning_rate_never_goes_below_zero(tmp_path, returns):
     falling = {"n_steps": 8, "clip_range": "linear_0.2", "learning_rate": "linear_1e-3"}
-    model = go(small_config(timesteps=100, hyperparameters=falling), tmp_path)
+    model = go_on(small_config(timesteps=100, hyperparameters=falling), tmp_path, every=KEPT)
     assert model.num_timesteps > 100
     assert model.policy.optimizer.param_groups[0]["lr"] == 0.0
     assert all(torch.isfinite(p).all() for p in model.policy.parameters())
@@ -68,25 +58,25 @@ def test_learning_rate_never_goes_below_zero(tmp_path, returns):
 def test_resumed_run_keeps_a_better_model(tmp_path, returns):
     """The best model is of steps trained again: only a better one takes its place."""
     returns += [1.0, 5.0]
-    go(small_config(), tmp_path)
+    go_on(small_config(), tmp_path, every=KEPT)
     best = (tmp_path / runs.BEST).read_bytes()
     assert read_model(tmp_path / runs.BEST).steps == STEPS
     kill(tmp_path)
     returns += [2.0, 2.0]
-    go(small_config(), tmp_path, runs.last_state(tmp_path))
+    go_on(small_config(), tmp_path, every=KEPT)
     assert (tmp_path / runs.BEST).read_bytes() == best
     found = [row["return"] for row in runs.read_evaluations(tmp_path)]
     assert found == [1.0, 2.0, 2.0]
     kill(tmp_path)
     returns += [6.0]
-    go(small_config(), tmp_path, runs.last_state(tmp_path))
+    go_on(small_config(), tmp_path, every=KEPT)
     assert (tmp_path / runs.BEST).read_bytes() != best
     assert runs.best_score(tmp_path) == 6.0
 
 
 def test_of_equal_models_the_first_is_kept(tmp_path, returns, capsys):
     returns += [5.0, 5.0]
-    go(small_config(), tmp_path)
+    go_on(small_config(), tmp_path, every=KEPT)
     assert read_model(tmp_path / runs.BEST).steps == KEPT
     assert capsys.readouterr().out.count("(the best so far)") == 1
 
@@ -94,13 +84,13 @@ def test_of_equal_models_the_first_is_kept(tmp_path, returns, capsys):
 def test_the_last_evaluation_is_printed_once(tmp_path, returns, capsys):
     """The last update of a learning rate that falls to 0 changes nothing."""
     returns += [1.0, 2.0, 2.0]
-    go(small_config(), tmp_path)
+    go_on(small_config(), tmp_path, every=KEPT)
     assert capsys.readouterr().out.count(f"evaluation: {STEPS} steps, ") == 1
 
 
 def test_finished_run_stays_as_it_is(tmp_path, returns, no_scores, capsys):
     """Resumed with nothing left to train it is scored only; with more steps it goes on."""
-    go(small_config(), tmp_path)
+    go_on(small_config(), tmp_path, every=KEPT)
     PPO.load(tmp_path / runs.FINAL, device="cpu")  # Stable-Baselines3 reads what is saved, too
     names = (runs.FINAL, "config.yml", "command.txt", "evaluations.json")
     before = [(tmp_path / name).read_bytes() for name in names]
@@ -161,10 +151,10 @@ def test_ctrl_c_says_how_to_go_on(tmp_path, returns, monkeypatch, capsys):
 
     with monkeypatch.context() as patch, pytest.raises(SystemExit) as stopped:
         patch.setattr(callbacks.Saver, "_on_step", interrupt)
-        go(small_config(), tmp_path)
+        go_on(small_config(), tmp_path, every=KEPT)
     assert stopped.value.code == 130
     assert f"--resume {tmp_path} goes on" in capsys.readouterr().out
-    go(small_config(), tmp_path, runs.last_state(tmp_path))
+    go_on(small_config(), tmp_path, every=KEPT)
     assert read_model(tmp_path / runs.FINAL).steps == STEPS
 
 
@@ -220,4 +210,4 @@ def test_failed_resume_changes_nothing(tmp_path, started):
 def test_training_that_diverges_says_so(tmp_path, returns):
     settings = small_config(hyperparameters={"n_steps": 8, "learning_rate": 1e30})
     with pytest.raises(SystemExit, match=r"training diverged at \d+ steps: .* lower learning_rate"):
-        go(replace(settings, timesteps=4 * STEPS), tmp_path)
+        go_on(replace(settings, timesteps=4 * STEPS), tmp_path, every=KEPT)

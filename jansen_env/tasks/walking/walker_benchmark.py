@@ -27,6 +27,7 @@ from jansen_env.baselines.policy import (
     columns,
     pid_policy,
 )
+from jansen_env.engine.mathematics import angles_of
 from jansen_env.robot import ROBOTS, Robot
 from jansen_env.scoring.metrics import (
     SETTLING,
@@ -72,7 +73,7 @@ def walking_pid(crank_speed: Setting, env: Controlled, pid: PID = PAPER_PID) -> 
     )
 
     def reference(seen: Array, memory: Memory, starts: Bools) -> tuple[Array, Array, Memory]:
-        angle = np.arctan2(seen[:, sin], seen[:, cos])
+        angle = angles_of(seen[:, [cos, sin]])
         last, target = memory or (angle, angle)  # unwrapped, rad
         last, target = np.where(starts, angle, last), np.where(starts, angle, target)
         unwrapped = last + ((angle - last + np.pi) % (2.0 * np.pi) - np.pi)

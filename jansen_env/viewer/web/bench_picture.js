@@ -14,13 +14,13 @@ export const STYLE = `
 .circle { stroke: var(--edge, #d3dce6); }
 .path { stroke: var(--accent, #1f69ad); }
 .stance { stroke: var(--toe-grip, #008c7a); }
-.kept { stroke: var(--second, #c05f00); }
+.kept { stroke: var(--second, #b45800); }
 .gap { stroke: var(--slip, #c81e1e); }
 .plate { fill: var(--accent, #1f69ad); fill-opacity: 0.22; stroke: var(--ink, #263242); }
 .link { stroke: var(--ink, #263242); }
 .crank { stroke: #f08c10; }
 .frame { stroke: var(--muted, #566274); }
-.lit { stroke: var(--second, #c05f00); }
+.lit { stroke: var(--second, #b45800); }
 .dead { fill: var(--force, #7c3abe); }
 .far { --ink: var(--edge); --muted: var(--edge); --accent: var(--edge); }
 .far .crank { opacity: 0.35; }

@@ -24,7 +24,7 @@ const RELEASE_RATE = 8; // ... and after it
 const COMMAND_RATE = 0.5; // 1/s, of the command while a key is held, of the fastest
 const FIRST_COMMAND = 0.3; // m/s
 const WINDOW = 10; // s, of the plots
-const REPLOT = 200; // ms between two pictures of the plots
+const REPLOT = 200; // ms between two pictures of the plots, and of numbers
 const DEAD_ZONE = 0.12; // of a gamepad's stick
 const LARGEST_SEED = 2 ** 32 - 1;
 const MESSAGE_TIME = 6000; // ms for which a message is shown
@@ -159,6 +159,7 @@ function choose(changes) {
     if (changes[robot] && choice[control] !== HAND) choice[control] = controlFor(choice[robot]);
   try {
     if (Object.keys(changes).every((name) => name.startsWith("control"))) {
+      goOn();
       walkers[0].take(choice.control);
       walkers[1]?.take(secondControl(choice));
       chosen = choice;
@@ -234,6 +235,7 @@ function frame(now) {
   for (const [i, walker] of walkers.entries()) draw(walker, $("pictures").children[i]);
   if (now - plotted > REPLOT) {
     plotted = now;
+    for (const [i, walker] of walkers.entries()) showScore(walker, $("pictures").children[i]);
     drawPlots();
     showPast();
     showEnergies();
@@ -311,7 +313,7 @@ function draw(walker, figure) {
   const now = shownAt === null;
   const index = now ? walker.past.length - 1 : walker.indexOf(shownAt);
   const state = walker.poseAt(index, now ? due : 1);
-  const reach = Math.max(...walkers.map(({ machine }) => machine.scene.reach)); // one scale
+  const reach = Math.max(...walkers.map((each) => each.reach)); // one scale
   const view = followingView(size, { ...scene, reach }, state, drawing ? OVERVIEW : 1);
   drawScene(ctx, size, scene, state, view, { theme });
   const at = ([x, y]) => [
@@ -320,23 +322,15 @@ function draw(walker, figure) {
   ];
   const foot = [state.x, heightAt(scene.terrain, state.x)];
   figure.foot = { place: at(foot), scale: view.scale };
-  if (stroke)
-    drawStroke(
-      ctx,
-      stroke.map(([x, y]) => at([foot[0] + x, foot[1] + y])),
-      theme,
-    );
+  if (stroke) {
+    ctx.strokeStyle = css(theme.crank);
+    ctx.lineWidth = 3;
+    ctx.beginPath();
+    for (const [x, y] of stroke) ctx.lineTo(...at([foot[0] + x, foot[1] + y]));
+    ctx.stroke();
+  }
   figure.axis = at([state.x, state.y]);
   if (drag?.canvas === canvas) drawPush(ctx, drag, LARGEST_PUSH, theme);
-  showScore(walker, figure);
-}
-
-function drawStroke(ctx, points, theme) {
-  ctx.strokeStyle = css(theme.crank);
-  ctx.lineWidth = 3;
-  ctx.beginPath();
-  for (const [x, y] of points) ctx.lineTo(x, y);
-  ctx.stroke();
 }
 
 function write(place, text) {
@@ -431,7 +425,7 @@ function showPanel() {
   for (const button of document.querySelectorAll(".take"))
     button.textContent = byHand() ? "Let it walk" : "Take the crank";
   showInput();
-  explain("dt, label");
+  explain("dt, label, #plots span");
 }
 
 /** Show a choice; a robot of other lengths is an entry of its own. */
@@ -520,7 +514,7 @@ function addSlider({ name, label, low, high }) {
 function addPlot([label, unit]) {
   const figure = element("figure", {});
   const caption = element("div", {});
-  caption.append(element("dt", { textContent: label }), ` (${unit})`);
+  caption.append(element("span", { textContent: label }), ` (${unit})`);
   figure.append(caption, element("canvas", { role: "img", ariaLabel: `${label} over time` }));
   $("plots").append(figure);
 }

@@ -26,6 +26,7 @@ export class Walker {
   constructor(engine, data, robot, ground, control) {
     Object.assign(this, { engine, data, robot, ground });
     this.machine = new Machine(engine, robot, { points: ground });
+    this.reach = this.machine.scene.reach; // m
     this.take(control);
   }
 
@@ -110,7 +111,8 @@ export class Walker {
 
   /** Go back to a step with a snapshot; what came after it is forgotten. */
   back(count) {
-    const index = this.indexOf(count);
+    // One that has diverged has stopped before.
+    const index = this.past.findLastIndex((place) => place.snapshot && place.count <= count);
     const { state, control, memory, sums, fallen } = this.past[index].snapshot;
     this.machine.restore(state);
     if (control !== this.control) this.take(control);

@@ -87,7 +87,7 @@ function compare(path, target) {
   return { ...best, points, size };
 }
 
-/** Differences from the target, (2 POINTS), where points are matched as `found` matches them. */
+/** Differences from the target, (2 POINTS), where points are matched as `compare` has found. */
 function differences(path, target, { shift, way }) {
   const { points } = centred(evenly(path));
   return target.flatMap(([x, y], k) => {

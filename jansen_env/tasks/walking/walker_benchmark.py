@@ -73,7 +73,7 @@ def walking_pid(crank_speed: Setting, env: Controlled, pid: PID = PAPER_PID) -> 
     )
 
     def reference(seen: Array, memory: Memory, starts: Bools) -> tuple[Array, Array, Memory]:
-        angle = angles_of(seen[:, [cos, sin]])
+        angle = angles_of(np.stack([seen[:, cos], seen[:, sin]], axis=-1))
         last, target = memory or (angle, angle)  # unwrapped, rad
         last, target = np.where(starts, angle, last), np.where(starts, angle, target)
         unwrapped = last + ((angle - last + np.pi) % (2.0 * np.pi) - np.pi)

@@ -64,10 +64,11 @@ def test_a_missing_package_is_named(command, tmp_path):
 
 
 def test_what_needs_no_other_package(tmp_path):
-    """A replay of the policy that comes with the package, and MuJoCo's file."""
+    """A replay of the policy that comes with the package, the pages, and MuJoCo's file."""
     done = run("replay", "--policy", "pretrained", "--steps", "20", "--out", "x.html", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "x.html").stat().st_size > 50_000
+    assert run("play", "--no-open", "--out", "pages", cwd=tmp_path).returncode == 0
     assert run("mjcf", "paper", "--out", "x.xml", cwd=tmp_path).returncode == 0
     assert (
         'pip install -c constraints.txt -e ".[mujoco]"' in run("mjcf", "built").stderr

@@ -8,7 +8,7 @@ import webbrowser
 from pathlib import Path
 from urllib.parse import urlencode
 
-from jansen_env.checks import one_of
+from jansen_env.checks import one_of, whole_number
 from jansen_env.commands.flags import Parser
 from jansen_env.policies import pretrained
 from jansen_env.robot import ROBOTS
@@ -33,9 +33,9 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--robot", choices=sorted(ROBOTS), help="default: the environment's")
     add("--terrain", choices=(FLAT, *GENERATORS), help="default: the environment's")
     add("--level", type=int, default=0, help=f"of the terrain, 0 (default) to {HIGHEST}")
-    add("--policy", default=pretrained.DEFAULT, choices=(*policies, *CONTROLLERS),
-        help=f"walks at your speed command; default: the environment's {pretrained.DEFAULT}; "
-        "hand: you turn the crank")  # fmt: skip
+    add("--policy", choices=(*policies, *CONTROLLERS),
+        help=f"walks at your speed command; default: the environment's {pretrained.DEFAULT}, with "
+        "--robot that of the robot, or a constant speed; hand: you turn the crank")  # fmt: skip
     add("--seed", type=int, default=0, help="another number, another start and ground")
     add("--out", metavar="FOLDER", help="where the pages are written; default: a temporary folder")
     add("--bench", action="store_true", help="open the bench, the page to design on")
@@ -48,15 +48,19 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 def start_of(args: argparse.Namespace) -> dict[str, object]:
     """The choices with which the page starts. Raises ValueError: they do not go together."""
     defaults = pretrained.arguments_of(args.env)
-    control = args.policy
-    if control not in CONTROLLERS:
-        control = controller_name(args.env, one_of("--policy", control, pretrained.names(args.env)))
     terrain = args.terrain or defaults["terrain"]
-    for name, most in (("level", 0 if terrain == FLAT else HIGHEST), ("seed", MOST_SEED)):
-        if not 0 <= (value := getattr(args, name)) <= most:
-            raise ValueError(f"--{name} is {value}, must be from 0 to {most} on {terrain} ground")
-    return {"robot": args.robot or defaults["robot"], "control": control, "terrain": terrain,
-            "level": args.level, "seed": args.seed}  # fmt: skip
+    if terrain == FLAT and args.level:
+        raise ValueError(f"--level is {args.level}, must be 0 on flat ground")
+    start: dict[str, object] = {
+        "robot": args.robot or defaults["robot"],
+        "terrain": terrain,
+        "level": whole_number("--level", args.level, HIGHEST),
+        "seed": whole_number("--seed", args.seed, MOST_SEED),
+    }
+    name = args.policy or (None if args.robot else pretrained.DEFAULT)
+    if name not in (None, *CONTROLLERS):
+        name = controller_name(args.env, one_of("--policy", name, pretrained.names(args.env)))
+    return start if name is None else {**start, "control": name}
 
 
 def main(arguments: list[str] | None = None) -> None:

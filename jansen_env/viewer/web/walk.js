@@ -479,16 +479,9 @@ function optionOf(value) {
 function addChoice(id, label, options, act) {
   const select = element("select", { id });
   select.append(...options);
-  let pointed = false; // whether it was the pointer that chose, or keys, which may go on
-  select.addEventListener("pointerdown", () => {
-    pointed = true;
-  });
-  select.addEventListener("keydown", () => {
-    pointed = false;
-  });
   select.addEventListener("change", () => {
     act(select.value);
-    if (pointed) select.blur();
+    if (!select.matches(":focus-visible")) select.blur(); // the pointer chose
   });
   const row = element("div", {});
   row.append(element("label", { htmlFor: id, textContent: label }), select);

@@ -6,7 +6,6 @@ import subprocess
 import sys
 from dataclasses import replace
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from motions import pinned, runge_kutta, walked
@@ -216,24 +215,6 @@ def test_set_down_again_or_pickled_nothing_is_remembered():
         other.reset(crank_angle=0.4)
         other.step(2.0, 0.1)
     assert (plant.state == fresh.state).all()
-
-
-def test_the_task_is_the_same():
-    """Spaces, keys of info and the start agree with the default plant's."""
-    env, other = (gym.make("JansenWalker-v0", plant=name) for name in ("rigid_body", "projection"))
-    (seen, info), (expected, known) = env.reset(seed=3), other.reset(seed=3)
-    assert env.observation_space == other.observation_space
-    assert info.keys() == known.keys() and info["energy"].keys() == known["energy"].keys()
-    np.testing.assert_allclose(seen, expected, atol=0.03)
-    for _ in range(5):
-        action = np.array([0.2], np.float32)
-        _, reward, *_, info = env.step(action)
-        *_, known = other.step(action)
-    assert info.keys() == known.keys() and known["joint_gap"] == 0.0 < info["joint_gap"] < 2e-4
-    assert info["x_position"] == pytest.approx(known["x_position"], abs=3e-3)
-    factors = [value for name, value in info.items() if name.startswith("reward/")]
-    assert reward == pytest.approx(np.prod(factors), rel=1e-12)
-    assert env.unwrapped.plant.time_step < other.unwrapped.plant.time_step
 
 
 def spun(plant, state, torque, duration):

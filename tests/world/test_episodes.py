@@ -211,19 +211,27 @@ def test_friction_of_a_ground_of_ones_own():
 
 
 def test_the_second_plant_has_the_same_world():
-    """Parameters and ground of the same seed are the same, and the motion nearly."""
+    """Spaces, information, parameters and ground are the same, and the motion nearly."""
     kwargs = {**WORLD, "randomize": {**WORLD["randomize"], "delay": 0.0}}
     envs = [gym.make("JansenWalker-v0", plant=plant, **kwargs)
             for plant in ("projection", "rigid_body")]  # fmt: skip
+    assert envs[0].observation_space == envs[1].observation_space
     for seed in (0, 1):
         infos = [env.reset(seed=seed)[1] for env in envs]
         assert infos[0]["parameters"] == infos[1]["parameters"]
+        assert infos[0].keys() == infos[1].keys()
+        assert infos[0]["energy"].keys() == infos[1]["energy"].keys()
         assert envs[0].unwrapped.terrain == envs[1].unwrapped.terrain
         for name in ("weight", "friction"):
             values = [env.unwrapped.task.world.get_attr(name) for env in envs]
             assert values[0] == values[1]
         for _ in range(10):
-            ends = [env.step(np.full(1, 0.2, np.float32))[4] for env in envs]
+            steps = [env.step(np.full(1, 0.2, np.float32)) for env in envs]
+        ends = [step[4] for step in steps]
+        for (_, reward, *_), info in zip(steps, ends, strict=True):
+            factors = [value for name, value in info.items() if name.startswith("reward/")]
+            assert reward == pytest.approx(np.prod(factors), rel=1e-12)
+        assert ends[0]["joint_gap"] == 0.0 < ends[1]["joint_gap"] < 2e-4
         for name in ("x_position", "pitch", "crank_speed"):
             assert ends[0][name] == pytest.approx(ends[1][name], rel=0.05, abs=0.01)
 

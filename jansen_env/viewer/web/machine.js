@@ -11,6 +11,7 @@ const FLAT = [[-1, 0], [1, 0]]; // biome-ignore format: points
 const INFINITE = Number.POSITIVE_INFINITY;
 const [AIR, GRIP, SLIP] = [0, 1, 2]; // what a toe does
 
+const slope = ([x, y], [u, v]) => (v - y) / (u - x);
 const numbered = (count, make) => Array.from({ length: count }, (_, i) => make(i));
 const camel = (name) => name.replace(/_(\w)/g, (_, letter) => letter.toUpperCase());
 const camelled = (row) =>
@@ -22,9 +23,11 @@ export class Machine {
    * restitution}, null for level ground. Throws if the robot cannot turn its crank.
    */
   constructor(engine, robot, terrain) {
-    const [{ layout }, memory] = [engine, engine.memory()];
-    Object.assign(this, { layout, memory, robot, tables: compileRobot(engine, robot) });
+    const [{ layout }, memory, tables] = [engine, engine.memory(), compileRobot(engine, robot)];
+    Object.assign(this, { layout, numbers: layout.numbers, memory, robot, tables });
     this.line = polyline(terrain?.points ?? FLAT);
+    const slopes = this.line.slice(1).map((to, i) => slope(this.line[i], to));
+    this.steepest = slopes.reduce((a, b) => Math.max(a, Math.abs(b)), 0);
     this.stretches = stretchesOf(this.line, layout.numbers);
     const sumOf = (name) => robot.legs.length * exactSum(robot.bodies.map((link) => link[name]));
     Object.assign(this, { linksMass: sumOf("mass"), linksInertia: sumOf("inertia") });
@@ -39,34 +42,29 @@ export class Machine {
     this.parameters = { ...unity, ...layout.ground, payload, payload_x, payload_y, tilt: 0 };
     const { friction, restitution } = { ...layout.ground, ...terrain };
     this.apply(this.checked({ friction, restitution }));
-    this.longest = layout.numbers.TIME_STEP;
+    this.longest = this.numbers.TIME_STEP;
     this.reset();
   }
 
   /** The robot's tables and its ground, and work space. */
   makeFixed() {
-    const { memory, layout, toes, line, tables, robot } = this;
-    const { INTERVALS: intervals, ORDER: order } = layout.numbers;
-    const { body, pads, bearings, depths } = tables;
-    const numbers = (values, ...shape) => memory.filled("f8", values, ...shape);
-    this.body = numbers(body, 1, intervals, order, body.length / (intervals * order));
-    this.pads = numbers(pads, 1, pads.length / (3 * intervals * order), intervals, order, 3);
+    const { memory, layout, toes, line, robot } = this;
+    const { INTERVALS, ORDER, TIME_STEP: time_step, PLANES_PER_PAD } = this.numbers;
+    const { body, pads, bearings, depths } = this.tables;
+    const filled = (values, ...shape) => memory.filled("f8", values, ...shape);
+    this.body = filled(body, 1, INTERVALS, ORDER, body.length / (INTERVALS * ORDER));
+    this.pads = filled(pads, 1, robot.pads.length, INTERVALS, ORDER, 3);
     const padCount = robot.layout.length;
     this.padLayout = memory.array("PAD", 1, padCount);
     for (const [k, [table, phase, mirror]] of robot.layout.entries())
       this.padLayout.write({ table, phase, mirror }, k);
-    this.model = [this.body, this.pads, this.padLayout, numbers(bearings, 1, bearings.length)];
+    this.model = [this.body, this.pads, this.padLayout, filled(bearings, 1, bearings.length)];
     this.sides = memory.filled("i8", robot.sides.flat(), robot.sides.length, 2);
-    this.surface = numbers(line.flat(), line.length, 2);
-    this.depths = numbers(depths, 1, depths.length);
-    const capacity = layout.numbers.PLANES_PER_PAD * padCount;
+    this.surface = filled(line.flat(), line.length, 2);
+    this.depths = filled(depths, 1, depths.length);
+    const capacity = PLANES_PER_PAD * padCount;
     this.world = memory.array("WORLD", 1);
-    this.world.write({
-      time_step: layout.numbers.TIME_STEP,
-      stride: layout.stride,
-      toes,
-      capacity,
-    });
+    this.world.write({ time_step, stride: layout.stride, toes, capacity });
     this.planes = memory.array("PLANE", capacity);
     const [none, one] = layout.workSpace;
     this.work = none.map(([type, ...shape], k) => {
@@ -86,7 +84,7 @@ export class Machine {
   /** The walking task's settings and the columns of its observation, and pushes. */
   makeTask() {
     const { memory, layout, toes } = this;
-    const { steps, scan, commanded, numbers } = layout;
+    const { steps, scan, commanded } = layout;
     const loads = numbered(toes, (k) => `toe_load_${k}`);
     const heights = numbered(scan.length, (k) => `height_scan_${k}`);
     const [first, last] = [layout.observed.slice(0, -1), layout.observed.at(-1)]; // last_action
@@ -101,7 +99,7 @@ export class Machine {
     const push = memory.array("PUSHES", 1);
     push.write(layout.push);
     this.unplanned = [memory.array("i8", 1), memory.array("f8", 1), push, memory.array("b1", 1)];
-    this.schedule = memory.array("f8", 1, numbers.MOST_PUSHES, 3);
+    this.schedule = memory.array("f8", 1, this.numbers.MOST_PUSHES, 3);
     this.scheduled = memory.array("i8", 1);
     this.impulse = memory.array("f8", 1, steps, 2);
     this.noPushes = memory.array("f8", 0, 0, 2);
@@ -135,7 +133,7 @@ export class Machine {
     for (const [name, [type, ...shape]] of Object.entries(state))
       this[name] = memory.array(type, ...shape);
     this.state = () => new Uint8Array(memory.buffer, begin, memory.end - begin);
-    const status = { margin: this.layout.numbers.SPECULATIVE_MARGIN, end_vertex: this.line.length };
+    const status = { margin: this.numbers.SPECULATIVE_MARGIN, end_vertex: this.line.length };
     this.robots.write({ status: { ...status, asked_x: INFINITE } });
   }
 
@@ -156,8 +154,8 @@ export class Machine {
     if (all.restitution > 0 && stiffness < INFINITE)
       throw new Error(`restitution is ${all.restitution}, must be 0 with compliant pads`);
     const mass = all.mass_scale * this.linksMass + all.payload;
-    const gravity = layout.numbers.GRAVITY * this.memory.directions([all.tilt])[0][0];
-    if (restingDepth(mass, all.foot_stiffness_scale * stiffness, gravity) > layout.numbers.DEEPEST)
+    const gravity = this.numbers.GRAVITY * this.memory.directions([all.tilt])[0][0];
+    if (restingDepth(mass, all.foot_stiffness_scale * stiffness, gravity) > this.numbers.DEEPEST)
       throw new Error(`payload is ${all.payload} kg, which these feet are too soft to carry`);
     return numbers;
   }
@@ -165,6 +163,7 @@ export class Machine {
   /** Put checked numbers in force: robot_parameters.py, apply_to_kernels. */
   apply(numbers) {
     const { layout, tables, memory, parameters } = this;
+    const { GRAVITY, BOUND } = this.numbers;
     Object.assign(parameters, numbers);
     if ("payload" in numbers) {
       const payload = { mass: numbers.payload, inertia: 0, position: [0, 0] };
@@ -180,13 +179,10 @@ export class Machine {
       }
     const mass = parameters.mass_scale * this.linksMass + parameters.payload;
     const [pitchArm, crankArm] = tables.farthest.map(
-      ([centre, pad]) => layout.numbers.BOUND * ((row.mass_scale * centre) / mass + pad),
+      ([centre, pad]) => BOUND * ((row.mass_scale * centre) / mass + pad),
     );
     const reach = Math.sqrt(row.load_x * row.load_x + row.load_y * row.load_y);
     const [[cos], [sin]] = memory.directions([parameters.tilt]);
-    const slopes = this.line
-      .slice(1)
-      .map(([x, y], i) => (y - this.line[i][1]) / (x - this.line[i][0]));
     const params = {
       ...row,
       mass,
@@ -194,20 +190,20 @@ export class Machine {
       pitch_arm: pitchArm + (row.load_mass * reach) / mass,
       crank_arm: crankArm,
       winding: row.winding / parameters.motor_strength,
-      gravity_x: cos * 0 + sin * -layout.numbers.GRAVITY,
-      gravity_y: cos * -layout.numbers.GRAVITY - sin * 0,
-      steepest: Math.max(...slopes.map(Math.abs)),
+      gravity_x: cos * 0 + sin * -GRAVITY,
+      gravity_y: cos * -GRAVITY - sin * 0,
+      steepest: this.steepest,
     };
     this.robots.write({ params, status: { pad_radius: row.pad_radius } });
     const direction = tables.advance < 0 ? -1 : 1;
-    this.weight = layout.numbers.GRAVITY * mass;
+    this.weight = GRAVITY * mass;
     this.readings.write({ direction, weight: this.weight });
     this.fullTorque.view[0] = direction * this.torqueLimit * parameters.motor_strength;
   }
 
   /** Change parameters, and the command, m/s, from now on; throws, and then changes nothing. */
   change({ command, ...changes }) {
-    const most = this.layout.numbers.FASTEST_COMMAND;
+    const most = this.numbers.FASTEST_COMMAND;
     if (command !== undefined && !(Math.abs(command) <= most))
       throw new Error(`command is ${command}, must be between ${-most} and ${most}`);
     const numbers = this.checked(changes);
@@ -226,19 +222,18 @@ export class Machine {
   /** Begin at rest at x = 0 on the lowest toes, the crank at an angle, rad, with a speed, rad/s. */
   reset({ crankAngle = 0, crankSpeed = 0, command = 0 } = {}) {
     this.place(crankAngle);
-    const { force, loads, states, weight, tables, layout } = this;
+    const { force, loads, states, weight, tables } = this;
     const { view: forces } = force;
     loads.view.set(loads.view.map((_, toe) => forces[2 * toe + 1] / weight));
     states.view[7] = crankSpeed;
     this.askGround();
     for (const block of [this.asked, this.torque, this.earlier, this.reward]) block.view.fill(0);
-    const kept = this.readings.read();
-    this.readings.bytes.fill(0);
+    const { direction } = this.readings.read();
     const [x, , , , x_velocity] = states.view;
-    const { direction } = kept;
+    this.readings.bytes.fill(0);
     this.readings.write({ direction, weight, x_before: x, info: { x_velocity } });
     this.walk.bytes.fill(0);
-    const mean_path = Math.abs(tables.advance) / layout.numbers.STEPS_PER_TURN;
+    const mean_path = Math.abs(tables.advance) / this.numbers.STEPS_PER_TURN;
     this.walk.write({ mean_path, next_command: command, info: { speed_command: command } });
     Object.assign(this, { time: 0, pushes: [] });
     this.elapsed.view[0] = 0n;
@@ -256,7 +251,7 @@ export class Machine {
       const numbers = [crankAngle, Number.NaN, restingDepth(mass, stiffness[0], -gravity_y)];
       const [angle, pitch, depth] = numbers.map((value) => memory.filled("f8", [value]));
       memory.call("placement_lower", which, 0, angle, pitch, states, this.body, pads, common);
-      robots.write({ status: { margin: this.layout.numbers.SPECULATIVE_MARGIN } });
+      robots.write({ status: { margin: this.numbers.SPECULATIVE_MARGIN } });
       memory.call("placement_settle", which, depth, states, pads, common, planes);
     });
     const forget = () => {
@@ -272,9 +267,9 @@ export class Machine {
 
   /** Advance by time steps under `asked`: torque, the one before, when it ends, and pushes. */
   run(steps, asked) {
-    const { memory, layout, states, robots, statistics, flags, slip, force } = this;
-    if (steps * layout.numbers.TIME_STEP > this.longest) {
-      this.longest = steps * layout.numbers.TIME_STEP;
+    const { memory, states, robots, statistics, flags, slip, force } = this;
+    if (steps * this.numbers.TIME_STEP > this.longest) {
+      this.longest = steps * this.numbers.TIME_STEP;
       robots.write({ status: { asked_x: INFINITE } });
       this.askGround();
     }
@@ -328,9 +323,9 @@ export class Machine {
 
   /** Push the chassis at the crank axis from now on by an impulse, N s: world/push.py. */
   push(x, y) {
-    const { push, numbers } = this.layout;
+    const { layout, numbers } = this;
     if (!Number.isFinite(x + y)) throw new Error(`impulse is ${x}, ${y}, must be finite`);
-    const left = this.pushes.filter(([start]) => start + push.duration > this.time);
+    const left = this.pushes.filter(([start]) => start + layout.push.duration > this.time);
     if (left.length === numbers.MOST_PUSHES) throw new Error("there are too many pushes");
     this.pushes = [...left, [this.time, x, y]];
   }
@@ -414,8 +409,8 @@ export class Machine {
     const place = ([[u], [v]]) => [cos * u - sin * v + x, sin * u + cos * v + y];
     const toes = this.contactFrames().map(({ point, tangent: [u, v] }, toe) => {
       const [along, across] = force.view.slice(2 * toe, 2 * toe + 2);
-      const held = across > layout.numbers.TOUCHING * weight ? GRIP : AIR;
-      const contact = slip.view[toe] > layout.numbers.SLIPPING * layout.period ? SLIP : held;
+      const held = across > this.numbers.TOUCHING * weight ? GRIP : AIR;
+      const contact = slip.view[toe] > this.numbers.SLIPPING * layout.period ? SLIP : held;
       return { contact, point, force: [along * u - across * v, along * v + across * u] };
     });
     return { x, y, pitch, joints: closure.legs([psi]).map((joints) => joints.map(place)), toes };
@@ -429,7 +424,7 @@ export class Machine {
     memory.call("collision_pad_centres", design);
     const places = numbered(toes, (toe) => [...centres.view.slice(2 * toe, 2 * toe + 2)]);
     const found = places.map(([x, y]) => ({ point: [x, y - radius], tangent: [1, 0] }));
-    robots.write({ status: { margin: this.layout.numbers.SPECULATIVE_MARGIN } });
+    robots.write({ status: { margin: this.numbers.SPECULATIVE_MARGIN } });
     memory.scratch(() => {
       const given = memory.filled("f8", places.flat(), toes, 2);
       memory.call("collision_planes_near", 0, given, robots, surface, world, planes);

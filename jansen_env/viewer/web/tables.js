@@ -40,9 +40,8 @@ class Fourier {
       const angle = (part) => (0.5 * Math.PI * (4 * part - quarter[part] * count)) / count;
       const [cos, sin] = this.memory.directions(each(count, angle));
       const turned = (k, i) => [cos[i], -sin[i], -cos[i], sin[i]][k % 4];
-      const values = each(2 * count, (i) =>
-        turned(quarter[i % count] + (i < count ? 0 : 3), i % count),
-      );
+      const value = (i, ahead) => turned(quarter[i] + ahead, i);
+      const values = each(2 * count, (i) => (i < count ? value(i, 0) : value(i - count, 3)));
       this.turns[count] = this.memory.filled("f8", values, 2, count);
     }
     return this.turns[count];
@@ -93,9 +92,8 @@ class Fourier {
     for (const side of ["fore", "back"]) {
       const phases = legs.filter((leg) => leg.side === side).map((leg) => leg.phase);
       const ways = phases.map((phase) => this.memory.directions(each(all, (n) => phase * n)));
-      const [cos, sin] = [0, 1].map((k) =>
-        each(all, (n) => ways.reduce((sum, way) => sum + way[k][n], 0)),
-      );
+      const sumOf = (k) => each(all, (n) => ways.reduce((sum, way) => sum + way[k][n], 0));
+      const [cos, sin] = [sumOf(0), sumOf(1)];
       const back = side === "back";
       for (let i = 0; i < all * width; i += 1) {
         const n = (i / width) | 0;
@@ -111,23 +109,18 @@ class Fourier {
   /** (groups, intervals, order, functions of a group) polynomials of a series. */
   polynomials(series, groups) {
     const { memory, harmonics } = this;
-    const { INTERVALS: intervals, ORDER: order } = memory.layout.numbers;
+    const { INTERVALS, ORDER } = memory.layout.numbers;
     const width = series.shape[2];
-    const out = memory.array("f8", groups, intervals, order, width / groups);
-    const fine = this.turn(2 * intervals).view;
-    const half = each(
-      2 * harmonics,
-      (i) => fine[i < harmonics ? i : 2 * intervals + i - harmonics],
+    const out = memory.array("f8", groups, INTERVALS, ORDER, width / groups);
+    const fine = this.turn(2 * INTERVALS).view; // of which half a step's multiples come first
+    const half = [fine.slice(0, harmonics), fine.slice(2 * INTERVALS, 2 * INTERVALS + harmonics)];
+    const expansion = numbersOf(memory.layout.expansion, Float64Array);
+    const factors = [expansion, half.flatMap((part) => [...part])];
+    const given = factors.map((part) =>
+      memory.filled("f8", part, part.length / harmonics, harmonics),
     );
-    const weights = memory.filled(
-      "f8",
-      numbersOf(memory.layout.expansion, Float64Array),
-      order,
-      harmonics,
-    );
-    const given = [series, weights, memory.filled("f8", half, 2, harmonics), this.turn(intervals)];
-    const work = [this.work(intervals, width), memory.array("f8", 2, harmonics)];
-    memory.call("series_expand", given, work, out);
+    const work = [this.work(INTERVALS, width), memory.array("f8", 2, harmonics)];
+    memory.call("series_expand", series, given, this.turn(INTERVALS), work, out);
     return out.view.slice();
   }
 }
@@ -147,18 +140,14 @@ function compileIn(memory, robot) {
   const whole = x.map(([heading]) => unwrapped(heading));
   const turns = whole.map((angle) => nearest((angle.at(-1) - angle[0]) / TURN));
   const angles = whole.map((angle, k) => angle.map((value, i) => value - psi[i] * turns[k]));
-  const motion = fourier.series([
-    ...angles,
-    ...x.map((part) => part[1]),
-    ...x.map((part) => part[2]),
-  ]);
+  const centres = [1, 2].flatMap((k) => x.map((part) => part[k]));
+  const motion = fourier.series([...angles, ...centres]);
   const byAngle = each(2 * HARMONICS, (n) => (n < HARMONICS ? 0 : n - HARMONICS));
   const slope = fourier.sampled(motion, SAMPLES, byAngle);
   for (const [k, turn] of turns.entries()) slope[k] = slope[k].map((rate) => rate + turn);
   const sums = fourier.series(legSums(robot, x, slope));
-  const places = fourier.series(
-    robot.pads.flatMap(([joint, link]) => [...joints[joint], angles[link]]),
-  );
+  const padMotion = robot.pads.flatMap(([joint, link]) => [...joints[joint], angles[link]]);
+  const places = fourier.series(padMotion);
   if (![motion, sums, places].every((series) => fourier.tail(series) <= TAIL_TOLERANCE))
     throw new Error("its linkage passes too near a dead point: two links that meet are in line");
   const body = fourier.polynomials(fourier.ofLegs(sums, robot.legs, 1), 1);
@@ -227,9 +216,8 @@ function bearingFriction(fourier, robot, slope) {
   const one = each(2 * HARMONICS, (n) => (n < HARMONICS ? 1 : 0));
   for (const leg of robot.legs) {
     const turning = fourier.sampled(fourier.ofLegs(rates, [leg], 0), BEARING_SAMPLES, one);
-    const torque = (i) =>
-      friction.reduce((sum, value, k) => sum + value * Math.abs(turning[k][i]), 0);
-    total = total.map((value, i) => value + torque(i));
+    const share = (i) => (sum, value, k) => sum + value * Math.abs(turning[k][i]);
+    total = total.map((value, i) => value + friction.reduce(share(i), 0));
   }
   return total;
 }
@@ -253,29 +241,24 @@ function reachOf(memory, robot, { body, pads }) {
   const [cos, sin] = memory.directions(each(PITCHES, (i) => (TURN * (i + 0.5)) / PITCHES));
   const down = each(2 * PITCHES, (i) => -(i < PITCHES ? sin[i] : cos[i - PITCHES]));
   const out = memory.array("f8", PITCHES);
-  const given = [
-    memory.filled("f8", points.flat(), points.length, 2),
-    memory.filled("f8", down, 2, PITCHES),
-  ];
-  memory.call("collision_put_reach", given, out);
+  const places = memory.filled("f8", points.flat(), points.length, 2);
+  memory.call("collision_put_reach", places, memory.filled("f8", down, 2, PITCHES), out);
   const fore = out.view;
   const sides = new Set(robot.legs.map((leg) => leg.side));
-  const depth = (i) =>
-    largest([...sides].map((side) => fore[side === "fore" ? i : PITCHES - 1 - i]));
+  const onSide = (side, i) => fore[side === "fore" ? i : PITCHES - 1 - i];
   const next = (most * Math.PI) / PITCHES;
-  const depths = each(
-    PITCHES + 1,
-    (i) => (i < PITCHES ? depth(i) + next : most) + SPECULATIVE_MARGIN,
-  );
+  const depth = (i) => largest([...sides].map((side) => onSide(side, i))) + next;
+  const depths = each(PITCHES + 1, (i) => (i < PITCHES ? depth(i) : most) + SPECULATIVE_MARGIN);
   return { farthest, depths, extent: BETWEEN * farthest[0][1] };
 }
 
 /** Advance in one counter-clockwise turn of the crank, m: kinematics.py, advance_per_turn. */
 function advancePerTurn(closure, samples = 720) {
-  const { linkage } = closure.robot;
+  const { scene } = closure.robot;
   const step = TURN / samples;
   const psi = each(samples + 1, (i) => (i === samples ? TURN : i * step));
-  const toes = closure.legs(psi).flatMap((joints) => [...linkage.toes].map((toe) => joints[linkage.joints.indexOf(toe)])); // biome-ignore format: short
+  const legs = closure.legs(psi);
+  const toes = scene.toes.map(([leg, joint]) => legs[leg][joint]);
   const steps = each(samples, (i) => {
     const heights = toes.map(([, y]) => y[i + 1] + y[i]);
     const [x] = toes[heights.indexOf(Math.min(...heights))];

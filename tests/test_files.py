@@ -12,6 +12,7 @@ from jansen_env.files import PART, write_json, write_text, write_whole
 from jansen_env.policies import pretrained
 from jansen_env.sb3.trained import read_model
 from jansen_env.viewer.recording import Recording
+from jansen_env.viewer.saved_walk import walk_again
 
 
 def test_files_are_on_the_disk_before_they_are_moved(tmp_path, monkeypatch):
@@ -37,7 +38,7 @@ def test_a_file_that_fails_leaves_the_old_one(tmp_path):
     assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
 
 
-READERS = [Recording.load, pretrained.load_file, plain_yaml.read_yaml, read_model]
+READERS = [Recording.load, walk_again, pretrained.load_file, plain_yaml.read_yaml, read_model]
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no fifos")

@@ -36,8 +36,9 @@ def walk_again(path: str | Path) -> Recording:
         return _simulated(content)
     except (OSError, RecursionError, ValueError) as error:
         raise ValueError(f"{path} is no walk: {one_line(error)}") from error
-    except (KeyError, TypeError) as error:
-        raise ValueError(f"{path} is no walk: an entry is missing or wrong: {error}") from error
+    except (AttributeError, KeyError, TypeError) as error:
+        reason = one_line(error)
+        raise ValueError(f"{path} is no walk: an entry is missing or wrong: {reason}") from error
 
 
 def _simulated(content: Values) -> Recording:

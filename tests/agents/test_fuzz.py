@@ -14,18 +14,22 @@ from small_runs import go_on, small_run
 from agents.training import runs
 from agents.training import train_model as training
 from agents.training.training_state import load_replay_buffer, restore, restore_state
+from jansen_env.files import write_json
 from jansen_env.policies import pretrained
+from jansen_env.robot import paper_robot
+from jansen_env.robot.robot_file import robot_to_json
 from jansen_env.sb3.run_config import load_config
 from jansen_env.sb3.trained import NOTES, read_model
 from jansen_env.viewer.recorder import Recorder
 from jansen_env.viewer.recording import Recording
+from jansen_env.viewer.saved_walk import FORMAT, walk_again
 
 VALUES = (None, True, -1, 0, 7, 10**30, 1e308, -1e-320, float("nan"), "", "x", [], {}, [[]], "\n")
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """A run of SAC and its model, to be resumed; a recording and a policy beside it."""
+    """A run of SAC and its model, to be resumed; a recording, a walk and a policy beside it."""
     folder = tmp_path_factory.mktemp("fuzz")
     settings = small_run("sac", timesteps=200, n_envs=2, env_kwargs={"max_episode_steps": 9})
     go_on(settings, folder)
@@ -33,6 +37,12 @@ def made(tmp_path_factory):
     env.reset(seed=1)
     env.step(np.zeros(1, np.float32))
     env.recording.save(folder / "walk.npz")
+    write_json(folder / "walk.json", {
+        "format": FORMAT, "label": "", "robot": robot_to_json(paper_robot()),
+        "ground": [[-1.0, 0.0], [1.0, 0.0]],
+        "start": {"crank_angle": 0.0, "command": 0.3, "changes": {"friction": 0.5}},
+        "steps": [{"action": 0.1, "command": 0.3, "changes": {"tilt": 0.1}, "pushes": [[0.1, 0]]}],
+    })  # fmt: skip
     for file in pretrained.POLICIES.glob("JansenCrank-v0/ppo.*"):
         shutil.copy(file, folder)
     return folder, training.prepare(settings, folder / runs.FINAL)
@@ -81,11 +91,13 @@ READERS = {
     "replay_buffer_200.npz": (zip_of, lambda p, model: load_replay_buffer(model.replay_buffer, p)),
     "config.yml": (damaged, lambda path, model: load_config(path)),
     "walk.npz": (damaged, lambda path, model: Recording.load(path)),
+    "walk.json": (json_of, lambda path, model: walk_again(path)),
     "ppo.json": (json_of, lambda path, model: pretrained.load_file(path)),
     "evaluations.json": (json_of, lambda path, model: runs.read_evaluations(path.parent)),
 }
 
 
+@pytest.mark.filterwarnings("ignore:.*diverged")  # a walk on a ground that none can walk on
 @pytest.mark.parametrize("name", READERS)
 def test_damaged_files_are_refused_in_one_line(name, made, tmp_path):
     folder, model = made

@@ -208,6 +208,16 @@ def test_lengths_of_the_bench_walk(open_window, path):
     assert page.evaluate("location.hash") == "#paper&rocker=240"
 
 
+def test_questions_have_answers(opened):
+    page = opened()
+    page.get_by_text("Six questions").last.click()
+    for number in range(1, 7):
+        reads(page, "lesson-title", f"^{number}\\. ")
+        reads(page, "answer", r"^[^\u2013]*\d[^\u2013]*$")  # no number is missing
+        page.locator("#lesson-next").click()
+    reads(page, "lesson-title", "^1\\. ")
+
+
 def test_a_ground_is_drawn(opened):
     """Level up to the robot, then as drawn, in the link; the walk starts again on it."""
     page = opened("terrain=stairs&level=3")

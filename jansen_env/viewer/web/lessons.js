@@ -19,20 +19,21 @@ export const LESSONS = [
   {
     title: "One motor, one path",
     question: "How does a turning crank make a step?",
-    trial: "Hold ▶ or → to turn the crank. Each toe goes round one path, flat below.",
-    address: "robot=paper&control=hand",
-    answer([walker]) {
-      const { info } = walker.past.at(-1);
-      const turns = Math.abs(info.crankAngle - walker.past[0].info.crankAngle) / (2 * Math.PI);
-      const way = turns > 0.5 ? Math.abs(info.xPosition) / turns : null;
-      return `It walks ${shown(way, 2, " m")} a turn of the crank.`;
+    trial: "Follow a toe in slow motion: it goes round one path, flat below. Try another robot.",
+    address: "robot=built&control=constant+speed&command=0.15",
+    answer([{ past, machine }]) {
+      const { info } = past.at(-1);
+      const turns = Math.abs(info.crankAngle - past[0].info.crankAngle) / (2 * Math.PI);
+      const way = turns > 0.5 ? Math.abs(info.xPosition - past[0].info.xPosition) / turns : null;
+      const most = Math.abs(machine.tables.advance);
+      return `${shown(way, 2, " m")} a turn of the crank; ${shown(most, 2, " m")} if no toe slid.`;
     },
   },
   {
     title: "Why a toe slips",
     question: "Can it walk without slipping?",
-    trial: "Two toes that stand are never equally fast for long. Change friction and speed.",
-    address: "robot=paper&control=constant+speed&command=0.3",
+    trial: "Two toes that stand are never equally fast for long. Change friction, walk at 0.5 m/s.",
+    address: "robot=paper&control=constant+speed&command=0.1",
     answer: ([{ score }]) => `Its toes slide ${shown(score.slip, 2, " m")} a metre.`,
   },
   {

@@ -128,7 +128,7 @@ export class Walker {
     return Math.min(Math.max(count - this.past[0].count, 0), this.past.length - 1);
   }
 
-  /** The pose a share of a step before the one of an index; what touches is the latter's. */
+  /** The pose at a share of the step that ends at an index; what touches is as at its end. */
   poseAt(index, share) {
     const [from, to] = [this.past[Math.max(index - 1, 0)].pose, this.past[index].pose];
     const part = (a, b) => a + share * (b - a);
@@ -136,6 +136,9 @@ export class Walker {
     const joints = to.joints.map((leg, i) =>
       leg.map((point, j) => point.map((value, k) => part(from.joints[i][j][k], value))),
     );
-    return { ...to, x, y, pitch, joints };
+    const toes = to.toes.map((toe, i) => {
+      return { ...toe, point: toe.point.map((value, k) => part(from.toes[i].point[k], value)) };
+    });
+    return { x, y, pitch, joints, toes };
   }
 }

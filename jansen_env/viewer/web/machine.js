@@ -38,7 +38,8 @@ export class Machine {
     this.makeState();
     const { mass: payload, position } = robot.payload;
     const [payload_x, payload_y] = position;
-    const unity = Object.fromEntries(Object.keys(layout.parameters).map((name) => [name, 1]));
+    const names = [layout.copied, layout.scaled].flatMap((part) => Object.keys(part));
+    const unity = Object.fromEntries(names.map((name) => [name, 1]));
     this.parameters = { ...unity, ...layout.ground, payload, payload_x, payload_y, tilt: 0 };
     const { friction, restitution } = { ...layout.ground, ...terrain };
     this.apply(this.checked({ friction, restitution }));
@@ -143,7 +144,9 @@ export class Machine {
   checked(changes) {
     const { layout, robot } = this;
     for (const [name, value] of Object.entries(changes)) {
-      const [least, most] = layout.parameters[name] ?? [];
+      const limits = layout.limits[name];
+      if (!limits) throw new Error(`${name} cannot be changed`);
+      const [least, most] = limits;
       if (!(value >= least && value <= most))
         throw new Error(`${name} is ${value}, must be between ${least} and ${most}`);
     }

@@ -23,7 +23,7 @@ from jansen_env.engine import (
     records,
     walk_reward,
 )
-from jansen_env.parameters import OF_ROBOTS, PARAMETERS
+from jansen_env.parameters import TABLE
 from jansen_env.plants import base, batch, design_tables, grounds, robot_parameters
 from jansen_env.policies import pretrained
 from jansen_env.robot import ROBOTS, Robot, buildable
@@ -159,7 +159,7 @@ def engine_data() -> Json:
         "records": {name: _layout(dtype) for name, dtype in RECORDS.items()},
         "numbers": {n: getattr(part, n) for part, names in NUMBERS.items() for n in names.split()},
         "expansion": _packed(reduced._expansion(), "<f8"),
-        "parameters": {n: [PARAMETERS[n].least, PARAMETERS[n].most] for n in OF_ROBOTS},
+        "limits": {p.name: [p.least, p.most] for p in TABLE if p.of_robot and p.settable},
         "copied": robot_parameters.COPIED,
         "scaled": robot_parameters.SCALED,
         "ground": {name: getattr(ground, name) for name in robot_parameters.ON_TERRAINS},

@@ -1,10 +1,11 @@
 // Six questions to learn from: each sets the page, says what to try, and has a number that answers.
 
+import { shown } from "./walker.js";
+
 const RECENT = 500; // steps: 10 s
 
 const recent = ({ past }, value) => past.slice(-RECENT).map(({ info }) => value(info));
 const mean = (values) => values.reduce((total, value) => total + value, 0) / values.length;
-const shown = (value, digits, unit = "") => (value === null ? "–" : value.toFixed(digits) + unit);
 
 /** What took energy in the last 10 s, as shares. */
 function losses(walker) {

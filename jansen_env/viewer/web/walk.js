@@ -14,7 +14,7 @@ import { generatorOf } from "./random.js";
 import { css, drawScene, followingView, heightAt, THEMES } from "./scene.js";
 import { explain } from "./terms.js";
 import { groundOf } from "./terrain.js";
-import { APART, HAND, STEP, Walker } from "./walker.js";
+import { APART, HAND, STEP, shown, Walker } from "./walker.js";
 
 const LARGEST_PUSH = 10; // N s
 const LONGEST_GAP = 0.25; // s: after a longer pause of the browser time has stood still
@@ -37,6 +37,13 @@ const PLOTS = [
   ["crank torque", "N m", (info) => info.torque],
   ["slip speed, all toes", "m/s", (info) => sum(info.slip) / STEP],
   ["motor power", "W", (info) => info.motorWork / STEP],
+];
+const SCORE = [
+  ["distance", ({ distance }) => shown(distance, 2, " m")],
+  ["slip per metre", ({ slip }) => shown(slip, 3, " m/m")],
+  ["cost of transport", ({ cost }) => shown(cost, 2)],
+  ["mean speed", ({ speed }) => shown(speed, 2, " m/s")],
+  ["time", ({ time }) => shown(time, 1, " s")],
 ];
 const ENERGIES = [
   ["motor work", "motorWork"],
@@ -337,20 +344,12 @@ function write(place, text) {
   if (place.textContent !== text) place.textContent = text;
 }
 
-function showScore(walker, figure) {
-  const { distance, slip, cost, speed, time } = walker.score;
-  const ratio = (value, digits, unit) => (value === null ? "–" : value.toFixed(digits) + unit);
-  const texts = [
-    `${distance.toFixed(2)} m`,
-    ratio(slip, 3, " m/m"),
-    ratio(cost, 2, ""),
-    `${speed.toFixed(2).replace("-0.00", "0.00")} m/s`,
-    `${time.toFixed(1)} s`,
-  ];
-  for (const [i, cell] of figure.querySelectorAll("dd").entries()) write(cell, texts[i]);
-  let note = walker.fallen ? "It has fallen. Start again (R), or push it up." : "";
-  if (walker.stuck) note = "The simulation has diverged. Start again.";
-  write(figure.querySelector("output"), note);
+function showScore({ score, fallen, stuck }, figure) {
+  const cells = figure.querySelectorAll("dd");
+  for (const [i, [, value]] of SCORE.entries()) write(cells[i], value(score));
+  let fault = fallen ? "It has fallen. Start again (R), or push it up." : "";
+  if (stuck) fault = "The simulation has diverged. Start again.";
+  write(figure.querySelector("output"), fault);
 }
 
 /** Curves of the last seconds before the time that is shown. */
@@ -385,8 +384,7 @@ function showPast() {
   const [first, newest] = rangeOfPast();
   Object.assign($("past"), { min: first, max: newest, step: APART });
   $("past").value = shownAt ?? newest;
-  const ago = ((shownAt ?? newest) - newest) * STEP;
-  write($("past-value"), shownAt === null ? "now" : `${ago.toFixed(1).replace("-", "−")} s`);
+  write($("past-value"), shownAt === null ? "now" : shown((shownAt - newest) * STEP, 1, " s"));
 }
 
 /** Where the motor's work went in the time of the plots. */
@@ -512,10 +510,10 @@ function addPlot([label, unit]) {
   $("plots").append(figure);
 }
 
-function addEnergy([label]) {
+function addNumber(list, label) {
   const row = element("div", {});
   row.append(element("dt", { textContent: label }), element("dd", {}));
-  $("energies").append(row);
+  list.append(row);
 }
 
 function buildPanel() {
@@ -529,8 +527,9 @@ function buildPanel() {
   });
   data.sliders.forEach(addSlider);
   PLOTS.forEach(addPlot);
-  ENERGIES.forEach(addEnergy);
   const picture = $("pictures").firstElementChild;
+  for (const [label] of SCORE) addNumber(picture.querySelector("dl"), label);
+  for (const [label] of ENERGIES) addNumber($("energies"), label);
   $("pictures").append(picture.cloneNode(true));
   for (const figure of $("pictures").children) listen(figure);
 }

@@ -10,6 +10,12 @@ const KEPT = 3000; // steps of the past: 60 s
 const MIN_DISTANCE = 1e-3; // m, below which a ratio per metre is not formed
 const NOTHING = { time: 0, speed: 0, x: 0, commanded: 0, free: 0, slipped: 0, lifted: 0 };
 
+/** A number as text, with a minus sign unless it is 0; a dash for null. */
+export function shown(value, digits, unit = "") {
+  const text = value?.toFixed(digits).replace(/^-0(\.0*)?$/, "0$1");
+  return text ? text.replace("-", "−") + unit : "–";
+}
+
 /** The sums of a walk with one more step; `command`: m/s, null where the torque is given. */
 function counted(sums, info, weight, command) {
   const way = info.xPosition - sums.x;

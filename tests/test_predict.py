@@ -43,6 +43,12 @@ def test_the_witnessed_walk_is_within_its_band(tmp_path, capsys):
     assert "speed (m/s)" in capsys.readouterr().out
 
 
+def test_a_machine_that_is_its_mirror_image_climbs_backwards_as_well():
+    known = {"friction": np.full(2, 0.8), "start": np.array([0.3, 1.8])}
+    ahead, back = (predict.climb([ECONOMY] * 2, known, speed) for speed in (2.0, -2.0))
+    assert 0.0 < ahead.max() < predict.STEPS[-1] and back == pytest.approx(ahead, abs=0.021)
+
+
 def test_variance_is_shared_out():
     """To the inputs that cause it, of what is linear."""
     rng = np.random.default_rng(0)

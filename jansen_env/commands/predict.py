@@ -54,8 +54,9 @@ UNITS = {
     "pitch_range": "rad", "heave": "m", "start_distance": "m", "stop_distance": "m",
     "falls": "fraction", "step_climbed": "m",
 }  # fmt: skip
-"""What is predicted. The peak torque and the foot's load are means of 20 ms, the largest of 99 in a
-hundred; the start is the first 2 s."""
+"""What is predicted. Torques are magnitudes; peaks of torque and load are exceeded in 1 % of the
+steps of 20 ms, the duty factor is the share of these in which a foot bears load. The start is the
+first 2 s."""
 STEPS = tuple(np.round(np.arange(0.02, 0.161, 0.02), 2).tolist())  # m, heights that are climbed
 STEP_AT, BEYOND, FAR = 0.7, 1.3, 2.0  # m: the step; where it is climbed; way without slip
 SLOWEST, FASTEST = 0.5, 10.0  # rad/s
@@ -206,8 +207,11 @@ def climb(robots: list[Robot], known: dict[str, Array], speed: float) -> Array:
     turns = FAR / abs(advance_per_turn(robots[0]))
     climbed = []
     for height in STEPS:
-        (a, y), (b, z) = treads(np.array([STEP_AT]), np.array([height])).tolist()
-        ground = Terrain(((-1.0, 0.0), (a, y), (b, z), (STEP_AT + 1.0, height)))
+        points = [[-1.0, 0.0], *treads(np.array([STEP_AT]), np.array([height])).tolist()]
+        points.append([STEP_AT + 1.0, height])
+        if speed < 0.0:  # it walks towards -x
+            points = [[-x, y] for x, y in reversed(points)]
+        ground = Terrain(points)
         run = walk(robots, known, speed, ground, 2.0 * math.pi * turns / abs(speed))
         climbed.append(~run["fallen"][-1] & (np.abs(run["x_position"][-1]) > BEYOND))
     count = np.cumprod(climbed, axis=0).sum(axis=0).astype(int)

@@ -77,12 +77,11 @@ def take_benches(browser: Any, page: Path, folder: Path) -> None:
 
 
 def take_walk(browser: Any, page: Path, path: Path) -> None:
-    """Write the picture of two machines on rough ground."""
-    choices = "terrain=rough&level=3&robot2=klann&control2=constant+speed"
+    """Write the picture of two machines on stairs."""
+    choices = "control=rough+policy&terrain=stairs&level=3&robot2=klann&control2=constant+speed"
     tab = browser.new_page(viewport={"width": 1280, "height": 800})
     tab.goto(f"{page.as_uri()}#{choices}")
-    tab.wait_for_timeout(6000)
-    tab.keyboard.press("p")
+    tab.wait_for_timeout(9000)
     save(tab, path)
 
 

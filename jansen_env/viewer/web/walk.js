@@ -347,9 +347,11 @@ function write(place, text) {
 function showScore({ score, fallen, stuck }, figure) {
   const cells = figure.querySelectorAll("dd");
   for (const [i, [, value]] of SCORE.entries()) write(cells[i], value(score));
-  let fault = fallen ? "It has fallen. Start again (R), or push it up." : "";
-  if (stuck) fault = "The simulation has diverged. Start again.";
-  write(figure.querySelector("output"), fault);
+  const stands = !running && shownAt === null && !$("help").open;
+  let note = stands ? "Paused" : "";
+  if (fallen) note = "It has fallen. Start again (R), or push it up.";
+  if (stuck) note = "The simulation has diverged. Start again.";
+  write(figure.querySelector("output"), note);
 }
 
 /** Curves of the last seconds before the time that is shown. */
@@ -445,11 +447,11 @@ function nameOf(text) {
   return plain(name === HAND ? "by hand" : name) + (lengths.length ? " (changed)" : "");
 }
 
-let note; // timer of the message
+let fading; // timer of the message
 function say(text) {
-  clearTimeout(note);
+  clearTimeout(fading);
   $("message").textContent = text;
-  note = setTimeout(() => $("message").replaceChildren(), MESSAGE_TIME);
+  fading = setTimeout(() => $("message").replaceChildren(), MESSAGE_TIME);
 }
 
 // The panel.

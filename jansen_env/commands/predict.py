@@ -211,7 +211,7 @@ def climb(robots: list[Robot], known: dict[str, Array], speed: float) -> Array:
         points.append([STEP_AT + 1.0, height])
         if speed < 0.0:  # it walks towards -x
             points = [[-x, y] for x, y in reversed(points)]
-        ground = Terrain(points)
+        ground = Terrain(tuple((x, y) for x, y in points))
         run = walk(robots, known, speed, ground, 2.0 * math.pi * turns / abs(speed))
         climbed.append(~run["fallen"][-1] & (np.abs(run["x_position"][-1]) > BEYOND))
     count = np.cumprod(climbed, axis=0).sum(axis=0).astype(int)

@@ -21,6 +21,8 @@ const TERMS = {
   "crank torque": "Torque of the motor on the crank, mean of the control step.",
   "motor power": "Torque times speed of the crank; below 0 the motor brakes.",
   "slip speed, all toes": "Sum of the speeds at which toes slide while they carry load.",
+  "largest toe load": "Force of the ground on the toe that carries most, across the ground.",
+  "compare with": "A second machine on the same ground, with the same command.",
   pitch: "Angle of the chassis, positive with its front up.",
   return: "Sum of the rewards.",
   lift: "The most that a toe comes above the ground.",

@@ -37,6 +37,11 @@ const PLOTS = [
   ["crank torque", "N m", (info) => info.torque],
   ["slip speed, all toes", "m/s", (info) => sum(info.slip) / STEP],
   ["motor power", "W", (info) => info.motorWork / STEP],
+  [
+    "largest toe load",
+    "N",
+    ({ contactForce }) => Math.max(...contactForce.filter((_, i) => i % 2)),
+  ],
 ];
 const SCORE = [
   ["distance", ({ distance }) => shown(distance, 2, " m")],

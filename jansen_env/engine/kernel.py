@@ -21,7 +21,6 @@ import sys
 from collections.abc import Callable, Iterable
 from operator import is_
 from pathlib import Path
-from threading import get_ident
 from typing import Annotated, Any, NamedTuple, TypeAlias, get_type_hints
 
 import numpy as np
@@ -63,7 +62,7 @@ class Parameter(NamedTuple):
 class Kernel:
     """A compiled function, called like the Python function that it is made from.
 
-    It remembers the arguments of each thread's last call, as most are the same again.
+    It remembers the arguments of its last calls, as most are the same again.
 
     Args:
         function: annotated with ``int``, ``float``, ``bool``, the arrays above and rows,
@@ -77,7 +76,8 @@ class Kernel:
         functools.update_wrapper(self, function)
         self.function, self.nogil = function, nogil
         self.symbol = f"{function.__module__.rpartition('.')[2]}_{function.__name__}"
-        self._last = dict[int, tuple[Slots, tuple[object, ...]]]()
+        # As many as calls have been under way at once: quicker than one for each thread.
+        self._spare = list[tuple[Slots, tuple[object, ...]]]()
 
     @functools.cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -115,16 +115,16 @@ class Kernel:
         """
         if PYTHON:
             return self.function(*flat(arguments))
-        thread = get_ident()
         try:
-            slots, known = self._last.pop(thread)
-        except KeyError:
-            slots, known = Slots(self), ()
+            last = self._spare.pop()
+        except IndexError:
+            last = Slots(self), ()
+        slots, known = last
         if len(arguments) != len(known) or not all(map(is_, arguments, known)):
             slots.fill(flat(arguments))
-            known = arguments
+            last = slots, arguments
         result = self.entry(slots.address)
-        self._last[thread] = slots, known
+        self._spare.append(last)
         return result
 
     def __reduce__(self) -> str | tuple[Function, tuple[Kernel]]:

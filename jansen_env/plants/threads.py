@@ -34,11 +34,11 @@ class Threads:
     """
 
     def __init__(self, robots: int, threads: int | None, memory: Callable[[], Memory]) -> None:
-        self._count = count_threads(robots, threads)
+        self._robots, self._count = robots, count_threads(robots, threads)
         self._memory = [memory() for _ in range(self._count)]
         # The same arrays each time, which kernels know.
         self._shares = np.zeros((self._count + 1, 2), np.int64)
-        self._alone = np.zeros((2, 2), np.int64)
+        self._alone, self._every = np.zeros((2, 2), np.int64), _alone(robots)
         self._others_move = False
         self._pool: tuple[int, ThreadPoolExecutor] | None = None
 
@@ -51,7 +51,8 @@ class Threads:
         """
         # What ``meanwhile`` moves would wait for the other threads to end.
         if meanwhile is None and (self._count == 1 or self._others_move):
-            self._alone[0], self._alone[1] = (0, robots), robots
+            every = robots == self._robots
+            self._alone[:] = self._every if every else _alone(robots)
             return move(0, self._alone, robots, self._memory[0])
         shares, count = self._shares, max(1, min(self._count, robots // ROBOTS_PER_THREAD))
         shares[:] = 0
@@ -88,6 +89,11 @@ class Threads:
         if self._pool is not None and self._pool[0] == os.getpid():
             self._pool[1].shutdown(wait=False)
         self._pool = None
+
+
+def _alone(robots: int) -> NDArray[np.int64]:
+    """Return the shares of one thread that moves so many robots."""
+    return np.array([[0, robots], [robots, robots]])
 
 
 def count_threads(robots: int, threads: int | None) -> int:

@@ -448,8 +448,8 @@ class World:
         plant = self.plant
         pushes = self.pushes.of_step(active, self.elapsed, self.seeds)
         self._check_actions(actions, active)
-        every = np.count_nonzero(active) == self.num_envs
-        self._moved = self._every if every else active.nonzero()[0]
+        moved = active.nonzero()[0]
+        self._moved = self._every if len(moved) == self.num_envs else moved
         if self.sensors is not None:
             finish = partial(self._sense, finish)
         plant.step(

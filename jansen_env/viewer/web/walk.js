@@ -140,7 +140,7 @@ function start(made) {
   shownAt = null;
   due = 0;
   won = false;
-  torque = 0;
+  torque = plotted = 0;
   showPanel();
   remember();
 }
@@ -244,10 +244,14 @@ function frame(now) {
   const passed = Math.min((now - last) / 1000, LONGEST_GAP);
   last = now;
   if (running && !$("help").open) advance(passed);
-  for (const [i, walker] of walkers.entries()) draw(walker, $("pictures").children[i]);
-  if (now - plotted > REPLOT) {
+  const replot = now - plotted > REPLOT;
+  for (const [i, walker] of walkers.entries()) {
+    const figure = $("pictures").children[i];
+    if (running || drag || stroke || replot) draw(walker, figure); // seldom while time stands still
+    if (replot) showScore(walker, figure);
+  }
+  if (replot) {
     plotted = now;
-    for (const [i, walker] of walkers.entries()) showScore(walker, $("pictures").children[i]);
     drawPlots();
     showPast();
     showEnergies();
@@ -301,7 +305,7 @@ function goBy(steps) {
   run(false);
   shownAt = within((shownAt ?? newest + (steps < 0 ? 1 : 0)) + steps, first, newest);
   shownAt -= shownAt % APART;
-  showPast();
+  plotted = 0; // at once
 }
 
 /** First and last count of the past to which all walkers can go. */

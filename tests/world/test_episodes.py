@@ -232,6 +232,7 @@ def test_the_second_plant_has_the_same_world():
             factors = [value for name, value in info.items() if name.startswith("reward/")]
             assert reward == pytest.approx(np.prod(factors), rel=1e-12)
         assert ends[0]["joint_gap"] == 0.0 < ends[1]["joint_gap"] < 2e-4
+        assert not any(info["fallen"] for info in ends)
         for name in ("x_position", "pitch", "crank_speed"):
             assert ends[0][name] == pytest.approx(ends[1][name], rel=0.05, abs=0.01)
 

@@ -197,7 +197,11 @@ class RigidBodyBatch:
         self.rows["status"]["end_vertex"] = len(self.surface)
 
     def set_parameters(self, rows: Ints, values: NDArray[np.void]) -> None:
-        """Put parameters in force; ValueError also if the pads are too stiff for the time step."""
+        """Put parameters in force.
+
+        Raises:
+            ValueError: also if the pads are too stiff for the time step; :meth:`keep` undoes that.
+        """
         check_values(values, np.array([not self.robots[0].pad_compliance.rigid]))
         self._go_on(self.robots[0], self.terrains[0], values[0])
 
@@ -211,7 +215,7 @@ class RigidBodyBatch:
         self._go_on(robots[0], self.terrains[0], nominal(robots[0], self.terrains[0]))
 
     def _go_on(self, robot: Robot, terrain: Terrain, values: np.void) -> None:
-        """Go on from the same state as a robot on a ground with parameters."""
+        """Take another robot, ground and parameters; the state stays."""
         memory = self._memory
         self.robots, self.terrains, self.parameters[0] = [robot], [terrain], values
         self._apply_parameters()

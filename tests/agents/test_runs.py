@@ -149,9 +149,13 @@ def test_ctrl_c_says_how_to_go_on(tmp_path, returns, monkeypatch, capsys):
             os.kill(os.getpid(), signal.SIGINT)
         return step(saver)
 
-    with monkeypatch.context() as patch, pytest.raises(SystemExit) as stopped:
-        patch.setattr(callbacks.Saver, "_on_step", interrupt)
-        go_on(small_config(), tmp_path, every=KEPT)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in the background
+    try:
+        with monkeypatch.context() as patch, pytest.raises(SystemExit) as stopped:
+            patch.setattr(callbacks.Saver, "_on_step", interrupt)
+            go_on(small_config(), tmp_path, every=KEPT)
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert stopped.value.code == 130
     assert f"--resume {tmp_path} goes on" in capsys.readouterr().out
     go_on(small_config(), tmp_path, every=KEPT)

@@ -58,6 +58,7 @@ def test_yaml_that_is_no_plain_data(text, reason, tmp_path):
     [
         ({"timesteps": -1}, "timesteps is -1, must be a whole number from 1 to 10000000000"),
         ({"timesteps": "9" * 5000}, "timesteps is '99999"),
+        ({"timesteps": True}, "timesteps is True, must be"),
         ({"reward_scale": 0}, "reward_scale is 0, must be a number from 1e-30"),
         ({"hyperparameters": None}, "hyperparameters is None, must be a mapping"),
         ({"training_variants": [1]}, r"training_variants is \[1\], must be a list of mappings"),
@@ -68,6 +69,7 @@ def test_yaml_that_is_no_plain_data(text, reason, tmp_path):
         ({"policy_kwargs": {"features_extractor_class": "os.x"}}, "'features_extractor_class' is"),
         ({"policy_kwargs": {"activation": "os.x"}}, "policy_kwargs.activation is 'os.x', must be"),
         ({"policy_kwargs": {"net_arch": [10**9]}}, r"net_arch is \[1000000000\], must be"),
+        ({"policy_kwargs": {"net_arch": [1] * 99}}, "must be a list of up to 8 layers"),
         ({"policy_kwargs": {"net_arch": {"pi": [8], "qf": [8]}}}, r"mapping of \['pi', 'vf'\]"),
         ({"policy_kwargs": {"harmonics": 4}}, "harmonics is given, so normalize must be true"),
         *(

@@ -47,6 +47,7 @@ REFUSED = [
     (lambda: Robot(legs=()), "Robot.legs is empty"),
     (lambda: Robot(legs=(Leg("fore"),) * 201), "legs are 201 of 6 pads each, must"),
     (lambda: Robot(legs=(Leg("fore", 0.5),)), r"legs\[0\].phase is 0.5"),
+    (lambda: Compliance(0.0), "Compliance.stiffness is 0.0"),
     (lambda: Compliance(1e4, -1.0), "Compliance.damping is -1.0"),
     (lambda: Compliance(damping=1.0), "Compliance.damping is 1.0, must be 0"),
     (lambda: Compliance(1e4, 0.0, math.inf), "tangential_stiffness is inf"),

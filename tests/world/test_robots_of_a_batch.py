@@ -66,6 +66,13 @@ def test_a_reset_exchanges_the_robot_for_good(plant):
     assert env.weight == fresh.weight
 
 
+def test_robots_of_the_same_parts_are_one():
+    """Which is compiled once."""
+    envs = gym.make_vec("JansenWalker-v0", num_envs=3, payload=[1.0, 1.0, 2.0]).unwrapped
+    first, same, other = envs.task.world.robots
+    assert first is same and other.payload.mass == 2.0
+
+
 def test_equal_designs_share_their_tables():
     """Rows that no robot has any more are used again; the arrays grow when there are none."""
     a, b, c, d = (paper_robot().with_bodies(coupler=Bar(0.239 + 1e-4 * k)) for k in range(4))

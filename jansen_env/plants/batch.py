@@ -458,7 +458,8 @@ class Batch:
                 finish(lost)
         if far:
             self._ask_ground(rows)
-        self._keep_trace(trace)
+        if self.tracing or self.in_contact is not None or self.trace is not self._no_trace:
+            self._keep_trace(trace)
 
     def _refuse(self, rows: Ints, before: tuple[Array, Array | None]) -> Ints:
         """Return the robots that have diverged, left as they were ``before``: state, deflection."""

@@ -128,6 +128,8 @@ class WalkerTask(CommandedTask):
             settings.fall_contact, settings.terminate_when_fallen,
         )  # fmt: skip
         self.covered = np.zeros((n, 2))
+        terms = ("observe", "reward", "terminated")
+        self._derived = any(getattr(type(self), t) is not getattr(WalkerTask, t) for t in terms)
         self._measured = np.zeros(0 if settings.noise is None else n, walk_reward.ACCOUNTS)
         super().__init__(settings, threads)
         self._command_steps = np.maximum(1.0, np.rint(self._intervals / self.control_dt))
@@ -170,9 +172,7 @@ class WalkerTask(CommandedTask):
 
     def _judge(self, active: Bools) -> None:
         """Leave all to the kernel, unless a derived task does more."""
-        kind, kernel = type(self), WalkerTask
-        derived = kind.observe, kind.reward, kind.terminated
-        if derived != (kernel.observe, kernel.reward, kernel.terminated):
+        if self._derived:
             super()._judge(active)
 
     def reward(self) -> Array:

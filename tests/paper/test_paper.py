@@ -177,6 +177,11 @@ def test_slip_of_a_rattling_walk_is_not_the_time_steps(results):
     assert walk.slip == pytest.approx(results.slow[0.8].slip, rel=0.04)
 
 
+def test_slip_is_of_a_metre_either_way(results):
+    back = replace(results.no_slip, distance=-2.0, slip=0.1)
+    assert back.slip_per_metre == 0.05 and math.isnan(replace(back, distance=0.0).slip_per_metre)
+
+
 def test_odd_numbers_of_phases_interleave(results):
     """Odd: both sides together heave less than half as much as one; even: nearly as much."""
     for phases, heave in zip(toes.PHASES[2:7], results.heaves[2:7], strict=True):

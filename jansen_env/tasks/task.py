@@ -237,9 +237,10 @@ class Task(ABC):
             allowed = listed(sorted(known), unknown[0])
             raise TypeError(f"{unknown} cannot be changed, must be in {allowed}")
         of_task = {name: changes.pop(name) for name in self.SETTABLE if name in changes}
-        checked, apply = self.world.checked(i, changes), self._change(i, of_task)
-        self.world.change(i, checked)
-        apply()  # all or nothing
+        with self._lock:
+            checked, apply = self.world.checked(i, changes), self._change(i, of_task)
+            self.world.change(i, checked)
+            apply()  # all or nothing
 
     def frame(self, i: int) -> Frame:
         """Return the picture data of a robot as it is now."""
@@ -251,22 +252,24 @@ class Task(ABC):
 
     def get_state(self, i: int) -> Values:
         """Return all that a robot's future depends on but its random numbers."""
-        numbers = {name: self.info[name][i].item() for name in self._kept}
-        return {**self.world.get_state(i), **numbers}
+        with self._lock:
+            numbers = {name: self.info[name][i].item() for name in self._kept}
+            return {**self.world.get_state(i), **numbers}
 
     def set_state(self, i: int, state: Values) -> None:
         """Go on from a complete state of :meth:`get_state`; ValueError: an entry out of range."""
-        checked = self.world.checked_state(i, state)
-        numbers = {
-            name: flag(f"state[{name!r}]", state[name])
-            if self.info[name].dtype == np.bool_
-            else self._in_range("state", name, state[name])
-            for name in self._kept
-        }
-        self.world.restore(i, checked)
-        self._clear(i, numbers)
-        self._begin(np.array([i]))
-        self._describe(np.array([i]))
+        with self._lock:
+            checked = self.world.checked_state(i, state)
+            numbers = {
+                name: flag(f"state[{name!r}]", state[name])
+                if self.info[name].dtype == np.bool_
+                else self._in_range("state", name, state[name])
+                for name in self._kept
+            }
+            self.world.restore(i, checked)
+            self._clear(i, numbers)
+            self._begin(np.array([i]))
+            self._describe(np.array([i]))
 
     def _in_range(self, label: str, name: str, value: object) -> float:
         """Return a number within the limits of its name, if observed. Raises ValueError."""

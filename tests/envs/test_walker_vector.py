@@ -67,6 +67,28 @@ def test_threads_that_share_an_environment_take_turns():
     assert (envs.step(action)[0] == twins.step(action)[0]).all()
 
 
+def test_a_thread_that_changes_robots_waits_for_steps():
+    """Or some would be moved half changed, and diverge."""
+    envs = gym.make_vec(
+        "JansenWalkerRough-v0", 32, terminate_when_fallen=False, threads=2
+    ).unwrapped
+    envs.reset(seed=1)
+    diverged = []
+
+    def steps():
+        action = np.full((32, 1), 0.4, np.float32)
+        diverged.extend(envs.step(action)[4]["diverged"].any() for _ in range(200))
+
+    thread = Thread(target=steps)
+    thread.start()
+    k = 0
+    while thread.is_alive():
+        k = (k + 1) % 32
+        envs.set_parameters(k, payload=float(k % 3))
+        envs.set_state(k, envs.get_state(k))
+    assert len(diverged) == 200 and not any(diverged)
+
+
 @pytest.mark.parametrize("env_id", ["JansenWalker-v0", "JansenCrank-v0"])
 def test_joint_loads_after_a_restart(env_id):
     arguments = {"track_joint_forces": True, "max_episode_steps": 5}

@@ -195,6 +195,18 @@ def test_same_inputs_same_bits_in_another_process():
     assert runs[0].stdout == runs[1].stdout
 
 
+def test_joints_that_touch_the_ground_are_no_toes():
+    """Dropped on its back, at the same moment as on the projection plant."""
+    touched = []
+    for make in (ProjectionPlant, RigidBodyPlant):
+        plant = make(Robot(), Terrain.flat())
+        plant.state = np.array([0.0, 0.42, math.pi, 0.3, 0.0, 0.0, 0.0, 0.0])
+        results = [plant.step(0.0, 0.02) for _ in range(11)]
+        assert not any(result.contact_force.any() for result in results)
+        touched.append([bool(result.non_toe_contact) for result in results])
+    assert touched[0] == touched[1] == [False] * 10 + [True]
+
+
 def test_set_down_again_or_pickled_nothing_is_remembered():
     """After reset or setting a state the future is that of a new plant, bit for bit."""
     plant = plant_on()

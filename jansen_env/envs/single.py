@@ -137,7 +137,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
             gymnasium.error.ResetNeeded: before the first :meth:`reset`.
         """
         self._check_begun()
-        self.task.world.push(0, impulse)
+        self.task.push(0, impulse)
 
     def scene(self) -> Values:
         """Return the arguments of the renderer, which stay the same in an episode."""

@@ -238,7 +238,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         """
         if self._awaiting_reset()[i]:
             raise gym.error.ResetNeeded(f"robot {i} must be reset before push()")
-        self.task.world.push(i, impulse)
+        self.task.push(i, impulse)
 
     def get_state(self, i: int) -> Values:
         """Return all that the future of robot ``i`` depends on, as of the single environment."""

@@ -224,6 +224,11 @@ class Task(ABC):
         self._observe(which)
         self.world.disturb(which)
 
+    def push(self, i: int, impulse: object) -> None:
+        """Push a robot from now on, see ``World.push``."""
+        with self._lock:
+            self.world.push(i, impulse)
+
     def set_parameters(self, i: int, **changes: object) -> None:
         """Change a robot from now on: :attr:`SETTABLE`, and the world's.
 

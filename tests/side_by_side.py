@@ -58,7 +58,7 @@ def rollout(policy, envs, steps, seed=0):
 
 
 def same(a, b, place="it"):
-    """Whether nested information agrees bit for bit, types too; fails where it does not."""
+    """Check that nested values have the same types and bits; an assertion names the place."""
     assert type(a) is type(b), place
     if isinstance(a, dict):
         assert a.keys() == b.keys(), place

@@ -10,15 +10,16 @@ from jansen_env.robot import ROBOTS
 from jansen_env.robot.lengths import lengths
 
 ECONOMY = ROBOTS["economy"]()
+SIZES = [name for name in lengths(ECONOMY) if name != "frame_angle"]
 NOMINAL = {"mass": 1.0, "bearings": 1.0, "feet": 1.0, "battery": 1.0}
 
 
 def test_copies_differ_in_what_is_not_known():
-    exact = predict.copy_of(ECONOMY, NOMINAL, np.zeros(len(lengths(ECONOMY))))
+    exact = predict.copy_of(ECONOMY, NOMINAL, dict.fromkeys(SIZES, 0.0))
     assert lengths(exact) == pytest.approx(lengths(ECONOMY))
     assert exact.mass == pytest.approx(ECONOMY.mass) and exact.motor == ECONOMY.motor
     other = {"mass": 1.03, "bearings": 0.5, "feet": 1.5, "battery": 0.9}
-    copy = predict.copy_of(ECONOMY, other, np.full(len(lengths(ECONOMY)), 3e-4))
+    copy = predict.copy_of(ECONOMY, other, dict.fromkeys(SIZES, 3e-4))
     assert copy.motor.no_load_speed == pytest.approx(0.9 * ECONOMY.motor.no_load_speed)
     assert copy.bearing_friction == pytest.approx(tuple(0.5 * np.array(ECONOMY.bearing_friction)))
     assert copy.pad_compliance.stiffness == pytest.approx(1.5 * ECONOMY.pad_compliance.stiffness)
@@ -56,6 +57,15 @@ def test_variance_is_shared_out():
     values = 3.0 * inputs["friction"][:, 0] + inputs["lengths"] @ [2.0, 1.0]
     sources = predict.summary(values, inputs)["sources"]
     assert sources == pytest.approx({"friction": 9 / 14, "lengths": 5 / 14}, abs=0.03)
+
+
+def test_chance_explains_nothing():
+    """Noise has no sources, however many inputs there are; too few copies give none."""
+    rng = np.random.default_rng(0)
+    inputs, noise = {"lengths": rng.random((256, 100))}, rng.random(256)
+    assert abs(predict.summary(noise, inputs)["sources"]["lengths"]) < 0.15  # R^2 is 0.4
+    few = {"lengths": inputs["lengths"][:101]}
+    assert predict.summary(noise[:101], few)["sources"] == {}
 
 
 @pytest.mark.parametrize("speed", ["0", "20", "nan"])

@@ -54,9 +54,9 @@ UNITS = {
     "pitch_range": "rad", "heave": "m", "start_distance": "m", "stop_distance": "m",
     "falls": "fraction", "step_climbed": "m",
 }  # fmt: skip
-"""What is predicted. Torques are magnitudes; peaks of torque and load are exceeded in 1 % of the
-steps of 20 ms, the duty factor is the share of these in which a foot bears load. The start is the
-first 2 s."""
+"""Predicted quantities and their units. Torques are magnitudes; peaks of torque and load are
+exceeded in 1 % of the steps of 20 ms; the duty factor is the share of these in which a foot bears
+load. The start is the first 2 s."""
 STEPS = tuple(np.round(np.arange(0.02, 0.161, 0.02), 2).tolist())  # m, heights that are climbed
 STEP_AT, BEYOND, FAR = 0.7, 1.3, 2.0  # m: the step; where it is climbed; way without slip
 SLOWEST, FASTEST = 0.5, 10.0  # rad/s
@@ -105,7 +105,8 @@ def predict(robot: Robot, speed: float, copies: int) -> dict[str, Any]:
     ``low`` and ``high``: 90 % of the copies are between them. ``sources``: shares of the variance
     by linear regression; what is left to 1 is not linear, as the walk is chaotic.
     """
-    drawn = qmc.LatinHypercube(len(WITHIN) - 1 + len(lengths(robot)), rng=0).random(copies)
+    sizes = [name for name in lengths(robot) if name != "frame_angle"]
+    drawn = qmc.LatinHypercube(len(WITHIN) - 1 + len(sizes), rng=0).random(copies)
     names = [name for name in WITHIN if name != "lengths"]
     limits = np.array([WITHIN[name] for name in names]).T
     values = limits[0] + (limits[1] - limits[0]) * drawn[:, : len(names)]
@@ -113,8 +114,8 @@ def predict(robot: Robot, speed: float, copies: int) -> dict[str, Any]:
     errors = least + (most - least) * drawn[:, len(names) :]
     known = dict(zip(names, values.T, strict=True))
     robots = [
-        copy_of(robot, dict(zip(names, row, strict=True)), error)
-        for row, error in zip(values.tolist(), errors, strict=True)
+        copy_of(robot, dict(zip(names, row, strict=True)), dict(zip(sizes, error, strict=True)))
+        for row, error in zip(values.tolist(), errors.tolist(), strict=True)
     ]
     measured = {
         **measure(robots, known, speed),
@@ -126,10 +127,10 @@ def predict(robot: Robot, speed: float, copies: int) -> dict[str, Any]:
     return {name: summary(measured[name], inputs) for name in UNITS}
 
 
-def copy_of(robot: Robot, numbers: dict[str, float], errors: Array) -> Robot:
-    """The robot with one draw of what is uncertain; errors: m, of each length."""
-    changed = zip(lengths(robot).items(), errors.tolist(), strict=True)
-    wrong = with_lengths(robot, {n: v + e for (n, v), e in changed if n != "frame_angle"})
+def copy_of(robot: Robot, numbers: dict[str, float], errors: dict[str, float]) -> Robot:
+    """The robot with one draw of what is uncertain; errors: m, by length."""
+    known = lengths(robot)
+    wrong = with_lengths(robot, {name: known[name] + error for name, error in errors.items()})
     motor, feet = wrong.motor, wrong.pad_compliance
     volts, stiff = numbers["battery"], numbers["feet"]
     motor = replace(motor, stall_torque=volts * motor.stall_torque,
@@ -148,7 +149,7 @@ def copy_of(robot: Robot, numbers: dict[str, float], errors: Array) -> Robot:
 def walk(
     robots: list[Robot], known: dict[str, Array], speed: float, ground: Terrain, seconds: float
 ) -> dict[str, Array]:
-    """What robots do (steps, n) whose cranks turn for ``seconds``, and then are stopped."""
+    """Walk robots whose cranks turn for ``seconds`` and then stop; return arrays (steps, n)."""
     single = cast(JansenWalkerEnv, make_env(ENV, {"robot": robots[0]}).unwrapped)
     envs: Any = gym.make_vec(
         ENV, len(robots), robot=robots, terrain=ground, friction=known["friction"].tolist(),
@@ -219,15 +220,21 @@ def climb(robots: list[Robot], known: dict[str, Array], speed: float) -> Array:
 
 
 def summary(values: Array, inputs: dict[str, Array]) -> dict[str, Any]:
-    """Median, 90 % band, and shares of the variance by groups of inputs."""
+    """Median, 90 % band, and shares of the variance by groups of inputs.
+
+    The shares sum to the adjusted R^2: what as many random columns would explain is taken off. A
+    small share can be negative. There are none with fewer copies than the regression needs.
+    """
     low, high = np.percentile(values, SPAN).tolist()
     columns = np.concatenate([*inputs.values()], axis=1)
-    columns = (columns - columns.mean(axis=0)) / columns.std(axis=0)
     spread = values - values.mean()
     sources = {}
-    if values.std() > 1e-9 * max(1.0, abs(values.mean())):
+    free = len(values) - 1 - columns.shape[1]  # degrees of freedom that are left
+    if free > 0 and values.std() > 1e-9 * max(1.0, abs(values.mean())):
+        columns = (columns - columns.mean(axis=0)) / columns.std(axis=0)
         slopes = np.linalg.lstsq(columns, spread, rcond=None)[0]
         shares = slopes * (spread @ columns) / (spread @ spread)  # whose sum is R^2
+        shares -= (1.0 - shares.sum()) / free  # by chance
         ends = np.cumsum([part.shape[1] for part in inputs.values()])
         parts = [float(part.sum()) for part in np.split(shares, ends[:-1])]
         sources = {name: round(part, 3) for name, part in zip(inputs, parts, strict=True)}

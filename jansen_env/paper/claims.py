@@ -1,4 +1,4 @@
-"""The paper's claims beside what is computed here, each with a verdict.
+"""The paper's claims beside our results, each with a verdict.
 
 Verdicts follow from the numbers by the criterion in each function, none is set by hand. Why a claim
 holds or does not: ``docs/paper.md``.

@@ -249,7 +249,7 @@ def test_a_damaged_journal_is_refused(tmp_path):
 
 
 def test_a_full_disk_leaves_the_journal(tmp_path):
-    """Of a generation before; with room the search goes on."""
+    """The journal of the last complete generation stays; once there is room, the search goes on."""
     resource = pytest.importorskip("resource")
     plan, path = plan_of(), tmp_path / search.JOURNAL
     search.run_search(replace(plan, generations=1), 0, tmp_path)

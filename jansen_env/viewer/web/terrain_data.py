@@ -1,4 +1,4 @@
-"""What ``terrain.js`` draws grounds from: the numbers of :mod:`jansen_env.terrain`."""
+"""Numbers from which ``terrain.js`` draws grounds."""
 
 from __future__ import annotations
 

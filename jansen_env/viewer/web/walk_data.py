@@ -1,4 +1,4 @@
-"""What a page needs to let robots walk: the engine, its kernels and records, robots, policies."""
+"""Data of the walking page: engine, kernels, records, robots and policies."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ SLIDERS = (
     ("restitution", "restitution", "", 0.0, 0.9), ("tilt", "slope", "rad", -0.25, 0.25),
     ("motor_strength", "motor strength", "", 0.1, 1.5),
 )  # fmt: skip
-"""What may be changed while a robot walks."""
+"""Parameters that a user can change while a robot walks."""
 SHORTEST_TURN = 0.05  # m, by which the crank's speed is found for a command
 
 

@@ -61,12 +61,12 @@ const present = () => draft ?? past[now];
 /** Work out the present design, as bench_picture.js has it, and show it. */
 function rework() {
   const of = present();
-  const own = designs[of.base];
-  const lengths = { ...own.lengths, ...of.changes };
-  const linkage = assemble(own, lengths);
+  const base = designs[of.base];
+  const lengths = { ...base.lengths, ...of.changes };
+  const linkage = assemble(base, lengths);
   const turn = turnOf(linkage);
   const opening = openingOf(turn);
-  const numbers = opening ? null : measure(own, turn);
+  const numbers = opening ? null : measure(base, turn);
   view = { ...view, of, lengths, linkage, turn, opening, numbers };
   showNumbers();
   showLengths();
@@ -126,11 +126,11 @@ function frame(time) {
 function showNumbers() {
   NUMBERS.forEach(([, value, text, more], k) => {
     const [, main, detail, compared] = $("numbers").children[k].children;
-    const [own, other] = [view.numbers, kept?.numbers].map((n) => n && value(n));
-    main.textContent = view.numbers ? text(own) : "–";
+    const [current, other] = [view.numbers, kept?.numbers].map((n) => n && value(n));
+    main.textContent = view.numbers ? text(current) : "–";
     detail.textContent = view.numbers && more ? more(view.numbers) : "";
     const change = view.numbers
-      ? `, ${own < other ? "−" : "+"}${text(Math.abs(own - other)).split(/[ °]/)[0]}`
+      ? `, ${current < other ? "−" : "+"}${text(Math.abs(current - other)).split(/[ °]/)[0]}`
       : "";
     compared.textContent = kept?.numbers ? `A ${text(other)}${change}` : "";
   });
@@ -196,8 +196,7 @@ function showLengths() {
 /** Highlight the link of a row of the lengths, with its name; null for none. */
 function light(row) {
   const length = row?.dataset.name ?? "";
-  const own = view.linkage.bodies.filter(({ name }) => `${length}_`.startsWith(`${name}_`));
-  view.lit = own[0]?.name;
+  view.lit = view.linkage.bodies.find(({ name }) => `${length}_`.startsWith(`${name}_`))?.name;
   touch();
 }
 
@@ -228,20 +227,20 @@ $("lengths").addEventListener("change", ({ target }) => {
  * length and angle, any other with the lengths that meet there while the other joints stay.
  */
 function move(joint, to, from) {
-  const { bodies, design: own } = from.linkage;
+  const { bodies, design: base } = from.linkage;
   const { at } = place(from.linkage, from.psi);
   const moved = { ...at, [joint]: to };
-  const placesOf = (k) => bodies[k].joints.map((one) => moved[one]);
+  const placesOf = (k) => bodies[k].joints.map((name) => moved[name]);
   const all = [...bodies.keys()].filter((k) => bodies[k].joints.includes(joint));
   const holding = all[0] < 2 ? all.slice(0, 1) : all; // of frame and crank nothing but these
   if (!holding.flatMap(placesOf).every(Boolean)) return; // a joint that is nowhere
-  const lengths = Object.assign({}, ...holding.map((k) => lengthsOf(own, k, placesOf(k))));
+  const lengths = Object.assign({}, ...holding.map((k) => lengthsOf(base, k, placesOf(k))));
   if (all[0] === 1) {
     psi = Math.atan2(to[1], to[0]);
     const away = Math.abs(Math.hypot(...to) - Math.hypot(...at[joint]));
     if (1000 * away < STICKY * from.pixel) return attempt({}, from.of);
   } else if (all[0] > 1) {
-    const [x, y] = place(assemble(own, { ...from.lengths, ...lengths }), from.psi).at[joint] ?? [];
+    const [x, y] = place(assemble(base, { ...from.lengths, ...lengths }), from.psi).at[joint] ?? [];
     if (!(Math.hypot(x - to[0], y - to[1]) < FLIPPED)) return;
   }
   attempt(lengths, from.of);

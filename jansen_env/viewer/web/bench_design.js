@@ -20,10 +20,10 @@ export const lengthOf = (name, value) => value / scaleOf(name);
 
 /** A design with some more lengths, m and rad; those of the built-in design are left out. */
 export function withLengths(designs, { base, changes }, lengths) {
-  const own = designs[base].lengths;
+  const { lengths: builtIn } = designs[base];
   const kept = Object.entries({ ...changes, ...lengths })
     .map(([name, value]) => [name, shown(name, value)])
-    .filter(([name, value]) => value !== shown(name, own[name]));
+    .filter(([name, value]) => value !== shown(name, builtIn[name]));
   return { base, changes: Object.fromEntries(kept.map(([n, value]) => [n, lengthOf(n, value)])) };
 }
 
@@ -31,7 +31,7 @@ export function withLengths(designs, { base, changes }, lengths) {
 export function rangeOf({ lengths }, name) {
   const value = shown(name, lengths[name]);
   const body = name.replace(/_[^_]+_(along|across)$/, "_");
-  const first = Object.keys(lengths).find((one) => one.startsWith(body)); // of the same plate
+  const first = Object.keys(lengths).find((other) => other.startsWith(body)); // of the same plate
   const size = isSigned(name) ? shown(first, lengths[first]) : value;
   const slide = isAngle(name) ? SLIDE_ANGLE : SLIDE * size;
   return [Math.floor(value - slide), Math.ceil(value + slide)];

@@ -37,7 +37,7 @@ const escaped = (text) => text.replaceAll("&", "&amp;").replaceAll("<", "&lt;");
 export function boxOf({ design, bodies }, turn) {
   const [axis, pin] = bodies[1].joints.map((joint) => bodies[1].points.get(joint));
   const reach = Math.hypot(pin[0] - axis[0], pin[1] - axis[1]);
-  const places = turn.flatMap((one) => Object.values(one.at));
+  const places = turn.flatMap((sample) => Object.values(sample.at));
   const both = design.legs.some(([side]) => side === "back");
   const across = [reach, -reach, ...places.flatMap(([u]) => (both ? [u, -u] : [u]))];
   const down = [reach, -reach, ...places.map(([, v]) => -v)];
@@ -132,7 +132,7 @@ function addLeg(add, { bodies }, { at: places, open }) {
     const sides = `M${joints.map((joint) => at(places[joint])).join("L")}${joints.length > 2 ? "Z" : ""}`;
     add(["frame", "crank"][k] ?? (joints.length > 2 ? "plate" : "link"), sides, k < 2 ? 7 : 4);
   });
-  const dots = Object.values(places).map((one) => `M${at(one)}h0`);
+  const dots = Object.values(places).map((place) => `M${at(place)}h0`);
   add("link", dots.join(""), 10);
   add("pin", dots.join(""), 5.5);
   if (!open) return;

@@ -64,8 +64,8 @@ export const LESSONS = [
     trial: "Above the paper's lengths, below lengths that a search found. Try other speeds.",
     address: "control=constant+speed&robot2=economy&control2=constant+speed&command=0.15",
     answer(walkers) {
-      const [paper, found] = walkers.map(({ score }) => shown(score.cost, 2));
-      return `Cost of transport: ${paper} with the paper's lengths, ${found ?? "–"} with those found.`;
+      const [paper, searched] = walkers.map(({ score }) => shown(score.cost, 2));
+      return `Cost of transport: ${paper} with the paper's lengths, ${searched ?? "–"} with those found.`;
     },
   },
   {

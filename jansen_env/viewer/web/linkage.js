@@ -35,11 +35,11 @@ export function lengthsOf(design, body, places) {
     values = [0, 1, 2].map((k) => Math.hypot(...sub(places[(k + 1) % 3], places[k])));
   } else if (design.kinds[body] === "Plate") {
     const along = [edge[0] / span, -edge[1] / span];
-    for (const one of places.slice(2)) values.push(...times(sub(one, places[0]), along));
+    for (const joint of places.slice(2)) values.push(...times(sub(joint, places[0]), along));
   }
-  const found = Object.fromEntries(lengthNames(design, body).map((name, k) => [name, values[k]]));
-  if (body === 0) found.frame_angle = Math.atan2(edge[1], edge[0]) - design.turn;
-  return found;
+  const lengths = Object.fromEntries(lengthNames(design, body).map((name, k) => [name, values[k]]));
+  if (body === 0) lengths.frame_angle = Math.atan2(edge[1], edge[0]) - design.turn;
+  return lengths;
 }
 
 /** Joints of a body in axes of its own: the first at the origin, the second on the x axis. */
@@ -60,9 +60,9 @@ export function assemble(design, lengths) {
     const points = shapeOf(design, body, lengths);
     return { name, joints: [...joints], points: new Map(points.map((p, k) => [joints[k], p])) };
   });
-  const between = (one, other) => {
-    const body = bodies.find(({ points }) => points.has(one) && points.has(other));
-    return { body, span: Math.hypot(...sub(body.points.get(one), body.points.get(other))) };
+  const between = (start, end) => {
+    const body = bodies.find(({ points }) => points.has(start) && points.has(end));
+    return { body, span: Math.hypot(...sub(body.points.get(start), body.points.get(end))) };
   };
   const dyads = design.dyads.map(([joint, start, end, branch]) => {
     const [first, second] = [between(joint, start), between(joint, end)];
@@ -92,7 +92,7 @@ export function place(linkage, psi) {
     const leg = [along / span, (branch * Math.sqrt(across2)) / span];
     at[joint] = add(at[start], times([dx, dy], leg));
     for (const body of plates) {
-      const [i, j] = body.joints.filter((one) => one in at);
+      const [i, j] = body.joints.filter((name) => name in at);
       const [u, v] = sub(body.points.get(j), body.points.get(i));
       const length2 = u * u + v * v;
       addJoints(at, body, times(sub(at[j], at[i]), [u / length2, -v / length2]));
@@ -129,7 +129,7 @@ export const turnOf = (linkage) =>
 export function openingOf(turn) {
   const lack = ({ span, first, second }) =>
     Math.abs(span ** 2 - first ** 2 - second ** 2) / (first * second);
-  const open = turn.map((one) => one.open);
+  const open = turn.map((sample) => sample.open);
   if (!open.some(Boolean)) return null;
   const worst = open.filter(Boolean).reduce((a, b) => (lack(b) > lack(a) ? b : a));
   const reach = (way) => {
@@ -189,12 +189,12 @@ function pathsOf({ legs, toes }, turn) {
 }
 
 function deadPoint(design, turn) {
-  let found = { sine: Number.POSITIVE_INFINITY };
+  let nearest = { sine: Number.POSITIVE_INFINITY };
   for (const [joint, start, end] of design.dyads)
     turn.forEach(({ at }, k) => {
       const [[a, b], [c, d]] = [sub(at[joint], at[start]), sub(at[joint], at[end])];
       const sine = Math.abs(a * d - b * c) / (Math.hypot(a, b) * Math.hypot(c, d));
-      if (sine < found.sine) found = { sine, joint, psi: angleOf(k) };
+      if (sine < nearest.sine) nearest = { sine, joint, psi: angleOf(k) };
     });
-  return found;
+  return nearest;
 }

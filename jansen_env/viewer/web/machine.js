@@ -67,9 +67,11 @@ export class Machine {
     this.world = memory.array("WORLD", 1);
     this.world.write({ time_step, stride: layout.stride, toes, capacity });
     this.planes = memory.array("PLANE", capacity);
-    const [none, one] = layout.workSpace;
-    this.work = none.map(([type, ...shape], k) => {
-      const lengths = shape.map((length, axis) => length + (one[k][axis + 1] - length) * capacity);
+    const [empty, single] = layout.workSpace;
+    this.work = empty.map(([type, ...shape], k) => {
+      const lengths = shape.map(
+        (length, axis) => length + (single[k][axis + 1] - length) * capacity,
+      );
       return memory.array(type, ...lengths);
     });
     this.which = memory.array("i8", 1);
@@ -172,8 +174,8 @@ export class Machine {
       const payload = { mass: numbers.payload, inertia: 0, position: [0, 0] };
       this.robot = { ...this.robot, payload };
     }
-    const own = Object.entries(this.robot.params).map(([name, value]) => [name, known(value)]);
-    const row = { ...Object.fromEntries(own), load_inertia: this.robot.payload.inertia };
+    const nominal = Object.entries(this.robot.params).map(([name, value]) => [name, known(value)]);
+    const row = { ...Object.fromEntries(nominal), load_inertia: this.robot.payload.inertia };
     for (const [name, copied] of Object.entries(layout.copied)) row[copied] = parameters[name];
     for (const [name, fields] of Object.entries(layout.scaled))
       for (const field of fields) {
@@ -278,10 +280,10 @@ export class Machine {
     }
     const before = [states, statistics].map((block) => block.bytes.slice());
     this.shares.view.set([0n, 1n, 0n, 0n]);
-    const own = [0, this.shares, 1, this.which, steps, asked, this.trace, this.work, this.moved];
+    const split = [0, this.shares, 1, this.which, steps, asked, this.trace, this.work, this.moved];
     const shared = [states, this.model, this.sides, this.surface, this.depths, this.world, robots];
     const results = [this.planes, statistics, slip, force];
-    memory.call("integrator_advance", own.flat(), flags, shared.flat(), results);
+    memory.call("integrator_advance", split.flat(), flags, shared.flat(), results);
     const [far, diverged] = flags.view;
     if (diverged) {
       for (const [k, block] of [states, statistics].entries()) block.bytes.set(before[k]);
@@ -426,7 +428,7 @@ export class Machine {
     const design = [this.states.at(0), this.pads.at(0), this.padLayout.at(0), centres];
     memory.call("collision_pad_centres", design);
     const places = numbered(toes, (toe) => [...centres.view.slice(2 * toe, 2 * toe + 2)]);
-    const found = places.map(([x, y]) => ({ point: [x, y - radius], tangent: [1, 0] }));
+    const frames = places.map(([x, y]) => ({ point: [x, y - radius], tangent: [1, 0] }));
     robots.write({ status: { margin: this.numbers.SPECULATIVE_MARGIN } });
     memory.scratch(() => {
       const given = memory.filled("f8", places.flat(), toes, 2);
@@ -436,9 +438,9 @@ export class Machine {
     for (let k = end_plane - 1; k >= first_plane; k -= 1) {
       const { pad, normal_x: u, normal_y: v } = planes.read(k); // a pad's nearest comes last
       const [x, y] = places[pad];
-      found[pad] = { point: [x - radius * u, y - radius * v], tangent: [v, -u] };
+      frames[pad] = { point: [x - radius * u, y - radius * v], tangent: [v, -u] };
     }
-    return found;
+    return frames;
   }
 
   /** What stays the same while it walks: geometry.py, scene_of_robot. */

@@ -84,9 +84,9 @@ export function plotOn(canvas, curves, duration) {
 
   function paint(theme, colors, size, ratio) {
     frame = { ...size, ratio, theme };
-    for (const one of [canvas, still]) {
-      one.width = Math.round(size.width * ratio);
-      one.height = Math.round(size.height * ratio);
+    for (const layer of [canvas, still]) {
+      layer.width = Math.round(size.width * ratio);
+      layer.height = Math.round(size.height * ratio);
     }
     const to = still.getContext("2d");
     to.scale(ratio, ratio);

@@ -190,19 +190,19 @@ function trails(track) {
   );
 }
 
-function drawPicture({ canvas, size }, own) {
+function drawPicture({ canvas, size }, drawn) {
   if (!size.width || !size.height) return; // not shown
   const ctx = canvas.getContext("2d");
   const ratio = canvas.width / size.width;
   ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
-  const states = own.map((track) => stateAt(track, clock.time));
-  const look = view.viewOf(canvas, size, own[0].scene, states);
-  drawGround(ctx, size, own[0].scene, look, { theme });
-  for (let i = own.length - 1; i >= 0; i--) {
-    drawRobot(ctx, size, own[i].scene, states[i], look, {
+  const states = drawn.map((track) => stateAt(track, clock.time));
+  const look = view.viewOf(canvas, size, drawn[0].scene, states);
+  drawGround(ctx, size, drawn[0].scene, look, { theme });
+  for (let i = drawn.length - 1; i >= 0; i--) {
+    drawRobot(ctx, size, drawn[i].scene, states[i], look, {
       theme,
       forces: shown.forces && i === 0,
-      paths: i === 0 ? trails(own[i]) : [],
+      paths: i === 0 ? trails(drawn[i]) : [],
       ghost: i > 0 ? theme.crank : null,
     });
   }
@@ -286,10 +286,10 @@ const KEYS = {
 document.addEventListener("keydown", (event) => {
   const act = KEYS[event.key] ?? KEYS[event.key.toLowerCase()];
   const { target } = event;
-  const own = target.closest("button, select") && event.key === " "; // which presses it
+  const pressing = target.closest("button, select") && event.key === " "; // the key presses it
   const choosing = target.closest("select") && event.key.length > 1;
   const modified = event.ctrlKey || event.metaKey || event.altKey;
-  if (!act || own || choosing || modified || byId("keys").open) return;
+  if (!act || pressing || choosing || modified || byId("keys").open) return;
   event.preventDefault();
   act(event);
 });

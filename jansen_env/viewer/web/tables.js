@@ -213,9 +213,9 @@ function bearingFriction(fourier, robot, slope) {
   let total = each(BEARING_SAMPLES, () => 0);
   if (!friction.some((value) => value > 0)) return total;
   const rates = fourier.series(relative(slope, robot.linkage.bearings));
-  const one = each(2 * HARMONICS, (n) => (n < HARMONICS ? 1 : 0));
+  const unscaled = each(2 * HARMONICS, (n) => (n < HARMONICS ? 1 : 0));
   for (const leg of robot.legs) {
-    const turning = fourier.sampled(fourier.ofLegs(rates, [leg], 0), BEARING_SAMPLES, one);
+    const turning = fourier.sampled(fourier.ofLegs(rates, [leg], 0), BEARING_SAMPLES, unscaled);
     const share = (i) => (sum, value, k) => sum + value * Math.abs(turning[k][i]);
     total = total.map((value, i) => value + friction.reduce(share(i), 0));
   }

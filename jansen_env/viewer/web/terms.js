@@ -35,14 +35,14 @@ const TERMS = {
 
 /** Have words explain themselves: by hovering over them, and by a tap or the focus (theme.css). */
 export function explain(selector) {
-  for (const one of document.querySelectorAll(selector)) {
-    const title = TERMS[one.firstChild?.textContent.trim().replace(/ so far$/, "")];
+  for (const word of document.querySelectorAll(selector)) {
+    const title = TERMS[word.firstChild?.textContent.trim().replace(/ so far$/, "")];
     if (!title) continue;
-    one.classList.add("term");
-    Object.assign(one, { title, tabIndex: 0 });
-    one.onclick = (event) => {
+    word.classList.add("term");
+    Object.assign(word, { title, tabIndex: 0 });
+    word.onclick = (event) => {
       event.preventDefault(); // a label's own control is not meant
-      one.focus();
+      word.focus();
     };
   }
 }

@@ -50,10 +50,10 @@ export function stateAt(track, time) {
   const count = track.scene.joints.length;
   const state = { x, y, pitch, joints: [], toes: [] };
   for (let leg = 0; leg < legs; leg++) {
-    const own = [];
+    const places = [];
     for (let i = 0; i < count; i++)
-      own.push(point(joints, 2 * count * legs, 2 * (count * leg + i)));
-    state.joints.push(own);
+      places.push(point(joints, 2 * count * legs, 2 * (count * leg + i)));
+    state.joints.push(places);
   }
   const toes = track.scene.toes.length;
   for (let toe = 0; toe < toes; toe++) {

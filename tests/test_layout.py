@@ -31,7 +31,7 @@ ORDER = (
     ["__main__"],
     ["agents.training"],
     ["agents.pack"],
-    ["agents.export", "agents.studies"],
+    ["agents.export"],
     ["agents"],  # the other commands
     ["benchmarks", "examples", "train"],
 )

@@ -1,1 +1,0 @@
-"""Studies: many training runs, planned, run here or on Ray, and compared over seeds."""

@@ -79,7 +79,7 @@ def test_agents_ask_for_all_packages_that_they_import():
         for name in imported(path)
     }
     others = {"agents", "jansen_env", "benchmarks", "gymnasium", "numpy", "safetensors"}
-    others |= {"jinja2", "onnx", "onnxruntime", "pandas", "ray"}
+    others |= {"jinja2", "onnx", "onnxruntime", "pymoo", "pandas", "ray"}
     assert packages - others - sys.stdlib_module_names <= {*NEEDED}
 
 

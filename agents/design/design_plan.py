@@ -16,12 +16,15 @@ from jansen_env.scoring.benchmarks import WALKERS, check_env_kwargs
 from jansen_env.scoring.rollout import EnvKwargs
 
 PLANS = Path(__file__).parent / "plans"
+OBJECTIVES = {"cma": (1,), "nsga2": (2, 3)}
+"""Numbers of objectives that each method takes."""
 KEYS: dict[str, Rule] = {
     "env": Rule(words=tuple(WALKERS)), "env_kwargs": Rule((dict,)), "robot": Rule((str,)),
     "profile": Rule((str, NoneType)), "speed": Rule((float,), 0.01, 2.0),
-    "generations": Rule((int,), 1, 100_000), "population": Rule((int,), 4, 4096),
-    "starts": Rule((int,), 1, 64), "variables": Rule((dict,)), "objectives": Rule((dict,)),
-    "limits": Rule((dict,)), "seeds": Rule((int,), 1, 1000),
+    "method": Rule(words=tuple(OBJECTIVES)), "generations": Rule((int,), 1, 100_000),
+    "population": Rule((int,), 4, 4096), "starts": Rule((int,), 1, 64),
+    "variables": Rule((dict,)), "objectives": Rule((dict,)), "limits": Rule((dict,)),
+    "seeds": Rule((int,), 1, 1000),
 }  # fmt: skip
 
 
@@ -41,6 +44,7 @@ class Plan:
     env_kwargs: EnvKwargs = field(default_factory=dict)
     robot: str = "built"
     profile: str | None = None
+    method: str = "cma"
     population: int = 32
     starts: int = 2
     limits: dict[str, list[float | None]] = field(default_factory=dict)
@@ -63,8 +67,11 @@ class Plan:
             Rule(words=("min", "max")).check(f"objectives.{name}", way)
         for name, ends in self.limits.items():
             _check_ends(f"limits.{name}", ends)
-        if len(self.objectives) != 1:
-            raise ValueError(f"objectives has {len(self.objectives)} entries, must have one")
+        if len(self.objectives) not in OBJECTIVES[self.method]:
+            wanted = " to ".join(map(str, OBJECTIVES[self.method]))
+            raise ValueError(
+                f"objectives has {len(self.objectives)} entries, {self.method} must have {wanted}"
+            )
         traced = [name for name in self.measured if MEASURES[name].group == "loads"]
         if traced and self.env_kwargs.get("plant", "projection") != "projection":
             raise ValueError(f"{traced[0]} is measured on the plant 'projection' alone")

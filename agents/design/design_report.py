@@ -10,7 +10,7 @@ from tabulate import tabulate
 
 from agents.design.design_plan import Plan
 from agents.design.measures import MEASURES, geometry_measures
-from agents.design.search import Journal, best_of, make_walker, measure, objective_of
+from agents.design.search import Journal, best_of, front_of, make_walker, measure, objectives_of
 from agents.design.variables import Candidate
 from jansen_env.commands.plots import save
 from jansen_env.drawings.shaft_order import layers
@@ -23,6 +23,7 @@ from jansen_env.scoring.metrics import screen_table
 ROBOT, PROFILE, REPORT = "robot.json", "profile.json", "report.md"
 OTHER_STARTS = "other starts"
 FRESH = 16  # crank angles, others than those of the search
+MOST_OF_FRONT = 20  # designs of a front that are written
 
 
 def write_report(plan: Plan, folder: Path, results: dict[str, Journal]) -> str:
@@ -36,6 +37,10 @@ def write_report(plan: Plan, folder: Path, results: dict[str, Journal]) -> str:
     for name, result in results.items():
         designs[name] = space.candidate(result["unit"][best[name]])
         write_design(folder / name, plan, designs[name])
+        front = front_of(plan, result) if plan.method == "nsga2" else []
+        for number, k in enumerate(front[:: max(1, len(front) // MOST_OF_FRONT)]):
+            candidate = space.candidate(result["unit"][k])
+            write_design(folder / name / f"front_{number}", plan, candidate)
     half = 0.5 * float(plan.env_kwargs.get("time_step", 1e-3))
     walkers = {
         "search": make_walker(plan), OTHER_STARTS: make_walker(plan, FRESH),
@@ -57,7 +62,7 @@ def write_report(plan: Plan, folder: Path, results: dict[str, Journal]) -> str:
     head = [*(f"{key} ({MEASURES[key].unit})" for key in plan.measured), "limits kept"]
     count = sum(map(len, results.values()))
     text = (
-        f"# {folder.name}\n\n{plan.starts} walks at {plan.speed:g} m/s each of "
+        f"# {folder.name}\n\n{plan.method}, {plan.starts} walks at {plan.speed:g} m/s each of "
         f"{count} candidates, {plan.population} a generation.\n\n"
         f"{tabulate(table, ['', 'where', *head, 'can be assembled'], tablefmt='github')}\n\n"
         "![designs](designs.png)\n\n![search](search.png)\n"
@@ -70,7 +75,8 @@ def write_report(plan: Plan, folder: Path, results: dict[str, Journal]) -> str:
     write_text(folder / REPORT, text)
 
     def rank(name: str) -> tuple[float, float]:
-        return short_of[name], float(objective_of(plan, results[name])[best[name]])
+        objective = objectives_of(plan, results[name])[best[name], 0]
+        return short_of[name], float(objective)
 
     columns = [[name, *walked[name, OTHER_STARTS]] for name in ("start", min(results, key=rank))]
     return screen_table([*zip([OTHER_STARTS, *head], *columns, strict=True)])
@@ -114,13 +120,19 @@ def draw_designs(robots: dict[str, Robot], path: Path) -> None:
 
 
 def draw_search(plan: Plan, results: dict[str, Journal], path: Path) -> None:
-    """Draw the best so far of each search."""
+    """Draw the front of several objectives, or the best so far of one."""
     figure = Figure((7.0, 4.6), layout="constrained")
-    axis, ((objective, way), *_) = figure.subplots(), plan.objectives.items()
-    best = np.fmin if way == "min" else np.fmax
+    axis, names = figure.subplots(), [*plan.objectives]
+    best = np.fmin if plan.objectives[names[0]] == "min" else np.fmax
     for name, result in results.items():
-        value = np.where(result["violation"] == 0.0, result[objective], np.nan)
-        axis.plot(best.accumulate(value), label=name)
-    axis.set(xlabel="candidate", ylabel=objective)
+        if plan.method == "nsga2":
+            front = front_of(plan, result)
+            axis.plot(*(result[key][front] for key in names[:2]), "o-", ms=4, label=name)
+        else:
+            value = np.where(result["violation"] == 0.0, result[names[0]], np.nan)
+            axis.plot(best.accumulate(value), label=name)
+    axis.set(xlabel="candidate", ylabel=names[0])
+    if plan.method == "nsga2":
+        axis.set(xlabel=names[0], ylabel=names[1])
     axis.legend(fontsize=8)
     save(figure, path)

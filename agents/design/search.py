@@ -9,12 +9,13 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import cma
 import numpy as np
 from numpy.typing import NDArray
 
+from agents import need
 from agents.design.design_plan import Plan
 from agents.design.measures import GROUPS, Walker
 from agents.design.variables import Candidate, Space
@@ -37,11 +38,24 @@ Progress: TypeAlias = Callable[[Journal], object]
 
 def best_of(plan: Plan, journal: Journal) -> int:
     """Return the index of the best of those that keep all limits, else of the nearest to it."""
-    return int(np.lexsort((objective_of(plan, journal), journal["violation"]))[0])
+    return int(np.lexsort((objectives_of(plan, journal)[:, 0], journal["violation"]))[0])
+
+
+def front_of(plan: Plan, journal: Journal) -> list[int]:
+    """Return indices of those that keep all limits and that no other is better than in all."""
+    objectives, kept = objectives_of(plan, journal), np.flatnonzero(journal["violation"] == 0.0)
+    feasible = objectives[kept]
+
+    def beaten(k: int) -> bool:
+        no_worse = (feasible <= objectives[k]).all(axis=1)
+        return bool((no_worse & (feasible < objectives[k]).any(axis=1)).any())
+
+    front = [k for k in kept.tolist() if not beaten(k)]
+    return sorted(front, key=lambda k: float(objectives[k, 0]))
 
 
 class Cma:
-    """CMA-ES (Hansen 2016); what breaks limits ranks behind, by how far."""
+    """CMA-ES (Hansen 2016) for the first objective; what breaks limits ranks behind, by how far."""
 
     def __init__(self, start: Array, population: int, seed: int) -> None:
         rng = np.random.default_rng(seed)
@@ -60,17 +74,49 @@ class Cma:
         self._asked = self._search.ask()
         return np.array(self._asked)
 
-    def tell(self, objective: Array, violation: Array) -> None:
-        """Pass its objective (n,), to be small, and how far it breaks the limits (n,)."""
+    def tell(self, objectives: Array, violation: Array) -> None:
+        """Take its objectives (n, k), to be small, and how far it breaks the limits (n,)."""
         rank = np.empty(len(violation))
-        rank[np.lexsort((objective, violation))] = np.arange(len(violation))
+        rank[np.lexsort((objectives[:, 0], violation))] = np.arange(len(violation))
         self._search.tell(self._asked, rank.tolist())
 
 
-def objective_of(plan: Plan, measured: Measured | Journal) -> Array:
-    """(n,) the plan's objective, to be small."""
-    (name, way), *_ = plan.objectives.items()
-    return measured[name] if way == "min" else -measured[name]
+class Nsga2:
+    """NSGA-II (Deb et al. 2002) for several objectives."""
+
+    def __init__(self, start: Array, population: int, seed: int, objectives: int) -> None:
+        need("design", "pymoo", who="nsga2")
+        from pymoo.algorithms.moo.nsga2 import NSGA2
+        from pymoo.core.problem import Problem
+
+        off = SPREAD * np.random.default_rng(seed).standard_normal((population, len(start)))
+        off[0] = 0.0
+        first = np.clip(start + off, 0.0, 1.0)
+        self._problem = Problem(n_var=len(start), n_obj=objectives, n_ieq_constr=1, xl=0.0, xu=1.0)
+        self._search = NSGA2(pop_size=population, sampling=first)
+        self._search.setup(self._problem, termination=("n_gen", 10**9), seed=seed, verbose=False)
+        self._asked: Any = None
+
+    def ask(self) -> Array:
+        """Return the next generation (n, d), from 0 to 1."""
+        self._asked = self._search.ask()
+        return np.array(self._asked.get("X"), float)
+
+    def tell(self, objectives: Array, violation: Array) -> None:
+        """Take its objectives (n, k), to be small, and how far it breaks the limits (n,)."""
+        from pymoo.core.evaluator import Evaluator
+        from pymoo.problems.static import StaticProblem
+
+        values = np.nan_to_num(objectives)  # unknown ones break a limit, and do not count
+        evaluated = StaticProblem(self._problem, F=values, G=violation[:, None])
+        Evaluator().eval(evaluated, self._asked)
+        self._search.tell(infills=self._asked)
+
+
+def objectives_of(plan: Plan, measured: Measured | Journal) -> Array:
+    """(n, k) the plan's objectives, to be small."""
+    ways = [(name, 1.0 if way == "min" else -1.0) for name, way in plan.objectives.items()]
+    return np.stack([sign * measured[name] for name, sign in ways], axis=1)
 
 
 def make_walker(plan: Plan, starts: int | None = None, **changes: object) -> Walker:
@@ -104,7 +150,7 @@ def measure(
         for name in {*values} & {*measured}:
             measured[name][able] = values[name]
         able &= (broken(plan, measured, values) == 0.0) & (measured["closure"] > 0.0)
-    lost = ~(measured["closure"] > 0.0) | ~np.isfinite(objective_of(plan, measured))
+    lost = ~(measured["closure"] > 0.0) | ~np.isfinite(objectives_of(plan, measured)).all(axis=1)
     return measured, broken(plan, measured, wanted) + lost
 
 
@@ -134,7 +180,10 @@ def run_search(plan: Plan, seed: int, folder: Path, progress: Progress = lambda 
     folder.mkdir(parents=True, exist_ok=True)
     space, path, n, end = plan.space(), folder / JOURNAL, plan.population, 0
     walker = make_walker(plan)
-    search = Cma(space.start, n, seed)
+    search = (
+        Cma(space.start, n, seed) if plan.method == "cma"
+        else Nsga2(space.start, n, seed, len(plan.objectives))
+    )  # fmt: skip
     with locked(folder):
         journal = read_journal(path, plan)
         for end in range(n, n * plan.generations + 1, n):
@@ -154,7 +203,7 @@ def run_search(plan: Plan, seed: int, folder: Path, progress: Progress = lambda 
                     f"{path}, generation {end // n}, is not what this search asks for; the plan, "
                     "seed or versions of the libraries are others: take another name"
                 )
-            search.tell(objective_of(plan, part), part["violation"])
+            search.tell(objectives_of(plan, part), part["violation"])
             progress(journal[:end])
     return journal[:end]
 

@@ -12,7 +12,7 @@ from agents.design import __main__ as command
 from agents.design import design_report, search
 from agents.design.design_plan import PLANS, make_plan, read_plan
 from agents.design.measures import SEED, STEPS, Walker, clearance, geometry_measures, profiles
-from agents.design.search import Cma
+from agents.design.search import Cma, Nsga2
 from agents.design.variables import Candidate, Space
 from jansen_env import ROBOTS
 from jansen_env.commands.named_policies import load_named
@@ -27,13 +27,14 @@ SMALL = {
     "variables": {"lengths": 0.02, "harmonics": 1},
     "objectives": {"steady_cost_of_transport": "min"}, "limits": {"falls": [None, 0]},
 }  # fmt: skip
+METHODS = {"cma": {}, "nsga2": {"objectives": {"steady_cost_of_transport": "min", "lift": "max"}}}
 BUILT = ROBOTS["built"]()
 OPEN = Candidate(with_lengths(BUILT, {"rocker": 0.05}), np.ones(4))  # its linkage cannot turn
 
 
-def plan_of(**more):
+def plan_of(method="cma", **more):
     """A small search."""
-    return make_plan({**SMALL, **more})
+    return make_plan({**SMALL, "method": method, **METHODS[method], **more})
 
 
 def begin(speed=0.3):
@@ -68,14 +69,14 @@ def test_shipped_plans_are_complete(name, monkeypatch):
         ({"env_kwargs": {"colour": 1}}, "'colour' is no argument"),
         ({"env_kwargs": {"robot": "paper"}}, "env_kwargs has 'robot', which the search sets"),
         ({"objectives": {"beauty": "max"}}, "objectives has 'beauty', must be of"),
-        ({"objectives": {"mass": "min", "lift": "max"}}, "objectives has 2 entries, must have one"),
+        ({"objectives": {"mass": "min", "lift": "max"}}, "objectives has 2 entries, cma must"),
         ({"limits": {"mass": 3}}, r"limits.mass is 3, must be \[least, most\]"),
         ({"limits": {"mass": [2, 1]}}, r"limits.mass is \[2, 1\]"),
     ],
 )
 def test_a_plan_with_a_fault_is_refused(changes, message):
     with pytest.raises(ValueError, match=message) as error:
-        make_plan({**SMALL, **changes})
+        make_plan({**SMALL, "method": "cma", **changes})
     assert "\n" not in str(error.value)
 
 
@@ -173,17 +174,20 @@ def test_climbing_counts_heights(walker):
         walker.measure("climb", [begin(0.4)])
 
 
-def test_a_search_improves_and_repeats():
+@pytest.mark.parametrize("make", [
+    lambda start: Cma(start, 12, 3), lambda start: Nsga2(start, 12, 3, 2)
+])  # fmt: skip
+def test_methods_improve_and_repeat(make):
     """On a bowl within a limit: nearer than at first; the same answers, the same questions."""
 
     def play():
-        method, asked = Cma(np.full(3, 0.2), 12, 3), []
+        method, asked = make(np.full(3, 0.2)), []
         for _ in range(25):
             unit = method.ask()
             assert unit.shape == (12, 3) and unit.min() >= 0.0 and unit.max() <= 1.0
-            bowl = ((unit - 0.6) ** 2).sum(axis=1)
-            method.tell(bowl, np.maximum(unit[:, 0] - 0.65, 0.0))
-            asked.append((unit, bowl))
+            bowls = [((unit - middle) ** 2).sum(axis=1) for middle in (0.6, 0.5)]
+            method.tell(np.stack(bowls, axis=1), np.maximum(unit[:, 0] - 0.65, 0.0))
+            asked.append((unit, bowls[0]))
         return asked
 
     first, again = play(), play()
@@ -191,9 +195,10 @@ def test_a_search_improves_and_repeats():
     assert min(value.min() for _, value in first[-5:]) < 0.3 * first[0][1].min()
 
 
-def test_a_killed_search_goes_on_bit_for_bit(tmp_path):
+@pytest.mark.parametrize("method", METHODS)
+def test_a_killed_search_goes_on_bit_for_bit(method, tmp_path):
     """Killed after two generations and in the third: the end is that of a search that was not."""
-    plan = plan_of()
+    plan = plan_of(method)
     whole = search.run_search(plan, 0, tmp_path / "a")
 
     def kill(searched):
@@ -259,10 +264,12 @@ def test_a_full_disk_leaves_the_journal(tmp_path):
     assert len(search.run_search(plan, 0, tmp_path)) == 3 * plan.population
 
 
-def test_the_command_searches_and_reports(tmp_path, capsys):
+@pytest.mark.parametrize("method", METHODS)
+def test_the_command_searches_and_reports(method, tmp_path, capsys):
     """Two seeds: robot files and profiles that walk, pictures; given again, the same report."""
     path = tmp_path / "own.yml"
-    path.write_text(yaml.safe_dump(SMALL, sort_keys=False))
+    plan = {**SMALL, "method": method, **METHODS[method]}
+    path.write_text(yaml.safe_dump(plan, sort_keys=False))
     arguments = [str(path), "--log-folder", str(tmp_path / "logs"), "--generations", "2"]
     arguments += ["--variables", "{lengths: 0.01, harmonics: 1}", "--seeds", "2"]
     assert command.main(arguments) == 0
@@ -285,7 +292,7 @@ def test_the_command_searches_and_reports(tmp_path, capsys):
     with pytest.raises(SystemExit):
         command.main(["clmb"])
     first = capsys.readouterr().err.splitlines()[0]
-    assert "plan is 'clmb', must be one of ['climb', 'cost', " in first
+    assert "plan is 'clmb', must be one of ['climb', 'cost', 'front', " in first
 
 
 def test_a_folder_has_one_search(tmp_path):

@@ -12,12 +12,12 @@ import os
 import platform
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from statistics import median
-from typing import Any, NamedTuple, TypeAlias, TypeVar, cast
+from typing import Any, TypeAlias, cast
 
 import gymnasium as gym
 import numpy as np
@@ -30,9 +30,6 @@ from jansen_env.commands.flags import Parser, positive_int
 from jansen_env.cores import available_cores
 from jansen_env.files import check_writable, write_text
 from jansen_env.terrain.generators import make_generator
-
-K = TypeVar("K")
-T = TypeVar("T")
 
 PACKAGES = "box2d", "envpool", "gymnasium", "mujoco", "numpy", "pymunk"
 OURS, MUJOCO, BOX2D = "JansenWalker-v0", "Walker2d-v5", "BipedalWalker-v3"
@@ -54,13 +51,8 @@ Play: TypeAlias = Callable[[], float]
 """Takes all actions of a round; returns environment steps/s, in which a reset counts as a step."""
 
 
-class Part(NamedTuple):
-    """Contestants by the cells of their row, heads of these, and rows that all are compared to."""
-
-    title: str
-    names: Sequence[str]
-    plays: Mapping[tuple[str, ...], Play]
-    references: Sequence[tuple[str, ...]]
+Plays: TypeAlias = dict[str, Play]
+"""Contestants by name; the others are compared to the first."""
 
 
 def single(env_id: str, steps: int, **arguments: Any) -> Play:
@@ -130,40 +122,36 @@ def real_robot() -> Robot:
     return replace(paper_robot(), **{name: getattr(built, name) for name in names})
 
 
-def one_environment(quick: bool) -> Part:
+def one_environment(quick: bool) -> Plays:
     """``gym.make`` beside its peers: random actions, wrappers and resets included."""
     steps = 200 if quick else 5000
-    plays: dict[tuple[str, ...], Play] = {
-        (f"{OURS}, flat",): single(OURS, steps),
-        (f"{OURS}, rough",): single(OURS, steps, terrain=rough_ground()),
-        (f"{OURS}, {REAL}",): single(OURS, steps, robot=real_robot()),
-        (MUJOCO,): single(MUJOCO, steps),
-        (BOX2D,): single(BOX2D, steps),
+    return {
+        MUJOCO: single(MUJOCO, steps),
+        f"{OURS}, flat": single(OURS, steps),
+        f"{OURS}, rough": single(OURS, steps, terrain=rough_ground()),
+        f"{OURS}, {REAL}": single(OURS, steps, robot=real_robot()),
+        BOX2D: single(BOX2D, steps),
     }
-    return Part("One environment", ("environment",), plays, ((MUJOCO,), (BOX2D,)))
 
 
-def many_environments(quick: bool) -> Part:
+def many_environments(quick: bool) -> Plays:
     """``gym.make_vec`` beside a single peer and, where there is envpool, many."""
     counts, count, steps = ((1, 2, 4), 4, 100) if quick else (COUNTS, AT_ONCE, 60_000)
-    plays: dict[tuple[str, ...], Play] = {("flat", f"{n}"): robots(n, steps) for n in counts}
-    compared: dict[str, dict[str, Any]] = {
-        "rough": {"terrain": rough_ground()},
-        REAL: {"robot": real_robot()},
-        "no information requested": {"info_keys": ()},
-        "the same on one thread": {"info_keys": (), "threads": 1},
-    }
-    for name, given in compared.items():
-        plays[name, f"{count}"] = robots(count, steps, **given)
-    plays[MUJOCO, "1"] = single(MUJOCO, 200 if quick else 5000)
+    plays = {f"1, {MUJOCO}": single(MUJOCO, 200 if quick else 5000)}
+    plays |= {f"{n}, {name}": robots(n, steps, **given) for n, name, given in (
+        *((n, "flat", {}) for n in counts),
+        (count, "rough", {"terrain": rough_ground()}),
+        (count, REAL, {"robot": real_robot()}),
+        (count, "no information requested", {"info_keys": ()}),
+        (count, "the same on one thread", {"info_keys": (), "threads": 1}),
+    )}  # fmt: skip
     for threads in sorted({1, available_cores()}) if importlib.util.find_spec("envpool") else ():
-        name = f"envpool {MUJOCO}, {threads} thread{'s' * (threads > 1)}"
-        plays[name, f"{count}"] = envpool(count, threads, 16 if quick else 100)
-    references = ("flat", f"{count}"), (MUJOCO, "1")
-    return Part("Many environments", ("environments", "at once"), plays, references)
+        name = f"{count}, envpool {MUJOCO}, {threads} thread{'s' * (threads > 1)}"
+        plays[name] = envpool(count, threads, 16 if quick else 100)
+    return plays
 
 
-def harder_environments(quick: bool) -> Part:
+def harder_environments(quick: bool) -> Plays:
     """Harder environments beside as many robots on flat ground."""
     draw = make_generator("rough")
     assert draw is not None
@@ -179,41 +167,35 @@ def harder_environments(quick: bool) -> Part:
         hardcore: {"env_id": hardcore},
     }
     steps = 2_000 if quick else 60_000
-    plays: dict[tuple[str, ...], Play] = {
-        (name,): robots(AT_ONCE, steps, **given) for name, given in presets.items()
-    }
-    return Part("Harder environments", (f"{AT_ONCE} robots",), plays, (("flat",),))
+    return {f"{AT_ONCE}, {name}": robots(AT_ONCE, steps, **given)
+            for name, given in presets.items()}  # fmt: skip
 
 
 PARTS = {"one": one_environment, "many": many_environments, "worlds": harder_environments}
 
 
-def take_turns(plays: Mapping[K, Callable[[], T]], rounds: int) -> dict[K, list[T]]:
-    """Return results of each contestant by round, after a warm-up; every other round reversed."""
-    results: dict[K, list[T]] = {name: [] for name in plays}
+def take_turns(plays: Plays, rounds: int) -> dict[str, list[float]]:
+    """Return rates of each contestant by round, after a warm-up; every other round reversed."""
+    rates: dict[str, list[float]] = {name: [] for name in plays}
     for play in plays.values():
         play()
     for number in range(rounds):
         for name in list(plays) if number % 2 == 0 else reversed(list(plays)):
-            results[name].append(plays[name]())
-    return results
+            rates[name].append(plays[name]())
+    return rates
 
 
-def rate_table(
-    rates: Mapping[tuple[str, ...], Sequence[float]],
-    names: Sequence[str],
-    references: Iterable[tuple[str, ...]],
-) -> str:
-    """Medians, lowest and highest of rates by contestant, and medians over those of references."""
-    references, middle = list(references), {key: median(rates[key]) for key in rates}
+def rate_table(rates: Mapping[str, Sequence[float]]) -> str:
+    """Medians, lowest and highest of rates by contestant, and medians over that of the first."""
+    middle = {name: median(series) for name, series in rates.items()}
+    first = next(iter(middle))
     rows = [
-        (*key, *(f"{rate:,.0f}" for rate in (middle[key], min(series), max(series))),
-         *(f"{middle[key] / middle[other]:.2f}" for other in references))
-        for key, series in rates.items()
+        (name, *(f"{rate:,.0f}" for rate in (middle[name], min(series), max(series))),
+         f"{middle[name] / middle[first]:.2f}")
+        for name, series in rates.items()
     ]  # fmt: skip
-    ratios = (f"/ {', '.join(other)}" for other in references)
-    head = (*names, "steps/s", "lowest", "highest", *ratios)
-    align = ("left", *["right"] * (len(head) - 1))
+    head = ("", "steps/s", "lowest", "highest", f"/ {first}")
+    align = ("left", *["right"] * 4)
     return tabulate(rows, head, tablefmt="pipe", disable_numparse=True, colalign=align)
 
 
@@ -252,9 +234,8 @@ def main(arguments: list[str] | None = None) -> None:
     parts = ["# Speed", f"{machine()} Medians of {rounds} rounds in turns."]
     for name in [name for name in PARTS if name in args.only]:
         print(f"{name} ...", file=sys.stderr, flush=True)
-        part = PARTS[name](args.quick)
-        rates = take_turns(part.plays, rounds)
-        parts += [f"## {part.title}", rate_table(rates, part.names, part.references)]
+        title = PARTS[name].__name__.replace("_", " ").capitalize()
+        parts += [f"## {title}", rate_table(take_turns(PARTS[name](args.quick), rounds))]
     text = "\n\n".join(parts) + "\n"
     write_text(args.out / "speed.md", text)
     print(text)

@@ -162,15 +162,6 @@ def check(label: str, name: str, value: object) -> float:
     return number
 
 
-def markdown() -> str:
-    """Return the table of the documentation."""
-    lines = ["| parameter | unit | limits | what it does | no effect on |", "| --- " * 5 + "|"]
-    for row in TABLE:
-        limits = f"{row.least:g} to {row.most:g}"
-        lines.append(f"| `{row.name}` | {row.unit} | {limits} | {row.meaning} | {row.idle} |")
-    return "\n".join(lines)
-
-
 @runtime_checkable
 class Distribution(Protocol):
     """Protocol of what draws a number."""

@@ -1,6 +1,7 @@
 """Predictions of what a built machine would measure: of its copies, with their uncertainty."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -73,3 +74,10 @@ def test_speeds_out_of_range_are_refused(speed, capsys):
     with pytest.raises(SystemExit):
         predict.main(["built", "--speeds", speed])
     assert "--speeds" in capsys.readouterr().err
+
+
+def test_a_machine_that_stands_still_is_refused():
+    """Its motor is too weak for its own friction."""
+    stuck = replace(ECONOMY, motor=replace(ECONOMY.motor, friction=100.0))
+    with pytest.raises(ValueError, match="4 of 4 copies of the robot stand still at a crank speed"):
+        predict.predict(stuck, 2.0, 4)

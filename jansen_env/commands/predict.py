@@ -26,7 +26,7 @@ from jansen_env.gravity import GRAVITY
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.robot.lengths import lengths, with_lengths
-from jansen_env.scoring.metrics import SETTLING
+from jansen_env.scoring.metrics import MIN_DISTANCE, SETTLING
 from jansen_env.scoring.rollout import make_env
 from jansen_env.tasks.walking.walker_benchmark import walking_pid
 from jansen_env.tasks.walking.walker_env import JansenWalkerEnv
@@ -37,7 +37,6 @@ Array = NDArray[np.float64]
 
 ENV = "JansenWalkerBuilt-v0"
 WALKED, STOPPED = 8.0, 2.0  # s, about, that are measured; and with the crank stopped
-CONTROL_DT = 0.02  # s
 WITHIN = {
     "friction": (0.5, 1.0),  # of feet on the ground
     "mass": (0.97, 1.03),  # times all links'
@@ -106,24 +105,17 @@ def predict(robot: Robot, speed: float, copies: int) -> dict[str, Any]:
     by linear regression; what is left to 1 is not linear, as the walk is chaotic.
     """
     sizes = [name for name in lengths(robot) if name != "frame_angle"]
-    drawn = qmc.LatinHypercube(len(WITHIN) - 1 + len(sizes), rng=0).random(copies)
     names = [name for name in WITHIN if name != "lengths"]
-    limits = np.array([WITHIN[name] for name in names]).T
-    values = limits[0] + (limits[1] - limits[0]) * drawn[:, : len(names)]
-    least, most = WITHIN["lengths"]
-    errors = least + (most - least) * drawn[:, len(names) :]
-    known = dict(zip(names, values.T, strict=True))
-    robots = [
-        copy_of(robot, dict(zip(names, row, strict=True)), dict(zip(sizes, error, strict=True)))
-        for row, error in zip(values.tolist(), errors.tolist(), strict=True)
-    ]
-    measured = {
-        **measure(robots, known, speed),
-        "step_climbed": climb(robots, known, speed),
-    }
+    least, most = np.array([WITHIN[name] for name in [*names, *["lengths"] * len(sizes)]]).T
+    drawn = least + (most - least) * qmc.LatinHypercube(len(least), rng=0).random(copies)
+    known, errors = dict(zip(names, drawn.T, strict=False)), drawn[:, len(names) :]
+    robots = [copy_of(robot, {name: float(known[name][i]) for name in names},
+                      dict(zip(sizes, errors[i].tolist(), strict=True)))
+              for i in range(copies)]  # fmt: skip
+    measured = {**measure(robots, known, speed), "step_climbed": climb(robots, known, speed)}
     inputs = {name: known[name][:, None] for name in names if name != "start"}
-    inputs["lengths"] = errors
-    inputs["start"] = np.stack([np.cos(2.0 * known["start"]), np.sin(2.0 * known["start"])], axis=1)
+    turn = 2.0 * known["start"]
+    inputs |= {"lengths": errors, "start": np.stack([np.cos(turn), np.sin(turn)], axis=1)}
     return {name: summary(measured[name], inputs) for name in UNITS}
 
 
@@ -148,9 +140,11 @@ def copy_of(robot: Robot, numbers: dict[str, float], errors: dict[str, float]) -
 
 def walk(
     robots: list[Robot], known: dict[str, Array], speed: float, ground: Terrain, seconds: float
-) -> dict[str, Array]:
-    """Walk robots whose cranks turn for ``seconds`` and then stop; return arrays (steps, n)."""
+) -> tuple[dict[str, Array], float]:
+    """Walk robots whose cranks turn for ``seconds`` and then stop; return arrays (steps, n), and
+    the duration of a step, s."""
     single = cast(JansenWalkerEnv, make_env(ENV, {"robot": robots[0]}).unwrapped)
+    dt = single.control_dt
     envs: Any = gym.make_vec(
         ENV, len(robots), robot=robots, terrain=ground, friction=known["friction"].tolist(),
         terminate_when_fallen=False, reset_noise_scale=0.0, max_episode_steps=-1,
@@ -159,8 +153,8 @@ def walk(
     policy = walking_pid(lambda command: np.full(len(command), now), single)
     seen, _ = envs.reset(seed=0, options={"crank_angle": known["start"]})
     height, rows, memory = single.task.columns["crank_axis_height"], [], None
-    for step in range(steps_of(seconds + STOPPED)):
-        now = speed if step < steps_of(seconds) else 0.0
+    for step in range(round((seconds + STOPPED) / dt)):
+        now = speed if step < round(seconds / dt) else 0.0
         action, memory = policy.predict(seen, memory, np.full(len(robots), step == 0))
         seen, _, _, _, info = envs.step(action)
         row = {name: info[name] for name in ("x_position", "crank_torque", "pitch", "fallen")}
@@ -168,23 +162,23 @@ def walk(
         row["slip"], row["load"] = info["slip"].sum(axis=-1), info["contact_force"][..., 1]
         rows.append({**row, "height": seen[:, height]})
     envs.close()
-    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
-
-
-def steps_of(seconds: float) -> int:
-    """Control steps in some seconds."""
-    return round(seconds / CONTROL_DT)
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}, dt
 
 
 def measure(robots: list[Robot], known: dict[str, Array], speed: float) -> dict[str, Array]:
     """Numbers (n,) of a walk on level ground, most of whole half turns of the crank after 2 s."""
     half_turn = math.pi / abs(speed)
     time = half_turn * max(1, math.floor(WALKED / half_turn))
-    run = walk(robots, known, speed, Terrain.flat(), SETTLING + time)
-    begin, end = steps_of(SETTLING), steps_of(SETTLING + time)
+    run, dt = walk(robots, known, speed, Terrain.flat(), SETTLING + time)
+    begin, end = round(SETTLING / dt), round((SETTLING + time) / dt)
     part = {name: values[begin:end] for name, values in run.items()}
     x, torque, load = run["x_position"], np.abs(part["crank_torque"]), part["load"]
     way = x[end - 1] - x[begin - 1]
+    if (still := np.abs(way) <= MIN_DISTANCE).any():
+        raise ValueError(
+            f"{still.sum()} of {len(way)} copies of the robot stand still at a crank speed of "
+            f"{speed} rad/s, must walk: work and slip are per metre"
+        )
     weight = np.array([GRAVITY * robot.mass for robot in robots])
     return {
         "speed": way / time,
@@ -213,7 +207,7 @@ def climb(robots: list[Robot], known: dict[str, Array], speed: float) -> Array:
         if speed < 0.0:  # it walks towards -x
             points = [[-x, y] for x, y in reversed(points)]
         ground = Terrain(tuple((x, y) for x, y in points))
-        run = walk(robots, known, speed, ground, 2.0 * math.pi * turns / abs(speed))
+        run, _ = walk(robots, known, speed, ground, 2.0 * math.pi * turns / abs(speed))
         climbed.append(~run["fallen"][-1] & (np.abs(run["x_position"][-1]) > BEYOND))
     count = np.cumprod(climbed, axis=0).sum(axis=0).astype(int)
     return np.append(0.0, STEPS)[count]

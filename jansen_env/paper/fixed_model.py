@@ -10,13 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.baselines.pid import PID
-from jansen_env.dynamics.projection import Projection, project
 from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
-Values = float | Array
 
 START = math.pi  # rad, crank angle and reference at time 0
 DURATION = 10.0  # s
@@ -54,11 +52,6 @@ def tables_advance(robot: Robot, time_step: float = TIME_STEP) -> Advance:
         return float(plant.state[3]), float(plant.state[7])
 
     return advance
-
-
-def fixed_base_projection(robot: Robot, angle: Values, speed: Values, torque: Values) -> Projection:
-    """The system's projection (12) with the frame pinned at the origin; numbers or arrays (n,)."""
-    return project(robot, crank_only(angle), crank_only(speed), torque, fixed_base=True)
 
 
 def crank_only(value: ArrayLike) -> Array:

@@ -12,7 +12,13 @@ import pytest
 
 from jansen_env.commands import paper as command
 from jansen_env.dynamics.inverse import crank_torque
-from jansen_env.dynamics.projection import leg_motion, leg_sides, masses, system_coordinates
+from jansen_env.dynamics.projection import (
+    leg_motion,
+    leg_sides,
+    masses,
+    project,
+    system_coordinates,
+)
 from jansen_env.dynamics.reduced import body_sums, compile_robot
 from jansen_env.paper import claims, fixed_model, free_walk, toes
 from jansen_env.paper.results import ANGLES, FRICTIONS, Results, compute
@@ -39,7 +45,8 @@ def test_documentation(results):
 
 def test_projection_and_tables_agree(results):
     def rate(state, torque):
-        projected = fixed_model.fixed_base_projection(paper_robot(), *state, torque)
+        q, q_dot = map(fixed_model.crank_only, state)
+        projected = project(paper_robot(), q, q_dot, torque, fixed_base=True)
         return np.array([state[1], projected.acceleration()[0]])
 
     def advance(angle, speed, torque):
@@ -115,7 +122,7 @@ def test_dropped_velocity_terms():
     speeds = np.broadcast_to(q_dot[:, None], (len(angle), len(robot.legs), 4))
     _, D, bias = leg_motion(robot, leg_sides(robot), system_coordinates(robot, q), speeds)
     most = np.abs((D[..., 3] * masses(robot) * bias).sum(axis=(-1, -2))).max()
-    projected = fixed_model.fixed_base_projection(robot, angle, np.ones(len(angle)), 0.0)
+    projected = project(robot, q, q_dot, fixed_base=True)
     assert np.abs(projected.velocity_terms).max() == pytest.approx(most, rel=1e-12)
     assert np.abs(crank_torque(robot, angle).inertia).max() == pytest.approx(most, rel=1e-9)
     assert on_page(f"up to {most:.3f} N m at 1 rad/s, {16.0 * most:.2f} at 4: as the speed squared")
@@ -206,7 +213,7 @@ def test_loads_do_not_depend_on_the_time_step():
 
 
 def test_command(results, monkeypatch, tmp_path, capsys):
-    """Writes the claims and nine figures, and says so; nothing is left half written."""
+    """Writes the claims and six figures, and says so; nothing is left half written."""
     monkeypatch.setattr(command, "compute", lambda: results)
     folder = tmp_path / "new" / "folder"
     command.main(["--out", str(folder)])
@@ -219,5 +226,5 @@ def test_command(results, monkeypatch, tmp_path, capsys):
     assert table in printed
     assert table.count("\n| ") == 13
     pictures = sorted(folder.glob("*.png"))
-    assert len(pictures) == 9 and all(p.stat().st_size > 20_000 for p in pictures)
+    assert len(pictures) == 6 and all(p.stat().st_size > 20_000 for p in pictures)
     assert {p.suffix for p in folder.iterdir()} == {".md", ".png"}

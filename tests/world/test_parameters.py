@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jansen_env import Compliance, Motor, Payload, Robot, parameters
-from jansen_env.parameters import PARAMETERS, TABLE, markdown
+from jansen_env.parameters import PARAMETERS, TABLE
 
 ROOT = Path(__file__).parents[2]
 MACHINE = {"payload": Payload(0.5, 0.01, (0.05, 0.1)),
@@ -69,4 +69,7 @@ def test_nothing_goes_by_position():
     episode = np.arange(len(TABLE), dtype=float).view(parameters.EPISODE)
     for name in parameters.OF_ROBOTS:
         assert parameters.robot_parameters(episode)[name] == episode[name]
-    assert markdown() in (ROOT / "docs" / "worlds.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "worlds.md").read_text(encoding="utf-8")
+    for row in TABLE:
+        limits = f"{row.least:g} to {row.most:g}"
+        assert f"| `{row.name}` | {row.unit} | {limits} | {row.meaning} | {row.idle} |" in page

@@ -138,13 +138,14 @@ def many_environments(quick: bool) -> Plays:
     """``gym.make_vec`` beside a single peer and, where there is envpool, many."""
     counts, count, steps = ((1, 2, 4), 4, 100) if quick else (COUNTS, AT_ONCE, 60_000)
     plays = {f"1, {MUJOCO}": single(MUJOCO, 200 if quick else 5000)}
-    plays |= {f"{n}, {name}": robots(n, steps, **given) for n, name, given in (
+    compared: list[tuple[int, str, dict[str, Any]]] = [
         *((n, "flat", {}) for n in counts),
         (count, "rough", {"terrain": rough_ground()}),
         (count, REAL, {"robot": real_robot()}),
         (count, "no information requested", {"info_keys": ()}),
         (count, "the same on one thread", {"info_keys": (), "threads": 1}),
-    )}  # fmt: skip
+    ]
+    plays |= {f"{n}, {name}": robots(n, steps, **given) for n, name, given in compared}
     for threads in sorted({1, available_cores()}) if importlib.util.find_spec("envpool") else ():
         name = f"{count}, envpool {MUJOCO}, {threads} thread{'s' * (threads > 1)}"
         plays[name] = envpool(count, threads, 16 if quick else 100)

@@ -1,4 +1,4 @@
-"""The paper's Figs. 4 to 9 reproduced."""
+"""The paper's Figs. 4 to 9 reproduced; the mechanism, heave and slip."""
 
 from __future__ import annotations
 
@@ -15,15 +15,17 @@ from numpy.typing import NDArray
 
 from jansen_env.files import write_whole
 from jansen_env.gravity import GRAVITY
+from jansen_env.paper import toes
 from jansen_env.paper.claims import PRINTED_LEVEL
 from jansen_env.paper.fixed_model import SETTLED
-from jansen_env.paper.results import Results
-from jansen_env.robot import paper_robot
-from jansen_env.robot.kinematics import toe_positions
+from jansen_env.paper.results import FRICTIONS, SLOW, Results
+from jansen_env.robot import JANSEN, paper_robot
+from jansen_env.robot.kinematics import O, P, T, toe_positions, world_joints
 
 Array = NDArray[np.float64]
 
 DPI = 130
+FLOOR = 1e-4  # m of slip per metre, the lower edge of a logarithmic axis
 LEG_COLORS = {"rf": "#c2410c", "lf": "#f59e0b", "rb": "#1d4ed8", "lb": "#38bdf8"}
 LINK_COLORS = {f"link {body}": matplotlib.colormaps["turbo"](0.08 + 0.12 * (body - 1))
                for body in range(1, 9)}  # fmt: skip
@@ -43,6 +45,7 @@ def draw(results: Results, folder: Path) -> list[Path]:
     figures: dict[str, Callable[[Results], Figure]] = {
         "fig4_torque": torque, "fig5_toe_paths": toe_paths, "fig6_toe_x": toe_x,
         "fig7_toe_y": toe_y, "fig8_rotation": rotation, "fig9_translation": translation,
+        "mechanism": mechanism, "heave": heave, "slip": slip,
     }  # fmt: skip
     with matplotlib.style.context(["default", STYLE]):
         return [
@@ -143,4 +146,102 @@ def translation(r: Results) -> Figure:
         "weight of a link (link 1 rests)", (3.4, weight), (2.0, 1.01), fontsize=8.5, color=INK,
         arrowprops={"arrowstyle": "-", "color": MUTED},
     )  # fmt: skip
+    return figure
+
+
+def _angle_axis(axes: Axes) -> None:
+    axes.set_xlabel("crank angle (rad)")
+    labels = ["0", r"$\pi/2$", r"$\pi$", r"$3\pi/2$", r"$2\pi$"]
+    axes.set_xticks(np.pi / 2.0 * np.arange(5), labels)
+    axes.set_xlim(0.0, 2.0 * np.pi)
+
+
+def mechanism(_: Results) -> Figure:
+    """The mechanism at eight crank angles, right pair of legs in front."""
+    robot = paper_robot()
+    figure = Figure(figsize=(11.0, 4.5), layout="constrained")
+    grid = figure.subplots(2, 4, sharex=True, sharey=True)
+    path = toe_positions(robot, toes.turn(360))
+    angles = ("0", "π/4", "π/2", "3π/4", "π", "5π/4", "3π/2", "7π/4")
+    for k, (angle, axes) in enumerate(zip(angles, grid.flat, strict=True)):
+        joints = world_joints(robot, np.array([0.0, 0.0, 0.0, k * np.pi / 4.0]))
+        for leg in (0, 2):
+            axes.plot(*path[:, leg].T, color="#e5e7eb", lw=1.2)
+        for i in (1, 3, 0, 2):
+            front = (name := robot.leg_names[i]).startswith("r")
+            color = LEG_COLORS[name] if front else "#cbd5e1"
+            for a, b in JANSEN.skeleton:
+                width = 3.0 if (a, b) in ((P, O), (O, P)) else 1.6 if front else 1.0
+                axes.plot(*joints[i, [a, b]].T, color=INK if (a, b) == (P, O) else color, lw=width,
+                          solid_capstyle="round")  # fmt: skip
+            if front:
+                axes.plot(*joints[i, :T].T, "o", color=color, ms=2.2)
+                axes.plot(*joints[i, T], "o", color=color, ms=5)
+        axes.set(aspect="equal")
+        axes.set_title(f"crank angle {angle}", fontsize=9.5, fontweight="normal")
+        axes.set(xlabel="x (m)" if k > 3 else "", ylabel="" if k % 4 else "y (m)")
+    return figure
+
+
+def heave(r: Results) -> Figure:
+    """Heave against the number of legs, and why odd numbers of phases differ."""
+    figure = Figure(figsize=(11.0, 3.6), layout="constrained")
+    left, *right = figure.subplots(1, 3, width_ratios=(1.5, 1, 1))
+    legs = np.array([h.legs for h in r.heaves])
+    level = 1e3 * np.array([h.level for h in r.heaves])
+    standing = 1e3 * np.array([h.standing for h in r.heaves])
+    odd = (legs // 2) % 2 == 1
+    left.semilogy(legs, level, color=MUTED, lw=1.0, zorder=1)
+    left.semilogy(legs[odd], level[odd], "o", color="#c2410c", label="level, odd number of phases")
+    left.semilogy(legs[~odd], level[~odd], "s", color="#1d4ed8", label="level, even")
+    left.semilogy(legs, standing, "x--", color=INK, lw=0.9, ms=5, label="standing on both sides")
+    left.set(title="Heave by number of legs", xlabel="legs", ylabel="peak to peak (mm)",
+             xticks=legs[1::2])  # fmt: skip
+    left.legend(loc="upper right")
+    for axes, phases in zip(right, (3, 4), strict=True):
+        angle = toes.turn(720)
+        fore, back = toes.lowest_toes(paper_robot(phases), angle)
+        axes.plot(angle, 1e3 * fore, color=LEG_COLORS["rf"], lw=1.3, label="lowest fore toe")
+        axes.plot(angle, 1e3 * back, color=LEG_COLORS["rb"], lw=1.3, label="lowest back toe")
+        axes.plot(angle, 1e3 * np.minimum(fore, back), color=INK, lw=2.4, alpha=0.75,
+                  label="the one that carries")  # fmt: skip
+        kind = "interleaved" if phases % 2 else "in step"
+        axes.set(title=f"{2 * phases} legs: {kind}", ylim=(-622, -603))
+        _angle_axis(axes)
+    right[0].set_ylabel("height (mm)")
+    right[0].legend(loc="upper center")
+    return figure
+
+
+def slip(r: Results) -> Figure:
+    """Draw the speed at which two standing toes part; slip by friction and crank speed."""
+    figure = Figure(figsize=(11.5, 3.6), layout="constrained")
+    left, middle, right = figure.subplots(1, 3)
+    support = r.support
+    left.axhline(0.0, color=INK, lw=0.8)
+    left.plot(support.angle, support.slip, color=INK, lw=1.8)
+    for zero in support.zeros():
+        left.plot(zero, 0.0, "o", color="#c2410c", ms=5)
+    left.set(title="Standing toes part", ylabel="parting speed (m per rad of crank)")
+    _angle_axis(left)
+    slow = [r.slow[mu].slip for mu in FRICTIONS]
+    middle.axhline(support.per_turn, color="#c2410c", ls="--", lw=1.2,
+                   label="both toes down: certain")  # fmt: skip
+    middle.axhline(0.5 * support.per_turn, color=MUTED, ls=":", lw=1.2, label="half of it")
+    middle.plot(FRICTIONS, slow, "o-", color=INK, label=f"walk at {SLOW} rad/s")
+    middle.set(title="A slow walk's slip", xlabel="coefficient of friction",
+               ylabel="slip (m per turn)", ylim=(0.0, 0.85))  # fmt: skip
+    middle.legend(loc="lower left")
+    speed = np.array([w.speed for w in r.walks])
+    ratio = np.array([np.nan if w.fell else w.slip_per_metre for w in r.walks])
+    right.semilogy(speed, ratio, "o-", color=INK)
+    for walk in r.walks:
+        if walk.fell:
+            right.axvspan(walk.speed - 0.25, walk.speed + 0.25, color="#fecaca", lw=0)
+    right.set(title="Slip by crank speed, friction 0.8", xlabel="crank speed (rad/s)",
+              ylabel="slip (m per m walked)")  # fmt: skip
+    right.plot([], [], lw=8, color="#fecaca", label="falls within 75 s")
+    right.plot(r.no_slip.speed, FLOOR, "v", color="#059669", label="no slip, from another start")
+    right.set_ylim(0.05 * FLOOR, 1.5)
+    right.legend(loc="lower right")
     return figure

@@ -213,7 +213,7 @@ def test_loads_do_not_depend_on_the_time_step():
 
 
 def test_command(results, monkeypatch, tmp_path, capsys):
-    """Writes the claims and six figures, and says so; nothing is left half written."""
+    """Writes the claims and nine figures, and says so; nothing is left half written."""
     monkeypatch.setattr(command, "compute", lambda: results)
     folder = tmp_path / "new" / "folder"
     command.main(["--out", str(folder)])
@@ -226,5 +226,5 @@ def test_command(results, monkeypatch, tmp_path, capsys):
     assert table in printed
     assert table.count("\n| ") == 13
     pictures = sorted(folder.glob("*.png"))
-    assert len(pictures) == 6 and all(p.stat().st_size > 20_000 for p in pictures)
+    assert len(pictures) == 9 and all(p.stat().st_size > 20_000 for p in pictures)
     assert {p.suffix for p in folder.iterdir()} == {".md", ".png"}

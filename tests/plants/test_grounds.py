@@ -117,15 +117,6 @@ def test_a_stretch_has_all_that_a_robot_can_reach(rng, extent, duration):
     assert most > 30
 
 
-def test_a_stretch_is_short(rng):
-    """Of 50 m of rough ground a robot that may move by 1 m knows less than two fifths."""
-    terrain, robots = jagged(rng, 0.05, 1000), np.zeros(1, ROBOT)
-    status = robots["status"]
-    Grounds([terrain], status).find_stretch(0, 25.0, 1.0, 0.0)
-    assert 0 < status["first_near"][0] < 500 < status["end_near"][0] < 1000
-    assert status["end_near"][0] - status["first_near"][0] < 400
-
-
 def test_the_ground_is_what_pymunk_answers(monkeypatch):
     """Robots stand on the stretches of its answer, and cannot be placed without one."""
     query = pymunk.Space.bb_query

@@ -8,14 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motions import pinned, runge_kutta, walked
+from motions import runge_kutta, walked
 
 from jansen_env import ROBOTS, Motor, Payload, Robot, Terrain, paper_robot
 from jansen_env.dynamics.joint_forces import joint_forces
 from jansen_env.dynamics.reduced import compile_robot, energy, mass_matrix
 from jansen_env.plants.base import static_deflection
 from jansen_env.plants.plant import ProjectionPlant, RigidBodyPlant
-from jansen_env.plants.rigid.rigid_batch import TIME_STEP
 from jansen_env.robot import JANSEN, Compliance
 from jansen_env.robot.kinematics import coordinates, world_joints
 
@@ -115,42 +114,6 @@ def test_a_walk_keeps_joints_shut_and_accounts_closed(name):
     assert abs(sum(r.energy_residual for r in results)) < 0.001 * work
     assert sum(r.electrical_work for r in results) >= 0.999999 * work
     assert name != "fast" or sum(r.slip_loss for r in results) > 0.01 * work
-
-
-@pytest.mark.parametrize("switch", [0, 7, 80])
-@pytest.mark.parametrize("make", [RigidBodyPlant, ProjectionPlant])
-def test_an_earlier_torque_comes_first(make, switch):
-    """A torque that changes within a step: the motion of two steps, to rounding; sums add up."""
-    plants = [make(LIGHT, Terrain.flat()) for _ in range(2)]
-    h = plants[0].time_step
-    for plant in plants:
-        plant.reset()
-    whole = plants[0].step(2.0, 80 * h, -1.0, switch)
-    parts = [
-        plants[1].step(torque, steps * h)
-        for torque, steps in ((-1.0, switch), (2.0, 80 - switch))
-        if steps
-    ]
-    np.testing.assert_allclose(plants[0].state, plants[1].state, rtol=0.0, atol=1e-12)
-    assert whole.motor_work == pytest.approx(sum(p.motor_work for p in parts), rel=1e-9)
-
-
-def test_pinned_it_follows_the_pinned_plant():
-    """Swinging free from 3 rad/s: within 2e-4 rad, half of that with half the time step."""
-    apart = []
-    for step in (TIME_STEP, 0.5 * TIME_STEP):
-        plant = RigidBodyPlant(paper_robot(), Terrain.flat(), step, held=True)
-        plant.state = np.array([0.0, 5.0, 0.0, 0.5, 0.0, 0.0, 0.0, 3.0])  # clear of the ground
-        exact = pinned(paper_robot(), 0.5, 3.0)
-        angles = []
-        for _ in range(25):
-            exact.step(0.0, 0.02)
-            plant.step(0.0, 0.02)
-            angles.append((plant.state[3], exact.state[3]))
-        np.testing.assert_allclose(plant.state[:3], [0.0, 5.0, 0.0], atol=1e-12)
-        assert np.ptp(angles) > 0.5
-        apart.append(np.abs(np.diff(angles)).max())
-    assert apart[0] < 2e-4 and apart[1] == pytest.approx(0.5 * apart[0], rel=0.05)
 
 
 @pytest.mark.parametrize("friction", [0.1, 0.3])
@@ -288,6 +251,7 @@ def test_dry_friction_holds_at_a_standstill(angle):
     plant.state = rest
     plant.step(1.02 * holds, 0.2)
     assert plant.state[3] - angle > 1e-3
+    np.testing.assert_allclose(plant.state[:3], rest[:3], atol=1e-12)  # it is held
 
 
 def test_the_motor_gives_what_it_can():
@@ -355,21 +319,6 @@ def pulled(share, duration=0.4, friction=0.5):
     return plant.x - x, result, plant
 
 
-@pytest.mark.slow
-def test_bristles_hold_and_give():
-    """Below friction's reach nothing slides, and letting go brings the robot back."""
-    way, result, plant = pulled(0.05)
-    bent = 0.05 * LOCKED.mass * 9.81 / (2.0 * float(GIVE.tangential_stiffness))
-    assert way > 0.5 * bent and result.slip.sum() < 1e-7
-    for _ in range(5):  # back and forth
-        for side in (0.05, -0.05):
-            plant.gravity = (side * 9.81, -9.81)
-            assert plant.step(0.0, 0.02).slip.sum() < 1e-7
-    plant.gravity = 9.81
-    plant.step(0.0, 1.0)
-    assert abs(plant.x - (pulled(0.0)[2].x)) < 0.15 * way
-
-
 def test_bristles_slide_with_coulombs_friction():
     """Under a pull beyond friction's reach: (pull - mu sum n) / m, 0.1 %; heat for each metre."""
     _, _, plant = pulled(0.3, 0.1, friction=0.2)
@@ -406,16 +355,6 @@ def test_bristles_are_remembered():
 
 
 def test_a_time_step_too_long_for_the_pads_is_refused():
-    """ValueError names it, the longest and the pads' data; at the longest a landing is tame."""
+    """It names the longest and the pads' data."""
     with pytest.raises(ValueError, match=r"time_step is 0\.003, must be at most .* of 20000 N/m"):
         RigidBodyPlant(LOCKED, Terrain.flat(), 3e-3)
-    stiff = replace(LIGHT, pad_compliance=Compliance(1e7, 0.0))
-    with pytest.raises(ValueError, match="must be at most") as refused:
-        RigidBodyPlant(stiff, Terrain.flat())
-    longest = float(str(refused.value).split("at most ")[1].split(" s")[0])
-    plant = RigidBodyPlant(stiff, Terrain.flat(), 0.99 * longest)
-    plant.reset()
-    plant.state = plant.state + np.array([0.0, 5e-3, *np.zeros(6)])
-    before = plant.energy()
-    plant.step(0.0, 0.05)
-    assert plant.energy() < before + 1e-3

@@ -1,8 +1,5 @@
 """Arguments that type checkers know are those that environments take; mypy finds wrong calls."""
 
-import subprocess
-import sys
-from pathlib import Path
 from typing import get_type_hints
 
 import pytest
@@ -10,8 +7,6 @@ import pytest
 from jansen_env.envs.arguments import OF_BATCHES
 from jansen_env.registration import IDS
 from jansen_env.scoring.benchmarks import single_env, vector_env
-
-ROOT = Path(__file__).parents[2]
 
 
 def typed_arguments(kind):
@@ -28,12 +23,3 @@ def test_type_checkers_know_the_arguments_of_the_settings(env_id):
     known = {*single.defaults()}
     assert {*typed_arguments(single)} == known and {*single.PRESET} <= known
     assert {*typed_arguments(many)} == {*known, *OF_BATCHES} and many.SINGLE is single
-
-
-@pytest.mark.slow
-def test_mypy_finds_wrong_calls():
-    pytest.importorskip("mypy")
-    files = ["examples/typed_walk.py", "tests/typed/wrong_calls.py"]
-    command = [sys.executable, "-m", "mypy", "--strict", *files]
-    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-    assert run.returncode == 0, run.stdout

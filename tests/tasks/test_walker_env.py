@@ -47,17 +47,6 @@ def test_loads_at_rest_carry_the_weight(env):
         assert (info["contact_force"][:, 1] >= 0.0).all()
 
 
-def test_stands_level_at_every_starting_angle():
-    """The robot is set down level within 0.05 rad on both sides, wherever its crank stands."""
-    env = JansenWalkerEnv(reset_noise_scale=0.0)
-    for angle in np.linspace(0.0, 2.0 * math.pi, 40):
-        env.reset(seed=0, options={"crank_angle": angle})
-        state = env.plant.state
-        assert abs(state[2]) < 0.05
-        gap = env.plant.toe_positions()[:, 1] - env.robot.pad_radius
-        assert np.sort(gap)[1] < 1e-3  # a second toe is down too
-
-
 @pytest.mark.parametrize("robot", ["paper", "holy"])
 def test_positive_actions_walk_forward(robot):
     """And negative ones backward, whichever way the crank has to turn; information is physical."""
@@ -119,27 +108,6 @@ def test_a_simulation_that_diverges_ends_the_episode(plant):
         assert not env.task.world.truncated.any() and not env.task.world.plant.diverged.any()
         *_, truncated, info = env.step(np.array([0.0], np.float32))
         assert not truncated and not info["diverged"]
-
-
-@pytest.mark.parametrize("robot", [*sorted(jansen_env.ROBOTS), jansen_env.paper_robot(3)])
-def test_every_design_walks_without_harm(robot):
-    """Up a slope with a payload for 3 s: no fall, pads on the ground, contacts solved to 1e-9 N s,
-    and no energy from nothing."""
-    env = JansenWalkerEnv(robot=robot, terrain="slope:0.02", payload=1.0)
-    observation, info = env.reset(seed=0, options={"crank_angle": 2.0})
-    start, missed, work = info["x_position"], 0.0, 0.0
-    for _ in range(150):
-        torque = env.weight * (0.08 * (3.5 - observation[SPEED]) + 0.02)
-        share = np.clip(torque / env.torque_limit, -1.0, 1.0)
-        observation, _, terminated, _, info = env.step(np.array([share]))
-        assert not terminated and not info["fallen"] and not info["diverged"]
-        assert env.task.world.plant.accumulators["worst_residual"][0] < 1e-9
-        pads = env.plant.toe_positions() - [0.0, env.robot.pad_radius]
-        assert (pads[:, 1] - env.terrain.height(pads[:, 0])).min() > -0.01
-        missed += abs(info["energy"]["residual"])
-        work += abs(info["energy"]["motor_work"])
-    assert info["x_position"] - start > 0.2  # 0.42 at least
-    assert missed < 1e-3 * work
 
 
 @pytest.mark.parametrize("env_id", ["JansenWalker-v0", "JansenCrank-v0"])

@@ -22,7 +22,6 @@ PLANTS = [*((name, {}, 40) for name in IDS), ("JansenWalker-v0", {"plant": "rigi
 every = pytest.mark.parametrize(("env_id", "kwargs", "steps"), PLANTS)
 WANTED = {"crank": 0.1, "foot_CE": 0.26, "frame_angle": 0.13}
 DRAWN = {"randomize": {"lengths": 0.1}}
-NOT_CLOSING = {"crank": 0.2}
 
 
 def made(env_id, **kwargs):
@@ -116,8 +115,7 @@ def test_robots_are_exchanged_while_other_threads_move_theirs():
     ]
     for batch in envs:
         batch.reset(seed=0)
-        for i in range(40):  # so that each step ends some episodes
-            batch.unwrapped._elapsed[i] = i % 12
+        batch.unwrapped._elapsed[:] = np.arange(40) % 12  # so that each step ends some episodes
     seen = [walk(batch, 40) for batch in envs]
     assert (seen[0] == seen[1]).all() and len({*envs[0].unwrapped.get_attr("robot")}) == 40
 
@@ -161,19 +159,16 @@ def test_observed_are_factors_less_one_at_the_end(env_id):
 
 
 @pytest.mark.parametrize(
-    ("value", "low", "high"),
-    [(0.05, 0.95, 1.05), ((0.9, 1.0), 0.9, 1.0), ({"coupler": 0.04}, 0.96, 1.04)],
+    ("value", "low", "high"), [((0.9, 1.0), 0.9, 1.0), ({"coupler": 0.04}, 0.96, 1.04)]
 )
 def test_ranges(value, low, high):
-    env = made("JansenWalker-v0", randomize={"lengths": value, "friction": (0.5, 1.0)})
+    env = made("JansenWalker-v0", randomize={"lengths": value})
     nominal = lengths(env.robot)
-    names = [*value] if isinstance(value, dict) else [*nominal]
     for seed in range(8):
-        _, info = env.reset(seed=seed)
-        factors = {name: length / nominal[name] for name, length in info["lengths"].items()}
-        assert all(low <= factors[name] <= high for name in names)
-        assert all(factors[name] == 1.0 for name in nominal if name not in names)
-        assert 0.5 <= info["parameters"]["friction"] <= 1.0
+        for name, length in env.reset(seed=seed)[1]["lengths"].items():
+            factor = length / nominal[name]
+            drawn = name in value or not isinstance(value, dict)
+            assert (low <= factor <= high and drawn) or factor == 1.0
 
 
 def test_an_option_fixes_what_it_names_and_info_can_be_given_back():

@@ -1,10 +1,12 @@
 """What differs from episode to episode: drawn, put in force, reported, fixed by options."""
 
-import os
+import gc
 import pickle
+import weakref
 
 import gymnasium as gym
 import numpy as np
+import pymunk
 import pytest
 from side_by_side import WORLD
 
@@ -211,47 +213,30 @@ def test_friction_of_a_ground_of_ones_own():
 
 
 def test_the_second_plant_has_the_same_world():
-    """Spaces, information, parameters and ground are the same, and the motion nearly."""
+    """Information, parameters and ground are the same, and the motion nearly."""
     kwargs = {**WORLD, "randomize": {**WORLD["randomize"], "delay": 0.0}}
     envs = [gym.make("JansenWalker-v0", plant=plant, **kwargs)
             for plant in ("projection", "rigid_body")]  # fmt: skip
-    assert envs[0].observation_space == envs[1].observation_space
     for seed in (0, 1):
         infos = [env.reset(seed=seed)[1] for env in envs]
         assert infos[0]["parameters"] == infos[1]["parameters"]
-        assert infos[0].keys() == infos[1].keys()
-        assert infos[0]["energy"].keys() == infos[1]["energy"].keys()
         assert envs[0].unwrapped.terrain == envs[1].unwrapped.terrain
-        for name in ("weight", "friction"):
-            values = [env.unwrapped.task.world.get_attr(name) for env in envs]
-            assert values[0] == values[1]
         for _ in range(10):
-            steps = [env.step(np.full(1, 0.2, np.float32)) for env in envs]
-        ends = [step[4] for step in steps]
-        for (_, reward, *_), info in zip(steps, ends, strict=True):
-            factors = [value for name, value in info.items() if name.startswith("reward/")]
-            assert reward == pytest.approx(np.prod(factors), rel=1e-12)
+            ends = [env.step(np.full(1, 0.2, np.float32))[4] for env in envs]
+        assert ends[0].keys() == ends[1].keys()
+        assert ends[0]["energy"].keys() == ends[1]["energy"].keys()
         assert ends[0]["joint_gap"] == 0.0 < ends[1]["joint_gap"] < 2e-4
-        assert not any(info["fallen"] for info in ends)
         for name in ("x_position", "pitch", "crank_speed"):
             assert ends[0][name] == pytest.approx(ends[1][name], rel=0.05, abs=0.01)
 
 
-@pytest.mark.slow
-def test_many_resets_leave_memory_flat():
-    """100,000 of robots with a new ground each time."""
-
-    def resident():
-        with open("/proc/self/statm", encoding="ascii") as file:
-            return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-
-    if not os.path.exists("/proc/self/statm"):
-        pytest.skip("the memory of a process is read from /proc")
-    n, sizes = 64, []
-    envs = gym.make_vec("JansenWalker-v0", n, **WORLD)
-    for round_ in range(1600):
-        envs.reset(seed=round_)
-        if round_ in (400, 1000, 1599):
-            sizes.append(resident())
-    assert max(sizes) - min(sizes) < 8e6  # bytes: 64,000 grounds kept would be 1e8 and more
-    envs.close()
+def test_a_reset_lets_go_of_the_grounds_before():
+    """Of Python's objects and of pymunk's: memory stays flat over many episodes."""
+    envs, spaces = gym.make_vec("JansenWalker-v0", 4, **WORLD), []
+    envs.reset(seed=0)
+    grounds = [weakref.ref(ground) for ground in envs.get_attr("terrain")]
+    for _ in range(3):
+        envs.reset()
+        gc.collect()
+        spaces.append(sum(type(known) is pymunk.Space for known in gc.get_objects()))
+    assert not any(ground() for ground in grounds) and len({*spaces}) == 1

@@ -1,14 +1,13 @@
 """Files are written atomically: the old one or the new one, and nothing beside it."""
 
 import errno
-import json
 import os
 from pathlib import Path
 
 import pytest
 
 from jansen_env import files, plain_yaml
-from jansen_env.files import PART, write_json, write_text, write_whole
+from jansen_env.files import PART, write_text, write_whole
 from jansen_env.policies import pretrained
 from jansen_env.sb3.trained import read_model
 from jansen_env.viewer.recording import Recording
@@ -60,10 +59,3 @@ def test_files_follow_the_umask(umask, tmp_path):
             assert path.stat().st_mode & 0o777 == 0o666 & ~umask
     finally:
         os.umask(before)
-
-
-def test_a_list_of_numbers_is_one_line_of_json(tmp_path):
-    value = {"a": [1, -2.5e-3, None], "b": [[], [3]], "c": ["[\n 1,\n 2]", "x"], "d": [{"e": [4]}]}
-    text = write_json(tmp_path / "value.json", value).read_text()
-    assert json.loads(text) == value
-    assert ' "a": [1, -0.0025, null],\n' in text and '"e": [4]\n' in text and '"x"\n' in text

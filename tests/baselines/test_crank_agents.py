@@ -59,24 +59,6 @@ def test_inverse_dynamics_needs_no_feedback_once_it_follows(env):
     assert blind.predict(seen)[0][0] * 5.0 == pytest.approx(float(expected), rel=1e-6)
 
 
-@pytest.mark.parametrize("name", BASELINES)
-def test_baselines_answer_like_stable_baselines(env, name):
-    """Batches and single observations; Stable-Baselines3's own scoring takes them."""
-    from stable_baselines3.common.evaluation import evaluate_policy
-    from stable_baselines3.common.monitor import Monitor
-
-    policy = BASELINES[name](env.unwrapped)
-    seen = np.stack([env.reset(seed=s)[0] for s in range(5)])
-    together, _ = policy.predict(seen)
-    assert together.shape == (5, 1) and len(np.unique(together)) == (1 if name == "constant" else 5)
-    for row, action in zip(seen, together, strict=True):
-        assert np.array_equal(policy.predict(row)[0], action)
-    monitored = Monitor(gym.make(ENV))
-    monitored.reset(seed=7)
-    mean, _ = evaluate_policy(policy, monitored, n_eval_episodes=1)
-    assert mean > 300.0  # it turns
-
-
 def test_scores_are_those_of_the_episodes(env):
     """Each total and metric against a run stepped here; a crank left alone is lost."""
     policy = BASELINES["pid"](env.unwrapped)

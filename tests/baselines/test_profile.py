@@ -75,22 +75,6 @@ def test_torque_is_the_documented_formula():
     assert profile_torque(numbers[None], observation, COLUMNS) == pytest.approx(expected)
 
 
-def test_the_policy_keeps_nothing_and_knows_the_limit():
-    """The same observation gets the same action at any time; another limit, the same torque."""
-    walker = make_env(ENV, {})
-    strong = make_env(ENV, {"torque_limit": 40.0})
-    observation = seen(np.linspace(-0.8, 0.8, 30))
-    policy = load_named("profile", walker)
-    actions, state = policy.predict(observation)
-    assert state is None
-    assert np.array_equal(policy.predict(observation[::-1])[0][::-1], actions)
-    torque = np.clip(load_profile().torque(observation, COLUMNS), -20.0, 20.0)
-    assert actions[:, 0] == pytest.approx(torque / 20.0, abs=1e-6)
-    inside = np.abs(torque) < 20.0
-    other = load_named("profile", strong).predict(observation)[0]
-    assert other[inside] == pytest.approx(actions[inside] / 2.0, abs=1e-6)
-
-
 def test_it_walks_with_less_slip_than_the_pid():
     """At 0.1 and 0.3 m/s no fall, half of the PID's slip at most, nearer to the commanded speed."""
     env = make_env(ENV, {})

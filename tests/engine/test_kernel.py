@@ -6,7 +6,6 @@ import pickle
 import shutil
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import gymnasium as gym
@@ -65,18 +64,6 @@ def test_the_number_of_arguments_is_checked():
 
 def test_a_kernel_is_pickled_by_its_name():
     assert pickle.loads(pickle.dumps(integrator.advance)) is integrator.advance
-
-
-def test_threads_share_a_bound_kernel():
-    bound = collision.put_reach.bound()
-
-    def far(number):
-        out = np.zeros(2)
-        bound(POINTS * number, WAYS, out)
-        return out.tolist()
-
-    with ThreadPoolExecutor(8) as pool:
-        assert [*pool.map(far, range(2000))] == [[3.0 * k, 4.0 * k] for k in range(2000)]
 
 
 def walk():

@@ -130,13 +130,6 @@ def test_a_generator_replays_and_is_plain_data(name):
     assert {(terrain.friction, terrain.restitution) for terrain in drawn} == {(0.8, 0.0)}
 
 
-def test_levels_get_harder(rng):
-    """The ground follows the level's values."""
-    rise = at_level("stairs", 3)["rise"]
-    rises = np.concatenate([faces(make_generator("stairs")(rng, 3))[0] for _ in range(20)])
-    assert np.unique(np.round(rises, 9)) == pytest.approx([-rise, rise])  # up and down
-
-
 def test_the_documented_levels_are_those_of_the_code():
     page = Path(__file__).parents[2] / "docs" / "terrain" / "levels.md"
     lines = page.read_text(encoding="utf-8").splitlines()
@@ -225,14 +218,6 @@ def test_height_and_gradient():
     )
     ridge = Terrain(((-1.0, 0.0), (0.0, 0.3), (1.0, 0.2)))
     assert ridge.gradient(0.0) == pytest.approx(0.1, abs=1e-9)
-
-
-def test_make_terrain():
-    """Names, points and terrains; friction and restitution replace the terrain's own."""
-    assert make_terrain("flat") == Terrain.flat()
-    assert make_terrain("slope:0.2", friction=0.3) == Terrain.slope(0.2, friction=0.3)
-    assert make_terrain([(0, 0), (1, 0.5)]) == Terrain(((0.0, 0.0), (1.0, 0.5)))
-    assert make_terrain(HILLS, restitution=0.5) == Terrain(HILLS.points, 0.8, 0.5)
 
 
 def test_rough_terrain():

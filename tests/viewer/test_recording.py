@@ -16,7 +16,6 @@ from jansen_env.robot.kinematics import world_joints
 from jansen_env.viewer import recorder, recording
 from jansen_env.viewer.recorder import Recorder
 from jansen_env.viewer.recording import ARRAYS, Recording
-from jansen_env.viewer.web.page import page
 
 WALKER, CRANK = "JansenWalker-v0", "JansenCrank-v0"
 
@@ -269,23 +268,6 @@ def test_other_files_are_refused(short, changed, message):
         changed = {"description": described(text)}
     with pytest.raises(ValueError, match=message):
         Recording.from_bytes(rewritten(short, **changed))
-
-
-def test_numbers_of_pages_are_finite(short):
-    """The largest and the smallest numbers overflow nothing, in any combination."""
-    rng = np.random.default_rng(0)
-    numbers = [0.0, 5e-324, 1e-9, 1.0, *(sign * recording.LARGEST for sign in (1.0, -1.0))]
-    for _ in range(50):
-        drawn = {
-            name: rng.choice(numbers, np.shape(getattr(short, name)))
-            for name, (dtype, _) in ARRAYS.items()
-            if dtype.kind == "f" and name != "terrain"
-        }
-        drawn["time"] = np.cumsum(rng.choice([1.1e-9, 1.0, 1e3], 6))
-        drawn["weight"] = np.maximum(np.abs(drawn["weight"]), 1e-9)
-        drawn["pose"][:, :2] = np.clip(drawn["pose"][:, :2], -1e8, 1e8)
-        with np.errstate(over="raise", invalid="raise", divide="raise"):
-            page(replace(short, **drawn))
 
 
 def refused_within(data, message, most):

@@ -1,9 +1,6 @@
 """The replay page in a real browser: it plays, is right, and can be used by everybody."""
 
-import re
-
 import gymnasium as gym
-import imageio.v3 as iio
 import numpy as np
 import pytest
 from browser import NAMELESS, PHONE, check_phone
@@ -237,20 +234,6 @@ def test_fingers_are_large(opened):
     page.tap("th:has-text('cost of transport')")
     shown = "getComputedStyle(document.activeElement, '::after').content"
     assert page.evaluate(shown).startswith('"Work of the motor per weight and distance')
-
-
-def test_colours_are_the_readers(opened):
-    page = opened(**STILL, color_scheme="light").page
-
-    def darkness():
-        settled(page)
-        body = page.evaluate("getComputedStyle(document.body).backgroundColor")
-        shown = iio.imread(page.locator("#stage canvas").screenshot())
-        return int(re.search(r"\d+", body)[0]) < 60, int(shown[len(shown) // 2, 8, 0]) < 60
-
-    assert darkness() == (False, False)
-    page.emulate_media(color_scheme="dark")
-    assert darkness() == (True, True)
 
 
 def test_the_crank_has_no_ground(opened):

@@ -11,10 +11,7 @@ import numpy as np
 import pytest
 
 from jansen_env.gravity import GRAVITY
-from jansen_env.robot import ROBOTS, Payload
-from jansen_env.robot.kinematics import joint_positions
 from jansen_env.viewer.recorder import Recorder
-from jansen_env.viewer.web.geometry import scene_of_robot
 from jansen_env.viewer.web.page import page
 
 
@@ -33,19 +30,6 @@ def recordings_of(text):
 
 def unpacked(array):
     return np.frombuffer(base64.b64decode(array), "<f4")
-
-
-def test_scene():
-    robot = replace(ROBOTS["holy"](), payload=Payload(2.0))
-    scene = scene_of_robot(robot, robot.mass * GRAVITY)
-    assert json.dumps(scene, allow_nan=False) and scene["payload"]["mass"] == 2.0
-    assert [leg["depth"] for leg in scene["legs"]] == [0.0, 1.0, 0.0, 1.0]
-    joints = joint_positions(robot, "fore", np.linspace(0.0, 6.0, 100))
-    assert scene["reach"] == pytest.approx(np.hypot(*joints.T).max(), rel=1e-3)
-
-
-def test_pages_are_small(recording):
-    assert len(page(recording).encode()) < 400_000
 
 
 def test_arrays_are_exact_enough(recording):

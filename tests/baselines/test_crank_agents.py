@@ -56,7 +56,7 @@ def test_inverse_dynamics_needs_no_feedback_once_it_follows(env):
     blind = inverse_dynamics(env.unwrapped, PID(kp=0.0, kd=0.0))
     seen = np.array([np.cos(2.0), np.sin(2.0), 0.3, 0.7, 1.5])
     expected = crank_torque(env.unwrapped.robot, 2.0, 1.5).total
-    assert blind.predict(seen)[0][0] * 5.0 == pytest.approx(float(expected), rel=1e-6)
+    assert 5.0 * blind.predict(seen)[0] == pytest.approx(np.array([float(expected)]), rel=1e-6)
 
 
 def test_scores_are_those_of_the_episodes(env):

@@ -152,4 +152,11 @@ def test_a_recording_has_the_exchanged_robot():
     for _ in range(2):  # in the next episode, too
         env.step([0.3])
         assert Recording.from_bytes(env.recording.to_bytes()).robot == LONGER
+        state = env.unwrapped.get_state()
         env.reset(seed=1)
+    env.reset(options={"robot": "built"})
+    for expected in (built_robot(), LONGER):
+        env.step([0.3])
+        env.step([0.3])
+        assert env.recording.robot == expected
+        env.unwrapped.set_state({**state, "steps": 5})  # another robot, another recording

@@ -112,7 +112,7 @@ EPISODE: np.dtype[np.void] = np.dtype([(row.name, "f8") for row in TABLE])
 """The numbers of one episode."""
 OF_ROBOTS = tuple(row.name for row in TABLE if row.of_robot)
 """Names of those that plants apply."""
-OF_ROBOTS_COLUMNS = [place for place, row in enumerate(TABLE) if row.of_robot]
+OF_ROBOTS_COLUMNS = np.array([place for place, row in enumerate(TABLE) if row.of_robot])
 """Where these stand in :data:`EPISODE`."""
 ROBOT_PARAMETERS: np.dtype[np.void] = np.dtype([(name, "f8") for name in OF_ROBOTS])
 """The numbers that plants apply."""
@@ -139,7 +139,7 @@ def set_payload(row: np.void, robot: Robot) -> None:
 
 def robot_parameters(episodes: NDArray[np.void]) -> NDArray[np.void]:
     """Return the numbers (k,) for plants out of rows (k,) of :data:`EPISODE`, a copy."""
-    numbers = np.take(plain(episodes), OF_ROBOTS_COLUMNS, axis=1)
+    numbers = plain(episodes).take(OF_ROBOTS_COLUMNS, axis=1)
     return numbers.view(ROBOT_PARAMETERS)[:, 0]
 
 

@@ -5,8 +5,14 @@ from __future__ import annotations
 import math
 
 from jansen_env.engine import mathematics
-from jansen_env.engine.collision import find_centres, find_planes, height_at, segment_at
-from jansen_env.engine.kernel import Floats1, Floats2, Floats4, Floats5, Ints1, kernel, stage
+from jansen_env.engine.collision import (
+    SPECULATIVE_MARGIN,
+    find_centres,
+    find_planes,
+    height_at,
+    segment_at,
+)
+from jansen_env.engine.kernel import Floats2, Floats4, Floats5, Ints1, kernel, stage
 from jansen_env.engine.records import Layouts, Planes, Robots, World
 from jansen_env.engine.tables import centre_of_mass, pad_place
 
@@ -21,66 +27,70 @@ PLACEMENT_DEPTH = 1e-5
 
 
 @kernel
-def lower(
-    rows: Ints1, x: float, angles: Floats1, pitches: Floats1, states: Floats2, body: Floats4,
-    pads: Floats5, layout: Layouts, robots: Robots, surface: Floats2, world: World, toes: Floats2,
-) -> None:  # fmt: skip
-    """Put robots at rest where their lowest toes have no gap, toes taken as discs on their slope.
-
-    Args:
-        rows: (k,) of the robots. x: m, of the crank axis. angles: (k,) rad, of the crank.
-        pitches: (k,) rad, or NaN for :func:`_level_pitch`. states: (robots, 8), out.
-        world: (1,) WORLD. toes: (toes + 1, 2), work space.
-    """
-    count = world[0].toes
-    for k in range(len(rows)):
-        state, params, status = states[rows[k]], robots[rows[k]].params, robots[rows[k]].status
-        design = params.design
-        for j in range(count):
-            toes[j, 0], toes[j, 1] = pad_place(pads[design], layout[design, j], angles[k])
-        toes[count, 0], toes[count, 1] = centre_of_mass(body[design], params, angles[k])
-        common = (
-            toes[:count], toes[count], surface, status.first_near, status.end_near, x,
-            params.pad_radius,
-        )  # fmt: skip
-        pitch = _level_pitch(*common) if math.isnan(pitches[k]) else pitches[k]
-        height, _, _ = _clearances(*common, pitch)
-        state[:] = 0.0
-        state[0], state[1], state[2], state[3] = x, -height, pitch, angles[k]
-
-
-@kernel
-def settle(
-    rows: Ints1, sags: Floats1, states: Floats2, pads: Floats5, layout: Layouts, robots: Robots,
+def place(
+    rows: Ints1, states: Floats2, body: Floats4, pads: Floats5, layout: Layouts, robots: Robots,
     surface: Floats2, world: World, centres: Floats2, planes: Planes,
 ) -> None:  # fmt: skip
-    """Lower robots to the true gap, where the ground is not straight, and a little into it.
+    """Put robots at rest on their lowest toes, a little into the ground, as deep as feet give.
 
-    ``sags``: (k,) m, deeper by as much; ``centres``: (pads, 2), work space; ``planes``: out.
+    Args:
+        rows: (k,) of the robots. states: (robots, 8), with x, the crank's angle, and the pitch or
+            NaN for :func:`_level_pitch`; out: with height and pitch. world: (1,) WORLD.
+        centres: (toes + 1 or pads, 2), work space. planes: out.
     """
-    for k in range(len(rows)):
-        r = rows[k]
-        state, status, design = states[r], robots[r].status, robots[r].params.design
-        for _ in range(ROUNDS):
-            find_centres(state, pads[design], layout[design], centres)
-            find_planes(centres, status, surface, world[0], planes)
-            least = math.inf
-            for i in range(status.first_plane, status.end_plane):
-                plane = planes[i]
-                x, y = centres[plane.pad]
-                gap = plane.normal_x * x + plane.normal_y * y
-                gap = gap - plane.offset - robots[r].params.pad_radius
-                least = min(least, gap / plane.normal_y)
-            if least < math.inf:
-                state[1] -= least
-        find_centres(state, pads[design], layout[design], centres)
-        count = layout.shape[1]
-        left = _clearance(
-            centres[:count], surface, status.first_near, status.end_near, status.pad_radius
-        )
-        if abs(left) > CLOSE:
-            state[1] -= left
-        state[1] -= PLACEMENT_DEPTH + sags[k]
+    for r in rows:
+        robot, params = robots[r], robots[r].params
+        design = params.design
+        robot.status.margin = SPECULATIVE_MARGIN
+        _lower(
+            states[r], body[design], pads[design], layout[design], robot, surface, world[0].toes,
+            centres,
+        )  # fmt: skip
+        _settle(
+            states[r], pads[design], layout[design], robot, surface, world[0], centres, planes,
+        )  # fmt: skip
+        weight = params.mass * max(-params.gravity_y, 0.0)
+        states[r, 1] -= PLACEMENT_DEPTH + 0.5 * weight / params.stiffness[0]
+
+
+@stage
+def _lower(state, body, pads, layout, robot, surface, count, toes):
+    """Put a robot where its lowest toes have no gap, toes taken as discs on their slope."""
+    params, status, x, angle = robot.params, robot.status, state[0], state[3]
+    for j in range(count):
+        toes[j, 0], toes[j, 1] = pad_place(pads, layout[j], angle)
+    toes[count, 0], toes[count, 1] = centre_of_mass(body, params, angle)
+    common = (
+        toes[:count], toes[count], surface, status.first_near, status.end_near, x,
+        params.pad_radius,
+    )  # fmt: skip
+    if math.isnan(state[2]):
+        state[2] = _level_pitch(*common)
+    height, _, _ = _clearances(*common, state[2])
+    state[1] = -height
+
+
+@stage
+def _settle(state, pads, layout, robot, surface, world, centres, planes):
+    """Lower a robot to the true gap, where the ground is not straight."""
+    status, radius = robot.status, robot.params.pad_radius
+    for _ in range(ROUNDS):
+        find_centres(state, pads, layout, centres)
+        find_planes(centres, status, surface, world, planes)
+        least = math.inf
+        for i in range(status.first_plane, status.end_plane):
+            plane = planes[i]
+            x, y = centres[plane.pad]
+            gap = plane.normal_x * x + plane.normal_y * y - plane.offset - radius
+            least = min(least, gap / plane.normal_y)
+        if least < math.inf:
+            state[1] -= least
+    find_centres(state, pads, layout, centres)
+    left = _clearance(
+        centres[: len(layout)], surface, status.first_near, status.end_near, status.pad_radius
+    )
+    if abs(left) > CLOSE:
+        state[1] -= left
 
 
 @stage(inline=False)

@@ -158,7 +158,9 @@ class Batch:
             threads,
             lambda: (*integrator.work_space(capacity), np.zeros(n, np.int64), np.zeros(2, bool)),
         )
+        self._place = placement.place.bound()
         self._at_once = np.zeros(n), np.zeros(n, np.int64)  # no torque from before
+        self._ahead_torque = np.zeros(n)  # N m, of :meth:`lookahead`
         self._no_pushes = np.zeros((0, 0, 2))
         self._no_trace: Rows = np.zeros(0, integrator.trace_dtype(pads))
         self._untraced = _plain(self._no_trace)
@@ -175,6 +177,10 @@ class Batch:
             self.states, model.body, model.pads, model.layout, model.bearings, self._sides,
             self.surface, self.designs.depths, self._world, self.rows, self.planes,
             self.contact_statistics, self.slip, self.contact_force,
+        )  # fmt: skip
+        self._placed = (
+            self.states, model.body, model.pads, model.layout, self.rows, self.surface,
+            self._world, self._centres, self.planes,
         )  # fmt: skip
 
     def set_parameters(self, rows: Ints, values: Rows) -> None:
@@ -278,13 +284,17 @@ class Batch:
             extent = float(self.designs.extent[self.designs.number[row]])
             self._grounds.find_stretch(row, float(self.states[row, 0]), extent, self._longest)
 
-    def place(self, rows: Ints, crank_angles: Array) -> None:
-        """Place robots (k,) at rest at x = 0, see :meth:`place_at`; then :meth:`lookahead`."""
+    def place(self, rows: Ints, crank_angles: ArrayLike, crank_speeds: ArrayLike = 0.0) -> None:
+        """Place robots (k,) at x = 0, see :meth:`place_at`, and :meth:`lookahead`; then they move.
+
+        ``crank_speeds``: (k,) rad/s, from which they go on.
+        """
         self.place_at(rows, crank_angles)
         self.lookahead(rows=rows)
+        self.states[rows, 7] = crank_speeds
 
     def place_at(
-        self, rows: Ints, crank_angles: Array, x: float = 0.0, pitch: float | None = None
+        self, rows: Ints, crank_angles: ArrayLike, x: float = 0.0, pitch: float | None = None
     ) -> None:
         """Place robots (k,) at rest on their lowest toes, 10 um deep, so that they carry at once.
 
@@ -297,37 +307,23 @@ class Batch:
             ValueError: a number that is not finite, or feet too soft for their robot.
         """
         x, pitch = finite("x", x), None if pitch is None else finite("pitch", pitch)
-        if self.held:
-            self.states[rows] = 0.0
-            self.states[rows, 0], self.states[rows, 2] = x, pitch or 0.0
-            self.states[rows, 3] = crank_angles
-        else:
-            self._lower(rows, np.ascontiguousarray(crank_angles), x, pitch)
+        states = np.zeros((len(rows), 8))
+        states[:, 0], states[:, 3] = x, crank_angles
+        states[:, 2] = pitch if pitch is not None else 0.0 if self.held else math.nan
+        if self.any_gives and not self.held:
+            params = self.params[rows]
+            for mass, stiffness, y in zip(
+                params["mass"], params["stiffness"][:, 0], params["gravity_y"], strict=True
+            ):
+                resting_depth(mass, stiffness, -y)
+        self.states[rows] = states
+        if not self.held:
+            self._ask_ground(rows)
+            self._place(rows, self._placed)
         self.deflection[rows] = UNKNOWN_DEFLECTION
         self.diverged[rows] = False
         if self.in_contact is not None and 0 in rows:
             self.in_contact = None
-
-    def _lower(self, rows: Ints, crank_angles: Array, x: float, pitch: float | None) -> None:
-        """Lower robots (k,) onto their terrains."""
-        depths = np.zeros(len(rows))
-        if self.any_gives:
-            params = self.params[rows]
-            weighed = np.stack([params["mass"], params["stiffness"][:, 0], -params["gravity_y"]], 1)
-            depths[:] = [resting_depth(*each) for each in weighed.tolist()]
-        pitches = np.full(len(rows), math.nan if pitch is None else pitch)
-        self.states[rows, 0] = x
-        self._ask_ground(rows)
-        model = self.designs.model
-        placement.lower(
-            rows, x, crank_angles, pitches, self.states, model.body, model.pads,
-            model.layout, self.rows, self.surface, self._world, self._centres,
-        )  # fmt: skip
-        self._status["margin"][rows] = SPECULATIVE_MARGIN
-        placement.settle(
-            rows, depths, self.states, model.pads, model.layout, self.rows, self.surface,
-            self._world, self._centres, self.planes,
-        )  # fmt: skip
 
     def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
         """Put a robot into a state (8,), with ``deflection`` (pads, 2) m, or None if unknown.
@@ -346,7 +342,8 @@ class Batch:
     def keep(self, rows: Ints) -> Callable[[], None]:
         """Return a function that makes robots (k,), and their grounds, what they are now."""
         robots = [(self.robots[row], self.terrains[row]) for row in rows.tolist()]
-        before = [(array := getattr(self, name), array[rows]) for name in RESULTS]  # copies
+        # Copies; an index would take longer.
+        before = [(array := getattr(self, name), array.take(rows, axis=0)) for name in RESULTS]
         parameters, in_contact = self.parameters[rows], self.in_contact
 
         def undo() -> None:
@@ -406,13 +403,12 @@ class Batch:
         """
         pushes = self._no_pushes if pushes is None else pushes
         rows = self._every if rows is None else rows
-        states, deflection = self.states[rows], self.deflection[rows]  # copies
         in_contact = self.in_contact
-        try:
-            self._run(rows, (np.full(len(self.states), torque), *self._at_once, pushes), 1)
-        finally:
-            self.states[rows], self.deflection[rows] = states, deflection
-            self.in_contact = in_contact
+        self._ahead_torque[:] = torque
+        states, deflection = self._run(rows, (self._ahead_torque, *self._at_once, pushes), 1)
+        self.states[rows], self.in_contact = states, in_contact
+        if deflection is not None:
+            self.deflection[rows] = deflection
 
     def _run(
         self,
@@ -421,14 +417,17 @@ class Batch:
         steps: int,
         meanwhile: Callable[[], None] | None = None,
         finish: Callable[[Ints], None] | None = None,
-    ) -> None:
-        """:meth:`step` of some robots; ``torques``: torque, earlier, switch and pushes."""
+    ) -> tuple[Array, Array | None]:
+        """:meth:`step` of some robots; ``torques``: torque, earlier, switch and pushes.
+
+        Returns their states before and, of a batch with compliant pads, their deflections.
+        """
+        states = self.states.take(rows, axis=0)  # quicker than an index
+        before = states, self.deflection.take(rows, axis=0) if self.any_gives else None
         if len(rows) == 0:  # others are placed, no more
             if meanwhile is not None:
                 meanwhile()
-            return
-        states = self.states.take(rows, axis=0)  # quicker than an index
-        before = states, self.deflection[rows] if self.any_gives else None
+            return before
         if self.any_diverged:
             self.diverged[rows] = False
             self.any_diverged = bool(self.diverged.any())
@@ -446,10 +445,11 @@ class Batch:
             count = self._advance(
                 thread, shares, most, rows, steps, *torques, plain, memory, self._shared
             )
-            *_, moved, (far, diverged) = memory
+            moved, flags = memory[-2:]
             if finish is not None and count > 0:
                 finish(moved if count == len(moved) else moved[:count])
-            return bool(far), bool(diverged)
+            far, diverged = flags.tolist()
+            return far, diverged
 
         far, diverged = self._threads.move(len(rows), move, meanwhile)
         if diverged:
@@ -460,6 +460,7 @@ class Batch:
             self._ask_ground(rows)
         if self.tracing or self.in_contact is not None or self.trace is not self._no_trace:
             self._keep_trace(trace)
+        return before
 
     def _refuse(self, rows: Ints, before: tuple[Array, Array | None]) -> Ints:
         """Return the robots that have diverged, left as they were ``before``: state, deflection."""

@@ -29,7 +29,7 @@ from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.terrain import Terrain
 from jansen_env.terrain.generators import Generator
 from jansen_env.world.episode_lengths import Build
-from jansen_env.world.settings import Ints, Values, WorldSettings, finite_numbers
+from jansen_env.world.settings import Array, Ints, Values, WorldSettings, finite_numbers
 
 
 class Plan(NamedTuple):
@@ -241,8 +241,10 @@ class EpisodeParameters:
             return float(self.curriculum.next_level(level, walked, commanded, separate))
         return float(rng.integers(int(low), int(high), endpoint=True)) if high > low else low
 
-    def apply(self, which: Ints, plans: Sequence[Plan]) -> None:
+    def apply(self, which: Ints, plans: Sequence[Plan]) -> Array:
         """Put planned terrains and parameters in force; the robots must be placed again.
+
+        Returns the parameters (k, numbers) in the order of EPISODE.
 
         Raises:
             ValueError: feet too stiff for ``"rigid_body"``'s time step.
@@ -250,14 +252,15 @@ class EpisodeParameters:
         for i, plan in zip(which.tolist(), plans, strict=True):
             if plan.terrain is not None:
                 self._plant.set_terrain(i, plan.terrain)
-        values = robot_parameters(_rows(plans))
-        due = (plain(values) != plain(self._plant.parameters)[which]).any(axis=1)
-        if due.any():
-            self._plant.set_parameters(which[due], values[due])
+        values = np.concatenate([plain(plan.values) for plan in plans])
+        due = robot_parameters(values.view(EPISODE)[:, 0])
+        if (plain(due) != plain(self._plant.parameters).take(which, axis=0)).any():
+            self._plant.set_parameters(which, due)
+        return values
 
-    def begin(self, which: Ints, plans: Sequence[Plan], draws: Mapping[int, Randomization]) -> None:
-        """Begin planned episodes that are in force, with the :meth:`draws` of other robots."""
-        plain(self.values)[which] = plain(_rows(plans))
+    def begin(self, which: Ints, values: Array, draws: Mapping[int, Randomization]) -> None:
+        """Begin episodes whose parameters are in force, with the :meth:`draws` of other robots."""
+        plain(self.values)[which] = values
         for i, randomization in draws.items():
             parameters.set_payload(self.nominal[i], self._plant.robots[i])
             self.randomizations[i] = randomization
@@ -298,11 +301,6 @@ class EpisodeParameters:
             ground = finite_numbers("state['ground']", state["ground"], 2).tolist()
             terrain = Terrain(points, *ground)
         return Plan(values, terrain), int(level)
-
-
-def _rows(plans: Sequence[Plan]) -> NDArray[np.void]:
-    """Return the parameters (k,) of plans."""
-    return np.concatenate([plain(plan.values) for plan in plans]).view(EPISODE)[:, 0]
 
 
 def _heaviest(

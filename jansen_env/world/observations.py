@@ -175,8 +175,7 @@ class NoisySensors:
         self._deviation = noise.deviations(observed)
         limits = np.array([(entry.low, entry.high) for entry in observed], np.float32)
         self._low, self._high = limits.T.copy()
-        self._known = np.full(num_envs, -1)
-        self._bias, self._error = np.zeros((2, *self.truth.shape))
+        self._error = np.zeros(self.truth.shape)
         self.mean_error = np.zeros((num_envs, 2))
         self._angles = np.full((len(names), 2), -1)
         for first, *pair in ANGLES:
@@ -184,26 +183,27 @@ class NoisySensors:
                 cos, sin = self._angles[names.index(first)] = [names.index(name) for name in pair]
                 self._deviation[cos + sin - names.index(first)] = 0.0
         self._speeds = np.array([names.index(speed) if speed in names else -1 for speed in SPEEDS])
-        self.measure(np.zeros((num_envs, 0)), ())
         self._draw_errors, self._add_noise = draw_errors.bound(), add_noise.bound()
+        self._memory = (
+            self.level, self._deviation, self._speeds, np.full(num_envs, -1),
+            np.zeros(self.truth.shape), self._error, self.mean_error,
+        )  # fmt: skip
+        self.measure(np.zeros((num_envs, 0)), ())
 
     def measure(self, measured: Array, columns: Sequence[int]) -> None:
         """Observe ``columns`` (m,) as in ``measured`` (n, m), which may change."""
-        self._measured, self._columns = measured, np.array(columns, np.int64)
+        self._arguments = (
+            self._error, self._angles, measured, np.array(columns, np.int64), self._low,
+            self._high, self.truth,
+        )  # fmt: skip
 
     def draw(self, which: Ints, elapsed: Ints, seeds: Ints) -> None:
         """Draw the errors of the readings and mean speeds of robots ``which`` (k,).
 
         elapsed, seeds: (n,) control steps of the episodes so far, and their seeds.
         """
-        self._draw_errors(
-            which, elapsed, seeds, self.level, self._deviation, self._speeds, self._known,
-            self._bias, self._error, self.mean_error,
-        )  # fmt: skip
+        self._draw_errors(which, elapsed, seeds, self._memory)
 
     def add(self, which: Ints, out: NDArray[np.float32]) -> None:
         """Add the errors drawn last to observations ``out`` (n, d) of robots ``which`` (k,)."""
-        self._add_noise(
-            which, self._error, self._angles, self._measured, self._columns, self._low,
-            self._high, self.truth, out,
-        )  # fmt: skip
+        self._add_noise(which, self._arguments, out)

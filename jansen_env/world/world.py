@@ -317,16 +317,12 @@ class World:
             NO_PUSHES if pushes is None else check_schedule("options['pushes']", pushes)
             for pushes in given
         ]
-        angles = np.array([start[0] for start in starts])
-        self._begin(which, plans, lambda: plant.place(which, angles))
+        angles, speeds = [start[0] for start in starts], [start[1] for start in starts]
+        self._begin(which, plans, lambda: plant.place(which, angles, speeds))
         if self.episodes.curriculum is not None:
             self.episodes.level[which] = self.episodes.values["terrain_level"][which]
         self.seeds[which] = [seed or 0 for seed in seeds]
         self.toe_load[which] = plant.contact_force[which, :, 1] / self.weight[which, None]
-        states = plant.states[which]
-        states[:, 7] = [start[1] for start in starts]
-        for i, state in zip(which.tolist(), states, strict=True):
-            plant.set_state(i, state)
         self._begin_delay(which, self.episodes.values["delay"][which])
         self._clear_episode(which)
         for i, schedule, pushes in zip(which.tolist(), schedules, given, strict=True):
@@ -375,13 +371,13 @@ class World:
         try:
             if others:
                 self.plant.set_robots(np.array([*others]), [*others.values()])
-            self.episodes.apply(which, plans)
+            values = self.episodes.apply(which, plans)
             place()
         except Exception:
             undo()
             raise
         self.lengths.begin(builds)
-        self.episodes.begin(which, plans, draws)
+        self.episodes.begin(which, values, draws)
         if others:
             self._note_robots(np.array([*others], np.int64))
         self._update_scales(which)
@@ -401,8 +397,8 @@ class World:
     def _clear_episode(self, which: Ints, action: float = 0.0, steps: int = 0) -> None:
         """Clear the data of robots' last episodes."""
         data, info = self.data, self.data["info"]
-        for name in ("info", "energy"):
-            data[name][which] = np.zeros((), data.dtype[name])
+        for name in ("crank_torque", "links_in_ground", "diverged"):
+            info[name][which] = 0
         data["action"][which] = data["action_before"][which] = action
         states = self.plant.states[which]
         data["x_before"][which], info["x_velocity"][which] = states[:, 0], states[:, 4]
@@ -412,12 +408,11 @@ class World:
 
     def _begin_delay(self, which: Ints, delays: Array, asked: Array | None = None) -> None:
         """Begin episodes with ``delays`` (k,) s, and earlier torques ``asked`` (k, steps) N m."""
-        steps = np.rint(delays / self.time_step).astype(np.int64)
-        whole, rest = np.divmod(steps, self.steps)
-        self.delay_steps[which, 0], self.delay_steps[which, 1] = whole, rest
         self.asked[which] = 0.0 if asked is None else asked
-        self.torque[which] = self.asked[which, whole]
-        self.earlier[which], self.switch[which] = self.asked[which, whole + 1], rest
+        for i, delay in zip(which.tolist(), delays.tolist(), strict=True):
+            whole, rest = divmod(round(delay / self.time_step), self.steps)
+            self.delay_steps[i] = whole, rest
+            self.torque[i] = self.asked[i, whole]
 
     @property
     def _longest_delay(self) -> float:

@@ -272,14 +272,16 @@ class RigidBodyBatch:
     def in_contact(self, value: NDArray[np.bool_] | None) -> None:
         self._contacts.set_pressed(value)
 
-    def place(self, rows: Ints, crank_angles: Array) -> None:
+    def place(self, rows: Ints, crank_angles: ArrayLike, crank_speeds: ArrayLike = 0.0) -> None:
         self.place_at(rows, crank_angles)
         self.lookahead()
         if self.any_diverged:
             raise self.refusal(0.0)
+        self.states[:, 7] = crank_speeds
+        self.set_state(0, self.states[0])
 
     def place_at(
-        self, rows: Ints, crank_angles: Array, x: float = 0.0, pitch: float | None = None
+        self, rows: Ints, crank_angles: ArrayLike, x: float = 0.0, pitch: float | None = None
     ) -> None:
         """Place the robot where :meth:`jansen_env.plants.batch.Batch.place_at` does, without gap.
 

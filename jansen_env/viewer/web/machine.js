@@ -160,7 +160,8 @@ export class Machine {
       throw new Error(`restitution is ${all.restitution}, must be 0 with compliant pads`);
     const mass = all.mass_scale * this.linksMass + all.payload;
     const gravity = this.numbers.GRAVITY * this.memory.directions([all.tilt])[0][0];
-    if (restingDepth(mass, all.foot_stiffness_scale * stiffness, gravity) > this.numbers.DEEPEST)
+    const depth = (0.5 * mass * gravity) / (all.foot_stiffness_scale * stiffness); // at rest
+    if (depth > this.numbers.DEEPEST)
       throw new Error(`payload is ${all.payload} kg, which these feet are too soft to carry`);
     return numbers;
   }
@@ -248,17 +249,11 @@ export class Machine {
   /** Lower it onto the ground, and look one time step ahead. */
   place(crankAngle) {
     const { memory, states, robots, pads, planes, which } = this;
-    states.view[0] = 0;
+    states.view.fill(0);
+    states.view.set([Number.NaN, crankAngle], 2);
     this.askGround();
-    const { mass, stiffness, gravity_y } = robots.read().params;
-    const common = [this.padLayout, robots, this.surface, this.world, this.centres];
-    memory.scratch(() => {
-      const numbers = [crankAngle, Number.NaN, restingDepth(mass, stiffness[0], -gravity_y)];
-      const [angle, pitch, depth] = numbers.map((value) => memory.filled("f8", [value]));
-      memory.call("placement_lower", which, 0, angle, pitch, states, this.body, pads, common);
-      robots.write({ status: { margin: this.numbers.SPECULATIVE_MARGIN } });
-      memory.call("placement_settle", which, depth, states, pads, common, planes);
-    });
+    const ground = [this.surface, this.world, this.centres, planes];
+    memory.call("placement_place", which, states, this.body, pads, this.padLayout, robots, ground);
     const forget = () => {
       for (let pad = 0; pad < this.statistics.length; pad += 1)
         this.statistics.write({ deflection: [INFINITE, 0] }, pad);
@@ -450,11 +445,6 @@ export class Machine {
     const payload = mass > 0 ? { mass, x: position[0], y: position[1] } : null;
     return { ...robot.scene, weight, payload, terrain: line, speedUnit: "m/s" };
   }
-}
-
-/** How deep pads sink under a robot at rest, m. */
-function restingDepth(mass, stiffness, gravity) {
-  return (0.5 * mass * Math.max(gravity, 0)) / stiffness;
 }
 
 /** A number or a list of them, in which null is infinite. */

@@ -57,7 +57,8 @@ def broadcast_seeds(count: int, seed: object) -> list[int | None]:
         return [None] * count
     allowed = f"a whole number, or {count} of them"
     if isinstance(seed, Integral):
-        return [whole_number("seed", seed) + i for i in range(count)]
+        first = whole_number("seed", seed)
+        return [*range(first, first + count)]
     seeds = entries("seed", seed, allowed)
     if len(seeds) != count:
         raise ValueError(f"seed is {shown(seed)}, must be {allowed}")

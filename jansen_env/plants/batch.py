@@ -73,6 +73,7 @@ class Batch:
 
     Attributes:
         toes, pads: of a robot. designs: the kernels' tables of the robots.
+        surface: (vertices, 2) m, of all terrains: a robot's are in its row's status.
         states: (n, 8) x, y, theta, psi and rates, x, y the crank axis, m, rad, s; to be read.
         rows: (n,) ROBOT of :mod:`jansen_env.engine.records`: params, PARAMS in force; status;
             accumulators, sums over the last :meth:`step`. nominal_params: (n,) PARAMS without
@@ -172,7 +173,7 @@ class Batch:
 
     def _share_arrays(self) -> None:
         """Note the arguments that threads share in a step."""
-        model = self.designs.model
+        model, self.surface = self.designs.model, self._grounds.surface
         self._shared = (
             self.states, model.body, model.pads, model.layout, model.bearings, self._sides,
             self.surface, self.designs.depths, self._world, self.rows, self.planes,
@@ -252,11 +253,6 @@ class Batch:
         params = self.params[0]
         return float(params["gravity_x"]), float(params["gravity_y"])
 
-    @property
-    def surface(self) -> Array:
-        """(vertices, 2) m, of all terrains: a robot's are in its row's status."""
-        return self._grounds.surface
-
     def set_terrain(self, row: int, terrain: Terrain) -> None:
         """Change a robot's ground, with friction and restitution: it must be placed again.
 
@@ -270,9 +266,8 @@ class Batch:
         for name in ("friction", "restitution"):
             for numbers in (self.parameters, self.params):
                 numbers[name][row] = getattr(terrain, name)
-        surface = self.surface
         self._grounds.set_terrain(row, terrain)
-        if self.surface is not surface:
+        if self.surface is not self._grounds.surface:
             self._share_arrays()
 
     def _ask_ground(self, rows: Ints) -> None:
@@ -391,7 +386,9 @@ class Batch:
             pushes = self._no_pushes
         else:
             pushes = check_pushes(pushes, len(self.states), steps)
-        torques = torque, *(self._at_once if earlier is None else (earlier, switch)), pushes
+        if earlier is None:
+            earlier, switch = self._at_once
+        torques = torque, earlier, switch, pushes
         self._run(self._every if rows is None else rows, torques, steps, meanwhile, finish)
 
     def lookahead(

@@ -93,7 +93,7 @@ class Task(ABC):
         self.world.connect(self.observed, self.observation)
         self._connect()
         self._kernels = self.ENGINE.describe.bound(), self.ENGINE.finish_step.bound()
-        self._step_arguments: Arguments = ()
+        self._arguments: tuple[Arguments, Arguments] = (), ()
         self._surface: Array | None = None  # of these arguments
 
     def _check_declarations(self, settings: WorldSettings) -> None:
@@ -220,7 +220,8 @@ class Task(ABC):
 
     def _describe(self, which: Ints) -> None:
         """Fill observations and information of robots (k,) as they are now."""
-        self._kernels[0](which, *self._kernel_arguments()[1])
+        self._share_arrays()
+        self._kernels[0](which, self._arguments[1])
         self._observe(which)
         self.world.disturb(which)
 
@@ -293,10 +294,14 @@ class Task(ABC):
 
     def _finish_step(self, which: Ints) -> None:
         """Account for the step of robots (k,) in one kernel, on the thread that moved them."""
-        if self._surface is not self.world.plant.surface:  # that of a longer terrain
-            self._step_arguments, _ = self._kernel_arguments()
-            self._surface = self.world.plant.surface
-        self._kernels[1](which, self._step_arguments)
+        self.world.sense(which)
+        self._share_arrays()
+        self._kernels[1](which, self._arguments[0])
+
+    def _share_arrays(self) -> None:
+        """Note the kernels' arguments, which change with the plant's ground."""
+        if self._surface is not self.world.plant.surface:
+            self._arguments, self._surface = self._kernel_arguments(), self.world.plant.surface
 
     def _kernel_arguments(self) -> tuple[Arguments, Arguments]:
         """Return the arguments of the engine's ``finish_step`` and ``describe`` but the first."""

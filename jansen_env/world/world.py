@@ -445,8 +445,6 @@ class World:
         self._check_actions(actions, active)
         moved = active.nonzero()[0]
         self._moved = self._every if len(moved) == self.num_envs else moved
-        if self.sensors is not None:
-            finish = partial(self._sense, finish)
         plant.step(
             self.torque, self.steps, self.earlier, self.switch, self._moved, meanwhile, pushes,
             finish,
@@ -472,11 +470,10 @@ class World:
         if bad >= 0:
             raise ValueError(f"actions[{bad}] is {values[bad, 0]}, must be finite")
 
-    def _sense(self, finish: Callable[[Ints], None], which: Ints) -> None:
-        """Draw the errors of robots' readings, which ``finish`` takes."""
-        assert self.sensors is not None
-        self.sensors.draw(which, self.elapsed, self.seeds)
-        finish(which)
+    def sense(self, which: Ints) -> None:
+        """Draw the errors of robots' readings."""
+        if self.sensors is not None:
+            self.sensors.draw(which, self.elapsed, self.seeds)
 
     def _truncate(self, diverged: Bools) -> None:
         """End episodes whose simulation has just diverged, if any."""
@@ -503,7 +500,7 @@ class World:
         if self.sensors is None:
             return
         if which is not None:
-            self.sensors.draw(which, self.elapsed, self.seeds)
+            self.sense(which)
         self.sensors.add(self._moved if which is None else which, self._observation)
 
     def step_arguments(self) -> Arguments:

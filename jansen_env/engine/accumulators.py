@@ -82,7 +82,6 @@ def accumulate_contacts(h, count, velocity, after, contacts, planes, total, stat
         plane.mode = mode[c]
         if mode[c] == OPEN:
             continue
-        pad = statistics[plane.pad]
         old_n, new_n = rate(J, i, velocity), rate(J, i, after)
         old_t, new_t = rate(J, i + 1, velocity), rate(J, i + 1, after)
         touchdown = contacts.gap[c] - 0.5 * h * old_n > 0.0
@@ -92,6 +91,9 @@ def accumulate_contacts(h, count, velocity, after, contacts, planes, total, stat
         else:
             total.slip_loss += friction_loss
         total.impact_loss -= 0.5 * P[i] * (old_n + new_n)
+        if plane.far_pad >= 0:  # a link's side, not a pad
+            continue
+        pad = statistics[plane.pad]
         if mode[c] != STICK:
             slid = new_t if touchdown else old_t + new_t
             pad.slip += 0.5 * h * abs(slid)

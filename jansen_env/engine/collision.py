@@ -18,13 +18,14 @@ SPECULATIVE_MARGIN = 0.05  # m within which a plane counts, or as far as a pad g
 LARGEST_MARGIN = 0.2  # m, of the fastest robots
 MARGIN = 1.0  # m that a robot moves before its stretch is asked for again
 WAY_OUT = 0.35  # m within which a pad that is deep in the ground is looked for a way out
+LEAN = 0.1  # sine by which a side of a link may enter the ground beside a vertex that carries it
 FACE = 1e-6  # rad, how far a contact's normal may be off a segment's to be taken as the face's
 SAME = 1e-9  # difference of two planes' numbers below which they are one
 
 
 @stage(inline=False)
-def detect(state, robot, model, ground, world, planes):
-    """Find the planes near a robot's pads; False where it has left its stretch of the ground.
+def detect(state, robot, model, ground, world, sides, planes):
+    """Find the planes near a robot's pads and sides; False where it has left its stretch of ground.
 
     Sets the robot's ``margin``, its ``planes`` and ``too_deep``; arguments: see ``records.py``.
     """
@@ -39,8 +40,55 @@ def detect(state, robot, model, ground, world, planes):
     for j in range(near):
         x, y = _centre(state, cos, sin, model.pads, model.layout[j])
         list_planes(x, y, j, status, ground.surface, world, planes)
+    if world.links_collide:
+        _list_sides(state, cos, sin, near, status, model, ground.surface, world, sides, planes)
     sort_planes(status.first_plane, status.end_plane, planes)
     return True
+
+
+@stage(inline=False)
+def _list_sides(state, cos, sin, near, status, model, surface, world, sides, planes):
+    """List the vertices that links' ``sides`` may touch, as planes of their second ends.
+
+    Where one end of a side is below ``near``, of the pads that may be near the ground.
+    """
+    start, end, reach = status.first_near, status.end_near, status.pad_radius + status.margin
+    for k in range(len(sides)):
+        a, b = sides[k, 1], sides[k, 0]
+        if b >= near:
+            continue
+        ax, ay = _centre(state, cos, sin, model.pads, model.layout[a])
+        bx, by = _centre(state, cos, sin, model.pads, model.layout[b])
+        ex, ey = bx - ax, by - ay
+        vertex = max(segment_at(surface, start, end, min(ax, bx) - reach), start) + 1
+        while vertex < end - 1 and surface[vertex, 0] < max(ax, bx) + reach:
+            x, y = surface[vertex, 0], surface[vertex, 1]
+            carries, nx, ny = _side_normal(surface, vertex, x - ax, y - ay, ex, ey)
+            distance = nx * (ax - x) + ny * (ay - y)
+            if distance < 0.0:  # in the ground, or beyond a ridge
+                foot_x, foot_y = x + distance * nx, y + distance * ny
+                carries = carries and foot_y < height_at(surface, start, end, foot_x)
+            if carries and distance < reach:
+                _list(a, b, x, y, status, nx, ny, 0.0, distance, world.capacity, planes)
+            vertex += 1
+
+
+@stage(inline=False)
+def _side_normal(surface, k, x, y, ex, ey):
+    """Whether vertex ``k``, at (x, y) from a side's end, can carry it, and the side's normal.
+
+    ``ex, ey``: from that end to the other one. The normal points out of the ground.
+    """
+    square = ex * ex + ey * ey
+    share, length = (ex * x + ey * y) / square, np.sqrt(square)
+    nx, ny = -ey / length, ex / length
+    px, py = surface[k - 1, 0] - surface[k, 0], surface[k - 1, 1] - surface[k, 1]
+    qx, qy = surface[k + 1, 0] - surface[k, 0], surface[k + 1, 1] - surface[k, 1]
+    before = (nx * px + ny * py) / mathematics.hypot(px, py)
+    after = (nx * qx + ny * qy) / mathematics.hypot(qx, qy)
+    if before + after > 0.0:
+        nx, ny, before, after = -nx, -ny, -before, -after
+    return 0.0 < share < 1.0 and max(before, after) < LEAN, nx, ny
 
 
 @stage
@@ -211,7 +259,7 @@ def list_planes(x, y, pad, status, surface, world, planes):
             distance = nx * x + ny * y - offset
             if least < distance < 0.0:
                 nearest, least = k, distance
-            _list(pad, status, nx, ny, offset, distance, world.capacity, planes)
+            _list(pad, -1, 0.0, 0.0, status, nx, ny, offset, distance, world.capacity, planes)
     if least > -np.inf:
         status.end_plane = begin
         _list_near_side(x, y, pad, first, last, nearest, near, status, surface, world, planes)
@@ -219,7 +267,8 @@ def list_planes(x, y, pad, status, surface, world, planes):
         return
     is_out, nx, ny, offset = _way_out(surface, start, end, x, y, status.pad_radius + WAY_OUT)
     if is_out:
-        _list(pad, status, nx, ny, offset, nx * x + ny * y - offset, world.capacity, planes)
+        distance = nx * x + ny * y - offset
+        _list(pad, -1, 0.0, 0.0, status, nx, ny, offset, distance, world.capacity, planes)
     else:
         status.too_deep = True
 
@@ -239,7 +288,7 @@ def _list_near_side(x, y, pad, first, last, nearest, near, status, surface, worl
         bx, by = surface[b + 1, 0] - surface[b, 0], surface[b + 1, 1] - surface[b, 1]
         beyond = distance < 0.0 and ax * by - ay * bx < 0.0
         if faces and not beyond:
-            _list(pad, status, nx, ny, offset, distance, world.capacity, planes)
+            _list(pad, -1, 0.0, 0.0, status, nx, ny, offset, distance, world.capacity, planes)
 
 
 @stage(inline=False)
@@ -301,13 +350,15 @@ def _plane(surface, start, end, k, x, y, near):
 
 
 @stage(inline=False)
-def _list(pad, status, nx, ny, offset, distance, capacity, planes):
+def _list(pad, far_pad, vertex_x, vertex_y, status, nx, ny, offset, distance, capacity, planes):
     """Add a plane to a robot's, unless it is there, or there are ``capacity`` nearer ones."""
     begin, end = status.first_plane, status.end_plane
     for k in range(begin, end):
         other = planes[k]
-        if other.pad == pad:
-            apart = abs(other.normal_x - nx) + abs(other.normal_y - ny) + abs(other.offset - offset)
+        if other.pad == pad and other.far_pad == far_pad:
+            apart = abs(other.vertex_x - vertex_x) + abs(other.vertex_y - vertex_y)
+            apart += abs(other.normal_x - nx) + abs(other.normal_y - ny)
+            apart += abs(other.offset - offset)
             if apart < SAME:
                 return  # a vertex is found from both its sides
     place = end
@@ -322,7 +373,8 @@ def _list(pad, status, nx, ny, offset, distance, capacity, planes):
         status.end_plane += 1
     plane = planes[place]
     plane.normal_x, plane.normal_y, plane.offset, plane.distance = nx, ny, offset, distance
-    plane.pad, plane.mode = pad, STICK
+    plane.pad, plane.far_pad, plane.mode = pad, far_pad, STICK
+    plane.vertex_x, plane.vertex_y = vertex_x, vertex_y
 
 
 @stage(inline=False)
@@ -348,6 +400,9 @@ def _swap(a, b):
     a.distance, b.distance = b.distance, a.distance
     a.pad, b.pad = b.pad, a.pad
     a.mode, b.mode = b.mode, a.mode
+    a.far_pad, b.far_pad = b.far_pad, a.far_pad
+    a.vertex_x, b.vertex_x = b.vertex_x, a.vertex_x
+    a.vertex_y, b.vertex_y = b.vertex_y, a.vertex_y
 
 
 @kernel

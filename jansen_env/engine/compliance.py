@@ -172,6 +172,8 @@ def accumulate_compliant(
         stored += 0.5 * kt * plane.deflection**2
         lost -= 0.5 * (P[i] * (old + new) + P[t] * (old_t + new_t))
         slip_loss -= P[t] * slid / h
+        if plane.far_pad >= 0:  # a link's side, not a pad
+            continue
         pad = statistics[plane.pad]
         pad.slip += abs(slid)
         pad.impulse[0] += P[t]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from jansen_env.engine import mathematics
 from jansen_env.engine.contact_solver import COMPLIANCE, OPEN, STICK, WEDGE_COMPLIANCE, regularise
 from jansen_env.engine.kernel import stage
@@ -50,16 +52,25 @@ def find_contacts(h, middle, velocity, inertia, robot, model, planes, work):
         plane = planes[k]
         pad = model.layout[plane.pad]
         row, t = read_pad(model.pads, pad, psi, place)
+        if plane.far_pad >= 0:
+            read_pad_motion(model.pads, pad, row, t, place)
+            far = model.layout[plane.far_pad]
+            row, t = read_pad(model.pads, far, psi, work.sums)
+            read_pad_motion(model.pads, far, row, t, work.sums)
+            if not _move_along_side(plane, turn, (x, y), inertia, place, work.sums):
+                continue
         ox, oy = _turned(
             turn, place[VALUE, PAD_X] - inertia.s[0], place[VALUE, PAD_Y] - inertia.s[1]
         )
-        distance = plane.normal_x * (x + ox) + plane.normal_y * (y + oy)
+        distance = plane.normal_x * (x + ox - plane.vertex_x)
+        distance += plane.normal_y * (y + oy - plane.vertex_y)
         distance = distance - plane.offset - params.pad_radius
         work.bound[k - first] = travel + distance
         mode, plane.mode = plane.mode, STICK  # the guess for a contact that closes
         if distance > reach:
             continue
-        read_pad_motion(model.pads, pad, row, t, place)
+        if plane.far_pad < 0:
+            read_pad_motion(model.pads, pad, row, t, place)
         _fill_rows(h, count, plane, turn, (ox, oy), velocity, inertia, params.pad_radius, work)
         half = 0.5 * h * rate(contacts.J, 2 * count, velocity)
         if params.compliant and distance - half > 0.0 and distance + 2.0 * half > 0.0:
@@ -71,6 +82,32 @@ def find_contacts(h, middle, velocity, inertia, robot, model, planes, work):
         contacts.plane[count], contacts.gap[count] = k, distance
         count += 1
     return count, impact
+
+
+@stage(inline=False)
+def _move_along_side(plane, turn, centroid, inertia, place, far):
+    """Move the reading ``place`` of a side's end to its point over the plane's vertex.
+
+    ``far`` is that of its other end. The plane's normal turns with the side. Returns whether the
+    point lies between the ends.
+    """
+    ex, ey = far[VALUE, PAD_X] - place[VALUE, PAD_X], far[VALUE, PAD_Y] - place[VALUE, PAD_Y]
+    square = ex * ex + ey * ey
+    along_x, along_y = _turned(turn, ex, ey)
+    ox, oy = _turned(turn, place[VALUE, PAD_X] - inertia.s[0], place[VALUE, PAD_Y] - inertia.s[1])
+    x, y = plane.vertex_x - centroid[0] - ox, plane.vertex_y - centroid[1] - oy
+    share = (along_x * x + along_y * y) / square
+    scale = 1.0 / np.sqrt(square)
+    if along_x * plane.normal_y < along_y * plane.normal_x:
+        scale = -scale
+    plane.normal_x, plane.normal_y = -scale * along_y, scale * along_x
+    for i in (FIRST, SECOND):
+        across = ex * (far[i, PAD_Y] - place[i, PAD_Y]) - ey * (far[i, PAD_X] - place[i, PAD_X])
+        place[i, PAD_ANGLE] = across / square
+    for i in (VALUE, FIRST, SECOND):
+        place[i, PAD_X] += share * (far[i, PAD_X] - place[i, PAD_X])
+        place[i, PAD_Y] += share * (far[i, PAD_Y] - place[i, PAD_Y])
+    return 0.0 < share < 1.0
 
 
 @stage

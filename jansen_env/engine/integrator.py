@@ -172,7 +172,7 @@ def advance(
             traced, status = trace if r == 0 else trace[:0], robot.status
             while status.step < steps:
                 if not robot.params.held:
-                    on_stretch = detect(state, robot, model, ground, world_row, planes)
+                    on_stretch = detect(state, robot, model, ground, world_row, sides, planes)
                     status.lost = not on_stretch or status.too_deep
                 if status.lost:
                     break

@@ -139,6 +139,7 @@ WORLD = row_dtype(
         ("stride", "i8"),  # time steps between two looks for the ground
         ("toes", "i8"),  # the first so many pads are toes
         ("capacity", "i8"),  # planes kept of a robot
+        ("links_collide", "?"),  # whether sides of links touch vertices of the ground
     ]
 )
 """Data that the robots of a batch have in common."""
@@ -147,9 +148,13 @@ PLANE = row_dtype(
     [
         ("normal_x", "f8"),  # unit vector out of the ground
         ("normal_y", "f8"),
-        ("offset", "f8"),  # m, normal . point: a pad's gap is normal . centre - offset - radius
+        ("offset", "f8"),  # m: a pad's gap is normal . (centre - vertex) - offset - radius
         ("distance", "f8"),  # m, of the pad's centre, when it was found
         ("pad", "i8"),
+        # Of a link's side over a vertex: its other end, and the vertex, m. Of a pad -1 and 0.
+        ("far_pad", "i8"),
+        ("vertex_x", "f8"),
+        ("vertex_y", "f8"),
         ("mode", "i8"),  # the last time step's contact mode, a first guess
         ("compression", "f8"),  # m, of a compliant pad's spring there, as far as it is stored
         ("deflection", "f8"),  # m, how far its bristle is bent there

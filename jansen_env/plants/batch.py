@@ -68,6 +68,9 @@ class Batch:
         time_step: of the integration, s.
         gravity: m/s^2 downwards, or a vector (x, y).
         threads: see :class:`jansen_env.plants.threads.Threads`.
+        links_collide: whether sides of links touch vertices of the ground, as capsules of the pads'
+            radius (:func:`jansen_env.dynamics.pads.pad_sides`); else only pads touch. Joint forces
+            are not known then.
         held: whether all chassis stay where they are, as in the paper's fixed model: there is no
             ground then, pushes do nothing, and robots are placed level, the axis at (x, 0).
 
@@ -95,7 +98,7 @@ class Batch:
             cannot turn its crank.
     """
 
-    knows_joint_forces, joints_open = True, False
+    joints_open = False
     lookahead_steps = 1
 
     def __init__(
@@ -106,6 +109,7 @@ class Batch:
         gravity: Gravity = GRAVITY,
         threads: int | None = None,
         held: bool = False,
+        links_collide: bool = False,
     ) -> None:
         if len(robots) != len(terrains) or not robots:
             raise ValueError(
@@ -115,7 +119,7 @@ class Batch:
         different = {id(robot): robot for robot in robots}
         for robot in different.values():
             check_legs(robot, robots[0])
-        self._arguments = (time_step, gravity, threads, held)
+        self._arguments = (time_step, gravity, threads, held, links_collide)
         self.robots, self.terrains, self.held = list(robots), list(terrains), held
         self.time_step = check_time_step(time_step)
         self.designs, n = DesignTables(robots), len(robots)
@@ -148,7 +152,8 @@ class Batch:
         capacity = PLANES_PER_PAD * pads
         self._world, self.planes = np.zeros(1, WORLD), np.zeros(n * capacity, PLANE)
         stride = max(1, round(DETECTION_INTERVAL / time_step))
-        self._world[0] = self.time_step, stride, toes, capacity
+        self._world[0] = self.time_step, stride, toes, capacity, links_collide
+        self.knows_joint_forces = not links_collide
         self._status["margin"] = SPECULATIVE_MARGIN
         self._status["first_plane"] = self._status["end_plane"] = capacity * self._every
         self._grounds, self._longest = Grounds(terrains, self._status), self.time_step
@@ -530,8 +535,10 @@ class Batch:
             torque: N m, of the crank. push: (2,) N s, the impulse on the chassis in that step.
 
         Raises:
-            FloatingPointError: it diverges in that step.
+            FloatingPointError: it diverges in that step. ValueError: links collide.
         """
+        if not self.knows_joint_forces:
+            raise ValueError("for joint forces links_collide is True, must be False")
         if self.held:
             robot, (q, q_dot) = self.tables_in_force(0).robot, np.split(self.states[0], 2)
             gravity = self.effective_gravity

@@ -171,8 +171,9 @@ class ProjectionPlant(Plant):
         time_step: float = TIME_STEP,
         gravity: Gravity = GRAVITY,
         held: bool = False,
+        links_collide: bool = False,
     ) -> None:
-        super().__init__(Batch([robot], [terrain], time_step, gravity, 1, held))
+        super().__init__(Batch([robot], [terrain], time_step, gravity, 1, held, links_collide))
 
     @property
     def tables(self) -> Tables:
@@ -201,8 +202,9 @@ class RigidBodyPlant(Plant):
         time_step: float = RIGID_TIME_STEP,
         gravity: Gravity = GRAVITY,
         held: bool = False,
+        links_collide: bool = False,
     ) -> None:
-        super().__init__(RigidBodyBatch(robot, terrain, time_step, gravity, held))
+        super().__init__(RigidBodyBatch(robot, terrain, time_step, gravity, held, links_collide))
 
 
 PLANTS = {"projection": TIME_STEP, "rigid_body": RIGID_TIME_STEP}
@@ -222,6 +224,7 @@ def make_batch(
     time_step: float | None = None,
     threads: int | None = None,
     held: bool = False,
+    links_collide: bool = False,
 ) -> BatchedPlant:
     """Return robots on their terrains, or ``held``, moved by a plant of :data:`PLANTS`.
 
@@ -232,7 +235,9 @@ def make_batch(
     step = plant_time_step(name, time_step)
     if name == "projection":
         threads = 1 if len(robots) == 1 else threads
-        return Batch(robots, terrains, step, threads=threads, held=held)
+        return Batch(
+            robots, terrains, step, threads=threads, held=held, links_collide=links_collide
+        )
     if len(robots) > 1:
         raise ValueError(f"plant is {name!r}, must be 'projection' for several robots at once")
-    return RigidBodyBatch(robots[0], terrains[0], step)
+    return RigidBodyBatch(robots[0], terrains[0], step, links_collide=links_collide)

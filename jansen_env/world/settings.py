@@ -244,6 +244,7 @@ class WorldArguments(RobotArguments, total=False):
     pad_compliance: PerRobot[Compliance | None]
     time_step: float | None
     plant: str
+    links_collide: bool
     terrain: PerRobot[Terrain | str | Generator | Sequence[Sequence[float]]]
     friction: PerRobot[float | None]
     restitution: PerRobot[float | None]
@@ -282,6 +283,7 @@ class WorldSettings:
     control_dt: float = 0.02
     time_step: float | None = None
     plant: str = shared("projection", partial(one_of, known=sorted(PLANTS)), single_only=True)
+    links_collide: bool = shared(False, flag)
     terrain: list[Terrain | Generator] = each("flat", _load_ground, _several_terrains)
     friction: list[float | None] = each(None, optional(non_negative))
     restitution: list[float | None] = each(None, optional(partial(within, low=0.0, high=1.0)))
@@ -371,8 +373,8 @@ class HeldSettings(WorldSettings):
     held: ClassVar[bool] = True
     ideal_torque: ClassVar[float | None] = 5.0
     FIXED: ClassVar[frozenset[str]] = WorldSettings.FIXED | {
-        "payload", "pad_compliance", "plant", "terrain", "friction", "restitution",
-        "terrain_level", "curriculum", "height_scan", "noise", "push",
+        "payload", "pad_compliance", "plant", "links_collide", "terrain", "friction",
+        "restitution", "terrain_level", "curriculum", "height_scan", "noise", "push",
     }  # fmt: skip
 
     control_dt: float = 0.01

@@ -121,11 +121,13 @@ class World:
         )  # fmt: skip
         self._every = np.arange(n)
         self.plant: BatchedPlant = make_batch(
-            settings.plant, robots, terrains, self.time_step, threads, self.held
-        )
+            settings.plant, robots, terrains, self.time_step, threads, self.held,
+            settings.links_collide,
+        )  # fmt: skip
         self.track_joint_forces = settings.track_joint_forces
         if self.track_joint_forces and not self.plant.knows_joint_forces:
-            raise ValueError("track_joint_forces is True, must be False with plant='rigid_body'")
+            other = "links_collide=True" if settings.links_collide else "plant='rigid_body'"
+            raise ValueError(f"track_joint_forces is True, must be False with {other}")
         self.plant.tracing = self.track_joint_forces and not self.held
         self._joint_loads = np.zeros(2)
         self.scan = settings.height_scan

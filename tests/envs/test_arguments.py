@@ -84,6 +84,7 @@ TAKEN = {
     ("*", "noise"): {"None", "mapping"}, ("*", "push"): {"None", "mapping"},
     ("*", "terminate_when_fallen"): {"flag"}, ("*", "fall_contact"): {"flag"},
     ("*", "track_joint_forces"): {"flag"}, ("*", "observe_lengths"): {"flag"},
+    ("*", "links_collide"): {"flag"},
     ("crank", "time_step"): set(), ("walkers", "track_joint_forces"): set(),
     ("walkers", "max_episode_steps"): {"None"}, ("walkers", "info_keys"): {"None", "empty"},
     ("walkers", "threads"): {"None", "beyond a float", "beyond printing"},

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from jansen_env.dynamics.pads import Pads, pad_layout
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import coordinates, joint_positions, world_joints
-from jansen_env.robot.linkage import CRANK
+from jansen_env.robot.linkage import CRANK, FRAME
 from jansen_env.terrain import Terrain
 
 Array = NDArray[np.float64]
@@ -30,6 +30,7 @@ CHASSIS, SHAFT = 0, 1  # places of the bodies that all legs share; then those of
 X, Y, ANGLE, VX, VY, SPIN = range(6)  # columns of a motion
 SLOP = 1e-5  # m, how deep a resting toe may sink in
 GAP_LEFT = 0.5  # share of a joint's gap left after one second; the rest is pulled together
+INSET = 0.98  # radius of links' sides, of the pads', so that pads touch first at their ends
 TURN = 24  # crank angles at which a robot's lightest spots are looked for
 
 
@@ -166,6 +167,18 @@ def pad_bodies(robot: Robot, layout: Pads) -> list[int]:
     return [place_of(robot, leg, robot.linkage.all_pads[k][1] + 1) for leg, k in pairs]
 
 
+def side_bodies(robot: Robot, sides: NDArray[np.int64]) -> list[int]:
+    """Index of the body that each of links' ``sides`` (n, 2) is part of; pairs of pads."""
+    layout, linkage, bodies = pad_layout(robot), robot.linkage, []
+    for side in sides.tolist():
+        pads = [(int(layout.leg[k]), *linkage.all_pads[layout.joint[k]]) for k in side]
+        ends = {joint for _, joint, _ in pads}
+        leg = max([leg for leg, _, body in pads if body != FRAME - 1], default=0)
+        body = next(k for k, joints in enumerate(linkage.members, 1) if ends <= {*joints})
+        bodies.append(place_of(robot, leg, body))
+    return bodies
+
+
 class Snapshot(NamedTuple):
     """Pose of all bodies at an instant."""
 
@@ -197,6 +210,7 @@ class BodySpace:
         gravity: tuple[float, float],
         state: Array,
         held: bool,
+        sides: NDArray[np.int64],
     ) -> None:
         self.space = space = pymunk.Space()
         self.set_gravity(gravity)
@@ -219,7 +233,7 @@ class BodySpace:
             self.dry.append(joint)
         space.add(*self.bodies, *self.pins, *self.dry)
         if robot.pad_compliance.rigid:  # those that give push by themselves
-            space.add(*self.pads)
+            space.add(*self.pads, *self._make_sides(robot, sides))
         # A row for every body of the space, the ground's (last) too: it stays 0.
         rows = np.zeros((self._list_bodies(), 3))
         self.loads = rows[: len(self.bodies)]
@@ -263,6 +277,18 @@ class BodySpace:
             circle.filter = pymunk.ShapeFilter(group=1)  # legs never touch one another
             pads.append(circle)
         return pads
+
+    def _make_sides(self, robot: Robot, sides: NDArray[np.int64]) -> list[pymunk.Segment]:
+        """Links' ``sides`` (n, 2), pairs of pads; made while the bodies are at home."""
+        segments = []
+        for pads, owner in zip(sides.tolist(), side_bodies(robot, sides), strict=True):
+            body, ends = self.bodies[owner], (self.pads[k] for k in pads)
+            a, b = (body.world_to_local(end.body.local_to_world(end.offset)) for end in ends)
+            segment = pymunk.Segment(body, a, b, INSET * robot.pad_radius)
+            segment.friction = segment.elasticity = 1.0
+            segment.filter = pymunk.ShapeFilter(group=1)
+            segments.append(segment)
+        return segments
 
     def _list_bodies(self) -> int:
         """Note which body carries each end of a pin and each pad; how many bodies there are."""

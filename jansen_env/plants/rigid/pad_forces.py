@@ -10,7 +10,9 @@ import pymunk
 import pymunk.batch
 from numpy.typing import NDArray
 
+from jansen_env.engine.collision import LEAN
 from jansen_env.plants.rigid.bodies import (
+    INSET,
     SLOP,
     SPIN,
     VX,
@@ -25,7 +27,8 @@ from jansen_env.terrain import Terrain
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 _Arbiter = pymunk.batch.ArbiterFields
-_CONTACT = _Arbiter.BODY_A_ID | _Arbiter.TOTAL_IMPULSE | _Arbiter.NORMAL | _Arbiter.POINT_A_1
+_BODIES = _Arbiter.BODY_A_ID | _Arbiter.BODY_B_ID
+_CONTACT = _BODIES | _Arbiter.TOTAL_IMPULSE | _Arbiter.NORMAL | _Arbiter.POINT_A_1
 
 CONTACT_HYSTERESIS = 2e-3  # s for which a loaded pad may be off the ground and count as on it
 SHORT_ENOUGH = 1.0  # (k h^2 + d h) / effective mass; beyond 2 to 4 the springs would swing up
@@ -48,7 +51,8 @@ class PadContacts:
         owners = self._owners = space.owners
         self._radius, self._time_step = space.radius, time_step
         self._pads_of = {
-            body: [k for k, b in enumerate(owners) if b == body] for body in set(owners)
+            body: [k for k, b in enumerate(owners) if b == body]
+            for body in range(len(space.bodies))
         }
         self._touched = pymunk.batch.Buffer()
         self._off = np.full(len(owners), math.inf)  # s since a pad was last on the ground
@@ -78,21 +82,30 @@ class PadContacts:
         """
         self._touched.clear()
         pymunk.batch.get_space_arbiters(self._space, _CONTACT, self._touched)
-        ids = np.frombuffer(self._touched.int_buf(), dtype=np.uintp).tolist()
+        pairs = np.frombuffer(self._touched.int_buf(), dtype=np.uintp).reshape(-1, 2)
+        ids = map(tuple, pairs.tolist())
         values = np.frombuffer(self._touched.float_buf()).reshape(-1, 6).tolist()
         touching, loss = np.zeros(len(self._owners), bool), 0.0
         # pymunk's order is that of pointers: by position it is the same in every process.
-        for (px, py, nx, ny, x, y), name in sorted(zip(values, ids, strict=True)):
+        for (px, py, nx, ny, x, y), names in sorted(zip(values, ids, strict=True)):
             normal = -(px * nx + py * ny)
             if normal <= 0.0:
                 continue
+            name = names[0]
+            if name not in self._index:  # a pad comes before the ground, a link's side need not
+                name, px, py, nx, ny = names[1], -px, -py, -nx, -ny
             body = self._index[name]
-            pad = min(self._pads_of[body], key=lambda k: self._off_rim(now.pads[k], x, y))
             tangential = -px * ny + py * nx
             speed = now.speed_along(body, x, y, -ny, nx)
+            loss -= tangential * speed
+            off, pad = min(
+                ((self._off_rim(now.pads[k], x, y), k) for k in self._pads_of[body]),
+                default=(math.inf, 0),
+            )
+            if off > 0.5 * (1.0 - INSET) * self._radius:  # a link's side
+                continue
             sums.slip[pad] += self._time_step * abs(speed)
             sums.impulse[pad] += tangential, normal
-            loss -= tangential * speed
             touching[pad] = True
             self._normals[pad] = -nx, -ny
         back = touching & (self._off <= CONTACT_HYSTERESIS)
@@ -157,18 +170,24 @@ class SpringPads:
     where the bodies will be (pymunk moves them first), on the bodies, without a complementarity
     problem. So the time step must be short, see :func:`check_stiffness`.
 
-    A pad is pushed by the nearest point of the ground alone: in a groove, by the nearer side.
+    A pad is pushed by the nearest point of the ground alone: in a groove, by the nearer side. Sides
+    of links follow the same law, each at its point over the vertex that it is deepest in.
 
     Args:
-        owners: the body that each is part of. time_step: s.
+        owners: the body that each is part of, then that of each side. time_step: s.
+        sides: (sides, 2) pads at their ends. "Pads" of arrays are pads, then sides.
 
     Attributes:
         bristle: (pads,) s now, m. stored: energy in springs and bristles, J.
         forces: (pads, 2) tangential and normal in the next time step, N.
     """
 
-    def __init__(self, robot: Robot, terrain: Terrain, owners: list[int], time_step: float) -> None:
-        check_stiffness(robot, time_step, owners)
+    def __init__(
+        self, robot: Robot, terrain: Terrain, owners: list[int], time_step: float,
+        sides: NDArray[np.int64],
+    ) -> None:  # fmt: skip
+        self._sides, pads = sides, len(owners) - len(sides)
+        check_stiffness(robot, time_step, owners[:pads])
         self._give, self._radius = robot.pad_compliance, robot.pad_radius
         self._terrain, self._owners, self._h = terrain, owners, time_step
         self._tilt = math.sqrt(1.0 + terrain.steepest**2)
@@ -179,6 +198,7 @@ class SpringPads:
         self.bristle = np.zeros(pads) if bristle is None else bristle.copy()
         self.forces, self.stored = np.zeros((pads, 2)), 0.0
         self._normals = np.tile([0.0, 1.0], (pads, 1))
+        self._vertices = np.zeros((len(self._sides), 2))
         # Of the next time step: bristle and gap (0 if open) at its end, speeds of bristle and pad,
         # speed of sliding.
         self._then = self.bristle.copy()
@@ -195,7 +215,7 @@ class SpringPads:
         loads = np.zeros((len(now.motion), 3))
         for pad in np.flatnonzero(self.forces.any(axis=1)).tolist():
             owner, (tangential, normal) = self._owners[pad], self.forces[pad].tolist()
-            (nx, ny), (x, y) = self._normals[pad].tolist(), now.pads[pad].tolist()
+            (nx, ny), (x, y) = self._normals[pad].tolist(), self._centres[pad].tolist()
             fx, fy = normal * nx + tangential * ny, normal * ny - tangential * nx
             x, y = x - now.motion[owner, 0], y - now.motion[owner, 1]
             loads[owner] += fx, fy, x * fy - y * fx + self._radius * tangential
@@ -207,12 +227,14 @@ class SpringPads:
         k, d = give.stiffness, give.damping
         kt, dt = float(give.tangential_stiffness or 0.0), float(give.tangential_damping or 0.0)
         spin = now.motion[self._owners, SPIN]
-        arm = now.pads - now.motion[self._owners, :2]
+        self._centres = np.concatenate([now.pads, self._find_vertices(now.pads)])
+        arm = self._centres - now.motion[self._owners, :2]
         speed = now.motion[self._owners][:, [VX, VY]]
         speed = speed + spin[:, None] * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
-        then = now.pads + h * speed
+        then = self._centres + h * speed
         height = self._terrain.height(then[:, 0])
         near = (then[:, 1] - height) / self._tilt <= self._radius
+        near[len(now.pads) :] = np.isfinite(self._vertices[:, 0])
         self.bristle[:] = self._then
         active = near | self.forces.any(axis=1) | (self.bristle != 0.0)
         self.stored = 0.0
@@ -244,6 +266,36 @@ class SpringPads:
             self._then[pad], self.forces[pad] = new, (tangential, normal)
             self._gap[pad], self._rate[pad], self._slide[pad] = depth, (rate, across), slide
 
+    def _find_vertices(self, pads: Array) -> Array:
+        """Return (sides, 2) places of sides over the vertices they are deepest in or nearest to, m.
+
+        ``pads``: (pads, 2) m. Takes normals and vertices, infinite ones where none is near.
+        """
+        line, (a, b) = self._terrain.polyline, pads[self._sides].swapaxes(0, 1)
+        self._vertices[:] = np.inf
+        if len(a) == 0 or len(line) == 2:
+            return a
+        vertices, before, after = line[1:-1], line[:-2] - line[1:-1], line[2:] - line[1:-1]
+        along = b - a
+        normals = np.stack([-along[:, 1], along[:, 0]], 1) / np.hypot(*along.T)[:, None]
+        before, after = (
+            normals @ (way / np.hypot(*way.T)[:, None]).T for way in (before, after)
+        )  # (sides, vertices)
+        flip = np.where(before + after > 0.0, -1.0, 1.0)
+        away = vertices - a[:, None]
+        share = np.einsum("svk,sk->sv", away, along) / (along**2).sum(axis=1)[:, None]
+        gap = -flip * np.einsum("svk,sk->sv", away, normals)
+        feet = a[:, None] + share[:, :, None] * along[:, None]
+        carries = (share > 0.0) & (share < 1.0) & (flip * before < LEAN) & (flip * after < LEAN)
+        carries &= gap < 2.0 * self._radius
+        carries &= (gap >= 0.0) | (feet[:, :, 1] < self._terrain.height(feet[:, :, 0]))
+        gap = np.where(carries, gap, np.inf)
+        every, nearest = np.arange(len(a)), gap.argmin(axis=1)
+        self._normals[len(pads) :] = flip[every, nearest][:, None] * normals
+        has = np.isfinite(gap[every, nearest])
+        self._vertices[has] = vertices[nearest[has]]
+        return np.where(has[:, None], feet[every, nearest], a)
+
     def _account(self, sums: Sums, pad: int, across: float, rate: float, slide: float) -> None:
         """Book the work of the last time step's forces, at mean speeds of its beginning and end."""
         h, (tangential, normal) = self._h, self.forces[pad].tolist()
@@ -255,12 +307,18 @@ class SpringPads:
         sums.total["impact_loss"] -= h * (normal - elastic) * 0.5 * (across + down)
         sums.total["impact_loss"] -= h * (tangential + kt * float(self.bristle[pad])) * bristle
         sums.total["slip_loss"] -= h * tangential * drift
+        if pad >= len(sums.slip):
+            return
         sums.slip[pad] += h * abs(float(self._slide[pad]))
         sums.impulse[pad] += h * tangential, h * normal
 
     def _find_ground(self, space: pymunk.Space, pad: int, centre: Array, height: float) -> float:
         """The gap below a pad, m; takes the normal there."""
         x, y = centre.tolist()
+        side = pad - len(self._owners) + len(self._sides)
+        if side >= 0:
+            apart = float(self._normals[pad] @ (centre - self._vertices[side]))
+            return apart - self._radius if math.isfinite(apart) else math.inf
         nearest = space.point_query_nearest((x, y), math.inf, pymunk.ShapeFilter())
         assert nearest is not None, "the ground has no end"
         above = math.copysign(1.0, y - height)

@@ -162,8 +162,10 @@ class RigidBodyBatch:
         time_step: float = TIME_STEP,
         gravity: Gravity = GRAVITY,
         held: bool = False,
+        links_collide: bool = False,
     ) -> None:
         check_closure(robot)
+        self.links_collide = links_collide
         self.robots, self.terrains = [robot], [terrain]
         self.parameters = np.array([nominal(robot, terrain)], ROBOT_PARAMETERS)
         self.time_step = check_time_step(time_step)
@@ -175,6 +177,7 @@ class RigidBodyBatch:
         self.diverged, self.any_diverged = np.zeros(1, bool), False
         self.lookahead_steps = max(1, round(LOOKAHEAD / self.time_step))
         self._owners, self._sides = bodies.pad_bodies(robot, pad_layout(robot)), pad_sides(robot)
+        self._colliding = self._sides if links_collide else self._sides[:0]
         self.gravity = gravity_vector(gravity)
         self._apply_parameters()
         self._build(np.zeros(8))
@@ -188,7 +191,8 @@ class RigidBodyBatch:
         self._friction = bodies.joint_friction(robot)
         self._springs = self._rotor = None
         if not robot.pad_compliance.rigid:
-            self._springs = SpringPads(robot, terrain, self._owners, self.time_step)
+            owners = [*self._owners, *bodies.side_bodies(robot, self._colliding)]
+            self._springs = SpringPads(robot, terrain, owners, self.time_step, self._colliding)
         if robot.motor.rotor_inertia > 0.0:
             self._rotor = GearedRotor(robot, self.time_step)
         first, last = terrain.polyline[[0, -1], 0].tolist()
@@ -246,7 +250,9 @@ class RigidBodyBatch:
     def _build(self, state: Array, bristle: Array | None = None) -> None:
         """Put the robot into ``state`` in a new space; bristle: (pads,) m, of compliant pads."""
         pull = self._effective_gravity
-        self._space = BodySpace(self._machine, self._ground, pull, state, self.held)
+        self._space = BodySpace(
+            self._machine, self._ground, pull, state, self.held, self._colliding
+        )
         self._contacts = PadContacts(self._space, self._ground, self.time_step)
         self.states[0] = self._space.state
         now = self._space.snapshot()
@@ -262,7 +268,8 @@ class RigidBodyBatch:
             check_held(state)
         self._build(state)
         if deflection is not None and self._springs is not None:
-            self._memory = self._space.state, self.in_contact, deflection[:, 1]
+            bristle = np.append(deflection[:, 1], np.zeros(len(self._colliding)))
+            self._memory = self._space.state, self.in_contact, bristle
 
     @property
     def in_contact(self) -> NDArray[np.bool_]:
@@ -420,7 +427,7 @@ class RigidBodyBatch:
                 left = now.energy + stored + work + push_work - loss - slip_loss
                 total["impact_loss"] += left - (after.energy + self._stored)
         else:
-            touching = springs.touching
+            touching = springs.touching[: len(self._owners)]
             springs.step(after, self._space.space, sums)
             self._contacts.note(touching)
         return after, torque
@@ -436,7 +443,7 @@ class RigidBodyBatch:
         """(1, pads, 2) compression (unknown: the bodies tell) and bend of compliant pads, m."""
         deflection = np.tile(UNKNOWN_DEFLECTION, (1, len(self._owners), 1))
         if self._springs is not None:
-            deflection[0, :, 1] = self._springs.bristle
+            deflection[0, :, 1] = self._springs.bristle[: len(self._owners)]
         return deflection
 
     @property
@@ -476,7 +483,14 @@ class RigidBodyBatch:
     def __getstate__(self) -> dict[str, Any]:
         """The arguments, and what has become of them: everything else is made again from them."""
         return {
-            "arguments": (*self.robots, *self.terrains, self.time_step, self.gravity, self.held),
+            "arguments": (
+                *self.robots,
+                *self.terrains,
+                self.time_step,
+                self.gravity,
+                self.held,
+                self.links_collide,
+            ),
             "memory": self._memory,
             "arrays": {name: getattr(self, name).copy() for name in CHANGING},
         }

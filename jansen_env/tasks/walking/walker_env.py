@@ -406,6 +406,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     | ``control_dt`` | 0.02 | s for which an action is held; a multiple of ``time_step``, at most 10,000 times as long |
     | ``time_step`` | the plant's | s, of the integration, 1e-9 to 1: 0.001, ``"rigid_body"`` 0.00025 |
     | ``plant`` | ``"projection"`` | what moves the robot, see Plants |
+    | ``links_collide`` | False | whether sides of links touch vertices of the ground, see Plants |
     | ``slip_weight``, ``energy_weight``, ``effort_weight``, ``smoothness_weight``, ``posture_weight`` | 1 | see Rewards |
     | ``reset_noise_scale`` | 0.1 | rad/s, of the starting crank speed |
     | ``fall_pitch`` | 1.2 | rad, beyond which the robot has fallen |
@@ -424,6 +425,9 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     with exact contacts, fast enough to train on. ``"rigid_body"`` is built of pymunk's bodies, joints
     and contacts, some hundred times slower; its joints gap a little (``info["joint_gap"]``). A policy
     that walks on both does not exploit numerical error.
+
+    With ``links_collide=True`` sides of links touch vertices of the ground by the pads' law, as capsules
+    of the pads' radius. Their touch is no fall. Rods that end at the crank's pin, and the crank, pass through.
 
     ## Version History
     * v0: first release.

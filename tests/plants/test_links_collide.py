@@ -1,0 +1,91 @@
+"""Sides of links that collide are held by vertices of the ground, on both plants."""
+
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from motions import PLANTS
+
+from jansen_env import Terrain
+from jansen_env.dynamics.pads import pad_sides
+from jansen_env.robot import ROBOTS
+from jansen_env.robot.links import RIGID
+
+SPIKE = Terrain([[-9.0, -1.0], [-0.42, -1.0], [-0.2, -0.3], [0.02, -1.0], [9.0, -1.0]])
+WALL = Terrain([[-9.0, 0.0], [0.6, 0.0], [0.66, 0.24], [9.0, 0.24]])
+
+
+def least_gap(plant, vertex):
+    """Return the least distance of a link's side from a vertex less its radius, m."""
+    robot, gaps = plant.robot, []
+    for a, b in plant.batch.pad_centres(0)[pad_sides(robot)]:
+        share = (vertex - a) @ (b - a) / ((b - a) @ (b - a))
+        if 0.0 < share < 1.0:
+            gaps.append(np.hypot(*(a + share * (b - a) - vertex)) - robot.pad_radius)
+    return min(gaps)
+
+
+@pytest.mark.parametrize("name", sorted(PLANTS))
+@pytest.mark.parametrize(("feet", "most"), [(None, 4e-3), (RIGID, 2e-3)])
+def test_a_step_stops_a_side(name, feet, most):
+    """A leg that is driven against a step's edge stops there, as far as its feet give; without the
+    argument it goes in.
+    """
+    robot = ROBOTS["climber"]()
+    robot = robot if feet is None else replace(robot, pad_compliance=feet)
+    least = {}
+    for collide in (False, True):
+        plant = PLANTS[name](robot, WALL, links_collide=collide)
+        plant.reset()
+        gaps = []
+        for _ in range(60):
+            result = plant.step(3.0, 0.02)
+            gaps.append(least_gap(plant, WALL.polyline[2]))
+            assert not result.non_toe_contact
+        least[collide] = min(gaps)
+    assert least[False] < -0.01 and least[True] > -most
+
+
+def test_energy_of_a_side_on_a_spike_converges():
+    """Dropped on a spike, work less losses is the change of energy, the better the finer."""
+    residuals = []
+    for time_step in (1e-3, 2.5e-4):
+        robot = ROBOTS["built"]()
+        plant = PLANTS["projection"](robot, SPIKE, time_step, links_collide=True)
+        plant.state = np.zeros(8)
+        total, drops = 0.0, []
+        for _ in range(30):
+            result = plant.step(0.0, 0.02)
+            total += result.energy_residual
+            drops.append(result.impact_loss + result.slip_loss)
+        assert sum(drops) > 0.1  # it has landed
+        residuals.append(abs(total))
+    assert residuals[1] < 0.5 * residuals[0] or residuals[1] < 1e-3
+
+
+def test_alone_as_in_a_batch():
+    """Over a step the walks are the same, and are not those without the argument."""
+    arguments = {"robot": "climber", "terrain": WALL, "speed_command": 0.4}
+    ends = []
+    for collide in (True, False):
+        alone = gym.make("JansenWalkerBuilt-v0", links_collide=collide, **arguments)
+        batch = gym.make_vec("JansenWalkerBuilt-v0", 2, links_collide=collide, **arguments)
+        seen, _ = alone.reset(seed=1)
+        many, _ = batch.reset(seed=1)
+        for _ in range(150):
+            seen, *_ = alone.step(np.ones(1, np.float32) * 0.4)
+            many, *_ = batch.step(np.ones((2, 1), np.float32) * 0.4)
+            np.testing.assert_array_equal(seen, many[0])
+        ends.append(seen)
+        alone.close(), batch.close()
+    assert not np.array_equal(*ends)
+
+
+def test_joint_forces_are_refused():
+    """They are not known of a link's side."""
+    plant = PLANTS["projection"](ROBOTS["paper"](), WALL, links_collide=True)
+    with pytest.raises(ValueError, match="links_collide is True, must be False"):
+        plant.batch.joint_forces()
+    with pytest.raises(ValueError, match="must be False with links_collide=True"):
+        gym.make("JansenWalker-v0", links_collide=True, track_joint_forces=True)

@@ -96,12 +96,13 @@ TABLE = (
     Parameter("delay", "s", 0.0, LONGEST_DELAY, "time by which torques come late",
               lambda robot, terrain: 0.0, of_robot=False, argument=True),
     Parameter("noise_level", "1", 0.0, LOUDEST, "times the sensors' noise",
-              idle="environments without noise", of_robot=False, settable=False),
+              idle="environments without noise", of_robot=False),
     Parameter("push_strength", "1", 0.0, LOUDEST, "times the impulses of random pushes",
               idle="environments without random pushes", of_robot=False, settable=False),
     Parameter("terrain_level", "1", 0.0, HIGHEST, "level of a drawn terrain, a whole number",
               lambda robot, terrain: 0.0, "terrains that are not drawn", of_robot=False,
               argument=True, whole=True),
+    Parameter("gravity_scale", "1", *SCALE, "times gravity, and so the weight"),
 )  # fmt: skip
 """All rows. Random numbers are drawn in this order: a new row goes to the end, so that seeds keep
 their meaning. Nothing else depends on it."""

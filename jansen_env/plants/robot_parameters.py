@@ -83,9 +83,10 @@ def terrain_of(terrain: Terrain, row: np.void) -> Terrain:
     return replace(terrain, **numbers)  # type: ignore[arg-type]
 
 
-def tilted(gravity: tuple[float, float], tilt: float) -> tuple[float, float]:
-    """Return a gravity (x, y), m/s^2, under a tilt, rad."""
-    (x, y), cos, sin = gravity, mathematics.cos(tilt), mathematics.sin(tilt)
+def gravity_of(gravity: tuple[float, float], row: np.void) -> tuple[float, float]:
+    """The gravity (x, y), m/s^2, with these parameters applied."""
+    x, y = (float(row["gravity_scale"]) * each for each in gravity)
+    cos, sin = mathematics.cos(float(row["tilt"])), mathematics.sin(float(row["tilt"]))
     return cos * x + sin * y, cos * y - sin * x
 
 
@@ -138,7 +139,7 @@ def apply_to_kernels(
     load = np.sqrt(params["load_x"] ** 2 + params["load_y"] ** 2)
     params["pitch_arm"] += params["load_mass"] * load / mass
     params["winding"] /= values["motor_strength"]  # the no-load speed stays
-    x, y = params["gravity_x"].copy(), params["gravity_y"].copy()
+    x, y = (values["gravity_scale"] * params[name] for name in ("gravity_x", "gravity_y"))
     cos, sin = mathematics.directions(values["tilt"]).T
     params["gravity_x"], params["gravity_y"] = cos * x + sin * y, cos * y - sin * x
 

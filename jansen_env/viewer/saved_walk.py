@@ -16,6 +16,7 @@ from jansen_env.robot.robot_file import robot_from_json
 from jansen_env.tasks.walking.walker_env import JansenWalkerEnv
 from jansen_env.viewer.recorder import Recorder
 from jansen_env.viewer.recording import MOST_RECORDED, Recording
+from jansen_env.world.observations import Noise
 from jansen_env.world.settings import Values
 
 FORMAT = "jansen_env walk 1"
@@ -46,14 +47,16 @@ def _simulated(content: Values) -> Recording:
     if not 0 < len(steps) <= MOST_RECORDED:
         raise ValueError(f"it has {len(steps)} steps, must have 1 to {MOST_RECORDED}")
     robot = {name: value for name, value in content["robot"].items() if name in OF_ROBOT}
+    noisy = any("noise_level" in step.get("changes", ()) for step in (start, *steps))
     env = JansenWalkerEnv(
         robot=robot_from_json(robot), terrain=content["ground"], reset_noise_scale=0.0,
-        terminate_when_fallen=False,
+        terminate_when_fallen=False, noise=Noise() if noisy else None,
     )  # fmt: skip
     with closing(Recorder(env, instance("label", content["label"], str))) as recorder:
+        env.reset(seed=0)
+        env.set_parameters(**{**({"noise_level": 0.0} if noisy else {}), **start["changes"]})
         options = {"crank_angle": start["crank_angle"], "speed_command": start["command"]}
-        recorder.reset(seed=0, options=options)
-        env.set_parameters(**start["changes"])
+        recorder.reset(seed=start.get("seed", 0), options=options)
         for step in steps:
             env.set_parameters(command=step["command"], **step.get("changes", {}))
             for impulse in step.get("pushes", ()):

@@ -183,7 +183,8 @@ class EpisodeParameters:
         check_restitution(np.array([True]), values["restitution"][None])
         mass = float(values["mass_scale"] * robot.links_mass + values["payload"])
         stiffness = float(values["foot_stiffness_scale"]) * pads.stiffness
-        resting_depth(mass, stiffness, GRAVITY * mathematics.cos(values["tilt"]))
+        gravity = GRAVITY * values["gravity_scale"] * mathematics.cos(values["tilt"])
+        resting_depth(mass, stiffness, gravity)
 
     def plan(
         self, i: int, rng: np.random.Generator, options: Values, delay: float,

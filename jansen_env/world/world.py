@@ -388,7 +388,7 @@ class World:
         """Update weights, full torques, and strengths of pushes and noise."""
         values = self.episodes.values
         masses = values["mass_scale"][which] * self._links_mass[which] + values["payload"][which]
-        self.data["weight"][which] = GRAVITY * masses
+        self.data["weight"][which] = GRAVITY * masses * values["gravity_scale"][which]
         limits = np.array([self.robots[i].motor.torque_limit for i in which.tolist()])
         limits = self.data["direction"][which] * limits
         self.full_torque[which] = limits * values["motor_strength"][which]

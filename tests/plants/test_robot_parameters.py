@@ -11,7 +11,7 @@ from jansen_env.parameters import ROBOT_PARAMETERS, effective, nominal
 from jansen_env.plants.base import static_deflection
 from jansen_env.plants.batch import Batch
 from jansen_env.plants.plant import ProjectionPlant, RigidBodyPlant
-from jansen_env.plants.robot_parameters import machine_of, terrain_of, tilted
+from jansen_env.plants.robot_parameters import gravity_of, machine_of, terrain_of
 from jansen_env.robot import Compliance
 from jansen_env.robot.motor import AK80_6
 
@@ -27,6 +27,7 @@ CHANGES = {
     "friction": 0.5, "restitution": 0.4, "payload": 1.3, "payload_x": -0.1, "payload_y": 0.2,
     "mass_scale": 1.3, "inertia_scale": 0.6, "damping_scale": 1.7, "foot_stiffness_scale": 0.6,
     "foot_damping_scale": 1.5, "motor_strength": 0.7, "rotor_inertia_scale": 3.0, "tilt": 0.06,
+    "gravity_scale": 0.9,
 }  # fmt: skip
 GROUND = Terrain.slope(0.05, 0.8)
 
@@ -68,7 +69,8 @@ def test_varied_robots_are_those_built_so(design):
     batch.set_parameters(every, rows)
     states, sums, forces = walked(batch)
     for k, (names, row) in enumerate(zip(cases, rows, strict=True)):
-        pull = -9.81 * math.sin(row["tilt"]), -9.81 * math.cos(row["tilt"])  # as on a slope
+        size = 9.81 * row["gravity_scale"]
+        pull = -size * math.sin(row["tilt"]), -size * math.cos(row["tilt"])  # as on a slope
         other = Batch([machine_of(robot, row)], [terrain_of(GROUND, row)], gravity=pull)
         expected = walked(other)
         apart = np.abs(states[:, k] - expected[0][:, 0]).max(axis=1)
@@ -130,7 +132,7 @@ def test_what_is_in_force_counts_for_placing_and_forces():
     """Feet that give sink in by the weight in force; joint forces know it, too."""
     row = changed_row(GIVING, *CHANGES)
     plant, built = ProjectionPlant(GIVING, GROUND), machine_of(GIVING, row)
-    pull = tilted(GRAVITY, float(row["tilt"]))
+    pull = gravity_of(GRAVITY, row)
     other = ProjectionPlant(built, terrain_of(GROUND, row), gravity=pull)
     plant.set_parameters(row)
     assert static_deflection(built, -pull[1]) > 1.2 * static_deflection(GIVING, 9.81)

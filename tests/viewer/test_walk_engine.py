@@ -30,6 +30,7 @@ from jansen_env.viewer.saved_walk import walk_again
 from jansen_env.viewer.web.geometry import scene_of_robot
 from jansen_env.viewer.web.page import FOLDER
 from jansen_env.viewer.web.walk_data import ENVIRONMENTS, SHORTEST_TURN, policy_data, walk_data
+from jansen_env.world.observations import Noise
 
 POLICIES = {policy_data(e, n)[0]: (e, n) for e in ENVIRONMENTS for n in pretrained.names(e)}
 CONTROLS = ("hand", "constant speed", "pid", *POLICIES)
@@ -114,8 +115,9 @@ class Walk:
         self.terrain = {"points": drawn.points, **numbers}
         self.env = JansenWalkerEnv(
             robot=made, terrain=drawn, height_scan=ROUGH["height_scan"],
-            terminate_when_fallen=False, **numbers,
+            terminate_when_fallen=False, noise=Noise() if number % 4 == 2 else None, **numbers,
         )  # fmt: skip
+        self.settings = {"noise_level": 1.0} if number % 4 == 2 else {}
         self.control = control
         self.events = self.draw_events(steps)
         self.rows, self.actions, self.diverged = [], [], False
@@ -126,6 +128,7 @@ class Walk:
         changes = [
             {"friction": 0.3}, {"payload": 2.0}, {"tilt": 0.1, "motor_strength": 0.7},
             {"mass_scale": 1.2, "friction": 0.9}, {"command": -0.2}, {"command": 0.6},
+            {"gravity_scale": 0.7}, *([{"noise_level": 2.0}] if self.settings else []),
         ]  # fmt: skip
         at = np.sort(rng.integers(steps, size=len(changes))).tolist()
         pushes = [[k, "push", rng.uniform(-1.0, 1.0, 2).tolist()] for k in (10, 12, steps // 2)]
@@ -147,8 +150,10 @@ class Walk:
     def walk(self, steps, command):
         env, policy, memory = self.env, self.policy(), None
         seen, info = env.reset(seed=int(self.rng.integers(100)), options={"speed_command": command})
-        state, nested = env.task.world.plant.states[0], ("slip", "contact_force", "energy")
+        state = env.task.world.plant.states[0]
+        nested = "slip", "contact_force", "energy", "true_observation"
         self.start = {"crankAngle": state[3], "crankSpeed": state[7], "command": command}
+        self.start["noiseSeed"] = str(env.task.world.seeds[0])
         plain = [["", name] for name in info if name not in nested and "/" not in name]
         terms = [["rewards", name[7:]] for name in info if name.startswith("reward/")]
         self.names = [*plain, *terms, *(["energy", name] for name in info["energy"])]
@@ -176,7 +181,7 @@ class Walk:
         self.rows.append([action, *state, reward, *seen, *told, *info["slip"], *force])
 
     def asked(self, robot):
-        names = ("control", "actions", "start", "events", "names", "terrain")
+        names = ("control", "actions", "settings", "start", "events", "names", "terrain")
         return {"robot": robot, **{name: getattr(self, name) for name in names}}
 
 

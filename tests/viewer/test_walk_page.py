@@ -11,6 +11,7 @@ from browser import NAMELESS, PHONE, WAIT, check_phone, reads
 
 from jansen_env.commands.play import main
 from jansen_env.terrain.generators import NamedGenerator
+from jansen_env.viewer.saved_walk import walk_again
 from jansen_env.viewer.web.bench import write_bench
 from jansen_env.viewer.web.walk import write_walk
 
@@ -252,6 +253,7 @@ def test_a_walk_is_saved(opened):
     assert walk["format"] == "jansen_env walk 1" and walk["robot"]["name"] == "built"
     assert walk["start"]["changes"] == {"friction": 0.5}
     assert walk["steps"][0] == {"action": 0, "command": pytest.approx(0.3), "pushes": [[3, 0]]}
+    assert len(walk_again(saved.value.path()).state) == 1 + len(walk["steps"])
     assert 0.02 * len(walk["steps"]) == pytest.approx(settled(page, "time"), abs=0.06)
 
 

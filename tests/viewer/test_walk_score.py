@@ -21,12 +21,11 @@ ENV = "JansenWalkerBuilt-v0"
 SCRIPT = """
 import { readFileSync } from "node:fs";
 import { Engine } from "FOLDER/engine.js";
-import { generatorOf } from "FOLDER/random.js";
 import { Walker } from "FOLDER/walker.js";
 const { data, control, seed, points } = JSON.parse(readFileSync(0, "utf8"));
 const engine = new Engine(Buffer.from(data.engine, "base64"), data.layout);
 const walker = new Walker(engine, data, data.robots.built, points, control);
-walker.start(generatorOf(seed).uniform(0, 2 * Math.PI), {}, 0.4);
+walker.start(seed, {}, 0.4);
 for (let k = 0; k < 500; k++) walker.step(1, 0.4);
 console.log(JSON.stringify(walker.score));
 """

@@ -1,7 +1,7 @@
 // Lets robots walk as a page does: node walk.mjs FOLDER < {data, robots, walks, saved} > results
 //
 // Prints for each of `robots`, [name, lengths or null], the robot, and its tables or why it has none; of each walk {robot:
-// place in robots, terrain, control, actions by hand, start, events: [step, method, arguments], names
+// place in robots, terrain, control, actions by hand, settings, start, events: [step, method, arguments], names
 // of info} the numbers of its start and of each step, all in base64, and its last pose;
 // and walks as the page saves them, `saved`: [{robot, ground, control}]. In between each walk goes back
 // ten steps, and comes again.
@@ -22,9 +22,10 @@ function numbersOf(machine, names, action) {
 	return [action, ...states.view, info.reward, ...observation, ...told, ...info.slip, ...info.contactForce];
 }
 
-function walk({ robot, terrain, control, actions, start, events, names }) {
+function walk({ robot, terrain, control, actions, settings, start, events, names }) {
 	const machine = new Machine(engine, made[robot], terrain);
 	const controller = controllerNamed(engine, data, control, machine);
+	machine.change(settings);
 	machine.reset(start);
 	controller.begin();
 	const rows = [numbersOf(machine, names, 0)];
@@ -67,11 +68,11 @@ function tablesOf(robot) {
 /** A walk as the page saves it, pushed and changed on its way. */
 function save({ robot, ground, control }) {
 	const walker = new Walker(engine, data, made[robot], ground, control);
-	walker.start(1, { friction: 0.6 }, 0.3);
+	for (const seed of [3, 7]) walker.start(seed, { friction: 0.6, payload: 0.5, gravity_scale: 0.8 }, 0.3);
 	const states = [[...walker.machine.states.view]];
 	for (let step = 0; step < 80; step++) {
 		if (step % 30 === 10) walker.push(0.3, step / 100);
-		if (step === 20) walker.change({ payload: 1.5, tilt: 0.02 });
+		if (step === 20) walker.change({ payload: 1.5, tilt: 0.02, noise_level: 1 });
 		walker.step(0.3 * Math.sin(step), 0.3 + step / 1000);
 		states.push([...walker.machine.states.view]);
 	}

@@ -50,12 +50,7 @@ from jansen_env.plants.rigid.bodies import (
     turn_motions,
 )
 from jansen_env.plants.rigid.pad_forces import PadContacts, SpringPads, Sums, check_stiffness
-from jansen_env.plants.robot_parameters import (
-    check_values,
-    machine_of,
-    terrain_of,
-    tilted,
-)
+from jansen_env.plants.robot_parameters import check_values, gravity_of, machine_of, terrain_of
 from jansen_env.plants.trace import PeakLoads
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import check_closure
@@ -187,7 +182,7 @@ class RigidBodyBatch:
         values = self.parameters[0]
         robot = self._machine = machine_of(self.robots[0], values)
         terrain = self._ground = terrain_of(self.terrains[0], values)
-        self._effective_gravity = tilted(self.gravity, float(values["tilt"]))
+        self._effective_gravity = gravity_of(self.gravity, values)
         self._friction = bodies.joint_friction(robot)
         self._springs = self._rotor = None
         if not robot.pad_compliance.rigid:
@@ -244,7 +239,7 @@ class RigidBodyBatch:
 
     def set_gravity(self, row: int, gravity: Gravity) -> None:
         self.gravity = gravity_vector(gravity)
-        self._effective_gravity = tilted(self.gravity, float(self.parameters["tilt"][0]))
+        self._effective_gravity = gravity_of(self.gravity, self.parameters[0])
         self._space.set_gravity(self._effective_gravity)
 
     def _build(self, state: Array, bristle: Array | None = None) -> None:

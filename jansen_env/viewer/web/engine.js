@@ -136,6 +136,11 @@ class Block {
     return new VIEWS[this.type](this.memory.buffer, this.address, this.length);
   }
 
+  /** The same memory as numbers of another type. */
+  as(type, ...shape) {
+    return new Block(this.memory, type, shape, this.address, VIEWS[type].BYTES_PER_ELEMENT);
+  }
+
   /** Entry `i` along the first axis. */
   at(i) {
     const part = new Block(this.memory, this.type, this.shape.slice(1), 0, this.size);

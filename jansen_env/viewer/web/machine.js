@@ -40,7 +40,8 @@ export class Machine {
     const [payload_x, payload_y] = position;
     const names = [layout.copied, layout.scaled].flatMap((part) => Object.keys(part));
     const unity = Object.fromEntries(names.map((name) => [name, 1]));
-    this.parameters = { ...unity, ...layout.ground, payload, payload_x, payload_y, tilt: 0 };
+    const others = { payload, payload_x, payload_y, tilt: 0, gravity_scale: 1, noise_level: 0 };
+    this.parameters = { ...unity, ...layout.ground, ...others };
     const { friction, restitution } = { ...layout.ground, ...terrain };
     this.apply(this.checked({ friction, restitution }));
     this.longest = this.numbers.TIME_STEP;
@@ -86,15 +87,19 @@ export class Machine {
 
   /** The walking task's settings and the columns of its observation, and pushes. */
   makeTask() {
-    const { memory, layout, toes } = this;
-    const { steps, scan, commanded } = layout;
-    const loads = numbered(toes, (k) => `toe_load_${k}`);
-    const heights = numbered(scan.length, (k) => `height_scan_${k}`);
-    const [first, last] = [layout.observed.slice(0, -1), layout.observed.at(-1)]; // last_action
-    this.observed = [...first, commanded[0], ...loads, last, ...commanded.slice(1), ...heights];
-    const columns = (names) => memory.filled("i8", names.map((name) => this.observed.indexOf(name))); // biome-ignore format: short
-    this.places = columns([...layout.observed, ...loads, ...heights]);
-    this.taskPlaces = columns(commanded);
+    const { memory, layout } = this;
+    const { steps, scan } = layout;
+    const task = layout.tasks[this.toes];
+    const filled = (type, name) => {
+      const rows = task[name];
+      const axes = Array.isArray(rows[0]) ? [rows.length, rows[0].length] : [rows.length];
+      return memory.filled(type, rows.flat(), ...axes);
+    };
+    this.observed = task.observed;
+    for (const name of ["places", "taskPlaces", "speeds", "angles", "measuredPlaces"])
+      this[name] = filled("i8", name);
+    this.deviation = filled("f8", "deviation");
+    this.limits = [filled("f4", "low"), filled("f4", "high")];
     this.scan = memory.filled("f8", scan);
     this.settings = memory.array("SETTINGS", 1);
     this.settings.write(layout.settings);
@@ -110,7 +115,7 @@ export class Machine {
 
   /** Arrays that change from step to step: in one piece, for snapshots. */
   makeState() {
-    const { memory, toes, padLayout } = this;
+    const { memory, toes, padLayout, observed } = this;
     const begin = memory.end;
     const state = {
       states: ["f8", 1, 8],
@@ -131,7 +136,15 @@ export class Machine {
       switch: ["i8", 1],
       reward: ["f8", 1],
       ended: ["b1", 1],
-      out: ["f4", 1, this.observed.length],
+      out: ["f4", 1, observed.length],
+      seed: ["i8", 1], // of the sensors' noise, as all to the end
+      level: ["f8", 1],
+      drawn: ["i8", 1],
+      bias: ["f8", 1, observed.length],
+      error: ["f8", 1, observed.length],
+      meanError: ["f8", 1, 2],
+      measured: ["ACCOUNTS", 1],
+      truth: ["f4", 1, observed.length],
     };
     for (const [name, [type, ...shape]] of Object.entries(state))
       this[name] = memory.array(type, ...shape);
@@ -159,7 +172,8 @@ export class Machine {
     if (all.restitution > 0 && stiffness < INFINITE)
       throw new Error(`restitution is ${all.restitution}, must be 0 with compliant pads`);
     const mass = all.mass_scale * this.linksMass + all.payload;
-    const gravity = this.numbers.GRAVITY * this.memory.directions([all.tilt])[0][0];
+    const upright = this.memory.directions([all.tilt])[0][0];
+    const gravity = this.numbers.GRAVITY * all.gravity_scale * upright;
     const depth = (0.5 * mass * gravity) / (all.foot_stiffness_scale * stiffness); // at rest
     if (depth > this.numbers.DEEPEST)
       throw new Error(`payload is ${all.payload} kg, which these feet are too soft to carry`);
@@ -171,6 +185,7 @@ export class Machine {
     const { layout, tables, memory, parameters } = this;
     const { GRAVITY, BOUND } = this.numbers;
     Object.assign(parameters, numbers);
+    this.level.view[0] = parameters.noise_level;
     if ("payload" in numbers) {
       const payload = { mass: numbers.payload, inertia: 0, position: [0, 0] };
       this.robot = { ...this.robot, payload };
@@ -189,6 +204,7 @@ export class Machine {
     );
     const reach = Math.sqrt(row.load_x * row.load_x + row.load_y * row.load_y);
     const [[cos], [sin]] = memory.directions([parameters.tilt]);
+    const down = parameters.gravity_scale * -GRAVITY;
     const params = {
       ...row,
       mass,
@@ -196,13 +212,13 @@ export class Machine {
       pitch_arm: pitchArm + (row.load_mass * reach) / mass,
       crank_arm: crankArm,
       winding: row.winding / parameters.motor_strength,
-      gravity_x: cos * 0 + sin * -GRAVITY,
-      gravity_y: cos * -GRAVITY - sin * 0,
+      gravity_x: cos * 0 + sin * down,
+      gravity_y: cos * down - sin * 0,
       steepest: this.steepest,
     };
     this.robots.write({ params, status: { pad_radius: row.pad_radius } });
     const direction = tables.advance < 0 ? -1 : 1;
-    this.weight = GRAVITY * mass;
+    this.weight = GRAVITY * mass * parameters.gravity_scale;
     this.readings.write({ direction, weight: this.weight });
     this.fullTorque.view[0] = direction * this.torqueLimit * parameters.motor_strength;
   }
@@ -218,15 +234,26 @@ export class Machine {
       this.robots.write({ status: { asked_x: INFINITE } }); // as for a new ground or robot
       this.askGround();
     }
+    if (numbers.noise_level > 0 && !this.noisy) this.measure();
     if (command === undefined) return;
     this.walk.write({ next_command: command, info: { speed_command: command } });
     this.describe();
   }
 
+  /** Let sensors err from now on until the next start: what they have measured so far is exact. */
+  measure() {
+    const { lag, mean_speed, mean_power, rms_torque } = this.walk.read().info;
+    this.measured.write({ lag, mean_speed, mean_slip: 0, mean_power, rms_torque });
+    this.noisy = true;
+  }
+
   // Episodes and steps.
 
-  /** Begin at rest at x = 0 on the lowest toes, the crank at an angle, rad, with a speed, rad/s. */
-  reset({ crankAngle = 0, crankSpeed = 0, command = 0 } = {}) {
+  /**
+   * Begin at rest at x = 0 on the lowest toes, the crank at an angle, rad, with a speed, rad/s.
+   * noiseSeed: of `world.seeds`, what sensors' noise is drawn from where there is some.
+   */
+  reset({ crankAngle = 0, crankSpeed = 0, command = 0, noiseSeed = 0 } = {}) {
     this.place(crankAngle);
     const { force, loads, states, weight, tables } = this;
     const { view: forces } = force;
@@ -241,8 +268,11 @@ export class Machine {
     this.walk.bytes.fill(0);
     const mean_path = Math.abs(tables.advance) / this.numbers.STEPS_PER_TURN;
     this.walk.write({ mean_path, next_command: command, info: { speed_command: command } });
-    Object.assign(this, { time: 0, pushes: [] });
+    Object.assign(this, { time: 0, pushes: [], noisy: this.parameters.noise_level > 0 });
     this.elapsed.view[0] = 0n;
+    this.seed.view[0] = BigInt(noiseSeed);
+    this.drawn.view[0] = -1n;
+    this.measured.bytes.fill(0);
     this.describe();
   }
 
@@ -302,9 +332,12 @@ export class Machine {
     const given = [this.actions, this.active, this.elapsed, this.fullTorque, readings];
     memory.call("readings_take_actions", given, this.asked, this.delay, torques);
     const diverged = this.run(layout.steps, [...torques, pushes]);
-    const { which, settings, walk, reward, ended, exact, taskPlaces, states, slip, force } = this;
-    const task = [which, settings, walk, reward, ended, ...exact, taskPlaces, layout.period];
+    if (this.noisy) this.drawErrors();
+    const { which, settings, walk, reward, ended, taskPlaces, states, slip, force } = this;
+    const sensed = this.noisy ? [this.meanError, this.measured] : this.exact;
+    const task = [which, settings, walk, reward, ended, ...sensed, taskPlaces, layout.period];
     memory.call("walk_reward_finish_step", task, states, slip, force, this.read());
+    if (this.noisy) this.addErrors();
     readings.write({ info: { diverged } });
     this.time = Number(this.elapsed.view[0]) * layout.period;
   }
@@ -319,6 +352,22 @@ export class Machine {
   describe() {
     const { memory, which, walk, taskPlaces, states } = this;
     memory.call("walk_reward_describe", which, walk, taskPlaces, states, this.read());
+    if (!this.noisy) return;
+    this.drawErrors();
+    this.addErrors();
+  }
+
+  /** Draw what the sensors err by in this step: world/observations.py, NoisySensors. */
+  drawErrors() {
+    const { memory, which, elapsed, seed, level, deviation, speeds, drawn, bias } = this;
+    const given = [which, elapsed, seed, level, deviation, speeds, drawn];
+    memory.call("sensors_draw_errors", given, bias, this.error, this.meanError);
+  }
+
+  addErrors() {
+    const { memory, which, error, angles, measured, measuredPlaces, limits, truth, out } = this;
+    const accounts = measured.as("f8", 1, measuredPlaces.length);
+    memory.call("sensors_add_noise", which, error, angles, accounts, measuredPlaces, limits, truth, out); // biome-ignore format: short
   }
 
   /** Push the chassis at the crank axis from now on by an impulse, N s: world/push.py. */
@@ -359,8 +408,8 @@ export class Machine {
 
   /** All that the future depends on. */
   snapshot() {
-    const { parameters, robot, pushes, time, longest, weight } = this;
-    const kept = { parameters: { ...parameters }, robot, pushes, time, longest, weight };
+    const { parameters, robot, pushes, time, longest, weight, noisy } = this;
+    const kept = { parameters: { ...parameters }, robot, pushes, time, longest, weight, noisy };
     return { ...kept, bytes: this.state().slice() };
   }
 

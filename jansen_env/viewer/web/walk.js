@@ -10,7 +10,6 @@ import { robotWithLengths } from "./lengths.js";
 import { LESSONS } from "./lessons.js";
 import { plotOn } from "./plots.js";
 import { CLICK_PUSH, drawPush, impulseOf } from "./push.js";
-import { generatorOf } from "./random.js";
 import { css, drawScene, followingView, heightAt, THEMES } from "./scene.js";
 import { explain } from "./terms.js";
 import { groundOf } from "./terrain.js";
@@ -116,8 +115,7 @@ function build(choice) {
   const made = pairs.map(
     ([robot, control]) => new Walker(engine, data, robotOf(robot), ground, control),
   );
-  chosen = choice;
-  start(made);
+  start(made, choice);
 }
 
 /** What turns the crank of a robot at first: the policy that has learnt on it, if there is one. */
@@ -130,12 +128,11 @@ function secondControl({ control, robot2, control2 }) {
   return control2 || controlFor(robot2, control);
 }
 
-function start(made) {
-  // The crank angle that an environment draws first from a seed.
-  const angle = generatorOf(Number(chosen.seed)).uniform(0, 2 * Math.PI);
+function start(made, choice = chosen) {
   const most = made[0].controller.topSpeed;
   if (!made[0].byHand) command = within(command, -most, most);
-  for (const walker of made) walker.start(angle, settings, command);
+  for (const walker of made) walker.start(Number(choice.seed), settings, command);
+  chosen = choice;
   walkers = made;
   shownAt = null;
   due = 0;

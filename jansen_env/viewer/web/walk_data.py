@@ -36,7 +36,7 @@ from jansen_env.viewer.web.bench import design_of
 from jansen_env.viewer.web.geometry import scene_of_robot
 from jansen_env.viewer.web.terrain_data import terrain_data
 from jansen_env.world import push, world
-from jansen_env.world.observations import world_observations
+from jansen_env.world.observations import Noise
 
 Json = dict[str, Any]
 RECORDS = {
@@ -63,12 +63,14 @@ NUMBERS = {
 ENVIRONMENTS = (
     "JansenWalkerBuilt-v0", "JansenWalker-v0", "JansenWalkerRough-v0", "JansenWalkerHardcore-v0",
 )  # fmt: skip
+SENSORS = "speeds", "angles", "deviation", "low", "high"  # of NoisySensors
 CONTROLLERS = ("hand", "constant speed", "pid")  # those that are no policies
 SLIDER = ("name", "label", "unit", "low", "high")
 SLIDERS = (
     ("friction", "friction", "", 0.0, 1.2), ("payload", "payload", "kg", 0.0, 6.0),
     ("restitution", "restitution", "", 0.0, 0.9), ("tilt", "slope", "rad", -0.25, 0.25),
     ("motor_strength", "motor strength", "", 0.1, 1.5),
+    ("gravity_scale", "gravity", "g", 0.1, 2.0), ("noise_level", "sensor noise", "", 0.0, 3.0),
 )  # fmt: skip
 """Parameters that a user can change while a robot walks."""
 SHORTEST_TURN = 0.05  # m, by which the crank's speed is found for a command
@@ -84,7 +86,10 @@ def walk_data() -> Json:
     module = kernel.built_library("wasm").read_bytes()
     return {
         "engine": _packed(np.frombuffer(module, np.uint8), "u1"),
-        "layout": engine_data(),
+        "layout": {
+            **engine_data(),
+            "tasks": {len(each.toes): task_data(each) for each in designs.values()},
+        },
         "robots": {name: robot_data(name, each) for name, each in designs.items()},
         "designs": {name: design_of(each) for name, each in designs.items()},
         "built": [name for name, each in designs.items() if is_of_built_parts(each)],
@@ -159,7 +164,11 @@ def engine_data() -> Json:
         "records": {name: _layout(dtype) for name, dtype in RECORDS.items()},
         "numbers": {n: getattr(part, n) for part, names in NUMBERS.items() for n in names.split()},
         "expansion": _packed(reduced._expansion(), "<f8"),
-        "limits": {p.name: [p.least, p.most] for p in TABLE if p.of_robot and p.settable},
+        "limits": {
+            p.name: [p.least, p.most]
+            for p in TABLE
+            if p.settable and (p.of_robot or p.name == "noise_level")
+        },
         "copied": robot_parameters.COPIED,
         "scaled": robot_parameters.SCALED,
         "ground": {name: getattr(ground, name) for name in robot_parameters.ON_TERRAINS},
@@ -171,8 +180,21 @@ def engine_data() -> Json:
         "push": _values(task.world.pushes._settings[0]),
         "settings": _values(task._settings[0]),
         "scan": task.world.scan.tolist(),
-        "observed": [each.name for each in world_observations(0, 0)],
-        "commanded": walker_env.COMMANDED,
+    }
+
+
+def task_data(robot: Robot) -> Json:
+    """Return the columns of a robot's observation, and its sensors' noise."""
+    env = walker_env.JansenWalkerEnv(robot=robot, height_scan=ROUGH["height_scan"], noise=Noise())
+    task, sensors = env.task, env.task.world.sensors
+    assert sensors is not None
+    return {
+        "observed": [each.name for each in task.observed],
+        "places": task.world._places.tolist(),
+        "taskPlaces": task._places.tolist(),
+        "measuredPlaces": [task.columns[name] for name in walker_env.ACCOUNTS],
+        # Of what has no limits the largest number stands for infinity.
+        **{name: np.nan_to_num(getattr(sensors, f"_{name}")).tolist() for name in SENSORS},
     }
 
 

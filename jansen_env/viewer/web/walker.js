@@ -1,7 +1,9 @@
 // A machine that walks on the page: what turns its crank, its score, and its last minute.
 
+import { TURN } from "./closure.js";
 import { controllerNamed } from "./controllers.js";
 import { Machine } from "./machine.js";
+import { generatorOf } from "./random.js";
 
 export const HAND = "hand"; // of data.controllers: the torque is the user's
 export const STEP = 0.02; // s, of a control step
@@ -47,12 +49,15 @@ export class Walker {
     return this.control === HAND;
   }
 
-  /** Stand at rest at a crank angle, rad, with settings of `Machine.change`. */
-  start(crankAngle, settings, command) {
-    this.machine.reset({ crankAngle, command });
+  /** Stand at rest with settings of `Machine.change`, as an environment that is reset with a seed. */
+  start(seed, settings, command) {
+    const rng = generatorOf(seed);
+    const crankAngle = rng.uniform(0, TURN);
+    for (const _ of ["command", "crank speed"]) rng.random(); // which are given here
     this.machine.change(settings);
+    this.machine.reset({ crankAngle, command, noiseSeed: rng.integer(2n ** 63n) });
     this.controller.begin();
-    this.walk = { crankAngle, command, settings, steps: [] };
+    this.walk = { seed, crankAngle, command, settings, steps: [] };
     this.asked = {}; // what comes before the next step
     this.sums = NOTHING;
     this.fallen = this.stuck = false;
@@ -81,8 +86,8 @@ export class Walker {
 
   /** The walk since the start as a file, with which Python walks it again. */
   file(label) {
-    const { crankAngle: crank_angle, command, settings: changes, steps } = this.walk;
-    const start = { crank_angle, command, changes };
+    const { seed, crankAngle: crank_angle, command, settings: changes, steps } = this.walk;
+    const start = { seed, crank_angle, command, changes };
     const { robot, ground } = this;
     return { format: "jansen_env walk 1", label, robot, ground, start, steps };
   }

@@ -78,7 +78,6 @@ def _run(
     args: argparse.Namespace, config: RunConfig, model: BaseAlgorithm, folder: Path,
     resume: Path | None, command: str,
 ) -> None:  # fmt: skip
-    """Train and score in a run's folder."""
     start, target = time.perf_counter(), config.timesteps
     if args.resume and resume is None:
         print(f"no checkpoint in {folder} yet: the run starts from its beginning")

@@ -44,7 +44,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--limits", type=mapping, metavar="YAML",
         help="beside the plan's, or in their place, e.g. '{lift: [0.1, null]}'")  # fmt: skip
     args = parser.parse_args(arguments)
-    args.error = parser.error
+    args.parser = parser
     return args
 
 
@@ -52,17 +52,16 @@ def main(arguments: list[str] | None = None) -> int:
     """Search, and report; returns the exit status."""
     args = parse(arguments)
     try:
-        plan = read_plan(args.plan)
-        flags = "seeds", "generations", "speed", "variables"
-        changes = {name: value for name in flags if (value := getattr(args, name)) is not None}
-        limits = {**plan.limits, **(args.limits or {})}
-        plan = make_plan({**asdict(plan), **changes, "limits": limits})
-        folder = Path(args.log_folder) / (args.name or Path(args.plan).stem)
-        enter(folder, plan)
-        short = write_report(plan, folder, search_all(plan, folder))
+        with args.parser.refusing():
+            plan = read_plan(args.plan)
+            flags = "seeds", "generations", "speed", "variables"
+            changes = {name: value for name in flags if (value := getattr(args, name)) is not None}
+            limits = {**plan.limits, **(args.limits or {})}
+            plan = make_plan({**asdict(plan), **changes, "limits": limits})
+            folder = Path(args.log_folder) / (args.name or Path(args.plan).stem)
+            enter(folder, plan)
+            short = write_report(plan, folder, search_all(plan, folder))
         print(f"\n{short}\n\nall: {folder / REPORT}")
-    except (OSError, ValueError) as error:
-        args.error(" ".join(str(error).split()))
     except KeyboardInterrupt:
         print(f"\nstopped; the same command goes on: python -m agents.design "
               f"{shlex.join(sys.argv[1:] if arguments is None else arguments)}")  # fmt: skip

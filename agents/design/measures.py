@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from functools import cached_property
 from typing import NamedTuple, cast
 
 import gymnasium as gym
@@ -31,7 +32,7 @@ from jansen_env.robot.kinematics import (
 )
 from jansen_env.robot.lengths import lengths
 from jansen_env.robot.linkage import CRANK
-from jansen_env.scoring.metrics import SETTLING, Env, Episodes, point_estimates
+from jansen_env.scoring.metrics import SETTLING, Env, Episodes, horizon, point_estimates
 from jansen_env.scoring.rollout import (
     EnvKwargs,
     Options,
@@ -43,7 +44,7 @@ from jansen_env.scoring.rollout import (
 from jansen_env.tasks.walking.profile import READ, profile_torque
 from jansen_env.tasks.walking.walker_benchmark import ENOUGH, WALKER
 from jansen_env.tasks.walking.walker_env import JansenWalkerEnv
-from jansen_env.terrain.ground import Terrain, treads
+from jansen_env.terrain.ground import Terrain, one_step
 from jansen_env.world.settings import load_robot
 
 SEED = 130_000  # of resets, apart from all others
@@ -109,44 +110,31 @@ class Walker:
         self.angles = math.pi * (np.arange(starts) + 0.5) / starts
         self._env = make_env(env_id, env_kwargs)
         self._envs: dict[tuple[object, ...], VectorEnv] = {}
-        self._shared: list[tuple[Part, Part]] | None = None
-        self._path: NDArray[np.complex128] | None = None
+        self.time_limit = horizon(self._env)  # s
 
-    @property
-    def control_dt(self) -> float:
-        """Duration of a control step, s."""
-        return cast(JansenWalkerEnv, self._env.unwrapped).control_dt
+    @cached_property
+    def _shared(self) -> list[tuple[Part, Part]]:
+        """Links in one layer of the robot that the search began with."""
+        return shared_planes(load_robot("robot", self.env_kwargs["robot"]))
 
-    @property
-    def time_limit(self) -> float:
-        """Duration of an episode without a fall, s."""
-        spec = self._env.spec
-        assert spec is not None and spec.max_episode_steps is not None
-        return spec.max_episode_steps * self.control_dt
+    @cached_property
+    def _path(self) -> NDArray[np.complex128]:
+        """Path of a toe of the robot that the search began with."""
+        return toe_path(load_robot("robot", self.env_kwargs["robot"]))
 
     def measure(self, group: str, candidates: Sequence[Candidate]) -> dict[str, Array]:
         """Return a group's measures (n,) of candidates by name; NaN for what is not known."""
         values = {
             "shape": lambda: [geometry_measures(c.robot) for c in candidates],
-            "planes": lambda: self._planes(candidates),
-            "path": lambda: self._paths(candidates),
+            "planes": lambda: [{"clearance": clearance(c.robot, self._shared)} for c in candidates],
+            "path": lambda: [
+                {"path_error": path_error(toe_path(c.robot), self._path)} for c in candidates
+            ],
             "walk": lambda: self.walk(candidates),
             "climb": lambda: self._climb(candidates),
             "loads": lambda: [self._loads(c) for c in candidates],
         }[group]()
         return {name: np.array([each[name] for each in values], float) for name in values[0]}
-
-    def _planes(self, candidates: Sequence[Candidate]) -> list[dict[str, float]]:
-        """Gaps in the order along the shaft of the robot that the search began with."""
-        if self._shared is None:
-            self._shared = shared_planes(load_robot("robot", self.env_kwargs["robot"]))
-        return [{"clearance": clearance(c.robot, self._shared)} for c in candidates]
-
-    def _paths(self, candidates: Sequence[Candidate]) -> list[dict[str, float]]:
-        """How far toes' paths are from that of the robot that the search began with."""
-        if self._path is None:
-            self._path = toe_path(load_robot("robot", self.env_kwargs["robot"]))
-        return [{"path_error": path_error(toe_path(c.robot), self._path)} for c in candidates]
 
     def walk(self, candidates: Sequence[Candidate]) -> list[dict[str, float]]:
         """Score every candidate's walks from all starts."""
@@ -207,12 +195,12 @@ class Walker:
                 f"{beyond:g} m behind the step, must be {LEAST_BEYOND} or more"
             )
         heights, climbed = np.array(STEPS), []
-        grounds = [_step(height) for height in STEPS for _ in self.angles]
+        grounds = [one_step(STEP_AT, height) for height in STEPS for _ in self.angles]
         for run in self._run(candidates, np.tile(self.angles, len(STEPS)), grounds):
             walked = np.clip((run["distance"] - STEP_AT) / beyond, 0.0, 1.0)
             walked = np.where(run["fell"], 0.0, walked)
             share = walked.reshape(len(STEPS), -1).mean(axis=1)
-            steps, over = run["duration"] / self.control_dt, walked > 0.0
+            steps, over = run["duration"] / self._env.get_wrapper_attr("control_dt"), walked > 0.0
             in_ground = float((run["steps_in_ground"] / steps)[over].mean()) if over.any() else 0.0
             climb = float(np.diff(heights, prepend=0.0) @ share)
             climbed.append({"climb": climb, "links_in_ground": in_ground})
@@ -278,18 +266,13 @@ def loads_of_walk(
     }
 
 
-def _step(height: float) -> Terrain:
-    """Flat ground with one step up."""
-    tread = treads(np.array([STEP_AT]), np.array([height]))
-    return Terrain(np.concatenate([[[-1.0, 0.0]], tread, [[tread[-1, 0] + 1.0, height]]]).tolist())
-
-
 def geometry_measures(robot: Robot) -> dict[str, float]:
     """Return the geometry's measures by name.
 
     NaN for most, and a closure of -1, where it cannot turn or stand.
     """
-    known = {"mass": robot.mass, "longest": _longest(robot)}
+    sizes = {name: abs(value) for name, value in lengths(robot).items() if name != "frame_angle"}
+    known = {"mass": robot.mass, "longest": max(sizes.values())}
     try:
         closure = nearest_dead_point(robot, SAMPLES)[0]
         compile_robot(robot)
@@ -341,10 +324,6 @@ def path_error(path: NDArray[np.complex128], target: NDArray[np.complex128]) -> 
     path, target = (each / np.sqrt((np.abs(each) ** 2).mean()) for each in (path, target))
     turned = [np.roll(way, k) for way in (path, path[::-1]) for k in range(PATH_POINTS)]
     return float(np.sqrt((np.abs(np.array(turned) - target) ** 2).mean(axis=1).min()))
-
-
-def _longest(robot: Robot) -> float:
-    return max(abs(value) for name, value in lengths(robot).items() if name != "frame_angle")
 
 
 def shared_planes(robot: Robot) -> list[tuple[Part, Part]]:

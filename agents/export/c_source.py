@@ -72,7 +72,6 @@ def sources(policy: PretrainedPolicy, name: str) -> dict[str, str]:
 
 
 def _single(value: float) -> str:
-    """Return a float's text in C."""
     return f"{np.float32(value)!s}f"
 
 

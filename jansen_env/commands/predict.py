@@ -30,7 +30,7 @@ from jansen_env.scoring.metrics import MIN_DISTANCE, SETTLING
 from jansen_env.scoring.rollout import make_env
 from jansen_env.tasks.walking.walker_benchmark import walking_pid
 from jansen_env.tasks.walking.walker_env import JansenWalkerEnv
-from jansen_env.terrain.ground import Terrain, treads
+from jansen_env.terrain.ground import Terrain, one_step
 from jansen_env.world.settings import load_robot
 
 Array = NDArray[np.float64]
@@ -202,11 +202,7 @@ def climb(robots: list[Robot], known: dict[str, Array], speed: float) -> Array:
     turns = FAR / abs(advance_per_turn(robots[0]))
     climbed = []
     for height in STEPS:
-        points = [[-1.0, 0.0], *treads(np.array([STEP_AT]), np.array([height])).tolist()]
-        points.append([STEP_AT + 1.0, height])
-        if speed < 0.0:  # it walks towards -x
-            points = [[-x, y] for x, y in reversed(points)]
-        ground = Terrain(tuple((x, y) for x, y in points))
+        ground = one_step(math.copysign(STEP_AT, speed), height)
         run, _ = walk(robots, known, speed, ground, 2.0 * math.pi * turns / abs(speed))
         climbed.append(~run["fallen"][-1] & (np.abs(run["x_position"][-1]) > BEYOND))
     count = np.cumprod(climbed, axis=0).sum(axis=0).astype(int)

@@ -182,8 +182,9 @@ def joint_forces(
     q, q_dot = np.asarray(q, dtype=float), np.asarray(q_dot, dtype=float)
     _check_arguments(q, q_dot, torque, fixed_base, q_ddot, dry)
     X, joints = system_coordinates(robot, q), world_joints(robot, q)
-    x_dot, D_q, bias = _motion(robot, X, q, q_dot)
-    M = masses(robot)
+    T, M = tangent_matrix(robot, q), masses(robot)
+    x_dot, D, bias = leg_motion(robot, leg_sides(robot), X, times(T, q_dot[..., None, :]))
+    D_q, bias = D @ T, bias + times(D, tangent_bias(robot, q, q_dot))  # of x_ddot, with q_ddot
     h = forces(robot, x_dot, 0.0, gravity)  # the motor comes in through the shaft, below
     bearings, gear = _dry_friction(robot, D_q, q_dot[..., 3], dry)
     h += bearings
@@ -196,17 +197,25 @@ def joint_forces(
     ratio = robot.motor.gear_ratio
     rotor = robot.motor.rotor_inertia * (q_ddot[..., 2] + ratio * q_ddot[..., 3])
     missing = M * (times(D_q, q_ddot[..., None, :]) + bias) - h - f
-    multipliers, rest = _solve_pins(robot, X, missing)
+    C_T = np.swapaxes(constraint_matrix(robot, leg_sides(robot), X), -1, -2)
+    solved = np.linalg.solve(C_T[..., DOF:, :], missing[..., DOF:, None])
+    multipliers = np.asarray(solved, np.float64)
+    rest = missing[..., :DOF] - (C_T[..., :DOF, :] @ multipliers)[..., 0]
+    body = missing.copy()
+    body[..., 0, 0] += rest[..., 3].sum(axis=-1) + rotor  # h has -tau on the first leg's frame ...
+    body[..., 0, 3] -= rest[..., 3].sum(axis=-1)  # ... and +tau on its crank
     centres = X.reshape(*X.shape[:-1], -1, 3)[..., 1:]
+    arm = centres[..., 0, :] - q[..., None, :2]  # from the crank axis
+    moment = rest[..., 0] + arm[..., 0] * rest[..., 2] - arm[..., 1] * rest[..., 1]
     return JointForces(
         robot=robot,
         pin=multipliers.reshape(*X.shape[:-1], -1, 2),
-        frame=_frame_load(rest, centres[..., 0, :] - q[..., None, :2]),
+        frame=np.stack([rest[..., 1], rest[..., 2], moment], axis=-1),
         shaft=rest[..., 3],
         gear=ratio * rotor - gear,
         rotor=rotor,
         toe=toe,
-        body=_body_loads(missing, rest[..., 3].sum(axis=-1), rotor),
+        body=body.reshape(*missing.shape[:-1], -1, 3),
         joints=joints,
         centres=centres,
         q_ddot=q_ddot,
@@ -231,35 +240,6 @@ def _check_arguments(
     for name, rate in (("q_dot", q_dot), ("q_ddot", q_ddot)):
         if fixed_base and rate is not None and np.any(np.asarray(rate)[..., :3] != 0.0):
             raise ValueError(f"{name} is {rate}, its first three must be 0 with a fixed base")
-
-
-def _motion(robot: Robot, X: Array, q: Array, q_dot: Array) -> tuple[Array, Array, Array]:
-    """Return x_dot, D_q and the bias of x_ddot = D_q q_ddot + bias."""
-    T = tangent_matrix(robot, q)
-    x_dot, D, bias = leg_motion(robot, leg_sides(robot), X, times(T, q_dot[..., None, :]))
-    return x_dot, D @ T, bias + times(D, tangent_bias(robot, q, q_dot))
-
-
-def _body_loads(missing: Array, motor: Array, rotor: Array) -> Array:
-    """Moments and forces (..., legs, bodies, 3) of all constraints but the motor on each body."""
-    body = missing.copy()
-    body[..., 0, 0] += motor + rotor  # the paper's h: -tau on the first frame, +tau on its crank
-    body[..., 0, 3] -= motor
-    return body.reshape(*missing.shape[:-1], -1, 3)
-
-
-def _solve_pins(robot: Robot, X: Array, missing: Array) -> tuple[Array, Array]:
-    """Multipliers (..., legs, 20), and the four rows that they leave (..., legs, 4)."""
-    C_T = np.swapaxes(constraint_matrix(robot, leg_sides(robot), X), -1, -2)
-    known = np.linalg.solve(C_T[..., DOF:, :], missing[..., DOF:, None])
-    multipliers = np.asarray(known, np.float64)
-    return multipliers[..., 0], missing[..., :DOF] - (C_T[..., :DOF, :] @ multipliers)[..., 0]
-
-
-def _frame_load(rest: Array, arm: Array) -> Array:
-    """Force and moment on the frame, moved by ``arm`` from its centre of mass to the crank axis."""
-    moment = rest[..., 0] + arm[..., 0] * rest[..., 2] - arm[..., 1] * rest[..., 1]
-    return np.stack([rest[..., 1], rest[..., 2], moment], axis=-1)
 
 
 def _contact_forces(

@@ -56,6 +56,8 @@ def compute() -> Results:
     """Compute everything; 15 s."""
     robot = paper_robot()
     advance, run = fixed_model.tables_advance(robot), fixed_model.pid_run(robot)
+    turn = toes.turn(ANGLES)
+    torque = crank_torque(robot, turn).total  # at 1 rad/s
     return Results(
         run=run,
         long=fixed_model.simulate_pid(advance, duration=LONG),
@@ -64,10 +66,10 @@ def compute() -> Results:
         walking_ripples={torque: free_walk.walking_ripple(robot, torque)
                          for torque in WALKING_TORQUES},
         forces=_forces(run.angle[:-1], run.speed[:-1], run.torque).body[:, 0],
-        fixed_loads=_fixed_loads(),
+        fixed_loads=free_walk.largest_loads(_forces(turn, np.ones(ANGLES), torque)),
         walking_loads={(speed, mu): free_walk.largest_loads(
             free_walk.walking_forces(robot, speed, 3, mu)) for speed, mu in LOADS},
-        mean_torque=float(crank_torque(robot, toes.turn(ANGLES)).total.mean()),
+        mean_torque=float(torque.mean()),
         two_motors=fixed_model.pid_run(robot, motors=2),
         backwards=fixed_model.pid_run(robot, direction=-1.0),
         heaves=[toes.heave(phases) for phases in toes.PHASES],
@@ -103,10 +105,3 @@ def _forces(angle: Array, speed: Array, torque: Array) -> JointForces:
     """Joint forces (n,) of the paper's robot on a fixed base."""
     q, q_dot = fixed_model.crank_only(angle), fixed_model.crank_only(speed)
     return joint_forces(paper_robot(), q, q_dot, torque, fixed_base=True)
-
-
-def _fixed_loads() -> free_walk.Loads:
-    """The largest loads over a turn at 1 rad/s."""
-    angle = toes.turn(ANGLES)
-    torque = crank_torque(paper_robot(), angle).total
-    return free_walk.largest_loads(_forces(angle, np.ones(len(angle)), torque))

@@ -209,7 +209,6 @@ class PretrainedPolicy:
         return Normalized(*self.scale, clip)
 
     def _layer(self, layer: Json, width: int) -> Layer:
-        """Return a layer of ``width`` inputs."""
         instance("a layer", layer, dict)
         units = positive_integer("units", layer.get("units"))
         activation = one_of("activation", layer.get("activation"), ACTIVATIONS)

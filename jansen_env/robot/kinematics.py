@@ -212,14 +212,15 @@ def toe_positions(robot: Robot, psi: ArrayLike) -> Array:
 
     Raises LinkageError: the linkage does not close.
     """
-    back = np.array([leg.side == "back" for leg in robot.legs])
-    angle = np.asarray(psi, dtype=float)[..., None] + np.array([leg.phase for leg in robot.legs])
-    # A back leg mirrors a fore leg whose crank is mirrored.
-    joints = joint_positions(robot, "fore", np.where(back, math.pi - angle, angle))
+    joints = _joints_of_legs(robot, np.asarray(psi, dtype=float))
     leg, joint = np.array(robot.toes).T
-    places = joints[..., leg, joint, :]
-    places[..., back[leg], 0] *= -1.0
-    return places
+    return joints[..., leg, joint, :]
+
+
+def _joints_of_legs(robot: Robot, psi: Array) -> Array:
+    """Joint positions of all legs (..., legs, joints, 2) at crank angles (...), chassis frame."""
+    legs = [joint_positions(robot, leg.side, psi + leg.phase) for leg in robot.legs]
+    return np.stack(legs, axis=-3)
 
 
 def world_joints(robot: Robot, q: ArrayLike) -> Array:
@@ -229,9 +230,7 @@ def world_joints(robot: Robot, q: ArrayLike) -> Array:
         q: (..., 4) crank axis x, y (m), chassis pitch theta and crank angle psi (rad).
     """
     pose = np.asarray(q, dtype=float)
-    joints = np.stack(
-        [joint_positions(robot, leg.side, pose[..., 3] + leg.phase) for leg in robot.legs], axis=-3
-    )
+    joints = _joints_of_legs(robot, pose[..., 3])
     c, s = np.moveaxis(directions(pose[..., 2, None, None]), -1, 0)
     x, y = joints[..., 0], joints[..., 1]
     turned = np.stack([c * x - s * y, s * x + c * y], axis=-1)

@@ -67,7 +67,6 @@ def with_lengths(robot: Robot, changed: Mapping[str, float]) -> Robot:
 
 
 def _names(name: str, joints: str, link: Link) -> list[str]:
-    """Names of the lengths of a link."""
     if isinstance(link, Bar):
         return [name]
     if isinstance(link, Triangle):
@@ -92,7 +91,6 @@ def _values(link: Link) -> list[float]:
 
 
 def _of_lengths(name: str, link: Link, values: list[float]) -> Link:
-    """A link of the same kind with other lengths."""
     try:
         if isinstance(link, Bar):
             return Bar(values[0])

@@ -230,7 +230,6 @@ class Linkage:
 
     @cached_property
     def _last_bodies(self) -> dict[str, int]:
-        """The last body at each joint."""
         return {joint: k for k, (_, joints) in enumerate(self.bodies, start=1) for joint in joints}
 
     @cached_property

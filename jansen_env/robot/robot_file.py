@@ -47,18 +47,16 @@ def robot_from_json(content: object) -> Robot:
     if not isinstance(content, Mapping) or content.get("format") != FORMAT:
         raise ValueError(f"a robot file is {shown(content)}, must be of format {FORMAT!r}")
     given = {name: value for name, value in content.items() if name != "format"}
-    robot = _resized_design(given) if "design" in given else _from_json(given)
+    if "design" in given:
+        changed = given.get("lengths")
+        if {*given} != {"design", "lengths"} or not isinstance(changed, Mapping):
+            given_names = shown([*given])
+            raise ValueError(f"a robot file has {given_names}, must have 'design' and 'lengths'")
+        return with_lengths(ROBOTS[one_of("design", given["design"], ROBOTS)](), changed)
+    robot = _from_json(given)
     if not isinstance(robot, Robot):
         raise ValueError(f"a robot file is of a {shown(content.get('is'))}, must be of a Robot")
     return robot
-
-
-def _resized_design(given: Mapping[str, object]) -> Robot:
-    """Return a built-in design with other lengths."""
-    changed = given.get("lengths")
-    if {*given} != {"design", "lengths"} or not isinstance(changed, Mapping):
-        raise ValueError(f"a robot file has {shown([*given])}, must have 'design' and 'lengths'")
-    return with_lengths(ROBOTS[one_of("design", given["design"], ROBOTS)](), changed)
 
 
 def write_robot(path: str | Path, robot: Robot) -> Path:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import pickle
 import zipfile
+from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -79,10 +80,16 @@ def load_policy(path: str | Path) -> BasePolicy:
         raise ValueError(f"no model at {path}")
     source = find_config(path)
     config = load_config(source)
-    try:
-        policy = untrained_policy(config)
-    except (AssertionError, TypeError, ValueError) as error:  # arguments that do not go together
-        raise ValueError(f"{source}: {error}") from error
+    make: Any = ALGORITHMS[config.algo].policy_aliases[config.policy]
+    with closing(make_env(config.env, config.env_kwargs)) as env:
+        try:
+            policy: BasePolicy = make(
+                env.observation_space, env.action_space, lambda _: 0.0,  # learning rate, not used
+                use_sde=config.hyperparameters.get("use_sde", False), **policy_kwargs_of(config),
+            )  # fmt: skip
+        except (AssertionError, TypeError, ValueError) as error:  # do not go together
+            raise ValueError(f"{source}: {error}") from error
+    policy.set_training_mode(False)
     weights = read_model(path).parameters.get("policy", {})
     try:
         policy.load_state_dict(weights)
@@ -90,20 +97,6 @@ def load_policy(path: str | Path) -> BasePolicy:
         raise ValueError(f"{path} does not fit {source}: {one_line(error)}") from error
     if not all(tensor.isfinite().all() for tensor in policy.state_dict().values()):
         raise ValueError(f"{path} has weights that are not finite")
-    return policy
-
-
-def untrained_policy(config: RunConfig) -> BasePolicy:
-    """Build the policy of a configuration; where its arguments do not go together,
-    Stable-Baselines3 raises an AssertionError, TypeError or ValueError."""
-    env = make_env(config.env, config.env_kwargs)
-    make: Any = ALGORITHMS[config.algo].policy_aliases[config.policy]
-    policy: BasePolicy = make(
-        env.observation_space, env.action_space, lambda _: 0.0,  # the learning rate, of no use here
-        use_sde=config.hyperparameters.get("use_sde", False), **policy_kwargs_of(config),
-    )  # fmt: skip
-    policy.set_training_mode(False)
-    env.close()
     return policy
 
 

@@ -118,7 +118,6 @@ def _run_side_by_side(
     options: Options,
     seeds: NDArray[np.int64],
 ) -> Episodes:
-    """Run one episode in each environment."""
     n, dt = len(seeds), envs.get_attr("control_dt")[0]  # type: ignore[attr-defined]
     totals: Episodes = {}
     last: Episodes = {}

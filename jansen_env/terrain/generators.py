@@ -151,7 +151,6 @@ def make_generator(spec: object) -> Generator | None:
 
 
 def _parameters(spec: str, name: str, text: str) -> tuple[tuple[str, float], ...]:
-    """The parameters after the colon."""
     given: dict[str, float] = {}
     for part in text.split(","):
         key, _, number = part.partition("=")

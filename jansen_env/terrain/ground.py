@@ -353,6 +353,13 @@ class Terrain:
         return ground
 
 
+def one_step(at: float, height: float) -> Terrain:
+    """Return level ground with a step up, m, at ``at``, m, as one comes from the origin."""
+    face = treads(np.array([abs(at)]), np.array([height]))
+    points = np.concatenate([[[-1.0, 0.0]], face, [[face[-1, 0] + 1.0, height]]])
+    return Terrain((points if at > 0.0 else points[::-1] * (-1.0, 1.0)).tolist())
+
+
 def _numbers(name: str, value: object) -> Array:
     """An array of floats from numbers nested in any way."""
     try:

@@ -34,6 +34,21 @@ def plant_on(terrain=None, robot=None, **arguments):
     return RigidBodyPlant(robot or paper_robot(), terrain or Terrain.flat(), **arguments)
 
 
+def test_parameters_that_are_refused_change_nothing():
+    """Feet too stiff for the time step: the plant has its parameters, and walks as before."""
+    plant, other = (plant_on(robot=replace(LIGHT, pad_compliance=GIVE)) for _ in range(2))
+    for each in (plant, other):
+        each.reset()
+    before, stiff = plant.batch.parameters[0].copy(), plant.batch.parameters[0].copy()
+    stiff["foot_stiffness_scale"], stiff["payload"] = 100.0, 1.0
+    with pytest.raises(ValueError, match=r"time_step is .* must be at most"):
+        plant.set_parameters(stiff)
+    assert plant.batch.parameters[0] == before
+    for each in (plant, other):
+        each.step(1.0, 0.05)
+    assert np.array_equal(plant.state, other.state)
+
+
 def test_bodies_have_the_robots_inertia(robot):
     """Kinetic energy of the bodies = q_dot M q_dot / 2 of the projected equations: 1e-8 of it."""
     heavy = Payload(1.3, 0.2, (0.1, 0.2))

@@ -196,11 +196,8 @@ class RigidBodyBatch:
         self.rows["status"]["end_vertex"] = len(self.surface)
 
     def set_parameters(self, rows: Ints, values: NDArray[np.void]) -> None:
-        """Put parameters in force.
-
-        Raises:
-            ValueError: also if the pads are too stiff for the time step; :meth:`keep` undoes that.
-        """
+        """Put parameters in force. Raises ValueError also if the pads are too stiff for the time
+        step; nothing has changed then."""
         check_values(values, np.array([not self.robots[0].pad_compliance.rigid]))
         self._go_on(self.robots[0], self.terrains[0], values[0])
 
@@ -215,9 +212,13 @@ class RigidBodyBatch:
 
     def _go_on(self, robot: Robot, terrain: Terrain, values: np.void) -> None:
         """Take another robot, ground and parameters; the state stays."""
-        memory = self._memory
+        memory, undo = self._memory, self.keep(np.arange(1))
         self.robots, self.terrains, self.parameters[0] = [robot], [terrain], values
-        self._apply_parameters()
+        try:
+            self._apply_parameters()
+        except ValueError:
+            undo()
+            raise
         self._memory = memory
 
     def check_robot(self, robot: Robot) -> None:

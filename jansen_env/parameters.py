@@ -24,19 +24,6 @@ LOUDEST = 1e3  # times noise and pushes
 SCALE, FROM_0 = (0.01, 100.0), (0.0, 100.0)  # factors
 
 
-def _unity(robot: Robot, terrain: Terrain) -> float:
-    return 1.0
-
-
-def _never(robot: Robot) -> bool:
-    return False
-
-
-def _undamped(robot: Robot) -> bool:
-    pads = robot.pad_compliance
-    return pads.rigid or (pads.damping, pads.tangential_damping) == (0.0, 0.0)
-
-
 class Parameter(NamedTuple):
     """A row of the table.
 
@@ -54,9 +41,9 @@ class Parameter(NamedTuple):
     least: float
     most: float
     meaning: str
-    nominal: Callable[[Robot, Terrain], float] = _unity
+    nominal: Callable[[Robot, Terrain], float] = lambda robot, terrain: 1.0
     idle: str = ""
-    is_idle: Callable[[Robot], bool] = _never
+    is_idle: Callable[[Robot], bool] = lambda robot: False
     of_robot: bool = True
     settable: bool = True
     argument: bool = False
@@ -77,19 +64,21 @@ TABLE = (
               lambda robot, terrain: robot.payload.position[1], settable=False),
     Parameter("mass_scale", "1", *SCALE, "times the links' masses and inertias"),
     Parameter("inertia_scale", "1", *FROM_0,
-              "times the links' inertias about their own centres, on top", _unity,
-              "links without inertia",
-              lambda robot: not any(body.inertia for body in robot.bodies)),
-    Parameter("damping_scale", "1", *FROM_0, "times the joints' viscous damping", _unity,
-              "joints without damping", lambda robot: not any(robot.damping)),
-    Parameter("foot_stiffness_scale", "1", *SCALE, "times the stiffness of the feet", _unity,
-              "rigid feet", lambda robot: robot.pad_compliance.rigid),
-    Parameter("foot_damping_scale", "1", *FROM_0, "times the damping of the feet", _unity,
-              "feet without damping", _undamped),
+              "times the links' inertias about their own centres, on top",
+              idle="links without inertia",
+              is_idle=lambda robot: not any(body.inertia for body in robot.bodies)),
+    Parameter("damping_scale", "1", *FROM_0, "times the joints' viscous damping",
+              idle="joints without damping", is_idle=lambda robot: not any(robot.damping)),
+    Parameter("foot_stiffness_scale", "1", *SCALE, "times the stiffness of the feet",
+              idle="rigid feet", is_idle=lambda robot: robot.pad_compliance.rigid),
+    Parameter("foot_damping_scale", "1", *FROM_0, "times the damping of the feet",
+              idle="feet without damping",
+              is_idle=lambda robot: not any((robot.pad_compliance.damping,
+                                             robot.pad_compliance.tangential_damping))),
     Parameter("motor_strength", "1", *SCALE,
               "times the torque of an action and all limits of the motor's torque"),
-    Parameter("rotor_inertia_scale", "1", *FROM_0, "times the inertia of the motor's rotor", _unity,
-              "motors without rotor", lambda robot: robot.motor.rotor_inertia == 0.0),
+    Parameter("rotor_inertia_scale", "1", *FROM_0, "times the inertia of the motor's rotor",
+              idle="motors without rotor", is_idle=lambda robot: robot.motor.rotor_inertia == 0.0),
     Parameter("tilt", "rad", -MAX_SLOPE, MAX_SLOPE,
               "turns gravity, so that the floor rises towards +x above 0",
               lambda robot, terrain: 0.0),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
 
 from jansen_env.engine.mathematics import atan2, hypot
 from jansen_env.robot import buildable as built
@@ -27,55 +26,35 @@ def holy_numbers_robot(phases: int = 2) -> Robot:
     g 36.7, h 65.7, i 49, j 50, k 61.9, l 7.8, m 15.
     """
     s = CRANK_RADIUS / 15.0
-    lengths = Lengths(
-        frame=s * hypot(38.0, 7.8), crank=CRANK_RADIUS, upper_rod=s * 50.0,
-        upper_triangle=(s * 41.5, s * 55.8, s * 40.1), rocker=s * 39.3, lower_rod=s * 61.9,
-        coupler=s * 39.4, foot=(s * 36.7, s * 65.7, s * 49.0), frame_angle=atan2(7.8, 38.0),
-    )  # fmt: skip
-    return _with_lengths(lengths, phases)
+    bodies: dict[str, Link] = {
+        "frame": Bar(s * hypot(38.0, 7.8)), "crank": Bar(CRANK_RADIUS), "upper_rod": Bar(s * 50.0),
+        "upper_triangle": Triangle.from_sides(s * 41.5, s * 55.8, s * 40.1),
+        "rocker": Bar(s * 39.3), "lower_rod": Bar(s * 61.9), "coupler": Bar(s * 39.4),
+        "foot": Triangle.from_sides(s * 36.7, s * 65.7, s * 49.0, outward=True),
+    }  # fmt: skip
+    return _with_links(atan2(7.8, 38.0), bodies, phases)
 
 
-class Lengths(NamedTuple):
-    """Lengths of Jansen's linkage, m; of triangles, their sides. The frame's angle is in rad."""
-
-    frame: float
-    crank: float
-    upper_rod: float
-    upper_triangle: tuple[float, float, float]
-    rocker: float
-    lower_rod: float
-    coupler: float
-    foot: tuple[float, float, float]
-    frame_angle: float
+def _with_links(frame_angle: float, bodies: dict[str, Link], phases: int) -> Robot:
+    """Return Jansen's linkage with other links, and the paper's masses."""
+    return Robot(frame_angle=frame_angle, legs=phased_legs(phases)).with_bodies(**bodies)
 
 
-FOUND = {
-    "economy": Lengths(
-        frame=0.3556, crank=0.1082, upper_rod=0.3527, upper_triangle=(0.2995, 0.3853, 0.2268),
-        rocker=0.2238, lower_rod=0.4173, coupler=0.2277, foot=(0.2250, 0.3918, 0.3367),
-        frame_angle=0.1301,
-    ),
-    "climber": Lengths(
-        frame=0.3250, crank=0.1324, upper_rod=0.2733, upper_triangle=(0.1986, 0.3386, 0.2537),
-        rocker=0.2630, lower_rod=0.3602, coupler=0.2267, foot=(0.2967, 0.3083, 0.3881),
-        frame_angle=0.1461,
-    ),
+FOUND: dict[str, tuple[float, dict[str, Link]]] = {
+    "economy": (0.1301, {
+        "frame": Bar(0.3556), "crank": Bar(0.1082), "upper_rod": Bar(0.3527),
+        "upper_triangle": Triangle.from_sides(0.2995, 0.3853, 0.2268),
+        "rocker": Bar(0.2238), "lower_rod": Bar(0.4173), "coupler": Bar(0.2277),
+        "foot": Triangle.from_sides(0.2250, 0.3918, 0.3367, outward=True),
+    }),
+    "climber": (0.1461, {
+        "frame": Bar(0.3250), "crank": Bar(0.1324), "upper_rod": Bar(0.2733),
+        "upper_triangle": Triangle.from_sides(0.1986, 0.3386, 0.2537),
+        "rocker": Bar(0.2630), "lower_rod": Bar(0.3602), "coupler": Bar(0.2267),
+        "foot": Triangle.from_sides(0.2967, 0.3083, 0.3881, outward=True),
+    }),
 }  # fmt: skip
-"""Lengths that searches found, for little work at 0.5 m/s and for high steps."""
-
-
-def _with_lengths(lengths: Lengths, phases: int) -> Robot:
-    """Return Jansen's linkage with these lengths and the paper's masses."""
-    return Robot(frame_angle=lengths.frame_angle, legs=phased_legs(phases)).with_bodies(
-        frame=Bar(lengths.frame),
-        crank=Bar(lengths.crank),
-        upper_rod=Bar(lengths.upper_rod),
-        upper_triangle=Triangle.from_sides(*lengths.upper_triangle),
-        rocker=Bar(lengths.rocker),
-        lower_rod=Bar(lengths.lower_rod),
-        coupler=Bar(lengths.coupler),
-        foot=Triangle.from_sides(*lengths.foot, outward=True),
-    )
+"""Frame angles, rad, and links that searches found, for little work at 0.5 m/s and high steps."""
 
 
 BEARING_LOADS = {
@@ -96,8 +75,8 @@ def built_robot(phases: int = 2) -> Robot:
 
 
 def found_robot(name: str, phases: int = 2) -> Robot:
-    """The built robot with the lengths :data:`FOUND` under a name."""
-    return _with_hardware(_with_lengths(FOUND[name], phases), BEARING_LOADS[name])
+    """The built robot with the links :data:`FOUND` under a name."""
+    return _with_hardware(_with_links(*FOUND[name], phases), BEARING_LOADS[name])
 
 
 def _with_hardware(robot: Robot, bearing_loads: tuple[float, ...]) -> Robot:

@@ -40,7 +40,8 @@ def test_parameters_that_are_refused_change_nothing():
     for each in (plant, other):
         each.reset()
     before, stiff = plant.batch.parameters[0].copy(), plant.batch.parameters[0].copy()
-    stiff["foot_stiffness_scale"], stiff["payload"] = 100.0, 1.0
+    stiff["foot_stiffness_scale"] = stiff["foot_damping_scale"] = 100.0
+    stiff["payload"] = 1.0
     with pytest.raises(ValueError, match=r"time_step is .* must be at most"):
         plant.set_parameters(stiff)
     assert plant.batch.parameters[0] == before

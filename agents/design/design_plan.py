@@ -8,7 +8,7 @@ from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from types import NoneType
 
-from agents.design.measures import MEASURES
+from agents.design.measures import GROUPS, MEASURES
 from agents.design.variables import Space
 from jansen_env.checks import listed, one_of, shown
 from jansen_env.plain_yaml import Rule, check_keys, named_errors, read_yaml
@@ -72,7 +72,7 @@ class Plan:
             raise ValueError(
                 f"objectives has {len(self.objectives)} entries, {self.method} must have {wanted}"
             )
-        traced = [name for name in self.measured if MEASURES[name].group == "loads"]
+        traced = [name for name in self.measured if name in GROUPS["loads"]]
         if traced and self.env_kwargs.get("plant", "projection") != "projection":
             raise ValueError(f"{traced[0]} is measured on the plant 'projection' alone")
         self.space()

@@ -59,7 +59,7 @@ def write_report(plan: Plan, folder: Path, results: dict[str, Journal]) -> str:
             cells.append("yes" if violation[k] == 0.0 else "no")
             table.append([name, where, *cells, assembled[name]])
             walked[name, where] = cells
-    head = [*(f"{key} ({MEASURES[key].unit})" for key in plan.measured), "limits kept"]
+    head = [*(f"{key} ({MEASURES[key]})" for key in plan.measured), "limits kept"]
     count = sum(map(len, results.values()))
     text = (
         f"# {folder.name}\n\n{plan.method}, {plan.starts} walks at {plan.speed:g} m/s each of "

@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from functools import cached_property
-from typing import NamedTuple, cast
+from typing import cast
 
 import gymnasium as gym
 import numpy as np
@@ -63,13 +63,6 @@ Part = tuple[int, int]
 """A leg and a body, as indices."""
 
 
-class Measure(NamedTuple):
-    """The group that gives a measure, and its unit; ``docs/design.md`` says what each is."""
-
-    group: str
-    unit: str
-
-
 GROUPS: dict[str, dict[str, str]] = {
     "shape": {
         "closure": "1", "height": "m", "width": "m", "longest": "m", "mass": "kg", "lift": "m",
@@ -81,8 +74,9 @@ GROUPS: dict[str, dict[str, str]] = {
     "climb": {"climb": "m", "links_in_ground": "fraction"},
     "loads": {"wear": "J/m", "pin_force": "N", "rod_safety": "1"},
 }  # fmt: skip
-"""Units of measures by group, the cheapest first; walks have the metrics of the benchmark."""
-MEASURES = {n: Measure(group, unit) for group, units in GROUPS.items() for n, unit in units.items()}
+"""Units of measures by the group that gives them, the cheapest first; ``docs/design.md`` says what
+each is. Walks have the metrics of the benchmark."""
+MEASURES = {name: unit for units in GROUPS.values() for name, unit in units.items()}
 
 
 def profiles(numbers: Array, env: Env) -> TorquePolicy:

@@ -81,14 +81,14 @@ def load_policy(path: str | Path) -> BasePolicy:
     source = find_config(path)
     config = load_config(source)
     make: Any = ALGORITHMS[config.algo].policy_aliases[config.policy]
-    with closing(make_env(config.env, config.env_kwargs)) as env:
-        try:
+    try:
+        with closing(make_env(config.env, config.env_kwargs)) as env:
             policy: BasePolicy = make(
                 env.observation_space, env.action_space, lambda _: 0.0,  # learning rate, not used
                 use_sde=config.hyperparameters.get("use_sde", False), **policy_kwargs_of(config),
             )  # fmt: skip
-        except (AssertionError, TypeError, ValueError) as error:  # do not go together
-            raise ValueError(f"{source}: {error}") from error
+    except (AssertionError, TypeError, ValueError) as error:  # arguments that do not go together
+        raise ValueError(f"{source}: {error}") from error
     policy.set_training_mode(False)
     weights = read_model(path).parameters.get("policy", {})
     try:

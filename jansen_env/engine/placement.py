@@ -38,59 +38,39 @@ def place(
             NaN for :func:`_level_pitch`; out: with height and pitch. world: (1,) WORLD.
         centres: (toes + 1 or pads, 2), work space. planes: out.
     """
+    toes = world[0].toes
     for r in rows:
-        robot, params = robots[r], robots[r].params
-        design = params.design
-        robot.status.margin = SPECULATIVE_MARGIN
-        _lower(
-            states[r], body[design], pads[design], layout[design], robot, surface, world[0].toes,
-            centres,
-        )  # fmt: skip
-        _settle(
-            states[r], pads[design], layout[design], robot, surface, world[0], centres, planes,
-        )  # fmt: skip
+        state, params, status = states[r], robots[r].params, robots[r].status
+        design, radius = params.design, params.pad_radius
+        near = surface, status.first_near, status.end_near
+        # Where the lowest toes have no gap, as discs on their slope.
+        for j in range(toes):
+            centres[j, 0], centres[j, 1] = pad_place(pads[design], layout[design, j], state[3])
+        centres[toes, 0], centres[toes, 1] = centre_of_mass(body[design], params, state[3])
+        common = centres[:toes], centres[toes], *near, state[0], radius
+        if math.isnan(state[2]):
+            state[2] = _level_pitch(*common)
+        height, _, _ = _clearances(*common, state[2])
+        state[1] = -height
+        # To the true gap, where the ground is not straight.
+        status.margin = SPECULATIVE_MARGIN
+        for _ in range(ROUNDS):
+            find_centres(state, pads[design], layout[design], centres)
+            find_planes(centres, status, surface, world[0], planes)
+            least = math.inf
+            for i in range(status.first_plane, status.end_plane):
+                plane = planes[i]
+                x, y = centres[plane.pad]
+                gap = plane.normal_x * x + plane.normal_y * y - plane.offset - radius
+                least = min(least, gap / plane.normal_y)
+            if least < math.inf:
+                state[1] -= least
+        find_centres(state, pads[design], layout[design], centres)
+        left = _clearance(centres[: layout.shape[1]], *near, status.pad_radius)
+        if abs(left) > CLOSE:
+            state[1] -= left
         weight = params.mass * max(-params.gravity_y, 0.0)
-        states[r, 1] -= PLACEMENT_DEPTH + 0.5 * weight / params.stiffness[0]
-
-
-@stage
-def _lower(state, body, pads, layout, robot, surface, count, toes):
-    """Put a robot where its lowest toes have no gap, toes taken as discs on their slope."""
-    params, status, x, angle = robot.params, robot.status, state[0], state[3]
-    for j in range(count):
-        toes[j, 0], toes[j, 1] = pad_place(pads, layout[j], angle)
-    toes[count, 0], toes[count, 1] = centre_of_mass(body, params, angle)
-    common = (
-        toes[:count], toes[count], surface, status.first_near, status.end_near, x,
-        params.pad_radius,
-    )  # fmt: skip
-    if math.isnan(state[2]):
-        state[2] = _level_pitch(*common)
-    height, _, _ = _clearances(*common, state[2])
-    state[1] = -height
-
-
-@stage
-def _settle(state, pads, layout, robot, surface, world, centres, planes):
-    """Lower a robot to the true gap, where the ground is not straight."""
-    status, radius = robot.status, robot.params.pad_radius
-    for _ in range(ROUNDS):
-        find_centres(state, pads, layout, centres)
-        find_planes(centres, status, surface, world, planes)
-        least = math.inf
-        for i in range(status.first_plane, status.end_plane):
-            plane = planes[i]
-            x, y = centres[plane.pad]
-            gap = plane.normal_x * x + plane.normal_y * y - plane.offset - radius
-            least = min(least, gap / plane.normal_y)
-        if least < math.inf:
-            state[1] -= least
-    find_centres(state, pads, layout, centres)
-    left = _clearance(
-        centres[: len(layout)], surface, status.first_near, status.end_near, status.pad_radius
-    )
-    if abs(left) > CLOSE:
-        state[1] -= left
+        state[1] -= PLACEMENT_DEPTH + 0.5 * weight / params.stiffness[0]
 
 
 @stage(inline=False)

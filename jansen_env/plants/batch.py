@@ -311,11 +311,9 @@ class Batch:
         states[:, 0], states[:, 3] = x, crank_angles
         states[:, 2] = pitch if pitch is not None else 0.0 if self.held else math.nan
         if self.any_gives and not self.held:
-            params = self.params[rows]
-            for mass, stiffness, y in zip(
-                params["mass"], params["stiffness"][:, 0], params["gravity_y"], strict=True
-            ):
-                resting_depth(mass, stiffness, -y)
+            for row in rows.tolist():
+                params = self.params[row]
+                resting_depth(params["mass"], params["stiffness"][0], -params["gravity_y"])
         self.states[rows] = states
         if not self.held:
             self._ask_ground(rows)

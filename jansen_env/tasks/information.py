@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.parameters import plain
 from jansen_env.world.settings import Values
 
 Bools = NDArray[np.bool_]
@@ -22,7 +21,7 @@ class InfoBuilder:
             dictionary of their own. task: (n,) rows: ``info`` has more numbers and flags,
             ``reward`` the reward's terms, which are 0 at a reset.
         arrays: (n,) or (n, ...) more of it.
-        groups: (n,) structured rows of numbers that become dictionaries, by name.
+        groups: (n,) structured rows that become dictionaries, by name.
 
     Attributes:
         keys: those of the information of every reset and step.
@@ -39,9 +38,7 @@ class InfoBuilder:
         arrays: Mapping[str, NDArray[np.generic]],
         groups: Mapping[str, NDArray[np.void]],
     ) -> None:
-        self._world, self._energy, self._task = world, energy, task[["info", "reward"]]
-        self._arrays = dict(arrays)
-        self._more = {name: plain(rows) for name, rows in groups.items()}
+        self._world, self._task, self._arrays = world, task[["info", "reward"]], dict(arrays)
         every: Values = {"energy": energy, **groups}
         self._groups = {name: (rows, rows.dtype.names or ()) for name, rows in every.items()}
         infos: Any = (world, task["info"])
@@ -59,9 +56,8 @@ class InfoBuilder:
         world: Any = self._world.item(i)
         task: Any = self._task.item(i)
         info = dict(zip(self._names, world + task[0] + task[1]))  # noqa: B905 - strict costs time
-        info["energy"] = dict(zip(self._groups["energy"][1], self._energy.item(i)))  # noqa: B905
-        for group, values in self._more.items():
-            info[group] = dict(zip(self._groups[group][1], values[i].tolist()))  # noqa: B905
+        for group, (rows, names) in self._groups.items():
+            info[group] = dict(zip(names, rows.item(i)))  # noqa: B905
         for name, array in self._arrays.items():
             info[name] = array[i].copy() if array.ndim > 1 else array.item(i)
         return info

@@ -170,7 +170,8 @@ class Task(ABC):
         options = [{}] * len(which) if options is None else options
         known = {*self.OPTIONS, *self.world.OPTIONS}
         for given in options:
-            if unknown := sorted({*given} - known):
+            if not given.keys() <= known:
+                unknown = sorted({*given} - known)
                 allowed = listed(sorted(known), unknown[0])
                 raise ValueError(f"reset options {unknown} are unknown, must be in {allowed}")
         with self._lock:

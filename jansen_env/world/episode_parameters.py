@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -30,6 +30,9 @@ from jansen_env.terrain import Terrain
 from jansen_env.terrain.generators import Generator
 from jansen_env.world.episode_lengths import Build
 from jansen_env.world.settings import Array, Ints, Values, WorldSettings, finite_numbers
+
+Progress = Callable[[int], tuple[float, float]]
+"""A robot's progress in its last episode, m, and its mean commanded speed, m/s; 0 at first."""
 
 
 class Plan(NamedTuple):
@@ -187,14 +190,13 @@ class EpisodeParameters:
         resting_depth(mass, stiffness, gravity)
 
     def plan(
-        self, i: int, rng: np.random.Generator, options: Values, delay: float,
-        walked: float, command: float, build: Build | None = None,
+        self, i: int, rng: np.random.Generator, options: Values, delay: float, progress: Progress,
+        build: Build | None = None,
     ) -> Plan:  # fmt: skip
         """Return a robot's next episode; nothing changes yet but the generator's state.
 
         Args:
             options: of the reset, with numbers that are to be fixed. delay: s, as drawn.
-            walked, command: progress in its last episode, m, and mean command, m/s; 0 at first.
             build: that comes in its place; None for none.
 
         Raises:
@@ -210,7 +212,7 @@ class EpisodeParameters:
         numbers["delay"] = delay
         if not options and not self.varies:
             return Plan(values, None, build)
-        numbers["terrain_level"] = self._next_level(i, rng, walked, command)
+        numbers["terrain_level"] = self._next_level(i, rng, progress)
         for name, distribution in randomization.items():
             label = f"a sample of randomize[{name!r}]"
             numbers[name] = check(label, name, distribution.sample(rng))
@@ -234,10 +236,11 @@ class EpisodeParameters:
         self._check_feet(robot or self._plant.robots[i], numbers)
         return Plan(values, terrain, build)
 
-    def _next_level(self, i: int, rng: np.random.Generator, walked: float, command: float) -> float:
+    def _next_level(self, i: int, rng: np.random.Generator, progress: Progress) -> float:
         low, high = self.levels[i].tolist()
         if self.curriculum is not None:
             separate = np.random.default_rng(rng.integers(2**63))  # later draws stay the seed's
+            walked, command = progress(i)
             commanded, level = command * self.curriculum.horizon, int(self.level[i])
             return float(self.curriculum.next_level(level, walked, commanded, separate))
         return float(rng.integers(int(low), int(high), endpoint=True)) if high > low else low

@@ -90,21 +90,12 @@ class Pushes:
         self._schedule = np.zeros((num_envs, 1, 3))
         self._impulse, self._any = np.zeros((num_envs, steps, 2)), push is not None
         self._fill = fill_pushes.bound()
-        self._share_arrays()
-
-    def _share_arrays(self) -> None:
-        """Note the kernel's arguments that stay."""
-        self._arguments = (
-            self.strength, self._settings, self.random, self._schedule, self._scheduled,
-            self._impulse,
-        )  # fmt: skip
 
     def schedule(self, i: int, pushes: Array, random: bool) -> None:
         """Give a robot's episode checked pushes (k, 3), and ``random`` ones or not."""
         if len(pushes) > self._schedule.shape[1]:
             before, self._schedule = self._schedule, np.zeros((len(self.strength), len(pushes), 3))
             self._schedule[:, : before.shape[1]] = before
-            self._share_arrays()
         self._schedule[i, : len(pushes)], self._scheduled[i] = pushes, len(pushes)
         self.random[i] = random
         self._any = self._any or len(pushes) > 0
@@ -128,4 +119,8 @@ class Pushes:
         """
         if not self._any:
             return None
-        return self._impulse if self._fill(active, elapsed, seeds, self._arguments) else None
+        pushed = self._fill(
+            active, elapsed, seeds, self.strength, self._settings, self.random, self._schedule,
+            self._scheduled, self._impulse,
+        )  # fmt: skip
+        return self._impulse if pushed else None

@@ -32,7 +32,7 @@ from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.robot.robot_file import robot_from_json, robot_to_json
 from jansen_env.uniform import uniform
 from jansen_env.world.episode_lengths import Build, EpisodeLengths
-from jansen_env.world.episode_parameters import EpisodeParameters, Plan
+from jansen_env.world.episode_parameters import EpisodeParameters, Plan, Progress
 from jansen_env.world.observations import NoisySensors, Observed, world_observations
 from jansen_env.world.push import Pushes, check_schedule
 from jansen_env.world.settings import (
@@ -56,8 +56,6 @@ from jansen_env.world.settings import (
 Numbers = dict[str, float]
 Draw = Callable[[int, np.random.Generator, Values], Numbers]
 """Draws a task's numbers of a robot's episode, with the options of its reset."""
-Progress = Callable[[int], tuple[float, float]]
-"""A robot's progress in its last episode, m, and its mean commanded speed, m/s."""
 
 MOST_DELAYED = 10_000  # control periods in a delay: torques that are kept
 LARGEST_COUNT = 2**63 - 1  # of an episode; and the largest seed
@@ -310,7 +308,7 @@ class World:
         ]
         plans = [
             self.episodes.plan(
-                *robot, start[2], *progress(robot[0]), self._plan_robot(robot[0], robot[2], seed)
+                *robot, start[2], progress, self._plan_robot(robot[0], robot[2], seed)
             )
             for robot, start, seed in zip(robots, starts, seeds, strict=True)
         ]

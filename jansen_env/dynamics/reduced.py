@@ -23,7 +23,6 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -31,15 +30,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.dynamics.pads import Pads, pad_layout
-from jansen_env.engine.mathematics import directions
-from jansen_env.engine.series import analyse, expand, sample
+from jansen_env.engine.reduction import compile_tables, put_turn
 from jansen_env.gravity import GRAVITY
-from jansen_env.robot import RIGID, Leg, Payload, Robot
+from jansen_env.robot import RIGID, Payload, Robot
 from jansen_env.robot.kinematics import coordinates, joint_positions, nearest_dead_point
 from jansen_env.robot.motor import IDEAL
 
 Array = NDArray[np.float64]
-Series = Array  # (2, HARMONICS, functions): real and imaginary parts of Fourier coefficients
 
 SAMPLES = 256  # crank angles at which the linkage is closed
 HARMONICS = SAMPLES // 2  # the paper's linkage needs about 40 for 1e-14
@@ -93,16 +90,16 @@ def _compile(robot: Robot) -> Tables:
     psi = 2.0 * math.pi / SAMPLES * np.arange(SAMPLES)
     joints = joint_positions(robot, "fore", psi)
     x = coordinates(robot, "fore", psi, joints).reshape(SAMPLES, -1, 3)
-    angles = np.unwrap(x[..., 0], axis=0)
-    turns = np.round((angles[-1] - angles[0]) / (2.0 * math.pi))  # of each body, in one of psi
-    angles = angles - np.outer(psi, turns)  # a series has what is periodic
-    motion = np.column_stack([angles, x[..., 1], x[..., 2]])
-    series = _series(motion)
-    slope = _sampled(series, SAMPLES, np.stack([np.zeros(HARMONICS), np.arange(HARMONICS)]))
-    slope[:, : len(turns)] += turns
-    sums = _series(_leg_sums(robot, x[..., 1:], slope))
-    pads = _series(_pad_motion(robot, joints, angles))
-    tail = max(map(_tail, (series, sums, pads)))
+    leg = leg_data(robot)
+    space = [np.empty(shape) for shape in work_shapes(leg)]
+    shapes = (1, INTERVALS, ORDER, len(BODY_FUNCTIONS)), (len(leg["pads"]), INTERVALS, ORDER, 3)
+    body, pads, bearings = *map(np.empty, shapes), np.empty(BEARING_SAMPLES)
+    inertia = float(leg["links"][:, 1].sum())
+    links, *others = leg.values()
+    constants = _expansion(), _turn(SAMPLES), _turn(INTERVALS), _half_step(), _turn(BEARING_SAMPLES)
+    tail = compile_tables(
+        psi, x, joints, links, inertia, tuple(others), constants, tuple(space), body, pads, bearings
+    )
     if not tail <= TAIL_TOLERANCE:
         sine, joint, angle = nearest_dead_point(robot)
         raise ValueError(
@@ -111,135 +108,51 @@ def _compile(robot: Robot) -> Tables:
             f"near a dead point: at crank angle {angle:.3f} rad the links that meet in {joint} are "
             f"within {math.asin(min(sine, 1.0)):.3f} rad of one line"
         )
-    body = _polynomials(_of_legs(sums, robot.legs, mirrored=1), 1)[0]
-    joints = _polynomials(pads, len(robot.linkage.all_pads))
-    joints[:, :, 1, -1] += turns[[body for _, body in robot.linkage.all_pads], None]
-    bearings = _bearing_friction(robot, slope)
-    for table in (body, joints, bearings):
+    for table in (body, pads, bearings):
         table.setflags(write=False)
-    return Tables(robot, body, joints, pad_layout(robot), bearings, tail)
+    return Tables(robot, body[0], pads, pad_layout(robot), bearings, tail)
+
+
+def leg_data(robot: Robot) -> dict[str, NDArray[Any]]:
+    """Return what :func:`jansen_env.engine.reduction.compile_tables` has of a robot, by name."""
+    linkage = robot.linkage
+    sides = [1.0 if leg.side == "fore" else -1.0 for leg in robot.legs]
+    return {
+        "links": np.array([(body.mass, body.inertia) for body in robot.bodies]),
+        "damped": np.array(linkage.damped) - 1,
+        "damping": np.array(robot.damping),
+        "bearings": np.array(linkage.bearings) - 1,
+        "friction": np.array(robot.bearing_friction),
+        "legs": np.array([*zip(sides, (leg.phase for leg in robot.legs), strict=True)]),
+        "pads": np.array(linkage.all_pads),
+    }
+
+
+def work_shapes(leg: dict[str, NDArray[Any]]) -> list[tuple[int, ...]]:
+    """Return the shapes of the work space of ``compile_tables``, in its order."""
+    n, links, sums = SAMPLES, 3 * len(leg["links"]), len(BODY_FUNCTIONS)
+    pads, rates = 3 * len(leg["pads"]), len(leg["bearings"])
+    widest = max(n * max(links, sums, pads, rates), INTERVALS * max(sums, pads))
+    series = [(2, HARMONICS, width) for width in (links, sums, pads, rates)]
+    return [
+        (4, max(widest, BEARING_SAMPLES * rates)), (3, 2, HARMONICS), (len(leg["links"]),),
+        (n, links), series[0], (n, links), (n, sums), series[1], series[1], (n, pads), series[2],
+        (n, rates), series[3], series[3], (BEARING_SAMPLES, rates),
+    ]  # fmt: skip
 
 
 @functools.cache
 def _turn(count: int) -> Array:
     """(2, count) cosines and sines of the angles that divide a turn."""
-    part = np.arange(count)
-    quarter = np.rint(4.0 * part / count).astype(int)  # the nearest, from which angles are small
-    cos, sin = directions(0.5 * math.pi * (4 * part - quarter * count) / count).T
-    turned = [cos, -sin, -cos, sin], [sin, cos, -sin, -cos]
-    return np.stack([np.choose(quarter % 4, each) for each in turned])
+    turn = np.empty((2, count))
+    put_turn(turn)
+    return turn
 
 
-def _work(count: int, functions: int) -> Array:
-    return np.empty((4, count * ((functions + 1) // 2)))
-
-
-def _series(values: Array) -> Series:
-    """Series of functions at angles evenly over a turn (count, functions)."""
-    count, functions = values.shape
-    series = np.empty((2, HARMONICS, functions))
-    analyse(np.ascontiguousarray(values), _turn(count), _work(count, functions), series)
-    return series
-
-
-def _sampled(series: Series, count: int, factor: Array) -> Array:
-    """(count, functions) of series with coefficients times complex factors (2, HARMONICS)."""
-    values = np.empty((count, series.shape[2]))
-    sample(series, factor, _turn(count), _work(*values.shape), values)
-    return values
-
-
-def _tail(series: Series) -> float:
-    """Largest coefficient among the last harmonics, relative to the largest of its function.
-
-    Or to a thousandth of the largest of all: a body that does not turn has nothing but rounding.
-    """
-    size = np.sqrt((series * series).sum(axis=0))
-    largest, last = size.max(axis=0), size[HARMONICS * 7 // 8 :].max(axis=0)
-    return float((last / np.maximum(largest, 1e-3 * largest.max())).max())
-
-
-def _leg_sums(robot: Robot, r: Array, slope: Array) -> Array:
-    """(n, 8) a fore leg's share of :data:`BODY_FUNCTIONS`.
-
-    ``r``: (n, bodies, 2) centres of mass. ``slope``: (n, 3 bodies) of angles, x and y.
-    """
-    mass = np.array([body.mass for body in robot.bodies])
-    inertia = np.array([body.inertia for body in robot.bodies])
-    x, y = r[..., 0], r[..., 1]
-    da, dx, dy = np.split(slope, 3, axis=1)
-    own_b, own_k = _sum(inertia * da), _sum(inertia * da**2)
-    return np.column_stack([
-        _sum(mass * x), _sum(mass * y), _sum(mass * (x**2 + y**2)) + inertia.sum(),
-        _sum(mass * (x * dy - y * dx)) + own_b, _sum(mass * (dx**2 + dy**2)) + own_k,
-        _sum(np.array(robot.damping) * _relative(da, robot.linkage.damped) ** 2), own_b, own_k,
-    ])  # fmt: skip
-
-
-def _sum(terms: Array) -> Array:
-    """(n,) sums of (n, terms), in their order: BLAS has one for each processor."""
-    return np.add.reduce(np.ascontiguousarray(terms.T), axis=0)
-
-
-def _relative(rates: Array, pairs: tuple[tuple[int, int], ...]) -> Array:
-    """(n, pairs) a_j' - a_i' of pairs of bodies from a' (n, bodies)."""
-    first, second = np.array(pairs).T - 1
-    return rates[:, second] - rates[:, first]
-
-
-def _pad_motion(robot: Robot, joints: Array, angles: NDArray[Any]) -> Array:
-    """(n, pads * 3) :data:`PAD_FUNCTIONS` of each pad joint of a fore leg."""
-    parts = [
-        np.column_stack([joints[:, joint], angles[:, body]])
-        for joint, body in robot.linkage.all_pads
-    ]
-    return np.concatenate(parts, axis=1)
-
-
-def _of_legs(series: Series, legs: Sequence[Leg], mirrored: int = 0) -> Series:
-    """Sum over legs of their series: from those of a fore leg of phase 0, g(psi + phase) or, of a
-    back leg, g(pi - psi - phase), where the first ``mirrored`` functions change their sign."""
-    n = np.arange(HARMONICS)
-    total = np.zeros_like(series)
-    for side in ("fore", "back"):
-        phases = np.array([leg.phase for leg in legs if leg.side == side])
-        cos, sin = np.add.reduce(directions(phases[:, None] * n), axis=0).T[..., None]
-        real, imaginary = series
-        if side == "back":
-            real, imaginary = series * np.where(n % 2, -1.0, 1.0)[:, None] * _CONJUGATE
-            real[:, :mirrored] *= -1.0
-            imaginary[:, :mirrored] *= -1.0
-        total[0] += cos * real - sin * imaginary
-        total[1] += sin * real + cos * imaginary
-    return total
-
-
-_CONJUGATE = np.array([1.0, -1.0])[:, None, None]
-
-
-def _bearing_friction(robot: Robot, slope: Array) -> Array:
-    """(BEARING_SAMPLES,) see :class:`Tables`; ``slope``: as of :func:`_leg_sums`."""
-    total = np.zeros(BEARING_SAMPLES)
-    if any(robot.bearing_friction):
-        rates = _series(_relative(slope, robot.linkage.bearings))
-        unity = np.stack([np.ones(HARMONICS), np.zeros(HARMONICS)])
-        for leg in robot.legs:
-            turning = np.abs(_sampled(_of_legs(rates, [leg]), BEARING_SAMPLES, unity))
-            total += _sum(np.array(robot.bearing_friction) * turning)
-    return total
-
-
-def _polynomials(series: Series, groups: int) -> Array:
-    """(groups, INTERVALS, ORDER, functions of a group): Taylor polynomials, economised.
-
-    Those of order TERMS are replaced by those of ORDER that agree at Chebyshev's nodes.
-    """
-    functions = series.shape[2]
-    out = np.empty((groups, INTERVALS, ORDER, functions // groups))
-    half_step = np.ascontiguousarray(_turn(2 * INTERVALS)[:, :HARMONICS])
-    work, factor = _work(INTERVALS, functions), np.empty((2, HARMONICS))
-    expand(series, _expansion(), half_step, _turn(INTERVALS), work, factor, out)
-    return out
+@functools.cache
+def _half_step() -> Array:
+    """(2, HARMONICS) cosines and sines of multiples of half an interval."""
+    return np.ascontiguousarray(_turn(2 * INTERVALS)[:, :HARMONICS])
 
 
 @functools.cache

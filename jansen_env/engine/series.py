@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from jansen_env.engine.kernel import Floats2, Floats3, Floats4, kernel, stage
+from jansen_env.engine.kernel import stage
 
 SQRT_3_OVER_4 = math.sqrt(0.75)
 
@@ -104,8 +104,8 @@ def _sample(series, factor, odd, turn, work):
     return _transform(count, pairs, turn, work)
 
 
-@kernel
-def analyse(values: Floats2, turn: Floats2, work: Floats2, series: Floats3) -> None:
+@stage(inline=False)
+def analyse(values, turn, work, series):
     """Put the series of functions into (2, harmonics, functions).
 
     Args:
@@ -130,8 +130,8 @@ def analyse(values: Floats2, turn: Floats2, work: Floats2, series: Floats3) -> N
                 series[0, n, f + pairs], series[1, n, f + pairs] = half * (b + d), half * (a - c)
 
 
-@kernel
-def sample(series: Floats3, factor: Floats2, turn: Floats2, work: Floats2, values: Floats2) -> None:
+@stage(inline=False)
+def sample(series, factor, turn, work, values):
     """Put samples of a series into (count, functions), the opposite of :func:`analyse`.
 
     Args:
@@ -145,11 +145,8 @@ def sample(series: Floats3, factor: Floats2, turn: Floats2, work: Floats2, value
             values[k, f] = work[first if f < pairs else first + 1, place]
 
 
-@kernel
-def expand(
-    series: Floats3, weights: Floats2, half_step: Floats2, turn: Floats2, work: Floats2,
-    factor: Floats2, out: Floats4,
-) -> None:  # fmt: skip
+@stage(inline=False)
+def expand(series, weights, half_step, turn, work, factor, out):
     """Put polynomials in intervals of a turn into (groups, intervals, order, group's functions).
 
     Args:

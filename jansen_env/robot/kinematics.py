@@ -12,12 +12,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env.engine.mathematics import angles_of, atan2, cos, directions, lengths_of, sin
-from jansen_env.robot.linkage import CRANK, FRAME, JANSEN
-from jansen_env.robot.links import Bar, Link, Side
+from jansen_env.engine.closure import put_coordinates, put_joints
+from jansen_env.engine.mathematics import directions, lengths_of
+from jansen_env.robot.linkage import JANSEN
+from jansen_env.robot.links import Bar, Side
 from jansen_env.robot.robot import Robot
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 P, O, A, B, C, D, E, T = range(len(JANSEN.joints))  # noqa: E741 - the joints' names
 """Indices of the joints of Jansen's leg; T is the toe's centre."""
@@ -28,25 +30,6 @@ TINY_TURN = 1e-6  # rad, of the crank, for slopes
 
 class LinkageError(ValueError):
     """A design that cannot turn a full revolution."""
-
-
-def _third_corner(
-    name: str, psi: Array, p: Array, q: Array, from_p: float, from_q: float, turn: float
-) -> Array:
-    """Corner at ``from_p`` from p and ``from_q`` from q, left (turn=1) or right (-1) of p -> q."""
-    span = q - p
-    distance = lengths_of(span)
-    along = (distance**2 + (from_p * from_p - from_q * from_q)) / (2.0 * distance)
-    across2 = from_p * from_p - along**2
-    if not np.all(across2 > 0.0):
-        worst = np.unravel_index(np.argmin(across2), across2.shape)
-        raise LinkageError(
-            f"joint {name} does not close at crank angle {float(psi[worst]):.4f} rad: its two "
-            f"links of {from_p:.5f} m and {from_q:.5f} m cannot span {float(distance[worst]):.5f} m"
-        )
-    unit = span / distance[..., None]
-    left = np.stack([-unit[..., 1], unit[..., 0]], axis=-1)
-    return p + along[..., None] * unit + turn * np.sqrt(across2)[..., None] * left
 
 
 def joint_positions(robot: Robot, side: Side, psi: ArrayLike) -> Array:
@@ -66,55 +49,43 @@ def joint_positions(robot: Robot, side: Side, psi: ArrayLike) -> Array:
     if side == "back":
         mirrored = joint_positions(robot, "fore", math.pi - angle)
         return mirrored * np.array([-1.0, 1.0])
-    linkage = robot.linkage
-    places = {linkage.joints[linkage.axis]: np.zeros((*angle.shape, 2))}
-    _add_joints(places, robot, FRAME - 1, np.full(angle.shape, robot.frame_angle))
-    _add_joints(places, robot, CRANK - 1, angle)
-    for dyad in linkage.dyads:
-        first, second = (linkage.body_between(dyad.joint, end) for end in dyad[1:3])
-        places[dyad.joint] = _third_corner(
-            dyad.joint, angle, places[dyad.start], places[dyad.end],
-            _between(robot, first, dyad.start, dyad.joint),
-            _between(robot, second, dyad.end, dyad.joint), dyad.branch,
-        )  # fmt: skip
-        for body in (first, second):
-            joints = linkage.bodies[body][1]
-            if len(joints) > 2:
-                i, j = [k for k, joint in enumerate(joints) if joint in places][:2]
-                edge = places[joints[j]] - places[joints[i]]
-                half_turn, turn = _edge_to_angle(robot.bodies[body], i, j)
-                heading = angles_of(edge) + half_turn + turn
-                _add_joints(places, robot, body, heading)
-    return np.stack([places[joint] for joint in linkage.joints], axis=-2)
+    given, joints = np.ascontiguousarray(angle.ravel()), robot.linkage.joints
+    places, fault = np.empty((given.size, len(joints), 2)), np.zeros(2)
+    (members, corners, _), (dyads, spans) = body_arrays(robot), dyad_arrays(robot)
+    failed = put_joints(given, robot.frame_angle, members, corners, dyads, spans, places, fault)
+    if failed >= 0:
+        raise LinkageError(
+            f"joint {joints[dyads[failed, 0]]} does not close at crank angle "
+            f"{given[int(fault[0])]:.4f} rad: its two links of {spans[failed, 0]:.5f} m and "
+            f"{spans[failed, 1]:.5f} m cannot span {fault[1]:.5f} m"
+        )
+    return places.reshape(*angle.shape, len(joints), 2)
 
 
-def _add_joints(places: dict[str, Array], robot: Robot, body: int, heading: Array) -> None:
-    """Add all joints of a body whose angle is known, and one of its joints."""
-    joints, corners = robot.linkage.bodies[body][1], robot.bodies[body].corners
-    first = next(k for k, joint in enumerate(joints) if joint in places)
-    reach, offset = corners[first]
-    centre = places[joints[first]] - reach * directions(heading + offset)
-    for joint, (reach, offset) in zip(joints, corners, strict=True):
-        if joint not in places:
-            places[joint] = centre + reach * directions(heading + offset)
+def body_arrays(robot: Robot) -> tuple[Ints, Array, NDArray[np.bool_]]:
+    """Members, corners and bars as :mod:`jansen_env.engine.closure` has them."""
+    members = robot.linkage.members
+    shape = len(members), max(map(len, members))
+    joints, corners = np.full(shape, -1), np.zeros((*shape, 2))
+    for k, link in enumerate(robot.bodies):
+        joints[k, : len(members[k])], corners[k, : len(members[k])] = members[k], link.corners
+    return joints, corners, np.array([isinstance(link, Bar) for link in robot.bodies])
 
 
-def _between(robot: Robot, body: int, a: str, b: str) -> float:
-    """Distance between two joints of a body, m."""
-    joints = robot.linkage.bodies[body][1]
-    return robot.bodies[body].distance(joints.index(a), joints.index(b))
-
-
-def _edge_to_angle(link: Link, i: int, j: int) -> tuple[float, float]:
-    """Turn from the edge between two joints of a link to its angle: half a turn or none, and more.
-
-    For a link whose angle points to the first of them the edge is taken the other way round.
-    """
-    (r, a), (s, b) = link.corners[i], link.corners[j]
-    way = -1.0 if r > 0.0 else 1.0
-    x = way * (s * cos(b) - r * cos(a))
-    y = way * (s * sin(b) - r * sin(a))
-    return (math.pi if r > 0.0 else 0.0), -atan2(y, x)
+def dyad_arrays(robot: Robot) -> tuple[Ints, Array]:
+    """Dyads and their spans as :func:`jansen_env.engine.closure.put_joints` has them."""
+    linkage, dyads, spans = robot.linkage, list[list[int]](), list[list[float]]()
+    for joint, *ends, branch in linkage.dyads:
+        links = [linkage.body_between(joint, end) for end in ends]
+        places = [linkage.bodies[link][1].index for link in links]
+        dyads.append([*map(linkage.joints.index, (joint, *ends)), branch, *links])
+        spans.append(
+            [
+                robot.bodies[link].distance(place(end), place(joint))
+                for link, place, end in zip(links, places, ends, strict=True)
+            ]
+        )
+    return np.array(dyads), np.array(spans)
 
 
 def coordinates(robot: Robot, side: Side, psi: ArrayLike, joints: Array | None = None) -> Array:
@@ -128,22 +99,10 @@ def coordinates(robot: Robot, side: Side, psi: ArrayLike, joints: Array | None =
     """
     place = joint_positions(robot, side, psi) if joints is None else joints
     mirror = 1.0 if side == "fore" else -1.0
-    x = np.empty((*place.shape[:-2], len(robot.bodies), 3))
-    for body, link in enumerate(robot.bodies):
-        i, j, *_ = robot.linkage.members[body]
-        edge = place[..., j, :] - place[..., i, :]
-        heading = angles_of(edge)
-        if isinstance(link, Bar):
-            x[..., body, 1:] = place[..., [i, j], :].mean(axis=-2)
-        else:
-            half_turn, turn = _edge_to_angle(link, 0, 1)
-            heading = heading + half_turn + mirror * turn
-            reach, offset = link.corners[0]
-            centre = place[..., i, :] - reach * directions(heading + mirror * offset)
-            x[..., body, 1:] = centre
-        x[..., body, 0] = heading
-    x[..., 0] -= 2.0 * math.pi * np.ceil(x[..., 0] / (2.0 * math.pi) - 0.5)
-    x[..., CRANK - 1, 0] = psi
+    angle = np.ascontiguousarray(np.asarray(psi, float).ravel())
+    x = np.empty((angle.size, len(robot.bodies), 3))
+    places = np.ascontiguousarray(place.reshape(-1, *place.shape[-2:]))
+    put_coordinates(angle, mirror, body_arrays(robot), places, x)
     return x.reshape(*place.shape[:-2], 3 * len(robot.bodies))
 
 

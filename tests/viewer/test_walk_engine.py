@@ -209,7 +209,7 @@ def check_picture(env, told):
     for key in ("skeleton", "plates", "crank", "legs", "toes", "payload", "weight"):
         assert told["scene"][key] == json.loads(json.dumps(scene[key])), key
     joints = world_joints(env.robot, frame.q)
-    assert np.allclose(pose["joints"], joints, rtol=0.0, atol=1e-12)
+    assert np.allclose(pose["joints"], joints.ravel(), rtol=0.0, atol=1e-12)
     for key, wanted in (("point", frame.contact_point), ("force", frame.contact_force)):
         assert np.allclose([toe[key] for toe in pose["toes"]], wanted, rtol=0.0, atol=1e-9), key
     assert [toe["contact"] for toe in pose["toes"]] == frame.contact.tolist()

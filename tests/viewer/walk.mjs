@@ -45,7 +45,7 @@ function walk({ robot, terrain, control, actions, settings, start, events, names
 		machine.step(action);
 		rows.push(numbersOf(machine, names, action));
 	}
-	return { numbers: packed(rows.flat()), pose: machine.pose(), scene: machine.scene };
+	return { numbers: packed(rows.flat()), pose: { ...machine.pose(), joints: [...machine.pose().joints] }, scene: machine.scene };
 }
 
 function attempt(machine, method, given) {

@@ -1,12 +1,9 @@
 // Where the joints of a robot's legs are, bit for bit as jansen_env/robot/kinematics.py has it.
 //
-// A robot is an entry of data.robots, which walk_data.py writes (robot_data). Arrays are of many crank angles at once, as NumPy's there: the operations are
-// the same in the same order. Chassis frame: crank axis at the origin, +x the walking direction.
-
-import { each } from "./engine.js";
+// A robot is an entry of data.robots, which walk_data.py writes (robot_data). Chassis frame: crank
+// axis at the origin, +x the walking direction.
 
 export const TURN = 2 * Math.PI;
-const [FRAME, CRANK] = [0, 1]; // the bodies that all legs share
 
 export const hypot = (x, y) => Math.sqrt(x * x + y * y); // Math.hypot rounds otherwise
 
@@ -45,123 +42,67 @@ export function distance(memory, link, i, k) {
 /** A robot's linkage, to be closed in some memory of the engine. */
 export class Closure {
   constructor(memory, robot) {
-    const { bodies, joints, dyads } = robot.linkage;
-    const { members } = robot;
-    this.corners = robot.bodies.map((link) => cornersOf(memory, link));
-    const has = (body, joint) => members[body].indexOf(joint);
-    this.dyads = dyads.map(([name, ...ends]) => {
-      const joint = joints.indexOf(name);
-      const sides = ends.slice(0, 2).map((end) => {
-        const other = joints.indexOf(end);
-        const body = bodies.findIndex((_, k) => has(k, joint) >= 0 && has(k, other) >= 0);
-        const span = distance(memory, robot.bodies[body], has(body, other), has(body, joint));
-        return { other, body, span };
-      });
-      return { name, joint, sides, branch: ends[2] };
+    const { members, dyads } = robot.closing;
+    const corners = robot.bodies.flatMap((link, k) => {
+      const ends = cornersOf(memory, link);
+      return members[k].map((_, i) => ends[i] ?? [0, 0]);
     });
-    Object.assign(this, { memory, robot, members });
+    const spanOf = (body, ...joints) => {
+      const places = joints.map((joint) => members[body].indexOf(joint));
+      return distance(memory, robot.bodies[body], ...places);
+    };
+    const spans = dyads.map(([joint, start, end, , first, second]) => [
+      spanOf(first, start, joint),
+      spanOf(second, end, joint),
+    ]);
+    const shape = [members.length, members[0].length, 2];
+    const bodies = [memory.rows("i8", members), memory.filled("f8", corners.flat(), ...shape)];
+    this.closing = [robot.frame_angle, bodies, memory.rows("i8", dyads), memory.rows("f8", spans)];
+    this.bodies = [bodies, memory.filled("b1", robot.bodies.map(({ is }) => is === "Bar"))]; // biome-ignore format: short
+    Object.assign(this, { memory, robot, spans });
   }
 
-  /** [x, y] of each joint of a fore leg whose crank stands at `psi` (n,), in the linkage's order. */
+  /** Joints of a fore leg whose crank stands at `psi` (n,): (n, joints, 2). */
   joints(psi) {
-    const { members, memory, dyads, robot } = this;
-    const places = [];
-    places[members[CRANK][0]] = [each(psi.length, () => 0), each(psi.length, () => 0)];
-    this.addJoints(
-      places,
-      FRAME,
-      each(psi.length, () => robot.frame_angle),
-    );
-    this.addJoints(places, CRANK, psi);
-    for (const dyad of dyads) {
-      places[dyad.joint] = thirdCorner(psi, places, dyad);
-      for (const { body } of dyad.sides) {
-        if (members[body].length === 2) continue;
-        const [i, j] = [...members[body].keys()].filter((k) => places[members[body][k]]);
-        const [from, to] = [i, j].map((k) => places[members[body][k]]);
-        const [half, turn] = this.edgeToAngle(body, i, j);
-        const edge = memory.angles(...difference(to, from));
-        this.addJoints(places, body, edge.map((angle) => angle + half + turn)); // biome-ignore format: short
-      }
+    const { memory, robot, spans } = this;
+    const names = robot.linkage.joints;
+    const places = memory.array("f8", psi.length, names.length, 2);
+    const failed = memory.scratch(() => {
+      const fault = memory.array("f8", 2);
+      const given = [memory.filled("f8", psi), ...this.closing.flat(), places, fault];
+      const dyad = memory.call("closure_put_joints", given);
+      return dyad < 0 ? null : [dyad, ...fault.view];
+    });
+    if (failed) {
+      const [dyad, k, span] = failed;
+      const [from, to] = spans[dyad].map((length) => length.toFixed(5));
+      throw new Error(
+        `joint ${names[robot.closing.dyads[dyad][0]]} does not close at crank angle ${psi[k].toFixed(4)} rad: its two links ` +
+          `of ${from} m and ${to} m cannot span ${span.toFixed(5)} m`,
+      );
     }
     return places;
   }
 
-  /** Add all joints of a body whose angle is known, and one of its joints, to `places`. */
-  addJoints(places, body, heading) {
-    const joints = this.members[body];
-    const moved = ([x, y], way, [reach, offset]) => {
-      const [cos, sin] = this.memory.directions(heading.map((angle) => angle + offset));
-      return [
-        x.map((u, i) => u + way * (reach * cos[i])),
-        y.map((v, i) => v + way * (reach * sin[i])),
-      ];
-    };
-    const first = joints.findIndex((joint) => places[joint]);
-    const centre = moved(places[joints[first]], -1, this.corners[body][first]);
-    for (const [k, joint] of joints.entries())
-      places[joint] ??= moved(centre, 1, this.corners[body][k]);
+  /** Angle and centre of mass of each body of a fore leg with these `places`: (n, bodies, 3). */
+  coordinates(psi, places) {
+    const x = this.memory.array("f8", psi.length, this.robot.bodies.length, 3);
+    const given = [this.memory.filled("f8", psi), 1, ...this.bodies.flat()];
+    this.memory.call("closure_put_coordinates", given, places, x);
+    return x;
   }
 
-  /** Turn from the edge between two joints of a body to its angle: half a turn or none, and more. */
-  edgeToAngle(body, i, j) {
-    const [[r, a], [s, b]] = [this.corners[body][i], this.corners[body][j]];
-    const way = r > 0 ? -1 : 1;
-    const [x, y] = this.memory.directions([a, b]).map((part) => way * (s * part[1] - r * part[0]));
-    return [r > 0 ? Math.PI : 0, -this.memory.angles([x], [y])[0]];
-  }
-
-  /** Angle and centre of mass [theta, x, y] of each body of a fore leg with these `joints`. */
-  coordinates(psi, joints) {
-    const { memory, members, corners } = this;
-    return this.robot.bodies.map((link, body) => {
-      const [from, to] = members[body].map((joint) => joints[joint]);
-      let heading = memory.angles(...difference(to, from));
-      let centre = from.map((axis, k) => axis.map((x, n) => (x + to[k][n]) / 2));
-      if (link.is !== "Bar") {
-        const [half, turn] = this.edgeToAngle(body, 0, 1);
-        heading = heading.map((angle) => angle + half + turn);
-        const [reach, offset] = corners[body][0];
-        const way = memory.directions(heading.map((angle) => angle + offset));
-        centre = from.map((axis, k) => axis.map((x, n) => x - reach * way[k][n]));
-      }
-      heading = heading.map((angle) => angle - TURN * Math.ceil(angle / TURN - 0.5));
-      return [body === CRANK ? psi : heading, ...centre];
-    });
-  }
-
-  /** [x, y] of each joint of each leg of the robot at crank angles `psi` (n,). */
+  /** Joints of each leg of the robot at crank angles `psi`: numbers (legs, n, joints, 2). */
   legs(psi) {
-    return this.robot.legs.map(({ side, phase }) => {
-      if (side === "fore") return this.joints(psi.map((angle) => angle + phase));
-      const mirrored = this.joints(psi.map((angle) => Math.PI - (angle + phase)));
-      return mirrored.map(([x, y]) => [x.map((value) => -value), y]);
+    const { memory, robot } = this;
+    const ahead = ({ side, phase }) =>
+      Array.from(psi, (angle) => (side === "fore" ? angle + phase : Math.PI - (angle + phase)));
+    return memory.scratch(() => {
+      const places = this.joints(robot.legs.flatMap(ahead)).view.slice();
+      const size = places.length / robot.legs.length;
+      for (const [leg, { side }] of robot.legs.entries())
+        if (side === "back") for (let i = leg * size; i < (leg + 1) * size; i += 2) places[i] *= -1;
+      return places;
     });
   }
 }
-
-/** The joint of a dyad, which lies left (branch 1) or right (-1) of the way from start to end. */
-function thirdCorner(psi, places, { name, branch, sides }) {
-  const [{ span: fromP }, { span: fromQ }] = sides;
-  const [p, q] = sides.map(({ other }) => places[other]);
-  const [x, y] = [p[0].slice(), p[1].slice()];
-  let worst = null;
-  for (let i = 0; i < psi.length; i += 1) {
-    const [spanX, spanY] = [q[0][i] - p[0][i], q[1][i] - p[1][i]];
-    const span = hypot(spanX, spanY);
-    const along = (span * span + (fromP * fromP - fromQ * fromQ)) / (2 * span);
-    const across2 = fromP * fromP - along * along;
-    if (!(across2 > 0) && !(worst?.across2 <= across2)) worst = { across2, span, angle: psi[i] };
-    const [unitX, unitY, across] = [spanX / span, spanY / span, branch * Math.sqrt(across2)];
-    x[i] = p[0][i] + along * unitX + across * -unitY;
-    y[i] = p[1][i] + along * unitY + across * unitX;
-  }
-  if (worst)
-    throw new Error(
-      `joint ${name} does not close at crank angle ${worst.angle.toFixed(4)} rad: its two links of ` +
-        `${fromP.toFixed(5)} m and ${fromQ.toFixed(5)} m cannot span ${worst.span.toFixed(5)} m`,
-    );
-  return [x, y];
-}
-
-const difference = (to, from) => to.map((axis, k) => axis.map((x, n) => x - from[k][n]));

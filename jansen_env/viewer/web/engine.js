@@ -8,6 +8,11 @@ const PAGE = 65536; // bytes
 const GROWTH = 64; // pages by which memory grows, at least
 const WORD = 8; // bytes of a slot, and what arrays are aligned to
 const MOST_SLOTS = 256;
+const READERS = {
+  f8: (reader, place) => reader.getFloat64(place, true),
+  i8: (reader, place) => Number(reader.getBigInt64(place, true)),
+  b1: (reader, place) => reader.getUint8(place),
+};
 const VIEWS = { f8: Float64Array, f4: Float32Array, i8: BigInt64Array, b1: Uint8Array };
 
 /** An array (count,) of numbers. */
@@ -46,6 +51,12 @@ export class Memory {
     return this.exports.memory.buffer;
   }
 
+  /** A view of all memory; another one once it has grown. */
+  get reader() {
+    if (this.whole?.buffer !== this.buffer) this.whole = new DataView(this.buffer);
+    return this.whole;
+  }
+
   /** An array of zeros; `type`: "f8", "f4", "i8", "b1" or the name of a record. */
   array(type, ...shape) {
     const size = VIEWS[type]?.BYTES_PER_ELEMENT ?? this.layout.records[type].size;
@@ -65,6 +76,11 @@ export class Memory {
     return block;
   }
 
+  /** An array of rows of numbers, at least one. */
+  rows(type, rows) {
+    return this.filled(type, rows.flat(), rows.length, rows[0].length);
+  }
+
   /** What `work` returns; arrays that it makes are gone afterwards. */
   scratch(work) {
     const { end } = this;
@@ -78,8 +94,8 @@ export class Memory {
   /** Call a kernel by its symbol; an argument may be a list of several. Returns its number. */
   call(symbol, ...given) {
     const values = given.flat();
-    const view = new DataView(this.buffer, this.slots.address, MOST_SLOTS * WORD);
-    let place = 0;
+    const view = this.reader;
+    let place = this.slots.address;
     const put = (type, value) => {
       if (type === "f8") view.setFloat64(place, value, true);
       else view.setBigInt64(place, BigInt(value), true);
@@ -148,10 +164,11 @@ class Block {
     return part;
   }
 
-  /** Row `i` of a record as an object of numbers, lists and objects. */
-  read(i = 0) {
-    const { records } = this.memory.layout;
-    return readRow(this.memory.buffer, records[this.type], this.address + i * this.size);
+  /** Row `i` of a record, or a record in it, as an object of numbers, lists and objects. */
+  read(i = 0, part = null) {
+    const record = this.memory.layout.records[this.type];
+    const [offset, fields] = part ? record.fields[part] : [0, record];
+    return readRow(this.memory.reader, fields, this.address + i * this.size + offset);
   }
 
   /** Set some fields of row `i`. */
@@ -161,14 +178,17 @@ class Block {
   }
 }
 
-function readRow(buffer, { fields }, address) {
-  const entries = Object.entries(fields).map(([name, [offset, type, count]]) => {
+function readRow(reader, record, address) {
+  const row = {};
+  record.names ??= Object.keys(record.fields);
+  for (const name of record.names) {
+    const [offset, type, count] = record.fields[name];
     const place = address + offset;
-    if (typeof type !== "string") return [name, readRow(buffer, type, place)];
-    const numbers = Array.from(new VIEWS[type](buffer, place, count), Number);
-    return [name, count > 1 ? numbers : numbers[0]];
-  });
-  return Object.fromEntries(entries);
+    if (typeof type !== "string") row[name] = readRow(reader, type, place);
+    else if (count === 1) row[name] = READERS[type](reader, place);
+    else row[name] = Array.from(new VIEWS[type](reader.buffer, place, count), Number);
+  }
+  return row;
 }
 
 function writeRow(buffer, { fields }, address, values) {

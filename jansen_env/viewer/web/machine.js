@@ -13,9 +13,15 @@ const [AIR, GRIP, SLIP] = [0, 1, 2]; // what a toe does
 
 const slope = ([x, y], [u, v]) => (v - y) / (u - x);
 const numbered = (count, make) => Array.from({ length: count }, (_, i) => make(i));
-const camel = (name) => name.replace(/_(\w)/g, (_, letter) => letter.toUpperCase());
-const camelled = (row) =>
-  Object.fromEntries(Object.entries(row).map(([name, value]) => [camel(name), value]));
+const camelNames = {};
+const camel = (name) =>
+  (camelNames[name] ??= name.replace(/_(\w)/g, (_, letter) => letter.toUpperCase()));
+
+function camelled(row) {
+  const out = {};
+  for (const name of Object.keys(row)) out[camel(name)] = row[name];
+  return out;
+}
 
 export class Machine {
   /**
@@ -61,8 +67,8 @@ export class Machine {
     for (const [k, [table, phase, mirror]] of robot.layout.entries())
       this.padLayout.write({ table, phase, mirror }, k);
     this.model = [this.body, this.pads, this.padLayout, filled(bearings, 1, bearings.length)];
-    this.sides = memory.filled("i8", robot.sides.flat(), robot.sides.length, 2);
-    this.surface = filled(line.flat(), line.length, 2);
+    this.sides = memory.rows("i8", robot.sides);
+    this.surface = memory.rows("f8", line);
     this.depths = filled(depths, 1, depths.length);
     const capacity = PLANES_PER_PAD * padCount;
     this.world = memory.array("WORLD", 1);
@@ -90,11 +96,10 @@ export class Machine {
     const { memory, layout } = this;
     const { steps, scan } = layout;
     const task = layout.tasks[this.toes];
-    const filled = (type, name) => {
-      const rows = task[name];
-      const axes = Array.isArray(rows[0]) ? [rows.length, rows[0].length] : [rows.length];
-      return memory.filled(type, rows.flat(), ...axes);
-    };
+    const filled = (type, name) =>
+      Array.isArray(task[name][0])
+        ? memory.rows(type, task[name])
+        : memory.filled(type, task[name]);
     this.observed = task.observed;
     for (const name of ["places", "taskPlaces", "speeds", "angles", "measuredPlaces"])
       this[name] = filled("i8", name);
@@ -392,7 +397,7 @@ export class Machine {
   askGround() {
     const { layout, line, states, robots } = this;
     const [x] = states.view;
-    const { asked_x, pad_radius } = robots.read().status;
+    const { asked_x, pad_radius } = robots.read(0, "status");
     const { MARGIN, FASTEST, WAY_OUT, LARGEST_MARGIN } = layout.numbers;
     if (Math.abs(x - asked_x) <= MARGIN) return;
     const room = MARGIN + FASTEST * this.longest;
@@ -430,7 +435,7 @@ export class Machine {
   }
 
   get command() {
-    return this.walk.read().info.speed_command;
+    return this.walk.read(0, "info").speed_command;
   }
 
   /** The environment's `info` in camel case, with time and reward; flags are 0 or 1. */
@@ -455,14 +460,17 @@ export class Machine {
     const { layout, memory, closure, weight, force, slip } = this;
     const [x, y, pitch, psi] = this.states.view;
     const [[cos], [sin]] = memory.directions([pitch]);
-    const place = ([[u], [v]]) => [cos * u - sin * v + x, sin * u + cos * v + y];
+    const places = closure.legs([psi]);
+    const joints = places.map((u, i) =>
+      i % 2 === 0 ? cos * u - sin * places[i + 1] + x : sin * places[i - 1] + cos * u + y,
+    );
     const toes = this.contactFrames().map(({ point, tangent: [u, v] }, toe) => {
       const [along, across] = force.view.slice(2 * toe, 2 * toe + 2);
       const held = across > this.numbers.TOUCHING * weight ? GRIP : AIR;
       const contact = slip.view[toe] > this.numbers.SLIPPING * layout.period ? SLIP : held;
       return { contact, point, force: [along * u - across * v, along * v + across * u] };
     });
-    return { x, y, pitch, joints: closure.legs([psi]).map((joints) => joints.map(place)), toes };
+    return { x, y, pitch, joints, toes };
   }
 
   /** Nearest points of the ground to toes, and its tangents there: batch.py, contact_frames. */
@@ -478,7 +486,7 @@ export class Machine {
       const given = memory.filled("f8", places.flat(), toes, 2);
       memory.call("collision_planes_near", 0, given, robots, surface, world, planes);
     });
-    const { first_plane, end_plane } = robots.read().status;
+    const { first_plane, end_plane } = robots.read(0, "status");
     for (let k = end_plane - 1; k >= first_plane; k -= 1) {
       const { pad, normal_x: u, normal_y: v } = planes.read(k); // a pad's nearest comes last
       const [x, y] = places[pad];

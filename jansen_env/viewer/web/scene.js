@@ -44,9 +44,14 @@ export const THEMES = {
   },
 };
 
+const texts = new Map(); // of colours that have been asked for, by their numbers
+
 /** A theme's colour as CSS. */
-export function css(color, alpha = 1) {
-  return `rgba(${color.map(Math.round).join(",")},${alpha})`;
+export function css([red, green, blue], alpha = 1) {
+  const [r, g, b] = [Math.round(red), Math.round(green), Math.round(blue)];
+  const key = ((r * 256 + g) * 256 + b) * 128 + 100 * alpha;
+  if (!texts.has(key)) texts.set(key, `rgba(${r},${g},${b},${alpha})`);
+  return texts.get(key);
 }
 
 /** `color` with `share` of it (0 to 1) replaced by `other`. */
@@ -114,10 +119,14 @@ export function drawGround(ctx, size, scene, view, { theme = THEMES.light } = {}
   for (let i = Math.ceil(left / spacing) - 1; i * spacing < right + spacing; i++) marks.push(i);
   ctx.strokeStyle = css(theme.grid);
   ctx.lineWidth = 1;
-  for (const mark of marks) {
-    const [x] = at([mark * spacing, 0]);
-    line(ctx, [x, 0], [x, height]);
-  }
+  const verticals = marks.map((mark) => at([mark * spacing, 0])[0]);
+  lines(
+    ctx,
+    verticals.map((x) => [
+      [x, 0],
+      [x, height],
+    ]),
+  );
   const { terrain } = scene;
   if (!terrain) return;
   const inside = terrain.filter(([x]) => x > left && x < right);
@@ -221,15 +230,13 @@ function drawLeg({ ctx, theme, zoom, scene }, joints, depth) {
     );
   ctx.strokeStyle = css(ink);
   ctx.lineWidth = zoom * (5 - depth);
-  for (const [start, end] of scene.skeleton) line(ctx, joints[start], joints[end]);
+  lines(ctx, pairsOf(scene.skeleton, joints));
   ctx.strokeStyle = css(crank);
   ctx.lineWidth = zoom * (8 - 2 * depth);
-  for (const [start, end] of scene.crank) line(ctx, joints[start], joints[end]);
-  const toes = scene.toes.map(([_, joint]) => joint);
-  for (const joint of joints.filter((_, i) => !toes.includes(i))) {
-    disc(ctx, joint, zoom * (4.2 - 0.6 * depth), css(ink));
-    disc(ctx, joint, zoom * (2.3 - 0.4 * depth), css(theme.paper));
-  }
+  lines(ctx, pairsOf(scene.crank, joints));
+  const pins = joints.filter((_, i) => !scene.toes.some(([, joint]) => joint === i));
+  discs(ctx, pins, zoom * (4.2 - 0.6 * depth), css(ink));
+  discs(ctx, pins, zoom * (2.3 - 0.4 * depth), css(theme.paper));
 }
 
 function drawChassis({ ctx, theme, zoom, at, scene }, legs, { x, y, pitch }) {
@@ -265,8 +272,10 @@ function drawChassis({ ctx, theme, zoom, at, scene }, legs, { x, y, pitch }) {
   ]) {
     ctx.strokeStyle = css(color);
     ctx.lineWidth = width * zoom;
-    for (const joints of legs)
-      for (const [start, end] of scene.frame) line(ctx, joints[start], joints[end]);
+    lines(
+      ctx,
+      legs.flatMap((joints) => pairsOf(scene.frame, joints)),
+    );
   }
 }
 
@@ -315,14 +324,30 @@ function polygon(ctx, points) {
   ctx.fill();
 }
 
-function line(ctx, start, end) {
-  path(ctx, [start, end]);
+const pairsOf = (edges, joints) => edges.map(([start, end]) => [joints[start], joints[end]]);
+
+/** Lines [start, end] in one stroke. */
+function lines(ctx, ends) {
+  ctx.beginPath();
+  for (const [[x, y], [u, v]] of ends) {
+    ctx.moveTo(x, y);
+    ctx.lineTo(u, v);
+  }
   ctx.stroke();
 }
 
-function disc(ctx, [x, y], radius, color) {
+const line = (ctx, start, end) => lines(ctx, [[start, end]]);
+
+/** Discs of a colour in one filling. */
+function discs(ctx, centres, radius, color) {
+  const size = Math.max(radius, 0);
   ctx.fillStyle = color;
   ctx.beginPath();
-  ctx.arc(x, y, Math.max(radius, 0), 0, 2 * Math.PI);
+  for (const [x, y] of centres) {
+    ctx.moveTo(x + size, y);
+    ctx.arc(x, y, size, 0, 2 * Math.PI);
+  }
   ctx.fill();
 }
+
+const disc = (ctx, centre, radius, color) => discs(ctx, [centre], radius, color);

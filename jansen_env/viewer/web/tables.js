@@ -1,11 +1,10 @@
 // Robot -> periodic tables, bit for bit as jansen_env/dynamics/reduced.py has them.
 
-import { Closure, hypot, modulo, TURN } from "./closure.js";
+import { Closure, hypot, TURN } from "./closure.js";
 import { each, numbersOf } from "./engine.js";
 
 const SCALE = 2 ** 200; // for exact sums
 const range = (count) => [...Array(count).keys()];
-const nearest = (x) => x + 1.5 * 2 ** 52 - 1.5 * 2 ** 52;
 const largest = (values) => values.reduce((a, b) => Math.max(a, b));
 
 /** NumPy's sum of contiguous numbers. */
@@ -26,200 +25,52 @@ export function exactSum(values) {
   return Number(values.reduce((sum, value) => sum + BigInt(value * SCALE), 0n)) / SCALE;
 }
 
-/** Fourier series of periodic functions, by the engine's kernels: jansen_env/engine/series.py. */
-class Fourier {
-  constructor(memory) {
-    Object.assign(this, { memory, turns: {} });
-    this.harmonics = memory.layout.numbers.HARMONICS;
-  }
-
-  /** (2, count) cosines and sines of the angles that divide a turn. */
-  turn(count) {
-    if (!this.turns[count]) {
-      const quarter = each(count, (part) => nearest((4 * part) / count));
-      const angle = (part) => (0.5 * Math.PI * (4 * part - quarter[part] * count)) / count;
-      const [cos, sin] = this.memory.directions(each(count, angle));
-      const turned = (k, i) => [cos[i], -sin[i], -cos[i], sin[i]][k % 4];
-      const value = (i, ahead) => turned(quarter[i] + ahead, i);
-      const values = each(2 * count, (i) => (i < count ? value(i, 0) : value(i - count, 3)));
-      this.turns[count] = this.memory.filled("f8", values, 2, count);
-    }
-    return this.turns[count];
-  }
-
-  work(count, functions) {
-    return this.memory.array("f8", 4, count * ((functions + 1) >> 1));
-  }
-
-  /** Series (2, harmonics, functions) of functions, each an array of samples over a turn. */
-  series(functions) {
-    const [count, width] = [functions[0].length, functions.length];
-    const values = each(count * width, (i) => functions[i % width][(i / width) | 0]);
-    const series = this.memory.array("f8", 2, this.harmonics, width);
-    const given = this.memory.filled("f8", values, count, width);
-    this.memory.call("series_analyse", given, this.turn(count), this.work(count, width), series);
-    return series;
-  }
-
-  /** Samples of a series times factors (2 harmonics,): for each function an array. */
-  sampled(series, count, factors) {
-    const { memory, harmonics } = this;
-    const width = series.shape[2];
-    const values = memory.array("f8", count, width);
-    const given = [series, memory.filled("f8", factors, 2, harmonics), this.turn(count)];
-    memory.call("series_sample", given, this.work(count, width), values);
-    const { view } = values;
-    return range(width).map((f) => each(count, (i) => view[i * width + f]));
-  }
-
-  /** Largest coefficient of the last eighth, relative to the largest of its function. */
-  tail(series) {
-    const [{ view }, width, all] = [series, series.shape[2], this.harmonics];
-    const sizes = range(width).map((f) =>
-      each(all, (n) => hypot(view[n * width + f], view[(all + n) * width + f])),
-    );
-    const most = sizes.map(largest);
-    const least = 1e-3 * largest(most);
-    const last = Math.trunc((all * 7) / 8);
-    return largest(sizes.map((size, f) => largest(size.slice(last)) / Math.max(most[f], least)));
-  }
-
-  /** Sum over legs of the series of a fore leg; of back legs the first functions are mirrored. */
-  ofLegs(series, legs, mirrored) {
-    const [all, width] = [this.harmonics, series.shape[2]];
-    const total = this.memory.array("f8", 2, all, width);
-    const [from, to] = [series.view, total.view];
-    for (const side of ["fore", "back"]) {
-      const phases = legs.filter((leg) => leg.side === side).map((leg) => leg.phase);
-      const ways = phases.map((phase) => this.memory.directions(each(all, (n) => phase * n)));
-      const sumOf = (k) => each(all, (n) => ways.reduce((sum, way) => sum + way[k][n], 0));
-      const [cos, sin] = [sumOf(0), sumOf(1)];
-      const back = side === "back";
-      for (let i = 0; i < all * width; i += 1) {
-        const n = (i / width) | 0;
-        const sign = back && (n % 2 === 1) !== i % width < mirrored ? -1 : 1;
-        const [real, imaginary] = [sign * from[i], (back ? -sign : sign) * from[all * width + i]];
-        to[i] += cos[n] * real - sin[n] * imaginary;
-        to[all * width + i] += sin[n] * real + cos[n] * imaginary;
-      }
-    }
-    return total;
-  }
-
-  /** (groups, intervals, order, functions of a group) polynomials of a series. */
-  polynomials(series, groups) {
-    const { memory, harmonics } = this;
-    const { INTERVALS, ORDER } = memory.layout.numbers;
-    const width = series.shape[2];
-    const out = memory.array("f8", groups, INTERVALS, ORDER, width / groups);
-    const fine = this.turn(2 * INTERVALS).view; // of which half a step's multiples come first
-    const half = [fine.slice(0, harmonics), fine.slice(2 * INTERVALS, 2 * INTERVALS + harmonics)];
-    const expansion = numbersOf(memory.layout.expansion, Float64Array);
-    const factors = [expansion, half.flatMap((part) => [...part])];
-    const given = factors.map((part) =>
-      memory.filled("f8", part, part.length / harmonics, harmonics),
-    );
-    const work = [this.work(INTERVALS, width), memory.array("f8", 2, harmonics)];
-    memory.call("series_expand", series, given, this.turn(INTERVALS), work, out);
-    return out.view.slice();
-  }
-}
-
 /** Tables and reach of a robot: what the kernels have of it. Throws if it cannot turn. */
 export function compileRobot({ work }, robot) {
   return work.scratch(() => compileIn(work, robot));
 }
 
 function compileIn(memory, robot) {
-  const fourier = new Fourier(memory);
+  const { SAMPLES, HARMONICS, INTERVALS, ORDER, ...numbers } = memory.layout.numbers;
   const closure = new Closure(memory, robot);
-  const { SAMPLES, HARMONICS, INTERVALS, ORDER, TAIL_TOLERANCE } = memory.layout.numbers;
+  const turn = (count) => {
+    const out = memory.array("f8", 2, count);
+    memory.call("reduction_put_turn", out);
+    return out;
+  };
+  const halves = turn(2 * INTERVALS).view.slice(); // of half an interval
+  const ways = [0, 2 * INTERVALS].map((start) => [...halves.slice(start, start + HARMONICS)]);
   const psi = each(SAMPLES, (i) => (TURN / SAMPLES) * i);
-  const joints = closure.joints(psi);
-  const x = closure.coordinates(psi, joints);
-  const whole = x.map(([heading]) => unwrapped(heading));
-  const turns = whole.map((angle) => nearest((angle.at(-1) - angle[0]) / TURN));
-  const angles = whole.map((angle, k) => angle.map((value, i) => value - psi[i] * turns[k]));
-  const centres = [1, 2].flatMap((k) => x.map((part) => part[k]));
-  const motion = fourier.series([...angles, ...centres]);
-  const byAngle = each(2 * HARMONICS, (n) => (n < HARMONICS ? 0 : n - HARMONICS));
-  const slope = fourier.sampled(motion, SAMPLES, byAngle);
-  for (const [k, turn] of turns.entries()) slope[k] = slope[k].map((rate) => rate + turn);
-  const sums = fourier.series(legSums(robot, x, slope));
-  const padMotion = robot.pads.flatMap(([joint, link]) => [...joints[joint], angles[link]]);
-  const places = fourier.series(padMotion);
-  if (![motion, sums, places].every((series) => fourier.tail(series) <= TAIL_TOLERANCE))
+  const places = closure.joints(psi);
+  const motion = [memory.filled("f8", psi), closure.coordinates(psi, places), places];
+  const links = robot.bodies.map(({ mass, inertia }) => [mass, inertia]);
+  const { damped, damping, bearings, friction, legs, pads: padsOfLeg } = robot.leg;
+  const leg = [
+    memory.rows("f8", links), pairwiseSum(links.map(([, inertia]) => inertia)),
+    memory.rows("i8", damped), memory.filled("f8", damping), memory.rows("i8", bearings),
+    memory.filled("f8", friction), memory.rows("f8", legs), memory.rows("i8", padsOfLeg),
+  ]; // biome-ignore format: in the kernel's order
+  const expansion = numbersOf(memory.layout.expansion, Float64Array);
+  const constants = [
+    memory.filled("f8", expansion, ORDER, HARMONICS), turn(SAMPLES), turn(INTERVALS),
+    memory.rows("f8", ways), turn(numbers.BEARING_SAMPLES),
+  ]; // biome-ignore format: likewise
+  const work = robot.work.map((shape) => memory.array("f8", ...shape));
+  const body = memory.array("f8", 1, INTERVALS, ORDER, 8);
+  const pads = memory.array("f8", padsOfLeg.length, INTERVALS, ORDER, 3);
+  const frictions = memory.array("f8", numbers.BEARING_SAMPLES);
+  const out = [body, pads, frictions];
+  const tail = memory.call("reduction_compile_tables", motion, leg, constants, work, out);
+  if (!(tail <= numbers.TAIL_TOLERANCE))
     throw new Error("its linkage passes too near a dead point: two links that meet are in line");
-  const body = fourier.polynomials(fourier.ofLegs(sums, robot.legs, 1), 1);
-  const pads = fourier.polynomials(places, robot.pads.length);
-  for (let row = 0; row < robot.pads.length * INTERVALS; row += 1)
-    pads[(row * ORDER + 1) * 3 + 2] += turns[robot.pads[(row / INTERVALS) | 0][1]];
-  const bearings = bearingFriction(fourier, robot, slope);
-  const advance = advancePerTurn(closure);
-  return { body, pads, bearings, advance, ...reachOf(memory, robot, { body, pads }) };
-}
-
-/** Angles without jumps: `numpy.unwrap`. */
-function unwrapped(angles) {
-  let correction = 0;
-  return angles.map((angle, i) => {
-    const step = i > 0 ? angle - angles[i - 1] : 0;
-    const way = modulo(step + Math.PI, TURN) - Math.PI;
-    const short = way === -Math.PI && step > 0 ? Math.PI : way;
-    if (Math.abs(step) >= Math.PI) correction += short - step;
-    return angle + correction;
-  });
-}
-
-/** A fore leg's share of the sums over bodies: c_x, c_y, I, b, k, f, and the links' own b and k. */
-function legSums({ bodies, damping, linkage }, x, slope) {
-  const count = bodies.length;
-  const [mass, inertia] = ["mass", "inertia"].map((name) => bodies.map((link) => link[name]));
-  const [da, dx, dy] = [0, 1, 2].map((k) => slope.slice(k * count, (k + 1) * count));
-  const [px, py] = [1, 2].map((k) => x.map((part) => part[k]));
-  const sum = (factors, make) =>
-    each(da[0].length, (i) => {
-      let total = factors[0] * make(0, i);
-      for (let k = 1; k < factors.length; k += 1) total += factors[k] * make(k, i);
-      return total;
-    });
-  const square = (values) => (k, i) => values[k][i] * values[k][i];
-  const squares = (u, v) => (k, i) => u[k][i] * u[k][i] + v[k][i] * v[k][i];
-  const all = pairwiseSum(inertia);
-  const ownB = sum(inertia, (k, i) => da[k][i]);
-  const ownK = sum(inertia, square(da));
-  const moment = sum(mass, (k, i) => px[k][i] * dy[k][i] - py[k][i] * dx[k][i]);
-  return [
-    sum(mass, (k, i) => px[k][i]),
-    sum(mass, (k, i) => py[k][i]),
-    sum(mass, squares(px, py)).map((value) => value + all),
-    moment.map((value, i) => value + ownB[i]),
-    sum(mass, squares(dx, dy)).map((value, i) => value + ownK[i]),
-    sum(damping, square(relative(da, linkage.damped))),
-    ownB,
-    ownK,
-  ];
-}
-
-/** a_j' - a_i' of pairs of bodies (from 1) from a' of each. */
-function relative(rates, pairs) {
-  return pairs.map(([i, j]) => rates[j - 1].map((rate, n) => rate - rates[i - 1][n]));
-}
-
-/** Coulomb friction torque of all bearings on the crank over a turn, N m. */
-function bearingFriction(fourier, robot, slope) {
-  const { BEARING_SAMPLES, HARMONICS } = fourier.memory.layout.numbers;
-  const friction = robot.bearing_friction;
-  let total = each(BEARING_SAMPLES, () => 0);
-  if (!friction.some((value) => value > 0)) return total;
-  const rates = fourier.series(relative(slope, robot.linkage.bearings));
-  const unscaled = each(2 * HARMONICS, (n) => (n < HARMONICS ? 1 : 0));
-  for (const leg of robot.legs) {
-    const turning = fourier.sampled(fourier.ofLegs(rates, [leg], 0), BEARING_SAMPLES, unscaled);
-    const share = (i) => (sum, value, k) => sum + value * Math.abs(turning[k][i]);
-    total = total.map((value, i) => value + friction.reduce(share(i), 0));
-  }
-  return total;
+  const tables = { body: body.view.slice(), pads: pads.view.slice() };
+  const reach = reachOf(memory, robot, tables);
+  return {
+    ...tables,
+    bearings: frictions.view.slice(),
+    advance: advancePerTurn(closure),
+    ...reach,
+  };
 }
 
 /** How far pads and centre of mass get: see jansen_env/plants/design_tables.py. */
@@ -256,13 +107,15 @@ function reachOf(memory, robot, { body, pads }) {
 function advancePerTurn(closure, samples = 720) {
   const { scene } = closure.robot;
   const step = TURN / samples;
-  const psi = each(samples + 1, (i) => (i === samples ? TURN : i * step));
-  const legs = closure.legs(psi);
-  const toes = scene.toes.map(([leg, joint]) => legs[leg][joint]);
+  const places = closure.legs(each(samples + 1, (i) => (i === samples ? TURN : i * step)));
   const steps = each(samples, (i) => {
-    const heights = toes.map(([, y]) => y[i + 1] + y[i]);
-    const [x] = toes[heights.indexOf(Math.min(...heights))];
-    return x[i + 1] - x[i];
+    const starts = scene.toes.map(
+      ([leg, joint]) => 2 * ((leg * (samples + 1) + i) * scene.joints.length + joint),
+    );
+    const after = 2 * scene.joints.length;
+    const heights = starts.map((k) => places[k + after + 1] + places[k + 1]);
+    const lowest = starts[heights.indexOf(Math.min(...heights))];
+    return places[lowest + after] - places[lowest];
   });
   return -pairwiseSum(steps);
 }

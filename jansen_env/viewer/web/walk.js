@@ -8,7 +8,7 @@ import { pointsOf, textOf } from "./drawn_ground.js";
 import { Engine, numbersOf } from "./engine.js";
 import { robotWithLengths } from "./lengths.js";
 import { LESSONS } from "./lessons.js";
-import { plotOn } from "./plots.js";
+import { drawPlot } from "./plots.js";
 import { CLICK_PUSH, drawPush, impulseOf } from "./push.js";
 import { css, drawScene, followingView, heightAt, THEMES } from "./scene.js";
 import { explain } from "./terms.js";
@@ -23,7 +23,8 @@ const RELEASE_RATE = 8; // ... and after it
 const COMMAND_RATE = 0.5; // 1/s, of the command while a key is held, of the fastest
 const FIRST_COMMAND = 0.3; // m/s
 const WINDOW = 10; // s, of the plots
-const REPLOT = 200; // ms between two pictures of the plots, and of numbers
+const REPLOT = 100; // ms between two pictures of a plot; one at a time
+const REWRITE = 200; // ms between two writings of numbers
 const DEAD_ZONE = 0.12; // of a gamepad's stick
 const LARGEST_SEED = 2 ** 32 - 1;
 const MESSAGE_TIME = 6000; // ms for which a message is shown
@@ -33,15 +34,11 @@ const DRAWN = "drawn";
 const OVERVIEW = 0.3; // zoom while a ground is drawn
 const STEADY = "constant speed";
 const PLOTS = [
-  ["crank torque", "N m", (info) => info.torque],
-  ["slip speed, all toes", "m/s", (info) => sum(info.slip) / STEP],
-  ["motor power", "W", (info) => info.motorWork / STEP],
-  [
-    "largest toe load",
-    "N",
-    ({ contactForce }) => Math.max(...contactForce.filter((_, i) => i % 2)),
-  ],
-];
+  ["crank torque", "N m"],
+  ["slip speed, all toes", "m/s"],
+  ["motor power", "W"],
+  ["largest toe load", "N"],
+]; // as walker.js has their numbers
 const SCORE = [
   ["distance", ({ distance }) => shown(distance, 2, " m")],
   ["slip per metre", ({ slip }) => shown(slip, 3, " m/m")],
@@ -67,6 +64,7 @@ const within = (value, low, high) => Math.min(Math.max(value, low), high);
 const plain = (name) => name.replaceAll("_", " ");
 const data = JSON.parse($("data").textContent);
 const dark = matchMedia("(prefers-color-scheme: dark)");
+const pictures = $("pictures").children;
 const engine = new Engine(numbersOf(data.engine, Uint8Array), data.layout);
 
 let chosen = {}; // by the names of DEFAULTS
@@ -79,7 +77,9 @@ let running = false;
 let shownAt = null; // count of steps at which the past is shown, or null for now
 let due = 0; // share of a step that has not been taken
 let last = 0; // ms, of the frame before
-let plotted = 0; // ms, of the last plots
+let written = 0; // ms, when numbers were last written
+let plotted = 0; // ms, when the last plot was drawn
+let plot = 0; // its number
 let held = 0; // -1, 0, 1: the keys
 let returns = false; // whether the torque goes back to 0
 let won = false; // whether the goal was reached since the start
@@ -137,7 +137,7 @@ function start(made, choice = chosen) {
   shownAt = null;
   due = 0;
   won = false;
-  torque = plotted = 0;
+  torque = written = 0;
   showPanel();
   remember();
 }
@@ -241,15 +241,19 @@ function frame(now) {
   const passed = Math.min((now - last) / 1000, LONGEST_GAP);
   last = now;
   if (running && !$("help").open) advance(passed);
-  const replot = now - plotted > REPLOT;
+  const rewrite = now - written > REWRITE;
   for (const [i, walker] of walkers.entries()) {
-    const figure = $("pictures").children[i];
-    if (running || drag || stroke || replot) draw(walker, figure); // seldom while time stands still
-    if (replot) showScore(walker, figure);
+    const figure = pictures[i];
+    if (running || drag || stroke || rewrite) draw(walker, figure); // seldom while time stands still
+    if (rewrite) showScore(walker, figure);
   }
-  if (replot) {
+  if (now - plotted > REPLOT / PLOTS.length) {
     plotted = now;
-    drawPlots();
+    plot = (plot + 1) % PLOTS.length;
+    drawCurves(plot);
+  }
+  if (rewrite) {
+    written = now;
     showPast();
     showEnergies();
     if (lesson >= 0) write($("answer"), LESSONS[lesson].answer(walkers));
@@ -302,7 +306,7 @@ function goBy(steps) {
   run(false);
   shownAt = within((shownAt ?? newest + (steps < 0 ? 1 : 0)) + steps, first, newest);
   shownAt -= shownAt % APART;
-  plotted = 0; // at once
+  written = 0; // at once
 }
 
 /** First and last count of the past to which all walkers can go. */
@@ -313,14 +317,28 @@ function rangeOfPast() {
 
 // What is shown.
 
-function draw(walker, figure) {
-  const canvas = figure.querySelector("canvas");
-  const ctx = canvas.getContext("2d", { alpha: false });
+const sizes = new Map(); // of canvases, CSS pixels
+const watch = new ResizeObserver((entries) => {
+  for (const { target, contentRect } of entries) sizes.set(target, contentRect);
+});
+
+/** A canvas' context, scaled to CSS pixels, and its size; null while it is not shown. */
+function sheetOf(canvas, options) {
+  const size = sizes.get(canvas);
+  if (!size?.width) return null;
   const ratio = window.devicePixelRatio || 1;
-  const size = { width: canvas.clientWidth, height: canvas.clientHeight };
   const [width, height] = [size.width, size.height].map((length) => Math.round(length * ratio));
   if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+  const ctx = canvas.getContext("2d", options);
   ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
+  return { ctx, size };
+}
+
+function draw(walker, figure) {
+  const canvas = figure.firstElementChild;
+  const sheet = sheetOf(canvas, { alpha: false });
+  if (!sheet) return;
+  const { ctx, size } = sheet;
   const theme = dark.matches ? THEMES.dark : THEMES.light;
   const { scene } = walker.machine;
   const now = shownAt === null;
@@ -360,26 +378,29 @@ function showScore({ score, fallen, stuck }, figure) {
   write(figure.querySelector("output"), note);
 }
 
-/** Curves of the last seconds before the time that is shown. */
-function drawPlots() {
+/** Draw a plot: curves of the last seconds before the time that is shown. */
+function drawCurves(number) {
+  const sheet = sheetOf($("plots").children[number].lastElementChild);
+  if (!sheet) return;
+  const { ctx, size } = sheet;
   const theme = dark.matches ? THEMES.dark : THEMES.light;
+  const curves = walkers.map((walker, i) => {
+    const values = lastPlaces(walker).map(({ numbers }) => numbers[number]);
+    return { time: values.map((_, k) => k * STEP), values, first: 0, color: NAMES[i] };
+  });
+  ctx.clearRect(0, 0, size.width, size.height);
+  drawPlot(ctx, curves, WINDOW, size, theme, colorsOf(dark.matches));
+}
+
+const NAMES = ["first", "second"];
+const colors = {}; // of walkers, in the dark and in the light
+
+function colorsOf(isDark) {
   const style = getComputedStyle(document.documentElement);
-  const names = ["first", "second"];
-  const colors = Object.fromEntries(
-    names.map((name) => [name, style.getPropertyValue(`--${name}`)]),
+  colors[isDark] ??= Object.fromEntries(
+    NAMES.map((name) => [name, style.getPropertyValue(`--${name}`)]),
   );
-  const places = walkers.map(lastPlaces);
-  const time = places[0].map((_, k) => k * STEP);
-  for (const [k, [, , value]] of PLOTS.entries()) {
-    const canvas = $("plots").children[k].querySelector("canvas");
-    const curves = places.map((those, i) => ({
-      time, values: those.map(({ info }) => value(info)), first: 0, color: names[i],
-    })); // biome-ignore format: one line
-    const plot = plotOn(canvas, curves, WINDOW);
-    const size = { width: canvas.clientWidth, height: canvas.clientHeight };
-    plot.paint(theme, colors, size, window.devicePixelRatio || 1);
-    plot.draw(time.at(-1) ?? 0, [], colors);
-  }
+  return colors[isDark];
 }
 
 /** Steps of a walker that its plots show. */
@@ -413,7 +434,7 @@ function showPanel() {
   for (const name of Object.keys(OPTIONS)) showChoice(name);
   $("level").disabled = !hasLevels(chosen);
   $("control2").disabled = !chosen.robot2;
-  $("pictures").children[1].hidden = walkers.length < 2;
+  pictures[1].hidden = walkers.length < 2;
   $("pictures").classList.toggle("two", walkers.length > 1);
   for (const { name, unit } of data.sliders) {
     const value = walkers[0].machine.parameters[name];
@@ -422,7 +443,7 @@ function showPanel() {
   }
   for (const [i, { control }] of walkers.entries()) {
     const robot = [chosen.robot, chosen.robot2][i];
-    const title = $("pictures").children[i].querySelector("b");
+    const title = pictures[i].querySelector("b");
     title.textContent = `${nameOf(robot)}, ${nameOf(control)}`;
   }
   $("input-label").textContent = byHand() ? "torque" : "speed command";
@@ -539,7 +560,8 @@ function buildPanel() {
   for (const [label] of SCORE) addNumber(picture.querySelector("dl"), label);
   for (const [label] of ENERGIES) addNumber($("energies"), label);
   $("pictures").append(picture.cloneNode(true));
-  for (const figure of $("pictures").children) listen(figure);
+  for (const figure of pictures) listen(figure);
+  for (const canvas of document.querySelectorAll("canvas")) watch.observe(canvas);
 }
 
 function copyLink() {
@@ -554,7 +576,7 @@ function copyLink() {
 /** Save the walks since the start as files that Python walks again. */
 function save() {
   for (const [i, walker] of walkers.entries()) {
-    const label = $("pictures").children[i].querySelector("b").textContent;
+    const label = pictures[i].querySelector("b").textContent;
     download(`walk${i || ""}.json`, "application/json", JSON.stringify(walker.file(label)));
   }
 }

@@ -28,6 +28,7 @@ from jansen_env.plants import base, batch, design_tables, grounds, robot_paramet
 from jansen_env.policies import pretrained
 from jansen_env.robot import ROBOTS, Robot, buildable
 from jansen_env.robot.designs import is_of_built_parts
+from jansen_env.robot.kinematics import body_arrays, dyad_arrays
 from jansen_env.robot.robot_file import robot_to_json
 from jansen_env.tasks.walking import walker_benchmark, walker_env
 from jansen_env.tasks.walking.presets import ROUGH
@@ -111,11 +112,14 @@ def robot_data(name: str, robot: Robot) -> Json:
 
     None stands for infinity.
     """
-    row = robot_parameters.kernel_row(robot)[0]
+    row, leg = robot_parameters.kernel_row(robot)[0], reduced.leg_data(robot)
+    (members, *_), (dyads, _) = body_arrays(robot), dyad_arrays(robot)
     return {
         "name": name,
         **robot_to_json(robot),
-        "members": robot.linkage.members,
+        "closing": {"members": members.tolist(), "dyads": dyads.tolist()},
+        "leg": {name: values.tolist() for name, values in leg.items() if name != "links"},
+        "work": reduced.work_shapes(leg),
         "pads": robot.linkage.all_pads,
         "layout": design_tables.kernel_model(reduced.compile_robot(robot)).layout[0].tolist(),
         "sides": pad_sides(robot).tolist(),

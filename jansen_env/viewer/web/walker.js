@@ -10,6 +10,13 @@ export const STEP = 0.02; // s, of a control step
 export const APART = 25; // steps between two places to which time can go back
 const KEPT = 3000; // steps of the past: 60 s
 const MIN_DISTANCE = 1e-3; // m, below which a ratio per metre is not formed
+const PLOTTED = [
+  ({ torque }) => torque, // N m
+  ({ slip }) => slip.reduce((total, path) => total + path, 0) / STEP, // m/s, of all toes
+  ({ motorWork }) => motorWork / STEP, // W
+  ({ contactForce }) =>
+    contactForce.reduce((most, force, i) => (i % 2 ? Math.max(most, force) : most), 0), // N, of a toe
+];
 const NOTHING = { time: 0, speed: 0, x: 0, commanded: 0, free: 0, slipped: 0, lifted: 0 };
 
 /** A number as text, with a minus sign unless it is 0; a dash for null. */
@@ -61,7 +68,7 @@ export class Walker {
     this.asked = {}; // what comes before the next step
     this.sums = NOTHING;
     this.fallen = this.stuck = false;
-    this.past = []; // {count, pose, info} of the start and of each step
+    this.past = []; // {count, pose, info, numbers for plots} of the start and of each step
     this.keep(0);
   }
 
@@ -95,7 +102,7 @@ export class Walker {
   /** Take a step of a torque, -1 to 1, where it is given by hand, else for a command, m/s. */
   step(torque, command) {
     if (this.stuck) return;
-    if (!this.byHand) this.machine.change({ command });
+    if (!this.byHand && command !== this.machine.command) this.machine.change({ command });
     const action = this.byHand ? torque : this.controller.act();
     this.machine.step(action);
     this.walk.steps.push({ action, command: this.machine.command, ...this.asked });
@@ -111,7 +118,8 @@ export class Walker {
 
   keep(count) {
     const { machine, controller, control, sums, fallen } = this;
-    const place = { count, pose: machine.pose(), info: machine.info };
+    const { info } = machine;
+    const place = { count, pose: machine.pose(), info, numbers: PLOTTED.map((of) => of(info)) };
     if (count % APART === 0) {
       const memory = structuredClone(controller.memory ?? null);
       place.snapshot = { state: machine.snapshot(), control, memory, sums, fallen };
@@ -144,8 +152,11 @@ export class Walker {
     const [from, to] = [this.past[Math.max(index - 1, 0)].pose, this.past[index].pose];
     const part = (a, b) => a + share * (b - a);
     const [x, y, pitch] = ["x", "y", "pitch"].map((name) => part(from[name], to[name]));
-    const joints = to.joints.map((leg, i) =>
-      leg.map((point, j) => point.map((value, k) => part(from.joints[i][j][k], value))),
+    const places = to.joints.map((value, i) => part(from.joints[i], value));
+    const { legs, joints: names } = this.machine.scene;
+    const pointOf = (k) => [places[2 * k], places[2 * k + 1]];
+    const joints = legs.map((_, leg) =>
+      [...names].map((_name, joint) => pointOf(leg * names.length + joint)),
     );
     const toes = to.toes.map((toe, i) => {
       return { ...toe, point: toe.point.map((value, k) => part(from.toes[i].point[k], value)) };

@@ -1,0 +1,183 @@
+"""A leg's motion -> the periodic tables of a robot: see :mod:`jansen_env.dynamics.reduced`."""
+
+from __future__ import annotations
+
+import math
+
+from jansen_env.engine import mathematics
+from jansen_env.engine.kernel import Floats1, Floats2, Floats3, Floats4, Ints2, kernel, stage
+from jansen_env.engine.series import analyse, expand, sample
+
+TURN = 2.0 * math.pi
+LAST = 7, 8  # share of the harmonics from which on they are the tail
+NEGLIGIBLE = 1e-3  # of the largest coefficient: a body that does not turn has nothing but rounding
+ONE, SLOPE, WORK = range(3)  # of the factors
+
+
+@kernel
+def put_turn(out: Floats2) -> None:
+    """Put cosines and sines of the angles that divide a turn into (2, count)."""
+    count = out.shape[1]
+    for part in range(count):
+        quarter = mathematics.nearest(4.0 * part / count)  # from which angles are small
+        angle = 0.5 * math.pi * (4.0 * part - quarter * count) / count
+        cos, sin = mathematics.cos(angle), mathematics.sin(angle)
+        for _ in range(int(quarter) % 4):
+            cos, sin = -sin, cos
+        out[0, part], out[1, part] = cos, sin
+
+
+@kernel
+def compile_tables(
+    psi: Floats1, x: Floats3, places: Floats3, links: Floats2, inertia: float, damped: Ints2,
+    damping: Floats1, bearings: Ints2, friction: Floats1, legs: Floats2, pads: Ints2,
+    weights: Floats2, turn: Floats2, table_turn: Floats2, half_step: Floats2, bearing_turn: Floats2,
+    work: Floats2, factors: Floats3, turns: Floats1, motion: Floats2, motion_series: Floats3,
+    slope: Floats2, sums: Floats2, sum_series: Floats3, all_sums: Floats3, pad_motion: Floats2,
+    pad_series: Floats3, rates: Floats2, rate_series: Floats3, leg_rates: Floats3,
+    turning: Floats2, body: Floats4, pad_tables: Floats4, bearing_table: Floats1,
+) -> float:  # fmt: skip
+    """Compile the tables, and return their tail: the largest of the last harmonics.
+
+    Args:
+        psi: (n,) crank angles evenly over a turn. x: (n, bodies, 3) and places: (n, joints, 2) of a
+            fore leg. links: (bodies, 2) mass and inertia. inertia: sum of the latter.
+        damped, bearings: pairs of bodies, and of each damping, N m s, friction: N m.
+        legs: (legs, 2) 1 of a fore leg and -1 of a back leg, phase. pads: (pads, 2) joint and body.
+        weights, half_step: see :func:`jansen_env.engine.series.expand`.
+        turn, table_turn, bearing_turn: :func:`put_turn` of n, of the intervals, of the bearings.
+        work ... turning: work space. body, pad_tables: (1 or pads, intervals, order, functions)
+            out. bearing_table: (samples,) out.
+    """
+    count, bodies = len(psi), len(links)
+    for n in range(factors.shape[2]):
+        factors[ONE, 0, n], factors[ONE, 1, n] = 1.0, 0.0
+        factors[SLOPE, 0, n], factors[SLOPE, 1, n] = 0.0, n
+    for k in range(bodies):
+        _unwrap(psi, x, k, turns, motion)
+        for i in range(count):
+            motion[i, bodies + k], motion[i, 2 * bodies + k] = x[i, k, 1], x[i, k, 2]
+    analyse(motion, turn, work, motion_series)
+    sample(motion_series, factors[SLOPE], turn, work, slope)
+    for i in range(count):
+        for k in range(bodies):
+            slope[i, k] += turns[k]
+        _add_up(x[i], slope[i], links, inertia, damped, damping, sums[i])
+        for k in range(len(pads)):
+            joint, link = pads[k]
+            pad_motion[i, 3 * k], pad_motion[i, 3 * k + 1] = places[i, joint]
+            pad_motion[i, 3 * k + 2] = motion[i, link]
+        for k in range(len(bearings)):
+            first, second = bearings[k]
+            rates[i, k] = slope[i, second] - slope[i, first]
+    analyse(sums, turn, work, sum_series)
+    analyse(pad_motion, turn, work, pad_series)
+    all_sums[:] = 0.0
+    for side in (1.0, -1.0):
+        _add_legs(sum_series, legs, side, 1, all_sums)
+    expand(all_sums, weights, half_step, table_turn, work, factors[WORK], body)
+    expand(pad_series, weights, half_step, table_turn, work, factors[WORK], pad_tables)
+    for k in range(len(pads)):
+        for row in range(pad_tables.shape[1]):
+            pad_tables[k, row, 1, 2] += turns[pads[k, 1]]
+    bearing_table[:] = 0.0
+    largest = 0.0
+    for k in range(len(friction)):
+        largest = max(largest, friction[k])
+    if largest > 0.0:
+        analyse(rates, turn, work, rate_series)
+        for leg in range(len(legs)):
+            leg_rates[:] = 0.0
+            _add_legs(rate_series, legs[leg : leg + 1], legs[leg, 0], 0, leg_rates)
+            sample(leg_rates, factors[ONE], bearing_turn, work, turning)
+            for i in range(len(bearing_table)):
+                total = 0.0
+                for k in range(len(friction)):
+                    total += friction[k] * abs(turning[i, k])
+                bearing_table[i] += total
+    return max(_tail(motion_series), _tail(sum_series), _tail(pad_series))
+
+
+@stage(inline=False)
+def _unwrap(psi, x, k, turns, motion):
+    """Body k's angle without jumps, as ``numpy.unwrap``, less its whole turns in one of psi."""
+    correction = 0.0
+    motion[0, k] = x[0, k, 0]
+    for i in range(1, len(psi)):
+        step = x[i, k, 0] - x[i - 1, k, 0]
+        short = step + math.pi
+        short = (
+            short + TURN if short < 0.0 else short - TURN if short >= TURN else short
+        ) - math.pi
+        if short == -math.pi and step > 0.0:
+            short = math.pi
+        if abs(step) >= math.pi:
+            correction += short - step
+        motion[i, k] = x[i, k, 0] + correction
+    turns[k] = mathematics.nearest((motion[len(psi) - 1, k] - motion[0, k]) / TURN)
+    for i in range(len(psi)):
+        motion[i, k] -= psi[i] * turns[k]
+
+
+@stage(inline=False)
+def _add_up(x, slope, links, inertia, damped, damping, sums):
+    """A fore leg's share of the sums over bodies at an angle: c_x, c_y, I, b, k, f, own b and k."""
+    bodies = len(links)
+    sums[:] = 0.0
+    for k in range(bodies):
+        mass, own = links[k]
+        px, py = x[k, 1], x[k, 2]
+        da, dx, dy = slope[k], slope[bodies + k], slope[2 * bodies + k]
+        sums[0] += mass * px
+        sums[1] += mass * py
+        sums[2] += mass * (px * px + py * py)
+        sums[3] += mass * (px * dy - py * dx)
+        sums[4] += mass * (dx * dx + dy * dy)
+        sums[6] += own * da
+        sums[7] += own * (da * da)
+    for k in range(len(damped)):
+        first, second = damped[k]
+        rate = slope[second] - slope[first]
+        sums[5] += damping[k] * (rate * rate)
+    sums[2] += inertia
+    sums[3] += sums[6]
+    sums[4] += sums[7]
+
+
+@stage(inline=False)
+def _add_legs(series, legs, side, mirrored, total):
+    """Add the series of all legs on a side: from those of a fore leg of phase 0, g(psi + phase) or,
+    of a back leg, g(pi - psi - phase), where the first ``mirrored`` functions change their sign.
+    """
+    for n in range(series.shape[1]):
+        cos = sin = 0.0
+        for k in range(len(legs)):
+            if legs[k, 0] == side:
+                cos += mathematics.cos(legs[k, 1] * n)
+                sin += mathematics.sin(legs[k, 1] * n)
+        for f in range(series.shape[2]):
+            sign = -1.0 if side < 0.0 and (n % 2 == 1) != (f < mirrored) else 1.0
+            real, imaginary = sign * series[0, n, f], sign * side * series[1, n, f]
+            total[0, n, f] += cos * real - sin * imaginary
+            total[1, n, f] += sin * real + cos * imaginary
+
+
+@stage(inline=False)
+def _tail(series):
+    """Largest coefficient among the last harmonics, relative to the largest of its function.
+
+    Or to a thousandth of the largest of all.
+    """
+    last = series.shape[1] * LAST[0] // LAST[1]
+    largest = tail = 0.0
+    for n in range(series.shape[1]):
+        for f in range(series.shape[2]):
+            largest = max(largest, mathematics.hypot(series[0, n, f], series[1, n, f]))
+    for f in range(series.shape[2]):
+        own = end = 0.0
+        for n in range(series.shape[1]):
+            size = mathematics.hypot(series[0, n, f], series[1, n, f])
+            own = max(own, size)
+            end = max(end, size) if n >= last else end
+        tail = max(tail, end / max(own, NEGLIGIBLE * largest))
+    return tail

@@ -4,11 +4,17 @@ With $CHROMIUM set, or $JANSEN_ENV_BROWSER "required", they fail there. The fixt
 ``conftest.py``'s; what a page reports is checked at the end.
 """
 
+import json
 import math
 import os
 import re
 import shutil
+import socket
+import subprocess
+import time
 from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -70,6 +76,70 @@ def browser():
         started = driver.chromium.launch(executable_path=path, args=list(ARGUMENTS))
         yield started
         started.close()
+
+
+class Firefox:
+    """A Firefox with a profile of its own in a folder, driven by its Marionette."""
+
+    def __init__(self, path: str, folder: Path) -> None:
+        settings = {
+            "marionette.port": 0, "browser.download.folderList": 2,
+            "browser.download.dir": str(folder),
+        }  # fmt: skip
+        lines = [f"user_pref({json.dumps(k)}, {json.dumps(v)});\n" for k, v in settings.items()]
+        (folder / "user.js").write_text("".join(lines))
+        command = [path, "--headless", "--marionette", "--no-remote", "--profile", str(folder)]
+        silent = subprocess.DEVNULL
+        self.process = subprocess.Popen(command, stdout=silent, stderr=silent)
+
+    def connect(self, folder: Path) -> None:
+        """Begin a session, once it listens."""
+        port = wait_for(folder / "MarionetteActivePort")
+        self.socket = socket.create_connection(("127.0.0.1", int(port.read_text())))
+        self.replies = self.socket.makefile("rb")
+        self.receive()
+        self.call("NewSession")
+
+    def receive(self) -> Any:
+        """A message: its length, a colon, and JSON."""
+        length = iter(partial(self.replies.read, 1), b":")
+        return json.loads(self.replies.read(int(b"".join(length))))
+
+    def call(self, name: str, **parameters: Any) -> Any:
+        """The value of a WebDriver command."""
+        message = json.dumps([0, 1, f"WebDriver:{name}", parameters])
+        self.socket.sendall(f"{len(message)}:{message}".encode())
+        _, _, error, result = self.receive()
+        assert error is None, error
+        return result.get("value")
+
+    def evaluate(self, script: str) -> Any:
+        """What a script returns in the page."""
+        return self.call("ExecuteScript", script=script, args=[])
+
+
+def wait_for(path: Path) -> Path:
+    """A file, once it is there."""
+    for _ in range(WAIT // 20):
+        if path.exists() and path.stat().st_size:
+            return path
+        time.sleep(0.05)
+    raise AssertionError(f"there is no {path.name} in time")
+
+
+@pytest.fixture
+def firefox(tmp_path):
+    """Firefox, skipped where it is missing; it saves files in ``tmp_path``."""
+    if (path := shutil.which("firefox") or shutil.which("firefox-esr")) is None:
+        pytest.skip("Firefox is missing: apt-get install firefox-esr")
+    started = Firefox(path, tmp_path)
+    try:
+        started.connect(tmp_path)
+        yield started
+        started.socket.close()
+    finally:
+        started.process.terminate()
+        started.process.wait()
 
 
 @dataclass

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from browser import browser, open_window  # noqa: F401 - fixtures: once for all modules
+from browser import browser, firefox, open_window  # noqa: F401 - fixtures: once for all modules
 from known_designs import DESIGNS
 from numpy.typing import NDArray
 

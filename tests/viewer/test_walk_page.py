@@ -2,18 +2,21 @@
 
 import json
 import re
+import time
 import webbrowser
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from browser import NAMELESS, PHONE, WAIT, check_phone, reads
+from browser import NAMELESS, PHONE, WAIT, check_phone, reads, wait_for
 
 from jansen_env.commands.play import main
+from jansen_env.policies import pretrained
 from jansen_env.terrain.generators import NamedGenerator
 from jansen_env.viewer.saved_walk import walk_again
 from jansen_env.viewer.web.bench import write_bench
 from jansen_env.viewer.web.walk import write_walk
+from jansen_env.world.observations import Noise
 
 STILL = {"viewport": {"width": 1200, "height": 720}, "reduced_motion": "reduce"}
 
@@ -102,6 +105,32 @@ def test_the_browsers_walk_is_pythons(opened):
         info = env.step(np.array([0.4], np.float32))[4]
         names = info["x_position"], info["crank_speed"], info["energy"]["slip_loss"]
         assert tuple(numbers) == names, k
+
+
+def test_firefox_walks_as_python(firefox, path, tmp_path):
+    """A policy on stairs, with noise: its actions are Python's, bit for bit, for two seconds."""
+    link = "control=rough+policy&terrain=stairs&level=2&seed=3&command=0.3&noise_level=1"
+    firefox.call("Navigate", url=f"{path.as_uri()}#{link}")
+    for _ in range(WAIT // 50):
+        numbers = firefox.evaluate("return document.querySelector('figure dl').textContent")
+        if float(re.search("time([0-9.]+)", numbers)[1]) > 2.0:
+            break
+        time.sleep(0.05)
+    firefox.evaluate("document.getElementById('save').click()")
+    steps = json.loads(wait_for(tmp_path / "walk.json").read_text())["steps"]
+    env = gym.make(
+        "JansenWalkerRough-v0", terrain=NamedGenerator("stairs")(np.random.default_rng(3), 2),
+        terrain_level=0, randomize={}, noise=Noise(), reset_noise_scale=0.0, speed_command=0.3,
+        terminate_when_fallen=False,
+    )  # fmt: skip
+    policy, memory = pretrained.load("JansenWalkerRough-v0").on(env), None
+    env.reset(seed=3)
+    for k, step in enumerate(steps):
+        seen = env.unwrapped.task.observation[0]
+        action, memory = policy.predict(seen, memory, k == 0)
+        assert action[0] == step["action"], k
+        env.step(action)
+    assert len(steps) > 100
 
 
 def test_keys_turn_the_crank(opened):

@@ -69,8 +69,8 @@ export class Closure {
     const places = memory.array("f8", psi.length, names.length, 2);
     const failed = memory.scratch(() => {
       const fault = memory.array("f8", 2);
-      const given = [memory.filled("f8", psi), ...this.closing.flat(), places, fault];
-      const dyad = memory.call("closure_put_joints", given);
+      const kernelArguments = [memory.filled("f8", psi), ...this.closing.flat(), places, fault];
+      const dyad = memory.call("closure_put_joints", kernelArguments);
       return dyad < 0 ? null : [dyad, ...fault.view];
     });
     if (failed) {
@@ -87,8 +87,8 @@ export class Closure {
   /** Angle and centre of mass of each body of a fore leg with these `places`: (n, bodies, 3). */
   coordinates(psi, places) {
     const x = this.memory.array("f8", psi.length, this.robot.bodies.length, 3);
-    const given = [this.memory.filled("f8", psi), 1, ...this.bodies.flat()];
-    this.memory.call("closure_put_coordinates", given, places, x);
+    const kernelArguments = [this.memory.filled("f8", psi), 1, ...this.bodies.flat()];
+    this.memory.call("closure_put_coordinates", kernelArguments, places, x);
     return x;
   }
 

@@ -16,7 +16,7 @@ const READERS = {
 const VIEWS = { f8: Float64Array, f4: Float32Array, i8: BigInt64Array, b1: Uint8Array };
 
 /** An array (count,) of numbers. */
-export function each(count, make) {
+export function tabulate(count, make) {
   const out = new Float64Array(count);
   for (let i = 0; i < count; i += 1) out[i] = make(i);
   return out;
@@ -117,7 +117,7 @@ export class Memory {
       const out = this.array("f8", angles.length, 2);
       this.call("mathematics__put_directions", this.filled("f8", angles), out);
       const { view } = out;
-      return [0, 1].map((k) => each(angles.length, (i) => view[2 * i + k]));
+      return [0, 1].map((k) => tabulate(angles.length, (i) => view[2 * i + k]));
     });
   }
 
@@ -125,7 +125,7 @@ export class Memory {
   angles(x, y) {
     return this.scratch(() => {
       const out = this.array("f8", x.length);
-      const vectors = each(2 * x.length, (i) => (i % 2 === 0 ? x : y)[i >> 1]);
+      const vectors = tabulate(2 * x.length, (i) => (i % 2 === 0 ? x : y)[i >> 1]);
       const given = this.filled("f8", vectors, x.length, 2);
       this.call("mathematics__put_angles", given, out);
       return out.view.slice();

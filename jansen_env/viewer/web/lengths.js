@@ -21,9 +21,9 @@ export function robotWithLengths(engine, data, base, changed) {
     const given = names.map((name) => lengths[name]);
     if (!given.every(Number.isFinite))
       throw new Error(`lengths of ${design.bodies[k][0]} are missing`);
-    const fresh = ofLengths(memory, link, given);
-    if (!fresh) throw new Error(`the sides of ${design.bodies[k][0]} form no triangle`);
-    return built ? fresh : asDense(memory, link, fresh);
+    const resizedLink = ofLengths(memory, link, given);
+    if (!resizedLink) throw new Error(`the sides of ${design.bodies[k][0]} form no triangle`);
+    return built ? resizedLink : asDense(memory, link, resizedLink);
   });
   const parts = (link, k) =>
     builtPart(memory, link, design.bodies[k][0], robot.legs.length, engine.layout.numbers);
@@ -60,11 +60,11 @@ function ofLengths(memory, link, lengths) {
 function uniformPlate(points, mass) {
   const away = points.map(([x, y]) => [x - points[0][0], y - points[0][1]]);
   const squares = away.map(([x, y]) => x * x + y * y);
-  const all = range(points.length);
+  const indices = range(points.length);
   let [corners, share, largest] = [null, 12, 1e-9 * squares.reduce((sum, square) => sum + square)];
-  for (const i of all)
-    for (const j of all.slice(i + 1))
-      for (const k of all.slice(j + 1)) {
+  for (const i of indices)
+    for (const j of indices.slice(i + 1))
+      for (const k of indices.slice(j + 1)) {
         const [[x, y], p, q] = [points[i], points[j], points[k]];
         const area = Math.abs((p[0] - x) * (q[1] - y) - (p[1] - y) * (q[0] - x));
         if (area > largest) [corners, largest] = [[points[i], p, q], area];
@@ -90,8 +90,8 @@ function uniformPlate(points, mass) {
 }
 
 /** A link with as much mass a metre as another, spread as there. */
-function asDense(memory, link, fresh) {
-  const [before, after] = [link, fresh].map((each) => {
+function asDense(memory, link, resizedLink) {
+  const [before, after] = [link, resizedLink].map((each) => {
     const corners = cornersOf(memory, each);
     const [cos, sin] = memory.directions(corners.map(([, offset]) => offset));
     const spread = uniformPlate(corners.map(([c], k) => [c * cos[k], c * sin[k]]), 1).inertia; // biome-ignore format: short
@@ -101,7 +101,7 @@ function asDense(memory, link, fresh) {
   });
   const mass = (link.mass * after.size) / before.size;
   return {
-    ...fresh,
+    ...resizedLink,
     mass,
     inertia: ((link.inertia * mass) / link.mass) * (after.spread / before.spread),
   };

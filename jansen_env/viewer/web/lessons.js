@@ -11,8 +11,8 @@ const mean = (values) => values.reduce((total, value) => total + value, 0) / val
 function losses(walker) {
   const names = ["jointLoss", "slipLoss", "impactLoss"];
   const means = names.map((name) => mean(recent(walker, ({ energy }) => energy[name])));
-  const all = means.reduce((total, value) => total + value, 0);
-  return means.map((value) => (all > 0 ? `${Math.round((100 * value) / all)} %` : "–"));
+  const total = means.reduce((sum, value) => sum + value, 0);
+  return means.map((value) => (total > 0 ? `${Math.round((100 * value) / total)} %` : "–"));
 }
 
 /** title, question, what to try; the page's address; the answer from the walkers. */

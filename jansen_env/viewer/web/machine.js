@@ -172,16 +172,16 @@ export class Machine {
     }
     const numbers = { ...changes };
     if ("payload" in numbers) Object.assign(numbers, { payload_x: 0, payload_y: 0 });
-    const all = { ...this.parameters, ...numbers };
+    const wanted = { ...this.parameters, ...numbers };
     const { stiffness = INFINITE } = robot.pad_compliance;
-    if (all.restitution > 0 && stiffness < INFINITE)
-      throw new Error(`restitution is ${all.restitution}, must be 0 with compliant pads`);
-    const mass = all.mass_scale * this.linksMass + all.payload;
-    const upright = this.memory.directions([all.tilt])[0][0];
-    const gravity = this.numbers.GRAVITY * all.gravity_scale * upright;
-    const depth = (0.5 * mass * gravity) / (all.foot_stiffness_scale * stiffness); // at rest
+    if (wanted.restitution > 0 && stiffness < INFINITE)
+      throw new Error(`restitution is ${wanted.restitution}, must be 0 with compliant pads`);
+    const mass = wanted.mass_scale * this.linksMass + wanted.payload;
+    const upright = this.memory.directions([wanted.tilt])[0][0];
+    const gravity = this.numbers.GRAVITY * wanted.gravity_scale * upright;
+    const depth = (0.5 * mass * gravity) / (wanted.foot_stiffness_scale * stiffness); // at rest
     if (depth > this.numbers.DEEPEST)
-      throw new Error(`payload is ${all.payload} kg, which these feet are too soft to carry`);
+      throw new Error(`payload is ${wanted.payload} kg, which these feet are too soft to carry`);
     return numbers;
   }
 
@@ -195,7 +195,10 @@ export class Machine {
       const payload = { mass: numbers.payload, inertia: 0, position: [0, 0] };
       this.robot = { ...this.robot, payload };
     }
-    const nominal = Object.entries(this.robot.params).map(([name, value]) => [name, known(value)]);
+    const nominal = Object.entries(this.robot.params).map(([name, value]) => [
+      name,
+      withInfinity(value),
+    ]);
     const row = { ...Object.fromEntries(nominal), load_inertia: this.robot.payload.inertia };
     for (const [name, copied] of Object.entries(layout.copied)) row[copied] = parameters[name];
     for (const [name, fields] of Object.entries(layout.scaled))
@@ -334,8 +337,8 @@ export class Machine {
     const pushes = this.pushesOfStep();
     this.actions.view[0] = action;
     const torques = [this.torque, this.earlier, this.switch];
-    const given = [this.actions, this.active, this.elapsed, this.fullTorque, readings];
-    memory.call("readings_take_actions", given, this.asked, this.delay, torques);
+    const kernelArguments = [this.actions, this.active, this.elapsed, this.fullTorque, readings];
+    memory.call("readings_take_actions", kernelArguments, this.asked, this.delay, torques);
     const diverged = this.run(layout.steps, [...torques, pushes]);
     if (this.noisy) this.drawErrors();
     const { which, settings, walk, reward, ended, taskPlaces, states, slip, force } = this;
@@ -365,8 +368,8 @@ export class Machine {
   /** Draw what the sensors err by in this step: world/observations.py, NoisySensors. */
   drawErrors() {
     const { memory, which, elapsed, seed, level, deviation, speeds, drawn, bias } = this;
-    const given = [which, elapsed, seed, level, deviation, speeds, drawn];
-    memory.call("sensors_draw_errors", given, bias, this.error, this.meanError);
+    const kernelArguments = [which, elapsed, seed, level, deviation, speeds, drawn];
+    memory.call("sensors_draw_errors", kernelArguments, bias, this.error, this.meanError);
   }
 
   addErrors() {
@@ -389,8 +392,8 @@ export class Machine {
     if (pushes.length === 0) return this.noPushes;
     schedule.view.set(pushes.flat());
     scheduled.view[0] = BigInt(pushes.length);
-    const given = [active, elapsed, unplanned, schedule, scheduled, impulse];
-    return this.memory.call("pushes_fill_pushes", given.flat()) ? impulse : this.noPushes;
+    const kernelArguments = [active, elapsed, unplanned, schedule, scheduled, impulse];
+    return this.memory.call("pushes_fill_pushes", kernelArguments.flat()) ? impulse : this.noPushes;
   }
 
   /** Find the stretch of ground that can be reached, where it has moved by the margin. */
@@ -483,8 +486,8 @@ export class Machine {
     const frames = places.map(([x, y]) => ({ point: [x, y - radius], tangent: [1, 0] }));
     robots.write({ status: { margin: this.numbers.SPECULATIVE_MARGIN } });
     memory.scratch(() => {
-      const given = memory.filled("f8", places.flat(), toes, 2);
-      memory.call("collision_planes_near", 0, given, robots, surface, world, planes);
+      const points = memory.filled("f8", places.flat(), toes, 2);
+      memory.call("collision_planes_near", 0, points, robots, surface, world, planes);
     });
     const { first_plane, end_plane } = robots.read(0, "status");
     for (let k = end_plane - 1; k >= first_plane; k -= 1) {
@@ -505,8 +508,8 @@ export class Machine {
 }
 
 /** A number or a list of them, in which null is infinite. */
-function known(value) {
-  return Array.isArray(value) ? value.map(known) : (value ?? INFINITE);
+function withInfinity(value) {
+  return Array.isArray(value) ? value.map(withInfinity) : (value ?? INFINITE);
 }
 
 /** A ground's stretches as pairs of vertices: grounds.py, make_shapes. */

@@ -1,7 +1,7 @@
 // Robot -> periodic tables, bit for bit as jansen_env/dynamics/reduced.py has them.
 
 import { Closure, hypot, TURN } from "./closure.js";
-import { each, numbersOf } from "./engine.js";
+import { numbersOf, tabulate } from "./engine.js";
 
 const SCALE = 2 ** 200; // for exact sums
 const range = (count) => [...Array(count).keys()];
@@ -40,7 +40,7 @@ function compileIn(memory, robot) {
   };
   const halves = turn(2 * INTERVALS).view.slice(); // of half an interval
   const ways = [0, 2 * INTERVALS].map((start) => [...halves.slice(start, start + HARMONICS)]);
-  const psi = each(SAMPLES, (i) => (TURN / SAMPLES) * i);
+  const psi = tabulate(SAMPLES, (i) => (TURN / SAMPLES) * i);
   const places = closure.joints(psi);
   const motion = [memory.filled("f8", psi), closure.coordinates(psi, places), places];
   const links = robot.bodies.map(({ mass, inertia }) => [mass, inertia]);
@@ -78,7 +78,7 @@ function reachOf(memory, robot, { body, pads }) {
   const { ORDER, INTERVALS, PITCHES, BETWEEN, SPARSE, SPECULATIVE_MARGIN } = memory.layout.numbers;
   // Lengths of the first two functions of coefficient k in each row of a table.
   const lengths = (table, functions, k) =>
-    each(table.length / (ORDER * functions), (row) => {
+    tabulate(table.length / (ORDER * functions), (row) => {
       const place = (row * ORDER + k) * functions;
       return hypot(table[place], table[place + 1]);
     });
@@ -89,8 +89,8 @@ function reachOf(memory, robot, { body, pads }) {
   );
   const points = rows.map((place) => [BETWEEN * pads[place], BETWEEN * pads[place + 1]]);
   const most = largest(points.map((point) => hypot(...point)));
-  const [cos, sin] = memory.directions(each(PITCHES, (i) => (TURN * (i + 0.5)) / PITCHES));
-  const down = each(2 * PITCHES, (i) => -(i < PITCHES ? sin[i] : cos[i - PITCHES]));
+  const [cos, sin] = memory.directions(tabulate(PITCHES, (i) => (TURN * (i + 0.5)) / PITCHES));
+  const down = tabulate(2 * PITCHES, (i) => -(i < PITCHES ? sin[i] : cos[i - PITCHES]));
   const out = memory.array("f8", PITCHES);
   const places = memory.filled("f8", points.flat(), points.length, 2);
   memory.call("collision_put_reach", places, memory.filled("f8", down, 2, PITCHES), out);
@@ -99,7 +99,7 @@ function reachOf(memory, robot, { body, pads }) {
   const onSide = (side, i) => fore[side === "fore" ? i : PITCHES - 1 - i];
   const next = (most * Math.PI) / PITCHES;
   const depth = (i) => largest([...sides].map((side) => onSide(side, i))) + next;
-  const depths = each(PITCHES + 1, (i) => (i < PITCHES ? depth(i) : most) + SPECULATIVE_MARGIN);
+  const depths = tabulate(PITCHES + 1, (i) => (i < PITCHES ? depth(i) : most) + SPECULATIVE_MARGIN);
   return { farthest, depths, extent: BETWEEN * farthest[0][1] };
 }
 
@@ -107,8 +107,8 @@ function reachOf(memory, robot, { body, pads }) {
 function advancePerTurn(closure, samples = 720) {
   const { scene } = closure.robot;
   const step = TURN / samples;
-  const places = closure.legs(each(samples + 1, (i) => (i === samples ? TURN : i * step)));
-  const steps = each(samples, (i) => {
+  const places = closure.legs(tabulate(samples + 1, (i) => (i === samples ? TURN : i * step)));
+  const steps = tabulate(samples, (i) => {
     const starts = scene.toes.map(
       ([leg, joint]) => 2 * ((leg * (samples + 1) + i) * scene.joints.length + joint),
     );

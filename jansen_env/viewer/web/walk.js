@@ -112,10 +112,10 @@ function build(choice) {
       : groundOf(data.terrain, choice.terrain, Number(choice.level), seed);
   const pairs = [[choice.robot, choice.control]];
   if (choice.robot2) pairs.push([choice.robot2, secondControl(choice)]);
-  const made = pairs.map(
+  const newWalkers = pairs.map(
     ([robot, control]) => new Walker(engine, data, robotOf(robot), ground, control),
   );
-  start(made, choice);
+  start(newWalkers, choice);
 }
 
 /** What turns the crank of a robot at first: the policy that has learnt on it, if there is one. */
@@ -128,12 +128,12 @@ function secondControl({ control, robot2, control2 }) {
   return control2 || controlFor(robot2, control);
 }
 
-function start(made, choice = chosen) {
-  const most = made[0].controller.topSpeed;
-  if (!made[0].byHand) command = within(command, -most, most);
-  for (const walker of made) walker.start(Number(choice.seed), settings, command);
+function start(newWalkers, choice = chosen) {
+  const most = newWalkers[0].controller.topSpeed;
+  if (!newWalkers[0].byHand) command = within(command, -most, most);
+  for (const walker of newWalkers) walker.start(Number(choice.seed), settings, command);
   chosen = choice;
-  walkers = made;
+  walkers = newWalkers;
   shownAt = null;
   due = 0;
   won = false;
@@ -169,8 +169,8 @@ function choose(changes) {
   try {
     if (Object.keys(changes).every((name) => name.startsWith("control"))) {
       goOn();
-      walkers[0].take(choice.control);
-      walkers[1]?.take(secondControl(choice));
+      walkers[0].useController(choice.control);
+      walkers[1]?.useController(secondControl(choice));
       chosen = choice;
     } else build(choice);
   } catch (error) {
@@ -205,8 +205,8 @@ function push(x, y) {
 
 /** Put all that is chosen into the page's address. */
 function remember() {
-  const all = { ...chosen, command: command.toFixed(2), ...settings };
-  const different = Object.entries(all).filter(([name, value]) => value !== DEFAULTS[name]);
+  const choices = { ...chosen, command: command.toFixed(2), ...settings };
+  const different = Object.entries(choices).filter(([name, value]) => value !== DEFAULTS[name]);
   history.replaceState(null, "", `#${new URLSearchParams(different)}`);
 }
 
@@ -418,10 +418,10 @@ function showPast() {
 
 /** Where the motor's work went in the time of the plots. */
 function showEnergies() {
-  const all = walkers.map(lastPlaces);
+  const places = walkers.map(lastPlaces);
   for (const [i, [, name]] of ENERGIES.entries()) {
-    const texts = all.map((places) => {
-      const total = (energy) => sum(places.map(({ info }) => info.energy[energy]));
+    const texts = places.map((recent) => {
+      const total = (energy) => sum(recent.map(({ info }) => info.energy[energy]));
       const work = total("motorWork");
       if (!(Math.abs(work) > 1e-6)) return "–";
       return i === 0 ? `${work.toFixed(1)} J` : `${Math.round((100 * total(name)) / work)} %`;
@@ -627,7 +627,7 @@ function hold(direction) {
 }
 
 /** Let the hand turn the crank, or a controller. */
-function take() {
+function toggleHand() {
   choose({ control: byHand() ? controlFor(chosen.robot) : HAND });
 }
 
@@ -649,7 +649,7 @@ const KEYS = {
   n: () => choose({ seed: String(Number(chosen.seed) + 1) }),
   p: () => run(!running),
   s: slower,
-  c: take,
+  c: toggleHand,
   ",": () => goBy(-APART),
   ".": () => goBy(APART),
   Escape: () => $("help").close(),
@@ -761,7 +761,8 @@ const BUTTONS = {
   share: copyLink,
 };
 for (const [id, act] of Object.entries(BUTTONS)) $(id).addEventListener("click", act);
-for (const button of document.querySelectorAll(".take")) button.addEventListener("click", take);
+for (const button of document.querySelectorAll(".take"))
+  button.addEventListener("click", toggleHand);
 $("begin").addEventListener("click", () => run(true));
 $("input").addEventListener("input", () => {
   steer(Number($("input").value));

@@ -42,11 +42,11 @@ export class Walker {
     Object.assign(this, { engine, data, robot, ground });
     this.machine = new Machine(engine, robot, { points: ground });
     this.reach = this.machine.scene.reach; // m
-    this.take(control);
+    this.useController(control);
   }
 
   /** Let another controller turn the crank; throws where it does not fit the robot. */
-  take(control) {
+  useController(control) {
     this.controller = controllerNamed(this.engine, this.data, control, this.machine);
     this.control = control;
     if (this.past) this.controller.begin();
@@ -65,7 +65,7 @@ export class Walker {
     this.machine.reset({ crankAngle, command, noiseSeed: rng.integer(2n ** 63n) });
     this.controller.begin();
     this.walk = { seed, crankAngle, command, settings, steps: [] };
-    this.asked = {}; // what comes before the next step
+    this.pending = {}; // what comes before the next step
     this.sums = NOTHING;
     this.fallen = this.stuck = false;
     this.past = []; // {count, pose, info, numbers for plots} of the start and of each step
@@ -83,12 +83,12 @@ export class Walker {
   /** Change numbers of the machine from the next step on; throws if one cannot be. */
   change(changes) {
     this.machine.change(changes);
-    this.asked.changes = { ...this.asked.changes, ...changes };
+    this.pending.changes = { ...this.pending.changes, ...changes };
   }
 
   push(x, y) {
     this.machine.push(x, y);
-    this.asked.pushes = [...(this.asked.pushes ?? []), [x, y]];
+    this.pending.pushes = [...(this.pending.pushes ?? []), [x, y]];
   }
 
   /** The walk since the start as a file, with which Python walks it again. */
@@ -105,8 +105,8 @@ export class Walker {
     if (!this.byHand && command !== this.machine.command) this.machine.change({ command });
     const action = this.byHand ? torque : this.controller.act();
     this.machine.step(action);
-    this.walk.steps.push({ action, command: this.machine.command, ...this.asked });
-    this.asked = {};
+    this.walk.steps.push({ action, command: this.machine.command, ...this.pending });
+    this.pending = {};
     const { info, weight } = this.machine;
     this.stuck = info.diverged;
     if (!this.fallen) {
@@ -134,12 +134,12 @@ export class Walker {
     const index = this.past.findLastIndex((place) => place.snapshot && place.count <= count);
     const { state, control, memory, sums, fallen } = this.past[index].snapshot;
     this.machine.restore(state);
-    if (control !== this.control) this.take(control);
+    if (control !== this.control) this.useController(control);
     if (memory !== null) this.controller.memory = structuredClone(memory);
     Object.assign(this, { sums, fallen, stuck: false });
     this.past.length = index + 1;
     this.walk.steps.length = this.past[index].count;
-    this.asked = {};
+    this.pending = {};
   }
 
   /** Index in `past` of a step, or of the last one where it stopped before. */
@@ -150,16 +150,16 @@ export class Walker {
   /** The pose at a share of the step that ends at an index; what touches is as at its end. */
   poseAt(index, share) {
     const [from, to] = [this.past[Math.max(index - 1, 0)].pose, this.past[index].pose];
-    const part = (a, b) => a + share * (b - a);
-    const [x, y, pitch] = ["x", "y", "pitch"].map((name) => part(from[name], to[name]));
-    const places = to.joints.map((value, i) => part(from.joints[i], value));
+    const between = (a, b) => a + share * (b - a);
+    const [x, y, pitch] = ["x", "y", "pitch"].map((name) => between(from[name], to[name]));
+    const places = to.joints.map((value, i) => between(from.joints[i], value));
     const { legs, joints: names } = this.machine.scene;
     const pointOf = (k) => [places[2 * k], places[2 * k + 1]];
     const joints = legs.map((_, leg) =>
       [...names].map((_name, joint) => pointOf(leg * names.length + joint)),
     );
     const toes = to.toes.map((toe, i) => {
-      return { ...toe, point: toe.point.map((value, k) => part(from.toes[i].point[k], value)) };
+      return { ...toe, point: toe.point.map((value, k) => between(from.toes[i].point[k], value)) };
     });
     return { x, y, pitch, joints, toes };
   }

@@ -88,8 +88,8 @@ def test_the_browsers_walk_is_pythons(opened):
           for (let k = 0; k < 200; k += 1) {
             if (k === 50) machine.push(2, 1);
             machine.step(Math.fround(0.4));
-            const { xPosition, crankSpeed, energy } = machine.info;
-            seen.push([xPosition, crankSpeed, energy.slipLoss]);
+            const { x_position, crank_speed, energy } = machine.info;
+            seen.push([x_position, crank_speed, energy.slip_loss]);
           }
           return seen;
         }"""

@@ -13,13 +13,12 @@ const [{ Engine }, { robotWithLengths }, { compileRobot }, { Machine }, { contro
 	await Promise.all(["engine", "lengths", "tables", "machine", "controllers", "walker"].map(load));
 const { data, robots, walks, saved } = JSON.parse(readFileSync(0, "utf8"));
 const engine = new Engine(Buffer.from(data.engine, "base64"), data.layout);
-const camel = (name) => name.replace(/_(\w)/g, (_, letter) => letter.toUpperCase());
 const packed = (values) => Buffer.from(Float64Array.from(values).buffer).toString("base64");
 
 function numbersOf(machine, names, action) {
 	const { info, states, observation } = machine;
-	const told = names.map(([group, name]) => Number((group ? info[group] : info)[camel(name)]));
-	return [action, ...states.view, info.reward, ...observation, ...told, ...info.slip, ...info.contactForce];
+	const told = names.map(([group, name]) => Number((group ? info[group] : info)[name]));
+	return [action, ...states.view, info.reward, ...observation, ...told, ...info.slip, ...info.contact_force];
 }
 
 function walk({ robot, terrain, control, actions, settings, start, events, names }) {

@@ -9,7 +9,7 @@ const mean = (values) => values.reduce((total, value) => total + value, 0) / val
 
 /** What took energy in the last 10 s, as shares. */
 function losses(walker) {
-  const names = ["jointLoss", "slipLoss", "impactLoss"];
+  const names = ["joint_loss", "slip_loss", "impact_loss"];
   const means = names.map((name) => mean(recent(walker, ({ energy }) => energy[name])));
   const total = means.reduce((sum, value) => sum + value, 0);
   return means.map((value) => (total > 0 ? `${Math.round((100 * value) / total)} %` : "–"));
@@ -24,8 +24,8 @@ export const LESSONS = [
     address: "robot=built&control=constant+speed&command=0.15",
     answer([{ past, machine }]) {
       const { info } = past.at(-1);
-      const turns = Math.abs(info.crankAngle - past[0].info.crankAngle) / (2 * Math.PI);
-      const way = turns > 0.5 ? Math.abs(info.xPosition - past[0].info.xPosition) / turns : null;
+      const turns = Math.abs(info.crank_angle - past[0].info.crank_angle) / (2 * Math.PI);
+      const way = turns > 0.5 ? Math.abs(info.x_position - past[0].info.x_position) / turns : null;
       const most = Math.abs(machine.tables.advance);
       return `${shown(way, 2, " m")} a turn of the crank; ${shown(most, 2, " m")} if no toe slid.`;
     },
@@ -43,7 +43,7 @@ export const LESSONS = [
     trial: "Look at the torque: two peaks a turn. Add a payload, or a slope.",
     address: "robot=built&control=constant+speed&command=0.2",
     answer([walker]) {
-      const torques = recent(walker, ({ torque }) => Math.abs(torque));
+      const torques = recent(walker, ({ crank_torque }) => Math.abs(crank_torque));
       const most = Math.max(...torques);
       return `At most ${shown(most, 1, " N m")}, in the mean ${shown(mean(torques), 1, " N m")}.`;
     },

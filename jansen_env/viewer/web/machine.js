@@ -13,15 +13,6 @@ const [AIR, GRIP, SLIP] = [0, 1, 2]; // what a toe does
 
 const slope = ([x, y], [u, v]) => (v - y) / (u - x);
 const numbered = (count, make) => Array.from({ length: count }, (_, i) => make(i));
-const camelNames = {};
-const camel = (name) =>
-  (camelNames[name] ??= name.replace(/_(\w)/g, (_, letter) => letter.toUpperCase()));
-
-function camelled(row) {
-  const out = {};
-  for (const name of Object.keys(row)) out[camel(name)] = row[name];
-  return out;
-}
 
 export class Machine {
   /**
@@ -441,21 +432,12 @@ export class Machine {
     return this.walk.read(0, "info").speed_command;
   }
 
-  /** The environment's `info` in camel case, with time and reward; flags are 0 or 1. */
+  /** The environment's `info`, with time and reward; flags are 0 or 1. */
   get info() {
     const [{ info, energy }, walk] = [this.readings.read(), this.walk.read()];
-    return {
-      ...camelled(info),
-      ...camelled(walk.info),
-      time: this.time,
-      torque: info.crank_torque,
-      slip: [...this.slip.view],
-      contactForce: [...this.force.view],
-      motorWork: energy.motor_work,
-      energy: camelled(energy),
-      reward: this.reward.view[0],
-      rewards: camelled(walk.reward),
-    };
+    const arrays = { slip: [...this.slip.view], contact_force: [...this.force.view], energy };
+    const rewards = { reward: this.reward.view[0], rewards: walk.reward };
+    return { ...info, ...walk.info, ...arrays, ...rewards, time: this.time };
   }
 
   /** Where legs and toes are: what scene.js draws, as World.frame has it. */

@@ -47,10 +47,10 @@ const SCORE = [
   ["time", ({ time }) => shown(time, 1, " s")],
 ];
 const ENERGIES = [
-  ["motor work", "motorWork"],
-  ["into joints", "jointLoss"],
-  ["into slip", "slipLoss"],
-  ["into impacts", "impactLoss"],
+  ["motor work", "motor_work"],
+  ["into joints", "joint_loss"],
+  ["into slip", "slip_loss"],
+  ["into impacts", "impact_loss"],
 ];
 // biome-ignore format: a table
 const DEFAULTS = {
@@ -422,7 +422,7 @@ function showEnergies() {
   for (const [i, [, name]] of ENERGIES.entries()) {
     const texts = places.map((recent) => {
       const total = (energy) => sum(recent.map(({ info }) => info.energy[energy]));
-      const work = total("motorWork");
+      const work = total("motor_work");
       if (!(Math.abs(work) > 1e-6)) return "–";
       return i === 0 ? `${work.toFixed(1)} J` : `${Math.round((100 * total(name)) / work)} %`;
     });

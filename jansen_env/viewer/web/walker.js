@@ -11,11 +11,11 @@ export const APART = 25; // steps between two places to which time can go back
 const KEPT = 3000; // steps of the past: 60 s
 const MIN_DISTANCE = 1e-3; // m, below which a ratio per metre is not formed
 const PLOTTED = [
-  ({ torque }) => torque, // N m
+  ({ crank_torque }) => crank_torque, // N m
   ({ slip }) => slip.reduce((total, path) => total + path, 0) / STEP, // m/s, of all toes
-  ({ motorWork }) => motorWork / STEP, // W
-  ({ contactForce }) =>
-    contactForce.reduce((most, force, i) => (i % 2 ? Math.max(most, force) : most), 0), // N, of a toe
+  ({ energy }) => energy.motor_work / STEP, // W
+  ({ contact_force }) =>
+    contact_force.reduce((most, force, i) => (i % 2 ? Math.max(most, force) : most), 0), // N, of a toe
 ];
 const NOTHING = { time: 0, speed: 0, x: 0, commanded: 0, free: 0, slipped: 0, lifted: 0 };
 
@@ -27,12 +27,12 @@ export function shown(value, digits, unit = "") {
 
 /** The sums of a walk with one more step; `command`: m/s, null where the torque is given. */
 function counted(sums, info, weight, command) {
-  const way = info.xPosition - sums.x;
-  const next = { ...sums, x: info.xPosition, time: info.time, speed: info.meanSpeed };
+  const way = info.x_position - sums.x;
+  const next = { ...sums, x: info.x_position, time: info.time, speed: info.mean_speed };
   if (command) next.commanded += Math.sign(command) * way;
   else next.free += way;
   for (const slip of info.slip) next.slipped += slip;
-  next.lifted += Math.abs(info.motorWork) / weight;
+  next.lifted += Math.abs(info.energy.motor_work) / weight;
   return next;
 }
 

@@ -1,5 +1,5 @@
 """Take a policy along: ``python -m agents.export RUN --to onnx --to c`` writes it for onnxruntime
-and as C99 source for a microcontroller."""
+and as C99 source for a microcontroller; ``--to firmware`` with sensors and safety functions."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from jansen_env.commands.named_policies import shipped_file
 from jansen_env.files import write_bytes
 from jansen_env.scoring.benchmarks import DEFAULT
 
-KINDS = ("onnx", "c")
+KINDS = ("onnx", "c", "firmware")
 
 
 def export(
@@ -32,7 +32,7 @@ def export(
 
     Raises:
         ValueError: there is no such policy, it is damaged, or it has a part that cannot be packed;
-            or the name is none for C.
+            the name is none for C, or the policy none for firmware.
     """
     if (file := shipped_file(run, env_id or DEFAULT)) is None and env_id is not None:
         raise ValueError(f"--env is {env_id}, but {run} says itself what it was trained on")
@@ -43,9 +43,9 @@ def export(
     files: dict[str, bytes] = {}
     if "onnx" in kinds:
         files[f"{name}.onnx"] = onnx_model.build(policy, name).SerializeToString()
-    if "c" in kinds:
-        sources = c_source.sources(policy, name)
-        files |= {file: text.encode("ascii") for file, text in sources.items()}
+    for kind, write in (("c", c_source.sources), ("firmware", c_source.firmware)):
+        if kind in kinds:
+            files |= {file: text.encode("ascii") for file, text in write(policy, name).items()}
     return [write_bytes(Path(out) / file, data) for file, data in files.items()]
 
 

@@ -1,7 +1,8 @@
 """A policy as C99 source for a microcontroller: no allocation, nothing needed but math.h.
 
-The template is ``policy.c.in``. Texts of a policy's file come into comments and identifiers after
-:func:`comment` and :func:`places`, which leave nothing of them that C could take for code.
+Templates are ``policy.c.in``, and ``firmware.c.in``, which reads sensors and stops safely. Texts of
+a policy's file come into comments and identifiers after :func:`comment` and :func:`places`, which
+leave nothing of them that C could take for code.
 """
 
 from __future__ import annotations
@@ -14,10 +15,26 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 import jansen_env
 from jansen_env.baselines.policy import Array
 from jansen_env.checks import shown
-from jansen_env.policies.pretrained import Harmonics, PretrainedPolicy
+from jansen_env.engine import walk_reward
+from jansen_env.gravity import GRAVITY
+from jansen_env.policies.pretrained import Harmonics, PretrainedPolicy, arguments_of
+from jansen_env.robot.kinematics import advance_per_turn
+from jansen_env.tasks.walking.walker_env import STEPS_PER_TURN
+from jansen_env.world import onboard
+from jansen_env.world.settings import Values, load_robot
 
 TAKEN = ("main", "math", "stdio")  # files which NAME.c and NAME.h must not be taken for
 PARTS = {"{}.h": "h", "{}.c": "c", "{}_main.c": "main.c"}  # of the template, by file
+FIRMWARE = {"{}.h": "h", "{}.c": "c"}
+SENSED = {
+    "cos_crank_angle": "cosf(j->crank_angle)", "sin_crank_angle": "sinf(j->crank_angle)",
+    "crank_speed": "j->crank_speed", "sin_pitch": "j->sin_pitch", "cos_pitch": "j->cos_pitch",
+    "pitch_rate": "j->last.pitch_rate", "acceleration_x": "j->last.acceleration_x",
+    "acceleration_y": "j->last.acceleration_y", "crank_torque": "j->last.crank_torque",
+    "crank_axis_x_velocity": "j->velocity", "lag": "j->lag", "mean_speed": "j->mean_speed",
+    "speed_command": "j->command", "last_action": "j->action",
+}  # fmt: skip
+"""What firmware gives for an observation, in C."""
 UNSAFE = re.compile(r"[^A-Za-z0-9 .,:;=+\-_()\[\]{}'/%^<>]")  # in a comment
 PER_LINE = 6  # numbers of an array
 
@@ -51,7 +68,38 @@ def sources(policy: PretrainedPolicy, name: str) -> dict[str, str]:
 
     The last one is a program that reads observations and prints actions.
     """
-    check_name(name)
+    values = {"places": places(policy, check_name(name))}
+    return _render("policy.c.in", PARTS, policy, name, values)
+
+
+def firmware(policy: PretrainedPolicy, name: str) -> dict[str, str]:
+    """Return header and source of firmware: from sensors to a torque, and when to stop.
+
+    Raises:
+        ValueError: the policy observes what no onboard sensor gives, has no limit of its torque's
+            rate, or walks backwards.
+    """
+    if unknown := [seen for seen in policy.observed if seen not in SENSED]:
+        allowed = f"must be of {[*SENSED]}, as of environments with observe='onboard'"
+        raise ValueError(f"the policy observes {unknown[0]}, {allowed}")
+    arguments = {**arguments_of(policy.env_id), **policy.env_kwargs}
+    slowest, fastest = np.broadcast_to(arguments["speed_command"], 2).tolist()
+    for key, value in (("torque_rate", arguments["torque_rate"]), ("speed_command", slowest)):
+        if value is None or value <= 0.0:
+            raise ValueError(f"{key} of the policy is {value}, must be above 0 for firmware")
+    robot = load_robot("robot", arguments["robot"])
+    values = {
+        "paths": onboard.toe_paths(robot), "onboard": onboard, "rewards": walk_reward,
+        "mean_path": abs(advance_per_turn(robot)) / STEPS_PER_TURN, "gravity": GRAVITY,
+        "sensed": SENSED, "slowest": slowest, "fastest": fastest, "rate": arguments["torque_rate"],
+    }  # fmt: skip
+    return _render("firmware.c.in", FIRMWARE, policy, check_name(f"{name}_firmware"), values)
+
+
+def _render(
+    template: str, files: dict[str, str], policy: PretrainedPolicy, name: str, values: Values
+) -> dict[str, str]:
+    """Return the text of a template's files by name."""
     env = Environment(
         loader=PackageLoader("agents.export", ""), undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True, keep_trailing_newline=True,
@@ -59,16 +107,16 @@ def sources(policy: PretrainedPolicy, name: str) -> dict[str, str]:
     env.filters |= {"comment": comment, "single": _single, "real": _real, "array": _array}
     blocks = [block for block in policy.features if block.size]
     sizes = [block.size for block in blocks]
-    values = {
+    values = values | {
         "name": name, "policy": policy, "version": jansen_env.__version__,
-        "places": places(policy, name), "limited": bool(np.isfinite(policy.limit)),
         # Of each block its kind and where its features begin.
         "blocks": [(type(block).__name__, block, sum(sizes[:k])) for k, block in enumerate(blocks)],
         "harmonics": any(isinstance(block, Harmonics) for block in blocks),
+        "limited": bool(np.isfinite(policy.limit)),
         "width": max(sum(sizes), *(len(layer.bias) for layer in policy.layers)),
     }  # fmt: skip
-    template = env.get_template("policy.c.in")
-    return {file.format(name): template.render(values, part=part) for file, part in PARTS.items()}
+    made = env.get_template(template)
+    return {file.format(name): made.render(values, part=part) for file, part in files.items()}
 
 
 def _single(value: float) -> str:

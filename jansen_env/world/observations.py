@@ -110,6 +110,8 @@ class Noise:
         encoder: crank angle, rad. crank_speed: rad/s. pitch: rad. gyro: pitch rate, rad/s.
         velocity: of the crank axis in x and in y, m/s. height: of the crank axis, m.
         loads: of each toe, shares of the weight. height_scan: each of its heights, m.
+        accelerometer: each of its two, m/s^2. torque: of the motor, by its current, N m; both with
+            ``observe="onboard"``.
 
     Raises:
         ValueError: neither a number nor two, or one below 0.
@@ -123,6 +125,8 @@ class Noise:
     height: Deviation = (0.006, 0.003)
     loads: Deviation = 0.02
     height_scan: Deviation = (0.006, 0.003)
+    accelerometer: Deviation = (0.2, 0.2)
+    torque: Deviation = (0.05, 0.05)
 
     def __post_init__(self) -> None:
         for field in fields(self):

@@ -250,6 +250,8 @@ class WorldArguments(RobotArguments, total=False):
     restitution: PerRobot[float | None]
     terrain_level: PerRobot[int | Sequence[int]]
     curriculum: Curriculum | bool | None
+    torque_rate: float | None
+    observe: str
     height_scan: Sequence[float] | None
     noise: Noise | Values | None
     push: Push | Values | None
@@ -291,6 +293,8 @@ class WorldSettings:
     curriculum: Curriculum | None = shared(None, load_curriculum)
     randomize: list[Values] = each(None, load_randomization)
     reset_noise_scale: list[float] = each(0.1, partial(within, low=0.0, high=DIVERGED))
+    torque_rate: float | None = shared(None, optional(positive))
+    observe: str = shared("all", partial(one_of, known=("all", "onboard")))
     height_scan: Array = shared(None, scanned_places)
     noise: Noise | None = shared(None, partial(load_record, Noise))
     push: Push | None = shared(None, partial(load_record, Push))
@@ -374,7 +378,8 @@ class HeldSettings(WorldSettings):
     ideal_torque: ClassVar[float | None] = 5.0
     FIXED: ClassVar[frozenset[str]] = WorldSettings.FIXED | {
         "payload", "pad_compliance", "plant", "links_collide", "terrain", "friction",
-        "restitution", "terrain_level", "curriculum", "height_scan", "noise", "push",
+        "restitution", "terrain_level", "curriculum", "torque_rate", "observe", "height_scan",
+        "noise", "push",
     }  # fmt: skip
 
     control_dt: float = 0.01

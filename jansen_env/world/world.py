@@ -34,6 +34,8 @@ from jansen_env.uniform import uniform
 from jansen_env.world.episode_lengths import Build, EpisodeLengths
 from jansen_env.world.episode_parameters import EpisodeParameters, Plan, Progress
 from jansen_env.world.observations import NoisySensors, Observed, world_observations
+from jansen_env.world.onboard import KEPT as KEPT_ONBOARD
+from jansen_env.world.onboard import ONBOARD, OnboardSensors, toe_paths
 from jansen_env.world.push import Pushes, check_schedule
 from jansen_env.world.settings import (
     Arguments,
@@ -128,8 +130,13 @@ class World:
             raise ValueError(f"track_joint_forces is True, must be False with {other}")
         self.plant.tracing = self.track_joint_forces and not self.held
         self._joint_loads = np.zeros(2)
-        self.scan = settings.height_scan
+        self.scan, self._torque_rate = settings.height_scan, settings.torque_rate
         self._readings = self.observations = world_observations(self.plant.toes, len(self.scan))
+        self.onboard: OnboardSensors | None = None
+        if settings.observe == "onboard":
+            self.onboard = OnboardSensors(n, self.plant.toes, self.control_dt)
+            scanned = self._readings[len(self._readings) - len(self.scan) :]
+            self.observations = [*ONBOARD, *scanned]
         if self.held:
             self.observations = self.observations[:3]  # of the crank
             self.OPTIONS: tuple[str, ...] = ("crank_angle", "crank_speed", "delay", "lengths")
@@ -164,7 +171,7 @@ class World:
         self.asked, self.delay_steps = np.zeros((n, steps + 2)), np.zeros((n, 2), np.int64)
         self.torque, self.earlier, self.switch = np.zeros(n), np.zeros(n), np.zeros(n, np.int64)
         self._actions, self.elapsed = np.zeros((n, 1)), np.zeros(n, np.int64)
-        self.full_torque = np.zeros(n)
+        self.full_torque, self._most_change = np.zeros(n), np.full(n, np.inf)
         self.truncated, self._any_truncated = np.zeros(n, bool), False
 
     def _note_robots(self, which: Ints) -> None:
@@ -174,6 +181,8 @@ class World:
         self._links_mass[which] = [robot.links_mass for robot in robots]
         signs = np.copysign(1.0, self.advance_per_turn[which])
         self.data["direction"][which] = 1.0 if self.held else signs
+        if self.onboard is not None:
+            self.onboard.paths[which] = [*map(toe_paths, robots)]
 
     def _share_arrays(self) -> None:
         """Let information show the arrays of others."""
@@ -202,6 +211,9 @@ class World:
         self._places = np.array([names.index(name) if name in names else -1 for name in known])
         self._observation = observation
         self.lengths.connect(observed, observation)
+        if self.onboard is not None:
+            columns = {name: place for place, name in enumerate(names)}
+            self.onboard.connect(columns, observation)
         if self._noise is not None:
             self.sensors = NoisySensors(self.num_envs, self._noise, observed)
             self._share_arrays()
@@ -388,6 +400,8 @@ class World:
         masses = values["mass_scale"][which] * self._links_mass[which] + values["payload"][which]
         self.data["weight"][which] = GRAVITY * masses * values["gravity_scale"][which]
         limits = np.array([self.robots[i].motor.torque_limit for i in which.tolist()])
+        if self._torque_rate is not None:
+            self._most_change[which] = self._torque_rate * self.control_dt / limits
         limits = self.data["direction"][which] * limits
         self.full_torque[which] = limits * values["motor_strength"][which]
         self.pushes.strength[which] = values["push_strength"][which]
@@ -405,6 +419,8 @@ class World:
         info["joint_gap"][which] = self.plant.joint_gap[which]
         self.elapsed[which] = steps
         self._joint_loads[:] = 0.0
+        if self.onboard is not None:
+            self.onboard.begin(which, self.plant.states)
 
     def _begin_delay(self, which: Ints, delays: Array, asked: Array | None = None) -> None:
         """Begin episodes with ``delays`` (k,) s, and earlier torques ``asked`` (k, steps) N m."""
@@ -466,6 +482,10 @@ class World:
         if values.shape != (count, 1):
             raise ValueError(f"actions have shape {values.shape}, must have ({count}, 1)")
         self._actions[:] = values
+        if self._torque_rate is not None:
+            last, most = self.data["action"][:, None], self._most_change[:, None]
+            change = most * np.clip(np.clip(values, -1.0, 1.0) - last, -1.0, 1.0)
+            self._actions[:] = np.where(np.isfinite(values), last + change, values)
         bad = self._keep_actions(self._actions, active, self._torques)
         if bad >= 0:
             raise ValueError(f"actions[{bad}] is {values[bad, 0]}, must be finite")
@@ -496,12 +516,18 @@ class World:
         return force, impulse
 
     def disturb(self, which: Ints | None = None) -> None:
-        """Add noise to observations after a step, or of some robots between two steps."""
-        if self.sensors is None:
-            return
-        if which is not None:
-            self.sense(which)
-        self.sensors.add(self._moved if which is None else which, self._observation)
+        """Turn observations into what sensors tell, after a step, or of some robots between two."""
+        moved, which = which is None, self._moved if which is None else which
+        if self.onboard is not None:
+            torque = self.data["direction"] * self.crank_torque
+            tilt = self.episodes.values["tilt"]
+            self.onboard.read(which, moved, self.plant.states, tilt, torque)
+        if self.sensors is not None:
+            if not moved:
+                self.sense(which)
+            self.sensors.add(which, self._observation)
+        if self.onboard is not None:
+            self.onboard.filter(which, moved)
 
     def step_arguments(self) -> Arguments:
         """Return the arguments of :func:`jansen_env.engine.readings.finish_step` but the first."""
@@ -611,6 +637,8 @@ class World:
             state["robot"] = robot_to_json(self.lengths.nominal[i])
         if changed:
             state["lengths"] = dict(changed)
+        if self.onboard is not None:
+            state["onboard"] = self.onboard.kept[i].copy()
         return state
 
     def checked_state(self, i: int, state: Values) -> Values:
@@ -618,6 +646,8 @@ class World:
         checked: Values = {}
         for name, size in (("asked", self.asked.shape[1]), ("loads", self.toe_load.shape[1])):
             checked[name] = finite_numbers(f"state[{name!r}]", state[name], size)
+        if self.onboard is not None:
+            checked["onboard"] = finite_numbers("state['onboard']", state["onboard"], KEPT_ONBOARD)
         checked["plant"] = check_state(state["plant"])
         if self.held:
             check_held(checked["plant"])
@@ -665,6 +695,8 @@ class World:
         plant.slip[i] = plant.contact_force[i] = 0.0
         self.toe_load[i] = state["loads"]
         self._clear_episode(which, state["action"], state["steps"])
+        if self.onboard is not None:
+            self.onboard.go_on(i, state["onboard"])
         self.truncated[i] = plant.diverged[i] = False
         plant.any_diverged = bool(plant.diverged.any())
         self.seeds[i] = state["seed"]

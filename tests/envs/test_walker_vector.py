@@ -26,8 +26,9 @@ MODES = [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP]
         },
         {"terrain": "slope:-0.5", "terminate_when_fallen": False},  # lying on their bumpers
         {"terrain": ROUGH, "slip_weight": 3.0, "command_interval": 0.1},
+        {"observe": "onboard", "noise": {}, "delay": (0.0, 0.03), "torque_rate": 400.0},
     ],
-    ids=["ten legs", "fallen", "rough"],
+    ids=["ten legs", "fallen", "rough", "onboard"],
 )
 def test_each_does_what_it_does_alone(arguments, mode):
     """Observations, rewards, ends and information, through falls and time limits, bit for bit."""

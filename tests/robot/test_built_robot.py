@@ -4,16 +4,19 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from motions import PLANTS
 from walks import walk
 
+from agents.design.measures import loads_of_walk
 from jansen_env import MOTORS, ROBOTS, Terrain, built_robot
 from jansen_env.drawings.materials import about_origin, bill_of_materials
 from jansen_env.drawings.outlines import Round
 from jansen_env.plants.plant import ProjectionPlant, RigidBodyPlant
 from jansen_env.plants.trace import trace_forces
+from jansen_env.policies import pretrained
 from jansen_env.robot import BEARING_LOADS, JANSEN
 from jansen_env.robot import buildable as built
 from jansen_env.robot.motor import AK80_6, MX_106, XM540_W270

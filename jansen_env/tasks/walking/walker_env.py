@@ -48,6 +48,7 @@ FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine
 STEPS_PER_TURN = 4  # of the feet, with two crank pins: means are taken over a quarter turn
 ACCOUNTS: tuple[str, ...] = walk_reward.ACCOUNTS.names or ()  # lag and means
 COMMANDED = ("speed_command", *ACCOUNTS)  # in the order of ``walk_reward.observe``
+ODOMETRY = ("lag", "mean_speed")  # of them, those that are observed onboard
 FURTHEST = walk_reward.FURTHEST_TARGET
 
 
@@ -130,35 +131,39 @@ class WalkerTask(CommandedTask):
         self.covered = np.zeros((n, 2))
         terms = ("observe", "reward", "terminated")
         self._derived = any(getattr(type(self), t) is not getattr(WalkerTask, t) for t in terms)
+        self._odometry = np.zeros((n, len(ODOMETRY)))
         self._measured = np.zeros(0 if settings.noise is None else n, walk_reward.ACCOUNTS)
         super().__init__(settings, threads)
         self._command_steps = np.maximum(1.0, np.rint(self._intervals / self.control_dt))
 
     def _connect(self) -> None:
         super()._connect()
-        self._places = np.array([self.columns[name] for name in COMMANDED])
+        self._places = np.array([self.columns.get(name, -1) for name in COMMANDED])
         self._error = np.zeros((0, 2))
         if self.world.sensors is not None:
             numbers = self._measured.view(float).reshape(self.num_envs, -1)
-            self.world.sensors.measure(numbers, [self.columns[name] for name in ACCOUNTS])
+            self.world.sensors.measure(numbers, self._places[1:].tolist())
             self._error = self.world.sensors.mean_error
 
     def _order(self, world: Sequence[Observed]) -> tuple[Observed, ...]:
         """Return all observations in the documented order; a derived task's come last."""
         known = {entry.name: entry for entry in (*world, *self.OBSERVED)}
+        if self.world.onboard is not None:
+            known = {k: v for k, v in known.items() if k in ODOMETRY or k not in ACCOUNTS}
         heights = [name for name in known if name.startswith("height_scan_")]
         loads = [name for name in known if name.startswith("toe_load_")]
         later = [*COMMANDED, *loads, *heights, "last_action"]
         added = [entry.name for entry in self.OBSERVED if entry.name not in COMMANDED]
         first = [entry.name for entry in world if entry.name not in later]
         last = ("last_action", *ACCOUNTS, *heights, *added)
-        return tuple(known[name] for name in (*first, "speed_command", *loads, *last))
+        names = (*first, "speed_command", *loads, *last)
+        return tuple(known[name] for name in names if name in known)
 
     def _begin(self, which: Ints) -> None:
         """Begin episodes of robots (k,), whose lag and means are 0."""
         self.data["mean_path"][which] = abs(self.world.advance_per_turn[which]) / STEPS_PER_TURN
         self.data["next_command"][which] = self.info["speed_command"][which]
-        self.covered[which] = 0.0
+        self.covered[which] = self._odometry[which] = 0.0
         if len(self._measured) > 0:
             self._measured[which] = np.zeros((), walk_reward.ACCOUNTS)
 
@@ -166,6 +171,7 @@ class WalkerTask(CommandedTask):
         self, actions: ArrayLike, active: Bools, meanwhile: Callable[[], None] | None = None
     ) -> None:
         """Hold actions (n, 1) of the ``active`` robots (n,), see ``World.step``."""
+        self._command = self.info["speed_command"].copy()
         if self._commands_change:
             self._draw_commands(active)
         super().step(actions, active, meanwhile)
@@ -197,6 +203,22 @@ class WalkerTask(CommandedTask):
             self._places,
         )  # fmt: skip
         return (*first, *step), (self.data, self._places, *describe)
+
+    def _measure(self, which: Ints, moved: bool) -> None:
+        """Observe lag and mean speed by odometry, with ``observe="onboard"``."""
+        if self.world.onboard is None:
+            return
+        if moved:
+            command, path = self._command[which], self.data["mean_path"][which]
+            speed = self.observation[which, self.columns["crank_axis_x_velocity"]].astype(float)
+            lag, mean = self._odometry[which].T
+            lag = np.clip(lag + (command - speed) * self.control_dt, -FURTHEST, FURTHEST)
+            time = path / np.maximum(np.abs(command), 1e-9)
+            time = np.clip(time, walk_reward.SHORTEST_MEAN, walk_reward.LONGEST_MEAN)
+            mean = mean + self.control_dt / (self.control_dt + time) * (speed - mean)
+            self._odometry[which] = np.stack([lag, mean], axis=-1)
+        for name, values in zip(ODOMETRY, self._odometry[which].T, strict=True):
+            self.observation[which, self.columns[name]] = values
 
     def _draw_commands(self, active: Bools) -> None:
         """Draw the commands that hold after this step, where it is time for others."""
@@ -236,6 +258,8 @@ class WalkerTask(CommandedTask):
     def get_state(self, i: int) -> Values:
         """Return all that a robot's future depends on but its random numbers."""
         state = {**super().get_state(i), "covered": self.covered[i].copy()}
+        if self.world.onboard is not None:
+            state["odometry"] = self._odometry[i].copy()
         if len(self._measured) > 0:
             state["measured"] = dict(zip(ACCOUNTS, self._measured[i].item(), strict=True))
         return state
@@ -243,6 +267,9 @@ class WalkerTask(CommandedTask):
     def set_state(self, i: int, state: Values) -> None:
         """Go on from a complete state of :meth:`get_state`; ValueError: an entry out of range."""
         covered = finite_numbers("state['covered']", state["covered"], 2)
+        odometry = None
+        if self.world.onboard is not None:
+            odometry = finite_numbers("state['odometry']", state["odometry"], len(ODOMETRY))
         measured: tuple[float, ...] = ()
         if len(self._measured) > 0:
             given, label = state["measured"], "state['measured']"
@@ -251,8 +278,11 @@ class WalkerTask(CommandedTask):
             measured = tuple(self._in_range(label, name, given[name]) for name in ACCOUNTS)
         super().set_state(i, state)
         self.covered[i] = covered
+        if odometry is not None:
+            self._odometry[i] = odometry
         if measured:
             self._measured[i] = measured
+        if measured or odometry is not None:
             self._describe(np.array([i]))
 
 
@@ -307,6 +337,11 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     x + ahead (m; of one, x - behind), x the crank axis', whatever the pitch and the command: for a
     robot that walks towards -x those ahead come first. With ``noise`` all sensors err, as
     :class:`jansen_env.Noise` documents.
+
+    ``observe="onboard"`` shows what a machine's own computer has: crank angle and speed by an
+    encoder, pitch and its rate, the velocity in x and the accelerations of the crank axis by an IMU
+    and the legs (:class:`jansen_env.world.onboard.OnboardSensors`), crank torque by the motor's
+    current (N m), command, last action, lag and mean speed by odometry; no height, loads or slip.
 
     ## Rewards
     A target starts where the robot does and moves at the commanded speed; it waits while the robot
@@ -413,6 +448,8 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     | ``fall_contact`` | True | whether a joint on the ground is a fall |
     | ``terminate_when_fallen`` | True | whether a fall ends the episode |
     | ``track_joint_forces`` | False | adds them to ``info``; a step then takes some 10 ms more |
+    | ``torque_rate`` | None | N m/s at most by which the torque asked for changes: at an action that is 1 off, else in proportion |
+    | ``observe`` | ``"all"`` | or ``"onboard"``, see Observation Space |
     | ``height_scan`` | None | (behind, ahead, count), m: places at which the ground is looked at |
     | ``noise`` | None | a :class:`jansen_env.Noise` of the sensors, or a dictionary of its arguments |
     | ``observe_lengths`` | False | whether observations end with the lengths of the episode |

@@ -80,9 +80,7 @@ SHORTEST_TURN = 0.05  # m, by which the crank's speed is found for a command
 def walk_data() -> Json:
     """Return all that a page needs, for JSON: ``machine.js`` says what is what."""
     designs = {name: make() for name, make in ROBOTS.items()}
-    policies = dict(
-        policy_data(env, name) for env in ENVIRONMENTS for name in pretrained.names(env)
-    )
+    policies = dict(policy_data(env, name) for env, name in shown_policies())
     baselines = json.loads(walker_benchmark.DATA.read_text(encoding="utf-8"))
     module = kernel.built_library("wasm").read_bytes()
     return {
@@ -132,6 +130,12 @@ def controller_name(env_id: str, name: str) -> str:
     """Return the name that a policy of an environment has on the page."""
     preset = env_id.removeprefix("JansenWalker").removesuffix("-v0").lower() or "paper"
     return f"{preset if name == pretrained.DEFAULT else name} policy"
+
+
+def shown_policies() -> list[tuple[str, str]]:
+    """Return environments and names of the policies whose observations the page has."""
+    every = [(env, name) for env in ENVIRONMENTS for name in pretrained.names(env)]
+    return [p for p in every if pretrained.load(*p).env_kwargs.get("observe") != "onboard"]
 
 
 def policy_data(env_id: str, name: str) -> tuple[str, Json]:

@@ -1,0 +1,307 @@
+"""Firmware: it walks the simulator as Python's policy does, and stops when it must, not else."""
+
+import ctypes
+import math
+import shutil
+import subprocess
+from pathlib import Path
+from types import SimpleNamespace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from agents.export import export
+from jansen_env import ROBOTS
+from jansen_env.policies import pretrained
+from jansen_env.robot.kinematics import advance_per_turn
+from jansen_env.tasks.walking.walker_env import STEPS_PER_TURN
+from jansen_env.world.onboard import OnboardSensors, toe_paths
+
+ID, NAME = "JansenWalkerBuilt-v0", "onboard"
+STRICT = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Wshadow",
+          "-pedantic", "-Werror")  # fmt: skip
+FAULTS = ("fine", "tilted", "no encoder", "no imu", "no motor", "stalled", "low battery",
+          "too late", "no number")  # fmt: skip
+FIELDS = ("period", "speed_command", "crank_angle", "pitch_rate", "acceleration_x",
+          "acceleration_y", "crank_torque", "battery")  # fmt: skip
+PERIOD, RATE = 0.02, 60.0  # s, N m/s
+pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
+
+
+class Sensors(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_float) for name in FIELDS]
+
+
+class Memory(ctypes.Structure):
+    """As ``struct jansen``, of which the fault and the action are read."""
+
+    _fields_ = [("fault", ctypes.c_int), ("action", ctypes.c_float), ("rest", ctypes.c_float * 100)]
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory):
+    """Firmware of the shipped policy, compiled."""
+    folder = tmp_path_factory.mktemp("firmware")
+    header, source = export(f"pretrained:{NAME}", ("firmware",), folder, "mine", ID)
+    assert (header.name, source.name) == ("mine_firmware.h", "mine_firmware.c")
+    built = folder / "mine.so"
+    subprocess.run(["cc", *STRICT, "-shared", "-fPIC", "-o", built, source, "-lm"], check=True)
+    made = ctypes.CDLL(str(built))
+    made.jansen_step.restype = made.jansen_watchdog.restype = ctypes.c_float
+    made.jansen_watchdog.argtypes = ctypes.POINTER(Memory), ctypes.c_float
+    return made
+
+
+class Firmware:
+    """A machine's own computer."""
+
+    def __init__(self, library):
+        self.memory, self._library = Memory(), library
+        library.jansen_init(ctypes.byref(self.memory))
+
+    @property
+    def fault(self):
+        return FAULTS[self.memory.fault]
+
+    def step(self, **readings):
+        """The torque for readings, N m."""
+        return self._library.jansen_step(
+            ctypes.byref(self.memory), ctypes.byref(Sensors(*(readings[name] for name in FIELDS)))
+        )
+
+    def watchdog(self, elapsed):
+        return self._library.jansen_watchdog(ctypes.byref(self.memory), elapsed)
+
+
+def quantised(value, step):
+    return step * round(value / step)
+
+
+def walk(controller, command, seed, seconds=10.0):
+    """The return of an episode whose sensors are read early or late by up to 1 ms.
+
+    ``controller``: of the readings, torque in N m. Encoder of 14 bits, gyro and accelerometer of
+    16 bits (2000 degrees/s, 16 g), torque of 12 bits (12 N m), all with the errors of the
+    policy's training; each torque comes a control step late.
+    """
+    policy = pretrained.load(ID, NAME)
+    env = gym.make(ID, **{**policy.env_kwargs, "delay": PERIOD, "torque_rate": None})
+    seen, _ = env.reset(seed=seed, options={"speed_command": command})
+    rng, late, angle = np.random.default_rng(seed), 0.0, 0.0
+    names = [entry.name for entry in env.unwrapped.observed]
+    torques, total = [], 0.0
+    for _ in range(round(seconds / PERIOD)):
+        now = dict(zip(names, seen.tolist(), strict=True))
+        before, late = late, rng.uniform(-1e-3, 1e-3)
+        angle = math.atan2(now["sin_crank_angle"], now["cos_crank_angle"])
+        torque = controller(
+            period=PERIOD + late - before, speed_command=command,
+            crank_angle=quantised(angle + now["crank_speed"] * late, math.tau / 2**14),
+            pitch_rate=quantised(now["pitch_rate"], math.radians(4000.0) / 2**16),
+            acceleration_x=quantised(now["acceleration_x"], 32.0 * 9.81 / 2**16),
+            acceleration_y=quantised(now["acceleration_y"], 32.0 * 9.81 / 2**16),
+            crank_torque=quantised(now["crank_torque"], 24.0 / 2**12), battery=24.0,
+        )  # fmt: skip
+        torques.append(torque)
+        seen, reward, ended, _, _ = env.step([torque / policy.torque_limit])
+        total += reward
+        if ended:
+            break
+    return total, np.array(torques)
+
+
+class InPython:
+    """The shipped policy behind the sensors' filters of the environment."""
+
+    def __init__(self):
+        self.policy, self.action, self.lag, self.mean = pretrained.load(ID, NAME), 0.0, 0.0, 0.0
+        robot = ROBOTS[self.policy.env_kwargs["robot"]]()
+        self.path = abs(advance_per_turn(robot)) / STEPS_PER_TURN
+        self.sensors = OnboardSensors(1, len(robot.toes), PERIOD)
+        self.sensors.paths[0] = toe_paths(robot)
+        self.seen = np.zeros((1, len(self.policy.observed)), np.float32)
+        self.columns = {name: k for k, name in enumerate(self.policy.observed)}
+        self.sensors.connect(self.columns, self.seen)
+        self.first = True
+
+    def __call__(self, period, speed_command, crank_angle, battery, **now):
+        now |= {"cos_crank_angle": math.cos(crank_angle), "sin_crank_angle": math.sin(crank_angle)}
+        now |= {"last_action": self.action, "speed_command": speed_command}
+        for name, value in now.items():
+            self.seen[0, self.columns[name]] = value
+        self.sensors._period = period
+        self.sensors.filter(np.zeros(1, np.int64), moved=not self.first)
+        velocity = float(self.seen[0, self.columns["crank_axis_x_velocity"]])
+        if not self.first:
+            self.lag = float(np.clip(self.lag + (speed_command - velocity) * period, -0.5, 0.5))
+            time = np.clip(self.path / speed_command, 0.2, 3.4)
+            self.mean += period / (period + time) * (velocity - self.mean)
+        self.seen[0, self.columns["lag"]] = self.lag
+        self.seen[0, self.columns["mean_speed"]] = self.mean
+        action = float(self.policy.predict(self.seen)[0][0, 0])
+        most = self.policy.env_kwargs["torque_rate"] * PERIOD / self.policy.torque_limit
+        self.action += most * float(np.clip(action - self.action, -1.0, 1.0))
+        self.first = False
+        return self.action * self.policy.torque_limit
+
+
+def test_it_acts_as_the_policy_in_python_does(library):
+    """The same readings, rounded, noisy and jittering, give the same torque, 1e-4 N m."""
+    firmware, policy, differences = Firmware(library), InPython(), []
+
+    def both(**readings):
+        torque = firmware.step(**readings)
+        differences.append(abs(torque - policy(**readings)))
+        return torque
+
+    _, torques = walk(both, 0.3, 1)
+    assert len(torques) == 500 and np.ptp(torques) > 1.0 and max(differences) < 1e-4
+    assert np.abs(np.diff(torques, prepend=0.0)).max() <= RATE * PERIOD
+
+
+def test_it_walks_as_the_policy_in_python_does(library):
+    """The return within 2 %, mean of 20 walks, as each is chaotic; nothing stops them."""
+    returns = []
+    for command in (0.05, 0.1, 0.2, 0.3, 0.4):
+        for seed in range(4):
+            firmware = Firmware(library)
+            returns.append([walk(each, command, seed)[0] for each in (firmware.step, InPython())])
+            assert firmware.fault == "fine"
+    walked, expected = np.mean(returns, axis=0)
+    assert walked == pytest.approx(expected, rel=0.02) and walked > 250.0
+
+
+STANDING = dict(
+    period=PERIOD, speed_command=0.3, crank_angle=0.0, pitch_rate=0.0, acceleration_x=0.0,
+    acceleration_y=9.81, crank_torque=0.0, battery=24.0,
+)  # fmt: skip
+
+
+def run(library, steps, **changes):
+    """Firmware after ``steps`` of a crank at 3 rad/s, and the torques; ``changes``: of readings,
+    functions of the step."""
+    firmware, torques = Firmware(library), []
+    for k in range(steps):
+        more = {name: change(k) for name, change in changes.items()}
+        now = {**STANDING, "crank_angle": 3.0 * PERIOD * k % math.tau, **more}
+        torques.append(firmware.step(**now))
+    return SimpleNamespace(fault=firmware.fault, torques=torques, firmware=firmware)
+
+
+def missing(first, last, value):
+    """A reading that does not come in some steps."""
+    return lambda k: math.nan if first <= k < last else value(k)
+
+
+def turning(k):
+    return 3.0 * PERIOD * k % math.tau
+
+
+START = 100  # steps before something goes wrong
+TRIPS = {
+    # The fault, within how many steps, and what the readings are.
+    "falls": ("tilted", 25, {"pitch_rate": lambda k: 2.0 * (k >= START)}),
+    "no encoder": ("no encoder", 3, {"crank_angle": missing(START, 999, turning)}),
+    "slipped": ("no encoder", 3, {"crank_angle": lambda k: turning(k) + 2.0 * (k >= START)}),
+    "no imu": ("no imu", 3, {"pitch_rate": missing(START, 999, lambda k: 0.0)}),
+    "no accelerometer": ("no imu", 3, {"acceleration_y": missing(START, 999, lambda k: 9.81)}),
+    "no motor": ("no motor", 3, {"crank_torque": missing(START, 999, lambda k: 0.0)}),
+    "stall": ("stalled", 151, {"crank_angle": lambda k: turning(min(k, START))}),
+    "battery": ("low battery", 51, {"battery": lambda k: 24.0 if k < START else 19.0}),
+    "no voltage": ("low battery", 51, {"battery": missing(START, 999, lambda k: 24.0)}),
+    "late": ("too late", 1, {"period": lambda k: PERIOD if k < START else 0.07}),
+    "time stands": ("too late", 1, {"period": lambda k: PERIOD if k < START else 0.0}),
+    "no time": ("too late", 1, {"period": missing(START, 999, lambda k: PERIOD)}),
+}
+PASSES = {
+    "leaning": {"acceleration_x": lambda k: 6.0, "acceleration_y": lambda k: 7.7},
+    "two readings lost": {"crank_angle": missing(START, START + 2, turning)},
+    "imu twice lost": {"pitch_rate": missing(START, START + 2, lambda k: 0.0)},
+    "every other reading": {"crank_angle": lambda k: math.nan if k % 2 else turning(k)},
+    "motor twice lost": {"crank_torque": missing(START, START + 2, lambda k: 0.0)},
+    "a pause": {"crank_angle": lambda k: turning(k if k < START else max(START, k - 140))},
+    "standing": {"crank_angle": lambda k: 1.0, "speed_command": lambda k: 0.0},
+    "a dip": {"battery": lambda k: 19.0 if START <= k < START + 49 else 24.0},
+    "jitter": {"period": lambda k: PERIOD + 0.015 * (-1) ** k},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", TRIPS)
+def test_what_must_stop_it_stops_it_in_time(library, case):
+    """The torque is 0 from then on, whatever comes; only jansen_init begins again."""
+    fault, within, changes = TRIPS[case]
+    assert run(library, START, **changes).fault == "fine"
+    stopped = run(library, START + within, **changes)
+    assert stopped.fault == fault and stopped.torques[-1] == 0.0
+    assert any(stopped.torques[:START])
+    for _ in range(5):
+        assert stopped.firmware.step(**STANDING) == stopped.firmware.watchdog(0.0) == 0.0
+    assert stopped.firmware.fault == fault
+    early = run(library, START + within - (1 if within <= 3 else 5), **changes)
+    assert early.fault == "fine"
+
+
+@pytest.mark.parametrize("case", PASSES)
+def test_what_must_not_stop_it_does_not(library, case):
+    passed = run(library, START + 200, **PASSES[case])
+    assert passed.fault == "fine"
+    assert any(passed.torques[-20:]) == (case != "standing")
+
+
+def test_a_loop_that_hangs_is_stopped_by_the_timer(library):
+    walking = run(library, START)
+    assert walking.firmware.watchdog(0.05) == pytest.approx(walking.torques[-1]) != 0.0
+    assert walking.firmware.watchdog(0.061) == 0.0 and walking.firmware.fault == "too late"
+    assert walking.firmware.step(**STANDING) == 0.0
+
+
+def test_nothing_moves_before_each_sensor_was_read(library):
+    assert run(library, 2, crank_angle=lambda k: math.nan).torques == [0.0, 0.0]
+    assert run(library, 3, pitch_rate=lambda k: math.nan).fault == "no imu"
+    faster, fast = (run(library, 60, speed_command=lambda k, v=v: v).torques for v in (9.0, 0.6))
+    assert faster == fast  # commands end at the fastest one that it was trained for
+
+
+def test_policies_that_no_machine_can_run_are_refused(tmp_path):
+    with pytest.raises(ValueError, match="observes crank_axis_y_velocity, must be of"):
+        export("pretrained", ("firmware",), tmp_path, "mine", ID)
+    assert not [*tmp_path.iterdir()]
+
+
+CORES = {
+    "Cortex-M0+": (["-mcpu=cortex-m0plus", "-mfloat-abi=soft"], "microbit", 2e6, 42_000),
+    "Cortex-M4F": (["-mcpu=cortex-m4", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"], "mps2-an386",
+                   6e4, 37_000),
+}  # fmt: skip
+"""Compiler's flags, QEMU's machine, most instructions of a step, and most bytes of flash."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("core", CORES)
+def test_it_runs_on_a_microcontroller(library, core, tmp_path):
+    """It acts there as here, without a fault; prints what docs/firmware.md says of its size."""
+    flags, machine, most, flash = CORES[core]
+    for tool in ("arm-none-eabi-gcc", "qemu-system-arm"):
+        if shutil.which(tool) is None:
+            pytest.skip(f"there is no {tool}")
+    _, source = export(f"pretrained:{NAME}", ("firmware",), tmp_path, "mine", ID)
+    here = Path(__file__).parent
+    build = ["arm-none-eabi-gcc", *flags, "-mthumb", "-O2", "-ffunction-sections", "-std=gnu99",
+             "-nostartfiles", "-Wl,--gc-sections", "-T", here / "cortex.ld", "--specs=nano.specs",
+             "-I", tmp_path, here / "cortex.c", source, "-lm", "-o", tmp_path / "it"]  # fmt: skip
+    subprocess.run(build, check=True)
+    run_it = ["qemu-system-arm", "-M", machine, "-nographic", "-monitor", "none", "-serial", "none",
+              "-semihosting-config", "enable=on,target=native", "-icount", "shift=0",
+              "-kernel", tmp_path / "it"]  # fmt: skip
+    done = subprocess.run(run_it, capture_output=True, text=True, timeout=60)
+    ticks, of_200_000, stack, fault, torque = map(int, (done.stdout + done.stderr).split())
+    size = subprocess.run(["arm-none-eabi-size", tmp_path / "it"], capture_output=True, text=True)
+    text, data = map(int, size.stdout.splitlines()[1].split()[:2])
+    instructions = 200_000 * ticks / of_200_000
+    print(f"{core}: {instructions:.3g} instructions, flash {text + data} B, stack {stack} B")
+    firmware = Firmware(library)
+    for k in range(1, 101):
+        expected = firmware.step(**{**STANDING, "crank_angle": 0.06 * k})
+    assert FAULTS[fault] == "fine" and torque == pytest.approx(1e3 * abs(expected), abs=2)
+    assert instructions < most and text + data < flash

@@ -1,0 +1,102 @@
+"""What a machine's own computer observes, and how fast its torque may change."""
+
+import pickle
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from jansen_env.gravity import GRAVITY
+from jansen_env.plants.robot_parameters import tilted
+
+ID = "JansenWalkerBuilt-v0"
+NOISE = {"encoder": (0.001, 0.01), "gyro": (0.01, 0.005)}
+ONBOARD = {"robot": "economy", "observe": "onboard", "torque_rate": 30.0}
+
+
+def walk(env, steps, seed=3):
+    """Observations by name, and information, of some steps with a crank at about 3 rad/s."""
+    names = [entry.name for entry in env.unwrapped.observed]
+    seen, _ = env.reset(seed=seed)
+    rows = []
+    for _ in range(steps):
+        seen, _, ended, _, info = env.step([(3.0 * (3.0 - seen[2]) + 1.0) / 12.0])
+        assert not ended
+        rows.append((dict(zip(names, seen.tolist(), strict=True)), info))
+    return rows
+
+
+def test_nothing_is_observed_that_no_sensor_gives():
+    """No toe loads, slip or height. Without noise rates are exact, the velocity within 10 %."""
+    env = gym.make(ID, **ONBOARD)
+    names = [entry.name for entry in env.unwrapped.observed]
+    assert names == [
+        "cos_crank_angle", "sin_crank_angle", "crank_speed", "sin_pitch", "cos_pitch", "pitch_rate",
+        "crank_axis_x_velocity", "acceleration_x", "acceleration_y", "crank_torque",
+        "speed_command", "last_action", "lag", "mean_speed",
+    ]  # fmt: skip
+    rows, before = walk(env, 150), None
+    for seen, info in rows:
+        state = np.array([info["crank_angle"], info["pitch"]])
+        if before is not None:
+            rates = (state - before) / env.unwrapped.control_dt
+            assert [seen["crank_speed"], seen["pitch_rate"]] == pytest.approx(rates, abs=1e-4)
+        assert abs(np.arctan2(seen["sin_pitch"], seen["cos_pitch"]) - info["pitch"]) < 0.05
+        assert seen["crank_torque"] == pytest.approx(info["crank_torque"])
+        before = state
+    estimated = np.mean([seen["crank_axis_x_velocity"] for seen, _ in rows[50:]])
+    assert estimated == pytest.approx(np.mean([i["x_velocity"] for _, i in rows[50:]]), rel=0.1)
+    x, y = np.mean([[seen["acceleration_x"], seen["acceleration_y"]] for seen, _ in rows], axis=0)
+    assert abs(x) < 0.5 and y == pytest.approx(GRAVITY, abs=0.1)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.1])
+def test_gravity_gives_the_pitch_at_rest(tilt):
+    """Also on a slope, which a machine feels as one; errors come of gyro and accelerometer."""
+    env = gym.make(ID, **ONBOARD, randomize={"tilt": (tilt, tilt)} if tilt else None)
+    seen, info = env.reset(seed=1)
+    down = np.arctan2(*(-np.array(tilted((0.0, -GRAVITY), tilt)))) + info["pitch"]
+    assert seen[3:5] == pytest.approx([np.sin(down), np.cos(down)], abs=1e-6)
+    assert np.hypot(*seen[7:9]) == pytest.approx(GRAVITY, rel=1e-6)
+    noisy = gym.make(ID, **ONBOARD, noise=NOISE)
+    start = noisy.reset(seed=1)[0]
+    assert 0.0 < abs(start[3] - noisy.unwrapped.reset(seed=1)[1]["true_observation"][3]) < 0.15
+
+
+def test_a_state_has_what_the_filters_keep():
+    """It goes on bit for bit, in another environment, a batch and a pickled copy, with noise."""
+    arguments = {**ONBOARD, "noise": NOISE, "delay": (0.0, 0.02)}
+    env, other = (gym.make(ID, **arguments).unwrapped for _ in range(2))
+    check_env(env, skip_render_check=True)
+    walk(env, 20)
+    other.reset(seed=99)
+    batch = gym.make_vec(ID, 2, **arguments)
+    batch.reset(seed=1)
+    state, action = env.get_state(), np.full((2, 1), 0.3, np.float32)
+    shown = [other.set_state(state), batch.unwrapped.set_state(1, state)]
+    copy = pickle.loads(pickle.dumps(env))
+    assert (shown[0] == shown[1]).all() and shown[0][2] != 0.0
+    for _ in range(5):
+        seen = batch.step(action)[0][1]
+        assert all((each.step(action[1])[0] == seen).all() for each in (env, other, copy))
+    with pytest.raises(ValueError, match="'onboard'"):
+        env.set_state({**state, "onboard": [1.0]})
+
+
+def test_the_torque_changes_no_faster_than_its_rate():
+    env = gym.make(ID, **ONBOARD)
+    env.reset(seed=0)
+    last, most = 0.0, 30.0 * 0.02 / 12.0
+    for asked in [1.0] * 25 + [-5.0] * 45 + [-0.98]:
+        action = env.step([asked])[0][11]
+        change = most * np.clip(np.clip(asked, -1, 1) - last, -1, 1)
+        assert action - last == pytest.approx(change, abs=1e-6)
+        last = action
+    many = gym.make_vec(ID, 2, torque_rate=1.0)
+    many.reset()
+    with pytest.raises(ValueError, match="must be finite"):
+        many.step(np.array([[0.0], [np.inf]]))
+    for wrong in ({"torque_rate": 0.0}, {"observe": "some"}):
+        with pytest.raises(ValueError, match=next(iter(wrong))):
+            gym.make(ID, **wrong)

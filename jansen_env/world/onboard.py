@@ -97,18 +97,21 @@ class OnboardSensors:
         """Go on with a robot of which this was kept."""
         self._first[i], self.kept[i] = False, kept
 
-    def read(self, which: Ints, moved: bool, states: Array, tilt: Array, torque: Array) -> None:
+    def read(
+        self, which: Ints, moved: bool, states: Array, parameters: NDArray[np.void], torque: Array
+    ) -> None:
         """Observe what IMU and current tell of robots (k,), without errors.
 
-        moved: whether it is after a step. states: (n, 8). tilt: (n,) of gravity, rad. torque: (n,)
-        of motors in the last step, N m.
+        moved: whether it is after a step. states: (n, 8). parameters: (n,) of the episodes.
+        torque: (n,) of motors in the last step, N m.
         """
         new = which if moved else which[self._first[which]]
         now = states[new][:, BEFORE]
         rate, x, y = (now - self._before[new]).T / self._period
         self._before[new] = now
-        cos, sin = directions(tilt[new]).T
-        x, y = x + GRAVITY * sin, y + GRAVITY * cos
+        weight = GRAVITY * parameters["gravity_scale"][new]
+        cos, sin = directions(parameters["tilt"][new]).T
+        x, y = x + weight * sin, y + weight * cos
         cos, sin = directions(now[:, 0]).T
         imu = np.stack([rate, cos * x + sin * y, cos * y - sin * x], -1)
         self.kept[new[:, None], IMU] = imu

@@ -520,8 +520,8 @@ class World:
         moved, which = which is None, self._moved if which is None else which
         if self.onboard is not None:
             torque = self.data["direction"] * self.crank_torque
-            tilt = self.episodes.values["tilt"]
-            self.onboard.read(which, moved, self.plant.states, tilt, torque)
+            parameters = self.episodes.values
+            self.onboard.read(which, moved, self.plant.states, parameters, torque)
         if self.sensors is not None:
             if not moved:
                 self.sense(which)

@@ -169,6 +169,31 @@ def test_a_walk_at_2_rad_s_is_borne(loads):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("command", [0.05, 0.1, 0.2, 0.3, 0.4])
+def test_the_onboard_policys_walks_are_borne(command):
+    """Ten walks of 6 s from rest keep all ratings, of motor, feet, rods and pins' holes."""
+    policy = pretrained.load("JansenWalkerBuilt-v0", "onboard")
+    env = gym.make("JansenWalkerBuilt-v0", **policy.env_kwargs, time_step=FINE_STEP)
+    robot, plant = env.unwrapped.robot, env.unwrapped.plant.batch
+    plant.tracing = True
+    for seed in range(10):
+        seen, _ = env.reset(seed=seed, options={"speed_command": command})
+        rows, torques = [], []
+        for _ in range(300):
+            seen, _, fallen, _, info = env.step(policy.predict(seen)[0])
+            assert not fallen
+            rows.append(plant.trace.copy())
+            torques.append(info["crank_torque"])
+        trace = np.concatenate(rows)
+        contact = np.abs(trace["impulses"][:, : plant.toes]).max(axis=(0, 1)) / FINE_STEP
+        loads = loads_of_walk(robot, trace, FINE_STEP, 0.0)
+        assert contact[1] < tread_load(COMPRESSION) and contact[0] < SHEAR
+        assert loads["rod_safety"] > 3.0 and 3.0 * loads["pin_force"] < HOLE
+        assert np.sqrt(np.mean(np.square(torques))) < 6.0
+        assert np.max(np.abs(torques)) < robot.motor.torque_limit
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [1.0, 1.5])
 def test_it_walks_under_the_papers_pid(speed):
     """The crank kept within 2 %; on both plants as fast, as dear, sliding as much: 10 %."""

@@ -15,7 +15,12 @@ from jansen_env.robot import ROBOTS
 from jansen_env.terrain.generators import GENERATORS, HIGHEST
 from jansen_env.viewer.web.bench import write_bench
 from jansen_env.viewer.web.walk import write_walk
-from jansen_env.viewer.web.walk_data import CONTROLLERS, ENVIRONMENTS, controller_name
+from jansen_env.viewer.web.walk_data import (
+    CONTROLLERS,
+    ENVIRONMENTS,
+    controller_name,
+    page_policies,
+)
 
 FLAT = "flat"
 MOST_SEED = 2**32 - 1
@@ -23,7 +28,7 @@ MOST_SEED = 2**32 - 1
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line."""
-    policies = sorted({name for env_id in ENVIRONMENTS for name in pretrained.names(env_id)})
+    policies = sorted({name for env_id in ENVIRONMENTS for name in page_policies(env_id)})
     parser = Parser("jansen-env play", "Write the page on which robots walk, and open it.",
                     "jansen-env play --env JansenWalkerRough-v0 --level 4",
                     "jansen-env play --robot klann --policy hand --terrain stairs")  # fmt: skip
@@ -59,7 +64,7 @@ def start_of(args: argparse.Namespace) -> dict[str, object]:
     }
     name = args.policy or (None if args.robot else pretrained.DEFAULT)
     if name not in (None, *CONTROLLERS):
-        name = controller_name(args.env, one_of("--policy", name, pretrained.names(args.env)))
+        name = controller_name(args.env, one_of("--policy", name, page_policies(args.env)))
     return start if name is None else {**start, "control": name}
 
 

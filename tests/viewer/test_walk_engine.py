@@ -29,10 +29,16 @@ from jansen_env.terrain.generators import GENERATORS, NamedGenerator
 from jansen_env.viewer.saved_walk import walk_again
 from jansen_env.viewer.web.geometry import scene_of_robot
 from jansen_env.viewer.web.page import FOLDER
-from jansen_env.viewer.web.walk_data import SHORTEST_TURN, policy_data, shown_policies, walk_data
+from jansen_env.viewer.web.walk_data import (
+    ENVIRONMENTS,
+    SHORTEST_TURN,
+    page_policies,
+    policy_data,
+    walk_data,
+)
 from jansen_env.world.observations import Noise
 
-POLICIES = {policy_data(*policy)[0]: policy for policy in shown_policies()}
+POLICIES = {policy_data(e, n)[0]: (e, n) for e in ENVIRONMENTS for n in page_policies(e)}
 CONTROLS = ("hand", "constant speed", "pid", *POLICIES)
 STEPS = 500
 pytestmark = [

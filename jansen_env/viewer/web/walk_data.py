@@ -80,7 +80,7 @@ SHORTEST_TURN = 0.05  # m, by which the crank's speed is found for a command
 def walk_data() -> Json:
     """Return all that a page needs, for JSON: ``machine.js`` says what is what."""
     designs = {name: make() for name, make in ROBOTS.items()}
-    policies = dict(policy_data(env, name) for env, name in shown_policies())
+    policies = dict(policy_data(env, name) for env in ENVIRONMENTS for name in page_policies(env))
     baselines = json.loads(walker_benchmark.DATA.read_text(encoding="utf-8"))
     module = kernel.built_library("wasm").read_bytes()
     return {
@@ -132,10 +132,11 @@ def controller_name(env_id: str, name: str) -> str:
     return f"{preset if name == pretrained.DEFAULT else name} policy"
 
 
-def shown_policies() -> list[tuple[str, str]]:
-    """Return environments and names of the policies whose observations the page has."""
-    every = [(env, name) for env in ENVIRONMENTS for name in pretrained.names(env)]
-    return [p for p in every if pretrained.load(*p).env_kwargs.get("observe") != "onboard"]
+def page_policies(env_id: str) -> list[str]:
+    """Return the names of an environment's policies whose observations the page has."""
+    names = pretrained.names(env_id)
+    known = [pretrained.load(env_id, name).env_kwargs.get("observe", "all") for name in names]
+    return [name for name, observe in zip(names, known, strict=True) if observe == "all"]
 
 
 def policy_data(env_id: str, name: str) -> tuple[str, Json]:

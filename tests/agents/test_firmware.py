@@ -2,6 +2,7 @@
 
 import ctypes
 import math
+import os
 import shutil
 import subprocess
 from pathlib import Path
@@ -268,6 +269,24 @@ def test_policies_that_no_machine_can_run_are_refused(tmp_path):
     with pytest.raises(ValueError, match="observes crank_axis_y_velocity, must be of"):
         export("pretrained", ("firmware",), tmp_path, "mine", ID)
     assert not [*tmp_path.iterdir()]
+
+
+def test_the_example_of_a_port_compiles_and_its_frames_are_read_back(tmp_path):
+    export(f"pretrained:{NAME}", ("firmware",), tmp_path, "walker", ID)
+    example = Path(__file__).parents[2] / "examples" / "firmware" / "ak80_6.c"
+    built = tmp_path / "port.so"
+    subprocess.run(["cc", *STRICT, "-I", tmp_path, "-shared", "-fPIC", "-o", built, example],
+                   check=True)  # fmt: skip
+    port = ctypes.CDLL(str(built), mode=os.RTLD_LAZY)  # the board's functions are not there
+    port.torque_frame.argtypes = ctypes.c_float, ctypes.c_char_p
+    port.answered_torque.restype = ctypes.c_float
+    for torque, bits in ((-12.0, 0), (12.0, 0xFFF), (20.0, 0xFFF), (3.0, 0xA00)):
+        frame = ctypes.create_string_buffer(8)
+        port.torque_frame(torque, frame)
+        assert frame.raw[:6] == bytes.fromhex("7fff7ff00000")
+        assert int.from_bytes(frame.raw[6:], "big") == pytest.approx(bits, abs=1)
+        answer = bytes([1, 0x7F, 0xFF, 0x7F, 0xF0 | frame.raw[6], frame.raw[7]])
+        assert port.answered_torque(answer) == pytest.approx(np.clip(torque, -12, 12), abs=0.006)
 
 
 CORES = {

@@ -19,6 +19,8 @@ from typing import Any
 
 import pytest
 
+from jansen_env.viewer.web.page import FOLDER
+
 ARGUMENTS = (
     "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
     "--disable-background-networking", "--disable-component-update", "--disable-sync",
@@ -61,6 +63,16 @@ def missing(reason: str) -> None:
     if "CHROMIUM" in os.environ or os.environ.get("JANSEN_ENV_BROWSER") == "required":
         pytest.fail(reason)
     pytest.skip(reason)
+
+
+def in_node(script: str, **asked: Any) -> Any:
+    """What a script for Node.js prints as JSON, with ``asked`` as its input; FOLDER: the pages'."""
+    if shutil.which("node") is None:
+        pytest.skip("Node.js is not installed")
+    command = ["node", "--input-type=module", "-e", script.replace("FOLDER", str(FOLDER))]
+    done = subprocess.run(command, input=json.dumps(asked), capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
 
 
 @pytest.fixture(scope="session")

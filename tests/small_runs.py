@@ -79,15 +79,15 @@ def outcome(folder: Path):
     return read_model(folder / runs.FINAL), read_model(folder / runs.BEST)[:3], rows
 
 
-def same(one, other) -> bool:
+def same(left, right) -> bool:
     """Whether two outcomes are equal, bit for bit."""
-    if isinstance(one, torch.Tensor):
-        return torch.equal(one, other)
-    if isinstance(one, dict):
-        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
-    if isinstance(one, (list, tuple)):
-        return len(one) == len(other) and all(map(same, one, other))
-    return one == other
+    if isinstance(left, torch.Tensor):
+        return torch.equal(left, right)
+    if isinstance(left, dict):
+        return left.keys() == right.keys() and all(same(left[key], right[key]) for key in left)
+    if isinstance(left, (list, tuple)):
+        return len(left) == len(right) and all(map(same, left, right))
+    return left == right
 
 
 NETWORKS = {

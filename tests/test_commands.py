@@ -76,11 +76,9 @@ def test_what_needs_no_other_package(tmp_path):
 
 
 def test_a_folder_that_cannot_be_written_to_is_named_before_the_work(capsys):
-    for command in (["evaluate", "--policy", "pid", "--out", "/proc"],
-                    ["mjcf", "paper", "--out", "/proc/x/x.xml"]):  # fmt: skip
-        with pytest.raises(SystemExit) as ended:
-            main(command)
-        assert ended.value.code == 2 and "/proc" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as ended:
+        main(["mjcf", "paper", "--out", "/proc/x/x.xml"])
+    assert ended.value.code == 2 and "/proc" in capsys.readouterr().err
 
 
 def test_an_environment_without_policies_shows_its_baseline(tmp_path, monkeypatch):

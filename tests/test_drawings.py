@@ -289,24 +289,3 @@ def test_parts_too_small_for_their_pins_are_refused():
     robot = built_robot().with_bodies(crank=Bar(0.01))
     with pytest.raises(ValueError, match="crank has holes of 6 and 3"):
         cut_parts(robot)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["nobody"], "ROBOT is 'nobody', must be a Robot or one of"),
-        (["other.json"], "other.json is no robot file"),
-        (["built", "--sheet", "400x300"], "--sheet is 400x300, must hold foot of 453x226 mm"),
-        (["built", "--sheet", "wide"], "--sheet: is wide, must be WIDTHxHEIGHT in mm"),
-        (["built", "--sheet", "nanx1"], "--sheet: is nanx1, must be WIDTHxHEIGHT in mm"),
-        (["built", "--out", "other.json"], "--out is other.json, must be a folder"),
-    ],
-)
-def test_wrong_arguments_are_refused_in_a_line(arguments, said, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "other.json").write_text("[]", encoding="utf-8")
-    with pytest.raises(SystemExit) as exited:
-        command.main(arguments)
-    assert exited.value.code == 2
-    assert said in capsys.readouterr().err.splitlines()[0]
-    assert [path.name for path in tmp_path.iterdir()] == ["other.json"]

@@ -69,13 +69,6 @@ def test_chance_explains_nothing():
     assert predict.summary(noise[:101], few)["sources"] == {}
 
 
-@pytest.mark.parametrize("speed", ["0", "20", "nan"])
-def test_speeds_out_of_range_are_refused(speed, capsys):
-    with pytest.raises(SystemExit):
-        predict.main(["built", "--speeds", speed])
-    assert "--speeds" in capsys.readouterr().err
-
-
 def test_a_machine_that_stands_still_is_refused():
     """Its motor is too weak for its own friction."""
     stuck = replace(ECONOMY, motor=replace(ECONOMY.motor, friction=100.0))

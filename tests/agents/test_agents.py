@@ -118,10 +118,10 @@ def test_tuning_finds_gains_and_keeps_other_designs(tmp_path, monkeypatch):
     monkeypatch.setattr(tune, "CRANK_SPEEDS", np.array([1.0, 2.5, 4.0]))
     (tmp_path / DATA.name).write_text('{"paper": {"pid": 1}}')
     tune.main(["pid", "--robot", "built", "--episodes", "2", "--out", str(tmp_path)])
-    found = json.loads((tmp_path / DATA.name).read_text())
-    assert found["paper"] == {"pid": 1}
-    assert found["built"]["pid"]["gains"] == list(soft)
-    assert found["built"]["pid"]["settings"] == [1.0, 2.5, 4.0]
+    written = json.loads((tmp_path / DATA.name).read_text())
+    assert written["paper"] == {"pid": 1}
+    assert written["built"]["pid"]["gains"] == list(soft)
+    assert written["built"]["pid"]["settings"] == [1.0, 2.5, 4.0]
     with pytest.raises(SystemExit):
         tune.main(["pid", "--robot", "bulit", "--out", str(tmp_path)])
 

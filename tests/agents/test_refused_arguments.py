@@ -1,10 +1,14 @@
 """Commands refuse arguments in one line, before they run or write anything."""
 
+from pathlib import Path
+
 import pytest
 
-from agents import tune
-from jansen_env.commands import enjoy, evaluate, replay
+from agents import export, tune
+from benchmarks import speed
+from jansen_env.commands import drawings, enjoy, evaluate, predict, replay
 
+HASHES = Path(__file__).parents[1] / "walk_hashes.json"
 REFUSED = {
     (evaluate, "--policy", "constant", "--out", "out"): [
         (["--env-kwargs", "{max_episode_steps: -1}"], "max_episode_steps"),
@@ -22,8 +26,26 @@ REFUSED = {
         (["--env", "JansenCrank-v0", "--plant", "rigid_body"], "has one plant only"),
         (["--env", "JansenCrank-v0", "--levels", "1"], "--levels needs one of"),
     ],
+    (export, "--to", "c", "--out", "out"): [
+        (["none", "--env", "JansenCrank-v0"], "--env is JansenCrank-v0, but none says itself"),
+        (["none"], "no model at"),
+        (["pretrained:none"], "policy is 'none', must be one of"),
+        (["pretrained", "--name", "a b"], "name is 'a b', must be letters"),
+    ],
     (tune, "pid"): [
         (["--out", f"{__file__}/out"], "out, must be a folder that can be written to"),
+    ],
+    (predict, "built"): [(["--speeds", value], "--speeds") for value in ("0", "20", "nan")],
+    (speed,): [
+        (["--rounds", "0"], "0"), (["--only", "x"], "x"), (["--out", f"{__file__}/out"], "out"),
+    ],
+    (drawings,): [
+        (["nobody"], "ROBOT is 'nobody', must be a Robot or one of"),
+        ([str(HASHES)], "walk_hashes.json is no robot file"),
+        (["built", "--sheet", "400x300"], "--sheet is 400x300, must hold foot of 453x226 mm"),
+        (["built", "--sheet", "wide"], "--sheet: is wide, must be WIDTHxHEIGHT in mm"),
+        (["built", "--sheet", "nanx1"], "--sheet: is nanx1, must be WIDTHxHEIGHT in mm"),
+        (["built", "--out", __file__], "must be a folder"),
     ],
     (enjoy, "--env", "JansenCrank-v0"): [
         (["--policy", "nobody"], "must be one of ['pid', 'constant', 'inverse', 'pretrained']"),
@@ -46,7 +68,7 @@ REFUSED = {
         (["--policy", "pid", "--env-kwargs", "{speed_command: 1}"], "must be in --command"),
         (["--recording", "nowhere.npz"], "nowhere.npz is no recording"),
     ],
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -23,12 +23,12 @@ def few(monkeypatch):
 
 
 def test_feet_are_scaled():
-    own = built_robot().pad_compliance
-    assert evaluate.feet(built_robot(), own.stiffness) == own
-    softer = evaluate.feet(built_robot(), 0.1 * own.stiffness)
-    assert softer.tangential_stiffness == pytest.approx(0.1 * own.tangential_stiffness)
-    assert softer.damping == pytest.approx(math.sqrt(0.1) * own.damping)  # the same loss factor
-    assert evaluate.feet(paper_robot(), 0.1 * own.stiffness) == softer
+    pads = built_robot().pad_compliance
+    assert evaluate.feet(built_robot(), pads.stiffness) == pads
+    softer = evaluate.feet(built_robot(), 0.1 * pads.stiffness)
+    assert softer.tangential_stiffness == pytest.approx(0.1 * pads.tangential_stiffness)
+    assert softer.damping == pytest.approx(math.sqrt(0.1) * pads.damping)  # the same loss factor
+    assert evaluate.feet(paper_robot(), 0.1 * pads.stiffness) == softer
     assert evaluate.feet(built_robot(), math.inf) == RIGID
 
 
@@ -37,8 +37,8 @@ def test_conditions_are_what_they_are_called(few):
     env_id, plain = "JansenWalker-v0", {}
     policies = {"pid": load_named("pid", make_env(env_id, SHORT))}
     scores = evaluate.score_conditions([(policies, SHORT)], env_id, 8, 0)
-    for sweep, (other, own) in (("friction", ("0.3", "0.8")), (evaluate.FEET, ("20", "rigid"))):
-        plain[sweep] = scores[sweep][own]["pid"]
+    for sweep, (other, usual) in (("friction", ("0.3", "0.8")), (evaluate.FEET, ("20", "rigid"))):
+        plain[sweep] = scores[sweep][usual]["pid"]
         assert plain[sweep]["overall"]["return"] != scores[sweep][other]["pid"]["overall"]["return"]
     assert plain["friction"] == plain[evaluate.FEET]
     drawn = evaluate.evaluate(policies, env_id, SHORT, episodes=8, drawn=True)["pid"]

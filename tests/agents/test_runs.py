@@ -24,9 +24,9 @@ STEPS = 128
 
 def small_config(env_id="JansenWalker-v0", algo="ppo", **more):
     """Rollouts of 32 steps of 4 environments, in episodes of 8 each."""
-    own = {"n_steps": 8, "n_epochs": 1} if algo == "ppo" else {"learning_starts": 32}
+    quick = {"n_steps": 8, "n_epochs": 1} if algo == "ppo" else {"learning_starts": 32}
     more = {"timesteps": STEPS, "n_envs": 4, "env_kwargs": {"max_episode_steps": 8}, **more}
-    return small_run(algo, env_id, **{"training_variants": [{}], "hyperparameters": own, **more})
+    return small_run(algo, env_id, **{"training_variants": [{}], "hyperparameters": quick, **more})
 
 
 @pytest.fixture
@@ -65,8 +65,8 @@ def test_resumed_run_keeps_a_better_model(tmp_path, returns):
     returns += [2.0, 2.0]
     go_on(small_config(), tmp_path, every=KEPT)
     assert (tmp_path / runs.BEST).read_bytes() == best
-    found = [row["return"] for row in runs.read_evaluations(tmp_path)]
-    assert found == [1.0, 2.0, 2.0]
+    returned = [row["return"] for row in runs.read_evaluations(tmp_path)]
+    assert returned == [1.0, 2.0, 2.0]
     kill(tmp_path)
     returns += [6.0]
     go_on(small_config(), tmp_path, every=KEPT)
@@ -165,11 +165,11 @@ def test_ctrl_c_says_how_to_go_on(tmp_path, returns, monkeypatch, capsys):
 @pytest.fixture
 def started(monkeypatch, no_scores):
     """The configurations that train.py would train and score."""
-    found = []
+    started_with = []
     monkeypatch.setattr(
-        train, "train", lambda model, settings, *given, **more: found.append(settings)
+        train, "train", lambda model, settings, *given, **more: started_with.append(settings)
     )
-    return found
+    return started_with
 
 
 def test_config_file_says_algorithm_environment_and_seed(tmp_path, started):

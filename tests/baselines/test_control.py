@@ -12,5 +12,5 @@ def test_integral_waits_at_the_torque_limit_robot_by_robot():
     assert after.tolist() == [0.2 + 0.1 * 0.01, 0.2, -0.2]
     assert abs(torque[1]) > 2.0  # not clipped
     for k in range(3):
-        one = PID().torque(error[k], rate[k], integral[k], 0.01, torque_limit=2.0)
-        assert (float(one[0]), float(one[1])) == (torque[k], after[k])
+        alone = PID().torque(error[k], rate[k], integral[k], 0.01, torque_limit=2.0)
+        assert (float(alone[0]), float(alone[1])) == (torque[k], after[k])

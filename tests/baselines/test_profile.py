@@ -35,10 +35,10 @@ def test_interpolation():
     middle = (shipped.commands[1:] + shipped.commands[:-1]) / 2.0
     assert np.allclose(shipped.at(middle), (shipped.numbers[1:] + shipped.numbers[:-1]) / 2.0)
     commands = np.linspace(-1.2, 1.2, 4801)
-    one = np.repeat(seen([0.3]), len(commands), axis=0)
-    one[:, COMMAND] = commands
-    one[:, LAG] *= np.where(commands < 0.0, -1.0, 1.0)
-    torque = shipped.torque(one, COLUMNS)
+    observation = np.repeat(seen([0.3]), len(commands), axis=0)
+    observation[:, COMMAND] = commands
+    observation[:, LAG] *= np.where(commands < 0.0, -1.0, 1.0)
+    torque = shipped.torque(observation, COLUMNS)
     forwards = torque[commands >= 0.0]
     assert np.abs(np.diff(forwards)).max() < 0.3  # N m, for 0.0005 m/s
     fast = shipped.at(np.array([1.6]))[0]
@@ -58,9 +58,9 @@ def test_the_mirror_image_gets_the_mirrored_torque():
     observation = seen(np.linspace(0.01, 0.9, 60))
     mirrored = observation.copy()
     mirrored[:, [COS_CRANK, CRANK_SPEED, COMMAND, LAG]] *= -1.0
-    found = load_profile()
-    assert found.torque(mirrored, COLUMNS) == pytest.approx(
-        -found.torque(observation, COLUMNS), abs=1e-12
+    shipped = load_profile()
+    assert shipped.torque(mirrored, COLUMNS) == pytest.approx(
+        -shipped.torque(observation, COLUMNS), abs=1e-12
     )
 
 
@@ -83,12 +83,12 @@ def test_it_walks_with_less_slip_than_the_pid():
     for name in ("pid", "profile"):
         run = run_episodes(load_named(name, env), ENV, {}, commands, seeds)
         for command in (0.1, 0.3):
-            own = {key: values[commands == command] for key, values in run.items()}
-            scores[name, command] = point_estimates(WALKER.metrics, own, env)
+            episodes = {key: values[commands == command] for key, values in run.items()}
+            scores[name, command] = point_estimates(WALKER.metrics, episodes, env)
     for command in (0.1, 0.3):
-        pid, found = scores["pid", command], scores["profile", command]
-        assert found["falls"] == 0.0
-        assert found["return"] > pid["return"]
+        pid, profile = scores["pid", command], scores["profile", command]
+        assert profile["falls"] == 0.0
+        assert profile["return"] > pid["return"]
     assert scores["profile", 0.1]["slip_per_metre"] < 0.5 * scores["pid", 0.1]["slip_per_metre"]
 
 

@@ -208,22 +208,3 @@ def test_bearing_does_not_depend_on_how_links_are_paired(laden, random_state, rn
         at = [k for k, (_, name) in enumerate(linkage.corners) if name == joint]
         scale = np.abs(corner).max()
         assert np.abs(corner[:, at].sum(axis=1)).max() <= 1e-12 * scale  # action and reaction
-
-
-@pytest.mark.parametrize("side", ["fore", "back"])
-def test_pins_are_the_papers_constraints(robot, side):
-    """Each pair of rows is x_body - x_other + ..., closed at the joint the pin is named after."""
-    x = coordinates(robot, side, 0.7)
-    joints, (angle, place) = joint_positions(robot, side, 0.7), (x[0::3], x.reshape(-1, 3)[:, 1:])
-    linkage = robot.linkage
-    for pin, closure in zip(linkage.pins, pr.leg_closures(robot, side), strict=True):
-        assert (pin.body, pin.other) == (closure.plus, closure.minus)
-        assert {(pin.body, pin.joint), (pin.other, pin.joint)} <= set(linkage.corners)
-        corner = place[pin.other - 1].copy()  # its arm is minus the other body's own terms
-        for term in closure.terms:
-            if term.body == pin.other:
-                turned = angle[term.body - 1] + term.offset
-                corner -= term.coefficient * np.array([math.cos(turned), math.sin(turned)])
-        assert corner == pytest.approx(joints[linkage.joints.index(pin.joint)], abs=1e-12)
-    assert len({str(pin) for pin in linkage.pins}) == len(linkage.pins)
-    assert str(JANSEN.pins[1]) == "A23"

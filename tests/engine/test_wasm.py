@@ -31,15 +31,15 @@ def library():
 
 def ranges_of(arrays):
     """Memory of arrays, which may overlap: {first address: bytes}."""
-    found = {}
-    for array in sorted(arrays, key=lambda one: one.ctypes.data):
+    ranges = {}
+    for array in sorted(arrays, key=lambda array: array.ctypes.data):
         begin, end = array.ctypes.data, array.ctypes.data + array.nbytes
-        last = max(found, default=None)
-        if last is not None and begin < last + found[last]:
-            found[last] = max(found[last], end - last)
+        last = max(ranges, default=None)
+        if last is not None and begin < last + ranges[last]:
+            ranges[last] = max(ranges[last], end - last)
         else:
-            found[begin] = array.nbytes
-    return found
+            ranges[begin] = array.nbytes
+    return ranges
 
 
 class Calls:
@@ -59,7 +59,7 @@ class Calls:
     def call(self, made, *arguments):
         """In the place of Kernel.__call__."""
         pointers, arguments = [], kernel.flat(arguments)
-        ranges = ranges_of([one for one in arguments if isinstance(one, np.ndarray)])
+        ranges = ranges_of([array for array in arguments if isinstance(array, np.ndarray)])
         firsts = sorted(ranges)
         filled = kernel.Slots(made)
         filled.fill(arguments)
@@ -101,7 +101,7 @@ def test_every_call_of_a_walk_has_the_same_result(env_id, library, monkeypatch, 
         for _ in range(STEPS):
             action = policy.predict(observation)[0] if policy else np.float32([0.3])
             observation, *_ = env.step(action)
-    assert len({one["symbol"] for one in calls.calls}) > 5
+    assert len({call["symbol"] for call in calls.calls}) > 5
     (tmp_path / "calls.json").write_text(json.dumps(calls.calls))
     (tmp_path / "data").write_bytes(calls.data)
     command = ["node", HERE / "replay.mjs", library, tmp_path / "calls.json", tmp_path / "data"]

@@ -1,18 +1,14 @@
 """Tasks count as solved where trained policies solve them, and simple controllers do not."""
 
-from types import SimpleNamespace
-
 import gymnasium as gym
-import numpy as np
 import pytest
 from side_by_side import rollout
 
+from jansen_env.baselines.policy import still
 from jansen_env.policies import pretrained
 from jansen_env.registration import IDS
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.tasks.goal.goal_benchmark import goal_pid
-
-STILL = SimpleNamespace(predict=lambda seen, *_: (np.zeros((len(seen), 1), np.float32), None))
 
 
 def mean_return(policy_of, env_id, episodes):
@@ -28,7 +24,7 @@ def test_reward_threshold(env_id):
     threshold, episodes = gym.spec(env_id).reward_threshold, 20 if "Crank" in env_id else 100
     goal = "Goal" in env_id
     solves = goal_pid if goal else lambda env: pretrained.load(env_id)
-    fail = {"still": lambda env: STILL} if goal else find_benchmark(env_id).baselines
+    fail = {"still": still} if goal else find_benchmark(env_id).baselines
     assert mean_return(solves, env_id, episodes) >= threshold
     for name in {"pid", "constant", "still"} & {*fail}:
         assert mean_return(fail[name], env_id, episodes) < threshold

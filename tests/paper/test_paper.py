@@ -43,14 +43,6 @@ def test_documentation(results):
         assert f"\n{row.removesuffix(' |')}" in text, row  # and the page's say why, too
 
 
-def test_time_step_of_the_fixed_model(results):
-    """A tenth of the step moves the angle by less than 1e-9 rad; ten times the step, by h^2."""
-    for factor, most in ((0.1, 1e-9), (10.0, 5e-8)):
-        step = factor * fixed_model.TIME_STEP
-        other = fixed_model.simulate_pid(fixed_model.tables_advance(paper_robot(), step))
-        assert np.abs(other.angle - results.run.angle).max() <= most
-
-
 def listed_loss():
     """Joints' mean loss of power at 1 rad/s, from their rates alone, W."""
     rate = turning(paper_robot(), toes.turn(ANGLES), JANSEN.damped)
@@ -162,29 +154,6 @@ def test_sliding_on_two_toes_breaks_down_above_a_friction_of_0525():
 def test_slip_is_of_a_metre_either_way(results):
     back = replace(results.no_slip, distance=-2.0, slip=0.1)
     assert back.slip_per_metre == 0.05 and math.isnan(replace(back, distance=0.0).slip_per_metre)
-
-
-def test_odd_numbers_of_phases_interleave(results):
-    """Odd: both sides together heave less than half as much as one; even: nearly as much."""
-    for phases, heave in zip(toes.PHASES[2:7], results.heaves[2:7], strict=True):
-        fore, _ = toes.lowest_toes(paper_robot(phases), toes.turn(1440) / phases)
-        share = heave.level / np.ptp(fore)
-        assert (share < 0.5) == (phases % 2 == 1), phases
-    fore, back = toes.lowest_toes(paper_robot(4), toes.turn(720))
-    assert back == pytest.approx(np.roll(fore[::-1], 1), abs=1e-12)  # even: the mirror in psi = 0
-    fore, back = toes.lowest_toes(paper_robot(3), toes.turn(720))
-    assert back == pytest.approx(
-        np.roll(np.roll(fore[::-1], 1), 120), abs=1e-12
-    )  # half a period on
-
-
-def test_loads_do_not_depend_on_the_time_step():
-    """With half the time step the largest joint force of a walk is the same within 1 %."""
-    peaks = []
-    for step in (1e-3, 5e-4):
-        forces = free_walk.walking_forces(paper_robot(), 1.0, turns=1, every=2, time_step=step)
-        peaks.append(free_walk.largest_loads(forces).bearing.max())
-    assert peaks[1] == pytest.approx(peaks[0], rel=0.01)
 
 
 def test_command(results, monkeypatch, tmp_path, capsys):

@@ -28,7 +28,7 @@ CRANK = "JansenCrank-v0"
 
 def test_every_environment_has_its_policy():
     assert {env_id for env_id, name in SHIPPED if name == pretrained.DEFAULT} == {*IDS}
-    for path in (pretrained.shipped(*one) for one in SHIPPED):
+    for path in (pretrained.shipped(*policy) for policy in SHIPPED):
         assert max(p.stat().st_size for p in path.parent.glob(f"{path.stem}.*")) < 200_000
     for name in ("none", f"../{CRANK}/ppo", None):
         with pytest.raises(ValueError, match=re.escape(f"policy is {name!r}, must be one of")):
@@ -44,7 +44,7 @@ def test_actions_are_the_networks(env_id, name):
     """To 1e-6 in float64 anywhere, to 1e-5 in torch's float32 where the policy comes by."""
     policy, model = pretrained.load(env_id, name), pack.load_sb3(env_id, name).policy
     envs = make_envs(env_id, policy.env_kwargs, 20)
-    seen, found = envs.reset(seed=3)[0], []
+    seen, acted = envs.reset(seed=3)[0], []
     for _ in range(100):
         actions, state = policy.predict(seen, "state")
         expected, _ = model.predict(seen, deterministic=True)
@@ -52,10 +52,10 @@ def test_actions_are_the_networks(env_id, name):
         assert actions.dtype == np.float32 and actions.shape == (20, 1)
         assert np.abs(actions - expected).max() < 1e-5
         assert policy.predict(seen[3])[0] == pytest.approx(actions[3], abs=1e-7)
-        found.append(actions)
+        acted.append(actions)
         seen = envs.step(actions)[0]
     envs.close()
-    assert np.min(found) >= -1.0 and np.max(found) <= 1.0 and np.ptp(found) > 0.01
+    assert np.min(acted) >= -1.0 and np.max(acted) <= 1.0 and np.ptp(acted) > 0.01
     assert pack.check_equal(policy, model, 10_000) < 1e-6
 
 

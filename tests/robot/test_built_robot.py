@@ -1,7 +1,6 @@
 """The robot that could be built: masses from dimensions, its list of parts, what it carries."""
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import gymnasium as gym
@@ -11,7 +10,7 @@ from motions import PLANTS
 from walks import walk
 
 from agents.design.measures import loads_of_walk
-from jansen_env import MOTORS, ROBOTS, Terrain, built_robot
+from jansen_env import ROBOTS, Terrain, built_robot
 from jansen_env.drawings.materials import about_origin, bill_of_materials
 from jansen_env.drawings.outlines import Round
 from jansen_env.plants.plant import ProjectionPlant, RigidBodyPlant
@@ -226,15 +225,6 @@ def test_the_economy_machine_has_three_witnesses():
     built = walk(ProjectionPlant(built_robot(), ground), 2.0, 3.2)
     assert ours.speed > 1.5 * built.speed
     assert ours.cost_of_transport < 0.55 * built.cost_of_transport
-
-
-@pytest.mark.parametrize("name", [name for name in MOTORS if name != "ideal"])
-def test_every_motor_carries_it(name):
-    """At 1 rad/s the crank is kept within 5 %, below the motor's torque limit."""
-    robot = replace(built_robot(), motor=MOTORS[name])
-    walked = walk(ProjectionPlant(robot, Terrain.flat()), 1.0, 6.3)
-    assert not walked.fell and walked.crank_speed == pytest.approx(1.0, rel=0.05)
-    assert walked.peak_torque < robot.motor.torque_limit
 
 
 def test_motors_are_those_of_the_sheets():

@@ -11,7 +11,6 @@ from walks import walk
 from jansen_env import LinkageError, Terrain, paper_robot, phased_legs, robot_from_joints
 from jansen_env.dynamics import projection as pr
 from jansen_env.dynamics.reduced import compile_robot, mass_matrix
-from jansen_env.plants.plant import ProjectionPlant, RigidBodyPlant
 from jansen_env.robot import JANSEN, ROBOTS, Linkage
 from jansen_env.robot.kinematics import joint_positions, nearest_dead_point, toe_positions
 from jansen_env.robot.zoo import ZOO, standing_height
@@ -107,14 +106,6 @@ def test_chebyshevs_feet_walk_on_a_line():
     assert np.ptp(y) < 0.003 * np.ptp(x)
 
 
-def test_striders_halves_are_mirror_images():
-    """Its second toe at psi is the first one at pi - psi, mirrored."""
-    robot = ZOO["strider"]()
-    psi = np.linspace(0.0, 6.0, 50)
-    left, right = (toe_positions(robot, at)[:, k] for k, at in ((0, math.pi - psi), (1, psi)))
-    assert np.abs(left * (-1.0, 1.0) - right).max() < 1e-12
-
-
 def test_a_pad_on_a_body_that_turns_all_the_way_round():
     """A drag link: its rocker goes round with the crank; the tables agree with the projection."""
     robot = robot_from_joints(
@@ -133,16 +124,6 @@ def test_a_pad_on_a_body_that_turns_all_the_way_round():
     assert np.abs(mass_matrix(tables, q) - mass).max() < 1e-11
     slope = tables.pads[0, :, 1, 2]  # how fast the foot turns with the crank
     assert slope.mean() == pytest.approx(1.0, abs=1e-2) and slope.min() > 0.0
-
-
-def test_a_joint_below_all_toes_is_set_on_the_ground():
-    """By both plants: no pad begins below the floor."""
-    deep = {"A": (0.0, 0.0), "B": (0.45, 0.0), "T": (0.25, -0.4), "S": (0.25, -0.6)}
-    robot = four_bar(foot=deep)
-    for plant in (RigidBodyPlant(robot, Terrain.flat()), ProjectionPlant(robot, Terrain.flat())):
-        plant.reset(crank_angle=0.3)
-        lowest = plant.batch.pad_centres(0)[:, 1].min()
-        assert lowest == pytest.approx(robot.pad_radius, abs=1e-4)
 
 
 @pytest.mark.slow

@@ -86,19 +86,6 @@ def test_standing_still_earns_next_to_nothing(command):
     assert returns[0] < 5.0 and returns[1] > 450.0
 
 
-def test_moving_to_and_fro_earns_next_to_nothing():
-    """The crank swings by 0.4 rad at 1 Hz: less than 5 % of what could be had, slow or fast."""
-    env = JansenWalkerEnv()
-    for command in (0.05, 0.3):
-        env.reset(seed=0, options={"speed_command": command})
-        total = 0.0
-        for k in range(500):
-            wanted = 2.5 * math.cos(2.0 * math.pi * k / 50)
-            torque = 10.0 * (wanted - env.plant.state[7])
-            total += env.step(np.array([np.clip(torque / 20.0, -1, 1)]))[1]
-        assert total < 25.0, command
-
-
 def test_the_target_waits():
     """However long the robot stands, or if it runs ahead, the target is 0.5 m away at most."""
     env = JansenWalkerEnv()

@@ -12,7 +12,6 @@ import pytest
 from jansen_env import Terrain
 from jansen_env.plants.plant import PLANTS
 from jansen_env.tasks.walking.walker_benchmark import BASELINES
-from jansen_env.terrain import make_terrain
 from jansen_env.terrain.generators import (
     GENERATORS,
     HIGHEST,
@@ -53,51 +52,6 @@ def test_stairs():
     down = Terrain.stairs(rise=-0.04, tread=0.3)
     x = np.linspace(-12.0, 12.0, 500)
     assert down.height(x) == pytest.approx(terrain.height(-x), abs=1e-12)
-
-
-def test_stumps_and_ditches():
-    terrain = Terrain.stumps(height=0.05, width=0.2, spacing=0.7, start=1.0)
-    pieces = level_runs(terrain)
-    tops = pieces[pieces[:, 2] == 0.05]
-    run = 0.05 / FACE
-    assert tops[:, 1] - tops[:, 0] == pytest.approx(0.2 - run)
-    right = tops[tops[:, 0] > 0.0]
-    assert np.diff(right[:, 0]) == pytest.approx(0.7)
-    assert right[0, 0] == pytest.approx(1.0 + 0.25 + 0.5 * run)  # after half a gap
-    assert set(pieces[:, 2]) == {0.0, 0.05}
-    ditches = Terrain.stumps(height=-0.05, width=0.2, spacing=0.7)
-    assert set(level_runs(ditches)[:, 2]) == {0.0, -0.05}
-
-
-def test_ramps():
-    terrain = Terrain.ramps(angle=0.2, length=0.5, start=1.0)
-    rises, slopes = faces(terrain)
-    assert slopes == pytest.approx(math.tan(0.2))
-    assert np.abs(rises) == pytest.approx(0.5 * math.tan(0.2))
-    top = 0.5 * math.tan(0.2)
-    assert terrain.height([1.25, 1.75, 2.25, 2.75]) == pytest.approx([top / 2, top, top / 2, 0.0])
-    assert Terrain.ramps(angle=-0.2).height(0.6 + 1.2) < 0.0
-
-
-def test_waves():
-    """From trough to crest in half a length, as high as asked, level where they begin."""
-    terrain = Terrain.waves(height=0.1, length=0.8, start=1.0)
-    assert terrain.height([1.0, 1.4, 1.8, -1.4]) == pytest.approx([0.0, 0.1, 0.0, 0.1], abs=1e-12)
-    assert max(y for _, y in terrain.points) == pytest.approx(0.1)
-    assert min(y for _, y in terrain.points) == 0.0
-
-
-def test_steps(rng):
-    """Heights fill their range, no step is higher than asked, lengths are within theirs."""
-    terrains = [Terrain.steps(rng, height=0.1, spacing=0.5) for _ in range(50)]
-    heights = np.concatenate([level_runs(terrain)[:, 2] for terrain in terrains])
-    assert -0.05 <= heights.min() < -0.045 and 0.045 < heights.max() <= 0.05
-    assert max(np.abs(faces(terrain)[0]).max() for terrain in terrains) <= 0.1
-    for terrain in terrains[:5]:
-        edges = np.array(terrain.points)[1:-1].reshape(-1, 2, 2)[:, :, 0].mean(axis=1)
-        gaps = np.diff(edges[edges > 0.0])
-        assert gaps.min() >= 0.25 and gaps.max() <= 0.75
-        assert len(set(np.round(gaps, 6))) == len(gaps)
 
 
 @pytest.mark.parametrize("name", LEVELS)
@@ -194,13 +148,6 @@ SHAPES = [
 TEXTS = [(partial(make_generator, text), message) for text, message in REFUSED.items()]
 
 
-@pytest.mark.parametrize("kind", ["slope", "stairs", "mixed", "lava"])
-def test_a_long_text_is_cut_in_its_refusal(kind):
-    with pytest.raises(ValueError, match="must be") as refused:
-        make_terrain(make_generator(f"{kind}:{'x' * 5000}") or f"{kind}:{'x' * 5000}")
-    assert len(str(refused.value)) < 1500
-
-
 @pytest.mark.parametrize("make, message", TEXTS + SHAPES)
 def test_texts_and_shapes_that_cannot_be_are_refused(make, message):
     with pytest.raises(ValueError, match=message):
@@ -218,16 +165,6 @@ def test_height_and_gradient():
     )
     ridge = Terrain(((-1.0, 0.0), (0.0, 0.3), (1.0, 0.2)))
     assert ridge.gradient(0.0) == pytest.approx(0.1, abs=1e-9)
-
-
-def test_rough_terrain():
-    """Level up to its start, then within +- height; the generator alone decides."""
-    rough = Terrain.rough(np.random.default_rng(3), height=0.03, start=2.0)
-    x = np.linspace(2.2, 40.0, 1000)
-    assert (rough.height(np.linspace(-5.0, 2.0, 50)) == 0.0).all()
-    assert 0.02 < rough.height(x).max() <= 0.03 and -0.03 <= rough.height(x).min() < -0.02
-    assert rough == Terrain.rough(np.random.default_rng(3), height=0.03, start=2.0)
-    assert rough != Terrain.rough(np.random.default_rng(4), height=0.03, start=2.0)
 
 
 @pytest.mark.slow

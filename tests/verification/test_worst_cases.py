@@ -137,21 +137,6 @@ def test_a_toe_too_deep_is_refused():
     assert len(plant.batch.trace) == len(plant.batch.touchdowns) == 0
 
 
-def test_deep_toes_come_out_of_grooves(measured):
-    """Put 5 to 30 cm into grooves 25 cm wide and 40 cm deep: 3 s later nothing is in the ground."""
-    at = 0.125 * np.arange(-40, 41)
-    ground = Terrain(tuple(zip(at, np.where(np.arange(81) % 2, -0.4, 0.0), strict=True)), 0.3)
-    plant, deepest = placed(None, ground), 0.0
-    for seed in range(20):
-        rng = np.random.default_rng(seed)
-        x, psi, sunk = rng.uniform([-0.2, 0.0, 0.05], [0.2, 2.0 * math.pi, 0.3])
-        plant.reset(x, psi)
-        plant.state = plant.state - shift(y=sunk)
-        plant.step(0.0, 3.0)
-        deepest = max(deepest, depth(plant))
-    measured("put into grooves: penetration after 3 s", deepest, 1e-3, "m")
-
-
 def test_deep_toes_move_alike_beside_others():
     """Put up to 40 cm into rough ground: the same alone and beside a fast robot, bit for bit."""
     x = np.arange(-5.0, 5.01, 0.1)

@@ -1,14 +1,11 @@
 """A leg for a drawn path: as near as the page says, by the package's kinematics, and walking."""
 
-import json
 import math
-import shutil
-import subprocess
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from browser import draw_path
+from browser import draw_path, in_node
 
 from agents.design.measures import evenly, path_error, toe_path
 from jansen_env.robot import ROBOTS
@@ -16,7 +13,6 @@ from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.robot.lengths import with_lengths
 from jansen_env.tasks.walking.walker_benchmark import walking_pid
 from jansen_env.viewer.web.bench import design_of, write_bench
-from jansen_env.viewer.web.page import FOLDER
 
 TURN = np.linspace(0.0, 2.0 * math.pi, 100, endpoint=False)
 COS, SIN = np.cos(TURN), np.sin(TURN)
@@ -46,24 +42,17 @@ console.log(JSON.stringify(paths.map(search)));
 
 
 @pytest.fixture(scope="module")
-def found():
+def searched():
     """{path's name: legs}."""
-    if shutil.which("node") is None:
-        pytest.skip("Node.js is not installed")
     names = ("built", "klann", "chebyshev", "trotbot", "strider")
     designs = {name: design_of(ROBOTS[name]()) for name in names}
     paths = [path.tolist() for path in PATHS.values()]
-    done = subprocess.run(
-        ["node", "--input-type=module", "-e", SCRIPT.replace("FOLDER", str(FOLDER))],
-        input=json.dumps({"designs": designs, "paths": paths}),
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    return dict(zip(PATHS, json.loads(done.stdout), strict=True))
+    return dict(zip(PATHS, in_node(SCRIPT, designs=designs, paths=paths), strict=True))
 
 
 @pytest.mark.parametrize("name", PATHS)
-def test_legs_are_as_near_as_they_say(found, name):
-    target, legs = evenly(PATHS[name]), found[name]
+def test_legs_are_as_near_as_they_say(searched, name):
+    target, legs = evenly(PATHS[name]), searched[name]
     assert legs[0]["error"] < 0.0125
     for leg in legs:
         path = toe_path(with_lengths(ROBOTS[leg["base"]](), leg["lengths"]))
@@ -71,8 +60,8 @@ def test_legs_are_as_near_as_they_say(found, name):
         assert np.linalg.norm(path) == pytest.approx(np.linalg.norm(target))
 
 
-def test_the_nearest_leg_walks(found):
-    leg = found["flat below"][0]
+def test_the_nearest_leg_walks(searched):
+    leg = searched["flat below"][0]
     robot = with_lengths(ROBOTS[leg["base"]](), leg["lengths"])
     with gym.make("JansenWalker-v0", robot=robot, speed_command=0.3) as env:
         observation, _ = env.reset(seed=0)

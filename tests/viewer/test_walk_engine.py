@@ -70,8 +70,8 @@ def other_lengths(name, rng, spread):
 
 
 def test_tables_of_every_robot_are_the_same():
-    found = in_node([[name, None] for name in ROBOTS])
-    for name, told in zip(ROBOTS, found["tables"], strict=True):
+    answers = in_node([[name, None] for name in ROBOTS])
+    for name, told in zip(ROBOTS, answers["tables"], strict=True):
         robot = ROBOTS[name]()
         tables, designs = compile_robot(robot), DesignTables([robot])
         expected = {
@@ -88,8 +88,8 @@ def test_robots_with_other_lengths_are_the_same():
     for name in ROBOTS:
         every = other_lengths(name, rng, 0.02)
         asked += [[name, every], [name, dict(itertools.islice(every.items(), 2, 4))]]
-    found = in_node(asked)
-    each = zip(asked, found["robots"], found["tables"], strict=True)
+    answers = in_node(asked)
+    each = zip(asked, answers["robots"], answers["tables"], strict=True)
     for (name, changed), told, tables in each:
         robot = with_lengths(ROBOTS[name](), changed)
         expected = json.loads(json.dumps(robot_to_json(robot)))
@@ -200,8 +200,8 @@ def test_walks_are_the_same(first, count, steps):
     robots, asked = [walk.robot for walk in walks], [walk.asked(k) for k, walk in enumerate(walks)]
     for walk, told in zip(walks, in_node(robots, asked)["walks"], strict=True):
         expected, label = np.array(walk.rows), (walk.robot, walk.control)
-        found = numbers(told["numbers"]).reshape(expected.shape)
-        for step, (row, wanted) in enumerate(zip(found, expected, strict=True)):
+        rows = numbers(told["numbers"]).reshape(expected.shape)
+        for step, (row, wanted) in enumerate(zip(rows, expected, strict=True)):
             assert np.array_equal(row, wanted), (*label, step, np.flatnonzero(row != wanted))
         check_picture(walk.env, told)
     assert any(walk.diverged for walk in walks) and not all(walk.diverged for walk in walks)

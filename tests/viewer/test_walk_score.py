@@ -1,12 +1,9 @@
 """A walk on the page is scored as by ``jansen-env evaluate``; Node.js runs the page's modules."""
 
-import json
-import shutil
-import subprocess
-
 import gymnasium as gym
 import numpy as np
 import pytest
+from browser import in_node
 
 from jansen_env.baselines.policy import TorquePolicy
 from jansen_env.policies import pretrained
@@ -14,7 +11,6 @@ from jansen_env.scoring.metrics import point_estimates
 from jansen_env.scoring.rollout import run_episodes
 from jansen_env.tasks.walking.walker_benchmark import WALKER
 from jansen_env.terrain import Terrain
-from jansen_env.viewer.web.page import FOLDER
 from jansen_env.viewer.web.walk_data import walk_data
 
 ENV = "JansenWalkerBuilt-v0"
@@ -31,16 +27,11 @@ console.log(JSON.stringify(walker.score));
 """
 
 
-@pytest.mark.skipif(shutil.which("node") is None, reason="Node.js is not installed")
 @pytest.mark.parametrize(("control", "seed"), [("built policy", 3), ("hand", 1)])
 def test_the_score_is_that_of_the_evaluation(control, seed):
     """Of ten seconds; by hand, with the whole torque, until the robot falls."""
-    asked = {"data": walk_data(), "control": control, "seed": seed, "points": Terrain.flat().points}
-    script = ["--input-type=module", "-e", SCRIPT.replace("FOLDER", str(FOLDER))]
-    done = subprocess.run(
-        ["node", *script], input=json.dumps(asked), capture_output=True, text=True, check=True
-    )
-    score, env = json.loads(done.stdout), gym.make(ENV)
+    flat, env = Terrain.flat().points, gym.make(ENV)
+    score = in_node(SCRIPT, data=walk_data(), control=control, seed=seed, points=flat)
     limit = env.unwrapped.torque_limit
     policy = TorquePolicy(lambda seen, *_: (np.full(len(seen), limit), None), limit)
     if control != "hand":

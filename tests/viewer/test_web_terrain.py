@@ -1,14 +1,9 @@
 """Grounds that a page draws by name, level and seed are those of the package, bit for bit."""
 
-import json
-import shutil
-import subprocess
-
 import numpy as np
-import pytest
+from browser import in_node
 
 from jansen_env.terrain.generators import GENERATORS, HIGHEST, NamedGenerator
-from jansen_env.viewer.web.page import FOLDER
 from jansen_env.viewer.web.terrain_data import terrain_data
 
 SEEDS = (0, 1, 7, 2**32 + 5, 2**53 - 1)
@@ -30,18 +25,11 @@ console.log(JSON.stringify([grounds, numbers]));
 """
 
 
-@pytest.mark.skipif(shutil.which("node") is None, reason="Node.js is not installed")
 def test_a_page_draws_the_same_grounds():
     asked = [
         (name, level, seed) for name in GENERATORS for level in range(HIGHEST + 1) for seed in SEEDS
     ]
-    script = SCRIPT.replace("FOLDER", str(FOLDER))
-    done = subprocess.run(
-        ["node", "--input-type=module", "-e", script],
-        input=json.dumps({"data": terrain_data(), "asked": asked, "seeds": SEEDS}),
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    grounds, numbers = json.loads(done.stdout)
+    grounds, numbers = in_node(SCRIPT, data=terrain_data(), asked=asked, seeds=SEEDS)
     for (name, level, seed), (points, line) in zip(asked, grounds, strict=True):
         terrain = NamedGenerator(name)(np.random.default_rng(seed), level)
         assert [tuple(point) for point in points] == list(terrain.points), (name, level, seed)

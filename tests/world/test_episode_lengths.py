@@ -101,6 +101,7 @@ def test_many_are_what_each_is_alone(env_id, mode):
     together = gym.make_vec(env_id, 5, autoreset_mode=mode, **kwargs)
     alone = gym.vector.SyncVectorEnv([lambda: gym.make(env_id, **kwargs)] * 5, autoreset_mode=mode)
     assert compare(together, alone, 45, scale=0.6) >= 10
+    assert len(together.unwrapped.task.world.plant.designs.depths) <= 10  # used again and again
     copies = deepcopy(together.unwrapped), pickle.loads(pickle.dumps(together.unwrapped))
     after = walk(together, 20)
     for copy in copies:

@@ -6,13 +6,10 @@ from copy import deepcopy
 from dataclasses import replace
 
 import gymnasium as gym
-import numpy as np
 import pytest
 from side_by_side import walk
 
-from jansen_env import Bar, LinkageError, Payload, built_robot, holy_numbers_robot, paper_robot
-from jansen_env.dynamics.reduced import compile_robot
-from jansen_env.plants.design_tables import DesignTables
+from jansen_env import Bar, Payload, built_robot, holy_numbers_robot, paper_robot
 from jansen_env.robot import Leg
 from jansen_env.viewer.recorder import Recorder
 from jansen_env.viewer.recording import Recording
@@ -65,23 +62,6 @@ def test_a_reset_exchanges_the_robot_for_good(plant):
         assert (ours == theirs).all() and (walk(env, steps=steps) == walk(fresh, steps=steps)).all()
     assert env.robot == built_robot() and env.torque_limit == built_robot().motor.torque_limit
     assert env.weight == fresh.weight and (env.render() == fresh.render()).all()
-
-
-def test_equal_designs_share_their_tables():
-    """Rows that no robot has any more are used again; the arrays grow when there are none."""
-    a, b, c, d = (paper_robot().with_bodies(coupler=Bar(0.239 + 1e-4 * k)) for k in range(4))
-    designs = DesignTables([a] * 3)
-    assert len(designs.depths) == 1
-    designs.set(np.array([1, 2]), [b, replace(b, pad_radius=0.02, payload=Payload(1.0))])
-    assert designs.number.tolist() == [0, 1, 1] and len(designs.depths) == 2
-    designs.set(np.array([0, 1, 2]), [c, c, a])  # a's row is given away before it is asked for
-    designs.set(np.array([1]), [d])
-    assert len(designs.depths) == 3 and len(set(designs.number.tolist())) == 3
-    with pytest.raises(LinkageError):
-        designs.set(np.array([0, 1]), [a, paper_robot().with_bodies(crank=Bar(0.2))])
-    for row, robot in zip(designs.number, (c, d, a), strict=True):
-        assert (designs.model.body[row] == compile_robot(robot).body).all()
-        assert (designs.model.pads[row] == compile_robot(robot).pads).all()
 
 
 def test_a_copy_goes_on_after_one_of_two_equal_robots_was_exchanged():

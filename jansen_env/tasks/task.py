@@ -202,7 +202,8 @@ class Task(ABC):
             self.world.step(actions, active, self._finish_step, meanwhile)
             self._judge(active)
             self.world.disturb()
-            self._measure(np.flatnonzero(active), True)
+            if self.world.onboard is not None:
+                self._measure(np.flatnonzero(active), True)
 
     def _judge(self, active: Bools) -> None:
         """Reward the step of the ``active`` robots (n,), end their episodes, and observe them."""
@@ -226,7 +227,8 @@ class Task(ABC):
         self._kernels[0](which, self._arguments[1])
         self._observe(which)
         self.world.disturb(which)
-        self._measure(which, False)
+        if self.world.onboard is not None:
+            self._measure(which, False)
 
     def push(self, i: int, impulse: object) -> None:
         """Push a robot from now on, see ``World.push``."""
@@ -296,7 +298,7 @@ class Task(ABC):
         """Begin episodes of robots (k,), or go on from states: :attr:`info` has their numbers."""
 
     def _measure(self, which: Ints, moved: bool) -> None:
-        """Observe what follows from the sensors of robots (k,), after a step if they ``moved``."""
+        """Observe what follows from onboard sensors of robots (k,), after a step if ``moved``."""
 
     def _finish_step(self, which: Ints) -> None:
         """Account for the step of robots (k,) in one kernel, on the thread that moved them."""

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +43,6 @@ BEFORE = [2, 4, 5]  # of a state: pitch, and velocity of the crank axis
 OF_IMU = ("pitch_rate", "acceleration_x", "acceleration_y")
 
 
-@cache
 def toe_paths(robot: Robot) -> NDArray[np.float32]:
     """Return places of toes (SAMPLES + 1, toes, 2), m, over a turn that walks towards +x."""
     angles = np.copysign(np.linspace(0.0, 2.0 * math.pi, SAMPLES + 1), advance_per_turn(robot))

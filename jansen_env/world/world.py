@@ -182,7 +182,7 @@ class World:
         signs = np.copysign(1.0, self.advance_per_turn[which])
         self.data["direction"][which] = 1.0 if self.held else signs
         if self.onboard is not None:
-            self.onboard.paths[which] = [*map(toe_paths, robots)]
+            self.onboard.paths[which] = [*map(cache(toe_paths), robots)]
 
     def _share_arrays(self) -> None:
         """Let information show the arrays of others."""

@@ -205,9 +205,7 @@ class WalkerTask(CommandedTask):
         return (*first, *step), (self.data, self._places, *describe)
 
     def _measure(self, which: Ints, moved: bool) -> None:
-        """Observe lag and mean speed by odometry, with ``observe="onboard"``."""
-        if self.world.onboard is None:
-            return
+        """Observe lag and mean speed by odometry."""
         if moved:
             command, path = self._command[which], self.data["mean_path"][which]
             speed = self.observation[which, self.columns["crank_axis_x_velocity"]].astype(float)

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jansen_env import ROBOTS, Payload
+from jansen_env import ROBOTS, Bar, Payload
 from jansen_env.dynamics import projection as pr
 from jansen_env.dynamics.joint_forces import joint_forces
 from jansen_env.dynamics.pads import pad_layout
@@ -175,6 +175,32 @@ def test_at_a_standstill_bearings_and_gear_share_what_they_hold(fixed_base):
     assert np.abs(free.pin - sliding.pin).max() > 0.1
 
 
+def bars(robot, first):
+    """Name, link and the corners at both ends of each bar from a body number on."""
+    for body, (name, link) in enumerate(
+        zip(robot.linkage.names, robot.bodies, strict=True), start=1
+    ):
+        if body >= first and isinstance(link, Bar):
+            yield name, link, [k for k, (k_, _) in enumerate(robot.linkage.corners) if k_ == body]
+
+
+def test_virtual_work_of_a_longer_bar(robot, rng):
+    """At rest, crank held: a bar's mean axial load is -dV/dL, V the potential energy of its leg."""
+    weight, h = G * np.array([part.mass for part in robot.bodies]), 1e-4
+    for name, link, ends in bars(robot, first=2):
+        psi = rng.uniform(-3.0, 3.0)
+        forces = joint_forces(robot, np.array([0.0, 0.0, 0.0, psi]), np.zeros(4), fixed_base=True,
+                              q_ddot=np.zeros(4))  # fmt: skip
+        for loads, leg in zip(forces.link_loads()[:, ends, 0], robot.legs, strict=True):
+
+            def potential(change, leg=leg, psi=psi, name=name, link=link):
+                longer = robot.with_bodies(**{name: replace(link, length=link.length + change)})
+                return coordinates(longer, leg.side, psi + leg.phase)[2::3] @ weight
+
+            near, far = (potential(s) - potential(-s) for s in (h, 2.0 * h))
+            assert loads.mean() == pytest.approx(-(8.0 * near - far) / (12.0 * h), abs=1e-7)
+
+
 def test_many_instants_are_each_one(laden, random_state, rng):
     """(2, 3) instants at once, then one by one, and :meth:`at`: the same to rounding."""
     draws = [draw(laden, random_state, rng, False) for _ in range(6)]
@@ -208,3 +234,22 @@ def test_bearing_does_not_depend_on_how_links_are_paired(laden, random_state, rn
         at = [k for k, (_, name) in enumerate(linkage.corners) if name == joint]
         scale = np.abs(corner).max()
         assert np.abs(corner[:, at].sum(axis=1)).max() <= 1e-12 * scale  # action and reaction
+
+
+@pytest.mark.parametrize("side", ["fore", "back"])
+def test_pins_are_the_papers_constraints(robot, side):
+    """Each pair of rows is x_body - x_other + ..., closed at the joint the pin is named after."""
+    x = coordinates(robot, side, 0.7)
+    joints, (angle, place) = joint_positions(robot, side, 0.7), (x[0::3], x.reshape(-1, 3)[:, 1:])
+    linkage = robot.linkage
+    for pin, closure in zip(linkage.pins, pr.leg_closures(robot, side), strict=True):
+        assert (pin.body, pin.other) == (closure.plus, closure.minus)
+        assert {(pin.body, pin.joint), (pin.other, pin.joint)} <= set(linkage.corners)
+        corner = place[pin.other - 1].copy()  # its arm is minus the other body's own terms
+        for term in closure.terms:
+            if term.body == pin.other:
+                turned = angle[term.body - 1] + term.offset
+                corner -= term.coefficient * np.array([math.cos(turned), math.sin(turned)])
+        assert corner == pytest.approx(joints[linkage.joints.index(pin.joint)], abs=1e-12)
+    assert len({str(pin) for pin in linkage.pins}) == len(linkage.pins)
+    assert str(JANSEN.pins[1]) == "A23"

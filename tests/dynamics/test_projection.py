@@ -77,6 +77,45 @@ def test_C_dot_is_the_rate_of_C(robot, side, rng):
     assert np.abs(pr.constraint_matrix_rate(robot, side, x, x_dot) - rate).max() <= 1e-12
 
 
+@pytest.mark.parametrize("index", range(4))
+def test_D_and_D_dot_against_differences(index, rng):
+    """x_dot = D u, and D_dot, along a random path; differences of 1e-3 err by 1e-10 or so."""
+    robot = paper_robot()
+    leg = robot.legs[index]
+
+    def D_at(q):
+        x = pr.system_coordinates(robot, q)[index]
+        return pr.orthogonal_complement(pr.constraint_matrix(robot, leg.side, x), 4)
+
+    for _ in range(10):
+        q, q_dot = rng.uniform(-3.0, 3.0, 4), rng.uniform(-1.0, 1.0, 4)
+        x = pr.system_coordinates(robot, q)[index]
+        x_dot = along(lambda t, q=q, v=q_dot: pr.system_coordinates(robot, q + t * v)[index])
+        D = D_at(q)
+        assert np.abs(D @ x_dot[:4] - x_dot).max() <= 1e-8
+        C = pr.constraint_matrix(robot, leg.side, x)
+        C_dot = pr.constraint_matrix_rate(robot, leg.side, x, x_dot)
+        D_dot = along(lambda t, q=q, v=q_dot: D_at(q + t * v))
+        assert np.abs(pr.orthogonal_complement_rate(C, C_dot, D) - D_dot).max() <= 1e-8
+
+
+@pytest.mark.parametrize("fixed_base, dof", [(True, 1), (False, 4)])
+def test_degrees_of_freedom(robot, fixed_base, dof, rng):
+    """24 - 20 = 4 a leg; n legs 4 n - (4 n - 1) = 1 on a fixed base, 4 n - (4 n - 4) = 4 free."""
+    q = rng.uniform(-3.0, 3.0, 4)
+    if fixed_base:
+        q[:3] = 0.0
+    n = len(robot.legs)
+    Q = pr.system_coordinates(robot, q)[:, :4].ravel()
+    C = pr.system_constraint_matrix(robot, Q, fixed_base)
+    assert C.shape == (4 * n - dof, 4 * n)  # the paper's 15 and 12 rows for four legs
+    assert np.linalg.matrix_rank(C) == 4 * n - dof
+    assert np.abs(pr.system_constraints(robot, Q, fixed_base)).max() <= 1e-12
+    whole, _, X_dot = full_constraints(robot, q, np.array([0.0, 0.0, 0.0, 1.0]), fixed_base)
+    assert 3 * len(robot.bodies) * n - np.linalg.matrix_rank(whole) == dof
+    assert np.abs(whole @ X_dot).max() <= 1e-8  # the differences' error
+
+
 def test_a_wrong_pose_violates_the_system_constraints():
     """Moving one leg's frame by 0.1 m, or its crank by 0.1 rad, shows in its rows by as much."""
     robot = paper_robot()

@@ -86,6 +86,19 @@ def test_pads_follow_their_joints(robot, tables, rng):
             assert np.exp(1j * turn(t)) == pytest.approx(np.exp(1j * leg_x[3 * body]), abs=1e-12)
 
 
+def test_pads_are_all_toes_then_bumpers(robot, tables):
+    """Toes in the order of legs; each leg's knee, ankle and hip corners; a pivot for each side."""
+    layout, linkage, sides = tables.layout, robot.linkage, {leg.side for leg in robot.legs}
+    toes, each = len(robot.toes), len(linkage.toes)
+    pads = [(leg, linkage.all_pads[k][0]) for leg, k in zip(layout.leg, layout.joint, strict=True)]
+    assert layout.toes == toes and (*pads[:toes],) == robot.toes
+    assert (layout.joint[:toes] < each).all() and (layout.joint[toes:] >= each).all()
+    frames = sum(body == 1 for _, body in linkage.pads)
+    others = (len(linkage.pads) - frames) * len(robot.legs) + frames * len(sides)
+    assert len(layout.leg) == toes + others
+    assert len(set(zip(layout.leg, layout.joint, strict=True))) == len(layout.leg)
+
+
 def test_built_in_tables_have_converged(tables):
     """What is cut off is rounding for the paper's lengths, below 1e-12 for the holy numbers."""
     assert tables.tail <= 1e-12

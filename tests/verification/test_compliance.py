@@ -13,8 +13,9 @@ import pytest
 from motions import placed, shift
 from test_touchdown import PSI, level
 
-from jansen_env import Terrain
+from jansen_env import ROBOTS, Terrain
 from jansen_env.gravity import GRAVITY
+from jansen_env.plants.batch import Batch
 from jansen_env.robot import Compliance
 
 SPEED = 1.0  # m/s
@@ -102,3 +103,64 @@ def test_sag(measured):
         sag = plant.robot.mass * GRAVITY / (toes * pads.stiffness)
         measured("sag off m g / (n k)", abs(start - plant.state[1] - sag) / sag, 1e-11)
         measured("creep after 3 s", np.abs(plant.state[4:]).max(), 1e-12, "m/s, rad/s")
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3, 0.8])
+@pytest.mark.parametrize("toes", [1, 2, 3, 4])
+def test_the_rigid_limit_of_a_landing(toes, friction, measured):
+    """Thrown on its toes, crank free: where it is after 20 ms, on 1e14 N/m and on rigid pads."""
+    for step, limit in ((1e-3, 2e-2), (1e-4, 3e-3)):
+        ends = []
+        for pads in (Compliance(1e14), Compliance()):
+            robot = replace(level(toes), pad_compliance=pads)
+            thrown = shift(y=2.34e-3, vx=0.2, vy=-0.5, spin=0.3, crank=1.0)
+            plant = placed(robot, Terrain.flat(friction), PSI, 0.02, moved=thrown, time_step=step)
+            plant.step(1.0, 0.02)
+            ends.append(plant.state)
+        apart = np.abs(ends[0] - ends[1]).max()
+        measured(f"landing on 1e14 N/m or rigid, {1e3 * step:g} ms", apart, limit, "m, rad, 1/s")
+
+
+def thrown(rng, count):
+    """A batch of robots in weightlessness on pads of all kinds, thrown at the ground."""
+    step = 10.0 ** rng.uniform(-4.0, -1.7)
+    robots, friction = [], rng.choice([0.0, 0.3, 0.8, 2.0])
+    for _ in range(count):
+        k, kt = 10.0 ** rng.uniform(2.0, 16.0, 2)
+        d, dt = rng.choice([0.0, 1.0], 2) * 10.0 ** rng.uniform(0.0, 10.0, 2)
+        robots.append(replace(ROBOTS["paper"](), pad_compliance=Compliance(k, d, kt, dt)))
+    batch = Batch(robots, [Terrain.flat(float(friction))] * count, step, 0.0, threads=1)
+    for i, robot in enumerate(robots):
+        psi, pitch = rng.uniform([0.0, -0.3], [2.0 * math.pi, 0.3])
+        batch.place_at(np.array([i]), np.array([psi]), pitch=pitch)
+        state, sunk = batch.states[i], robot.mass * GRAVITY / robot.pad_compliance.stiffness
+        state[1] += rng.uniform(0.0, 2.0) * step + sunk
+        state[4:] = rng.normal(size=4) * (0.5, 0.3, 0.5, 0.0) - (0.0, 1.0, 0.0, 0.0)
+        batch.set_state(i, state)
+    return batch
+
+
+def resolved(batch):
+    """(n,) whether the time step resolves all pads; 20 / kg is the most that W has there."""
+    h, pads = batch.time_step, batch.params
+    stiff = h * np.sqrt(20.0 * pads["stiffness"].max(axis=1)) < 2.0
+    return stiff & (20.0 * h * pads["pad_damping"].max(axis=1) < 2.0)
+
+
+def test_no_pad_creates_energy(rng, measured):
+    """Crank locked: k to 1e16 N/m, d to 1e10 N s/m, steps of 0.1 to 20 ms; elastic included."""
+    gain, residual = 0.0, 0.0
+    for _ in range(20):
+        batch = thrown(rng, 16)
+        batch.params["prescribed_speed"] = True
+        start = np.array([batch.energy(i) for i in range(16)])
+        for _ in range(40):
+            batch.step(np.zeros(16), 1)
+            assert not batch.diverged.any()
+            now = np.array([batch.energy(i) for i in range(16)])
+            now += np.where(resolved(batch), batch.accumulators["elastic_energy"], 0.0)
+            gain = max(gain, float((now / start).max()) - 1.0)
+            residual = max(residual, float(batch.accumulators["worst_residual"].max()))
+        batch.close()
+    measured("thrown at compliant pads: kinetic energy gained, relative", gain, 1e-12)
+    measured("thrown at compliant pads: contact law violated", residual, 1e-13, "N s")

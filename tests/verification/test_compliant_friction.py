@@ -68,6 +68,20 @@ def test_it_stands_below_and_slides_above(measured):
             assert slip > 0.1
 
 
+def test_bristles_and_springs_give_back_what_they_took(measured):
+    """No dampers, no slip: 5 s of swinging, 16 time steps a period, keep all energies' sum."""
+    plant = standing(Compliance(3e4, 0.0, 1e4, 0.0), 5.0, speed=0.02, settle=0.0)
+    energies, slip = [], 0.0
+    for _ in range(500):
+        slip += plant.step(0.0, 0.01).slip.sum()
+        elastic = plant.batch.accumulators["elastic_energy"][0]
+        energies.append(plant.energy() + elastic)
+        energies[-1] -= energies[0] if len(energies) > 1 else 0.0
+    swung = 0.5 * plant.robot.mass * 0.02**2
+    assert slip == 0.0
+    measured("undamped bristles: energy lost in 5 s", np.abs(energies[1:]).max() / swung, 1e-9)
+
+
 @pytest.mark.parametrize("time_step", [1e-3, 1e-2])
 @pytest.mark.parametrize("name", ["paper_slender", "holy", "built", "klann", "strider"])
 def test_random_walks_in_grooves(name, time_step, measured):

@@ -83,6 +83,29 @@ def test_it_breaks_away_at_friction_and_weight(sign, measured):
         measured(f"{base} base: break away off friction", off, 1e-10, "N m")
 
 
+def test_a_free_crank_stops_in_time(measured):
+    """After k n / F where k is constant; else by energy, k n^2 / 2 = F psi."""
+    robot = replace(SMOOTH, motor=Motor(friction=TORQUE, rotor_inertia=1e-3, gear_ratio=1e3))
+    tables = compile_robot(robot)  # k is 1000 kg m^2 and 0.7
+    plant = pinned(robot, 0.3, 0.01, gravity=0.0)
+    k = float(body_sums(tables, 0.3).k)
+    times, stop = 0, k * 0.01 / TORQUE
+    while plant.state[7] > 0.0:
+        plant.step(0.0, 1e-3)
+        times += 1
+    measured("fixed base: time to stop off k n / F", abs(times * 1e-3 - stop), 1.1e-3, "s")
+    turned = 0.5 * k * 0.01**2 / TORQUE
+    measured("fixed base: angle to stop", abs(plant.state[3] - 0.3 - turned) / turned, 1e-7)
+    light = replace(SMOOTH, motor=GEAR)
+    plant = pinned(light, 0.3, 6.0, 2.5e-4, gravity=0.0)
+    energy = plant.energy()
+    result = plant.step(0.0, 10.0)
+    assert plant.state[7] == 0.0
+    share = TORQUE * (plant.state[3] - 0.3) / energy
+    measured("fixed base: F psi off the energy lost", abs(share - 1.0), 1e-7)
+    measured("fixed base: joint loss off it", abs(result.joint_loss / energy - 1.0), 1e-7)
+
+
 @pads
 def test_the_same_stop_in_flight(name, measured):
     """Free base, weightless: what the motion loses its friction has; of second order."""

@@ -117,3 +117,28 @@ def test_slip_begins_at_a_pull_of_mu_m_g(name, way, measured):
     measured("acceleration", abs(gained - way * 0.05 * mu * GRAVITY), 1e-13, "m/s^2")
     drag = result.contact_force[:, 0].sum()
     measured("friction while sliding", abs(drag + way * mu * weight), 1e-12 * weight, "N")
+
+
+@machines
+def test_friction_reverses_with_the_motion(name, measured):
+    """Pushed against a pull p: p/m + mu g slows it, then p/m - mu g speeds it up the other way."""
+    robot, _, most = MACHINES[name]
+    mu, speed = most / 2.0, 0.5
+    pull = 1.3 * mu * GRAVITY  # per mass
+    plant = standing(name, Terrain.flat(friction=mu), speed)
+    plant.gravity = -pull, -GRAVITY
+    slowing, gaining = pull + mu * GRAVITY, pull - mu * GRAVITY
+    turning = round(speed / slowing / STEP) * STEP
+    first = plant.step(0.0, turning - 2.0 * STEP)
+    measured("speed, slowing", abs(plant.state[4] - speed + slowing * (turning - 2 * STEP)), 2e-13)
+    plant.step(0.0, 4.0 * STEP)
+    middle = plant.state
+    last = plant.step(0.0, 0.2)
+    measured("speed, gaining", abs((plant.state - middle)[4] + gaining * 0.2), 1e-13, "m/s")
+    drag = mu * robot.mass * GRAVITY
+    for name, result, force in (("first", first, -drag), ("afterwards", last, drag)):
+        error = abs(result.contact_force[:, 0].sum() - force)
+        measured(f"friction, {name}", error, 2e-11, "N")
+    time = turning + 2.0 * STEP - speed / slowing  # since it turned
+    distance = speed**2 / (2.0 * slowing) - 0.5 * gaining * time**2
+    measured("place after turning", abs(middle[0] - distance), pull * STEP**2, "m")

@@ -89,3 +89,22 @@ def test_grooves(name, measured):
 def test_ten_thousand_walks_on_grooves(name, measured):
     """2,048 walks of 2 s for every design, 10,240 in all."""
     check(name, range(1, 17), 128, measured)
+
+
+def test_a_braced_robot_holds_little_and_stands_still(measured):
+    """Jammed in grooves of 58 degrees, then left alone for 3 s; half of the robots: others rock."""
+    x = 0.05 * np.arange(-40, 41)
+    ground = Terrain(tuple(zip(x, np.where(np.arange(81) % 2, -0.08, 0.0), strict=True)))
+    force, moved = 0.0, []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        plant = placed(ROBOTS["holy"](), ground, rng.uniform(0.0, 2.0 * math.pi))
+        for _ in range(50):
+            result = plant.step(rng.uniform(-TORQUE, TORQUE), 0.02)
+            force = max(force, float(np.abs(result.contact_force).max()))
+        plant.step(0.0, 3.0)
+        before = plant.state
+        plant.step(0.0, 1.0)
+        moved.append(np.abs(plant.state - before)[:3].max())
+    measured("wedged robot: mean force on a toe over 20 ms", force, 1e5, "N")
+    measured("wedged robots left alone: motion in a second", float(np.median(moved)), 5e-5, "m")

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motions import FLIGHT, HOLD, PADS, pads, placed
+from motions import FLIGHT, HOLD, PADS, pads, pinned, placed
 
 from jansen_env import Motor, Payload, Robot, Terrain
 from jansen_env.dynamics import reduced as rd
@@ -64,6 +64,26 @@ def test_momentum_in_flight_with_a_rotor(ratio, inertia, measured):
     measured("rotor in flight: spin's relative drift at 1 ms", drift[1], 5e-7)
     order = math.log(drift[0] / drift[2], 4.0)
     measured("rotor in flight: spin's drift, order lost of 2", 2.0 - order, 0.05)
+
+
+def test_no_load_speed(measured):
+    """Full torque asked for, no friction, no weight: the crank gets to the no-load speed."""
+    robot = replace(Robot(motor=replace(LINE, rotor_inertia=0.05, gear_ratio=20.0)),
+                    damping=(0.0,) * 10)  # fmt: skip
+    fixed = pinned(robot, 0.3, gravity=0.0)
+    fixed.step(9.0, 300.0)
+    measured("no-load speed, fixed base, relative", abs(fixed.state[7] / 6.0 - 1.0), 5e-3)
+    with_losses = pinned(replace(robot, damping=(0.1,) * 10), 0.3, gravity=0.0)
+    with_losses.step(9.0, 100.0)
+    before = with_losses.state[3]
+    result = with_losses.step(9.0, 20.0)
+    mean = (with_losses.state[3] - before) / 20.0
+    torque = result.torque
+    assert 3.0 < mean < 5.9
+    off = abs(LINE.torque(9.0, mean) - torque)
+    measured("mean torque off the line at the mean speed", off, 1e-9, "N m")
+    unspent = abs(1 - result.joint_loss / result.motor_work)
+    measured("motor work less joint loss, of it", unspent, 2e-2)
 
 
 @pads

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from motions import FLIGHT, HOLD, ODD, governor, placed
 
-from jansen_env import ROBOTS, Leg, Payload, Robot, Terrain
+from jansen_env import ROBOTS, Leg, Payload, Robot, Terrain, paper_robot
 from jansen_env.engine.placement import PLACEMENT_DEPTH
+from jansen_env.gravity import GRAVITY
 from jansen_env.plants import batch
 from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.robot import Bar, Plate
@@ -162,3 +163,42 @@ def test_scaled_robot(name, measured):
     measured(f"scaled robot, {name}: toe forces", force, 5e-12, "N")
     measured(f"scaled robot, {name}: slip in 20 ms", slip, 1e-14, "m")
     measured(f"scaled robot, {name}: energies in 20 ms", energy, 2e-12, "J")
+
+
+SLOPES = {  # robot, crank angle, friction, torque
+    "paper": (Robot(), 0.3, 0.8, 6.0),
+    "holy slipping": (ROBOTS["holy"](), 2.0, 0.2, 6.0),
+    "six legs": (paper_robot(3), 1.0, 0.8, -8.0),
+    "trotbot": (ROBOTS["trotbot"](), 1.0, 0.5, 6.0),
+}
+
+
+@pytest.mark.parametrize("name", SLOPES)
+@pytest.mark.parametrize("angle", [0.1, -0.2])
+def test_a_slope_is_gravity_turned(name, angle, measured):
+    """2 s of walking on a slope = on level ground with g turned by -angle, in the turned frame."""
+    robot, psi, mu, torque = SLOPES[name]
+    slope, turn = placed(robot, Terrain.slope(angle, friction=mu), psi), np.exp(1j * angle)
+    gravity = -GRAVITY * math.sin(angle), -GRAVITY * math.cos(angle)
+
+    def turned(state, turn, angle):
+        """A state on the level as seen on the slope, or the other way round."""
+        q = state.copy()
+        for i in (0, 4):
+            place = turn * complex(*q[i : i + 2])
+            q[i : i + 2] = place.real, place.imag
+        q[2] += angle
+        return q
+
+    start = turned(slope.state, 1.0 / turn, -angle)
+    level = placed(robot, Terrain.flat(friction=mu), state=start, gravity=gravity)
+    apart, work, slip = 0.0, 0.0, 0.0
+    for k in range(100):
+        push = torque * (1.0 + math.sin(0.3 * k))
+        results = [plant.step(push, 0.02) for plant in (slope, level)]
+        apart = max(apart, np.abs(slope.state - turned(level.state, turn, angle)).max())
+        work += abs(results[0].contact_force - results[1].contact_force).max() * 0.02
+        slip += results[0].slip.sum()
+    assert abs(slope.state[3] - psi) > 1.0 and slip > 1e-4  # it stepped, it slid
+    measured("state apart after 2 s", apart, 1e-12)
+    measured("impulses apart", work, 1e-11, "N s")

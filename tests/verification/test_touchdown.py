@@ -165,6 +165,45 @@ def test_rough_impact_is_coulombs(toes, mu, locked, measured):
     measured("loss not booked in it", unbooked, 5e-7, "J")
 
 
+@pytest.mark.parametrize("toes", [3, 4])
+@pytest.mark.parametrize("mu, restitution", [(0.8, 0.0), (0.3, 0.0), (0.8, 0.5), (0.0, 0.8)])
+def test_the_order_of_the_legs_is_of_no_matter(toes, mu, restitution, measured):
+    """Level toes strike together: one velocity, in whichever order the legs are named."""
+    velocities = []
+    v = np.array([0.1, -0.8, 0.2, 1.5])
+    for order in itertools.permutations(level(toes).legs):
+        first = order[0].phase
+        robot = Robot(legs=tuple(Leg(leg.side, leg.phase - first) for leg in order))
+        velocities.append(strike(robot, v, mu, restitution, False, PSI + first)[2])
+    apart = np.ptp(velocities, axis=0).max()
+    measured(f"velocities apart, {len(velocities)} orders of {toes} legs", apart, 1e-14)
+    assert np.abs(velocities[0] - v).max() > 0.1
+
+
+@pytest.mark.parametrize("toes, locked", [(2, True), (3, True), (4, True), (3, False), (4, False)])
+def test_level_toes_share_the_weight(toes, locked, measured):
+    """Loads balance; the locked robot's are linear in x as on equal springs."""
+    robot = level(toes)
+    plant = placed(robot, None, PSI, 0.0, moved=shift(y=0.05), locked=True)
+    plant.step(0.0, 0.5)
+    plant.prescribed_crank_speed = locked
+    before = plant.state
+    result = plant.step(0.0, 10.0)
+    drift = np.abs(plant.state - before)[:4].max()
+    measured(f"drift in 10 s on {toes} toes", drift, 3e-13, "m")
+    x, load = plant.toe_positions()[:, 0], result.contact_force[:, 1]
+    q, weight = plant.state, robot.mass * GRAVITY
+    arm = x - q[0] - (rd.body_sums(plant.tables, q[3]).c[0] / robot.mass)  # the pitch is 0
+    measured("pitch", abs(q[2]), 1e-4, "rad")
+    measured("sum of loads less weight", abs(load.sum() - weight), 1e-11, "N")
+    measured("moment of the loads", abs(arm @ load), 1e-5 * weight, "N m")
+    measured("least load, negative", -load.min(), 0.0, "N")
+    if locked:
+        balance = np.vstack([np.ones(toes), arm])
+        springs = np.linalg.lstsq(balance, np.array([weight, 0.0]), rcond=None)[0]
+        measured("loads less springs'", np.abs(load - springs).max(), 2e-5 * weight, "N")
+
+
 DROP = 0.1  # m
 
 

@@ -57,6 +57,42 @@ def test_contact_law_and_penetration(name, measured):
     measured(f"penetration, {name}", deepest, LEFT + 0.4 * 0.5 * step, "m")
 
 
+@pytest.mark.parametrize("torque", [1e3, 1e5, 1e8, -1e8])
+def test_absurd_torque_ends_in_a_plain_error(torque):
+    """The state stays finite, or FloatingPointError says that it diverged: no NaN gets out."""
+    plant, diverged = placed(), False
+    for _ in range(50):
+        try:
+            plant.step(torque, HOLD)
+        except FloatingPointError:
+            diverged = True
+        assert np.isfinite(plant.state).all()
+    assert diverged == (abs(torque) > 1e3)
+
+
+def bounced(step):
+    """Lost in 4 s of bouncing with e = 1, mean of six starts, and unaccounted for at worst."""
+    ground = Terrain.flat(friction=0.0, restitution=1.0)
+    lost = missed = 0.0
+    for height in np.linspace(0.8, 0.9, 6):
+        start = [0.0, height, 0.1, 0.3, 0.2, 0.0, 0.5, 0.0]
+        plant = placed(None, ground, state=start, locked=True, time_step=step)
+        start = plant.energy()
+        results = [plant.step(0.0, HOLD) for _ in range(200)]
+        losses = [result.impact_loss - result.correction_work for result in results]
+        lost += abs(sum(losses)) / start / 6.0
+        missed = max(missed, abs(plant.energy() - start + sum(losses)) / start)
+    return lost, missed
+
+
+def test_restitution_1_keeps_the_energy(measured):
+    """Lifting a pad out of the ground adds energy of first order, accounted for to rounding."""
+    (coarse, missed), (fine, _) = bounced(1e-3), bounced(2.5e-4)
+    measured("bouncing with e = 1: energy lost in 4 s at 1 ms", coarse, 1e-3)
+    measured("bouncing with e = 1: order lost of 1", 1.0 - math.log(coarse / fine, 4.0), 0.3)
+    measured("bouncing with e = 1: energy unaccounted for", missed, 1e-12)
+
+
 def farthest_outer_joint(plant):
     """Crank angle at which an outer joint is farthest from the crank axis, how far, and where."""
     best = (0.0, 0.0, 0.0)
@@ -85,6 +121,17 @@ def test_an_outer_joint_is_found_before_it_strikes(measured):
         gained = max(gained, plant.energy() - start)
     share = gained / (plant.robot.mass * GRAVITY * depth_allowed)
     measured("farthest outer joint touches down: energy gained over m g v h / 2", share, 0.25)
+
+
+@pytest.mark.parametrize("height", [5.0, 80.0])
+def test_fast_touchdown(height, measured):
+    """Dropped from 5 and 80 m, touching down at 10 and 40 m/s: nothing stays below the ground."""
+    plant, deepest = placed(locked=True), 0.0
+    for extra in np.linspace(0.0, 0.2, 8):
+        plant.state = [0.0, height + 0.6 + extra, 0.0, 0.3, 0.0, 0.0, 0.0, 0.0]
+        plant.step(0.0, 4.0 + math.sqrt(2.0 * height / GRAVITY))
+        deepest = max(deepest, depth(plant))
+    measured(f"dropped from {height:g} m: penetration at rest", deepest, 2.0 * LEFT, "m")
 
 
 LIGHT = ROBOTS["holy_slender"]()
@@ -125,6 +172,15 @@ def test_fast_toes_do_not_tunnel(name, measured):
     measured(f"fast toes, {name}: energy given back in a step over energy", lifted, 0.03)
 
 
+def test_a_toe_deep_in_the_ground_is_found_again(measured):
+    """20 cm below the ground, where no plane is near: it comes up at 1 m/s, and stays up."""
+    plant = placed(moved=shift(y=-0.2))
+    plant.step(0.0, 0.1)
+    assert depth(plant) > 0.05
+    plant.step(0.0, 1.0)
+    measured("20 cm below the ground: penetration after 1.1 s", depth(plant), 2.0 * LEFT, "m")
+
+
 def test_a_toe_too_deep_is_refused():
     """A metre below the ground: FloatingPointError, and all stays as it was."""
     plant = placed(tracing=True)
@@ -135,6 +191,21 @@ def test_a_toe_too_deep_is_refused():
         plant.step(0.0, 0.1)
     assert (plant.state == state).all() and plant.in_contact.all()
     assert len(plant.batch.trace) == len(plant.batch.touchdowns) == 0
+
+
+def test_deep_toes_come_out_of_grooves(measured):
+    """Put 5 to 30 cm into grooves 25 cm wide and 40 cm deep: 3 s later nothing is in the ground."""
+    at = 0.125 * np.arange(-40, 41)
+    ground = Terrain(tuple(zip(at, np.where(np.arange(81) % 2, -0.4, 0.0), strict=True)), 0.3)
+    plant, deepest = placed(None, ground), 0.0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        x, psi, sunk = rng.uniform([-0.2, 0.0, 0.05], [0.2, 2.0 * math.pi, 0.3])
+        plant.reset(x, psi)
+        plant.state = plant.state - shift(y=sunk)
+        plant.step(0.0, 3.0)
+        deepest = max(deepest, depth(plant))
+    measured("put into grooves: penetration after 3 s", deepest, 1e-3, "m")
 
 
 def test_deep_toes_move_alike_beside_others():

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, cast
 
@@ -19,6 +20,8 @@ from scipy.stats import qmc
 from tabulate import tabulate
 
 from jansen_env import __version__
+from jansen_env.baselines.pid import PID
+from jansen_env.baselines.policy import PAPER_PID
 from jansen_env.checks import within
 from jansen_env.commands.flags import positive_int, robot_parser
 from jansen_env.files import write_text
@@ -58,6 +61,7 @@ exceeded in 1 % of the steps of 20 ms; the duty factor is the share of these in 
 load. The start is the first 2 s."""
 STEPS = tuple(np.round(np.arange(0.02, 0.161, 0.02), 2).tolist())  # m, heights that are climbed
 STEP_AT, BEYOND, FAR = 0.7, 1.3, 2.0  # m: the step; where it is climbed; way without slip
+INFO = "x_position", "crank_angle", "crank_torque", "pitch", "fallen"
 SLOWEST, FASTEST = 0.5, 10.0  # rad/s
 SPAN = 5.0, 95.0  # per cent of the copies, below and above which others lie
 
@@ -104,34 +108,48 @@ def predict(robot: Robot, speed: float, copies: int) -> dict[str, Any]:
     ``low`` and ``high``: 90 % of the copies are between them. ``sources``: shares of the variance
     by linear regression; what is left to 1 is not linear, as the walk is chaotic.
     """
-    sizes = [name for name in lengths(robot) if name != "frame_angle"]
-    names = [name for name in WITHIN if name != "lengths"]
-    least, most = np.array([WITHIN[name] for name in [*names, *["lengths"] * len(sizes)]]).T
-    drawn = least + (most - least) * qmc.LatinHypercube(len(least), rng=0).random(copies)
-    known, errors = dict(zip(names, drawn.T, strict=False)), drawn[:, len(names) :]
-    robots = [copy_of(robot, {name: float(known[name][i]) for name in names},
-                      dict(zip(sizes, errors[i].tolist(), strict=True)))
-              for i in range(copies)]  # fmt: skip
+    robots, known, errors = draw_copies(robot, WITHIN, copies)
     measured = {**measure(robots, known, speed), "step_climbed": climb(robots, known, speed)}
-    inputs = {name: known[name][:, None] for name in names if name != "start"}
+    inputs = {name: values[:, None] for name, values in known.items() if name != "start"}
     turn = 2.0 * known["start"]
     inputs |= {"lengths": errors, "start": np.stack([np.cos(turn), np.sin(turn)], axis=1)}
     return {name: summary(measured[name], inputs) for name in UNITS}
 
 
+def draw_copies(
+    robot: Robot, limits: Mapping[str, tuple[float, float]], copies: int
+) -> tuple[list[Robot], dict[str, Array], Array]:
+    """Draw copies of a robot: them, their numbers (copies,) by name, errors of lengths, m."""
+    sizes = [name for name in lengths(robot) if name != "frame_angle"]
+    names = [name for name in limits if name != "lengths"]
+    least, most = np.array([limits[name] for name in [*names, *["lengths"] * len(sizes)]]).T
+    drawn = least + (most - least) * qmc.LatinHypercube(len(least), rng=0).random(copies)
+    known, errors = dict(zip(names, drawn.T, strict=False)), drawn[:, len(names) :]
+    robots = [copy_of(robot, {name: float(known[name][i]) for name in names},
+                      dict(zip(sizes, errors[i].tolist(), strict=True)))
+              for i in range(copies)]  # fmt: skip
+    return robots, known, errors
+
+
 def copy_of(robot: Robot, numbers: dict[str, float], errors: dict[str, float]) -> Robot:
-    """The robot with one draw of what is uncertain; errors: m, by length."""
+    """The robot with one draw of what is uncertain; errors: m, by length.
+
+    A ``payload``, kg, and ``damping`` of the crank, N m s/rad, are added to the robot's.
+    """
     known = lengths(robot)
     wrong = with_lengths(robot, {name: known[name] + error for name, error in errors.items()})
     motor, feet = wrong.motor, wrong.pad_compliance
     volts, stiff = numbers["battery"], numbers["feet"]
     motor = replace(motor, stall_torque=volts * motor.stall_torque,
-                    no_load_speed=volts * motor.no_load_speed)  # fmt: skip
+                    no_load_speed=volts * motor.no_load_speed,
+                    viscous_friction=motor.viscous_friction + numbers.get("damping", 0.0)
+                    )  # fmt: skip
+    load = replace(wrong.payload, mass=wrong.payload.mass + numbers.get("payload", 0.0))
     if not feet.rigid:
         feet = replace(feet, stiffness=stiff * feet.stiffness,
                        tangential_stiffness=stiff * (feet.tangential_stiffness or 0.0))  # fmt: skip
     return replace(
-        wrong, motor=motor, pad_compliance=feet,
+        wrong, motor=motor, pad_compliance=feet, payload=load,
         bodies=tuple(replace(b, mass=numbers["mass"] * b.mass, inertia=numbers["mass"] * b.inertia)
                      for b in wrong.bodies),
         bearing_friction=tuple(numbers["bearings"] * each for each in robot.bearing_friction),
@@ -139,7 +157,12 @@ def copy_of(robot: Robot, numbers: dict[str, float], errors: dict[str, float]) -
 
 
 def walk(
-    robots: list[Robot], known: dict[str, Array], speed: float, ground: Terrain, seconds: float
+    robots: list[Robot],
+    known: dict[str, Array],
+    speed: float,
+    ground: Terrain,
+    seconds: float,
+    pid: PID = PAPER_PID,
 ) -> tuple[dict[str, Array], float]:
     """Walk robots whose cranks turn for ``seconds`` and then stop; return arrays (steps, n), and
     the duration of a step, s."""
@@ -150,14 +173,14 @@ def walk(
         terminate_when_fallen=False, reset_noise_scale=0.0, max_episode_steps=-1,
     )  # fmt: skip
     now = speed
-    policy = walking_pid(lambda command: np.full(len(command), now), single)
+    policy = walking_pid(lambda command: np.full(len(command), now), single, pid)
     seen, _ = envs.reset(seed=0, options={"crank_angle": known["start"]})
     height, rows, memory = single.task.columns["crank_axis_height"], [], None
     for step in range(round((seconds + STOPPED) / dt)):
         now = speed if step < round(seconds / dt) else 0.0
         action, memory = policy.predict(seen, memory, np.full(len(robots), step == 0))
         seen, _, _, _, info = envs.step(action)
-        row = {name: info[name] for name in ("x_position", "crank_torque", "pitch", "fallen")}
+        row = {name: info[name] for name in INFO}
         row |= {name: info["energy"][name] for name in ("motor_work", "electrical_work")}
         row["slip"], row["load"] = info["slip"].sum(axis=-1), info["contact_force"][..., 1]
         rows.append({**row, "height": seen[:, height]})
@@ -165,10 +188,15 @@ def walk(
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}, dt
 
 
+def measured_time(speed: float) -> float:
+    """Seconds of a walk that are measured: whole half turns in about :data:`WALKED`."""
+    half_turn = math.pi / abs(speed)
+    return half_turn * max(1, math.floor(WALKED / half_turn))
+
+
 def measure(robots: list[Robot], known: dict[str, Array], speed: float) -> dict[str, Array]:
     """Numbers (n,) of a walk on level ground, most of whole half turns of the crank after 2 s."""
-    half_turn = math.pi / abs(speed)
-    time = half_turn * max(1, math.floor(WALKED / half_turn))
+    time = measured_time(speed)
     run, dt = walk(robots, known, speed, Terrain.flat(), SETTLING + time)
     begin, end = round(SETTLING / dt), round((SETTLING + time) / dt)
     part = {name: values[begin:end] for name, values in run.items()}

@@ -1,0 +1,134 @@
+"""Logs of machines: what is refused and mended, compared with predictions, and identified."""
+
+import json
+
+import numpy as np
+import pytest
+from machine_logs import MEASUREMENTS, TRUTH, drawn_machine, mujoco, rigid_body, write_log
+
+from agents import identify
+from agents.measurements import published, read_log, table
+from jansen_env import ROBOTS
+
+EXAMPLES = sorted(MEASUREMENTS.glob("synthetic_*.csv"))
+FAST = EXAMPLES[-1]
+ECONOMY = ROBOTS["economy"]()
+
+
+def changed(tmp_path, change):
+    """A log whose head and rows of numbers ``change`` has changed."""
+    lines = FAST.read_text().splitlines()
+    comments = [line for line in lines if line.startswith("#")]
+    head, *rows = lines[len(comments) :]
+    head, rows = change(head, np.array([row.split(",") for row in rows], float))
+    path = tmp_path / "log.csv"
+    rows = [",".join(f"{value:.6f}" for value in row) for row in rows]
+    path.write_text("\n".join([*comments, head, *rows]))
+    return path
+
+
+@pytest.mark.parametrize(("change", "message"), [
+    (lambda head, rows: (head.replace("crank_rad", "crank_turns"), rows), "'crank_turns', must be"),
+    (lambda head, rows: (head.replace("pitch_rad", "x_m"), rows), "no column of pitch"),
+    (lambda head, rows: (head, np.delete(rows, range(200, 210), 0)), r"gap \(s\) after 3\.98 s"),
+    (lambda head, rows: (head, rows[::4]), "median time .s. between samples"),
+    (lambda head, rows: (head, rows[::-1]), "time does not rise"),
+    (lambda head, rows: (head, rows[:300]), "s long, must be"),
+    (lambda head, rows: (head, rows * [1.0, 57.3, 1.0, 1.0, 1.0]), "crank turns at"),
+    (lambda head, rows: (head, rows * [1.05, 1.0, 1.0, 1.0, 1.0]), "the clock is wrong"),
+    (lambda head, rows: (head, rows * [1.0, 1.0, -1.0, 1.0, 1.0]), "mean torque is -"),
+    (lambda head, rows: (head, rows * [1.0, 1.0, 1.0, 57.3, 1.0]), "largest pitch .rad. is"),
+    (lambda head, rows: (head, np.where(rows == rows[5], np.nan, rows)), "finite numbers"),
+    (lambda head, rows: (head.replace("torque_Nm", "current_A"), rows), "torque_constant is None"),
+])  # fmt: skip
+def test_logs_that_cannot_be_right_are_refused(change, message, tmp_path):
+    with pytest.raises(ValueError, match=message):
+        read_log(changed(tmp_path, change))
+
+
+def test_what_is_mended_is_the_same_walk(tmp_path):
+    """Degrees, a wrapped crank, a clock that is 2 % fast and a lost sample, with a note of both."""
+
+    def change(head, rows):
+        rows = np.delete(rows, 300, 0) * [1.02, 180.0 / np.pi, 1.0, 180.0 / np.pi, 1.0]
+        rows[:, 1] %= 360.0
+        return head.replace("_rad", "_deg"), rows
+
+    right, mended = read_log(FAST), read_log(changed(tmp_path, change))
+    assert [note.split()[0] for note in mended.notes] == ["1", "the"] and not right.notes
+    crank = mended.walk.crank - right.walk.crank
+    assert np.abs(crank - 2.0 * np.pi * round(crank.mean() / (2.0 * np.pi))).max() < 0.1
+    for name, most in (("torque", 0.02), ("pitch", 0.002)):
+        ours, theirs = getattr(mended.walk, name), getattr(right.walk, name)
+        assert ours.mean() == pytest.approx(theirs.mean(), abs=most)
+        assert ours.std() == pytest.approx(theirs.std(), rel=0.03)
+
+
+@pytest.mark.parametrize("path", sorted(MEASUREMENTS.glob("*.csv")), ids=lambda path: path.stem)
+def test_every_measurement_is_compared_with_its_prediction(path):
+    """The table of the folder's page has its rows, whatever the verdict."""
+    page = (MEASUREMENTS / "README.md").read_text(encoding="utf-8")
+    shown = {tuple(cell.strip() for cell in line.split("|")) for line in page.splitlines()}
+    rows = table(published(path)).splitlines()[2:]
+    assert len(rows) >= 3
+    assert {tuple(cell.strip() for cell in row.split("|")) for row in rows} <= shown
+
+
+def test_a_log_of_an_unknown_machine_is_not_compared(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text(FAST.read_text().replace("robot: economy", "robot: klann"))
+    with pytest.raises(
+        ValueError, match=r"robot is 'klann', must be one of \['built', 'economy'\]"
+    ):
+        published(path)
+
+
+def test_the_examples_are_identified(tmp_path, capsys):
+    """From another plant, with noise: the numbers are within, the machine's file has them."""
+    out = tmp_path / "machine.json"
+    identify.main([*map(str, EXAMPLES), "--copies", "256", "--out", str(out)])
+    text = capsys.readouterr().out
+    rows = {line.split("|")[1].split(",")[0].strip(): line.split("|")[3:5]
+            for line in text.splitlines() if line.startswith("| ") and "rad/s |" not in line
+            }  # fmt: skip
+    for name, value in TRUTH.items():
+        low, high = map(float, rows[name])
+        assert low <= value <= high, name
+    drawn = json.loads(text.partition("randomize=")[2].partition("\n")[0])
+    assert drawn["friction"][0] < TRUTH["friction"] < drawn["friction"][1]
+    from jansen_env.scoring.rollout import make_env
+
+    env = make_env("JansenWalkerBuilt-v0", {"robot": str(out), "randomize": drawn})
+    env.reset(seed=0)
+    torque = np.array(env.unwrapped.robot.bearing_friction)
+    assert torque[0] > ECONOMY.bearing_friction[0]
+
+
+def test_what_has_no_effect_is_not_told(rng):
+    """Of numbers in the measures each interval holds 95 % of truths; others are as before."""
+    numbers = rng.random((1000, 2))
+    walked = np.stack([numbers[:, 0], rng.random(1000)], axis=1) + rng.normal(0, 0.1, (1000, 2))
+    rows = np.array([identify.estimate(walked[100:], numbers[100:], row) for row in walked[:100]])
+    inside = (rows[..., 1] <= numbers[:100]) & (numbers[:100] <= rows[..., 2])
+    assert inside.sum(axis=0).min() >= 88
+    width = (rows[..., 2] - rows[..., 1]).mean(axis=0)
+    assert width[0] < 0.5 and width[1] > 0.9 > identify.TELLS
+
+
+@pytest.mark.slow
+def test_numbers_are_within_their_intervals(tmp_path):
+    """Of machines of two other simulators; 95 % of all, less what chance allows of so many."""
+    rng, within = np.random.default_rng(7), identify.limits(ECONOMY)
+    copies, inside = None, []
+    for make in (rigid_body, mujoco):
+        for _ in range(6):
+            machine, numbers = drawn_machine(ECONOMY, within, rng)
+            logs = []
+            for speed in (1.0, 2.0):
+                path = tmp_path / f"{speed:g}.csv"
+                write_log(path, make(machine, numbers["friction"]), speed, rng, numbers["start"])
+                logs.append(read_log(path))
+            copies = copies or identify.walk_copies(ECONOMY, logs, within, 512)
+            found = identify.identify(ECONOMY, logs, copies)
+            inside += [row.low <= numbers[name] <= row.high for name, row in found.items()]
+    assert len(inside) == 60 and sum(inside) >= 54

@@ -99,6 +99,27 @@ def test_parts_weigh_what_the_model_says(name):
         assert parts[part.name] == pytest.approx(part.each, rel=0.04), part.name
 
 
+def test_a_cut_leaves_parts_of_their_size(tmp_path):
+    """Lines with a kerf, shrunk and grown by half of it, are those without; from the origin on."""
+    for kerf, folder in ((0.0, "exact"), (0.4, "cut")):
+        command.main(["built", "--out", str(tmp_path / folder), "--kerf", str(kerf)])
+    for name in ("foot", "crank", "foot-shoe"):
+        exact, cut = (
+            points_of(ezdxf.readfile(tmp_path / folder / "parts" / f"{name}.dxf"))[0]
+            for folder in ("exact", "cut")
+        )
+        np.testing.assert_allclose(np.array(cut) - exact, 0.2 + 0.2j, atol=1e-9)
+        radii = [
+            [c.dxf.radius for c in ezdxf.readfile(tmp_path / folder / "parts" / f"{name}.dxf")
+             .modelspace().query("CIRCLE")]
+            for folder in ("exact", "cut")
+        ]  # fmt: skip
+        np.testing.assert_allclose(np.subtract(*radii), 0.2, atol=1e-9)
+    sizes = [ET.parse(tmp_path / folder / "parts" / "foot.svg").getroot().get("width")
+             for folder in ("exact", "cut")]  # fmt: skip
+    assert float(sizes[1][:-2]) - float(sizes[0][:-2]) == pytest.approx(0.4, abs=2e-3)
+
+
 def test_what_is_drawn_has_the_area_of_its_shape():
     shape = Round((0j, 40 + 0j, 10 + 30j), 7.0)
     points = [(z.real, z.imag, bulge) for z, bulge in shape.path]

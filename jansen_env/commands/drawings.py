@@ -11,6 +11,7 @@ import argparse
 import re
 from pathlib import Path
 
+from jansen_env.checks import within
 from jansen_env.commands.flags import robot_parser
 from jansen_env.drawings.materials import machine
 from jansen_env.drawings.sheets import drawings
@@ -19,6 +20,7 @@ from jansen_env.robot.robot_file import write_robot
 from jansen_env.world.settings import load_robot
 
 SHEET = "2000x1000"  # mm, a common stock size
+WIDEST_KERF = 2.0  # mm: the smallest holes are 3.2
 
 
 def _sheet(text: str) -> complex:
@@ -39,6 +41,9 @@ def main(arguments: list[str] | None = None) -> None:
     )  # fmt: skip
     parser.add_argument("--sheet", type=_sheet, default=SHEET, metavar="WIDTHxHEIGHT",
                         help="mm; default: %(default)s")  # fmt: skip
+    parser.add_argument("--kerf", type=float, default=0.0, metavar="MM",
+                        help="width of the cut, that lines make room for; default: 0"
+                        )  # fmt: skip
     parser.add_argument("--as-robot-file", type=Path, metavar="FILE",
                         help="also write the machine that would be cut, to simulate it"
                         )  # fmt: skip
@@ -47,7 +52,8 @@ def main(arguments: list[str] | None = None) -> None:
     out = args.out or Path(name)
     with parser.refusing():
         robot = load_robot("ROBOT", args.robot)
-        files, summary = drawings(robot, name, args.sheet)
+        kerf = within("--kerf", args.kerf, 0.0, WIDEST_KERF)
+        files, summary = drawings(robot, name, args.sheet, kerf)
         cut = machine(robot)
         check_writable("--out", out)
         for file, text in files.items():

@@ -94,6 +94,17 @@ class CutPart(NamedTuple):
             text=(turn * self.text[0] + shift, turn * self.text[1] + shift),
         )
 
+    def with_kerf(self, kerf: float) -> CutPart:
+        """The part whose lines are the middle of a cut so wide, mm, so that it has its size."""
+        half = 0.5 * kerf
+        windows, holes = (
+            tuple(shape._replace(radius=shape.radius - half) for shape in shapes)
+            for shapes in (self.windows, self.holes)
+        )
+        outline = self.outline._replace(radius=self.outline.radius + half)
+        part = self._replace(outline=outline, windows=windows, holes=holes)
+        return part.moved(1 + 0j, complex(half, half))
+
     def lying(self) -> CutPart:
         """The part turned so that it is as low as it can lie, the corner of its box at 0."""
         turns = [abs(q - p) / (q - p) for p, q in sides(self.outline.corners)]

@@ -129,19 +129,22 @@ def to_svg(parts: Sequence[CutPart], sheet: complex | None = None) -> str:
     return "\n".join([head, *drawn, "</svg>", ""])
 
 
-def drawings(robot: Robot, title: str, sheet: complex) -> tuple[dict[str, str], str]:
+def drawings(
+    robot: Robot, title: str, sheet: complex, kerf: float = 0.0
+) -> tuple[dict[str, str], str]:
     """Return the text of every file by its name, and what to tell the user.
 
     Without assembly and hardware where links collide in any order.
 
     Args:
-        sheet: width and height, mm.
+        sheet: width and height, mm. kerf: width of a cut, mm, that lines make room for.
 
     Raises:
         ValueError: a part is larger than the sheet, or cannot be made; names it.
         LinkageError: a leg does not close.
     """
-    parts, number, bill = cut_parts(robot), counts(robot), bill_of_materials(robot)
+    parts = [part.with_kerf(kerf) for part in cut_parts(robot)]
+    number, bill = counts(robot), bill_of_materials(robot)
     drawn: dict[str, tuple[list[CutPart], complex | None]] = {
         f"parts/{part.name}": ([part], None) for part in parts
     }

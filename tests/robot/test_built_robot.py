@@ -168,7 +168,7 @@ def test_a_walk_at_2_rad_s_is_borne(loads):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("command", [0.05, 0.1, 0.2, 0.3, 0.4])
+@pytest.mark.parametrize("command", [0.05, 0.1, 0.15, 0.2, 0.25, 0.3])
 def test_the_onboard_policys_walks_are_borne(command):
     """Ten walks of 6 s from rest keep all ratings, of motor, feet, rods and pins' holes."""
     policy = pretrained.load("JansenWalkerBuilt-v0", "onboard")

@@ -13,6 +13,9 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 SIZES = {  # the arguments that make it short, and a word of what it prints
     "joint_loads": ("20", "largest"),
     "log_to_wandb": ("8192", "logged to"),
+    "minari_data": ("1 16384 JansenWalkerBuilt-v0", "pid-v0"),
+    "offline_learning": ("10 jansen/JansenWalkerBuilt/pid-v0", "cloned"),
+    "find_a_way": ("JansenWalkerRough-v0 9 2 8", "can be walked"),
     "custom_linkage": ("20", "does not close"),
     "custom_terrain_and_reward": ("20", "return"),
     "share_on_hub": ("", "README.md"),
@@ -33,6 +36,8 @@ def test_all_examples_are_tried() -> None:
 
 NEEDS = {  # beside the extras
     "log_to_wandb": "wandb",
+    "minari_data": "minari",
+    "offline_learning": "minari",
     "share_on_hub": "huggingface_hub",
     "skrl_ppo": "skrl",
     "torchrl_ppo": "torchrl",
@@ -40,15 +45,21 @@ NEEDS = {  # beside the extras
 }
 
 
+SLOW = ("minari_data", "offline_learning", "train_and_watch")
+
+
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=[pytest.mark.slow] * (name == "train_and_watch")) for name in SIZES],
+    [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in SIZES],
 )
 def test_example(name: str, tmp_path: Path) -> None:
     size, printed = SIZES[name]
     if name in NEEDS and find_spec(NEEDS[name]) is None:
         pytest.skip(f"{NEEDS[name]} is not installed")
     headless = {**os.environ, "SDL_VIDEODRIVER": "dummy", "MPLBACKEND": "Agg"}
+    headless["MINARI_DATASETS_PATH"] = str(
+        tmp_path.parent / "minari"
+    )  # of one example for the next
     run = subprocess.run(
         [sys.executable, EXAMPLES / f"{name}.py", *size.split()],
         cwd=tmp_path, env=headless, capture_output=True, text=True,

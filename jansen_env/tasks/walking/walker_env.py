@@ -414,8 +414,8 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     plant). With ``track_joint_forces``: ``joint_force_max`` N, the largest force with which a
     link bears on any of its joints in this step, but for the time steps in which a toe lands, and
     ``joint_impulse_max`` N s, the largest impulse in those (0 if there were none). ``joint_forces()`` has all of them.
-    ``diverged``: whether this step was refused, see Episode End. At a reset the terms of the reward, the
-    loads of joints and ``energy`` are 0. With ``noise``:
+    ``diverged``: whether this step was refused, see Episode End. At a reset the terms of the reward and
+    the loads of joints are 0, and ``energy`` is that of a look one time step ahead. With ``noise``:
     ``true_observation``, as it would be without. Where terrain or parameters are drawn:
     ``parameters``, the numbers of the episode by name (``env.unwrapped.parameters``: as a vector).
 

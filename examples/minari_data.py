@@ -1,0 +1,72 @@
+"""Datasets for offline learning, in Minari's format: random, medium, expert and by the PID.
+
+python examples/minari_data.py [EPISODES] [STEPS] [ENV ...]   (100 of each kind, three environments)
+
+`medium` is what `train.py` has learnt after STEPS, an eighth of its time steps by default.
+The datasets are called jansen/ENV/KIND-v0, in Minari's folder. Needs minari[hdf5]: docs/data.md.
+"""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium as gym
+import minari
+import numpy as np
+
+from agents.training.config import new_config
+from jansen_env.policies import pretrained
+from jansen_env.sb3 import load_policy
+from jansen_env.scoring.benchmarks import find_benchmark
+
+ROOT = Path(__file__).parents[1]
+episodes = int(sys.argv[1]) if len(sys.argv) > 1 else 100
+steps = int(sys.argv[2]) if len(sys.argv) > 2 else None
+names = sys.argv[3:] or ["JansenWalkerBuilt-v0", "JansenWalkerRough-v0", "JansenWalkerHardcore-v0"]
+
+
+def medium(name):
+    """Return the policy of a run of train.py that ended early; a run that exists is used again."""
+    folder = Path("medium") / "ppo" / f"{name}_1"
+    if not (folder / "scores.md").exists():
+        timesteps = steps or new_config(env_id=name).timesteps // 8
+        arguments = f"--env {name} --timesteps {timesteps} --log-folder medium --eval-episodes 1"
+        subprocess.run([sys.executable, ROOT / "train.py", *arguments.split()], check=True)
+    return load_policy(folder)
+
+
+for name in names:
+    env = minari.DataCollector(gym.make(name))
+    policies = {
+        "random": None,
+        "medium": medium(name),
+        "expert": pretrained.load(name),
+        "pid": find_benchmark(name).baselines["pid"](env.unwrapped),
+    }
+    for kind, policy in policies.items():
+        env.action_space.seed(0)
+        returns = []
+        for seed in range(episodes):
+            observation, _ = env.reset(seed=seed)
+            state, start, ended, total = None, True, False, 0.0
+            while not ended:
+                action = env.action_space.sample()
+                if policy is not None:
+                    starts = np.array([start])
+                    action, state = policy.predict(observation, state, starts, deterministic=True)
+                observation, reward, terminated, truncated, _ = env.step(action)
+                start, ended, total = False, terminated or truncated, total + reward
+            returns.append(total)
+        dataset_id = f"jansen/{name.removesuffix('-v0')}/{kind}-v0"
+        if dataset_id in minari.list_local_datasets():
+            minari.delete_dataset(dataset_id)
+        dataset = env.create_dataset(
+            dataset_id,
+            algorithm_name=kind,
+            author="jansen_env",
+            author_email="see CITATION.cff",
+            code_permalink="examples/minari_data.py",
+            description=f"{kind} policy of {name}",
+            eval_env=name,
+        )
+        print(f"{dataset_id}: {dataset.total_steps} steps, return {np.mean(returns):.0f}")

@@ -2,7 +2,7 @@
 
 Copies of the robot whose numbers are drawn walk as the machine did. A ridge regression on summary
 measures of their walks estimates each number (M. A. Beaumont et al., *Genetics* 162 (2002) 2025, of
-all copies alike). Its errors on copies that it leaves out are the intervals.
+all copies with equal weights). Its errors on copies that it leaves out are the intervals.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Copies(NamedTuple):
 
 
 def limits(robot: Robot) -> Limits:
-    """Limits of all that is drawn: as in predictions, but for what is identified."""
+    """Return the range of each drawn number: that of predictions, or wider if it is identified."""
     torque = GRAVITY * robot.mass * abs(advance_per_turn(robot)) / (2.0 * math.pi)
     return {
         **WITHIN, "friction": (0.2, 1.2), "bearings": (0.3, 3.0), "damping": (0.0, 0.03 * torque),
@@ -98,7 +98,7 @@ def walk_copies(robot: Robot, logs: Sequence[Log], within: Limits, copies: int) 
 def measures(walk: Walk, phases: int) -> Array:
     """Summary measures (n, m) of walks (n, steps) of a machine with so many crank pins.
 
-    Harmonics of torque and pitch in the angle between steps; how alike the rest is over some lags.
+    Harmonics of torque and pitch in the angle between steps; roots of the rest's autocovariances.
     """
     turned = phases * walk.crank[..., None] * np.arange(1, ORDERS + 1)
     ones = np.ones((*walk.crank.shape, 1))
@@ -107,8 +107,8 @@ def measures(walk: Walk, phases: int) -> Array:
     for series in (walk.torque, walk.pitch):
         shares = np.einsum("nkt,nt->nk", inverse, series)
         left = series - np.einsum("ntk,nk->nt", waves, shares)
-        alike = np.stack([(left[:, lag:] * left[:, :-lag]).mean(axis=1) for lag in LAGS], axis=1)
-        columns += [shares, np.sign(alike) * np.sqrt(np.abs(alike))]
+        lagged = np.stack([(left[:, lag:] * left[:, :-lag]).mean(axis=1) for lag in LAGS], axis=1)
+        columns += [shares, np.sign(lagged) * np.sqrt(np.abs(lagged))]
     return np.concatenate(columns, axis=1)
 
 
@@ -118,14 +118,14 @@ def estimate(walked: Array, numbers: Array, measured: Array) -> Array:
     X = (walked - middle) / spread
     weights = np.linalg.solve(X.T @ X + RIDGE * np.eye(X.shape[1]), X.T)
     slopes = weights @ (numbers - mean)
-    own = np.einsum("nk,kn->n", X, weights) + 1.0 / len(X)  # each copy's share in its own estimate
-    errors = (numbers - mean - X @ slopes) / (1.0 - own)[:, None]
+    leverage = np.einsum("nk,kn->n", X, weights) + 1.0 / len(X)  # of a copy on its estimate
+    errors = (numbers - mean - X @ slopes) / (1.0 - leverage)[:, None]
     value = mean + (measured - middle) / spread @ slopes
     return np.stack([value, *(value + np.percentile(errors, INTERVAL, axis=0))], axis=1)
 
 
 def identify(robot: Robot, logs: Sequence[Log], copies: Copies) -> dict[str, Estimate]:
-    """Estimate the numbers :data:`NAMES` by logs and by copies that walked as these did."""
+    """Estimate the numbers :data:`NAMES` of a machine from its logs and from copies' walks."""
     phases, rng = len({leg.phase for leg in robot.legs}), np.random.default_rng(0)
     walked, measured = [], []
     for log, walk in zip(logs, copies.walks, strict=True):
@@ -145,10 +145,14 @@ def identify(robot: Robot, logs: Sequence[Log], copies: Copies) -> dict[str, Est
     }
 
 
-def report(logs: Sequence[Log], found: dict[str, Estimate], copies: Copies) -> str:
-    """Tables of what was identified, and of logs beside copies that have these numbers."""
-    rows = [[f"{name}, {NAMES[name]}", "not told" if row.value is None else f"{row.value:.3g}",
-             f"{row.low:.3g}", f"{row.high:.3g}"] for name, row in found.items()]  # fmt: skip
+def report(logs: Sequence[Log], estimates: dict[str, Estimate], copies: Copies) -> str:
+    """Return two tables: the estimates, and the logs beside copies that have these numbers."""
+    rows = [
+        [f"{name}, {NAMES[name]}",
+         "not identifiable" if row.value is None else f"{row.value:.3g}",
+         f"{row.low:.3g}", f"{row.high:.3g}"]
+        for name, row in estimates.items()
+    ]  # fmt: skip
     heads, seen = ("number", "estimate", "2.5 %", "97.5 %"), []
     for log, walk in zip(logs, copies.walks, strict=True):
         bands = {k: np.percentile(v, predict.SPAN).tolist() for k, v in quantities(walk).items()}
@@ -157,9 +161,9 @@ def report(logs: Sequence[Log], found: dict[str, Estimate], copies: Copies) -> s
     return f"{numbers}\n\nThe machine, and copies with these numbers:\n\n{table(seen)}"
 
 
-def randomize(robot: Robot, found: dict[str, Estimate]) -> dict[str, object]:
+def randomize(robot: Robot, estimates: dict[str, Estimate]) -> dict[str, object]:
     """The argument ``randomize`` of environments that covers what is left uncertain."""
-    spans = {name: [round(row.low, 4), round(row.high, 4)] for name, row in found.items()}
+    spans = {name: [round(row.low, 4), round(row.high, 4)] for name, row in estimates.items()}
     shortest = min(size for name, size in lengths(robot).items() if name != "frame_angle")
     drawn: dict[str, object] = {
         "friction": spans["friction"], "mass_scale": [*WITHIN["mass"]],
@@ -188,15 +192,15 @@ def main(arguments: list[str] | None = None) -> None:
         for path, log in zip(args.logs, logs, strict=True):
             print(*(f"{path}: {note}\n" for note in log.notes), sep="", end="")
         known = limits(robot)
-        found = identify(robot, logs, walk_copies(robot, logs, known, args.copies))
-        known |= {name: (row.low, row.high) for name, row in found.items()}
-        print(report(logs, found, walk_copies(robot, logs, known, args.copies // 4)))
+        estimates = identify(robot, logs, walk_copies(robot, logs, known, args.copies))
+        known |= {name: (row.low, row.high) for name, row in estimates.items()}
+        print(report(logs, estimates, walk_copies(robot, logs, known, args.copies // 4)))
         numbers = dict.fromkeys(("mass", "battery", "feet", "bearings"), 1.0) | {
-            name: row.value for name, row in found.items()
+            name: row.value for name, row in estimates.items()
             if row.value is not None and name in ("bearings", "damping")
         }  # fmt: skip
         write_robot(args.out, predict.copy_of(robot, numbers, {}))
-    drawn = json.dumps(randomize(robot, found))
+    drawn = json.dumps(randomize(robot, estimates))
     print(
         f"\nrandomize={drawn}\n\nThe friction of bearings and crank is in {args.out}. To train:\n"
     )

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from tabulate import tabulate
 
 from jansen_env.baselines.pid import PID
+from jansen_env.baselines.policy import PAPER_PID
 from jansen_env.checks import finite, listed, one_of, within
 from jansen_env.commands import predict
 from jansen_env.commands.flags import Parser
@@ -71,7 +73,7 @@ def read_log(path: str | Path) -> Log:
         text = read_bounded(path, MAX_BYTES).decode("utf-8-sig")
         lines = [line.strip() for line in text.splitlines() if line.strip()]
         comments = "\n".join(line.lstrip("# ") for line in lines if line.startswith("#"))
-        about = {"gains": (10.0, 1.0, 1.0), **(parse_yaml(comments, "comments") or {})}
+        about = {"gains": astuple(PAPER_PID), **(parse_yaml(comments, "comments") or {})}
         speed = finite("crank_speed", about.get("crank_speed"))
         within("crank_speed", abs(speed), SLOWEST, FASTEST)
         gains = PID(*finite_numbers("gains", about["gains"], 3).tolist())
@@ -146,7 +148,7 @@ def _walk(columns: dict[str, Array], speed: float) -> Walk:
 
 
 def quantities(walk: Walk) -> dict[str, Array]:
-    """What walks measure of what is predicted, by the names and in the units of predictions."""
+    """Return the predicted quantities, measured on walks (n, steps), by name: (n,), in SI."""
     torque, seconds = np.abs(walk.torque), CONTROL_DT * (walk.x.shape[-1] - 1)
     measured = {
         "mean_torque": torque.mean(axis=-1), "peak_torque": np.percentile(torque, 99, axis=-1),
@@ -192,7 +194,7 @@ def published(path: Path) -> list[list[str]]:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Compare logs with what is published of their machines."""
+    """Compare logs with the published predictions of their machines."""
     parser = Parser("python -m agents.measurements", __doc__,
                     "python -m agents.measurements measurements/*.csv")  # fmt: skip
     parser.add_argument("logs", nargs="+", type=Path, metavar="LOG.csv")

@@ -34,7 +34,7 @@ SENSED = {
     "crank_axis_x_velocity": "j->velocity", "lag": "j->lag", "mean_speed": "j->mean_speed",
     "speed_command": "j->command", "last_action": "j->action",
 }  # fmt: skip
-"""What firmware gives for an observation, in C."""
+"""The C expression of each observation that firmware knows."""
 UNSAFE = re.compile(r"[^A-Za-z0-9 .,:;=+\-_()\[\]{}'/%^<>]")  # in a comment
 PER_LINE = 6  # numbers of an array
 

@@ -75,9 +75,9 @@ def _list_sides(state, cos, sin, near, status, model, surface, world, sides, pla
 
 @stage(inline=False)
 def _side_normal(surface, k, x, y, ex, ey):
-    """Whether vertex ``k``, at (x, y) from a side's end, can carry it, and the side's normal.
+    """Return whether vertex ``k`` can carry a side, and the side's normal, out of the ground.
 
-    ``ex, ey``: from that end to the other one. The normal points out of the ground.
+    ``x, y``: m, of the vertex from the side's first end; ``ex, ey``: of its second end.
     """
     square = ex * ex + ey * ey
     share, length = (ex * x + ey * y) / square, np.sqrt(square)

@@ -125,7 +125,7 @@ def _add_up(x, slope, links, inertia, damped, damping, sums):
     bodies = len(links)
     sums[:] = 0.0
     for k in range(bodies):
-        mass, own = links[k]
+        mass, centroidal = links[k]
         px, py = x[k, 1], x[k, 2]
         da, dx, dy = slope[k], slope[bodies + k], slope[2 * bodies + k]
         sums[0] += mass * px
@@ -133,8 +133,8 @@ def _add_up(x, slope, links, inertia, damped, damping, sums):
         sums[2] += mass * (px * px + py * py)
         sums[3] += mass * (px * dy - py * dx)
         sums[4] += mass * (dx * dx + dy * dy)
-        sums[6] += own * da
-        sums[7] += own * (da * da)
+        sums[6] += centroidal * da
+        sums[7] += centroidal * (da * da)
     for k in range(len(damped)):
         first, second = damped[k]
         rate = slope[second] - slope[first]
@@ -174,10 +174,10 @@ def _tail(series):
         for f in range(series.shape[2]):
             largest = max(largest, mathematics.hypot(series[0, n, f], series[1, n, f]))
     for f in range(series.shape[2]):
-        own = end = 0.0
+        peak = end = 0.0
         for n in range(series.shape[1]):
             size = mathematics.hypot(series[0, n, f], series[1, n, f])
-            own = max(own, size)
+            peak = max(peak, size)
             end = max(end, size) if n >= last else end
-        tail = max(tail, end / max(own, NEGLIGIBLE * largest))
+        tail = max(tail, end / max(peak, NEGLIGIBLE * largest))
     return tail

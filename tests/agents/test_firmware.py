@@ -35,7 +35,7 @@ class Sensors(ctypes.Structure):
 
 
 class Memory(ctypes.Structure):
-    """As ``struct jansen``, of which the fault and the action are read."""
+    """The first fields of ``struct jansen``, fault and action, and room for the rest."""
 
     _fields_ = [("fault", ctypes.c_int), ("action", ctypes.c_float), ("rest", ctypes.c_float * 100)]
 

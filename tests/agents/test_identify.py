@@ -1,4 +1,4 @@
-"""Logs of machines: what is refused and mended, compared with predictions, and identified."""
+"""Logs of machines: bad ones are refused, clocks corrected, machines compared and identified."""
 
 import json
 
@@ -105,7 +105,7 @@ def test_the_examples_are_identified(tmp_path, capsys):
 
 
 def test_what_has_no_effect_is_not_told(rng):
-    """Of numbers in the measures each interval holds 95 % of truths; others are as before."""
+    """A number that the measures show is within its interval in 95 %; another is not identified."""
     numbers = rng.random((1000, 2))
     walked = np.stack([numbers[:, 0], rng.random(1000)], axis=1) + rng.normal(0, 0.1, (1000, 2))
     rows = np.array([identify.estimate(walked[100:], numbers[100:], row) for row in walked[:100]])

@@ -13,19 +13,22 @@ ENGINE = Path(__file__).parent / "jansen_env" / "engine"
 
 
 def build(*options: str) -> str:
-    """Run the build for the target; return the last word that it prints."""
+    """Run the build for the target; return what it prints last."""
     target = os.environ.get("JANSEN_ENV_TARGET", "")
     command = [sys.executable, str(ENGINE / "build.py"), *options, *target.split()]
-    return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout.split()[-1]
+    printed = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
+    return printed.strip().rpartition("\n")[2]
 
 
 class BuildEngine(build_py):
-    """Builds the library beside its sources, or for a wheel into the wheel alone."""
+    """Builds the library beside its sources, if it is missing, or for a wheel into the wheel."""
 
     def run(self) -> None:
         super().run()
-        folder = ENGINE if self.editable_mode else Path(self.build_lib, "jansen_env", "engine")
-        build("--folder", str(folder))
+        if self.editable_mode:
+            build("--missing")
+        else:
+            build("--folder", str(Path(self.build_lib, "jansen_env", "engine")))
 
 
 class PlatformWheel(bdist_wheel):

@@ -23,6 +23,7 @@ if __name__ in ("__main__", "__mp_main__"):  # without the package, which needs 
 os.environ["NUMBA_OPT"] = "0"  # LLVM's code before anything in it is the host's
 
 import argparse
+import ctypes
 import importlib
 import platform
 import re
@@ -259,6 +260,15 @@ def build(name: str, folder: Path = FOLDER) -> Path:
     return paths[0]
 
 
+def is_built() -> bool:
+    """Whether the libraries of these sources are there, and this machine loads the one for it."""
+    try:
+        ctypes.CDLL(str(library_path()))
+    except OSError:  # none, or another machine's
+        return False
+    return library_path(platform="wasm").exists()
+
+
 def link(target: Target, code: Path, library: Path) -> None:
     """Link an object to a shared library by Zig, which links for every platform."""
     command = "-m", "ziglang", "cc", "-target", target.zig, "-nostdlib", *LINKED_AS[target.system]
@@ -274,6 +284,10 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("target", nargs="?", default=host(), choices=TARGETS)
     parser.add_argument("--folder", type=Path, default=FOLDER, help="where it goes")
+    parser.add_argument("--missing", action="store_true", help="only if this folder lacks it")
     parser.add_argument("--tag", action="store_true", help="print the tag of its wheel alone")
     chosen = parser.parse_args()
-    print(TARGETS[chosen.target].tag if chosen.tag else build(chosen.target, chosen.folder))
+    if chosen.tag:
+        print(TARGETS[chosen.target].tag)
+    elif not (chosen.missing and is_built()):
+        print(build(chosen.target, chosen.folder))

@@ -127,6 +127,17 @@ for platform in (sys.platform, "wasm"):
     assert run(both, copy).stderr == ""
 
 
+def test_an_installation_builds_a_library_that_is_missing_or_of_another_machine(copy):
+    code = "from jansen_env.engine.build import is_built; print(is_built())"
+    assert run(code, copy).stdout == "True\n"
+    for name in (library_path().name, library_path(platform="wasm").name):
+        path = copy / "jansen_env/engine" / name
+        content = path.read_bytes()
+        path.write_bytes(b"") if path.suffix != ".wasm" else path.unlink()
+        assert run(code, copy).stdout == "False\n"
+        path.write_bytes(content)
+
+
 def test_nothing_is_written_at_run_time(copy):
     before = sorted(copy.rglob("*"))
     assert run(WALK, copy, PYTHONDONTWRITEBYTECODE="1").returncode == 0

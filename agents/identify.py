@@ -16,7 +16,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from tabulate import tabulate
 
-from agents.measurements import Array, Log, Walk, compared, quantities, read_log, table
+from agents.measurements import Log, Walk, compared, quantities, read_log, table
+from jansen_env.arrays import Array
 from jansen_env.commands import predict
 from jansen_env.commands.flags import Parser, positive_int
 from jansen_env.commands.predict import WITHIN

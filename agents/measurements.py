@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from tabulate import tabulate
 
+from jansen_env.arrays import Array
 from jansen_env.baselines.pid import PID
 from jansen_env.baselines.policy import PAPER_PID
 from jansen_env.checks import finite, listed, one_of, within
@@ -26,8 +26,6 @@ from jansen_env.files import read_bounded
 from jansen_env.plain_yaml import named_errors, parse_yaml
 from jansen_env.scoring.metrics import SETTLING
 from jansen_env.world.settings import finite_numbers
-
-Array = NDArray[np.float64]
 
 COLUMNS = {
     "time_s": 1.0, "crank_rad": 1.0, "crank_deg": math.pi / 180.0, "torque_Nm": 1.0,

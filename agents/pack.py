@@ -21,7 +21,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
 import jansen_env
 from agents.training.train_model import prepare
-from jansen_env.baselines.policy import Array
+from jansen_env.arrays import Array
 from jansen_env.checks import one_line, shown
 from jansen_env.commands.flags import Parser, non_negative_int, positive_int
 from jansen_env.commands.named_policies import model_file

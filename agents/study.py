@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 
+from jansen_env.arrays import Array
+
 # Before torch and Ray are loaded. More threads would change the run that a seed gives; Ray listens
 # on all network interfaces, so it obeys only those who know its token.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -36,7 +38,7 @@ from jansen_env.files import write_text
 from jansen_env.plain_yaml import read_yaml
 from jansen_env.sb3.run_config import ALGORITHMS, Arguments, make_config
 from jansen_env.scoring.benchmarks import DEFAULT
-from jansen_env.scoring.metrics import CONFIDENCE, Array, Interval, interval_text
+from jansen_env.scoring.metrics import CONFIDENCE, Interval, interval_text
 
 need("distributed", "pandas", "ray", who="agents.study")
 import pandas as pd

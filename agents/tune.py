@@ -11,8 +11,9 @@ from typing import TypeAlias, cast
 
 import numpy as np
 
+from jansen_env.arrays import Array
 from jansen_env.baselines.pid import PID
-from jansen_env.baselines.policy import Array, Controlled
+from jansen_env.baselines.policy import Controlled
 from jansen_env.checks import listed
 from jansen_env.commands.flags import Parser, positive_int
 from jansen_env.files import check_writable, write_json

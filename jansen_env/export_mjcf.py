@@ -15,8 +15,8 @@ from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jansen_env.arrays import Array
 from jansen_env.dynamics.pads import pad_layout
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.rigid import bodies as links
@@ -25,8 +25,6 @@ from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.linkage import CRANK
 from jansen_env.terrain import Terrain
-
-Array = NDArray[np.float64]
 
 STIFF = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp of the largest impedance in MuJoCo
 SPRING = (1e-4, 1e-4, 0.001, 0.5, 2.0)  # of the smallest: such a contact is a spring and a damper

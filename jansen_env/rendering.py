@@ -15,9 +15,10 @@ from warnings import warn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jansen_env.arrays import Array
 from jansen_env.engine.mathematics import directions
 from jansen_env.robot import Robot
-from jansen_env.robot.kinematics import Array, joint_positions, world_joints
+from jansen_env.robot.kinematics import joint_positions, world_joints
 from jansen_env.terrain import heights_of
 
 Picture = NDArray[np.uint8]

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.design.variables import Candidate
-from jansen_env.baselines.policy import Array, TorquePolicy, columns
+from jansen_env.arrays import Array
+from jansen_env.baselines.policy import TorquePolicy, columns
 from jansen_env.drawings.outlines import gap
 from jansen_env.drawings.shaft_order import layers
 from jansen_env.dynamics.reduced import compile_robot

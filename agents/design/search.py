@@ -20,7 +20,7 @@ from agents.design.design_plan import Plan
 from agents.design.measures import GROUPS, Walker
 from agents.design.variables import Candidate, Space
 from agents.training.runs import locked
-from jansen_env.baselines.policy import Array
+from jansen_env.arrays import Array
 from jansen_env.checks import one_line
 from jansen_env.files import open_regular, write_bytes
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jansen_env.baselines.policy import Array
+from jansen_env.arrays import Array
 from jansen_env.checks import shown
 from jansen_env.plain_yaml import Rule, check_keys
 from jansen_env.robot import Robot

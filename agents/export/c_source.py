@@ -13,7 +13,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 import jansen_env
-from jansen_env.baselines.policy import Array
+from jansen_env.arrays import Array
 from jansen_env.checks import shown
 from jansen_env.engine import walk_reward
 from jansen_env.gravity import GRAVITY

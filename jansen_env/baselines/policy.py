@@ -8,13 +8,11 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jansen_env.arrays import Array, Bools
 from jansen_env.baselines.pid import PID
 from jansen_env.checks import one_of
 from jansen_env.robot import Robot
 from jansen_env.world.observations import Observed
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 Memory: TypeAlias = Any
 """A policy's state, passed from step to step."""

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from jansen_env.arrays import Array
 from jansen_env.files import write_json, write_text, write_whole
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.evaluation import Scores
-from jansen_env.scoring.metrics import INTERVALS, Array, Metric, Summary, score_table, tabled
+from jansen_env.scoring.metrics import INTERVALS, Metric, Summary, score_table, tabled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -15,11 +15,11 @@ from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import qmc
 from tabulate import tabulate
 
 from jansen_env import __version__
+from jansen_env.arrays import Array
 from jansen_env.baselines.pid import PID
 from jansen_env.baselines.policy import PAPER_PID
 from jansen_env.checks import within
@@ -35,8 +35,6 @@ from jansen_env.tasks.walking.walker_benchmark import walking_pid
 from jansen_env.tasks.walking.walker_env import JansenWalkerEnv
 from jansen_env.terrain.ground import Terrain, one_step
 from jansen_env.world.settings import load_robot
-
-Array = NDArray[np.float64]
 
 ENV = "JansenWalkerBuilt-v0"
 WALKED, STOPPED = 8.0, 2.0  # s, about, that are measured; and with the crank stopped

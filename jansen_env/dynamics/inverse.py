@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from jansen_env.arrays import Array
 from jansen_env.dynamics.reduced import body_sums, compile_robot
 from jansen_env.gravity import GRAVITY
 from jansen_env.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,8 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jansen_env.arrays import Array
 from jansen_env.dynamics.pads import pad_layout
 from jansen_env.dynamics.projection import (
     DOF,
@@ -39,8 +39,6 @@ from jansen_env.dynamics.projection import (
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.robot import Linkage, Robot
 from jansen_env.robot.kinematics import world_joints
-
-Array = NDArray[np.float64]
 
 
 @functools.lru_cache(maxsize=16)

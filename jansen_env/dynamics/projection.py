@@ -19,13 +19,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.arrays import Array
 from jansen_env.engine.mathematics import directions
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.robot import Robot, Side
 from jansen_env.robot.kinematics import coordinates
 from jansen_env.robot.linkage import FRAME, INDEPENDENT
-
-Array = NDArray[np.float64]
 
 DOF = INDEPENDENT  # theta_1, x_1, y_1, theta_2: the tangent speed of (5)
 PINNING_ROWS = [1, 2, 0]  # of the first leg: axis x, axis y, theta_1, in the paper's order

@@ -29,14 +29,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jansen_env.arrays import Array
 from jansen_env.dynamics.pads import Pads, pad_layout
 from jansen_env.engine.reduction import compile_tables, put_turn
 from jansen_env.gravity import GRAVITY
 from jansen_env.robot import RIGID, Payload, Robot
 from jansen_env.robot.kinematics import coordinates, joint_positions, nearest_dead_point
 from jansen_env.robot.motor import IDEAL
-
-Array = NDArray[np.float64]
 
 SAMPLES = 256  # crank angles at which the linkage is closed
 HARMONICS = SAMPLES // 2  # the paper's linkage needs about 40 for 1e-14

@@ -15,9 +15,10 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
+from jansen_env.arrays import Array
 from jansen_env.checks import entries, instance, listed, positive_integer, shown, whole_number
 from jansen_env.rendering import Renderer
-from jansen_env.world.settings import Array, Values, entries_of
+from jansen_env.world.settings import Values, entries_of
 
 MOST_ROBOTS = 1_000_000  # of a vector environment: gigabytes
 MOST_EPISODE_STEPS = 2**53  # the largest number up to which floats count one by one

@@ -15,19 +15,13 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 from typing_extensions import TypedDict
 
+from jansen_env.arrays import Array, Bools, Ints
 from jansen_env.checks import one_of, positive_integer
 from jansen_env.envs import arguments as checks
 from jansen_env.envs.single import ATask, SingleEnv
 from jansen_env.robot import Robot
 from jansen_env.world.observations import Observed
-from jansen_env.world.settings import (
-    Array,
-    Bools,
-    Ints,
-    Values,
-    entries_of,
-    optional,
-)
+from jansen_env.world.settings import Values, entries_of, optional
 
 Observations = NDArray[np.float32]
 METHODS = ("get_state", "push", "render", "set_parameters", "set_state")

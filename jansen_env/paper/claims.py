@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from tabulate import tabulate
 
 from jansen_env.dynamics.projection import (
@@ -26,8 +25,6 @@ from jansen_env.paper import toes
 from jansen_env.paper.fixed_model import SETTLED, crank_only
 from jansen_env.paper.results import FRICTIONS, SLOW, TORQUES, WALK, Results
 from jansen_env.robot import paper_robot
-
-Array = NDArray[np.float64]
 
 HOLDS, CONDITION, FAILS = "holds", "holds with a condition", "does not hold"
 PRINTED_LEVEL, NEAR = -0.9, 0.1  # N m, "almost constant at around", and what counts as near

@@ -11,8 +11,8 @@ import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from jansen_env.arrays import Array
 from jansen_env.files import write_whole
 from jansen_env.gravity import GRAVITY
 from jansen_env.paper import toes
@@ -21,8 +21,6 @@ from jansen_env.paper.fixed_model import SETTLED
 from jansen_env.paper.results import FRICTIONS, SLOW, Results
 from jansen_env.robot import JANSEN, paper_robot
 from jansen_env.robot.kinematics import O, P, T, toe_positions, world_joints
-
-Array = NDArray[np.float64]
 
 DPI = 130
 FLOOR = 1e-4  # m of slip per metre, the lower edge of a logarithmic axis

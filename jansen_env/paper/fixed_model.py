@@ -9,12 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jansen_env.arrays import Array
 from jansen_env.baselines.pid import PID
 from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
-
-Array = NDArray[np.float64]
 
 START = math.pi  # rad, crank angle and reference at time 0
 DURATION = 10.0  # s

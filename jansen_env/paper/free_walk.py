@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jansen_env.arrays import Array
 from jansen_env.dynamics.joint_forces import JointForces, corner_name
 from jansen_env.engine.walk_reward import FALLEN_PITCH
 from jansen_env.plants.base import StepResult
@@ -16,8 +16,6 @@ from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.plants.trace import pads_in_contact, trace_forces
 from jansen_env.robot import JANSEN, Robot
 from jansen_env.terrain import Terrain
-
-Array = NDArray[np.float64]
 
 TIME_STEP = 1e-3  # s
 FRICTION = 0.8  # as in JansenWalker-v0

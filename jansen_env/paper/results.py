@@ -6,14 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jansen_env.arrays import Array
 from jansen_env.dynamics.inverse import crank_torque
 from jansen_env.dynamics.joint_forces import JointForces, joint_forces
 from jansen_env.paper import fixed_model, free_walk, toes
 from jansen_env.robot import Bar, Robot, paper_robot
-
-Array = NDArray[np.float64]
 
 ANGLES = 360  # crank angles in a turn
 LONG = 80.0  # s: what is left of the start dies out with kp / ki = 10 s

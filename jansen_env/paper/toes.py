@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.arrays import Array
 from jansen_env.dynamics.projection import constraints
 from jansen_env.dynamics.reduced import body_sums, compile_robot
 from jansen_env.paper.fixed_model import crank_only
@@ -15,8 +16,6 @@ from jansen_env.plants.batch import Batch
 from jansen_env.robot import Robot, paper_robot
 from jansen_env.robot.kinematics import C, E, T, coordinates, toe_positions, world_joints
 from jansen_env.terrain import Terrain
-
-Array = NDArray[np.float64]
 
 PHASES = tuple(range(1, 13))  # 2 to 24 legs
 STEP = 1e-5  # rad, of central differences of closed forms: good to 1e-10

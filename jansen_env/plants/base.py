@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jansen_env.arrays import Array
 from jansen_env.checks import shown, within
 from jansen_env.engine.integrator import DIVERGED
 from jansen_env.robot import Robot
 
-Array = NDArray[np.float64]
 SHORTEST_STEP, LONGEST_STEP = 1e-9, 1.0  # s, of the integration
 DEEPEST = 0.02  # m, of static deflection
 LARGEST = 1e12  # of a state's numbers, m, rad, m/s and rad/s

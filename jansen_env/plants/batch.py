@@ -7,8 +7,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from jansen_env.arrays import Array, Bools, Ints, Rows
 from jansen_env.checks import finite
 from jansen_env.dynamics.joint_forces import JointForces, joint_forces
 from jansen_env.dynamics.pads import pad_sides
@@ -46,11 +47,6 @@ from jansen_env.plants.trace import (
 )
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
-Rows = NDArray[np.void]
 
 TIME_STEP = 1e-3  # s
 DETECTION_INTERVAL = 0.01  # s between two looks for the ground; its planes are kept meanwhile

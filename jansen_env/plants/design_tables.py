@@ -9,14 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.arrays import Array, Ints
 from jansen_env.dynamics.reduced import Tables, compile_robot, design_of
 from jansen_env.engine.collision import SPECULATIVE_MARGIN, put_reach
 from jansen_env.engine.mathematics import directions, lengths_of
 from jansen_env.engine.records import PAD, Model
 from jansen_env.robot import Robot
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 PITCHES = 256  # at which it is known how deep the pads that are no toes reach
 SPARSE = 2  # intervals of a table between two angles at which such pads are looked at

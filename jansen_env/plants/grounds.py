@@ -16,11 +16,9 @@ import numpy as np
 import pymunk
 from numpy.typing import NDArray
 
+from jansen_env.arrays import Array
 from jansen_env.engine.collision import LARGEST_MARGIN, MARGIN, WAY_OUT
 from jansen_env.terrain import Terrain
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 STRETCH = 6.0  # m along the ground in a segment, at least
 MOST_STRETCHES = 100

@@ -8,6 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.arrays import Array
 from jansen_env.checks import finite, one_of, positive
 from jansen_env.dynamics.reduced import Tables
 from jansen_env.gravity import GRAVITY, Gravity
@@ -25,7 +26,6 @@ from jansen_env.plants.rigid.rigid_batch import RigidBodyBatch
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
-Array = NDArray[np.float64]
 BatchedPlant: TypeAlias = Batch | RigidBodyBatch
 """n robots on their terrains: their methods and attributes are those of :class:`Batch`."""
 

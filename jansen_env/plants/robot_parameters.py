@@ -14,14 +14,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.arrays import Array, Rows
 from jansen_env.engine import mathematics
 from jansen_env.engine.records import PARAMS
 from jansen_env.parameters import OF_ROBOTS, PARAMETERS, plain
 from jansen_env.robot import Compliance, Robot
 from jansen_env.terrain import Terrain
-
-Array = NDArray[np.float64]
-Rows = NDArray[np.void]
 
 BOUND = 1.1  # what lies between the angles of the tables is less than so much larger
 LIMITS = np.array([(PARAMETERS[name].least, PARAMETERS[name].most) for name in OF_ROBOTS]).T

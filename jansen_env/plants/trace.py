@@ -7,11 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.arrays import Array
 from jansen_env.dynamics.joint_forces import JointForces, joint_forces
 from jansen_env.dynamics.reduced import Tables, body_sums
 from jansen_env.gravity import GRAVITY, Gravity
-
-Array = NDArray[np.float64]
 
 
 class PeakLoads(NamedTuple):

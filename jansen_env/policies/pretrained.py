@@ -22,6 +22,7 @@ from gymnasium.envs.registration import load_env_creator
 from numpy.typing import ArrayLike, NDArray
 from safetensors.numpy import load as read_tensors
 
+from jansen_env.arrays import Array
 from jansen_env.checks import (
     instance,
     one_of,
@@ -47,7 +48,6 @@ MAX_BYTES = 2**20  # of a file; those of the package have less than 200 kB
 SHORTEST_PERIOD, LONGEST_PERIOD = 1e-4, 1.0  # s, for which an action is held
 MOST_TIME_STEPS = 200_000  # of an episode; walkers have 10,000 by default
 
-Array = NDArray[np.float64]
 Tensors = dict[str, NDArray[Any]]
 Json = dict[str, Any]  # an object
 

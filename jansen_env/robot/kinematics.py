@@ -12,14 +12,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jansen_env.arrays import Array, Ints
 from jansen_env.engine.closure import put_coordinates, put_joints
 from jansen_env.engine.mathematics import directions, lengths_of
 from jansen_env.robot.linkage import JANSEN
 from jansen_env.robot.links import Bar, Side
 from jansen_env.robot.robot import Robot
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 P, O, A, B, C, D, E, T = range(len(JANSEN.joints))  # noqa: E741 - the joints' names
 """Indices of the joints of Jansen's leg; T is the toe's centre."""

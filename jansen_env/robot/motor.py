@@ -17,12 +17,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from jansen_env.arrays import Array
 from jansen_env.checks import infinite, positive, positive_single, shown, within
 from jansen_env.robot.links import LARGEST, set_checked, up_to_largest
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.arrays import Array
 from jansen_env.baselines.policy import Policy, still
 
-Array = NDArray[np.float64]
 Episodes: TypeAlias = dict[str, NDArray[Any]]
 """Values (n,) of n episodes: "command", "returns", "duration" (s) and the aggregates."""
 

@@ -10,9 +10,10 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
+from jansen_env.arrays import Array
 from jansen_env.baselines.policy import Policy
 from jansen_env.scoring.benchmarks import can_be_batched, check_env_kwargs, find_benchmark
-from jansen_env.scoring.metrics import SETTLING, Array, Benchmark, Env, Episodes
+from jansen_env.scoring.metrics import SETTLING, Benchmark, Env, Episodes
 
 DRAWN_SEED = 20_000  # of episodes with drawn commands: training, tuning and other scores use others
 

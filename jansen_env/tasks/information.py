@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.arrays import Bools
 from jansen_env.world.settings import Values
-
-Bools = NDArray[np.bool_]
 
 
 class InfoBuilder:

@@ -13,22 +13,14 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
+from jansen_env.arrays import Array, Bools, Ints
 from jansen_env.checks import MOST_SINGLE, listed, number_range, within
 from jansen_env.engine import readings
 from jansen_env.rendering import Frame
 from jansen_env.tasks.information import InfoBuilder
 from jansen_env.uniform import uniform
 from jansen_env.world.observations import Observed
-from jansen_env.world.settings import (
-    Arguments,
-    Array,
-    Bools,
-    Ints,
-    Values,
-    WorldSettings,
-    flag,
-    option,
-)
+from jansen_env.world.settings import Arguments, Values, WorldSettings, flag, option
 from jansen_env.world.world import Numbers, World
 
 

@@ -11,8 +11,9 @@ from typing import TypeAlias
 
 import numpy as np
 import pymunk
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from jansen_env.arrays import Array
 from jansen_env.checks import (
     entries,
     finite,
@@ -26,7 +27,6 @@ from jansen_env.checks import (
 from jansen_env.engine.mathematics import cos, tan
 from jansen_env.uniform import uniform
 
-Array = NDArray[np.float64]
 Random: TypeAlias = np.random.Generator
 
 START = 0.6  # m, from the origin to where a ground begins: the machine's toes reach 0.55 m

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.arrays import Array
 from jansen_env.checks import instance, one_line, one_of, shown
 from jansen_env.files import read_bounded, write_bytes
 from jansen_env.rendering import SLIP, reach_of
@@ -37,7 +38,6 @@ DIRECTORY_ENTRY = b"PK\x01\x02"
 # zipfile unpacks other kinds, such as bzip2, without a limit on the result.
 PACKED = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}
 
-Array = NDArray[np.float64]
 Array32 = NDArray[np.float32]
 
 

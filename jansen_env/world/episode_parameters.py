@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env import parameters
+from jansen_env.arrays import Array, Ints
 from jansen_env.checks import entries, shown
 from jansen_env.engine import mathematics
 from jansen_env.gravity import GRAVITY
@@ -29,7 +30,7 @@ from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.terrain import Terrain
 from jansen_env.terrain.generators import Generator
 from jansen_env.world.episode_lengths import Build
-from jansen_env.world.settings import Array, Ints, Values, WorldSettings, finite_numbers
+from jansen_env.world.settings import Values, WorldSettings, finite_numbers
 
 Progress = Callable[[int], tuple[float, float]]
 """A robot's progress in its last episode, m, and its mean commanded speed, m/s; 0 at first."""

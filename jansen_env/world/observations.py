@@ -10,11 +10,10 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.arrays import Array, Ints
 from jansen_env.checks import listed, load_record, one_or_two, shown
 from jansen_env.engine.sensors import add_noise, draw_errors
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Deviation: TypeAlias = float | tuple[float, float]
 """Standard deviation of each step's noise, or that and the one of the episode's bias."""
 

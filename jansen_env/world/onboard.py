@@ -11,14 +11,12 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.arrays import Array, Ints
 from jansen_env.engine.mathematics import angles_of, directions
 from jansen_env.gravity import GRAVITY
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import advance_per_turn, toe_positions
 from jansen_env.world.observations import EXACT, Observed
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 CORRECTION_TIME = 2.0  # s, over which the accelerometer corrects the pitch that the gyro gives
 LEGS_TIME = 0.1  # s, over which the legs correct the velocity that the accelerometer gives

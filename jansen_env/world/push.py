@@ -14,14 +14,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jansen_env.arrays import Array, Bools, Ints
 from jansen_env.checks import entries, finite, non_negative, one_or_two, shown, within
 from jansen_env.engine.pushes import PUSHES, fill_pushes
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 SHORTEST, LONGEST = 1e-3, 1e6  # s, of durations and intervals
 MOST_PUSHES = 1000  # of an episode's own

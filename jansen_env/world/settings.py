@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from typing_extensions import TypeAliasType, TypedDict
 
 from jansen_env import checks
+from jansen_env.arrays import Array
 from jansen_env.checks import (
     instance,
     listed,
@@ -39,9 +40,6 @@ from jansen_env.terrain.generators import HIGHEST, Curriculum, Generator, make_g
 from jansen_env.world.observations import Noise
 from jansen_env.world.push import Push
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 Check: TypeAlias = Callable[[str, Any], Any]  # of an argument's name and value
 Values: TypeAlias = dict[str, Any]
 """Values by name: options of a reset, changes, states, information."""

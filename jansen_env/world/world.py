@@ -10,6 +10,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jansen_env.arrays import Array, Bools, Ints
 from jansen_env.checks import entries, number_range, shown, whole_number, within
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.pads import pad_layout
@@ -39,10 +40,7 @@ from jansen_env.world.onboard import ONBOARD, OnboardSensors, toe_paths
 from jansen_env.world.push import Pushes, check_schedule
 from jansen_env.world.settings import (
     Arguments,
-    Array,
-    Bools,
     Check,
-    Ints,
     Values,
     WorldSettings,
     control_period,

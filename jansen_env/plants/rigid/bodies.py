@@ -16,13 +16,13 @@ import pymunk
 import pymunk.batch
 from numpy.typing import NDArray
 
+from jansen_env.arrays import Array
 from jansen_env.dynamics.pads import Pads, pad_layout
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import coordinates, joint_positions, world_joints
 from jansen_env.robot.linkage import CRANK, FRAME
 from jansen_env.terrain import Terrain
 
-Array = NDArray[np.float64]
 _Body = pymunk.batch.BodyFields
 _MOTION = _Body.POSITION | _Body.ANGLE | _Body.VELOCITY | _Body.ANGULAR_VELOCITY
 

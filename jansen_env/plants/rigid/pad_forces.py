@@ -10,6 +10,7 @@ import pymunk
 import pymunk.batch
 from numpy.typing import NDArray
 
+from jansen_env.arrays import Array, Bools
 from jansen_env.engine.collision import LEAN
 from jansen_env.plants.rigid.bodies import (
     INSET,
@@ -24,8 +25,6 @@ from jansen_env.plants.rigid.bodies import (
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 _Arbiter = pymunk.batch.ArbiterFields
 _BODIES = _Arbiter.BODY_A_ID | _Arbiter.BODY_B_ID
 _CONTACT = _BODIES | _Arbiter.TOTAL_IMPULSE | _Arbiter.NORMAL | _Arbiter.POINT_A_1

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jansen_env.arrays import Array, Ints
 from jansen_env.checks import within
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.pads import pad_layout, pad_sides
@@ -55,9 +56,6 @@ from jansen_env.plants.trace import PeakLoads
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import check_closure
 from jansen_env.terrain import Terrain
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 TIME_STEP = 2.5e-4  # s
 ITERATIONS = 200  # of pymunk's solver in a time step, from the last one's impulses on

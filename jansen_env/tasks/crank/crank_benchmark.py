@@ -9,16 +9,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from jansen_env.arrays import Array, Bools
 from jansen_env.baselines.pid import PID
-from jansen_env.baselines.policy import (
-    Array,
-    Bools,
-    Controlled,
-    Policy,
-    TorquePolicy,
-    columns,
-    pid_policy,
-)
+from jansen_env.baselines.policy import Controlled, Policy, TorquePolicy, columns, pid_policy
 from jansen_env.dynamics.inverse import crank_torque
 from jansen_env.scoring.metrics import TORQUE, Aggregate, Benchmark, Metric, mean_of
 from jansen_env.world.world import LOST

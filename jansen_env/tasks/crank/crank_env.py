@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from typing_extensions import Unpack
 
+from jansen_env.arrays import Array, Bools
 from jansen_env.checks import non_negative
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.envs.single import SingleEnv
@@ -17,8 +18,6 @@ from jansen_env.tasks.crank.crank_benchmark import CRANK
 from jansen_env.tasks.task import CommandedTask
 from jansen_env.world.observations import EXACT, Observed
 from jansen_env.world.settings import (
-    Array,
-    Bools,
     HeldSettings,
     PerRobot,
     Range,

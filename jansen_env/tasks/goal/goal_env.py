@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from typing_extensions import Unpack
 
+from jansen_env.arrays import Array, Bools
 from jansen_env.checks import MOST_SINGLE, non_negative, positive, within
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.vector import TaskVectorEnv, VectorArguments
@@ -15,15 +16,7 @@ from jansen_env.tasks.goal.goal_benchmark import FARTHEST, GOAL
 from jansen_env.tasks.task import Task
 from jansen_env.uniform import uniform
 from jansen_env.world.observations import EXACT, Observed
-from jansen_env.world.settings import (
-    Array,
-    Bools,
-    Values,
-    WorldArguments,
-    WorldSettings,
-    option,
-    shared,
-)
+from jansen_env.world.settings import Values, WorldArguments, WorldSettings, option, shared
 from jansen_env.world.world import Numbers
 
 NEAR, HOLD = 0.02, 1.0  # m from the goal, where arrival is a half, and s there, that are a success

@@ -18,7 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from jansen_env.baselines.policy import Array, Controlled, TorquePolicy, columns
+from jansen_env.arrays import Array
+from jansen_env.baselines.policy import Controlled, TorquePolicy, columns
 from jansen_env.files import open_regular
 
 DATA = Path(__file__).parent / "data" / "profile.json"

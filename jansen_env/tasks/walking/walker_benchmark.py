@@ -15,11 +15,10 @@ from typing import TypeAlias
 
 import numpy as np
 
+from jansen_env.arrays import Array, Bools
 from jansen_env.baselines.pid import PID
 from jansen_env.baselines.policy import (
     PAPER_PID,
-    Array,
-    Bools,
     Controlled,
     Memory,
     Policy,

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from typing_extensions import Unpack
 
+from jansen_env.arrays import Array, Bools, Ints
 from jansen_env.checks import non_negative, positive, shown, within
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine import walk_reward
@@ -28,9 +29,6 @@ from jansen_env.uniform import uniform
 from jansen_env.world.observations import EXACT, Observed
 from jansen_env.world.settings import (
     Arguments,
-    Array,
-    Bools,
-    Ints,
     PerRobot,
     Range,
     Values,

@@ -16,8 +16,8 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jansen_env.arrays import Array
 from jansen_env.checks import shown
 from jansen_env.files import write_text
 from jansen_env.viewer.recording import Recording
@@ -28,8 +28,6 @@ MOST_RECORDINGS = 2
 SEEN = 30.0  # m of ground beyond either end of the walk
 LONGEST_TEXT = 500  # characters of the line under the title
 FRAME_HEIGHT = 760  # pixels in a notebook
-
-Array = NDArray[np.float64]
 
 
 def page(*recordings: Recording) -> str:

@@ -1,0 +1,12 @@
+"""Types of NumPy's arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+Rows = NDArray[np.void]
+"""Rows of a structured array."""

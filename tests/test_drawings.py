@@ -6,6 +6,7 @@ import itertools
 import os
 import subprocess
 import sys
+from collections import Counter, defaultdict
 from dataclasses import replace
 from xml.etree import ElementTree as ET
 
@@ -20,11 +21,23 @@ from jansen_env import Bar, built_robot
 from jansen_env.commands import drawings as command
 from jansen_env.drawings import shaft_order
 from jansen_env.drawings.assembly import HEAD
-from jansen_env.drawings.materials import bill_of_materials, counts, hardware, to_csv
-from jansen_env.drawings.outlines import HUB, WALL, Round, cut_parts, feet_of, gap
+from jansen_env.drawings.materials import bill_of_materials, counts, hardware, stacks, to_csv
+from jansen_env.drawings.outlines import (
+    BUSH,
+    HUB,
+    PIN,
+    SHAFT,
+    WALL,
+    Round,
+    coupon,
+    cut_parts,
+    feet_of,
+    gap,
+)
 from jansen_env.drawings.shaft_order import SPACER, TUBE, CollisionError, carried, layers, units
-from jansen_env.drawings.sheets import MARGIN, nest, to_dxf, to_svg
+from jansen_env.drawings.sheets import MARGIN, nest, to_dxf, to_stl, to_svg
 from jansen_env.robot import ROBOTS, Leg
+from jansen_env.robot import buildable as built
 from jansen_env.robot.kinematics import joint_positions, toe_positions
 from jansen_env.robot.linkage import CRANK
 from jansen_env.robot.robot_file import read_robot, write_robot
@@ -120,6 +133,75 @@ def test_a_cut_leaves_parts_of_their_size(tmp_path):
     assert float(sizes[1][:-2]) - float(sizes[0][:-2]) == pytest.approx(0.4, abs=2e-3)
 
 
+def test_holes_of_each_class_have_their_allowance():
+    for part in cut_parts(DESIGNS["built"]):
+        wider = part.with_fit((-0.1, 0.2, 0.4)).holes
+        for hole, fitted in zip(part.holes, wider, strict=True):
+            pressed, slid = hole.radius in (BUSH, SHAFT + BUSH - PIN), hole.radius == PIN
+            allowance = -0.1 if pressed else 0.2 if slid else 0.4
+            assert 2.0 * (fitted.radius - hole.radius) == pytest.approx(allowance), part.name
+
+
+@pytest.mark.parametrize("name", ["built", "strider"])
+def test_plates_to_print_are_closed_and_have_their_volume(name):
+    """Each edge of a triangle is another's backwards; volume by the divergence theorem."""
+    parts = cut_parts(DESIGNS[name])
+    for plates in ([part] for part in parts) if name == "built" else [nest(parts, 3000 + 900j)[0]]:
+        data = to_stl(plates)
+        facet = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("", "<u2")])
+        facets = np.frombuffer(data, facet, offset=84)
+        assert len(facets) == int.from_bytes(data[80:84], "little")
+        edges = Counter((tuple(a), tuple(b)) for face in facets["corners"].tolist()
+                        for a, b in zip(face, face[1:] + face[:1], strict=True))  # fmt: skip
+        assert all(edges[b, a] == count for (a, b), count in edges.items())
+        corners = facets["corners"].astype(float)
+        volume = np.linalg.det(corners).sum() / 6.0
+        exact = sum(1e9 * part.mass / built.DENSITY for part in plates)
+        assert volume == pytest.approx(exact, rel=1e-3)
+
+
+def test_the_coupon_finds_the_kerf():
+    """A cut leaves pegs narrower and the slot wider; the widest that fits has the kerf's mark."""
+    plate, *pegs = coupon(4.0)
+    for kerf in (-0.2, 0.0, 0.1, 0.3):
+        slot = 2.0 * plate.windows[0].radius + kerf
+        fitting = [peg.name for peg in pegs if 2.0 * peg.outline.radius - kerf < slot + 1e-9]
+        assert float(fitting[-1]) == pytest.approx(kerf)
+
+
+@pytest.mark.parametrize("name", ["built", "klann", "strider"])
+def test_every_fastener_is_counted_and_long_enough(name):
+    """From the parts' places alone: a screw and a nut for each pin, which holds its stack."""
+    robot = DESIGNS[name]
+    placed = layers(robot)
+    axis, crank_pin = robot.linkage.bodies[CRANK - 1][1][:2]
+    on = defaultdict(list)
+    for item in placed:
+        for joint in {*item.part.joints} - {axis, *item.through}:
+            on[joint, item.unit, item.leg if joint != crank_pin else None].append(item)
+    pins = {key: items for key, items in on.items() if len(items) > 1}
+    bill = hardware(robot, placed)
+    number = Counter()
+    for part in bill:
+        number[part.name, part.dimensions.rpartition(", ")[2]] += part.number
+    assert number["shoulder screw ISO 7379", "M5"] == len(pins) == number["thin nut DIN 439", "M5"]
+    webs = sum(item.body == CRANK for item in placed)
+    feet = sum(len(feet_of(robot, item.body)) for item in placed)
+    assert number["lock nut DIN 985", "M4"] == 2 * feet + 2
+    assert number["socket screw ISO 4762", "M3 x 12 mm"] == 2 * webs
+    bushes = sum(hole.fit == "press" for item in placed for hole in item.part.holes)
+    assert sum(part.number for part in bill if part.name == "bush") == bushes
+    for stack in stacks(robot, placed):
+        long = sum(row.item.part.thickness if row.item
+                   else row.number * float(row.size.split(" x ")[2].split()[0])
+                   for row in stack.rows if row.name != "ring")  # fmt: skip
+        if stack.axle:
+            assert placed[-1].top - 1.0 < long < placed[-1].top + 0.1
+        else:
+            screw = float(stack.bolt[0].size.split(" x ")[1].split()[0])
+            assert 0.1 <= screw - long + 1e-6 < 1.2, stack
+
+
 def test_what_is_drawn_has_the_area_of_its_shape():
     shape = Round((0j, 40 + 0j, 10 + 30j), 7.0)
     points = [(z.real, z.imag, bulge) for z, bulge in shape.path]
@@ -131,6 +213,9 @@ def test_what_is_drawn_has_the_area_of_its_shape():
 def test_sheets_hold_all_parts_and_none_overlaps_another(name):
     robot, sheet = DESIGNS[name], 1600 + 600j
     number = counts(robot)
+    assert [part.title for part in cut_parts(robot)] == [
+        f"{k} {part.name}" for k, part in enumerate(bill_of_materials(robot)[: len(number)], 1)
+    ]
     parts = [part for part in cut_parts(robot) for _ in range(number[part.name])]
     sheets = nest(parts, sheet)
     names = [part.name for laid in sheets for part in laid]
@@ -232,7 +317,7 @@ def test_legs_of_any_phases_have_webs_of_their_own():
     placed = layers(robot)
     webs = [item for item in placed if item.body == CRANK]
     assert len(webs) == counts(robot)["crank"] == 6
-    shafts = [part for part in hardware(robot, placed) if part.name == "shaft, at O"]
+    shafts = [part for part in hardware(robot, placed) if part.name == "shaft"]
     assert sum(part.number for part in shafts) == 4
 
 
@@ -244,10 +329,16 @@ def test_the_table_of_materials_adds_up_to_the_robot(phases):
     mass = sum(int(row["number"]) * float(row["each g"] or 0.0) for row in rows)
     assert mass == pytest.approx(1e3 * robot.mass, rel=1e-5)
     names = " ".join(row["name"] for row in rows)
-    for word in ("crankshaft", "spacer", "cross-member", "pin", "tread", "motor plate", "battery"):
+    for word in (
+        "crankshaft",
+        "spacer",
+        "cross-member",
+        "screw",
+        "tread",
+        "motor-plate",
+        "battery",
+    ):
         assert word in names
-    pins = [row for row in rows if row["name"] == "pin, at B"]
-    assert [int(row["number"]) for row in pins] == [2 * phases]
 
 
 def test_files_are_the_same_every_time(tmp_path, capsys):
@@ -266,7 +357,8 @@ def test_files_are_the_same_every_time(tmp_path, capsys):
             texts = [b"".join(sorted(text.splitlines())) for text in texts]
         assert texts[0] == texts[1], file
     assert files >= {
-        "assembly.svg", "materials.csv", "parts/foot.dxf", "parts/foot.svg", "sheets/4mm_1.dxf",
+        "assembly.svg", "coupon.stl", "coupon.svg", "materials.csv", "parts/foot.stl",
+        "parts/foot.dxf", "parts/foot.svg", "sheets/4mm_1.dxf",
         "sheets/6mm_1.svg",
     }  # fmt: skip
     drawing = ezdxf.readfile(first / "sheets" / "6mm_1.dxf")

@@ -14,13 +14,15 @@ from pathlib import Path
 from jansen_env.checks import within
 from jansen_env.commands.flags import robot_parser
 from jansen_env.drawings.materials import machine
+from jansen_env.drawings.outlines import FITS
 from jansen_env.drawings.sheets import drawings
-from jansen_env.files import check_writable, write_text
+from jansen_env.files import check_writable, write_bytes
 from jansen_env.robot.robot_file import write_robot
 from jansen_env.world.settings import load_robot
 
 SHEET = "2000x1000"  # mm, a common stock size
 WIDEST_KERF = 2.0  # mm: the smallest holes are 3.2
+WIDEST_FIT = 1.0  # mm, of a diameter
 
 
 def _sheet(text: str) -> complex:
@@ -30,6 +32,19 @@ def _sheet(text: str) -> complex:
     if not size.real * size.imag:
         raise argparse.ArgumentTypeError(f"is {text}, must be WIDTHxHEIGHT in mm, such as {SHEET}")
     return size
+
+
+def _fit(text: str) -> tuple[float, ...]:
+    """Allowances of a process, or three of a builder's own, mm."""
+    try:
+        fit = FITS.get(text) or tuple(map(float, text.split(",")))
+    except ValueError:
+        fit = ()
+    if len(fit) != 3 or not all(abs(value) <= WIDEST_FIT for value in fit):
+        raise argparse.ArgumentTypeError(
+            f"is {text}, must be one of {[*FITS]}, or PRESS,SLIDE,CLEAR in mm, up to {WIDEST_FIT:g}"
+        )
+    return fit
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -44,6 +59,9 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--kerf", type=float, default=0.0, metavar="MM",
                         help="width of the cut, that lines make room for; default: 0"
                         )  # fmt: skip
+    parser.add_argument("--fit", type=_fit, default=(0.0, 0.0, 0.0), metavar="PROCESS",
+                        help=f"{', '.join(FITS)}; or PRESS,SLIDE,CLEAR, mm that holes are larger "
+                        "in diameter; default: 0,0,0")  # fmt: skip
     parser.add_argument("--as-robot-file", type=Path, metavar="FILE",
                         help="also write the machine that would be cut, to simulate it"
                         )  # fmt: skip
@@ -53,11 +71,11 @@ def main(arguments: list[str] | None = None) -> None:
     with parser.refusing():
         robot = load_robot("ROBOT", args.robot)
         kerf = within("--kerf", args.kerf, 0.0, WIDEST_KERF)
-        files, summary = drawings(robot, name, args.sheet, kerf)
+        files, summary = drawings(robot, name, args.sheet, kerf, args.fit)
         cut = machine(robot)
         check_writable("--out", out)
         for file, text in files.items():
-            write_text(out / file, text)
+            write_bytes(out / file, text.encode() if isinstance(text, str) else text)
         if args.as_robot_file:
             write_robot(args.as_robot_file, cut)
     print(f"{summary}\nwritten: {out}")

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import combinations, pairwise
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -18,13 +19,13 @@ from jansen_env.drawings.outlines import (
     HUB,
     PIN,
     SHAFT,
+    SHOE_THICKNESS,
     CutPart,
     Round,
     feet_of,
-    hull,
     link_part,
 )
-from jansen_env.drawings.shaft_order import GAP, HUB_LENGTH, SPACER, TUBE, Placed, units
+from jansen_env.drawings.shaft_order import HUB_LENGTH, SPACER, TUBE, Placed, units
 from jansen_env.robot import Plate, Robot, Triangle
 from jansen_env.robot import buildable as built
 from jansen_env.robot.designs import with_built_feet
@@ -32,9 +33,13 @@ from jansen_env.robot.linkage import CRANK, FRAME
 
 BAR, SHEET = "EN AW-6060 T66 flat bar", "EN AW-6060 T66 sheet, laser cut"
 SHAFT_END = 10.0  # mm, of the shaft beyond the machine's frames
-CIRCLE = np.exp(2j * np.pi * np.arange(64) / 64)
-TOLERANCE = 0.5  # mm, that washers make up
-COLUMNS = ("name", "material", "stock size", "thickness mm", "number", "each g", "note")
+WASHERS = 3.0  # mm, the widest gap that has no spacer
+PLAY, NUT, COLLAR = 0.1, 5.0, 9.0  # mm: least of a pin; for a lock nut M4; for a collar
+SPARE, MOST_SPARE = 3.0, 4.0  # mm: most that washers fill under a thin nut; there and at the head
+LENGTHS = (6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0)  # mm, of screws
+MATERIALS = {"spacer": "EN AW-6060 tube", "hub": "EN AW-6060", "bush": "iglidur J200",
+             "washer": "POM", "ring": "POM"}  # fmt: skip
+COLUMNS = ("part", "name", "material", "stock size", "thickness mm", "number", "each g", "note")
 
 
 class Part(NamedTuple):
@@ -67,7 +72,9 @@ def counts(robot: Robot) -> dict[str, int]:
 
 
 def bill_of_materials(robot: Robot) -> list[Part]:
-    """All parts of a robot as it would be built; those of the built robot add up to its mass.
+    """All parts of a robot as it would be built, the flat ones first, by number.
+
+    Masses of the built robot's add up to its mass.
 
     Raises ValueError: a link that cannot be made.
     """
@@ -89,7 +96,6 @@ def bill_of_materials(robot: Robot) -> list[Part]:
             size, each = f"{thick:g} mm, {box.real:.0f} x {box.imag:.0f} mm", part.mass
         note = f"{1e3 * part.mass:.1f} g as drawn"
         links.append(Part(name, material, size, counts(robot)[name], each, thick, note))
-    links.sort(key=lambda part: part.material)
     pin = "shoulder screw, nut, washers, spacer; iglidur J200 bush, 6 mm"
     tread = f"natural rubber, {built.RUBBER_HARDNESS:g} Shore A, bonded to its shoe"
     radius, wide = 1e3 * built.FOOT_RADIUS, 1e3 * built.FOOT_WIDTH
@@ -97,15 +103,15 @@ def bill_of_materials(robot: Robot) -> list[Part]:
     pivots = len({leg.side for leg in robot.legs}) * (len(robot.linkage.bodies[0][1]) - 1)
     return [
         *links,
+        Part("foot-shoe", "EN AW-6060 sheet, two M4 screws", "40 x 30 x 3 mm", toes,
+             built.SHOE_MASS, 3.0),
+        Part("motor-plate", "EN AW-6060 sheet", "100 x 100 x 4 mm, hole 60 mm", 1,
+             built.MOTOR_PLATE_MASS, 4.0),
         Part("pin and bush, a link's share", pin, "half a joint", ends, built.PIN_SHARE),
         Part("foot's tread", tread, f"half-round, radius {radius:g} mm, {wide:g} mm wide", toes,
              built.TREAD_MASS),
-        Part("foot's shoe", "EN AW-6060 sheet, two M4 screws", "40 x 30 x 3 mm", toes,
-             built.SHOE_MASS, 3.0),
         Part("crankshaft, at O", "steel C45; hubs of EN AW-6060", "12 x 160 mm; 4 hubs 25 x 10 mm",
              1, built.CRANKSHAFT_MASS),
-        Part("motor plate, at O", "EN AW-6060 sheet", "100 x 100 x 4 mm, hole 60 mm", 1,
-             built.MOTOR_PLATE_MASS, 4.0),
         Part("cross-member, at P", "EN AW-6060 T66 tube", "20 x 2 mm, 200 mm", pivots,
              built.CROSS_MEMBER_MASS),
         Part("gearmotor, at O", "T-Motor AK80-6", "98 x 38.5 mm", 1, built.MOTOR_MASS),
@@ -114,58 +120,134 @@ def bill_of_materials(robot: Robot) -> list[Part]:
     ]  # fmt: skip
 
 
-def hardware(robot: Robot, placed: Sequence[Placed]) -> list[Part]:
-    """Pins, axles, spacers and pieces of the shaft, as long as the layers make them.
+class Row(NamedTuple):
+    """What sits on a pin: a link, or what is put between two links or holds them."""
 
-    Their masses are in the shares of :func:`bill_of_materials`.
+    number: int
+    name: str
+    size: str = ""
+    item: Placed | None = None
+
+
+class Stack(NamedTuple):
+    """A pin of a leg, or an axle through the machine.
+
+    ``rows`` are in order along the shaft, from the screw's head or the axle's end on; ``bolt`` is
+    what goes through them, and what holds them.
     """
+
+    joint: str
+    unit: int
+    leg: int
+    axle: bool
+    rows: tuple[Row, ...]
+    bolt: tuple[Row, Row]
+
+
+def stacks(robot: Robot, placed: Sequence[Placed]) -> list[Stack]:
+    """Pins and axles of a machine, with washers, spacers and screws for the stack on each."""
     axis, crank_pin, *_ = [*robot.linkage.bodies[CRANK - 1][1]]
-    end, pieces = placed[-1].top, Counter[tuple[str, str, str, str]]()
-    stacks = defaultdict[tuple[str, object, bool], list[tuple[float, float]]](list)
+    groups = defaultdict[tuple[str, object, bool], list[Placed]](list)
     for item in placed:
         for joint in item.part.joints:
             axle = joint in item.through
             where: object = item.unit if joint == crank_pin else (item.unit, item.leg)
             where = robot.legs[item.leg].side if axle else where
-            stacks[joint, where, axle].append((item.z, item.top))
-    for (joint, _, axle), stack in stacks.items():
-        if joint == axis:
+            groups[joint, where, axle].append(item)
+    found = []
+    for (joint, _, axle), items in groups.items():
+        if joint == axis or (len(items) < 2 and not axle):  # a toe has no pin
             continue
-        faces = sorted([*stack, (0.0, 0.0), (end, end)] if axle else stack)
-        name, radius, wall, owner = "pin", SPACER, 1.9, "link's"
+        items.sort(key=lambda item: item.z)
+        start, end = (0.0, placed[-1].top) if axle else (items[0].z, items[-1].top)
+        tops, rows = [start, *(item.top for item in items)], list[Row]()
+        for top, item in zip(tops, items, strict=False):
+            rows += [*_between(item.z - top, axle), Row(1, item.part.name, "", item)]
+        rows += _between(end - tops[-1], axle)
+        size = f"{2 * PIN:g}"
         if axle:
-            name, radius, wall, owner = "axle", TUBE, 2.0, "cross-member"
-        if len(faces) > 1:  # a toe has no pin
-            size = f"{2 * PIN:g} x {faces[-1][1] - faces[0][0]:.1f} mm"
-            pieces[f"{name}, at {joint}", "steel", size, owner] += 1
-        for (_, top), (bottom, _) in pairwise(faces):
-            if bottom - top > GAP + TOLERANCE:
-                size = f"{2 * radius:g} x {wall:g} x {bottom - top:.1f} mm"
-                pieces[f"spacer, at {joint}", "EN AW-6060 tube", size, owner] += 1
+            rod = f"{size} x {end - start + 2.0 * COLLAR:.1f} mm"
+            bolt = Row(1, "axle", rod), Row(2, "shaft collar DIN 705", f"{size} mm")
+        else:
+            shoulder = _standard(end - start + PLAY)
+            spare = min(shoulder - end + start - PLAY, MOST_SPARE)
+            rows = [*_between(spare - SPARE), *rows, *_between(min(spare, SPARE))]
+            screw = f"{size} x {shoulder:g} mm, M5"
+            bolt = Row(1, "shoulder screw ISO 7379", screw), Row(1, "thin nut DIN 439", "M5")
+        found.append(Stack(joint, items[0].unit, items[0].leg, axle, tuple(rows), bolt))
+    return found
+
+
+def _between(gap: float, axle: bool = False) -> list[Row]:
+    """Washers that fill a gap, mm, to half a millimetre, or a spacer; none for no gap."""
+    if gap > WASHERS and axle:
+        ends = f"{2 * TUBE - 4:g} x {2 * PIN:g} x 3 mm, in a spacer's ends"
+        return [Row(1, "spacer", f"{2 * TUBE:g} x 2 x {gap:.1f} mm"), Row(2, "ring", ends)]
+    if gap > WASHERS:
+        return [Row(1, "spacer", f"{2 * SPACER:g} x 1.9 x {gap:.1f} mm")]
+    whole, half = divmod(max(math.floor(2.0 * gap + 1e-6), 0), 2)
+    size = f"{2 * PIN:g} x {2 * SPACER:g} x"
+    return [Row(count, "washer", f"{size} {thick:g} mm")
+            for count, thick in ((whole, 1.0), (half, 0.5)) if count]  # fmt: skip
+
+
+def _standard(length: float) -> float:
+    """The next length of screws, mm."""
+    return next((x for x in LENGTHS if x >= length - 1e-6), 10.0 * math.ceil(0.1 * length))
+
+
+def hardware(robot: Robot, placed: Sequence[Placed]) -> list[Part]:
+    """All that joins the flat parts, counted, as long as the layers make it.
+
+    Its masses are in the shares of :func:`bill_of_materials`.
+    """
+    pieces, end = Counter[tuple[str, str]](), placed[-1].top
+    for stack in stacks(robot, placed):
+        for row in (*stack.bolt, *stack.rows):
+            pieces[row.name, row.size] += row.number if row.item is None else 0
+    thick = {item.body: item.part.thickness for item in placed}
+    for item in placed:
+        for hole in item.part.holes:
+            if hole.fit == "press":
+                bore = 2.0 * (hole.radius - BUSH + PIN)
+                size = f"{bore:g} x {2 * hole.radius:g} x {thick[item.body]:g} mm"
+                pieces["bush", size] += 1
+        for _ in feet_of(robot, item.body):
+            length = _standard(thick[item.body] + SHOE_THICKNESS + NUT)
+            pieces["socket screw ISO 4762", f"M4 x {length:g} mm"] += 2
+            pieces["lock nut DIN 985", "M4"] += 2
     webs = [item for item in placed if item.body == CRANK]
     tops = [-SHAFT_END, *(item.top for item in webs[1::2])]
     bottoms = [*(item.z for item in webs[::2]), end + SHAFT_END]
     for top, bottom in zip(tops, bottoms, strict=True):
-        size = f"{2 * SHAFT:g} x {bottom - top:.1f} mm"
-        pieces["shaft, at O", "steel C45", size, "crankshaft"] += 1
-    size = f"{2 * HUB:g} x {HUB_LENGTH:g} mm, bore {2 * SHAFT:g}, spigot {2 * PIN:g}, two screws M3"
-    pieces["hub, at O", "EN AW-6060", size, "crankshaft"] += len(webs)
-    size = f"{2 * SHAFT:g} x {2 * (SHAFT + BUSH - PIN):g} mm"
-    pieces["bush, at O", "iglidur J200", size, "crankshaft"] += len(webs)  # one in each frame
-    return [Part(name, material, size, number, 0.0, note=f"counted in the {owner} mass")
-            for (name, material, size, owner), number in pieces.items()]  # fmt: skip
+        pieces["shaft", f"{2 * SHAFT:g} x {bottom - top:.1f} mm"] += 1
+    size = (
+        f"{2 * HUB:g} x {HUB_LENGTH:g} mm, bore {2 * SHAFT:g}, spigot {2 * PIN:g}, two threads M3"
+    )
+    pieces["hub", size] += len(webs)
+    length = _standard(thick[CRANK] + 2.0 * 3.0)  # twice M3 of thread in the hub
+    pieces["socket screw ISO 4762", f"M3 x {length:g} mm"] += 2 * len(webs)
+    pieces["spring pin ISO 8752", f"3 x {2.0 * HUB - 1.0:g} mm"] += len(webs)
+    plate = 1e3 * built.PLATE_THICKNESS
+    length = _standard(thick[FRAME] + SHAFT_END + plate + NUT)
+    pieces["socket screw ISO 4762", f"M4 x {length:g} mm"] += 2
+    pieces["lock nut DIN 985", "M4"] += 2
+    pieces["spacer", f"{2 * SPACER:g} x 1.9 x {SHAFT_END:g} mm"] += 2
+    note = "counted in the masses above"
+    return [Part(name, MATERIALS.get(name, "steel"), size, number, 0.0, note=note)
+            for (name, size), number in sorted(pieces.items()) if number]  # fmt: skip
 
 
 def to_csv(parts: Sequence[Part]) -> str:
-    """The bill of materials as CSV; parts that are counted in others have no mass."""
+    """The bill of materials as CSV, numbered; parts that are counted in others have no mass."""
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(COLUMNS)
-    for part in parts:
+    for k, part in enumerate(parts, 1):
         numbers = part.thickness, 1e3 * part.each
         thick, mass = (f"{value:.6g}" if value else "" for value in numbers)
         size = part.dimensions
-        rows.writerow((part.name, part.material, size, thick, part.number, mass, part.note))
+        rows.writerow((k, part.name, part.material, size, thick, part.number, mass, part.note))
     return text.getvalue()
 
 
@@ -217,7 +299,7 @@ def _moments(part: CutPart) -> tuple[float, complex, float]:
 
 def about_origin(shape: Round) -> NDArray[np.complex128]:
     """Return area, first and second moment about the origin of a polygon with round corners."""
-    p = np.array(hull(z + shape.radius * turn for z in shape.corners for turn in CIRCLE))
+    p = np.array(shape.polygon)
     q = np.roll(p, -1)
     cross = (p.conj() * q).imag
     squares = abs(p) ** 2 + (p.conj() * q).real + abs(q) ** 2

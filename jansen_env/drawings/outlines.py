@@ -23,20 +23,29 @@ Points = NDArray[np.complex128]
 T = TypeVar("T")
 
 PIN, BUSH = 1e3 * built.PIN_RADIUS, 1e3 * built.PIN_RADIUS + 1.0  # radii of holes
+CIRCLE = np.exp(2j * np.pi * np.arange(64) / 64)
 SHAFT, HUB, HUB_SCREW = 6.0, 12.5, 1.6  # radii; screws M3
 HUB_SCREWS = 9.25  # from the axis to either screw, along the crank
 SHOE_SCREW, SHOE_THICKNESS = 2.25, 3.0  # radius for M4
 MOTOR_PLATE, MOTOR_HOLE = 100.0, 30.0  # side, radius
 WALL = 1.5  # least material between two holes; twice as much to a window
 FILLET = 4.0  # radius of a window's corners
+CLASSES = ("press", "slide", "clear")  # of holes: for a bush, for a pin that is held, for a screw
+FITS = {"laser": (-0.05, 0.1, 0.2), "water_jet": (-0.05, 0.15, 0.3), "print": (0.1, 0.3, 0.5)}
+"""mm by which a process makes the diameters of each class larger, to begin with."""
+STEPS = [round(0.1 * k, 1) for k in range(-4, 5)]  # mm, of the coupon's holes and pegs
 STRAIGHT = 1e-6  # height over length of a link whose joints are in line
 
 
 class Round(NamedTuple):
-    """A convex polygon, its corners counter-clockwise, made larger by a radius all round."""
+    """A convex polygon, its corners counter-clockwise, made larger by a radius all round.
+
+    ``fit`` is the class of a hole.
+    """
 
     corners: tuple[complex, ...]
     radius: float = 0.0
+    fit: str = "clear"
 
     @property
     def box(self) -> tuple[complex, complex]:
@@ -68,13 +77,24 @@ class Round(NamedTuple):
             points += [(b + start, bulge), (b + end, 0.0)]
         return points
 
+    @property
+    def polygon(self) -> tuple[complex, ...]:
+        """Its line as corners, 64 to a turn."""
+        if not self.radius:
+            return self.corners
+        return hull(z + self.radius * turn for z in self.corners for turn in CIRCLE)
+
     def moved(self, turn: complex, shift: complex) -> Round:
         """Turned about the origin by a unit, then shifted."""
-        return Round(tuple(turn * z + shift for z in self.corners), self.radius)
+        return self._replace(corners=tuple(turn * z + shift for z in self.corners))
 
 
 class CutPart(NamedTuple):
-    """A flat part; thickness in mm; the name is engraved half way between the ends of ``text``."""
+    """A flat part; thickness in mm.
+
+    Its number in the bill of materials and its name are engraved half way between the ends of
+    ``text``, and each of the ``labels`` likewise.
+    """
 
     name: str
     thickness: float
@@ -83,6 +103,13 @@ class CutPart(NamedTuple):
     holes: tuple[Round, ...]
     joints: dict[str, complex]
     text: tuple[complex, complex]
+    number: int = 0
+    labels: tuple[tuple[str, complex, complex], ...] = ()
+
+    @property
+    def title(self) -> str:
+        """Its number, if any, and its name."""
+        return f"{self.number} {self.name}" if self.number else self.name
 
     def moved(self, turn: complex, shift: complex) -> CutPart:
         """The part turned about the origin by a unit, then shifted."""
@@ -92,7 +119,16 @@ class CutPart(NamedTuple):
             holes=tuple(shape.moved(turn, shift) for shape in self.holes),
             joints={name: turn * z + shift for name, z in self.joints.items()},
             text=(turn * self.text[0] + shift, turn * self.text[1] + shift),
+            labels=tuple(
+                (text, turn * start + shift, turn * end + shift) for text, start, end in self.labels
+            ),
         )
+
+    def with_fit(self, fit: Sequence[float]) -> CutPart:
+        """The part with holes larger in diameter by the allowance of their class, mm."""
+        holes = (hole._replace(radius=hole.radius + 0.5 * fit[CLASSES.index(hole.fit)])
+                 for hole in self.holes)  # fmt: skip
+        return self._replace(holes=tuple(holes))
 
     def with_kerf(self, kerf: float) -> CutPart:
         """The part whose lines are the middle of a cut so wide, mm, so that it has its size."""
@@ -203,7 +239,8 @@ def _pin_holes(robot: Robot, body: int, at: dict[str, complex]) -> list[Round]:
     if body in (FRAME, CRANK):  # for the shaft's bush, and for the hub's spigot
         axis = robot.linkage.bodies[CRANK - 1][1][0]
         radii[axis] = PIN if body == CRANK else SHAFT + BUSH - PIN
-    return [Round((at[joint],), radius) for joint, radius in radii.items()]
+    return [Round((at[joint],), radius, "slide" if radius == PIN else "press")
+            for joint, radius in radii.items()]  # fmt: skip
 
 
 def _shoe_holes(toe: complex, corners: Sequence[complex]) -> list[Round]:
@@ -252,7 +289,7 @@ def rectangle(size: complex) -> Round:
 
 
 def cut_parts(robot: Robot) -> list[CutPart]:
-    """Every flat part, lying: the links', a foot's shoe, the motor's plate.
+    """Every flat part, lying, by number: the links', a foot's shoe, the motor's plate.
 
     Raises ValueError: a part cannot be made; names it.
     """
@@ -266,4 +303,26 @@ def cut_parts(robot: Robot) -> list[CutPart]:
     ):
         text = 5j, size.real + 5j
         parts.append(CutPart(name, thickness, rectangle(size), (), holes, {}, text))
-    return parts
+    return [part._replace(number=k) for k, part in enumerate(parts, 1)]
+
+
+def coupon(thickness: float) -> list[CutPart]:
+    """What to cut first, mm: a plate with holes for a pin and for a bush, a slot, and nine pegs.
+
+    Marks of holes say by how much they are larger than what goes in; that of the widest peg that
+    goes into the slot is the kerf that the drawing makes no room for.
+    """
+    pitch, slot, holes, labels = 18.0, Round((15 + 12j, 45 + 12j), 4.0), [], []
+    for radius, y, name in ((PIN, 56j, f"pin {2 * PIN:g}"), (BUSH, 34j, f"bush {2 * BUSH:g}")):
+        labels.append((name, 2.0 + y, 24.0 + y))
+        for k, step in enumerate(STEPS):
+            z, below = pitch * (k + 2.0) + y, BUSH + 5.0
+            holes.append(Round((z,), radius + 0.5 * step))
+            labels.append((f"{step:+.1f}", z - pitch / 2 - 1j * below, z + pitch / 2 - 1j * below))
+    size = complex(pitch * (len(STEPS) + 2.0), 68.0)
+    text = 55 + 12j, complex(size.real - 5.0, 12.0)
+    plate = CutPart("slot: widest peg that fits is your kerf", thickness, rectangle(size), (slot,),
+                    tuple(holes), {}, text, labels=tuple(labels))  # fmt: skip
+    pegs = (CutPart(f"{step:+.1f}", thickness, Round((0j, 30 + 0j), 4.0 + step), (), (), {},
+                    (0j, 30 + 0j)) for step in STEPS)  # fmt: skip
+    return [plate, *(peg.lying() for peg in pegs)]

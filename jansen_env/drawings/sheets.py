@@ -11,11 +11,12 @@ import numpy as np
 
 from jansen_env.drawings.assembly import assembly_svg
 from jansen_env.drawings.materials import bill_of_materials, counts, hardware, to_csv
-from jansen_env.drawings.outlines import CutPart, Round, cut_parts, rectangle, sides
+from jansen_env.drawings.outlines import CutPart, Round, coupon, cut_parts, rectangle, sides
 from jansen_env.drawings.shaft_order import CollisionError, layers, units
 from jansen_env.robot import Robot
 
 MARGIN = 5.0  # mm, between parts, and to the edge of a sheet
+COUPON = 215 + 125j  # mm, of the sheet that the coupon lies on
 CROSS = 3.0  # mm, half a line of a mark
 COLORS = {"CUT": (1, "#d00000"), "ENGRAVE": (5, "#0000d0"), "MARK": (3, "#00a000")}
 """Colours of the layers: AutoCAD's number, and SVG's."""
@@ -58,31 +59,59 @@ def lines(parts: Sequence[CutPart], sheet: complex | None) -> Iterator[tuple[str
     for part in parts:
         for shape in (part.outline, *part.windows, *part.holes):
             yield "CUT", shape
-        for letter in _engraving(part):
-            yield "ENGRAVE", letter
+        for text, start, end in ((part.title, *part.text), *part.labels):
+            for letter in _engraving(text, start, end):
+                yield "ENGRAVE", letter
         for z in part.joints.values():
             if all(abs(z - hole.corners[0]) > CROSS for hole in part.holes):
                 yield from (("MARK", Round((z - way, z + way))) for way in (CROSS, CROSS * 1j))
 
 
-def _engraving(part: CutPart) -> list[Round]:
-    """Outlines of the letters of a part's name, in a font that comes with matplotlib."""
+def _engraving(text: str, start: complex, end: complex) -> list[Round]:
+    """Outlines of letters half way from start to end, in a font that comes with matplotlib."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextPath
 
-    drawn = TextPath((0.0, 0.0), part.name, size=LETTERS, prop=FontProperties("DejaVu Sans"))
+    drawn = TextPath((0.0, 0.0), text, size=LETTERS, prop=FontProperties("DejaVu Sans"))
     outlines = (np.array(outline)[:-1] @ [1, 1j] for outline in drawn.to_polygons())
     letters = [Round(tuple(outline.tolist())) for outline in outlines]
     low, high = Round(tuple(z for letter in letters for z in letter.corners)).box
-    start, end = part.text
     way = (end - start) * min(1.0 / abs(end - start), ROOM / (high - low).real)
     return [letter.moved(way, (start + end - way * (low + high)) / 2.0) for letter in letters]
 
 
+def _need_home() -> None:
+    """Set a home, without which ezdxf cannot be imported."""
+    if os.path.expanduser("~") == "~":
+        os.environ["HOME"] = os.devnull
+
+
+def to_stl(parts: Sequence[CutPart]) -> bytes:
+    """Parts as plates of their thickness, in mm: closed surfaces of triangles, binary STL."""
+    _need_home()
+    from ezdxf.math.triangulation import mapbox_earcut_2d
+
+    corners = np.empty((0, 3, 3))
+    for part in parts:
+        rims = [shape.polygon for shape in (part.outline, *part.windows, *part.holes)]
+        rims[1:] = [rim[::-1] for rim in rims[1:]]
+        flat = [[(z.real, z.imag) for z in rim] for rim in rims]
+        cap = np.array([[(*z, 0.0) for z in face] for face in mapbox_earcut_2d(flat[0], flat[1:])])
+        up, walls = np.array([0.0, 0.0, part.thickness]), []
+        for (px, py), (qx, qy) in (side for rim in flat for side in sides(rim)):
+            low, end = np.array([(px, py, 0.0), (qx, qy, 0.0)])
+            walls += [(low, end, end + up), (low, end + up, low + up)]
+        corners = np.concatenate([corners, cap[:, ::-1], cap + up, walls])
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    facets = np.zeros(len(corners), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("", "<u2")])
+    facets["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    facets["corners"] = corners
+    return bytes(80) + np.uint32(len(corners)).tobytes() + facets.tobytes()
+
+
 def to_dxf(parts: Sequence[CutPart], sheet: complex | None = None) -> str:
     """Parts, and the edge of a sheet, as DXF R2010 in mm; the same text every time."""
-    if os.path.expanduser("~") == "~":  # ezdxf cannot be imported without a home
-        os.environ["HOME"] = os.devnull
+    _need_home()
     import ezdxf
 
     fixed = ezdxf.options.write_fixed_meta_data_for_testing
@@ -130,20 +159,26 @@ def to_svg(parts: Sequence[CutPart], sheet: complex | None = None) -> str:
 
 
 def drawings(
-    robot: Robot, title: str, sheet: complex, kerf: float = 0.0
-) -> tuple[dict[str, str], str]:
-    """Return the text of every file by its name, and what to tell the user.
+    robot: Robot,
+    title: str,
+    sheet: complex,
+    kerf: float = 0.0,
+    fit: Sequence[float] = (0.0, 0.0, 0.0),
+) -> tuple[dict[str, str | bytes], str]:
+    """Return the contents of every file by its name, and what to tell the user.
 
     Without assembly and hardware where links collide in any order.
 
     Args:
         sheet: width and height, mm. kerf: width of a cut, mm, that lines make room for.
+        fit: mm by which holes to press, to slide and to clear are larger in diameter.
 
     Raises:
         ValueError: a part is larger than the sheet, or cannot be made; names it.
         LinkageError: a leg does not close.
     """
-    parts = [part.with_kerf(kerf) for part in cut_parts(robot)]
+    exact = [part.with_fit(fit) for part in cut_parts(robot)]
+    parts = [part.with_kerf(kerf) for part in exact]
     number, bill = counts(robot), bill_of_materials(robot)
     drawn: dict[str, tuple[list[CutPart], complex | None]] = {
         f"parts/{part.name}": ([part], None) for part in parts
@@ -152,8 +187,12 @@ def drawings(
         same = [part for part in parts if part.thickness == thickness]
         sheets = nest([part for part in same for _ in range(number[part.name])], sheet)
         drawn |= {f"sheets/{thickness:g}mm_{k}": (laid, sheet) for k, laid in enumerate(sheets, 1)}
-    files = {f"{name}.dxf": to_dxf(*what) for name, what in drawn.items()}
+    first = [part.with_kerf(kerf) for part in coupon(exact[0].thickness)]
+    drawn["coupon"] = nest(first, COUPON)[0], COUPON
+    files: dict[str, str | bytes] = {f"{name}.dxf": to_dxf(*what) for name, what in drawn.items()}
     files |= {f"{name}.svg": to_svg(*what) for name, what in drawn.items()}
+    files |= {f"parts/{part.name}.stl": to_stl([part]) for part in exact}
+    files["coupon.stl"] = to_stl(nest(coupon(exact[0].thickness), COUPON)[0])
     mass = sum(part.mass for part in bill)
     text = f"{sum(number.values())} parts to cut; the machine weighs {mass:.2f} kg with all others"
     if abs(mass - robot.mass) > ALIKE * robot.mass:

@@ -2,6 +2,7 @@
 
 import base64
 import contextlib
+import gzip
 import itertools
 import json
 import math
@@ -15,6 +16,7 @@ import pytest
 
 from jansen_env.commands.replay import main
 from jansen_env.dynamics.reduced import compile_robot
+from jansen_env.engine import kernel
 from jansen_env.plants.design_tables import DesignTables
 from jansen_env.policies import pretrained
 from jansen_env.robot import ROBOTS
@@ -67,6 +69,13 @@ def numbers(text):
 
 def other_lengths(name, rng, spread):
     return {k: v * rng.uniform(1 - spread, 1 + spread) for k, v in lengths(ROBOTS[name]()).items()}
+
+
+def test_the_engine_is_small_and_imports_nothing():
+    library = kernel.built_library("wasm")
+    assert len(gzip.compress(library.read_bytes())) < 120_000
+    script = "new WebAssembly.Instance(new WebAssembly.Module(fs.readFileSync(process.argv[1])))"
+    subprocess.run(["node", "-e", script, library], check=True)
 
 
 def test_tables_of_every_robot_are_the_same():

@@ -73,40 +73,6 @@ def test_it_walks_at_once(opened):
     assert page.evaluate(NAMELESS) == []
 
 
-def test_the_browsers_walk_is_pythons(opened):
-    """Bit for bit, over drawn ground with a push on the way."""
-    page = opened()
-    found = page.evaluate(
-        """() => {
-          const data = JSON.parse(document.getElementById("data").textContent);
-          const { Engine, numbersOf } = engine_js;
-          const engine = new Engine(numbersOf(data.engine, Uint8Array), data.layout);
-          const points = terrain_js.groundOf(data.terrain, "stairs", 3, 7);
-          const machine = new machine_js.Machine(engine, data.robots.klann, { points });
-          machine.reset({ crankAngle: 1, command: 0.3 });
-          const seen = [];
-          for (let k = 0; k < 200; k += 1) {
-            if (k === 50) machine.push(2, 1);
-            machine.step(Math.fround(0.4));
-            const { x_position, crank_speed, energy } = machine.info;
-            seen.push([x_position, crank_speed, energy.slip_loss]);
-          }
-          return seen;
-        }"""
-    )
-    env = gym.make(
-        "JansenWalker-v0", robot="klann", reset_noise_scale=0.0, terminate_when_fallen=False,
-        terrain=NamedGenerator("stairs")(np.random.default_rng(7), 3), speed_command=0.3,
-    )  # fmt: skip
-    env.reset(seed=0, options={"crank_angle": 1.0})
-    for k, numbers in enumerate(found):
-        if k == 50:
-            env.unwrapped.push((2.0, 1.0))
-        info = env.step(np.array([0.4], np.float32))[4]
-        names = info["x_position"], info["crank_speed"], info["energy"]["slip_loss"]
-        assert tuple(numbers) == names, k
-
-
 def test_firefox_walks_as_python(firefox, path, tmp_path):
     """A policy on stairs, with noise: its actions are Python's, bit for bit, for two seconds."""
     link = "control=rough+policy&terrain=stairs&level=2&seed=3&command=0.3&noise_level=1"

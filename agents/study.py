@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 
-from jansen_env.arrays import Array
-
 # Before torch and Ray are loaded. More threads would change the run that a seed gives; Ray listens
 # on all network interfaces, so it obeys only those who know its token.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -30,6 +28,7 @@ from agents.training.config import add_run_flags, new_config
 from agents.training.runs import FINAL, last_state, locked, read_evaluations, record_run
 from agents.training.scores import score_run
 from agents.training.train_model import prepare, train
+from jansen_env.arrays import Array
 from jansen_env.checks import instance
 from jansen_env.commands.flags import Parser, env_id, non_negative_int, positive_int
 from jansen_env.commands.plots import save

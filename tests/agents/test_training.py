@@ -73,7 +73,8 @@ def test_every_config_builds(path, tmp_path):
 def test_training_begins_on_every_environment(env_id, tmp_path, no_scores, few_episodes):
     """Without a configuration of the caller's; scores have tests of their own."""
     arguments = ["--env", env_id, "--timesteps", "8", "--n-envs", "2", "--eval-episodes", "1",
-                 "--env-kwargs", "{max_episode_steps: 5}", "--no-progress"]  # fmt: skip
+                 "--eval-freq", "0", "--env-kwargs", "{max_episode_steps: 5}", "--no-progress"
+                 ]  # fmt: skip
     folder = train.main([*arguments, "--log-folder", str(tmp_path)])
     assert read_model(folder / "final_model.zip").steps >= 8
 

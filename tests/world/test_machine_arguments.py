@@ -76,16 +76,6 @@ def test_a_delays_range_is_drawn_at_each_reset_and_can_be_set():
         env.reset(options={"delay": 0.1})
 
 
-def test_changes_that_exclude_each_other_change_nothing_and_their_order_does_not_matter():
-    env = JansenWalkerEnv(restitution=0.5)
-    with pytest.raises(ValueError, match=r"restitution is 0\.5"):
-        env.task.set_parameters(0, friction=0.3, command=0.7, pad_compliance=FEET)
-    assert env.task.world.get_attr("friction") == [0.8] and env.task.command[0] != 0.7
-    env.task.set_parameters(0, pad_compliance=FEET, restitution=0.0)
-    env.task.set_parameters(0, restitution=0.3, pad_compliance=Compliance())
-    assert env.task.world.get_attr("restitution") == [0.3]
-
-
 def test_bristles_do_not_outlast_the_feet():
     env = JansenWalkerEnv(pad_compliance=FEET)
     episode(env, actions(10), seed=0)

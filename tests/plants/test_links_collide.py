@@ -38,13 +38,13 @@ def test_a_step_stops_a_side(name, feet, most):
     for collide in (False, True):
         plant = PLANTS[name](robot, WALL, links_collide=collide)
         plant.reset()
-        gaps = []
-        for _ in range(60):
+        gaps = [1.0]
+        while len(gaps) <= 40 and min(gaps) > -0.01:
             result = plant.step(3.0, 0.02)
             gaps.append(least_gap(plant, WALL.polyline[2]))
             assert not result.non_toe_contact
         least[collide] = min(gaps)
-    assert least[False] < -0.01 and least[True] > -most
+    assert least[False] < -0.01 and -most < least[True] < 1e-3
 
 
 def test_energy_of_a_side_on_a_spike_converges():

@@ -121,7 +121,7 @@ def test_a_walk_keeps_joints_shut_and_accounts_closed(name):
     robot, speed, friction, gain = WALKS[name]
     plant, results = plant_on(Terrain.flat(friction), robot), []
     plant.reset()
-    for _ in range(100):
+    for _ in range(70):
         results.append(plant.step(gain * (speed - plant.state[7]) + 1.2 * speed, 0.02))
     assert 0.0 < max(r.joint_gap for r in results) < 2e-4
     load = np.mean([r.contact_force[:, 1].sum() for r in results])
@@ -159,7 +159,7 @@ from jansen_env.plants.plant import RigidBodyPlant
 plant = RigidBodyPlant(paper_robot(), Terrain.rough(np.random.default_rng(0), start=0.1))
 plant.reset()
 rng = np.random.default_rng(1)
-for _ in range(20):
+for _ in range(8):
     result = plant.step(rng.uniform(-10.0, 15.0), 0.02)
 print(plant.state.tobytes().hex(), result.slip.tobytes().hex())
 """
@@ -190,7 +190,7 @@ def test_set_down_again_or_pickled_nothing_is_remembered():
     """After reset or setting a state the future is that of a new plant, bit for bit."""
     plant = plant_on()
     plant.reset()
-    walked(plant, 2.0, 0.5)
+    walked(plant, 2.0, 0.3)
     copy, fresh = pickle.loads(pickle.dumps(plant)), plant_on()
     fresh.state, fresh.in_contact = plant.state, plant.in_contact
     for _ in range(5):
@@ -324,27 +324,23 @@ def test_a_landing_is_that_of_a_mass_on_a_spring():
     assert plant.step(0.0, 1e-3).joint_gap < 2e-4
 
 
-def pulled(share, duration=0.4, friction=0.5):
-    """A standing, locked robot under a pull of ``share`` of its weight: way, result, plant."""
+def pulled(share, friction=0.5):
+    """The plant of a standing, locked robot after 0.1 s of a pull of ``share`` of its weight."""
     plant = RigidBodyPlant(LOCKED, Terrain.flat(friction=friction))
     plant.reset(crank_angle=UPRIGHT, pitch=0.0)
     plant.step(0.0, 0.5)
-    x = plant.x
     plant.gravity = (share * 9.81, -9.81)
-    result = plant.step(0.0, duration)
-    return plant.x - x, result, plant
+    plant.step(0.0, 0.1)
+    return plant
 
 
 def test_bristles_slide_with_coulombs_friction():
     """Under a pull beyond friction's reach: (pull - mu sum n) / m, 0.1 %; heat for each metre."""
-    _, _, plant = pulled(0.3, 0.1, friction=0.2)
+    plant = pulled(0.3, friction=0.2)
 
     def speed():
-        return (
-            plant.batch._space.inertias[:, 0]
-            @ plant.batch._space.snapshot().motion[:, 3]
-            / LOCKED.mass
-        )
+        space = plant.batch._space
+        return space.inertias[:, 0] @ space.snapshot().motion[:, 3] / LOCKED.mass
 
     before = speed()
     result = plant.step(0.0, 0.1)
@@ -357,7 +353,7 @@ def test_bristles_slide_with_coulombs_friction():
 
 def test_bristles_are_remembered():
     """By a lookahead, which changes nothing, and a copy; a state that is set has none."""
-    _, _, plant = pulled(0.05)
+    plant = pulled(0.05)
     bent = plant.batch._springs.bristle.copy()
     before = plant.state
     plant.lookahead(1.0)

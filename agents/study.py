@@ -32,9 +32,9 @@ from jansen_env.arrays import Array
 from jansen_env.checks import instance
 from jansen_env.commands.flags import Parser, env_id, non_negative_int, positive_int
 from jansen_env.commands.plots import save
-from jansen_env.cores import available_cores
 from jansen_env.files import write_text
 from jansen_env.plain_yaml import read_yaml
+from jansen_env.plants.threads import available_cores
 from jansen_env.sb3.run_config import ALGORITHMS, Arguments, make_config
 from jansen_env.scoring.benchmarks import DEFAULT
 from jansen_env.scoring.metrics import CONFIDENCE, Interval, interval_text

@@ -27,8 +27,8 @@ from tabulate import tabulate
 import jansen_env
 from jansen_env import ROBOTS, Robot, Terrain, paper_robot
 from jansen_env.commands.flags import Parser, positive_int
-from jansen_env.cores import available_cores
 from jansen_env.files import check_writable, write_text
+from jansen_env.plants.threads import available_cores
 from jansen_env.terrain.generators import make_generator
 
 PACKAGES = "box2d", "envpool", "gymnasium", "mujoco", "numpy", "pymunk"

@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jansen_env.arrays import Array, Rows
 from jansen_env.checks import listed, number_range, shown, within
 from jansen_env.robot import Robot
 from jansen_env.terrain import MAX_SLOPE, Terrain
@@ -127,13 +127,13 @@ def set_payload(row: np.void, robot: Robot) -> None:
     row["payload"], (row["payload_x"], row["payload_y"]) = load.mass, load.position
 
 
-def robot_parameters(episodes: NDArray[np.void]) -> NDArray[np.void]:
+def robot_parameters(episodes: Rows) -> Rows:
     """Return the numbers (k,) for plants out of rows (k,) of :data:`EPISODE`, a copy."""
     numbers = plain(episodes).take(OF_ROBOTS_COLUMNS, axis=1)
     return numbers.view(ROBOT_PARAMETERS)[:, 0]
 
 
-def plain(rows: NDArray[np.void]) -> NDArray[np.float64]:
+def plain(rows: Rows) -> Array:
     """Return rows (k,) of numbers as (k, fields), a view: NumPy takes long to copy fields."""
     return rows.view(float).reshape(len(rows), -1)
 

@@ -12,7 +12,7 @@ from agents import NEEDED
 
 ROOT = Path(__file__).parents[1]
 ORDER = (
-    ["arrays", "checks", "cores", "files", "plain_yaml", "registration", "uniform"],
+    ["arrays", "checks", "files", "plain_yaml", "registration", "uniform"],
     ["engine"],
     ["gravity", "robot", "terrain"],
     ["parameters", "rendering"],

@@ -252,7 +252,7 @@ def loads_of_walk(
         if isinstance(link, Bar) and body > CRANK:
             ends = [k for k, (b, _) in enumerate(robot.linkage.corners) if b == body]
             push = max(1e-9, -float(axial[..., ends].mean(axis=-1).min()))
-            most = built.buckling_load(link.length, thickness=built.bar_thickness(name))
+            most = built.buckling_load(link.length, built.bar_thickness(name))
             safety = min(safety, most / push)
     return {
         "wear": work / walked if walked > least else math.nan,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jansen_env.arrays import Ints
 from jansen_env.robot import Robot, Side
 from jansen_env.robot.linkage import FRAME
 
@@ -15,8 +15,8 @@ from jansen_env.robot.linkage import FRAME
 class Pads:
     """The round pads by which a robot can touch the ground, toes first (in the order of legs)."""
 
-    leg: NDArray[np.int64]  #: (n,) index of the leg
-    joint: NDArray[np.int64]  #: (n,) index into ``linkage.all_pads``
+    leg: Ints  #: (n,) index of the leg
+    joint: Ints  #: (n,) index into ``linkage.all_pads``
     toes: int  #: how many of them are toes
 
 
@@ -35,7 +35,7 @@ def pad_layout(robot: Robot) -> Pads:
     return Pads(leg_index, joint, len(robot.toes))
 
 
-def pad_sides(robot: Robot) -> NDArray[np.int64]:
+def pad_sides(robot: Robot) -> Ints:
     """Straight sides of links as pairs (n, 2) of pads: those with a pad's joint at both ends.
 
     In order, so that those of toes come first. Rods that end at a crank pin have none.

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.arrays import Array
+from jansen_env.arrays import Array, Ints
 from jansen_env.engine.mathematics import directions
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.robot import Robot, Side
@@ -75,8 +75,8 @@ Sides = Side | tuple[Side, ...]
 class _Rows(NamedTuple):
     """:func:`leg_closures` as arrays: a leg's terms (m,), the y row of each being ``row + 1``."""
 
-    row: NDArray[np.int64]
-    column: NDArray[np.int64]
+    row: Ints
+    column: Ints
     coefficient: Array
     offset: Array  # (m,), or (legs, m): the only thing in which the sides differ
     translations: Array  # (20, 24) the constant part of C

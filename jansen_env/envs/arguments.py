@@ -15,7 +15,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from jansen_env.arrays import Array
+from jansen_env.arrays import Array, Bools
 from jansen_env.checks import entries, instance, listed, positive_integer, shown, whole_number
 from jansen_env.rendering import Renderer
 from jansen_env.world.settings import Values, entries_of
@@ -75,7 +75,7 @@ def autoreset_mode(name: str, mode: object) -> AutoresetMode:
         raise ValueError(f"{name} is {shown(mode)}, must be one of {allowed}") from None
 
 
-def reset_mask(count: int, mask: object) -> NDArray[np.bool_]:
+def reset_mask(count: int, mask: object) -> Bools:
     """Which robots to reset (count,), all for None; TypeError for no array of bools."""
     if mask is None:
         return np.ones(count, bool)

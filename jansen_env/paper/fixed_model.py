@@ -7,9 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from jansen_env.arrays import Array
+from jansen_env.arrays import Array, Bools
 from jansen_env.baselines.pid import PID
 from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.robot import Robot
@@ -18,7 +18,7 @@ from jansen_env.terrain import Terrain
 START = math.pi  # rad, crank angle and reference at time 0
 DURATION = 10.0  # s
 SAMPLING = 0.01  # s, of the controller; the torque is held in between
-TIME_STEP = 1e-4  # s, of the integration
+TIME_STEP = 1e-4  # s, of the integration; divides SAMPLING
 SETTLED = 3.0  # s, from where on the motion is taken to be periodic
 
 
@@ -32,7 +32,7 @@ class Run:
     torque: Array  # N m, held after each sample but the last
 
     @property
-    def settled(self) -> NDArray[np.bool_]:
+    def settled(self) -> Bools:
         """(n,) the samples whose torque is counted as periodic."""
         return self.time[:-1] >= SETTLED
 
@@ -41,9 +41,9 @@ Advance = Callable[[float, float, float], tuple[float, float]]
 """(angle, speed, torque) at a sample -> (angle, speed) at the next."""
 
 
-def tables_advance(robot: Robot, time_step: float = TIME_STEP) -> Advance:
-    """The projection plant with its chassis held; ``time_step``, s, divides SAMPLING."""
-    plant = ProjectionPlant(robot, Terrain.flat(), time_step, held=True)
+def tables_advance(robot: Robot) -> Advance:
+    """The projection plant with its chassis held."""
+    plant = ProjectionPlant(robot, Terrain.flat(), TIME_STEP, held=True)
 
     def advance(angle: float, speed: float, torque: float) -> tuple[float, float]:
         plant.state = np.concatenate([crank_only(angle), crank_only(speed)])

@@ -105,14 +105,9 @@ def walk(
 
 
 def walking_forces(
-    robot: Robot,
-    speed: float,
-    turns: int,
-    friction: float = FRICTION,
-    every: int = 8,
-    time_step: float = TIME_STEP,
+    robot: Robot, speed: float, turns: int, friction: float = FRICTION
 ) -> JointForces:
-    """Joint forces of every ``every``-th time step of a walk at constant crank speed (rad/s).
+    """Joint forces of every eighth time step of a walk at constant crank speed (rad/s).
 
     Time steps with a touchdown are left out: an impact has an impulse, not a force.
 
@@ -120,9 +115,9 @@ def walking_forces(
         ValueError: the robot falls.
     """
     period = 2.0 * math.pi / speed
-    plant = prescribed_speed(robot, Terrain.flat(friction=friction), speed, time_step=time_step)
+    plant = prescribed_speed(robot, Terrain.flat(friction=friction), speed)
     for _ in walk_on(plant, SETTLE * period, turns * period, count=1):
-        rows = plant.batch.trace[~plant.batch.touchdowns][::every]
+        rows = plant.batch.trace[~plant.batch.touchdowns][::8]
         return trace_forces(plant.tables, rows, plant.time_step)
     raise ValueError(f"the robot falls at a crank speed of {speed} rad/s")
 
@@ -142,14 +137,13 @@ class Ripple:
         return cls(mean, float(0.5 * np.ptp(speed) / abs(mean)), fell)
 
 
-def walking_ripple(robot: Robot, torque: float, duration: float = 20.0) -> Ripple:
-    """A walk at a constant torque (N m), s long; its second half, or all of it until a fall."""
+def walking_ripple(robot: Robot, torque: float) -> Ripple:
+    """A walk of 20 s at a constant torque (N m); its second half, or all of it until a fall."""
     plant = ProjectionPlant(robot, Terrain.flat(friction=FRICTION), TIME_STEP)
     plant.reset()
-    count = round(duration / 0.1)
-    parts = walk_on(plant, 0.0, 0.1, count, torque)
+    parts = walk_on(plant, 0.0, 0.1, 200, torque)
     speeds = [plant.batch.trace["velocity_after"][:, 3] for _ in parts]
-    return Ripple.of(np.concatenate(speeds[len(speeds) // 2 :]), len(speeds) < count)
+    return Ripple.of(np.concatenate(speeds[len(speeds) // 2 :]), len(speeds) < 200)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.arrays import Array
+from jansen_env.arrays import Array, Ints
 from jansen_env.dynamics.projection import constraints
 from jansen_env.dynamics.reduced import body_sums, compile_robot
 from jansen_env.paper.fixed_model import crank_only
@@ -26,16 +26,16 @@ def turn(samples: int) -> Array:
     return 2.0 * math.pi * np.arange(samples) / samples
 
 
-def mirror_error(robot: Robot, samples: int = 720) -> float:
+def mirror_error(robot: Robot) -> float:
     """Largest residual (m) of the paper's back leg constraints at a mirrored fore leg, over a turn.
 
     0 says that the back leg at crank angle psi is the mirror image of the fore leg at pi - psi, and
     its toe path that of the fore toe.
     """
-    x = coordinates(robot, "fore", math.pi - turn(samples)).reshape(samples, -1, 3)
+    x = coordinates(robot, "fore", math.pi - turn(720)).reshape(720, -1, 3)
     x[..., 0] = math.pi - x[..., 0]
     x[..., 1] = -x[..., 1]
-    return float(np.abs(constraints(robot, "back", x.reshape(samples, -1))).max())
+    return float(np.abs(constraints(robot, "back", x.reshape(720, -1))).max())
 
 
 @dataclass(frozen=True)
@@ -48,15 +48,15 @@ class Heave:
     pitch: float  # rad, of that pitching
 
 
-def heave(phases: int, samples: int = 1440, poses: int = 48) -> Heave:
+def heave(phases: int) -> Heave:
     """Heave of the paper's linkage with two legs on each of ``phases`` evenly spaced crank pins.
 
-    All repeats ``phases`` times a turn: ``samples`` crank angles in such a period, and ``poses`` at
-    which the robot is placed on the ground.
+    All repeats ``phases`` times a turn: 1440 crank angles in such a period, and 48 at which the
+    robot is placed on the ground.
     """
     robot = paper_robot(phases)
-    fore, back = lowest_toes(robot, turn(samples) / phases)
-    height, pitch = standing_poses(robot, turn(poses) / phases).T
+    fore, back = lowest_toes(robot, turn(1440) / phases)
+    height, pitch = standing_poses(robot, turn(48) / phases).T
     sizes = np.ptp(np.minimum(fore, back)), np.ptp(height), np.ptp(pitch)
     return Heave(2 * phases, *map(float, sizes))
 
@@ -85,8 +85,8 @@ class DoubleSupport:
     """
 
     angle: Array  # (n,) of the crank, rad
-    front: NDArray[np.int64]  # (n,) leg whose toe carries
-    rear: NDArray[np.int64]
+    front: Ints  # (n,) leg whose toe carries
+    rear: Ints
     x_speed: Array
     slip: Array
     rolling: Array  # the part of it that is the pads' rolling; points do not roll

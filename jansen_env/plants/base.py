@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from jansen_env.arrays import Array
+from jansen_env.arrays import Array, Bools
 from jansen_env.checks import shown, within
 from jansen_env.engine.integrator import DIVERGED
 from jansen_env.robot import Robot
@@ -141,7 +141,7 @@ def check_pushes(value: object, *shape: int) -> Array:
     return pushes
 
 
-def check_in_contact(value: object, pads: int) -> NDArray[np.bool_] | None:
+def check_in_contact(value: object, pads: int) -> Bools | None:
     """Return a copy of flags (pads,) or None. Raises ValueError: another shape."""
     if value is None:
         return None

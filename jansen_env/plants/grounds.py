@@ -14,9 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pymunk
-from numpy.typing import NDArray
 
-from jansen_env.arrays import Array
+from jansen_env.arrays import Array, Rows
 from jansen_env.engine.collision import LARGEST_MARGIN, MARGIN, WAY_OUT
 from jansen_env.terrain import Terrain
 
@@ -47,7 +46,7 @@ class Grounds:
         surface: (vertices, 2) m, of all terrains.
     """
 
-    def __init__(self, terrains: Sequence[Terrain], status: NDArray[np.void]) -> None:
+    def __init__(self, terrains: Sequence[Terrain], status: Rows) -> None:
         self._status = status
         distinct = {id(terrain): terrain for terrain in terrains}
         shapes = {key: make_shapes(terrain.polyline) for key, terrain in distinct.items()}

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jansen_env.arrays import Array
+from jansen_env.arrays import Array, Bools
 from jansen_env.checks import finite, one_of, positive
 from jansen_env.dynamics.reduced import Tables
 from jansen_env.gravity import GRAVITY, Gravity
@@ -79,7 +78,7 @@ class Plant:
         self.batch.set_parameters(FIRST, np.array([values], ROBOT_PARAMETERS))
 
     @property
-    def in_contact(self) -> NDArray[np.bool_] | None:
+    def in_contact(self) -> Bools | None:
         """(pads,) the pads on the ground; None where that is not known.
 
         Part of the state only in that it says what lands next: set it after :attr:`state`.

@@ -12,9 +12,8 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jansen_env.arrays import Array, Rows
+from jansen_env.arrays import Array, Bools, Rows
 from jansen_env.engine import mathematics
 from jansen_env.engine.records import PARAMS
 from jansen_env.parameters import OF_ROBOTS, PARAMETERS, plain
@@ -142,7 +141,7 @@ def apply_to_kernels(
     params["gravity_x"], params["gravity_y"] = cos * x + sin * y, cos * y - sin * x
 
 
-def check_values(values: Rows, compliant: NDArray[np.bool_]) -> None:
+def check_values(values: Rows, compliant: Bools) -> None:
     """Check parameters (k,) that are to be put in force, of robots whose pads give or not (k,).
 
     Raises:
@@ -159,7 +158,7 @@ def check_values(values: Rows, compliant: NDArray[np.bool_]) -> None:
     check_restitution(compliant, values["restitution"])
 
 
-def check_restitution(compliant: NDArray[np.bool_], restitution: Array) -> None:
+def check_restitution(compliant: Bools, restitution: Array) -> None:
     """Raise ValueError where compliant pads (k,) are on ground with restitution (k,)."""
     bounces = compliant & (restitution > 0.0)
     if bounces.any():

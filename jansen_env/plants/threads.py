@@ -11,8 +11,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.arrays import Ints
 from jansen_env.checks import positive_integer
-from jansen_env.cores import available_cores
 
 ROBOTS_PER_THREAD = 16  # at least, or starting a thread takes longer than it saves
 FIRST = 16  # robots that are moved while the other threads start
@@ -20,7 +20,7 @@ LAST = 4  # robots that the calling thread moves while the others come to an end
 
 Memory: TypeAlias = tuple[NDArray[Any], ...]
 """Arrays that one thread alone uses."""
-Move: TypeAlias = Callable[[int, NDArray[np.int64], int, Memory], tuple[bool, bool]]
+Move: TypeAlias = Callable[[int, Ints, int, Memory], tuple[bool, bool]]
 """Moves robots: a thread's number, all shares, the most robots, and memory; returns two flags."""
 
 
@@ -91,9 +91,16 @@ class Threads:
         self._pool = None
 
 
-def _alone(robots: int) -> NDArray[np.int64]:
+def _alone(robots: int) -> Ints:
     """Return the shares of one thread that moves so many robots."""
     return np.array([[0, robots], [robots, robots]])
+
+
+def available_cores() -> int:
+    """Processor cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def count_threads(robots: int, threads: int | None) -> int:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jansen_env.arrays import Array
+from jansen_env.arrays import Array, Bools, Rows
 from jansen_env.dynamics.joint_forces import JointForces, joint_forces
 from jansen_env.dynamics.reduced import Tables, body_sums
 from jansen_env.gravity import GRAVITY, Gravity
@@ -23,7 +22,7 @@ class PeakLoads(NamedTuple):
 
 
 def trace_forces(
-    tables: Tables, trace: NDArray[np.void], time_step: float, gravity: Gravity = GRAVITY
+    tables: Tables, trace: Rows, time_step: float, gravity: Gravity = GRAVITY
 ) -> JointForces:
     """Mean joint forces of each time step in a trace (steps,) of the projection plant.
 
@@ -64,9 +63,7 @@ def trace_forces(
     )
 
 
-def find_touchdowns(
-    trace: NDArray[np.void], in_contact: NDArray[np.bool_] | None
-) -> NDArray[np.bool_]:
+def find_touchdowns(trace: Rows, in_contact: Bools | None) -> Bools:
     """(steps,) whether a pad that was free one time step before is pressed on the ground.
 
     Args:
@@ -78,12 +75,12 @@ def find_touchdowns(
     return np.asarray((now & ~np.concatenate([first, now[:-1]])).any(axis=1))
 
 
-def pads_in_contact(trace: NDArray[np.void]) -> NDArray[np.bool_]:
+def pads_in_contact(trace: Rows) -> Bools:
     """(steps, pads) whether the ground pushed a pad."""
     return np.asarray((trace["impulses"] != 0.0).any(axis=2))
 
 
-def peak_loads(size: Array, landing: NDArray[np.bool_], time_step: float) -> PeakLoads:
+def peak_loads(size: Array, landing: Bools, time_step: float) -> PeakLoads:
     """The largest of mean bearing forces (steps, legs, 17), N; landing: (steps,)."""
     largest = size.max(axis=(-2, -1))
     return PeakLoads(

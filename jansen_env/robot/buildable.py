@@ -102,7 +102,7 @@ def foot_damping(stiffness: float, mass: float) -> float:
     return FOOT_LOSS_FACTOR * stiffness / math.sqrt(2.0 * FOOT_STIFFNESS[0] / mass)
 
 
-def buckling_load(length: float, width: float = WIDTH, thickness: float = BAR_THICKNESS) -> float:
+def buckling_load(length: float, thickness: float) -> float:
     """Euler's load of a flat bar between two pins (across its thickness, pinned ends), N."""
-    stiffness = STIFFNESS * width * thickness * thickness * thickness / 12.0
+    stiffness = STIFFNESS * WIDTH * thickness * thickness * thickness / 12.0
     return math.pi * math.pi * stiffness / (length * length)

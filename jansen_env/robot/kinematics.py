@@ -10,9 +10,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from jansen_env.arrays import Array, Ints
+from jansen_env.arrays import Array, Bools, Ints
 from jansen_env.engine.closure import put_coordinates, put_joints
 from jansen_env.engine.mathematics import directions, lengths_of
 from jansen_env.robot.linkage import JANSEN
@@ -60,7 +60,7 @@ def joint_positions(robot: Robot, side: Side, psi: ArrayLike) -> Array:
     return places.reshape(*angle.shape, len(joints), 2)
 
 
-def body_arrays(robot: Robot) -> tuple[Ints, Array, NDArray[np.bool_]]:
+def body_arrays(robot: Robot) -> tuple[Ints, Array, Bools]:
     """Members, corners and bars as :mod:`jansen_env.engine.closure` has them."""
     members = robot.linkage.members
     shape = len(members), max(map(len, members))
@@ -125,9 +125,9 @@ def turning(robot: Robot, angles: ArrayLike, pairs: Sequence[tuple[int, int]]) -
     return np.asarray(np.abs(slope[..., second] - slope[..., first]))
 
 
-def check_closure(robot: Robot, samples: int = 720) -> None:
+def check_closure(robot: Robot) -> None:
     """Raise LinkageError for a design that cannot turn a full revolution: says where."""
-    joint_positions(robot, "fore", np.linspace(-math.pi, math.pi, samples, endpoint=False))
+    joint_positions(robot, "fore", np.linspace(-math.pi, math.pi, 720, endpoint=False))
 
 
 def nearest_dead_point(robot: Robot, samples: int = 720) -> tuple[float, str, float]:

@@ -13,7 +13,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.arrays import Array
+from jansen_env.arrays import Array, Ints
 from jansen_env.baselines.policy import Policy, still
 
 Episodes: TypeAlias = dict[str, NDArray[Any]]
@@ -26,7 +26,7 @@ Summary: TypeAlias = dict[str, Any]
 """Scores of a policy, as :func:`summarise` returns them."""
 
 Env: TypeAlias = gym.Env[Any, Any]
-Pick: TypeAlias = NDArray[np.int64] | slice  # of episodes
+Pick: TypeAlias = Ints | slice  # of episodes
 
 Interval: TypeAlias = tuple[float, float, float]
 """Value, lower and upper end of its 95 % interval; NaN for ends that are not known."""
@@ -217,7 +217,7 @@ def pooled(
     run: Episodes,
     env: Env,
     seed: int = 0,
-    groups: Sequence[NDArray[np.int64]] = (),
+    groups: Sequence[Ints] = (),
 ) -> Summary:
     """Return :func:`summarise` without ``"by_command"``: the commands may all differ.
 
@@ -231,7 +231,7 @@ def pooled(
 
 
 def _interval(
-    metric: Metric, run: Episodes, env: Env, groups: Sequence[NDArray[np.int64]], seed: int
+    metric: Metric, run: Episodes, env: Env, groups: Sequence[Ints], seed: int
 ) -> list[float | None]:
     """The metric of all groups' episodes, and its interval."""
     estimator, episodes = _estimator(metric, run, env), np.concatenate(groups)

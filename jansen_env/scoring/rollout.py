@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from jansen_env.arrays import Array
+from jansen_env.arrays import Array, Ints
 from jansen_env.baselines.policy import Policy
 from jansen_env.scoring.benchmarks import can_be_batched, check_env_kwargs, find_benchmark
 from jansen_env.scoring.metrics import SETTLING, Benchmark, Env, Episodes
@@ -48,7 +48,7 @@ def make_env(env_id: str, env_kwargs: EnvKwargs, **more: object) -> Env:
     return gym.make(env_id, **{**env_kwargs, **more})
 
 
-def draw_episodes(env: Env, count: int, seed: int = 0) -> tuple[Array, NDArray[np.int64]]:
+def draw_episodes(env: Env, count: int, seed: int = 0) -> tuple[Array, Ints]:
     """Return commands (count,), uniform in the range of ``env``, and seeds (count,) of resets."""
     benchmark = find_benchmark(env.get_wrapper_attr("spec").id)
     low, high = benchmark.drawn or (
@@ -77,7 +77,7 @@ def run_episodes(
     env_id: str,
     env_kwargs: EnvKwargs,
     commands: Array,
-    seeds: NDArray[np.int64],
+    seeds: Ints,
     at_once: int = 256,
     options: Options | None = None,
     envs: VectorEnv | None = None,
@@ -117,7 +117,7 @@ def _run_side_by_side(
     envs: VectorEnv,
     benchmark: Benchmark,
     options: Options,
-    seeds: NDArray[np.int64],
+    seeds: Ints,
 ) -> Episodes:
     n, dt = len(seeds), envs.get_attr("control_dt")[0]  # type: ignore[attr-defined]
     totals: Episodes = {}
@@ -141,7 +141,7 @@ def _run_side_by_side(
     return totals
 
 
-def _reset(envs: VectorEnv, options: Options, seeds: NDArray[np.int64]) -> NDArray[np.float32]:
+def _reset(envs: VectorEnv, options: Options, seeds: Ints) -> NDArray[np.float32]:
     """Start the episodes; returns their first observations (n, d)."""
     if not isinstance(envs, gym.vector.SyncVectorEnv):
         return envs.reset(seed=seeds.tolist(), options=options)[0]

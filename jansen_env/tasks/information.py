@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.arrays import Bools
+from jansen_env.arrays import Bools, Rows
 from jansen_env.world.settings import Values
 
 
@@ -31,11 +31,11 @@ class InfoBuilder:
 
     def __init__(
         self,
-        world: NDArray[np.void],
-        energy: NDArray[np.void],
-        task: NDArray[np.void],
+        world: Rows,
+        energy: Rows,
+        task: Rows,
         arrays: Mapping[str, NDArray[np.generic]],
-        groups: Mapping[str, NDArray[np.void]],
+        groups: Mapping[str, Rows],
     ) -> None:
         self._world, self._task, self._arrays = world, task[["info", "reward"]], dict(arrays)
         every: Values = {"energy": energy, **groups}

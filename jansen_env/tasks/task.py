@@ -13,7 +13,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env.arrays import Array, Bools, Ints
+from jansen_env.arrays import Array, Bools, Ints, Rows
 from jansen_env.checks import MOST_SINGLE, listed, number_range, within
 from jansen_env.engine import readings
 from jansen_env.rendering import Frame
@@ -71,7 +71,7 @@ class Task(ABC):
         row: np.dtype[np.void] = self.ROW or np.dtype(
             [("info", [*self.INFO.items()]), ("reward", terms)]
         )
-        self.data: NDArray[np.void] = np.zeros(n, row)
+        self.data: Rows = np.zeros(n, row)
         self.rewards, self.ended = np.zeros(n), np.zeros(n, bool)
         self.observed = self._order(self.world.observations) + tuple(self.world.lengths.entries)
         self.columns = {entry.name: place for place, entry in enumerate(self.observed)}
@@ -103,7 +103,7 @@ class Task(ABC):
     def _connect(self) -> None:
         """Let this object's arrays be those that are shown."""
         self._lock = RLock()  # kernels write without Python's, and a step resets other robots
-        self.info: NDArray[np.void] = self.data["info"]
+        self.info: Rows = self.data["info"]
         world = self.world
         self.information = InfoBuilder(
             world.information, world.energies, self.data, world.arrays, world.groups

@@ -7,10 +7,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jansen_env import parameters
-from jansen_env.arrays import Array, Ints
+from jansen_env.arrays import Array, Ints, Rows
 from jansen_env.checks import entries, shown
 from jansen_env.engine import mathematics
 from jansen_env.gravity import GRAVITY
@@ -39,7 +38,7 @@ Progress = Callable[[int], tuple[float, float]]
 class Plan(NamedTuple):
     """An episode to come: parameters (1,) of EPISODE; terrain and robot, None where it stays."""
 
-    values: NDArray[np.void]
+    values: Rows
     terrain: Terrain | None
     build: Build | None = None
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.arrays import Array, Ints
+from jansen_env.arrays import Array, Ints, Rows
 from jansen_env.engine.mathematics import angles_of, directions
 from jansen_env.gravity import GRAVITY
 from jansen_env.robot import Robot
@@ -94,7 +94,7 @@ class OnboardSensors:
         self._first[i], self.kept[i] = False, kept
 
     def read(
-        self, which: Ints, moved: bool, states: Array, parameters: NDArray[np.void], torque: Array
+        self, which: Ints, moved: bool, states: Array, parameters: Rows, torque: Array
     ) -> None:
         """Observe what IMU and current tell of robots (k,), without errors.
 

@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env.arrays import Array, Bools, Ints
+from jansen_env.arrays import Array, Bools, Ints, Rows
 from jansen_env.checks import entries, number_range, shown, whole_number, within
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.pads import pad_layout
@@ -111,7 +111,7 @@ class World:
         self.reset_noise_scale = np.array(settings.reset_noise_scale)
         self.delay_range = np.array(settings.delay)
         self._allocate_torques(settings.randomize)
-        self.data: NDArray[np.void] = np.zeros(n, readings.ROW)
+        self.data: Rows = np.zeros(n, readings.ROW)
         self._keep_actions = readings.take_actions.bound()
         self._torques = (
             self.elapsed, self.full_torque, self.data, self.asked, self.delay_steps, self.torque,
@@ -188,7 +188,7 @@ class World:
         if self.held:
             self.information = self.information[[*readings.HELD_INFORMATION]]
             self.energies = self.energies[[*readings.HELD_ENERGIES]]
-        self.groups: dict[str, NDArray[np.void]] = {}
+        self.groups: dict[str, Rows] = {}
         self.arrays: dict[str, NDArray[np.generic]] = {}
         if self.episodes.varies:
             self.groups["parameters"] = self.episodes.values

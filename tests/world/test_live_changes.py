@@ -4,21 +4,12 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
-from side_by_side import same
+from side_by_side import same, walk
 
 from jansen_env import Compliance, Motor, Push
 
-STEPS = 30
 FEET, HEAVY = {"pad_compliance": Compliance(20_000.0, 20.0)}, {"mass_scale": (1.0, 3.0)}
 SOFT = {"pad_compliance": Compliance(2000.0, 20.0)}
-
-
-def walk(env, steps=STEPS):
-    """Observations (steps, d) and the works of pushes (steps,), J."""
-    results = [env.step(np.array([0.3], np.float32)) for _ in range(steps)]
-    return np.array([step[0] for step in results]), [
-        step[4]["energy"]["push_work"] for step in results
-    ]
 
 
 def begun(**arguments):
@@ -36,16 +27,16 @@ def begun(**arguments):
      ("tilt", 0.1, {"plant": "rigid_body"})],
 )  # fmt: skip
 def test_changed_is_as_if_the_state_had_it(name, value, arguments):
-    steps = 2 if "plant" in arguments else STEPS
+    steps = 2 if "plant" in arguments else 30
     changed, other = (begun(**arguments) for _ in range(2))
-    before = walk(begun(**arguments), steps)[0]
+    before = walk(begun(**arguments), steps)
     state = other.get_state()
     state["parameters"][name] = value
     changed.set_parameters(**{name: value})
     other.set_state(state)
     assert same(changed.get_state(), other.get_state())
-    walked = walk(changed, steps)[0]
-    np.testing.assert_array_equal(walked, walk(other, steps)[0])
+    walked = walk(changed, steps)
+    np.testing.assert_array_equal(walked, walk(other, steps))
     assert not np.array_equal(walked, before)
     assert changed.parameters[[*state["parameters"]].index(name)] == value
     changed.reset(seed=2)  # and so it stays
@@ -66,12 +57,12 @@ def test_a_state_has_the_robot_that_was_changed(name, value):
     before, robot = changed.get_state(), changed.robot
     changed.set_parameters(**{name: value})
     other.set_state(changed.get_state())
-    np.testing.assert_array_equal(walk(changed)[0], walk(other)[0])
+    np.testing.assert_array_equal(walk(changed), walk(other))
     assert other.robot == changed.robot != robot
     changed.set_state(before)
     other.set_state(before)
     assert changed.robot == other.robot == robot
-    np.testing.assert_array_equal(walk(changed)[0], walk(other)[0])
+    np.testing.assert_array_equal(walk(changed), walk(other))
 
 
 @pytest.mark.parametrize(
@@ -106,7 +97,7 @@ def test_refused(arguments, change, message):
 def test_energies_of_steps_are_closed_whatever_changes_between_them(change):
     env = begun()
     env.set_parameters(**change)
-    for _ in range(STEPS):
+    for _ in range(30):
         energy = env.step(np.array([0.3], np.float32))[4]["energy"]
         assert abs(energy["residual"]) < 1e-3  # J; the payload's weight alone is 30 N
 
@@ -119,17 +110,17 @@ def test_a_push_begins_at_once_beside_the_others(push):
         scheduled = gym.make("JansenWalker-v0", speed_command=0.3).unwrapped
         scheduled.reset(seed=1, options={"pushes": [(0.2, 1.5, 0.5)]})
         walk(scheduled, 10)
-    without = walk(begun(push=push))[0]
+    without = walk(begun(push=push))
     env.push((1.5, 0.5))
-    first = walk(env, 2)[0]
+    first = walk(env, 2)
     other.set_state(env.get_state())
-    rest = walk(env, STEPS - 2)[0]
+    rest = walk(env, 38)
     pushed = np.concatenate([first, rest])
-    np.testing.assert_array_equal(rest, walk(other, STEPS - 2)[0])
+    np.testing.assert_array_equal(rest, walk(other, 38))
     velocity = env.task.columns["crank_axis_x_velocity"]
     assert np.abs(pushed[:, velocity] - without[:, velocity]).max() > 0.05  # m/s
     if push is None:
-        np.testing.assert_array_equal(pushed, walk(scheduled)[0])
+        np.testing.assert_array_equal(pushed, walk(scheduled))
     else:
         assert env.get_state()["random_pushes"]
 

@@ -14,9 +14,8 @@ from typing import NamedTuple
 import numpy as np
 import pymunk
 import pymunk.batch
-from numpy.typing import NDArray
 
-from jansen_env.arrays import Array
+from jansen_env.arrays import Array, Ints
 from jansen_env.dynamics.pads import Pads, pad_layout
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import coordinates, joint_positions, world_joints
@@ -167,7 +166,7 @@ def pad_bodies(robot: Robot, layout: Pads) -> list[int]:
     return [place_of(robot, leg, robot.linkage.all_pads[k][1] + 1) for leg, k in pairs]
 
 
-def side_bodies(robot: Robot, sides: NDArray[np.int64]) -> list[int]:
+def side_bodies(robot: Robot, sides: Ints) -> list[int]:
     """Index of the body that each of links' ``sides`` (n, 2) is part of; pairs of pads."""
     layout, linkage, bodies = pad_layout(robot), robot.linkage, []
     for side in sides.tolist():
@@ -210,7 +209,7 @@ class BodySpace:
         gravity: tuple[float, float],
         state: Array,
         held: bool,
-        sides: NDArray[np.int64],
+        sides: Ints,
     ) -> None:
         self.space = space = pymunk.Space()
         self.set_gravity(gravity)
@@ -278,7 +277,7 @@ class BodySpace:
             pads.append(circle)
         return pads
 
-    def _make_sides(self, robot: Robot, sides: NDArray[np.int64]) -> list[pymunk.Segment]:
+    def _make_sides(self, robot: Robot, sides: Ints) -> list[pymunk.Segment]:
         """Links' ``sides`` (n, 2), pairs of pads; made while the bodies are at home."""
         segments = []
         for pads, owner in zip(sides.tolist(), side_bodies(robot, sides), strict=True):

@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import pymunk
 import pymunk.batch
-from numpy.typing import NDArray
 
-from jansen_env.arrays import Array, Bools
+from jansen_env.arrays import Array, Bools, Ints
 from jansen_env.engine.collision import LEAN
 from jansen_env.plants.rigid.bodies import (
     INSET,
@@ -183,7 +182,7 @@ class SpringPads:
 
     def __init__(
         self, robot: Robot, terrain: Terrain, owners: list[int], time_step: float,
-        sides: NDArray[np.int64],
+        sides: Ints,
     ) -> None:  # fmt: skip
         self._sides, pads = sides, len(owners) - len(sides)
         check_stiffness(robot, time_step, owners[:pads])
@@ -205,7 +204,7 @@ class SpringPads:
         self.step(now, space)
 
     @property
-    def touching(self) -> NDArray[np.bool_]:
+    def touching(self) -> Bools:
         """(pads,) whether the ground will push in the next time step."""
         return np.asarray(self.forces[:, 1] > 0.0)
 

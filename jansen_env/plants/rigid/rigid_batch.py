@@ -18,9 +18,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from jansen_env.arrays import Array, Ints
+from jansen_env.arrays import Array, Bools, Ints, Rows
 from jansen_env.checks import within
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.pads import pad_layout, pad_sides
@@ -193,7 +193,7 @@ class RigidBodyBatch:
         self.surface: Array = terrain.polyline.copy()
         self.rows["status"]["end_vertex"] = len(self.surface)
 
-    def set_parameters(self, rows: Ints, values: NDArray[np.void]) -> None:
+    def set_parameters(self, rows: Ints, values: Rows) -> None:
         """Put parameters in force. Raises ValueError also if the pads are too stiff for the time
         step; nothing has changed then."""
         check_values(values, np.array([not self.robots[0].pad_compliance.rigid]))
@@ -266,11 +266,11 @@ class RigidBodyBatch:
             self._memory = self._space.state, self.in_contact, bristle
 
     @property
-    def in_contact(self) -> NDArray[np.bool_]:
+    def in_contact(self) -> Bools:
         return self._contacts.pressed
 
     @in_contact.setter
-    def in_contact(self, value: NDArray[np.bool_] | None) -> None:
+    def in_contact(self, value: Bools | None) -> None:
         self._contacts.set_pressed(value)
 
     def place(self, rows: Ints, crank_angles: ArrayLike, crank_speeds: ArrayLike = 0.0) -> None:
@@ -441,13 +441,13 @@ class RigidBodyBatch:
         return deflection
 
     @property
-    def _memory(self) -> tuple[Array, NDArray[np.bool_], Array | None]:
+    def _memory(self) -> tuple[Array, Bools, Array | None]:
         """State, pads on the ground and bristles; setting it closes joints and gear."""
         bristle = None if self._springs is None else self._springs.bristle.copy()
         return self._space.state, self.in_contact, bristle
 
     @_memory.setter
-    def _memory(self, value: tuple[Array, NDArray[np.bool_], Array | None]) -> None:
+    def _memory(self, value: tuple[Array, Bools, Array | None]) -> None:
         state, in_contact, bristle = value
         self._build(state, bristle)
         self.in_contact = in_contact

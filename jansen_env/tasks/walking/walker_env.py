@@ -12,7 +12,7 @@ from types import ModuleType
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from typing_extensions import Unpack
 
 from jansen_env.arrays import Array, Bools, Ints
@@ -488,7 +488,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
         return float(self.task.world.weight[0])
 
     @property
-    def parameters(self) -> NDArray[np.float64]:
+    def parameters(self) -> Array:
         """(17,) the numbers of this episode in the order of
         :data:`jansen_env.parameters.PARAMETERS`, which has their names and units."""
         return self.task.world.episodes.values[:1].view(float).copy()

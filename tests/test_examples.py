@@ -4,14 +4,18 @@ import json
 import os
 import subprocess
 import sys
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SIZES = {  # the arguments that make it short, and a word of what it prints
+    "codesign": ("search 16384 new economy 1", "design_0"),
     "joint_loads": ("20", "largest"),
+    "linkage_map": ("0", "kept"),
     "log_to_wandb": ("8192", "logged to"),
     "minari_data": ("1 16384 JansenWalkerBuilt-v0", "pid-v0"),
     "offline_learning": ("10 jansen/JansenWalkerBuilt/pid-v0", "cloned"),
@@ -20,6 +24,7 @@ SIZES = {  # the arguments that make it short, and a word of what it prints
     "custom_terrain_and_reward": ("20", "return"),
     "share_on_hub": ("", "README.md"),
     "skrl_ppo": ("20000", "curves"),
+    "surrogate": ("1", "R2"),
     "thousand_robots": ("8", "steps/s"),
     "torchrl_ppo": ("5000", "mean return"),
     "train_and_watch": ("1", "return"),
@@ -45,7 +50,7 @@ NEEDS = {  # beside the extras
 }
 
 
-SLOW = ("minari_data", "offline_learning", "train_and_watch")
+SLOW = ("codesign", "minari_data", "offline_learning", "train_and_watch")
 
 
 @pytest.mark.parametrize(
@@ -70,6 +75,25 @@ def test_example(name: str, tmp_path: Path) -> None:
     for word in source.split('"""')[1].split():  # the files that its docstring promises
         if word.strip(".").endswith((".gif", ".png")):
             assert (tmp_path / word.strip(".")).stat().st_size > 1000
+
+
+def test_linkages_of_the_map_walk_as_published(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    map_ = import_module("linkage_map")
+    data = map_.load()
+    rows = np.linspace(0, len(data["cost"]) - 1, 4).astype(int)
+    made = [map_.turning(np.array([data[name][k] for name in map_.NAMES])) for k in rows]
+    walker = map_.Walker("JansenWalkerBuilt-v0", map_.WORLD, map_.SPEED, 1, len(rows))
+    for k, (_, shape), walk in zip(
+        rows, made, walker.walk([each[0] for each in made]), strict=True
+    ):
+        published = [data[name][k] for name in ("cost", "slip", "opening", "height")]
+        walked = walk["steady_cost_of_transport"], walk["steady_slip_per_metre"]
+        expected = [*walked, shape["opening"], shape["height"]]
+        np.testing.assert_allclose(published, expected, atol=0.501 * map_.UNIT)
+        np.testing.assert_allclose(map_.toe_path(data, k)[:, 1].min(), -data["height"][k], atol=0.1)
+    assert len(map_.elites(data)) > 8_000
+    assert 0.05 < map_.is_test(data).mean() < 0.15
 
 
 @pytest.mark.parametrize("name", ["six_questions", "walk_and_train"])

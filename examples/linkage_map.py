@@ -1,0 +1,130 @@
+"""A map of walked linkages: lengths by cost of transport, by what they step over, by height.
+
+python examples/linkage_map.py [MINUTES] [FILE]   (goes on with FILE, linkage_map.npz by default)
+
+MAP-Elites (Mouret & Clune 2015) with variation along lines (Vassiliades & Mouret 2018), begun at
+four known designs. A linkage is walked at 0.3 m/s, 6 s from one crank angle, as built parts, by
+one soft speed controller for all, so that the cost is a function of the lengths: ../docs/data.md.
+"""
+
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from agents.design.measures import Walker, geometry_measures
+from agents.design.variables import Candidate
+from jansen_env.robot.kinematics import toe_positions
+from jansen_env.robot.lengths import lengths, with_lengths
+from jansen_env.world.settings import load_robot
+
+DATA = Path(__file__).with_suffix(".npz")
+UNIT = 1e-4  # m, rad, or 1: all numbers are whole multiples, so that a walk can be had again
+BASE, SPEED, REACH = load_robot("robot", "built"), 0.3, 0.4  # m/s; share of the base's lengths
+WORLD = {"robot": "built", "max_episode_steps": 300}
+NAMES, MIDDLE = [*lengths(BASE)], np.array([*lengths(BASE).values()])
+CELLS = {  # edges of the cells
+    "cost": np.geomspace(0.08, 0.8, 41),
+    "opening": np.linspace(0.0, 0.3, 41),
+    "height": np.linspace(0.45, 0.75, 41),
+}
+COUNT, START, SPREAD, ALONG = 128, 0.05, 0.01, 0.2  # at once; steps as shares of the lengths
+
+
+def load(path=DATA):
+    """Return arrays (n,) by name: lengths (m, rad), cost, slip (1), opening and height (m)."""
+    with np.load(path) as file:
+        return dict(zip(file["names"].tolist(), UNIT * file["rows"], strict=True))
+
+
+def cells(data):
+    """Return (n, 3) cells of cost, opening and height, from 0; -1 or 40 where out of the map."""
+    return np.stack([np.digitize(data[name], edges) - 1 for name, edges in CELLS.items()], axis=1)
+
+
+def is_test(data):
+    """Return (n,) of the split: a tenth of all cells, with all that is in them."""
+    return cells(data) @ [1, 3, 7] % 10 == 0
+
+
+def elites(data):
+    """Return the indices of the linkage that slips least in each cell."""
+    order = np.argsort(data["slip"], kind="stable")
+    return order[np.unique(cells(data)[order], axis=0, return_index=True)[1]]
+
+
+def robot_of(data, k):
+    """Return the robot of a row, which `gym.make("JansenWalkerBuilt-v0", robot=...)` takes."""
+    return with_lengths(BASE, {name: float(data[name][k]) for name in NAMES})
+
+
+def toe_path(data, k, points=64):
+    """Return the path (points, 2) of a row's first toe about the crank axis, m."""
+    return toe_positions(robot_of(data, k), np.linspace(0.0, 2.0 * np.pi, points, False))[:, 0]
+
+
+def varied(parents, rng):
+    """Return lengths (13,) near those of a parent, most along the way to another one."""
+    if not len(parents) or rng.random() < 0.01:
+        name = ("built", "holy", "economy", "climber")[rng.integers(4)]
+        new = np.array([*lengths(load_robot("robot", name)).values()])
+        new *= 1.0 + START * rng.standard_normal(len(new))
+    else:
+        first, second = parents[rng.integers(len(parents), size=2)]
+        new = first + ALONG * rng.standard_normal() * (second - first)
+        new += SPREAD * MIDDLE * rng.standard_normal(len(new))
+    return UNIT * np.round(np.clip(new, (1.0 - REACH) * MIDDLE, (1.0 + REACH) * MIDDLE) / UNIT)
+
+
+def turning(new):
+    """Return the candidate of lengths and its geometry, or None where no cell can have it."""
+    try:
+        robot = with_lengths(BASE, dict(zip(NAMES, new.tolist(), strict=True)))
+    except ValueError:
+        return None
+    shape = geometry_measures(robot)
+    inside = all(
+        CELLS[name][0] <= shape[name] < CELLS[name][-1] for name in ("opening", "height")
+    )  # False for NaN
+    if not inside or shape["closure"] < 0.2 or shape["advance"] < 0.2:
+        return None
+    numbers = np.array([2.0 * np.pi * SPEED / shape["advance"], 1.0, 0.0, 2.0])
+    return Candidate(robot, numbers), shape
+
+
+def main():
+    """Walk for some minutes, and write the map."""
+    seconds = 60.0 * float(sys.argv[1]) if len(sys.argv) > 1 else 60.0
+    path = Path(sys.argv[2] if len(sys.argv) > 2 else DATA.name)
+    columns = [*NAMES, "cost", "slip", "opening", "height"]
+    rows = np.load(path)["rows"] if path.exists() else np.empty((len(columns), 0), np.uint16)
+    walker = Walker("JansenWalkerBuilt-v0", WORLD, SPEED, 1, COUNT)
+    rng, tried, begin, saved = np.random.default_rng(rows.shape[1]), 0, time.monotonic(), 0.0
+    while saved < begin + seconds:
+        parents = UNIT * rows[: len(NAMES), elites(dict(zip(columns, UNIT * rows, strict=True)))].T
+        batch = []
+        while len(batch) < COUNT:
+            if (able := turning(new := varied(parents, rng))) is not None:
+                batch.append((new, *able))
+        tried += COUNT
+        walks, fresh = walker.walk([candidate for _, candidate, _ in batch]), []
+        for (new, _, shape), walk in zip(batch, walks, strict=True):
+            cost, slip = walk["steady_cost_of_transport"], walk["steady_slip_per_metre"]
+            walked = walk["falls"] == 0 and walk["steady_speed_error"] < 0.02 and slip < 1.0
+            if walked and CELLS["cost"][0] <= cost < CELLS["cost"][-1]:
+                fresh.append([*new, cost, slip, shape["opening"], shape["height"]])
+        fresh = np.reshape(np.round(np.array(fresh) / UNIT), (-1, len(columns)))
+        rows = np.append(rows, fresh.T.astype(np.uint16), axis=1)
+        if time.monotonic() > min(saved + 30.0, begin + seconds):
+            saved = time.monotonic()
+            np.savez_compressed(path, names=columns, rows=rows)
+            print(
+                f"{saved - begin:.0f} s: {tried} walked, {rows.shape[1]} kept, "
+                f"{len(elites(load(path)))} cells, {path.stat().st_size / 1e6:.2f} MB",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -39,6 +39,9 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.set_defaults(save_freq=100_000, eval_episodes=10)
     add = parser.add_argument
     add("--algo", choices=sorted(ALGORITHMS), help="algorithm; default: --config's, or ppo")
+    add("--config", metavar="FILE",
+        help="hyperparameters, or a folder of ALGO.yml; default: the one of ENV and ALGO"
+        )  # fmt: skip
     add("--env", type=imported_env_id, metavar="ID",
         help=f"environment id, or MODULE:ID; default: --config's, or {DEFAULT}")  # fmt: skip
     add("--seed", type=non_negative_int,

@@ -22,7 +22,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 import jansen_env
 from agents.training.train_model import prepare
 from jansen_env.arrays import Array
-from jansen_env.checks import one_line, shown
+from jansen_env.checks import one_line, one_of, shown
 from jansen_env.commands.flags import Parser, non_negative_int, positive_int
 from jansen_env.commands.named_policies import model_file
 from jansen_env.files import write_bytes, write_json
@@ -42,8 +42,10 @@ TOLERANCE = 1e-6  # of an action, between the network in torch and in NumPy
 
 
 def describe_network(config: RunConfig, tensors: pretrained.Tensors) -> Description:
-    """Describe how a policy of PPO or SAC gets from an observation to its action without noise."""
-    given, sac = config.policy_kwargs, config.algo == "sac"
+    """Describe how a policy gets from an observation to its action without noise; a ValueError for
+    another algorithm than PPO, SAC and TQC."""
+    one_of("algo", config.algo, ["ppo", "sac", "tqc"])
+    given, sac = config.policy_kwargs, config.algo != "ppo"
     hidden, last = (
         ("actor.latent_pi", "actor.mu") if sac else ("mlp_extractor.policy_net", "action_net")
     )

@@ -16,15 +16,16 @@ import secrets
 import socket
 import sys
 from dataclasses import asdict, replace
-from functools import partial
+from itertools import product
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 import torch
 import yaml
 
 from agents import need
-from agents.training.config import add_run_flags, new_config
+from agents.training.config import SHIPPED, add_run_flags, new_config, training_folder
 from agents.training.runs import FINAL, last_state, locked, read_evaluations, record_run
 from agents.training.scores import score_run
 from agents.training.train_model import prepare, train
@@ -49,11 +50,13 @@ from scipy.stats import bootstrap, trim_mean
 PLAN = "study.yml"  # in a study's folder: the flags that say what its runs are
 PLANNED = ("seeds", "first_seed", "env", "algo", "timesteps", "n_envs", "env_kwargs", "config",
            "eval_freq", "save_freq", "eval_episodes")  # fmt: skip
+KEYS, POINTS = ["group", "env", "seed", "policy"], ["steps", "cpu_seconds", "return"]
 NOTES = """\
 A run's score is the mean return of its best model over the commands. IQM is the interquartile mean,
-that of the middle half of the runs (Agarwal et al., NeurIPS 2021); brackets are its 95 % BCa
-bootstrap interval, over training runs. With few runs that covers less: some
-75 % with 3 runs, 90 % with 10. Intervals over episodes are in each run's scores.json."""
+that of the middle half of the runs (Agarwal et al., NeurIPS 2021); brackets are its 95 % bootstrap
+interval, over training runs, drawn within each environment. With few runs that covers less: some
+75 % with 3 runs, 90 % with 10. Intervals over episodes are in each run's scores.json. Core s: of
+the run's processor time."""
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -72,6 +75,9 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         help=f"environment ids; default: {DEFAULT}")  # fmt: skip
     add("--algo", nargs="+", choices=sorted(ALGORITHMS), default=["ppo"],
         help="algorithms; default: ppo")  # fmt: skip
+    add("--config", nargs="+", default=[SHIPPED], metavar="FILE",
+        help="hyperparameters: a file, a folder of ALGO.yml, or 'shipped', the default; of several "
+        "each is a group, 'shipped' where there is one")  # fmt: skip
     add("--name", help="of the study; default: the file's, or else 'study'")
     add("--log-folder", default="logs/studies", metavar="DIR", help="the study goes to DIR/NAME")
     add("--cores", type=count, default=1, help="of each run, for its environments; default: 1")
@@ -94,11 +100,13 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 
 def planned_runs(args: argparse.Namespace) -> list[Arguments]:
     """Return name and configuration of each run; a ValueError where there is none or it is bad."""
-    groups = {
-        f"{env}_{algo}": new_config(args.config, algo, env, args.env_kwargs,
-                                    timesteps=args.timesteps, n_envs=args.n_envs)
-        for env in args.env for algo in args.algo
-    }  # fmt: skip
+    several, groups = len(args.config) > 1, {}
+    for env, algo, source in product(args.env, args.algo, args.config):
+        if several and source == SHIPPED and not (training_folder(env) / f"{algo}.yml").is_file():
+            continue
+        name = f"{env}_{algo}" + f"_{Path(source).stem}" * several
+        groups[name] = new_config(source, algo, env, args.env_kwargs,
+                                  timesteps=args.timesteps, n_envs=args.n_envs)  # fmt: skip
     return [
         {"name": f"{name}-seed_{seed}", "config": asdict(replace(config, seed=seed))}
         for seed in range(args.first_seed, args.first_seed + args.seeds)
@@ -170,9 +178,14 @@ def run_study(args: argparse.Namespace, folder: Path) -> bool:
 
 
 def write_report(folder: Path) -> str:
-    """Write report.md, runs.csv and figures of the runs that are finished in a study's folder;
-    return the report's table. runs.csv has a row over all commands, and one for each command."""
-    rows, curves = [], []
+    """Write report.md, runs.csv, returns.csv and figures of the runs that are finished in a study's
+    folder, or of returns.csv where it has no run; return the report's table.
+
+    returns.csv has, for each run and each baseline, ``return`` at each command and over all (none),
+    and of a run's evaluations with its ``steps`` and ``cpu_seconds`` so far. runs.csv has all
+    metrics.
+    """
+    rows, curves, table = [], [], folder / "returns.csv"
     for path in sorted(folder.glob("*-seed_*/scores.json")):
         group, _, seed = path.parent.name.rpartition("-seed_")
         key = {"group": group, "env": group.split("_")[0], "seed": int(seed)}
@@ -182,57 +195,106 @@ def write_report(folder: Path) -> str:
             values = {name: [overall[name][0], *commands[name]["value"]] for name in overall}
             grid = [None, *commands["return"]["command"]]
             rows.append(pd.DataFrame({**key, "policy": policy, "command": grid, **values}))
-        curves.append(pd.DataFrame(read_evaluations(path.parent)).assign(**key))
-    if not rows:
+        evaluations = pd.DataFrame(read_evaluations(path.parent))
+        curves.append(evaluations.reindex(columns=POINTS).assign(**key, policy="run"))
+    if rows:
+        scores = pd.concat(rows, ignore_index=True)
+        scores.to_csv(folder / "runs.csv", index=False)
+        returns = pd.concat([scores[[*KEYS, "command", "return"]], *curves]).round(3)
+        alike = returns.policy != "run"  # a baseline's are the same beside all runs
+        returns.loc[alike, ["group", "seed"]] = None
+        returns[[*KEYS, "command", *POINTS]].drop_duplicates().to_csv(table, index=False)
+    if not table.is_file():
         return "no run is finished"
-    scores = pd.concat(rows, ignore_index=True)
-    scores.to_csv(folder / "runs.csv", index=False)
-    overall = scores[scores.command.isna()]
-    table = groups_table(overall)
-    parts = [f"# {folder.name}", table, NOTES.replace("\n", " ")]
-    for env, of_env in pd.concat(curves).groupby("env"):
-        plot(of_env, overall[overall.env == env], folder / f"{env}.png")
-        parts.append(f"![Learning curves on {env}]({env}.png)")
+    returns = pd.read_csv(table)
+    final = returns[returns.steps.isna()]
+    text, parts = groups_table(returns), [f"# {folder.name}", NOTES.replace("\n", " ")]
+    for env, of_env in returns.groupby("env"):
+        plot(of_env, folder / f"{env}.png")
+        parts.append(f"![Learning curves and performance profile on {env}]({env}.png)")
+    if final.env.nunique() > 1:
+        parts.insert(1, f"Returns / threshold, over all environments:\n\n{tasks_table(final)}")
+    parts.insert(1, text)
     write_text(folder / "report.md", "\n\n".join(parts) + "\n")
-    return table
+    return text
 
 
-def groups_table(overall: pd.DataFrame) -> str:
-    """Return a Markdown table: of each group a row for its runs and one for each baseline."""
-    rows = []
-    for (group, policy), scores in overall.groupby(["group", "policy"], sort=False):
-        returns = scores["return"].to_numpy()
-        row = {"group": group, "policy": policy, "mean return": f"{returns.mean():.3g}"}
-        if policy == "run":
-            worst = scores.loc[scores["return"].idxmin()]
-            row |= {"runs": len(returns), "IQM": interval_text(interquartile_mean(returns)),
-                    "worst run": f"{worst['return']:.3g} (seed {worst.seed})"}  # fmt: skip
-        rows.append(row)
+def groups_table(returns: pd.DataFrame) -> str:
+    """Return a Markdown table: a row for each group's runs, and one for each baseline."""
+    rows, overall = [], returns[returns.command.isna() & returns.steps.isna()]
+    for group, scores in overall[overall.policy == "run"].groupby("group", sort=False):
+        values, worst = scores["return"], scores.loc[scores["return"].idxmin()]
+        last = returns[returns.group == group].groupby("seed")[["steps", "cpu_seconds"]].max()
+        steps, seconds = last.mean()
+        rows.append({
+            "group": group, "runs": len(values), "steps": f"{steps:,.0f}",
+            "core s": f"{seconds:.0f}", "IQM": interval_text(interquartile_mean(values)),
+            "mean return": f"{values.mean():.3g}",
+            "worst run": f"{worst['return']:.3g} (seed {worst.seed:.0f})",
+        })  # fmt: skip
+    for (env, policy), scores in overall[overall.policy != "run"].groupby(["env", "policy"]):
+        rows.append({"group": f"{env}: {policy}", "mean return": f"{scores['return'].mean():.3g}"})
+    return markdown(rows)
+
+
+def tasks_table(final: pd.DataFrame) -> str:
+    """Return a Markdown table of groups over all environments, of returns / the threshold."""
+    runs = final[(final.policy == "run") & final.command.isna()]
+    threshold = runs.env.map(lambda env: gym.spec(env).reward_threshold)
+    runs = runs.assign(value=runs["return"] / threshold)
+    kind = runs.group.str.split("_", n=1).str[1]
+    return markdown([
+        {"group": name, "environments": of_kind.env.nunique(), "runs": len(of_kind),
+         "IQM": interval_text(interquartile_mean(*(v for _, v in of_kind.groupby("env").value)))}
+        for name, of_kind in runs.groupby(kind)
+    ])  # fmt: skip
+
+
+def markdown(rows: list[dict[str, object]]) -> str:
+    """Return a Markdown table of rows that may lack columns."""
     table = pd.DataFrame(rows, dtype=object).fillna("")
     return str(table.to_markdown(index=False, tablefmt="github", disable_numparse=True))
 
 
-def interquartile_mean(returns: Array) -> Interval:
-    """Return the mean of the middle half of runs (n,) with its BCa interval (Efron 1987); NaN for
-    the interval of one run or of runs that are all alike."""
-    mean = partial(trim_mean, proportiontocut=0.25)
-    if len(returns) < 2:
-        return float(mean(returns)), np.nan, np.nan
-    low, high = bootstrap((returns,), mean, confidence_level=CONFIDENCE, rng=0).confidence_interval
-    return float(mean(returns)), float(low), float(high)
+def interquartile_mean(*strata: Array) -> Interval:
+    """Return the mean of the middle half of all runs, with its percentile interval from a bootstrap
+    that draws runs within each environment (n,); NaN where one has a single run."""
+
+    def mean(*samples: Array, axis: int = -1) -> Array:
+        return np.asarray(trim_mean(np.concatenate(samples, axis=axis), 0.25, axis=axis))
+
+    value = float(mean(*strata))
+    if min(map(len, strata)) < 2:
+        return value, np.nan, np.nan
+    low, high = bootstrap(
+        strata, mean, confidence_level=CONFIDENCE, method="percentile", rng=0
+    ).confidence_interval
+    return value, float(low), float(high)
 
 
-def plot(curves: pd.DataFrame, scores: pd.DataFrame, path: Path) -> None:
-    """Draw an environment's learning curves, IQM over runs, and the baselines' returns."""
-    figure = Figure((7.0, 4.6), layout="constrained")
-    axis = figure.subplots()
-    curve = curves.pivot_table("return", "steps", "group", lambda x: trim_mean(x, 0.25))
-    axis.plot(curve.index, curve, label=[*curve.columns])
-    baselines = scores[scores.policy != "run"].groupby("policy", sort=False)["return"].first()
-    for i, (name, value) in enumerate(baselines.items()):
-        axis.axhline(value, linestyle="--", color=f"C{9 - i}", label=name)
-    axis.set(xlabel="environment steps", ylabel="return, IQM over runs")
-    axis.legend()
+def plot(returns: pd.DataFrame, path: Path) -> None:
+    """Draw an environment's learning curves against steps and against core-seconds, and its
+    performance profile: the share of (run, command) whose return is above each value."""
+    figure = Figure((13.0, 4.6), layout="constrained")
+    by_steps, by_time, profile = figure.subplots(1, 3)
+    runs = returns[returns.policy == "run"]
+    for group, of_group in runs.groupby("group", sort=False):
+        by_step, name = of_group.groupby("steps"), str(group).partition("_")[2]
+        values = by_step["return"]
+        for axis, x in ((by_steps, values.mean().index), (by_time, by_step.cpu_seconds.mean())):
+            (line,) = axis.plot(x, values.apply(trim_mean, 0.25), label=name)
+            axis.fill_between(x, values.min(), values.max(), color=line.get_color(), alpha=0.15)
+        at_commands = np.sort(of_group["return"][of_group.command.notna()])
+        share = 1.0 - np.arange(len(at_commands)) / len(at_commands)
+        profile.step(at_commands, share, where="pre")
+    baselines = returns[(returns.policy != "run") & returns.command.isna()]
+    for i, (name, value) in enumerate(baselines.groupby("policy")["return"].first().items()):
+        for axis in (by_steps, by_time):
+            axis.axhline(value, linestyle="--", color=f"C{9 - i}", label=name)
+    by_steps.set(xscale="log", xlabel="environment steps", ylabel="return: IQM, band: all runs")
+    by_time.set(xlabel="s of one core, evaluations included")
+    profile.set(xlabel="return at a command", ylabel="share of runs and commands above")
+    by_steps.legend(fontsize=8)
     save(figure, path)
 
 
@@ -242,7 +304,7 @@ def main(arguments: list[str] | None = None) -> int:
     folder = Path(args.log_folder, args.name).resolve()
     with args.parser.refusing():
         finished = args.report or run_study(args, folder)
-        print(f"{write_report(folder)}\n\n{folder}/report.md, runs.csv")
+        print(f"{write_report(folder)}\n\n{folder}/report.md, runs.csv, returns.csv")
     return 0 if finished else 1
 
 

@@ -7,19 +7,24 @@ import torch
 
 from agents.training import config, runs
 from agents.training import train_model as training
+from agents.training.callbacks import TIMES
 from jansen_env.sb3.run_config import RunConfig
 from jansen_env.sb3.trained import read_model
 
 CRANK = "JansenCrank-v0"
+LIBRARY = Path(__file__).parents[1] / "agents" / "studies" / "library"
 STEPS, SAVED = 576, 6  # of a whole run; checkpoints in it
 EPISODE = 21  # steps, so that episodes end anywhere in a rollout
 
 
 def small_run(algo="ppo", env_id="JansenWalker-v0", hyperparameters=(), **more):
-    """The shipped configuration with small rollouts, or a small replay buffer that fills."""
-    shipped = config.new_config(algo=algo, env_id=env_id)
+    """The shipped configuration, or the study's of the library's defaults, with small rollouts, or
+    a small replay buffer that fills."""
+    shipped = config.new_config(None if algo in ("ppo", "sac") else LIBRARY, algo, env_id)
     if algo == "ppo":
         small = {"n_steps": 16, "n_epochs": 2, "batch_size": 16}
+    elif algo == "ars":
+        small = {"n_delta": 1, "n_eval_episodes": 6}
     else:
         small = {"learning_starts": 96, "gradient_steps": 1, "batch_size": 16, "buffer_size": 300}
     more = {"timesteps": STEPS, "n_envs": 6, **more}
@@ -73,7 +78,7 @@ def _kill(venv, steps):
 def outcome(folder: Path):
     """All that a run has come to: final model and state, best model, evaluations."""
     rows = [
-        {name: value for name, value in row.items() if name != "seconds"}
+        {name: value for name, value in row.items() if name not in TIMES}
         for row in runs.read_evaluations(folder)
     ]
     return read_model(folder / runs.FINAL), read_model(folder / runs.BEST)[:3], rows
@@ -97,6 +102,7 @@ NETWORKS = {
                           "normalize": True, "share_features_extractor": False}),
     "squashed": ("ppo", {"use_sde": True}, {"net_arch": [], "squash_output": True}),
     "sac": ("sac", {}, {"net_arch": [8], "normalize": True}),
+    "tqc": ("tqc", {}, {"net_arch": [8]}),
     "sac with gSDE": ("sac", {"use_sde": True}, {"net_arch": [8], "clip_mean": 0.3}),
 }  # fmt: skip
 
@@ -118,7 +124,7 @@ def made_run(folder, algo, hyperparameters, policy_kwargs, env_id=CRANK, **more)
             if "target" not in name and tensor.is_floating_point():
                 tensor.copy_(torch.rand_like(tensor) + 0.1 if "extractor." in name
                              else 0.5 * torch.randn_like(tensor))  # fmt: skip
-    if algo == "sac":
+    if algo != "ppo":
         model.critic_target.load_state_dict(model.critic.state_dict())
     model.save(folder / "best_model.zip")
     return folder

@@ -29,6 +29,7 @@ from jansen_env.scoring.rollout import make_env, run_episodes
 
 EPISODES = 16  # per command, of each evaluation, times the benchmark's variety
 SELECTION_SEED = 30_000  # of the episodes that choose the best model, apart from all others
+TIMES = {"seconds": time.perf_counter, "cpu_seconds": time.process_time}  # of training so far
 
 
 class Saver(BaseCallback):
@@ -59,8 +60,8 @@ class Saver(BaseCallback):
         self._next_save, self._next_eval = (
             (done // every + 1) * every if every else 0 for every in (save_every, eval_every)
         )
-        seconds = self.history[-1].get("seconds", 0.0) if self.history else 0.0
-        self._begun = time.perf_counter() - seconds
+        last = self.history[-1] if self.history else {}
+        self._begun = {name: clock() - last.get(name, 0.0) for name, clock in TIMES.items()}
         self._replay_buffer = replay_path(folder, done)  # of the last complete checkpoint
 
     def _on_rollout_start(self) -> None:
@@ -104,13 +105,13 @@ class Saver(BaseCallback):
         score = scored[self.benchmark.chosen_by] or 0.0
         for name, value in scored.items():
             self.logger.record(f"eval/{name}", value)
-        seconds = round(time.perf_counter() - self._begun, 1)  # of training so far
-        row = {"steps": self.num_timesteps, "seconds": seconds, **scored, "score": score}
+        times = {name: round(clock() - self._begun[name], 1) for name, clock in TIMES.items()}
+        row = {"steps": self.num_timesteps, **times, **scored, "score": score}
         names = dict.fromkeys(("return", self.benchmark.chosen_by))
         text = ", ".join(f"{name} {scored[name]:.3g}" for name in names)
         better = score > self.best  # of equal ones the first is kept
-        if not self.history or {**self.history[-1], "seconds": seconds} != row:
-            print(f"evaluation: {self.num_timesteps} steps, {seconds:.0f} s, {text}"
+        if not self.history or {**self.history[-1], **times} != row:
+            print(f"evaluation: {self.num_timesteps} steps, {times['seconds']:.0f} s, {text}"
                   f"{' (the best so far)' * better}", flush=True)  # fmt: skip
         if better:
             self.best = score
@@ -142,9 +143,11 @@ class NormalizerUpdate(BaseCallback):
         model = self.model
         if isinstance(model, OnPolicyAlgorithm):
             observations = model.rollout_buffer.observations
+        elif not isinstance(model, OffPolicyAlgorithm):  # ARS, whose policies have no normalizer
+            return
         else:  # of the replay buffer, what is new in it
-            assert isinstance(model, OffPolicyAlgorithm) and model.replay_buffer is not None
             buffer = model.replay_buffer
+            assert buffer is not None
             count = min((model.num_timesteps - self._begun) // buffer.n_envs, buffer.size())
             observations = buffer.observations[np.arange(buffer.pos - count, buffer.pos)]
         size = flatdim(model.observation_space)

@@ -14,6 +14,8 @@ from jansen_env.registration import IDS
 from jansen_env.sb3.run_config import Arguments, RunConfig, load_config
 from jansen_env.scoring.benchmarks import DEFAULT
 
+SHIPPED = "shipped"  # in place of a configuration's path
+
 
 def training_folder(env_id: str) -> Path:
     """Return the folder of an environment's training configurations, beside its module."""
@@ -42,7 +44,8 @@ def new_config(
     """Return a new run's configuration: a file's, with what is given in its place.
 
     Args:
-        path: of the file; None for the one shipped for ``env_id`` and ``algo``.
+        path: of the file, or of a folder that has it as ALGO.yml; None or :data:`SHIPPED` for the
+            one shipped for ``env_id`` and ``algo``.
         algo, env_id: None for the file's own, or else ppo and the default environment.
         env_kwargs: on top of the file's, in training as well. values: further entries, such as
             ``timesteps``; None for the file's. ``hyperparameters`` and ``policy_kwargs`` come on
@@ -51,9 +54,11 @@ def new_config(
     Raises:
         ValueError: the file is missing or invalid, or a value is not allowed.
     """
-    if path is None:
+    if path is None or str(path) == SHIPPED:
         algo, env_id = algo or "ppo", env_id or DEFAULT
         path = shipped_config(env_id, algo)
+    elif Path(path).is_dir():
+        path = Path(path) / f"{algo or 'ppo'}.yml"
     config, overrides = load_config(path, algo=algo, env=env_id), env_kwargs or {}
     variants = [
         {name: value for name, value in variant.items() if name not in overrides}
@@ -74,7 +79,6 @@ def add_run_flags(parser: argparse.ArgumentParser) -> None:
     add("--n-envs", type=positive_int, help="parallel environments of a run, in place of its")
     add("--env-kwargs", type=mapping, metavar="YAML",
         help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
-    add("--config", metavar="FILE", help="hyperparameters; default: the one of ENV and ALGO")
     add("--eval-freq", type=non_negative_int,
         help="steps between evaluations, 0 for none; default: a 16th of the timesteps"
         )  # fmt: skip

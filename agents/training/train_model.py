@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback, ProgressBarCallback
+from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecMonitor
@@ -70,9 +71,12 @@ def prepare(config: RunConfig, resume: Path | None = None) -> BaseAlgorithm:
 def build_model(config: RunConfig, env: VecEnv | Env) -> BaseAlgorithm:
     """Build the new model of a configuration for an environment."""
     arguments = dict(config.hyperparameters)
-    for name in ("learning_rate", "clip_range", "clip_range_vf"):
+    for name in ("learning_rate", "clip_range", "clip_range_vf", "delta_std"):
         if isinstance(value := arguments.get(name), str):
             arguments[name] = linear_schedule(value)
+    if "action_noise" in arguments:
+        deviation = np.full(env.action_space.shape or (), arguments["action_noise"])
+        arguments["action_noise"] = NormalActionNoise(np.zeros_like(deviation), deviation)
     return ALGORITHMS[config.algo](
         config.policy, env, device="cpu", seed=config.seed, **arguments,
         policy_kwargs=policy_kwargs_of(config),

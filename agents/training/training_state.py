@@ -47,6 +47,8 @@ def restore(model: BaseAlgorithm, saved: SavedModel) -> None:
             variable = getattr(model, name)
             variable.data.copy_(saved.variables[name].reshape(variable.shape))
         model.num_timesteps = saved.steps
+        if hasattr(model, "weights"):  # ARS, which loads them into its policy
+            model.weights = torch.nn.utils.parameters_to_vector(model.policy.parameters()).detach()
     except Exception as error:  # torch and the optimisers raise most kinds for what does not fit
         raise ValueError(
             f"the saved model does not fit its configuration: {one_line(error)}"

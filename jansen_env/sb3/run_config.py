@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from types import NoneType
 from typing import Any, TypeAlias, get_args, get_origin
 
-from stable_baselines3 import PPO, SAC
+from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
 
 from jansen_env.checks import MAX_STEPS, shown
 from jansen_env.plain_yaml import HUGE, TINY, Rule, check_keys, named_errors, read_yaml
@@ -21,7 +23,19 @@ from jansen_env.scoring.benchmarks import DEFAULT, check_env_kwargs
 Arguments: TypeAlias = dict[str, Any]
 """Arguments by name, for environments, algorithms and networks."""
 
-ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
+ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC, "td3": TD3}
+with suppress(ImportError):  # the extra "train" installs it
+    from sb3_contrib import ARS, TQC, CrossQ
+
+    class CountingARS(ARS):
+        """ARS that counts each robot's step once; it counts one of all robots for each."""
+
+        def _trigger_callback(
+            self, _locals: Any, _globals: Any, callback: BaseCallback, n_envs: int
+        ) -> None:
+            super()._trigger_callback(_locals, _globals, callback, 1)
+
+    ALGORITHMS |= {"tqc": TQC, "crossq": CrossQ, "ars": CountingARS}
 MAX_UNITS, MAX_LAYERS = 1024, 8  # of a network
 KEYS = {
     "algo": Rule(words=tuple(ALGORITHMS)), "env": Rule(words=IDS),
@@ -38,7 +52,10 @@ LIMITS: dict[str, tuple[float, float]] = {
     "gradient_steps": (-1, 10**5), "target_update_interval": (1, 10**6), "n_critics": (1, 10),
     "gamma": (0, 1), "gae_lambda": (0, 1), "tau": (0, 1),
     "ent_coef": (0, HUGE), "vf_coef": (0, HUGE), "clip_mean": (0, HUGE),
-    "log_std_init": (-HUGE, HUGE), "target_entropy": (-HUGE, HUGE),
+    "log_std_init": (-HUGE, HUGE), "target_entropy": (-HUGE, HUGE), "policy_delay": (1, 1000),
+    "n_delta": (1, 10_000), "n_top": (1, 10_000), "n_eval_episodes": (1, 10_000),
+    "alive_bonus_offset": (-HUGE, HUGE), "n_quantiles": (1, 1000),
+    "top_quantiles_to_drop_per_net": (0, 1000), "renorm_warmup_steps": (0, MAX_STEPS),
 }  # fmt: skip
 """Ranges of Stable-Baselines3's numbers; those not named range from TINY to HUGE."""
 SET_HERE = ("seed", "_init_setup_model", "optimize_memory_usage", "normalize_images")
@@ -59,8 +76,9 @@ class RunConfig:
         env_kwargs: arguments of the environment, for training and evaluation.
         training_variants: further arguments, for training alone: environment i takes number
             i modulo their number; ``max_episode_steps`` is allowed too.
-        hyperparameters: the algorithm's arguments; ``learning_rate`` and ``clip_range`` may be
-            "linear_X", falling from X to 0 over the run.
+        hyperparameters: the algorithm's arguments; ``learning_rate``, ``clip_range`` and
+            ``delta_std`` may be "linear_X", falling from X to 0 over the run; ``action_noise`` is
+            the standard deviation of Gaussian noise.
         policy_kwargs: the policy's arguments; ``activation`` is a name, ``normalize`` scales
             observations, and with it ``harmonics`` appends so many of the crank angle.
 
@@ -140,8 +158,13 @@ def _rules(function: Callable[..., object], *without: str) -> dict[str, Rule]:
 def rules(algo: str) -> dict[str, dict[str, Rule]]:
     """Return the rules of an algorithm's ``hyperparameters`` and ``policy_kwargs`` by name."""
     library = ALGORITHMS[algo]
-    policy = _rules(library.policy_aliases["MlpPolicy"].__init__, "use_sde", "lr_schedule")
-    return {"hyperparameters": _rules(library.__init__), "policy_kwargs": {**policy, **NETWORK}}
+    make = library.policy_aliases["MlpPolicy"].__init__
+    policy, hyperparameters = _rules(make, "use_sde", "lr_schedule"), _rules(library.__init__)
+    if "action_noise" in inspect.signature(library.__init__).parameters:
+        hyperparameters["action_noise"] = Rule((float,), TINY)
+    extracts = "features_extractor_class" in inspect.signature(make).parameters  # not ARS
+    network = NETWORK if extracts else {"activation": NETWORK["activation"]}
+    return {"hyperparameters": hyperparameters, "policy_kwargs": {**policy, **network}}
 
 
 def _check_layers(value: Any, networks: list[str]) -> None:

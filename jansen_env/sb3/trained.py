@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import pickle
 import zipfile
@@ -81,12 +82,14 @@ def load_policy(path: str | Path) -> BasePolicy:
     source = find_config(path)
     config = load_config(source)
     make: Any = ALGORITHMS[config.algo].policy_aliases[config.policy]
+    arguments = {"use_sde": config.hyperparameters.get("use_sde", False),
+                 "lr_schedule": lambda _: 0.0}  # fmt: skip # not used
+    known = {k: v for k, v in arguments.items() if k in inspect.signature(make).parameters}
     try:
         with closing(make_env(config.env, config.env_kwargs)) as env:
             policy: BasePolicy = make(
-                env.observation_space, env.action_space, lambda _: 0.0,  # learning rate, not used
-                use_sde=config.hyperparameters.get("use_sde", False), **policy_kwargs_of(config),
-            )  # fmt: skip
+                env.observation_space, env.action_space, **known, **policy_kwargs_of(config)
+            )
     except (AssertionError, TypeError, ValueError) as error:  # arguments that do not go together
         raise ValueError(f"{source}: {error}") from error
     policy.set_training_mode(False)

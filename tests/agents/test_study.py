@@ -17,7 +17,7 @@ import pytest
 import yaml
 
 pytest.importorskip("ray", reason="Ray is not installed; the extra 'distributed' brings it")
-from small_runs import same
+from small_runs import LIBRARY, same
 
 from agents import study
 from agents.training.runs import FINAL
@@ -88,6 +88,15 @@ def test_runs_are_environments_by_algorithms_by_seeds(tmp_path):
     assert {run["config"]["n_envs"] for run in runs} == {8}
 
 
+def test_of_several_configurations_each_is_a_group():
+    """The shipped one only where there is one."""
+    plan = ["--config", str(LIBRARY), "shipped", "--algo", "ppo", "ars", "--seeds", "1"]
+    runs = study.planned_runs(study.parse(plan))
+    names = [run["name"].removesuffix("-seed_0").partition("_")[2] for run in runs]
+    assert names == ["ppo_library", "ppo_shipped", "ars_library"]
+    assert [run["config"]["n_envs"] for run in runs] == [16, 256, 16]
+
+
 @pytest.mark.parametrize(
     ("plan", "message"),
     [
@@ -132,8 +141,17 @@ def test_report_has_the_numbers_of_the_runs(finished, tmp_path):
     benchmark = find_benchmark(CRANK)
     assert len(rows) == 2 * (1 + len(benchmark.baselines)) * (1 + len(benchmark.commands))
     report = (folder / "report.md").read_text()
-    assert all(f"| {name} " in report for name in benchmark.baselines)
+    assert all(f": {name} " in report for name in benchmark.baselines)
     assert (folder / f"{CRANK}.png").stat().st_size > 10_000
+    alone = tmp_path / "alone"
+    alone.mkdir()
+    kept = shutil.copy(folder / "returns.csv", alone)
+    assert study.write_report(alone) == table
+    goal = (alone / "returns.csv").read_text().replace(CRANK, "JansenGoal-v0").partition("\n")[2]
+    with Path(kept).open("a") as file:
+        file.write(goal)
+    assert "| JansenGoal-v0_ppo " in study.write_report(alone)
+    assert re.search(r"\| ppo +\| 2 +\| 4 +\|", (alone / "report.md").read_text())
 
 
 def test_another_study_in_the_same_folder_is_refused(finished):
@@ -159,6 +177,8 @@ def test_intervals_are_over_runs():
     assert value == pytest.approx(np.mean([2.6, 3.0, 3.5, 4.0, 5.0, 8.0])) and low < value < high
     assert study.interquartile_mean(ten[:1])[0] == 3.0
     assert np.isnan(study.interquartile_mean(ten[:1])[1:]).all()
+    apart = study.interquartile_mean(np.full(4, 1.0), np.full(4, 3.0))  # drawn in each alone
+    assert apart == (2.0, 2.0, 2.0)
 
 
 def test_a_killed_study_goes_on(finished, tmp_path):

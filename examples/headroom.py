@@ -1,0 +1,76 @@
+"""How much return does the shipped policy leave at each command? A search about it.
+
+python examples/headroom.py [ENV] [COMMANDS] [GENERATIONS] [STARTS]
+    (JansenWalkerBuilt-v0, all of its benchmark, 30 generations of 16 candidates, 12 starts each)
+
+CMA-ES searches, for each command alone, a torque that is added to the policy's: a constant, four
+even harmonics of the crank angle, and feedback of crank speed, pitch, pitch rate and lag. The best
+mean is then scored beside the policy on other starts. It is a torque that can be had, so the most
+that could be had is at least as much; a reward is at most 1, so it is at most the number of steps.
+"""
+
+import sys
+
+import cma
+import gymnasium as gym
+import numpy as np
+
+import jansen_env  # noqa: F401
+from jansen_env.baselines.policy import columns
+from jansen_env.policies import pretrained
+from jansen_env.scoring.benchmarks import find_benchmark
+from jansen_env.scoring.rollout import make_envs, run_episodes
+
+ENV = sys.argv[1] if len(sys.argv) > 1 else "JansenWalkerBuilt-v0"
+grid = ",".join(map(str, find_benchmark(ENV).commands))
+text, *numbers = sys.argv[2:] + [grid, "30", "12"][max(0, len(sys.argv) - 2) :]
+GENERATIONS, STARTS = (int(number) for number in numbers)
+POPULATION, SPREAD, HARMONICS, SEED, OTHERS = 16, 0.05, 4, 140_000, 48
+policy, env = pretrained.load(ENV), gym.make(ENV)
+COS, SIN, *FED = columns(
+    env.unwrapped, "cos_crank_angle", "sin_crank_angle", "crank_speed", "sin_pitch", "pitch_rate",
+    "lag",
+)  # fmt: skip
+
+
+class Corrected:
+    """The policy, and the torque of a row of numbers (n, 13) for each of n robots."""
+
+    def __init__(self, numbers):
+        self.numbers = numbers
+
+    def predict(self, seen, state=None, episode_start=None, deterministic=False):
+        turn = ((seen[:, COS] + 1j * seen[:, SIN]) ** 2)[:, None] ** np.arange(1, HARMONICS + 1)
+        terms = [np.ones((len(seen), 1)), turn.real, turn.imag, seen[:, FED]]
+        added = (self.numbers * np.concatenate(terms, axis=1)).sum(axis=1, keepdims=True)
+        action = policy.predict(seen)[0] + added
+        return np.clip(action, -1.0, 1.0).astype(np.float32), state
+
+
+def returns(candidates, command, seeds, envs=None):
+    """Mean return of each candidate over the starts of these seeds."""
+    n = len(candidates) * len(seeds)
+    run = run_episodes(
+        Corrected(np.repeat(candidates, len(seeds), axis=0)), ENV, {}, np.full(n, command),
+        np.tile(seeds, len(candidates)), at_once=n, envs=envs,
+    )  # fmt: skip
+    return run["returns"].reshape(len(candidates), -1).mean(axis=1)
+
+
+print("| command | policy | searched | headroom (%) |\n| ---: | ---: | ---: | ---: |")
+totals = []
+with_envs = make_envs(ENV, {}, POPULATION * STARTS)
+for command in (float(word) for word in text.split(",")):
+    rng = np.random.default_rng(0)
+    options = {"popsize": POPULATION, "verbose": -9, "seed": np.nan,
+               "randn": lambda *shape, rng=rng: rng.standard_normal(shape)}  # fmt: skip
+    search = cma.CMAEvolutionStrategy(np.zeros(1 + 2 * HARMONICS + len(FED)), SPREAD, options)
+    for _ in range(GENERATIONS):
+        asked = search.ask()
+        search.tell(asked, -returns(np.array(asked), command, SEED + np.arange(STARTS), with_envs))
+    both = np.array([np.zeros_like(search.mean), search.mean])
+    base, best = returns(both, command, SEED + STARTS + np.arange(OTHERS))
+    totals.append((base, max(base, best)))
+    print(f"| {command:g} | {base:.1f} | {best:.1f} | {100 * (best / base - 1):.1f} |", flush=True)
+base, best = np.mean(totals, axis=0)
+print(f"| all | {base:.1f} | {best:.1f} | {100 * (best / base - 1):.1f} |")

@@ -19,6 +19,7 @@ SIZES = {  # the arguments that make it short, and a word of what it prints
     "log_to_wandb": ("8192", "logged to"),
     "minari_data": ("1 16384 JansenWalkerBuilt-v0", "pid-v0"),
     "offline_learning": ("10 jansen/JansenWalkerBuilt/pid-v0", "cloned"),
+    "headroom": ("JansenWalkerBuilt-v0 0.3 1 1", "| all |"),
     "find_a_way": ("JansenWalkerRough-v0 9 2 8", "can be walked"),
     "custom_linkage": ("20", "does not close"),
     "custom_terrain_and_reward": ("20", "return"),

@@ -3,6 +3,7 @@
 import argparse
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 import yaml
@@ -149,6 +150,25 @@ def test_what_all_variants_have_alike_holds_for_all_environments():
     assert config.training_envs(given) == (common, [{"friction": 0.5}, {"friction": 0.6}])
     alone = RunConfig(training_variants=variants[:1])
     assert config.training_envs(alone) == (variants[0], [{}])
+
+
+def test_the_entry_for_the_zoo_is_the_shipped_configuration():
+    """But for what the zoo has no key for."""
+    path = Path(__file__).parents[2] / "examples" / "entries" / "rl_zoo_ppo.yml"
+    entry = yaml.safe_load(path.read_text())["JansenWalkerBuilt-v0"]
+    names = {"dict": dict, "nn": argparse.Namespace(Tanh="tanh")}
+    network = eval(entry.pop("policy_kwargs"), names)  # as the zoo does
+    assert entry.pop("normalize")
+    shipped = config.new_config(env_id="JansenWalkerBuilt-v0")
+    assert {**network, "normalize": True, "harmonics": 4} == {
+        "activation_fn": shipped.policy_kwargs["activation"],
+        **{name: v for name, v in shipped.policy_kwargs.items() if name != "activation"},
+    }
+    rate = shipped.hyperparameters["learning_rate"].replace("linear", "lin")
+    assert entry == {
+        "n_timesteps": shipped.timesteps, "n_envs": shipped.n_envs, "policy": shipped.policy,
+        **shipped.hyperparameters, "learning_rate": rate,
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("script", ["agents.design", "train"])

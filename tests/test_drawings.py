@@ -3,6 +3,7 @@
 import csv
 import io
 import itertools
+import math
 import os
 import subprocess
 import sys
@@ -20,7 +21,7 @@ from known_designs import DESIGNS
 from jansen_env import Bar, built_robot
 from jansen_env.commands import drawings as command
 from jansen_env.drawings import shaft_order
-from jansen_env.drawings.assembly import HEAD
+from jansen_env.drawings.instructions import LINES, Manual
 from jansen_env.drawings.materials import bill_of_materials, counts, hardware, stacks, to_csv
 from jansen_env.drawings.outlines import (
     BUSH,
@@ -34,7 +35,14 @@ from jansen_env.drawings.outlines import (
     feet_of,
     gap,
 )
-from jansen_env.drawings.shaft_order import SPACER, TUBE, CollisionError, carried, layers, units
+from jansen_env.drawings.shaft_order import (
+    SPACER,
+    TUBE,
+    CollisionError,
+    carried,
+    layers,
+    units,
+)
 from jansen_env.drawings.sheets import MARGIN, nest, to_dxf, to_stl, to_svg
 from jansen_env.robot import ROBOTS, Leg
 from jansen_env.robot import buildable as built
@@ -45,6 +53,7 @@ from jansen_env.scoring.rollout import make_env
 
 DIFFERENT = [name for name in DESIGNS if not name.endswith("slender")]
 OTHER_LINKS = [name for name in DIFFERENT if name not in ("paper", "phases3", "odd")]
+HEAD, NUT = 4.5, 2.7  # mm, of a shoulder screw of 6 mm and of its thin nut
 SVG = "{http://www.w3.org/2000/svg}"
 
 
@@ -115,7 +124,7 @@ def test_parts_weigh_what_the_model_says(name):
 def test_a_cut_leaves_parts_of_their_size(tmp_path):
     """Lines with a kerf, shrunk and grown by half of it, are those without; from the origin on."""
     for kerf, folder in ((0.0, "exact"), (0.4, "cut")):
-        command.main(["built", "--out", str(tmp_path / folder), "--kerf", str(kerf)])
+        command.main(["chebyshev", "--out", str(tmp_path / folder), "--kerf", str(kerf)])
     for name in ("foot", "crank", "foot-shoe"):
         exact, cut = (
             points_of(ezdxf.readfile(tmp_path / folder / "parts" / f"{name}.dxf"))[0]
@@ -188,7 +197,7 @@ def test_every_fastener_is_counted_and_long_enough(name):
     webs = sum(item.body == CRANK for item in placed)
     feet = sum(len(feet_of(robot, item.body)) for item in placed)
     assert number["lock nut DIN 985", "M4"] == 2 * feet + 2
-    assert number["socket screw ISO 4762", "M3 x 12 mm"] == 2 * webs
+    assert number["countersunk screw ISO 10642", "M3 x 12 mm"] == 2 * webs
     bushes = sum(hole.fit == "press" for item in placed for hole in item.part.holes)
     assert sum(part.number for part in bill if part.name == "bush") == bushes
     for stack in stacks(robot, placed):
@@ -200,6 +209,36 @@ def test_every_fastener_is_counted_and_long_enough(name):
         else:
             screw = float(stack.bolt[0].size.split(" x ")[1].split()[0])
             assert 0.1 <= screw - long + 1e-6 < 1.2, stack
+
+
+@pytest.mark.parametrize("name", ["built", "strider", "phases3"])
+def test_instructions_put_every_part_on_with_its_number_and_mass(name):
+    """A step for each kind of pin, whose picture has its links in order; then the whole machine."""
+    robot = DESIGNS[name]
+    placed = layers(robot)
+    bill = bill_of_materials(robot) + hardware(robot, placed)
+    manual = Manual(robot, placed, bill, cut_parts(robot), coupon(4.0))
+    steps, kinds = manual.steps(), {stack.joint for stack in manual.stacks if not stack.axle}
+    assert len(steps) == 7 + len(kinds)  # holes, feet, frames, phases, motor, wiring, power
+    masses = [step.mass for step in steps]
+    assert masses[-1] == pytest.approx(sum(part.mass for part in bill))
+    assert masses[1:] == sorted(masses[1:])
+    text = " ".join(line for step in steps for line in step.text)
+    drawn = {line for stack in manual.stacks for row in stack.rows for line in [manual.label(row)]}
+    for number, part in enumerate(bill, 1):
+        if not part.each and part.name not in ("spacer", "washer", "axle", "shaft collar DIN 705"):
+            numbered = f"no. {number}: {part.name} {part.dimensions}"
+            assert numbered in text or part.name == "lock nut DIN 985", numbered
+    for item in placed:
+        number = next(k for k, part in enumerate(bill, 1) if part.name == item.part.name)
+        assert number == item.part.number
+        assert f"no. {number}: {item.part.name}" in drawn
+    for stack in manual.stacks:
+        heights = [row.item.z for row in stack.rows if row.item]
+        assert heights == sorted(heights)
+    if name == "built":
+        pages = manual.to_pdf(name).count(b"/Type /Page ")
+        assert pages == len(steps) + 2 + math.ceil((len(bill) + 1) / LINES)
 
 
 def test_what_is_drawn_has_the_area_of_its_shape():
@@ -266,7 +305,6 @@ def check_that_nothing_meets(robot):
     psi, end = np.radians(np.arange(0.0, 360.0, 0.5)), placed[-1].top
     axis, pin = robot.linkage.bodies[CRANK - 1][1][:2]
     at = [joint_positions(robot, leg.side, psi + leg.phase) @ [1e3, 1e3j] for leg in robot.legs]
-    pinned = {pin.joint for pin in robot.linkage.pins} - {axis}
 
     def places(leg, joints):
         return at[leg][:, [robot.linkage.joints.index(joint) for joint in joints]]
@@ -285,16 +323,18 @@ def check_that_nothing_meets(robot):
         first, last = (item for item in parts if item.body == CRANK)
         discs.append((legs[0], axis, parts[0].z, first.top, HUB))
         discs.append((legs[0], axis, last.z, parts[-1].top, HUB))
-        for leg, joint in itertools.product(legs, pinned):
-            on = [item for item in parts
-                  if joint in item.part.joints and (item.leg == leg or joint == pin)]  # fmt: skip
-            ends = min(item.z for item in on) - HEAD, max(item.top for item in on) + HEAD
-            discs.append((leg, joint, *ends, SPACER))
         for item in parts:
             middle = (item.z + item.top) / 2
             discs += [(item.leg, toe, middle - 15.0, middle + 15.0, 20.0)
                       for toe in feet_of(robot, item.body)]  # fmt: skip
             discs += [(item.leg, joint, 0.0, end, TUBE) for joint in item.through]
+    for stack in (stack for stack in stacks(robot, placed) if not stack.axle):
+        thick = [row.item or row.number * float(row.size.split(" x ")[2].split()[0])
+                 for row in stack.rows]  # fmt: skip
+        on = [k for k, row in enumerate(stack.rows) if row.item]
+        low = thick[on[0]].z - sum(thick[: on[0]]) - HEAD
+        high = thick[on[-1]].top + sum(thick[on[-1] + 1 :]) + NUT
+        discs.append((stack.leg, stack.joint, low, high, SPACER))
     for leg, joint, low, high, radius in discs:
         side = robot.legs[leg].side
         for item in placed:
@@ -357,7 +397,7 @@ def test_files_are_the_same_every_time(tmp_path, capsys):
             texts = [b"".join(sorted(text.splitlines())) for text in texts]
         assert texts[0] == texts[1], file
     assert files >= {
-        "assembly.svg", "coupon.stl", "coupon.svg", "materials.csv", "parts/foot.stl",
+        "coupon.stl", "coupon.svg", "instructions.pdf", "materials.csv", "parts/foot.stl",
         "parts/foot.dxf", "parts/foot.svg", "sheets/4mm_1.dxf",
         "sheets/6mm_1.svg",
     }  # fmt: skip
@@ -366,7 +406,6 @@ def test_files_are_the_same_every_time(tmp_path, capsys):
     assert not ezdxf.audit.Auditor(drawing).run()
     root = ET.parse(first / "sheets" / "6mm_1.svg").getroot()
     assert (root.get("width"), root.get("height")) == ("1000.000mm", "500.000mm")
-    assert ET.parse(first / "assembly.svg").getroot().tag == f"{SVG}svg"
 
 
 def test_a_robot_file_is_drawn_under_its_own_name(tmp_path, monkeypatch, capsys):
@@ -375,9 +414,9 @@ def test_a_robot_file_is_drawn_under_its_own_name(tmp_path, monkeypatch, capsys)
     write_robot("mine.json", replace(robot, legs=robot.legs[:1]))
     command.main(["mine.json"])
     reason = "foot sweeps over the shaft and over the crank pin"
-    assert f"no assembly: {reason}" in capsys.readouterr().out
+    assert f"no instructions: {reason}" in capsys.readouterr().out
     assert (tmp_path / "mine" / "parts" / "tie.dxf").exists()
-    assert not (tmp_path / "mine" / "assembly.svg").exists()
+    assert not (tmp_path / "mine" / "instructions.pdf").exists()
 
 
 @pytest.mark.parametrize("name", ["built", "klann", "strider"])

@@ -1,4 +1,4 @@
-"""Write drawings of a robot's parts, sheets to cut, its assembly and its bill of materials.
+"""Write drawings of a robot's parts, sheets to cut, instructions and its bill of materials.
 
     jansen-env drawings built --out built
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
@@ -25,10 +26,11 @@ from jansen_env.drawings.outlines import (
     feet_of,
     link_part,
 )
-from jansen_env.drawings.shaft_order import HUB_LENGTH, SPACER, TUBE, Placed, units
+from jansen_env.drawings.shaft_order import HUB_LENGTH, SPACER, TUBE, UNIT_GAP, Placed, units
 from jansen_env.robot import Plate, Robot, Triangle
 from jansen_env.robot import buildable as built
 from jansen_env.robot.designs import with_built_feet
+from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.linkage import CRANK, FRAME
 
 BAR, SHEET = "EN AW-6060 T66 flat bar", "EN AW-6060 T66 sheet, laser cut"
@@ -139,9 +141,15 @@ class Stack(NamedTuple):
     joint: str
     unit: int
     leg: int
+    side: str
     axle: bool
     rows: tuple[Row, ...]
     bolt: tuple[Row, Row]
+
+    @property
+    def bodies(self) -> set[int]:
+        """Numbers of the bodies on it."""
+        return {row.item.body for row in self.rows if row.item}
 
 
 def stacks(robot: Robot, placed: Sequence[Placed]) -> list[Stack]:
@@ -174,7 +182,8 @@ def stacks(robot: Robot, placed: Sequence[Placed]) -> list[Stack]:
             rows = [*_between(spare - SPARE), *rows, *_between(min(spare, SPARE))]
             screw = f"{size} x {shoulder:g} mm, M5"
             bolt = Row(1, "shoulder screw ISO 7379", screw), Row(1, "thin nut DIN 439", "M5")
-        found.append(Stack(joint, items[0].unit, items[0].leg, axle, tuple(rows), bolt))
+        unit, leg, side = items[0].unit, items[0].leg, robot.legs[items[0].leg].side
+        found.append(Stack(joint, unit, leg, side, axle, tuple(rows), bolt))
     return found
 
 
@@ -189,6 +198,23 @@ def _between(gap: float, axle: bool = False) -> list[Row]:
     size = f"{2 * PIN:g} x {2 * SPACER:g} x"
     return [Row(count, "washer", f"{size} {thick:g} mm")
             for count, thick in ((whole, 1.0), (half, 0.5)) if count]  # fmt: skip
+
+
+def brace(robot: Robot) -> dict[str, object]:
+    """What ties frames of front and back legs, whose pivots are ``apart`` mm, by ``angle`` degrees.
+
+    Its ``size``, and its mass in ``grams``, which the model leaves out.
+    """
+    axis, joints = robot.linkage.axis, robot.linkage.joints
+    pivot = next(joint for joint in robot.linkage.bodies[FRAME - 1][1] if joint != joints[axis])
+    at = 1e3 * joint_positions(robot, "fore", 0.0)
+    x, y = (at[joints.index(pivot)] - at[axis]).tolist()
+    angle = 2.0 * math.atan2(abs(x), -y)
+    high = 30.0 + 70.0 * math.sin(abs(math.pi - angle))
+    size = f"EN AW-6060, 140 x {high:.0f} x {UNIT_GAP:g} mm, hole {2 * SHAFT + 0.5:g}"
+    grams = 1e-6 * built.DENSITY * 140.0 * high * UNIT_GAP
+    return {"pivot": pivot, "angle": math.degrees(angle), "apart": 2.0 * abs(x), "size": size,
+            "grams": grams}  # fmt: skip
 
 
 def _standard(length: float) -> float:
@@ -226,16 +252,25 @@ def hardware(robot: Robot, placed: Sequence[Placed]) -> list[Part]:
     )
     pieces["hub", size] += len(webs)
     length = _standard(thick[CRANK] + 2.0 * 3.0)  # twice M3 of thread in the hub
-    pieces["socket screw ISO 4762", f"M3 x {length:g} mm"] += 2 * len(webs)
+    pieces["countersunk screw ISO 10642", f"M3 x {length:g} mm"] += 2 * len(webs)
     pieces["spring pin ISO 8752", f"3 x {2.0 * HUB - 1.0:g} mm"] += len(webs)
     plate = 1e3 * built.PLATE_THICKNESS
     length = _standard(thick[FRAME] + SHAFT_END + plate + NUT)
-    pieces["socket screw ISO 4762", f"M4 x {length:g} mm"] += 2
+    pieces["countersunk screw ISO 10642", f"M4 x {length:g} mm"] += 2
     pieces["lock nut DIN 985", "M4"] += 2
+    if len({leg.side for leg in robot.legs}) > 1:
+        ties = max(len(units(robot)) - 1, 1)
+        pieces["brace", str(brace(robot)["size"])] += ties
+        pieces["countersunk screw ISO 10642", "M4 x 10 mm"] += 4 * ties
     pieces["spacer", f"{2 * SPACER:g} x 1.9 x {SHAFT_END:g} mm"] += 2
     note = "counted in the masses above"
     return [Part(name, MATERIALS.get(name, "steel"), size, number, 0.0, note=note)
-            for (name, size), number in sorted(pieces.items()) if number]  # fmt: skip
+            for (name, size), number in sorted(pieces.items(), key=_by_size) if number]  # fmt: skip
+
+
+def _by_size(piece: tuple[tuple[str, str], int]) -> tuple[str, list[float]]:
+    (name, size), _ = piece
+    return name, [*map(float, re.findall(r"\d+\.?\d*", size))]
 
 
 def to_csv(parts: Sequence[Part]) -> str:

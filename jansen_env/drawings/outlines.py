@@ -111,6 +111,11 @@ class CutPart(NamedTuple):
         """Its number, if any, and its name."""
         return f"{self.number} {self.name}" if self.number else self.name
 
+    @property
+    def lines(self) -> tuple[Round, ...]:
+        """All that is cut, its outline first."""
+        return (self.outline, *self.windows, *self.holes)
+
     def moved(self, turn: complex, shift: complex) -> CutPart:
         """The part turned about the origin by a unit, then shifted."""
         return self._replace(
@@ -229,7 +234,7 @@ def link_part(robot: Robot, body: int) -> CutPart:
     lines = sides(flat.corners) if len(flat.corners) > 2 else [*pairwise(spots)]
     text = max(lines, key=lambda line: (not {*line} & {*feet}, abs(line[1] - line[0])))
     outline = Round(flat.corners, margin)
-    return CutPart(name, 1e3 * thickness, outline, windows, tuple(holes), at, text)
+    return CutPart(name, 1e3 * thickness, outline, windows, tuple(holes), at, text, body)
 
 
 def _pin_holes(robot: Robot, body: int, at: dict[str, complex]) -> list[Round]:

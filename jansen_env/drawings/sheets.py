@@ -9,10 +9,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from jansen_env.drawings.assembly import assembly_svg
+from jansen_env.drawings.instructions import Manual
 from jansen_env.drawings.materials import bill_of_materials, counts, hardware, to_csv
 from jansen_env.drawings.outlines import CutPart, Round, coupon, cut_parts, rectangle, sides
-from jansen_env.drawings.shaft_order import CollisionError, layers, units
+from jansen_env.drawings.shaft_order import CollisionError, layers
 from jansen_env.robot import Robot
 
 MARGIN = 5.0  # mm, between parts, and to the edge of a sheet
@@ -57,7 +57,7 @@ def lines(parts: Sequence[CutPart], sheet: complex | None) -> Iterator[tuple[str
     if sheet:
         yield "MARK", rectangle(sheet)
     for part in parts:
-        for shape in (part.outline, *part.windows, *part.holes):
+        for shape in part.lines:
             yield "CUT", shape
         for text, start, end in ((part.title, *part.text), *part.labels):
             for letter in _engraving(text, start, end):
@@ -93,7 +93,7 @@ def to_stl(parts: Sequence[CutPart]) -> bytes:
 
     corners = np.empty((0, 3, 3))
     for part in parts:
-        rims = [shape.polygon for shape in (part.outline, *part.windows, *part.holes)]
+        rims = [shape.polygon for shape in part.lines]
         rims[1:] = [rim[::-1] for rim in rims[1:]]
         flat = [[(z.real, z.imag) for z in rim] for rim in rims]
         cap = np.array([[(*z, 0.0) for z in face] for face in mapbox_earcut_2d(flat[0], flat[1:])])
@@ -167,7 +167,7 @@ def drawings(
 ) -> tuple[dict[str, str | bytes], str]:
     """Return the contents of every file by its name, and what to tell the user.
 
-    Without assembly and hardware where links collide in any order.
+    Without instructions and hardware where links collide in any order.
 
     Args:
         sheet: width and height, mm. kerf: width of a cut, mm, that lines make room for.
@@ -201,11 +201,12 @@ def drawings(
     try:
         placed = layers(robot)
     except CollisionError as error:
-        text += f"\nno assembly: {error}"
+        text += f"\nno instructions: {error}"
     else:
-        title += f": the first of {len(units(robot))} crank pins with its legs; "
-        title += f"{placed[-1].top:.0f} mm wide"
-        files["assembly.svg"] = assembly_svg(robot, placed, title)
         bill += hardware(robot, placed)
+        width = 1.3 * max(part.outline.box[1].real for part in exact)
+        flat = nest(exact, complex(width, 100.0 * width))[0]
+        manual = Manual(robot, placed, bill, flat, drawn["coupon"][0])
+        files["instructions.pdf"] = manual.to_pdf(title)
     files["materials.csv"] = to_csv(bill)
     return files, text

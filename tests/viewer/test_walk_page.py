@@ -166,16 +166,21 @@ def test_choices_are_the_link(opened):
     assert score(other, "time") >= time
 
 
-@pytest.mark.parametrize(
-    ("link", "text"),
-    [("robot=wheel", "no robot"), ("terrain=constructor", "terrain"), ("level=10", "level"),
-     ("seed=-1", "seed"), ("control=x", "control"), ("robot=klann%26rod_AD=x", "rod_AD"),
-     ("restitution=0.5", "restitution"), ("terrain=drawn", "terrain"),
-     ("terrain=drawn&ground=70,0,65,0", "ground")],
-)  # fmt: skip
-def test_wrong_links_are_refused(opened, link, text):
-    page = opened(link)
-    assert text in page.locator("#message").text_content()
+def test_wrong_links_are_refused(opened):
+    """As the first and as later ones; a robot walks all the same."""
+    wrong = {
+        "robot=wheel": "no robot", "terrain=constructor": "terrain", "level=10": "level",
+        "seed=-1": "seed", "control=x": "control", "robot=klann%26rod_AD=x": "rod_AD",
+        "restitution=0.5": "restitution", "terrain=drawn": "terrain",
+        "terrain=drawn&ground=70,0,65,0": "ground",
+    }  # fmt: skip
+    first, *others = wrong
+    page = opened(first)
+    reads(page, "message", wrong[first])
+    for link in others:
+        page.evaluate("document.getElementById('message').textContent = ''")
+        page.evaluate("link => { location.hash = link; }", link)
+        reads(page, "message", wrong[link])
     page.keyboard.press("p")
     until(page, lambda: score(page, "time") > 0.1)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -148,16 +148,18 @@ class TurnMotion(NamedTuple):
     pads: Array  # (pads, 2) their centres, m
 
 
-def turn_motions(robot: Robot) -> Iterator[TurnMotion]:
+@functools.lru_cache(maxsize=2)
+def turn_motions(robot: Robot) -> list[TurnMotion]:
     """The robot at :data:`TURN` crank angles."""
-    (mass, inertia), layout = inertias(robot).T, pad_layout(robot)
+    (mass, inertia), layout, motions = inertias(robot).T, pad_layout(robot), []
     joints = [robot.linkage.all_pads[k][0] for k in layout.joint]
     for psi in 2.0 * math.pi * np.arange(TURN) / TURN:
         q = np.array([0.0, 0.0, 0.0, psi])
         moved = np.array([rates(robot, q, unit) for unit in np.eye(4)])
         matrix = np.einsum("ibk,bk,jbk->ij", moved, np.stack([inertia, mass, mass], 1), moved)
         pads = world_joints(robot, q)[layout.leg, joints]
-        yield TurnMotion(poses(robot, q), moved, matrix, pads)
+        motions.append(TurnMotion(poses(robot, q), moved, matrix, pads))
+    return motions
 
 
 def pad_bodies(robot: Robot, layout: Pads) -> list[int]:

@@ -139,13 +139,12 @@ def check_stiffness(robot: Robot, time_step: float, owners: list[int]) -> None:
     """Raise ValueError unless a time step, s, is short enough for the pads' springs and dampers."""
     give, lightest = robot.pad_compliance, math.inf
     for motion in turn_motions(robot):
-        inverse = np.linalg.inv(motion.mass_matrix)
-        for pad, owner in zip(motion.pads, owners, strict=True):
-            x, y = pad - motion.poses[owner, 1:]
-            spin, vx, vy = motion.rates[:, owner].T
-            # Of the point that touches level ground: (tangential, normal) per rate of q.
-            rows = np.array([vx - spin * y + spin * robot.pad_radius, vy + spin * x])
-            lightest = min(lightest, 1.0 / np.linalg.eigvalsh(rows @ inverse @ rows.T)[-1])
+        x, y = (motion.pads - motion.poses[owners, 1:]).T[..., None]
+        spin, vx, vy = motion.rates[:, owners].T
+        # (pads, 2, 4) of the point that touches level ground: tangential, normal per rate of q.
+        rows = np.stack([vx - spin * y + spin * robot.pad_radius, vy + spin * x], axis=1)
+        yielding = rows @ np.linalg.inv(motion.mass_matrix) @ rows.swapaxes(1, 2)
+        lightest = min(lightest, 1.0 / np.linalg.eigvalsh(yielding)[:, -1].max())
     k = max(give.stiffness, give.tangential_stiffness or 0.0)
     d = max(give.damping, give.tangential_damping or 0.0)
     # The positive root of k h^2 + d h = SHORT_ENOUGH m.

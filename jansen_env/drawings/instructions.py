@@ -16,15 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from jansen_env.drawings.materials import (
-    SHAFT_END,
-    Part,
-    Row,
-    Stack,
-    brace,
-    counts,
-    stacks,
-)
+from jansen_env.drawings.materials import SHAFT_END, Part, Row, Stack, brace, counts, stacks
 from jansen_env.drawings.outlines import FITS, CutPart, Points, feet_of
 from jansen_env.drawings.shaft_order import Placed, carried, units
 from jansen_env.plain_yaml import read_yaml
@@ -145,10 +137,9 @@ class Manual:
         mass += self._mass("foot-", "foot's") / len(self.robot.legs)
         many = f"{number * len(on)} of them"
         if len(on) > 1:
-            many += "; legs to the front and to the back are the same, turned about the vertical"
-        found = [
-            self._page("foot", [partial(self.draw_apart, links)], mass, which=which, many=many)
-        ]
+            many += "; fore and back legs are the same, turned about the vertical"
+        picture = partial(self.draw_apart, links)
+        found = [self._page("foot", [picture], mass, which=which, many=many)]
         pins = [s for s in self.stacks if not s.axle and (s.unit, s.leg) == (unit, on[0])]
         pins.sort(key=lambda stack: stack.joint == self.pin)  # the crank pin last
         while pins:
@@ -172,7 +163,6 @@ class Manual:
 
     def to_pdf(self, title: str) -> bytes:
         """Cover, list of parts, coupon and steps on pages of A4; the same bytes every time."""
-        import matplotlib as mpl
         from matplotlib.backends.backend_pdf import PdfPages
 
         steps, robot, out = self.steps(), self.robot, io.BytesIO()
@@ -182,10 +172,8 @@ class Manual:
             lines=len(self.bill), steps=len(steps),
         )  # fmt: skip
         fits = [f"{name}: {', '.join(f'{mm:+g}' for mm in fit)}" for name, fit in FITS.items()]
-        pages = [
-            cover,
-            self._page("coupon", [partial(draw_flat, self.first)], fits="\n".join(fits)),
-        ]
+        coupon = self._page("coupon", [partial(draw_flat, self.first)], fits="\n".join(fits))
+        pages = [cover, coupon]
         pages += [step._replace(title=f"Step {k} of {len(steps)}: {step.title}")
                   for k, step in enumerate(steps, 1)]  # fmt: skip
         rows = [f"{'no.':>3}  {'name':31}{'material':50}{'size':58}{'count':>5}{'each g':>8}"]
@@ -198,10 +186,7 @@ class Manual:
             figures.insert(1 + start // LINES, figure := _figure(Step("Parts and fasteners", [])))
             figure.text(0.04, 0.9, "\n".join(rows[start : start + LINES]), fontsize=7.5,
                         family="monospace", va="top", linespacing=1.35)  # fmt: skip
-        with (
-            mpl.rc_context({"font.size": 9}),
-            PdfPages(out, metadata={"CreationDate": None}) as pdf,
-        ):
+        with PdfPages(out, metadata={"CreationDate": None}) as pdf:
             for figure in figures:
                 pdf.savefig(figure)
         return out.getvalue()
@@ -221,10 +206,8 @@ class Manual:
     def draw_side(self, items: Sequence[Placed], fresh: set[int], joint: str, axes: Axes) -> None:
         """Parts from the side, the first on top; new ones in colour, a pin in a circle."""
         for item in reversed(items):
-            rims, at = (
-                self._rims(item),
-                dict(zip(item.part.joints, self._joints(item), strict=True)),
-            )
+            at = dict(zip(item.part.joints, self._joints(item), strict=True))
+            rims = self._rims(item)
             middle = complex(rims[0].mean())
             for toe in feet_of(self.robot, item.body):
                 way = (at[toe] - middle) / abs(at[toe] - middle)

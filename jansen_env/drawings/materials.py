@@ -40,7 +40,7 @@ PLAY, NUT, COLLAR = 0.1, 5.0, 9.0  # mm: least of a pin; for a lock nut M4; for 
 SPARE, MOST_SPARE = 3.0, 4.0  # mm: most that washers fill under a thin nut; there and at the head
 LENGTHS = (6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0)  # mm, of screws
 MATERIALS = {"spacer": "EN AW-6060 tube", "hub": "EN AW-6060", "bush": "iglidur J200",
-             "washer": "POM", "ring": "POM"}  # fmt: skip
+             "washer": "POM", "ring": "POM", "brace": "EN AW-6060"}  # fmt: skip
 COLUMNS = ("part", "name", "material", "stock size", "thickness mm", "number", "each g", "note")
 
 
@@ -201,7 +201,7 @@ def _between(gap: float, axle: bool = False) -> list[Row]:
 
 
 def brace(robot: Robot) -> dict[str, object]:
-    """What ties frames of front and back legs, whose pivots are ``apart`` mm, by ``angle`` degrees.
+    """What ties frames of fore and back legs, whose pivots are ``apart`` mm, by ``angle`` degrees.
 
     Its ``size``, and its mass in ``grams``, which the model leaves out.
     """
@@ -211,7 +211,7 @@ def brace(robot: Robot) -> dict[str, object]:
     x, y = (at[joints.index(pivot)] - at[axis]).tolist()
     angle = 2.0 * math.atan2(abs(x), -y)
     high = 30.0 + 70.0 * math.sin(abs(math.pi - angle))
-    size = f"EN AW-6060, 140 x {high:.0f} x {UNIT_GAP:g} mm, hole {2 * SHAFT + 0.5:g}"
+    size = f"140 x {high:.0f} x {UNIT_GAP:g} mm, hole {2 * SHAFT + 0.5:g}"
     grams = 1e-6 * built.DENSITY * 140.0 * high * UNIT_GAP
     return {"pivot": pivot, "angle": math.degrees(angle), "apart": 2.0 * abs(x), "size": size,
             "grams": grams}  # fmt: skip

@@ -9,6 +9,9 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
+import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
@@ -17,12 +20,15 @@ import numpy as np
 from tabulate import tabulate
 
 from agents.measurements import Log, Walk, compared, quantities, read_log, table
+from agents.training.config import training_folder
 from jansen_env.arrays import Array
 from jansen_env.commands import predict
 from jansen_env.commands.flags import Parser, positive_int
-from jansen_env.commands.predict import WITHIN
+from jansen_env.commands.predict import ENV, WITHIN
 from jansen_env.gravity import GRAVITY
 from jansen_env.robot import Robot
+from jansen_env.robot.buildable import ALUMINIUM
+from jansen_env.robot.designs import build_of
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.robot.lengths import lengths
 from jansen_env.robot.robot_file import write_robot
@@ -186,6 +192,9 @@ def main(arguments: list[str] | None = None) -> None:
         help="that walk; default: %(default)s")  # fmt: skip
     add("--out", type=Path, default=Path("identified.json"), metavar="FILE",
         help="robot file of the machine; default: %(default)s")  # fmt: skip
+    add("--train", nargs="?", const=0, type=positive_int, metavar="STEPS",
+        help="then train a policy over what is left uncertain; STEPS in place of its own"
+        )  # fmt: skip
     args = parser.parse_args(arguments)
     with parser.refusing():
         logs = [read_log(path) for path in args.logs]
@@ -201,11 +210,18 @@ def main(arguments: list[str] | None = None) -> None:
             if row.value is not None and name in ("bearings", "damping")
         }  # fmt: skip
         write_robot(args.out, predict.copy_of(robot, numbers, {}))
-    drawn = json.dumps(randomize(robot, estimates))
+    drawn = randomize(robot, estimates)
+    config = "onboard.yml" if build_of(robot) is ALUMINIUM else "weekend.yml"
+    run = ["--config", str(training_folder(ENV) / config),
+           "--env-kwargs", json.dumps({"robot": str(args.out), "randomize": drawn})]  # fmt: skip
     print(
-        f"\nrandomize={drawn}\n\nThe friction of bearings and crank is in {args.out}. To train:\n"
+        f"\nrandomize={json.dumps(drawn)}\n\nThe friction of bearings and crank is in {args.out}."
     )
-    print(f"python train.py --env-kwargs '{{robot: {args.out}, randomize: {drawn}}}'")
+    print(f"To train:\n\n{shlex.join(['python', 'train.py', *run])}", flush=True)
+    if args.train is not None:
+        run += ["--timesteps", str(args.train)] if args.train else []
+        trainer = Path(__file__).parents[1] / "train.py"
+        raise SystemExit(subprocess.run([sys.executable, str(trainer), *run]).returncode)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jansen_env.baselines.pid import PID
+from jansen_env.baselines.policy import PAPER_PID
 from jansen_env.engine.walk_reward import FALLEN_PITCH
 from jansen_env.gravity import GRAVITY
 
@@ -26,14 +26,14 @@ class Walked(NamedTuple):
     fell: bool
 
 
-def walk(plant, speed, duration, start=0.0, watch=lambda result: None):
+def walk(plant, speed, duration, start=0.0, watch=lambda result: None, pid=PAPER_PID):
     """Walk at a crank speed, rad/s, for so many s after :data:`SETTLE`, from a crank angle, rad.
 
     Measured are as many half turns as come next to ``duration``. The motor's limit holds for the
     PID, too. ``watch`` gets the result of each measured step.
     """
     plant.reset(crank_angle=start)
-    pid, motor, reference, integral = PID(), plant.robot.motor, start, np.zeros(())
+    motor, reference, integral = plant.robot.motor, start, np.zeros(())
     measured = max(1, round(duration * speed / math.pi)) * math.pi / speed
     first, last = round(SETTLE / CONTROL_DT), round((SETTLE + measured) / CONTROL_DT)
     results, torques, fell = [], [], False

@@ -21,7 +21,8 @@ from jansen_env.drawings.outlines import FITS, CutPart, Points, feet_of
 from jansen_env.drawings.shaft_order import Placed, carried, units
 from jansen_env.plain_yaml import read_yaml
 from jansen_env.robot import Robot
-from jansen_env.robot import buildable as built
+from jansen_env.robot.buildable import ALUMINIUM
+from jansen_env.robot.designs import build_of
 from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.linkage import CRANK, FRAME
 
@@ -84,6 +85,8 @@ class Manual:
     ) -> Step:
         """A page of ``instructions.yml``, whose head explains its marks."""
         words, text = self.words[name], []
+        metal = build_of(self.robot) is ALUMINIUM
+        fields |= {"screws": "M4" if metal else "M3", "apart_screws": 40 if metal else 15}
         for line in words["text"].format(**fields).splitlines():
             needed, mark, said = line.partition("? ")
             if mark and (needed.lstrip("!") in self.each) == needed.startswith("!"):
@@ -211,7 +214,9 @@ class Manual:
             middle = complex(rims[0].mean())
             for toe in feet_of(self.robot, item.body):
                 way = (at[toe] - middle) / abs(at[toe] - middle)
-                _fill(axes, [at[toe] + 1e3 * built.FOOT_RADIUS * way * HALF], "black")
+                _fill(
+                    axes, [at[toe] + 1e3 * build_of(self.robot).foot_radius * way * HALF], "black"
+                )
             new = item.body in fresh
             _fill(axes, rims, f"C{item.body - 1}" if new else "0.88")
             if joint in at:

@@ -16,31 +16,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.drawings.outlines import (
-    BUSH,
-    HUB,
-    PIN,
-    SHAFT,
     SHOE_THICKNESS,
     CutPart,
     Round,
     feet_of,
     link_part,
+    radii,
 )
-from jansen_env.drawings.shaft_order import HUB_LENGTH, SPACER, TUBE, UNIT_GAP, Placed, units
+from jansen_env.drawings.shaft_order import UNIT_GAP, Placed, units
 from jansen_env.robot import Plate, Robot, Triangle
 from jansen_env.robot import buildable as built
-from jansen_env.robot.designs import with_built_feet
+from jansen_env.robot.buildable import ALUMINIUM, Build
+from jansen_env.robot.designs import build_of, with_built_feet
 from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.linkage import CRANK, FRAME
 
 BAR, SHEET = "EN AW-6060 T66 flat bar", "EN AW-6060 T66 sheet, laser cut"
 SHAFT_END = 10.0  # mm, of the shaft beyond the machine's frames
 WASHERS = 3.0  # mm, the widest gap that has no spacer
-PLAY, NUT, COLLAR = 0.1, 5.0, 9.0  # mm: least of a pin; for a lock nut M4; for a collar
+PLAY, NUT, COLLAR = 0.1, 5.0, 9.0  # mm: least of a pin; for a lock nut; for a collar
 SPARE, MOST_SPARE = 3.0, 4.0  # mm: most that washers fill under a thin nut; there and at the head
 LENGTHS = (6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0)  # mm, of screws
 MATERIALS = {"spacer": "EN AW-6060 tube", "hub": "EN AW-6060", "bush": "iglidur J200",
-             "washer": "POM", "ring": "POM", "brace": "EN AW-6060"}  # fmt: skip
+             "washer": "POM", "ring": "POM"}  # fmt: skip
+FOOT_DISC = 1.5e-4  # kg
 COLUMNS = ("part", "name", "material", "stock size", "thickness mm", "number", "each g", "note")
 
 
@@ -64,32 +63,52 @@ class Part(NamedTuple):
         return self.number * self.each
 
 
+BOUGHT = [
+    Part("shaft, at O", "silver steel, set-screw coupling", "4 x 80 mm", 1, 0.014),
+    Part("hub, at O", "flange hub, set screw", "20 x 5 mm, bore 4 mm", 4, 0.006),
+    Part("gearmotor with encoder, at O", "brushed, 12 V, 75:1, D shaft 4 mm", "25 x 66 mm", 1,
+         0.104),
+    Part("cross-member, at P", "M3 rod, nuts, aluminium tube 8 x 1 mm", "110 mm", 2, 0.012),
+    Part("battery, at P", "LiPo 3S, 450 mAh, XT30", "58 x 31 x 16 mm", 1, 0.045),
+    Part("controller, at P", "ESP32 board", "55 x 28 mm", 1, 0.01),
+    Part("motor driver, at P", "DRV8874 board", "15 x 18 mm", 1, 0.003),
+    Part("IMU, at P", "MPU-6050 board", "20 x 16 mm", 1, 0.003),
+    Part("regulator, at P", "step-down, 5 V, 1 A", "20 x 11 mm", 1, 0.004),
+    Part("wires, switch, fuse, divider, at P", "0.25 mm2, silicone", "1 m", 1, 0.025),
+]  # fmt: skip
+"""Of the weekend robot: ``docs/weekend.md`` says what each must be able to do."""
+
+
 def counts(robot: Robot) -> dict[str, int]:
     """Number of each flat part: on each crank pin two cranks as its webs, and two frames."""
     legs, names = len(robot.legs), robot.linkage.names
     number = dict.fromkeys(names, legs)
     for body in (FRAME, CRANK):
         number[names[body - 1]] = max(legs, 2 * len(units(robot)))
-    return number | {"foot-shoe": legs * len(robot.linkage.toes), "motor-plate": 1}
+    toes = legs * len(robot.linkage.toes)
+    feet = {"foot-shoe": toes} if build_of(robot) is ALUMINIUM else {"foot-disc": 2 * toes}
+    return number | feet | {"motor-plate": 1}
 
 
 def bill_of_materials(robot: Robot) -> list[Part]:
     """All parts of a robot as it would be built, the flat ones first, by number.
 
-    Masses of the built robot's add up to its mass.
+    Masses of the built and of the weekend robot's add up to its mass.
 
     Raises ValueError: a link that cannot be made.
     """
     legs, toes, links = len(robot.legs), len(robot.legs) * len(robot.linkage.toes), []
+    build = build_of(robot)
+    metal = build is ALUMINIUM
     for body, (name, link) in enumerate(zip(robot.linkage.names, robot.bodies, strict=True), 1):
         part = link_part(robot, body)
-        thick, material = part.thickness, SHEET
-        if len(part.outline.corners) == 2:
+        thick, material = part.thickness, SHEET if metal else build.material
+        if metal and len(part.outline.corners) == 2:
             length = max(abs(p - q) for p, q in combinations(part.joints.values(), 2))
             width, material = 2e-3 * part.outline.radius, BAR
             size = f"{1e3 * width:g} x {thick:g} mm, {length:.1f} mm between pins"
             each = built.flat_bar(1e-3 * length, width, 0.0, 1e-3 * thick).mass
-        elif isinstance(link, Triangle):
+        elif metal and isinstance(link, Triangle):
             sides = " / ".join(f"{1e3 * side:.1f}" for side in link.sides)
             size = f"{thick:g} mm, pins' triangle {sides} mm"
             each = built.triangular_plate(link.sides, 0.0).mass
@@ -102,6 +121,17 @@ def bill_of_materials(robot: Robot) -> list[Part]:
     tread = f"natural rubber, {built.RUBBER_HARDNESS:g} Shore A, bonded to its shoe"
     radius, wide = 1e3 * built.FOOT_RADIUS, 1e3 * built.FOOT_WIDTH
     ends = legs * len(robot.linkage.holes)
+    if not metal:
+        tread = "M3 screw and nut, rubber strip 2 x 9 mm, 45 mm long"
+        return [
+            *links,
+            Part("foot-disc", build.material, "3 mm, 10 mm", 2 * toes, FOOT_DISC, 3.0),
+            Part("motor-plate", f"{build.material}, two M3", "40 x 40 x 3 mm", 1, 0.005, 3.0),
+            Part("pin, a link's share", "M3 screw in plain holes, lock nut, washers",
+                 "half a joint", ends, build.pin_share),
+            Part("foot's tread", tread, "radius 7 mm", toes, build.foot_mass - 2.0 * FOOT_DISC),
+            *BOUGHT,
+        ]  # fmt: skip
     pivots = len({leg.side for leg in robot.legs}) * (len(robot.linkage.bodies[0][1]) - 1)
     return [
         *links,
@@ -154,6 +184,8 @@ class Stack(NamedTuple):
 
 def stacks(robot: Robot, placed: Sequence[Placed]) -> list[Stack]:
     """Pins and axles of a machine, with washers, spacers and screws for the stack on each."""
+    build = build_of(robot)
+    metal = build is ALUMINIUM
     axis, crank_pin, *_ = [*robot.linkage.bodies[CRANK - 1][1]]
     groups = defaultdict[tuple[str, object, bool], list[Placed]](list)
     for item in placed:
@@ -170,16 +202,22 @@ def stacks(robot: Robot, placed: Sequence[Placed]) -> list[Stack]:
         start, end = (0.0, placed[-1].top) if axle else (items[0].z, items[-1].top)
         tops, rows = [start, *(item.top for item in items)], list[Row]()
         for top, item in zip(tops, items, strict=False):
-            rows += [*_between(item.z - top, axle), Row(1, item.part.name, "", item)]
-        rows += _between(end - tops[-1], axle)
-        size = f"{2 * PIN:g}"
-        if axle:
+            rows += [*_between(build, item.z - top, axle), Row(1, item.part.name, "", item)]
+        rows += _between(build, end - tops[-1], axle)
+        size = f"{2e3 * build.pin_radius:g}"
+        if axle and metal:
             rod = f"{size} x {end - start + 2.0 * COLLAR:.1f} mm"
             bolt = Row(1, "axle", rod), Row(2, "shaft collar DIN 705", f"{size} mm")
+        elif axle:
+            rod = f"threaded rod M{size} x {end - start + 2.0 * NUT:.1f} mm"
+            bolt = Row(1, "axle", rod), Row(2, "lock nut DIN 985", f"M{size}")
+        elif not metal:
+            screw = f"M{size} x {_standard(end - start + NUT):g} mm"
+            bolt = Row(1, "socket screw ISO 4762", screw), Row(1, "lock nut DIN 985", f"M{size}")
         else:
             shoulder = _standard(end - start + PLAY)
             spare = min(shoulder - end + start - PLAY, MOST_SPARE)
-            rows = [*_between(spare - SPARE), *rows, *_between(min(spare, SPARE))]
+            rows = [*_between(build, spare - SPARE), *rows, *_between(build, min(spare, SPARE))]
             screw = f"{size} x {shoulder:g} mm, M5"
             bolt = Row(1, "shoulder screw ISO 7379", screw), Row(1, "thin nut DIN 439", "M5")
         unit, leg, side = items[0].unit, items[0].leg, robot.legs[items[0].leg].side
@@ -187,16 +225,16 @@ def stacks(robot: Robot, placed: Sequence[Placed]) -> list[Stack]:
     return found
 
 
-def _between(gap: float, axle: bool = False) -> list[Row]:
+def _between(build: Build, gap: float, axle: bool = False) -> list[Row]:
     """Washers that fill a gap, mm, to half a millimetre, or a spacer; none for no gap."""
-    if gap > WASHERS and axle:
-        ends = f"{2 * TUBE - 4:g} x {2 * PIN:g} x 3 mm, in a spacer's ends"
-        return [Row(1, "spacer", f"{2 * TUBE:g} x 2 x {gap:.1f} mm"), Row(2, "ring", ends)]
+    pin, spacer, tube = 2e3 * build.pin_radius, 2e3 * build.spacer_radius, 2e3 * build.tube_radius
+    if gap > WASHERS and axle and build is ALUMINIUM:
+        ends = f"{tube - 4:g} x {pin:g} x 3 mm, in a spacer's ends"
+        return [Row(1, "spacer", f"{tube:g} x 2 x {gap:.1f} mm"), Row(2, "ring", ends)]
     if gap > WASHERS:
-        return [Row(1, "spacer", f"{2 * SPACER:g} x 1.9 x {gap:.1f} mm")]
+        return [Row(1, "spacer", f"{spacer:g} x 1.9 x {gap:.1f} mm")]
     whole, half = divmod(max(math.floor(2.0 * gap + 1e-6), 0), 2)
-    size = f"{2 * PIN:g} x {2 * SPACER:g} x"
-    return [Row(count, "washer", f"{size} {thick:g} mm")
+    return [Row(count, "washer", f"{pin:g} x {spacer:g} x {thick:g} mm")
             for count, thick in ((whole, 1.0), (half, 0.5)) if count]  # fmt: skip
 
 
@@ -210,9 +248,11 @@ def brace(robot: Robot) -> dict[str, object]:
     at = 1e3 * joint_positions(robot, "fore", 0.0)
     x, y = (at[joints.index(pivot)] - at[axis]).tolist()
     angle = 2.0 * math.atan2(abs(x), -y)
-    high = 30.0 + 70.0 * math.sin(abs(math.pi - angle))
-    size = f"140 x {high:.0f} x {UNIT_GAP:g} mm, hole {2 * SHAFT + 0.5:g}"
-    grams = 1e-6 * built.DENSITY * 140.0 * high * UNIT_GAP
+    build = build_of(robot)
+    long, hole = 1e3 * build.brace_length, 2e3 * build.shaft_radius + 0.5
+    high = build.frame_width * 1e3 + 0.5 * long * math.sin(abs(math.pi - angle))
+    size = f"{long:g} x {high:.0f} x {UNIT_GAP:g} mm, hole {hole:g}"
+    grams = 1e-6 * build.density * long * high * UNIT_GAP
     return {"pivot": pivot, "angle": math.degrees(angle), "apart": 2.0 * abs(x), "size": size,
             "grams": grams}  # fmt: skip
 
@@ -227,44 +267,49 @@ def hardware(robot: Robot, placed: Sequence[Placed]) -> list[Part]:
 
     Its masses are in the shares of :func:`bill_of_materials`.
     """
-    pieces, end = Counter[tuple[str, str]](), placed[-1].top
+    pieces, end, build = Counter[tuple[str, str]](), placed[-1].top, build_of(robot)
+    metal, (pin, bush, shaft, hub) = build is ALUMINIUM, radii(build)
     for stack in stacks(robot, placed):
         for row in (*stack.bolt, *stack.rows):
             pieces[row.name, row.size] += row.number if row.item is None else 0
     thick = {item.body: item.part.thickness for item in placed}
     for item in placed:
         for hole in item.part.holes:
-            if hole.fit == "press":
-                bore = 2.0 * (hole.radius - BUSH + PIN)
+            if metal and hole.fit == "press":
+                bore = 2.0 * (hole.radius - bush + pin)
                 size = f"{bore:g} x {2 * hole.radius:g} x {thick[item.body]:g} mm"
                 pieces["bush", size] += 1
         for _ in feet_of(robot, item.body):
-            length = _standard(thick[item.body] + SHOE_THICKNESS + NUT)
-            pieces["socket screw ISO 4762", f"M4 x {length:g} mm"] += 2
-            pieces["lock nut DIN 985", "M4"] += 2
+            screw, sides, count = ("M4", 1, 2) if metal else ("M3", 2, 1)  # sides with a shoe
+            length = _standard(thick[item.body] + sides * SHOE_THICKNESS + NUT)
+            pieces["socket screw ISO 4762", f"{screw} x {length:g} mm"] += count
+            pieces["lock nut DIN 985", screw] += count
     webs = [item for item in placed if item.body == CRANK]
     tops = [-SHAFT_END, *(item.top for item in webs[1::2])]
     bottoms = [*(item.z for item in webs[::2]), end + SHAFT_END]
     for top, bottom in zip(tops, bottoms, strict=True):
-        pieces["shaft", f"{2 * SHAFT:g} x {bottom - top:.1f} mm"] += 1
+        pieces["shaft", f"{2 * shaft:g} x {bottom - top:.1f} mm"] += 1
+    spigot = f"spigot {2 * pin:g}" if metal else "set screw"
     size = (
-        f"{2 * HUB:g} x {HUB_LENGTH:g} mm, bore {2 * SHAFT:g}, spigot {2 * PIN:g}, two threads M3"
+        f"{2 * hub:g} x {1e3 * build.hub_length:g} mm, bore {2 * shaft:g}, {spigot}, two threads M3"
     )
     pieces["hub", size] += len(webs)
     length = _standard(thick[CRANK] + 2.0 * 3.0)  # twice M3 of thread in the hub
     pieces["countersunk screw ISO 10642", f"M3 x {length:g} mm"] += 2 * len(webs)
-    pieces["spring pin ISO 8752", f"3 x {2.0 * HUB - 1.0:g} mm"] += len(webs)
-    plate = 1e3 * built.PLATE_THICKNESS
+    if metal:
+        pieces["spring pin ISO 8752", f"3 x {2.0 * hub - 1.0:g} mm"] += len(webs)
+    screw, plate = "M4" if metal else "M3", 1e3 * build.plate_thickness
     length = _standard(thick[FRAME] + SHAFT_END + plate + NUT)
-    pieces["countersunk screw ISO 10642", f"M4 x {length:g} mm"] += 2
-    pieces["lock nut DIN 985", "M4"] += 2
+    pieces["countersunk screw ISO 10642", f"{screw} x {length:g} mm"] += 2
+    pieces["lock nut DIN 985", screw] += 2
     if len({leg.side for leg in robot.legs}) > 1:
         ties = max(len(units(robot)) - 1, 1)
         pieces["brace", str(brace(robot)["size"])] += ties
-        pieces["countersunk screw ISO 10642", "M4 x 10 mm"] += 4 * ties
-    pieces["spacer", f"{2 * SPACER:g} x 1.9 x {SHAFT_END:g} mm"] += 2
+        pieces["countersunk screw ISO 10642", f"{screw} x 10 mm"] += 4 * ties
+    pieces["spacer", f"{2e3 * build.spacer_radius:g} x 1.9 x {SHAFT_END:g} mm"] += 2
     note = "counted in the masses above"
-    return [Part(name, MATERIALS.get(name, "steel"), size, number, 0.0, note=note)
+    materials = {**MATERIALS, "brace": build.material}
+    return [Part(name, materials.get(name, "steel"), size, number, 0.0, note=note)
             for (name, size), number in sorted(pieces.items(), key=_by_size) if number]  # fmt: skip
 
 
@@ -287,7 +332,7 @@ def to_csv(parts: Sequence[Part]) -> str:
 
 
 def machine(robot: Robot) -> Robot:
-    """Return a robot as it would be cut: its parts, with the built robot's feet and motor.
+    """Return a robot as it would be cut: its parts, with its build's feet and motor.
 
     Joints keep their places and their friction.
 
@@ -295,7 +340,7 @@ def machine(robot: Robot) -> Robot:
     """
     masses = {part.name: part.mass for part in bill_of_materials(robot)}
     links = (_link(robot, k, masses[name]) for k, name in enumerate(robot.linkage.names, 1))
-    return with_built_feet(replace(robot, bodies=tuple(links)))
+    return with_built_feet(replace(robot, bodies=tuple(links)), build_of(robot))
 
 
 def _link(robot: Robot, body: int, flat: float) -> Plate:
@@ -303,19 +348,19 @@ def _link(robot: Robot, body: int, flat: float) -> Plate:
 
     ``flat``: mass of its flat parts in all legs, kg.
     """
-    part, legs = link_part(robot, body), len(robot.legs)
+    part, legs, build = link_part(robot, body), len(robot.legs), build_of(robot)
     mass = flat / legs
     area, centre, inertia = _moments(part)
     points = [(mass, centre)]
-    points += [(built.PIN_SHARE, part.joints[joint])
+    points += [(build.pin_share, part.joints[joint])
                for index, joint in robot.linkage.holes if index == body]  # fmt: skip
-    points += [(built.FOOT_MASS, part.joints[toe]) for toe in feet_of(robot, body)]
+    points += [(build.foot_mass, part.joints[toe]) for toe in feet_of(robot, body)]
     if body == FRAME:
         axis = part.joints[robot.linkage.bodies[CRANK - 1][1][0]]
         pivots = [z for z in part.joints.values() if z != axis]
         sides = len({leg.side for leg in robot.legs})
-        share = sides * built.CROSS_MEMBER_MASS + built.BATTERY_MASS / len(pivots)
-        points += [(built.AXIS_MASS / legs, axis), *((share / legs, pivot) for pivot in pivots)]
+        share = sides * build.cross_member_mass + build.battery_mass / len(pivots)
+        points += [(build.axis_mass / legs, axis), *((share / legs, pivot) for pivot in pivots)]
     masses, places = np.array([weight for weight, _ in points]), np.array([z for _, z in points])
     middle = masses @ places / masses.sum()
     turning = mass * inertia / area + float(masses @ abs(places - middle) ** 2)

@@ -17,15 +17,15 @@ from numpy.typing import NDArray
 
 from jansen_env.robot import Robot
 from jansen_env.robot import buildable as built
+from jansen_env.robot.buildable import ALUMINIUM, Build
+from jansen_env.robot.designs import build_of
 from jansen_env.robot.linkage import CRANK, FRAME
 
 Points = NDArray[np.complex128]
 T = TypeVar("T")
 
-PIN, BUSH = 1e3 * built.PIN_RADIUS, 1e3 * built.PIN_RADIUS + 1.0  # radii of holes
 CIRCLE = np.exp(2j * np.pi * np.arange(64) / 64)
-SHAFT, HUB, HUB_SCREW = 6.0, 12.5, 1.6  # radii; screws M3
-HUB_SCREWS = 9.25  # from the axis to either screw, along the crank
+M3 = 1.6  # radius of a hole
 SHOE_SCREW, SHOE_THICKNESS = 2.25, 3.0  # radius for M4
 MOTOR_PLATE, MOTOR_HOLE = 100.0, 30.0  # side, radius
 WALL = 1.5  # least material between two holes; twice as much to a window
@@ -105,6 +105,7 @@ class CutPart(NamedTuple):
     text: tuple[complex, complex]
     number: int = 0
     labels: tuple[tuple[str, complex, complex], ...] = ()
+    density: float = built.DENSITY  # kg/m^3
 
     @property
     def title(self) -> str:
@@ -157,7 +158,13 @@ class CutPart(NamedTuple):
     def mass(self) -> float:
         """Mass as drawn, kg."""
         area = self.outline.area - sum(shape.area for shape in (*self.windows, *self.holes))
-        return 1e-9 * built.DENSITY * self.thickness * area
+        return 1e-9 * self.density * self.thickness * area
+
+
+def radii(build: Build) -> tuple[float, float, float, float]:
+    """Radii of a pin, of the hole of a body that turns on it, of shaft and hub, mm."""
+    pin = 1e3 * build.pin_radius
+    return pin, pin + 1e3 * build.bush, 1e3 * build.shaft_radius, 1e3 * build.hub_radius
 
 
 def sides(corners: Sequence[T]) -> list[tuple[T, T]]:
@@ -204,18 +211,18 @@ def link_part(robot: Robot, body: int) -> CutPart:
 
     Raises ValueError: holes are too near to one another; names them.
     """
-    name, joints = robot.linkage.bodies[body - 1]
+    build, (name, joints) = build_of(robot), robot.linkage.bodies[body - 1]
     corners = [cmath.rect(1e3 * reach, turn) for reach, turn in robot.bodies[body - 1].corners]
     at = dict(zip(joints, corners, strict=True))
     flat = Round(hull(corners))
     holes = _pin_holes(robot, body, at)
     feet = [at[toe] for toe in feet_of(robot, body)]
     for toe in feet:
-        holes += _shoe_holes(toe, flat.corners)
+        holes += _shoe_holes(toe, flat.corners) if build is ALUMINIUM else [Round((toe,), M3)]
     if body == CRANK:  # room for the hub's second screw
         axis = at[joints[0]]
-        screw = HUB_SCREWS * (at[joints[1]] - axis) / abs(at[joints[1]] - axis)
-        holes += [Round((axis + way * screw,), HUB_SCREW) for way in (1, -1)]
+        screw = 1e3 * build.hub_screws * (at[joints[1]] - axis) / abs(at[joints[1]] - axis)
+        holes += [Round((axis + way * screw,), M3) for way in (1, -1)]
         flat = Round(hull([*corners, axis - screw]))
     for hole, other in combinations(holes, 2):
         apart = abs(other.corners[0] - hole.corners[0])
@@ -224,28 +231,31 @@ def link_part(robot: Robot, body: int) -> CutPart:
                 f"{name} has holes of {2 * hole.radius:g} and {2 * other.radius:g} mm at "
                 f"{apart:.1f} mm from one another, must have {WALL:g} mm between them"
             )
-    margin = 500.0 * (built.FRAME_WIDTH if body == FRAME else built.WIDTH)
-    thickness = built.bar_thickness(name)
+    margin = 500.0 * (build.frame_width if body == FRAME else build.width)
+    thickness = build.lower_rod_thickness if name == "lower_rod" else build.bar_thickness
     if len(flat.corners) > 2:
-        thickness = built.PLATE_THICKNESS
+        thickness = build.plate_thickness
         margin = max(margin, (built.OUTLINE - 1.0) * 2.0 * flat.area / flat.around)
-    windows = _windows(flat, margin, holes, feet)
+    windows = _windows(flat, margin, holes, feet if build is ALUMINIUM else [])
     spots = sorted(corners, key=lambda z: (z / (flat.corners[1] - flat.corners[0])).real)
     lines = sides(flat.corners) if len(flat.corners) > 2 else [*pairwise(spots)]
     text = max(lines, key=lambda line: (not {*line} & {*feet}, abs(line[1] - line[0])))
-    outline = Round(flat.corners, margin)
-    return CutPart(name, 1e3 * thickness, outline, windows, tuple(holes), at, text, body)
+    if body == CRANK and build is not ALUMINIUM:  # beside the hub's second screw
+        text = holes[-2].corners[0], text[1]
+    outline, shapes = Round(flat.corners, margin), (windows, tuple(holes))
+    return CutPart(name, 1e3 * thickness, outline, *shapes, at, text, body, density=build.density)
 
 
 def _pin_holes(robot: Robot, body: int, at: dict[str, complex]) -> list[Round]:
     """Holes of the joints: for a pin in the body that holds it, for a bush in the others."""
-    holders = {pin.joint: pin.other for pin in reversed(robot.linkage.pins)}
-    radii = {joint: PIN if holders[joint] == body else BUSH for joint in at if joint in holders}
+    build, holders = build_of(robot), {pin.joint: pin.other for pin in reversed(robot.linkage.pins)}
+    pin, bush, shaft, _ = radii(build)
+    holes = {joint: pin if holders[joint] == body else bush for joint in at if joint in holders}
     if body in (FRAME, CRANK):  # for the shaft's bush, and for the hub's spigot
-        axis = robot.linkage.bodies[CRANK - 1][1][0]
-        radii[axis] = PIN if body == CRANK else SHAFT + BUSH - PIN
-    return [Round((at[joint],), radius, "slide" if radius == PIN else "press")
-            for joint, radius in radii.items()]  # fmt: skip
+        axis, spigot = robot.linkage.bodies[CRANK - 1][1][0], build is ALUMINIUM and body == CRANK
+        holes[axis] = pin if spigot else shaft + bush - pin
+    return [Round((at[joint],), radius, "slide" if radius == pin else "press")
+            for joint, radius in holes.items()]  # fmt: skip
 
 
 def _shoe_holes(toe: complex, corners: Sequence[complex]) -> list[Round]:
@@ -299,6 +309,9 @@ def cut_parts(robot: Robot) -> list[CutPart]:
     Raises ValueError: a part cannot be made; names it.
     """
     parts = [link_part(robot, body).lying() for body in range(1, len(robot.bodies) + 1)]
+    if (build := build_of(robot)) is not ALUMINIUM:
+        parts += [part._replace(density=build.density) for part in _plywood_parts(build)]
+        return [part._replace(number=k) for k, part in enumerate(parts, 1)]
     shoe = complex(2e3 * built.FOOT_RADIUS, 1e3 * built.FOOT_WIDTH)
     plate, middle = complex(MOTOR_PLATE, MOTOR_PLATE), 0.5j * shoe.imag
     screws = Round((middle + 8.0,), SHOE_SCREW), Round((middle + shoe.real - 8.0,), SHOE_SCREW)
@@ -311,17 +324,30 @@ def cut_parts(robot: Robot) -> list[CutPart]:
     return [part._replace(number=k) for k, part in enumerate(parts, 1)]
 
 
-def coupon(thickness: float) -> list[CutPart]:
+def _plywood_parts(build: Build) -> list[CutPart]:
+    """A disc that is glued to either side of a toe, and the plate that holds the gearmotor."""
+    radius, thick, middle = 500.0 * build.width, 1e3 * build.plate_thickness, 20 + 20j
+    centre = complex(radius, radius)
+    disc, text = Round((centre,), radius), (centre - 4 - 3.2j, centre + 4 - 3.2j)
+    holes = Round((middle,), 4.0), Round((middle - 8.5,), M3), Round((middle + 8.5,), M3)
+    return [
+        CutPart("foot-disc", thick, disc, (), (Round((centre,), M3),), {}, text),
+        CutPart("motor-plate", thick, rectangle(2 * middle), (), holes, {}, (5 + 5j, 35 + 5j)),
+    ]
+
+
+def coupon(thickness: float, build: Build = ALUMINIUM) -> list[CutPart]:
     """What to cut first, mm: a plate with holes for a pin and for a bush, a slot, and nine pegs.
 
     Marks of holes say by how much they are larger than what goes in; that of the widest peg that
     goes into the slot is the kerf that the drawing makes no room for.
     """
+    pin, bush, *_ = radii(build)
     pitch, slot, holes, labels = 18.0, Round((15 + 12j, 45 + 12j), 4.0), [], []
-    for radius, y, name in ((PIN, 56j, f"pin {2 * PIN:g}"), (BUSH, 34j, f"bush {2 * BUSH:g}")):
+    for radius, y, name in ((pin, 56j, f"pin {2 * pin:g}"), (bush, 34j, f"bush {2 * bush:g}")):
         labels.append((name, 2.0 + y, 24.0 + y))
         for k, step in enumerate(STEPS):
-            z, below = pitch * (k + 2.0) + y, BUSH + 5.0
+            z, below = pitch * (k + 2.0) + y, bush + 5.0
             holes.append(Round((z,), radius + 0.5 * step))
             labels.append((f"{step:+.1f}", z - pitch / 2 - 1j * below, z + pitch / 2 - 1j * below))
     size = complex(pitch * (len(STEPS) + 2.0), 68.0)

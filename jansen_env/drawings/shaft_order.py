@@ -15,9 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jansen_env.drawings.outlines import HUB, CutPart, Points, feet_of, gap, link_part
+from jansen_env.drawings.outlines import CutPart, Points, feet_of, gap, link_part
 from jansen_env.robot import Robot
-from jansen_env.robot import buildable as built
+from jansen_env.robot.designs import build_of
 from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.linkage import CRANK, FRAME
 
@@ -25,10 +25,7 @@ Order = tuple[float, list[int]]  # the length of all discs in layers, the layers
 
 CLEARANCE = 1.0  # mm, between parts of a layer
 GAP, UNIT_GAP = 1.0, 6.0  # mm, between layers (a washer), and between units (heads of pins)
-HUB_LENGTH = 10.0  # mm
 EMPTY = 5.0  # mm, height of a layer that has no link but heads of pins or treads
-SPACER, TUBE = 5.0, 10.0  # mm, radii of spacers and heads of pins, and of cross-members
-TREAD_LAYERS = 3  # that half the width of a tread takes beside its link
 SAMPLES = 720  # of a turn
 WEB = 2  # layers from a unit's end to a web
 MOST_LAYERS, MOST_TRIES = 24, 400_000  # of the search; it takes half a minute at most
@@ -107,7 +104,8 @@ def _meet(solid: Solid, other: Solid) -> bool:
 
 def _solids(robot: Robot, legs: Sequence[int]) -> list[Solid]:
     """Bodies of the legs, leg by leg, then all discs but those of axles that nothing meets."""
-    linkage, psi = robot.linkage, 2.0 * math.pi / SAMPLES * np.arange(SAMPLES)
+    build, linkage = build_of(robot), robot.linkage
+    spacer, psi = 1e3 * build.spacer_radius, 2.0 * math.pi / SAMPLES * np.arange(SAMPLES)
     axis, pin, *_ = [*linkage.bodies[CRANK - 1][1]]  # of all legs
     bodies: list[Solid] = []
     discs: list[Solid] = []
@@ -118,15 +116,16 @@ def _solids(robot: Robot, legs: Sequence[int]) -> list[Solid]:
             part = link_part(robot, body)
             places = carried(part, part.outline.corners, at[:, members], side)
             for toe in feet_of(robot, body):
-                radius, tread = 1e3 * built.FOOT_RADIUS, at[:, [linkage.joints.index(toe)]]
-                discs.append(Solid(leg, toe, tread, radius, (len(bodies),), TREAD_LAYERS))
+                radius, tread = 1e3 * build.foot_radius, at[:, [linkage.joints.index(toe)]]
+                discs.append(Solid(leg, toe, tread, radius, (len(bodies),), build.tread_layers))
             bodies.append(Solid(leg, linkage.bodies[body - 1][1], places, part.outline.radius))
         links = bodies[first:]
         for k, joint in enumerate(linkage.joints):
             on = tuple(first + i for i, body in enumerate(links) if joint in body.joints)
-            disc = Solid(leg, joint, at[:, [k]], SPACER, on)
+            disc = Solid(leg, joint, at[:, [k]], spacer, on)
             if joint in (axis, pin):
-                shared = disc._replace(radius=HUB if joint == axis else SPACER, on=())
+                hub = 1e3 * build.hub_radius
+                shared = disc._replace(radius=hub if joint == axis else spacer, on=())
                 discs += [shared] if leg == legs[0] else []
             elif len(on) > 1 and (joint not in linkage.bodies[0][1] or _swept(robot, disc, links)):
                 discs.append(disc)
@@ -135,7 +134,7 @@ def _solids(robot: Robot, legs: Sequence[int]) -> list[Solid]:
 
 def _swept(robot: Robot, pivot: Solid, bodies: Sequence[Solid]) -> bool:
     """Whether bodies of a leg sweep over the tube about a fixed pivot of either side."""
-    tube = pivot._replace(radius=TUBE)
+    tube = pivot._replace(radius=1e3 * build_of(robot).tube_radius)
     tubes = [tube, tube._replace(places=-tube.places.conj())]
     del tubes[len({leg.side for leg in robot.legs}) :]
     return any(_meet(t, body) for body in bodies for t in tubes[pivot.joints in body.joints :])
@@ -244,7 +243,7 @@ def layers(robot: Robot) -> list[Placed]:
             known[sides] = spots, {*robot.linkage.bodies[0][1]} - short
         spots, through = known[sides]
         heights = [0.0] * (1 + spots[-1][0])
-        heights[WEB - 1] = heights[-WEB] = HUB_LENGTH
+        heights[WEB - 1] = heights[-WEB] = 1e3 * build_of(robot).hub_length
         for layer, k in spots:
             heights[layer] = max(heights[layer], parts[k % len(parts)].thickness)
         heights = [height or EMPTY for height in heights]

@@ -1,6 +1,7 @@
-"""Parts of a machine that could be built: flat bars, plates, pins, feet; their masses.
+"""Parts of machines that could be built: flat bars, plates, pins, feet; their masses.
 
-Bars and plates are of aluminium EN AW-6060 T66. Every end of a link carries its share of a pin:
+Constants are of the built robot; :data:`PLYWOOD` has those of the weekend robot. Bars and plates
+are of aluminium EN AW-6060 T66. Every end of a link carries its share of a pin:
 half of a shoulder screw with nut, washers and a spacer, and a plain bearing of iglidur J200. A foot
 is a half-round tread of rubber on a shoe. ``docs/built_robot.md`` has the bill of materials and the
 sources of all numbers.
@@ -36,6 +37,56 @@ FOOT_LOSS_FACTOR = 0.1  # tan delta of natural rubber
 TREAD_MASS = 0.5 * math.pi * FOOT_RADIUS * FOOT_RADIUS * FOOT_WIDTH * RUBBER_DENSITY
 SHOE_MASS = 13e-3  # kg, a plate of 40 x 30 x 3 mm and two screws, M4
 FOOT_MASS = TREAD_MASS + SHOE_MASS
+
+
+class Build(NamedTuple):
+    """What a machine is made of; SI units. Default: as the built robot.
+
+    ``bush``: of a turning link's hole, radius more than the pin's. ``hub_screws``: from the axis to
+    either screw. ``cross_member_mass``, ``battery_mass``: at the pivots P. ``tread_layers``: beside
+    a link, that half the width of its tread takes. ``cells``: of the battery.
+    """
+
+    material: str = "EN AW-6060"
+    density: float = DENSITY
+    bar_thickness: float = BAR_THICKNESS
+    lower_rod_thickness: float = LOWER_ROD_THICKNESS
+    plate_thickness: float = PLATE_THICKNESS
+    width: float = WIDTH
+    frame_width: float = FRAME_WIDTH
+    pin_share: float = PIN_SHARE
+    pin_radius: float = PIN_RADIUS
+    bush: float = 1e-3
+    bearing_friction: float = BEARING_FRICTION
+    shaft_radius: float = 6e-3
+    hub_radius: float = 12.5e-3
+    hub_length: float = 10e-3
+    hub_screws: float = 9.25e-3
+    spacer_radius: float = 5e-3
+    tube_radius: float = 10e-3
+    brace_length: float = 0.14
+    axis_mass: float = AXIS_MASS
+    cross_member_mass: float = CROSS_MEMBER_MASS
+    battery_mass: float = BATTERY_MASS
+    foot_radius: float = FOOT_RADIUS
+    foot_width: float = FOOT_WIDTH
+    tread_layers: int = 3
+    foot_mass: float = FOOT_MASS
+    foot_stiffness: tuple[float, float] = FOOT_STIFFNESS
+    motor: str = "ak80_6"
+    cells: int = 6
+
+
+ALUMINIUM = Build()
+PLYWOOD = Build(
+    material="birch plywood", density=680.0, bar_thickness=3e-3, lower_rod_thickness=3e-3,
+    plate_thickness=3e-3, width=10e-3, frame_width=12e-3, pin_share=1.2e-3, pin_radius=1.5e-3,
+    bush=0.1e-3, bearing_friction=0.4, shaft_radius=2e-3, hub_radius=10e-3, hub_length=5e-3,
+    hub_screws=6.35e-3, spacer_radius=3.5e-3, tube_radius=4e-3, brace_length=0.06, axis_mass=0.147,
+    cross_member_mass=0.0, battery_mass=0.114, foot_radius=7e-3, foot_width=9e-3,
+    tread_layers=1, foot_mass=2.9e-3, foot_stiffness=(6e4, 1.5e4), motor="lp_25d_75", cells=3,
+)  # fmt: skip
+"""The weekend robot's: M3 screws turn in plain holes of plywood."""
 
 
 class Inertial(NamedTuple):
@@ -92,14 +143,14 @@ def triangular_plate(
     return Inertial(mass + 3.0 * end_mass + more, inertia + end_mass * 12.0 * spread)
 
 
-def dry_torque(load: float) -> float:
+def dry_torque(load: float, build: Build = ALUMINIUM) -> float:
     """Coulomb friction torque of a pin's plain bearing under a load (N), N m."""
-    return BEARING_FRICTION * PIN_RADIUS * load
+    return build.bearing_friction * build.pin_radius * load
 
 
-def foot_damping(stiffness: float, mass: float) -> float:
+def foot_damping(stiffness: float, mass: float, build: Build = ALUMINIUM) -> float:
     """N s/m of a foot whose rubber loses as much at the frequency of a robot (kg) on two feet."""
-    return FOOT_LOSS_FACTOR * stiffness / math.sqrt(2.0 * FOOT_STIFFNESS[0] / mass)
+    return FOOT_LOSS_FACTOR * stiffness / math.sqrt(2.0 * build.foot_stiffness[0] / mass)
 
 
 def buckling_load(length: float, thickness: float) -> float:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from jansen_env.engine.mathematics import atan2, hypot
 from jansen_env.robot import buildable as built
+from jansen_env.robot.buildable import ALUMINIUM, PLYWOOD, Build
 from jansen_env.robot.linkage import JANSEN
 from jansen_env.robot.links import CRANK_RADIUS, Bar, Compliance, Link, Plate, Triangle, phased_legs
 from jansen_env.robot.motor import MOTORS
@@ -56,13 +57,30 @@ FOUND: dict[str, tuple[float, dict[str, Link]]] = {
 }  # fmt: skip
 """Frame angles, rad, and links that searches found, for little work at 0.5 m/s and high steps."""
 
+WEEKEND = {
+    "frame": Plate(((-0.0496789, 0.0), (0.0392211, 0.0)), 7.0014e-02, 1.3364e-04),
+    "crank": Plate(((-0.0129047, 0.0), (0.0141953, 0.0)), 3.1671e-03, 5.5996e-07),
+    "upper_rod": Plate(((-0.0441202, 0.0), (0.0440798, 0.0)), 4.3287e-03, 6.1322e-06),
+    "upper_triangle": Plate(((-0.03182, 0.0009162), (0.0270256, -0.0454217),
+                   (0.0008555, 0.0472541)), 8.1472e-03, 1.1726e-05),
+    "rocker": Plate(((-0.0279349, 0.0), (0.0279651, 0.0)), 3.6698e-03, 2.3032e-06),
+    "lower_rod": Plate(((-0.05215, 0.0), (0.05215, 0.0)), 4.6551e-03, 8.8572e-06),
+    "coupler": Plate(((-0.0284653, 0.0), (0.0284347, 0.0)), 3.6902e-03, 2.3913e-06),
+    "foot": Plate(((0.0423264, 0.0087808), (0.0087867, 0.054),
+                   (-0.0287008, -0.0364384)), 1.0061e-02, 1.7474e-05),
+}  # fmt: skip
+"""Links of plywood at a quarter of the economy robot's lengths, with what they carry, as drawn:
+:func:`jansen_env.drawings.materials.machine` has the same masses and inertias."""
+
 
 BEARING_LOADS = {
     "built": (17.0, 13.0, 11.0, 14.0, 23.0, 14.0, 11.0, 20.0, 11.0, 10.0),
     "economy": (12.6, 8.3, 8.7, 8.4, 17.7, 10.9, 8.5, 14.6, 10.3, 10.1),
     "climber": (24.3, 18.2, 10.7, 17.9, 34.6, 12.0, 10.3, 15.1, 19.3, 19.2),
+    "weekend": (1.09, 0.77, 0.73, 0.78, 1.53, 1.05, 0.73, 1.44, 0.89, 0.88),
 }
-"""N, mean load of each of the bearings of the machines that could be built, in walks at 2 rad/s."""
+"""N, mean load of each of the bearings of the machines that could be built, in walks at 2 rad/s;
+of the weekend robot at 4."""
 
 
 def built_robot(phases: int = 2) -> Robot:
@@ -79,6 +97,17 @@ def found_robot(name: str, phases: int = 2) -> Robot:
     return _with_hardware(_with_links(*FOUND[name], phases), BEARING_LOADS[name])
 
 
+def weekend_robot(phases: int = 2) -> Robot:
+    """A quarter of the economy machine, of plywood and M3 screws, with a hobby gearmotor."""
+    frame, legs = WEEKEND["frame"], len(phased_legs(phases))
+    share = 4.0 / legs  # of motor and battery; a frame of plywood is 7 % of it
+    frame = replace(frame, mass=share * frame.mass, inertia=share * frame.inertia)
+    robot = _with_links(0.1301, {**WEEKEND, "frame": frame}, phases)
+    friction = tuple(round(built.dry_torque(load, PLYWOOD), 5) for load in BEARING_LOADS["weekend"])
+    robot = replace(robot, damping=(0.0,) * len(JANSEN.damped), bearing_friction=friction)
+    return with_built_feet(robot, PLYWOOD)
+
+
 def _with_hardware(robot: Robot, bearing_loads: tuple[float, ...]) -> Robot:
     """Return the robot with built parts, dry bearings alone, built feet and the gearmotor."""
     robot = with_built_feet(with_built_parts(robot))
@@ -86,13 +115,19 @@ def _with_hardware(robot: Robot, bearing_loads: tuple[float, ...]) -> Robot:
     return replace(robot, damping=(0.0,) * len(JANSEN.damped), bearing_friction=friction)
 
 
-def with_built_feet(robot: Robot) -> Robot:
-    """Return the robot with the built robot's feet of rubber, and its motor."""
-    normal, tangential = built.FOOT_STIFFNESS
-    damping = [round(built.foot_damping(k, robot.mass), 1) for k in built.FOOT_STIFFNESS]
+def with_built_feet(robot: Robot, build: Build = ALUMINIUM) -> Robot:
+    """Return the robot with a build's feet of rubber, and its motor."""
+    normal, tangential = build.foot_stiffness
+    damping = [round(built.foot_damping(k, robot.mass, build), 1) for k in build.foot_stiffness]
     give = Compliance(normal, damping[0], tangential, damping[1])
-    motor = MOTORS["ak80_6"]
-    return replace(robot, pad_radius=built.FOOT_RADIUS, motor=motor, pad_compliance=give)
+    return replace(
+        robot, pad_radius=build.foot_radius, motor=MOTORS[build.motor], pad_compliance=give
+    )
+
+
+def build_of(robot: Robot) -> Build:
+    """Return what a robot's parts are made of; plywood if its pads are the weekend robot's."""
+    return PLYWOOD if robot.pad_radius == PLYWOOD.foot_radius else ALUMINIUM
 
 
 def with_built_parts(robot: Robot) -> Robot:
@@ -130,6 +165,7 @@ ROBOTS: dict[str, Callable[..., Robot]] = {
     "built": built_robot,
     "economy": lambda phases=2: found_robot("economy", phases),
     "climber": lambda phases=2: found_robot("climber", phases),
+    "weekend": weekend_robot,
     **ZOO,
 }
 """Built-in designs by name; each takes the number of crank pins, with two toes on each."""

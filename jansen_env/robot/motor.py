@@ -117,7 +117,12 @@ XM540_W270 = Motor(
     stall_torque=10.6, no_load_speed=3.14, torque_limit=10.6, gear_ratio=272.5,
     rotor_inertia=5.26e-7, friction=0.126, viscous_friction=0.052, efficiency=0.631,
 )  # fmt: skip
+LP_25D_75 = Motor(
+    stall_torque=0.686, no_load_speed=7.78, torque_limit=0.35, gear_ratio=74.83,
+    rotor_inertia=8e-7, friction=0.046, viscous_friction=0.0, efficiency=0.578,
+)  # fmt: skip
 MOTORS: dict[str, Motor] = {
     "ideal": IDEAL, "ak80_6": AK80_6, "mx_106": MX_106, "xm540_w270": XM540_W270,
+    "lp_25d_75": LP_25D_75,
 }  # fmt: skip
 """Motors by name, from data sheets and as identified: ``docs/built_robot.md`` has all sources."""

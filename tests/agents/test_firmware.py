@@ -43,8 +43,11 @@ class Memory(ctypes.Structure):
 @pytest.fixture(scope="module")
 def library(tmp_path_factory):
     """Firmware of the shipped policy, compiled."""
-    folder = tmp_path_factory.mktemp("firmware")
-    header, source = export(f"pretrained:{NAME}", ("firmware",), folder, "mine", ID)
+    return compiled(tmp_path_factory.mktemp("firmware"), NAME)
+
+
+def compiled(folder, name):
+    header, source = export(f"pretrained:{name}", ("firmware",), folder, "mine", ID)
     assert (header.name, source.name) == ("mine_firmware.h", "mine_firmware.c")
     built = folder / "mine.so"
     subprocess.run(["cc", *STRICT, "-shared", "-fPIC", "-o", built, source, "-lm"], check=True)
@@ -79,14 +82,14 @@ def quantised(value, step):
     return step * round(value / step)
 
 
-def walk(controller, command, seed, seconds=10.0):
+def walk(controller, command, seed, seconds=10.0, name=NAME):
     """The return of an episode whose sensors are read early or late by up to 1 ms.
 
     ``controller``: of the readings, torque in N m. Encoder of 14 bits, gyro and accelerometer of
-    16 bits (2000 degrees/s, 16 g), torque of 12 bits (12 N m), all with the errors of the
+    16 bits (2000 degrees/s, 16 g), torque of 12 bits (the limit), all with the errors of the
     policy's training; each torque comes a control step late.
     """
-    policy = pretrained.load(ID, NAME)
+    policy = pretrained.load(ID, name)
     env = gym.make(ID, **{**policy.env_kwargs, "delay": PERIOD, "torque_rate": None})
     seen, _ = env.reset(seed=seed, options={"speed_command": command})
     rng, late, angle = np.random.default_rng(seed), 0.0, 0.0
@@ -102,7 +105,7 @@ def walk(controller, command, seed, seconds=10.0):
             pitch_rate=quantised(now["pitch_rate"], math.radians(4000.0) / 2**16),
             acceleration_x=quantised(now["acceleration_x"], 32.0 * 9.81 / 2**16),
             acceleration_y=quantised(now["acceleration_y"], 32.0 * 9.81 / 2**16),
-            crank_torque=quantised(now["crank_torque"], 24.0 / 2**12), battery=24.0,
+            crank_torque=quantised(now["crank_torque"], policy.torque_limit / 2**11), battery=24.0,
         )  # fmt: skip
         torques.append(torque)
         seen, reward, ended, _, _ = env.step([torque / policy.torque_limit])
@@ -115,8 +118,8 @@ def walk(controller, command, seed, seconds=10.0):
 class InPython:
     """The shipped policy behind the sensors' filters of the environment."""
 
-    def __init__(self):
-        self.policy, self.action, self.lag, self.mean = pretrained.load(ID, NAME), 0.0, 0.0, 0.0
+    def __init__(self, name=NAME):
+        self.policy, self.action, self.lag, self.mean = pretrained.load(ID, name), 0.0, 0.0, 0.0
         robot = ROBOTS[self.policy.env_kwargs["robot"]]()
         self.path = abs(advance_per_turn(robot)) / STEPS_PER_TURN
         self.sensors = OnboardSensors(1, len(robot.toes), PERIOD)
@@ -161,13 +164,17 @@ def test_it_acts_as_the_policy_in_python_does(library):
     assert np.abs(np.diff(torques, prepend=0.0)).max() <= RATE * PERIOD
 
 
-def test_it_walks_as_the_policy_in_python_does(library):
+@pytest.mark.parametrize(
+    "name, commands", [(NAME, (0.05, 0.1, 0.2, 0.25, 0.3)), ("weekend", (0.03, 0.06, 0.09, 0.12))]
+)
+def test_it_walks_as_the_policy_in_python_does(name, commands, tmp_path):
     """The return within 2 %, mean of 10 walks, as each is chaotic; nothing stops them."""
-    returns = []
-    for command in (0.05, 0.1, 0.2, 0.25, 0.3):
+    library, returns = compiled(tmp_path, name), []
+    for command in commands:
         for seed in range(2):
             firmware = Firmware(library)
-            returns.append([walk(each, command, seed)[0] for each in (firmware.step, InPython())])
+            both = firmware.step, InPython(name)
+            returns.append([walk(each, command, seed, name=name)[0] for each in both])
             assert firmware.fault == "fine"
     walked, expected = np.mean(returns, axis=0)
     assert walked == pytest.approx(expected, rel=0.02) and walked > 250.0
@@ -289,34 +296,41 @@ def test_the_example_of_a_port_compiles_and_its_frames_are_read_back(tmp_path):
         assert port.answered_torque(answer) == pytest.approx(np.clip(torque, -12, 12), abs=0.006)
 
 
+ARM, RISC_V = ("arm-none-eabi-", "qemu-system-arm"), ("riscv64-unknown-elf-", "qemu-system-riscv32")
 CORES = {
-    "Cortex-M0+": (["-mcpu=cortex-m0plus", "-mfloat-abi=soft"], "microbit", 2e6, 42_000),
-    "Cortex-M4F": (["-mcpu=cortex-m4", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"], "mps2-an386",
-                   6e4, 37_000),
+    "Cortex-M0+": (ARM, "microbit", "-mcpu=cortex-m0plus -mfloat-abi=soft", 2e6, 42_000),
+    "Cortex-M4F": (ARM, "mps2-an386", "-mcpu=cortex-m4 -mfloat-abi=hard -mfpu=fpv4-sp-d16", 6e4,
+                   37_000),
+    "ESP32-C3": (RISC_V, "virt", "-march=rv32imac -mabi=ilp32 -mcmodel=medany", 2e6, 60_000),
 }  # fmt: skip
-"""Compiler's flags, QEMU's machine, most instructions of a step, and most bytes of flash."""
+"""Tools, QEMU's machine, compiler's flags, most instructions of a step, and most bytes of flash."""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("core", CORES)
 def test_it_runs_on_a_microcontroller(library, core, tmp_path):
     """It acts there as here, without a fault; prints what docs/firmware.md says of its size."""
-    flags, machine, most, flash = CORES[core]
-    for tool in ("arm-none-eabi-gcc", "qemu-system-arm"):
+    (prefix, qemu), machine, flags, most, flash = CORES[core]
+    for tool in (f"{prefix}gcc", qemu):
         if shutil.which(tool) is None:
             pytest.skip(f"there is no {tool}")
     _, source = export(f"pretrained:{NAME}", ("firmware",), tmp_path, "mine", ID)
-    here = Path(__file__).parent
-    build = ["arm-none-eabi-gcc", *flags, "-mthumb", "-O2", "-ffunction-sections", "-std=gnu99",
-             "-nostartfiles", "-Wl,--gc-sections", "-T", here / "cortex.ld", "--specs=nano.specs",
+    here, arm = Path(__file__).parent, prefix == ARM[0]
+    places = (0, 0x20000000) if arm else (0x80000000, 0x80100000)
+    symbols = [
+        f"-Wl,--defsym,{name}={x:#x}" for name, x in zip(("FLASH", "RAM"), places, strict=True)
+    ]
+    library_flags = ["-mthumb", "--specs=nano.specs"] if arm else ["--specs=picolibc.specs"]
+    build = [f"{prefix}gcc", *flags.split(), *library_flags, "-O2", "-ffunction-sections",
+             "-std=gnu99", "-nostartfiles", "-Wl,--gc-sections", *symbols, "-T", here / "cortex.ld",
              "-I", tmp_path, here / "cortex.c", source, "-lm", "-o", tmp_path / "it"]  # fmt: skip
     subprocess.run(build, check=True)
-    run_it = ["qemu-system-arm", "-M", machine, "-nographic", "-monitor", "none", "-serial", "none",
+    run_it = [qemu, "-M", machine, "-nographic", "-monitor", "none", "-serial", "none",
               "-semihosting-config", "enable=on,target=native", "-icount", "shift=0",
-              "-kernel", tmp_path / "it"]  # fmt: skip
+              *(() if arm else ("-bios", "none")), "-kernel", tmp_path / "it"]  # fmt: skip
     done = subprocess.run(run_it, capture_output=True, text=True, timeout=60)
     ticks, of_200_000, stack, fault, torque = map(int, (done.stdout + done.stderr).split())
-    size = subprocess.run(["arm-none-eabi-size", tmp_path / "it"], capture_output=True, text=True)
+    size = subprocess.run([f"{prefix}size", tmp_path / "it"], capture_output=True, text=True)
     text, data = map(int, size.stdout.splitlines()[1].split()[:2])
     instructions = 200_000 * ticks / of_200_000
     print(f"{core}: {instructions:.3g} instructions, flash {text + data} B, stack {stack} B")

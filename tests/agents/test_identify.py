@@ -1,6 +1,7 @@
 """Logs of machines: bad ones are refused, clocks corrected, machines compared and identified."""
 
 import json
+import subprocess
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from machine_logs import MEASUREMENTS, TRUTH, drawn_machine, mujoco, rigid_body,
 from agents import identify
 from agents.measurements import published, read_log, table
 from jansen_env import ROBOTS
+from jansen_env.sb3.run_config import load_config
 
 EXAMPLES = sorted(MEASUREMENTS.glob("synthetic_*.csv"))
 FAST = EXAMPLES[-1]
@@ -83,10 +85,18 @@ def test_a_log_of_an_unknown_machine_is_not_compared(tmp_path):
         published(path)
 
 
-def test_the_examples_are_identified(tmp_path, capsys):
-    """From another plant, with noise: the numbers are within, the machine's file has them."""
-    out = tmp_path / "machine.json"
-    identify.main([*map(str, EXAMPLES), "--copies", "256", "--out", str(out)])
+def test_the_examples_are_identified(tmp_path, capsys, monkeypatch):
+    """From another plant, with noise: the numbers are within, the machine's file has them.
+
+    A short training is over the intervals of the report.
+    """
+    out, run = tmp_path / "machine.json", subprocess.run
+    short = ["--n-envs", "16", "--eval-freq", "0", "--eval-episodes", "1"]
+    monkeypatch.setattr(subprocess, "run", lambda command: run([*command, *short]))
+    monkeypatch.chdir(tmp_path)
+    known = [*map(str, EXAMPLES), "--copies", "256", "--out", str(out)]
+    with pytest.raises(SystemExit, match=r"^0$"):
+        identify.main([*known, "--train", "2000"])
     text = capsys.readouterr().out
     rows = {line.split("|")[1].split(",")[0].strip(): line.split("|")[3:5]
             for line in text.splitlines() if line.startswith("| ") and "rad/s |" not in line
@@ -95,7 +105,14 @@ def test_the_examples_are_identified(tmp_path, capsys):
         low, high = map(float, rows[name])
         assert low <= value <= high, name
     drawn = json.loads(text.partition("randomize=")[2].partition("\n")[0])
-    assert drawn["friction"][0] < TRUTH["friction"] < drawn["friction"][1]
+    spans = {"friction": "friction", "payload": "payload", "foot_stiffness_scale": "feet"}
+    for parameter, name in spans.items():
+        np.testing.assert_allclose(drawn[parameter], [*map(float, rows[name])], rtol=5e-3)
+    (folder,) = tmp_path.glob("logs/ppo/*")
+    config = load_config(folder / "config.yml")
+    assert config.timesteps == 2000 and (folder / "final_model.zip").exists()
+    assert config.env_kwargs["robot"] == str(out) and config.env_kwargs["randomize"] == drawn
+    assert config.env_kwargs["observe"] == "onboard"
     from jansen_env.scoring.rollout import make_env
 
     env = make_env("JansenWalkerBuilt-v0", {"robot": str(out), "randomize": drawn})

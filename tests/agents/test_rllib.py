@@ -14,7 +14,7 @@ if find_spec("ray") is None:  # not imported: it reads how it is to authenticate
 pytest.importorskip("tree", reason="dm-tree is not installed; the extra 'distributed' brings it")
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "rllib_ppo.py"
-STEPS = 18_000
+STEPS = 5_000
 SMALL = ["--env", "JansenCrank-v0", "--steps", str(STEPS), "--envs", "6", "--runners", "2",
          "--learners", "2"]  # fmt: skip
 

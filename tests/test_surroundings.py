@@ -20,8 +20,8 @@ RUNS = {
     "drawings": ["-m", "jansen_env", "drawings", "built", "--out", "the parts"],
     "evaluate": ["-m", "jansen_env", "evaluate", "--policy", "pid", "--episodes", "1",
                  "--commands", "0.3"],
-    "train": [str(Path(__file__).parents[1] / "train.py"), "--timesteps", "512", "--n-envs", "2",
-              "--eval-freq", "0", "--eval-episodes", "1", "--algo", "ppo", "--env", "JansenCrank-v0"],
+    "train": [str(Path(__file__).parents[1] / "train.py"), "-n", "512", "--n-envs", "2",
+              "--eval-freq", "0", "--eval-episodes", "1", "--env", "JansenCrank-v0"],
 }  # fmt: skip
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="they are POSIX's")
 UNSET = ("DISPLAY", "HOME", "LANG", "LC_ALL", "MPLBACKEND", "SDL_VIDEODRIVER", "TERM", "TZ", "USER")

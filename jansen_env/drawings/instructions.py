@@ -365,7 +365,8 @@ def _figure(step: Step) -> Figure:
     size = min(9.5, 9.5 * 36.0 / max(len(lines), 1))
     figure.text(0.68, 0.88, "\n".join(lines), fontsize=size, va="top", linespacing=1.45)
     if step.mass:
-        check = "\n".join(_wrapped(f"{step.weighed}: {1e3 * step.mass:.0f} g", LABEL))
+        grams = f"{1e3 * step.mass:.{int(step.mass < 0.1)}f}"
+        check = "\n".join(_wrapped(f"{step.weighed}: {grams} g", LABEL))
         box = {"boxstyle": "round,pad=0.5", "fc": "#fff3c4"}
         figure.text(0.68, 0.05, check, fontsize=11, va="bottom", fontweight="bold", bbox=box)
     wide = 0.64 / max(len(step.pictures), 1)

@@ -32,7 +32,7 @@ WALL = 1.5  # least material between two holes; twice as much to a window
 FILLET = 4.0  # radius of a window's corners
 CLASSES = ("press", "slide", "clear")  # of holes: for a bush, for a pin that is held, for a screw
 FITS = {"laser": (-0.05, 0.1, 0.2), "water_jet": (-0.05, 0.15, 0.3), "print": (0.1, 0.3, 0.5)}
-"""mm by which a process makes the diameters of each class larger, to begin with."""
+"""Estimates to begin with: mm by which diameters of each class are larger."""
 STEPS = [round(0.1 * k, 1) for k in range(-4, 5)]  # mm, of the coupon's holes and pegs
 STRAIGHT = 1e-6  # height over length of a link whose joints are in line
 

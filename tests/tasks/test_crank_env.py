@@ -12,9 +12,7 @@ from jansen_env.tasks.crank.crank_env import TRACKING_WIDTH
 
 @pytest.fixture
 def env():
-    made = gym.make("JansenCrank-v0")
-    yield made
-    made.close()
+    return gym.make("JansenCrank-v0")
 
 
 def test_observation_is_the_documented_table(env):

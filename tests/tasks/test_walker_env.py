@@ -19,9 +19,7 @@ LOADS = [SEES[name] for name in SEES if name.startswith("toe_load_")]
 
 @pytest.fixture
 def env():
-    made = gym.make("JansenWalker-v0")
-    yield made
-    made.close()
+    return gym.make("JansenWalker-v0")
 
 
 def test_observation_is_the_documented_table(env):

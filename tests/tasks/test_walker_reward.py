@@ -13,9 +13,7 @@ from jansen_env.tasks.walking import JansenWalkerEnv
 
 @pytest.fixture
 def env():
-    made = gym.make("JansenWalker-v0")
-    yield made
-    made.close()
+    return gym.make("JansenWalker-v0")
 
 
 FACTORS = REWARD.names

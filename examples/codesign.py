@@ -1,6 +1,6 @@
 """Co-design in the loop: a search that scores lengths by policies that are trained on them.
 
-python examples/codesign.py train STEPS PARENT ROBOT ...   a policy for each robot; scores.json
+python examples/codesign.py train STEPS PARENT ROBOT ...   policies; scores.json, scores.png
 python examples/codesign.py search STEPS PARENT ROBOT DESIGNS   lengths, scored by policies
 
 PARENT is a model whose weights a training begins with, or `new`. `search` is CMA-ES from a robot
@@ -16,6 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from agents.design.design_plan import read_plan
 from agents.design.measures import GROUPS
@@ -74,6 +75,14 @@ def train_all(steps, parent, robots):
             scores[robot] = {**score(model, robot), "step": climbed(model, robot)}
             print(robot, scores[robot], flush=True)
             path.write_text(json.dumps(scores, indent=1))
+    figure = Figure((7.0, 4.4), layout="constrained")
+    axis = figure.subplots()
+    for robot, score_ in scores.items():
+        place = score_["step"], score_["steady_cost_of_transport"] or math.nan  # NaN: not walking
+        axis.plot(*place, "C0o")
+        axis.annotate(Path(robot).stem, place, (4, 3), textcoords="offset points", fontsize=8)
+    axis.set(xlabel="step climbed (m)", ylabel="cost of transport at 0.3 m/s")
+    figure.savefig("scores.png", dpi=110)
 
 
 def search(steps, parent, robot, designs):

@@ -25,9 +25,9 @@ BASE, SPEED, REACH = load_robot("robot", "built"), 0.3, 0.4  # m/s; share of the
 WORLD = {"robot": "built", "max_episode_steps": 300}
 NAMES, MIDDLE = [*lengths(BASE)], np.array([*lengths(BASE).values()])
 CELLS = {  # edges of the cells
-    "cost": np.geomspace(0.08, 0.8, 41),
-    "opening": np.linspace(0.0, 0.3, 41),
-    "height": np.linspace(0.45, 0.75, 41),
+    "cost": np.geomspace(0.08, 0.8, 51),
+    "opening": np.linspace(0.0, 0.3, 51),
+    "height": np.linspace(0.45, 0.75, 51),
 }
 COUNT, START, SPREAD, ALONG = 128, 0.05, 0.01, 0.2  # at once; steps as shares of the lengths
 
@@ -39,7 +39,7 @@ def load(path=DATA):
 
 
 def cells(data):
-    """Return (n, 3) cells of cost, opening and height, from 0; -1 or 40 where out of the map."""
+    """Return (n, 3) cells of cost, opening and height, from 0; -1 or 50 where out of the map."""
     return np.stack([np.digitize(data[name], edges) - 1 for name, edges in CELLS.items()], axis=1)
 
 
@@ -77,6 +77,11 @@ def varied(parents, rng):
     return UNIT * np.round(np.clip(new, (1.0 - REACH) * MIDDLE, (1.0 + REACH) * MIDDLE) / UNIT)
 
 
+def controlled(robot, advance, gain=1.0, bias=0.0):
+    """Return a robot with the controller (N m s/rad, N m); advance: of a turn of its crank, m."""
+    return Candidate(robot, np.array([2.0 * np.pi * SPEED / advance, gain, bias, 2.0]))
+
+
 def turning(new):
     """Return the candidate of lengths and its geometry, or None where no cell can have it."""
     try:
@@ -89,8 +94,7 @@ def turning(new):
     )  # False for NaN
     if not inside or shape["closure"] < 0.2 or shape["advance"] < 0.2:
         return None
-    numbers = np.array([2.0 * np.pi * SPEED / shape["advance"], 1.0, 0.0, 2.0])
-    return Candidate(robot, numbers), shape
+    return controlled(robot, shape["advance"]), shape
 
 
 def main():

@@ -22,7 +22,7 @@ from jansen_env.world.settings import load_robot
 
 SHEET = "2000x1000"  # mm, a common stock size
 WIDEST_KERF = 2.0  # mm: the smallest holes are 3.2
-WIDEST_FIT = 1.0  # mm, of a diameter
+WIDEST_FIT = 0.5  # mm, of a diameter: the smallest pins are 3
 
 
 def _sheet(text: str) -> complex:

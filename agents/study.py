@@ -252,7 +252,7 @@ def tasks_table(final: pd.DataFrame) -> str:
 
 def markdown(rows: list[dict[str, object]]) -> str:
     """Return a Markdown table of rows that may lack columns."""
-    table = pd.DataFrame(rows, dtype=object).fillna("")
+    table = pd.DataFrame(rows, dtype=object).fillna("").replace("nan", "")
     return str(table.to_markdown(index=False, tablefmt="github", disable_numparse=True))
 
 
@@ -285,8 +285,8 @@ def plot(returns: pd.DataFrame, path: Path) -> None:
             (line,) = axis.plot(x, values.apply(trim_mean, 0.25), label=name)
             axis.fill_between(x, values.min(), values.max(), color=line.get_color(), alpha=0.15)
         at_commands = np.sort(of_group["return"][of_group.command.notna()])
-        share = 1.0 - np.arange(len(at_commands)) / len(at_commands)
-        profile.step(at_commands, share, where="pre")
+        share = np.linspace(1.0, 0.0, len(at_commands) + 1)
+        profile.step(np.append(0.0, at_commands), share, where="post")
     baselines = returns[(returns.policy != "run") & returns.command.isna()]
     for i, (name, value) in enumerate(baselines.groupby("policy")["return"].first().items()):
         for axis in (by_steps, by_time):

@@ -5,7 +5,7 @@ python examples/headroom.py [ENV] [COMMANDS] [GENERATIONS] [STARTS]
 
 CMA-ES searches, for each command alone, a torque that is added to the policy's: a constant, four
 even harmonics of the crank angle, and feedback of crank speed, pitch, pitch rate and lag. The best
-mean is then scored beside the policy on other starts. It is a torque that can be had, so the most
+of it is then scored beside the policy on other starts. It is a torque that can be had, so the most
 that could be had is at least as much; a reward is at most 1, so it is at most the number of steps.
 """
 
@@ -25,7 +25,8 @@ ENV = sys.argv[1] if len(sys.argv) > 1 else "JansenWalkerBuilt-v0"
 grid = ",".join(map(str, find_benchmark(ENV).commands))
 text, *numbers = sys.argv[2:] + [grid, "30", "12"][max(0, len(sys.argv) - 2) :]
 GENERATIONS, STARTS = (int(number) for number in numbers)
-POPULATION, SPREAD, HARMONICS, SEED, OTHERS = 16, 0.05, 4, 140_000, 48
+POPULATION, SPREAD, HARMONICS, SEED, OTHERS = 16, 0.02, 4, 140_000, 48
+SCALES = np.array([0.1, 1.0, 0.2, 1.0])  # of what is fed back: each about 1 at most
 policy, env = pretrained.load(ENV), gym.make(ENV)
 COS, SIN, *FED = columns(
     env.unwrapped, "cos_crank_angle", "sin_crank_angle", "crank_speed", "sin_pitch", "pitch_rate",
@@ -41,7 +42,7 @@ class Corrected:
 
     def predict(self, seen, state=None, episode_start=None, deterministic=False):
         turn = ((seen[:, COS] + 1j * seen[:, SIN]) ** 2)[:, None] ** np.arange(1, HARMONICS + 1)
-        terms = [np.ones((len(seen), 1)), turn.real, turn.imag, seen[:, FED]]
+        terms = [np.ones((len(seen), 1)), turn.real, turn.imag, SCALES * seen[:, FED]]
         added = (self.numbers * np.concatenate(terms, axis=1)).sum(axis=1, keepdims=True)
         action = policy.predict(seen)[0] + added
         return np.clip(action, -1.0, 1.0).astype(np.float32), state
@@ -62,13 +63,15 @@ totals = []
 with_envs = make_envs(ENV, {}, POPULATION * STARTS)
 for command in (float(word) for word in text.split(",")):
     rng = np.random.default_rng(0)
-    options = {"popsize": POPULATION, "verbose": -9, "seed": np.nan,
+    options = {"popsize": POPULATION, "verbose": -9, "seed": np.nan, "CMA_elitist": True,
                "randn": lambda *shape, rng=rng: rng.standard_normal(shape)}  # fmt: skip
-    search = cma.CMAEvolutionStrategy(np.zeros(1 + 2 * HARMONICS + len(FED)), SPREAD, options)
+    nothing = np.zeros(1 + 2 * HARMONICS + len(FED))
+    search = cma.CMAEvolutionStrategy(nothing, SPREAD, options)
+    search.inject([nothing], force=True)
     for _ in range(GENERATIONS):
         asked = search.ask()
         search.tell(asked, -returns(np.array(asked), command, SEED + np.arange(STARTS), with_envs))
-    both = np.array([np.zeros_like(search.mean), search.mean])
+    both = np.array([nothing, search.best.x])
     base, best = returns(both, command, SEED + STARTS + np.arange(OTHERS))
     totals.append((base, max(base, best)))
     print(f"| {command:g} | {base:.1f} | {best:.1f} | {100 * (best / base - 1):.1f} |", flush=True)

@@ -154,6 +154,15 @@ def test_report_has_the_numbers_of_the_runs(finished, tmp_path):
     assert re.search(r"\| ppo +\| 2 +\| 4 +\|", (alone / "report.md").read_text())
 
 
+def test_the_page_is_the_report_of_its_data(tmp_path):
+    shipped = ROOT / "docs" / "training" / "algorithms"
+    folder = tmp_path / "algorithms"
+    folder.mkdir()
+    shutil.copy(shipped / "returns.csv", folder)
+    study.write_report(folder)
+    assert (folder / "report.md").read_text() == (shipped / "report.md").read_text()
+
+
 def test_another_study_in_the_same_folder_is_refused(finished):
     with pytest.raises(ValueError, match="holds another study, must be another --name"):
         study.run_study(study.parse(["--seeds", "3"]), finished)

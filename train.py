@@ -21,6 +21,7 @@ from pathlib import Path
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 
+from agents.pack import start_from
 from agents.training.config import add_run_flags, new_config
 from agents.training.runs import FINAL, last_state, locked, new_run_folder, record_run
 from agents.training.scores import outcome, score_run
@@ -49,6 +50,9 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--log-folder", default="logs", metavar="DIR", help="parent folder of runs, DIR/ALGO/ENV_N")
     add("--tensorboard-log", metavar="DIR",
         help="folder of TensorBoard's log, '' for none; default: the run's")  # fmt: skip
+    add("--start", metavar="MODEL",
+        help="weights to begin with: a run's folder, a model's zip or a policy's json file"
+        )  # fmt: skip
     add("--resume", metavar="RUN", help="run folder to continue from its last checkpoint")
     add("--no-progress", action="store_true", help="no progress bar")
     return parser.parse_args(arguments)
@@ -67,6 +71,8 @@ def main(arguments: list[str] | None = None) -> Path:
                 stack.enter_context(locked(folder))
                 resume = last_state(folder)
             model = prepare(config, resume)  # nothing is written before this is good
+            if args.start:
+                start_from(model, args.start)
             if not args.resume:
                 folder = new_run_folder(args.log_folder, config.algo, config.env)
                 stack.enter_context(locked(folder))
@@ -109,7 +115,7 @@ def _run(
 def _configure(args: argparse.Namespace) -> RunConfig:
     """Return the run's configuration; a ValueError where a file is missing or invalid."""
     if args.resume:
-        fixed = ("algo", "n_envs", "seed", "env_kwargs", "config")
+        fixed = ("algo", "n_envs", "seed", "env_kwargs", "config", "start")
         given = [f"--{name.replace('_', '-')}" for name in fixed if getattr(args, name) is not None]
         if given:
             raise ValueError(f"--resume takes these from the run's config.yml: {', '.join(given)}")

@@ -159,7 +159,21 @@ def to_sb3(packed: PretrainedPolicy) -> BaseAlgorithm:
         if (trained := getattr(config, name)) != value:
             raise ValueError(f"training.config.{name} is {shown(trained)}, must be {shown(value)}")
     model = prepare(config)
-    state = {name: torch.from_numpy(array.copy()) for name, array in packed.tensors.items()}
+    load_weights(model, packed.tensors)
+    return model
+
+
+def start_from(model: BaseAlgorithm, run: str | Path) -> None:
+    """Give a new model the weights of a policy, as :func:`read` takes it, to train on from there;
+    the noise of its actions stays the model's own. ValueError: no such policy, or it does not fit.
+    """
+    noise = {k: v.numpy() for k, v in model.policy.state_dict().items() if k == "log_std"}
+    load_weights(model, {**read(run)[0].tensors, **noise})
+
+
+def load_weights(model: BaseAlgorithm, tensors: pretrained.Tensors) -> None:
+    """Give a model the weights of a packed policy; ValueError: they do not fit."""
+    state = {name: torch.from_numpy(array.copy()) for name, array in tensors.items()}
     for name in model.policy.state_dict():
         if name.startswith(COPY):
             state[name] = state.get(name.replace(COPY, "critic.", 1), torch.empty(0))
@@ -167,7 +181,6 @@ def to_sb3(packed: PretrainedPolicy) -> BaseAlgorithm:
         model.policy.load_state_dict(state)
     except RuntimeError as error:
         raise ValueError(f"the weights do not fit: {one_line(error)}") from error
-    return model
 
 
 def check_equal(packed: PretrainedPolicy, policy: BasePolicy, count: int = 10_000) -> float:

@@ -1,9 +1,10 @@
 """How much of the terrain can be walked at all? A search finds a way where the policy fails.
 
 python examples/find_a_way.py [ENV] [LEVELS] [EPISODES] [COPIES]
-    (JansenWalkerRough-v0, levels 4,7,9, 40 episodes each, 64 copies)
+    (JansenWalkerRough-v0, levels 4,7,9, 40 episodes each, 64 copies; 0 for no search)
 
-The shipped policy walks each episode once. Where it does not succeed, copies of the robot walk
+The shipped policy walks each episode once, and ten times with a little noise, which tells how much
+of it is luck. Where it does not succeed, copies of the robot walk
 from the same start with noisy actions; every half second those behind go on from where those ahead
 are. One that succeeds proves that this robot can walk this terrain with its torque.
 """
@@ -22,6 +23,7 @@ defaults = ["JansenWalkerRough-v0", "4,7,9", "40", "64"]
 ENV, levels, *numbers = sys.argv[1:] + defaults[len(sys.argv) - 1 :]
 episodes, copies = (int(number) for number in numbers)
 TRIES, HOLD, SEGMENT, SHARE = 3, 5, 25, 0.25  # of noise, control steps; the share that is kept
+NOISE, REPEATS = 0.01, 10  # of the torque limit, standard deviation; runs with it
 policy = pretrained.load(ENV)
 env = gym.make(ENV)
 success = find_benchmark(ENV).metrics["success"].function
@@ -54,12 +56,29 @@ def search(envs, seed, command, level, rng):
     return bool((alive & (ahead >= way)).any())
 
 
+class NoisyPolicy:
+    """The policy with a little noise in its actions."""
+
+    def predict(self, observations, *_):
+        actions = policy.predict(observations)[0]
+        actions += rng.normal(0.0, NOISE, actions.shape).astype(np.float32)
+        return np.clip(actions, -1, 1), None
+
+
 rng = np.random.default_rng(0)
-envs = gym.make_vec(ENV, copies, info_keys=("x_position",))
+envs = gym.make_vec(ENV, max(copies, 1), info_keys=("x_position",))
 for level in (int(text) for text in levels.split(",")):
     commands, seeds = draw_episodes(env, episodes)
     options = {"terrain_level": np.full(episodes, level)}
-    walked = success(run_episodes(policy, ENV, {}, commands, seeds, options=options), env)
+    walked, *noisy = (
+        success(run_episodes(walker, ENV, {}, commands, seeds, options=options), env)
+        for walker in (policy, *[NoisyPolicy()] * REPEATS)
+    )
+    print(f"level {level}: policy {walked.mean():.2f}, with noise {np.mean(noisy):.2f}, "
+          f"at least once in {REPEATS} {np.max(noisy, 0).mean():.2f}, "
+          f"always {np.min(noisy, 0).mean():.2f}", flush=True)  # fmt: skip
+    if copies == 0:
+        continue
     failed = np.flatnonzero(walked < 1)
     ways = 0
     for i in failed:

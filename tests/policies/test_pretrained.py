@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,11 +15,13 @@ from safetensors.numpy import load, save
 from small_runs import NETWORKS, made_run
 
 from agents import pack
+from agents.training.train_model import prepare
 from jansen_env import paper_robot, sb3
 from jansen_env.commands import evaluate, named_policies
 from jansen_env.policies import pretrained
 from jansen_env.policies.pretrained import check_action
 from jansen_env.registration import IDS
+from jansen_env.sb3.run_config import make_config
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.rollout import make_env, make_envs
 
@@ -94,6 +97,7 @@ def test_scores_can_be_made_again(made, tmp_path, capsys):
 def test_policies_need_neither_torch_nor_the_extra():
     code = f"""
 import sys
+from dataclasses import replace
 for name in ("torch", "stable_baselines3", "yaml", "imageio", "scipy", "agents"):
     sys.modules[name] = None
 from jansen_env.policies import pretrained
@@ -151,6 +155,22 @@ def test_packing_keeps_the_policy(network, tmp_path):
         assert torch.equal(tensor, again.policy.state_dict()[name]), name
     assert policy.description["training"]["command"] == ["python train.py --seed 0"]
     assert policy.env_kwargs == {"max_episode_steps": 50}
+
+
+def test_training_starts_from_a_policy(made, tmp_path):
+    """With its weights, and the new run's noise; those of another network are refused."""
+    policy = pretrained.load_file(made[1])
+    config = make_config(policy.description["training"]["config"])
+    noisy = {**config.policy_kwargs, "log_std_init": -2.5}
+    model = prepare(replace(config, policy_kwargs=noisy))
+    pack.start_from(model, made[1])
+    for name, array in policy.tensors.items():
+        expected = np.full(1, -2.5, np.float32) if name == "log_std" else array
+        started = model.policy.state_dict()[name].numpy()
+        assert np.array_equal(started.ravel(), expected.ravel()), name
+    other = prepare(replace(config, policy_kwargs={**config.policy_kwargs, "net_arch": [3]}))
+    with pytest.raises(ValueError, match="the weights do not fit"):
+        pack.start_from(other, made[1])
 
 
 def test_what_cannot_be_packed_is_refused(made, tmp_path, capsys):

@@ -154,7 +154,7 @@ def test_what_all_variants_have_alike_holds_for_all_environments():
 
 def test_the_entry_for_the_zoo_is_the_shipped_configuration():
     """But for what the zoo has no key for."""
-    path = Path(__file__).parents[2] / "examples" / "entries" / "rl_zoo_ppo.yml"
+    path = Path(__file__).parents[2] / "examples" / "rl_zoo_ppo.yml"
     entry = yaml.safe_load(path.read_text())["JansenWalkerBuilt-v0"]
     names = {"dict": dict, "nn": argparse.Namespace(Tanh="tanh")}
     network = eval(entry.pop("policy_kwargs"), names)  # as the zoo does

@@ -274,7 +274,7 @@ def test_the_command_searches_and_reports(method, tmp_path, capsys):
     with pytest.raises(SystemExit):
         command.main(["clmb"])
     first = capsys.readouterr().err.splitlines()[0]
-    assert "plan is 'clmb', must be one of ['climb', 'cost', 'front', " in first
+    assert "plan is 'clmb', must be one of ['climb', 'cost', 'cost_climb', " in first
 
 
 def test_a_folder_has_one_search(tmp_path):

@@ -141,11 +141,11 @@ designs = pytest.mark.parametrize("name", DESIGNS)
 
 
 def wild(plant, rng):
-    """A random torque, 5 N m a leg at most."""
-    return rng.uniform(-5.0, 5.0) * len(plant.robot.legs)
+    """A random torque, for each leg up to a quarter of the motor's limit."""
+    return rng.uniform(-0.25, 0.25) * plant.robot.motor.torque_limit * len(plant.robot.legs)
 
 
-@designs
+@pytest.mark.parametrize("name", sorted(DESIGNS.keys() - {"weekend"}))  # its gear hardly turns
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
 def test_smooth_ground_cannot_push_it_along(name, restitution, rng, measured):
     """mu = 0: horizontal momentum keeps its value through touchdowns, falls and random torques."""
@@ -179,5 +179,5 @@ def test_rough_ground_accounts_for_all_momentum(name, restitution, rng, measured
         change_most = max(change_most, np.abs(change).max())
         if abs(plant.state[2]) > 1.2:
             plant.reset(0.0, rng.uniform(0.0, 2.0 * math.pi))
-    assert change_most > 0.1
+    assert change_most > 0.02 * plant.robot.mass
     measured("momentum not accounted for on rough ground", error, 3e-14, "N s")

@@ -279,7 +279,9 @@ def plot(returns: pd.DataFrame, path: Path) -> None:
     by_steps, by_time, profile = figure.subplots(1, 3)
     runs = returns[returns.policy == "run"]
     for group, of_group in runs.groupby("group", sort=False):
-        by_step, name = of_group.groupby("steps"), str(group).partition("_")[2]
+        name, runs_at = str(group).partition("_")[2], of_group.groupby("steps").seed
+        common = of_group[runs_at.transform("nunique") == of_group.seed.nunique()]
+        by_step = common.groupby("steps")
         values = by_step["return"]
         for axis, x in ((by_steps, values.mean().index), (by_time, by_step.cpu_seconds.mean())):
             (line,) = axis.plot(x, values.apply(trim_mean, 0.25), label=name)

@@ -13,7 +13,7 @@ ENGINE = Path(__file__).parent / "jansen_env" / "engine"
 
 
 def build(*options: str) -> str:
-    """Run the build for the target; return what it prints last."""
+    """Run the build for the target; return the last line that it prints."""
     target = os.environ.get("JANSEN_ENV_TARGET", "")
     command = [sys.executable, str(ENGINE / "build.py"), *options, *target.split()]
     printed = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout

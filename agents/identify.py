@@ -27,8 +27,6 @@ from jansen_env.commands.flags import Parser, positive_int
 from jansen_env.commands.predict import ENV, WITHIN
 from jansen_env.gravity import GRAVITY
 from jansen_env.robot import Robot
-from jansen_env.robot.buildable import ALUMINIUM
-from jansen_env.robot.designs import build_of
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.robot.lengths import lengths
 from jansen_env.robot.robot_file import write_robot
@@ -193,7 +191,7 @@ def main(arguments: list[str] | None = None) -> None:
     add("--out", type=Path, default=Path("identified.json"), metavar="FILE",
         help="robot file of the machine; default: %(default)s")  # fmt: skip
     add("--train", nargs="?", const=0, type=positive_int, metavar="STEPS",
-        help="then train a policy over what is left uncertain; STEPS in place of its own"
+        help="then train a policy over the identified ranges; default STEPS: the configuration's"
         )  # fmt: skip
     args = parser.parse_args(arguments)
     with parser.refusing():
@@ -211,7 +209,7 @@ def main(arguments: list[str] | None = None) -> None:
         }  # fmt: skip
         write_robot(args.out, predict.copy_of(robot, numbers, {}))
     drawn = randomize(robot, estimates)
-    config = "onboard.yml" if build_of(robot) is ALUMINIUM else "weekend.yml"
+    config = {"aluminium": "onboard.yml", "plywood": "weekend.yml"}[robot.material]
     run = ["--config", str(training_folder(ENV) / config),
            "--env-kwargs", json.dumps({"robot": str(args.out), "randomize": drawn})]  # fmt: skip
     print(

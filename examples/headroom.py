@@ -26,7 +26,7 @@ grid = ",".join(map(str, find_benchmark(ENV).commands))
 text, *numbers = sys.argv[2:] + [grid, "30", "12"][max(0, len(sys.argv) - 2) :]
 GENERATIONS, STARTS = (int(number) for number in numbers)
 POPULATION, SPREAD, HARMONICS, SEED, OTHERS = 16, 0.02, 4, 140_000, 48
-SCALES = np.array([0.1, 1.0, 0.2, 1.0])  # of what is fed back: each about 1 at most
+SCALES = np.array([0.1, 1.0, 0.2, 1.0])  # typical sizes of the signals fed back
 policy, env = pretrained.load(ENV), gym.make(ENV)
 COS, SIN, *FED = columns(
     env.unwrapped, "cos_crank_angle", "sin_crank_angle", "crank_speed", "sin_pitch", "pitch_rate",

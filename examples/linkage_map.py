@@ -1,4 +1,4 @@
-"""A map of walked linkages: lengths by cost of transport, by what they step over, by height.
+"""A map of walked linkages: lengths by cost of transport, step-over height and body height.
 
 python examples/linkage_map.py [MINUTES] [FILE]   (goes on with FILE, linkage_map.npz by default)
 
@@ -65,7 +65,7 @@ def toe_path(data, k, points=64):
 
 
 def varied(parents, rng):
-    """Return lengths (13,) near those of a parent, most along the way to another one."""
+    """Return lengths (13,): a parent's, moved along the line to another parent, with noise."""
     if not len(parents) or rng.random() < 0.01:
         name = ("built", "holy", "economy", "climber")[rng.integers(4)]
         new = np.array([*lengths(load_robot("robot", name)).values()])

@@ -36,7 +36,6 @@ from jansen_env.drawings.shaft_order import CollisionError, carried, layers, uni
 from jansen_env.drawings.sheets import MARGIN, nest, to_dxf, to_stl, to_svg
 from jansen_env.robot import ROBOTS, Leg
 from jansen_env.robot import buildable as built
-from jansen_env.robot.designs import build_of
 from jansen_env.robot.kinematics import joint_positions, toe_positions
 from jansen_env.robot.linkage import CRANK
 from jansen_env.robot.robot_file import read_robot, write_robot
@@ -327,7 +326,7 @@ def check_that_nothing_meets(robot):
         if other.z < item.top and item.z < other.top:
             apart = gap(corners(item), corners(other)).min()
             assert apart > item.part.outline.radius + other.part.outline.radius + 0.5
-    build, discs = build_of(robot), []  # leg, joint, both ends, radius
+    build, discs = robot.build, []  # leg, joint, both ends, radius
     hub, spacer, tube = 1e3 * build.hub_radius, 1e3 * build.spacer_radius, 1e3 * build.tube_radius
     radius, half = 1e3 * build.foot_radius, 500.0 * build.foot_width
     for unit, legs in enumerate(units(robot)):

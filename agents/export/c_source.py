@@ -18,7 +18,6 @@ from jansen_env.checks import shown
 from jansen_env.engine import walk_reward
 from jansen_env.gravity import GRAVITY
 from jansen_env.policies.pretrained import Harmonics, PretrainedPolicy, arguments_of
-from jansen_env.robot.designs import build_of
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.tasks.walking.walker_env import STEPS_PER_TURN
 from jansen_env.world import onboard
@@ -93,7 +92,7 @@ def firmware(policy: PretrainedPolicy, name: str) -> dict[str, str]:
         "paths": onboard.toe_paths(robot), "onboard": onboard, "rewards": walk_reward,
         "mean_path": abs(advance_per_turn(robot)) / STEPS_PER_TURN, "gravity": GRAVITY,
         "sensed": SENSED, "slowest": slowest, "fastest": fastest, "rate": arguments["torque_rate"],
-        "cells": build_of(robot).cells,
+        "cells": robot.build.cells,
     }  # fmt: skip
     return _render("firmware.c.in", FIRMWARE, policy, check_name(f"{name}_firmware"), values)
 

@@ -22,7 +22,6 @@ from jansen_env.drawings.shaft_order import Placed, carried, units
 from jansen_env.plain_yaml import read_yaml
 from jansen_env.robot import Robot
 from jansen_env.robot.buildable import ALUMINIUM
-from jansen_env.robot.designs import build_of
 from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.linkage import CRANK, FRAME
 
@@ -40,7 +39,7 @@ Picture = Callable[["Axes"], object]
 
 
 class Step(NamedTuple):
-    """A page: what to do, a line each; pictures side by side; what then weighs how much, kg."""
+    """A page: instructions, a line each; pictures side by side; what to weigh, and its mass, kg."""
 
     title: str
     text: list[str]
@@ -75,7 +74,7 @@ class Manual:
         return sum(part.mass for part in self.bill if part.name.startswith(names))
 
     def label(self, row: Row) -> str:
-        """Number, name and size of what sits on a pin."""
+        """Number, name and size of an entry of a stack."""
         many = f"{row.number} x " if row.number > 1 else ""
         number = row.item.body if row.item else self.numbers[row.name, row.size]
         return f"{many}no. {number}: {row.name} {row.size}".strip()
@@ -85,8 +84,8 @@ class Manual:
     ) -> Step:
         """A page of ``instructions.yml``, whose head explains its marks."""
         words, text = self.words[name], []
-        metal = build_of(self.robot) is ALUMINIUM
-        fields |= {"screws": "M4" if metal else "M3", "apart_screws": 40 if metal else 15}
+        build = self.robot.build
+        fields |= {"screws": build.screw, "apart_screws": 40 if build is ALUMINIUM else 15}
         for line in words["text"].format(**fields).splitlines():
             needed, mark, said = line.partition("? ")
             if mark and (needed.lstrip("!") in self.each) == needed.startswith("!"):
@@ -129,7 +128,7 @@ class Manual:
         return found
 
     def _unit(self, unit: int, number: int, which: str) -> list[Step]:
-        """Steps to a unit: a leg, pin by pin from its foot on, and what turns on the crank pin."""
+        """Steps to a unit: a leg, pin by pin from its foot, then the crank pin with its links."""
         on, linkage, bodies = self.units[unit], self.robot.linkage, self.robot.linkage.names
         share = next(part.each for part in self.bill if part.name.startswith("pin"))
         every = [item for item in self.placed if item.unit == unit]
@@ -214,9 +213,8 @@ class Manual:
             middle = complex(rims[0].mean())
             for toe in feet_of(self.robot, item.body):
                 way = (at[toe] - middle) / abs(at[toe] - middle)
-                _fill(
-                    axes, [at[toe] + 1e3 * build_of(self.robot).foot_radius * way * HALF], "black"
-                )
+                radius = 1e3 * self.robot.build.foot_radius
+                _fill(axes, [at[toe] + radius * way * HALF], "black")
             new = item.body in fresh
             _fill(axes, rims, f"C{item.body - 1}" if new else "0.88")
             if joint in at:
@@ -248,7 +246,7 @@ class Manual:
         _bare(axes)
 
     def draw_stack(self, stack: Stack, axes: Axes) -> None:
-        """What sits on a pin, from its head, on top, to its nut, with numbers and sizes."""
+        """Draw the stack on a pin, its head on top, with part numbers and sizes."""
         held = next((pin.other for pin in self.robot.linkage.pins if pin.joint == stack.joint), 0)
         bolt = [(self.label(row._replace(number=1)), "0.4", 0.55) for row in stack.bolt]
         blocks, title = [bolt[stack.axle]], f"Pin {stack.joint}"
@@ -274,13 +272,13 @@ class Manual:
         _bare(axes)
 
     def draw_motor(self, axes: Axes) -> None:
-        """What sits about the shaft's end."""
+        """Draw the parts around the motor's end of the shaft."""
         blocks = [("motor", "0.4", 0.9), ("motor-plate", "C4", 1.0), ("two spacers", "0.8", 0.34),
                   ("frame", "C0", 1.0), ("hub", "0.6", 0.4), ("crank", "C1", 0.7)]  # fmt: skip
         _column(axes, "About the shaft's end, from the outside in", blocks)
 
     def draw_wiring(self, axes: Axes) -> None:
-        """Boxes, and what runs between them."""
+        """Draw components as boxes, with labelled wires."""
         for name, x, y, other, u, v, wire in self.words["wires"]:
             axes.plot((x, u), (y, v), "k", lw=1.5)
             _name(axes, complex(x + u, y + v) / 2, wire)

@@ -27,7 +27,7 @@ from jansen_env.drawings.shaft_order import UNIT_GAP, Placed, units
 from jansen_env.robot import Plate, Robot, Triangle
 from jansen_env.robot import buildable as built
 from jansen_env.robot.buildable import ALUMINIUM, Build
-from jansen_env.robot.designs import build_of, with_built_feet
+from jansen_env.robot.designs import with_built_feet
 from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.linkage import CRANK, FRAME
 
@@ -72,11 +72,11 @@ BOUGHT = [
     Part("battery, at P", "LiPo 3S, 450 mAh, XT30", "58 x 31 x 16 mm", 1, 0.045),
     Part("controller, at P", "ESP32 board", "55 x 28 mm", 1, 0.01),
     Part("motor driver, at P", "DRV8874 board", "15 x 18 mm", 1, 0.003),
-    Part("IMU, at P", "MPU-6050 board", "20 x 16 mm", 1, 0.003),
+    Part("IMU, at O", "MPU-6050 board", "20 x 16 mm", 1, 0.003),
     Part("regulator, at P", "step-down, 5 V, 1 A", "20 x 11 mm", 1, 0.004),
     Part("wires, switch, fuse, divider, at P", "0.25 mm2, silicone", "1 m", 1, 0.025),
 ]  # fmt: skip
-"""Of the weekend robot: ``docs/weekend.md`` says what each must be able to do."""
+"""Parts to buy for the weekend robot; ``docs/weekend.md`` has their requirements."""
 
 
 def counts(robot: Robot) -> dict[str, int]:
@@ -86,7 +86,7 @@ def counts(robot: Robot) -> dict[str, int]:
     for body in (FRAME, CRANK):
         number[names[body - 1]] = max(legs, 2 * len(units(robot)))
     toes = legs * len(robot.linkage.toes)
-    feet = {"foot-shoe": toes} if build_of(robot) is ALUMINIUM else {"foot-disc": 2 * toes}
+    feet = {"foot-shoe": toes} if robot.build is ALUMINIUM else {"foot-disc": 2 * toes}
     return number | feet | {"motor-plate": 1}
 
 
@@ -98,7 +98,7 @@ def bill_of_materials(robot: Robot) -> list[Part]:
     Raises ValueError: a link that cannot be made.
     """
     legs, toes, links = len(robot.legs), len(robot.legs) * len(robot.linkage.toes), []
-    build = build_of(robot)
+    build = robot.build
     metal = build is ALUMINIUM
     for body, (name, link) in enumerate(zip(robot.linkage.names, robot.bodies, strict=True), 1):
         part = link_part(robot, body)
@@ -153,7 +153,7 @@ def bill_of_materials(robot: Robot) -> list[Part]:
 
 
 class Row(NamedTuple):
-    """What sits on a pin: a link, or what is put between two links or holds them."""
+    """An entry of a pin's stack: a link, or a spacer or fastener."""
 
     number: int
     name: str
@@ -164,8 +164,8 @@ class Row(NamedTuple):
 class Stack(NamedTuple):
     """A pin of a leg, or an axle through the machine.
 
-    ``rows`` are in order along the shaft, from the screw's head or the axle's end on; ``bolt`` is
-    what goes through them, and what holds them.
+    ``rows`` are in order along the shaft, from the screw's head or the axle's first end. ``bolt``
+    is the screw or axle through them, and its nut or collars.
     """
 
     joint: str
@@ -184,7 +184,7 @@ class Stack(NamedTuple):
 
 def stacks(robot: Robot, placed: Sequence[Placed]) -> list[Stack]:
     """Pins and axles of a machine, with washers, spacers and screws for the stack on each."""
-    build = build_of(robot)
+    build = robot.build
     metal = build is ALUMINIUM
     axis, crank_pin, *_ = [*robot.linkage.bodies[CRANK - 1][1]]
     groups = defaultdict[tuple[str, object, bool], list[Placed]](list)
@@ -239,16 +239,17 @@ def _between(build: Build, gap: float, axle: bool = False) -> list[Row]:
 
 
 def brace(robot: Robot) -> dict[str, object]:
-    """What ties frames of fore and back legs, whose pivots are ``apart`` mm, by ``angle`` degrees.
+    """Return the brace that ties a fore frame to a back frame, as fields of the instructions.
 
-    Its ``size``, and its mass in ``grams``, which the model leaves out.
+    ``angle`` between the frames, degrees; distance ``apart`` of their pivots ``pivot``, mm;
+    ``size``; ``grams``, which are not in the model's mass.
     """
     axis, joints = robot.linkage.axis, robot.linkage.joints
     pivot = next(joint for joint in robot.linkage.bodies[FRAME - 1][1] if joint != joints[axis])
     at = 1e3 * joint_positions(robot, "fore", 0.0)
     x, y = (at[joints.index(pivot)] - at[axis]).tolist()
     angle = 2.0 * math.atan2(abs(x), -y)
-    build = build_of(robot)
+    build = robot.build
     long, hole = 1e3 * build.brace_length, 2e3 * build.shaft_radius + 0.5
     high = build.frame_width * 1e3 + 0.5 * long * math.sin(abs(math.pi - angle))
     size = f"{long:g} x {high:.0f} x {UNIT_GAP:g} mm, hole {hole:g}"
@@ -267,7 +268,7 @@ def hardware(robot: Robot, placed: Sequence[Placed]) -> list[Part]:
 
     Its masses are in the shares of :func:`bill_of_materials`.
     """
-    pieces, end, build = Counter[tuple[str, str]](), placed[-1].top, build_of(robot)
+    pieces, end, build = Counter[tuple[str, str]](), placed[-1].top, robot.build
     metal, (pin, bush, shaft, hub) = build is ALUMINIUM, radii(build)
     for stack in stacks(robot, placed):
         for row in (*stack.bolt, *stack.rows):
@@ -280,10 +281,10 @@ def hardware(robot: Robot, placed: Sequence[Placed]) -> list[Part]:
                 size = f"{bore:g} x {2 * hole.radius:g} x {thick[item.body]:g} mm"
                 pieces["bush", size] += 1
         for _ in feet_of(robot, item.body):
-            screw, sides, count = ("M4", 1, 2) if metal else ("M3", 2, 1)  # sides with a shoe
+            sides, count = (1, 2) if metal else (2, 1)  # sides of the foot with a shoe; screws
             length = _standard(thick[item.body] + sides * SHOE_THICKNESS + NUT)
-            pieces["socket screw ISO 4762", f"{screw} x {length:g} mm"] += count
-            pieces["lock nut DIN 985", screw] += count
+            pieces["socket screw ISO 4762", f"{build.screw} x {length:g} mm"] += count
+            pieces["lock nut DIN 985", build.screw] += count
     webs = [item for item in placed if item.body == CRANK]
     tops = [-SHAFT_END, *(item.top for item in webs[1::2])]
     bottoms = [*(item.z for item in webs[::2]), end + SHAFT_END]
@@ -298,14 +299,13 @@ def hardware(robot: Robot, placed: Sequence[Placed]) -> list[Part]:
     pieces["countersunk screw ISO 10642", f"M3 x {length:g} mm"] += 2 * len(webs)
     if metal:
         pieces["spring pin ISO 8752", f"3 x {2.0 * hub - 1.0:g} mm"] += len(webs)
-    screw, plate = "M4" if metal else "M3", 1e3 * build.plate_thickness
-    length = _standard(thick[FRAME] + SHAFT_END + plate + NUT)
-    pieces["countersunk screw ISO 10642", f"{screw} x {length:g} mm"] += 2
-    pieces["lock nut DIN 985", screw] += 2
+    length = _standard(thick[FRAME] + SHAFT_END + 1e3 * build.plate_thickness + NUT)
+    pieces["countersunk screw ISO 10642", f"{build.screw} x {length:g} mm"] += 2
+    pieces["lock nut DIN 985", build.screw] += 2
     if len({leg.side for leg in robot.legs}) > 1:
         ties = max(len(units(robot)) - 1, 1)
         pieces["brace", str(brace(robot)["size"])] += ties
-        pieces["countersunk screw ISO 10642", f"{screw} x 10 mm"] += 4 * ties
+        pieces["countersunk screw ISO 10642", f"{build.screw} x 10 mm"] += 4 * ties
     pieces["spacer", f"{2e3 * build.spacer_radius:g} x 1.9 x {SHAFT_END:g} mm"] += 2
     note = "counted in the masses above"
     materials = {**MATERIALS, "brace": build.material}
@@ -340,7 +340,7 @@ def machine(robot: Robot) -> Robot:
     """
     masses = {part.name: part.mass for part in bill_of_materials(robot)}
     links = (_link(robot, k, masses[name]) for k, name in enumerate(robot.linkage.names, 1))
-    return with_built_feet(replace(robot, bodies=tuple(links)), build_of(robot))
+    return with_built_feet(replace(robot, bodies=tuple(links)))
 
 
 def _link(robot: Robot, body: int, flat: float) -> Plate:
@@ -348,7 +348,7 @@ def _link(robot: Robot, body: int, flat: float) -> Plate:
 
     ``flat``: mass of its flat parts in all legs, kg.
     """
-    part, legs, build = link_part(robot, body), len(robot.legs), build_of(robot)
+    part, legs, build = link_part(robot, body), len(robot.legs), robot.build
     mass = flat / legs
     area, centre, inertia = _moments(part)
     points = [(mass, centre)]

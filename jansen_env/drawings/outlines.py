@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from jansen_env.robot import Robot
 from jansen_env.robot import buildable as built
 from jansen_env.robot.buildable import ALUMINIUM, Build
-from jansen_env.robot.designs import build_of
 from jansen_env.robot.linkage import CRANK, FRAME
 
 Points = NDArray[np.complex128]
@@ -211,7 +210,7 @@ def link_part(robot: Robot, body: int) -> CutPart:
 
     Raises ValueError: holes are too near to one another; names them.
     """
-    build, (name, joints) = build_of(robot), robot.linkage.bodies[body - 1]
+    build, (name, joints) = robot.build, robot.linkage.bodies[body - 1]
     corners = [cmath.rect(1e3 * reach, turn) for reach, turn in robot.bodies[body - 1].corners]
     at = dict(zip(joints, corners, strict=True))
     flat = Round(hull(corners))
@@ -248,7 +247,7 @@ def link_part(robot: Robot, body: int) -> CutPart:
 
 def _pin_holes(robot: Robot, body: int, at: dict[str, complex]) -> list[Round]:
     """Holes of the joints: for a pin in the body that holds it, for a bush in the others."""
-    build, holders = build_of(robot), {pin.joint: pin.other for pin in reversed(robot.linkage.pins)}
+    build, holders = robot.build, {pin.joint: pin.other for pin in reversed(robot.linkage.pins)}
     pin, bush, shaft, _ = radii(build)
     holes = {joint: pin if holders[joint] == body else bush for joint in at if joint in holders}
     if body in (FRAME, CRANK):  # for the shaft's bush, and for the hub's spigot
@@ -309,7 +308,7 @@ def cut_parts(robot: Robot) -> list[CutPart]:
     Raises ValueError: a part cannot be made; names it.
     """
     parts = [link_part(robot, body).lying() for body in range(1, len(robot.bodies) + 1)]
-    if (build := build_of(robot)) is not ALUMINIUM:
+    if (build := robot.build) is not ALUMINIUM:
         parts += [part._replace(density=build.density) for part in _plywood_parts(build)]
         return [part._replace(number=k) for k, part in enumerate(parts, 1)]
     shoe = complex(2e3 * built.FOOT_RADIUS, 1e3 * built.FOOT_WIDTH)
@@ -337,10 +336,10 @@ def _plywood_parts(build: Build) -> list[CutPart]:
 
 
 def coupon(thickness: float, build: Build = ALUMINIUM) -> list[CutPart]:
-    """What to cut first, mm: a plate with holes for a pin and for a bush, a slot, and nine pegs.
+    """The pieces to cut first, mm: a plate with holes for a pin and a bush and a slot; nine pegs.
 
-    Marks of holes say by how much they are larger than what goes in; that of the widest peg that
-    goes into the slot is the kerf that the drawing makes no room for.
+    A hole's mark is its clearance. The mark of the widest peg that goes into the slot is the kerf
+    that the drawing makes no room for.
     """
     pin, bush, *_ = radii(build)
     pitch, slot, holes, labels = 18.0, Round((15 + 12j, 45 + 12j), 4.0), [], []

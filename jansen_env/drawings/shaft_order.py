@@ -17,7 +17,6 @@ import numpy as np
 
 from jansen_env.drawings.outlines import CutPart, Points, feet_of, gap, link_part
 from jansen_env.robot import Robot
-from jansen_env.robot.designs import build_of
 from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.linkage import CRANK, FRAME
 
@@ -104,7 +103,7 @@ def _meet(solid: Solid, other: Solid) -> bool:
 
 def _solids(robot: Robot, legs: Sequence[int]) -> list[Solid]:
     """Bodies of the legs, leg by leg, then all discs but those of axles that nothing meets."""
-    build, linkage = build_of(robot), robot.linkage
+    build, linkage = robot.build, robot.linkage
     spacer, psi = 1e3 * build.spacer_radius, 2.0 * math.pi / SAMPLES * np.arange(SAMPLES)
     axis, pin, *_ = [*linkage.bodies[CRANK - 1][1]]  # of all legs
     bodies: list[Solid] = []
@@ -134,7 +133,7 @@ def _solids(robot: Robot, legs: Sequence[int]) -> list[Solid]:
 
 def _swept(robot: Robot, pivot: Solid, bodies: Sequence[Solid]) -> bool:
     """Whether bodies of a leg sweep over the tube about a fixed pivot of either side."""
-    tube = pivot._replace(radius=1e3 * build_of(robot).tube_radius)
+    tube = pivot._replace(radius=1e3 * robot.build.tube_radius)
     tubes = [tube, tube._replace(places=-tube.places.conj())]
     del tubes[len({leg.side for leg in robot.legs}) :]
     return any(_meet(t, body) for body in bodies for t in tubes[pivot.joints in body.joints :])
@@ -243,7 +242,7 @@ def layers(robot: Robot) -> list[Placed]:
             known[sides] = spots, {*robot.linkage.bodies[0][1]} - short
         spots, through = known[sides]
         heights = [0.0] * (1 + spots[-1][0])
-        heights[WEB - 1] = heights[-WEB] = 1e3 * build_of(robot).hub_length
+        heights[WEB - 1] = heights[-WEB] = 1e3 * robot.build.hub_length
         for layer, k in spots:
             heights[layer] = max(heights[layer], parts[k % len(parts)].thickness)
         heights = [height or EMPTY for height in heights]

@@ -14,7 +14,6 @@ from jansen_env.drawings.materials import bill_of_materials, counts, hardware, t
 from jansen_env.drawings.outlines import CutPart, Round, coupon, cut_parts, rectangle, sides
 from jansen_env.drawings.shaft_order import CollisionError, layers
 from jansen_env.robot import Robot
-from jansen_env.robot.designs import build_of
 
 MARGIN = 5.0  # mm, between parts, and to the edge of a sheet
 COUPON = 215 + 125j  # mm, of the sheet that the coupon lies on
@@ -166,7 +165,7 @@ def drawings(
     kerf: float = 0.0,
     fit: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> tuple[dict[str, str | bytes], str]:
-    """Return the contents of every file by its name, and what to tell the user.
+    """Return the contents of every file by its name, and the summary for the user.
 
     Without instructions and hardware where links collide in any order.
 
@@ -188,12 +187,12 @@ def drawings(
         same = [part for part in parts if part.thickness == thickness]
         sheets = nest([part for part in same for _ in range(number[part.name])], sheet)
         drawn |= {f"sheets/{thickness:g}mm_{k}": (laid, sheet) for k, laid in enumerate(sheets, 1)}
-    first = [part.with_kerf(kerf) for part in coupon(exact[0].thickness, build_of(robot))]
+    first = [part.with_kerf(kerf) for part in coupon(exact[0].thickness, robot.build)]
     drawn["coupon"] = nest(first, COUPON)[0], COUPON
     files: dict[str, str | bytes] = {f"{name}.dxf": to_dxf(*what) for name, what in drawn.items()}
     files |= {f"{name}.svg": to_svg(*what) for name, what in drawn.items()}
     files |= {f"parts/{part.name}.stl": to_stl([part]) for part in exact}
-    files["coupon.stl"] = to_stl(nest(coupon(exact[0].thickness, build_of(robot)), COUPON)[0])
+    files["coupon.stl"] = to_stl(nest(coupon(exact[0].thickness, robot.build), COUPON)[0])
     mass = sum(part.mass for part in bill)
     text = f"{sum(number.values())} parts to cut; the machine weighs {mass:.2f} kg with all others"
     if abs(mass - robot.mass) > ALIKE * robot.mass:

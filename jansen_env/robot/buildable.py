@@ -40,11 +40,12 @@ FOOT_MASS = TREAD_MASS + SHOE_MASS
 
 
 class Build(NamedTuple):
-    """What a machine is made of; SI units. Default: as the built robot.
+    """Sizes and materials of a machine's parts; SI units. Default: the built robot's.
 
-    ``bush``: of a turning link's hole, radius more than the pin's. ``hub_screws``: from the axis to
-    either screw. ``cross_member_mass``, ``battery_mass``: at the pivots P. ``tread_layers``: beside
-    a link, that half the width of its tread takes. ``cells``: of the battery.
+    ``screw``: thread of the screws of feet, motor and brace. ``bush``: radius of a turning link's
+    hole less the pin's. ``hub_screws``: from the axis to either screw. ``cross_member_mass``,
+    ``battery_mass``: at the pivots P. ``tread_layers``: beside a link, covered by half of its
+    tread's width. ``cells``: of the battery.
     """
 
     material: str = "EN AW-6060"
@@ -56,6 +57,7 @@ class Build(NamedTuple):
     frame_width: float = FRAME_WIDTH
     pin_share: float = PIN_SHARE
     pin_radius: float = PIN_RADIUS
+    screw: str = "M4"
     bush: float = 1e-3
     bearing_friction: float = BEARING_FRICTION
     shaft_radius: float = 6e-3
@@ -81,12 +83,15 @@ ALUMINIUM = Build()
 PLYWOOD = Build(
     material="birch plywood", density=680.0, bar_thickness=3e-3, lower_rod_thickness=3e-3,
     plate_thickness=3e-3, width=10e-3, frame_width=12e-3, pin_share=1.2e-3, pin_radius=1.5e-3,
-    bush=0.1e-3, bearing_friction=0.4, shaft_radius=2e-3, hub_radius=10e-3, hub_length=5e-3,
-    hub_screws=6.35e-3, spacer_radius=3.5e-3, tube_radius=4e-3, brace_length=0.06, axis_mass=0.147,
-    cross_member_mass=0.0, battery_mass=0.114, foot_radius=7e-3, foot_width=9e-3,
-    tread_layers=1, foot_mass=2.9e-3, foot_stiffness=(6e4, 1.5e4), motor="lp_25d_75", cells=3,
+    screw="M3", bush=0.1e-3, bearing_friction=0.4, shaft_radius=2e-3, hub_radius=10e-3,
+    hub_length=5e-3, hub_screws=6.35e-3, spacer_radius=3.5e-3, tube_radius=4e-3,
+    brace_length=0.06, axis_mass=0.147, cross_member_mass=0.0, battery_mass=0.114,
+    foot_radius=7e-3, foot_width=9e-3, tread_layers=1, foot_mass=2.9e-3,
+    foot_stiffness=(6e4, 1.5e4), motor="lp_25d_75", cells=3,
 )  # fmt: skip
 """The weekend robot's: M3 screws turn in plain holes of plywood."""
+BUILDS = {"aluminium": ALUMINIUM, "plywood": PLYWOOD}
+"""By :attr:`jansen_env.Robot.material`."""
 
 
 class Inertial(NamedTuple):

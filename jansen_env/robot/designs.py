@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from jansen_env.engine.mathematics import atan2, hypot
 from jansen_env.robot import buildable as built
-from jansen_env.robot.buildable import ALUMINIUM, PLYWOOD, Build
+from jansen_env.robot.buildable import PLYWOOD
 from jansen_env.robot.linkage import JANSEN
 from jansen_env.robot.links import CRANK_RADIUS, Bar, Compliance, Link, Plate, Triangle, phased_legs
 from jansen_env.robot.motor import MOTORS
@@ -69,8 +69,8 @@ WEEKEND = {
     "foot": Plate(((0.0423264, 0.0087808), (0.0087867, 0.054),
                    (-0.0287008, -0.0364384)), 1.0061e-02, 1.7474e-05),
 }  # fmt: skip
-"""Links of plywood at a quarter of the economy robot's lengths, with what they carry, as drawn:
-:func:`jansen_env.drawings.materials.machine` has the same masses and inertias."""
+"""Links of plywood, a quarter of the economy robot's, with the parts fixed to them: masses and
+inertias of :func:`jansen_env.drawings.materials.machine`."""
 
 
 BEARING_LOADS = {
@@ -103,9 +103,10 @@ def weekend_robot(phases: int = 2) -> Robot:
     share = 4.0 / legs  # of motor and battery; a frame of plywood is 7 % of it
     frame = replace(frame, mass=share * frame.mass, inertia=share * frame.inertia)
     robot = _with_links(0.1301, {**WEEKEND, "frame": frame}, phases)
+    robot = replace(robot, material="plywood")
     friction = tuple(round(built.dry_torque(load, PLYWOOD), 5) for load in BEARING_LOADS["weekend"])
     robot = replace(robot, damping=(0.0,) * len(JANSEN.damped), bearing_friction=friction)
-    return with_built_feet(robot, PLYWOOD)
+    return with_built_feet(robot)
 
 
 def _with_hardware(robot: Robot, bearing_loads: tuple[float, ...]) -> Robot:
@@ -115,19 +116,15 @@ def _with_hardware(robot: Robot, bearing_loads: tuple[float, ...]) -> Robot:
     return replace(robot, damping=(0.0,) * len(JANSEN.damped), bearing_friction=friction)
 
 
-def with_built_feet(robot: Robot, build: Build = ALUMINIUM) -> Robot:
-    """Return the robot with a build's feet of rubber, and its motor."""
+def with_built_feet(robot: Robot) -> Robot:
+    """Return the robot with the feet of rubber and the motor that go with its material."""
+    build = robot.build
     normal, tangential = build.foot_stiffness
     damping = [round(built.foot_damping(k, robot.mass, build), 1) for k in build.foot_stiffness]
     give = Compliance(normal, damping[0], tangential, damping[1])
     return replace(
         robot, pad_radius=build.foot_radius, motor=MOTORS[build.motor], pad_compliance=give
     )
-
-
-def build_of(robot: Robot) -> Build:
-    """Return what a robot's parts are made of; plywood if its pads are the weekend robot's."""
-    return PLYWOOD if robot.pad_radius == PLYWOOD.foot_radius else ALUMINIUM
 
 
 def with_built_parts(robot: Robot) -> Robot:

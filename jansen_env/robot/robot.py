@@ -8,6 +8,7 @@ from typing import Any
 
 from jansen_env.checks import entries, instance, one_of, positive, shown, within
 from jansen_env.engine.mathematics import atan2
+from jansen_env.robot.buildable import BUILDS, Build
 from jansen_env.robot.linkage import JANSEN, Linkage
 from jansen_env.robot.links import (
     CRANK_RADIUS,
@@ -55,6 +56,8 @@ class Robot:
         payload: extra rigid load on the chassis.
         motor: what turns the crank; pad_compliance: how the pads give.
         bearing_friction: Coulomb friction torque of each of ``linkage.bearings``, N m.
+        material: of the parts that are drawn and cut, one of :data:`.buildable.BUILDS`; the masses
+            are those of ``bodies``.
 
     Raises:
         ValueError: an argument of another kind or out of range.
@@ -72,6 +75,7 @@ class Robot:
     motor: Motor = IDEAL
     pad_compliance: Compliance = RIGID
     bearing_friction: tuple[float, ...] = (0.0,) * len(JANSEN.bearings)
+    material: str = "aluminium"
 
     def __post_init__(self) -> None:
         instance("Robot.linkage", self.linkage, Linkage)
@@ -79,6 +83,7 @@ class Robot:
         instance("Robot.payload", self.payload, Payload)
         instance("Robot.motor", self.motor, Motor)
         instance("Robot.pad_compliance", self.pad_compliance, Compliance)
+        one_of("Robot.material", self.material, BUILDS)
         set_checked(self, within_largest, "frame_angle")
         set_checked(self, positive, "pad_radius")
         within("Robot.pad_radius", self.pad_radius, 0.0, LONGEST)
@@ -143,6 +148,11 @@ class Robot:
             one_of("body", name, self.linkage.names)
         pairs = zip(self.linkage.names, self.bodies, strict=True)
         return replace(self, bodies=tuple(links.get(name, body) for name, body in pairs))
+
+    @property
+    def build(self) -> Build:
+        """Sizes and materials of the parts to be cut and ordered."""
+        return BUILDS[self.material]
 
     @property
     def toes(self) -> tuple[tuple[int, int], ...]:

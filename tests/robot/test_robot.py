@@ -37,6 +37,7 @@ REFUSED = [
     (lambda: phased_legs(0), "phases is 0"),
     (lambda: paper_robot(101), "phases is 101, must be .* from 1 to 100"),
     (lambda: Robot(pad_radius=0.0), "Robot.pad_radius is 0.0"),
+    (lambda: Robot(material="steel"), "Robot.material is 'steel'"),
     (lambda: Robot(damping=(0.1,) * 9), "Robot.damping has 9 values"),
     (lambda: Robot(damping=(-0.1,) * 10), "Robot.damping is -0.1"),
     (lambda: Robot(bearing_friction=(0.1,)), "bearing_friction has 1 values"),

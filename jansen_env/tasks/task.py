@@ -56,11 +56,11 @@ class Task(ABC):
     TERMS: ClassVar[tuple[str, ...]] = ()
     OPTIONS: ClassVar[tuple[str, ...]] = ()
     SETTABLE: ClassVar[tuple[str, ...]] = ()
-    ENGINE: ClassVar[ModuleType] = readings  # with the kernels finish_step and describe
-    ROW: ClassVar[np.dtype[np.void] | None] = (
-        None  # dtype of a compiled task, in place of INFO and TERMS
-    )
-    COMPILED: ClassVar[tuple[str, ...]] = ()  # observations that the kernels fill
+    # Of compiled tasks: a module with the kernels finish_step and describe, the dtype in place of
+    # INFO and TERMS, and the observations that the kernels fill.
+    ENGINE: ClassVar[ModuleType] = readings
+    ROW: ClassVar[np.dtype[np.void] | None] = None
+    COMPILED: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, settings: WorldSettings, threads: int | None = None) -> None:
         n = self.num_envs = settings.count
@@ -68,9 +68,7 @@ class Task(ABC):
         self.world = World(settings, threads)
         self.control_dt, self.truncated = self.world.control_dt, self.world.truncated
         terms = [(name, float) for name in self.TERMS]
-        row: np.dtype[np.void] = self.ROW or np.dtype(
-            [("info", [*self.INFO.items()]), ("reward", terms)]
-        )
+        row = self.ROW or [("info", [*self.INFO.items()]), ("reward", terms)]
         self.data: Rows = np.zeros(n, row)
         self.rewards, self.ended = np.zeros(n), np.zeros(n, bool)
         self.observed = self._order(self.world.observations) + tuple(self.world.lengths.entries)
@@ -305,7 +303,7 @@ class Task(ABC):
 
     def _kernel_arguments(self) -> tuple[Arguments, Arguments]:
         """Return the arguments of the engine's ``finish_step`` and ``describe`` but the first."""
-        return self.world.step_arguments(), self.world.describe_arguments()
+        return self.world.kernel_arguments()
 
     def _change(self, i: int, changes: Values) -> Callable[[], None]:
         """Check changes of :attr:`SETTABLE`; return a function that applies them.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache, partial
+from typing import NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -69,11 +70,22 @@ PARTS = ("payload", "motor", "pad_compliance")  # of a robot, which changes repl
 KEPT = ("friction", "restitution", *CHANGES)
 
 
+class Start(NamedTuple):
+    """An episode to come."""
+
+    angle: float  # rad, of the crank
+    speed: float  # rad/s
+    plan: Plan
+    seed: int  # of what it draws later
+    pushes: Array  # (k, 3) its own
+    random_pushes: bool
+    numbers: Numbers  # of the task
+
+
 class World:
     """n robots in their surroundings; it knows no commands, rewards or ends of episodes.
 
-    It answers named questions on all robots, (n,) or (n, toes) in SI units: :attr:`pitch`,
-    :attr:`x_velocity`, :attr:`toe_load` ... Speeds, torques and works are of the last step.
+    It answers named questions on all robots, by arrays (n,) and (n, toes) to be read.
 
     Args:
         settings: arguments. threads: cores to use; None: chosen by batch size.
@@ -85,7 +97,14 @@ class World:
         data: (n,) rows of the engine: last actions, ``info`` and ``energy``.
         information, energies, arrays, groups: information on robots, see
             :class:`jansen_env.tasks.information.InfoBuilder`.
-        observations: what it can observe. toe_load: (n, toes) normal forces / weight.
+        observations: what it can observe.
+        x_position: m, of the crank axis. pitch: rad, of the chassis. pitch_rate: rad/s.
+        crank_angle: rad, relative to the chassis, counter-clockwise, not wrapped.
+        crank_speed: rad/s, counter-clockwise. weight: N, of robots and payloads.
+        x_velocity: m/s, of the crank axis, crank_torque: N m, of the motor, both means over the
+            last step. motor_work: J, in the last step. action: of the last step, clipped.
+        slip: (n, toes) m, that each toe slid while loaded in the last step. toe_load: (n, toes)
+            normal forces / weight.
         control_dt: s for which an action is held. elapsed: (n,) control steps since the reset.
         full_torque: (n,) N m, the torque of action 1, with its sign.
         torque: (n,) N m, that the last step ended with; ``earlier`` (n,) held in its first
@@ -183,8 +202,14 @@ class World:
             self.onboard.paths[which] = [*map(cache(toe_paths), robots)]
 
     def _share_arrays(self) -> None:
-        """Let information show the arrays of others."""
-        self.information, self.energies = self.data["info"], self.data["energy"]
+        """Let questions and information show the arrays of others."""
+        states, info, energy = self.plant.states, self.data["info"], self.data["energy"]
+        self.x_position, self.pitch, self.crank_angle = states[:, 0], states[:, 2], states[:, 3]
+        self.pitch_rate, self.crank_speed = states[:, 6], states[:, 7]
+        self.x_velocity, self.crank_torque = info["x_velocity"], info["crank_torque"]
+        self.motor_work, self.action = energy["motor_work"], self.data["action"]
+        self.weight, self.slip = self.data["weight"], self.plant.slip
+        self.information, self.energies = info, energy
         if self.held:
             self.information = self.information[[*readings.HELD_INFORMATION]]
             self.energies = self.energies[[*readings.HELD_ENERGIES]]
@@ -224,64 +249,9 @@ class World:
     # Named questions. What the engine says of the last step is exact, whatever sensors measure.
 
     @property
-    def x_position(self) -> Array:
-        """(n,) m, of the crank axis."""
-        return self.plant.states[:, 0]
-
-    @property
-    def pitch(self) -> Array:
-        """(n,) rad, of the chassis."""
-        return self.plant.states[:, 2]
-
-    @property
-    def pitch_rate(self) -> Array:
-        """(n,) rad/s."""
-        return self.plant.states[:, 6]
-
-    @property
-    def crank_angle(self) -> Array:
-        """(n,) rad, relative to the chassis, counter-clockwise, not wrapped."""
-        return self.plant.states[:, 3]
-
-    @property
-    def crank_speed(self) -> Array:
-        """(n,) rad/s, counter-clockwise."""
-        return self.plant.states[:, 7]
-
-    @property
-    def x_velocity(self) -> Array:
-        """(n,) m/s, of the crank axis, the mean over the last step."""
-        return self.data["info"]["x_velocity"]
-
-    @property
-    def crank_torque(self) -> Array:
-        """(n,) N m, of the motor, the mean over the last step."""
-        return self.data["info"]["crank_torque"]
-
-    @property
-    def action(self) -> Array:
-        """(n,) of the last step, clipped."""
-        return self.data["action"]
-
-    @property
-    def motor_work(self) -> Array:
-        """(n,) J, in the last step."""
-        return self.data["energy"]["motor_work"]
-
-    @property
     def motor_power(self) -> Array:
         """(n,) W, the mean over the last step."""
         return self.motor_work / self.control_dt
-
-    @property
-    def slip(self) -> Array:
-        """(n, toes) m, that each toe slid while loaded in the last step."""
-        return self.plant.slip
-
-    @property
-    def weight(self) -> Array:
-        """(n,) N, of robots and payloads."""
-        return self.data["weight"]
 
     @property
     def non_toe_contact(self) -> Bools:
@@ -310,40 +280,27 @@ class World:
             ValueError: an option out of range, FloatingPointError: the robot diverges where it is
                 placed. Nothing has changed then but the generators.
         """
-        robots, plant = list(zip(which.tolist(), generators, options, strict=True)), self.plant
-        starts = [self._draw_start(*robot, draw) for robot in robots]
-        seeds = [  # of what an episode draws later; None for a held robot without draws
-            None if self.held and not self.lengths.factors[i] else int(rng.integers(2**63))
-            for i, rng, _ in robots
-        ]
-        plans = [
-            self.episodes.plan(
-                *robot, start[2], progress, self._plan_robot(robot[0], robot[2], seed)
-            )
-            for robot, start, seed in zip(robots, starts, seeds, strict=True)
-        ]
-        given = [named.get("pushes") for named in options]
-        schedules = [
-            NO_PUSHES if pushes is None else check_schedule("options['pushes']", pushes)
-            for pushes in given
-        ]
-        angles, speeds = [start[0] for start in starts], [start[1] for start in starts]
+        robots = zip(which.tolist(), generators, options, strict=True)
+        starts = [self._plan_start(*robot, draw, progress) for robot in robots]
+        plant, angles = self.plant, [start.angle for start in starts]
+        speeds = [start.speed for start in starts]
+        plans = [start.plan for start in starts]
         self._begin(which, plans, lambda: plant.place(which, angles, speeds))
         if self.episodes.curriculum is not None:
             self.episodes.level[which] = self.episodes.values["terrain_level"][which]
-        self.seeds[which] = [seed or 0 for seed in seeds]
+        self.seeds[which] = [start.seed for start in starts]
         self.toe_load[which] = plant.contact_force[which, :, 1] / self.weight[which, None]
         self._begin_delay(which, self.episodes.values["delay"][which])
         self._clear_episode(which)
-        for i, schedule, pushes in zip(which.tolist(), schedules, given, strict=True):
-            self.pushes.schedule(i, schedule, random=pushes is None)
+        for i, start in zip(which.tolist(), starts, strict=True):
+            self.pushes.schedule(i, start.pushes, start.random_pushes)
         self.truncated[which] = False
-        return [start[3] for start in starts]
+        return [start.numbers for start in starts]
 
-    def _draw_start(
-        self, i: int, rng: np.random.Generator, options: Values, draw: Draw
-    ) -> tuple[float, float, float, Numbers]:
-        """Draw crank angle (rad) and speed (rad/s), delay (s), and the task's numbers."""
+    def _plan_start(
+        self, i: int, rng: np.random.Generator, options: Values, draw: Draw, progress: Progress
+    ) -> Start:
+        """Draw how a robot's next episode starts; nothing changes yet but the generator's state."""
         # Drawn in any case, so that fixing one leaves the others as they were.
         noise, limits = self.reset_noise_scale[i], (-LARGEST, LARGEST)
         if self.held:
@@ -358,14 +315,19 @@ class World:
         delay = uniform(rng, low, high) if high > low else low
         delay = option(options, "delay", delay, 0.0, self._longest_delay)
         angle = option(options, "crank_angle", angle, *limits)
-        return angle, option(options, "crank_speed", speed, -DIVERGED, DIVERGED), delay, numbers
-
-    def _plan_robot(self, i: int, options: Values, seed: int | None) -> Build | None:
-        """Return the robot of the next episode, or None if it stays as it is."""
+        speed = option(options, "crank_speed", speed, -DIVERGED, DIVERGED)
+        seed = None  # a held robot without draws later in its episode needs none
+        if not self.held or self.lengths.factors[i]:
+            seed = int(rng.integers(2**63))
         robot = load_robot("options['robot']", options["robot"]) if "robot" in options else None
         if robot is not None:
             self.plant.check_robot(robot)  # with its own lengths, for later episodes
-        return self.lengths.plan(i, options.get("lengths", {}), seed, robot)
+        build = self.lengths.plan(i, options.get("lengths", {}), seed, robot)
+        plan = self.episodes.plan(i, rng, options, delay, progress, build)
+        pushes, random = NO_PUSHES, options.get("pushes") is None
+        if not random:
+            pushes = check_schedule("options['pushes']", options["pushes"])
+        return Start(angle, speed, plan, seed or 0, pushes, random, numbers)
 
     def _begin(self, which: Ints, plans: Sequence[Plan], place: Callable[[], None]) -> None:
         """Begin planned episodes of robots (k,), which ``place`` puts where they start.
@@ -423,10 +385,9 @@ class World:
     def _begin_delay(self, which: Ints, delays: Array, asked: Array | None = None) -> None:
         """Begin episodes with ``delays`` (k,) s, and earlier torques ``asked`` (k, steps) N m."""
         self.asked[which] = 0.0 if asked is None else asked
-        for i, delay in zip(which.tolist(), delays.tolist(), strict=True):
-            whole, rest = divmod(round(delay / self.time_step), self.steps)
-            self.delay_steps[i] = whole, rest
-            self.torque[i] = self.asked[i, whole]
+        whole, rest = np.divmod(np.rint(delays / self.time_step).astype(np.int64), self.steps)
+        self.delay_steps[which] = np.stack([whole, rest], axis=-1)
+        self.torque[which] = self.asked[which, whole]
 
     @property
     def _longest_delay(self) -> float:
@@ -527,17 +488,15 @@ class World:
         if self.onboard is not None:
             self.onboard.filter(which, moved)
 
-    def step_arguments(self) -> Arguments:
-        """Return the arguments of :func:`jansen_env.engine.readings.finish_step` but the first."""
+    def kernel_arguments(self) -> tuple[Arguments, Arguments]:
+        """Return those of ``finish_step`` and ``describe`` of the engine's ``readings``."""
         plant = self.plant
-        return (
-            self.control_dt, plant.states, plant.slip, plant.contact_force, plant.rows, self.data,
-            self.toe_load, plant.surface, self.scan, self._places, self._observation,
+        shown = (
+            plant.rows, self.data, self.toe_load, plant.surface, self.scan, self._places,
+            self._observation,
         )  # fmt: skip
-
-    def describe_arguments(self) -> Arguments:
-        """Return the arguments of :func:`jansen_env.engine.readings.describe` but the first."""
-        return self.plant.states, *self.step_arguments()[4:]
+        step = self.control_dt, plant.states, plant.slip, plant.contact_force, *shown
+        return step, (plant.states, *shown)
 
     # Single robots.
 

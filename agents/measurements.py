@@ -18,14 +18,13 @@ from tabulate import tabulate
 from jansen_env.arrays import Array
 from jansen_env.baselines.pid import PID
 from jansen_env.baselines.policy import PAPER_PID
-from jansen_env.checks import finite, listed, one_of, within
+from jansen_env.checks import finite, finite_numbers, listed, one_of, within
 from jansen_env.commands import predict
 from jansen_env.commands.flags import Parser
 from jansen_env.commands.predict import FASTEST, SLOWEST, measured_time
 from jansen_env.files import read_bounded
 from jansen_env.plain_yaml import named_errors, parse_yaml
 from jansen_env.scoring.metrics import SETTLING
-from jansen_env.world.settings import finite_numbers
 
 COLUMNS = {
     "time_s": 1.0, "crank_rad": 1.0, "crank_deg": math.pi / 180.0, "torque_Nm": 1.0,

@@ -14,6 +14,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from jansen_env.arrays import Array
+
 T = TypeVar("T")
 
 MAX_STEPS = 10**10  # environment steps of one run: months of training
@@ -125,21 +127,46 @@ def instance(name: str, value: object, kind: type) -> Any:
     return value
 
 
-def entries(name: str, value: object, allowed: str) -> tuple[Any, ...]:
-    """Return the entries of a list, tuple, array ... Raises ValueError for anything else."""
+def entries(name: str, value: object, allowed: str, count: int | None = None) -> tuple[Any, ...]:
+    """Return the entries of a list, tuple, array ... Raises ValueError for anything else.
+
+    ``count``: how many there must be; None for any number.
+    """
     if isinstance(value, Iterable) and not isinstance(value, (str, bytes, Mapping, Set)):
         with contextlib.suppress(TypeError):  # of an array without dimensions
-            return tuple(value)
+            values = tuple(value)
+            if count in (None, len(values)):
+                return values
     raise ValueError(f"{name} is {shown(value)}, must be {allowed}")
+
+
+def numbers_of(value: object) -> Array:
+    """Return a value as an array of floats, a copy; NaN alone for what is none."""
+    try:
+        return np.array(value, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        return np.array(math.nan)
+
+
+def finite_numbers(name: str, value: object, count: int, most: float = MOST_SINGLE) -> Array:
+    """Return numbers (count,) within ``most``, by default that of float32, as a copy.
+
+    Raises:
+        ValueError: another number of them, or one that is not finite or beyond.
+    """
+    numbers = numbers_of(value)
+    if numbers.shape != (count,) or not (np.abs(numbers) <= most).all():
+        raise ValueError(
+            f"{name} is {shown(value)}, must be {count} finite numbers, within {most:.2g}"
+        )
+    return numbers
 
 
 def number_range(name: str, value: object, least: float, most: float) -> tuple[float, float]:
     """Return a number or a pair within limits as (low, high). Raises ValueError."""
     pair: tuple[object, ...] = (value, value)
     if isinstance(value, (tuple, list, np.ndarray)):
-        pair = entries(name, value, "a number or (low, high)")
-    if len(pair) != 2:
-        raise ValueError(f"{name} is {shown(value)}, must be a number or (low, high)")
+        pair = entries(name, value, "a number or (low, high)", 2)
     low, high = (within(name, number, least, most) for number in pair)
     if low > high:
         raise ValueError(f"{name} is {shown(value)}, must be (low, high) with low <= high")
@@ -150,10 +177,8 @@ def one_or_two(name: str, value: object) -> tuple[float, float]:
     """Return two numbers of 0 and above: those given, or one and 0. Raises ValueError."""
     if not isinstance(value, Iterable):
         return non_negative(name, value), 0.0
-    both = entries(name, value, "a number or two")
-    if len(both) != 2:
-        raise ValueError(f"{name} is {shown(value)}, must be a number or two")
-    return non_negative(name, both[0]), non_negative(name, both[1])
+    first, second = entries(name, value, "a number or two", 2)
+    return non_negative(name, first), non_negative(name, second)
 
 
 def load_record(kind: type, name: str, value: object) -> Any:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jansen_env.checks import finite, non_negative, shown
+from jansen_env.checks import entries, finite, non_negative
 
 GRAVITY = 9.81  # m/s^2
 
@@ -22,7 +22,5 @@ def gravity_vector(gravity: Any) -> tuple[float, float]:
     """
     if not isinstance(gravity, (tuple, list, np.ndarray)):
         return 0.0, -non_negative("gravity", gravity)
-    if np.shape(gravity) != (2,):
-        raise ValueError(f"gravity is {shown(gravity)}, must be a number or (x, y)")
-    x, y = (finite("gravity", value) for value in gravity)
-    return x, y
+    x, y = entries("gravity", gravity, "a number or (x, y)", 2)
+    return finite("gravity", x), finite("gravity", y)

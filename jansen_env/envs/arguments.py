@@ -60,9 +60,7 @@ def broadcast_seeds(count: int, seed: object) -> list[int | None]:
     if isinstance(seed, Integral):
         first = whole_number("seed", seed)
         return [*range(first, first + count)]
-    seeds = entries("seed", seed, allowed)
-    if len(seeds) != count:
-        raise ValueError(f"seed is {shown(seed)}, must be {allowed}")
+    seeds = entries("seed", seed, allowed, count)
     return [None if entry is None else whole_number("seed", entry) for entry in seeds]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jansen_env.arrays import Array, Bools
-from jansen_env.checks import shown, within
+from jansen_env.checks import finite_numbers, numbers_of, shown, within
 from jansen_env.engine.integrator import DIVERGED
 from jansen_env.robot import Robot
 
@@ -94,20 +94,9 @@ def check_time_step(value: object) -> float:
     return within("time_step", value, SHORTEST_STEP, LONGEST_STEP)
 
 
-def numbers_of(value: object) -> Array:
-    """Return a value as an array of floats, a copy; NaN alone for what is none."""
-    try:
-        return np.array(value, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        return np.array(math.nan)
-
-
 def check_state(value: object) -> Array:
     """Return a plant's state. Raises ValueError unless it is 8 finite numbers."""
-    state = numbers_of(value)
-    if state.shape != (8,) or not (np.abs(state) <= LARGEST).all():
-        raise ValueError(f"state is {shown(value)}, must be 8 finite numbers, within {LARGEST:g}")
-    return state
+    return finite_numbers("state", value, 8, LARGEST)
 
 
 def check_held(state: ArrayLike) -> None:

@@ -13,17 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from jansen_env.checks import (
-    entries,
-    infinite,
-    instance,
-    non_negative,
-    one_of,
-    positive,
-    positive_integer,
-    shown,
-    within,
-)
+from jansen_env import checks
 from jansen_env.engine.mathematics import acos, atan2, cos, hypot
 
 Side = Literal["fore", "back"]
@@ -43,20 +33,18 @@ def set_checked(part: object, check: Callable[[str, object], object], *names: st
 
 def point(name: str, value: object) -> tuple[float, float]:
     """Return a point as floats. Raises ValueError unless it is two numbers up to LARGEST."""
-    pair = entries(name, value, "two numbers (x, y)")
-    if len(pair) != 2:
-        raise ValueError(f"{name} is {shown(value)}, must be two numbers (x, y)")
-    return within_largest(name, pair[0]), within_largest(name, pair[1])
+    x, y = checks.entries(name, value, "two numbers (x, y)", 2)
+    return within_largest(name, x), within_largest(name, y)
 
 
 def within_largest(name: str, value: object) -> float:
     """Return a float. Raises ValueError unless it is a number from -LARGEST to LARGEST."""
-    return within(name, value, -LARGEST, LARGEST)
+    return checks.within(name, value, -LARGEST, LARGEST)
 
 
 def up_to_largest(name: str, value: object) -> float:
     """Return a float. Raises ValueError unless it is a number from 0 to LARGEST."""
-    return within(name, value, 0.0, LARGEST)
+    return checks.within(name, value, 0.0, LARGEST)
 
 
 @dataclass(frozen=True)
@@ -73,7 +61,7 @@ class Bar:
     inertia: float = 0.1
 
     def __post_init__(self) -> None:
-        set_checked(self, positive, "length", "mass")
+        set_checked(self, checks.positive, "length", "mass")
         set_checked(self, up_to_largest, "mass", "inertia")
 
     @property
@@ -113,8 +101,8 @@ class Triangle:
     outward: bool = False
 
     def __post_init__(self) -> None:
-        set_checked(self, positive, "d", "l", "h", "alpha", "gamma", "mass")
-        instance("Triangle.outward", self.outward, bool)
+        set_checked(self, checks.positive, "d", "l", "h", "alpha", "gamma", "mass")
+        checks.instance("Triangle.outward", self.outward, bool)
         set_checked(self, up_to_largest, "mass", "inertia")
         if self.alpha + self.gamma >= 2.0 * math.pi:
             raise ValueError(
@@ -131,9 +119,9 @@ class Triangle:
         Raises:
             ValueError: the three lengths form no triangle.
         """
-        a = positive("Triangle.from_sides: first_second", first_second)
-        b = positive("Triangle.from_sides: second_third", second_third)
-        c = positive("Triangle.from_sides: third_first", third_first)
+        a = checks.positive("Triangle.from_sides: first_second", first_second)
+        b = checks.positive("Triangle.from_sides: second_third", second_third)
+        c = checks.positive("Triangle.from_sides: third_first", third_first)
         if 2.0 * max(a, b, c) >= a + b + c:
             raise ValueError(f"Triangle.from_sides: sides {a}, {b}, {c} m form no triangle")
         # Two thirds of each median: 9 d^2 = 2 a^2 + 2 c^2 - b^2, and so on around.
@@ -190,9 +178,9 @@ class Plate:
     inertia: float = 0.1
 
     def __post_init__(self) -> None:
-        set_checked(self, positive, "mass")
+        set_checked(self, checks.positive, "mass")
         set_checked(self, up_to_largest, "mass", "inertia")
-        given = entries("Plate.points", self.points, "a point (x, y) for each joint")
+        given = checks.entries("Plate.points", self.points, "a point (x, y) for each joint")
         points = [point("Plate.points", place) for place in given]
         if len({*points}) != len(points) or len(points) < 2:
             raise ValueError(f"Plate.points is {points}, must be two different points or more")
@@ -260,7 +248,7 @@ class Leg:
     phase: float = 0.0
 
     def __post_init__(self) -> None:
-        one_of("Leg.side", self.side, ("fore", "back"))
+        checks.one_of("Leg.side", self.side, ("fore", "back"))
         set_checked(self, within_largest, "phase")
 
 
@@ -304,13 +292,13 @@ class Compliance:
     tangential_damping: float | None = None
 
     def __post_init__(self) -> None:
-        for name, check in (("stiffness", positive), ("damping", non_negative)):
+        for name, check in (("stiffness", checks.positive), ("damping", checks.non_negative)):
             if getattr(self, f"tangential_{name}") is None:
                 object.__setattr__(self, f"tangential_{name}", getattr(self, name))
             for field in (name, f"tangential_{name}"):
-                if name == "damping" or not infinite(getattr(self, field)):
+                if name == "damping" or not checks.infinite(getattr(self, field)):
                     set_checked(self, check, field)
-                    within(f"Compliance.{field}", getattr(self, field), 0.0, STIFFEST)
+                    checks.within(f"Compliance.{field}", getattr(self, field), 0.0, STIFFEST)
         if (self.stiffness == math.inf) != (self.tangential_stiffness == math.inf):
             raise ValueError(
                 f"Compliance.tangential_stiffness is {self.tangential_stiffness}, must be infinite "
@@ -335,6 +323,6 @@ def phased_legs(phases: int) -> tuple[Leg, ...]:
 
     Raises ValueError: another number of pins.
     """
-    phases = positive_integer("phases", phases, MOST_PHASES)
+    phases = checks.positive_integer("phases", phases, MOST_PHASES)
     angles = [2.0 * math.pi * k / phases for k in range(phases)]
     return tuple(Leg(side, angle) for side in ("fore", "back") for angle in angles)

@@ -10,7 +10,7 @@ import numpy as np
 
 from jansen_env import parameters
 from jansen_env.arrays import Array, Ints, Rows
-from jansen_env.checks import entries, shown
+from jansen_env.checks import entries, finite_numbers, shown
 from jansen_env.engine import mathematics
 from jansen_env.gravity import GRAVITY
 from jansen_env.parameters import (
@@ -29,7 +29,7 @@ from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.terrain import Terrain
 from jansen_env.terrain.generators import Generator
 from jansen_env.world.episode_lengths import Build
-from jansen_env.world.settings import Values, WorldSettings, finite_numbers
+from jansen_env.world.settings import Values, WorldSettings
 
 Progress = Callable[[int], tuple[float, float]]
 """A robot's progress in its last episode, m, and its mean commanded speed, m/s; 0 at first."""

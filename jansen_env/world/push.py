@@ -55,8 +55,8 @@ class Push:
 def check_schedule(name: str, pushes: object) -> Array:
     """Return an episode's own pushes (k, 3): start, s, and impulses in x and y, N s; ValueError."""
     allowed = f"a list of at most {MOST_PUSHES} (t, Jx, Jy)"
-    triples = [tuple(entries(name, push, allowed)) for push in entries(name, pushes, allowed)]
-    if len(triples) > MOST_PUSHES or any(len(triple) != 3 for triple in triples):
+    triples = [entries(name, push, allowed, 3) for push in entries(name, pushes, allowed)]
+    if len(triples) > MOST_PUSHES:
         raise ValueError(f"{name} is {shown(pushes)}, must be {allowed}")
     checked = [
         (non_negative(f"{name}[{i}] time", t), finite(f"{name}[{i}] Jx", x),

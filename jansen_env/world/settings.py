@@ -30,7 +30,7 @@ from jansen_env.checks import (
 )
 from jansen_env.engine.integrator import DIVERGED
 from jansen_env.parameters import LONGEST_DELAY, load_randomization
-from jansen_env.plants.base import check_time_step, numbers_of
+from jansen_env.plants.base import check_time_step
 from jansen_env.plants.plant import PLANTS
 from jansen_env.robot import ROBOTS, Compliance, Payload, Robot
 from jansen_env.robot.motor import IDEAL, MOTORS, Motor
@@ -76,16 +76,6 @@ def flag(name: str, value: object) -> bool:
     if not isinstance(value, (bool, np.bool_)):
         raise ValueError(f"{name} is {shown(value)}, must be True or False")
     return bool(value)
-
-
-def finite_numbers(name: str, value: object, count: int) -> Array:
-    """Finite numbers (count,), as float32 too; a copy."""
-    numbers, most = numbers_of(value), checks.MOST_SINGLE
-    if numbers.shape != (count,) or not (np.abs(numbers) <= most).all():
-        raise ValueError(
-            f"{name} is {shown(value)}, must be {count} finite numbers, within {most:.2g}"
-        )
-    return numbers
 
 
 def optional(check: Check) -> Check:
@@ -211,10 +201,7 @@ def scanned_places(name: str, scan: object) -> Array:
     """(count,) m, places from the crank axis, of (behind, ahead, count); none for None."""
     if scan is None:
         return np.empty(0)
-    allowed = "None or (behind, ahead, count)"
-    values = checks.entries(name, scan, allowed)
-    if len(values) != 3:
-        raise ValueError(f"{name} is {shown(scan)}, must be {allowed}")
+    values = checks.entries(name, scan, "None or (behind, ahead, count)", 3)
     behind, ahead = (within(f"{name}[{i}]", values[i], 0.0, FURTHEST_SCAN) for i in (0, 1))
     count = checks.positive_integer(f"{name}[2]", values[2], MOST_SCANNED)
     return np.linspace(-behind, ahead, count)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.arrays import Array, Bools, Ints, Rows
-from jansen_env.checks import entries, number_range, shown, whole_number, within
+from jansen_env.checks import entries, finite_numbers, number_range, shown, whole_number, within
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.pads import pad_layout
 from jansen_env.engine import readings
@@ -45,7 +45,6 @@ from jansen_env.world.settings import (
     Values,
     WorldSettings,
     control_period,
-    finite_numbers,
     flag,
     load_compliance,
     load_motor,

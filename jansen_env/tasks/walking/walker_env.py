@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from typing_extensions import Unpack
 
 from jansen_env.arrays import Array, Bools, Ints
-from jansen_env.checks import non_negative, positive, shown, within
+from jansen_env.checks import finite_numbers, non_negative, positive, shown, within
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine import walk_reward
 from jansen_env.envs.single import SingleEnv
@@ -35,7 +35,6 @@ from jansen_env.world.settings import (
     WorldArguments,
     WorldSettings,
     each,
-    finite_numbers,
     flag,
     range_each,
     shared,

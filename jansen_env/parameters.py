@@ -134,8 +134,8 @@ def robot_parameters(episodes: Rows) -> Rows:
 
 
 def plain(rows: Rows) -> Array:
-    """Return rows (k,) of numbers as (k, fields), a view: NumPy takes long to copy fields."""
-    return rows.view(float).reshape(len(rows), -1)
+    """Return rows (k,) of numbers as (k, numbers), a view: NumPy takes long to copy fields."""
+    return rows.view(float).reshape(len(rows), rows.dtype.itemsize // 8)
 
 
 def effective(robot: Robot) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ from jansen_env.engine.collision import MARGIN, SPECULATIVE_MARGIN
 from jansen_env.engine.records import CONTACT_STATISTICS, PLANE, ROBOT, UNKNOWN_DEFLECTION, WORLD
 from jansen_env.engine.tables import energy
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
-from jansen_env.parameters import ROBOT_PARAMETERS, nominal
+from jansen_env.parameters import ROBOT_PARAMETERS, nominal, plain
 from jansen_env.plants.base import (
     check_held,
     check_legs,
@@ -38,20 +38,15 @@ from jansen_env.plants.robot_parameters import (
     machine_of,
 )
 from jansen_env.plants.threads import Memory, Threads
-from jansen_env.plants.trace import (
-    PeakLoads,
-    find_touchdowns,
-    pads_in_contact,
-    peak_loads,
-    trace_forces,
-)
+from jansen_env.plants.trace import PeakLoads, find_touchdowns, pads_in_contact, trace_forces
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
 TIME_STEP = 1e-3  # s
 DETECTION_INTERVAL = 0.01  # s between two looks for the ground; its planes are kept meanwhile
 PLANES_PER_PAD = 4  # kept of a robot, on average over its pads
-NOT_THE_ROBOT = ["gravity_x", "gravity_y", "steepest", "design", "held"]  # fields of PARAMS
+GRAVITY_XY = ["gravity_x", "gravity_y"]  # fields of PARAMS
+NOT_THE_ROBOT = [*GRAVITY_XY, "steepest", "design", "held"]
 RESULTS = ("states", "accumulators", "contact_statistics", "slip", "contact_force", "diverged")
 PARAMETERS = ("params", "nominal_params", "parameters")
 
@@ -125,7 +120,7 @@ class Batch:
         # Parameters.
         kernel_rows = {key: kernel_row(robot) for key, robot in different.items()}
         self.nominal_params = np.concatenate([kernel_rows[id(robot)] for robot in robots])
-        self.nominal_params["gravity_x"], self.nominal_params["gravity_y"] = gravity_vector(gravity)
+        self.nominal_params[GRAVITY_XY] = gravity_vector(gravity)
         self.nominal_params["steepest"] = [terrain.steepest for terrain in terrains]
         self.nominal_params["design"], self.nominal_params["held"] = self.designs.number, held
         values = [nominal(*pair) for pair in zip(robots, terrains, strict=True)]
@@ -165,7 +160,7 @@ class Batch:
         self._ahead_torque = np.zeros(n)  # N m, of :meth:`lookahead`
         self._no_pushes = np.zeros((0, 0, 2))
         self._no_trace: Rows = np.zeros(0, integrator.trace_dtype(pads))
-        self._untraced = _plain(self._no_trace)
+        self._untraced = plain(self._no_trace)
         self._centres = np.zeros((max(pads, toes + 1), 2))  # of toes and centre of mass, or pads
         self._sums = np.empty((3, 6))
         self.tracing, self.trace, self.touchdowns = False, self._no_trace, np.zeros(0, bool)
@@ -206,8 +201,7 @@ class Batch:
 
     def set_gravity(self, row: int, gravity: Gravity) -> None:
         """Change a robot's gravity, m/s^2; its tilt stays."""
-        x, y = gravity_vector(gravity)
-        self.nominal_params["gravity_x"][row], self.nominal_params["gravity_y"][row] = x, y
+        self.nominal_params[GRAVITY_XY][row] = gravity_vector(gravity)
         self._apply(np.array([row]))
 
     def check_robot(self, robot: Robot) -> None:
@@ -245,14 +239,7 @@ class Batch:
     @property
     def gravity(self) -> tuple[float, float]:
         """(x, y) m/s^2, the first robot's gravity without its tilt."""
-        params = self.nominal_params[0]
-        return float(params["gravity_x"]), float(params["gravity_y"])
-
-    @property
-    def effective_gravity(self) -> tuple[float, float]:
-        """(x, y) m/s^2, the first robot's gravity under its tilt."""
-        params = self.params[0]
-        return float(params["gravity_x"]), float(params["gravity_y"])
+        return self.nominal_params[GRAVITY_XY][0].item()
 
     def set_terrain(self, row: int, terrain: Terrain) -> None:
         """Change a robot's ground, with friction and restitution: it must be placed again.
@@ -432,14 +419,14 @@ class Batch:
             self._longest = duration
             self._status["asked_x"] = np.inf
             self._ask_ground(self._every)
-        trace, plain = self._no_trace, self._untraced
+        trace, numbers = self._no_trace, self._untraced
         if self.tracing:
             trace = np.empty(steps, trace.dtype)
-            plain = _plain(trace)
+            numbers = plain(trace)
 
         def move(thread: int, shares: Ints, most: int, memory: Memory) -> tuple[bool, bool]:
             count = self._advance(
-                thread, shares, most, rows, steps, *torques, plain, memory, self._shared
+                thread, shares, most, rows, steps, *torques, numbers, memory, self._shared
             )
             moved, flags = memory[-2:]
             if finish is not None and count > 0:
@@ -535,7 +522,7 @@ class Batch:
             raise ValueError("for joint forces links_collide is True, must be False")
         if self.held:
             robot, (q, q_dot) = self.tables_in_force(0).robot, np.split(self.states[0], 2)
-            gravity = self.effective_gravity
+            gravity = self.params[GRAVITY_XY][0].item()
             return joint_forces(robot, q, q_dot, torque, fixed_base=True, gravity=gravity)
         pushes = None if push is None else check_pushes(push)[None, None]
         kept = self.tracing, self.trace, self.touchdowns
@@ -550,12 +537,14 @@ class Batch:
 
     def peak_loads(self) -> PeakLoads:
         """The largest loads on joints of the first robot in its last step, if it was traced."""
-        return peak_loads(self._traced_forces().bearing, self.touchdowns, self.time_step)
+        largest, landing = self._traced_forces().bearing.max(axis=(-2, -1)), self.touchdowns
+        force, impulse = largest[~landing], largest[landing] * self.time_step
+        return PeakLoads(float(force.max(initial=0.0)), float(impulse.max(initial=0.0)))
 
     def _traced_forces(self) -> JointForces:
         """Forces in every joint in each time step that was traced last."""
-        tables, gravity = self.tables_in_force(0), self.effective_gravity
-        return trace_forces(tables, self.trace, self.time_step, gravity)
+        gravity = self.params[GRAVITY_XY][0].item()
+        return trace_forces(self.tables_in_force(0), self.trace, self.time_step, gravity)
 
     def close(self) -> None:
         """Let go of threads."""
@@ -575,8 +564,3 @@ class Batch:
         self._ask_ground(self._every)
         self.tracing, self.in_contact = saved["tracing"], saved["in_contact"]
         self.any_diverged = bool(self.diverged.any())
-
-
-def _plain(trace: Rows) -> Array:
-    """Return a trace as plain numbers (steps, numbers)."""
-    return trace.view(float).reshape(len(trace), trace.dtype.itemsize // 8)

@@ -53,11 +53,9 @@ class Grounds:
         self._shapes = [shapes[id(terrain)] for terrain in terrains]
         lines = [terrain.polyline for terrain in distinct.values()]
         self.surface = np.concatenate(lines)
-        number, bounds = (
-            {key: i for i, key in enumerate(distinct)},
-            np.cumsum([0, *map(len, lines)]),
-        )
+        number = {key: i for i, key in enumerate(distinct)}
         ground = np.array([number[id(terrain)] for terrain in terrains])
+        bounds = np.cumsum([0, *map(len, lines)])
         status["first_vertex"], status["end_vertex"] = bounds[ground], bounds[ground + 1]
         status["asked_x"] = np.inf
         # First vertex and room of a robot's own ground: at first others may be on it.

@@ -217,26 +217,17 @@ def plant_time_step(name: str, time_step: float | None = None) -> float:
 
 
 def make_batch(
-    name: str,
-    robots: Sequence[Robot],
-    terrains: Sequence[Terrain],
-    time_step: float | None = None,
-    threads: int | None = None,
-    held: bool = False,
-    links_collide: bool = False,
-) -> BatchedPlant:
+    name: str, robots: Sequence[Robot], terrains: Sequence[Terrain], time_step: float,
+    threads: int | None, held: bool, links_collide: bool,
+) -> BatchedPlant:  # fmt: skip
     """Return robots on their terrains, or ``held``, moved by a plant of :data:`PLANTS`.
 
     Raises:
-        ValueError: another name, an argument out of range, or several robots of a plant that moves
-            one.
+        ValueError: an argument out of range, or several robots of a plant that moves one.
     """
-    step = plant_time_step(name, time_step)
     if name == "projection":
         threads = 1 if len(robots) == 1 else threads
-        return Batch(
-            robots, terrains, step, threads=threads, held=held, links_collide=links_collide
-        )
+        return Batch(robots, terrains, time_step, GRAVITY, threads, held, links_collide)
     if len(robots) > 1:
         raise ValueError(f"plant is {name!r}, must be 'projection' for several robots at once")
-    return RigidBodyBatch(robots[0], terrains[0], step, links_collide=links_collide)
+    return RigidBodyBatch(robots[0], terrains[0], time_step, links_collide=links_collide)

@@ -48,13 +48,10 @@ def machine_of(robot: Robot, row: np.void) -> Robot:
     mass, inertia = values["mass_scale"], values["inertia_scale"]
     strength, motor, pads = values["motor_strength"], robot.motor, robot.pad_compliance
     if not pads.rigid:
-        stiffness, damping = values["foot_stiffness_scale"], values["foot_damping_scale"]
-        pads = Compliance(
-            stiffness * pads.stiffness,
-            damping * pads.damping,
-            stiffness * (pads.tangential_stiffness or 0.0),
-            damping * (pads.tangential_damping or 0.0),
-        )
+        k, d = values["foot_stiffness_scale"], values["foot_damping_scale"]
+        normal = k * pads.stiffness, d * pads.damping
+        tangential = pads.tangential_stiffness or 0.0, pads.tangential_damping or 0.0
+        pads = Compliance(*normal, k * tangential[0], d * tangential[1])
     place = values["payload_x"], values["payload_y"]
     return replace(
         robot,
@@ -76,8 +73,8 @@ def machine_of(robot: Robot, row: np.void) -> Robot:
 
 def terrain_of(terrain: Terrain, row: np.void) -> Terrain:
     """The terrain with these parameters applied."""
-    numbers = {name: float(row[name]) for name in ON_TERRAINS}
-    return replace(terrain, **numbers)  # type: ignore[arg-type]
+    friction, restitution = (float(row[name]) for name in ON_TERRAINS)
+    return replace(terrain, friction=friction, restitution=restitution)
 
 
 def gravity_of(gravity: tuple[float, float], row: np.void) -> tuple[float, float]:

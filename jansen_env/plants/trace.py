@@ -78,12 +78,3 @@ def find_touchdowns(trace: Rows, in_contact: Bools | None) -> Bools:
 def pads_in_contact(trace: Rows) -> Bools:
     """(steps, pads) whether the ground pushed a pad."""
     return np.asarray((trace["impulses"] != 0.0).any(axis=2))
-
-
-def peak_loads(size: Array, landing: Bools, time_step: float) -> PeakLoads:
-    """The largest of mean bearing forces (steps, legs, 17), N; landing: (steps,)."""
-    largest = size.max(axis=(-2, -1))
-    return PeakLoads(
-        float(largest[~landing].max(initial=0.0)),
-        float(largest[landing].max(initial=0.0) * time_step),
-    )

@@ -11,16 +11,7 @@ import pymunk.batch
 
 from jansen_env.arrays import Array, Bools, Ints
 from jansen_env.engine.collision import LEAN
-from jansen_env.plants.rigid.bodies import (
-    INSET,
-    SLOP,
-    SPIN,
-    VX,
-    VY,
-    BodySpace,
-    Snapshot,
-    turn_motions,
-)
+from jansen_env.plants.rigid import bodies
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
@@ -44,14 +35,13 @@ class Sums(NamedTuple):
 class PadContacts:
     """What pymunk's contacts do to a robot's pads on a ground, and which of them lands next."""
 
-    def __init__(self, space: BodySpace, ground: Terrain, time_step: float) -> None:
+    def __init__(self, space: bodies.BodySpace, ground: Terrain, time_step: float) -> None:
         self._space, self._index, self._ground = space.space, space.index, ground
         owners = self._owners = space.owners
         self._radius, self._time_step = space.radius, time_step
-        self._pads_of = {
-            body: [k for k, b in enumerate(owners) if b == body]
-            for body in range(len(space.bodies))
-        }
+        self._pads_of: dict[int, list[int]] = {body: [] for body in range(len(space.bodies))}
+        for pad, body in enumerate(owners):
+            self._pads_of[body].append(pad)
         self._touched = pymunk.batch.Buffer()
         self._off = np.full(len(owners), math.inf)  # s since a pad was last on the ground
         self._pending = np.zeros(len(owners))  # m it moved along the ground since then
@@ -72,7 +62,7 @@ class PadContacts:
         """Note (pads,) the pads that touched in a time step."""
         self._off = np.where(touching, 0.0, self._off + self._time_step)
 
-    def book(self, now: Snapshot, sums: Sums) -> tuple[float, bool]:
+    def book(self, now: bodies.Snapshot, sums: Sums) -> tuple[float, bool]:
         """Book slip and impulses of a time step; friction's loss, and whether a pad landed.
 
         A loaded pad hops by nanometres, off the ground for a few time steps: what it slides then is
@@ -96,11 +86,9 @@ class PadContacts:
             tangential = -px * ny + py * nx
             speed = now.speed_along(body, x, y, -ny, nx)
             loss -= tangential * speed
-            off, pad = min(
-                ((self._off_rim(now.pads[k], x, y), k) for k in self._pads_of[body]),
-                default=(math.inf, 0),
-            )
-            if off > 0.5 * (1.0 - INSET) * self._radius:  # a link's side
+            rims = [(self._off_rim(now.pads[k], x, y), k) for k in self._pads_of[body]]
+            off, pad = min(rims, default=(math.inf, 0))
+            if off > 0.5 * (1.0 - bodies.INSET) * self._radius:  # a link's side
                 continue
             sums.slip[pad] += self._time_step * abs(speed)
             sums.impulse[pad] += tangential, normal
@@ -109,7 +97,7 @@ class PadContacts:
         back = touching & (self._off <= CONTACT_HYSTERESIS)
         sums.slip[back] += self._pending[back]
         landed = bool((touching & (self._off > CONTACT_HYSTERESIS)).any())
-        self._off = np.where(touching, 0.0, self._off + self._time_step)
+        self.note(touching)
         self._pending[self._off == 0.0] = 0.0
         for pad in np.flatnonzero((self._off > 0.0) & (self._off <= CONTACT_HYSTERESIS)).tolist():
             (nx, ny), (x, y) = self._normals[pad].tolist(), now.pads[pad].tolist()
@@ -122,7 +110,7 @@ class PadContacts:
         """Return the distance of a point from the rim of a pad, m: two pads may be on one body."""
         return abs(math.hypot(x - pad[0], y - pad[1]) - self._radius)
 
-    def landing_soon(self, now: Snapshot) -> bool:
+    def landing_soon(self, now: bodies.Snapshot) -> bool:
         """Whether a pad that is not on the ground may touch it within the next two time steps.
 
         By the ground straight below it: on rough ground some landings go unforeseen.
@@ -132,13 +120,13 @@ class PadContacts:
         gaps = (y - self._ground.height(x)) / tilt - self._radius
         fallen = self._gaps - gaps
         self._gaps = gaps
-        return bool(((self._off > 0.0) & (gaps - 2.0 * fallen < SLOP)).any())
+        return bool(((self._off > 0.0) & (gaps - 2.0 * fallen < bodies.SLOP)).any())
 
 
 def check_stiffness(robot: Robot, time_step: float, owners: list[int]) -> None:
     """Raise ValueError unless a time step, s, is short enough for the pads' springs and dampers."""
     give, lightest = robot.pad_compliance, math.inf
-    for motion in turn_motions(robot):
+    for motion in bodies.turn_motions(robot):
         x, y = (motion.pads - motion.poses[owners, 1:]).T[..., None]
         spin, vx, vy = motion.rates[:, owners].T
         # (pads, 2, 4) of the point that touches level ground: tangential, normal per rate of q.
@@ -189,7 +177,7 @@ class SpringPads:
         self._terrain, self._owners, self._h = terrain, owners, time_step
         self._tilt = math.sqrt(1.0 + terrain.steepest**2)
 
-    def start(self, now: Snapshot, space: pymunk.Space, bristle: Array | None) -> None:
+    def start(self, now: bodies.Snapshot, space: pymunk.Space, bristle: Array | None) -> None:
         """Begin with bristles (pads,), m; None for none."""
         pads = len(self._owners)
         self.bristle = np.zeros(pads) if bristle is None else bristle.copy()
@@ -207,7 +195,7 @@ class SpringPads:
         """(pads,) whether the ground will push in the next time step."""
         return np.asarray(self.forces[:, 1] > 0.0)
 
-    def loads(self, now: Snapshot) -> Array:
+    def loads(self, now: bodies.Snapshot) -> Array:
         """(bodies, 3) force x, y and moment on every body in the next time step, N and N m."""
         loads = np.zeros((len(now.motion), 3))
         for pad in np.flatnonzero(self.forces.any(axis=1)).tolist():
@@ -218,15 +206,15 @@ class SpringPads:
             loads[owner] += fx, fy, x * fy - y * fx + self._radius * tangential
         return loads
 
-    def step(self, now: Snapshot, space: pymunk.Space, sums: Sums | None = None) -> None:
+    def step(self, now: bodies.Snapshot, space: pymunk.Space, sums: Sums | None = None) -> None:
         """Forces of the next time step; ``sums`` takes the work of those of the last one."""
         h, give = self._h, self._give
         k, d = give.stiffness, give.damping
         kt, dt = float(give.tangential_stiffness or 0.0), float(give.tangential_damping or 0.0)
-        spin = now.motion[self._owners, SPIN]
+        spin = now.motion[self._owners, bodies.SPIN]
         self._centres = np.concatenate([now.pads, self._find_vertices(now.pads)])
         arm = self._centres - now.motion[self._owners, :2]
-        speed = now.motion[self._owners][:, [VX, VY]]
+        speed = now.motion[self._owners][:, [bodies.VX, bodies.VY]]
         speed = speed + spin[:, None] * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
         then = self._centres + h * speed
         height = self._terrain.height(then[:, 0])

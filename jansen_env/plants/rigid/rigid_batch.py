@@ -89,10 +89,9 @@ class GearedRotor:
         motor = robot.motor
         self.inertia, self.ratio, self.time_step = motor.rotor_inertia, motor.gear_ratio, time_step
         twist = np.array([0.0, 0.0, -1.0, -self.ratio])  # its rate, of the rates of q
-        inverse = 1.0 / self.inertia + max(
-            float(twist @ np.linalg.solve(motion.mass_matrix, twist))
-            for motion in turn_motions(robot)
-        )
+        matrices = [motion.mass_matrix for motion in turn_motions(robot)]
+        yielding = max(float(twist @ np.linalg.solve(matrix, twist)) for matrix in matrices)
+        inverse = 1.0 / self.inertia + yielding
         self.stiffness = (TWIST / time_step) ** 2 / inverse  # N m/rad, at the rotor
         self.damping = 2.0 * TWIST_DAMPING * TWIST / time_step / inverse
         self.angle = self.speed = self.torque = self.energy = self.loss = 0.0
@@ -243,10 +242,8 @@ class RigidBodyBatch:
 
     def _build(self, state: Array, bristle: Array | None = None) -> None:
         """Put the robot into ``state`` in a new space; bristle: (pads,) m, of compliant pads."""
-        pull = self._effective_gravity
-        self._space = BodySpace(
-            self._machine, self._ground, pull, state, self.held, self._colliding
-        )
+        machine, ground, pull = self._machine, self._ground, self._effective_gravity
+        self._space = BodySpace(machine, ground, pull, state, self.held, self._colliding)
         self._contacts = PadContacts(self._space, self._ground, self.time_step)
         self.states[0] = self._space.state
         now = self._space.snapshot()
@@ -366,15 +363,11 @@ class RigidBodyBatch:
         if not all(-DIVERGED < speed < DIVERGED for speed in state[4:]):
             return divergence(before, torque)
         if not gap < MAX_JOINT_GAP:
-            return FloatingPointError(
-                f"a joint came apart by {gap} m under a torque of {torque} N m; "
-                "try a smaller time_step"
-            )
+            apart = f"a joint came apart by {gap} m under a torque of {torque} N m"
+            return FloatingPointError(f"{apart}; try a smaller time_step")
         if not self._ends[0] < state[0] < self._ends[1]:
-            return FloatingPointError(
-                f"the robot is at x = {state[0]} m; the ground of the rigid-body plant ends at "
-                f"{self._ends} m"
-            )
+            end = f"the ground of the rigid-body plant ends at {self._ends} m"
+            return FloatingPointError(f"the robot is at x = {state[0]} m; {end}")
         return None
 
     def _advance(
@@ -476,18 +469,10 @@ class RigidBodyBatch:
 
     def __getstate__(self) -> dict[str, Any]:
         """The arguments, and what has become of them: everything else is made again from them."""
-        return {
-            "arguments": (
-                *self.robots,
-                *self.terrains,
-                self.time_step,
-                self.gravity,
-                self.held,
-                self.links_collide,
-            ),
-            "memory": self._memory,
-            "arrays": {name: getattr(self, name).copy() for name in CHANGING},
-        }
+        given = self.time_step, self.gravity, self.held, self.links_collide
+        arrays = {name: getattr(self, name).copy() for name in CHANGING}
+        arguments = (*self.robots, *self.terrains, *given)
+        return {"arguments": arguments, "memory": self._memory, "arrays": arrays}
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
         self.__init__(*saved["arguments"])  # type: ignore[misc]

@@ -18,12 +18,12 @@ from tabulate import tabulate
 from jansen_env.arrays import Array
 from jansen_env.baselines.pid import PID
 from jansen_env.baselines.policy import PAPER_PID
-from jansen_env.checks import finite, finite_numbers, listed, one_of, within
+from jansen_env.checks import finite, finite_numbers, listed, named_errors, one_of, within
 from jansen_env.commands import predict
 from jansen_env.commands.flags import Parser
 from jansen_env.commands.predict import FASTEST, SLOWEST, measured_time
 from jansen_env.files import read_bounded
-from jansen_env.plain_yaml import named_errors, parse_yaml
+from jansen_env.plain_yaml import parse_yaml
 from jansen_env.scoring.metrics import SETTLING
 
 COLUMNS = {
@@ -63,8 +63,8 @@ def read_log(path: str | Path) -> Log:
     """Read a log.
 
     Raises:
-        ValueError: a column, a unit, a gap, a clock or numbers that cannot be right; names them.
-        OSError: it cannot be read.
+        ValueError: it cannot be read, or a column, a unit, a gap, a clock or numbers cannot be
+            right; names them.
     """
     with named_errors(path):
         text = read_bounded(path, MAX_BYTES).decode("utf-8-sig")

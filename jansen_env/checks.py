@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterable, Mapping, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from dataclasses import fields
 from decimal import Decimal
 from difflib import get_close_matches
@@ -35,6 +35,16 @@ def shown(value: object) -> str:
 def one_line(error: BaseException) -> str:
     """Return an error's text on one line, cut where it is long."""
     return (" ".join(str(error).split()) or type(error).__name__)[:1000]
+
+
+@contextlib.contextmanager
+def named_errors(source: object, *kinds: type[Exception]) -> Iterator[None]:
+    """Let a ValueError within begin with its source; also raised for other ``kinds`` of error."""
+    every: tuple[type[Exception], ...] = (ValueError, *kinds)
+    try:
+        yield
+    except every as error:
+        raise ValueError(f"{source}: {error}") from error
 
 
 def listed(known: Iterable[object], value: object) -> str:
@@ -179,6 +189,13 @@ def one_or_two(name: str, value: object) -> tuple[float, float]:
         return non_negative(name, value), 0.0
     first, second = entries(name, value, "a number or two", 2)
     return non_negative(name, first), non_negative(name, second)
+
+
+def set_checked(part: object, check: Callable[[str, object], object], *names: str) -> None:
+    """Replace fields of a frozen dataclass by what ``check`` makes of them."""
+    for name in names:
+        value = check(f"{type(part).__name__}.{name}", getattr(part, name))
+        object.__setattr__(part, name, value)
 
 
 def load_record(kind: type, name: str, value: object) -> Any:

@@ -32,13 +32,12 @@ def open_regular(path: str | Path) -> BufferedReader:
 
 
 def read_bounded(path: str | Path, most: int) -> bytes:
-    """Read a regular file of at most ``most`` bytes.
-
-    Raises:
-        OSError: it cannot be read. ValueError: it is larger.
-    """
-    with open_regular(path) as file:
-        data = file.read(most + 1)
+    """Read a regular file. Raises ValueError: it cannot be read, or has over ``most`` bytes."""
+    try:
+        with open_regular(path) as file:
+            data = file.read(most + 1)
+    except OSError as error:
+        raise ValueError(f"{path} cannot be read: {error.strerror}") from error
     if len(data) > most:
         raise ValueError(f"{path} is larger than {most} bytes, the most allowed")
     return data

@@ -4,8 +4,8 @@ rules for its values."""
 from __future__ import annotations
 
 import re
-from collections.abc import Hashable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Hashable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import NoneType
 from typing import Any, NamedTuple
@@ -55,21 +55,10 @@ def parse_yaml(text: str, name: str) -> Any:
         raise ValueError(f"{name} is no YAML: {' '.join(str(error).split())}") from error
 
 
-@contextmanager
-def named_errors(source: object) -> Iterator[None]:
-    """Let a ValueError within begin with its source."""
-    try:
-        yield
-    except ValueError as error:
-        raise ValueError(f"{source}: {error}") from error
-
-
 def read_yaml(path: str | Path) -> Any:
     """Parse a file; a ValueError names it where it is missing, too large, no UTF-8 or no YAML."""
     try:
         return parse_yaml(read_bounded(path, MAX_BYTES).decode("utf-8-sig"), str(path))
-    except OSError as error:
-        raise ValueError(f"{path} cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise ValueError(f"{path} is no UTF-8 text: {error.reason} at {error.start}") from error
 

@@ -10,8 +10,8 @@ from types import NoneType
 
 from agents.design.measures import GROUPS, MEASURES
 from agents.design.variables import Space
-from jansen_env.checks import listed, one_of, shown
-from jansen_env.plain_yaml import Rule, check_keys, named_errors, read_yaml
+from jansen_env.checks import listed, named_errors, one_of, shown
+from jansen_env.plain_yaml import Rule, check_keys, read_yaml
 from jansen_env.scoring.benchmarks import WALKERS, check_env_kwargs
 from jansen_env.scoring.rollout import EnvKwargs
 

@@ -114,9 +114,8 @@ def flat_bar(
     middle, rounds = areal * length * width, areal * math.pi * radius * radius
     inertia = middle * (span + width * width) / 12.0
     # Two half discs, with their centroids 4 r / 3 pi beyond the pins.
-    inertia += rounds * (
-        0.5 * radius * radius + 0.25 * span + length * 4.0 * radius / (3 * math.pi)
-    )
+    turning = 0.5 * radius * radius + 0.25 * span + length * 4.0 * radius / (3 * math.pi)
+    inertia += rounds * turning
     return Inertial(middle + rounds + 2.0 * end_mass, inertia + 0.5 * end_mass * span)
 
 

@@ -22,7 +22,6 @@ from jansen_env.robot.robot import Robot
 P, O, A, B, C, D, E, T = range(len(JANSEN.joints))  # noqa: E741 - the joints' names
 """Indices of the joints of Jansen's leg; T is the toe's centre."""
 
-
 TINY_TURN = 1e-6  # rad, of the crank, for slopes
 
 
@@ -77,12 +76,8 @@ def dyad_arrays(robot: Robot) -> tuple[Ints, Array]:
         links = [linkage.body_between(joint, end) for end in ends]
         places = [linkage.bodies[link][1].index for link in links]
         dyads.append([*map(linkage.joints.index, (joint, *ends)), branch, *links])
-        spans.append(
-            [
-                robot.bodies[link].distance(place(end), place(joint))
-                for link, place, end in zip(links, places, ends, strict=True)
-            ]
-        )
+        sides = zip((robot.bodies[link] for link in links), places, ends, strict=True)
+        spans.append([link.distance(place(end), place(joint)) for link, place, end in sides])
     return np.array(dyads), np.array(spans)
 
 

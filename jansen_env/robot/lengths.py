@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
 
-from jansen_env.checks import finite, listed, positive, shown
+from jansen_env.checks import finite, listed, named_errors, positive, shown
 from jansen_env.engine.mathematics import cos, hypot, sin
 from jansen_env.robot.designs import is_of_built_parts, with_built_parts
 from jansen_env.robot.links import Bar, Link, Plate, Triangle
@@ -91,7 +91,7 @@ def _values(link: Link) -> list[float]:
 
 
 def _of_lengths(name: str, link: Link, values: list[float]) -> Link:
-    try:
+    with named_errors(f"lengths of {name}"):
         if isinstance(link, Bar):
             return Bar(values[0])
         if isinstance(link, Triangle):
@@ -102,8 +102,6 @@ def _of_lengths(name: str, link: Link, values: list[float]) -> Link:
         c, s = (u - x) / span, (v - y) / span  # the way of its first two joints
         places = [(0.0, 0.0), (values[0], 0.0), *others]
         return Plate.uniform([(c * a - s * b, s * a + c * b) for a, b in places])
-    except ValueError as error:
-        raise ValueError(f"lengths of {name}: {error}") from error
 
 
 def _as_dense(link: Link, fresh: Link) -> Link:

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from jansen_env import checks
+from jansen_env.checks import set_checked
 from jansen_env.engine.mathematics import acos, atan2, cos, hypot
 
 Side = Literal["fore", "back"]
@@ -22,13 +23,6 @@ CRANK_RADIUS = 0.10834  # m, the paper's L2; every built-in design turns this cr
 MOST_PHASES = 100  # of crank pins
 LARGEST = 1e6  # of a mass, an inertia, a friction, a gear, an angle, SI: beyond any machine
 STIFFEST = 1e20  # N/m and N s/m, of a compliant pad: beyond, it is rigid
-
-
-def set_checked(part: object, check: Callable[[str, object], object], *names: str) -> None:
-    """Replace fields of a frozen dataclass by what ``check`` makes of them."""
-    for name in names:
-        value = check(f"{type(part).__name__}.{name}", getattr(part, name))
-        object.__setattr__(part, name, value)
 
 
 def point(name: str, value: object) -> tuple[float, float]:

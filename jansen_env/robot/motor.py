@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jansen_env.arrays import Array
-from jansen_env.checks import infinite, positive, positive_single, shown, within
-from jansen_env.robot.links import LARGEST, set_checked, up_to_largest
+from jansen_env.checks import infinite, positive, positive_single, set_checked, shown, within
+from jansen_env.robot.links import LARGEST, up_to_largest
 
 
 @dataclass(frozen=True)

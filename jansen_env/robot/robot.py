@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from jansen_env.checks import entries, instance, one_of, positive, shown, within
+from jansen_env.checks import entries, instance, one_of, positive, set_checked, shown, within
 from jansen_env.engine.mathematics import atan2
 from jansen_env.robot.buildable import BUILDS, Build
 from jansen_env.robot.linkage import JANSEN, Linkage
@@ -20,7 +20,6 @@ from jansen_env.robot.links import (
     Payload,
     Triangle,
     phased_legs,
-    set_checked,
     up_to_largest,
     within_largest,
 )

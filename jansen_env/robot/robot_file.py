@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 
-from jansen_env.checks import listed, one_of, shown
+from jansen_env.checks import listed, named_errors, one_of, shown
 from jansen_env.files import read_bounded, write_json
 from jansen_env.robot.designs import ROBOTS
 from jansen_env.robot.lengths import with_lengths
@@ -65,17 +65,9 @@ def write_robot(path: str | Path, robot: Robot) -> Path:
 
 
 def read_robot(path: str | Path) -> Robot:
-    """Read a robot file.
-
-    Raises:
-        ValueError: it cannot be read, or is no robot; names the file.
-    """
-    try:
+    """Read a robot file. Raises ValueError: it cannot be read, or is no robot; names the file."""
+    with named_errors(f"{path} is no robot file", RecursionError):
         return robot_from_json(json.loads(read_bounded(path, MAX_BYTES)))
-    except OSError as error:
-        raise ValueError(f"{path} cannot be read: {error.strerror}") from error
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path} is no robot file: {error}") from error
 
 
 def _part_to_json(part: object) -> dict[str, object]:
@@ -103,7 +95,5 @@ def _from_json(value: object) -> object:
     if unknown := [name for name in given if name not in known]:
         allowed = listed(known, unknown[0])
         raise ValueError(f"a {kind} has {shown(unknown[0])}, must be of {allowed}")
-    try:
+    with named_errors(f"a {kind} is wrong", TypeError):
         return PARTS[kind](**given)
-    except TypeError as error:
-        raise ValueError(f"a {kind} lacks fields: {error}") from error

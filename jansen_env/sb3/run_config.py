@@ -15,8 +15,8 @@ from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
-from jansen_env.checks import MAX_STEPS, shown
-from jansen_env.plain_yaml import HUGE, TINY, Rule, check_keys, named_errors, read_yaml
+from jansen_env.checks import MAX_STEPS, named_errors, shown
+from jansen_env.plain_yaml import HUGE, TINY, Rule, check_keys, read_yaml
 from jansen_env.registration import IDS
 from jansen_env.scoring.benchmarks import DEFAULT, check_env_kwargs
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -15,9 +16,11 @@ import numpy as np
 from jansen_env.checks import (
     finite,
     listed,
+    named_errors,
     non_negative,
     one_of,
     positive,
+    set_checked,
     shown,
     whole_number,
     within,
@@ -41,8 +44,6 @@ LEVELS: dict[str, dict[str, tuple[float, float]]] = {
     "ramps": {"angle": (0.045, 0.36), "length": (0.8, 0.8)},
 }
 """Parameters of each generator at level 0 and level 9, evenly spaced between; m and rad."""
-
-
 UP_OR_DOWN = {"slope": "angle", "stairs": "rise"}  # whose sign is drawn, if they are not given
 GENERATORS = (*LEVELS, "mixed")
 """Their names."""
@@ -81,12 +82,8 @@ class NamedGenerator:
             finite(f"{key} of {self.name!r}", value)
         object.__setattr__(self, "given", tuple((key, float(v)) for key, v in self.given))
         for level in (0, HIGHEST):  # or a reset would be refused
-            try:
+            with named_errors(f"{str(self)!r} makes no ground at level {level}"):
                 self(np.random.default_rng(0), level)
-            except ValueError as error:
-                raise ValueError(
-                    f"{str(self)!r} makes no ground at level {level}: {error}"
-                ) from error
 
     def __call__(self, rng: Random, level: int) -> Terrain:
         """A ground. Raises ValueError: no such level."""
@@ -188,11 +185,9 @@ class Curriculum:
     horizon: float = 10.0
 
     def __post_init__(self) -> None:
-        set_value = object.__setattr__
-        set_value(self, "up", within("up", self.up, 0.0, 1.0))
-        set_value(self, "down", within("down", self.down, 0.0, 1.0))
-        set_value(self, "highest", whole_number("highest", self.highest, HIGHEST))
-        set_value(self, "horizon", positive("horizon", self.horizon))
+        set_checked(self, partial(within, low=0.0, high=1.0), "up", "down")
+        set_checked(self, partial(whole_number, most=HIGHEST), "highest")
+        set_checked(self, positive, "horizon")
         if self.down > self.up:
             raise ValueError(f"down is {self.down}, must be at most up, {self.up}")
 

@@ -21,6 +21,7 @@ from jansen_env.checks import (
     non_negative,
     one_line,
     positive,
+    set_checked,
     shown,
     within,
 )
@@ -159,15 +160,14 @@ class Terrain:
                 f"Terrain.points: a segment has a slope of {steepest:.3f} rad, allowed are "
                 f"{MAX_SLOPE:.3f}"
             )
-        set_value = functools.partial(object.__setattr__, self)
-        set_value("friction", non_negative("Terrain.friction", self.friction))
-        set_value("restitution", within("Terrain.restitution", self.restitution, 0.0, 1.0))
-        set_value("points", tuple(map(tuple, table.tolist())))
+        set_checked(self, non_negative, "friction")
+        set_checked(self, functools.partial(within, low=0.0, high=1.0), "restitution")
+        object.__setattr__(self, "points", tuple(map(tuple, table.tolist())))
         before = table[0] - EXTENT * step[0] / step[0, 0]
         after = table[-1] + EXTENT * step[-1] / step[-1, 0]
         line = np.concatenate([[before], table[1:-1], [after]])
         line.setflags(write=False)
-        set_value("_line", line)
+        object.__setattr__(self, "_line", line)
 
     @classmethod
     def flat(cls, friction: float = 0.8, restitution: float = 0.0) -> Terrain:
@@ -399,8 +399,5 @@ def make_terrain(
             raise ValueError(f"terrain is {shown(terrain)}, must be {ALLOWED}: {reason}") from error
     else:
         made = Terrain(entries("terrain", terrain, ALLOWED))
-    return Terrain(
-        made.points,
-        made.friction if friction is None else friction,
-        made.restitution if restitution is None else restitution,
-    )
+    friction = made.friction if friction is None else friction
+    return Terrain(made.points, friction, made.restitution if restitution is None else restitution)

@@ -11,15 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.arrays import Array, Ints
-from jansen_env.checks import listed, load_record, one_or_two, shown
+from jansen_env.checks import listed, load_record, one_or_two, set_checked, shown
 from jansen_env.engine.sensors import add_noise, draw_errors
 
 Deviation: TypeAlias = float | tuple[float, float]
 """Standard deviation of each step's noise, or that and the one of the episode's bias."""
 
 _EVEN = math.sqrt(1.0 / 3.0)  # standard deviation of what is drawn evenly from -1 to 1
-
-
 EXACT = "exact"  # for Observed.noise: no sensor measures it, or others' errors are in it already
 
 
@@ -128,9 +126,7 @@ class Noise:
     torque: Deviation = (0.05, 0.05)
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            checked = one_or_two(f"Noise.{field.name}", getattr(self, field.name))
-            object.__setattr__(self, field.name, checked)
+        set_checked(self, one_or_two, *SENSORS)
 
     @classmethod
     def only(cls, **sensors: Deviation) -> Noise:
@@ -149,7 +145,6 @@ class Noise:
 
 
 SENSORS = tuple(field.name for field in fields(Noise))
-
 
 ANGLES = (
     ("cos_crank_angle", "cos_crank_angle", "sin_crank_angle"),

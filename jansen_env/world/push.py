@@ -12,11 +12,12 @@ They are drawn from the episode's seed and counters (:mod:`jansen_env.engine.ran
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from jansen_env.arrays import Array, Bools, Ints
-from jansen_env.checks import entries, finite, non_negative, one_or_two, shown, within
+from jansen_env.checks import entries, finite, non_negative, one_or_two, set_checked, shown, within
 from jansen_env.engine.pushes import PUSHES, fill_pushes
 
 SHORTEST, LONGEST = 1e-3, 1e6  # s, of durations and intervals
@@ -45,11 +46,9 @@ class Push:
     interval: float = 5.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "impulse", one_or_two("Push.impulse", self.impulse))
-        interval = within("Push.interval", self.interval, SHORTEST, LONGEST)
-        duration = within("Push.duration", self.duration, SHORTEST, interval)
-        object.__setattr__(self, "interval", interval)
-        object.__setattr__(self, "duration", duration)
+        set_checked(self, one_or_two, "impulse")
+        set_checked(self, partial(within, low=SHORTEST, high=LONGEST), "interval")
+        set_checked(self, partial(within, low=SHORTEST, high=self.interval), "duration")
 
 
 def check_schedule(name: str, pushes: object) -> Array:
@@ -58,12 +57,11 @@ def check_schedule(name: str, pushes: object) -> Array:
     triples = [entries(name, push, allowed, 3) for push in entries(name, pushes, allowed)]
     if len(triples) > MOST_PUSHES:
         raise ValueError(f"{name} is {shown(pushes)}, must be {allowed}")
-    checked = [
-        (non_negative(f"{name}[{i}] time", t), finite(f"{name}[{i}] Jx", x),
-         finite(f"{name}[{i}] Jy", y))
-        for i, (t, x, y) in enumerate(triples)
-    ]  # fmt: skip
-    return np.array(checked, float).reshape(-1, 3)
+    for i, (time, *impulse) in enumerate(triples):
+        non_negative(f"{name}[{i}] time", time)
+        for part, number in zip(("Jx", "Jy"), impulse, strict=True):
+            finite(f"{name}[{i}] {part}", number)
+    return np.array(triples, float).reshape(-1, 3)
 
 
 class Pushes:

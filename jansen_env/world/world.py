@@ -11,10 +11,9 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jansen_env import checks
 from jansen_env.arrays import Array, Bools, Ints, Rows
-from jansen_env.checks import entries, finite_numbers, number_range, shown, whole_number, within
 from jansen_env.dynamics.joint_forces import JointForces
-from jansen_env.dynamics.pads import pad_layout
 from jansen_env.engine import readings
 from jansen_env.engine.integrator import DIVERGED
 from jansen_env.gravity import GRAVITY
@@ -436,7 +435,7 @@ class World:
             values: Array = np.asarray(actions, dtype=float)
         except (TypeError, ValueError, OverflowError):
             allowed = f"must be numbers, shape ({count}, 1)"
-            raise ValueError(f"actions are {shown(actions)}, {allowed}") from None
+            raise ValueError(f"actions are {checks.shown(actions)}, {allowed}") from None
         if values.shape != (count, 1):
             raise ValueError(f"actions have shape {values.shape}, must have ({count}, 1)")
         self._actions[:] = values
@@ -490,12 +489,12 @@ class World:
     def kernel_arguments(self) -> tuple[Arguments, Arguments]:
         """Return those of ``finish_step`` and ``describe`` of the engine's ``readings``."""
         plant = self.plant
-        shown = (
+        described = (
             plant.rows, self.data, self.toe_load, plant.surface, self.scan, self._places,
             self._observation,
         )  # fmt: skip
-        step = self.control_dt, plant.states, plant.slip, plant.contact_force, *shown
-        return step, (plant.states, *shown)
+        step = self.control_dt, plant.states, plant.slip, plant.contact_force, *described
+        return step, (plant.states, *described)
 
     # Single robots.
 
@@ -509,22 +508,19 @@ class World:
         if self.held:
             raise ValueError("the robot is held, must be free to be pushed")
         now = float(self.elapsed[i]) * self.control_dt
-        push = check_schedule("impulse", [(now, *entries("impulse", impulse, "(Jx, Jy)"))])
+        push = check_schedule("impulse", [(now, *checks.entries("impulse", impulse, "(Jx, Jy)"))])
         self.pushes.add(i, push[0])
 
     def checked(self, i: int, changes: Values) -> Values:
         """Return changes for :meth:`change`; ValueError: out of range."""
-        checks: dict[str, Check] = {
+        named: dict[str, Check] = {
             "payload": load_payload,
             "motor": load_motor,
             "pad_compliance": load_compliance,
-            "delay": partial(number_range, least=0.0, most=self._longest_delay),
+            "delay": partial(checks.number_range, least=0.0, most=self._longest_delay),
             "terrain_level": lambda name, value: self.episodes.checked_level(i, value),
         }
-        checked = {
-            name: checks.get(name, partial(check, name))(name, value)
-            for name, value in changes.items()
-        }
+        checked = {k: named.get(k, partial(check, k))(k, value) for k, value in changes.items()}
         self.episodes.check_names(i, [name for name in checked if name in CHANGES], "changes")
         if {*checked} - {*FROM_RESETS}:
             pads = checked.get("pad_compliance", self.robots[i].pad_compliance)
@@ -599,26 +595,29 @@ class World:
 
     def checked_state(self, i: int, state: Values) -> Values:
         """Return a state of :meth:`get_state` for :meth:`restore`; ValueError: out of range."""
-        checked: Values = {}
-        for name, size in (("asked", self.asked.shape[1]), ("loads", self.toe_load.shape[1])):
-            checked[name] = finite_numbers(f"state[{name!r}]", state[name], size)
+        sizes = {"asked": self.asked.shape[1], "loads": self.plant.toes}
         if self.onboard is not None:
-            checked["onboard"] = finite_numbers("state['onboard']", state["onboard"], KEPT_ONBOARD)
+            sizes["onboard"] = KEPT_ONBOARD
+        checked: Values = {
+            name: checks.finite_numbers(f"state[{name!r}]", state[name], size)
+            for name, size in sizes.items()
+        }
         checked["plant"] = check_state(state["plant"])
         if self.held:
             check_held(checked["plant"])
-        pads = len(pad_layout(self.robots[0]).leg)
+        pads = self.plant.deflection.shape[1]
+        count = partial(checks.whole_number, most=LARGEST_COUNT)
         build = self._checked_build(i, state)
         robot = build.robot if build else self.robots[i]
         plan, checked["level"] = self.episodes.planned(i, state, robot)
         return {
             **checked,
-            "delay": within("state['delay']", state["delay"], 0.0, self._longest_delay),
-            "action": within("state['action']", state["action"], -1.0, 1.0),
+            "delay": checks.within("state['delay']", state["delay"], 0.0, self._longest_delay),
+            "action": checks.within("state['action']", state["action"], -1.0, 1.0),
             "in_contact": check_in_contact(state["in_contact"], pads),
-            "deflection": check_deflection(state["deflection"], len(self.plant.deflection[i])),
-            "steps": whole_number("state['steps']", state["steps"], LARGEST_COUNT),
-            "seed": whole_number("state['command_seed']", state["command_seed"], LARGEST_COUNT),
+            "deflection": check_deflection(state["deflection"], pads),
+            "steps": count("state['steps']", state["steps"]),
+            "seed": count("state['command_seed']", state["command_seed"]),
             "pushes": check_schedule("state['pushes']", state["pushes"]),
             "random_pushes": flag("state['random_pushes']", state["random_pushes"]),
             "plan": plan._replace(build=build),
@@ -630,10 +629,8 @@ class World:
         if "robot" in state:
             if self.held:
                 raise ValueError("state has 'robot', must have none: this robot is not exchanged")
-            try:
+            with checks.named_errors("state['robot'] is no robot", RecursionError):
                 robot = robot_from_json(state["robot"])
-            except (ValueError, RecursionError) as error:
-                raise ValueError(f"state['robot'] is no robot: {error}") from error
         other = robot if robot != self.lengths.nominal[i] else None
         if other is not None:
             self.plant.check_robot(other)

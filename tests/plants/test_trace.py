@@ -8,7 +8,7 @@ from motions import HOLD, governor, placed
 
 from jansen_env import Payload, Robot, Terrain
 from jansen_env.gravity import GRAVITY
-from jansen_env.plants.trace import pads_in_contact, peak_loads, trace_forces
+from jansen_env.plants.trace import pads_in_contact, trace_forces
 from jansen_env.tasks.walking import JansenWalkerEnv
 
 LADEN = replace(Robot(), payload=Payload(1.0, 0.1, (0.1, 0.2)))
@@ -165,7 +165,8 @@ def test_walker_info_has_the_largest_loads_when_asked():
         assert info.keys() - bare.keys() == keys
         plant = envs[0].plant.batch
         forces = trace_forces(plant.tables_in_force(0), plant.trace, plant.time_step).bearing
-        expected = peak_loads(forces, plant.touchdowns, plant.time_step)
+        largest = forces[~plant.touchdowns].max(), forces[plant.touchdowns].max(initial=0.0)
+        expected = largest[0], largest[1] * plant.time_step
         assert (info["joint_force_max"], info["joint_impulse_max"]) == expected
         assert 1.0 < info["joint_force_max"] < 1e3
         impulses.append(info["joint_impulse_max"])

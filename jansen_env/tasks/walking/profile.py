@@ -20,7 +20,8 @@ import numpy as np
 
 from jansen_env.arrays import Array
 from jansen_env.baselines.policy import Controlled, TorquePolicy, columns
-from jansen_env.files import open_regular
+from jansen_env.checks import named_errors
+from jansen_env.files import read_bounded
 
 DATA = Path(__file__).parent / "data" / "profile.json"
 
@@ -28,8 +29,7 @@ MAX_BYTES = 2**20  # of a file
 NUMBERS = ("n0", "kp", "tau0", "g")
 """The first numbers of a profile, in rad/s, N m s/rad, N m, 1/m; then a_1 .. a_K, b_1 .. b_K."""
 READ = ("cos_crank_angle", "sin_crank_angle", "crank_speed", "speed_command", "lag")
-"""The observations that a profile reads; their columns come from
-:func:`jansen_env.baselines.policy.columns`."""
+"""The observations that a profile reads."""
 
 
 def profile_torque(numbers: Array, observation: Array, read: Sequence[int]) -> Array:
@@ -69,11 +69,8 @@ class Profile:
         commands, numbers = np.asarray(self.commands, float), np.asarray(self.numbers, float)
         object.__setattr__(self, "commands", commands)
         object.__setattr__(self, "numbers", numbers)
-        if (
-            commands.ndim != 1
-            or not len(commands)
-            or not (np.diff(commands, prepend=0.0) > 0.0).all()
-        ):
+        increases = commands.ndim == 1 and (np.diff(commands, prepend=0.0) > 0.0).all()
+        if not increases or len(commands) == 0:
             raise ValueError(f"commands is {commands.tolist()}, must increase from above 0")
         shape = numbers.shape
         if len(shape) != 2 or shape[0] != len(commands) or shape[1] < 4 or shape[1] % 2:
@@ -117,11 +114,6 @@ def load_profile(path: str | Path = DATA, robot: str = "paper") -> Profile:
     Raises:
         ValueError: the file cannot be read, or has no such profile.
     """
-    try:
-        with open_regular(path) as file:
-            entry = json.loads(file.read(MAX_BYTES))[robot]
+    with named_errors(f"no profile of {robot!r}", TypeError, KeyError, RecursionError):
+        entry = json.loads(read_bounded(path, MAX_BYTES))[robot]
         return Profile(np.array(entry["commands"]), np.array(entry["numbers"]))
-    except OSError as error:
-        raise ValueError(f"{path} cannot be read: {error.strerror}") from error
-    except (ValueError, TypeError, KeyError, RecursionError) as error:
-        raise ValueError(f"{path} has no profile of {robot!r}: {error}") from error

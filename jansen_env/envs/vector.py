@@ -119,10 +119,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         return self.robot.motor.torque_limit
 
     def reset(
-        self,
-        *,
-        seed: int | Sequence[int | None] | None = None,
-        options: Values | None = None,
+        self, *, seed: int | Sequence[int | None] | None = None, options: Values | None = None
     ) -> tuple[Observations, Values]:
         """Start episodes: of all robots, or of those in ``options["reset_mask"]`` (num_envs,).
 
@@ -140,10 +137,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         return self.reset_each(seeds, checks.broadcast_options(self.num_envs, options), mask)
 
     def reset_each(
-        self,
-        seeds: Sequence[int | None],
-        options: Sequence[Values],
-        mask: Bools | None = None,
+        self, seeds: Sequence[int | None], options: Sequence[Values], mask: Bools | None = None
     ) -> tuple[Observations, Values]:
         """:meth:`reset` with a seed and options for each robot; ``mask`` (num_envs,) names some."""
         mask = np.ones(self.num_envs, bool) if mask is None else mask

@@ -213,11 +213,7 @@ def summarise(metrics: dict[str, Metric], run: Episodes, env: Env, seed: int = 0
 
 
 def pooled(
-    metrics: dict[str, Metric],
-    run: Episodes,
-    env: Env,
-    seed: int = 0,
-    groups: Sequence[Ints] = (),
+    metrics: dict[str, Metric], run: Episodes, env: Env, seed: int = 0, groups: Sequence[Ints] = ()
 ) -> Summary:
     """Return :func:`summarise` without ``"by_command"``: the commands may all differ.
 

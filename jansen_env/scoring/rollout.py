@@ -113,11 +113,7 @@ def run_episodes(
 
 
 def _run_side_by_side(
-    policy: Policy,
-    envs: VectorEnv,
-    benchmark: Benchmark,
-    options: Options,
-    seeds: Ints,
+    policy: Policy, envs: VectorEnv, benchmark: Benchmark, options: Options, seeds: Ints
 ) -> Episodes:
     n, dt = len(seeds), envs.get_attr("control_dt")[0]  # type: ignore[attr-defined]
     totals: Episodes = {}

@@ -84,11 +84,7 @@ def optional(check: Check) -> Check:
 
 
 def option(
-    options: Values,
-    name: str,
-    drawn: float,
-    low: float = -np.inf,
-    high: float = np.inf,
+    options: Values, name: str, drawn: float, low: float = -np.inf, high: float = np.inf
 ) -> float:
     """An option of ``reset``, or the number that was drawn in its place."""
     return within(f"options[{name!r}]", options[name], low, high) if name in options else drawn

@@ -30,13 +30,7 @@ from jansen_env.engine.placement import PLACEMENT_DEPTH
 from jansen_env.engine.records import ROBOT, UNKNOWN_DEFLECTION
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.parameters import ROBOT_PARAMETERS, nominal
-from jansen_env.plants.base import (
-    check_held,
-    check_legs,
-    check_pushes,
-    check_time_step,
-    divergence,
-)
+from jansen_env.plants.base import check_held, check_legs, check_pushes, check_time_step, divergence
 from jansen_env.plants.batch import Batch
 from jansen_env.plants.rigid import bodies
 from jansen_env.plants.rigid.bodies import (

@@ -38,12 +38,8 @@ def crank_torque(
 
     ``angle`` (rad), ``speed`` and ``acceleration`` broadcast against one another.
     """
-    psi, n, n_dot = np.broadcast_arrays(
-        *(np.asarray(v, float) for v in (angle, speed, acceleration))
-    )
+    given = (np.asarray(value, float) for value in (angle, speed, acceleration))
+    psi, n, n_dot = np.broadcast_arrays(*given)
     sums = body_sums(compile_robot(robot), psi)
-    return CrankTorque(
-        gravity=gravity * sums.dc[..., 1],
-        inertia=sums.k * n_dot + 0.5 * sums.dk * n**2,
-        friction=sums.f * n,
-    )
+    inertia = sums.k * n_dot + 0.5 * sums.dk * n**2
+    return CrankTorque(gravity * sums.dc[..., 1], inertia, sums.f * n)

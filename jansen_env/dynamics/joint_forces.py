@@ -109,11 +109,8 @@ class JointForces:
         """The largest bearing force (N), its leg and place, such as ``("rf", "link 1 at P")``."""
         size = self.bearing
         *_, leg, corner = np.unravel_index(np.argmax(size), size.shape)
-        return (
-            float(size.max()),
-            self.robot.leg_names[leg],
-            corner_name(self.robot.linkage, int(corner)),
-        )
+        place = corner_name(self.robot.linkage, int(corner))
+        return float(size.max()), self.robot.leg_names[leg], place
 
     def corner_forces(self) -> Array:
         """(..., legs, corners, 2) force of links and ground on each of ``linkage.corners``, N.

@@ -15,6 +15,7 @@ from jansen_env.envs.arguments import (
     reset_options,
     single_action,
 )
+from jansen_env.plants.plant import Plant
 from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
 from jansen_env.scoring.metrics import Benchmark
@@ -71,6 +72,11 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         return self.task.world.robots[0]
 
     @property
+    def plant(self) -> Plant:
+        """The plant that moves it."""
+        return Plant(self.task.world.plant)
+
+    @property
     def torque_limit(self) -> float:
         """Torque of action 1, N m."""
         return self.robot.motor.torque_limit
@@ -114,13 +120,9 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         task.step(single_action(action), ACTIVE)
         if self.render_mode == "human":
             self.render()
-        return (
-            task.observation[0].copy(),
-            task.rewards.item(0),
-            task.ended.item(0),
-            task.truncated.item(0),
-            task.information.single(0),
-        )
+        over = task.ended.item(0), task.truncated.item(0)
+        observation, info = task.observation[0].copy(), task.information.single(0)
+        return observation, task.rewards.item(0), *over, info
 
     def _check_begun(self) -> None:
         if not self._begun:

@@ -93,11 +93,8 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         self.control_dt: float = task.control_dt
         self.dt: float = self.control_dt
         self.observed: tuple[Observed, ...] = task.observed
-        self.metadata = {
-            **self.metadata,
-            "render_fps": max(1, round(1.0 / self.dt)),
-            "autoreset_mode": self.autoreset_mode,
-        }
+        more = {"render_fps": max(1, round(1.0 / self.dt)), "autoreset_mode": self.autoreset_mode}
+        self.metadata = {**self.metadata, **more}
         self.single_observation_space: spaces.Box = task.observation_space
         self.single_action_space: spaces.Box = task.action_space
         self.observation_space = batch_space(self.single_observation_space, n)

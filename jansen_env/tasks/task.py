@@ -261,19 +261,16 @@ class Task(ABC):
         """Go on from a complete state of :meth:`get_state`; ValueError: an entry out of range."""
         with self._lock:
             checked = self.world.checked_state(i, state)
-            numbers = {
-                name: flag(f"state[{name!r}]", state[name])
-                if self.info[name].dtype == np.bool_
-                else self._in_range("state", name, state[name])
-                for name in self._kept
-            }
+            numbers = {name: self._checked("state", name, state[name]) for name in self._kept}
             self.world.restore(i, checked)
             self._clear(i, numbers)
             self._begin(np.array([i]))
             self._describe(np.array([i]))
 
-    def _in_range(self, label: str, name: str, value: object) -> float:
-        """Return a number within the limits of its name, if observed. Raises ValueError."""
+    def _checked(self, label: str, name: str, value: object) -> float:
+        """Return a flag, or a number within its limits if observed; ValueError: it is neither."""
+        if name in self._kept and self.info[name].dtype == np.bool_:
+            return flag(f"{label}[{name!r}]", value)
         limits = {entry.name: (entry.low, entry.high) for entry in self.observed}
         low, high = limits.get(name, (-MOST_SINGLE, MOST_SINGLE))  # as it will be observed
         return within(f"{label}[{name!r}]", value, max(low, -MOST_SINGLE), min(high, MOST_SINGLE))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -74,10 +74,7 @@ class EpisodeParameters:
             name: np.array([value is not None for value in getattr(settings, name)])
             for name in ("friction", "restitution")
         }
-        self._given = [
-            {name: drawn for name, drawn in ranges.items() if name != "lengths"}
-            for ranges in settings.randomize
-        ]
+        self._given = [{k: r[k] for k in r if k != "lengths"} for r in settings.randomize]
         self.levels = np.array(settings.terrain_level, float)
         self._preset = settings.preset
         pairs = zip(plant.robots, plant.terrains, strict=True)
@@ -107,16 +104,10 @@ class EpisodeParameters:
 
     def changed(self, i: int, numbers: Mapping[str, float], build: Build | None) -> Plan:
         """Return the rest of a robot's episode with other numbers."""
-        values = self.values[[i]]
-        for name, value in numbers.items():
-            values[name] = value
-        terrain, given = self._plant.terrains[i], {*numbers} & {*self._fixed}
-        other = replace(
-            terrain,
-            friction=numbers.get("friction", terrain.friction),
-            restitution=numbers.get("restitution", terrain.restitution),
-        )
-        return Plan(values, other if given else None, build)
+        values = _with(self.values[[i]], numbers)
+        given: Values = {name: numbers[name] for name in self._fixed if name in numbers}
+        terrain = replace(self._plant.terrains[i], **given) if given else None
+        return Plan(values, terrain, build)
 
     def set_nominal(self, i: int, numbers: Mapping[str, float]) -> None:
         """Set numbers of a robot's later episodes."""
@@ -164,12 +155,10 @@ class EpisodeParameters:
                 f"pad_compliance is {pads}, must be rigid, as randomize has 'restitution'"
             )
         check_restitution(np.array([not pads.rigid]), np.array([restitution]))
-        present = self.values[i].copy()
-        for name, value in numbers.items():
-            present[name] = value
-        heaviest = _heaviest(self.nominal[i], self.randomizations[i], numbers)
-        for values in (present, heaviest):  # of this episode, and others
-            self._check_feet(replace(self._plant.robots[i], pad_compliance=pads), values)
+        nominal, robot = _with(self.nominal[i], numbers), self._plant.robots[i]
+        # Of this episode, and others.
+        for values in (_with(self.values[i], numbers), _heaviest(nominal, self.randomizations[i])):
+            self._check_feet(replace(robot, pad_compliance=pads), values)
 
     def _check_robot(self, i: int, robot: Robot) -> Randomization:
         """Return the draws of another robot; ValueError: its feet cannot bear later episodes."""
@@ -307,13 +296,17 @@ class EpisodeParameters:
         return Plan(values, terrain), int(level)
 
 
-def _heaviest(
-    nominal: np.void, randomization: Randomization, changes: Mapping[str, float] | None = None
-) -> np.void:
+def _with(values: Any, numbers: Mapping[str, float]) -> Any:
+    """Return a copy of rows of EPISODE, or of one, with other numbers."""
+    values = values.copy()
+    for name, value in numbers.items():
+        values[name] = value
+    return values
+
+
+def _heaviest(nominal: np.void, randomization: Randomization) -> np.void:
     """The episode parameters with the highest foot load."""
     values = nominal.copy()
-    for name, value in (changes or {}).items():
-        values[name] = value
     for name, drawn in randomization.items():
         if isinstance(drawn, Uniform):
             level = min(max(0.0, drawn.low), drawn.high)

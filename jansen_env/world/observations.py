@@ -135,13 +135,9 @@ class Noise:
 
     def deviations(self, observed: Sequence[Observed]) -> Array:
         """Return the standard deviations (d, 2) of noise and bias."""
-        deviations = np.zeros((len(observed), 2))
-        for i, entry in enumerate(observed):
-            if not isinstance(entry.noise, str):
-                deviations[i] = one_or_two("noise", entry.noise)
-            elif entry.noise != EXACT:
-                deviations[i] = getattr(self, entry.noise)
-        return deviations
+        known = {EXACT: 0.0, **vars(self)}
+        each = [known[o.noise] if isinstance(o.noise, str) else o.noise for o in observed]
+        return np.array([one_or_two("noise", deviation) for deviation in each])
 
 
 SENSORS = tuple(field.name for field in fields(Noise))

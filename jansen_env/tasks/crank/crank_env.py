@@ -13,7 +13,6 @@ from jansen_env.checks import non_negative
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.vector import TaskVectorEnv, VectorArguments
-from jansen_env.plants.plant import Plant
 from jansen_env.tasks.crank.crank_benchmark import CRANK
 from jansen_env.tasks.task import CommandedTask
 from jansen_env.world.observations import EXACT, Observed
@@ -191,11 +190,6 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
 
     def __init__(self, **arguments: Unpack[CrankArguments]) -> None:
         super().__init__(**arguments)
-
-    @property
-    def plant(self) -> Plant:
-        """The plant, its chassis held."""
-        return Plant(self.task.world.plant)
 
     @property
     def reference(self) -> float:

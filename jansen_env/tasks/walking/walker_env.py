@@ -21,7 +21,6 @@ from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine import walk_reward
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.vector import TaskVectorEnv, VectorArguments
-from jansen_env.plants.plant import Plant
 from jansen_env.tasks.task import CommandedTask
 from jansen_env.tasks.walking.walker_benchmark import WALKER
 from jansen_env.terrain import Terrain
@@ -270,7 +269,7 @@ class WalkerTask(CommandedTask):
             given, label = state["measured"], "state['measured']"
             if not isinstance(given, Mapping) or not {*ACCOUNTS} <= {*given}:
                 raise ValueError(f"{label} is {shown(given)}, must have {[*ACCOUNTS]}")
-            measured = tuple(self._in_range(label, name, given[name]) for name in ACCOUNTS)
+            measured = tuple(self._checked(label, name, given[name]) for name in ACCOUNTS)
         super().set_state(i, state)
         self.covered[i] = covered
         if odometry is not None:
@@ -475,11 +474,6 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     def terrain(self) -> Terrain:
         """The terrain of this episode."""
         return self.task.world.plant.terrains[0]
-
-    @property
-    def plant(self) -> Plant:
-        """The plant."""
-        return Plant(self.task.world.plant)
 
     @property
     def weight(self) -> float:

@@ -226,10 +226,9 @@ def _check_arguments(
         raise ValueError(f"q and q_dot have shapes {q.shape}, {q_dot.shape}, must be (..., 4) both")
     if not (np.isfinite(q).all() and np.isfinite(q_dot).all()):
         raise ValueError(f"q is {q}, q_dot is {q_dot}, must be finite numbers")
-    if np.ndim(torque) > 0 and np.shape(torque) != q.shape[:-1]:
-        raise ValueError(f"torque has shape {np.shape(torque)}, must be {q.shape[:-1]}")
-    if dry is not None and np.ndim(dry) > 0 and np.shape(dry) != q.shape[:-1]:
-        raise ValueError(f"dry has shape {np.shape(dry)}, must be {q.shape[:-1]}")
+    for name, value in (("torque", torque), ("dry", 0.0 if dry is None else dry)):
+        if np.ndim(value) > 0 and np.shape(value) != q.shape[:-1]:
+            raise ValueError(f"{name} has shape {np.shape(value)}, must be {q.shape[:-1]}")
     if q_ddot is not None and np.shape(q_ddot) != q.shape:
         raise ValueError(f"q_ddot has shape {np.shape(q_ddot)}, must be {q.shape} as q")
     for name, rate in (("q_dot", q_dot), ("q_ddot", q_ddot)):
@@ -246,15 +245,11 @@ def _contact_forces(
         return f, toe
     contact = np.asarray(contact, dtype=float)
     layout = pad_layout(robot)
-    if contact.ndim < 2 or contact.shape[:-2] != X.shape[:-2] or contact.shape[-1] != 3:
-        raise ValueError(
-            f"contact has shape {contact.shape}, must be {(*X.shape[:-2], '<= pads', 3)}"
-        )
-    if contact.shape[-2] > len(layout.leg):
-        raise ValueError(
-            f"contact is for {contact.shape[-2]} pads, the robot has {len(layout.leg)}"
-        )
-    for k in range(contact.shape[-2]):
+    pads = contact.shape[-2] if contact.ndim > 1 else 0
+    if contact.shape != (*X.shape[:-2], pads, 3) or pads > len(layout.leg):
+        allowed = (*X.shape[:-2], f"<= {len(layout.leg)}", 3)
+        raise ValueError(f"contact has shape {contact.shape}, must be {allowed}")
+    for k in range(pads):
         leg, (joint, body) = layout.leg[k], robot.linkage.all_pads[layout.joint[k]]
         column = 3 * body
         force, moment = contact[..., k, :2], contact[..., k, 2]

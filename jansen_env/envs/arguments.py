@@ -15,6 +15,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
+from jansen_env import checks
 from jansen_env.arrays import Array, Bools
 from jansen_env.checks import entries, instance, listed, positive_integer, shown, whole_number
 from jansen_env.rendering import Renderer
@@ -104,10 +105,7 @@ def single_action(action: object) -> Array:
     """The action (1,) of one robot as (1, 1); the number 0 stands for no torque."""
     if isinstance(action, int) and action == 0:  # what gymnasium.utils.play does without a key
         return np.zeros((1, 1))
-    try:
-        values: Array = np.asarray(action, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        values = np.empty(0)
+    values = checks.numbers_of(action)
     if values.shape != (1,) or not math.isfinite(values.item()):
         raise ValueError(f"action is {shown(action)}, must be one finite number, shape (1,)")
     return values[None]

@@ -277,9 +277,8 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         """Return an attribute of each robot: its own, or the common one."""
         values = self.task.world.get_attr(name)
         if name in self.task.SETTABLE:
-            values = [
-                tuple(v) if isinstance(v, list) else v for v in getattr(self.task, name).tolist()
-            ]
+            each = getattr(self.task, name).tolist()
+            values = [tuple(value) if isinstance(value, list) else value for value in each]
         if values is not None:
             return tuple(values)
         if name in ("max_episode_steps", "np_random", "np_random_seed"):

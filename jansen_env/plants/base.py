@@ -108,18 +108,15 @@ def check_held(state: ArrayLike) -> None:
 def check_deflection(value: object, pads: int) -> Array:
     """Return pads' deflection (pads, 2), m, or raise ValueError: shape, compression, bend."""
     deflection = numbers_of(value)
-    fits = deflection.shape == (pads, 2)
-    if fits:
+    if deflection.shape == (pads, 2):
         compression, bend = deflection.T
-        unknown = compression == np.inf
-        fits = bool(((compression >= 0.0) & ((compression <= LARGEST) | unknown)).all())
-        fits = fits and bool((np.abs(bend) <= LARGEST).all())
-    if not fits:
-        raise ValueError(
-            f"deflection is {shown(value)}, must be {pads} pairs of a compression of 0 or above "
-            f"(infinity where unknown) and a bend, within {LARGEST:g}"
-        )
-    return deflection
+        known = np.where(compression == np.inf, 0.0, compression)
+        if (known >= 0.0).all() and (np.abs([known, bend]) <= LARGEST).all():
+            return deflection
+    raise ValueError(
+        f"deflection is {shown(value)}, must be {pads} pairs of a compression of 0 or above "
+        f"(infinity where unknown) and a bend, within {LARGEST:g}"
+    )
 
 
 def check_pushes(value: object, *shape: int) -> Array:

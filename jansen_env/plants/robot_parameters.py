@@ -23,8 +23,6 @@ from jansen_env.terrain import Terrain
 BOUND = 1.1  # what lies between the angles of the tables is less than so much larger
 LIMITS = np.array([(PARAMETERS[name].least, PARAMETERS[name].most) for name in OF_ROBOTS]).T
 """The least and the most of each parameter."""
-
-
 COPIED = {
     "friction": "friction", "restitution": "restitution", "payload": "load_mass",
     "payload_x": "load_x", "payload_y": "load_y", "mass_scale": "mass_scale",

@@ -253,10 +253,8 @@ class Linkage:
     @cached_property
     def edges(self) -> tuple[tuple[tuple[int, int], ...], ...]:
         """Straight edges of each body, as pairs of joints, for drawing."""
-        return tuple(
-            tuple(pairwise(joints if len(joints) == 2 else (*joints, joints[0])))
-            for joints in self.members
-        )
+        around = (js if len(js) == 2 else (*js, js[0]) for js in self.members)
+        return tuple(tuple(pairwise(joints)) for joints in around)
 
     @property
     def skeleton(self) -> tuple[tuple[int, int], ...]:

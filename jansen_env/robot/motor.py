@@ -92,16 +92,14 @@ class Motor:
         lost = self.slope * np.asarray(speed, dtype=float)
         high = np.clip(self.stall_torque - lost, -self.most_torque, self.most_torque)
         low = np.clip(-self.stall_torque - lost, -self.most_torque, self.most_torque)
-        limited: Array = np.minimum(high, np.maximum(low, np.asarray(asked, dtype=float)))
-        return limited
+        return np.minimum(high, np.maximum(low, np.asarray(asked, dtype=float)))
 
     def electrical_power(self, torque: ArrayLike, speed: ArrayLike) -> Array:
         """Drawn at torques (...), N m, and speeds (...), rad/s: W; nothing is fed back."""
         torque, speed = np.asarray(torque, dtype=float), np.asarray(speed, dtype=float)
         driving = torque * speed >= 0.0
         inner = np.where(driving, torque / self.efficiency, torque * self.efficiency)
-        power: Array = np.maximum(inner * speed + self.winding * inner**2, 0.0)
-        return power
+        return np.maximum(inner * speed + self.winding * inner**2, 0.0)
 
 
 IDEAL = Motor()

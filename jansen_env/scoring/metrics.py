@@ -113,18 +113,16 @@ def mean_of(name: str) -> Callable[[Episodes, Env], Array]:
 
 def horizon(env: Env) -> float:
     """Return the time limit of an episode, s."""
-    return float(
-        env.get_wrapper_attr("spec").max_episode_steps * env.get_wrapper_attr("control_dt")
-    )
+    steps = env.get_wrapper_attr("spec").max_episode_steps
+    return float(steps * env.get_wrapper_attr("control_dt"))
 
 
 def per_weight(name: str) -> Callable[[Episodes, Env], Array]:
     """Return a metric's function: work / weight, m; of the episodes' own "weight", N, if any."""
 
     def work_per_weight(run: Episodes, env: Env) -> Array:
-        return np.asarray(
-            run[name] / run.get("weight", env.get_wrapper_attr("task").world.weight[0])
-        )
+        weight = run.get("weight", env.get_wrapper_attr("task").world.weight[0])
+        return run[name] / weight
 
     return work_per_weight
 
@@ -205,10 +203,8 @@ def summarise(metrics: dict[str, Metric], run: Episodes, env: Env, seed: int = 0
     by_command = {}
     for name, metric in metrics.items():
         rows = [_interval(metric, run, env, [group], seed) for group in groups]
-        value, low, high = map(list, zip(*rows, strict=True))
-        by_command[name] = {
-            "command": commands.tolist(), "value": value, "low": low, "high": high,
-        }  # fmt: skip
+        ends = dict(zip(("value", "low", "high"), map(list, zip(*rows, strict=True)), strict=True))
+        by_command[name] = {"command": commands.tolist(), **ends}
     return {**pooled(metrics, run, env, seed, groups), "by_command": by_command}
 
 

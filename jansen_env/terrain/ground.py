@@ -140,9 +140,7 @@ class Terrain:
             raise ValueError(
                 f"Terrain.points has shape {table.shape}, must be at least two (x, y) pairs"
             )
-        if not np.isfinite(table).all():
-            raise ValueError("Terrain.points holds a number that is not finite")
-        if np.abs(table).max() > FARTHEST:
+        if not (np.abs(table) <= FARTHEST).all():
             raise ValueError(
                 f"Terrain.points: a coordinate is {np.abs(table).max():g} m, must be within "
                 f"{FARTHEST:g} m of the origin"
@@ -318,8 +316,7 @@ class Terrain:
     @property
     def polyline(self) -> Array:
         """(n, 2) surface vertices with both ends extended, m."""
-        line: Array = self._line  # type: ignore[attr-defined]
-        return line
+        return self._line  # type: ignore[attr-defined]
 
     @property
     def steepest(self) -> float:

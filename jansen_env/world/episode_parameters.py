@@ -125,11 +125,6 @@ class EpisodeParameters:
         self.check_names(i, [*given], "randomize", robot)
         return given
 
-    def checked_level(self, i: int, level: object) -> int:
-        """Return a terrain level of a robot; ValueError: out of range, or its ground has none."""
-        self.check_names(i, ["terrain_level"], "set_parameters")
-        return round(check("terrain_level", "terrain_level", level))
-
     def _useful(self, i: int, robot: Robot) -> set[str]:
         has = {**self._has, "delay": True, "terrain_level": self._generators[i] is not None}
         return {*parameters.effective(robot), *(name for name, present in has.items() if present)}

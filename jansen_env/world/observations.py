@@ -49,14 +49,12 @@ class Observed:
         if not self.low < self.high:
             limits = f"{shown(self.low)} to {shown(self.high)}"
             raise ValueError(f"limits of the observation {self.name!r} are {limits}, must increase")
-        allowed = [*SENSORS, EXACT]
-        if isinstance(self.noise, str) and self.noise not in allowed:
-            raise ValueError(
-                f"noise of the observation {self.name!r} is {self.noise!r}, must be a standard "
-                f"deviation or in {listed(allowed, self.noise)}"
-            )
+        allowed, label = [*SENSORS, EXACT], f"noise of the observation {self.name!r}"
         if not isinstance(self.noise, str):
-            one_or_two(f"noise of the observation {self.name!r}", self.noise)
+            one_or_two(label, self.noise)
+        elif self.noise not in allowed:
+            known = f"a standard deviation or in {listed(allowed, self.noise)}"
+            raise ValueError(f"{label} is {self.noise!r}, must be {known}")
 
 
 def world_observations(toes: int, scanned: int) -> list[Observed]:

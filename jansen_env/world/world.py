@@ -431,11 +431,10 @@ class World:
 
     def _check_actions(self, actions: ArrayLike, active: Bools) -> None:
         count = self.num_envs
-        try:
-            values: Array = np.asarray(actions, dtype=float)
-        except (TypeError, ValueError, OverflowError):
+        values = checks.numbers_of(actions)
+        if values.ndim == 0:
             allowed = f"must be numbers, shape ({count}, 1)"
-            raise ValueError(f"actions are {checks.shown(actions)}, {allowed}") from None
+            raise ValueError(f"actions are {checks.shown(actions)}, {allowed}")
         if values.shape != (count, 1):
             raise ValueError(f"actions have shape {values.shape}, must have ({count}, 1)")
         self._actions[:] = values
@@ -518,10 +517,10 @@ class World:
             "motor": load_motor,
             "pad_compliance": load_compliance,
             "delay": partial(checks.number_range, least=0.0, most=self._longest_delay),
-            "terrain_level": lambda name, value: self.episodes.checked_level(i, value),
         }
         checked = {k: named.get(k, partial(check, k))(k, value) for k, value in changes.items()}
-        self.episodes.check_names(i, [name for name in checked if name in CHANGES], "changes")
+        without_argument = [name for name in checked if name in (*CHANGES, "terrain_level")]
+        self.episodes.check_names(i, without_argument, "changes")
         if {*checked} - {*FROM_RESETS}:
             pads = checked.get("pad_compliance", self.robots[i].pad_compliance)
             self.episodes.check_change(i, pads, _parameters_of(checked))

@@ -174,6 +174,8 @@ class SpringPads:
         self._sides, pads = sides, len(owners) - len(sides)
         check_stiffness(robot, time_step, owners[:pads])
         self._give, self._radius = robot.pad_compliance, robot.pad_radius
+        self._kt = float(self._give.tangential_stiffness or 0.0)
+        self._dt = float(self._give.tangential_damping or 0.0)
         self._terrain, self._owners, self._h = terrain, owners, time_step
         self._tilt = math.sqrt(1.0 + terrain.steepest**2)
 
@@ -208,9 +210,7 @@ class SpringPads:
 
     def step(self, now: bodies.Snapshot, space: pymunk.Space, sums: Sums | None = None) -> None:
         """Forces of the next time step; ``sums`` takes the work of those of the last one."""
-        h, give = self._h, self._give
-        k, d = give.stiffness, give.damping
-        kt, dt = float(give.tangential_stiffness or 0.0), float(give.tangential_damping or 0.0)
+        h, k, d, kt, dt = self._h, self._give.stiffness, self._give.damping, self._kt, self._dt
         spin = now.motion[self._owners, bodies.SPIN]
         self._centres = np.concatenate([now.pads, self._find_vertices(now.pads)])
         arm = self._centres - now.motion[self._owners, :2]
@@ -286,11 +286,11 @@ class SpringPads:
         h, (tangential, normal) = self._h, self.forces[pad].tolist()
         before, down = self._rate[pad].tolist()
         drift, bristle = 0.5 * (slide + float(self._slide[pad])), 0.5 * (rate + before)
-        kt = float(self._give.tangential_stiffness or 0.0)
         # Work of the springs alone is stored or given back; the rest is lost.
         elastic = -self._give.stiffness * float(self._gap[pad])
+        bent = tangential + self._kt * float(self.bristle[pad])
         sums.total["impact_loss"] -= h * (normal - elastic) * 0.5 * (across + down)
-        sums.total["impact_loss"] -= h * (tangential + kt * float(self.bristle[pad])) * bristle
+        sums.total["impact_loss"] -= h * bent * bristle
         sums.total["slip_loss"] -= h * tangential * drift
         if pad >= len(sums.slip):
             return

@@ -107,8 +107,7 @@ def searched_profile(env: Controlled) -> Policy:
 def measured(name: str, robot: Robot) -> Values:
     """Return the numbers measured for "pid" or "constant" on a robot's design."""
     designs = json.loads(DATA.read_text(encoding="utf-8"))
-    entry: Values = designs[tuned_for(robot, designs)][name]
-    return entry
+    return designs[tuned_for(robot, designs)][name]
 
 
 def measured_setting(name: str, robot: Robot) -> Setting:
@@ -149,11 +148,9 @@ def succeeded(run: Episodes, env: Env) -> Array:
     return (~run["fell"].astype(bool) & enough).astype(float)
 
 
-def _per_step(name: str) -> Callable[[Episodes, Env], Array]:
-    """Mean over an episode's steps."""
-    return lambda run, env: np.asarray(
-        run[name] * env.get_wrapper_attr("control_dt") / run["duration"]
-    )
+def _torque_change(run: Episodes, env: Env) -> Array:
+    """Mean over an episode's steps, N m."""
+    return run["torque_change"] * env.get_wrapper_attr("control_dt") / run["duration"]
 
 
 def _start_work(run: Episodes, env: Env) -> Array:
@@ -217,9 +214,7 @@ WALKER = Benchmark(
         "falls": Metric("falls", "fraction", mean_of("fell"), axis="fraction"),
         "peak_torque": Metric("peak torque", "N m", mean_of("peak_torque"), axis=""),
         "rms_torque": Metric("RMS torque", "N m", mean_of("rms_torque")),
-        "torque_change": Metric(
-            "change of torque per step", "N m", _per_step("torque_change"), axis=""
-        ),
+        "torque_change": Metric("change of torque per step", "N m", _torque_change, axis=""),
     },
     baselines=BASELINES,
 )

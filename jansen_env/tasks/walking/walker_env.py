@@ -5,7 +5,6 @@ Numbers: :mod:`jansen_env.engine.walk_reward`.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import ModuleType
@@ -35,6 +34,7 @@ from jansen_env.world.settings import (
     WorldSettings,
     each,
     flag,
+    optional,
     range_each,
     shared,
 )
@@ -46,10 +46,6 @@ ACCOUNTS: tuple[str, ...] = walk_reward.ACCOUNTS.names or ()  # lag and means
 COMMANDED = ("speed_command", *ACCOUNTS)  # in the order of ``walk_reward.observe``
 ODOMETRY = ("lag", "mean_speed")  # of them, those that are observed onboard
 FURTHEST = walk_reward.FURTHEST_TARGET
-
-
-def _interval(name: str, value: object) -> float:
-    return math.inf if value is None else positive(name, value)
 
 
 class WalkerArguments(WorldArguments, total=False):
@@ -77,7 +73,7 @@ class WalkerSettings(WorldSettings):
     speed_command: list[tuple[float, float]] = range_each(
         SPEED_COMMAND, -FASTEST_COMMAND, FASTEST_COMMAND
     )
-    command_interval: list[float] = each(None, _interval)
+    command_interval: list[float | None] = each(None, optional(positive))
     slip_weight: float = shared(1.0, non_negative)
     energy_weight: float = shared(1.0, non_negative)
     effort_weight: float = shared(1.0, non_negative)
@@ -116,7 +112,7 @@ class WalkerTask(CommandedTask):
 
     def __init__(self, settings: WalkerSettings, threads: int | None = None) -> None:
         n = settings.count
-        self._intervals = np.array(settings.command_interval)
+        self._intervals = np.array(settings.command_interval, float)  # NaN for None
         self._commands_change = bool(np.isfinite(self._intervals).any())
         self._settings = np.zeros(1, walk_reward.SETTINGS)
         self._settings[0] = (

@@ -13,7 +13,7 @@ import numpy as np
 
 from jansen_env.arrays import Array, Rows
 from jansen_env.checks import listed, number_range, shown, within
-from jansen_env.robot import Robot
+from jansen_env.robot import Payload, Robot
 from jansen_env.terrain import MAX_SLOPE, Terrain
 from jansen_env.terrain.generators import HIGHEST
 from jansen_env.uniform import uniform
@@ -121,9 +121,8 @@ def nominal(
     return np.array([values], row_type)[0]
 
 
-def set_payload(row: np.void, robot: Robot) -> None:
-    """Put the payload of another robot into a row of either type."""
-    load = robot.payload
+def set_payload(row: np.void | dict[str, Any], load: Payload) -> None:
+    """Put another payload into a row of either type, or into numbers by name."""
     row["payload"], (row["payload_x"], row["payload_y"]) = load.mass, load.position
 
 

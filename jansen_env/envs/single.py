@@ -20,7 +20,6 @@ from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
 from jansen_env.scoring.metrics import Benchmark
 from jansen_env.tasks.task import Task
-from jansen_env.world.observations import Observed
 from jansen_env.world.settings import RENDER_MODES, Values
 
 Observation = NDArray[np.float32]
@@ -55,9 +54,8 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         self.task, self.render_mode = task, settings.render_mode
         self.observation_space: Any = task.observation_space
         self.action_space: Any = task.action_space
-        self.control_dt: float = task.control_dt
-        self.dt: float = self.control_dt
-        self.observed: tuple[Observed, ...] = task.observed
+        self.dt = self.control_dt = task.control_dt
+        self.observed = task.observed
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.dt))}
         self._begun, self._renderers = False, Renderers()
 

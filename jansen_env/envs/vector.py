@@ -20,7 +20,6 @@ from jansen_env.checks import one_of, positive_integer
 from jansen_env.envs import arguments as checks
 from jansen_env.envs.single import ATask, SingleEnv
 from jansen_env.robot import Robot
-from jansen_env.world.observations import Observed
 from jansen_env.world.settings import Values, entries_of, optional
 
 Observations = NDArray[np.float32]
@@ -90,9 +89,8 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         task: ATask = self.SINGLE.TASK(settings, threads)
         self.task = task
         self.info_keys = checks.info_keys(info_keys, task.information.keys)
-        self.control_dt: float = task.control_dt
-        self.dt: float = self.control_dt
-        self.observed: tuple[Observed, ...] = task.observed
+        self.dt = self.control_dt = task.control_dt
+        self.observed = task.observed
         more = {"render_fps": max(1, round(1.0 / self.dt)), "autoreset_mode": self.autoreset_mode}
         self.metadata = {**self.metadata, **more}
         self.single_observation_space: spaces.Box = task.observation_space

@@ -158,14 +158,9 @@ class ProjectionPlant(Plant):
     batch: Batch
 
     def __init__(
-        self,
-        robot: Robot,
-        terrain: Terrain,
-        time_step: float = TIME_STEP,
-        gravity: Gravity = GRAVITY,
-        held: bool = False,
-        links_collide: bool = False,
-    ) -> None:
+        self, robot: Robot, terrain: Terrain, time_step: float = TIME_STEP,
+        gravity: Gravity = GRAVITY, held: bool = False, links_collide: bool = False,
+    ) -> None:  # fmt: skip
         super().__init__(Batch([robot], [terrain], time_step, gravity, 1, held, links_collide))
 
     @property
@@ -189,14 +184,9 @@ class RigidBodyPlant(Plant):
     batch: RigidBodyBatch
 
     def __init__(
-        self,
-        robot: Robot,
-        terrain: Terrain,
-        time_step: float = RIGID_TIME_STEP,
-        gravity: Gravity = GRAVITY,
-        held: bool = False,
-        links_collide: bool = False,
-    ) -> None:
+        self, robot: Robot, terrain: Terrain, time_step: float = RIGID_TIME_STEP,
+        gravity: Gravity = GRAVITY, held: bool = False, links_collide: bool = False,
+    ) -> None:  # fmt: skip
         super().__init__(RigidBodyBatch(robot, terrain, time_step, gravity, held, links_collide))
 
 

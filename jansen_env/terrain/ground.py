@@ -114,8 +114,9 @@ class Terrain:
 
     ``waves``, ``stairs``, ``steps``, ``stumps`` and ``ramps`` are level around x = 0, where a
     robot is placed, and mirrored or drawn on both sides of it, as commands may be negative. Their
-    vertices are few: in a batch, robots exchange their terrains at resets. For other friction and
-    restitution there is ``dataclasses.replace``.
+    vertices are few: in a batch, robots exchange their terrains at resets. They begin at ``start``
+    and end about at ``reach``, m from the origin on either side; the ground is level before and
+    beyond. For other friction and restitution there is ``dataclasses.replace``.
 
     Args:
         points: at least two (x, y) vertices, m, x increasing. The first and the last segment go on
@@ -212,8 +213,7 @@ class Terrain:
 
         Args:
             height: m, from trough to crest; below 0 they begin with a trough. length: of a wave, m.
-            start: m from the origin, to where the ground is level. reach: m, where they end, with
-                the last that has room; level beyond.
+            reach: m, within which they end, with the last that has room.
         """
         height, length = within("height", height, -TALLEST, TALLEST), positive("length", length)
         start, count = layout(start, reach, length)
@@ -232,8 +232,7 @@ class Terrain:
 
         Args:
             rise: m, of each step. tread: m, from step to step.
-            start, reach: m, half the landing but for half a tread, and where the stairs end on
-                either side; level beyond.
+            start: m, half the landing but for half a tread.
         """
         rise = within("rise", rise, -TALLEST, TALLEST)
         tread = _room("tread", tread, rise)
@@ -258,8 +257,6 @@ class Terrain:
             rng: the generator that they are drawn from.
             height: m; the pieces' are uniform in +- height / 2, so that no step is higher.
             spacing: m, the mean length of a piece; lengths are uniform in 0.5 to 1.5 times that.
-            start, reach: m from the origin, where they begin and about where they end, on both
-                sides; level before and beyond.
         """
         instance("rng", rng, np.random.Generator)
         height = within("height", height, 0.0, TALLEST)
@@ -283,8 +280,7 @@ class Terrain:
 
         Args:
             height, width: m, of a block. spacing: m, from one to the next.
-            start, reach: m from the origin, where the ground begins, half a gap before the first
-                block, and where it ends; level beyond.
+            start: m, half a gap before the first block.
         """
         height = within("height", height, -TALLEST, TALLEST)
         width = _room("width", width, height)
@@ -304,7 +300,6 @@ class Terrain:
 
         Args:
             angle: rad; below 0 they go down first. length: m in x, of a ramp and a level piece.
-            start, reach: m from the origin, where they begin and end; level beyond.
         """
         angle, length = within("angle", angle, -MAX_SLOPE, MAX_SLOPE), positive("length", length)
         start, count = layout(start, reach, 4.0 * length)

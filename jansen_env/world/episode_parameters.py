@@ -158,7 +158,7 @@ class EpisodeParameters:
     def _check_robot(self, i: int, robot: Robot) -> Randomization:
         """Return the draws of another robot; ValueError: its feet cannot bear later episodes."""
         nominal, randomization = self.nominal[i].copy(), self.draws(i, robot)
-        parameters.set_payload(nominal, robot)
+        parameters.set_payload(nominal, robot.payload)
         self._check_feet(robot, _heaviest(nominal, randomization))
         return randomization
 
@@ -192,7 +192,7 @@ class EpisodeParameters:
         robot = None if build is None else build.robot
         if robot is not None:
             randomization = self._check_robot(i, robot)
-            parameters.set_payload(numbers, robot)
+            parameters.set_payload(numbers, robot.payload)
         numbers["delay"] = delay
         if not options and not self.varies:
             return Plan(values, None, build)
@@ -250,7 +250,7 @@ class EpisodeParameters:
         """Begin episodes whose parameters are in force, with the :meth:`draws` of other robots."""
         plain(self.values)[which] = values
         for i, randomization in draws.items():
-            parameters.set_payload(self.nominal[i], self._plant.robots[i])
+            parameters.set_payload(self.nominal[i], self._plant.robots[i].payload)
             self.randomizations[i] = randomization
 
     def shown_robot(self, i: int, robot: Robot) -> Robot:

@@ -11,7 +11,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jansen_env import checks
+from jansen_env import checks, parameters
 from jansen_env.arrays import Array, Bools, Ints, Rows
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine import readings
@@ -476,8 +476,7 @@ class World:
         moved, which = which is None, self._moved if which is None else which
         if self.onboard is not None:
             torque = self.data["direction"] * self.crank_torque
-            parameters = self.episodes.values
-            self.onboard.read(which, moved, self.plant.states, parameters, torque)
+            self.onboard.read(which, moved, self.plant.states, self.episodes.values, torque)
         if self.sensors is not None:
             if not moved:
                 self.sense(which)
@@ -696,7 +695,5 @@ def _parameters_of(changes: Values) -> Numbers:
     """Return the parameters that checked changes set at once."""
     numbers = {name: changes[name] for name in PARAMETERS if name in {*changes} - {*FROM_RESETS}}
     if "payload" in numbers:
-        load = numbers["payload"]
-        numbers["payload_x"], numbers["payload_y"] = load.position
-        numbers["payload"] = load.mass
+        parameters.set_payload(numbers, numbers["payload"])
     return numbers

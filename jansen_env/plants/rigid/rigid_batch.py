@@ -142,14 +142,9 @@ class RigidBodyBatch:
     knows_joint_forces, joints_open, tracing = False, True, False
 
     def __init__(
-        self,
-        robot: Robot,
-        terrain: Terrain,
-        time_step: float = TIME_STEP,
-        gravity: Gravity = GRAVITY,
-        held: bool = False,
-        links_collide: bool = False,
-    ) -> None:
+        self, robot: Robot, terrain: Terrain, time_step: float = TIME_STEP,
+        gravity: Gravity = GRAVITY, held: bool = False, links_collide: bool = False,
+    ) -> None:  # fmt: skip
         check_closure(robot)
         self.links_collide = links_collide
         self.robots, self.terrains = [robot], [terrain]
@@ -295,16 +290,10 @@ class RigidBodyBatch:
             self._memory = saved
 
     def step(
-        self,
-        torque: Array,
-        steps: int,
-        earlier: Array | None = None,
-        switch: Ints | None = None,
-        rows: Ints | None = None,
-        meanwhile: Callable[[], None] | None = None,
-        pushes: Array | None = None,
-        finish: Callable[[Ints], None] | None = None,
-    ) -> None:
+        self, torque: Array, steps: int, earlier: Array | None = None, switch: Ints | None = None,
+        rows: Ints | None = None, meanwhile: Callable[[], None] | None = None,
+        pushes: Array | None = None, finish: Callable[[Ints], None] | None = None,
+    ) -> None:  # fmt: skip
         """Hold a crank torque (1,), N m; ``meanwhile`` is called afterwards, or alone."""
         if rows is None or len(rows) > 0:
             before = 0.0 if earlier is None else float(earlier[0])

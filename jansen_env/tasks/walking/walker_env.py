@@ -139,17 +139,17 @@ class WalkerTask(CommandedTask):
 
     def _order(self, world: Sequence[Observed]) -> tuple[Observed, ...]:
         """Return all observations in the documented order; a derived task's come last."""
-        known = {entry.name: entry for entry in (*world, *self.OBSERVED)}
+        places = {"speed_command": 1, "toe_load": 2, "last_action": 3, "height_scan": 5}
+        places |= dict.fromkeys(ACCOUNTS, 4)
+        every = [*world, *self.OBSERVED]
         if self.world.onboard is not None:
-            known = {k: v for k, v in known.items() if k in ODOMETRY or k not in ACCOUNTS}
-        heights = [name for name in known if name.startswith("height_scan_")]
-        loads = [name for name in known if name.startswith("toe_load_")]
-        later = [*COMMANDED, *loads, *heights, "last_action"]
-        added = [entry.name for entry in self.OBSERVED if entry.name not in COMMANDED]
-        first = [entry.name for entry in world if entry.name not in later]
-        last = ("last_action", *ACCOUNTS, *heights, *added)
-        names = (*first, "speed_command", *loads, *last)
-        return tuple(known[name] for name in names if name in known)
+            every = [e for e in every if e.name in ODOMETRY or e.name not in ACCOUNTS]
+
+        def place(entry: Observed) -> int:
+            kind = entry.name.rstrip("_0123456789")  # of numbered toes and heights
+            return places.get(kind, 0 if entry in world else 6)
+
+        return tuple(sorted(every, key=place))
 
     def _begin(self, which: Ints) -> None:
         """Begin episodes of robots (k,), whose lag and means are 0."""

@@ -32,6 +32,11 @@ def shown(value: object) -> str:
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
 
 
+def invalid(name: str, value: object, allowed: object) -> ValueError:
+    """Return the error of an argument: its name, its value and what is allowed."""
+    return ValueError(f"{name} is {shown(value)}, must be {allowed}")
+
+
 def one_line(error: BaseException) -> str:
     """Return an error's text on one line, cut where it is long."""
     return (" ".join(str(error).split()) or type(error).__name__)[:1000]
@@ -58,7 +63,7 @@ def one_of(name: str, value: object, known: Iterable[T]) -> T:
     """Return ``value``. Raises ValueError unless it is a known name."""
     allowed = [*known]
     if not isinstance(value, (str, NoneType)) or value not in allowed:
-        raise ValueError(f"{name} is {shown(value)}, must be one of {listed(allowed, value)}")
+        raise invalid(name, value, f"one of {listed(allowed, value)}")
     return value
 
 
@@ -71,7 +76,7 @@ def finite(name: str, value: object) -> float:
         with contextlib.suppress(OverflowError, ValueError):  # beyond a float's range
             number = float(value)
     if not math.isfinite(number):
-        raise ValueError(f"{name} is {shown(value)}, must be a finite number")
+        raise invalid(name, value, "a finite number")
     return number
 
 
@@ -79,7 +84,7 @@ def positive(name: str, value: object) -> float:
     """Return ``value`` as a float. Raises ValueError unless it is above 0."""
     number = finite(name, value)
     if number <= 0.0:
-        raise ValueError(f"{name} is {shown(value)}, must be above 0")
+        raise invalid(name, value, "above 0")
     return number
 
 
@@ -87,10 +92,8 @@ def positive_single(name: str, value: object) -> float:
     """Return ``value`` as a float. Raises ValueError unless it is above 0, as float32 too."""
     number = positive(name, value)
     if not LEAST_SINGLE <= number <= MOST_SINGLE:
-        raise ValueError(
-            f"{name} is {shown(value)}, must be of {LEAST_SINGLE:.2g} to {MOST_SINGLE:.2g}, the "
-            "range of float32"
-        )
+        limits = f"{LEAST_SINGLE:.2g} to {MOST_SINGLE:.2g}"
+        raise invalid(name, value, f"of {limits}, the range of float32")
     return number
 
 
@@ -98,7 +101,7 @@ def non_negative(name: str, value: object) -> float:
     """Return ``value`` as a float. Raises ValueError if it is below 0."""
     number = finite(name, value)
     if number < 0.0:
-        raise ValueError(f"{name} is {shown(value)}, must be 0 or above")
+        raise invalid(name, value, "0 or above")
     return number
 
 
@@ -106,7 +109,7 @@ def within(name: str, value: object, low: float, high: float) -> float:
     """Return ``value`` as a float. Raises ValueError unless ``low <= value <= high``."""
     number = finite(name, value)
     if not low <= number <= high:
-        raise ValueError(f"{name} is {shown(value)}, must be between {low} and {high}")
+        raise invalid(name, value, f"between {low} and {high}")
     return number
 
 
@@ -121,7 +124,7 @@ def whole_number(name: str, value: object, most: int | None = None, least: int =
     if whole is None or whole < least or (most is not None and whole > most):
         allowed = " above 0" if least else ", 0 or above"
         allowed = allowed if most is None else f" from {least} to {most}"
-        raise ValueError(f"{name} is {shown(value)}, must be a whole number{allowed}")
+        raise invalid(name, value, f"a whole number{allowed}")
     return whole
 
 
@@ -133,7 +136,7 @@ def positive_integer(name: str, value: object, most: int | None = None) -> int:
 def instance(name: str, value: object, kind: type) -> Any:
     """Return ``value``. Raises ValueError unless it is of a type."""
     if not isinstance(value, kind):
-        raise ValueError(f"{name} is {shown(value)}, must be a {kind.__name__}")
+        raise invalid(name, value, f"a {kind.__name__}")
     return value
 
 
@@ -147,7 +150,7 @@ def entries(name: str, value: object, allowed: str, count: int | None = None) ->
             values = tuple(value)
             if count in (None, len(values)):
                 return values
-    raise ValueError(f"{name} is {shown(value)}, must be {allowed}")
+    raise invalid(name, value, allowed)
 
 
 def numbers_of(value: object) -> Array:
@@ -166,9 +169,7 @@ def finite_numbers(name: str, value: object, count: int, most: float = MOST_SING
     """
     numbers = numbers_of(value)
     if numbers.shape != (count,) or not (np.abs(numbers) <= most).all():
-        raise ValueError(
-            f"{name} is {shown(value)}, must be {count} finite numbers, within {most:.2g}"
-        )
+        raise invalid(name, value, f"{count} finite numbers, within {most:.2g}")
     return numbers
 
 
@@ -179,7 +180,7 @@ def number_range(name: str, value: object, least: float, most: float) -> tuple[f
         pair = entries(name, value, "a number or (low, high)", 2)
     low, high = (within(name, number, least, most) for number in pair)
     if low > high:
-        raise ValueError(f"{name} is {shown(value)}, must be (low, high) with low <= high")
+        raise invalid(name, value, "(low, high) with low <= high")
     return low, high
 
 
@@ -205,7 +206,7 @@ def load_record(kind: type, name: str, value: object) -> Any:
     known = sorted(argument.name for argument in fields(kind))
     if not isinstance(value, Mapping):
         allowed = f"None, a {kind.__name__} or a dictionary with some of {known}"
-        raise ValueError(f"{name} is {shown(value)}, must be {allowed}")
+        raise invalid(name, value, allowed)
     if unknown := [key for key in value if key not in known]:
         raise ValueError(f"{name} has {shown(unknown)}, must be of {listed(known, unknown[0])}")
     return kind(**value)

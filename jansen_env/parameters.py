@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 
 from jansen_env.arrays import Array, Rows
-from jansen_env.checks import listed, number_range, shown, within
+from jansen_env.checks import invalid, listed, number_range, shown, within
 from jansen_env.robot import Payload, Robot
 from jansen_env.terrain import MAX_SLOPE, Terrain
 from jansen_env.terrain.generators import HIGHEST
@@ -147,7 +147,7 @@ def check(label: str, name: str, value: object) -> float:
     row = PARAMETERS[name]
     number = within(label, value, row.least, row.most)
     if row.whole and number != round(number):
-        raise ValueError(f"{label} is {shown(value)}, must be a whole number up to {row.most}")
+        raise invalid(label, value, f"a whole number up to {row.most}")
     return number
 
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from jansen_env.checks import listed, shown
+from jansen_env.checks import invalid, listed
 from jansen_env.files import read_bounded
 
 MAX_BYTES = 65_536  # of a file, some 30 times a training configuration
@@ -85,7 +85,7 @@ class Rule(NamedTuple):
         else:
             allowed = type(value) in self.types or value in self.words
         if not allowed:
-            raise ValueError(f"{name} is {shown(value)}, must be {self}")
+            raise invalid(name, value, self)
 
     def __str__(self) -> str:
         parts = [text for kind, text in IN_WORDS.items() if kind in self.types]

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from jansen_env import checks
 from jansen_env.arrays import Array, Bools
-from jansen_env.checks import entries, instance, listed, positive_integer, shown, whole_number
 from jansen_env.rendering import Renderer
 from jansen_env.world.settings import Values, entries_of
 
@@ -38,10 +37,8 @@ def make_settings(env: object, single: Any, arguments: Values, num_envs: int | N
     settings = single.TASK.SETTINGS
     known = {*settings.defaults(), *(OF_BATCHES if num_envs is not None else ())}
     if unknown := sorted(map(str, {*arguments} - known)):
-        raise TypeError(
-            f"{type(env).__name__} got an unexpected keyword argument {unknown[0]!r}, "
-            f"must be in {listed(sorted(known), unknown[0])}"
-        )
+        wrong = f"{type(env).__name__} got an unexpected keyword argument {unknown[0]!r}"
+        raise TypeError(f"{wrong}, must be in {checks.listed(sorted(known), unknown[0])}")
     preset = {name: value for name, value in single.PRESET.items() if name not in arguments}
     return settings(**arguments, **preset, num_envs=num_envs, preset=frozenset(preset))
 
@@ -50,7 +47,7 @@ def time_limit(name: str, limit: object) -> float:
     """Steps after which an episode is truncated; inf for None and ``gym.make``'s -1."""
     if limit is None or (isinstance(limit, Integral) and limit == -1):
         return math.inf
-    return positive_integer(name, limit, MOST_EPISODE_STEPS)
+    return checks.positive_integer(name, limit, MOST_EPISODE_STEPS)
 
 
 def broadcast_seeds(count: int, seed: object) -> list[int | None]:
@@ -59,10 +56,10 @@ def broadcast_seeds(count: int, seed: object) -> list[int | None]:
         return [None] * count
     allowed = f"a whole number, or {count} of them"
     if isinstance(seed, Integral):
-        first = whole_number("seed", seed)
+        first = checks.whole_number("seed", seed)
         return [*range(first, first + count)]
-    seeds = entries("seed", seed, allowed, count)
-    return [None if entry is None else whole_number("seed", entry) for entry in seeds]
+    seeds = checks.entries("seed", seed, allowed, count)
+    return [None if entry is None else checks.whole_number("seed", entry) for entry in seeds]
 
 
 def autoreset_mode(name: str, mode: object) -> AutoresetMode:
@@ -71,7 +68,7 @@ def autoreset_mode(name: str, mode: object) -> AutoresetMode:
         return AutoresetMode(mode)
     except ValueError:
         allowed = [known.value for known in AutoresetMode]
-        raise ValueError(f"{name} is {shown(mode)}, must be one of {allowed}") from None
+        raise checks.invalid(name, mode, f"one of {allowed}") from None
 
 
 def reset_mask(count: int, mask: object) -> Bools:
@@ -79,18 +76,16 @@ def reset_mask(count: int, mask: object) -> Bools:
     if mask is None:
         return np.ones(count, bool)
     if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
-        raise TypeError(f"options['reset_mask'] is {shown(mask)}, must be an array of bools")
+        raise TypeError(f"options['reset_mask'] is {checks.shown(mask)}, must be an array of bools")
     if mask.shape != (count,) or not mask.any():
-        raise ValueError(
-            f"options['reset_mask'] is {shown(mask)}, must have shape ({count},) and name one "
-            "robot at least"
-        )
+        allowed = f"must have shape ({count},) and name one robot at least"
+        raise ValueError(f"options['reset_mask'] is {checks.shown(mask)}, {allowed}")
     return mask
 
 
 def reset_options(options: object) -> Values:
     """The options of ``reset``, a copy; none for None. Raises ValueError for anything else."""
-    return {} if options is None else dict(instance("options", options, dict))
+    return {} if options is None else dict(checks.instance("options", options, dict))
 
 
 def broadcast_options(count: int, options: Values) -> list[Values]:
@@ -107,7 +102,7 @@ def single_action(action: object) -> Array:
         return np.zeros((1, 1))
     values = checks.numbers_of(action)
     if values.shape != (1,) or not math.isfinite(values.item()):
-        raise ValueError(f"action is {shown(action)}, must be one finite number, shape (1,)")
+        raise checks.invalid("action", action, "one finite number, shape (1,)")
     return values[None]
 
 
@@ -116,9 +111,9 @@ def info_keys(value: object, known: Sequence[str]) -> tuple[str, ...] | None:
     if value is None:
         return None
     if not (isinstance(value, (list, tuple)) and all(isinstance(key, str) for key in value)):
-        raise ValueError(f"info_keys is {shown(value)}, must be None or a list of {sorted(known)}")
+        raise checks.invalid("info_keys", value, f"None or a list of {sorted(known)}")
     if unknown := sorted(set(value) - set(known)):
-        allowed = listed(sorted(known), unknown[0])
+        allowed = checks.listed(sorted(known), unknown[0])
         raise ValueError(f"info_keys has {unknown}, must be of {allowed}")
     return tuple(value)
 
@@ -127,13 +122,13 @@ def complete_state(state: Values, example: Values) -> None:
     """Raises ValueError unless a state to go on from has all that ``example`` has, and random
     numbers."""
     if not isinstance(state, Mapping):
-        raise ValueError(f"state is {shown(state)}, must come from get_state()")
+        raise ValueError(f"state is {checks.shown(state)}, must come from get_state()")
     if missing := sorted({*example} - {*state, "robot", "lengths"}):  # without: a robot's own
         raise ValueError(f"state lacks {missing}, must come from get_state()")
     try:
         np.random.PCG64(0).state = state["generator"]
     except Exception as error:  # of many types
-        given = shown(state["generator"])
+        given = checks.shown(state["generator"])
         raise ValueError(f"state['generator'] is {given}, must come from get_state()") from error
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jansen_env.arrays import Array, Bools
-from jansen_env.checks import finite_numbers, numbers_of, shown, within
+from jansen_env.checks import finite_numbers, invalid, numbers_of, shown, within
 from jansen_env.engine.integrator import DIVERGED
 from jansen_env.robot import Robot
 
@@ -48,13 +48,6 @@ class StepResult(NamedTuple):
         return work - losses - self.energy_change
 
 
-ENERGIES = (
-    "motor_work", "push_work", "joint_loss", "slip_loss", "impact_loss", "energy_change",
-    "contact_gain", "electrical_work", "correction_work",
-)  # fmt: skip
-"""Numbers of a :class:`StepResult` that are sums of their names in a batch, J."""
-
-
 def static_deflection(robot: Robot, gravity: float) -> float:
     """:func:`resting_depth` of a robot."""
     return resting_depth(robot.mass, robot.pad_compliance.stiffness, gravity)
@@ -80,10 +73,8 @@ def resting_depth(mass: float, stiffness: float, gravity: float) -> float:
 def check_legs(robot: Robot, other: Robot) -> None:
     """Raise ValueError unless a robot's legs are another's linkage, on its sides in its order."""
     if robot.linkage != other.linkage:
-        raise ValueError(
-            f"a robot's linkage has the bodies {robot.linkage.names}, must be that with "
-            f"{other.linkage.names}"
-        )
+        names, allowed = robot.linkage.names, other.linkage.names
+        raise ValueError(f"a robot's linkage has the bodies {names}, must be that with {allowed}")
     sides, others = ([leg.side for leg in each.legs] for each in (robot, other))
     if sides != others:
         raise ValueError(f"a robot's legs are on the sides {sides}, must be on {others}")
@@ -113,10 +104,8 @@ def check_deflection(value: object, pads: int) -> Array:
         known = np.where(compression == np.inf, 0.0, compression)
         if (known >= 0.0).all() and (np.abs([known, bend]) <= LARGEST).all():
             return deflection
-    raise ValueError(
-        f"deflection is {shown(value)}, must be {pads} pairs of a compression of 0 or above "
-        f"(infinity where unknown) and a bend, within {LARGEST:g}"
-    )
+    pair = "a compression of 0 or above (infinity where unknown) and a bend"
+    raise invalid("deflection", value, f"{pads} pairs of {pair}, within {LARGEST:g}")
 
 
 def check_pushes(value: object, *shape: int) -> Array:
@@ -133,7 +122,7 @@ def check_in_contact(value: object, pads: int) -> Bools | None:
         return None
     flags = np.array(value, dtype=object)
     if flags.shape != (pads,) or not all(isinstance(flag, (bool, np.bool_)) for flag in flags):
-        raise ValueError(f"in_contact is {shown(value)}, must be None or {pads} flags")
+        raise invalid("in_contact", value, f"None or {pads} flags")
     return flags.astype(bool)
 
 

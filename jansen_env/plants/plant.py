@@ -12,7 +12,7 @@ from jansen_env.checks import finite, one_of, positive
 from jansen_env.dynamics.reduced import Tables
 from jansen_env.gravity import GRAVITY, Gravity
 from jansen_env.parameters import ROBOT_PARAMETERS
-from jansen_env.plants.base import ENERGIES, StepResult, check_in_contact, check_pushes, check_state
+from jansen_env.plants.base import StepResult, check_in_contact, check_pushes, check_state
 from jansen_env.plants.batch import TIME_STEP, Batch
 from jansen_env.plants.rigid.rigid_batch import TIME_STEP as RIGID_TIME_STEP
 from jansen_env.plants.rigid.rigid_batch import RigidBodyBatch
@@ -140,7 +140,7 @@ class Plant:
             residual=sums["worst_residual"],
             joint_gap=float(batch.joint_gap[0]),
             torque=torque + sums["torque_impulse"] / (steps * self.time_step),
-            **{name: sums[name] for name in ENERGIES},
+            **{name: sums[name] for name in StepResult._fields if name in sums},  # J
         )
 
     def toe_positions(self) -> Array:

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from jansen_env.arrays import Array, Bools, Rows
+from jansen_env.checks import invalid
 from jansen_env.engine import mathematics
 from jansen_env.engine.records import PARAMS
 from jansen_env.parameters import OF_ROBOTS, PARAMETERS, plain
@@ -147,9 +148,7 @@ def check_values(values: Rows, compliant: Bools) -> None:
     if wrong.any():
         k, i = np.argwhere(wrong)[0]
         row = PARAMETERS[OF_ROBOTS[i]]
-        raise ValueError(
-            f"{row.name} is {numbers[k, i]}, must be between {row.least:g} and {row.most:g}"
-        )
+        raise invalid(row.name, float(numbers[k, i]), f"between {row.least:g} and {row.most:g}")
     check_restitution(compliant, values["restitution"])
 
 
@@ -157,7 +156,5 @@ def check_restitution(compliant: Bools, restitution: Array) -> None:
     """Raise ValueError where compliant pads (k,) are on ground with restitution (k,)."""
     bounces = compliant & (restitution > 0.0)
     if bounces.any():
-        raise ValueError(
-            f"restitution is {restitution[bounces][0]}, must be 0 with compliant pads: their "
-            "springs and dampers say how they bounce"
-        )
+        allowed = "0 with compliant pads: their springs and dampers say how they bounce"
+        raise invalid("restitution", float(restitution[bounces][0]), allowed)

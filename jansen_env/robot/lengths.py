@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
 
-from jansen_env.checks import finite, listed, named_errors, positive, shown
+from jansen_env.checks import finite, invalid, listed, named_errors, positive, shown
 from jansen_env.engine.mathematics import cos, hypot, sin
 from jansen_env.robot.designs import is_of_built_parts, with_built_parts
 from jansen_env.robot.links import Bar, Link, Plate, Triangle
@@ -44,9 +44,7 @@ def with_lengths(robot: Robot, changed: Mapping[str, float]) -> Robot:
     """
     known = lengths(robot)
     if not isinstance(changed, Mapping):
-        raise ValueError(
-            f"lengths is {shown(changed)}, must be a dictionary with some of {[*known]}"
-        )
+        raise invalid("lengths", changed, f"a dictionary with some of {[*known]}")
     if unknown := [name for name in changed if name not in known]:
         allowed = listed(known, unknown[0])
         raise ValueError(f"lengths has {shown(unknown[0])}, must be of {allowed}")

@@ -11,7 +11,7 @@ from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
-from jansen_env.checks import entries, instance, shown
+from jansen_env.checks import entries, instance, invalid, shown
 
 FRAME, CRANK = 1, 2  # numbers of the bodies that all legs share
 INDEPENDENT = 4  # coordinates: the frame's three and the crank's angle
@@ -133,16 +133,14 @@ class Linkage:
         for name in ("toes", "joints"):
             instance(f"Linkage.{name}", getattr(self, name), str)
         if not self.toes or not {*self.toes} <= known or len({*self.toes}) != len(self.toes):
-            raise ValueError(
-                f"Linkage.toes is {shown(self.toes)}, must be of {sorted(known)}, each once"
-            )
+            raise invalid("Linkage.toes", self.toes, f"of {sorted(known)}, each once")
         if not self.dyads:
             raise ValueError("Linkage.dyads is empty, must have one or more")
         pads = [joint for joint, _ in self.pads]
         if len({*pads, *self.toes}) < len(pads) + len(self.toes):
-            raise ValueError(f"Linkage.pads is {shown(self.pads)}, must be no toes, each once")
+            raise invalid("Linkage.pads", self.pads, "no toes, each once")
         if self.joints and sorted(self.joints) != sorted(known):
-            raise ValueError(f"Linkage.joints is {shown(self.joints)}, must be {sorted(known)}")
+            raise invalid("Linkage.joints", self.joints, f"{sorted(known)}")
         held = [(pin.joint, body) for pin in self.pins for body in pin[1:]] + [*self.pads]
         for joint, body in held:
             if not 1 <= body <= len(self.bodies) or joint not in self.bodies[body - 1][1]:

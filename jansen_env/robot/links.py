@@ -99,9 +99,7 @@ class Triangle:
         checks.instance("Triangle.outward", self.outward, bool)
         set_checked(self, up_to_largest, "mass", "inertia")
         if self.alpha + self.gamma >= 2.0 * math.pi:
-            raise ValueError(
-                f"Triangle: alpha + gamma is {self.alpha + self.gamma}, must be below 2 pi"
-            )
+            raise checks.invalid("Triangle: alpha + gamma", self.alpha + self.gamma, "below 2 pi")
 
     @classmethod
     def from_sides(
@@ -294,14 +292,12 @@ class Compliance:
                     set_checked(self, check, field)
                     checks.within(f"Compliance.{field}", getattr(self, field), 0.0, STIFFEST)
         if (self.stiffness == math.inf) != (self.tangential_stiffness == math.inf):
-            raise ValueError(
-                f"Compliance.tangential_stiffness is {self.tangential_stiffness}, must be infinite "
-                f"where stiffness is, and nowhere else: that is {self.stiffness}"
-            )
+            allowed = f"infinite where stiffness is, and nowhere else: that is {self.stiffness}"
+            name = "Compliance.tangential_stiffness"
+            raise checks.invalid(name, self.tangential_stiffness, allowed)
         if self.rigid and (self.damping, self.tangential_damping) != (0.0, 0.0):
-            raise ValueError(
-                f"Compliance.damping is {self.damping}, must be 0 where the stiffness is infinite"
-            )
+            allowed = "0 where the stiffness is infinite"
+            raise checks.invalid("Compliance.damping", self.damping, allowed)
 
     @property
     def rigid(self) -> bool:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jansen_env.arrays import Array
-from jansen_env.checks import infinite, positive, positive_single, set_checked, shown, within
+from jansen_env.checks import infinite, invalid, positive, positive_single, set_checked, within
 from jansen_env.robot.links import LARGEST, up_to_largest
 
 
@@ -57,10 +57,8 @@ class Motor:
         limited = [n for n in ("stall_torque", "no_load_speed") if not infinite(getattr(self, n))]
         set_checked(self, positive, *limited)
         if limited == ["no_load_speed"]:
-            raise ValueError(
-                f"Motor.stall_torque is inf, must be finite with a no_load_speed of "
-                f"{shown(self.no_load_speed)}"
-            )
+            allowed = f"finite with a no_load_speed of {self.no_load_speed}"
+            raise invalid("Motor.stall_torque", self.stall_torque, allowed)
         # Of float32, as observations have torques.
         set_checked(self, positive_single, "torque_limit", "gear_ratio")
         sizes = "gear_ratio", "rotor_inertia", "friction", "viscous_friction"

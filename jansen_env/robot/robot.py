@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from jansen_env.checks import entries, instance, one_of, positive, set_checked, shown, within
+from jansen_env.checks import entries, instance, invalid, one_of, positive, set_checked, within
 from jansen_env.engine.mathematics import atan2
 from jansen_env.robot.buildable import BUILDS, Build
 from jansen_env.robot.linkage import JANSEN, Linkage
@@ -92,37 +92,27 @@ class Robot:
         if not self.legs:
             raise ValueError("Robot.legs is empty, must have at least one Leg")
         if not all(isinstance(leg, Leg) for leg in self.legs):
-            raise ValueError(
-                f"Robot.legs is {shown(self.legs)}, must be at least one Leg and nothing else"
-            )
+            raise invalid("Robot.legs", self.legs, "at least one Leg and nothing else")
         pads = len(self.linkage.all_pads)
         if len(self.legs) * pads > MOST_PADS:
-            raise ValueError(
-                f"Robot.legs are {len(self.legs)} of {pads} pads each, must have at most "
-                f"{MOST_PADS} pads in all"
-            )
+            allowed = f"have at most {MOST_PADS} pads in all"
+            raise ValueError(f"Robot.legs are {len(self.legs)} of {pads} pads each, must {allowed}")
         if self.legs[0].phase != 0.0:
-            raise ValueError(
-                f"Robot.legs[0].phase is {self.legs[0].phase}, must be 0: the first leg's crank "
-                "defines the crank angle"
-            )
+            allowed = "0: the first leg's crank defines the crank angle"
+            raise invalid("Robot.legs[0].phase", self.legs[0].phase, allowed)
 
     def _set_bodies(self) -> None:
         """Check that each body is a link with as many joints as its linkage says."""
         named = self.linkage.bodies
         bodies = entries("Robot.bodies", self.bodies, f"a link for each of {self.linkage.names}")
         if len(bodies) != len(named):
-            raise ValueError(
-                f"Robot.bodies has {len(bodies)} links, must have one for each of "
-                f"{self.linkage.names}"
-            )
+            allowed = f"must have one for each of {self.linkage.names}"
+            raise ValueError(f"Robot.bodies has {len(bodies)} links, {allowed}")
         for (name, joints), body in zip(named, bodies, strict=True):
             if not isinstance(body, Link) or len(body.corners) != len(joints):
                 kinds = {2: "a Bar", 3: "a Triangle"}.get(len(joints), "a Plate")
-                raise ValueError(
-                    f"Robot.bodies: {name} is {shown(body)}, must be {kinds} or a Plate with "
-                    f"joints {joints}"
-                )
+                allowed = f"{kinds} or a Plate with joints {joints}"
+                raise invalid(f"Robot.bodies: {name}", body, allowed)
             farthest = max(abs(radius) for radius, _ in body.corners)
             within(f"Robot.bodies: of {name}, a joint's distance", farthest, 0.0, LONGEST)
         object.__setattr__(self, "bodies", tuple(bodies))

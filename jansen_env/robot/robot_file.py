@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 
-from jansen_env.checks import listed, named_errors, one_of, shown
+from jansen_env.checks import invalid, listed, named_errors, one_of, shown
 from jansen_env.files import read_bounded, write_json
 from jansen_env.robot.designs import ROBOTS
 from jansen_env.robot.lengths import with_lengths
@@ -45,7 +45,7 @@ def robot_from_json(content: object) -> Robot:
         ValueError: it is none; one line says what is wrong.
     """
     if not isinstance(content, Mapping) or content.get("format") != FORMAT:
-        raise ValueError(f"a robot file is {shown(content)}, must be of format {FORMAT!r}")
+        raise invalid("a robot file", content, f"of format {FORMAT!r}")
     given = {name: value for name, value in content.items() if name != "format"}
     if "design" in given:
         changed = given.get("lengths")

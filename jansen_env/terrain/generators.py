@@ -15,6 +15,7 @@ import numpy as np
 
 from jansen_env.checks import (
     finite,
+    invalid,
     listed,
     named_errors,
     non_negative,
@@ -140,10 +141,9 @@ def make_generator(spec: object) -> Generator | None:
     if name == "flat" or (name == "slope" and colon and "=" not in text):
         return None  # make_terrain's
     if name not in GENERATORS:
-        raise ValueError(
-            f"terrain is {shown(spec)}, must be 'flat', 'slope:ANGLE' or, with parameters as in "
-            f"'stairs:rise=0.02,tread=0.3' or without, one of {listed(GENERATORS, name)}"
-        )
+        drawn = "with parameters as in 'stairs:rise=0.02,tread=0.3' or without, one of"
+        allowed = f"'flat', 'slope:ANGLE' or, {drawn} {listed(GENERATORS, name)}"
+        raise invalid("terrain", spec, allowed)
     return NamedGenerator(name, _parameters(spec, name, text) if colon else ())
 
 
@@ -154,10 +154,8 @@ def _parameters(spec: str, name: str, text: str) -> tuple[tuple[str, float], ...
         try:
             given[key.strip()] = float(number)
         except ValueError:
-            raise ValueError(
-                f"terrain is {shown(spec)}: {shown(part)} must be NAME=NUMBER, with a name of "
-                f"{list(LEVELS.get(name, {}))}"
-            ) from None
+            allowed = f"must be NAME=NUMBER, with a name of {list(LEVELS.get(name, {}))}"
+            raise ValueError(f"terrain is {shown(spec)}: {shown(part)} {allowed}") from None
     return tuple(given.items())
 
 

@@ -18,11 +18,11 @@ from jansen_env.checks import (
     entries,
     finite,
     instance,
+    invalid,
     non_negative,
     one_line,
     positive,
     set_checked,
-    shown,
     within,
 )
 from jansen_env.engine.mathematics import cos, tan
@@ -102,9 +102,7 @@ def _room(name: str, value: float, face: float) -> float:
     value = positive(name, value)
     least = max(abs(face) / tan(RISER_SLOPE), LEAST_RUN)
     if value <= least:
-        raise ValueError(
-            f"{name} is {value:g}, must be above {least:.4g}, the run of a step's face"
-        )
+        raise invalid(name, value, f"above {least:.4g}, the run of a step's face")
     return value
 
 
@@ -195,9 +193,7 @@ class Terrain:
         spacing, length = positive("spacing", spacing), positive("length", length)
         start = finite("start", start)
         if length / spacing > MOST_POINTS:
-            raise ValueError(
-                f"length / spacing is {length / spacing:g}, must be at most {MOST_POINTS}"
-            )
+            raise invalid("length / spacing", length / spacing, f"at most {MOST_POINTS}")
         count = max(2, int(length / spacing))
         x = start + spacing * np.arange(1, count + 1)
         y = uniform(rng, -height, height, count)
@@ -360,9 +356,7 @@ def _numbers(name: str, value: object) -> Array:
             raise TypeError
         return table.astype(float)
     except (TypeError, ValueError, OverflowError):
-        raise ValueError(
-            f"{name} is {shown(value)}, must be at least two (x, y) pairs of numbers"
-        ) from None
+        raise invalid(name, value, "at least two (x, y) pairs of numbers") from None
 
 
 ALLOWED = "a Terrain, 'flat', 'slope:ANGLE' with an angle in rad, or (x, y) points"
@@ -383,12 +377,12 @@ def make_terrain(
     elif isinstance(terrain, str):
         name, _, number = terrain.partition(":")
         if name not in ("flat", "slope") or (name == "flat" and number):
-            raise ValueError(f"terrain is {shown(terrain)}, must be {ALLOWED}")
+            raise invalid("terrain", terrain, ALLOWED)
         try:
             made = Terrain.flat() if name == "flat" else Terrain.slope(float(number))
         except ValueError as error:
             reason = one_line(error)
-            raise ValueError(f"terrain is {shown(terrain)}, must be {ALLOWED}: {reason}") from error
+            raise invalid("terrain", terrain, f"{ALLOWED}: {reason}") from error
     else:
         made = Terrain(entries("terrain", terrain, ALLOWED))
     friction = made.friction if friction is None else friction

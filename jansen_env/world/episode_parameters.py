@@ -10,7 +10,7 @@ import numpy as np
 
 from jansen_env import parameters
 from jansen_env.arrays import Array, Ints, Rows
-from jansen_env.checks import entries, finite_numbers, shown
+from jansen_env.checks import entries, finite_numbers, invalid, shown
 from jansen_env.engine import mathematics
 from jansen_env.gravity import GRAVITY
 from jansen_env.parameters import (
@@ -95,10 +95,8 @@ class EpisodeParameters:
         if bad := np.flatnonzero(self.levels.any(axis=1) & ~has_levels).tolist():
             low, high = self.levels[bad[0]].astype(int).tolist()
             given = low if low == high else (low, high)
-            raise ValueError(
-                f"terrain_level is {given}, must be 0 on a ground that is not drawn and so has no "
-                "levels"
-            )
+            allowed = "0 on a ground that is not drawn and so has no levels"
+            raise invalid("terrain_level", given, allowed)
         if self.curriculum is not None and not has_levels.all():
             raise ValueError("curriculum is given, must be None on a ground that has no levels")
 
@@ -134,21 +132,18 @@ class EpisodeParameters:
     ) -> None:
         """Raise ValueError where a parameter would do nothing for a robot."""
         useful = self._useful(i, robot or self._plant.robots[i]) if names else ()
-        for name in names:
-            if name not in useful:
-                raise ValueError(
-                    f"{label} has {name!r}, which does nothing here, must be of "
-                    f"{[known for known in PARAMETERS if known in useful]}"
-                )
+        if idle := [name for name in names if name not in useful]:
+            known = [name for name in PARAMETERS if name in useful]
+            raise ValueError(
+                f"{label} has {idle[0]!r}, which does nothing here, must be of {known}"
+            )
 
     def check_change(self, i: int, pads: Compliance, numbers: Mapping[str, float]) -> None:
         """Raise ValueError where a robot with ``pads`` cannot have these numbers from now on."""
         in_force = (of["restitution"][i] for of in (self._plant.parameters, self.nominal))
         restitution = numbers.get("restitution", max(map(float, in_force)))
         if not pads.rigid and "restitution" in self.randomizations[i]:
-            raise ValueError(
-                f"pad_compliance is {pads}, must be rigid, as randomize has 'restitution'"
-            )
+            raise invalid("pad_compliance", pads, "rigid, as randomize has 'restitution'")
         check_restitution(np.array([not pads.rigid]), np.array([restitution]))
         nominal, robot = _with(self.nominal[i], numbers), self._plant.robots[i]
         # Of this episode, and others.
@@ -208,10 +203,7 @@ class EpisodeParameters:
         if generator is not None:
             terrain = generator(rng, round(float(numbers["terrain_level"])))
             if not isinstance(terrain, Terrain):
-                raise ValueError(
-                    f"terrain generator {shown(generator)} returned {shown(terrain)}, must be a "
-                    "Terrain"
-                )
+                raise invalid(f"the terrain of {shown(generator)}", terrain, "a Terrain")
             for name, fixed in self._fixed.items():
                 if not fixed[i] and name not in (*randomization, *given):
                     numbers[name] = getattr(terrain, name)

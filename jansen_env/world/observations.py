@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.arrays import Array, Ints
-from jansen_env.checks import listed, load_record, one_or_two, set_checked, shown
+from jansen_env.checks import invalid, listed, load_record, one_or_two, set_checked, shown
 from jansen_env.engine.sensors import add_noise, draw_errors
 
 Deviation: TypeAlias = float | tuple[float, float]
@@ -45,7 +45,7 @@ class Observed:
         for part in ("name", "unit"):
             text = getattr(self, part)
             if not isinstance(text, str) or not text:
-                raise ValueError(f"{part} of an observation is {shown(text)}, must be a text")
+                raise invalid(f"{part} of an observation", text, "a text")
         if not self.low < self.high:
             limits = f"{shown(self.low)} to {shown(self.high)}"
             raise ValueError(f"limits of the observation {self.name!r} are {limits}, must increase")

@@ -16,8 +16,8 @@ from functools import partial
 
 import numpy as np
 
+from jansen_env import checks
 from jansen_env.arrays import Array, Bools, Ints
-from jansen_env.checks import entries, finite, non_negative, one_or_two, set_checked, shown, within
 from jansen_env.engine.pushes import PUSHES, fill_pushes
 
 SHORTEST, LONGEST = 1e-3, 1e6  # s, of durations and intervals
@@ -46,21 +46,23 @@ class Push:
     interval: float = 5.0
 
     def __post_init__(self) -> None:
-        set_checked(self, one_or_two, "impulse")
-        set_checked(self, partial(within, low=SHORTEST, high=LONGEST), "interval")
-        set_checked(self, partial(within, low=SHORTEST, high=self.interval), "duration")
+        checks.set_checked(self, checks.one_or_two, "impulse")
+        time = partial(checks.within, low=SHORTEST)
+        checks.set_checked(self, partial(time, high=LONGEST), "interval")
+        checks.set_checked(self, partial(time, high=self.interval), "duration")
 
 
 def check_schedule(name: str, pushes: object) -> Array:
     """Return an episode's own pushes (k, 3): start, s, and impulses in x and y, N s; ValueError."""
     allowed = f"a list of at most {MOST_PUSHES} (t, Jx, Jy)"
-    triples = [entries(name, push, allowed, 3) for push in entries(name, pushes, allowed)]
+    rows = checks.entries(name, pushes, allowed)
+    triples = [checks.entries(name, row, allowed, 3) for row in rows]
     if len(triples) > MOST_PUSHES:
-        raise ValueError(f"{name} is {shown(pushes)}, must be {allowed}")
+        raise checks.invalid(name, pushes, allowed)
     for i, (time, *impulse) in enumerate(triples):
-        non_negative(f"{name}[{i}] time", time)
+        checks.non_negative(f"{name}[{i}] time", time)
         for part, number in zip(("Jx", "Jy"), impulse, strict=True):
-            finite(f"{name}[{i}] {part}", number)
+            checks.finite(f"{name}[{i}] {part}", number)
     return np.array(triples, float).reshape(-1, 3)
 
 

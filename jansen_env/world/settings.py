@@ -19,6 +19,7 @@ from jansen_env import checks
 from jansen_env.arrays import Array
 from jansen_env.checks import (
     instance,
+    invalid,
     listed,
     load_record,
     non_negative,
@@ -65,16 +66,14 @@ def control_period(control_dt: object, time_step: object) -> tuple[float, float]
     too_long = steps > MOST_TIME_STEPS * (1.0 + 1e-9)
     if too_long or steps < 1.0 - 1e-9 or abs(steps - round(steps)) > 1e-6 * steps:
         allowed = f"at most {MOST_TIME_STEPS} times" if too_long else "a multiple of"
-        raise ValueError(
-            f"control_dt is {shown(control_dt)}, must be {allowed} time_step, {shown(time_step)}"
-        )
+        raise invalid("control_dt", control_dt, f"{allowed} time_step, {shown(time_step)}")
     return period, step
 
 
 def flag(name: str, value: object) -> bool:
     """A switch: True or False."""
     if not isinstance(value, (bool, np.bool_)):
-        raise ValueError(f"{name} is {shown(value)}, must be True or False")
+        raise invalid(name, value, "True or False")
     return bool(value)
 
 
@@ -143,7 +142,7 @@ def _by_name(kind: type, known: Values, name: str, value: object) -> Any:
         return value
     if not isinstance(value, str) or value not in known:
         allowed = f"a {kind.__name__} or one of {listed(sorted(known), value)}"
-        raise ValueError(f"{name} is {shown(value)}, must be {allowed}")
+        raise invalid(name, value, allowed)
     return known[value]
 
 
@@ -189,7 +188,7 @@ def _several_terrains(value: object) -> bool:
 def _levels(name: str, value: object, least: float, most: float) -> tuple[float, float]:
     low, high = number_range(name, value, least, most)
     if (low, high) != (round(low), round(high)):
-        raise ValueError(f"{name} is {shown(value)}, must be whole numbers")
+        raise invalid(name, value, "whole numbers")
     return low, high
 
 
@@ -299,10 +298,8 @@ class WorldSettings:
             return [checked[id(entry)] for entry in entries]
         checked = check(name, value)
         if self.count > 1 and marks["single_only"] and checked != argument.default:
-            raise ValueError(
-                f"{name} is {shown(value)}, must be {argument.default!r} for several robots at "
-                "once; vectorization_mode='sync' has the others"
-            )
+            others = "vectorization_mode='sync' has the others"
+            raise invalid(name, value, f"{argument.default!r} for several robots at once; {others}")
         return checked
 
     @property

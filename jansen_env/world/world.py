@@ -178,10 +178,8 @@ class World:
         most = [d.high if isinstance(d, Uniform) else LONGEST_DELAY for d in drawn]
         longest = max([float(self.delay_range.max()), *most])
         if longest > MOST_DELAYED * self.control_dt:
-            raise ValueError(
-                f"delay is {longest} s, must be at most {MOST_DELAYED} times control_dt, "
-                f"{self.control_dt}"
-            )
+            allowed = f"at most {MOST_DELAYED} times control_dt, {self.control_dt}"
+            raise ValueError(f"delay is {longest} s, must be {allowed}")
         steps = math.ceil(longest / self.control_dt)
         self.asked, self.delay_steps = np.zeros((n, steps + 2)), np.zeros((n, 2), np.int64)
         self.torque, self.earlier, self.switch = np.zeros(n), np.zeros(n), np.zeros(n, np.int64)

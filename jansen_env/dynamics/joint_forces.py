@@ -265,21 +265,18 @@ def _dry_friction(
     robot: Robot, D_q: Array, speed: Array, dry: Array | float | None
 ) -> tuple[Array, Array]:
     """Dry bearings in the legs' coordinates (..., legs, 24), and the gear's share (...), N m."""
-    h, most = np.zeros(D_q.shape[:-1]), np.full(speed.shape, robot.motor.friction)
-    turning = [
-        D_q[..., 3 * (j - 1), 3] - D_q[..., 3 * (i - 1), 3] for i, j in robot.linkage.bearings
-    ]
-    for rate, size in zip(turning, robot.bearing_friction, strict=True):
-        most = most + size * np.abs(rate).sum(axis=-1)
+    h, size = np.zeros(D_q.shape[:-1]), np.array(robot.bearing_friction)
+    first, second = 3 * (np.array(robot.linkage.bearings).T - 1)  # rows of their angles
+    turning = D_q[..., second, 3] - D_q[..., first, 3]
+    most = robot.motor.friction + (size * np.abs(turning)).sum(axis=(-2, -1))
     if dry is None:
         share = -np.sign(speed)
     else:
         share = np.divide(dry, most, out=np.zeros(speed.shape), where=most > 0.0)
-    pairs = robot.linkage.bearings
-    for (i, j), rate, size in zip(pairs, turning, robot.bearing_friction, strict=True):
-        moment = share[..., None] * size * np.sign(rate)
-        h[..., 3 * (j - 1)] += moment
-        h[..., 3 * (i - 1)] -= moment
+    moments = share[..., None, None] * size * np.sign(turning)
+    for k, (i, j) in enumerate(zip(first, second, strict=True)):
+        h[..., j] += moments[..., k]
+        h[..., i] -= moments[..., k]
     return h, share * robot.motor.friction
 
 

@@ -115,11 +115,9 @@ class WalkerTask(CommandedTask):
         self._intervals = np.array(settings.command_interval, float)  # NaN for None
         self._commands_change = bool(np.isfinite(self._intervals).any())
         self._settings = np.zeros(1, walk_reward.SETTINGS)
-        self._settings[0] = (
-            settings.slip_weight, settings.energy_weight, settings.effort_weight,
-            settings.smoothness_weight, settings.posture_weight, settings.fall_pitch,
-            settings.fall_contact, settings.terminate_when_fallen,
-        )  # fmt: skip
+        weights = (getattr(settings, f"{factor}_weight") for factor, _ in walk_reward.WEIGHTED)
+        fall = settings.fall_pitch, settings.fall_contact, settings.terminate_when_fallen
+        self._settings[0] = (*weights, *fall)
         self.covered = np.zeros((n, 2))
         terms = ("observe", "reward", "terminated")
         self._derived = any(getattr(type(self), t) is not getattr(WalkerTask, t) for t in terms)

@@ -69,10 +69,9 @@ class EpisodeLengths:
             limits = -np.inf, np.inf
             self.entries = [Observed(f"length_{name}", "1", *limits, EXACT) for name in names]
 
-    def connect(self, observed: Sequence[Observed], observation: NDArray[np.float32]) -> None:
-        """Take the array of observations (n, d) and its columns."""
-        names = [entry.name for entry in observed]
-        self._columns = np.array([names.index(entry.name) for entry in self.entries], np.int64)
+    def connect(self, columns: Mapping[str, int], observation: NDArray[np.float32]) -> None:
+        """Take the array of observations (n, d), and its columns by name."""
+        self._columns = np.array([columns[entry.name] for entry in self.entries], np.int64)
         self._observation = observation
         self._note(range(len(self.nominal)))
 

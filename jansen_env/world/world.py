@@ -225,13 +225,11 @@ class World:
 
     def connect(self, observed: Sequence[Observed], observation: NDArray[np.float32]) -> None:
         """Take the array of observations (n, d) and its columns."""
-        names = [entry.name for entry in observed]
-        known = [entry.name for entry in self._readings]
-        self._places = np.array([names.index(name) if name in names else -1 for name in known])
+        columns = {entry.name: place for place, entry in enumerate(observed)}
+        self._places = np.array([columns.get(entry.name, -1) for entry in self._readings])
         self._observation = observation
-        self.lengths.connect(observed, observation)
+        self.lengths.connect(columns, observation)
         if self.onboard is not None:
-            columns = {name: place for place, name in enumerate(names)}
             self.onboard.connect(columns, observation)
         if self._noise is not None:
             self.sensors = NoisySensors(self.num_envs, self._noise, observed)
@@ -551,7 +549,7 @@ class World:
         if name in PARTS:
             return [getattr(robot, name) for robot in self.robots]
         if name in KEPT:
-            return list(numbers[name].tolist())
+            return numbers[name].tolist()
         values: dict[str, Iterable[object]] = {
             "robot": self.robots,
             "state": self.plant.states.copy(),

@@ -354,11 +354,9 @@ class HeldSettings(WorldSettings):
 
     held: ClassVar[bool] = True
     ideal_torque: ClassVar[float | None] = 5.0
-    FIXED: ClassVar[frozenset[str]] = WorldSettings.FIXED | {
-        "payload", "pad_compliance", "plant", "links_collide", "terrain", "friction",
-        "restitution", "terrain_level", "curriculum", "torque_rate", "observe", "height_scan",
-        "noise", "push",
-    }  # fmt: skip
+    FIXED: ClassVar[frozenset[str]] = WorldSettings.FIXED | (
+        {*WorldArguments.__annotations__} - {*RobotArguments.__annotations__, "time_step"}
+    )
 
     control_dt: float = 0.01
     time_step: float | None = shared(0.001, lambda name, value: check_time_step(value))

@@ -13,19 +13,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from jansen_env.checks import (
-    finite,
-    invalid,
-    listed,
-    named_errors,
-    non_negative,
-    one_of,
-    positive,
-    set_checked,
-    shown,
-    whole_number,
-    within,
-)
+from jansen_env import checks
 from jansen_env.terrain.ground import REACH, START, Terrain, both_sides, layout
 from jansen_env.uniform import uniform
 
@@ -52,8 +40,8 @@ GENERATORS = (*LEVELS, "mixed")
 
 def at_level(name: str, level: int) -> dict[str, float]:
     """A generator's parameters at a level, by name. Raises ValueError: no such name or level."""
-    one_of("generator", name, GENERATORS)
-    share = whole_number("level", level, HIGHEST) / HIGHEST
+    checks.one_of("generator", name, GENERATORS)
+    share = checks.whole_number("level", level, HIGHEST) / HIGHEST
     return {key: low + share * (high - low) for key, (low, high) in LEVELS.get(name, {}).items()}
 
 
@@ -80,10 +68,10 @@ class NamedGenerator:
         for key, value in self.given:
             if key not in known:
                 raise ValueError(f"{key!r} is no parameter of {self.name!r}, must be in {known}")
-            finite(f"{key} of {self.name!r}", value)
+            checks.finite(f"{key} of {self.name!r}", value)
         object.__setattr__(self, "given", tuple((key, float(v)) for key, v in self.given))
         for level in (0, HIGHEST):  # or a reset would be refused
-            with named_errors(f"{str(self)!r} makes no ground at level {level}"):
+            with checks.named_errors(f"{str(self)!r} makes no ground at level {level}"):
                 self(np.random.default_rng(0), level)
 
     def __call__(self, rng: Random, level: int) -> Terrain:
@@ -142,8 +130,8 @@ def make_generator(spec: object) -> Generator | None:
         return None  # make_terrain's
     if name not in GENERATORS:
         drawn = "with parameters as in 'stairs:rise=0.02,tread=0.3' or without, one of"
-        allowed = f"'flat', 'slope:ANGLE' or, {drawn} {listed(GENERATORS, name)}"
-        raise invalid("terrain", spec, allowed)
+        allowed = f"'flat', 'slope:ANGLE' or, {drawn} {checks.listed(GENERATORS, name)}"
+        raise checks.invalid("terrain", spec, allowed)
     return NamedGenerator(name, _parameters(spec, name, text) if colon else ())
 
 
@@ -155,7 +143,8 @@ def _parameters(spec: str, name: str, text: str) -> tuple[tuple[str, float], ...
             given[key.strip()] = float(number)
         except ValueError:
             allowed = f"must be NAME=NUMBER, with a name of {list(LEVELS.get(name, {}))}"
-            raise ValueError(f"terrain is {shown(spec)}: {shown(part)} {allowed}") from None
+            wrong = f"{checks.shown(spec)}: {checks.shown(part)}"
+            raise ValueError(f"terrain is {wrong} {allowed}") from None
     return tuple(given.items())
 
 
@@ -183,9 +172,9 @@ class Curriculum:
     horizon: float = 10.0
 
     def __post_init__(self) -> None:
-        set_checked(self, partial(within, low=0.0, high=1.0), "up", "down")
-        set_checked(self, partial(whole_number, most=HIGHEST), "highest")
-        set_checked(self, positive, "horizon")
+        checks.set_checked(self, partial(checks.within, low=0.0, high=1.0), "up", "down")
+        checks.set_checked(self, partial(checks.whole_number, most=HIGHEST), "highest")
+        checks.set_checked(self, checks.positive, "horizon")
         if self.down > self.up:
             raise ValueError(f"down is {self.down}, must be at most up, {self.up}")
 
@@ -198,8 +187,9 @@ class Curriculum:
             level: of this one. walked: m, towards the command. commanded: m, see ``horizon``; after
                 0 m the level stays. rng: draws the level beyond the highest.
         """
-        level = whole_number("level", level, HIGHEST)
-        walked, commanded = finite("walked", walked), non_negative("commanded", commanded)
+        level = checks.whole_number("level", level, HIGHEST)
+        walked = checks.finite("walked", walked)
+        commanded = checks.non_negative("commanded", commanded)
         if commanded > 0.0:
             level += (walked > self.up * commanded) - (walked < self.down * commanded)
         if level > self.highest:

@@ -13,18 +13,8 @@ import numpy as np
 import pymunk
 from numpy.typing import ArrayLike
 
+from jansen_env import checks
 from jansen_env.arrays import Array
-from jansen_env.checks import (
-    entries,
-    finite,
-    instance,
-    invalid,
-    non_negative,
-    one_line,
-    positive,
-    set_checked,
-    within,
-)
 from jansen_env.engine.mathematics import cos, tan
 from jansen_env.uniform import uniform
 
@@ -58,7 +48,7 @@ def layout(start: float, reach: float, period: float) -> tuple[float, int]:
     Raises:
         ValueError: not 0 < start < reach, or more than MOST_POINTS periods.
     """
-    start, reach = positive("start", start), positive("reach", reach)
+    start, reach = checks.positive("start", start), checks.positive("reach", reach)
     if start >= reach:
         raise ValueError(f"start is {start:g}, must be below reach, {reach:g}")
     count = (reach - start) / period
@@ -99,10 +89,10 @@ def treads(edges: Array, heights: Array) -> Array:
 
 def _room(name: str, value: float, face: float) -> float:
     """A tread's length, m, with room for the face of a step of height ``face``."""
-    value = positive(name, value)
+    value = checks.positive(name, value)
     least = max(abs(face) / tan(RISER_SLOPE), LEAST_RUN)
     if value <= least:
-        raise invalid(name, value, f"above {least:.4g}, the run of a step's face")
+        raise checks.invalid(name, value, f"above {least:.4g}, the run of a step's face")
     return value
 
 
@@ -157,8 +147,8 @@ class Terrain:
                 f"Terrain.points: a segment has a slope of {steepest:.3f} rad, allowed are "
                 f"{MAX_SLOPE:.3f}"
             )
-        set_checked(self, non_negative, "friction")
-        set_checked(self, functools.partial(within, low=0.0, high=1.0), "restitution")
+        checks.set_checked(self, checks.non_negative, "friction")
+        checks.set_checked(self, functools.partial(checks.within, low=0.0, high=1.0), "restitution")
         object.__setattr__(self, "points", tuple(map(tuple, table.tolist())))
         before = table[0] - EXTENT * step[0] / step[0, 0]
         after = table[-1] + EXTENT * step[-1] / step[-1, 0]
@@ -174,7 +164,7 @@ class Terrain:
     @classmethod
     def slope(cls, angle: float, friction: float = 0.8, restitution: float = 0.0) -> Terrain:
         """A constant slope through the origin, rising towards +x for ``angle`` > 0 (rad)."""
-        angle = within("angle", angle, -MAX_SLOPE, MAX_SLOPE)
+        angle = checks.within("angle", angle, -MAX_SLOPE, MAX_SLOPE)
         rise = tan(angle)
         return cls(((-1.0, -rise), (1.0, rise)), friction, restitution)
 
@@ -188,12 +178,12 @@ class Terrain:
         start: float = 1.0,
     ) -> Terrain:
         """Random vertices from ``start`` on, level before: heights uniform in +- ``height``, m."""
-        instance("rng", rng, np.random.Generator)
-        height = within("height", height, 0.0, FARTHEST)
-        spacing, length = positive("spacing", spacing), positive("length", length)
-        start = finite("start", start)
+        checks.instance("rng", rng, np.random.Generator)
+        height = checks.within("height", height, 0.0, FARTHEST)
+        spacing, length = checks.positive("spacing", spacing), checks.positive("length", length)
+        start = checks.finite("start", start)
         if length / spacing > MOST_POINTS:
-            raise invalid("length / spacing", length / spacing, f"at most {MOST_POINTS}")
+            raise checks.invalid("length / spacing", length / spacing, f"at most {MOST_POINTS}")
         count = max(2, int(length / spacing))
         x = start + spacing * np.arange(1, count + 1)
         y = uniform(rng, -height, height, count)
@@ -211,7 +201,8 @@ class Terrain:
             height: m, from trough to crest; below 0 they begin with a trough. length: of a wave, m.
             reach: m, within which they end, with the last that has room.
         """
-        height, length = within("height", height, -TALLEST, TALLEST), positive("length", length)
+        height = checks.within("height", height, -TALLEST, TALLEST)
+        length = checks.positive("length", length)
         start, count = layout(start, reach, length)
         turns = np.arange(count * PER_WAVE + 1) / PER_WAVE
         wave = [0.5 - 0.5 * cos(2.0 * math.pi * k / PER_WAVE) for k in range(PER_WAVE)]
@@ -230,7 +221,7 @@ class Terrain:
             rise: m, of each step. tread: m, from step to step.
             start: m, half the landing but for half a tread.
         """
-        rise = within("rise", rise, -TALLEST, TALLEST)
+        rise = checks.within("rise", rise, -TALLEST, TALLEST)
         tread = _room("tread", tread, rise)
         start, count = layout(start, reach, tread)
         steps = np.arange(count, dtype=np.float64)
@@ -254,9 +245,9 @@ class Terrain:
             height: m; the pieces' are uniform in +- height / 2, so that no step is higher.
             spacing: m, the mean length of a piece; lengths are uniform in 0.5 to 1.5 times that.
         """
-        instance("rng", rng, np.random.Generator)
-        height = within("height", height, 0.0, TALLEST)
-        spacing = 2.0 * _room("spacing / 2", 0.5 * finite("spacing", spacing), height)
+        checks.instance("rng", rng, np.random.Generator)
+        height = checks.within("height", height, 0.0, TALLEST)
+        spacing = 2.0 * _room("spacing / 2", 0.5 * checks.finite("spacing", spacing), height)
         start, count = layout(start, reach, spacing)
         lengths = uniform(rng, 0.5 * spacing, 1.5 * spacing, (2, count))
         edges = start + np.cumsum(lengths, axis=1)
@@ -278,9 +269,9 @@ class Terrain:
             height, width: m, of a block. spacing: m, from one to the next.
             start: m, half a gap before the first block.
         """
-        height = within("height", height, -TALLEST, TALLEST)
+        height = checks.within("height", height, -TALLEST, TALLEST)
         width = _room("width", width, height)
-        gap = _room("spacing - width", finite("spacing", spacing) - width, height)
+        gap = _room("spacing - width", checks.finite("spacing", spacing) - width, height)
         start, count = layout(start, reach, width + gap)
         edges = np.empty(2 * count)
         edges[0::2] = start + 0.5 * gap + (width + gap) * np.arange(count)
@@ -297,7 +288,8 @@ class Terrain:
         Args:
             angle: rad; below 0 they go down first. length: m in x, of a ramp and a level piece.
         """
-        angle, length = within("angle", angle, -MAX_SLOPE, MAX_SLOPE), positive("length", length)
+        angle = checks.within("angle", angle, -MAX_SLOPE, MAX_SLOPE)
+        length = checks.positive("length", length)
         start, count = layout(start, reach, 4.0 * length)
         side = np.empty((4 * count, 2))
         side[:, 0] = start + length * np.arange(4 * count)
@@ -356,7 +348,7 @@ def _numbers(name: str, value: object) -> Array:
             raise TypeError
         return table.astype(float)
     except (TypeError, ValueError, OverflowError):
-        raise invalid(name, value, "at least two (x, y) pairs of numbers") from None
+        raise checks.invalid(name, value, "at least two (x, y) pairs of numbers") from None
 
 
 ALLOWED = "a Terrain, 'flat', 'slope:ANGLE' with an angle in rad, or (x, y) points"
@@ -377,13 +369,13 @@ def make_terrain(
     elif isinstance(terrain, str):
         name, _, number = terrain.partition(":")
         if name not in ("flat", "slope") or (name == "flat" and number):
-            raise invalid("terrain", terrain, ALLOWED)
+            raise checks.invalid("terrain", terrain, ALLOWED)
         try:
             made = Terrain.flat() if name == "flat" else Terrain.slope(float(number))
         except ValueError as error:
-            reason = one_line(error)
-            raise invalid("terrain", terrain, f"{ALLOWED}: {reason}") from error
+            reason = checks.one_line(error)
+            raise checks.invalid("terrain", terrain, f"{ALLOWED}: {reason}") from error
     else:
-        made = Terrain(entries("terrain", terrain, ALLOWED))
+        made = Terrain(checks.entries("terrain", terrain, ALLOWED))
     friction = made.friction if friction is None else friction
     return Terrain(made.points, friction, made.restitution if restitution is None else restitution)

@@ -17,7 +17,7 @@ SIZES = {  # the arguments that make it short, and a word of what it prints
     "front": ("1 1", "| map"),
     "joint_loads": ("20", "largest"),
     "linkage_map": ("0", "kept"),
-    "log_to_wandb": ("8192", "logged to"),
+    "log_to_wandb": ("4096", "logged to"),
     "minari_data": ("1 16384 JansenWalkerBuilt-v0", "pid-v0"),
     "offline_learning": ("10 jansen/JansenWalkerBuilt/pid-v0", "cloned"),
     "headroom": ("JansenWalkerBuilt-v0 0.3 1 1", "| all |"),
@@ -53,23 +53,19 @@ NEEDS = {  # beside the extras
 
 
 SLOW = ("codesign", "minari_data", "offline_learning", "train_and_watch")
+NAMES = [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in SIZES]
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in SIZES],
-)
+@pytest.mark.parametrize("name", NAMES)
 def test_example(name: str, tmp_path: Path) -> None:
     size, printed = SIZES[name]
     if name in NEEDS and find_spec(NEEDS[name]) is None:
         pytest.skip(f"{NEEDS[name]} is not installed")
-    headless = {**os.environ, "SDL_VIDEODRIVER": "dummy", "MPLBACKEND": "Agg"}
-    headless["MINARI_DATASETS_PATH"] = str(
-        tmp_path.parent / "minari"
-    )  # of one example for the next
+    headless = {"SDL_VIDEODRIVER": "dummy", "MPLBACKEND": "Agg"}
+    shared = {"MINARI_DATASETS_PATH": str(tmp_path.parent / "minari")}  # of one for the next
     run = subprocess.run(
-        [sys.executable, EXAMPLES / f"{name}.py", *size.split()],
-        cwd=tmp_path, env=headless, capture_output=True, text=True,
+        [sys.executable, EXAMPLES / f"{name}.py", *size.split()], cwd=tmp_path,
+        env={**os.environ, **headless, **shared}, capture_output=True, text=True,
     )  # fmt: skip
     assert run.returncode == 0, run.stderr
     assert printed in run.stdout
@@ -86,9 +82,8 @@ def test_linkages_of_the_map_walk_as_published(monkeypatch: pytest.MonkeyPatch) 
     rows = np.linspace(0, len(data["cost"]) - 1, 4).astype(int)
     made = [map_.turning(np.array([data[name][k] for name in map_.NAMES])) for k in rows]
     walker = map_.Walker("JansenWalkerBuilt-v0", map_.WORLD, map_.SPEED, 1, len(rows))
-    for k, (_, shape), walk in zip(
-        rows, made, walker.walk([each[0] for each in made]), strict=True
-    ):
+    walks = walker.walk([robot for robot, _ in made])
+    for k, (_, shape), walk in zip(rows, made, walks, strict=True):
         published = [data[name][k] for name in ("cost", "slip", "opening", "height")]
         walked = walk["steady_cost_of_transport"], walk["steady_slip_per_metre"]
         expected = [*walked, shape["opening"], shape["height"]]

@@ -1,12 +1,14 @@
 """Logs of machines: bad ones are refused, clocks corrected, machines compared and identified."""
 
 import json
-import subprocess
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from machine_logs import MEASUREMENTS, TRUTH, drawn_machine, mujoco, rigid_body, write_log
 
+import train
 from agents import identify
 from agents.measurements import published, read_log, table
 from jansen_env import ROBOTS
@@ -67,32 +69,32 @@ def test_what_is_mended_is_the_same_walk(tmp_path):
 
 
 @pytest.mark.parametrize("path", sorted(MEASUREMENTS.glob("*.csv")), ids=lambda path: path.stem)
-def test_every_measurement_is_compared_with_its_prediction(path):
-    """The table of the folder's page has its rows, whatever the verdict."""
+def test_every_measurement_is_compared_with_its_prediction(path, tmp_path):
+    """The table of the folder's page has its rows, whatever the verdict; not of other machines."""
     page = (MEASUREMENTS / "README.md").read_text(encoding="utf-8")
     shown = {tuple(cell.strip() for cell in line.split("|")) for line in page.splitlines()}
     rows = table(published(path)).splitlines()[2:]
     assert len(rows) >= 3
     assert {tuple(cell.strip() for cell in row.split("|")) for row in rows} <= shown
+    other = tmp_path / "log.csv"
+    other.write_text(path.read_text().replace("robot: economy", "robot: klann"))
+    with pytest.raises(ValueError, match=r"is 'klann', must be one of \['built', 'economy'\]"):
+        published(other)
 
 
-def test_a_log_of_an_unknown_machine_is_not_compared(tmp_path):
-    path = tmp_path / "log.csv"
-    path.write_text(FAST.read_text().replace("robot: economy", "robot: klann"))
-    with pytest.raises(
-        ValueError, match=r"robot is 'klann', must be one of \['built', 'economy'\]"
-    ):
-        published(path)
-
-
-def test_the_examples_are_identified(tmp_path, capsys, monkeypatch):
+def test_the_examples_are_identified(tmp_path, capsys, monkeypatch, no_scores, few_episodes):
     """From another plant, with noise: the numbers are within, the machine's file has them.
 
     A short training is over the intervals of the report.
     """
-    out, run = tmp_path / "machine.json", subprocess.run
-    short = ["--n-envs", "16", "--eval-freq", "0", "--eval-episodes", "1"]
-    monkeypatch.setattr(subprocess, "run", lambda command: run([*command, *short]))
+    out = tmp_path / "machine.json"
+
+    def run(command):
+        assert Path(command[1]) == Path(train.__file__)
+        train.main([*command[2:], "--n-envs", "16", "--eval-freq", "0"])
+        return SimpleNamespace(returncode=0)
+
+    monkeypatch.setattr(identify, "subprocess", SimpleNamespace(run=run))
     monkeypatch.chdir(tmp_path)
     known = [*map(str, EXAMPLES), "--copies", "256", "--out", str(out)]
     with pytest.raises(SystemExit, match=r"^0$"):

@@ -46,7 +46,7 @@ REFUSED = {
         (["built", "--sheet", "wide"], "--sheet: is wide, must be WIDTHxHEIGHT in mm"),
         (["built", "--sheet", "nanx1"], "--sheet: is nanx1, must be WIDTHxHEIGHT in mm"),
         (["built", "--fit", "1,2"], "--fit: is 1,2, must be one of ['laser'"),
-        (["built", "--out", __file__], "must be a folder"),
+        (["chebyshev", "--out", __file__], "must be a folder"),
     ],
     (enjoy, "--env", "JansenCrank-v0"): [
         (["--policy", "nobody"], "must be one of ['pid', 'constant', 'inverse', 'pretrained']"),

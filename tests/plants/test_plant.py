@@ -101,7 +101,7 @@ def test_set_down_on_the_lowest_of_all_pads(name, make, rng):
     """Of any lengths, within 60 %, on any ground; the first step gets no energy from nothing."""
     nominal, placed = ROBOTS[name](), 0
     wanted = PLACEMENT_DEPTH if make is ProjectionPlant else 0.0
-    while placed < 12:
+    while placed < 6:
         changed = rng.choice([*lengths(nominal)], rng.integers(1, 4), replace=False)
         given = {name: lengths(nominal)[name] * rng.uniform(0.4, 1.6) for name in changed}
         terrain = [Terrain.flat(), ROUGH, STEPS][placed % 3]
@@ -110,12 +110,9 @@ def test_set_down_on_the_lowest_of_all_pads(name, make, rng):
             plant.reset(rng.uniform(-10.0, 10.0), rng.uniform(0.0, 2.0 * math.pi))
         except ValueError:
             continue
-        sag = static_deflection(plant.robot, GRAVITY)
-        if plant.robot.pad_compliance.rigid:
-            sag = 0.0
-        assert -1e-9 < depth(plant, plant.batch.pad_centres(0)) < wanted + sag + 1e-6, (
-            given
-        )  # as deep on level ground
+        rigid = plant.robot.pad_compliance.rigid
+        sag = 0.0 if rigid else static_deflection(plant.robot, GRAVITY)  # as on level ground
+        assert -1e-9 < depth(plant, plant.batch.pad_centres(0)) < wanted + sag + 1e-6, given
         result = plant.step(0.0, 0.01)
         assert result.correction_work < 1e-2, given
         placed += 1
@@ -177,13 +174,11 @@ def test_a_held_crank_that_diverges_stays():
     assert (plant.state == before).all()
 
 
-@pytest.mark.parametrize(
-    "torque, duration, message", [(1e4, 0.1, "came apart"), (1e6, 0.02, "the simulation diverged")]
-)
-def test_joints_that_come_apart(torque, duration, message):
+def test_joints_that_come_apart():
     """Within a few time steps, before rounding decides how it ends."""
-    with pytest.raises(FloatingPointError, match=message):
-        rigid_body(time_step=0.02).step(torque, duration)
+    for torque, duration, message in ((1e4, 0.1, "came apart"), (1e6, 0.02, "simulation diverged")):
+        with pytest.raises(FloatingPointError, match=message):
+            rigid_body(time_step=0.02).step(torque, duration)
 
 
 @pytest.mark.parametrize("make", [projection, rigid_body])

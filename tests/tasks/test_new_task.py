@@ -15,7 +15,9 @@ from gymnasium.utils.env_checker import check_env
 from side_by_side import compare
 from stable_baselines3 import PPO
 
+import train
 from jansen_env import registration
+from jansen_env.commands import evaluate
 from jansen_env.commands.flags import imported_env_id
 
 ROOT = Path(__file__).parents[2]
@@ -70,35 +72,25 @@ def test_a_new_task(level):
         gym.make(ENV, half_pitch=-1)
 
 
-def test_a_new_task_is_trained_and_evaluated_from_the_shell(folder):
+def test_a_new_task_is_trained_from_the_shell_resumed_and_evaluated(folder, level, capsys):
     environ = {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder.parent), str(ROOT)])}
-
-    def call(*command):
-        done = subprocess.run(
-            [sys.executable, *command], env=environ, cwd=folder.parent, capture_output=True,
-            text=True, timeout=300, check=False,
-        )  # fmt: skip
-        assert done.returncode == 0, done.stderr
-        return done.stdout
-
-    name, run = ("--env", f"level:{ENV}"), "logs/ppo/Level-v0_1"
-    train = (str(ROOT / "train.py"), "--eval-freq", "0", "--eval-episodes", "1", "--no-progress")
-    call(*train, *name)
-    assert PPO.load(folder.parent / run / "final_model.zip").num_timesteps >= 2000
-    call(*train, *name, "--resume", run, "-n", "2500")
-    assert PPO.load(folder.parent / run / "final_model.zip").num_timesteps >= 2500
-    evaluated = call("-m", "jansen_env", "evaluate", *name, "--policy", run, "--episodes", "1")
-    assert "return" in evaluated
+    name, run = ["--env", f"level:{ENV}"], folder.parent / "logs" / "ppo" / f"{ENV}_1"
+    given = [*name, "--eval-freq", "0", "--eval-episodes", "1", "--no-progress"]
+    command = [sys.executable, str(ROOT / "train.py"), *given]
+    done = subprocess.run(command, env=environ, cwd=folder.parent, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert PPO.load(run / "final_model.zip").num_timesteps >= 2000
+    train.main([*given, "--resume", str(run), "-n", "2500"])
+    assert PPO.load(run / "final_model.zip").num_timesteps >= 2500
+    evaluate.main([*name, "--policy", str(run), "--episodes", "1"])
+    assert "return" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
+def test_an_id_that_is_not_registered_is_refused():
+    for text, message in (
         ("nowhere:Level-v0", "whose module cannot be imported: No module named 'nowhere'"),
         (".:Level-v0", "whose module cannot be imported"),
         ("json:CartPole-v1", r"must be one of \['JansenCrank-v0'"),
-    ],
-)
-def test_an_id_that_is_not_registered_is_refused(text, message):
-    with pytest.raises(argparse.ArgumentTypeError, match=message):
-        imported_env_id(text)
+    ):
+        with pytest.raises(argparse.ArgumentTypeError, match=message):
+            imported_env_id(text)

@@ -94,12 +94,10 @@ class Firefox:
     """A Firefox with a profile of its own in a folder, driven by its Marionette."""
 
     def __init__(self, path: str, folder: Path) -> None:
-        settings = {
-            "marionette.port": 0, "browser.download.folderList": 2,
-            "browser.download.dir": str(folder),
-        }  # fmt: skip
-        lines = [f"user_pref({json.dumps(k)}, {json.dumps(v)});\n" for k, v in settings.items()]
-        (folder / "user.js").write_text("".join(lines))
+        lines = [f'user_pref("browser.download.dir", {json.dumps(str(folder))});',
+                 'user_pref("browser.download.folderList", 2);',
+                 'user_pref("marionette.port", 0);']  # fmt: skip
+        (folder / "user.js").write_text("\n".join(lines))
         command = [path, "--headless", "--marionette", "--no-remote", "--profile", str(folder)]
         silent = subprocess.DEVNULL
         self.process = subprocess.Popen(command, stdout=silent, stderr=silent)

@@ -65,11 +65,8 @@ if __name__ == "__main__":
     exact = {"mass": 1.0, "battery": 1.0}
     machine = predict.copy_of(ROBOTS["economy"](), {**exact, **TRUTH}, {})
     numbers = ", ".join(f"{name} {value:g}" for name, value in TRUTH.items())
-    marks = (
-        "# robot: economy",
-        f"# synthetic: no machine, the rigid-body plant with noise and {numbers}",
-    )
+    note = f"# synthetic: no machine, the rigid-body plant with noise and {numbers}"
     for speed in (1.0, 2.0):
         plant = rigid_body(machine, TRUTH["friction"])
         path = MEASUREMENTS / f"synthetic_economy_{speed:g}.csv"
-        write_log(path, plant, speed, np.random.default_rng(0), 1.0, marks)
+        write_log(path, plant, speed, np.random.default_rng(0), 1.0, ("# robot: economy", note))

@@ -52,9 +52,8 @@ class MujocoPlant:
             data.ctrl[0] = self.robot.motor.torque(torque, before)
             mujoco.mj_step(self.model, data)
             work += float(data.ctrl[0]) * self.time_step * 0.5 * (before + float(data.qvel[3]))
-        return SimpleNamespace(
-            motor_work=work, electrical_work=math.nan, slip=np.zeros(1), non_toe_contact=0
-        )
+        others = {"electrical_work": math.nan, "slip": np.zeros(1), "non_toe_contact": 0}
+        return SimpleNamespace(motor_work=work, **others)
 
 
 def in_the_air(name, time_step, stiffness):

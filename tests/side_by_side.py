@@ -22,9 +22,8 @@ DISTURBED = {"height_scan": (0.4, 0.8, 5), "noise": {}, "push": Push((1.3, 0.5),
 
 
 def together(count, mode=AutoresetMode.NEXT_STEP, limit=None, **arguments):
-    return gym.make_vec(
-        "JansenWalker-v0", num_envs=count, autoreset_mode=mode, max_episode_steps=limit, **arguments
-    )
+    arguments |= {"autoreset_mode": mode, "max_episode_steps": limit}
+    return gym.make_vec("JansenWalker-v0", count, **arguments)
 
 
 def side_by_side(count, mode=AutoresetMode.NEXT_STEP, limit=None, each=None, **arguments):

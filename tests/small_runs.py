@@ -77,10 +77,8 @@ def _kill(venv, steps):
 
 def outcome(folder: Path):
     """All that a run has come to: final model and state, best model, evaluations."""
-    rows = [
-        {name: value for name, value in row.items() if name not in TIMES}
-        for row in runs.read_evaluations(folder)
-    ]
+    found = runs.read_evaluations(folder)
+    rows = [{name: row[name] for name in row if name not in TIMES} for row in found]
     return read_model(folder / runs.FINAL), read_model(folder / runs.BEST)[:3], rows
 
 

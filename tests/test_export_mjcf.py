@@ -33,11 +33,9 @@ def test_the_first_half_second_on_the_ground():
 
 def test_flight_with_rotor_and_payload():
     """The rotor is coupled to the chassis, the payload is off its axis."""
-    robot = replace(ROBOTS["built"](), payload=Payload(2.0, 0.1, (0.2, 0.1)))
-    robot = replace(
-        robot, bearing_friction=(0.0,) * len(robot.bearing_friction),
-        motor=replace(robot.motor, friction=0.0),
-    )  # fmt: skip
+    robot = ROBOTS["built"]()
+    smooth = {"motor": replace(robot.motor, friction=0.0), "bearing_friction": (0.0,) * 10}
+    robot = replace(robot, payload=Payload(2.0, 0.1, (0.2, 0.1)), **smooth)
     ours = ProjectionPlant(robot, Terrain.flat(), 1e-4)
     theirs = mujoco_plant.MujocoPlant(robot, Terrain.flat(), 1e-4, loop_stiffness=1e7)
     theirs.model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4

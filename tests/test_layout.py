@@ -72,12 +72,8 @@ def imported(path: Path) -> set[str]:
 
 def test_agents_ask_for_all_packages_that_they_import():
     """Beside those that the package itself needs, and those that have extras of their own."""
-    packages = {
-        name.split(".")[0]
-        for path in FILES
-        if "agents" in path.relative_to(ROOT).parts
-        for name in imported(path)
-    }
+    paths = [path for path in FILES if path.is_relative_to(ROOT / "agents")]
+    packages = {name.split(".")[0] for path in paths for name in imported(path)}
     others = {"agents", "jansen_env", "benchmarks", "gymnasium", "numpy", "safetensors"}
     others |= {"jinja2", "onnx", "onnxruntime", "pymoo", "pandas", "ray"}
     assert packages - others - sys.stdlib_module_names <= {*NEEDED}

@@ -28,11 +28,6 @@ OBSERVED = make_env("JansenWalker-v0", {}).unwrapped.observed
 ONE_TO_ONE = nearest_setting(np.array([0.5, 1.0, 2.0]), np.array([[0.5], [1.0], [2.0]]))
 
 
-@pytest.fixture(scope="module")
-def walker():
-    return gym.make("JansenWalker-v0").unwrapped
-
-
 def motor(torque_limit):
     """What the baselines read of an environment."""
     env = SimpleNamespace(torque_limit=torque_limit, control_dt=0.02, observed=OBSERVED)
@@ -63,9 +58,8 @@ def test_pid_is_equation_13():
 
 
 def test_pid_starts_again_with_an_episode():
-    controller = walking_pid(ONE_TO_ONE, motor(20.0))
-    seen = np.array([observation(0.1, 0.0, 1.0), observation(0.1, 0.0, 1.0)])
-    state = None
+    controller, state = walking_pid(ONE_TO_ONE, motor(20.0)), None
+    seen = np.array([observation(0.1, 0.0, 1.0)] * 2)
     for _ in range(10):
         _, state = controller.predict(seen, state)
     fresh, _ = controller.predict(seen, None)
@@ -74,12 +68,11 @@ def test_pid_starts_again_with_an_episode():
 
 
 def test_speed_map_picks_the_nearest_and_mirrors():
-    """Closest measured setting; negative commands turn the crank back; zero stands."""
+    """Closest measured setting; negative commands turn the crank back; zero stands.
+
+    A setting that hits the command half the time loses to a steady one a little off.
+    """
     assert ONE_TO_ONE(np.array([0.9, 1.6, -0.9, 0.0])) == pytest.approx([1, 2, -1, 0])
-
-
-def test_speed_map_counts_falls_and_spread():
-    """A setting that hits the command half the time loses to a steady one a little off."""
     measured = nearest_setting(np.array([1.0, 2.0]), np.array([[0.3, 0.0], [0.25, 0.26]]))
     assert measured(np.array([0.3])) == pytest.approx([2.0])
 
@@ -126,15 +119,15 @@ def test_tuning_finds_gains_and_keeps_other_designs(tmp_path, monkeypatch):
         tune.main(["pid", "--robot", "bulit", "--out", str(tmp_path)])
 
 
-def test_what_is_kept_of_an_episode(walker):
+def test_what_is_kept_of_an_episode():
     """The position after two seconds, slip and work from then on, and how much the torque changes,
     the first time from 0."""
     torques = [2.0, 2.0, -1.0, 3.0] + [2.5, 3.0] * 58
     left = iter(torques)
     policy = TorquePolicy(lambda seen, *_: (np.full(len(seen), next(left)), None), 20.0)
-    run = run_episodes(policy, "JansenWalker-v0", {"max_episode_steps": 120},
-                       np.array([0.2]), np.array([5]))  # fmt: skip
-    env = gym.make("JansenWalker-v0", max_episode_steps=120)
+    kwargs = {"max_episode_steps": 120}
+    env = gym.make("JansenWalker-v0", **kwargs)
+    run = run_episodes(policy, "JansenWalker-v0", kwargs, np.array([0.2]), np.array([5]))
     robot = env.unwrapped
     robot.reset(seed=5, options={"speed_command": 0.2})
     infos = [robot.step(np.float32([torque / 20.0]))[4] for torque in torques]
@@ -206,19 +199,16 @@ def test_fractions_have_exact_intervals():
 
 
 def test_bootstrap_resamples_within_each_command():
+    def returned(run, seed=0):
+        return metrics.summarise(WALKER.metrics, run, TEN_SECONDS, seed)["overall"]["return"]
+
     run = made_episodes()
     run["returns"] = np.where(run["command"] == 0.1, 0.0, 100.0)
-    assert metrics.summarise(WALKER.metrics, run, TEN_SECONDS)["overall"]["return"] == [50.0] * 3
+    assert returned(run) == [50.0] * 3
     run["returns"] = np.random.default_rng(0).normal(size=40)
-    intervals = [
-        metrics.summarise(WALKER.metrics, run, TEN_SECONDS, seed)["overall"]["return"]
-        for seed in (1, 1, 2)
-    ]
-    assert intervals[0] == intervals[1] != intervals[2]
+    assert returned(run, 1) == returned(run, 1) != returned(run, 2)
     few = {name: values[::20] for name, values in run.items()}
-    assert (
-        metrics.summarise(WALKER.metrics, few, TEN_SECONDS)["overall"]["return"][1:] == [None] * 2
-    )
+    assert returned(few)[1:] == [None] * 2
 
 
 def test_an_evaluation_prints_five_metrics_or_all_and_writes_nothing(tmp_path, capsys, monkeypatch):
@@ -235,11 +225,10 @@ def test_an_evaluation_prints_five_metrics_or_all_and_writes_nothing(tmp_path, c
 def test_baselines_walk_the_right_way_on_every_robot():
     """The holy designs turn their crank clockwise for it; nothing of the baselines knows."""
     commands, seeds = np.array([0.3, 0.5, -0.4]), np.array([1, 2, 3])
-    for name in BASELINES:
-        env = gym.make("JansenWalker-v0", robot="holy")
-        run = run_episodes(
-            BASELINES[name](env.unwrapped), "JansenWalker-v0", {"robot": "holy"}, commands, seeds
-        )
+    env = gym.make("JansenWalker-v0", robot="holy")
+    for name, baseline in BASELINES.items():
+        policy = baseline(env.unwrapped)
+        run = run_episodes(policy, "JansenWalker-v0", {"robot": "holy"}, commands, seeds)
         assert (np.sign(commands) * run["distance"] > 1.5).all(), name
 
 

@@ -78,9 +78,6 @@ def test_a_plan_with_a_fault_is_refused(changes, message):
     with pytest.raises(ValueError, match=message) as error:
         make_plan({**SMALL, "method": "cma", **changes})
     assert "\n" not in str(error.value)
-
-
-def test_a_plan_needs_a_speed():
     with pytest.raises(ValueError, match="the plan lacks 'speed'"):
         make_plan({name: value for name, value in SMALL.items() if name != "speed"})
 
@@ -112,9 +109,9 @@ def test_the_shape_of_the_built_robot():
 def test_links_in_one_plane_keep_apart_or_cross(walker):
     """Crank and rocker of the paper's leg never meet; upper rod and frame cross. What shares a
     plane of the built robot's drawings has a gap."""
-    paper, names = ROBOTS["paper"](), ROBOTS["paper"]().linkage.names
-    frame, crank, rocker, rod = ((0, names.index(name)) for name in (
-        "frame", "crank", "rocker", "upper_rod"))  # fmt: skip
+    paper = ROBOTS["paper"]()
+    names = ("frame", "crank", "rocker", "upper_rod")
+    frame, crank, rocker, rod = ((0, paper.linkage.names.index(name)) for name in names)
     assert clearance(paper, [(crank, rocker)]) == pytest.approx(0.201, abs=2e-3)
     assert clearance(paper, [(crank, rocker), (frame, rod)]) == pytest.approx(-0.015)
     large = Candidate(with_lengths(BUILT, {"coupler": 0.27}), np.ones(4))
@@ -174,12 +171,10 @@ def test_climbing_counts_heights(walker):
         walker.measure("climb", [begin(0.4)])
 
 
-@pytest.mark.parametrize("make", [
-    lambda start: Cma(start, 12, 3), lambda start: Nsga2(start, 12, 3, 2)
-])  # fmt: skip
-def test_methods_improve(make):
+@pytest.mark.parametrize(("method", "objectives"), [(Cma, ()), (Nsga2, (2,))])
+def test_methods_improve(method, objectives):
     """On a bowl within a limit: nearer than at first; they repeat, as searches that were killed."""
-    method, best = make(np.full(3, 0.2)), []
+    method, best = method(np.full(3, 0.2), 12, 3, *objectives), []
     for _ in range(25):
         unit = method.ask()
         assert unit.shape == (12, 3) and unit.min() >= 0.0 and unit.max() <= 1.0
@@ -193,10 +188,11 @@ def test_methods_improve(make):
 def test_a_killed_search_goes_on_bit_for_bit(method, tmp_path):
     """Killed after two generations and in the third: the end is that of a search that was not."""
     plan, files = plan_of(method), [0]
-    journal = tmp_path / "a" / search.JOURNAL
-    whole = search.run_search(
-        plan, 0, tmp_path / "a", lambda _: files.append(journal.stat().st_ino)
-    )
+
+    def note(_):
+        files.append((tmp_path / "a" / search.JOURNAL).stat().st_ino)
+
+    whole = search.run_search(plan, 0, tmp_path / "a", note)
     assert all(np.diff(files))  # another file takes the journal's place, which is always whole
 
     def kill(searched):
@@ -218,9 +214,8 @@ def test_limits_rank_what_breaks_them():
         "closure": np.ones(3), "mass": np.array([4.0, 6.0, 4.0]),
         "falls": np.array([0.0, 0.5, np.nan]), "lift": np.array([0.2, 0.05, 0.1]),
     }  # fmt: skip
-    assert search.broken(plan, measured, plan.measured) == pytest.approx(
-        [0.0, 0.2 / 1.2 + 2.0 * 0.5 / 1.5, 1.0]
-    )
+    expected = [0.0, 0.2 / 1.2 + 2.0 * 0.5 / 1.5, 1.0]
+    assert search.broken(plan, measured, plan.measured) == pytest.approx(expected)
 
 
 def test_what_cannot_turn_is_not_walked(walker):

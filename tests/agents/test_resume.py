@@ -52,12 +52,8 @@ def test_ars_goes_on_with_the_weights_it_had(tmp_path):
 
 
 def test_environments_one_by_one_go_on_with_new_episodes(tmp_path, capsys):
-    settings = small_run(
-        timesteps=96,
-        n_envs=2,
-        training_variants=[{}],
-        env_kwargs={"track_joint_forces": True, "max_episode_steps": 9},
-    )
+    kwargs = {"track_joint_forces": True, "max_episode_steps": 9}
+    settings = small_run(timesteps=96, n_envs=2, training_variants=[{}], env_kwargs=kwargs)
     go_on(settings, tmp_path, killed_after=50)
     go_on(settings, tmp_path)
     assert "begin new episodes" in capsys.readouterr().out

@@ -56,9 +56,8 @@ def test_two_runs_in_one_folder(killed, run):
         "import sys, pathlib; from agents.training.runs import locked\n"
         "with locked(pathlib.Path(sys.argv[1])): print('held', flush=True); sys.stdin.read()"
     )
-    holder = subprocess.Popen(
-        [sys.executable, "-c", hold, str(run)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    )
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    holder = subprocess.Popen([sys.executable, "-c", hold, str(run)], **pipes)
     assert holder.stdout.readline() == b"held\n"
     commands = (run / "command.txt").read_bytes()
     with pytest.raises(SystemExit, match="is in use by another process"):

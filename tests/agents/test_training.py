@@ -57,9 +57,7 @@ def test_last_words_of_a_run(tmp_path):
         assert ("(since 3,194,880 steps)" in last) == (words == "above")
 
 
-@pytest.mark.parametrize(
-    "path", config.shipped_configs(), ids=lambda path: f"{path.parent.name}/{path.stem}"
-)
+@pytest.mark.parametrize("path", config.shipped_configs(), ids=lambda p: "/".join(p.parts[-2:]))
 def test_every_config_builds(path, tmp_path):
     """On robots that are simulated together; as recorded it is read again."""
     algo = path.stem if path.stem in ALGORITHMS else None
@@ -72,10 +70,9 @@ def test_every_config_builds(path, tmp_path):
 @pytest.mark.parametrize("env_id", IDS)
 def test_training_begins_on_every_environment(env_id, tmp_path, no_scores, few_episodes):
     """Without a configuration of the caller's; scores have tests of their own."""
-    arguments = ["--env", env_id, "--timesteps", "8", "--n-envs", "2", "--eval-episodes", "1",
-                 "--eval-freq", "0", "--env-kwargs", "{max_episode_steps: 5}", "--no-progress"
-                 ]  # fmt: skip
-    folder = train.main([*arguments, "--log-folder", str(tmp_path)])
+    given = f"--env {env_id} --timesteps 8 --n-envs 2 --eval-episodes 1 --eval-freq 0 --no-progress"
+    kwargs = ["--env-kwargs", "{max_episode_steps: 5}", "--log-folder", str(tmp_path)]
+    folder = train.main([*given.split(), *kwargs])
     assert read_model(folder / "final_model.zip").steps >= 8
 
 

@@ -69,11 +69,8 @@ def test_scores_are_those_of_the_episodes(env):
         "rms_error": rms(error), "peak_error": np.abs(error).max(), "rms_torque": rms(torque),
         "peak_torque": np.abs(torque).max(), "power": work / 10.0, "lost": 0.0,
     }  # fmt: skip
-    measured = {
-        name: float(m.function(run, env)[0])
-        for name, m in CRANK.metrics.items()
-        if name != "return"
-    }
+    measured = {name: float(metric.function(run, env)[0]) for name, metric in CRANK.metrics.items()}
+    del measured["return"]
     assert measured == pytest.approx(expected)
     left = run_episodes(still(env.unwrapped), ENV, {}, np.array([1.0]), np.zeros(1, int))
     assert left["lost"][0] and 3.0 < left["duration"][0] < 3.5

@@ -58,10 +58,8 @@ def test_the_mirror_image_gets_the_mirrored_torque():
     observation = seen(np.linspace(0.01, 0.9, 60))
     mirrored = observation.copy()
     mirrored[:, [COS_CRANK, CRANK_SPEED, COMMAND, LAG]] *= -1.0
-    shipped = load_profile()
-    assert shipped.torque(mirrored, COLUMNS) == pytest.approx(
-        -shipped.torque(observation, COLUMNS), abs=1e-12
-    )
+    torque, other = (load_profile().torque(each, COLUMNS) for each in (observation, mirrored))
+    assert other == pytest.approx(-torque, abs=1e-12)
 
 
 def test_torque_is_the_documented_formula():

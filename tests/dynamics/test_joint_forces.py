@@ -162,10 +162,8 @@ def test_at_a_standstill_bearings_and_gear_share_what_they_hold(fixed_base):
     q, rest, torque = np.array([0.1, 0.2, 0.3, 1.2]), np.zeros(4), 0.4
     free = joint_forces(robot, q, rest, torque, fixed_base=fixed_base)
     sliding = joint_forces(robot, q, 1e-12 * np.eye(4)[3], torque, fixed_base=fixed_base)
-    slope = Moving(robot, q, np.eye(4)[3], np.zeros(4)).angle_slope[
-        :, np.array(JANSEN.bearings) - 1
-    ]
-    turning = slope[..., 1] - slope[..., 0]
+    slope = Moving(robot, q, np.eye(4)[3], np.zeros(4)).angle_slope
+    turning = np.diff(slope[:, np.array(JANSEN.bearings) - 1])[..., 0]
     most = (np.abs(turning) @ robot.bearing_friction).sum() + robot.motor.friction
     held = joint_forces(robot, q, rest, torque, dry=-0.5 * most, fixed_base=fixed_base)
     for name in ("pin", "frame", "shaft", "gear", "rotor", "q_ddot"):
@@ -177,11 +175,10 @@ def test_at_a_standstill_bearings_and_gear_share_what_they_hold(fixed_base):
 
 def bars(robot, first):
     """Name, link and the corners at both ends of each bar from a body number on."""
-    for body, (name, link) in enumerate(
-        zip(robot.linkage.names, robot.bodies, strict=True), start=1
-    ):
+    linkage = robot.linkage
+    for body, (name, link) in enumerate(zip(linkage.names, robot.bodies, strict=True), start=1):
         if body >= first and isinstance(link, Bar):
-            yield name, link, [k for k, (k_, _) in enumerate(robot.linkage.corners) if k_ == body]
+            yield name, link, [k for k, (of, _) in enumerate(linkage.corners) if of == body]
 
 
 def test_virtual_work_of_a_longer_bar(robot, rng):
@@ -189,8 +186,8 @@ def test_virtual_work_of_a_longer_bar(robot, rng):
     weight, h = G * np.array([part.mass for part in robot.bodies]), 1e-4
     for name, link, ends in bars(robot, first=2):
         psi = rng.uniform(-3.0, 3.0)
-        forces = joint_forces(robot, np.array([0.0, 0.0, 0.0, psi]), np.zeros(4), fixed_base=True,
-                              q_ddot=np.zeros(4))  # fmt: skip
+        q, rest = np.array([0.0, 0.0, 0.0, psi]), np.zeros(4)
+        forces = joint_forces(robot, q, rest, fixed_base=True, q_ddot=rest)
         for loads, leg in zip(forces.link_loads()[:, ends, 0], robot.legs, strict=True):
 
             def potential(change, leg=leg, psi=psi, name=name, link=link):

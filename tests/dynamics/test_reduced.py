@@ -24,11 +24,8 @@ def dense(robot, q, v, torque):
 
     p, T = pr.project(robot, q, v, torque), T_at(0.0)
     T_dot = v[2] * (T_at(0.5 * math.pi) - T_at(-0.5 * math.pi)) / 2.0
-    return (
-        T.T @ p.mass @ T,
-        T.T @ (p.velocity_terms + p.mass @ T_dot @ v),
-        T.T @ p.generalised_forces,
-    )
+    terms = p.velocity_terms + p.mass @ T_dot @ v
+    return T.T @ p.mass @ T, T.T @ terms, T.T @ p.generalised_forces
 
 
 def test_equations_of_motion_are_the_projections(linkage, random_state, rng):

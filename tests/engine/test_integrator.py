@@ -47,9 +47,8 @@ def test_energy_and_toes_are_the_reduced_models(robot, random_state):
     plant = flying(robot)
     for _ in range(5):
         plant.state = state = random_state()
-        assert plant.energy() == pytest.approx(
-            rd.energy(plant.tables, state[:4], state[4:]), rel=1e-12, abs=1e-12
-        )
+        energy = rd.energy(plant.tables, state[:4], state[4:])
+        assert plant.energy() == pytest.approx(energy, rel=1e-12, abs=1e-12)
         x, y, theta, psi = state[:4]
         toes = [joint_positions(robot, leg.side, psi + leg.phase)[T] for leg in robot.legs]
         world = x + 1j * y + np.exp(1j * theta) * (np.array(toes) @ [1.0, 1.0j])

@@ -84,9 +84,8 @@ def compiled():
 
 
 @pytest.mark.parametrize(("name", "arguments", "tolerance"), CASES, ids=lambda case: str(case)[:5])
-def test_compiled_functions_give_the_same_bits_and_call_no_library(
-    compiled, name, arguments, tolerance
-):
+def test_compiled_functions_give_the_same_bits_alone(compiled, name, arguments, tolerance):
+    """They call no other library."""
     plain, machine_code = getattr(mathematics, name), getattr(compiled, name)
     for values in zip(*np.asarray(arguments).tolist(), strict=True):
         assert plain(*values).hex() == machine_code(*values).hex(), values

@@ -158,21 +158,16 @@ def test_values_out_of_range_are_refused(make, arguments, message):
         make(**arguments)
 
 
-@pytest.mark.parametrize(
-    "number", [Fraction(1, 2), Decimal("0.5"), np.float32(0.5), np.float16(0.5)]
-)
-def test_every_kind_of_number_is_taken(number):
-    parts = [Bar(number), Leg("fore", number), Payload(number, position=(number, number))]
-    assert parts == [Bar(0.5), Leg("fore", 0.5), Payload(0.5, position=(0.5, 0.5))]
-    assert repr(parts) == repr([Bar(0.5), Leg("fore", 0.5), Payload(0.5, position=(0.5, 0.5))])
-    assert repr(Terrain.flat(number)) == repr(Terrain.flat(0.5))
-    assert Terrain(((0, 0), (number, Fraction(0)))).points == ((0.0, 0.0), (0.5, 0.0))
-    env = JansenWalkerEnv(friction=number, speed_command=number, slip_weight=number,
-                          torque_limit=number, payload=number)  # fmt: skip
-    same = JansenWalkerEnv(friction=0.5, speed_command=0.5, slip_weight=0.5,
-                           torque_limit=0.5, payload=0.5)  # fmt: skip
-    assert np.array_equal(env.reset(seed=0)[0], same.reset(seed=0)[0])
-    assert env.step(np.ones(1))[1] == same.step(np.ones(1))[1]
+@pytest.mark.parametrize("kind", [Fraction, Decimal, np.float32, np.float16])
+def test_every_kind_of_number_is_taken(kind):
+    names = ("friction", "speed_command", "slip_weight", "torque_limit", "payload")
+    seen, made = [], []
+    for half in (kind(0.5), 0.5):
+        parts = Bar(half), Leg("fore", half), Payload(half, position=(half, half))
+        made.append(repr([*parts, Terrain.flat(half), Terrain(((0, 0), (half, Fraction(0))))]))
+        env = JansenWalkerEnv(**dict.fromkeys(names, half))
+        seen.append([*env.reset(seed=0)[0], env.step(np.ones(1))[1]])
+    assert made[0] == made[1] and seen[0] == seen[1]
 
 
 @pytest.mark.parametrize("make", [JansenWalkerEnv, JansenCrankEnv, JansenWalkerVectorEnv])
@@ -215,25 +210,21 @@ def test_a_step_before_the_first_reset_is_refused(make):
     assert np.array_equal(env.step(np.zeros(1))[0], other.step(np.zeros(1))[0])
 
 
-@pytest.mark.parametrize("make", [JansenWalkerEnv, JansenCrankEnv, JansenWalkerVectorEnv])
-@pytest.mark.parametrize("options", [5, "speed_command", ["speed_command"], {1}])
-def test_options_that_are_no_dictionary_are_refused(make, options):
-    with pytest.raises(ValueError, match=r"options is .*, must be a dict"):
-        make().reset(options=options)
+ACTIONS = ("x", None, [10**400], [[0.0]], [object()], {}, [], [math.inf], [math.nan], [0, 0])
+SEEDS = ("ab", [0.5, 1], ["a", "b"], [1], -1, [-1, 0], {}, {1, 2})
 
 
 @pytest.mark.parametrize("make", [JansenWalkerEnv, JansenCrankEnv])
-@pytest.mark.parametrize(
-    "action", ["x", None, [10**400], [[0.0]], [object()], {}, [], [math.inf], [math.nan], [0, 0]]
-)
-def test_actions_that_are_no_number_are_refused(make, action):
-    env = make()
+def test_actions_seeds_and_options_that_are_none_are_refused(make):
+    env, envs = make(), JansenWalkerVectorEnv(2)
     env.reset(seed=0)
-    with pytest.raises(ValueError, match=r"action is .*, must be one finite number"):
-        env.step(action)
-
-
-@pytest.mark.parametrize("seed", ["ab", [0.5, 1], ["a", "b"], [1], -1, [-1, 0], {}, {1, 2}])
-def test_seeds_that_are_no_numbers_are_refused(seed):
-    with pytest.raises(ValueError, match="seed is"):
-        JansenWalkerVectorEnv(2).reset(seed=seed)
+    for action in ACTIONS:
+        with pytest.raises(ValueError, match=r"action is .*, must be one finite number"):
+            env.step(action)
+    for seed in SEEDS:
+        with pytest.raises(ValueError, match="seed is"):
+            envs.reset(seed=seed)
+    for options in (5, "speed_command", ["speed_command"], {1}):
+        for each in (env, envs):
+            with pytest.raises(ValueError, match=r"options is .*, must be a dict"):
+                each.reset(options=options)

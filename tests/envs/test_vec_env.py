@@ -73,12 +73,10 @@ def test_information_of_a_step():
 @pytest.mark.parametrize("batched", [True, False])
 def test_a_fall_in_the_last_step_of_the_time_limit_is_a_fall(batched):
     """Its value is not bootstrapped, as ``TimeLimit.truncated`` would have it."""
-    arguments = {"fall_pitch": 1e-6, "max_episode_steps": 1}  # which ends the first step
-    venv = (
-        make_vec_env(ENV, 2, env_kwargs=arguments)
-        if batched
-        else DummyVecEnv([lambda: make_env(ENV, arguments)] * 2)
-    )
+    kwargs = {"fall_pitch": 1e-6, "max_episode_steps": 1}  # which ends the first step
+    venv = make_vec_env(ENV, 2, env_kwargs=kwargs)
+    if not batched:
+        venv = DummyVecEnv([lambda: make_env(ENV, kwargs)] * 2)
     venv.seed(0), venv.reset()
     _, _, dones, infos = venv.step(np.ones((2, 1), np.float32))
     for done, info in zip(dones, infos, strict=True):
@@ -107,8 +105,8 @@ def test_attributes_methods_and_options():
 @pytest.mark.parametrize("wrapper", [None, gym.wrappers.TimeAwareObservation], ids=["", "wrapped"])
 def test_arguments_of_stable_baselines3(wrapper, tmp_path):
     """Its own function, with the same arguments, starts alike and writes the same episodes."""
-    given = {"n_envs": 3, "seed": 7, "wrapper_class": wrapper,
-             "env_kwargs": {"max_episode_steps": 4}}  # fmt: skip
+    kwargs = {"max_episode_steps": 4}
+    given = {"n_envs": 3, "seed": 7, "wrapper_class": wrapper, "env_kwargs": kwargs}
     ours = make_vec_env(ENV, monitor_dir=tmp_path / "monitor", **given)
     theirs = their_vec_env(ENV, **given)
     assert np.array_equal(ours.reset(), theirs.reset())
@@ -143,7 +141,6 @@ def test_what_cannot_move_together_takes_turns():
     assert not can_be_batched(ENV, {}, [{}, {"robot": replace(paper_robot(), legs=legs)}])
     assert can_be_batched(ENV, {}, [{"robot": "built"}, {}])
     assert can_be_batched("JansenCrank-v0", {"reset_noise_scale": 1.0})
-    assert not can_be_batched("JansenCrank-v0", {"track_joint_forces": True})
-    assert isinstance(
-        make_vec_env("JansenCrank-v0", 2, env_kwargs={"track_joint_forces": True}), DummyVecEnv
-    )
+    kwargs = {"track_joint_forces": True}
+    assert not can_be_batched("JansenCrank-v0", kwargs)
+    assert isinstance(make_vec_env("JansenCrank-v0", 2, env_kwargs=kwargs), DummyVecEnv)

@@ -11,14 +11,8 @@ import numpy as np
 import pytest
 
 from jansen_env.commands import paper as command
+from jansen_env.dynamics import projection as pr
 from jansen_env.dynamics.inverse import crank_torque
-from jansen_env.dynamics.projection import (
-    leg_motion,
-    leg_sides,
-    masses,
-    project,
-    system_coordinates,
-)
 from jansen_env.dynamics.reduced import body_sums, compile_robot
 from jansen_env.paper import claims, fixed_model, free_walk, toes
 from jansen_env.paper.results import ANGLES, FRICTIONS, Results, compute
@@ -93,9 +87,9 @@ def test_dropped_velocity_terms():
     robot, angle = paper_robot(), toes.turn(720)
     q, q_dot = fixed_model.crank_only(angle), fixed_model.crank_only(np.ones(len(angle)))
     speeds = np.broadcast_to(q_dot[:, None], (len(angle), len(robot.legs), 4))
-    _, D, bias = leg_motion(robot, leg_sides(robot), system_coordinates(robot, q), speeds)
-    most = np.abs((D[..., 3] * masses(robot) * bias).sum(axis=(-1, -2))).max()
-    projected = project(robot, q, q_dot, fixed_base=True)
+    _, D, bias = pr.leg_motion(robot, pr.leg_sides(robot), pr.system_coordinates(robot, q), speeds)
+    most = np.abs((D[..., 3] * pr.masses(robot) * bias).sum(axis=(-1, -2))).max()
+    projected = pr.project(robot, q, q_dot, fixed_base=True)
     assert np.abs(projected.velocity_terms).max() == pytest.approx(most, rel=1e-12)
     assert np.abs(crank_torque(robot, angle).inertia).max() == pytest.approx(most, rel=1e-9)
     assert on_page(f"up to {most:.3f} N m at 1 rad/s, {16.0 * most:.2f} at 4: as the speed squared")
@@ -131,12 +125,13 @@ def test_a_slow_walk_slips_as_its_geometry_says(results):
     """No dynamics against all of it: 2 % (a turn is not quite slow); half of it where toes grip."""
     certain = results.support.per_turn
     for mu, walk in results.slow.items():
-        grips = mu > 0.58
         assert not walk.fell and walk.no_toe < 1e-3
-        assert walk.slip == pytest.approx(
-            0.5 * certain if grips else certain, rel=0.05 if grips else 0.02
-        )
-        assert walk.one_toe == pytest.approx(0.5 if grips else 0.045, abs=0.03 if grips else 0.01)
+        if mu > 0.58:  # it grips
+            assert walk.slip == pytest.approx(0.5 * certain, rel=0.05)
+            assert walk.one_toe == pytest.approx(0.5, abs=0.03)
+        else:
+            assert walk.slip == pytest.approx(certain, rel=0.02)
+            assert walk.one_toe == pytest.approx(0.045, abs=0.01)
     assert set(results.slow) == set(FRICTIONS)
 
 

@@ -16,12 +16,9 @@ from jansen_env.robot import Compliance
 from jansen_env.robot.motor import AK80_6
 
 GRAVITY = (0.0, -9.81)
-RIGID = replace(
-    Robot(), payload=Payload(0.4, 0.02, (0.02, 0.1)), motor=Motor(8.0, 6.0, 6.0, 20.0, 1e-4, 0.1)
-)
-GIVING = replace(
-    ROBOTS["paper_slender"](), motor=AK80_6, pad_compliance=Compliance(2e4, 60.0, 1.5e4, 40.0)
-)
+RIGID = Robot(payload=Payload(0.4, 0.02, (0.02, 0.1)), motor=Motor(8.0, 6.0, 6.0, 20.0, 1e-4, 0.1))
+FEET = Compliance(2e4, 60.0, 1.5e4, 40.0)
+GIVING = replace(ROBOTS["paper_slender"](), motor=AK80_6, pad_compliance=FEET)
 DESIGNS = {"rigid": RIGID, "giving": GIVING}
 CHANGES = {
     "friction": 0.5, "restitution": 0.4, "payload": 1.3, "payload_x": -0.1, "payload_y": 0.2,
@@ -89,9 +86,8 @@ def test_varied_robots_are_those_built_so(design):
 def test_a_row_that_changes_nothing_changes_no_bit(design):
     robot = DESIGNS[design]
     plain, other = (Batch([robot, robot], [GROUND] * 2) for _ in range(2))
-    other.set_parameters(
-        np.arange(2), np.array([changed_row(robot, *CHANGES)] * 2, ROBOT_PARAMETERS)
-    )
+    rows = np.array([changed_row(robot, *CHANGES)] * 2, ROBOT_PARAMETERS)
+    other.set_parameters(np.arange(2), rows)
     assert (other.params["mass"] > plain.params["mass"]).all()
     other.set_parameters(np.arange(2), plain.parameters)
     for name in plain.params.dtype.names:
@@ -141,9 +137,8 @@ def test_what_is_in_force_counts_for_placing_and_forces():
         each.reset(0.0, 0.3)
         each.step(2.0, 0.02)
     assert plant.state == pytest.approx(other.state, abs=1e-10)
-    assert plant.batch.joint_forces().bearing == pytest.approx(
-        other.batch.joint_forces().bearing, rel=1e-6
-    )
+    bearing, expected = (each.batch.joint_forces().bearing for each in (plant, other))
+    assert bearing == pytest.approx(expected, rel=1e-6)
     assert plant.batch.peak_loads().force == pytest.approx(other.batch.peak_loads().force, rel=1e-6)
     assert plant.energy() == pytest.approx(other.energy(), rel=1e-9)
 

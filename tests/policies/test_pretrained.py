@@ -79,9 +79,7 @@ def test_scores_are_those_shipped(env_id, name):
 
 
 def test_scores_can_be_made_again(made, tmp_path, capsys):
-    for file in made[1].parent.glob("mine.*"):
-        shutil.copy(file, tmp_path)
-    path = tmp_path / "mine.json"
+    path = shutil.copytree(made[1].parent, tmp_path / "copy") / "mine.json"
     before = json.loads(path.read_text())
     change(path, scores={})
     pack.main([str(path), "--episodes", "2", "--seed", "1"])
@@ -223,9 +221,7 @@ NAN, HARMONICS = float("nan"), {"kind": "harmonics", "multiples": [2]}
     ],
 )  # fmt: skip
 def test_descriptions_that_do_not_fit_are_refused(values, reason, made, tmp_path):
-    path = tmp_path / "mine.json"
-    for file in made[1].parent.iterdir():
-        shutil.copy(file, tmp_path)
+    path = shutil.copytree(made[1].parent, tmp_path / "copy") / "mine.json"
     change(path, **values)
     with pytest.raises(ValueError, match=re.escape(reason)) as error:
         pretrained.load_file(path)
@@ -248,9 +244,7 @@ def test_actions_are_held_to_those_of_the_environment(env_id, env_kwargs):
 
 def test_a_policy_trains_where_it_walks(made, tmp_path):
     """A model of a file is of its own environment, not of another one in its configuration."""
-    for file in made[1].parent.glob("mine.*"):
-        shutil.copy(file, tmp_path)
-    path = tmp_path / "mine.json"
+    path = shutil.copytree(made[1].parent, tmp_path / "copy") / "mine.json"
     change(path, training__config__env_kwargs={"torque_limit": 20.0})
     with pytest.raises(ValueError, match=r"training.config.env_kwargs is .*, must be {"):
         pack.to_sb3(pretrained.load_file(path))

@@ -129,13 +129,21 @@ def walk_at_2_rad_s(robot, start):
     Forces are of every second time step: their peaks are within 0.5 % of all steps'.
     """
     plant, rows = ProjectionPlant(robot, Terrain.flat(), FINE_STEP), []
-    plant.batch.tracing = True
-    walked = walk(
-        plant, 2.0, 3.2, start=start, watch=lambda _: rows.append(plant.batch.trace.copy())
-    )
+    batch = plant.batch
+    batch.tracing = True
+    walked = walk(plant, 2.0, 3.2, start, watch=lambda _: rows.append(batch.trace.copy()))
     trace = np.concatenate(rows)
     contact = np.abs(trace["impulses"][:, : plant.toes]).max(axis=(0, 1)) / FINE_STEP
     return walked, contact, trace_forces(plant.tables, trace[::2], FINE_STEP)
+
+
+def rod_pushes(forces):
+    """Name and largest push along it, N, of each rod."""
+    axial = forces.link_loads()[..., 0]
+    for name in ("upper_rod", "rocker", "lower_rod", "coupler"):
+        body = JANSEN.names.index(name) + 1
+        ends = [k for k, (b, _) in enumerate(JANSEN.corners) if b == body]
+        yield name, -axial[..., ends].mean(axis=-1).min()
 
 
 @pytest.fixture(scope="module", params=["built", "economy"])
@@ -165,12 +173,9 @@ def test_a_walk_at_2_rad_s_is_borne(loads):
         assert normal < tread_load(COMPRESSION) and shear < SHEAR
         assert 10.0 * forces.magnitude.max() < HOLE
         assert walked.rms_torque < 0.5 * 6.0 and walked.peak_torque < robot.motor.torque_limit
-        axial = forces.link_loads()[..., 0]
-        for name in ("upper_rod", "rocker", "lower_rod", "coupler"):
-            body = JANSEN.names.index(name) + 1
-            ends = [k for k, (b, _) in enumerate(JANSEN.corners) if b == body]
+        for name, push in rod_pushes(forces):
             buckling = built.buckling_load(robot.body(name).length, built.bar_thickness(name))
-            assert buckling > -3.0 * axial[..., ends].mean(axis=-1).min(), name
+            assert buckling > 3.0 * push, name
 
 
 PERMISSIBLE = {
@@ -219,15 +224,11 @@ def test_the_onboard_policies_walks_are_borne(name, command):
 
 def plywood_safety(robot, forces):
     """Least safety of a rod of the weekend robot against buckling."""
-    axial, safety = forces.link_loads()[..., 0], []
-    for name in ("upper_rod", "rocker", "lower_rod", "coupler"):
-        body = JANSEN.names.index(name) + 1
-        ends = [k for k, (b, _) in enumerate(JANSEN.corners) if b == body]
-        aluminium = built.buckling_load(robot.body(name).distance(0, 1), thickness=3e-3)
-        push = -axial[..., ends].mean(axis=-1).min()
-        stiffness = PLYWOOD_MODULUS * built.PLYWOOD.width / built.STIFFNESS / built.WIDTH
-        safety.append(stiffness * aluminium / push)
-    return min(safety)
+    stiffness = PLYWOOD_MODULUS * built.PLYWOOD.width / built.STIFFNESS / built.WIDTH
+    return min(
+        stiffness * built.buckling_load(robot.body(name).distance(0, 1), thickness=3e-3) / push
+        for name, push in rod_pushes(forces)
+    )
 
 
 @pytest.mark.parametrize("start", [0.0, 0.2 * math.pi])
@@ -253,10 +254,7 @@ def test_touchdowns_are_resolved(start):
 @pytest.mark.parametrize("speed", [1.0, 1.5])
 def test_it_walks_under_the_papers_pid(speed):
     """The crank kept within 2 %; on both plants as fast, as dear, sliding as much: 10 %."""
-    walks = [
-        walk(PLANTS[plant](built_robot(), Terrain.flat()), speed, 2.5)
-        for plant in ("projection", "rigid_body")
-    ]
+    walks = [walk(make(built_robot(), Terrain.flat()), speed, 2.5) for make in PLANTS.values()]
     for walked in walks:
         assert not walked.fell and walked.crank_speed == pytest.approx(speed, rel=0.02)
         assert walked.speed > 0.05 * speed and walked.electrical > walked.cost_of_transport > 0.0

@@ -130,10 +130,8 @@ def test_a_pad_on_a_body_that_turns_all_the_way_round():
 @pytest.mark.parametrize("name", ["paper", *ZOO])
 def test_walks_agree_on_both_plants(name):
     """A steady walk at 1 rad/s on slippery ground: speed and cost of transport within 5 %."""
-    ours, theirs = (
-        walk(PLANTS[plant](ROBOTS[name](), Terrain.flat(0.2)), 1.0, 3.0)
-        for plant in ("projection", "rigid_body")
-    )
+    robot, ground = ROBOTS[name](), Terrain.flat(0.2)
+    ours, theirs = (walk(make(robot, ground), 1.0, 3.0) for make in PLANTS.values())
     assert not ours.fell and not theirs.fell
     for value in ("speed", "cost_of_transport"):
         assert getattr(theirs, value) == pytest.approx(getattr(ours, value), rel=0.05), value

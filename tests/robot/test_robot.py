@@ -152,9 +152,7 @@ def test_a_pad_gives_along_the_ground_as_it_does_into_it_unless_told():
     assert Compliance(2e4, 50.0, 1e4).tangential_stiffness == 1e4
 
 
-REAL = Motor(
-    stall_torque=8.0, no_load_speed=10.0, torque_limit=6.0, gear_ratio=50.0, efficiency=0.7
-)
+REAL = Motor(8.0, 10.0, torque_limit=6.0, gear_ratio=50.0, efficiency=0.7)
 
 
 def test_an_ideal_motor_gives_what_is_asked_for():

@@ -31,9 +31,8 @@ def test_observation_is_the_documented_table(env):
     height = y - float(env.unwrapped.terrain.height(x))
     expected = [math.cos(psi), math.sin(psi), n, math.sin(theta), math.cos(theta), w, vx, vy,
                 height, 0.4, *loads, 0.2]  # fmt: skip
-    expected += [
-        info[name] for name in ("lag", "mean_speed", "mean_slip", "mean_power", "rms_torque")
-    ]
+    kept = ("lag", "mean_speed", "mean_slip", "mean_power", "rms_torque")
+    expected += [info[name] for name in kept]
     assert obs == pytest.approx(np.array(expected, np.float32), abs=1e-6)
     assert info["crank_torque"] == pytest.approx(0.2 * 20.0, rel=1e-6)
 
@@ -51,9 +50,8 @@ def test_positive_actions_walk_forward(robot):
     ends, turns = [], math.copysign(1.0, advance_per_turn(jansen_env.ROBOTS[robot]()))
     for sign in (1.0, -1.0):
         env = JansenWalkerEnv(robot=robot, reset_noise_scale=0.0)
-        observation, _ = env.reset(
-            seed=0, options={"crank_angle": 0.3 if sign > 0 else math.pi - 0.3}
-        )
+        start = 0.3 if sign > 0 else math.pi - 0.3
+        observation, _ = env.reset(seed=0, options={"crank_angle": start})
         for _ in range(300):
             torque = 10.0 * (sign - observation[SPEED]) + 1.5 * sign
             action = np.clip(torque / 20.0, -1, 1)

@@ -2,19 +2,12 @@
 
 import math
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
 from jansen_env.engine.walk_reward import HALF_CHANGE, HALF_EFFORT, REWARD
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.tasks.walking import JansenWalkerEnv
-
-
-@pytest.fixture
-def env():
-    return gym.make("JansenWalker-v0")
-
 
 FACTORS = REWARD.names
 COMMAND = JansenWalkerEnv().task.columns["speed_command"]
@@ -124,9 +117,7 @@ def test_commands_change_within_an_episode():
     env.reset(seed=0)
     env.set_parameters(command=-0.1)
     observation, *_, info = env.step(np.zeros(1, np.float32))
-    assert info["speed_command"] == -0.1 and observation[
-        env.task.columns["speed_command"]
-    ] == np.float32(-0.1)
+    assert info["speed_command"] == -0.1 and observation[COMMAND] == np.float32(-0.1)
     assert info["lag"] == pytest.approx(-0.1 * env.dt - info["x_position"], abs=1e-12)
     assert env.reset(seed=1)[1]["speed_command"] == 0.3
     with pytest.raises(ValueError, match="command is 3"):

@@ -54,10 +54,8 @@ def test_levels_of_a_batch():
 
 def test_a_curriculum_leads_on():
     """Up after a walk, down after standing, past the top to any; through every API the same."""
-    rule = Curriculum(horizon=1.0)
-    env = gym.make(
-        "JansenWalker-v0", terrain="slope", terrain_level=4, curriculum=rule, speed_command=0.1
-    )
+    slope = {"terrain": "slope", "terrain_level": 4, "curriculum": Curriculum(horizon=1.0)}
+    env = gym.make("JansenWalker-v0", speed_command=0.1, **slope)
 
     def level_after(torque, steps=50):
         for _ in range(steps):
@@ -76,9 +74,8 @@ def test_a_curriculum_leads_on():
 
 def test_a_curriculum_goes_by_all_commands():
     """Walking there and back as commanded is a success, wherever it ends; also by a state."""
-    env = gym.make(
-        "JansenWalker-v0", terrain="slope:angle=0", curriculum=Curriculum(horizon=4.0)
-    ).unwrapped
+    rule, level = Curriculum(horizon=4.0), "slope:angle=0"
+    env = gym.make("JansenWalker-v0", terrain=level, curriculum=rule).unwrapped
     env.reset(seed=0, options={"speed_command": 0.2})
     ends = []
     for command in (0.2, -0.2):
@@ -89,7 +86,7 @@ def test_a_curriculum_goes_by_all_commands():
     path = ends[0] + (ends[0] - ends[1])
     assert path > 0.8 > abs(ends[1])
     np.testing.assert_allclose(env.task.covered[0], (path, 0.8))
-    other = gym.make("JansenWalker-v0", terrain="slope:angle=0", curriculum=True).unwrapped
+    other = gym.make("JansenWalker-v0", terrain=level, curriculum=True).unwrapped
     other.set_state(env.get_state())
     np.testing.assert_array_equal(other.task.covered, env.task.covered)
     assert env.reset()[1]["parameters"]["terrain_level"] == 1

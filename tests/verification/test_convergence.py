@@ -72,28 +72,16 @@ def cranked(d):
 
 LEVEL = dict(terrain=Terrain.flat(), duration=0.1, psi=1.0, pitch=0.1)
 SLIPPERY = dict(LEVEL, terrain=Terrain.flat(friction=0.3), torque=1.0)
+BOUNCY = dict(LEVEL, terrain=Terrain.flat(restitution=0.5))
+STOPPING = dict(SLIPPERY, psi=0.3, pitch=None, duration=0.2, torque=0.0, locked=True)
+ROLLING = dict(LEVEL, terrain=Terrain.flat(friction=0.1), duration=0.25, psi=0.3, pitch=0.3)
 EVENTS = {  # start, motion, order, mean error allowed at 1 ms
     "touchdown of a rigid body": (fallen, dict(LEVEL, locked=True), 1, 1e-4),
     "touchdown, crank free": (fallen, LEVEL, 1, 3e-4),
-    "bounce, restitution 0.5": (
-        fallen,
-        dict(LEVEL, terrain=Terrain.flat(restitution=0.5)),
-        1,
-        2e-2,
-    ),
-    "sliding to a stop": (
-        pushed,
-        dict(SLIPPERY, psi=0.3, pitch=None, duration=0.2, torque=0.0, locked=True),
-        2,
-        1e-6,
-    ),
+    "bounce, restitution 0.5": (fallen, BOUNCY, 1, 2e-2),
+    "sliding to a stop": (pushed, STOPPING, 2, 1e-6),
     "sliding toe that sticks": (pushed, dict(SLIPPERY, duration=0.15), 2, 5e-6),
-    "rolling toe that starts to slide": (
-        cranked,
-        dict(LEVEL, terrain=Terrain.flat(friction=0.1), duration=0.25, psi=0.3, pitch=0.3),
-        2,
-        2e-6,
-    ),
+    "rolling toe that starts to slide": (cranked, ROLLING, 2, 2e-6),
 }
 ALL_BUT_HEIGHT = [0, 2, 3, 4, 5, 6, 7]
 

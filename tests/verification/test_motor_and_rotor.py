@@ -68,8 +68,8 @@ def test_momentum_in_flight_with_a_rotor(ratio, inertia, measured):
 
 def test_no_load_speed(measured):
     """Full torque asked for, no friction, no weight: the crank gets to the no-load speed."""
-    robot = replace(Robot(motor=replace(LINE, rotor_inertia=0.05, gear_ratio=20.0)),
-                    damping=(0.0,) * 10)  # fmt: skip
+    motor = replace(LINE, rotor_inertia=0.05, gear_ratio=20.0)
+    robot = Robot(motor=motor, damping=(0.0,) * 10)
     fixed = pinned(robot, 0.3, gravity=0.0)
     fixed.step(9.0, 300.0)
     measured("no-load speed, fixed base, relative", abs(fixed.state[7] / 6.0 - 1.0), 5e-3)

@@ -36,9 +36,8 @@ def friction_needed(plant, slope):
     on = np.flatnonzero(plant.lookahead().contact_force[:, 1])
     if len(on) != 2:
         return None
-    normal, along = np.array(
-        [[-math.sin(slope), math.cos(slope)], [math.cos(slope), math.sin(slope)]]
-    )
+    along = np.array([math.cos(slope), math.sin(slope)])
+    normal = np.array([-along[1], along[0]])
 
     def look(q):
         rows = []

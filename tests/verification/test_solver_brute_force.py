@@ -54,12 +54,10 @@ def violations(W, q, mu, P):
     diagonal = np.diagonal(W, axis1=1, axis2=2)
     u = (W @ P[..., None])[..., 0] + q
     ahead = P - u / diagonal
-    bound = mu * np.maximum(P[:, 0::2], 0.0)
-    wrong = np.abs(P[:, 0::2] - np.maximum(ahead[:, 0::2], 0.0)).max(axis=1)
-    wrong = np.maximum(
-        wrong, np.abs(P[:, 1::2] - np.clip(ahead[:, 1::2], -bound, bound)).max(axis=1)
-    )
-    return wrong / np.abs(q / diagonal).max(axis=1)
+    bound, projected = mu * np.maximum(P[:, 0::2], 0.0), np.empty_like(P)
+    projected[:, 0::2] = np.maximum(ahead[:, 0::2], 0.0)
+    projected[:, 1::2] = np.clip(ahead[:, 1::2], -bound, bound)
+    return np.abs(P - projected).max(axis=1) / np.abs(q / diagonal).max(axis=1)
 
 
 def nearest_solution(W, q, mu, u):
@@ -89,9 +87,8 @@ def nearest_solution(W, q, mu, u):
         u_slack = SLACK * speed
         for c, mode in enumerate(modes):
             p_n, p_t, u_n, u_t = P[:, 2 * c], P[:, 2 * c + 1], w[:, 2 * c], w[:, 2 * c + 1]
-            fits &= (
-                (p_n >= -p_slack) & (u_n >= -u_slack) & (np.abs(p_t) <= mu[:, c] * p_n + p_slack)
-            )
+            fits &= (p_n >= -p_slack) & (u_n >= -u_slack)
+            fits &= np.abs(p_t) <= mu[:, c] * p_n + p_slack
             if mode == SLIDE_FORWARD:
                 fits &= u_t >= -u_slack
             elif mode == SLIDE_BACKWARD:
@@ -156,14 +153,10 @@ def test_a_standing_robot_may_have_three_answers(measured):
 
     The solver returns one of them whatever its first guess, and all three obey the law.
     """
-    W = np.array(
-        [
-            [0.3492, -0.0592, 0.2909, -0.0582],
-            [-0.0592, 0.5130, 0.0369, 0.4791],
-            [0.2909, 0.0369, 0.3253, 0.0357],
-            [-0.0582, 0.4791, 0.0357, 0.4551],
-        ]
-    )[None]
+    W = np.array([
+        [0.3492, -0.0592, 0.2909, -0.0582], [-0.0592, 0.5130, 0.0369, 0.4791],
+        [0.2909, 0.0369, 0.3253, 0.0357], [-0.0582, 0.4791, 0.0357, 0.4551],
+    ])[None]  # fmt: skip
     q, mu = np.array([[-0.009688, -0.008158, -0.009959, -0.002974]]), np.full((1, 2), 0.8)
     for guess in (OPEN, STICK, SLIDE_FORWARD, SLIDE_BACKWARD):
         _, u = solved(W, q, mu, guess)

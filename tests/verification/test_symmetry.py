@@ -106,10 +106,8 @@ def test_the_papers_robot_is_its_own_mirror_image(measured):
     plants[1].state = mirrored_state(plants[0].state)
     state = force = 0.0
     for _ in range(250):
-        right, left = (
-            plant.step(governor(plant, speed), HOLD)
-            for plant, speed in zip(plants, (1.0, -1.0), strict=True)
-        )
+        right = plants[0].step(governor(plants[0], 1.0), HOLD)
+        left = plants[1].step(governor(plants[1], -1.0), HOLD)
         state = max(state, np.abs(mirrored_state(plants[0].state) - plants[1].state).max())
         image = right.contact_force[[2, 3, 0, 1]] * [-1.0, 1.0]
         force = max(force, np.abs(image - left.contact_force).max())

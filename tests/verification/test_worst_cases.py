@@ -145,10 +145,10 @@ FAST = {  # robot, largest torque
 }
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(n, marks=pytest.mark.slow) if n == "one leg, 60 N m" else n for n in FAST],
-)
+SLOW = {"one leg, 60 N m": [pytest.mark.slow]}
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=SLOW.get(name, ())) for name in FAST])
 def test_fast_toes_do_not_tunnel(name, measured):
     """Full torque back and forth: no toe gets deeper in a step than it comes in one."""
     robot, torque = FAST[name]

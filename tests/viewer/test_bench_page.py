@@ -119,12 +119,10 @@ def test_the_pages_numbers_are_the_packages(window, rng):
         expected = numbers_of(robot)
         assert {key: numbers[key] for key in expected} == pytest.approx(expected, abs=1e-9)
         assert again == pytest.approx(lengths(robot), abs=1e-9)
-        sine, _, _ = nearest_dead_point(robot)
-        assert numbers["dead"]["sine"] == pytest.approx(sine, abs=1e-9)
+        dead, (sine, joint, psi) = numbers["dead"], nearest_dead_point(robot)
+        assert dead["sine"] == pytest.approx(sine, abs=1e-9)
         if name not in ("klann", "strider"):  # which have two alike
-            assert [numbers["dead"]["joint"], pytest.approx(numbers["dead"]["psi"])] == list(
-                nearest_dead_point(robot)[1:]
-            )
+            assert dead["joint"] == joint and dead["psi"] == pytest.approx(psi)
 
 
 def test_a_joint_is_dragged_and_the_path_follows(window):
@@ -172,9 +170,8 @@ def test_everything_by_keys(window):
     page.locator("#length-rocker").focus()
     page.keyboard.press("ArrowRight")
     assert "rocker=23" in fragment(page)
-    assert re.match(
-        r"^A 88\.4 mm, [+\u2212]\d", page.locator("#numbers .kept").first.text_content()
-    )
+    kept = page.locator("#numbers .kept").first.text_content()
+    assert re.match(r"^A 88\.4 mm, [+\u2212]\d", kept)
     assert page.locator("#drawing .kept").count() == 1
     page.keyboard.press("Escape")
     page.locator("body").click(position={"x": 3, "y": 3})
@@ -218,10 +215,8 @@ def test_files_are_taken_away(bench, tmp_path):
     # Rounded: not 0.24008000000000002.
     assert max(map(len, re.findall(r"[\d.]+(?=,?\n)", text))) <= 8
     changed = {"rocker": 0.24008, "foot_CE": 0.25, "frame_angle": math.radians(9.0)}
-    expected = with_lengths(ROBOTS["built"](), changed)
-    assert lengths(read_robot(tmp_path / "robot.json")) == pytest.approx(
-        lengths(expected), abs=1e-6
-    )
+    expected = lengths(with_lengths(ROBOTS["built"](), changed))
+    assert lengths(read_robot(tmp_path / "robot.json")) == pytest.approx(expected, abs=1e-6)
     with page.expect_download() as drawing:
         page.locator("#drawn").click()
     drawing.value.save_as(tmp_path / "drawing.svg")

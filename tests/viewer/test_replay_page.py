@@ -78,9 +78,8 @@ def check(page, recordings, k):
 
 
 def settled(page):
-    page.evaluate(
-        "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
-    )
+    for _ in range(2):
+        page.evaluate("() => new Promise(requestAnimationFrame)")
 
 
 def test_it_plays(opened):
@@ -88,9 +87,8 @@ def test_it_plays(opened):
     picture = page.locator("#stage canvas")
     page.wait_for_function("() => parseFloat(document.querySelector('#time').value) > 0.3")
     first, pixels = time_of(page), picture.evaluate(PIXELS)
-    page.wait_for_function(
-        "before => parseFloat(document.querySelector('#time').value) > before + 0.2", arg=first
-    )
+    later = f"() => parseFloat(document.querySelector('#time').value) > {first} + 0.2"
+    page.wait_for_function(later)
     assert picture.evaluate(PIXELS) != pixels
     page.select_option("#rate", "4")
     page.wait_for_function("() => document.querySelector('#play').ariaLabel.startsWith('Play')")
@@ -108,10 +106,8 @@ def test_numbers_are_those_of_the_recording(opened, recordings):
     """After scrubbing, and after a click in a plot, whose curve is where the number is."""
     page = opened(2, **STILL).page
     for time in (0.0, 0.5, 1.3, 2.0):
-        page.locator("#scrub").evaluate(
-            "(e, time) => { e.value = time; e.dispatchEvent(new Event('input')); }",
-            time + 0.004,
-        )
+        scrub = f"e => {{ e.value = {time + 0.004}; e.dispatchEvent(new Event('input')); }}"
+        page.locator("#scrub").evaluate(scrub)
         settled(page)
         assert time_of(page) == time
         if time:
@@ -162,9 +158,8 @@ def test_the_keyboard_is_enough(opened, recordings):
     press("Shift+ArrowLeft")
     for key in ("+", "w", "a", "0", "-", "s", "d", "0", "c", "t", "g"):
         assert changed(key), key
-    assert [page.get_attribute(f"#{name}", "aria-pressed") for name in ("ghosts", "forces")] == [
-        "true", "false",
-    ]  # fmt: skip
+    pressed = [page.get_attribute(f"#{name}", "aria-pressed") for name in ("ghosts", "forces")]
+    assert pressed == ["true", "false"]
     assert page.locator("#stage canvas:visible").count() == 1
     assert not changed("f") and changed("ArrowRight")  # it stays where it is, the robot moves
     assert page.get_attribute("#follow", "aria-pressed") == "false"
@@ -214,9 +209,8 @@ def test_wheel_drag_and_pinch(opened):
     fingers = page.context.new_cdp_session(page)
     for kind, apart in (("touchStart", 20), ("touchMove", 60), ("touchMove", 90), ("touchEnd", 0)):
         points = [{"x": x - apart, "y": y, "id": 1}, {"x": x + apart, "y": y, "id": 2}]
-        fingers.send(
-            "Input.dispatchTouchEvent", {"type": kind, "touchPoints": points if apart else []}
-        )
+        touch = {"type": kind, "touchPoints": points if apart else []}
+        fingers.send("Input.dispatchTouchEvent", touch)
     assert fresh()
     page.keyboard.press("f")
     assert page.get_attribute("#follow", "aria-pressed") == "false"

@@ -1,5 +1,7 @@
 """Grounds that a page draws by name, level and seed are those of the package, bit for bit."""
 
+import itertools
+
 import numpy as np
 from browser import in_node
 
@@ -26,9 +28,7 @@ console.log(JSON.stringify([grounds, numbers]));
 
 
 def test_a_page_draws_the_same_grounds():
-    asked = [
-        (name, level, seed) for name in GENERATORS for level in range(HIGHEST + 1) for seed in SEEDS
-    ]
+    asked = [*itertools.product(GENERATORS, range(HIGHEST + 1), SEEDS)]
     grounds, numbers = in_node(SCRIPT, data=terrain_data(), asked=asked, seeds=SEEDS)
     for (name, level, seed), (points, line) in zip(asked, grounds, strict=True):
         terrain = NamedGenerator(name)(np.random.default_rng(seed), level)

@@ -48,7 +48,7 @@ def test_a_state_holds_the_lengths(env_id, kwargs, steps):
     first, info = env.reset(seed=1)
     walk(env, steps)
     state = json.loads(json.dumps(plain(env.get_state())))
-    assert state["lengths"] == info["lengths"] == lengths_by_info(env)
+    assert state["lengths"] == info["lengths"] == env.task.information.single(0)["lengths"]
     other.reset(seed=2)
     if env_id == "JansenWalker-v0" and steps < 9:  # whose solver a state restarts
         env.set_state(state)
@@ -59,15 +59,10 @@ def test_a_state_holds_the_lengths(env_id, kwargs, steps):
     nominal = nominal_env.get_state()
     assert "lengths" not in nominal
     nominal_env.set_state(state)
-    assert (
-        nominal_env.robot == made(env_id, robot=nominal_env.robot, **kwargs).robot != built_robot()
-    )
+    robot = nominal_env.robot
+    assert robot == made(env_id, robot=robot, **kwargs).robot != built_robot()
     assert (nominal_env.set_state(nominal)[-13:] == 0.0).all()
     assert "lengths" not in nominal_env.get_state()
-
-
-def lengths_by_info(env):
-    return dict(env.task.information.single(0)["lengths"])
 
 
 @pytest.mark.parametrize("env_id", IDS)
@@ -110,10 +105,8 @@ def test_many_are_what_each_is_alone(env_id, mode):
 
 
 def test_robots_are_exchanged_while_other_threads_move_theirs():
-    envs = [
-        gym.make_vec("JansenWalkerBuilt-v0", 40, threads=threads, max_episode_steps=12, **DRAWN)
-        for threads in (1, 3)
-    ]
+    arguments = {"max_episode_steps": 12, **DRAWN}
+    envs = [gym.make_vec("JansenWalkerBuilt-v0", 40, threads=n, **arguments) for n in (1, 3)]
     for batch in envs:
         batch.reset(seed=0)
         batch.unwrapped._elapsed[:] = np.arange(40) % 12  # so that each step ends some episodes
@@ -159,17 +152,15 @@ def test_observed_are_factors_less_one_at_the_end(env_id):
     assert (env.reset()[0][-13:] == 0.0).all()
 
 
-@pytest.mark.parametrize(
-    ("value", "low", "high"), [((0.9, 1.0), 0.9, 1.0), ({"coupler": 0.04}, 0.96, 1.04)]
-)
-def test_ranges(value, low, high):
-    env = made("JansenWalker-v0", randomize={"lengths": value})
-    nominal = lengths(env.robot)
-    for seed in range(8):
-        for name, length in env.reset(seed=seed)[1]["lengths"].items():
-            factor = length / nominal[name]
-            drawn = name in value or not isinstance(value, dict)
-            assert (low <= factor <= high and drawn) or factor == 1.0
+def test_ranges():
+    for value, low, high in (((0.9, 1.0), 0.9, 1.0), ({"coupler": 0.04}, 0.96, 1.04)):
+        env = made("JansenWalker-v0", randomize={"lengths": value})
+        nominal = lengths(env.robot)
+        for seed in range(8):
+            for name, length in env.reset(seed=seed)[1]["lengths"].items():
+                factor = length / nominal[name]
+                drawn = name in value or not isinstance(value, dict)
+                assert (low <= factor <= high and drawn) or factor == 1.0
 
 
 def test_an_option_fixes_what_it_names_and_info_can_be_given_back():

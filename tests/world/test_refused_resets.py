@@ -3,7 +3,7 @@
 import math
 from copy import deepcopy
 from dataclasses import replace
-from itertools import permutations
+from itertools import product
 
 import gymnasium as gym
 import numpy as np
@@ -43,11 +43,7 @@ BAD = {
     "tilt": 9.0,
     "hops": 1.0,
 }
-PAIRS = [
-    {good: GOOD[good], bad: BAD[bad]}
-    for good, bad in permutations({**GOOD, **BAD}, 2)
-    if good in GOOD and bad in BAD
-]
+PAIRS = [{good: GOOD[good], bad: BAD[bad]} for good, bad in product(GOOD, BAD) if good != bad]
 TOO_STIFF = [{good: GOOD[good], "foot_stiffness_scale": 100.0} for good in GOOD if good != "robot"]
 TOO_STIFF += [{"robot": STIFF, "lengths": {"rocker": 0.236}}]
 
@@ -65,9 +61,7 @@ def test_one_robot(plant):
             env.reset(seed=5, options=options)
         assert env.robot == twin.robot and same(env.get_state(), twin.get_state()), options
     for _ in range(3):
-        (seen, *ours, info), (expected, *theirs, other) = (
-            walker.step(action) for walker in (env, twin)
-        )
+        (seen, *ours, info), (expected, *theirs, other) = env.step(action), twin.step(action)
         assert (seen == expected).all() and ours == theirs and same(info, other)
     assert (env.reset()[0] == twin.reset()[0]).all() and same(env.get_state(), twin.get_state())
 
@@ -202,19 +196,12 @@ def test_a_robot_is_checked_with_the_lengths_that_are_drawn_later():
         env.reset(options={"robot": long, "lengths": {"crank": 0.11}})
 
 
-@pytest.mark.parametrize(
-    ("env_id", "options"),
-    [
-        ("JansenWalkerBuilt-v0", {"crank_angle": 1e300}),
-        ("JansenCrank-v0", {"crank_speed": 1e300}),
-    ],
-)
-def test_a_start_that_no_observation_can_have(env_id, options):
-    name = next(iter(options))
-    with pytest.raises(ValueError, match=rf"^options\['{name}'\] is 1e\+300, must be between"):
-        gym.make(env_id).reset(options=options)
-    with pytest.raises(ValueError, match=r"^reset_noise_scale is 1e\+300, must be between"):
-        gym.make(env_id, reset_noise_scale=1e300)
+def test_a_start_that_no_observation_can_have():
+    for env_id, name in (("JansenWalker-v0", "crank_angle"), ("JansenCrank-v0", "crank_speed")):
+        with pytest.raises(ValueError, match=rf"^options\['{name}'\] is 1e\+300, must be between"):
+            gym.make(env_id).reset(options={name: 1e300})
+        with pytest.raises(ValueError, match=r"^reset_noise_scale is 1e\+300, must be between"):
+            gym.make(env_id, reset_noise_scale=1e300)
 
 
 NO_NUMBERS = [10**400, 1e300, "x", {"a": 1}, None, [10**400] * 8, [[1, 2], [3]]]

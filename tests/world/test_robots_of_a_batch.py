@@ -4,21 +4,20 @@ import json
 import pickle
 from copy import deepcopy
 from dataclasses import replace
+from functools import partial
 
 import gymnasium as gym
 import pytest
 from side_by_side import walk
 
-from jansen_env import Bar, Payload, built_robot, holy_numbers_robot, paper_robot
+from jansen_env import Bar, Payload, Robot, built_robot, holy_numbers_robot, paper_robot
 from jansen_env.robot import Leg
 from jansen_env.viewer.recorder import Recorder
 from jansen_env.viewer.recording import Recording
 
 STEPS = 40
 LONGER = replace(built_robot().with_bodies(coupler=Bar(0.2405, 0.11, 0.001)), payload=Payload(0.5))
-LATER = replace(
-    paper_robot(), legs=(Leg("fore"), Leg("fore", 3.0), Leg("back", 0.3), Leg("back", 3.5))
-)
+LATER = Robot(legs=(Leg("fore"), Leg("fore", 3.0), Leg("back", 0.3), Leg("back", 3.5)))
 ROBOTS = [paper_robot(), LONGER, holy_numbers_robot(), built_robot(), LATER, LONGER]
 
 
@@ -93,9 +92,8 @@ def test_pads_of_several_sizes_are_felt_alike():
 def test_draws_by_default_are_those_of_the_robot():
     """What is randomised where nobody asks: of the robot that is there, not of the first one."""
     for first, then in (("built", "paper"), ("paper", "built")):
-        env, fresh = (
-            gym.make("JansenWalkerHardcore-v0", robot=robot).unwrapped for robot in (first, then)
-        )
+        env = gym.make("JansenWalkerHardcore-v0", robot=first).unwrapped
+        fresh = gym.make("JansenWalkerHardcore-v0", robot=then).unwrapped
         env.reset(seed=0)
         ours, theirs = env.reset(seed=1, options={"robot": then}), fresh.reset(seed=1)
         assert (ours[0] == theirs[0]).all() and ours[1]["parameters"] == theirs[1]["parameters"]
@@ -106,9 +104,8 @@ def test_draws_by_default_are_those_of_the_robot():
 def test_a_state_holds_an_exchanged_robot(plant):
     """Elsewhere, after JSON, and for the episodes to come; without one it is the first robot."""
     steps = STEPS if plant == "projection" else 2
-    env, other = (
-        gym.make("JansenWalkerBuilt-v0", plant=plant, terrain="flat").unwrapped for _ in range(2)
-    )
+    make = partial(gym.make, "JansenWalkerBuilt-v0", plant=plant, terrain="flat")
+    env, other = make().unwrapped, make().unwrapped
     env.reset(seed=1)
     first = env.get_state()
     env.reset(seed=2, options={"robot": LONGER, "lengths": {"rocker": 0.24}})

@@ -178,9 +178,8 @@ def test_lag_and_means_tell_no_more_than_the_sensors():
         exact = np.array([[info["x_velocity"] for info in infos], turned])[:, 1:]
         told, undone = (mean_speeds(each, command, env.control_dt) for each in (seen, true))
         errors.append([told - exact, undone - exact, (seen - true)[1:, read].T])
-    for error, without, reading, deviation in zip(
-        *np.concatenate(errors, axis=-1), deviations, strict=True
-    ):
+    found = np.concatenate(errors, axis=-1)
+    for error, without, reading, deviation in zip(*found, deviations, strict=True):
         assert np.isfinite(error).sum() > 500
         assert np.nanmax(np.abs(without)) < 1e-4 < 0.95 * deviation < np.nanstd(error)
         assert np.nanstd(error - reading) > 0.95 * deviation  # or their difference would be exact

@@ -18,6 +18,7 @@ from jansen_env.robot import Robot
 from jansen_env.robot.motor import IDEAL
 
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # tests open no windows
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # as train.py has it; more spin on shared cores
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

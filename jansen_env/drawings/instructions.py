@@ -49,11 +49,8 @@ class Step(NamedTuple):
 
 
 class Manual:
-    """Pages and pictures of a machine, whose bill of materials numbers all parts.
-
-    Args:
-        flat: every flat part, laid out. first: pieces of the coupon.
-    """
+    """Pages and pictures of a machine, whose bill of materials numbers all parts; ``flat``: every
+    flat part, laid out; ``first``: pieces of the coupon."""
 
     def __init__(
         self, robot: Robot, placed: Sequence[Placed], bill: Sequence[Part],
@@ -83,8 +80,7 @@ class Manual:
         self, name: str, pictures: Sequence[Picture], mass: float = 0.0, **fields: object
     ) -> Step:
         """A page of ``instructions.yml``, whose head explains its marks."""
-        words, text = self.words[name], []
-        build = self.robot.build
+        words, build, text = self.words[name], self.robot.build, []
         fields |= {"screws": build.screw, "apart_screws": 40 if build is ALUMINIUM else 15}
         for line in words["text"].format(**fields).splitlines():
             needed, mark, said = line.partition("? ")
@@ -98,8 +94,7 @@ class Manual:
                          if part.name == wanted and part.dimensions.startswith(size)]  # fmt: skip
             else:
                 text.append(line)
-        title = words["title"].format(**fields)
-        return Step(title, text, pictures, words.get("weighed", ""), mass)
+        return Step(words["title"].format(**fields), text, pictures, words.get("weighed", ""), mass)
 
     def steps(self) -> list[Step]:
         """All steps in order; the last one's mass is the machine's."""
@@ -197,8 +192,7 @@ class Manual:
         """Places of a part's joints in pictures, mm."""
         joints, side = self.robot.linkage.joints, self.robot.legs[item.leg].side
         place = joint_positions(self.robot, side, ANGLE) @ np.array([1e3, 1e3j])
-        at: Points = place[[joints.index(joint) for joint in item.part.joints]]
-        return at
+        return place[[joints.index(joint) for joint in item.part.joints]]
 
     def _rims(self, item: Placed) -> list[Points]:
         """Rim, windows and holes of a part in pictures, mm."""
@@ -213,8 +207,7 @@ class Manual:
             middle = complex(rims[0].mean())
             for toe in feet_of(self.robot, item.body):
                 way = (at[toe] - middle) / abs(at[toe] - middle)
-                radius = 1e3 * self.robot.build.foot_radius
-                _fill(axes, [at[toe] + radius * way * HALF], "black")
+                _fill(axes, [at[toe] + 1e3 * self.robot.build.foot_radius * way * HALF], "black")
             new = item.body in fresh
             _fill(axes, rims, f"C{item.body - 1}" if new else "0.88")
             if joint in at:
@@ -273,9 +266,7 @@ class Manual:
 
     def draw_motor(self, axes: Axes) -> None:
         """Draw the parts around the motor's end of the shaft."""
-        blocks = [("motor", "0.4", 0.9), ("motor-plate", "C4", 1.0), ("two spacers", "0.8", 0.34),
-                  ("frame", "C0", 1.0), ("hub", "0.6", 0.4), ("crank", "C1", 0.7)]  # fmt: skip
-        _column(axes, "About the shaft's end, from the outside in", blocks)
+        _column(axes, "About the shaft's end, from the outside in", self.words["shaft_end"])
 
     def draw_wiring(self, axes: Axes) -> None:
         """Draw components as boxes, with labelled wires."""
@@ -324,16 +315,14 @@ def _bare(axes: Axes) -> None:
 def _tilted(flat: Points, depth: float) -> Points:
     """Where points are seen that lie at a depth, of parts drawn apart."""
     x, y, z = TILT
-    seen: Points = flat.real * x + flat.imag * y + depth * z
-    return seen
+    return flat.real * x + flat.imag * y + depth * z
 
 
 def _fill(axes: Axes, rims: Sequence[Points], color: str) -> None:
     """A part: the inside of its first rim without that of the others."""
     closed = [np.append(rim, rim[:1]) for rim in rims]
-    whole = np.concatenate(
-        [closed[0], *(z for rim in closed[1:] for z in (rim[::-1], rims[0][:1]))]
-    )
+    inner = [z for rim in closed[1:] for z in (rim[::-1], rims[0][:1])]
+    whole = np.concatenate([closed[0], *inner])
     axes.fill(whole.real, whole.imag, color=color, ec="none", zorder=2)
     for rim in closed:
         axes.plot(rim.real, rim.imag, "k", lw=0.7, zorder=2)

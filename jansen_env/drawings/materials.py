@@ -1,7 +1,5 @@
 """Bill of materials, with the masses of the built robot; the machine of these parts as a robot."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math
@@ -10,20 +8,15 @@ from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.drawings.outlines import (
-    SHOE_THICKNESS,
-    CutPart,
-    Round,
-    feet_of,
-    link_part,
-    radii,
-)
+from jansen_env.drawings.outlines import SHOE_THICKNESS, Round, feet_of, link_part, radii
 from jansen_env.drawings.shaft_order import UNIT_GAP, Placed, units
+from jansen_env.plain_yaml import read_yaml
 from jansen_env.robot import Plate, Robot, Triangle
 from jansen_env.robot import buildable as built
 from jansen_env.robot.buildable import ALUMINIUM, Build
@@ -37,8 +30,7 @@ WASHERS = 3.0  # mm, the widest gap that has no spacer
 PLAY, NUT, COLLAR = 0.1, 5.0, 9.0  # mm: least of a pin; for a lock nut; for a collar
 SPARE, MOST_SPARE = 3.0, 4.0  # mm: most that washers fill under a thin nut; there and at the head
 LENGTHS = (6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0)  # mm, of screws
-MATERIALS = {"spacer": "EN AW-6060 tube", "hub": "EN AW-6060", "bush": "iglidur J200",
-             "washer": "POM", "ring": "POM"}  # fmt: skip
+PARTS = Path(__file__).with_name("parts.yml")
 FOOT_DISC = 1.5e-4  # kg
 COLUMNS = ("part", "name", "material", "stock size", "thickness mm", "number", "each g", "note")
 
@@ -61,22 +53,6 @@ class Part(NamedTuple):
     def mass(self) -> float:
         """Mass of all of them, kg."""
         return self.number * self.each
-
-
-BOUGHT = [
-    Part("shaft, at O", "silver steel, set-screw coupling", "4 x 80 mm", 1, 0.014),
-    Part("hub, at O", "flange hub, set screw", "20 x 5 mm, bore 4 mm", 4, 0.006),
-    Part("gearmotor with encoder, at O", "brushed, 12 V, 75:1, D shaft 4 mm", "25 x 66 mm", 1,
-         0.104),
-    Part("cross-member, at P", "M3 rod, nuts, aluminium tube 8 x 1 mm", "110 mm", 2, 0.012),
-    Part("battery, at P", "LiPo 3S, 450 mAh, XT30", "58 x 31 x 16 mm", 1, 0.045),
-    Part("controller, at P", "ESP32 board", "55 x 28 mm", 1, 0.01),
-    Part("motor driver, at P", "DRV8874 board", "15 x 18 mm", 1, 0.003),
-    Part("IMU, at O", "MPU-6050 board", "20 x 16 mm", 1, 0.003),
-    Part("regulator, at P", "step-down, 5 V, 1 A", "20 x 11 mm", 1, 0.004),
-    Part("wires, switch, fuse, divider, at P", "0.25 mm2, silicone", "1 m", 1, 0.025),
-]  # fmt: skip
-"""Parts to buy for the weekend robot; ``docs/weekend.md`` has their requirements."""
 
 
 def counts(robot: Robot) -> dict[str, int]:
@@ -117,7 +93,6 @@ def bill_of_materials(robot: Robot) -> list[Part]:
             size, each = f"{thick:g} mm, {box.real:.0f} x {box.imag:.0f} mm", part.mass
         note = f"{1e3 * part.mass:.1f} g as drawn"
         links.append(Part(name, material, size, counts(robot)[name], each, thick, note))
-    pin = "shoulder screw, nut, washers, spacer; iglidur J200 bush, 6 mm"
     tread = f"natural rubber, {built.RUBBER_HARDNESS:g} Shore A, bonded to its shoe"
     radius, wide = 1e3 * built.FOOT_RADIUS, 1e3 * built.FOOT_WIDTH
     ends = legs * len(robot.linkage.holes)
@@ -130,7 +105,7 @@ def bill_of_materials(robot: Robot) -> list[Part]:
             Part("pin, a link's share", "M3 screw in plain holes, lock nut, washers",
                  "half a joint", ends, build.pin_share),
             Part("foot's tread", tread, "radius 7 mm", toes, build.foot_mass - 2.0 * FOOT_DISC),
-            *BOUGHT,
+            *(Part(*bought) for bought in read_yaml(PARTS)["bought"]),
         ]  # fmt: skip
     pivots = len({leg.side for leg in robot.legs}) * (len(robot.linkage.bodies[0][1]) - 1)
     return [
@@ -139,7 +114,8 @@ def bill_of_materials(robot: Robot) -> list[Part]:
              built.SHOE_MASS, 3.0),
         Part("motor-plate", "EN AW-6060 sheet", "100 x 100 x 4 mm, hole 60 mm", 1,
              built.MOTOR_PLATE_MASS, 4.0),
-        Part("pin and bush, a link's share", pin, "half a joint", ends, built.PIN_SHARE),
+        Part("pin and bush, a link's share", "shoulder screw, nut, washers, spacer; iglidur J200 "
+             "bush, 6 mm", "half a joint", ends, built.PIN_SHARE),
         Part("foot's tread", tread, f"half-round, radius {radius:g} mm, {wide:g} mm wide", toes,
              built.TREAD_MASS),
         Part("crankshaft, at O", "steel C45; hubs of EN AW-6060", "12 x 160 mm; 4 hubs 25 x 10 mm",
@@ -291,10 +267,8 @@ def hardware(robot: Robot, placed: Sequence[Placed]) -> list[Part]:
     for top, bottom in zip(tops, bottoms, strict=True):
         pieces["shaft", f"{2 * shaft:g} x {bottom - top:.1f} mm"] += 1
     spigot = f"spigot {2 * pin:g}" if metal else "set screw"
-    size = (
-        f"{2 * hub:g} x {1e3 * build.hub_length:g} mm, bore {2 * shaft:g}, {spigot}, two threads M3"
-    )
-    pieces["hub", size] += len(webs)
+    size = f"{2 * hub:g} x {1e3 * build.hub_length:g} mm, bore {2 * shaft:g}"
+    pieces["hub", f"{size}, {spigot}, two threads M3"] += len(webs)
     length = _standard(thick[CRANK] + 2.0 * 3.0)  # twice M3 of thread in the hub
     pieces["countersunk screw ISO 10642", f"M3 x {length:g} mm"] += 2 * len(webs)
     if metal:
@@ -308,7 +282,7 @@ def hardware(robot: Robot, placed: Sequence[Placed]) -> list[Part]:
         pieces["countersunk screw ISO 10642", f"{build.screw} x 10 mm"] += 4 * ties
     pieces["spacer", f"{2e3 * build.spacer_radius:g} x 1.9 x {SHAFT_END:g} mm"] += 2
     note = "counted in the masses above"
-    materials = {**MATERIALS, "brace": build.material}
+    materials = {**read_yaml(PARTS)["materials"], "brace": build.material}
     return [Part(name, materials.get(name, "steel"), size, number, 0.0, note=note)
             for (name, size), number in sorted(pieces.items(), key=_by_size) if number]  # fmt: skip
 
@@ -324,10 +298,8 @@ def to_csv(parts: Sequence[Part]) -> str:
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(COLUMNS)
     for k, part in enumerate(parts, 1):
-        numbers = part.thickness, 1e3 * part.each
-        thick, mass = (f"{value:.6g}" if value else "" for value in numbers)
-        size = part.dimensions
-        rows.writerow((k, part.name, part.material, size, thick, part.number, mass, part.note))
+        thick, mass = (f"{n:.6g}" if n else "" for n in (part.thickness, 1e3 * part.each))
+        rows.writerow((k, *part[:3], thick, part.number, mass, part.note))
     return text.getvalue()
 
 
@@ -339,18 +311,19 @@ def machine(robot: Robot) -> Robot:
     Raises ValueError: a part cannot be made; names it.
     """
     masses = {part.name: part.mass for part in bill_of_materials(robot)}
-    links = (_link(robot, k, masses[name]) for k, name in enumerate(robot.linkage.names, 1))
+    links = (_link(robot, k, masses[name] / len(robot.legs))
+             for k, name in enumerate(robot.linkage.names, 1))  # fmt: skip
     return with_built_feet(replace(robot, bodies=tuple(links)))
 
 
-def _link(robot: Robot, body: int, flat: float) -> Plate:
-    """Return a body of a leg: its flat parts, and pins, feet, motor and battery as point masses.
-
-    ``flat``: mass of its flat parts in all legs, kg.
-    """
+def _link(robot: Robot, body: int, mass: float) -> Plate:
+    """Return a body of a leg: its flat parts of a mass, kg, and pins, feet, motor and battery as
+    point masses."""
     part, legs, build = link_part(robot, body), len(robot.legs), robot.build
-    mass = flat / legs
-    area, centre, inertia = _moments(part)
+    signed = [(1.0, part.outline), *((-1.0, shape) for shape in (*part.windows, *part.holes))]
+    moments = np.array([sign * about_origin(shape) for sign, shape in signed]).sum(axis=0)
+    area, centre = float(moments[0].real), complex(moments[1] / moments[0])
+    inertia = float(moments[2].real) - area * abs(centre) ** 2
     points = [(mass, centre)]
     points += [(build.pin_share, part.joints[joint])
                for index, joint in robot.linkage.holes if index == body]  # fmt: skip
@@ -367,14 +340,6 @@ def _link(robot: Robot, body: int, flat: float) -> Plate:
     joints = [1e-3 * (z - middle) for z in part.joints.values()]
     corners = tuple((float(z.real), float(z.imag)) for z in joints)
     return Plate(corners, float(masses.sum()), 1e-6 * turning)
-
-
-def _moments(part: CutPart) -> tuple[float, complex, float]:
-    """Return area, mm^2, centroid, mm, and second moment about it, mm^4, of a part as drawn."""
-    signed = [(1.0, part.outline), *((-1.0, shape) for shape in (*part.windows, *part.holes))]
-    moments = np.array([sign * about_origin(shape) for sign, shape in signed]).sum(axis=0)
-    area, centre = float(moments[0].real), complex(moments[1] / moments[0])
-    return area, centre, float(moments[2].real) - area * abs(centre) ** 2
 
 
 def about_origin(shape: Round) -> NDArray[np.complex128]:

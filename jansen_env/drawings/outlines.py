@@ -124,9 +124,7 @@ class CutPart(NamedTuple):
             holes=tuple(shape.moved(turn, shift) for shape in self.holes),
             joints={name: turn * z + shift for name, z in self.joints.items()},
             text=(turn * self.text[0] + shift, turn * self.text[1] + shift),
-            labels=tuple(
-                (text, turn * start + shift, turn * end + shift) for text, start, end in self.labels
-            ),
+            labels=tuple((text, turn * a + shift, turn * b + shift) for text, a, b in self.labels),
         )
 
     def with_fit(self, fit: Sequence[float]) -> CutPart:
@@ -308,31 +306,25 @@ def cut_parts(robot: Robot) -> list[CutPart]:
     Raises ValueError: a part cannot be made; names it.
     """
     parts = [link_part(robot, body).lying() for body in range(1, len(robot.bodies) + 1)]
-    if (build := robot.build) is not ALUMINIUM:
-        parts += [part._replace(density=build.density) for part in _plywood_parts(build)]
-        return [part._replace(number=k) for k, part in enumerate(parts, 1)]
-    shoe = complex(2e3 * built.FOOT_RADIUS, 1e3 * built.FOOT_WIDTH)
-    plate, middle = complex(MOTOR_PLATE, MOTOR_PLATE), 0.5j * shoe.imag
-    screws = Round((middle + 8.0,), SHOE_SCREW), Round((middle + shoe.real - 8.0,), SHOE_SCREW)
-    for name, thickness, size, holes in (
-        ("foot-shoe", SHOE_THICKNESS, shoe, screws),
-        ("motor-plate", 1e3 * built.PLATE_THICKNESS, plate, (Round((plate / 2,), MOTOR_HOLE),)),
-    ):
-        text = 5j, size.real + 5j
-        parts.append(CutPart(name, thickness, rectangle(size), (), holes, {}, text))
+    build, thick = robot.build, 1e3 * robot.build.plate_thickness
+    if build is ALUMINIUM:
+        shoe = complex(2e3 * built.FOOT_RADIUS, 1e3 * built.FOOT_WIDTH)
+        screws = [Round((0.5j * shoe.imag + x,), SHOE_SCREW) for x in (8.0, shoe.real - 8.0)]
+        plate, text = complex(MOTOR_PLATE, MOTOR_PLATE), (5j, MOTOR_PLATE + 5j)
+        hole = [Round((plate / 2,), MOTOR_HOLE)]
+        others = [("foot-shoe", SHOE_THICKNESS, rectangle(shoe), screws, (5j, shoe.real + 5j)),
+                  ("motor-plate", thick, rectangle(plate), hole, text)]  # fmt: skip
+    else:  # a disc that is glued to either side of a toe, and the plate that holds the gearmotor
+        radius, middle, text = 500.0 * build.width, 20 + 20j, (5 + 5j, 35 + 5j)
+        centre = complex(radius, radius)
+        holes = [Round((middle,), 4.0), Round((middle - 8.5,), M3), Round((middle + 8.5,), M3)]
+        others = [("foot-disc", thick, Round((centre,), radius), [Round((centre,), M3)],
+                   (centre - 4 - 3.2j, centre + 4 - 3.2j)),
+                  ("motor-plate", thick, rectangle(2 * middle), holes, text)]  # fmt: skip
+    for name, thickness, outline, inside, ends in others:
+        parts.append(CutPart(name, thickness, outline, (), tuple(inside), {}, ends,
+                             density=build.density))  # fmt: skip
     return [part._replace(number=k) for k, part in enumerate(parts, 1)]
-
-
-def _plywood_parts(build: Build) -> list[CutPart]:
-    """A disc that is glued to either side of a toe, and the plate that holds the gearmotor."""
-    radius, thick, middle = 500.0 * build.width, 1e3 * build.plate_thickness, 20 + 20j
-    centre = complex(radius, radius)
-    disc, text = Round((centre,), radius), (centre - 4 - 3.2j, centre + 4 - 3.2j)
-    holes = Round((middle,), 4.0), Round((middle - 8.5,), M3), Round((middle + 8.5,), M3)
-    return [
-        CutPart("foot-disc", thick, disc, (), (Round((centre,), M3),), {}, text),
-        CutPart("motor-plate", thick, rectangle(2 * middle), (), holes, {}, (5 + 5j, 35 + 5j)),
-    ]
 
 
 def coupon(thickness: float, build: Build = ALUMINIUM) -> list[CutPart]:

@@ -6,8 +6,6 @@ links sweep over its axis between them; the crank pin joins the webs. Every link
 unit of two legs is its own image when it is turned about the vertical, so both legs are alike.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from itertools import combinations
@@ -93,8 +91,7 @@ def carried(part: CutPart, points: Sequence[complex], joints: Points, side: str)
     if side == "back":
         drawn, on = drawn.conj(), on.conj()
     turn = (joints[..., 1] - joints[..., 0]) / (drawn[1] - drawn[0])
-    places: Points = joints[..., :1] + turn[..., None] * (on - drawn[0])
-    return places
+    return joints[..., :1] + turn[..., None] * (on - drawn[0])
 
 
 def _meet(solid: Solid, other: Solid) -> bool:
@@ -224,9 +221,8 @@ class Unit:
 def layers(robot: Robot) -> list[Placed]:
     """Every part of every leg in its place along the shaft, unit by unit.
 
-    Raises:
-        CollisionError: links collide in any order. ValueError: a part cannot be made.
-        LinkageError: a leg does not close.
+    Raises CollisionError: links collide in any order; ValueError: a part cannot be made;
+    LinkageError: a leg does not close.
     """
     known: dict[tuple[str, ...], tuple[list[tuple[int, int]], set[str]]] = {}
     parts = [link_part(robot, body) for body in range(1, len(robot.bodies) + 1)]

@@ -1,7 +1,5 @@
 """Parts laid on sheets, as DXF and SVG, and all files of a robot's drawings."""
 
-from __future__ import annotations
-
 import io
 import math
 import os
@@ -118,16 +116,16 @@ def to_dxf(parts: Sequence[CutPart], sheet: complex | None = None) -> str:
     ezdxf.options.write_fixed_meta_data_for_testing = True  # dates and identifiers
     try:
         drawing = ezdxf.new("R2010", units=ezdxf.units.MM)
+        space = drawing.modelspace()
         for name, (color, _) in COLORS.items():
             drawing.layers.add(name, color=color)
         for layer, shape in lines(parts, sheet):
             look, z = {"layer": layer}, shape.corners[0]
             if len(shape.corners) == 1:
-                drawing.modelspace().add_circle((z.real, z.imag), shape.radius, look)
+                space.add_circle((z.real, z.imag), shape.radius, look)
             else:
-                corners = [(z.real, z.imag, bulge) for z, bulge in shape.path]
-                closed = len(corners) > 2
-                drawing.modelspace().add_lwpolyline(corners, "xyb", close=closed, dxfattribs=look)
+                path = [(z.real, z.imag, bulge) for z, bulge in shape.path]
+                space.add_lwpolyline(path, "xyb", close=len(path) > 2, dxfattribs=look)
         text = io.StringIO()
         drawing.write(text)
         return text.getvalue()
@@ -159,11 +157,7 @@ def to_svg(parts: Sequence[CutPart], sheet: complex | None = None) -> str:
 
 
 def drawings(
-    robot: Robot,
-    title: str,
-    sheet: complex,
-    kerf: float = 0.0,
-    fit: Sequence[float] = (0.0, 0.0, 0.0),
+    robot: Robot, title: str, sheet: complex, kerf: float, fit: Sequence[float]
 ) -> tuple[dict[str, str | bytes], str]:
     """Return the contents of every file by its name, and the summary for the user.
 
@@ -173,9 +167,8 @@ def drawings(
         sheet: width and height, mm. kerf: width of a cut, mm, that lines make room for.
         fit: mm by which holes to press, to slide and to clear are larger in diameter.
 
-    Raises:
-        ValueError: a part is larger than the sheet, or cannot be made; names it.
-        LinkageError: a leg does not close.
+    Raises ValueError: a part is larger than the sheet, or cannot be made; names it; LinkageError: a
+    leg does not close.
     """
     exact = [part.with_fit(fit) for part in cut_parts(robot)]
     parts = [part.with_kerf(kerf) for part in exact]

@@ -4,26 +4,20 @@ Verdicts follow from the numbers by the criterion in each function, none is set 
 holds or does not: ``docs/paper.md``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
-from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from tabulate import tabulate
 
-from jansen_env.dynamics.projection import (
-    DOF,
-    constraint_matrix,
-    leg_sides,
-    system_constraint_matrix,
-    system_coordinates,
-)
+from jansen_env.dynamics import projection
 from jansen_env.gravity import GRAVITY
 from jansen_env.paper import toes
 from jansen_env.paper.fixed_model import SETTLED, crank_only
 from jansen_env.paper.results import FRICTIONS, SLOW, TORQUES, WALK, Results
+from jansen_env.plain_yaml import read_yaml
 from jansen_env.robot import paper_robot
 
 HOLDS, CONDITION, FAILS = "holds", "holds with a condition", "does not hold"
@@ -36,9 +30,8 @@ SINGULAR = 1e-9  # singular values below count as 0
 ROUNDING = 1e-15  # m, below which the digits are the processor's
 
 
-@dataclass(frozen=True)
-class Claim:
-    """One claim of the paper."""
+class Claim(NamedTuple):
+    """One claim of the paper, as in ``claims.yml``, and our answer."""
 
     key: str
     where: str  # in the paper
@@ -47,53 +40,60 @@ class Claim:
     verdict: str  # HOLDS, CONDITION or FAILS
 
 
+Answer: TypeAlias = tuple[str, str]
+"""What is computed, and the verdict on it."""
+
+
 def check_claims(results: Results) -> list[Claim]:
     """All claims in the order of the paper."""
-    return [claim(results) for claim in (
+    checks = (
         leg_degrees_of_freedom, system_degrees_of_freedom, torque_is_periodic, torque_level,
-        constant_torque, toe_paths, stable_walking, toe_speeds, no_walking_without_slip,
-        heave_of_four_legs, more_legs, rotation, translation,
-    )]  # fmt: skip
+        constant_torque, toe_paths, stable_walking, toe_speeds, no_walking_without_slip, heave,
+        more_legs, rotation, translation,
+    )  # fmt: skip
+    paper = read_yaml(Path(__file__).with_name("claims.yml"))
+    claims = []
+    for check in checks:
+        entry = paper[check.__name__]
+        claims.append(Claim(check.__name__, entry["where"], entry["says"], *check(results)))
+    return claims
 
 
 def _verdict(holds: bool, with_condition: bool = False) -> str:
     return HOLDS if holds else CONDITION if with_condition else FAILS
 
 
-def leg_degrees_of_freedom(_: Results) -> Claim:
+def leg_degrees_of_freedom(_: Results) -> Answer:
     """Rank of C over a turn, all four legs."""
     robot = paper_robot()
-    q = crank_only(toes.turn(360))
-    C = constraint_matrix(robot, leg_sides(robot), system_coordinates(robot, q))
+    x = projection.system_coordinates(robot, crank_only(toes.turn(360)))
+    C = projection.constraint_matrix(robot, projection.leg_sides(robot), x)
     values = np.linalg.svd(C, compute_uv=False)
     rank = (values > SINGULAR).sum(axis=-1)
     left = C.shape[-1] - int(rank.min())
-    return Claim(
-        "leg_degrees_of_freedom", "2.1, before (5)",
-        "24 coordinates less 20 constraints: 4 degrees of freedom a leg",
+    return (
         f"24 - {rank.min()} = {left} at every crank angle; no singular value of C below "
         f"{values.min():.2g}",
-        _verdict(left == DOF and rank.min() == rank.max()),
-    )  # fmt: skip
+        _verdict(left == projection.DOF and rank.min() == rank.max()),
+    )
 
 
-def system_degrees_of_freedom(_: Results) -> Claim:
+def system_degrees_of_freedom(_: Results) -> Answer:
     """Ranks of the system's C with the frame pinned and let go."""
     robot = paper_robot()
-    Q = system_coordinates(robot, crank_only(toes.turn(60)))[..., :DOF].reshape(60, -1)
+    x = projection.system_coordinates(robot, crank_only(toes.turn(60)))
+    Q = x[..., : projection.DOF].reshape(60, -1)
     fixed, free = (
-        int(np.linalg.matrix_rank(system_constraint_matrix(robot, Q, fixed_base)).min())
+        int(np.linalg.matrix_rank(projection.system_constraint_matrix(robot, Q, fixed_base)).min())
         for fixed_base in (True, False)
     )
-    return Claim(
-        "system_degrees_of_freedom", "2.3, before (12)",
-        "16 coordinates less 15 constraints: 1 degree of freedom for the four legs",
+    return (
         f"16 - {fixed} = {16 - fixed}; with the frame let go 16 - {free} = {16 - free}",
         _verdict(fixed == 15 and free == 12),
-    )  # fmt: skip
+    )
 
 
-def torque_is_periodic(r: Results) -> Claim:
+def torque_is_periodic(r: Results) -> Answer:
     """The torque one turn apart, and its maxima in a turn, once the start has died out."""
     time, torque = r.long.time[:-1], r.long.torque
     turn = 2.0 * np.pi
@@ -103,103 +103,86 @@ def torque_is_periodic(r: Results) -> Claim:
     peaks = int(((now > np.roll(now, 1)) & (now >= np.roll(now, -1))).sum())
     swing = float(np.ptp(now))
     settled = r.run.torque[r.run.settled]
-    return Claim(
-        "torque_is_periodic", "4, Fig. 4",
-        "peaks of the input torque appear periodically in steady state",
+    return (
         f"{peaks} peaks a turn; two turns {drift:.1e} N m apart, of a swing of {swing:.2f} N m; "
         f"from {SETTLED:.0f} s to 10 s {settled.min():.3f} to {settled.max():.3f} N m, mean "
         f"{settled.mean():.3f}",
         _verdict(peaks == 2 and drift < CLOSE * swing),
-    )  # fmt: skip
+    )
 
 
-def torque_level(r: Results) -> Claim:
+def torque_level(r: Results) -> Answer:
     """The mean torque, and the PID's with another reference or two motors, at the printed level."""
     settled = r.run.settled
     mean, back, two = (run.torque[settled] for run in (r.run, r.backwards, r.two_motors))
     near = float((np.abs(two - abs(PRINTED_LEVEL)) <= NEAR).mean())
-    return Claim(
-        "torque_level", "4, Fig. 4",
-        "the input torque is almost constant at around -0.9 N m, except the case when the rotation "
-        "speed is a constant",
+    return (
         f"+{r.mean_torque:.3f} N m in the mean at a constant 1 rad/s, {mean.mean():.3f} in the "
         f"PID's run, {back.min():.2f} to {back.max():.2f} turning the other way; each of two "
         f"motors {two.min():.3f} to {two.max():.3f}, {100 * near:.0f} % of the time within {NEAR} "
         f"of {abs(PRINTED_LEVEL)}",
         _verdict(abs(r.mean_torque - PRINTED_LEVEL) <= CLOSE * abs(PRINTED_LEVEL)),
-    )  # fmt: skip
+    )
 
 
-def constant_torque(r: Results) -> Claim:
+def constant_torque(r: Results) -> Answer:
     """Speed ripple at constant torques: fixed base, with slender links, walking."""
     fixed = [ripple.ripple for ripple in r.ripples.values()]
     slender = r.slender_ripple.ripple
     walking = {t: ripple.ripple for t, ripple in r.walking_ripples.items() if not ripple.fell}
     fallen = [torque for torque, ripple in r.walking_ripples.items() if ripple.fell]
     every = [*fixed, slender, *walking.values()]
-    return Claim(
-        "constant_torque", "4 and summary",
-        "constant torque keeps a constant speed, without any complicated considerations for the "
-        "dynamics",
+    return (
         f"on a fixed base at {_list(TORQUES)} N m the speed swings by "
         f"+-{_list(round(100 * v) for v in fixed)} %, with slender links at {TORQUES[2]} N m by "
         f"{100 * slender:.0f} %; walking at {_list(walking)} N m by "
         f"{_list(round(100 * v) for v in walking.values())} %, and it falls at {_list(fallen)}",
         _verdict(max(every) < CLOSE, min(every) < ROUGHLY),
-    )  # fmt: skip
+    )
 
 
-def toe_paths(_: Results) -> Claim:
+def toe_paths(_: Results) -> Answer:
     """The back leg's constraints at the mirrored fore leg."""
     error = toes.mirror_error(paper_robot())
     size = f"less than {ROUNDING:g}" if error < ROUNDING else f"{error:.0e}"
-    return Claim(
-        "toe_paths", "4, Fig. 5", "the toes' trajectories are symmetric",
-        f"mirror images to {size} m", _verdict(error < 1e-12),
-    )  # fmt: skip
+    return f"mirror images to {size} m", _verdict(error < 1e-12)
 
 
-def stable_walking(r: Results) -> Claim:
+def stable_walking(r: Results) -> Answer:
     """Walks at constant crank speeds."""
     fallen = [walk.speed for walk in r.walks if walk.fell]
     standing = [walk.speed for walk in r.walks if not walk.fell]
-    return Claim(
-        "stable_walking", "4, Fig. 5",
-        "the symmetric trajectories give stable walking with ease",
+    return (
         f"at constant crank speed it walks for {WALK:.0f} s at {_list(standing)} rad/s and falls "
         f"sooner at {_list(fallen)}",
         _verdict(not fallen, bool(standing)),
-    )  # fmt: skip
+    )
 
 
-def toe_speeds(r: Results) -> Claim:
+def toe_speeds(r: Results) -> Answer:
     """The speed at which two standing toes part, and a slow walk's slip."""
     support = r.support
     zeros = np.sort(support.zeros()) / np.pi
     part = np.abs(support.slip)
     walk = r.slow[FRICTIONS[0]]
     apart = float((part > CLOSE * part.max()).mean())
-    return Claim(
-        "toe_speeds", "4, Fig. 6",
-        "fore and back toes always differ in x speed, so with both down at least one slips",
+    return (
         f"the standing toes part at {part.mean():.3f} m/rad in the mean and at 0 only at "
         f"{len(zeros)} crank angles ({', '.join(f'{z:.2f}' for z in zeros)} pi); with both down "
         f"{support.per_turn:.3f} m of slip a turn ({support.per_turn_of_points:.3f} m for toes "
         f"without pads). A walk at {SLOW} rad/s, friction {FRICTIONS[0]}, slips {walk.slip:.3f} m, "
         f"on one toe for {100 * walk.one_toe:.0f} % of the time",
         _verdict(len(zeros) == 0, apart > 1.0 - ROUGHLY),
-    )  # fmt: skip
+    )
 
 
-def no_walking_without_slip(r: Results) -> Claim:
+def no_walking_without_slip(r: Results) -> Answer:
     """Slip per metre over friction and crank speed, and a walk without any."""
     walks = [walk for walk in r.walks if not walk.fell]
     slow, fast = walks[0], min(walks, key=lambda walk: walk.slip_per_metre)
     grip, loose = r.slow[FRICTIONS[-1]], r.slow[FRICTIONS[0]]
     free = r.no_slip
-    return Claim(
-        "no_walking_without_slip", "4 and summary",
-        "a robot with this mechanism cannot walk without toe slip",
+    return (
         f"at {SLOW} rad/s {loose.slip:.2f} m of slip a turn with friction {FRICTIONS[0]} and "
         f"{grip.slip:.2f} m with {FRICTIONS[-1]}, then on one toe for {100 * grip.one_toe:.0f} % "
         f"of the time; at {slow.speed:g} rad/s {1e3 * slow.slip_per_metre:.0f} mm a metre, at "
@@ -207,26 +190,22 @@ def no_walking_without_slip(r: Results) -> Claim:
         f"{free.speed:g} rad/s from another start: {1e3 * free.slip_per_metre:.1f} mm a metre over "
         f"{free.turns * free.distance:.1f} m",
         _verdict(free.fell or free.slip_per_metre > NONE),
-    )  # fmt: skip
+    )
 
 
-def heave_of_four_legs(r: Results) -> Claim:
+def heave(r: Results) -> Answer:
     """Heave with four legs, and with their lengths read otherwise."""
     four = r.heaves[1]
     near = [abs(height - 0.03) < CLOSE * 0.03 for height in (four.level, *r.other_heaves.values())]
-    shown = ", ".join(
-        f"{1e3 * height:.1f} mm with {name}" for name, height in r.other_heaves.items()
-    )
-    return Claim(
-        "heave", "4, Fig. 7",
-        "four legs move the robot up and down by 0.03 m",
+    shown = ", ".join(f"{1e3 * h:.1f} mm with {name}" for name, h in r.other_heaves.items())
+    return (
         f"{1e3 * four.level:.1f} mm kept level, {1e3 * four.standing:.1f} mm standing on both "
         f"sides, with {four.pitch:.3f} rad of pitch; {shown}",
         _verdict(all(near), near[0]),
-    )  # fmt: skip
+    )
 
 
-def more_legs(r: Results) -> Claim:
+def more_legs(r: Results) -> Answer:
     """Heave with 2 to 24 legs, odd numbers of phases against even ones."""
     level = {heave.legs: heave.level for heave in r.heaves}
     standing = {heave.legs: heave.standing for heave in r.heaves}
@@ -236,17 +215,15 @@ def more_legs(r: Results) -> Claim:
     )
     steady = all(b < a for a, b in pairwise(level.values()))
     shown = ", ".join(f"{legs}: {1e3 * height:.2f}" for legs, height in level.items())
-    return Claim(
-        "more_legs", "4 and summary",
-        "more legs with smaller phase differences make the up-and-down motion vanish",
+    return (
         f"heave in mm by number of legs: {shown}; {_list(better)} legs clearly beat two more. "
         f"Standing on both sides, 6 legs {1e3 * standing[6]:.1f}, 24 legs "
         f"{1e3 * standing[24]:.2f}; {_list(better_standing)} beat two more",
         _verdict(steady and level[24] < 1e-3, level[24] < 1e-3),
-    )  # fmt: skip
+    )
 
 
-def rotation(r: Results) -> Claim:
+def rotation(r: Results) -> Answer:
     """The largest constraint moment by body, on a fixed base and walking."""
     fixed = np.abs(r.forces[r.run.settled][..., 0]).max(axis=0)
     leading = {at: int(loads.moment.argmax()) + 1 for at, loads in r.walking_loads.items()}
@@ -256,17 +233,15 @@ def rotation(r: Results) -> Claim:
         f"{r.walking_loads[at].moment.max():.1f} N m on link {link} at {at[0]:g} rad/s, friction "
         f"{at[1]}" for at, link in others.items()
     )  # fmt: skip
-    return Claim(
-        "rotation", "4, Fig. 8",
-        "the rotational constraint force is largest on link 1",
+    return (
         f"fixed base: link {fixed.argmax() + 1} ({fixed.max():.2f} N m; link 2 {fixed[1]:.2f}, the "
         f"others at most {fixed[2:].max():.2f}). Walking: link 1 in {len(leading) - len(others)} "
         f"of {len(leading)} walks; {shown or 'in all of them'}",
         _verdict(first and not others, first),
-    )  # fmt: skip
+    )
 
 
-def translation(r: Results) -> Claim:
+def translation(r: Results) -> Answer:
     """The largest constraint force by body, and what the joints carry."""
     force = np.hypot(r.forces[..., 1], r.forces[..., 2])[r.run.settled].max(axis=0)
     pins, walks = r.fixed_loads, r.walking_loads
@@ -278,16 +253,14 @@ def translation(r: Results) -> Claim:
         f"{loads.bearing.max():.0f} N ({speed:g} rad/s, friction {mu})"
         for (speed, mu), loads in walks.items()
     )
-    return Claim(
-        "translation", "4, Fig. 9",
-        "the translational constraint force is largest on link 7, which therefore needs strength",
+    return (
         f"fixed base: link {force.argmax() + 1} ({force.max():.3f} N; link 8 {force[7]:.3f}, its "
         f"weight {weight:.3f}); on its joints it bears {pins.on(7):.1f} N, {pins.place} "
         f"{pins.bearing.max():.1f} N. Walking, touchdowns left out: link "
         f"{_list(sorted(on_ground))}; most on its joints bears {' or '.join(sorted(places))}: "
         f"{shown}",
         _verdict(seventh and on_ground == {7}, seventh),
-    )  # fmt: skip
+    )
 
 
 def _list(values: Iterable[float]) -> str:

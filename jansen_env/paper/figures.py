@@ -1,10 +1,9 @@
 """The paper's Figs. 4 to 9 reproduced; the mechanism, heave and slip."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import matplotlib.style
@@ -28,14 +27,7 @@ LEG_COLORS = {"rf": "#c2410c", "lf": "#f59e0b", "rb": "#1d4ed8", "lb": "#38bdf8"
 LINK_COLORS = {f"link {body}": matplotlib.colormaps["turbo"](0.08 + 0.12 * (body - 1))
                for body in range(1, 9)}  # fmt: skip
 INK, MUTED, ACCENT = "#1f2937", "#9ca3af", "#7c3aed"
-STYLE: dict[str, object] = {
-    "axes.axisbelow": True,
-    "axes.edgecolor": INK, "axes.grid": True, "axes.labelcolor": INK, "axes.spines.right": False,
-    "axes.spines.top": False, "axes.titlelocation": "left", "axes.titlesize": 11,
-    "axes.titleweight": "bold", "figure.facecolor": "white", "font.size": 9.5,
-    "grid.color": "#e5e7eb", "legend.frameon": False, "legend.fontsize": 8.5,
-    "lines.linewidth": 1.6, "xtick.color": INK, "ytick.color": INK,
-}  # fmt: skip
+STYLE = Path(__file__).with_name("figures.mplstyle")
 
 
 def draw(results: Results, folder: Path) -> list[Path]:
@@ -46,13 +38,9 @@ def draw(results: Results, folder: Path) -> list[Path]:
         "mechanism": mechanism, "heave": heave, "slip": slip,
     }  # fmt: skip
     with matplotlib.style.context(["default", STYLE]):
-        return [
-            write_whole(
-                folder / f"{name}.png",
-                partial(make(results).savefig, dpi=DPI, metadata={"Software": None}),
-            )
-            for name, make in figures.items()
-        ]
+        save: dict[str, Any] = {"dpi": DPI, "metadata": {"Software": None}}
+        return [write_whole(folder / f"{name}.png", partial(make(results).savefig, **save))
+                for name, make in figures.items()]  # fmt: skip
 
 
 def _figure(width: float, height: float) -> tuple[Figure, Axes]:

@@ -1,10 +1,8 @@
 """The paper's simulation: the fixed model (12) under the PID (13), 10 s from crank angle pi."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,8 +20,7 @@ TIME_STEP = 1e-4  # s, of the integration; divides SAMPLING
 SETTLED = 3.0  # s, from where on the motion is taken to be periodic
 
 
-@dataclass(frozen=True)
-class Run:
+class Run(NamedTuple):
     """A simulation, sampled as the controller sees it: (n + 1,) each, torque (n,)."""
 
     time: Array  # s

@@ -1,10 +1,8 @@
 """Walks of the paper's machine on the ground, its crank kept at a speed: beyond the fixed model."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -54,8 +52,7 @@ def prescribed_speed(
     return plant
 
 
-@dataclass(frozen=True)
-class Walk:
+class Walk(NamedTuple):
     """Turns at a constant crank speed on flat ground."""
 
     speed: float  # of the crank, rad/s
@@ -111,8 +108,7 @@ def walking_forces(
 
     Time steps with a touchdown are left out: an impact has an impulse, not a force.
 
-    Raises:
-        ValueError: the robot falls.
+    Raises ValueError: the robot falls.
     """
     period = 2.0 * math.pi / speed
     plant = prescribed_speed(robot, Terrain.flat(friction=friction), speed)
@@ -122,8 +118,7 @@ def walking_forces(
     raise ValueError(f"the robot falls at a crank speed of {speed} rad/s")
 
 
-@dataclass(frozen=True)
-class Ripple:
+class Ripple(NamedTuple):
     """A crank's speed under a constant torque, rad/s: its mean, half its range / mean; a fall?"""
 
     mean: float
@@ -131,7 +126,7 @@ class Ripple:
     fell: bool = False
 
     @classmethod
-    def of(cls, speed: Array, fell: bool = False) -> Ripple:
+    def of(cls, speed: Array, fell: bool = False) -> "Ripple":
         """That of the crank speeds (n,) of a motion."""
         mean = float(speed.mean())
         return cls(mean, float(0.5 * np.ptp(speed) / abs(mean)), fell)
@@ -146,8 +141,7 @@ def walking_ripple(robot: Robot, torque: float) -> Ripple:
     return Ripple.of(np.concatenate(speeds[len(speeds) // 2 :]), len(speeds) < 200)
 
 
-@dataclass(frozen=True)
-class Loads:
+class Loads(NamedTuple):
     """The largest loads over a motion and all legs."""
 
     moment: Array  # (8,) N m, of all constraints on each body, M x_ddot - h

@@ -1,9 +1,7 @@
 """All numbers that the claims and figures need, computed once."""
 
-from __future__ import annotations
-
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,8 +25,7 @@ TORQUES = (0.5, 1.0, 1.562, 3.0, 6.0)  # N m, constant, fixed base
 WALKING_TORQUES = (3.0, 4.0, 5.0, 6.0, 8.0)  # N m, constant, walking
 
 
-@dataclass(frozen=True)
-class Results:
+class Results(NamedTuple):
     """Numbers that claims and figures share."""
 
     run: fixed_model.Run  # the PID's 10 s
@@ -56,6 +53,11 @@ def compute() -> Results:
     advance, run = fixed_model.tables_advance(robot), fixed_model.pid_run(robot)
     turn = toes.turn(ANGLES)
     torque = crank_torque(robot, turn).total  # at 1 rad/s
+    others = {  # lengths that the print leaves open, taken the other way
+        "L6 and L11 swapped": robot.with_bodies(rocker=robot.body("coupler"),
+                                                coupler=robot.body("rocker")),
+        "frame of hypot(l0, h0) = 0.32765 m": robot.with_bodies(frame=Bar(0.32765)),
+    }  # fmt: skip
     return Results(
         run=run,
         long=fixed_model.simulate_pid(advance, duration=LONG),
@@ -72,7 +74,7 @@ def compute() -> Results:
         backwards=fixed_model.pid_run(robot, direction=-1.0),
         heaves=[toes.heave(phases) for phases in toes.PHASES],
         other_heaves={name: float(np.ptp(np.minimum(*toes.lowest_toes(other, toes.turn(2880)))))
-                      for name, other in _other_lengths().items()},
+                      for name, other in others.items()},
         support=toes.double_support(robot),
         slow={mu: free_walk.walk(robot, SLOW, 2, mu) for mu in FRICTIONS},
         walks=[free_walk.walk(robot, speed, round(WALK * speed / (2.0 * math.pi)))
@@ -81,21 +83,9 @@ def compute() -> Results:
     )  # fmt: skip
 
 
-def _other_lengths() -> dict[str, Robot]:
-    """The paper's machine with the lengths that its print leaves open taken the other way."""
-    paper = paper_robot()
-    return {
-        "L6 and L11 swapped": paper.with_bodies(
-            rocker=paper.body("coupler"), coupler=paper.body("rocker")
-        ),
-        "frame of hypot(l0, h0) = 0.32765 m": paper.with_bodies(frame=Bar(0.32765)),
-    }
-
-
 def _ripple(robot: Robot, torque: float) -> free_walk.Ripple:
     """The second half of a run on a fixed base at a constant torque."""
-    advance = fixed_model.tables_advance(robot)
-    run = fixed_model.simulate(advance, lambda *_: torque, RIPPLE)
+    run = fixed_model.simulate(fixed_model.tables_advance(robot), lambda *_: torque, RIPPLE)
     return free_walk.Ripple.of(run.speed[len(run.speed) // 2 :])
 
 

@@ -1,9 +1,7 @@
 """Motion of the toes: symmetry, heave with any number of legs, why two standing toes must slip."""
 
-from __future__ import annotations
-
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,8 +36,7 @@ def mirror_error(robot: Robot) -> float:
     return float(np.abs(constraints(robot, "back", x.reshape(720, -1))).max())
 
 
-@dataclass(frozen=True)
-class Heave:
+class Heave(NamedTuple):
     """Up-and-down motion of the crank axis over a turn, peak to peak."""
 
     legs: int
@@ -75,8 +72,7 @@ def standing_poses(robot: Robot, angle: Array) -> Array:
     return batch.states[:, 1:3]
 
 
-@dataclass(frozen=True)
-class DoubleSupport:
+class DoubleSupport(NamedTuple):
     """A slowly walking robot over a turn: its two standing toes, and how fast they part, m/rad.
 
     ``x_speed`` is the paper's argument (Fig. 6): the difference of their x velocities with the

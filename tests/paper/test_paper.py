@@ -147,8 +147,8 @@ def test_sliding_on_two_toes_breaks_down_above_a_friction_of_0525(results):
 
 
 def test_slip_is_of_a_metre_either_way(results):
-    back = replace(results.no_slip, distance=-2.0, slip=0.1)
-    assert back.slip_per_metre == 0.05 and math.isnan(replace(back, distance=0.0).slip_per_metre)
+    back = results.no_slip._replace(distance=-2.0, slip=0.1)
+    assert back.slip_per_metre == 0.05 and math.isnan(back._replace(distance=0.0).slip_per_metre)
 
 
 def test_command(results, monkeypatch, tmp_path, capsys):

@@ -1,7 +1,5 @@
 """Train a policy, score it against the baselines and draw the scores: ``python train.py``."""
 
-from __future__ import annotations
-
 import os
 
 import agents  # noqa: F401  # first: reports a missing extra
@@ -37,7 +35,6 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
                     "python train.py --env JansenWalkerRough-v0 --seed 1",
                     "python train.py --resume logs/ppo/JansenWalkerBuilt-v0_1")  # fmt: skip
     add_run_flags(parser)
-    parser.set_defaults(save_freq=100_000, eval_episodes=10)
     add = parser.add_argument
     add("--algo", choices=sorted(ALGORITHMS), help="algorithm; default: --config's, or ppo")
     add("--config", metavar="FILE",
@@ -104,10 +101,8 @@ def _run(
             tensorboard=str(folder / "tensorboard") if tensorboard is None else tensorboard or None,
             resume=resume, progress=not args.no_progress and sys.stderr.isatty(),
         )  # fmt: skip
-    baselines, seconds = (
-        ", ".join(find_benchmark(config.env).baselines),
-        time.perf_counter() - start,
-    )
+    baselines = ", ".join(find_benchmark(config.env).baselines)
+    seconds = time.perf_counter() - start
     print(f"scoring: the best model against {baselines}, after {seconds:.0f} s", flush=True)
     print(f"\n{outcome(folder, score_run(folder, config, args.eval_episodes))}")
 

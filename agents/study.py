@@ -1,7 +1,5 @@
 """Train many runs on Ray Tune and compare them over seeds: ``python -m agents.study``."""
 
-from __future__ import annotations
-
 import os
 
 # Before torch and Ray are loaded. More threads would change the run that a seed gives; Ray listens
@@ -46,6 +44,7 @@ import ray
 from matplotlib.figure import Figure
 from ray import tune
 from scipy.stats import bootstrap, trim_mean
+from tabulate import tabulate
 
 PLAN = "study.yml"  # in a study's folder: the flags that say what its runs are
 PLANNED = ("seeds", "first_seed", "env", "algo", "timesteps", "n_envs", "env_kwargs", "config",
@@ -66,15 +65,13 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
                     "python -m agents.study agents/studies/ten_seeds.yml --cores 2")  # fmt: skip
     parser.allow_abbrev = False  # of a file's keys
     add_run_flags(parser)
-    parser.set_defaults(save_freq=100_000, eval_episodes=10)
     add, count = parser.add_argument, positive_int
     add("file", nargs="?", metavar="FILE", help="YAML of flags; those given here come first")
     add("--seeds", type=count, default=10, help="runs of each kind; default: 10")
     add("--first-seed", type=non_negative_int, default=0, help="of these runs; default: 0")
     add("--env", nargs="+", type=env_id, default=[DEFAULT], metavar="ID",
         help=f"environment ids; default: {DEFAULT}")  # fmt: skip
-    add("--algo", nargs="+", choices=sorted(ALGORITHMS), default=["ppo"],
-        help="algorithms; default: ppo")  # fmt: skip
+    add("--algo", nargs="+", choices=sorted(ALGORITHMS), default=["ppo"], help="default: ppo")
     add("--config", nargs="+", default=[SHIPPED], metavar="FILE",
         help="hyperparameters: a file, a folder of ALGO.yml, or 'shipped', the default; of several "
         "each is a group, 'shipped' where there is one")  # fmt: skip
@@ -91,8 +88,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         words = [args.file]  # first, so that a value too many is no file
         for name, value in entries.items():
             values = value if isinstance(value, list) else [value]
-            words += [f"--{name.replace('_', '-')}",
-                      *(v if isinstance(v, str) else json.dumps(v) for v in values)]  # fmt: skip
+            texts = (v if isinstance(v, str) else json.dumps(v) for v in values)
+            words += [f"--{name.replace('_', '-')}", *texts]
         args = parser.parse_args(arguments, parser.parse_args(words))
     args.parser, args.name = parser, args.name or Path(args.file or "study").stem
     return args
@@ -107,19 +104,14 @@ def planned_runs(args: argparse.Namespace) -> list[Arguments]:
         name = f"{env}_{algo}" + f"_{Path(source).stem}" * several
         groups[name] = new_config(source, algo, env, args.env_kwargs,
                                   timesteps=args.timesteps, n_envs=args.n_envs)  # fmt: skip
-    return [
-        {"name": f"{name}-seed_{seed}", "config": asdict(replace(config, seed=seed))}
-        for seed in range(args.first_seed, args.first_seed + args.seeds)
-        for name, config in groups.items()
-    ]
+    seeds = range(args.first_seed, args.first_seed + args.seeds)
+    return [{"name": f"{name}-seed_{seed}", "config": asdict(replace(config, seed=seed))}
+            for seed in seeds for name, config in groups.items()]  # fmt: skip
 
 
 def run_trial(parameters: dict[str, Arguments], plan: Arguments, root: Path) -> None:
-    """Train and score one of :func:`planned_runs`, from its last checkpoint, as a trial.
-
-    Its files go to ``root/NAME`` at once, as train.py's do to a run's folder. Of Ray's own
-    checkpoints the last could be lost: one that it removes may be what its state still names.
-    """
+    """Train and score one of :func:`planned_runs` in ``root/NAME``, from its last checkpoint, which
+    is none of Ray's: one that it removes may be what its state still names."""
     torch.set_num_threads(1)  # whatever the cores: the run that a seed gives depends on the number
     run = parameters["run"]
     config, folder = make_config(run["config"]), root / run["name"]
@@ -130,11 +122,9 @@ def run_trial(parameters: dict[str, Arguments], plan: Arguments, root: Path) -> 
             model = prepare(config, resume)
             record_run(folder, config, "python -m agents.study")
             try:
-                train(
-                    model, config, folder, eval_every=plan["eval_freq"], resume=resume,
-                    save_every=plan["save_freq"], tensorboard=str(folder / "tensorboard"),
-                    progress=False,
-                )  # fmt: skip
+                train(model, config, folder, eval_every=plan["eval_freq"], resume=resume,
+                      save_every=plan["save_freq"], tensorboard=str(folder / "tensorboard"),
+                      progress=False)  # fmt: skip
             except SystemExit as error:  # it diverged, or the disk is full
                 raise RuntimeError(error.code) from error
         score_run(folder, config, plan["eval_episodes"])
@@ -147,113 +137,85 @@ def run_study(args: argparse.Namespace, folder: Path) -> bool:
     file, text = folder / PLAN, yaml.safe_dump(plan, sort_keys=False)
     if file.is_file() and file.read_text("utf-8") != text:
         raise ValueError(f"{folder} holds another study, must be another --name")
-    environment = {"OMP_NUM_THREADS": "1", "JANSEN_ENV_THREADS": str(args.cores)}
+    threads = {"OMP_NUM_THREADS": "1", "JANSEN_ENV_THREADS": str(args.cores)}
     if args.address is None:
         os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))  # of this cluster alone
         cpus = args.workers * args.cores if args.workers else available_cores()
         ray.init("local", num_cpus=cpus, include_dashboard=False, log_to_driver=False,
-                 runtime_env={"env_vars": environment})  # fmt: skip
+                 runtime_env={"env_vars": threads})  # fmt: skip
     else:
         if ":" in args.address and "/" not in args.address:  # Ray itself would try for minutes
             host, _, port = args.address.rpartition(":")
             socket.create_connection((host, int(port)), timeout=10.0).close()
         modules = [str(Path(__file__).parent)]
-        ray.init(args.address, runtime_env={"env_vars": environment, "py_modules": modules})
+        ray.init(args.address, runtime_env={"env_vars": threads, "py_modules": modules})
     write_text(file, text)
-    trial = tune.with_parameters(run_trial, plan=plan, root=folder)
-    trainable = tune.with_resources(trial, {"cpu": args.cores})
-    if tune.Tuner.can_restore(str(folder)):
-        tuner = tune.Tuner.restore(str(folder), trainable, resume_errored=True)
-    else:
-        tuner = tune.Tuner(
-            trainable,
-            param_space={"run": tune.grid_search(runs)},
-            tune_config=tune.TuneConfig(trial_dirname_creator=lambda it: it.config["run"]["name"]),
-            run_config=tune.RunConfig(
-                name=folder.name, storage_path=str(folder.parent), verbose=1,
-                failure_config=tune.FailureConfig(max_failures=3),  # of each run
-            ),
-        )  # fmt: skip
-    return tuner.fit().num_terminated == len(runs)
+    results = tune.run(
+        tune.with_parameters(run_trial, plan=plan, root=folder), name=folder.name,
+        storage_path=str(folder.parent), config={"run": tune.grid_search(runs)},
+        resources_per_trial={"cpu": args.cores}, max_failures=3,  # of each run
+        trial_dirname_creator=lambda trial: trial.config["run"]["name"], resume="AUTO+ERRORED",
+        raise_on_failed_trial=False, verbose=1,
+    )  # fmt: skip
+    return all(trial.status == "TERMINATED" for trial in results.trials)
 
 
 def write_report(folder: Path) -> str:
-    """Write report.md, runs.csv, returns.csv and figures of the runs that are finished in a study's
-    folder, or of returns.csv where it has no run; return the report's table.
-
-    returns.csv has, for each run and each baseline, ``return`` at each command and over all (none),
-    and of a run's evaluations with its ``steps`` and ``cpu_seconds`` so far. runs.csv has all
-    metrics.
-    """
-    rows, curves, table = [], [], folder / "returns.csv"
-    for path in sorted(folder.glob("*-seed_*/scores.json")):
-        group, _, seed = path.parent.name.rpartition("-seed_")
+    """Write report.md, runs.csv, returns.csv (see ``docs/studies.md``) and figures of the runs that
+    are finished, or of returns.csv where there is no run; return the report's table."""
+    rows, curves, path = [], [], folder / "returns.csv"
+    for file in sorted(folder.glob("*-seed_*/scores.json")):
+        group, _, seed = file.parent.name.rpartition("-seed_")
         key = {"group": group, "env": group.split("_")[0], "seed": int(seed)}
-        *baselines, (_, run) = json.loads(path.read_text("utf-8")).items()
+        *baselines, (_, run) = json.loads(file.read_text("utf-8")).items()
         for policy, score in [("run", run), *baselines]:
             commands, overall = score["by_command"], score["overall"]
             values = {name: [overall[name][0], *commands[name]["value"]] for name in overall}
             grid = [None, *commands["return"]["command"]]
             rows.append(pd.DataFrame({**key, "policy": policy, "command": grid, **values}))
-        evaluations = pd.DataFrame(read_evaluations(path.parent))
+        evaluations = pd.DataFrame(read_evaluations(file.parent))
         curves.append(evaluations.reindex(columns=POINTS).assign(**key, policy="run"))
     if rows:
         scores = pd.concat(rows, ignore_index=True)
         scores.to_csv(folder / "runs.csv", index=False)
         returns = pd.concat([scores[[*KEYS, "command", "return"]], *curves]).round(3)
-        alike = returns.policy != "run"  # a baseline's are the same beside all runs
-        returns.loc[alike, ["group", "seed"]] = None
-        returns[[*KEYS, "command", *POINTS]].drop_duplicates().to_csv(table, index=False)
-    if not table.is_file():
+        returns.loc[returns.policy != "run", ["group", "seed"]] = None  # beside all runs the same
+        returns[[*KEYS, "command", *POINTS]].drop_duplicates().to_csv(path, index=False)
+    if not path.is_file():
         return "no run is finished"
-    returns = pd.read_csv(table)
-    final = returns[returns.steps.isna()]
-    text, parts = groups_table(returns), [f"# {folder.name}", NOTES.replace("\n", " ")]
+    returns = pd.read_csv(path)
+    table = groups_table(returns)
+    parts = [f"# {folder.name}", table, NOTES.replace("\n", " ")]
     for env, of_env in returns.groupby("env"):
         plot(of_env, folder / f"{env}.png")
         parts.append(f"![Learning curves and performance profile on {env}]({env}.png)")
-    if final.env.nunique() > 1:
-        parts.insert(1, f"Returns / threshold, over all environments:\n\n{tasks_table(final)}")
-    parts.insert(1, text)
     write_text(folder / "report.md", "\n\n".join(parts) + "\n")
-    return text
+    return table
 
 
 def groups_table(returns: pd.DataFrame) -> str:
-    """Return a Markdown table: a row for each group's runs, and one for each baseline."""
+    """Return a Markdown table: a row for each group's runs; where there are several environments,
+    for the returns of alike groups over all, divided by the thresholds; for each baseline."""
     rows, overall = [], returns[returns.command.isna() & returns.steps.isna()]
-    for group, scores in overall[overall.policy == "run"].groupby("group", sort=False):
-        values, worst = scores["return"], scores.loc[scores["return"].idxmin()]
-        last = returns[returns.group == group].groupby("seed")[["steps", "cpu_seconds"]].max()
-        steps, seconds = last.mean()
+    runs = overall[overall.policy == "run"]
+    if runs.env.nunique() > 1:
+        shares = runs["return"] / runs.env.map(lambda env: gym.spec(env).reward_threshold)
+        kinds = runs.group.str.partition("_")[2] + ", / threshold"
+        runs = pd.concat([runs, runs.assign(**{"group": kinds, "return": shares})])
+    for group, scores in runs.groupby("group", sort=False):
+        strata = [of_env for _, of_env in scores.groupby("env")["return"]]
+        values = scores.set_index("seed")["return"]
+        steps, seconds = returns[returns.group == group].groupby("seed")[POINTS[:2]].max().mean()
         rows.append({
-            "group": group, "runs": len(values), "steps": f"{steps:,.0f}",
-            "core s": f"{seconds:.0f}", "IQM": interval_text(interquartile_mean(values)),
+            "group": group, "runs": len(values), "steps": f"{steps:,.0f}".replace("nan", ""),
+            "core s": f"{seconds:.0f}".replace("nan", ""),
+            "IQM": interval_text(interquartile_mean(*strata)),
             "mean return": f"{values.mean():.3g}",
-            "worst run": f"{worst['return']:.3g} (seed {worst.seed:.0f})",
+            "worst run": f"{values.min():.3g} (seed {values.idxmin():.0f})",
         })  # fmt: skip
     for (env, policy), scores in overall[overall.policy != "run"].groupby(["env", "policy"]):
         rows.append({"group": f"{env}: {policy}", "mean return": f"{scores['return'].mean():.3g}"})
-    return markdown(rows)
-
-
-def tasks_table(final: pd.DataFrame) -> str:
-    """Return a Markdown table of groups over all environments, of returns / the threshold."""
-    runs = final[(final.policy == "run") & final.command.isna()]
-    threshold = runs.env.map(lambda env: gym.spec(env).reward_threshold)
-    runs = runs.assign(value=runs["return"] / threshold)
-    kind = runs.group.str.split("_", n=1).str[1]
-    return markdown([
-        {"group": name, "environments": of_kind.env.nunique(), "runs": len(of_kind),
-         "IQM": interval_text(interquartile_mean(*(v for _, v in of_kind.groupby("env").value)))}
-        for name, of_kind in runs.groupby(kind)
-    ])  # fmt: skip
-
-
-def markdown(rows: list[dict[str, object]]) -> str:
-    """Return a Markdown table of rows that may lack columns."""
-    table = pd.DataFrame(rows, dtype=object).fillna("").replace("nan", "")
-    return str(table.to_markdown(index=False, tablefmt="github", disable_numparse=True))
+    return tabulate(rows, "keys", "github", disable_numparse=True)
 
 
 def interquartile_mean(*strata: Array) -> Interval:
@@ -263,13 +225,11 @@ def interquartile_mean(*strata: Array) -> Interval:
     def mean(*samples: Array, axis: int = -1) -> Array:
         return np.asarray(trim_mean(np.concatenate(samples, axis=axis), 0.25, axis=axis))
 
-    value = float(mean(*strata))
-    if min(map(len, strata)) < 2:
-        return value, np.nan, np.nan
-    low, high = bootstrap(
-        strata, mean, confidence_level=CONFIDENCE, method="percentile", rng=0
-    ).confidence_interval
-    return value, float(low), float(high)
+    low = high = np.nan
+    if min(map(len, strata)) > 1:
+        drawn = bootstrap(strata, mean, confidence_level=CONFIDENCE, method="percentile", rng=0)
+        low, high = drawn.confidence_interval
+    return float(mean(*strata)), float(low), float(high)
 
 
 def plot(returns: pd.DataFrame, path: Path) -> None:
@@ -277,20 +237,18 @@ def plot(returns: pd.DataFrame, path: Path) -> None:
     performance profile: the share of (run, command) whose return is above each value."""
     figure = Figure((13.0, 4.6), layout="constrained")
     by_steps, by_time, profile = figure.subplots(1, 3)
-    runs = returns[returns.policy == "run"]
-    for group, of_group in runs.groupby("group", sort=False):
-        name, runs_at = str(group).partition("_")[2], of_group.groupby("steps").seed
-        common = of_group[runs_at.transform("nunique") == of_group.seed.nunique()]
-        by_step = common.groupby("steps")
-        values = by_step["return"]
-        for axis, x in ((by_steps, values.mean().index), (by_time, by_step.cpu_seconds.mean())):
-            (line,) = axis.plot(x, values.apply(trim_mean, 0.25), label=name)
-            axis.fill_between(x, values.min(), values.max(), color=line.get_color(), alpha=0.15)
-        at_commands = np.sort(of_group["return"][of_group.command.notna()])
-        share = np.linspace(1.0, 0.0, len(at_commands) + 1)
-        profile.step(np.append(0.0, at_commands), share, where="post")
-    baselines = returns[(returns.policy != "run") & returns.command.isna()]
-    for i, (name, value) in enumerate(baselines.groupby("policy")["return"].first().items()):
+    is_run = returns.policy == "run"
+    for group, runs in returns[is_run].groupby("group", sort=False):
+        curves = runs.pivot_table(POINTS[1:], "steps", "seed").dropna()  # at the steps of all runs
+        if len(curves):
+            name, values = group.partition("_")[2], curves["return"]
+            low, high = values.min(axis=1), values.max(axis=1)
+            for axis, x in ((by_steps, low.index), (by_time, curves["cpu_seconds"].mean(axis=1))):
+                (line,) = axis.plot(x, trim_mean(values, 0.25, axis=1), label=name)
+                axis.fill_between(x, low, high, color=line.get_color(), alpha=0.15)
+        profile.ecdf(runs["return"][runs.command.notna()], complementary=True)
+    baselines = returns[~is_run & returns.command.isna()].groupby("policy")["return"].first()
+    for i, (name, value) in enumerate(baselines.items()):
         for axis in (by_steps, by_time):
             axis.axhline(value, linestyle="--", color=f"C{9 - i}", label=name)
     by_steps.set(xscale="log", xlabel="environment steps", ylabel="return: IQM, band: all runs")

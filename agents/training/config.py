@@ -1,7 +1,5 @@
 """Training configurations: those that are shipped, and a new run's; its flags."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import replace
 from importlib import import_module
@@ -51,8 +49,7 @@ def new_config(
             ``timesteps``; None for the file's. ``hyperparameters`` and ``policy_kwargs`` come on
             top of its own.
 
-    Raises:
-        ValueError: the file is missing or invalid, or a value is not allowed.
+    Raises ValueError: the file is missing or invalid, or a value is not allowed.
     """
     if path is None or str(path) == SHIPPED:
         algo, env_id = algo or "ppo", env_id or DEFAULT
@@ -72,7 +69,7 @@ def new_config(
 
 
 def add_run_flags(parser: argparse.ArgumentParser) -> None:
-    """Add the flags of a training run, named as in RL Baselines3 Zoo; all are None by default."""
+    """Add the flags of a training run, named as in RL Baselines3 Zoo."""
     add = parser.add_argument
     add("-n", "--timesteps", type=positive_int,
         help="environment steps of a run, in place of the configuration's")  # fmt: skip
@@ -80,11 +77,10 @@ def add_run_flags(parser: argparse.ArgumentParser) -> None:
     add("--env-kwargs", type=mapping, metavar="YAML",
         help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
     add("--eval-freq", type=non_negative_int,
-        help="steps between evaluations, 0 for none; default: a 16th of the timesteps"
-        )  # fmt: skip
-    add("--save-freq", type=non_negative_int,
+        help="steps between evaluations, 0 for none; default: a 16th of the timesteps")  # fmt: skip
+    add("--save-freq", type=non_negative_int, default=100_000,
         help="steps between checkpoints, 0 for none; default: 100000")  # fmt: skip
-    add("--eval-episodes", type=positive_int,
+    add("--eval-episodes", type=positive_int, default=10,
         help="episodes per command of the scores; default: 10")  # fmt: skip
 
 

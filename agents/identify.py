@@ -5,8 +5,6 @@ measures of their walks estimates each number (M. A. Beaumont et al., *Genetics*
 all copies with equal weights). Its errors on copies that it leaves out are the intervals.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import shlex
@@ -212,9 +210,8 @@ def main(arguments: list[str] | None = None) -> None:
     config = {"aluminium": "onboard.yml", "plywood": "weekend.yml"}[robot.material]
     run = ["--config", str(training_folder(ENV) / config),
            "--env-kwargs", json.dumps({"robot": str(args.out), "randomize": drawn})]  # fmt: skip
-    print(
-        f"\nrandomize={json.dumps(drawn)}\n\nThe friction of bearings and crank is in {args.out}."
-    )
+    print(f"\nrandomize={json.dumps(drawn)}\n")
+    print(f"The friction of bearings and crank is in {args.out}.")
     print(f"To train:\n\n{shlex.join(['python', 'train.py', *run])}", flush=True)
     if args.train is not None:
         run += ["--timesteps", str(args.train)] if args.train else []

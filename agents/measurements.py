@@ -3,8 +3,6 @@
 ``measurements/README.md`` has the format of a log.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -62,9 +60,8 @@ class Log(NamedTuple):
 def read_log(path: str | Path) -> Log:
     """Read a log.
 
-    Raises:
-        ValueError: it cannot be read, or a column, a unit, a gap, a clock or numbers cannot be
-            right; names them.
+    Raises ValueError: it cannot be read, or a column, a unit, a gap, a clock or numbers cannot be
+    right; names them.
     """
     with named_errors(path):
         text = read_bounded(path, MAX_BYTES).decode("utf-8-sig")
@@ -152,9 +149,7 @@ def quantities(walk: Walk) -> dict[str, Array]:
         "pitch_range": np.ptp(walk.pitch, axis=-1),
         "speed": (walk.x[..., -1] - walk.x[..., 0]) / seconds,
     }  # fmt: skip
-    return {
-        name: np.asarray(value) for name, value in measured.items() if not np.isnan(value).any()
-    }
+    return {name: np.asarray(v) for name, v in measured.items() if not np.isnan(v).any()}
 
 
 def compared(name: str, log: Log, bands: Mapping[str, Sequence[float]]) -> list[list[str]]:
@@ -175,19 +170,16 @@ def table(rows: list[list[str]]) -> str:
 
 
 def published(path: Path) -> list[list[str]]:
-    """Rows of :func:`table`: a log beside the predictions of its robot at its crank speed.
-
-    Raises ValueError: there are none; says of which robots and speeds there are.
-    """
+    """Rows of :func:`table`: a log beside the predictions of its robot at its crank speed. Raises
+    ValueError: there are none; says of which robots and speeds there are."""
     log, names = read_log(path), sorted(file.stem for file in PREDICTIONS.glob("*.json"))
     with named_errors(path):
         robot = one_of("robot", log.about.get("robot"), names)
         text = (PREDICTIONS / f"{robot}.json").read_text(encoding="utf-8")
         speeds = json.loads(text)["crank_speed"]
         known = speeds[one_of("crank_speed", f"{log.speed:g}", speeds)]
-    return compared(
-        path.name, log, {name: (row["low"], row["high"]) for name, row in known.items()}
-    )
+    bands = {name: (row["low"], row["high"]) for name, row in known.items()}
+    return compared(path.name, log, bands)
 
 
 def main(arguments: list[str] | None = None) -> None:

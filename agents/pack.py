@@ -4,8 +4,6 @@ It writes ``ENV_ID/NAME.json``, with the policy's scores, and ``NAME.safetensors
 :mod:`jansen_env.policies.pretrained` reads.
 """
 
-from __future__ import annotations
-
 import platform
 from dataclasses import asdict
 from importlib.metadata import version
@@ -81,8 +79,7 @@ def pack(
         name: of the policy; None for that of its algorithm.
         episodes, seed: of the scores, as of :func:`jansen_env.scoring.evaluation.evaluate`.
 
-    Raises:
-        ValueError: there is no such model, or it has a part that cannot be packed.
+    Raises ValueError: there is no such model, or it has a part that cannot be packed.
     """
     policy, short = read(run)
     again = Path(run).suffix == ".json"
@@ -95,9 +92,7 @@ def pack(
 
 def scores_of(policy: PretrainedPolicy, episodes: int, seed: int = 0) -> Description:
     """Return the scores of :func:`jansen_env.evaluate`, and how to have them again."""
-    (scores,) = evaluate(
-        {"it": policy}, policy.env_id, policy.env_kwargs, episodes=episodes, seed=seed
-    ).values()
+    scores = evaluate({"it": policy}, policy.env_id, policy.env_kwargs, None, episodes, seed)["it"]
     return {"episodes_per_command": episodes, "seed": seed, "overall": scores["overall"],
             "by_command": scores["by_command"]}  # fmt: skip
 
@@ -149,9 +144,8 @@ def to_sb3(packed: PretrainedPolicy) -> BaseAlgorithm:
     """Return a policy as the model that it was trained as, on the environments of its training; the
     optimiser starts again.
 
-    Raises:
-        ValueError: its training's configuration is not allowed, or of another environment or
-            network.
+    Raises ValueError: its training's configuration is not allowed, or of another environment or
+    network.
     """
     training = packed.description.get("training")
     config = make_config(training.get("config") if isinstance(training, dict) else None)

@@ -3,8 +3,6 @@
 Walking speeds are measured on the robot ``--robot``, at many crank speeds and torques.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import TypeAlias, cast
@@ -20,12 +18,7 @@ from jansen_env.files import check_writable, write_json
 from jansen_env.robot import ROBOTS
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.rollout import make_env, run_episodes
-from jansen_env.tasks.walking.walker_benchmark import (
-    DATA,
-    constant_torque,
-    nearest_setting,
-    walking_pid,
-)
+from jansen_env.tasks.walking import walker_benchmark as walker
 
 Measured: TypeAlias = dict[str, list[float] | list[list[float]]]
 
@@ -49,8 +42,8 @@ def measure(
     env = cast("Controlled", make_env(ENV, kwargs).unwrapped)
     each = np.repeat(settings, episodes)
     commands, seeds = np.full(len(each), 0.3), FIRST_SEED + np.arange(len(each)) % episodes
-    policy = (walking_pid(lambda _: each, env, PID(*gains)) if name == "pid"
-              else constant_torque(lambda _: each, env))  # fmt: skip
+    policy = (walker.walking_pid(lambda _: each, env, PID(*gains)) if name == "pid"
+              else walker.constant_torque(lambda _: each, env))  # fmt: skip
     run = run_episodes(policy, ENV, kwargs, commands, seeds, at_once=len(each))
     speeds = (run["distance"] / HORIZON).reshape(-1, episodes)
     return {"settings": settings.tolist(), "speeds": speeds.round(4).tolist()}
@@ -66,8 +59,8 @@ def measure_pid(episodes: int, robot: str) -> Measured:
     best, made = -np.inf, Measured()
     for gains in (PAPER,) if robot == "paper" else GAINS:
         measured = measure("pid", CRANK_SPEEDS, episodes, robot, gains)
-        setting = nearest_setting(np.array(measured["settings"]), np.array(measured["speeds"]))
-        policy = walking_pid(setting, env, PID(*gains))
+        numbers = (np.array(measured[name]) for name in ("settings", "speeds"))
+        policy = walker.walking_pid(walker.nearest_setting(*numbers), env, PID(*gains))
         mean = run_episodes(policy, ENV, kwargs, commands, seeds)["returns"].mean()
         print(f"gains {gains}: return {mean:.1f}", flush=True)
         if mean > best:
@@ -83,14 +76,14 @@ def main(arguments: list[str] | None = None) -> None:
     add("baselines", nargs="*", metavar="NAME", help="of pid, constant; default: both")
     add("--robot", default="paper", choices=sorted(ROBOTS), help="which; default: %(default)s")
     add("--episodes", type=positive_int, default=6, help="per crank speed and torque measured")
-    add("--out", type=Path, default=DATA.parent, metavar="DIR", help="folder to write to")
+    add("--out", type=Path, default=walker.DATA.parent, metavar="DIR", help="folder to write to")
     args = parser.parse_args(arguments)
     for name in args.baselines:
         if name not in MEASURED:
             parser.error(f"baseline is {name!r}, must be one of {listed(MEASURED, name)}")
     with parser.refusing():
         check_writable("--out", args.out)
-    path = args.out / DATA.name
+    path = args.out / walker.DATA.name
     for name in args.baselines or MEASURED:
         made = (measure_pid(args.episodes, args.robot) if name == "pid"
                 else measure(name, TORQUES, args.episodes, args.robot))  # fmt: skip

@@ -5,8 +5,6 @@
 Writes ``speed.md``.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import platform
@@ -14,7 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import distributions
 from pathlib import Path
 from statistics import median
 from typing import Any, TypeAlias, cast
@@ -49,10 +47,6 @@ RANDOMISED: dict[str, tuple[float, float]] = {
 
 Play: TypeAlias = Callable[[], float]
 """Takes all actions of a round; returns environment steps/s, in which a reset counts as a step."""
-
-
-Plays: TypeAlias = dict[str, Play]
-"""Contestants by name; the others are compared to the first."""
 
 
 def single(env_id: str, steps: int, **arguments: Any) -> Play:
@@ -122,7 +116,7 @@ def real_robot() -> Robot:
     return replace(paper_robot(), **{name: getattr(built, name) for name in names})
 
 
-def one_environment(quick: bool) -> Plays:
+def one_environment(quick: bool) -> dict[str, Play]:
     """``gym.make`` beside its peers: random actions, wrappers and resets included."""
     steps = 200 if quick else 5000
     return {
@@ -134,7 +128,7 @@ def one_environment(quick: bool) -> Plays:
     }
 
 
-def many_environments(quick: bool) -> Plays:
+def many_environments(quick: bool) -> dict[str, Play]:
     """``gym.make_vec`` beside a single peer and, where there is envpool, many."""
     counts, count, steps = ((1, 2, 4), 4, 100) if quick else (COUNTS, AT_ONCE, 60_000)
     plays = {f"1, {MUJOCO}": single(MUJOCO, 200 if quick else 5000)}
@@ -152,7 +146,7 @@ def many_environments(quick: bool) -> Plays:
     return plays
 
 
-def harder_environments(quick: bool) -> Plays:
+def harder_environments(quick: bool) -> dict[str, Play]:
     """Harder environments beside as many robots on flat ground."""
     draw = make_generator("rough")
     assert draw is not None
@@ -168,14 +162,13 @@ def harder_environments(quick: bool) -> Plays:
         hardcore: {"env_id": hardcore},
     }
     steps = 2_000 if quick else 60_000
-    return {f"{AT_ONCE}, {name}": robots(AT_ONCE, steps, **given)
-            for name, given in presets.items()}  # fmt: skip
+    return {f"{AT_ONCE}, {n}": robots(AT_ONCE, steps, **given) for n, given in presets.items()}
 
 
 PARTS = {"one": one_environment, "many": many_environments, "worlds": harder_environments}
 
 
-def take_turns(plays: Plays, rounds: int) -> dict[str, list[float]]:
+def take_turns(plays: dict[str, Play], rounds: int) -> dict[str, list[float]]:
     """Return rates of each contestant by round, after a warm-up; every other round reversed."""
     rates: dict[str, list[float]] = {name: [] for name in plays}
     for play in plays.values():
@@ -209,11 +202,8 @@ def machine() -> str:
     if hasattr(os, "getloadavg"):
         parts.append(f"load average {os.getloadavg()[0]:.2f} at the start")
     versions = {"jansen_env": jansen_env.__version__, "Python": platform.python_version()}
-    for package in PACKAGES:
-        try:
-            versions[package] = version(package)
-        except PackageNotFoundError:
-            continue
+    installed = {each.name.lower(): each.version for each in distributions()}
+    versions |= {name: installed[name] for name in PACKAGES if name in installed}
     return f"{', '.join(parts)}; {', '.join(f'{n} {number}' for n, number in versions.items())}."
 
 

@@ -7,8 +7,6 @@ hinges begins at the chassis; each of the other pins closes a loop by ``equality
 approximate: ``docs/mjcf.md``.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -68,10 +66,9 @@ def body_names(robot: Robot) -> list[str]:
 def hinge_angles(robot: Robot, q: Array) -> dict[str, float]:
     """Angle of every hinge (rad, by its name) at q = (x, y, theta, psi)."""
     angle, names = links.poses(robot, q)[:, 0], body_names(robot)
-    turned = {names[k]: angle[k] - angle[up] for k, up in body_tree(robot).parents.items()}
-    return {name: math.remainder(value, 2.0 * math.pi) for name, value in turned.items()} | {
-        "chassis": float(q[2]), "shaft": float(q[3])
-    }  # fmt: skip
+    turned = {names[k]: math.remainder(angle[k] - angle[up], 2.0 * math.pi)
+              for k, up in body_tree(robot).parents.items()}  # fmt: skip
+    return {**turned, "chassis": float(q[2]), "shaft": float(q[3])}
 
 
 def to_mjcf(
@@ -91,9 +88,8 @@ def to_mjcf(
             and of rigid pads, by mass, 1/s^2, critically damped. Compliant pads have their own.
         impratio: of friction's stiffness to that of the normal. gravity: m/s^2.
 
-    Raises:
-        ValueError: a terrain with several slopes. LinkageError: a leg that does not close.
-        ImportError: compliant pads without MuJoCo.
+    Raises ValueError: a terrain with several slopes; LinkageError: a leg that does not close;
+    ImportError: compliant pads without MuJoCo.
     """
     root, tree = ET.Element("mujoco", model="jansen_env"), body_tree(robot)
     _add(root, "compiler", angle="radian")

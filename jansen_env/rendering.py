@@ -4,8 +4,6 @@ All is painted on a canvas three times as large and scaled down, which smooths e
 Pygame is imported when it is first needed. "Units" below are pixels of the picture.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from dataclasses import dataclass
@@ -199,8 +197,7 @@ class Renderer:
     def _paint_leg(self, joints: Array, depth: float) -> None:
         fade = 0.58 * math.sqrt(depth)
         ink, fill, crank = (_mix(color, SKY, fade) for color in (INK, LINK, CRANK))
-        linkage = self.robot.linkage
-        _, cranks, *others = linkage.edges  # the frame is the chassis
+        _, cranks, *others = self.robot.linkage.edges  # the frame is the chassis
         for edges in others:
             if len(edges) > 2:
                 self._blend(joints[[start for start, _ in edges]], fill, 60 if depth else 95)

@@ -4,8 +4,6 @@ The plan is a YAML file, or the name of one that is shipped. Given again after i
 killed, the same command goes on where it was.
 """
 
-from __future__ import annotations
-
 import argparse
 import shlex
 import sys
@@ -70,11 +68,8 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def enter(folder: Path, plan: Plan) -> None:
-    """Make a search's folder, or check that it is this one's, but for generations and seeds.
-
-    Raises:
-        ValueError: it holds another search; says what differs.
-    """
+    """Make a search's folder, or check that it is this one's, but for generations and seeds. Raises
+    ValueError: it holds another search; says what differs."""
     path, begin = folder / PLAN, folder / ROBOT
     robot, entries = plan.space().base, asdict(plan)
     if path.is_file():

@@ -1,7 +1,5 @@
 """Plan of a search, as YAML, checked whole."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields
@@ -10,7 +8,7 @@ from types import NoneType
 
 from agents.design.measures import GROUPS, MEASURES
 from agents.design.variables import Space
-from jansen_env.checks import listed, named_errors, one_of, shown
+from jansen_env.checks import named_errors, one_of, shown
 from jansen_env.plain_yaml import Rule, check_keys, read_yaml
 from jansen_env.scoring.benchmarks import WALKERS, check_env_kwargs
 from jansen_env.scoring.rollout import EnvKwargs
@@ -30,11 +28,8 @@ KEYS: dict[str, Rule] = {
 
 @dataclass(frozen=True)
 class Plan:
-    """A search; ``docs/design.md`` has what each entry means.
-
-    Raises:
-        ValueError: an entry is not allowed.
-    """
+    """A search; ``docs/design.md`` has what each entry means. Raises ValueError: an entry is not
+    allowed."""
 
     speed: float
     generations: int
@@ -58,15 +53,10 @@ class Plan:
         for name in ("robot", "speed_command", "terrain"):
             if name in self.env_kwargs:
                 raise ValueError(f"env_kwargs has {name!r}, which the search sets")
-        for part in ("objectives", "limits"):
-            for name in getattr(self, part):
-                if name not in MEASURES:
-                    allowed = listed(MEASURES, name)
-                    raise ValueError(f"{part} has {shown(name)}, must be of {allowed}")
-        for name, way in self.objectives.items():
-            Rule(words=("min", "max")).check(f"objectives.{name}", way)
+        ways = dict.fromkeys(MEASURES, Rule(words=("min", "max")))
+        check_keys("objectives", {**self.objectives}, ways)
         for name, ends in self.limits.items():
-            _check_ends(f"limits.{name}", ends)
+            _check_ends(f"limits.{one_of('limits', name, MEASURES)}", ends)
         if len(self.objectives) not in OBJECTIVES[self.method]:
             wanted = " to ".join(map(str, OBJECTIVES[self.method]))
             raise ValueError(
@@ -88,11 +78,8 @@ class Plan:
 
 
 def read_plan(path: str | Path) -> Plan:
-    """Read a plan from a file, or a shipped plan by its name.
-
-    Raises:
-        ValueError: it cannot be read, or an entry is not allowed; names the file.
-    """
+    """Read a plan from a file, or a shipped plan by its name. Raises ValueError: it cannot be read,
+    or an entry is not allowed; names the file."""
     if not Path(path).exists() and not str(path).endswith((".yml", ".yaml")):
         shipped = [file.stem for file in sorted(PLANS.glob("*.yml"))]
         path = PLANS / f"{one_of('plan', str(path), shipped)}.yml"

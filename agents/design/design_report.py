@@ -1,7 +1,6 @@
 """Report of a search: a table, pictures, robot files and profiles."""
 
-from __future__ import annotations
-
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -27,11 +26,8 @@ MOST_OF_FRONT = 20  # designs of a front that are written
 
 
 def write_report(plan: Plan, folder: Path, results: dict[str, Journal]) -> str:
-    """Write robot files, profiles, pictures and the report of searches, by name.
-
-    Returns:
-        The start and the best design, walked from other starts than the search's: a short table.
-    """
+    """Write robot files, profiles, pictures and the report of searches, by name; return a short
+    table: the start and the best design, walked from other starts than the search's."""
     space, best = plan.space(), {name: best_of(plan, rows) for name, rows in results.items()}
     designs = {"start": space.candidate(space.start)}
     for name, result in results.items():
@@ -46,9 +42,7 @@ def write_report(plan: Plan, folder: Path, results: dict[str, Journal]) -> str:
         "search": make_walker(plan), OTHER_STARTS: make_walker(plan, FRESH),
         "half the time step": make_walker(plan, FRESH, time_step=half),
     }  # fmt: skip
-    assembled = {
-        name: "yes" if assembles(design.robot) else "no" for name, design in designs.items()
-    }
+    assembled = {name: assembles(design.robot) for name, design in designs.items()}
     table, walked = [], {}
     for where, walker in walkers.items():
         if where != "search":
@@ -74,20 +68,19 @@ def write_report(plan: Plan, folder: Path, results: dict[str, Journal]) -> str:
     draw_search(plan, results, folder / "search.png")
     write_text(folder / REPORT, text)
 
-    def rank(name: str) -> tuple[float, float]:
-        objective = objectives_of(plan, results[name])[best[name], 0]
-        return short_of[name], float(objective)
-
-    columns = [[name, *walked[name, OTHER_STARTS]] for name in ("start", min(results, key=rank))]
+    ranks = {name: (short_of[name], float(objectives_of(plan, result)[best[name], 0]))
+             for name, result in results.items()}  # fmt: skip
+    winner = min(ranks, key=lambda name: ranks[name])
+    columns = [[name, *walked[name, OTHER_STARTS]] for name in ("start", winner)]
     return screen_table([*zip([OTHER_STARTS, *head], *columns, strict=True)])
 
 
-def assembles(robot: Robot) -> bool:
+def assembles(robot: Robot) -> str:
     """Return whether the workshop drawings find an order of links in which nothing collides."""
-    try:
-        return bool(layers(robot))
-    except ValueError:
-        return False
+    with suppress(ValueError):
+        layers(robot)
+        return "yes"
+    return "no"
 
 
 def write_design(folder: Path, plan: Plan, candidate: Candidate) -> None:

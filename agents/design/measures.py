@@ -1,7 +1,5 @@
 """Measures of a search's candidates: on the ground, in the pins, on steps, of the shape."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence
@@ -22,26 +20,12 @@ from jansen_env.gravity import GRAVITY
 from jansen_env.plants.base import static_deflection
 from jansen_env.plants.batch import Batch
 from jansen_env.plants.trace import trace_forces
-from jansen_env.robot import Bar, Robot
+from jansen_env.robot import Bar, Robot, kinematics
 from jansen_env.robot import buildable as built
-from jansen_env.robot.kinematics import (
-    advance_per_turn,
-    joint_positions,
-    nearest_dead_point,
-    toe_positions,
-    turning,
-)
 from jansen_env.robot.lengths import lengths
 from jansen_env.robot.linkage import CRANK
+from jansen_env.scoring import rollout
 from jansen_env.scoring.metrics import SETTLING, Env, Episodes, horizon, point_estimates
-from jansen_env.scoring.rollout import (
-    EnvKwargs,
-    Options,
-    VectorEnv,
-    make_env,
-    make_envs,
-    run_episodes,
-)
 from jansen_env.tasks.walking.profile import READ, profile_torque
 from jansen_env.tasks.walking.walker_benchmark import ENOUGH, WALKER
 from jansen_env.tasks.walking.walker_env import JansenWalkerEnv
@@ -99,32 +83,32 @@ class Walker:
     """
 
     def __init__(
-        self, env_id: str, env_kwargs: EnvKwargs, speed: float, starts: int, count: int
+        self, env_id: str, env_kwargs: rollout.EnvKwargs, speed: float, starts: int, count: int
     ) -> None:
         self.env_id, self.env_kwargs, self.speed, self.count = env_id, env_kwargs, speed, count
         self.angles = math.pi * (np.arange(starts) + 0.5) / starts
-        self._env = make_env(env_id, env_kwargs)
-        self._envs: dict[tuple[object, ...], VectorEnv] = {}
+        self._start = load_robot("robot", env_kwargs["robot"])
+        self._env = rollout.make_env(env_id, env_kwargs)
+        self._envs: dict[tuple[object, ...], rollout.VectorEnv] = {}
         self.time_limit = horizon(self._env)  # s
 
     @cached_property
     def _shared(self) -> list[tuple[Part, Part]]:
         """Links in one layer of the robot that the search began with."""
-        return shared_planes(load_robot("robot", self.env_kwargs["robot"]))
+        return shared_planes(self._start)
 
     @cached_property
     def _path(self) -> NDArray[np.complex128]:
         """Path of a toe of the robot that the search began with."""
-        return toe_path(load_robot("robot", self.env_kwargs["robot"]))
+        return toe_path(self._start)
 
     def measure(self, group: str, candidates: Sequence[Candidate]) -> dict[str, Array]:
         """Return a group's measures (n,) of candidates by name; NaN for what is not known."""
+        robots = [candidate.robot for candidate in candidates]
         values = {
-            "shape": lambda: [geometry_measures(c.robot) for c in candidates],
-            "planes": lambda: [{"clearance": clearance(c.robot, self._shared)} for c in candidates],
-            "path": lambda: [
-                {"path_error": path_error(toe_path(c.robot), self._path)} for c in candidates
-            ],
+            "shape": lambda: [geometry_measures(robot) for robot in robots],
+            "planes": lambda: [{"clearance": clearance(r, self._shared)} for r in robots],
+            "path": lambda: [{"path_error": path_error(toe_path(r), self._path)} for r in robots],
             "walk": lambda: self.walk(candidates),
             "climb": lambda: self._climb(candidates),
             "loads": lambda: [self._loads(c) for c in candidates],
@@ -144,13 +128,11 @@ class Walker:
         self, candidates: Sequence[Candidate], angles: Array, grounds: Sequence[Terrain] = ()
     ) -> list[Episodes]:
         """Return each candidate's episodes, one from each crank angle, on its ground or level."""
-        runs: list[Episodes] = []
-        for begin in range(0, len(candidates), self.count):
-            runs += self._batch([*candidates[begin : begin + self.count]], angles, grounds)
-        return runs
+        parts = [candidates[i : i + self.count] for i in range(0, len(candidates), self.count)]
+        return [run for part in parts for run in self._batch(part, angles, grounds)]
 
     def _batch(
-        self, candidates: list[Candidate], angles: Array, grounds: Sequence[Terrain]
+        self, candidates: Sequence[Candidate], angles: Array, grounds: Sequence[Terrain]
     ) -> list[Episodes]:
         """:meth:`_run` of up to ``count`` candidates."""
         # Batches have few sizes, and are kept: places to spare walk the last candidate again.
@@ -160,14 +142,14 @@ class Walker:
         robots = np.empty(n, object)
         robots[:] = [candidate.robot for candidate in padded for _ in angles]
         kwargs = {**self.env_kwargs, "robot": padded[0].robot}
-        options: Options = {"crank_angle": np.tile(angles, count), "robot": robots}
+        options: rollout.Options = {"crank_angle": np.tile(angles, count), "robot": robots}
         if grounds:
             kwargs["terrain"] = [*grounds] * count
         key = n, each, bool(grounds)
         if key not in self._envs:
-            self._envs[key] = make_envs(self.env_id, kwargs, n)
+            self._envs[key] = rollout.make_envs(self.env_id, kwargs, n)
         numbers = np.repeat([candidate.numbers for candidate in padded], each, axis=0)
-        run = run_episodes(
+        run = rollout.run_episodes(
             profiles(numbers, self._env), self.env_id, kwargs,
             np.full(n, self.speed), SEED + np.arange(n) % each,
             at_once=n, options=options, envs=self._envs[key],
@@ -242,7 +224,7 @@ def loads_of_walk(
     tables = compile_robot(robot)
     force = trace_forces(tables, every, time_step).magnitude
     pairs = [(pin.other, pin.body) for pin in robot.linkage.pins]
-    rate = turning(robot, every["pose"][:, 3], pairs)  # rad of each pin per rad of the crank
+    rate = kinematics.turning(robot, every["pose"][:, 3], pairs)  # of pins, per rad of the crank
     rate *= np.abs(every["velocity_after"][:, 3, None, None])
     work = float((force * rate).sum()) * built.PIN_RADIUS * time_step * TRACED
     walked = float(trace["pose"][-1, 0] - trace["pose"][0, 0])
@@ -269,21 +251,21 @@ def geometry_measures(robot: Robot) -> dict[str, float]:
     sizes = {name: abs(value) for name, value in lengths(robot).items() if name != "frame_angle"}
     known = {"mass": robot.mass, "longest": max(sizes.values())}
     try:
-        closure = nearest_dead_point(robot, SAMPLES)[0]
+        closure = kinematics.nearest_dead_point(robot, SAMPLES)[0]
         compile_robot(robot)
         static_deflection(robot, GRAVITY)
     except ValueError:  # it does not close, all but does not, or is too heavy for its feet
         return known | {"closure": -1.0, **dict.fromkeys(OF_PATHS, math.nan)}
     angles = np.linspace(0.0, 2.0 * math.pi, SAMPLES, endpoint=False)
-    place = joint_positions(robot, "fore", angles)
-    toes = toe_positions(robot, angles)
+    place = kinematics.joint_positions(robot, "fore", angles)
+    toes = kinematics.toe_positions(robot, angles)
     heights = toes[..., 1]
     lowest = heights.min(axis=1)  # on which it stands, level
     above, height = heights - lowest[:, None], -float(lowest.mean())
     paths = (
         height, 2.0 * np.abs(place[..., 0]).max(), above.max(),
         min(map(_opening, toes.swapaxes(0, 1))), np.ptp(lowest),
-        (above <= NEAR * height).mean(), abs(advance_per_turn(robot, SAMPLES)),
+        (above <= NEAR * height).mean(), abs(kinematics.advance_per_turn(robot, SAMPLES)),
     )  # fmt: skip
     return known | {"closure": closure, **dict(zip(OF_PATHS, map(float, paths), strict=True))}
 
@@ -308,7 +290,7 @@ def evenly(path: Array) -> NDArray[np.complex128]:
 def toe_path(robot: Robot) -> NDArray[np.complex128]:
     """Return the path of the first toe, as :func:`evenly` does; LinkageError: it is not closed."""
     angles = np.linspace(0.0, 2.0 * math.pi, PATH_POINTS, endpoint=False)
-    return evenly(toe_positions(robot, angles)[:, 0])
+    return evenly(kinematics.toe_positions(robot, angles)[:, 0])
 
 
 def path_error(path: NDArray[np.complex128], target: NDArray[np.complex128]) -> float:
@@ -323,10 +305,7 @@ def path_error(path: NDArray[np.complex128], target: NDArray[np.complex128]) -> 
 
 def shared_planes(robot: Robot) -> list[tuple[Part, Part]]:
     """Return the links that lie in one layer of a unit of legs, as the workshop drawings have it.
-
-    Raises:
-        ValueError: its links collide in any order.
-    """
+    Raises ValueError: its links collide in any order."""
     first = [placed for placed in layers(robot) if placed.unit == 0]
     return [
         ((a.leg, a.body - 1), (b.leg, b.body - 1))
@@ -337,12 +316,10 @@ def shared_planes(robot: Robot) -> list[tuple[Part, Part]]:
 def clearance(robot: Robot, planes: Sequence[tuple[Part, Part]]) -> float:
     """Least gap between links that lie in one plane, over a turn, m; below 0: they meet."""
     turn = np.linspace(0.0, 2.0 * math.pi, SAMPLES // 2, endpoint=False)
-    place = {
-        k: joint_positions(robot, robot.legs[k].side, turn + robot.legs[k].phase) @ PLANE
+    at = {
+        k: kinematics.joint_positions(robot, robot.legs[k].side, turn + robot.legs[k].phase) @ PLANE
         for k in {leg for pair in planes for leg, _ in pair}
     }
     members = robot.linkage.members
-    gaps = [
-        gap(place[i][:, members[a]], place[k][:, members[b]]).min() for (i, a), (k, b) in planes
-    ]
+    gaps = [gap(at[i][:, members[a]], at[k][:, members[b]]).min() for (i, a), (k, b) in planes]
     return float(min(gaps, default=math.inf)) - built.WIDTH

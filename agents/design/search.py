@@ -4,8 +4,6 @@ The journal is the whole state: the same seed and answers give the same question
 was killed asks again, tells what it had measured, and goes on where it was, bit for bit.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
@@ -32,9 +30,6 @@ Journal: TypeAlias = NDArray[np.void]
 """All that a search has measured (n,): "unit", variables (d,) from 0 to 1; each measure by name;
 "violation" of its limits, 0 where all are kept."""
 
-Progress: TypeAlias = Callable[[Journal], object]
-"""Gets all that is measured after each generation."""
-
 
 def best_of(plan: Plan, journal: Journal) -> int:
     """Return the index of the best of those that keep all limits, else of the nearest to it."""
@@ -43,15 +38,11 @@ def best_of(plan: Plan, journal: Journal) -> int:
 
 def front_of(plan: Plan, journal: Journal) -> list[int]:
     """Return indices of those that keep all limits and that no other is better than in all."""
+    from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
+
     objectives, kept = objectives_of(plan, journal), np.flatnonzero(journal["violation"] == 0.0)
-    feasible = objectives[kept]
-
-    def beaten(k: int) -> bool:
-        no_worse = (feasible <= objectives[k]).all(axis=1)
-        return bool((no_worse & (feasible < objectives[k]).any(axis=1)).any())
-
-    front = [k for k in kept.tolist() if not beaten(k)]
-    return sorted(front, key=lambda k: float(objectives[k, 0]))
+    front = NonDominatedSorting().do(objectives[kept], only_non_dominated_front=True)
+    return sorted(kept[front].tolist(), key=lambda k: float(objectives[k, 0]))
 
 
 class Cma:
@@ -143,10 +134,8 @@ def measure(
     for group, units in GROUPS.items():
         if not able.any() or not {*units} & {*measured}:
             continue
-        part = [
-            c for c, fits in zip(candidates, able.tolist(), strict=True) if fits and c is not None
-        ]
-        values = walker.measure(group, part)
+        fit = [each for k in np.flatnonzero(able).tolist() if (each := candidates[k])]
+        values = walker.measure(group, fit)
         for name in {*values} & {*measured}:
             measured[name][able] = values[name]
         able &= (broken(plan, measured, values) == 0.0) & (measured["closure"] > 0.0)
@@ -171,19 +160,19 @@ def broken(plan: Plan, measured: Measured, names: Collection[str]) -> Array:
     return total
 
 
-def run_search(plan: Plan, seed: int, folder: Path, progress: Progress = lambda _: None) -> Journal:
-    """Search, from where the folder's journal ends; returns all that was measured.
+def run_search(
+    plan: Plan, seed: int, folder: Path, progress: Callable[[Journal], object] = lambda _: None
+) -> Journal:
+    """Search, from where the folder's journal ends; returns all that was measured. ``progress``
+    gets what is measured so far after each generation.
 
-    Raises:
-        ValueError: the journal is damaged, of another search, or another process writes it.
+    Raises ValueError: the journal is damaged, of another search, or another process writes it.
     """
     folder.mkdir(parents=True, exist_ok=True)
     space, path, n, end = plan.space(), folder / JOURNAL, plan.population, 0
     walker = make_walker(plan)
-    search = (
-        Cma(space.start, n, seed) if plan.method == "cma"
-        else Nsga2(space.start, n, seed, len(plan.objectives))
-    )  # fmt: skip
+    search = (Cma(space.start, n, seed) if plan.method == "cma"
+              else Nsga2(space.start, n, seed, len(plan.objectives)))  # fmt: skip
     with locked(folder):
         journal = read_journal(path, plan)
         for end in range(n, n * plan.generations + 1, n):

@@ -1,7 +1,5 @@
 """Variables of a search: lengths, and the numbers of a crank-speed profile."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 
@@ -50,8 +48,7 @@ class Space:
         wanted: "lengths": share by which each may change, or shares by name; "harmonics": K of the
             profile, without which it is no variable.
 
-    Raises:
-        ValueError: an unknown name, or a value that is not allowed.
+    Raises ValueError: an unknown name, or a value that is not allowed.
     """
 
     def __init__(
@@ -59,12 +56,10 @@ class Space:
     ) -> None:
         check_keys("variables", wanted, KINDS)
         self.base = load_robot("robot", robot)
-        shipped = DATA, tuned_for(self.base, TUNED)
-        source = shipped if profile is None else (profile, "found")
+        source = (DATA, tuned_for(self.base, TUNED)) if profile is None else (profile, "found")
         numbers = load_profile(*source).at(np.array([speed]))[0]
-        self._profile = _profile_variables(
-            numbers, int(wanted.get("harmonics", len(numbers) // 2 - 2))
-        )
+        harmonics = int(wanted.get("harmonics", len(numbers) // 2 - 2))
+        self._profile = _profile_variables(numbers, harmonics)
         self._lengths = _length_variables(self.base, wanted.get("lengths", {}))
         self.variables = [*self._lengths, *(self._profile if "harmonics" in wanted else [])]
         if not self.variables:
@@ -73,11 +68,8 @@ class Space:
         self.start: Array = (start - self._low) / (self._high - self._low)
 
     def candidate(self, unit: Array) -> Candidate:
-        """Return what numbers (d,) from 0 to 1 stand for.
-
-        Raises:
-            ValueError: lengths that form no triangle.
-        """
+        """Return what numbers (d,) from 0 to 1 stand for. Raises ValueError: lengths that form no
+        triangle."""
         numbers = self._low + np.clip(unit, 0.0, 1.0) * (self._high - self._low)
         values = dict(zip((v.name for v in self.variables), numbers.tolist(), strict=True))
         robot = with_lengths(self.base, {v.name: values[v.name] for v in self._lengths})

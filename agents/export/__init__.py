@@ -1,8 +1,6 @@
 """Take a policy along: ``python -m agents.export RUN --to onnx --to c`` writes it for onnxruntime
 and as C99 source for a microcontroller; ``--to firmware`` with sensors and safety functions."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -30,9 +28,8 @@ def export(
         kinds: of :data:`KINDS`. out: the folder.
         name: of the files, and of functions in C; None for one such as jansen_walker_v0_ppo.
 
-    Raises:
-        ValueError: there is no such policy, it is damaged, or it has a part that cannot be packed;
-            the name is none for C, or the policy none for firmware.
+    Raises ValueError: there is no such policy, it is damaged, or it has a part that cannot be
+    packed; the name is none for C, or the policy none for firmware.
     """
     if (file := shipped_file(run, env_id or DEFAULT)) is None and env_id is not None:
         raise ValueError(f"--env is {env_id}, but {run} says itself what it was trained on")

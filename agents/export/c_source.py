@@ -5,8 +5,6 @@ a policy's file come into comments and identifiers after :func:`comment` and :fu
 leave nothing of them that C could take for code.
 """
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
@@ -68,16 +66,14 @@ def sources(policy: PretrainedPolicy, name: str) -> dict[str, str]:
 
     The last one is a program that reads observations and prints actions.
     """
-    values = {"places": places(policy, check_name(name))}
-    return _render("policy.c.in", PARTS, policy, name, values)
+    return _render("policy.c.in", PARTS, policy, name, {"places": places(policy, check_name(name))})
 
 
 def firmware(policy: PretrainedPolicy, name: str) -> dict[str, str]:
     """Return header and source of firmware: from sensors to a torque, and when to stop.
 
-    Raises:
-        ValueError: the policy observes what no onboard sensor gives, has no limit of its torque's
-            rate, or walks backwards.
+    Raises ValueError: the policy observes what no onboard sensor gives, has no limit of its
+    torque's rate, or walks backwards.
     """
     if unknown := [seen for seen in policy.observed if seen not in SENSED]:
         allowed = f"must be of {[*SENSED]}, as of environments with observe='onboard'"

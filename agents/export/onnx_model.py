@@ -5,8 +5,6 @@ The input is ``observation`` (N, d) float32; outputs are ``action`` (N, 1), from
 :meth:`jansen_env.policies.pretrained.PretrainedPolicy.predict` does.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 import warnings
@@ -68,7 +66,7 @@ def _features(block: Features, seen: Tensor) -> Tensor:
     return torch.cat(parts, dim=1)
 
 
-def build(policy: PretrainedPolicy, name: str) -> onnx.ModelProto:
+def build(policy: PretrainedPolicy, name: str) -> "onnx.ModelProto":
     """Return the model of a policy, checked; ``name``: of the graph."""
     import onnx
 

@@ -1,7 +1,5 @@
 """Callbacks of a training run: checkpoints, evaluations, observation statistics."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 
@@ -13,13 +11,8 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
+from agents.training import training_state
 from agents.training.runs import BEST, best_score, read_evaluations, replay_path
-from agents.training.training_state import (
-    read_state,
-    restore_generators,
-    save_model,
-    save_replay_buffer,
-)
 from jansen_env.files import write_json
 from jansen_env.sb3.run_config import Arguments, RunConfig
 from jansen_env.sb3.trained import NormalizedObservation
@@ -66,7 +59,7 @@ class Saver(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         if self._state is not None:
-            restore_generators(self.model, self._state)
+            training_state.restore_generators(self.model, self._state)
             self._state = None
         steps = self.model.num_timesteps
         if self.save_every and steps >= self._next_save:
@@ -89,8 +82,9 @@ class Saver(BaseCallback):
         if replay_buffer is not None:
             for old in {*self.folder.glob("replay_buffer*.npz")} - {file, self._replay_buffer}:
                 old.unlink()
-            save_replay_buffer(replay_buffer, file)
-        save_model(self.model, path, {"state": read_state(self.model)})
+            training_state.save_replay_buffer(replay_buffer, file)
+        notes = {"state": training_state.read_state(self.model)}
+        training_state.save_model(self.model, path, notes)
         self._replay_buffer = file
 
     def evaluate(self) -> None:
@@ -116,7 +110,7 @@ class Saver(BaseCallback):
         if better:
             self.best = score
             # Its score in the same file: no kill can part the two.
-            save_model(self.model, self.folder / BEST, row)
+            training_state.save_model(self.model, self.folder / BEST, row)
         self.history.append(row)
         write_json(self.folder / "evaluations.json", self.history)
 

@@ -1,8 +1,6 @@
 """Run folders: config.yml, command.txt, best_model.zip, final_model.zip, evaluations.json,
 checkpoints/model_STEPS_steps.zip, tensorboard/ and, of SAC, replay_buffer_STEPS.npz."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

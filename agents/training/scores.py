@@ -1,7 +1,5 @@
 """Scores of a run's best model beside the baselines: files in its folder, and the final summary."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from agents.training.runs import BEST, FINAL, read_evaluations

@@ -1,7 +1,5 @@
 """Training with Stable-Baselines3: a model on its environments, from start or checkpoint."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
@@ -46,13 +44,10 @@ class TrainingReward(VecEnvWrapper):
 
 
 def prepare(config: RunConfig, resume: Path | None = None) -> BaseAlgorithm:
-    """Build the model that a configuration describes, on its environments; writes nothing.
+    """Build the model that a configuration describes, on its environments, or resume from a
+    checkpoint; writes nothing.
 
-    Args:
-        resume: a checkpoint to resume from.
-
-    Raises:
-        ValueError: something in the configuration or the files is wrong.
+    Raises ValueError: something in the configuration or the files is wrong.
     """
     kwargs, variants = training_envs(config)
     venv = make_vec_env(config.env, config.n_envs, env_kwargs=kwargs, variants=variants)
@@ -123,9 +118,8 @@ def train(
         tensorboard: folder of its log, None for none. progress: whether to show a bar.
         more_callbacks: of Stable-Baselines3, called after an evaluation at the same step.
 
-    Raises:
-        SystemExit: Ctrl-C (status 130), the policy's actions are no longer finite, or a file cannot
-            be written: what was saved before stays good.
+    Raises SystemExit: Ctrl-C (status 130), the policy's actions are no longer finite, or a file
+    cannot be written: what was saved before stays good.
     """
     venv = model.get_env()
     assert venv is not None

@@ -5,8 +5,6 @@ global generators, the exploration noise where rollouts keep it, and the replay 
 rollout begins, it leaves nothing out. All of it is numbers, read without running code.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import zipfile
@@ -154,11 +152,8 @@ def save_replay_buffer(buffer: ReplayBuffer, path: Path) -> None:
 
 
 def load_replay_buffer(buffer: ReplayBuffer, path: Path) -> None:
-    """Fill a new buffer with what :func:`save_replay_buffer` has written.
-
-    Raises:
-        ValueError: not such a file, or one of a buffer of another size or other environments.
-    """
+    """Fill a new buffer with what :func:`save_replay_buffer` has written. Raises ValueError: not
+    such a file, or one of a buffer of another size or other environments."""
     try:
         with open_regular(path) as file, np.load(file, allow_pickle=False) as archive:
             size = sum(member.file_size for member in archive.zip.infolist())

@@ -1,7 +1,5 @@
 """The paper's controller of the crank, equation (13), for one robot or many."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -33,7 +31,7 @@ class PID:
         control_dt: float,
         torque_limit: float = math.inf,
     ) -> tuple[Array, Array]:
-        """The torque, not clipped, and the integral to pass at the next control step.
+        """The torque (...), N m, not clipped, and the integral (...), rad s, to pass next.
 
         Args:
             error: (...) e, rad. error_rate: (...) de/dt, rad/s.
@@ -41,9 +39,6 @@ class PID:
             control_dt: control period, s.
             torque_limit: N m; where the torque reaches it the integral stays as it was
                 (conditional integration, against wind-up).
-
-        Returns:
-            Torque (...), N m, and integral (...), rad s.
         """
         before = np.asarray(integral, dtype=float)
         summed = before + np.asarray(error, dtype=float) * control_dt

@@ -1,7 +1,5 @@
 """The policy protocol, and controllers of the crank's torque as policies: the paper's PID (13)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, Protocol, TypeAlias
 
@@ -90,9 +88,8 @@ def pid_policy(
     def controller(observations: Array, memory: Memory, starts: Bools) -> tuple[Array, Memory]:
         before, integral = memory or (None, 0.0)  # the reference's memory; rad s
         error, error_rate, after = reference(observations, before, starts)
-        torque, integral = pid.torque(
-            error, error_rate, np.where(starts, 0.0, integral), control_dt, torque_limit
-        )
+        integral = np.where(starts, 0.0, integral)
+        torque, integral = pid.torque(error, error_rate, integral, control_dt, torque_limit)
         return torque, (after, integral)
 
     return TorquePolicy(controller, torque_limit)
@@ -101,8 +98,7 @@ def pid_policy(
 def columns(env: Controlled, *names: str) -> list[int]:
     """Return where names stand in the observation of an environment, single or batched.
 
-    Raises:
-        ValueError: the environment does not show one of them.
+    Raises ValueError: the environment does not show one of them.
     """
     inner: Controlled = getattr(env, "unwrapped", env)
     shown = [entry.name for entry in inner.observed]

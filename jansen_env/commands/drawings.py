@@ -5,8 +5,6 @@
 ROBOT is the name of a design or the path of a robot file. See ``docs/drawings.md``.
 """
 
-from __future__ import annotations
-
 import argparse
 import re
 from pathlib import Path
@@ -57,8 +55,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--sheet", type=_sheet, default=SHEET, metavar="WIDTHxHEIGHT",
                         help="mm; default: %(default)s")  # fmt: skip
     parser.add_argument("--kerf", type=float, default=0.0, metavar="MM",
-                        help="width of the cut, that lines make room for; default: 0"
-                        )  # fmt: skip
+                        help="width of the cut, that lines make room for; default: 0")  # fmt: skip
     parser.add_argument("--fit", type=_fit, default=(0.0, 0.0, 0.0), metavar="PROCESS",
                         help=f"{', '.join(FITS)}; or PRESS,SLIDE,CLEAR, mm that holes are larger "
                         "in diameter; default: 0,0,0")  # fmt: skip

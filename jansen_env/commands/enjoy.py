@@ -1,7 +1,5 @@
 """Show a policy in a window, or film it as GIF or MP4: ``jansen-env enjoy``."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import re
@@ -101,10 +99,7 @@ def check_suffix(path: str | Path) -> str:
 
 def save_video(frames: Iterable[Picture], path: str | Path, frame_time: float) -> None:
     """Write frames (height, width, 3), of one even size, as they come, as an endless .gif or .mp4.
-
-    Raises:
-        ValueError: another suffix.
-    """
+    Raises ValueError: another suffix."""
     write = _write_mp4 if check_suffix(path) == ".mp4" else _write_gif
     write_whole(path, lambda name: write(iter(frames), name, frame_time))
 
@@ -181,12 +176,8 @@ def record(policies: dict[str, Policy], args: argparse.Namespace, path: Path) ->
     """Film the episodes; policies, by title, one above the other from the same starts."""
     titles = policies if len(policies) > 1 else [None]
     with ExitStack() as opened:
-        envs = [
-            opened.enter_context(
-                closing(make_env(args.env, args.env_kwargs, render_mode="rgb_array"))
-            )
-            for _ in policies
-        ]
+        made = (make_env(args.env, args.env_kwargs, render_mode="rgb_array") for _ in policies)
+        envs = [opened.enter_context(closing(env)) for env in made]
         dt = envs[0].get_wrapper_attr("control_dt")
         every = max(1, round(FRAME_TIME[path.suffix] / dt))
         films = (

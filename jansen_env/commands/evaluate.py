@@ -5,8 +5,6 @@ environment's range, under each friction and foot stiffness, or with ``--levels`
 level. None is tuned again.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 from collections.abc import Sequence
@@ -143,8 +141,7 @@ def score_conditions(
 
     The conditions are terrain ``levels``, or each friction and each foot stiffness without any.
 
-    Raises:
-        ValueError: an argument out of range, or feet that give and a restitution above 0.
+    Raises ValueError: an argument out of range, or feet that give and a restitution above 0.
     """
     sweeps: Sweeps = {LEVEL: {}} if levels else {FRICTION: {}, FEET: {}}
     for policies, env_kwargs in loaded:

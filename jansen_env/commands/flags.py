@@ -1,7 +1,5 @@
 """Flags that commands share."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -110,8 +108,7 @@ def policy_parser(
         help=f"a baseline ({named}), 'pretrained', a run's folder, or a file of a model or policy; "
         "repeat to compare")  # fmt: skip
     add("--env", default=DEFAULT, type=imported_env_id, metavar="ID",
-        help=f"environment: {', '.join(IDS)}, or MODULE:ID; default: %(default)s"
-        )  # fmt: skip
+        help=f"environment: {', '.join(IDS)}, or MODULE:ID; default: %(default)s")  # fmt: skip
     add("--env-kwargs", default={}, type=mapping, metavar="YAML",
         help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
     add("--seed", type=non_negative_int, default=0, help="seed of the starts; default: 0")

@@ -1,7 +1,5 @@
 """Write a robot as MJCF, the format of MuJoCo, on level ground."""
 
-from __future__ import annotations
-
 from jansen_env.commands.flags import robot_parser
 from jansen_env.export_mjcf import to_mjcf
 from jansen_env.files import write_text

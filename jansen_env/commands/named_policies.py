@@ -1,7 +1,5 @@
 """Policies by the names and files that commands are given."""
 
-from __future__ import annotations
-
 import argparse
 import os
 from collections.abc import Sequence
@@ -42,8 +40,7 @@ def load_named(name: str, env: Any) -> Policy:
     ``name``: a baseline, ``"pretrained"``, ``"pretrained:NAME"``, a searched profile
     ``"profile:FILE"``, a run's folder, or the file of a model or policy.
 
-    Raises:
-        ValueError: there is none of this name, or it does not fit the environment.
+    Raises ValueError: there is none of this name, or it does not fit the environment.
     """
     env_id = env.spec.id
     baselines, path = find_benchmark(env_id).baselines, shipped_file(name, env_id) or Path(name)
@@ -94,11 +91,8 @@ def label(name: str) -> str:
 
 
 def labels(names: list[str]) -> list[str]:
-    """Return :func:`label` of each policy, or the given names where two would share one.
-
-    Raises:
-        ValueError: a policy is given twice.
-    """
+    """Return :func:`label` of each policy, or the given names where two would share one. Raises
+    ValueError: a policy is given twice."""
     policies = [model_file(name) or name for name in names]
     for policy, name in zip(policies, names, strict=True):
         if (times := policies.count(policy)) > 1:
@@ -108,11 +102,8 @@ def labels(names: list[str]) -> list[str]:
 
 
 def load_all(args: argparse.Namespace, commands: Sequence[float] = ()) -> Loaded:
-    """Return for each plant the policies by label, and the environment's arguments.
-
-    Raises:
-        ValueError: a policy, an argument or one of the commands is not allowed.
-    """
+    """Return for each plant the policies by label, and the environment's arguments. Raises
+    ValueError: a policy, an argument or one of the commands is not allowed."""
     names = dict(zip(labels(args.policy), args.policy, strict=True))
     loaded: Loaded = []
     for plant in dict.fromkeys(getattr(args, "plant", ())) or [None]:

@@ -1,7 +1,5 @@
 """Reproduce the paper: ``jansen-env paper --out DIR``."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 

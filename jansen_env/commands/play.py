@@ -1,7 +1,5 @@
 """Write the page on which robots walk, and open it: ``jansen-env play``."""
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 import webbrowser

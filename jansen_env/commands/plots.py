@@ -1,7 +1,5 @@
 """Figures and files of scores."""
 
-from __future__ import annotations
-
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
@@ -94,7 +92,7 @@ def plot_sweeps(sweeps: Sweeps, metrics: dict[str, Metric], path: Path) -> Path:
     return save(figure, path)
 
 
-def _draw_curve(axis: Axes, metric: Metric, x: Array, intervals: Array, label: str) -> None:
+def _draw_curve(axis: "Axes", metric: Metric, x: Array, intervals: Array, label: str) -> None:
     """Draw a metric over ``x`` (n,): ``intervals`` (3, n) are values, lower and upper ends."""
     from matplotlib.ticker import LogLocator
 
@@ -111,6 +109,6 @@ def _draw_curve(axis: Axes, metric: Metric, x: Array, intervals: Array, label: s
     axis.errorbar(x, value, spread, fmt="o-", markersize=4, elinewidth=0.8, capsize=2, label=label)
 
 
-def save(figure: Figure, path: str | Path) -> Path:
+def save(figure: "Figure", path: str | Path) -> Path:
     """Write a figure whole; returns ``path``."""
     return write_whole(path, lambda name: figure.savefig(name, dpi=120))

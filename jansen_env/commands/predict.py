@@ -5,8 +5,6 @@ Latin hypercube sampling. The crank turns at a constant speed under the paper's 
 is stopped in the end.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping
@@ -231,8 +229,7 @@ def climb(robots: list[Robot], known: dict[str, Array], speed: float) -> Array:
         ground = one_step(math.copysign(STEP_AT, speed), height)
         run, _ = walk(robots, known, speed, ground, 2.0 * math.pi * turns / abs(speed))
         climbed.append(~run["fallen"][-1] & (np.abs(run["x_position"][-1]) > BEYOND))
-    count = np.cumprod(climbed, axis=0).sum(axis=0).astype(int)
-    return np.append(0.0, STEPS)[count]
+    return np.append(0.0, STEPS)[np.cumprod(climbed, axis=0).sum(axis=0).astype(int)]
 
 
 def summary(values: Array, inputs: dict[str, Array]) -> dict[str, Any]:

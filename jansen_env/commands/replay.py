@@ -1,7 +1,5 @@
 """Record walks, and write a web page that replays them: ``jansen-env replay``."""
 
-from __future__ import annotations
-
 import argparse
 import re
 from contextlib import closing

@@ -5,16 +5,13 @@ built and trained, and what it scores; ``NAME.safetensors`` has the weights. ``d
 describes the format; ``python -m agents.pack`` writes it.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import gymnasium as gym
 import numpy as np
@@ -23,15 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from safetensors.numpy import load as read_tensors
 
 from jansen_env.arrays import Array
-from jansen_env.checks import (
-    instance,
-    one_of,
-    positive_integer,
-    positive_single,
-    shown,
-    whole_number,
-    within,
-)
+from jansen_env.checks import instance, one_of, positive_single, shown, whole_number, within
 from jansen_env.engine.layers import ELU, LINEAR, RELU, TANH, put_actions, put_harmonics
 from jansen_env.files import read_bounded
 from jansen_env.plants.plant import plant_time_step
@@ -57,8 +46,7 @@ ACTIVATIONS: dict[str | None, int] = {"tanh": TANH, "relu": RELU, "elu": ELU, No
 SQUASH = {"clip": LINEAR, "tanh": TANH}
 
 
-@dataclass(frozen=True, eq=False)
-class Plain:
+class Plain(NamedTuple):
     """Observations as they are; ``size``: how many numbers."""
 
     size: int
@@ -67,8 +55,7 @@ class Plain:
         return seen
 
 
-@dataclass(frozen=True, eq=False)
-class Normalized:
+class Normalized(NamedTuple):
     """clip((observation - mean) / deviation, -clip, clip) with mean, deviation (size,)."""
 
     mean: Array
@@ -83,8 +70,7 @@ class Normalized:
         return np.clip((seen - self.mean) / self.deviation, -self.clip, self.clip)
 
 
-@dataclass(frozen=True, eq=False)
-class Harmonics:
+class Harmonics(NamedTuple):
     """cos k psi, sin k psi of each k of ``multiples``; psi is the crank angle, whose cosine and
     sine are the first two observations."""
 
@@ -103,8 +89,7 @@ class Harmonics:
 Features: TypeAlias = Plain | Normalized | Harmonics
 
 
-@dataclass(frozen=True, eq=False)
-class Layer:
+class Layer(NamedTuple):
     """activation(weight x + bias)."""
 
     weight: Array  # (units, inputs)
@@ -116,10 +101,9 @@ class Network:
     """Layers as one function of inputs (n, width), the same alone and among others.
 
     Args:
-        layers: at least one. limit: the most that the last may give. squash: one of :data:`SQUASH`.
-
-    Attributes:
-        layers, weights: as :func:`jansen_env.engine.layers.put_actions` takes them.
+        layers: at least one; as an attribute, and ``weights``, as
+            :func:`jansen_env.engine.layers.put_actions` takes them.
+        limit: the most that the last may give. squash: one of :data:`SQUASH`.
     """
 
     def __init__(self, layers: Sequence[Layer], limit: float, squash: str) -> None:
@@ -149,9 +133,8 @@ class PretrainedPolicy:
             the most that their output may be; the function of that.
             Clipped to -1 .. 1: share of the torque limit.
 
-    Raises:
-        ValueError: something in the description is missing or not allowed, does not fit the
-            tensors or the environment, or is beyond float32, in which C may compute.
+    Raises ValueError: something in the description is missing or not allowed, does not fit the
+    tensors or the environment, or is beyond float32, in which C may compute.
     """
 
     def __init__(self, description: Json, tensors: Tensors) -> None:
@@ -181,8 +164,11 @@ class PretrainedPolicy:
             raise ValueError("network.features has no numbers, must have some")
         self.layers: list[Layer] = []
         for layer in _entry(network, "layers", list):
-            self.layers.append(self._layer(layer, width))
-            width = len(self.layers[-1].bias)
+            units = whole_number("units", instance("a layer", layer, dict).get("units"), least=1)
+            activation = one_of("activation", layer.get("activation"), ACTIVATIONS)
+            weight = self._tensor(layer, "weight", (units, width))
+            self.layers.append(Layer(weight, self._tensor(layer, "bias", (units,)), activation))
+            width = units
         if width != 1 or not self.layers:
             raise ValueError(f"the last layer has {width} units, must have 1: the action")
         self.limit = np.inf if (m := network.get("limit")) is None else positive_single("limit", m)
@@ -208,13 +194,6 @@ class PretrainedPolicy:
         self.scale = mean, np.maximum(np.sqrt(variance), floor)
         return Normalized(*self.scale, clip)
 
-    def _layer(self, layer: Json, width: int) -> Layer:
-        instance("a layer", layer, dict)
-        units = positive_integer("units", layer.get("units"))
-        activation = one_of("activation", layer.get("activation"), ACTIVATIONS)
-        weight = self._tensor(layer, "weight", (units, width))
-        return Layer(weight, self._tensor(layer, "bias", (units,)), activation)
-
     def _tensor(self, part: Json, key: str, shape: tuple[int, ...]) -> Array:
         """Return the tensor that ``part`` names, of this shape."""
         name = _entry(part, key, str)
@@ -224,15 +203,12 @@ class PretrainedPolicy:
             raise ValueError(f"tensor {name!r} has shape {given}, must have {shape}")
         return self.tensors[name].astype(np.float64)
 
-    def on(self, env: Any) -> PretrainedPolicy:
-        """Return this policy for an environment that may show more; columns are found by name.
+    def on(self, env: Any) -> "PretrainedPolicy":
+        """Return this policy for an environment, of one robot or many, that may show more; columns
+        are found by name.
 
-        Args:
-            env: of one robot or many, as ``gym.make`` or ``gym.make_vec`` made it.
-
-        Raises:
-            ValueError: the environment does not show all that the policy observes, or its robot has
-                another number of toes.
+        Raises ValueError: the environment does not show all that the policy observes, or its robot
+        has another number of toes.
         """
         names = [entry.name for entry in env.unwrapped.observed]
         if missing := [name for name in self.observed if name not in names]:
@@ -262,8 +238,7 @@ class PretrainedPolicy:
         :meth:`on`. Computed in float64, the same on every processor, alone and among others;
         without noise, whatever ``deterministic`` says.
 
-        Raises:
-            ValueError: observations of another size.
+        Raises ValueError: observations of another size.
         """
         x, size = np.asarray(observation, dtype=np.float64), self._shown
         if x.ndim not in (1, 2) or x.shape[-1] != size:
@@ -277,8 +252,7 @@ class PretrainedPolicy:
 def arguments_of(env_id: str) -> Json:
     """Return the default arguments of an environment of this package, and its time limit.
 
-    Raises:
-        ValueError: the package has no environment of this id.
+    Raises ValueError: the package has no environment of this id.
     """
     spec = gym.spec(one_of("env.id", env_id, sorted(IDS)))
     env: Any = load_env_creator(str(spec.entry_point))
@@ -290,9 +264,8 @@ def check_action(
 ) -> None:
     """Check a policy's torque limit (N m) and control period (s) against its environment.
 
-    Raises:
-        ValueError: they differ; there is no such environment; the period is out of range; or an
-            episode has no end, or more than :data:`MOST_TIME_STEPS` time steps.
+    Raises ValueError: they differ; there is no such environment; the period is out of range; or an
+    episode has no end, or more than :data:`MOST_TIME_STEPS` time steps.
     """
     given = {**arguments_of(env_id), **env_kwargs}
     env: Any = load_env_creator(str(gym.registry[env_id].entry_point))
@@ -306,7 +279,7 @@ def check_action(
     ):
         if not math.isclose(value, needed):
             raise ValueError(f"{name} is {value}, must be {needed} as of {env_id} with env.kwargs")
-    steps = positive_integer("max_episode_steps", given["max_episode_steps"])
+    steps = whole_number("max_episode_steps", given["max_episode_steps"], least=1)
     if (count := steps * round(period / step)) > MOST_TIME_STEPS:
         raise ValueError(
             f"max_episode_steps is {steps} with control_dt {period} and time_step {step}, "
@@ -325,8 +298,7 @@ def names(env_id: str) -> list[str]:
 def shipped(env_id: str, name: str = DEFAULT) -> Path:
     """Return the path of the JSON file of a policy of the package.
 
-    Raises:
-        ValueError: there is none of this name for the environment.
+    Raises ValueError: there is none of this name for the environment.
     """
     one_of("env_id", env_id, sorted(path.name for path in POLICIES.iterdir() if names(path.name)))
     one_of("policy", name, names(env_id))
@@ -336,8 +308,7 @@ def shipped(env_id: str, name: str = DEFAULT) -> Path:
 def load(env_id: str, name: str = DEFAULT) -> PretrainedPolicy:
     """Load a policy that comes with the package; ``name``: one of :func:`names`.
 
-    Raises:
-        ValueError: there is none of this name for the environment.
+    Raises ValueError: there is none of this name for the environment.
     """
     return load_file(shipped(env_id, name))
 
@@ -345,8 +316,7 @@ def load(env_id: str, name: str = DEFAULT) -> PretrainedPolicy:
 def load_file(path: str | Path) -> PretrainedPolicy:
     """Load a policy from its JSON file and the .safetensors file beside it. No code in them runs.
 
-    Raises:
-        ValueError: one of them is missing, too large or damaged, or they are not of one policy.
+    Raises ValueError: one of them is missing, too large or damaged, or they are not of one policy.
     """
     path = Path(path)
     weights = path.with_suffix(".safetensors")

@@ -1,7 +1,5 @@
 """Configurations of training runs: read from YAML, each name looked up in a table."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable
 from contextlib import suppress
@@ -82,8 +80,7 @@ class RunConfig:
         policy_kwargs: the policy's arguments; ``activation`` is a name, ``normalize`` scales
             observations, and with it ``harmonics`` appends so many of the crank angle.
 
-    Raises:
-        ValueError: a value that is not allowed.
+    Raises ValueError: a value that is not allowed.
     """
 
     algo: str = "ppo"
@@ -106,8 +103,7 @@ class RunConfig:
             raise ValueError(f"training_variants is {shown(variants)}, must be a list of mappings")
         network = dict(self.policy_kwargs)
         if "net_arch" in network:
-            value_network = "vf" if self.algo == "ppo" else "qf"
-            _check_layers(network.pop("net_arch"), ["pi", value_network])
+            _check_layers(network.pop("net_arch"), ["pi", "vf" if self.algo == "ppo" else "qf"])
         check_keys("policy_kwargs", network, rules(self.algo)["policy_kwargs"])
         check_keys("hyperparameters", self.hyperparameters, rules(self.algo)["hyperparameters"])
         if network.get("harmonics") and not network.get("normalize"):
@@ -117,14 +113,11 @@ class RunConfig:
 
 
 def load_config(path: str | Path, **values: str | None) -> RunConfig:
-    """Read a run's configuration from YAML.
+    """Read a run's configuration from YAML; ``algo`` and ``env`` of ``values`` take the place of
+    the file's, but None.
 
-    Args:
-        path: of the file. values: ``algo`` and ``env`` in place of the file's; None for its own.
-
-    Raises:
-        ValueError: no such file, no YAML, an unknown key or a value that is not allowed; it names
-            the file.
+    Raises ValueError: no such file, no YAML, an unknown key or a value that is not allowed; it
+    names the file.
     """
     entries = read_yaml(path)
     with named_errors(path):

@@ -1,7 +1,5 @@
 """Trained policies: built from a configuration; a model's file gives them tensors and no code."""
 
-from __future__ import annotations
-
 import inspect
 import json
 import pickle
@@ -44,8 +42,7 @@ def read_model(path: str | Path) -> SavedModel:
 
     The pickles that Stable-Baselines3 writes beside them stay unread.
 
-    Raises:
-        ValueError: no such file, it is damaged or unpacks to more than :data:`MAX_BYTES`.
+    Raises ValueError: no such file, it is damaged or unpacks to more than :data:`MAX_BYTES`.
     """
     try:
         with open_regular(path) as file, zipfile.ZipFile(file) as archive:
@@ -70,9 +67,8 @@ def load_policy(path: str | Path) -> BasePolicy:
     policy is built: algo, env and policy, with hyperparameters' use_sde and policy_kwargs where
     they are not the library's own.
 
-    Raises:
-        ValueError: no such model or a damaged one, or no config.yml, or one that is not allowed
-            (see :class:`jansen_env.sb3.run_config.RunConfig`) or describes other weights.
+    Raises ValueError: no such model or a damaged one, or no config.yml, or one that is not allowed
+    (see :class:`jansen_env.sb3.run_config.RunConfig`) or describes other weights.
     """
     path = Path(path)
     if path.is_dir():
@@ -139,19 +135,14 @@ class NormalizedObservation(BaseFeaturesExtractor):
         """Return features (n, d + 2 m) of observations (n, d)."""
         observation = observation.flatten(1)
         deviation = torch.sqrt(self.variance).clamp(min=MIN_DEVIATION)
-        scaled = torch.clamp((observation - self.mean) / deviation, -CLIP, CLIP)
-        return torch.cat([scaled, *self._crank_harmonics(observation)], dim=1)
-
-    def _crank_harmonics(self, observation: torch.Tensor) -> list[torch.Tensor]:
-        """Return cos 2 psi, sin 2 psi, cos 4 psi, ... (n, 1) each, by adding angles."""
-        cos, sin = observation[:, 0:1], observation[:, 1:2]
+        features = [torch.clamp((observation - self.mean) / deviation, -CLIP, CLIP)]
+        cos, sin = observation[:, 0:1], observation[:, 1:2]  # of psi
         cos_2, sin_2 = cos**2 - sin**2, 2.0 * sin * cos
-        harmonics: list[torch.Tensor] = []
         cos, sin = torch.ones_like(cos), torch.zeros_like(sin)
-        for _ in range(self.harmonics):
+        for _ in range(self.harmonics):  # by adding angles
             cos, sin = cos * cos_2 - sin * sin_2, sin * cos_2 + cos * sin_2
-            harmonics += [cos, sin]
-        return harmonics
+            features += [cos, sin]
+        return torch.cat(features, dim=1)
 
     @torch.no_grad()
     def update(self, observations: torch.Tensor) -> None:

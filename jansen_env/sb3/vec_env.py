@@ -1,7 +1,5 @@
 """Stable-Baselines3's ``VecEnv`` over robots that are simulated together."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -49,8 +47,7 @@ def make_vec_env(
             environment i takes number i mod m.
         info_keys: as of :class:`BatchVecEnv`; single environments give all of their information.
 
-    Raises:
-        ValueError: an argument out of range.
+    Raises ValueError: an argument out of range.
     """
     n_envs = positive_integer("n_envs", n_envs)
     if seed is not None:
@@ -96,8 +93,7 @@ class BatchVecEnv(VecEnv):
         env: the robots, with ``AutoresetMode.DISABLED``: episodes are started here.
         info_keys: of the other steps' information, such as ``"slip"``; None for all.
 
-    Raises:
-        ValueError: an unknown key, or another autoreset mode.
+    Raises ValueError: an unknown key, or another autoreset mode.
     """
 
     def __init__(self, env: TaskVectorEnv[Any], info_keys: Sequence[str] | None = ()) -> None:
@@ -113,8 +109,7 @@ class BatchVecEnv(VecEnv):
         self._reset_seeds()
         self._reset_options()
         observations, _ = self.env.reset_each(seeds, options)
-        information = self.env.task.information
-        self.reset_infos = [information.single(i) for i in range(self.num_envs)]
+        self.reset_infos = [self.env.task.information.single(i) for i in range(self.num_envs)]
         return observations
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
@@ -149,8 +144,7 @@ class BatchVecEnv(VecEnv):
     def set_states(self, states: Sequence[Infos]) -> None:
         """Let each robot go on from its state of :meth:`get_states`.
 
-        Raises:
-            ValueError: an entry is missing or out of range.
+        Raises ValueError: an entry is missing or out of range.
         """
         for i, state in enumerate(states):
             elapsed = whole_number("elapsed", state.get("elapsed"))

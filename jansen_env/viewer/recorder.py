@@ -1,7 +1,5 @@
 """Recorder of the episodes that any policy walks: a wrapper that changes nothing."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from typing import Any, SupportsFloat, TypeAlias
@@ -39,18 +37,18 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
         env: one robot's, of any task of this package, under any wrappers.
         label: of its recordings, such as a policy's name; may be changed.
 
-    Raises:
-        ValueError: another environment, or one whose observations or actions are no arrays.
+    Raises ValueError: another environment, or one whose observations or actions are no arrays.
     """
 
     def __init__(self, env: gym.Env[Observation, Action], label: str = "") -> None:
         RecordConstructorArgs.__init__(self, label=label)
         super().__init__(env)
-        if not isinstance(env.unwrapped, SingleEnv):
+        if not isinstance(inner := env.unwrapped, SingleEnv):
             raise ValueError(f"env is {shown(env)}, must be an environment of one Jansen robot")
         for name in ("observation_space", "action_space"):
             if not getattr(env, name).is_np_flattenable:
                 raise ValueError(f"env has {name} {getattr(env, name)}, must be of arrays")
+        self.inner: SingleEnv[Task] = inner  # below all wrappers
         self.label = label
         self._frames: dict[str, list[Any]] = {}
         self._episode: Values = {}  # what does not change during it
@@ -60,14 +58,12 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
     def recording(self) -> Recording:
         """The episode as far as it has been walked, the last one when it is over.
 
-        Raises:
-            gymnasium.error.ResetNeeded: before the first step of an episode.
-            ValueError: a wrapper has made a number of it that is not finite.
+        Raises gymnasium.error.ResetNeeded: before the first step of an episode; ValueError: a
+        wrapper has made a number of it that is not finite.
         """
         if not self._frames.get("reward"):
             raise gym.error.ResetNeeded("reset() and then step() must be called first")
-        content: Values = {**self._frames, **self._episode}
-        return Recording(**content, label=self.label)
+        return Recording(**{**self._frames, **self._episode, "label": self.label})
 
     def reset(
         self, *, seed: int | None = None, options: Values | None = None
@@ -102,18 +98,8 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
             self._episode.update(terminated=bool(terminated), truncated=bool(truncated))
         return results
 
-    @property
-    def inner(self) -> SingleEnv[Task]:
-        """The environment below all wrappers."""
-        inner: SingleEnv[Task] = self.env.unwrapped  # type: ignore[assignment]
-        return inner
-
     def _begin(
-        self,
-        observation: Observation,
-        info: Values,
-        seed: int | None,
-        options: Values | None,
+        self, observation: Observation, info: Values, seed: int | None, options: Values | None
     ) -> None:
         scene, spec, state = self.inner.scene(), self.env.spec, self.inner.get_state()
         ground, observed = scene["terrain_points"], self.inner.observed

@@ -4,8 +4,6 @@
 records.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import zipfile
@@ -55,9 +53,8 @@ class Recording:
     that of the step that begins there. ``observed``, the names and units of the observation, is ()
     if a wrapper has changed it; ``energies`` names the columns of ``energy``.
 
-    Raises:
-        ValueError: an array of another shape, a number that is not finite or out of range, no motor
-            work among the energies, or an entry of another kind.
+    Raises ValueError: an array of another shape, a number that is not finite or out of range, no
+    motor work among the energies, or an entry of another kind.
     """
 
     time: Array = field(metadata=shaped("frames"))
@@ -186,11 +183,10 @@ class Recording:
         return write_bytes(path, self.to_bytes())
 
     @staticmethod
-    def load(path: str | Path) -> Recording:
+    def load(path: str | Path) -> "Recording":
         """Read a file of :meth:`save`, from any source: it is checked, and no code in it runs.
 
-        Raises:
-            ValueError: it is missing, no recording, damaged or too large.
+        Raises ValueError: it is missing, no recording, damaged or too large.
         """
         try:
             return Recording.from_bytes(read_bounded(path, MAX_BYTES))
@@ -198,7 +194,7 @@ class Recording:
             raise ValueError(f"{path} is no recording: {error}") from error
 
     @staticmethod
-    def from_bytes(data: bytes) -> Recording:
+    def from_bytes(data: bytes) -> "Recording":
         """A recording from a file's content. Raises ValueError as :meth:`load` does."""
         content: Values = {**_read_archive(data)}
         text = content.pop("description").tobytes()

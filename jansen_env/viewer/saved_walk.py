@@ -1,7 +1,5 @@
 """Walks that a page has saved: what was done in each step, to be simulated again."""
 
-from __future__ import annotations
-
 import json
 from contextlib import closing
 from dataclasses import fields
@@ -27,8 +25,7 @@ OF_ROBOT = {"format", "is", *(field.name for field in fields(Robot))}  # a page 
 def walk_again(path: str | Path) -> Recording:
     """Simulate a walk of a file that ``walk.html`` saved: the same bit for bit.
 
-    Raises:
-        ValueError: it is missing, no walk, or asks for what the environment refuses.
+    Raises ValueError: it is missing, no walk, or asks for what the environment refuses.
     """
     try:
         content = json.loads(read_bounded(path, MAX_BYTES))

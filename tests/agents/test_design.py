@@ -68,7 +68,7 @@ def test_shipped_plans_are_complete(name, monkeypatch):
         ({"profile": "none.json"}, "none.json cannot be read"),
         ({"env_kwargs": {"colour": 1}}, "'colour' is no argument"),
         ({"env_kwargs": {"robot": "paper"}}, "env_kwargs has 'robot', which the search sets"),
-        ({"objectives": {"beauty": "max"}}, "objectives has 'beauty', must be of"),
+        ({"objectives": {"beauty": "max"}}, "'beauty' is no key of objectives, must be in"),
         ({"objectives": {"mass": "min", "lift": "max"}}, "objectives has 2 entries, cma must"),
         ({"limits": {"mass": 3}}, r"limits.mass is 3, must be \[least, most\]"),
         ({"limits": {"mass": [2, 1]}}, r"limits.mass is \[2, 1\]"),

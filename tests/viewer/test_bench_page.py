@@ -17,7 +17,7 @@ from jansen_env.robot.kinematics import (
 from jansen_env.robot.lengths import lengths, with_lengths
 from jansen_env.robot.robot_file import read_robot
 from jansen_env.robot.zoo import standing_height
-from jansen_env.viewer.web.bench import bench_page, design_of, write_bench
+from jansen_env.viewer.web.bench import design_of, write_bench
 
 STILL = {"viewport": {"width": 1400, "height": 900}, "reduced_motion": "reduce"}
 SAMPLES = 720
@@ -224,11 +224,11 @@ def test_files_are_taken_away(bench, tmp_path):
     assert text.startswith("<svg ") and ">240.08</text>" in text and ">383.22</text>" in text
 
 
-def test_the_file_needs_nothing(bench):
+def test_the_file_needs_nothing(bench, tmp_path):
     """No network, nothing but itself; the walk is on the page beside."""
     window = bench("strider&rod_AD=470")
     assert len(window.requests) == 1 and window.requests[0].startswith("file://")
-    text = bench_page()
+    text = write_bench(tmp_path / "bench.html").read_text()
     assert "unsafe" not in text and not re.search(r"\bsrc=|@import|url\(|\bfetch\(|eval\(", text)
 
 

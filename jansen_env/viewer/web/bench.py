@@ -3,8 +3,6 @@
 ``linkage.js`` closes the linkages, whose topology and lengths it gets from here.
 """
 
-from __future__ import annotations
-
 import cmath
 from pathlib import Path
 
@@ -14,15 +12,10 @@ from jansen_env.robot.lengths import lengths
 from jansen_env.viewer.web.page import page_of
 
 
-def bench_page() -> str:
-    """The bench as one HTML file with all designs; beside :mod:`.walk`'s they walk."""
-    designs = {name: design_of(make()) for name, make in ROBOTS.items()}
-    return page_of("bench", {"base": "built", "designs": designs})
-
-
 def write_bench(path: str | Path) -> Path:
-    """Write :func:`bench_page` atomically. Raises OSError: it cannot be written."""
-    return write_text(path, bench_page())
+    """Write the bench with all designs as one HTML file; beside :mod:`.walk`'s they walk."""
+    designs = {name: design_of(make()) for name, make in ROBOTS.items()}
+    return write_text(path, page_of("bench", {"base": "built", "designs": designs}))
 
 
 def design_of(robot: Robot) -> dict[str, object]:

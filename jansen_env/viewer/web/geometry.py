@@ -3,8 +3,6 @@
 Colours, widths and meaning are those of :mod:`jansen_env.rendering`.
 """
 
-from __future__ import annotations
-
 from jansen_env.rendering import depths_of, reach_of
 from jansen_env.robot import Robot
 from jansen_env.robot.linkage import CRANK, FRAME
@@ -21,7 +19,9 @@ def scene_of_robot(robot: Robot, weight: float) -> dict[str, object]:
         joint from the crank axis; ``weight`` N; ``payload``: ``mass`` kg and ``x``, ``y`` m in the
         chassis frame, or None.
     """
-    linkage, load = robot.linkage, robot.payload
+    linkage, load, payload = robot.linkage, robot.payload, None
+    if load.mass > 0.0:
+        payload = {"mass": load.mass, "x": load.position[0], "y": load.position[1]}
     return {
         "joints": linkage.joints,
         "frame": linkage.edges[FRAME - 1],
@@ -33,7 +33,5 @@ def scene_of_robot(robot: Robot, weight: float) -> dict[str, object]:
         "padRadius": robot.pad_radius,
         "reach": reach_of(robot),
         "weight": weight,
-        "payload": {"mass": load.mass, "x": load.position[0], "y": load.position[1]}
-        if load.mass > 0.0
-        else None,
+        "payload": payload,
     }

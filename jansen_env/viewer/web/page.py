@@ -4,8 +4,6 @@
 too.
 """
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import html
@@ -13,7 +11,6 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 
@@ -33,36 +30,28 @@ FRAME_HEIGHT = 760  # pixels in a notebook
 def page(*recordings: Recording) -> str:
     """The page of one recording, or of two side by side.
 
-    Raises:
-        ValueError: another number of recordings, or one of walking and one of the crank alone.
+    Raises ValueError: another number of recordings, or one of walking and one of the crank alone.
     """
     if not 1 <= len(recordings) <= MOST_RECORDINGS:
         raise ValueError(f"there are {len(recordings)} recordings, must be 1 or 2")
-    first = recordings[0]
     if len(units := {recording.speed_unit for recording in recordings}) > 1:
         raise ValueError(f"recordings have speeds in {sorted(units)}, must have them in one unit")
     labels = _labels(recordings)
-    title = " and ".join(labels)
     data = {
-        "title": title,
+        "title": " and ".join(labels),
         "subtitle": _subtitle(recordings),
         # Two robots in one picture stand on the same ground.
-        "comparable": all(np.array_equal(r.terrain, first.terrain) for r in recordings),
+        "comparable": all(np.array_equal(r.terrain, recordings[0].terrain) for r in recordings),
         "recordings": [
-            {"label": label, **packed}
-            for label, packed in zip(labels, map(_packed, recordings), strict=True)
+            {"label": label, **_packed(recording)}
+            for label, recording in zip(labels, recordings, strict=True)
         ],
     }
-    parts = {"<title>Replay</title>": f"<title>{html.escape(title)}</title>"}
-    return page_of("replay", data, parts)
+    title = f"<title>{html.escape(' and '.join(labels))}</title>"
+    return page_of("replay", data, {"<title>Replay</title>": title})
 
 
-def page_of(
-    name: str,
-    data: object,
-    parts: Mapping[str, str] = MappingProxyType({}),
-    runs: str = "",
-) -> str:
+def page_of(name: str, data: object, parts: Mapping[str, str] = {}, runs: str = "") -> str:
     """A page as one file, which may ask for nothing, and run nothing else but what ``runs`` allows.
 
     It is the file of this folder that is called ``name``.html, with ``theme.css``, its own styles
@@ -148,16 +137,13 @@ def _subtitle(recordings: tuple[Recording, ...]) -> str:
     """Events of a recording, each kind once."""
     events = []
     for recording in recordings:
-        unit, commands = recording.speed_unit, np.unique(recording.command)
-        least, most = commands[0], commands[-1]
+        least, most = recording.command.min(), recording.command.max()
         command = f"{least:.3g}" if least == most else f"{least:.3g} to {most:.3g}"
-        given = recording.env_kwargs.items()
-        arguments = ", ".join(f"{name}={shown(value)}" for name, value in given)
+        given = [f"{name}={shown(value)}" for name, value in recording.env_kwargs.items()]
+        arguments = f" with {', '.join(given)}" if given else ""
         seed = "" if recording.seed is None else f", seed {recording.seed}"
-        events.append(
-            f"{recording.env_id}{f' with {arguments}' if arguments else ''}, commanded speed "
-            f"{command} {unit}{seed}"
-        )
+        events.append(f"{recording.env_id}{arguments}, commanded speed {command} "
+                      f"{recording.speed_unit}{seed}")  # fmt: skip
     text = "; ".join(dict.fromkeys(events))
     return text if len(text) <= LONGEST_TEXT else f"{text[:LONGEST_TEXT]}..."
 
@@ -167,16 +153,14 @@ def _packed(recording: Recording) -> dict[str, object]:
 
     Numbers of a step are 0 at the start. Points are relative to the crank axis.
     """
-    axis = recording.pose[:, :2]
-    since = recording.time - recording.time[0]
-    lengths = np.diff(recording.time)
+    axis, slip = recording.pose[:, :2], recording.slip.sum(axis=1)
     # Of each step in the direction commanded in it; forwards where nothing ever is.
     command = recording.command[:-1]
     directions = np.sign(command) if command.any() else np.ones(recording.steps)
     # Heights to which the work would lift the robot.
     lifts = np.abs(recording.energy_of("motor_work")) / recording.weight[1:]
     arrays = {
-        "time": since,
+        "time": recording.time - recording.time[0],
         "pose": np.column_stack([axis, _turned(recording.pose[:, 2:])]),
         "joints": recording.joints - axis[:, None, None],
         "contact": recording.contact,
@@ -188,10 +172,10 @@ def _packed(recording: Recording) -> dict[str, object]:
         "torque": recording.torque,
         "power": _after_start(recording.power),
         "reward": _after_start(recording.reward),
-        "slip": _after_start(recording.slip.sum(axis=1) / lengths),
+        "slip": _after_start(slip / np.diff(recording.time)),
         "distance": _after_start(directions * np.diff(axis[:, 0])).cumsum(),
         "returned": _after_start(recording.reward).cumsum(),
-        "slipped": _after_start(recording.slip.sum(axis=1)).cumsum(),
+        "slipped": _after_start(slip).cumsum(),
         "lifted": _after_start(lifts).cumsum(),
     }
     packed = {
@@ -223,5 +207,4 @@ def _seen(recording: Recording) -> list[list[float]] | None:
         return None
     first = max(int(np.searchsorted(ground[:, 0], x.min() - SEEN)) - 1, 0)
     last = int(np.searchsorted(ground[:, 0], x.max() + SEEN)) + 1
-    seen: list[list[float]] = ground[min(first, len(ground) - 2) : max(last, first + 2)].tolist()
-    return seen
+    return ground[min(first, len(ground) - 2) : max(last, first + 2)].tolist()

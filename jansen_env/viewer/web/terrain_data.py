@@ -1,7 +1,5 @@
 """Numbers from which ``terrain.js`` draws grounds."""
 
-from __future__ import annotations
-
 import math
 
 from jansen_env.engine.mathematics import cos, tan

@@ -1,7 +1,5 @@
 """Data of the walking page: engine, kernels, records, robots and policies."""
 
-from __future__ import annotations
-
 import base64
 import json
 import math
@@ -14,15 +12,7 @@ from jansen_env import gravity
 from jansen_env.baselines.policy import PAPER_PID
 from jansen_env.dynamics import reduced
 from jansen_env.dynamics.pads import pad_sides
-from jansen_env.engine import (
-    collision,
-    integrator,
-    kernel,
-    pushes,
-    readings,
-    records,
-    walk_reward,
-)
+from jansen_env.engine import collision, integrator, kernel, pushes, readings, records, walk_reward
 from jansen_env.parameters import TABLE
 from jansen_env.plants import base, batch, design_tables, grounds, robot_parameters
 from jansen_env.policies import pretrained
@@ -74,6 +64,7 @@ SLIDERS = (
     ("gravity_scale", "gravity", "g", 0.1, 2.0), ("noise_level", "sensor noise", "", 0.0, 3.0),
 )  # fmt: skip
 """Parameters that a user can change while a robot walks."""
+FEATURE = ("clip", "multiples")  # of a policy's features, where they have it
 SHORTEST_TURN = 0.05  # m, by which the crank's speed is found for a command
 
 
@@ -148,7 +139,10 @@ def policy_data(env_id: str, name: str) -> tuple[str, Json]:
         "robot": arguments["robot"],
         "fastest": float(np.max(np.abs(arguments["speed_command"]))),
         "observed": policy.observed,
-        "features": [_feature(part) for part in policy.features],
+        "features": [
+            {name: getattr(part, name) for name in FEATURE if hasattr(part, name)}
+            for part in policy.features
+        ],
         "mean": _packed(mean, "<f8"),
         "deviation": _packed(deviation, "<f8"),
         "layers": policy.network.layers.tolist(),
@@ -156,10 +150,6 @@ def policy_data(env_id: str, name: str) -> tuple[str, Json]:
         "limit": policy.limit if math.isfinite(policy.limit) else None,
         "squash": pretrained.SQUASH[policy.squash],
     }
-
-
-def _feature(part: pretrained.Features) -> Json:
-    return {name: getattr(part, name) for name in ("clip", "multiples") if hasattr(part, name)}
 
 
 def engine_data() -> Json:
@@ -185,7 +175,10 @@ def engine_data() -> Json:
         "steps": steps,
         "stride": max(1, round(batch.DETECTION_INTERVAL / batch.TIME_STEP)),
         # Lengths of the arrays at two capacities, in which each is linear.
-        "workSpace": [[*map(_shape, integrator.work_space(n))] for n in (0, 1)],
+        "workSpace": [
+            [(array.dtype.str[1:], *array.shape) for array in integrator.work_space(n)]
+            for n in (0, 1)
+        ],
         "push": _values(task.world.pushes._settings[0]),
         "settings": _values(task._settings[0]),
         "scan": task.world.scan.tolist(),
@@ -210,10 +203,6 @@ def task_data(robot: Robot) -> Json:
 def _packed(values: ArrayLike, dtype: str) -> str:
     """Return numbers as base64."""
     return base64.b64encode(np.ascontiguousarray(values, dtype).tobytes()).decode()
-
-
-def _shape(array: np.ndarray[Any, Any]) -> tuple[str | int, ...]:
-    return array.dtype.str[1:], *array.shape
 
 
 def _finite(value: Any) -> Any:

@@ -77,10 +77,14 @@ def train_all(steps, parent, robots):
             path.write_text(json.dumps(scores, indent=1))
     figure = Figure((7.0, 4.4), layout="constrained")
     axis = figure.subplots()
-    for robot, score_ in scores.items():
-        place = score_["step"], score_["steady_cost_of_transport"] or math.nan  # NaN: not walking
+    places = {
+        Path(robot).stem: (score_["step"], score_["steady_cost_of_transport"] or math.nan)
+        for robot, score_ in scores.items()
+    }  # NaN: not walking
+    for k, (name, place) in enumerate(sorted(places.items(), key=lambda item: item[1][1])):
         axis.plot(*place, "C0o")
-        axis.annotate(Path(robot).stem, place, (4, 3), textcoords="offset points", fontsize=8)
+        axis.annotate(name, place, (4, -9 if k % 2 else 3), textcoords="offset points", fontsize=8)
+    axis.margins(x=0.12)
     axis.set(xlabel="step climbed (m)", ylabel="cost of transport at 0.3 m/s")
     figure.savefig("scores.png", dpi=110)
 

@@ -27,7 +27,7 @@ from jansen_env.robot.linkage import CRANK
 from jansen_env.scoring import rollout
 from jansen_env.scoring.metrics import SETTLING, Env, Episodes, horizon, point_estimates
 from jansen_env.tasks.walking.profile import READ, profile_torque
-from jansen_env.tasks.walking.walker_benchmark import ENOUGH, WALKER
+from jansen_env.tasks.walking.walker_benchmark import ENOUGH, WORLD
 from jansen_env.tasks.walking.walker_env import JansenWalkerEnv
 from jansen_env.terrain.ground import Terrain, one_step
 from jansen_env.world.settings import load_robot
@@ -55,7 +55,7 @@ GROUPS: dict[str, dict[str, str]] = {
     },
     "planes": {"clearance": "m"},
     "path": {"path_error": "1"},
-    "walk": {**{name: m.unit for name, m in WALKER.metrics.items()}, "upright": "fraction"},
+    "walk": {**{name: m.unit for name, m in WORLD.metrics.items()}, "upright": "fraction"},
     "climb": {"climb": "m", "links_in_ground": "fraction"},
     "loads": {"wear": "J/m", "pin_force": "N", "rod_safety": "1"},
 }  # fmt: skip
@@ -119,7 +119,7 @@ class Walker:
         """Score every candidate's walks from all starts."""
         scores = []
         for run in self._run(candidates, self.angles):
-            estimates = point_estimates(WALKER.metrics, run, self._env)
+            estimates = point_estimates(WORLD.metrics, run, self._env)
             known = {name: math.nan if v is None else v for name, v in estimates.items()}
             scores.append({**known, "upright": float(run["duration"].mean() / self.time_limit)})
         return scores

@@ -21,14 +21,21 @@ def build(*options: str) -> str:
 
 
 class BuildEngine(build_py):
-    """Builds the library beside its sources, if it is missing, or for a wheel into the wheel."""
+    """Builds the library beside its sources, if it is missing there; a wheel gets a copy.
+
+    For another platform than this one it is built into the wheel alone.
+    """
 
     def run(self) -> None:
         super().run()
-        if self.editable_mode:
-            build("--missing")
-        else:
-            build("--folder", str(Path(self.build_lib, "jansen_env", "engine")))
+        wheel = Path(self.build_lib, "jansen_env", "engine")
+        if "JANSEN_ENV_TARGET" in os.environ and not self.editable_mode:
+            build("--folder", str(wheel))
+            return
+        library = Path(build("--missing"))
+        if not self.editable_mode:
+            for path in (library, library.with_suffix(".wasm")):
+                self.copy_file(str(path), str(wheel))
 
 
 class PlatformWheel(bdist_wheel):

@@ -289,5 +289,6 @@ if __name__ == "__main__":
     chosen = parser.parse_args()
     if chosen.tag:
         print(TARGETS[chosen.target].tag)
-    elif not (chosen.missing and is_built()):
-        print(build(chosen.target, chosen.folder))
+    else:
+        there = chosen.missing and is_built()
+        print(library_path() if there else build(chosen.target, chosen.folder))

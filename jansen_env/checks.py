@@ -33,7 +33,7 @@ def shown(value: object) -> str:
 
 
 def invalid(name: str, value: object, allowed: object) -> ValueError:
-    """Return the error of an argument: its name, its value and what is allowed."""
+    """Return the ValueError for an invalid argument, with its name, value and allowed values."""
     return ValueError(f"{name} is {shown(value)}, must be {allowed}")
 
 

@@ -163,8 +163,8 @@ def broken(plan: Plan, measured: Measured, names: Collection[str]) -> Array:
 def run_search(
     plan: Plan, seed: int, folder: Path, progress: Callable[[Journal], object] = lambda _: None
 ) -> Journal:
-    """Search, from where the folder's journal ends; returns all that was measured. ``progress``
-    gets what is measured so far after each generation.
+    """Search, from where the folder's journal ends; returns all that was measured. After each
+    generation ``progress`` is called with the journal so far.
 
     Raises ValueError: the journal is damaged, of another search, or another process writes it.
     """

@@ -41,7 +41,7 @@ class Claim(NamedTuple):
 
 
 Answer: TypeAlias = tuple[str, str]
-"""What is computed, and the verdict on it."""
+"""The computed result, as text, and the verdict on the claim."""
 
 
 def check_claims(results: Results) -> list[Claim]:

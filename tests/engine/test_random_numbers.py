@@ -16,7 +16,7 @@ def numbers(function, key):
 
 
 def test_numbers_are_those_of_splitmix64():
-    """As Vigna's reference code gives them, https://prng.di.unimi.it/splitmix64.c."""
+    """They match Vigna's reference code, https://prng.di.unimi.it/splitmix64.c."""
     for seed, *known in (
         (1234567, 6457827717110365317, 3203168211198807973, 9817491932198370423),
         (0, 0xE220A8397B1DCDAF, 0x6E789E6AA1B965F4, 0x06C45D188009454F),

@@ -267,7 +267,7 @@ def test_it_walks_under_the_papers_pid(speed):
     ("economy", 2.0, PAPER_PID), ("hiker", 2.0, PAPER_PID), ("weekend", 4.0, SMALL)
 ])  # fmt: skip
 def test_machines_have_three_witnesses(name, speed, pid):
-    """As fast and as dear on both plants (1 %, the small one 2 %) and in MuJoCo (5.5 %)."""
+    """Speed and cost agree: both plants within 1 % (weekend: 2 %), MuJoCo within 5.5 %."""
     from mujoco_plant import MujocoPlant
 
     robot, ground = ROBOTS[name](), Terrain.flat()

@@ -27,7 +27,13 @@ from jansen_env.files import write_bytes, write_json
 from jansen_env.policies import pretrained
 from jansen_env.policies.pretrained import PretrainedPolicy
 from jansen_env.sb3.run_config import RunConfig, find_config, load_config, make_config
-from jansen_env.sb3.trained import CLIP, MIN_DEVIATION, load_policy, read_model
+from jansen_env.sb3.trained import (
+    CLIP,
+    MIN_DEVIATION,
+    half_turn_image,
+    load_policy,
+    read_model,
+)
 from jansen_env.scoring.evaluation import evaluate
 from jansen_env.scoring.rollout import make_env
 
@@ -116,6 +122,11 @@ def from_run(run: str | Path) -> PretrainedPolicy:
         if not key.startswith(COPY)
     }
     lines = commands.read_text("utf-8", "replace").splitlines() if commands.is_file() else []
+    network = describe_network(config, tensors)
+    if config.policy_kwargs.get("half_turn"):  # the mean of features and image, by the weights
+        image = half_turn_image(config).astype(np.float32)
+        of_observation = tensors[network["layers"][0]["weight"]][:, : len(image)]
+        of_observation[:] = 0.5 * (of_observation + of_observation @ image.T)
     env: Any = make_env(config.env, config.env_kwargs).unwrapped
     description = {
         "format": pretrained.FORMAT,
@@ -124,7 +135,7 @@ def from_run(run: str | Path) -> PretrainedPolicy:
         # The unit is a share of the limit, N m; the time is in s.
         "action": {"name": "crank_torque", "unit": "torque_limit",
                    "torque_limit": env.torque_limit, "control_dt": env.control_dt},
-        "network": describe_network(config, tensors),
+        "network": network,
         "training": {"command": lines, "steps": read_model(model).steps, "config": asdict(config)},
         "versions": {"jansen_env": jansen_env.__version__, "python": platform.python_version(),
                      **{name: version(name) for name in LIBRARIES}},

@@ -41,6 +41,7 @@ from jansen_env.scoring.metrics import CONFIDENCE, Interval, interval_text
 need("distributed", "pandas", "ray", who="agents.study")
 import pandas as pd
 import ray
+from matplotlib import ticker
 from matplotlib.figure import Figure
 from ray import tune
 from scipy.stats import bootstrap, trim_mean
@@ -252,6 +253,9 @@ def plot(returns: pd.DataFrame, path: Path) -> None:
         for axis in (by_steps, by_time):
             axis.axhline(value, linestyle="--", color=f"C{9 - i}", label=name)
     by_steps.set(xscale="log", xlabel="environment steps", ylabel="return: IQM, band: all runs")
+    by_steps.xaxis.set_major_locator(ticker.LogLocator(subs=(1.0, 3.0)))
+    by_steps.xaxis.set_major_formatter(ticker.EngFormatter())
+    by_steps.xaxis.set_minor_locator(ticker.NullLocator())
     by_time.set(xlabel="s of one core, evaluations included")
     profile.set(xlabel="return at a command", ylabel="share of runs and commands above")
     by_steps.legend(fontsize=8)

@@ -20,7 +20,7 @@ from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.metrics import point_estimates
 from jansen_env.scoring.rollout import make_env, run_episodes
 
-EPISODES = 16  # per command, of each evaluation, times the benchmark's variety
+EPISODES = 8  # per command, of each evaluation, times the benchmark's variety
 SELECTION_SEED = 30_000  # of the episodes that choose the best model, apart from all others
 TIMES = {"seconds": time.perf_counter, "cpu_seconds": time.process_time}  # of training so far
 

@@ -77,7 +77,7 @@ def add_run_flags(parser: argparse.ArgumentParser) -> None:
     add("--env-kwargs", type=mapping, metavar="YAML",
         help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
     add("--eval-freq", type=non_negative_int,
-        help="steps between evaluations, 0 for none; default: a 16th of the timesteps")  # fmt: skip
+        help="steps between evaluations, 0 for none; default: an 8th of the timesteps")  # fmt: skip
     add("--save-freq", type=non_negative_int, default=100_000,
         help="steps between checkpoints, 0 for none; default: 100000")  # fmt: skip
     add("--eval-episodes", type=positive_int, default=10,

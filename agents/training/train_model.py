@@ -23,7 +23,7 @@ from jansen_env.sb3.run_config import ALGORITHMS, RunConfig, find_config
 from jansen_env.sb3.trained import policy_kwargs_of, read_model
 from jansen_env.scoring.metrics import Env
 
-EVALUATIONS = 16  # of a run, by default
+EVALUATIONS = 8  # of a run, by default
 
 
 class TrainingReward(VecEnvWrapper):

@@ -58,7 +58,7 @@ LIMITS: dict[str, tuple[float, float]] = {
 """Ranges of Stable-Baselines3's numbers; those not named range from TINY to HUGE."""
 SET_HERE = ("seed", "_init_setup_model", "optimize_memory_usage", "normalize_images")
 NETWORK = {"activation": Rule(words=("tanh", "relu", "elu")), "normalize": Rule((bool,)),
-           "harmonics": Rule((int,), 0, 32)}  # fmt: skip
+           "harmonics": Rule((int,), 0, 32), "half_turn": Rule((bool,))}  # fmt: skip
 """Rules of ``policy_kwargs``, beside those of the policy's class."""
 
 
@@ -78,7 +78,8 @@ class RunConfig:
             ``delta_std`` may be "linear_X", falling from X to 0 over the run; ``action_noise`` is
             the standard deviation of Gaussian noise.
         policy_kwargs: the policy's arguments; ``activation`` is a name, ``normalize`` scales
-            observations, and with it ``harmonics`` appends so many of the crank angle.
+            observations, and with it ``harmonics`` appends so many of the crank angle and
+            ``half_turn`` lets all repeat after half a turn of the crank.
 
     Raises ValueError: a value that is not allowed.
     """
@@ -106,8 +107,9 @@ class RunConfig:
             _check_layers(network.pop("net_arch"), ["pi", "vf" if self.algo == "ppo" else "qf"])
         check_keys("policy_kwargs", network, rules(self.algo)["policy_kwargs"])
         check_keys("hyperparameters", self.hyperparameters, rules(self.algo)["hyperparameters"])
-        if network.get("harmonics") and not network.get("normalize"):
-            raise ValueError("harmonics is given, so normalize must be true, too")
+        for name in ("harmonics", "half_turn"):
+            if network.get(name) and not network.get("normalize"):
+                raise ValueError(f"{name} is given, so normalize must be true, too")
         for arguments in (self.env_kwargs, *variants):
             check_env_kwargs(self.env, arguments)
 

@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import math
 import pickle
 import zipfile
 from contextlib import closing
@@ -9,11 +10,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium as gym
+import numpy as np
 import torch
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.save_util import load_from_zip_file
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
+from jansen_env.arrays import Array
 from jansen_env.checks import one_line, whole_number
 from jansen_env.files import open_regular
 from jansen_env.sb3.run_config import ALGORITHMS, Arguments, RunConfig, find_config, load_config
@@ -104,11 +107,38 @@ def policy_kwargs_of(config: RunConfig) -> Arguments:
     arguments = dict(config.policy_kwargs)
     if "activation" in arguments:
         arguments["activation_fn"] = ACTIVATIONS[arguments.pop("activation")]
-    harmonics = arguments.pop("harmonics", 0)
+    harmonics, half_turn = arguments.pop("harmonics", 0), arguments.pop("half_turn", False)
     if arguments.pop("normalize", False):
         arguments["features_extractor_class"] = NormalizedObservation
-        arguments["features_extractor_kwargs"] = {"harmonics": harmonics}
+        image = half_turn_image(config) if half_turn else None
+        arguments["features_extractor_kwargs"] = {"harmonics": harmonics, "image": image}
     return arguments
+
+
+def half_turn_image(config: RunConfig) -> Array:
+    """Matrix (d, d) that turns the crank of an observation (d,) by half a turn and exchanges the
+    toes of the two crank pins: the machine is the same, so that the same torque is due.
+
+    Raises ValueError: the robot has a leg without another half a turn on.
+    """
+    with closing(make_env(config.env, config.env_kwargs)) as made:
+        env: Any = made.unwrapped
+        places = {entry.name: place for place, entry in enumerate(env.observed)}
+        robot = env.robot
+    image = np.eye(len(places))
+    for name in ("cos_crank_angle", "sin_crank_angle"):
+        image[places[name], places[name]] = -1.0
+    for toe, (leg, joint) in enumerate(robot.toes):
+        others = [
+            other for other, (of, at) in enumerate(robot.toes)
+            if at == joint and robot.legs[of].side == robot.legs[leg].side
+            and math.isclose(math.cos(robot.legs[of].phase - robot.legs[leg].phase), -1.0)
+        ]  # fmt: skip
+        if not others:
+            raise ValueError("half_turn is true, so each leg must have another half a turn on")
+        if (row := places.get(f"toe_load_{toe}")) is not None:
+            image[row] = np.eye(len(places))[places[f"toe_load_{others[0]}"]]
+    return image
 
 
 class NormalizedObservation(BaseFeaturesExtractor):
@@ -117,25 +147,32 @@ class NormalizedObservation(BaseFeaturesExtractor):
 
     Of observations that begin with cos and sin of the crank angle psi, ``harmonics`` many cos 2 k
     psi, sin 2 k psi are appended: the torque that is due repeats after half a turn of the crank.
+    With the ``image`` of :func:`half_turn_image` all features repeat, exactly.
     """
 
     mean: torch.Tensor
     variance: torch.Tensor
     count: torch.Tensor
+    image: torch.Tensor | None
 
-    def __init__(self, observation_space: gym.spaces.Box, harmonics: int = 0) -> None:
+    def __init__(
+        self, observation_space: gym.spaces.Box, harmonics: int = 0, image: Array | None = None
+    ) -> None:
         size = gym.spaces.utils.flatdim(observation_space)
         super().__init__(observation_space, size + 2 * harmonics)
         self.harmonics = harmonics
         self.register_buffer("mean", torch.zeros(size))
         self.register_buffer("variance", torch.ones(size))
         self.register_buffer("count", torch.tensor(0.0))
+        matrix = None if image is None else torch.from_numpy(image).float()
+        self.register_buffer("image", matrix, persistent=False)
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
         """Return features (n, d + 2 m) of observations (n, d)."""
         observation = observation.flatten(1)
         deviation = torch.sqrt(self.variance).clamp(min=MIN_DEVIATION)
-        features = [torch.clamp((observation - self.mean) / deviation, -CLIP, CLIP)]
+        scaled = torch.clamp((observation - self.mean) / deviation, -CLIP, CLIP)
+        features = [scaled if self.image is None else 0.5 * (scaled + scaled @ self.image)]
         cos, sin = observation[:, 0:1], observation[:, 1:2]  # of psi
         cos_2, sin_2 = cos**2 - sin**2, 2.0 * sin * cos
         cos, sin = torch.ones_like(cos), torch.zeros_like(sin)
@@ -147,6 +184,8 @@ class NormalizedObservation(BaseFeaturesExtractor):
     @torch.no_grad()
     def update(self, observations: torch.Tensor) -> None:
         """Take (n, d) more observations into account (Chan's parallel variance)."""
+        if self.image is not None:
+            observations = torch.cat([observations, observations @ self.image])
         n = float(len(observations))
         total = self.count + n
         shift = observations.mean(0) - self.mean

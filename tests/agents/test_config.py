@@ -73,6 +73,7 @@ def test_yaml_that_is_no_plain_data(text, reason, tmp_path):
         ({"policy_kwargs": {"net_arch": [1] * 99}}, "must be a list of up to 8 layers"),
         ({"policy_kwargs": {"net_arch": {"pi": [8], "qf": [8]}}}, r"mapping of \['pi', 'vf'\]"),
         ({"policy_kwargs": {"harmonics": 4}}, "harmonics is given, so normalize must be true"),
+        ({"policy_kwargs": {"half_turn": True}}, "half_turn is given, so normalize must be true"),
         *(
             ({"hyperparameters": {name: value}}, message)
             for name, value, message in (
@@ -160,7 +161,7 @@ def test_the_entry_for_the_zoo_is_the_shipped_configuration():
     network = eval(entry.pop("policy_kwargs"), names)  # as the zoo does
     assert entry.pop("normalize")
     shipped = config.new_config(env_id="JansenWalkerBuilt-v0")
-    assert {**network, "normalize": True, "harmonics": 4} == {
+    assert {**network, "normalize": True, "harmonics": 4, "half_turn": True} == {
         "activation_fn": shipped.policy_kwargs["activation"],
         **{name: v for name, v in shipped.policy_kwargs.items() if name != "activation"},
     }

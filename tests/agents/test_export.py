@@ -25,7 +25,8 @@ SINGLE = (*STRICT, "-DMINE_SINGLE_PRECISION")
 WALKER, CRANK = "JansenWalker-v0", "JansenCrank-v0"
 needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 
-HARMONICS = ("ppo", {}, {**NETWORKS["normalized"][2], "activation": "elu", "harmonics": 2})
+HARMONICS = ("ppo", {}, {**NETWORKS["normalized"][2], "activation": "elu", "harmonics": 2,
+                         "half_turn": True})  # fmt: skip
 
 
 def make_cases(policy, count):

@@ -9,7 +9,11 @@ from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 
 from agents.training import train_model as training
 from agents.training.callbacks import NormalizerUpdate
-from jansen_env.sb3.trained import CLIP, NormalizedObservation
+from jansen_env import paper_robot
+from jansen_env.robot.robot_file import write_robot
+from jansen_env.sb3.run_config import make_config
+from jansen_env.sb3.trained import CLIP, NormalizedObservation, half_turn_image
+from jansen_env.scoring.rollout import make_envs
 
 
 class Recorder(BaseCallback):
@@ -76,3 +80,31 @@ def test_harmonics_are_of_the_crank_angle():
     np.testing.assert_allclose(features[:, 3:].T, harmonics, atol=1e-5)
     seen[:, :2] *= -1.0
     assert np.array_equal(normalizer(seen).numpy()[:, 3:], features[:, 3:])
+
+
+@pytest.mark.parametrize("kwargs", [{}, {"robot": "klann"}, {"observe": "onboard"}])
+def test_half_a_turn_on_the_machine_is_the_same(kwargs):
+    """Its observations are the image, its features equal, whatever the statistics."""
+    config = make_config({"env_kwargs": {**kwargs, "max_episode_steps": 1000}})
+    image = half_turn_image(config)
+    envs = make_envs(config.env, config.env_kwargs, 2)
+    angles = np.array([0.3, 0.3 + np.pi])
+    options = {"crank_angle": angles, "speed_command": np.full(2, 0.3)}
+    seen, walked = envs.reset(seed=[7, 7], options=options)[0], []
+    for action in np.random.default_rng(0).uniform(-0.2, 1.0, 40):
+        np.testing.assert_allclose(seen[1], seen[0] @ image, atol=1e-4)
+        walked.append(seen)
+        seen = envs.step(np.full((2, 1), action, np.float32))[0]
+    envs.close()
+    assert np.ptp(walked, axis=0)[0].max() > 0.1
+    box = gym.spaces.Box(-np.inf, np.inf, image.shape[:1])
+    normalizer = NormalizedObservation(box, harmonics=2, image=image)
+    first, second = torch.tensor(np.stack(walked, axis=1))
+    normalizer.update(first[:20])
+    assert torch.allclose(normalizer(first), normalizer(second), atol=1e-3)
+
+
+def test_a_robot_that_is_another_after_half_a_turn_is_refused(tmp_path):
+    path = write_robot(tmp_path / "three_pins.json", paper_robot(3))
+    with pytest.raises(ValueError, match=r"^half_turn is true, so each leg must have another half"):
+        half_turn_image(make_config({"env_kwargs": {"robot": str(path)}}))

@@ -224,5 +224,5 @@ WORLD = replace(
     commands=(0.1, 0.2, 0.3, 0.4, 0.5),
     metrics=WALKER.metrics | {"success": Metric("success", "fraction", succeeded, axis="fraction")},
     chosen_by="success",
-    variety=4,
+    variety=8,
 )

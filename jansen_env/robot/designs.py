@@ -60,9 +60,15 @@ FOUND: dict[str, tuple[float, dict[str, Link]]] = {
         "rocker": Bar(0.2642), "lower_rod": Bar(0.3774), "coupler": Bar(0.2271),
         "foot": Triangle.from_sides(0.2857, 0.3644, 0.3451, outward=True),
     }),
+    "stroller": (0.1217, {
+        "frame": Bar(0.3231), "crank": Bar(0.1273), "upper_rod": Bar(0.3376),
+        "upper_triangle": Triangle.from_sides(0.3412, 0.4397, 0.2082),
+        "rocker": Bar(0.2560), "lower_rod": Bar(0.4113), "coupler": Bar(0.2610),
+        "foot": Triangle.from_sides(0.1846, 0.3979, 0.3701, outward=True),
+    }),
 }  # fmt: skip
-"""Frame angles, rad, and links that searches found, for little work at 0.5 m/s, high steps and
-rough ground."""
+"""Frame angles, rad, and links that searches found: for little work at 0.5 m/s, high steps, rough
+ground, and little work at 0.3 m/s."""
 
 WEEKEND = {
     "frame": Plate(((-0.0496789, 0.0), (0.0392211, 0.0)), 7.0014e-02, 1.3364e-04),
@@ -85,6 +91,7 @@ BEARING_LOADS = {
     "economy": (12.6, 8.3, 8.7, 8.4, 17.7, 10.9, 8.5, 14.6, 10.3, 10.1),
     "climber": (24.3, 18.2, 10.7, 17.9, 34.6, 12.0, 10.3, 15.1, 19.3, 19.2),
     "hiker": (17.4, 10.8, 11.1, 10.7, 21.4, 5.5, 10.8, 12.2, 12.1, 12.0),
+    "stroller": (16.1, 10.8, 8.8, 11.2, 25.3, 18.5, 8.5, 22.7, 14.1, 13.6),
     "weekend": (1.09, 0.77, 0.73, 0.78, 1.53, 1.05, 0.73, 1.44, 0.89, 0.88),
 }
 """N, mean load of each of the bearings of the machines that could be built, in walks at 2 rad/s;
@@ -171,6 +178,7 @@ ROBOTS: dict[str, Callable[..., Robot]] = {
     "economy": lambda phases=2: found_robot("economy", phases),
     "climber": lambda phases=2: found_robot("climber", phases),
     "hiker": lambda phases=2: found_robot("hiker", phases),
+    "stroller": lambda phases=2: found_robot("stroller", phases),
     "weekend": weekend_robot,
     **ZOO,
 }

@@ -146,7 +146,7 @@ def rod_pushes(forces):
         yield name, -axial[..., ends].mean(axis=-1).min()
 
 
-@pytest.fixture(scope="module", params=["built", "economy"])
+@pytest.fixture(scope="module", params=["built", "economy", "stroller"])
 def loads(request):
     """The name of a robot, and its walks from two starts."""
     robot = ROBOTS[request.param]()
@@ -264,7 +264,8 @@ def test_it_walks_under_the_papers_pid(speed):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name, speed, pid", [
-    ("economy", 2.0, PAPER_PID), ("hiker", 2.0, PAPER_PID), ("weekend", 4.0, SMALL)
+    ("economy", 2.0, PAPER_PID), ("hiker", 2.0, PAPER_PID), ("stroller", 2.0, PAPER_PID),
+    ("weekend", 4.0, SMALL),
 ])  # fmt: skip
 def test_machines_have_three_witnesses(name, speed, pid):
     """Speed and cost agree: both plants within 1 % (weekend: 2 %), MuJoCo within 5.5 %."""

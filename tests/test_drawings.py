@@ -363,6 +363,7 @@ def test_the_table_of_materials_adds_up_to_the_robot(phases):
     assert all(word in names for word in words)
 
 
+@pytest.mark.slow
 def test_files_are_the_same_every_time(tmp_path, capsys):
     """In another process too, where sets have another order."""
     arguments = ["built", "--sheet", "1000x500", "--out"]

@@ -135,7 +135,10 @@ def half_turn_image(config: RunConfig) -> Array:
             and math.isclose(math.cos(robot.legs[of].phase - robot.legs[leg].phase), -1.0)
         ]  # fmt: skip
         if not others:
-            raise ValueError("half_turn is true, so each leg must have another half a turn on")
+            raise ValueError(
+                "policy_kwargs.half_turn is True, must be False for a robot with a leg that has no "
+                "other half a turn on"
+            )
         if (row := places.get(f"toe_load_{toe}")) is not None:
             image[row] = np.eye(len(places))[places[f"toe_load_{others[0]}"]]
     return image

@@ -241,7 +241,7 @@ def test_a_damaged_journal_is_refused(tmp_path):
         search.run_search(plan, 0, tmp_path)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", ["cma", pytest.param("nsga2", marks=pytest.mark.slow)])
 def test_the_command_searches_and_reports(method, tmp_path, capsys):
     """Two seeds: robot files and profiles that walk, pictures; given again, the same report."""
     path = tmp_path / "own.yml"

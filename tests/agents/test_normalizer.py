@@ -106,5 +106,5 @@ def test_half_a_turn_on_the_machine_is_the_same(kwargs):
 
 def test_a_robot_that_is_another_after_half_a_turn_is_refused(tmp_path):
     path = write_robot(tmp_path / "three_pins.json", paper_robot(3))
-    with pytest.raises(ValueError, match=r"^half_turn is true, so each leg must have another half"):
+    with pytest.raises(ValueError, match=r"half_turn is True, must be False for a robot"):
         half_turn_image(make_config({"env_kwargs": {"robot": str(path)}}))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 from jansen_env.engine.mathematics import atan2, hypot
 from jansen_env.robot import buildable as built
@@ -175,10 +176,7 @@ ROBOTS: dict[str, Callable[..., Robot]] = {
     "holy": holy_numbers_robot,
     "holy_slender": lambda phases=2: holy_numbers_robot(phases).with_slender_inertias(),
     "built": built_robot,
-    "economy": lambda phases=2: found_robot("economy", phases),
-    "climber": lambda phases=2: found_robot("climber", phases),
-    "hiker": lambda phases=2: found_robot("hiker", phases),
-    "stroller": lambda phases=2: found_robot("stroller", phases),
+    **{name: partial(found_robot, name) for name in FOUND},
     "weekend": weekend_robot,
     **ZOO,
 }

@@ -79,7 +79,7 @@ class RunConfig:
             the standard deviation of Gaussian noise.
         policy_kwargs: the policy's arguments; ``activation`` is a name, ``normalize`` scales
             observations, and with it ``harmonics`` appends so many of the crank angle and
-            ``half_turn`` lets all repeat after half a turn of the crank.
+            ``half_turn`` lets all repeat after half a turn of the crank, if the robot does.
 
     Raises ValueError: a value that is not allowed.
     """

@@ -4,8 +4,8 @@ import os
 
 import agents  # noqa: F401  # first: reports a missing extra
 
-# Before torch is loaded: more threads slow down these small networks, and change the rounding of
-# sums and so the run of a seed.
+# Before torch is loaded: more threads slow down a step of the robots, and change the rounding of
+# initial weights and so the run of a seed. An update takes more.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import argparse

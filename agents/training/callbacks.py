@@ -14,6 +14,7 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from agents.training import training_state
 from agents.training.runs import BEST, best_score, read_evaluations, replay_path
 from jansen_env.files import write_json
+from jansen_env.plants.threads import count_threads
 from jansen_env.sb3.run_config import Arguments, RunConfig
 from jansen_env.sb3.trained import NormalizedObservation
 from jansen_env.scoring.benchmarks import find_benchmark
@@ -146,6 +147,23 @@ class NormalizerUpdate(BaseCallback):
             observations = buffer.observations[np.arange(buffer.pos - count, buffer.pos)]
         size = flatdim(model.observation_space)
         self._observations = np.array(observations, np.float32).reshape(-1, size)
+
+    def _on_step(self) -> bool:
+        return True
+
+
+class UpdateThreads(BaseCallback):
+    """Let torch update with as many threads as the robots have, and act with one, as more slow
+    a small batch down. With MKL both give the same bits."""
+
+    def _on_rollout_start(self) -> None:
+        torch.set_num_threads(1)
+
+    def _on_rollout_end(self) -> None:
+        torch.set_num_threads(count_threads(self.training_env.num_envs, None))
+
+    def _on_training_end(self) -> None:
+        torch.set_num_threads(1)
 
     def _on_step(self) -> bool:
         return True

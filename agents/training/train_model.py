@@ -10,11 +10,12 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback, ProgressBarCallback
 from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecMonitor
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
-from agents.training.callbacks import NormalizerUpdate, Saver
+from agents.training.callbacks import NormalizerUpdate, Saver, UpdateThreads
 from agents.training.config import training_envs
 from agents.training.runs import FINAL, replay_path
 from agents.training.training_state import load_replay_buffer, restore, restore_state
@@ -130,6 +131,8 @@ def train(
     saver.init_callback(model)
     model.tensorboard_log = tensorboard
     callbacks = [NormalizerUpdate(), saver, *more_callbacks]
+    if isinstance(model, OnPolicyAlgorithm):  # others update with small batches
+        callbacks.append(UpdateThreads())
     if progress:
         callbacks.append(ProgressBarCallback())
     go_on = f"python train.py --resume {shlex.quote(str(folder))} goes on from the last checkpoint"

@@ -143,7 +143,7 @@ def _rules(function: Callable[..., object], *without: str) -> dict[str, Rule]:
         if {bool, int, float} & {*plain} and name not in (*SET_HERE, *without):
             words = ("auto",) if str in types else ()
             prefix = "auto_" if words and name == "ent_coef" else ""
-            if any(get_origin(t) is Callable for t in types):
+            if any((get_origin(t) or t) is Callable for t in types):
                 prefix = "linear_"
             rules[name] = Rule(plain, *LIMITS.get(name, (TINY, HUGE)), words, prefix)
     return rules

@@ -105,6 +105,7 @@ def test_values_that_are_allowed(tmp_path):
             {"ent_coef": "auto_0.1", "target_entropy": "auto", "gradient_steps": -1},
             {"net_arch": {"pi": [64], "qf": [32, 32]}, "n_critics": 3},
         ),
+        "tqc": ({"learning_rate": "linear_1e-3"}, {"net_arch": [64]}),  # declared otherwise there
     }
     for algo, (hyperparameters, policy_kwargs) in some.items():
         values = {"hyperparameters": hyperparameters, "policy_kwargs": policy_kwargs, "algo": algo}

@@ -5,7 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 import yaml
+from stable_baselines3 import PPO
 
 import train
 from agents.training import config
@@ -55,6 +57,24 @@ def test_last_words_of_a_run(tmp_path):
         last = outcome(tmp_path, Scores("JansenGoal-v0", scores)).splitlines()[7]
         assert words in last and f"the best baseline, {names[-2]}'s" in last
         assert ("(since 3,194,880 steps)" in last) == (words == "above")
+
+
+def test_threads_of_an_update_change_nothing(tmp_path, monkeypatch, few_episodes):
+    """Torch updates with as many as the robots have, and walks with one."""
+    settings, seen, ends = config.new_config(timesteps=8192), [], []
+    settings.hyperparameters.update(n_steps=16, n_epochs=2)
+    update = PPO.train
+    monkeypatch.setattr(PPO, "train", lambda m: seen.append(torch.get_num_threads()) or update(m))
+    for threads in (1, 2):
+        monkeypatch.setenv("JANSEN_ENV_THREADS", str(threads))
+        model, folder = training.prepare(settings), tmp_path / str(threads)
+        folder.mkdir()
+        training.train(model, settings, folder, eval_every=0, save_every=0, progress=False)
+        assert torch.get_num_threads() == 1
+        ends.append(read_model(folder / "final_model.zip").parameters["policy"])
+    assert seen == [1, 1, 2, 2]
+    for name, weights in ends[0].items():  # by MKL the same bits
+        torch.testing.assert_close(weights, ends[1][name], rtol=0.0, atol=1e-3)
 
 
 @pytest.mark.parametrize("path", config.shipped_configs(), ids=lambda p: "/".join(p.parts[-2:]))

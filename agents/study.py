@@ -239,15 +239,21 @@ def plot(returns: pd.DataFrame, path: Path) -> None:
     figure = Figure((13.0, 4.6), layout="constrained")
     by_steps, by_time, profile = figure.subplots(1, 3)
     is_run = returns.policy == "run"
-    for group, runs in returns[is_run].groupby("group", sort=False):
+    groups = returns[is_run].group.drop_duplicates()
+    names = groups.str.partition("_")[2]
+    kinds = names.str.partition("_")  # algorithm, and of several configurations which
+    (colours, _), (styles, _) = pd.factorize(kinds[0]), pd.factorize(kinds[2])
+    for group, name, colour, style in zip(groups, names, colours, styles, strict=True):
+        runs = returns[is_run & (returns.group == group)]
+        look = {"color": f"C{colour}", "linestyle": ("-", ":", "-.")[style % 3]}
         curves = runs.pivot_table(POINTS[1:], "steps", "seed").dropna()  # at the steps of all runs
         if len(curves):
-            name, values = group.partition("_")[2], curves["return"]
+            values = curves["return"]
             low, high = values.min(axis=1), values.max(axis=1)
             for axis, x in ((by_steps, low.index), (by_time, curves["cpu_seconds"].mean(axis=1))):
-                (line,) = axis.plot(x, trim_mean(values, 0.25, axis=1), label=name)
-                axis.fill_between(x, low, high, color=line.get_color(), alpha=0.15)
-        profile.ecdf(runs["return"][runs.command.notna()], complementary=True)
+                axis.plot(x, trim_mean(values, 0.25, axis=1), label=name, **look)
+                axis.fill_between(x, low, high, color=look["color"], alpha=0.15)
+        profile.ecdf(runs["return"][runs.command.notna()], complementary=True, **look)
     baselines = returns[~is_run & returns.command.isna()].groupby("policy")["return"].first()
     for i, (name, value) in enumerate(baselines.items()):
         for axis in (by_steps, by_time):

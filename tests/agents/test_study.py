@@ -90,11 +90,12 @@ def test_runs_are_environments_by_algorithms_by_seeds(tmp_path):
 
 def test_of_several_configurations_each_is_a_group():
     """The shipped one only where there is one."""
-    plan = ["--config", str(LIBRARY), "shipped", "--algo", "ppo", "ars", "--seeds", "1"]
+    plan = ["--env", "JansenWalkerRough-v0", "--config", str(LIBRARY), "shipped",
+            "--algo", "ppo", "ars", "--seeds", "1"]  # fmt: skip
     runs = study.planned_runs(study.parse(plan))
     names = [run["name"].removesuffix("-seed_0").partition("_")[2] for run in runs]
     assert names == ["ppo_library", "ppo_shipped", "ars_library"]
-    assert [run["config"]["n_envs"] for run in runs] == [16, 256, 16]
+    assert [run["config"]["n_envs"] for run in runs] == [16, 512, 16]
 
 
 @pytest.mark.parametrize(

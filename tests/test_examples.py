@@ -30,7 +30,7 @@ SIZES = {  # the arguments that make it short, and a word of what it prints
     "thousand_robots": ("8", "steps/s"),
     "torchrl_ppo": ("5000", "mean return"),
     "train_and_watch": ("1", "return"),
-    "tune_with_optuna": ("sac 1 4000", "best return"),
+    "tune_with_optuna": ("ppo 1 4000", "best return"),
     "typed_walk": ("20", "8 robots"),
     "walk_with_pid": ("20", " m in "),
 }

@@ -1,7 +1,7 @@
 """Search hyperparameters with Optuna, of the extra `tune`, which ends poor trials early.
 
 python examples/tune_with_optuna.py [ALGO] [TRIALS] [STEPS]   (ppo, 16 of 800,000 by default: half
-an hour; the shipped sac, td3, tqc and crossq are of 12 trials of 80,000 to 140,000)
+an hour; the shipped configurations of the others are of 12 trials, docs/studies.md)
 """
 
 import sys
@@ -39,7 +39,8 @@ class Pruning(BaseCallback):
 def searched(trial: optuna.Trial) -> tuple[dict, dict, dict]:
     """Hyperparameters, arguments of the policy and further entries of a trial's configuration."""
     pick, real = trial.suggest_categorical, trial.suggest_float
-    found = {"learning_rate": f"linear_{real('learning_rate', 1e-4, 3e-3, log=True):.3g}"}
+    lowest, highest = (5e-3, 0.1) if algo == "ars" else (1e-4, 3e-3)
+    found = {"learning_rate": f"linear_{real('learning_rate', lowest, highest, log=True):.3g}"}
     if algo == "ppo":
         units = pick("units", [32, 64, 128])
         found["n_epochs"] = trial.suggest_int("n_epochs", 3, 12)

@@ -52,9 +52,7 @@ NEEDS = {  # beside the extras
 }
 
 
-SLOW = (
-    "codesign", "front", "minari_data", "offline_learning", "train_and_watch", "tune_with_optuna",
-)  # fmt: skip
+SLOW = ("codesign", "front", "minari_data", "offline_learning", "train_and_watch")
 NAMES = [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in SIZES]
 
 

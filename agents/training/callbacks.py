@@ -153,8 +153,8 @@ class NormalizerUpdate(BaseCallback):
 
 
 class UpdateThreads(BaseCallback):
-    """Let torch update with as many threads as the robots have, and act with one, as more slow
-    a small batch down. With MKL both give the same bits."""
+    """Let torch update with as many threads as move the robots, and act with one: more slow a small
+    batch down. With MKL the number changes no bit of an update."""
 
     def _on_rollout_start(self) -> None:
         torch.set_num_threads(1)

@@ -59,8 +59,8 @@ def test_last_words_of_a_run(tmp_path):
         assert ("(since 3,194,880 steps)" in last) == (words == "above")
 
 
-def test_threads_of_an_update_change_nothing(tmp_path, monkeypatch, few_episodes):
-    """Torch updates with as many as the robots have, and walks with one."""
+def test_an_update_has_the_threads_of_the_robots(tmp_path, monkeypatch, few_episodes):
+    """Torch updates with as many, which changes nothing, and walks with one."""
     settings, seen, ends = config.new_config(timesteps=8192), [], []
     settings.hyperparameters.update(n_steps=16, n_epochs=2)
     update = PPO.train

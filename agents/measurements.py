@@ -16,7 +16,7 @@ from tabulate import tabulate
 from jansen_env.arrays import Array
 from jansen_env.baselines.pid import PID
 from jansen_env.baselines.policy import PAPER_PID
-from jansen_env.checks import finite, finite_numbers, listed, named_errors, one_of, within
+from jansen_env.checks import finite, finite_numbers, invalid, listed, named_errors, one_of, within
 from jansen_env.commands import predict
 from jansen_env.commands.flags import Parser
 from jansen_env.commands.predict import FASTEST, SLOWEST, measured_time
@@ -67,7 +67,9 @@ def read_log(path: str | Path) -> Log:
         text = read_bounded(path, MAX_BYTES).decode("utf-8-sig")
         lines = [line.strip() for line in text.splitlines() if line.strip()]
         comments = "\n".join(line.lstrip("# ") for line in lines if line.startswith("#"))
-        about = {"gains": astuple(PAPER_PID), **(parse_yaml(comments, "comments") or {})}
+        if not isinstance(given := parse_yaml(comments, "comments") or {}, dict):
+            raise invalid("comments", given, "names and values")
+        about = {"gains": astuple(PAPER_PID), **given}
         speed = finite("crank_speed", about.get("crank_speed"))
         within("crank_speed", abs(speed), SLOWEST, FASTEST)
         gains = PID(*finite_numbers("gains", about["gains"], 3).tolist())
@@ -87,14 +89,17 @@ def _columns(lines: list[str]) -> dict[str, Array]:
     for head in heads:
         if head not in COLUMNS:
             raise ValueError(f"column is {head!r}, must be of {listed(COLUMNS, head)}")
+    quantities = [head.split("_")[0] for head in heads]
+    if twice := [name for name in quantities if quantities.count(name) > 1]:
+        raise ValueError(f"has several columns of {twice[0]}, must have one")
     try:
         table = np.array([line.split(",") for line in lines[1:]], float)
     except ValueError as error:
         raise ValueError(f"each row must be {len(heads)} numbers: {error}") from None
     if table.shape[1:] != (len(heads),) or len(table) < 3 or not np.isfinite(table).all():
         raise ValueError(f"must have 3 rows or more of {len(heads)} finite numbers")
-    return {head.split("_")[0]: COLUMNS[head] * values
-            for head, values in zip(heads, table.T, strict=True)}  # fmt: skip
+    values = (COLUMNS[head] * column for head, column in zip(heads, table.T, strict=True))
+    return dict(zip(quantities, values, strict=True))
 
 
 def _mend(columns: dict[str, Array], speed: float) -> list[str]:

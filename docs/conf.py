@@ -88,26 +88,21 @@ def environment_page(env_id: str) -> str:
     ])  # fmt: skip
 
 
-def insert_environment(app: Sphinx, page: str, source: list[str]) -> None:
-    """Replace the comment ``<!-- environment ID -->`` of a page by :func:`environment_page`."""
-    source[0] = re.sub(
-        r"<!-- environment (\S+) -->", lambda found: environment_page(found[1]), source[0]
+def replace_comments(app: Sphinx, page: str, source: list[str]) -> None:
+    """Replace a page's comments ``<!-- environment ID -->`` by :func:`environment_page`, ``<!-- try
+    NAME -->`` by a link to what is written for it, ``<!-- numbers -->`` by the table of ``pytest
+    --numbers``."""
+    link = '<p><a href="try/{}.html"><strong>Try it here</strong></a>, with nothing to install.</p>'
+    file = Path(app.srcdir) / "_build" / "numbers.md"
+    numbers = (
+        file.read_text(encoding="utf-8") if file.exists() else "*Not measured for this build.*"
     )
-
-
-def insert_link(app: Sphinx, page: str, source: list[str]) -> None:
-    """Replace the comment ``<!-- try NAME -->`` of a page by a link to what is written for it."""
-    link = (
-        r'<p><a href="try/\1.html"><strong>Try it here</strong></a>, with nothing to install.</p>'
-    )
-    source[0] = re.sub(r"<!-- try (\w+) -->", link, source[0])
-
-
-def insert_numbers(app: Sphinx, page: str, source: list[str]) -> None:
-    """Replace the comment ``<!-- numbers -->`` by the table of ``pytest --numbers``."""
-    table = Path(app.srcdir) / "_build" / "numbers.md"
-    text = table.read_text(encoding="utf-8") if table.exists() else "*Not measured for this build.*"
-    source[0] = source[0].replace("<!-- numbers -->", text)
+    for pattern, text in (
+        (r"<!-- environment (\S+) -->", lambda found: environment_page(found[1])),
+        (r"<!-- try (\w+) -->", lambda found: link.format(found[1])),
+        ("<!-- numbers -->", lambda _: numbers),
+    ):
+        source[0] = re.sub(pattern, text, source[0])
 
 
 def write_pages(app: Sphinx, exception: Exception | None) -> None:
@@ -145,8 +140,6 @@ def find_reference(app: Sphinx, env: Any, node: Any, content: Any) -> Any:
 
 def setup(app: Sphinx) -> None:
     """Called by Sphinx."""
-    app.connect("source-read", insert_environment)
-    app.connect("source-read", insert_link)
-    app.connect("source-read", insert_numbers)
+    app.connect("source-read", replace_comments)
     app.connect("build-finished", write_pages)
     app.connect("missing-reference", find_reference)

@@ -70,7 +70,6 @@ class JointForces:
     frame: Array
     shaft: Array  #: (..., legs) torque with which the shaft turns the leg's crank
     gear: Array  #: (...) what the motor's torque loses to rotor's inertia and gear's friction
-    rotor: Array  #: (...) torque that spins the rotor up, J phi_ddot
     toe: Array  #: (..., toes, 2) contact force on each toe
     #: (..., legs, bodies, 3) moment (about its centre of mass) and force x, y with which all
     #: constraints together act on each body, M x_ddot - h of (4); weight, contacts, joint friction
@@ -208,7 +207,6 @@ def joint_forces(
         frame=np.stack([rest[..., 1], rest[..., 2], moment], axis=-1),
         shaft=rest[..., 3],
         gear=ratio * rotor - gear,
-        rotor=rotor,
         toe=toe,
         body=body.reshape(*missing.shape[:-1], -1, 3),
         joints=joints,

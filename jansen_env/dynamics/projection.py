@@ -30,50 +30,17 @@ DOF = INDEPENDENT  # theta_1, x_1, y_1, theta_2: the tangent speed of (5)
 PINNING_ROWS = [1, 2, 0]  # of the first leg: axis x, axis y, theta_1, in the paper's order
 
 
-@dataclass(frozen=True)
-class Term:
-    """One summand of two constraint rows: coefficient * (cos, sin)(theta_body + offset)."""
-
-    body: int
-    coefficient: float
-    offset: float = 0.0
-
-
-@dataclass(frozen=True)
-class Closure:
-    """Two rows of Phi_h: x_plus - x_minus + sum of terms, and the same for y."""
-
-    plus: int
-    minus: int
-    terms: tuple[Term, ...]
-
-
-def leg_closures(robot: Robot, side: Side) -> tuple[Closure, ...]:
-    """The vector equations of Phi_hf (forepaw) or Phi_hb (backpaw), one a pin, in its order.
-
-    A pin is where its joint is by either body: x_body + c (cos, sin)(theta_body + o), see
-    :data:`jansen_env.robot.links.Corners`.
-    """
-    mirror = 1.0 if side == "fore" else -1.0
-
-    def corner(joint: str, body: int, sign: float) -> Term:
-        reach, offset = robot.bodies[body - 1].corners[
-            robot.linkage.bodies[body - 1][1].index(joint)
-        ]
-        return Term(body, sign * reach, mirror * offset)
-
-    return tuple(
-        Closure(body, other, (corner(joint, other, -1.0), corner(joint, body, 1.0)))
-        for joint, body, other in robot.linkage.pins
-    )
-
-
 Sides = Side | tuple[Side, ...]
 """One side for all legs, or one for each along the last axis but one of x (..., legs, 24)."""
 
 
 class _Rows(NamedTuple):
-    """:func:`leg_closures` as arrays: a leg's terms (m,), the y row of each being ``row + 1``."""
+    """The vector equations of Phi_hf (forepaw) or Phi_hb (backpaw), one a pin, in its order.
+
+    A pin is where its joint is by either body: x_body + c (cos, sin)(theta_body + o), see
+    :data:`jansen_env.robot.links.Corners`, less the same of the other. Each of a leg's terms (m,)
+    is in two rows, that of y being ``row + 1``.
+    """
 
     row: Ints
     column: Ints
@@ -87,14 +54,16 @@ def _rows(robot: Robot, side: Sides) -> _Rows:
     if isinstance(side, tuple):
         legs = [_rows(robot, each) for each in side]
         return legs[0]._replace(offset=np.stack([leg.offset for leg in legs]))
-    terms = []
-    closures = leg_closures(robot, side)
-    translations = np.zeros((2 * len(closures), 3 * len(robot.bodies)))
-    for i, closure in enumerate(closures):
-        for axis in (0, 1):
-            translations[2 * i + axis, 3 * (closure.plus - 1) + 1 + axis] = 1.0
-            translations[2 * i + axis, 3 * (closure.minus - 1) + 1 + axis] = -1.0
-        terms += [(2 * i, 3 * (t.body - 1), t.coefficient, t.offset) for t in closure.terms]
+    mirror = 1.0 if side == "fore" else -1.0
+    pins, terms = robot.linkage.pins, []
+    translations = np.zeros((2 * len(pins), 3 * len(robot.bodies)))
+    for i, (joint, body, other) in enumerate(pins):
+        for each, sign in ((other, -1.0), (body, 1.0)):
+            joints = robot.linkage.bodies[each - 1][1]
+            reach, offset = robot.bodies[each - 1].corners[joints.index(joint)]
+            terms.append((2 * i, 3 * (each - 1), sign * reach, mirror * offset))
+            for axis in (0, 1):
+                translations[2 * i + axis, 3 * (each - 1) + 1 + axis] = sign
     row, column, coefficient, offset = np.array(terms).T
     return _Rows(row.astype(int), column.astype(int), coefficient, offset, translations)
 

@@ -16,7 +16,6 @@ from jansen_env.envs.arguments import (
     single_action,
 )
 from jansen_env.plants.plant import Plant
-from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
 from jansen_env.scoring.metrics import Benchmark
 from jansen_env.tasks.task import Task
@@ -138,14 +137,6 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         """
         self._check_begun()
         self.task.push(0, impulse)
-
-    def scene(self) -> Values:
-        """Return the arguments of the renderer, which stay the same in an episode."""
-        return self.task.scene(0)
-
-    def frame(self) -> Frame:
-        """Return the picture data of the robot as it stands."""
-        return self.task.frame(0)
 
     def get_state(self) -> Values:
         """Return all that the future of this robot depends on; :meth:`set_state` continues bit for

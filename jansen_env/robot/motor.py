@@ -101,24 +101,23 @@ class Motor:
 
 
 IDEAL = Motor()
-AK80_6 = Motor(
-    stall_torque=60.2, no_load_speed=38.2, torque_limit=12.0, gear_ratio=6.0,
-    rotor_inertia=6.0719e-5, friction=0.16, viscous_friction=0.001, efficiency=0.9,
-)  # fmt: skip
-MX_106 = Motor(
-    stall_torque=8.4, no_load_speed=4.71, torque_limit=8.4, gear_ratio=225.0,
-    rotor_inertia=5.26e-7, friction=0.104, viscous_friction=0.035, efficiency=0.634,
-)  # fmt: skip
-XM540_W270 = Motor(
-    stall_torque=10.6, no_load_speed=3.14, torque_limit=10.6, gear_ratio=272.5,
-    rotor_inertia=5.26e-7, friction=0.126, viscous_friction=0.052, efficiency=0.631,
-)  # fmt: skip
-LP_25D_75 = Motor(
-    stall_torque=0.686, no_load_speed=7.78, torque_limit=0.35, gear_ratio=74.83,
-    rotor_inertia=8e-7, friction=0.046, viscous_friction=0.0, efficiency=0.578,
-)  # fmt: skip
 MOTORS: dict[str, Motor] = {
-    "ideal": IDEAL, "ak80_6": AK80_6, "mx_106": MX_106, "xm540_w270": XM540_W270,
-    "lp_25d_75": LP_25D_75,
+    "ideal": IDEAL,
+    "ak80_6": Motor(
+        stall_torque=60.2, no_load_speed=38.2, torque_limit=12.0, gear_ratio=6.0,
+        rotor_inertia=6.0719e-5, friction=0.16, viscous_friction=0.001, efficiency=0.9,
+    ),
+    "mx_106": Motor(
+        stall_torque=8.4, no_load_speed=4.71, torque_limit=8.4, gear_ratio=225.0,
+        rotor_inertia=5.26e-7, friction=0.104, viscous_friction=0.035, efficiency=0.634,
+    ),
+    "xm540_w270": Motor(
+        stall_torque=10.6, no_load_speed=3.14, torque_limit=10.6, gear_ratio=272.5,
+        rotor_inertia=5.26e-7, friction=0.126, viscous_friction=0.052, efficiency=0.631,
+    ),
+    "lp_25d_75": Motor(
+        stall_torque=0.686, no_load_speed=7.78, torque_limit=0.35, gear_ratio=74.83,
+        rotor_inertia=8e-7, friction=0.046, viscous_friction=0.0, efficiency=0.578,
+    ),
 }  # fmt: skip
 """Motors by name, from data sheets and as identified: ``docs/built_robot.md`` has all sources."""

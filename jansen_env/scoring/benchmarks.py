@@ -42,7 +42,8 @@ def can_be_batched(env_id: str, env_kwargs: Values, variants: Sequence[Values] =
     settings = single_env(env_id).TASK.SETTINGS
     together, alone = settings.defaults("several"), settings.defaults("single_only")
     given = [variant.get("robot", env_kwargs.get("robot", "paper")) for variant in variants]
-    each = [r for robots in given for r in (robots if isinstance(robots, list) else [robots])]
+    several = (robots if isinstance(robots, (list, tuple)) else [robots] for robots in given)
+    each = [robot for robots in several for robot in robots]
     return (
         len({leg_sides(load_robot("robot", robot)) for robot in each}) == 1
         and all(env_kwargs.get(name, value) == value for name, value in alone.items())

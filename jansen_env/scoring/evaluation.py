@@ -67,6 +67,8 @@ def evaluate(
     instance("policies", policies, Mapping)
     episodes, seed = positive_integer("episodes", episodes), whole_number("seed", seed)
     env_kwargs = env_kwargs or {}
+    if commands is not None and len(commands) == 0:
+        raise ValueError("commands has no number, must have one or more")
     benchmark, env, scores = find_benchmark(env_id), make_env(env_id, env_kwargs), Scores(env_id)
     if drawn:
         command, seeds = draw_episodes(env, episodes, seed)

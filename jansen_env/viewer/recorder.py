@@ -77,11 +77,14 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
     def step(self, action: Action) -> tuple[Observation, SupportsFloat, bool, bool, Values]:
         """Step the environment and record what happens."""
         if self._frames:  # set_parameters may have given another command
-            self._frames["command"][-1] = self.inner.frame().command or 0.0
+            self._frames["command"][-1] = self.inner.task.frame(0).command or 0.0
         results = self.env.step(action)
         observation, reward, terminated, truncated, info = results
-        frame = self.inner.frame()
-        goes_on = self._frames and frame.time > self._frames["time"][-1]
+        frame = self.inner.task.frame(0)
+        goes_on = (
+            self._frames
+            and 0.0 < frame.time - self._frames["time"][-1] < 1.5 * self.inner.control_dt
+        )
         if not goes_on or _shape_of(self.inner.robot) != self._shape:
             self._begin(observation, info, None, None)
         elif len(self._frames["reward"]) == MOST_RECORDED:
@@ -101,7 +104,7 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
     def _begin(
         self, observation: Observation, info: Values, seed: int | None, options: Values | None
     ) -> None:
-        scene, spec, state = self.inner.scene(), self.env.spec, self.inner.get_state()
+        scene, spec, state = self.inner.task.scene(0), self.env.spec, self.inner.get_state()
         ground, observed = scene["terrain_points"], self.inner.observed
         named = len(observed) == spaces.flatdim(self.observation_space)
         self._shape = _shape_of(self.inner.robot)
@@ -120,7 +123,7 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
             "truncated": False,
         }
         self._frames = {name: [] for name in ("action", "reward", "slip", "energy")}
-        self._add_frame(self.inner.frame(), observation, info)
+        self._add_frame(self.inner.task.frame(0), observation, info)
 
     def _add_frame(self, frame: Frame, observation: Observation, info: Values) -> None:
         flat = flatten(self.observation_space, observation)

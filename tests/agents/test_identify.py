@@ -33,7 +33,9 @@ def changed(tmp_path, change):
 
 @pytest.mark.parametrize(("change", "message"), [
     (lambda head, rows: (head.replace("crank_rad", "crank_turns"), rows), "'crank_turns', must be"),
-    (lambda head, rows: (head.replace("pitch_rad", "x_m"), rows), "no column of pitch"),
+    (lambda head, rows: (head.replace("pitch_rad", "x_m"), rows), "several columns of x"),
+    (lambda head, rows: (head.replace("pitch_rad,", ""), np.delete(rows, 3, 1)), "no column of p"),
+    (lambda head, rows: (f"# of Monday\n{head}", rows), "line 4"),
     (lambda head, rows: (head, np.delete(rows, range(200, 210), 0)), r"gap \(s\) after 3\.98 s"),
     (lambda head, rows: (head, rows[::4]), "median time .s. between samples"),
     (lambda head, rows: (head, rows[::-1]), "time does not rise"),
@@ -48,6 +50,12 @@ def changed(tmp_path, change):
 def test_logs_that_cannot_be_right_are_refused(change, message, tmp_path):
     with pytest.raises(ValueError, match=message):
         read_log(changed(tmp_path, change))
+
+
+def test_comments_that_are_no_names_and_values_are_refused(tmp_path):
+    (tmp_path / "log.csv").write_text("# a walk of Monday")
+    with pytest.raises(ValueError, match="comments is 'a walk of Monday', must be names"):
+        read_log(tmp_path / "log.csv")
 
 
 def test_what_is_mended_is_the_same_walk(tmp_path):

@@ -13,12 +13,12 @@ from jansen_env.plants.batch import Batch
 from jansen_env.plants.plant import ProjectionPlant, RigidBodyPlant
 from jansen_env.plants.robot_parameters import gravity_of, machine_of, terrain_of
 from jansen_env.robot import Compliance
-from jansen_env.robot.motor import AK80_6
+from jansen_env.robot.motor import MOTORS
 
 GRAVITY = (0.0, -9.81)
 RIGID = Robot(payload=Payload(0.4, 0.02, (0.02, 0.1)), motor=Motor(8.0, 6.0, 6.0, 20.0, 1e-4, 0.1))
 FEET = Compliance(2e4, 60.0, 1.5e4, 40.0)
-GIVING = replace(ROBOTS["paper_slender"](), motor=AK80_6, pad_compliance=FEET)
+GIVING = replace(ROBOTS["paper_slender"](), motor=MOTORS["ak80_6"], pad_compliance=FEET)
 DESIGNS = {"rigid": RIGID, "giving": GIVING}
 CHANGES = {
     "friction": 0.5, "restitution": 0.4, "payload": 1.3, "payload_x": -0.1, "payload_y": 0.2,

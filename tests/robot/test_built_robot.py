@@ -21,7 +21,7 @@ from jansen_env.plants.trace import trace_forces
 from jansen_env.policies import pretrained
 from jansen_env.robot import BEARING_LOADS, JANSEN
 from jansen_env.robot import buildable as built
-from jansen_env.robot.motor import AK80_6, MX_106, XM540_W270
+from jansen_env.robot.motor import MOTORS
 
 PAGE = Path(__file__).parents[2] / "docs" / "built_robot.md"
 ID = "JansenWalkerBuilt-v0"
@@ -289,10 +289,11 @@ def test_machines_have_three_witnesses(name, speed, pid):
 
 def test_motors_are_those_of_the_sheets():
     """Efficiency from stall current and no-load speed; armatures; the motor constant."""
-    for motor, volts, amperes in ((MX_106, 12.0, 5.2), (XM540_W270, 12.0, 4.4)):
-        share = motor.stall_torque / amperes / (volts / motor.no_load_speed)
-        assert motor.efficiency == pytest.approx(share, abs=0.002)
-    for motor, speed in ((MX_106, 45.0), (XM540_W270, 30.0)):
-        assert motor.no_load_speed == pytest.approx(speed * np.pi / 30.0, abs=0.005)
-    assert MX_106.rotor_inertia * MX_106.gear_ratio**2 == pytest.approx(0.0266, rel=1e-2)
-    assert AK80_6.winding == pytest.approx(1.0 / (6.0 * 0.2206) ** 2, rel=1e-3)
+    for motor, volts, amperes in (("mx_106", 12.0, 5.2), ("xm540_w270", 12.0, 4.4)):
+        share = MOTORS[motor].stall_torque / amperes / (volts / MOTORS[motor].no_load_speed)
+        assert MOTORS[motor].efficiency == pytest.approx(share, abs=0.002)
+    for motor, speed in (("mx_106", 45.0), ("xm540_w270", 30.0)):
+        assert MOTORS[motor].no_load_speed == pytest.approx(speed * np.pi / 30.0, abs=0.005)
+    armature = MOTORS["mx_106"].rotor_inertia * MOTORS["mx_106"].gear_ratio ** 2
+    assert armature == pytest.approx(0.0266, rel=1e-2)
+    assert MOTORS["ak80_6"].winding == pytest.approx(1.0 / (6.0 * 0.2206) ** 2, rel=1e-3)

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+import jansen_env
 from jansen_env.baselines.policy import TorquePolicy
+from jansen_env.scoring.benchmarks import can_be_batched
 from jansen_env.scoring.rollout import make_envs, run_episodes
 
 ENV, COMMANDS, SEEDS = "JansenWalkerBuilt-v0", np.array([0.2, 0.4]), np.array([3, 4])
@@ -20,3 +22,13 @@ def test_used_environments_give_the_episodes_of_new_ones(plant):
         again = run_episodes(policy, ENV, kwargs, COMMANDS, SEEDS, 2, options, envs)
         assert all((again[name] == once[name]).all() for name in once)
     assert once["distance"].all()
+
+
+def test_no_commands_are_refused():
+    with pytest.raises(ValueError, match="commands has no number"):
+        jansen_env.evaluate({}, "JansenCrank-v0", commands=[], episodes=1)
+
+
+def test_robots_in_a_tuple_are_as_in_a_list():
+    for robots in (["built", "economy"], ("built", "economy")):
+        assert can_be_batched("JansenWalkerBuilt-v0", {"robot": robots})

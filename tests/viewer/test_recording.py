@@ -75,7 +75,7 @@ def test_a_recorded_episode_is_as_it_is_without(env_id, arguments):
     dt = env.unwrapped.control_dt
     np.testing.assert_allclose(episode.time, dt * np.arange(len(episode.time)), atol=1e-12)
     np.testing.assert_allclose(episode.power, episode.energy_of("motor_work") / dt)
-    joints = world_joints(env.unwrapped.scene()["robot"], episode.pose)
+    joints = world_joints(env.unwrapped.task.scene(0)["robot"], episode.pose)
     np.testing.assert_allclose(episode.joints, joints, atol=1e-6)
     if env_id == CRANK:
         assert not episode.parameters and not len(episode.terrain)

@@ -216,7 +216,7 @@ def check_picture(env, told):
     """Check what is drawn: nearly the same, as poses are no part of a walk."""
     task = env.task
     scene = scene_of_robot(task.scene(0)["robot"], float(task.world.weight[0]))
-    frame, pose = env.frame(), told["pose"]
+    frame, pose = env.task.frame(0), told["pose"]
     for key in ("skeleton", "plates", "crank", "legs", "toes", "payload", "weight"):
         assert told["scene"][key] == json.loads(json.dumps(scene[key])), key
     joints = world_joints(env.robot, frame.q)

@@ -39,8 +39,7 @@ function walk({ robot, terrain, control, actions, settings, start, events, names
 			rows.length -= 10;
 		}
 		for (const [at, method, given] of events) if (at === step) attempt(machine, method, given);
-		if (control === "hand") controller.memory = actions[step];
-		const action = controller.act();
+		const action = control === "hand" ? actions[step] : controller.act();
 		machine.step(action);
 		rows.push(numbersOf(machine, names, action));
 	}

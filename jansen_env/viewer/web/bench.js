@@ -371,14 +371,6 @@ function keep() {
   rework();
 }
 
-function copyLink() {
-  const copied = navigator.clipboard?.writeText(location.href) ?? Promise.reject();
-  copied.then(
-    () => say("The link is copied."),
-    () => say(location.href),
-  );
-}
-
 function saveDrawing() {
   const { base } = present();
   const each = NUMBERS.map(([name, value, text]) => `${name} ${text(value(view.numbers))}`);
@@ -407,7 +399,7 @@ const BUTTONS = {
   redo: () => step(1),
   original: () => settle({ base: present().base, changes: {} }),
   back: () => settle(kept.of),
-  link: copyLink,
+  link: () => design.copyLink(say, "The link is copied."),
   file: saveRobot,
   drawn: saveDrawing,
   run: () => run(!running),

@@ -73,6 +73,15 @@ export function robotFile({ base, changes }) {
   return `${JSON.stringify(content, null, 1)}\n`;
 }
 
+/** Copy the page's address and say a text, or else the address itself. */
+export function copyLink(say, text) {
+  const copied = navigator.clipboard?.writeText(location.href) ?? Promise.reject();
+  copied.then(
+    () => say(text),
+    () => say(location.href),
+  );
+}
+
 /** Let the browser save a text as a file. */
 export function download(name, type, text) {
   const href = URL.createObjectURL(new Blob([text], { type }));

@@ -12,7 +12,7 @@ const limited = (value, most) => Math.max(-most, Math.min(most, value));
 /** The controller of a name in `data.controllers` for a machine. */
 export function controllerNamed(engine, data, name, machine) {
   const { topSpeed, shortestTurn, baselines, paperGains } = data.control;
-  if (name === "hand") return new Hand();
+  if (name === "hand") return { topSpeed: 1, begin() {} }; // its torque is given from outside
   if (name === "constant speed") {
     const way = Math.max(Math.abs(machine.tables.advance), shortestTurn);
     return new Steady(machine, topSpeed, paperGains, (command) => (TURN / way) * command);
@@ -32,20 +32,6 @@ function nearest(settings, speeds, command) {
     return pairwiseSum(row.map((speed) => Math.abs(speed - Math.abs(command)))) / row.length;
   });
   return Math.sign(command) * settings[errors.indexOf(Math.min(...errors))];
-}
-
-/** A torque given from outside. */
-class Hand {
-  topSpeed = 1;
-  memory = 0;
-
-  begin() {
-    this.memory = 0;
-  }
-
-  act() {
-    return this.memory;
-  }
 }
 
 /** PID (13) behind a reference that turns with a speed for the command: walker_benchmark.py. */

@@ -187,17 +187,8 @@ export function drawRobot(ctx, size, scene, state, view, options = {}) {
 /** A theme in which a robot is but a shade of a colour. */
 function ghostly(theme, color) {
   const faint = mix(color, theme.sky, 0.5);
-  const { sky, ground, paper } = theme;
-  return {
-    ...theme,
-    ink: faint,
-    link: faint,
-    crank: mix(color, sky, 0.25),
-    muted: faint,
-    sky,
-    ground,
-    paper,
-  };
+  const crank = mix(color, theme.sky, 0.25);
+  return { ...theme, ink: faint, link: faint, crank, muted: faint };
 }
 
 function pixels(size, view) {
@@ -208,12 +199,7 @@ function pixels(size, view) {
 function drawPath({ ctx, at }, points, color) {
   ctx.strokeStyle = color;
   ctx.lineWidth = 1.8;
-  ctx.beginPath();
-  let pen = false;
-  for (const point of points) {
-    if (point) ctx[pen ? "lineTo" : "moveTo"](...at(point));
-    pen = Boolean(point);
-  }
+  path(ctx, points.map(at));
   ctx.stroke();
 }
 

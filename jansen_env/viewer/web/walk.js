@@ -3,7 +3,7 @@
 // The data in the page are those of walk_data.py, the engine's module among them. All that is chosen is
 // in the page's address, after the #, so that a link to a walk is a link to this page.
 
-import { designOf, download, linkOf } from "./bench_design.js";
+import { copyLink, designOf, download, linkOf } from "./bench_design.js";
 import { pointsOf, textOf } from "./drawn_ground.js";
 import { Engine, numbersOf } from "./engine.js";
 import { robotWithLengths } from "./lengths.js";
@@ -564,13 +564,9 @@ function buildPanel() {
   for (const canvas of document.querySelectorAll("canvas")) watch.observe(canvas);
 }
 
-function copyLink() {
+function shareLink() {
   remember();
-  const copied = navigator.clipboard?.writeText(location.href) ?? Promise.reject();
-  copied.then(
-    () => say("The link to this walk is copied."),
-    () => say(location.href),
-  );
+  copyLink(say, "The link to this walk is copied.");
 }
 
 /** Save the walks since the start as files that Python walks again. */
@@ -605,7 +601,8 @@ function teach(index) {
 async function drop(file) {
   try {
     const { format, design, lengths } = JSON.parse(await file.text());
-    if (format !== "jansen_env robot 1") throw new Error("This is no robot file of jansen_env.");
+    if (format !== "jansen_env robot 1" || !design)
+      throw new Error("This is no file of a design and its lengths, as the bench saves them.");
     choose({ robot: linkOf({ base: design, changes: lengths }) });
   } catch (error) {
     say(error.message);
@@ -758,7 +755,7 @@ const BUTTONS = {
   "show-help": toggleHelp,
   draft: () => draft(!drawing),
   save,
-  share: copyLink,
+  share: shareLink,
 };
 for (const [id, act] of Object.entries(BUTTONS)) $(id).addEventListener("click", act);
 for (const button of document.querySelectorAll(".take"))

@@ -34,7 +34,7 @@ from jansen_env.commands.plots import save
 from jansen_env.files import write_text
 from jansen_env.plain_yaml import read_yaml
 from jansen_env.plants.threads import available_cores
-from jansen_env.sb3.run_config import ALGORITHMS, Arguments, make_config
+from jansen_env.sb3.run_config import ALGORITHMS, Arguments, find_config, load_config, make_config
 from jansen_env.scoring.benchmarks import DEFAULT
 from jansen_env.scoring.metrics import CONFIDENCE, Interval, interval_text
 
@@ -48,6 +48,7 @@ from scipy.stats import bootstrap, trim_mean
 from tabulate import tabulate
 
 PLAN = "study.yml"  # in a study's folder: the flags that say what its runs are
+SCORES = "scores.json"  # in a run's, which it ends with
 PLANNED = ("seeds", "first_seed", "env", "algo", "timesteps", "n_envs", "env_kwargs", "config",
            "eval_freq", "save_freq", "eval_episodes")  # fmt: skip
 KEYS, POINTS = ["group", "env", "seed", "policy"], ["steps", "cpu_seconds", "return"]
@@ -119,6 +120,8 @@ def run_trial(parameters: dict[str, Arguments], plan: Arguments, root: Path) -> 
     folder.mkdir(exist_ok=True)
     with locked(folder):
         resume = last_state(folder)
+        if resume is not None and load_config(find_config(resume)) != config:
+            raise ValueError(f"{folder} was begun with another configuration")
         if resume is None or resume.name != FINAL:
             model = prepare(config, resume)
             record_run(folder, config, "python -m agents.study")
@@ -132,12 +135,14 @@ def run_trial(parameters: dict[str, Arguments], plan: Arguments, root: Path) -> 
 
 
 def run_study(args: argparse.Namespace, folder: Path) -> bool:
-    """Execute the runs of a study on Ray, or go on where that was stopped in the folder; return
-    whether all have finished. A ValueError where the folder holds another study."""
+    """Execute those runs of a study on Ray that the folder has no scores of; return whether all
+    have finished. A ValueError where the folder holds another study."""
     runs, plan = planned_runs(args), {name: getattr(args, name) for name in PLANNED}
     file, text = folder / PLAN, yaml.safe_dump(plan, sort_keys=False)
     if file.is_file() and file.read_text("utf-8") != text:
         raise ValueError(f"{folder} holds another study, must be another --name")
+    if not (missing := [run for run in runs if not (folder / run["name"] / SCORES).is_file()]):
+        return True
     threads = {"OMP_NUM_THREADS": "1", "JANSEN_ENV_THREADS": str(args.cores)}
     if args.address is None:
         os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))  # of this cluster alone
@@ -153,9 +158,9 @@ def run_study(args: argparse.Namespace, folder: Path) -> bool:
     write_text(file, text)
     results = tune.run(
         tune.with_parameters(run_trial, plan=plan, root=folder), name=folder.name,
-        storage_path=str(folder.parent), config={"run": tune.grid_search(runs)},
+        storage_path=str(folder.parent), config={"run": tune.grid_search(missing)},
         resources_per_trial={"cpu": args.cores}, max_failures=3,  # of each run
-        trial_dirname_creator=lambda trial: trial.config["run"]["name"], resume="AUTO+ERRORED",
+        trial_dirname_creator=lambda trial: trial.config["run"]["name"],
         raise_on_failed_trial=False, verbose=1,
     )  # fmt: skip
     return all(trial.status == "TERMINATED" for trial in results.trials)
@@ -165,7 +170,7 @@ def write_report(folder: Path) -> str:
     """Write report.md, runs.csv, returns.csv (see ``docs/studies.md``) and figures of the runs that
     are finished, or of returns.csv where there is no run; return the report's table."""
     rows, curves, path = [], [], folder / "returns.csv"
-    for file in sorted(folder.glob("*-seed_*/scores.json")):
+    for file in sorted(folder.glob(f"*-seed_*/{SCORES}")):
         group, _, seed = file.parent.name.rpartition("-seed_")
         key = {"group": group, "env": group.split("_")[0], "seed": int(seed)}
         *baselines, (_, run) = json.loads(file.read_text("utf-8")).items()

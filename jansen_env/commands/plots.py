@@ -38,9 +38,9 @@ def write_files(
     stem: Path, scores: object, table: str, sweeps: Sweeps, metrics: dict[str, Metric]
 ) -> None:
     """Write scores as JSON, their table as Markdown and their figure, named ``stem``."""
-    write_json(stem.with_suffix(".json"), scores)
     write_text(stem.with_suffix(".md"), f"{table}\n\n{INTERVALS}\n")
     plot_sweeps(sweeps, metrics, stem.with_suffix(".png"))
+    write_json(stem.with_suffix(".json"), scores)  # last: where it is, the others are
 
 
 def by_command(scores: Scores) -> dict[str, dict[str, Summary]]:

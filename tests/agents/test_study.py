@@ -169,6 +169,18 @@ def test_another_study_in_the_same_folder_is_refused(finished):
         study.run_study(study.parse(["--seeds", "3"]), finished)
 
 
+def test_a_finished_study_is_not_run_again(finished):
+    assert study.run_study(study.parse([str(finished.parent / "small.yml")]), finished)
+    assert not study.ray.is_initialized()
+
+
+def test_a_run_of_another_configuration_is_not_gone_on_with(finished):
+    (run, _) = study.planned_runs(study.parse([str(finished.parent / "small.yml")]))
+    run["config"]["n_envs"] = 8
+    with pytest.raises(ValueError, match="begun with another configuration"):
+        study.run_trial({"run": run}, SMALL, finished)
+
+
 def test_an_address_without_a_cluster_is_refused(tmp_path, capsys):
     with pytest.raises(SystemExit):
         study.main(["--seeds", "1", "--log-folder", str(tmp_path), "--address", "127.0.0.1:1"])

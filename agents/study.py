@@ -201,13 +201,16 @@ def write_report(folder: Path) -> str:
 
 def groups_table(returns: pd.DataFrame) -> str:
     """Return a Markdown table: a row for each group's runs; where there are several environments,
-    for the returns of alike groups over all, divided by the thresholds; for each baseline."""
+    for the returns of alike groups over all, of seeds that all have, divided by the thresholds; for
+    each baseline."""
     rows, overall = [], returns[returns.command.isna() & returns.steps.isna()]
     runs = overall[overall.policy == "run"]
     if runs.env.nunique() > 1:
         shares = runs["return"] / runs.env.map(lambda env: gym.spec(env).reward_threshold)
         kinds = runs.group.str.partition("_")[2] + ", / threshold"
-        runs = pd.concat([runs, runs.assign(**{"group": kinds, "return": shares})])
+        alike = runs.assign(**{"group": kinds, "return": shares})
+        in_all = alike.groupby(["group", "seed"]).env.transform("nunique") == runs.env.nunique()
+        runs = pd.concat([runs, alike[in_all]])
     for group, scores in runs.groupby("group", sort=False):
         strata = [of_env for _, of_env in scores.groupby("env")["return"]]
         values = scores.set_index("seed")["return"]
@@ -241,7 +244,7 @@ def interquartile_mean(*strata: Array) -> Interval:
 def plot(returns: pd.DataFrame, path: Path) -> None:
     """Draw an environment's learning curves against steps and against core-seconds, and its
     performance profile: the share of (run, command) whose return is above each value."""
-    figure = Figure((13.0, 4.6), layout="constrained")
+    figure = Figure((15.0, 4.6), layout="constrained")
     by_steps, by_time, profile = figure.subplots(1, 3)
     is_run = returns.policy == "run"
     groups = returns[is_run].group.drop_duplicates()
@@ -269,7 +272,7 @@ def plot(returns: pd.DataFrame, path: Path) -> None:
     by_steps.xaxis.set_minor_locator(ticker.NullLocator())
     by_time.set(xlabel="s of one core, evaluations included")
     profile.set(xlabel="return at a command", ylabel="share of runs and commands above")
-    by_steps.legend(fontsize=8)
+    figure.legend(*by_steps.get_legend_handles_labels(), loc="outside right center", fontsize=8)
     save(figure, path)
 
 

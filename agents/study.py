@@ -113,7 +113,8 @@ def planned_runs(args: argparse.Namespace) -> list[Arguments]:
 
 def run_trial(parameters: dict[str, Arguments], plan: Arguments, root: Path) -> None:
     """Train and score one of :func:`planned_runs` in ``root/NAME``, from its last checkpoint, which
-    is none of Ray's: one that it removes may be what its state still names."""
+    is none of Ray's: one that it removes may be what its state still names. A ValueError where it
+    is of another configuration."""
     torch.set_num_threads(1)  # whatever the cores: the run that a seed gives depends on the number
     run = parameters["run"]
     config, folder = make_config(run["config"]), root / run["name"]
@@ -121,7 +122,9 @@ def run_trial(parameters: dict[str, Arguments], plan: Arguments, root: Path) -> 
     with locked(folder):
         resume = last_state(folder)
         if resume is not None and load_config(find_config(resume)) != config:
-            raise ValueError(f"{folder} was begun with another configuration")
+            raise ValueError(
+                f"{folder} holds a run of another configuration, must be another --name"
+            )
         if resume is None or resume.name != FINAL:
             model = prepare(config, resume)
             record_run(folder, config, "python -m agents.study")

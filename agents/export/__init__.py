@@ -35,7 +35,7 @@ def export(
         raise ValueError(f"--env is {env_id}, but {run} says itself what it was trained on")
     policy, short = read(file or run)
     words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", f"{policy.env_id}_{short}").lower()
-    default = re.sub(r"[^a-z0-9]+", "_", words).strip("_")[:50]  # of 63, for what is added
+    default = re.sub(r"[^a-z0-9]+", "_", words).strip("_")[:50]  # leaves room for _firmware
     name = c_source.check_name(default if name is None else name)
     files: dict[str, bytes] = {}
     if "onnx" in kinds:

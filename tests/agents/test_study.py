@@ -177,7 +177,7 @@ def test_a_finished_study_is_not_run_again(finished):
 def test_a_run_of_another_configuration_is_not_gone_on_with(finished):
     (run, _) = study.planned_runs(study.parse([str(finished.parent / "small.yml")]))
     run["config"]["n_envs"] = 8
-    with pytest.raises(ValueError, match="begun with another configuration"):
+    with pytest.raises(ValueError, match="a run of another configuration"):
         study.run_trial({"run": run}, SMALL, finished)
 
 

@@ -138,6 +138,13 @@ def test_one_episode_after_another():
     env.env.reset()  # behind its back
     env.step(np.zeros(1, np.float32))
     assert env.recording.steps == 1
+    env.step(np.zeros(1, np.float32))
+    ahead = env.unwrapped.get_state()
+    env.reset()
+    env.unwrapped.set_state(ahead)
+    for _ in range(2):  # the first is no step of what was recorded, and begins another recording
+        env.step(np.zeros(1, np.float32))
+    assert env.recording.steps == 1
 
 
 def test_falls_are_in_it_and_long_episodes_are_cut(monkeypatch):

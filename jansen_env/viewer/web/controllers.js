@@ -1,7 +1,8 @@
 // What turns the crank: a hand, the paper's PID at a speed that walks at the command, or a policy.
 //
 // Each has begin(), act() -> action, -1 to 1, for the machine as it stands, topSpeed, m/s, the
-// fastest command that makes sense, and memory: what it keeps between steps, to be saved and set.
+// fastest command that makes sense, and memory: what it keeps between steps, to be saved and set. A
+// hand has only begin() and topSpeed: its torque is given from outside.
 
 import { modulo, TURN } from "./closure.js";
 import { numbersOf } from "./engine.js";
@@ -12,7 +13,7 @@ const limited = (value, most) => Math.max(-most, Math.min(most, value));
 /** The controller of a name in `data.controllers` for a machine. */
 export function controllerNamed(engine, data, name, machine) {
   const { topSpeed, shortestTurn, baselines, paperGains } = data.control;
-  if (name === "hand") return { topSpeed: 1, begin() {} }; // its torque is given from outside
+  if (name === "hand") return { topSpeed: 1, begin() {} };
   if (name === "constant speed") {
     const way = Math.max(Math.abs(machine.tables.advance), shortestTurn);
     return new Steady(machine, topSpeed, paperGains, (command) => (TURN / way) * command);

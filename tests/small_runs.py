@@ -21,7 +21,7 @@ def small_run(algo="ppo", env_id="JansenWalker-v0", hyperparameters=(), **more):
     """The shipped configuration, or the study's of the library's defaults, with small rollouts, or
     a small replay buffer that fills."""
     shipped = config.new_config(None if algo in ("ppo", "sac") else LIBRARY, algo, env_id)
-    if algo == "ppo":
+    if algo.startswith("ppo"):
         small = {"n_steps": 16, "n_epochs": 2, "batch_size": 16}
     elif algo == "ars":
         small = {"n_delta": 1, "n_eval_episodes": 6}

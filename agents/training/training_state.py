@@ -1,8 +1,9 @@
 """Models saved with the state of training besides their parameters, to resume exactly from.
 
-The state is each robot's state and generator, the observations the next rollout begins with, the
-global generators, the exploration noise where rollouts keep it, and the replay buffer. Taken when a
-rollout begins, it leaves nothing out. All of it is numbers, read without running code.
+The state is each robot's state and generator, the observations the next rollout begins with, a
+recurrent policy's memory, the global generators, the exploration noise where rollouts keep it, and
+the replay buffer. Taken when a rollout begins, it leaves nothing out. All of it is numbers, read
+without running code.
 """
 
 import io
@@ -65,6 +66,7 @@ def read_state(model: BaseAlgorithm) -> Arguments:
         "observations": plain(model._last_obs), "starts": plain(model._last_episode_starts),
         "returns": plain(monitor.episode_returns), "lengths": plain(monitor.episode_lengths),
         "robots": [plain(state) for state in states], "generators": _read_generators(model),
+        "memory": [part.tolist() for part in _memory(model)],
     }  # fmt: skip
 
 
@@ -87,6 +89,8 @@ def restore_state(model: BaseAlgorithm, state: Arguments) -> None:
             if len(states := state["robots"]) != n:
                 raise ValueError(f"there are states of {len(states)} robots, must be of {n}")
             venv.set_states(states)
+            for part, values in zip(_memory(model), state.get("memory", []), strict=True):
+                part.copy_(torch.tensor(values))
         else:
             print("environments simulated one by one begin new episodes: the run goes on nearly, "
                   "but not exactly, as it would have")  # fmt: skip
@@ -104,6 +108,11 @@ def _envs(model: BaseAlgorithm) -> tuple[VecEnv, VecMonitor]:
     monitor = unwrap_vec_wrapper(venv, VecMonitor)
     assert isinstance(monitor, VecMonitor)
     return venv.unwrapped, monitor
+
+
+def _memory(model: BaseAlgorithm) -> list[torch.Tensor]:
+    """Return what a recurrent policy and its critic remember; nothing of another policy."""
+    return [part for pair in getattr(model, "_last_lstm_states", ()) for part in pair]
 
 
 def plain(value: object) -> object:

@@ -13,7 +13,7 @@ from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
-from jansen_env.checks import MAX_STEPS, named_errors, shown
+from jansen_env.checks import MAX_STEPS, named_errors, one_of, shown
 from jansen_env.plain_yaml import HUGE, TINY, Rule, check_keys, read_yaml
 from jansen_env.registration import IDS
 from jansen_env.scoring.benchmarks import DEFAULT, check_env_kwargs
@@ -23,7 +23,7 @@ Arguments: TypeAlias = dict[str, Any]
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC, "td3": TD3}
 with suppress(ImportError):  # the extra "train" installs it
-    from sb3_contrib import ARS, TQC, CrossQ
+    from sb3_contrib import ARS, TQC, CrossQ, RecurrentPPO
 
     class CountingARS(ARS):
         """ARS that counts each robot's step once; it counts one of all robots for each."""
@@ -33,11 +33,12 @@ with suppress(ImportError):  # the extra "train" installs it
         ) -> None:
             super()._trigger_callback(_locals, _globals, callback, 1)
 
-    ALGORITHMS |= {"tqc": TQC, "crossq": CrossQ, "ars": CountingARS}
+    ALGORITHMS |= {"tqc": TQC, "crossq": CrossQ, "ars": CountingARS, "ppo_lstm": RecurrentPPO}
+POLICIES = ("MlpPolicy", "MlpLstmPolicy")  # of one of them an algorithm has
 MAX_UNITS, MAX_LAYERS = 1024, 8  # of a network
 KEYS = {
     "algo": Rule(words=tuple(ALGORITHMS)), "env": Rule(words=IDS),
-    "policy": Rule(words=("MlpPolicy",)), "timesteps": Rule((int,), 1, MAX_STEPS),
+    "policy": Rule((str,)), "timesteps": Rule((int,), 1, MAX_STEPS),
     "n_envs": Rule((int,), 1, 10_000), "seed": Rule((int,), 0, 2**32 - 1),
     "reward_scale": Rule((float,), TINY), "fall_cost": Rule((float,), 0),
     "env_kwargs": Rule((dict,)), "training_variants": Rule((list,)),
@@ -54,6 +55,7 @@ LIMITS: dict[str, tuple[float, float]] = {
     "n_delta": (1, 10_000), "n_top": (1, 10_000), "n_eval_episodes": (1, 10_000),
     "alive_bonus_offset": (-HUGE, HUGE), "n_quantiles": (1, 1000),
     "top_quantiles_to_drop_per_net": (0, 1000), "renorm_warmup_steps": (0, MAX_STEPS),
+    "lstm_hidden_size": (1, MAX_UNITS), "n_lstm_layers": (1, MAX_LAYERS),
 }  # fmt: skip
 """Ranges of Stable-Baselines3's numbers; those not named range from TINY to HUGE."""
 SET_HERE = ("seed", "_init_setup_model", "optimize_memory_usage", "normalize_images")
@@ -99,14 +101,16 @@ class RunConfig:
 
     def __post_init__(self) -> None:
         check_keys("", vars(self), KEYS)
+        one_of("policy", self.policy, [*({*POLICIES} & {*ALGORITHMS[self.algo].policy_aliases})])
         variants = self.training_variants
         if not variants or not all(isinstance(variant, dict) for variant in variants):
             raise ValueError(f"training_variants is {shown(variants)}, must be a list of mappings")
         network = dict(self.policy_kwargs)
         if "net_arch" in network:
-            _check_layers(network.pop("net_arch"), ["pi", "vf" if self.algo == "ppo" else "qf"])
-        check_keys("policy_kwargs", network, rules(self.algo)["policy_kwargs"])
-        check_keys("hyperparameters", self.hyperparameters, rules(self.algo)["hyperparameters"])
+            _check_layers(network.pop("net_arch"), ["pi", "vf" if "ppo" in self.algo else "qf"])
+        known = rules(self.algo, self.policy)
+        check_keys("policy_kwargs", network, known["policy_kwargs"])
+        check_keys("hyperparameters", self.hyperparameters, known["hyperparameters"])
         for name in ("harmonics", "half_turn"):
             if network.get(name) and not network.get("normalize"):
                 raise ValueError(f"{name} is given, so normalize must be true, too")
@@ -150,16 +154,16 @@ def _rules(function: Callable[..., object], *without: str) -> dict[str, Rule]:
 
 
 @cache
-def rules(algo: str) -> dict[str, dict[str, Rule]]:
-    """Return the rules of an algorithm's ``hyperparameters`` and ``policy_kwargs`` by name."""
+def rules(algo: str, policy: str) -> dict[str, dict[str, Rule]]:
+    """Return the rules of ``hyperparameters`` and ``policy_kwargs`` by name."""
     library = ALGORITHMS[algo]
-    make = library.policy_aliases["MlpPolicy"].__init__
-    policy, hyperparameters = _rules(make, "use_sde", "lr_schedule"), _rules(library.__init__)
+    make = library.policy_aliases[policy].__init__
+    of_policy, hyperparameters = _rules(make, "use_sde", "lr_schedule"), _rules(library.__init__)
     if "action_noise" in inspect.signature(library.__init__).parameters:
         hyperparameters["action_noise"] = Rule((float,), TINY)
     extracts = "features_extractor_class" in inspect.signature(make).parameters  # not ARS
     network = NETWORK if extracts else {"activation": NETWORK["activation"]}
-    return {"hyperparameters": hyperparameters, "policy_kwargs": {**policy, **network}}
+    return {"hyperparameters": hyperparameters, "policy_kwargs": {**of_policy, **network}}
 
 
 def _check_layers(value: Any, networks: list[str]) -> None:

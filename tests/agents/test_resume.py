@@ -14,6 +14,7 @@ CASES = {
     "noise of a whole rollout": small_run(hyperparameters={"use_sde": True, "sde_sample_freq": -1}),
     "lasting noise": small_run(hyperparameters={"use_sde": True, "sde_sample_freq": 8}),
     "all that is drawn": small_run(env_id="JansenWalkerHardcore-v0"),
+    "recurrent": small_run("ppo_lstm"),
     "crank": small_run(env_id="JansenCrank-v0"),
     "sac": small_run("sac"),
     "td3": small_run("td3"),

@@ -20,7 +20,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 import jansen_env
 from agents.training.train_model import prepare
 from jansen_env.arrays import Array
-from jansen_env.checks import one_line, one_of, shown
+from jansen_env.checks import named_errors, one_of, shown
 from jansen_env.commands.flags import Parser, non_negative_int, positive_int
 from jansen_env.commands.named_policies import model_file
 from jansen_env.files import write_bytes, write_json
@@ -182,10 +182,8 @@ def load_weights(model: BaseAlgorithm, tensors: pretrained.Tensors) -> None:
     for name in model.policy.state_dict():
         if name.startswith(COPY):
             state[name] = state.get(name.replace(COPY, "critic.", 1), torch.empty(0))
-    try:
+    with named_errors("the weights do not fit", RuntimeError):
         model.policy.load_state_dict(state)
-    except RuntimeError as error:
-        raise ValueError(f"the weights do not fit: {one_line(error)}") from error
 
 
 def check_equal(packed: PretrainedPolicy, policy: BasePolicy, count: int = 10_000) -> float:

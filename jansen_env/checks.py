@@ -44,12 +44,12 @@ def one_line(error: BaseException) -> str:
 
 @contextlib.contextmanager
 def named_errors(source: object, *kinds: type[Exception]) -> Iterator[None]:
-    """Let a ValueError within begin with its source; also raised for other ``kinds`` of error."""
+    """Let errors within, of ``kinds`` too, be ValueErrors of one line that begins with a source."""
     every: tuple[type[Exception], ...] = (ValueError, *kinds)
     try:
         yield
     except every as error:
-        raise ValueError(f"{source}: {error}") from error
+        raise ValueError(f"{source}: {one_line(error)}") from error
 
 
 def listed(known: Iterable[object], value: object) -> str:

@@ -1,5 +1,6 @@
 """Robots set down, thrown and walked: what physics tests of all folders begin with."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +8,8 @@ import pytest
 
 from jansen_env import ROBOTS, Compliance, Leg, Payload, Robot, Terrain, paper_robot
 from jansen_env.dynamics import reduced as rd
+from jansen_env.gravity import GRAVITY
+from jansen_env.parameters import nominal
 from jansen_env.plants.plant import ProjectionPlant, RigidBodyPlant
 from jansen_env.robot import RIGID
 from jansen_env.robot.kinematics import coordinates, joint_positions
@@ -50,6 +53,14 @@ def governor(plant, speed=1.0, most=20.0):
     """Torque that holds a plant's crank, or one of a given rate, near ``speed`` rad/s, N m."""
     rate = plant.state[7] if hasattr(plant, "state") else plant
     return float(np.clip(10.0 * (speed - rate) + 1.5 * speed, -most, most))
+
+
+def pull(plant, along):
+    """Let gravity pull with ``along``, m/s^2, along the ground, too."""
+    row = nominal(plant.robot, plant.terrain)
+    row["tilt"] = -math.atan2(along, GRAVITY)
+    row["gravity_scale"] = math.hypot(along, GRAVITY) / GRAVITY
+    plant.set_parameters(row)
 
 
 def walked(plant, speed, duration):

@@ -19,7 +19,7 @@ from agents.design.measures import GROUPS, Walker
 from agents.design.variables import Candidate, Space
 from agents.training.runs import locked
 from jansen_env.arrays import Array
-from jansen_env.checks import one_line
+from jansen_env.checks import named_errors
 from jansen_env.files import open_regular, write_bytes
 
 JOURNAL = "journal.npy"
@@ -214,11 +214,9 @@ def read_journal(path: Path, plan: Plan) -> Journal:
     row = np.dtype([("unit", float, len(plan.space().start)), *((name, float) for name in names)])
     if not path.exists():
         return np.empty(0, row)
-    try:
+    with named_errors(f"{path} is damaged", Exception):  # NumPy raises many kinds
         with open_regular(path) as file:
             journal: Journal = np.load(file, allow_pickle=False)
         if journal.dtype != row or journal.ndim != 1:
             raise ValueError(f"it has rows of {journal.dtype}, must be of {row}")
-    except Exception as error:  # of a damaged file NumPy raises many kinds
-        raise ValueError(f"{path} is damaged: {one_line(error)}") from error
-    return journal
+        return journal

@@ -13,7 +13,7 @@ from typing import Any
 import yaml
 from stable_baselines3.common.utils import get_latest_run_id
 
-from jansen_env.checks import finite, instance
+from jansen_env.checks import finite, instance, named_errors
 from jansen_env.files import PART, write_text
 from jansen_env.sb3.run_config import RunConfig
 from jansen_env.sb3.trained import read_model
@@ -76,15 +76,13 @@ def record_run(folder: Path, config: RunConfig, command: str) -> None:
 def read_evaluations(folder: Path) -> list[dict[str, Any]]:
     """Return the rows of evaluations.json, none without it; a ValueError where it is damaged."""
     path = folder / "evaluations.json"
-    try:
+    needed = "a list of evaluations, each with 'steps' and 'return'"
+    with named_errors(f"{path} must be {needed}", OSError, RecursionError):
         rows = json.loads(path.read_bytes()) if path.is_file() else []
         for row in instance("the whole", rows, list):
             for name in ("steps", "return"):
                 finite(name, instance("an evaluation", row, dict).get(name))
-    except (OSError, RecursionError, ValueError) as error:
-        needed = "a list of evaluations, each with 'steps' and 'return'"
-        raise ValueError(f"{path} must be {needed}: {error}") from error
-    return list(rows)
+        return list(rows)
 
 
 def best_score(folder: Path) -> float:

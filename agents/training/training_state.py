@@ -19,7 +19,7 @@ from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.distributions import StateDependentNoiseDistribution
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor, unwrap_vec_wrapper
 
-from jansen_env.checks import one_line, whole_number
+from jansen_env.checks import named_errors, whole_number
 from jansen_env.files import open_regular, write_bytes, write_whole
 from jansen_env.sb3 import BatchVecEnv
 from jansen_env.sb3.run_config import Arguments
@@ -40,7 +40,7 @@ def save_model(model: BaseAlgorithm, path: Path, notes: Arguments) -> None:
 
 def restore(model: BaseAlgorithm, saved: SavedModel) -> None:
     """Set all parameters of a model, its optimisers' too; a ValueError where they do not fit."""
-    try:
+    with named_errors("the saved model does not fit its configuration", Exception):
         model.set_parameters(saved.parameters, exact_match=True)
         for name in model._get_torch_save_params()[1]:  # such as SAC's entropy coefficient
             variable = getattr(model, name)
@@ -48,10 +48,6 @@ def restore(model: BaseAlgorithm, saved: SavedModel) -> None:
         model.num_timesteps = saved.steps
         if hasattr(model, "weights"):  # ARS, which loads them into its policy
             model.weights = torch.nn.utils.parameters_to_vector(model.policy.parameters()).detach()
-    except Exception as error:  # torch and the optimisers raise most kinds for what does not fit
-        raise ValueError(
-            f"the saved model does not fit its configuration: {one_line(error)}"
-        ) from error
 
 
 def read_state(model: BaseAlgorithm) -> Arguments:
@@ -78,7 +74,7 @@ def restore_state(model: BaseAlgorithm, state: Arguments) -> None:
     """
     venv, monitor = _envs(model)
     n = venv.num_envs
-    try:
+    with named_errors("the training state does not fit", Exception):  # of whatever kind
         model._n_updates, model._episode_num = int(state["updates"]), int(state["episodes"])
         if isinstance(venv, BatchVecEnv):
             observations = np.array(state["observations"], np.float32)
@@ -95,8 +91,6 @@ def restore_state(model: BaseAlgorithm, state: Arguments) -> None:
             print("environments simulated one by one begin new episodes: the run goes on nearly, "
                   "but not exactly, as it would have")  # fmt: skip
         restore_generators(model, state)
-    except Exception as error:  # of what does not fit, whatever the parts of it raise
-        raise ValueError(f"the training state does not fit: {one_line(error)}") from error
     model.ep_info_buffer = deque(maxlen=model._stats_window_size)
     model.ep_success_buffer = deque(maxlen=model._stats_window_size)
 
@@ -163,18 +157,16 @@ def save_replay_buffer(buffer: ReplayBuffer, path: Path) -> None:
 def load_replay_buffer(buffer: ReplayBuffer, path: Path) -> None:
     """Fill a new buffer with what :func:`save_replay_buffer` has written. Raises ValueError: not
     such a file, or one of a buffer of another size or other environments."""
-    try:
-        with open_regular(path) as file, np.load(file, allow_pickle=False) as archive:
-            size = sum(member.file_size for member in archive.zip.infolist())
-            most = sum(getattr(buffer, name).nbytes for name in ARRAYS) + 10_000  # for headers
-            if size > most:
-                raise ValueError(f"it unpacks to {size} bytes, must be {most} at most")
-            buffer.pos = whole_number("pos", archive["pos"].item(), buffer.buffer_size - 1)
-            buffer.full = bool(archive["full"])
-            for name in ARRAYS:
-                getattr(buffer, name)[: _used(buffer)] = archive[name]
-    except Exception as error:  # of a damaged file zipfile and NumPy raise nearly every kind
-        raise ValueError(f"{path} is no replay buffer: {one_line(error)}") from error
+    valid = named_errors(f"{path} is no replay buffer", Exception)  # NumPy raises nearly every kind
+    with valid, open_regular(path) as file, np.load(file, allow_pickle=False) as archive:
+        size = sum(member.file_size for member in archive.zip.infolist())
+        most = sum(getattr(buffer, name).nbytes for name in ARRAYS) + 10_000  # for headers
+        if size > most:
+            raise ValueError(f"it unpacks to {size} bytes, must be {most} at most")
+        buffer.pos = whole_number("pos", archive["pos"].item(), buffer.buffer_size - 1)
+        buffer.full = bool(archive["full"])
+        for name in ARRAYS:
+            getattr(buffer, name)[: _used(buffer)] = archive[name]
 
 
 def _used(buffer: ReplayBuffer) -> int:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from jansen_env.baselines.policy import Policy
-from jansen_env.checks import listed
+from jansen_env.checks import listed, named_errors
 from jansen_env.policies import pretrained
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.rollout import EnvKwargs, make_env
@@ -55,10 +55,8 @@ def load_named(name: str, env: Any) -> Policy:
         )
     if path.suffix == ".json":
         packed = pretrained.load_file(path)
-        try:
+        with named_errors(f"policy {name!r} does not fit {env_id}"):
             return packed.on(env)
-        except ValueError as error:
-            raise ValueError(f"policy {name!r} does not fit {env_id}: {error}") from None
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # more would change the last bits of the actions
     from jansen_env.sb3 import load_policy  # only now: torch is slow to import
 

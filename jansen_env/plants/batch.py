@@ -38,7 +38,7 @@ from jansen_env.plants.robot_parameters import (
     machine_of,
 )
 from jansen_env.plants.threads import Memory, Threads
-from jansen_env.plants.trace import PeakLoads, find_touchdowns, pads_in_contact, trace_forces
+from jansen_env.plants.trace import find_touchdowns, pads_in_contact, trace_forces
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
@@ -199,11 +199,6 @@ class Batch:
         self.params[rows] = params
         self._status["pad_radius"][rows] = params["pad_radius"]
 
-    def set_gravity(self, row: int, gravity: Gravity) -> None:
-        """Change a robot's gravity, m/s^2; its tilt stays."""
-        self.nominal_params[GRAVITY_XY][row] = gravity_vector(gravity)
-        self._apply(np.array([row]))
-
     def check_robot(self, robot: Robot) -> None:
         """Raise what :meth:`set_robots` would for a robot in place of any other."""
         check_legs(robot, self.robots[0])
@@ -235,11 +230,6 @@ class Batch:
     def tables_in_force(self, row: int) -> Tables:
         """Return the tables of a robot under its parameters."""
         return compile_robot(machine_of(self.robots[row], self.parameters[row]))
-
-    @property
-    def gravity(self) -> tuple[float, float]:
-        """(x, y) m/s^2, the first robot's gravity without its tilt."""
-        return self.nominal_params[GRAVITY_XY][0].item()
 
     def set_terrain(self, row: int, terrain: Terrain) -> None:
         """Change a robot's ground, with friction and restitution: it must be placed again.
@@ -535,11 +525,16 @@ class Batch:
         finally:
             self.tracing, self.trace, self.touchdowns = kept
 
-    def peak_loads(self) -> PeakLoads:
-        """The largest loads on joints of the first robot in its last step, if it was traced."""
+    def peak_loads(self) -> tuple[float, float]:
+        """The largest loads on joints of the first robot in its last step, if it was traced.
+
+        The force in time steps without a landing, N; the impulse in those with one, N s: a rigid
+        foot stops at once, with an impulse that is defined and a force that is not. The ordinary
+        force in that step is included.
+        """
         largest, landing = self._traced_forces().bearing.max(axis=(-2, -1)), self.touchdowns
         force, impulse = largest[~landing], largest[landing] * self.time_step
-        return PeakLoads(float(force.max(initial=0.0)), float(impulse.max(initial=0.0)))
+        return float(force.max(initial=0.0)), float(impulse.max(initial=0.0))
 
     def _traced_forces(self) -> JointForces:
         """Forces in every joint in each time step that was traced last."""

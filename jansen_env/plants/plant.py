@@ -7,12 +7,12 @@ from typing import TypeAlias
 
 import numpy as np
 
-from jansen_env.arrays import Array, Bools
+from jansen_env.arrays import Array
 from jansen_env.checks import finite, one_of, positive
 from jansen_env.dynamics.reduced import Tables
 from jansen_env.gravity import GRAVITY, Gravity
 from jansen_env.parameters import ROBOT_PARAMETERS
-from jansen_env.plants.base import StepResult, check_in_contact, check_pushes, check_state
+from jansen_env.plants.base import StepResult, check_pushes, check_state
 from jansen_env.plants.batch import TIME_STEP, Batch
 from jansen_env.plants.rigid.rigid_batch import TIME_STEP as RIGID_TIME_STEP
 from jansen_env.plants.rigid.rigid_batch import RigidBodyBatch
@@ -58,31 +58,9 @@ class Plant:
         """Position of the crank axis along the ground, m."""
         return float(self.batch.states[0, 0])
 
-    @property
-    def gravity(self) -> tuple[float, float]:
-        """(x, y) m/s^2, without the tilt of the parameters; a :data:`Gravity` may be set."""
-        return self.batch.gravity
-
-    @gravity.setter
-    def gravity(self, value: Gravity) -> None:
-        self.batch.set_gravity(0, value)
-
     def set_parameters(self, values: np.void) -> None:
         """Put parameters in force, see :meth:`Batch.set_parameters`."""
         self.batch.set_parameters(FIRST, np.array([values], ROBOT_PARAMETERS))
-
-    @property
-    def in_contact(self) -> Bools | None:
-        """(pads,) the pads on the ground; None where that is not known.
-
-        Part of the state only in that it says what lands next: set it after :attr:`state`.
-        """
-        in_contact = self.batch.in_contact
-        return None if in_contact is None else in_contact.copy()
-
-    @in_contact.setter
-    def in_contact(self, value: object) -> None:
-        self.batch.in_contact = check_in_contact(value, len(self.batch.deflection[0]))
 
     def reset(self, x: float = 0.0, crank_angle: float = 0.0, pitch: float | None = None) -> Array:
         """Place the robot at rest, see :meth:`Batch.place_at`; returns the new state (8,)."""
@@ -98,21 +76,13 @@ class Plant:
         self.batch.lookahead(torque, pushes=pushes)
         return self._result(torque, self.batch.lookahead_steps)
 
-    def step(
-        self,
-        torque: float,
-        duration: float,
-        earlier: float = 0.0,
-        switch: int = 0,
-        pushes: Array | None = None,
-    ) -> StepResult:
+    def step(self, torque: float, duration: float, pushes: Array | None = None) -> StepResult:
         """Hold a crank torque for a while.
 
         Args:
             torque: N m on the crank, counter-clockwise positive (and its reaction on the chassis).
             duration: s, rounded to whole time steps.
-            earlier, switch, pushes (steps, 2): as of one robot in
-                :meth:`Batch.step`.
+            pushes: (steps, 2) as of one robot in :meth:`Batch.step`.
 
         Raises:
             ValueError: a duration out of range, or pushes of another shape.
@@ -121,9 +91,8 @@ class Plant:
                 ground. The state is as it was before.
         """
         steps = max(1, round(positive("duration", duration) / self.time_step))
-        held, before = np.array([torque], dtype=float), np.array([earlier], dtype=float)
         impulses = None if pushes is None else check_pushes(pushes, steps)[None]
-        self.batch.step(held, steps, before, np.array([switch]), pushes=impulses)
+        self.batch.step(np.array([torque], dtype=float), steps, pushes=impulses)
         return self._result(torque, steps)
 
     def _result(self, torque: float, steps: int) -> StepResult:

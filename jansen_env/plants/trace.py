@@ -2,23 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from jansen_env.arrays import Array, Bools, Rows
 from jansen_env.dynamics.joint_forces import JointForces, joint_forces
 from jansen_env.dynamics.reduced import Tables, body_sums
 from jansen_env.gravity import GRAVITY, Gravity
-
-
-class PeakLoads(NamedTuple):
-    """The largest load on any joint of any link (:attr:`JointForces.bearing`)."""
-
-    force: float  # N, in the time steps without a landing
-    # N s, in those with one: a rigid foot stops at once, with an impulse that is defined and a
-    # force that is not. The ordinary force in that step is included.
-    impulse: float
 
 
 def trace_forces(

@@ -17,7 +17,7 @@ from stable_baselines3.common.save_util import load_from_zip_file
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
 from jansen_env.arrays import Array
-from jansen_env.checks import one_line, whole_number
+from jansen_env.checks import named_errors, one_line, whole_number
 from jansen_env.files import open_regular
 from jansen_env.sb3.run_config import ALGORITHMS, Arguments, RunConfig, find_config, load_config
 from jansen_env.scoring.rollout import make_env
@@ -84,19 +84,15 @@ def load_policy(path: str | Path) -> BasePolicy:
     arguments = {"use_sde": config.hyperparameters.get("use_sde", False),
                  "lr_schedule": lambda _: 0.0}  # fmt: skip # not used
     known = {k: v for k, v in arguments.items() if k in inspect.signature(make).parameters}
-    try:
-        with closing(make_env(config.env, config.env_kwargs)) as env:
-            policy: BasePolicy = make(
-                env.observation_space, env.action_space, **known, **policy_kwargs_of(config)
-            )
-    except (AssertionError, TypeError, ValueError) as error:  # arguments that do not go together
-        raise ValueError(f"{source}: {error}") from error
+    fitting = named_errors(source, AssertionError, TypeError)  # of arguments to one another
+    with fitting, closing(make_env(config.env, config.env_kwargs)) as env:
+        policy: BasePolicy = make(
+            env.observation_space, env.action_space, **known, **policy_kwargs_of(config)
+        )
     policy.set_training_mode(False)
     weights = read_model(path).parameters.get("policy", {})
-    try:
+    with named_errors(f"{path} does not fit {source}", Exception):  # torch raises most kinds
         policy.load_state_dict(weights)
-    except Exception as error:  # torch raises most kinds for what does not fit
-        raise ValueError(f"{path} does not fit {source}: {one_line(error)}") from error
     if not all(tensor.isfinite().all() for tensor in policy.state_dict().values()):
         raise ValueError(f"{path} has weights that are not finite")
     return policy

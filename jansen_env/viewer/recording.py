@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.arrays import Array
-from jansen_env.checks import instance, one_line, one_of, shown
+from jansen_env.checks import instance, named_errors, one_line, one_of, shown
 from jansen_env.files import read_bounded, write_bytes
 from jansen_env.rendering import SLIP, reach_of
 from jansen_env.robot import Robot
@@ -188,10 +188,8 @@ class Recording:
 
         Raises ValueError: it is missing, no recording, damaged or too large.
         """
-        try:
+        with named_errors(f"{path} is no recording"):
             return Recording.from_bytes(read_bounded(path, MAX_BYTES))
-        except (OSError, ValueError) as error:
-            raise ValueError(f"{path} is no recording: {error}") from error
 
     @staticmethod
     def from_bytes(data: bytes) -> "Recording":

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jansen_env.checks import entries, instance, one_line, shown
+from jansen_env.checks import entries, instance, named_errors, shown
 from jansen_env.files import read_bounded
 from jansen_env.robot import Robot
 from jansen_env.robot.robot_file import robot_from_json
@@ -27,16 +27,12 @@ def walk_again(path: str | Path) -> Recording:
 
     Raises ValueError: it is missing, no walk, or asks for what the environment refuses.
     """
-    try:
+    kinds = AttributeError, KeyError, RecursionError, TypeError
+    with named_errors(f"{path} is no walk", *kinds):
         content = json.loads(read_bounded(path, MAX_BYTES))
         if (kind := instance("it", content, dict).get("format")) != FORMAT:
             raise ValueError(f"its format is {shown(kind)}, must be {FORMAT!r}")
         return _simulated(content)
-    except (OSError, RecursionError, ValueError) as error:
-        raise ValueError(f"{path} is no walk: {one_line(error)}") from error
-    except (AttributeError, KeyError, TypeError) as error:
-        reason = one_line(error)
-        raise ValueError(f"{path} is no walk: an entry is missing or wrong: {reason}") from error
 
 
 def _simulated(content: Values) -> Recording:

@@ -464,8 +464,7 @@ class World:
             return self.plant.joint_forces(float(self.torque[0])).largest()[0], 0.0
         if self.plant.any_diverged:
             return 0.0, 0.0
-        force, impulse = self.plant.peak_loads()
-        return force, impulse
+        return self.plant.peak_loads()
 
     def disturb(self, which: Ints | None = None) -> None:
         """Turn observations into what sensors tell, after a step, or of some robots between two."""

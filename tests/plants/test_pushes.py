@@ -117,11 +117,11 @@ def test_robots_of_a_batch_are_pushed_one_by_one():
     torque, earlier, switch = np.ones(3), np.zeros(3), np.full(3, 5)
     batch.step(torque, 40, earlier, switch, pushes=pushes)
     for k in range(3):
-        plant = ProjectionPlant(robot, terrain)
-        plant.reset()
-        result = plant.step(1.0, 0.04, 0.0, 5, pushes[k])
-        assert plant.state.tobytes() == batch.states[k].tobytes()
-        assert result.push_work == batch.accumulators["push_work"][k]
+        alone = Batch([robot], [terrain])
+        alone.place_at(np.zeros(1, int), np.zeros(1))
+        alone.step(torque[:1], 40, earlier[:1], switch[:1], pushes=pushes[[k]])
+        assert alone.states.tobytes() == batch.states[k].tobytes()
+        assert alone.accumulators["push_work"] == batch.accumulators["push_work"][k]
     assert len(set(batch.states[:, 0].tolist())) == 3
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motions import placed, shift
+from motions import placed, pull, shift
 from test_grooves import grooves
 
 from jansen_env import ROBOTS, Robot, Terrain
@@ -27,9 +27,9 @@ def standing(pads=PADS, friction=FRICTION, speed=0.0, settle=10.0):
     return plant
 
 
-def pulled(plant, pull, steps):
-    """Pull at the centre of mass with ``pull`` m/s^2 along the ground; returns the result."""
-    plant.gravity = pull, -GRAVITY
+def pulled(plant, along, steps):
+    """Pull at the centre of mass with ``along`` m/s^2 along the ground; returns the result."""
+    pull(plant, along)
     return plant.step(0.0, steps * plant.time_step)
 
 
@@ -42,7 +42,7 @@ def test_bristles_hold_an_oscillating_pull(measured):
             result = pulled(plant, 0.3 * FRICTION * GRAVITY * math.sin(math.pi * k / 25.0), 20)
             slip += result.slip.sum()
             sway = max(sway, abs(plant.state[0] - start[0]))
-        plant.gravity = 0.0, -GRAVITY
+        pull(plant, 0.0)
         plant.step(0.0, 10.0)
         drift = np.abs(plant.state - start)[:4].max()
         measured(f"{name}: slip in 100 cycles of pull", slip, 1e-11, "m")

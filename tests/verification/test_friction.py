@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from motions import momenta, placed, shift
+from motions import momenta, placed, pull, shift
 
 from jansen_env import Leg, Payload, Robot, Terrain
 from jansen_env.gravity import GRAVITY
@@ -100,7 +100,7 @@ def test_slip_begins_at_a_pull_of_mu_m_g(name, way, measured):
     plant = standing(name, Terrain.flat(friction=mu))
     x0, weight, wrong = plant.x, robot.mass * GRAVITY, 0.0
     for share in np.arange(0.996, 1.01, 1e-5):
-        plant.gravity = way * share * mu * GRAVITY, -GRAVITY
+        pull(plant, way * share * mu * GRAVITY)
         creep = abs(plant.x - x0)
         result = plant.step(0.0, 0.01)
         if slides(plant):
@@ -110,7 +110,7 @@ def test_slip_begins_at_a_pull_of_mu_m_g(name, way, measured):
     measured("friction less pull", wrong, 1e-9, "N")
     measured("pull at slip less mu m g, of mu m g", abs(share - 1.0), 1.01e-5)
     measured("creep before it slips", creep, 1e-11, "m")
-    plant.gravity = way * 1.05 * mu * GRAVITY, -GRAVITY
+    pull(plant, way * 1.05 * mu * GRAVITY)
     before = plant.state
     result = plant.step(0.0, 0.2)
     gained = (plant.state - before)[4] / 0.2
@@ -124,10 +124,10 @@ def test_friction_reverses_with_the_motion(name, measured):
     """Pushed against a pull p: p/m + mu g slows it, then p/m - mu g speeds it up the other way."""
     robot, _, most = MACHINES[name]
     mu, speed = most / 2.0, 0.5
-    pull = 1.3 * mu * GRAVITY  # per mass
+    against = 1.3 * mu * GRAVITY  # per mass
     plant = standing(name, Terrain.flat(friction=mu), speed)
-    plant.gravity = -pull, -GRAVITY
-    slowing, gaining = pull + mu * GRAVITY, pull - mu * GRAVITY
+    pull(plant, -against)
+    slowing, gaining = against + mu * GRAVITY, against - mu * GRAVITY
     turning = round(speed / slowing / STEP) * STEP
     first = plant.step(0.0, turning - 2.0 * STEP)
     measured("speed, slowing", abs(plant.state[4] - speed + slowing * (turning - 2 * STEP)), 2e-13)
@@ -141,4 +141,4 @@ def test_friction_reverses_with_the_motion(name, measured):
         measured(f"friction, {name}", error, 2e-11, "N")
     time = turning + 2.0 * STEP - speed / slowing  # since it turned
     distance = speed**2 / (2.0 * slowing) - 0.5 * gaining * time**2
-    measured("place after turning", abs(middle[0] - distance), pull * STEP**2, "m")
+    measured("place after turning", abs(middle[0] - distance), against * STEP**2, "m")

@@ -186,10 +186,10 @@ def test_a_toe_too_deep_is_refused():
     plant = placed(tracing=True)
     state = plant.state + shift(y=-1.0)
     plant.step(0.0, 0.02)
-    plant.state, plant.in_contact = state, np.ones(22, bool)
+    plant.state, plant.batch.in_contact = state, np.ones(22, bool)
     with pytest.raises(FloatingPointError, match="a pad too deep in the ground"):
         plant.step(0.0, 0.1)
-    assert (plant.state == state).all() and plant.in_contact.all()
+    assert (plant.state == state).all() and plant.batch.in_contact.all()
     assert len(plant.batch.trace) == len(plant.batch.touchdowns) == 0
 
 

@@ -214,7 +214,7 @@ class BodySpace:
         sides: Ints,
     ) -> None:
         self.space = space = pymunk.Space()
-        self.set_gravity(gravity)
+        self._gravity = space.gravity = gravity
         space.collision_slop = SLOP
         space.collision_persistence = 1  # arbiters that touch, and no older ones
         terrain.add_to(space)
@@ -305,10 +305,6 @@ class BodySpace:
         self._carriers = np.array([*(self.index[body.id] for body in ends), *self.owners])
         self._carried = np.array(places).T
         return len(rows)
-
-    def set_gravity(self, gravity: tuple[float, float]) -> None:
-        """Change gravity, (x, y) m/s^2."""
-        self._gravity = self.space.gravity = gravity
 
     @property
     def state(self) -> Array:

@@ -46,7 +46,6 @@ from jansen_env.plants.rigid.bodies import (
 )
 from jansen_env.plants.rigid.pad_forces import PadContacts, SpringPads, Sums, check_stiffness
 from jansen_env.plants.robot_parameters import check_values, gravity_of, machine_of, terrain_of
-from jansen_env.plants.trace import PeakLoads
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import check_closure
 from jansen_env.terrain import Terrain
@@ -223,11 +222,6 @@ class RigidBodyBatch:
                 before[name][:] = values
 
         return undo
-
-    def set_gravity(self, row: int, gravity: Gravity) -> None:
-        self.gravity = gravity_vector(gravity)
-        self._effective_gravity = gravity_of(self.gravity, self.parameters[0])
-        self._space.set_gravity(self._effective_gravity)
 
     def _build(self, state: Array, bristle: Array | None = None) -> None:
         """Put the robot into ``state`` in a new space; bristle: (pads,) m, of compliant pads."""
@@ -443,7 +437,7 @@ class RigidBodyBatch:
         """Raise ValueError: they are not known."""
         raise ValueError("for joint forces plant is 'rigid_body', must be 'projection'")
 
-    def peak_loads(self) -> PeakLoads:
+    def peak_loads(self) -> tuple[float, float]:
         """Raise ValueError: they are not known."""
         raise ValueError("for joint loads plant is 'rigid_body', must be 'projection'")
 

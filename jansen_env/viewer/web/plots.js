@@ -1,6 +1,6 @@
 // Plots over time with a cursor. What does not move is painted once and kept.
 
-import { css, mix } from "./scene.js";
+import { css, digitsOf, line, mix } from "./scene.js";
 
 const MARGIN = { left: 38, right: 6, top: 6, bottom: 16 }; // pixels around the curves
 
@@ -9,11 +9,6 @@ function niceStep(length, count) {
   const rough = Math.max(length, 1e-9) / count;
   const power = 10 ** Math.floor(Math.log10(rough));
   return power * ([1, 2, 5].find((factor) => factor * power >= rough) ?? 10);
-}
-
-/** Digits after the point that multiples of a step need. */
-function digitsOf(step) {
-  return Math.min(Math.max(0, -Math.floor(Math.log10(step) + 1e-9)), 9);
 }
 
 /** Least and most of some curves, with zero. */
@@ -67,7 +62,7 @@ function drawRows(ctx, { low, high, yOf }, size, theme) {
   for (let i = Math.ceil(low / rise - 1e-9); i * rise <= high; i++) {
     const y = Math.round(yOf(i * rise)) + 0.5;
     ctx.strokeStyle = css(i === 0 ? mix(theme.muted, theme.sky, 0.4) : theme.grid);
-    stroke(ctx, [MARGIN.left, y], [size.width - MARGIN.right, y]);
+    line(ctx, [MARGIN.left, y], [size.width - MARGIN.right, y]);
     ctx.fillText((i * rise).toFixed(digitsOf(rise)), MARGIN.left - 5, y);
   }
 }
@@ -126,7 +121,7 @@ export function plotOn(canvas, curves, duration) {
     const x = scales.xOf(time);
     ctx.strokeStyle = css(frame.theme.ink, 0.55);
     ctx.lineWidth = 1;
-    stroke(ctx, [x, MARGIN.top], [x, frame.height - MARGIN.bottom]);
+    line(ctx, [x, MARGIN.top], [x, frame.height - MARGIN.bottom]);
     for (const { value, color } of points) {
       ctx.fillStyle = colors[color];
       ctx.beginPath();
@@ -137,11 +132,4 @@ export function plotOn(canvas, curves, duration) {
 
   const timeAt = (x) => Math.min(Math.max((x - MARGIN.left) / scales.width, 0), 1) * duration;
   return { paint, draw, timeAt };
-}
-
-function stroke(ctx, start, end) {
-  ctx.beginPath();
-  ctx.moveTo(...start);
-  ctx.lineTo(...end);
-  ctx.stroke();
 }

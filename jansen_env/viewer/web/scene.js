@@ -106,6 +106,11 @@ function tickSpacing(scale) {
   return power * [1, 2, 5, 10].find((factor) => factor * power * scale >= CROWDED * (1 - 1e-9));
 }
 
+/** Digits after the point that multiples of a step need. */
+export function digitsOf(step) {
+  return Math.min(Math.max(0, -Math.floor(Math.log10(step) + 1e-9)), 9);
+}
+
 /** Draw sky, grid and ground with marks every so many metres. */
 export function drawGround(ctx, size, scene, view, { theme = THEMES.light } = {}) {
   const { width, height } = size;
@@ -142,7 +147,7 @@ export function drawGround(ctx, size, scene, view, { theme = THEMES.light } = {}
   ctx.font = "11px system-ui, sans-serif";
   ctx.textAlign = "center";
   ctx.textBaseline = "top";
-  const digits = Math.min(Math.max(0, -Math.floor(Math.log10(spacing) + 1e-9)), 9);
+  const digits = digitsOf(spacing);
   for (const mark of marks) {
     const [x, y] = at([mark * spacing, heightAt(terrain, mark * spacing)]);
     const main = mark % 2 === 0;
@@ -191,7 +196,8 @@ function ghostly(theme, color) {
   return { ...theme, ink: faint, link: faint, crank, muted: faint };
 }
 
-function pixels(size, view) {
+/** A function from places, m, to pixels. */
+export function pixels(size, view) {
   const [x0, y0] = [0.5 * size.width, 0.5 * size.height];
   return ([x, y]) => [x0 + (x - view.x) * view.scale, y0 - (y - view.y) * view.scale];
 }
@@ -322,7 +328,7 @@ function lines(ctx, ends) {
   ctx.stroke();
 }
 
-const line = (ctx, start, end) => lines(ctx, [[start, end]]);
+export const line = (ctx, start, end) => lines(ctx, [[start, end]]);
 
 /** Discs of a colour in one filling. */
 function discs(ctx, centres, radius, color) {

@@ -10,7 +10,7 @@ import { robotWithLengths } from "./lengths.js";
 import { LESSONS } from "./lessons.js";
 import { drawPlot } from "./plots.js";
 import { CLICK_PUSH, drawPush, impulseOf } from "./push.js";
-import { css, drawScene, followingView, heightAt, THEMES } from "./scene.js";
+import { css, drawScene, followingView, heightAt, pixels, THEMES } from "./scene.js";
 import { explain } from "./terms.js";
 import { groundOf } from "./terrain.js";
 import { APART, HAND, STEP, shown, Walker } from "./walker.js";
@@ -347,10 +347,7 @@ function draw(walker, figure) {
   const reach = Math.max(...walkers.map((each) => each.reach)); // one scale
   const view = followingView(size, { ...scene, reach }, state, drawing ? OVERVIEW : 1);
   drawScene(ctx, size, scene, state, view, { theme });
-  const at = ([x, y]) => [
-    0.5 * size.width + (x - view.x) * view.scale,
-    0.5 * size.height - (y - view.y) * view.scale,
-  ];
+  const at = pixels(size, view);
   const foot = [state.x, heightAt(scene.terrain, state.x)];
   figure.foot = { place: at(foot), scale: view.scale };
   if (stroke) {

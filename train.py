@@ -104,7 +104,7 @@ def _run(
     baselines = ", ".join(find_benchmark(config.env).baselines)
     seconds = time.perf_counter() - start
     print(f"scoring: the best model against {baselines}, after {seconds:.0f} s", flush=True)
-    print(f"\n{outcome(folder, score_run(folder, config, args.eval_episodes))}")
+    print(f"\n{outcome(folder, config, score_run(folder, config, args.eval_episodes))}")
 
 
 def _configure(args: argparse.Namespace) -> RunConfig:

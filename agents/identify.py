@@ -21,7 +21,7 @@ from agents.measurements import Log, Walk, compared, quantities, read_log, table
 from agents.training.config import training_folder
 from jansen_env.arrays import Array
 from jansen_env.commands import predict
-from jansen_env.commands.flags import Parser, positive_int
+from jansen_env.commands.flags import Parser, positive_int, robot_file
 from jansen_env.commands.predict import ENV, WITHIN
 from jansen_env.gravity import GRAVITY
 from jansen_env.robot import Robot
@@ -186,7 +186,7 @@ def main(arguments: list[str] | None = None) -> None:
     add("--robot", help="a design or a robot file; default: the one that the first log names")
     add("--copies", type=lambda text: positive_int(text, FEWEST), default=512,
         help="that walk; default: %(default)s")  # fmt: skip
-    add("--out", type=Path, default=Path("identified.json"), metavar="FILE",
+    add("--out", type=robot_file, default=Path("identified.json"), metavar="FILE",
         help="robot file of the machine; default: %(default)s")  # fmt: skip
     add("--train", nargs="?", const=0, type=positive_int, metavar="STEPS",
         help="then train a policy over the identified ranges; default STEPS: the configuration's"

@@ -23,7 +23,7 @@ from jansen_env.arrays import Array
 from jansen_env.checks import named_errors, one_of, shown
 from jansen_env.commands.flags import Parser, non_negative_int, positive_int
 from jansen_env.commands.named_policies import model_file
-from jansen_env.files import write_bytes, write_json
+from jansen_env.files import check_writable, write_bytes, write_json
 from jansen_env.policies import pretrained
 from jansen_env.policies.pretrained import PretrainedPolicy
 from jansen_env.sb3.run_config import RunConfig, find_config, load_config, make_config
@@ -87,9 +87,12 @@ def pack(
 
     Raises ValueError: there is no such model, or it has a part that cannot be packed.
     """
+    if name is not None and Path(name).name != name:
+        raise ValueError(f"name is {shown(name)}, must be that of a file, without a folder")
     policy, short = read(run)
     again = Path(run).suffix == ".json"
     path = Path(run) if again else Path(out) / policy.env_id / f"{name or short}.json"
+    check_writable("out", path.parent)  # before the work
     policy.description["scores"] = scores_of(policy, episodes, seed)
     weights = save(policy.tensors)
     write_bytes(path.with_suffix(".safetensors"), weights)

@@ -34,7 +34,7 @@ from jansen_env.commands.plots import save
 from jansen_env.files import write_text
 from jansen_env.plain_yaml import read_yaml
 from jansen_env.plants.threads import available_cores
-from jansen_env.sb3.run_config import ALGORITHMS, Arguments, find_config, load_config, make_config
+from jansen_env.sb3.run_config import ALGORITHMS, Arguments, load_config, make_config
 from jansen_env.scoring.benchmarks import DEFAULT
 from jansen_env.scoring.metrics import CONFIDENCE, Interval, interval_text
 
@@ -113,18 +113,13 @@ def planned_runs(args: argparse.Namespace) -> list[Arguments]:
 
 def run_trial(parameters: dict[str, Arguments], plan: Arguments, root: Path) -> None:
     """Train and score one of :func:`planned_runs` in ``root/NAME``, from its last checkpoint, which
-    is none of Ray's: one that it removes may be what its state still names. A ValueError where it
-    is of another configuration."""
+    is none of Ray's: one that it removes may be what its state still names."""
     torch.set_num_threads(1)  # whatever the cores: the run that a seed gives depends on the number
     run = parameters["run"]
     config, folder = make_config(run["config"]), root / run["name"]
     folder.mkdir(exist_ok=True)
     with locked(folder):
         resume = last_state(folder)
-        if resume is not None and load_config(find_config(resume)) != config:
-            raise ValueError(
-                f"{folder} holds a run of another configuration, must be another --name"
-            )
         if resume is None or resume.name != FINAL:
             model = prepare(config, resume)
             record_run(folder, config, "python -m agents.study")
@@ -139,11 +134,15 @@ def run_trial(parameters: dict[str, Arguments], plan: Arguments, root: Path) -> 
 
 def run_study(args: argparse.Namespace, folder: Path) -> bool:
     """Execute those runs of a study on Ray that the folder has no scores of; return whether all
-    have finished. A ValueError where the folder holds another study."""
+    have finished. A ValueError where the folder holds another study, or other configurations."""
     runs, plan = planned_runs(args), {name: getattr(args, name) for name in PLANNED}
     file, text = folder / PLAN, yaml.safe_dump(plan, sort_keys=False)
     if file.is_file() and file.read_text("utf-8") != text:
         raise ValueError(f"{folder} holds another study, must be another --name")
+    for run in runs:
+        known = folder / run["name"] / "config.yml"
+        if known.is_file() and load_config(known) != make_config(run["config"]):
+            raise ValueError(f"{known} is another configuration's, must be another --name")
     if not (missing := [run for run in runs if not (folder / run["name"] / SCORES).is_file()]):
         return True
     threads = {"OMP_NUM_THREADS": "1", "JANSEN_ENV_THREADS": str(args.cores)}
@@ -171,7 +170,8 @@ def run_study(args: argparse.Namespace, folder: Path) -> bool:
 
 def write_report(folder: Path) -> str:
     """Write report.md, runs.csv, returns.csv (see ``docs/studies.md``) and figures of the runs that
-    are finished, or of returns.csv where there is no run; return the report's table."""
+    are finished, or of returns.csv where there is no run; return the report's table. A ValueError
+    where there is neither."""
     rows, curves, path = [], [], folder / "returns.csv"
     for file in sorted(folder.glob(f"*-seed_*/{SCORES}")):
         group, _, seed = file.parent.name.rpartition("-seed_")
@@ -191,7 +191,7 @@ def write_report(folder: Path) -> str:
         returns.loc[returns.policy != "run", ["group", "seed"]] = None  # beside all runs the same
         returns[[*KEYS, "command", *POINTS]].drop_duplicates().to_csv(path, index=False)
     if not path.is_file():
-        return "no run is finished"
+        raise ValueError(f"{folder} has no run that is finished")
     returns = pd.read_csv(path)
     table = groups_table(returns)
     parts = [f"# {folder.name}", table, NOTES.replace("\n", " ")]

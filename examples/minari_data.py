@@ -6,6 +6,7 @@ python examples/minari_data.py [EPISODES] [STEPS] [ENV ...]   (100 of each kind,
 The datasets are called jansen/ENV/KIND-v0, in Minari's folder. Needs minari[hdf5]: docs/data.md.
 """
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -26,13 +27,13 @@ names = sys.argv[3:] or ["JansenWalkerBuilt-v0", "JansenWalkerRough-v0", "Jansen
 
 
 def medium(name):
-    """Return the policy of a run of train.py that ended early; a run that exists is used again."""
-    folder = Path("medium") / "ppo" / f"{name}_1"
-    if not (folder / "scores.md").exists():
-        timesteps = steps or new_config(env_id=name).timesteps // 8
-        arguments = f"--env {name} --timesteps {timesteps} --log-folder medium --eval-episodes 1"
+    """Return the policy of a short run of train.py; one that is finished is used again."""
+    timesteps = steps or new_config(env_id=name).timesteps // 8
+    folder, scores = Path(f"medium/{timesteps}"), f"ppo/{name}_*/scores.md"
+    if not any(folder.glob(scores)):
+        arguments = f"--env {name} --timesteps {timesteps} --log-folder {folder} --eval-episodes 1"
         subprocess.run([sys.executable, ROOT / "train.py", *arguments.split()], check=True)
-    return load_policy(folder)
+    return load_policy(max(folder.glob(scores), key=os.path.getmtime).parent)
 
 
 for name in names:

@@ -15,6 +15,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from jansen_env.arrays import Array
+from jansen_env.checks import positive
 from jansen_env.dynamics.pads import pad_layout
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.rigid import bodies as links
@@ -88,9 +89,13 @@ def to_mjcf(
             and of rigid pads, by mass, 1/s^2, critically damped. Compliant pads have their own.
         impratio: of friction's stiffness to that of the normal. gravity: m/s^2.
 
-    Raises ValueError: a terrain with several slopes; LinkageError: a leg that does not close;
-    ImportError: compliant pads without MuJoCo.
+    Raises ValueError: a number out of range, or a terrain with several slopes; LinkageError: a leg
+    that does not close; ImportError: compliant pads without MuJoCo.
     """
+    positive("time_step", time_step)
+    positive("loop_stiffness", loop_stiffness)
+    positive("contact_stiffness", contact_stiffness)
+    positive("impratio", impratio)
     root, tree = ET.Element("mujoco", model="jansen_env"), body_tree(robot)
     _add(root, "compiler", angle="radian")
     _add(

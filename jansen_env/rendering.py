@@ -335,10 +335,12 @@ class Renderer:
 
     def _text(self, text: str, x: float, y: float, size: int, color: Color, align: float) -> None:
         """One line centred on ``y``, starting (align 0), centred (0.5) or ending (1) at ``x``."""
-        if size not in self._fonts:
+        try:
+            image = self._fonts[size].render(text, True, color)
+        except (KeyError, self._pg.error):  # the first of its size, or somebody has quit pygame
             self._pg.font.init()
             self._fonts[size] = self._pg.font.Font(None, size * UNIT)
-        image = self._fonts[size].render(text, True, color)
+            image = self._fonts[size].render(text, True, color)
         width, height = image.get_size()
         self._canvas.blit(image, (round(x - align * width), round(y - 0.5 * height)))
 

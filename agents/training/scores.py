@@ -1,5 +1,7 @@
 """Scores of a run's best model beside the baselines: files in its folder, and the final summary."""
 
+import json
+import shlex
 from pathlib import Path
 
 from agents.training.runs import BEST, FINAL, read_evaluations
@@ -26,7 +28,7 @@ def score_run(folder: Path, config: RunConfig, episodes: int) -> Scores:
     return scores
 
 
-def outcome(folder: Path, scores: Scores) -> str:
+def outcome(folder: Path, config: RunConfig, scores: Scores) -> str:
     """Return the summary printed at the end of a run: its :func:`score_run` in the main metrics,
     beside the baselines', and whether it beats them."""
     *baselines, run = scores
@@ -37,11 +39,14 @@ def outcome(folder: Path, scores: Scores) -> str:
     if ours[0] > most[0]:
         ahead = [row["steps"] for row in read_evaluations(folder) if row["return"] > most[0]]
         way, since = "is above", f" (since {ahead[0]:,.0f} steps)" if ahead else ""
+    watch = ["jansen-env", "enjoy", "--env", config.env, "--policy", str(folder)]
+    if config.env_kwargs:
+        watch += ["--env-kwargs", json.dumps(config.env_kwargs)]
     here, best_return = interval_text(ours), interval_text(most)
     return "\n".join([
         Scores(scores.env_id, shown).table(),
         f"return {here} {way} the best baseline, {best}'s {best_return}{since}",
         f"brackets: 95 % intervals; episodes: {scores[run]['episodes']}; all scores: "
         f"{folder}/scores.md, scores.png",
-        f"watch it: jansen-env enjoy --env {scores.env_id} --policy {folder}",
+        f"watch it: {shlex.join(watch)}",
     ])  # fmt: skip

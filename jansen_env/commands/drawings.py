@@ -10,7 +10,7 @@ import re
 from pathlib import Path
 
 from jansen_env.checks import within
-from jansen_env.commands.flags import robot_parser
+from jansen_env.commands.flags import robot_file, robot_parser
 from jansen_env.drawings.materials import machine
 from jansen_env.drawings.outlines import FITS
 from jansen_env.drawings.sheets import drawings
@@ -59,7 +59,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--fit", type=_fit, default=(0.0, 0.0, 0.0), metavar="PROCESS",
                         help=f"{', '.join(FITS)}; or PRESS,SLIDE,CLEAR, mm that holes are larger "
                         "in diameter; default: 0,0,0")  # fmt: skip
-    parser.add_argument("--as-robot-file", type=Path, metavar="FILE",
+    parser.add_argument("--as-robot-file", type=robot_file, metavar="FILE",
                         help="also write the machine that would be cut, to simulate it"
                         )  # fmt: skip
     args = parser.parse_args(arguments)

@@ -63,6 +63,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     args = parse_policies(parser, arguments, "--commands")
     if args.plant and args.env not in WALKERS:
         parser.error(f"--plant is {args.plant}, but {args.env} has one plant only")
+    if args.levels and args.robustness:
+        parser.error("--levels goes without --robustness")
     args.sweep = "levels" if args.levels else "robustness" if args.robustness else None
     if args.sweep and args.env not in WALKERS:
         parser.error(f"--{args.sweep} needs one of {WALKERS}, but --env is {args.env}")

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from jansen_env.checks import MAX_STEPS, listed
+from jansen_env.files import check_writable
 from jansen_env.registration import IDS
 from jansen_env.robot import ROBOTS
 from jansen_env.scoring.benchmarks import DEFAULT, find_benchmark
@@ -69,6 +70,18 @@ def mapping(text: str) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise argparse.ArgumentTypeError(f"{text!r} is no YAML mapping such as '{{friction: 0.5}}'")
     return value
+
+
+def robot_file(text: str) -> Path:
+    """Parse the path of a robot file to write, in a folder that can be written to."""
+    path = Path(text)
+    if path.suffix != ".json":
+        raise argparse.ArgumentTypeError(f"is {text}, must end in .json")
+    try:
+        check_writable("its folder", path.parent)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+    return path
 
 
 def positive_int(text: str, low: int = 1) -> int:

@@ -22,7 +22,7 @@ from jansen_env.baselines.pid import PID
 from jansen_env.baselines.policy import PAPER_PID
 from jansen_env.checks import within
 from jansen_env.commands.flags import positive_int, robot_parser
-from jansen_env.files import write_text
+from jansen_env.files import check_writable, write_text
 from jansen_env.gravity import GRAVITY
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import advance_per_turn
@@ -75,6 +75,10 @@ def main(arguments: list[str] | None = None) -> None:
     args = parser.parse_args(arguments)
     with parser.refusing():
         robot = load_robot("ROBOT", args.robot)
+        if advance_per_turn(robot) == 0.0:
+            raise ValueError(f"ROBOT is {args.robot}, must advance as its crank turns")
+        if args.out is not None:
+            check_writable("--out's folder", args.out.parent)  # before the work
         for speed in args.speeds:
             within("--speeds", abs(speed), SLOWEST, FASTEST)
         made = {f"{speed:g}": predict(robot, speed, args.copies) for speed in args.speeds}

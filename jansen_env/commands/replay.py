@@ -71,8 +71,11 @@ def main(arguments: list[str] | None = None) -> None:
         names = [re.sub("[^A-Za-z0-9._-]", "_", recording.label) for recording in made]
         if len({*names}) < len(names):  # labels differ in other characters alone
             names = [f"{name}_{i}" for i, name in enumerate(names, start=1)]
-        written = [recording.save(out.with_name(f"{out.stem}_{name}.npz"))
-                   for recording, name in zip(made, names, strict=True)]  # fmt: skip
+        files = [out.with_name(f"{out.stem}_{name}.npz") for name in names]
+        for file in files:
+            if file.resolve() in [Path(path).resolve() for path in args.recording]:
+                raise ValueError(f"--recording {file} would be overwritten, must be another --out")
+        written = [recording.save(file) for recording, file in zip(made, files, strict=True)]
         written.append(write_text(out, content))
     for path in written:
         print(f"written: {path} ({path.stat().st_size / 1000:.0f} kB)")

@@ -292,8 +292,8 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         values = values if isinstance(values, (list, tuple)) else [values] * self.num_envs
         if len(values) != self.num_envs:
             raise ValueError(f"values has {len(values)} entries, must have {self.num_envs}")
-        for i, value in enumerate(values):
-            self.set_parameters(i, **{name: value})
+        for change in [self.task.checked(i, **{name: value}) for i, value in enumerate(values)]:
+            change()  # all or nothing
 
     def render(self) -> tuple[Any, ...] | None:
         """Return a picture (H, W, 3) of each robot; None without a ``render_mode``."""

@@ -107,8 +107,10 @@ def count_threads(robots: int, threads: int | None) -> int:
     """Return how many threads move so many robots."""
     if threads is not None:
         return min(positive_integer("threads", threads), robots)
-    limit = os.environ.get("JANSEN_ENV_THREADS", "")
-    available = int(limit) if limit.isdecimal() else available_cores()
+    limit = os.environ.get("JANSEN_ENV_THREADS")
+    if limit and not (limit.isdecimal() and int(limit)):
+        raise ValueError(f"JANSEN_ENV_THREADS is {limit}, must be a whole number above 0")
+    available = int(limit) if limit else available_cores()
     return max(1, min(available, robots // ROBOTS_PER_THREAD))
 
 

@@ -60,7 +60,10 @@ def robot_from_json(content: object) -> Robot:
 
 
 def write_robot(path: str | Path, robot: Robot) -> Path:
-    """Write a robot file atomically. Raises OSError: it cannot be written."""
+    """Write a robot file, .json, atomically. Raises ValueError: another suffix; OSError: it cannot
+    be written."""
+    if Path(path).suffix != ".json":
+        raise ValueError(f"path is {path}, must end in .json")
     return write_json(path, robot_to_json(robot))
 
 

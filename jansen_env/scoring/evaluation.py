@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from jansen_env.baselines.policy import Policy
-from jansen_env.checks import instance, positive_integer, whole_number
+from jansen_env.checks import instance, numbers_of, positive_integer, shown, whole_number
 from jansen_env.scoring.benchmarks import DEFAULT, find_benchmark
 from jansen_env.scoring.metrics import (
     Summary,
@@ -64,16 +64,21 @@ def evaluate(
     Raises:
         ValueError: an argument, also of the environment, or a command is not allowed.
     """
-    instance("policies", policies, Mapping)
+    for name, value in (("policies", policies), ("env_kwargs", env_kwargs), ("options", options)):
+        instance(name, {} if value is None else value, Mapping)
     episodes, seed = positive_integer("episodes", episodes), whole_number("seed", seed)
     env_kwargs = env_kwargs or {}
-    if commands is not None and len(commands) == 0:
-        raise ValueError("commands has no number, must have one or more")
-    benchmark, env, scores = find_benchmark(env_id), make_env(env_id, env_kwargs), Scores(env_id)
+    benchmark = find_benchmark(env_id)
+    grid = numbers_of(benchmark.commands if commands is None else commands)
+    if grid.ndim != 1 or not grid.size or not np.isfinite(grid).all():
+        raise ValueError(f"commands is {shown(commands)}, must be finite numbers, one or more")
+    if drawn and commands is not None:
+        raise ValueError("drawn is True, so commands must be None")
+    env, scores = make_env(env_id, env_kwargs), Scores(env_id)
     if drawn:
         command, seeds = draw_episodes(env, episodes, seed)
     else:
-        command = np.repeat(benchmark.commands if commands is None else commands, episodes)
+        command = np.repeat(grid, episodes)
         seeds = FIRST_SEED + seed * len(command) + np.arange(len(command))
     summary = pooled if drawn else summarise
     for name, policy in policies.items():

@@ -226,7 +226,11 @@ class Task(ABC):
             self.world.push(i, impulse)
 
     def set_parameters(self, i: int, **changes: object) -> None:
-        """Change a robot from now on: :attr:`SETTABLE`, and the world's.
+        """Change a robot from now on, see :meth:`checked`."""
+        self.checked(i, **changes)()
+
+    def checked(self, i: int, **changes: object) -> Callable[[], None]:
+        """Return what changes a robot from then on: :attr:`SETTABLE`, and the world's.
 
         Energies in ``info`` do not have what the change itself adds to the robot's energy.
 
@@ -240,8 +244,13 @@ class Task(ABC):
         of_task = {name: changes.pop(name) for name in self.SETTABLE if name in changes}
         with self._lock:
             checked, apply = self.world.checked(i, changes), self._change(i, of_task)
-            self.world.change(i, checked)
-            apply()  # all or nothing
+
+        def change() -> None:
+            with self._lock:
+                self.world.change(i, checked)
+                apply()
+
+        return change
 
     def frame(self, i: int) -> Frame:
         """Return the picture data of a robot as it is now."""

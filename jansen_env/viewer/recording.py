@@ -224,6 +224,8 @@ ARRAYS = {entry.name: (entry.metadata["dtype"], entry.metadata["dimensions"])
 
 def _read_archive(data: bytes) -> dict[str, NDArray[np.generic]]:
     """The arrays of a file; their number and sizes are checked before they are unpacked."""
+    if not zipfile.is_zipfile(io.BytesIO(data)):
+        raise ValueError("it is no .npz file")
     if data.count(DIRECTORY_ENTRY) > MAX_MEMBERS:
         raise ValueError(f"it has more than {MAX_MEMBERS} members")
     wanted = {"description": np.dtype(np.uint8), **{n: kind for n, (kind, _) in ARRAYS.items()}}

@@ -5,11 +5,11 @@ All functions raise ValueError for a value out of range.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import Field, dataclass, field, fields, replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, ClassVar, TypeAlias, TypeVar
+from typing import Any, ClassVar, TypeAlias, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -159,20 +159,30 @@ def _built_in(name: str) -> Robot:
     return ROBOTS[name]()
 
 
-load_motor = partial(_by_name, Motor, MOTORS)
-load_compliance = partial(instance, kind=Compliance)
+def load_motor(name: str, value: object) -> Motor:
+    """A motor, also by its name, or of a dictionary of its arguments."""
+    of_record = isinstance(value, Mapping)
+    motor = load_record(Motor, name, value) if of_record else _by_name(Motor, MOTORS, name, value)
+    return cast("Motor", motor)
+
+
+def load_compliance(name: str, value: object) -> Compliance:
+    """The compliance of feet, also of a dictionary of its arguments."""
+    return cast("Compliance", instance(name, load_record(Compliance, name, value), Compliance))
 
 
 def load_payload(name: str, value: object) -> Payload:
-    """A payload, also by its mass at the crank axis, kg."""
-    return value if isinstance(value, Payload) else Payload(non_negative(name, value))
+    """A payload, also by its mass at the crank axis, kg, or of a dictionary of its arguments."""
+    if isinstance(value, (Payload, Mapping)):
+        return cast("Payload", load_record(Payload, name, value))
+    return Payload(non_negative(name, value))
 
 
 def load_curriculum(name: str, value: object) -> Curriculum | None:
     """A curriculum; True stands for the default one, None and False for none."""
     if value is None or isinstance(value, (bool, np.bool_)):
         return Curriculum() if value else None
-    return instance(name, value, Curriculum)
+    return cast("Curriculum", load_record(Curriculum, name, value))
 
 
 def _load_ground(name: str, value: Any) -> Terrain | Generator:

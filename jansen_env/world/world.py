@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from functools import cache, partial
 from typing import NamedTuple
 
@@ -31,6 +32,7 @@ from jansen_env.rendering import AIR, GRIP, SLIP, Frame
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.robot.robot_file import robot_from_json, robot_to_json
+from jansen_env.terrain import Terrain
 from jansen_env.uniform import uniform
 from jansen_env.world.episode_lengths import Build, EpisodeLengths
 from jansen_env.world.episode_parameters import EpisodeParameters, Plan, Progress
@@ -537,6 +539,11 @@ class World:
         if "terrain_level" in checked:
             self.episodes.level[i] = self.episodes.levels[i] = checked["terrain_level"]
 
+    def terrain(self, i: int) -> Terrain:
+        """Return a robot's ground, with friction and restitution of this episode."""
+        friction, bounce = self.episodes.values[["friction", "restitution"]][i].tolist()
+        return replace(self.plant.terrains[i], friction=friction, restitution=bounce)
+
     def get_attr(self, name: str) -> list[object] | None:
         """Return an attribute of each robot; None for a name that is none of these.
 
@@ -553,7 +560,7 @@ class World:
             "robot": self.robots,
             "state": self.plant.states.copy(),
             "delay": map(self.delay, range(self.num_envs)),
-            "terrain": self.plant.terrains,
+            "terrain": map(self.terrain, range(self.num_envs)),
             "terrain_level": map(int, numbers["terrain_level"]),
             "torque_limit": (robot.motor.torque_limit for robot in self.robots),
             "weight": self.weight.tolist(),

@@ -25,6 +25,7 @@ REFUSED = {
         (["--out", f"{__file__}/out"], "out, must be a folder that can be written to"),
         (["--env", "JansenCrank-v0", "--plant", "rigid_body"], "has one plant only"),
         (["--env", "JansenCrank-v0", "--levels", "1"], "--levels needs one of"),
+        (["--levels", "1", "--robustness"], "--levels goes without --robustness"),
     ],
     (export, "--to", "c", "--out", "out"): [
         (["none", "--env", "JansenCrank-v0"], "--env is JansenCrank-v0, but none says itself"),
@@ -35,7 +36,10 @@ REFUSED = {
     (tune, "pid"): [
         (["--out", f"{__file__}/out"], "out, must be a folder that can be written to"),
     ],
-    (predict, "built"): [(["--speeds", value], "--speeds") for value in ("0", "20", "nan")],
+    (predict, "built"): [
+        *((["--speeds", value], "--speeds") for value in ("0", "20", "nan")),
+        (["--out", f"{__file__}/p.json"], "--out's folder is"),
+    ],
     (speed,): [
         (["--rounds", "0"], "0"), (["--only", "x"], "x"), (["--out", f"{__file__}/out"], "out"),
     ],
@@ -47,6 +51,8 @@ REFUSED = {
         (["built", "--sheet", "nanx1"], "--sheet: is nanx1, must be WIDTHxHEIGHT in mm"),
         (["built", "--fit", "1,2"], "--fit: is 1,2, must be one of ['laser'"),
         (["chebyshev", "--out", __file__], "must be a folder"),
+        (["klann", "--as-robot-file", "k.txt"], "is k.txt, must end in .json"),
+        (["klann", "--as-robot-file", f"{__file__}/k.json"], "its folder is"),
     ],
     (enjoy, "--env", "JansenCrank-v0"): [
         (["--policy", "nobody"], "must be one of ['pid', 'constant', 'inverse', 'pretrained']"),

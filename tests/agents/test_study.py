@@ -174,11 +174,14 @@ def test_a_finished_study_is_not_run_again(finished):
     assert not study.ray.is_initialized()
 
 
-def test_a_run_of_another_configuration_is_not_gone_on_with(finished):
-    (run, _) = study.planned_runs(study.parse([str(finished.parent / "small.yml")]))
-    run["config"]["n_envs"] = 8
-    with pytest.raises(ValueError, match="a run of another configuration"):
-        study.run_trial({"run": run}, SMALL, finished)
+def test_a_run_of_another_configuration_is_neither_reported_nor_gone_on_with(finished, monkeypatch):
+    """Such as where the file that the plan names has changed since."""
+    args = study.parse([str(finished.parent / "small.yml")])
+    runs = study.planned_runs(args)
+    runs[0]["config"]["n_envs"] = 8
+    monkeypatch.setattr(study, "planned_runs", lambda _: runs)
+    with pytest.raises(ValueError, match="another configuration's, must be another --name"):
+        study.run_study(args, finished)
 
 
 def test_an_address_without_a_cluster_is_refused(tmp_path, capsys):
@@ -188,9 +191,10 @@ def test_an_address_without_a_cluster_is_refused(tmp_path, capsys):
     assert not [*tmp_path.rglob(study.PLAN)]  # so the command can be given again, corrected
 
 
-def test_a_study_without_a_finished_run_is_reported(tmp_path, capsys):
-    assert study.main(["--report", "--log-folder", str(tmp_path)]) == 0
-    assert "no run is finished" in capsys.readouterr().out
+def test_a_report_of_no_run_is_refused(tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        study.main(["--report", "--log-folder", str(tmp_path)])
+    assert "has no run that is finished" in capsys.readouterr().err
 
 
 def test_intervals_are_over_runs():

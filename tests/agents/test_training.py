@@ -46,7 +46,10 @@ def test_run_folder_holds_all(run):
 
 def test_last_words_of_a_run(tmp_path):
     """In one sentence whether the best baseline is reached, and since when."""
-    benchmark = find_benchmark("JansenGoal-v0")
+    benchmark, goal = (
+        find_benchmark("JansenGoal-v0"),
+        config.new_config(None, None, "JansenGoal-v0", {"friction": 0.5}),
+    )
     (tmp_path / "evaluations.json").write_text('[{"steps": 3194880, "return": 200}]')
     names = [*benchmark.baselines, "ppo/run"]
     numbers = {name: [0.1, 0.0, 0.2] for name in benchmark.metrics}
@@ -54,8 +57,9 @@ def test_last_words_of_a_run(tmp_path):
     scores = {n: {"overall": o, "episodes": 90} for n, o in zip(names, overall, strict=True)}
     for value, words in ((104.0, "above"), (99.0, "misses")):
         overall[-1]["return"] = [value, None, None]
-        last = outcome(tmp_path, Scores("JansenGoal-v0", scores)).splitlines()[7]
+        *_, last, _, watch = outcome(tmp_path, goal, Scores("JansenGoal-v0", scores)).splitlines()
         assert words in last and f"the best baseline, {names[-2]}'s" in last
+        assert watch.endswith(f"{tmp_path} --env-kwargs '{{\"friction\": 0.5}}'")
         assert ("(since 3,194,880 steps)" in last) == (words == "above")
 
 

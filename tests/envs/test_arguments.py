@@ -76,10 +76,11 @@ MAKERS = {
 """What makes a thing, and the arguments that it needs."""
 
 TAKEN = {
-    ("*", "friction"): {"None"}, ("*", "restitution"): {"None"}, ("*", "payload"): {"None"},
+    ("*", "friction"): {"None"}, ("*", "restitution"): {"None"},
+    ("*", "payload"): {"None", "mapping"}, ("*", "motor"): {"None", "mapping"},
     ("*", "time_step"): {"None"}, ("*", "command_interval"): {"None"},
-    ("*", "render_mode"): {"None"}, ("*", "motor"): {"None"}, ("*", "torque_limit"): {"None"},
-    ("*", "pad_compliance"): {"None"}, ("*", "curriculum"): {"None"},
+    ("*", "render_mode"): {"None"}, ("*", "torque_limit"): {"None"},
+    ("*", "pad_compliance"): {"None", "mapping"}, ("*", "curriculum"): {"None"},
     ("*", "randomize"): {"None", "mapping"}, ("*", "height_scan"): {"None"},
     ("*", "noise"): {"None", "mapping"}, ("*", "push"): {"None", "mapping"},
     ("*", "terminate_when_fallen"): {"flag"}, ("*", "fall_contact"): {"flag"},

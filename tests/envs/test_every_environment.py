@@ -8,7 +8,9 @@ from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
+import pygame
 import pytest
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from side_by_side import compare
@@ -18,9 +20,12 @@ from agents.training.config import shipped_config
 from agents.training.training_state import plain
 from jansen_env.parameters import Uniform
 from jansen_env.registration import IDS
+from jansen_env.robot import Compliance, Payload
+from jansen_env.robot.motor import MOTORS
 from jansen_env.sb3 import make_vec_env
 from jansen_env.sb3.run_config import load_config
 from jansen_env.scoring.benchmarks import find_benchmark, vector_env
+from jansen_env.terrain.generators import Curriculum
 
 WALKERS = [name for name in IDS if "Walker" in name]
 ROOT = Path(__file__).parents[2]
@@ -51,6 +56,34 @@ def test_gymnasiums_checker_needs_no_display(monkeypatch):
         monkeypatch.delenv(name, raising=False)
     with pytest.warns(UserWarning, match="no window: .*'rgb_array' needs no display"):
         check_env(gym.make("JansenCrank-v0").unwrapped)
+
+
+def test_somebody_else_may_quit_pygame():
+    """As Gymnasium's own environments do when they are closed."""
+    env = gym.make("JansenWalker-v0", render_mode="rgb_array")
+    env.reset(seed=0)
+    picture = env.render()
+    pygame.quit()
+    assert (env.render() == picture).all()
+    env.close()
+
+
+@pytest.mark.parametrize(
+    "given",
+    [{"payload": Payload(1.0, 0.1, (0.1, 0.2))}, {"motor": MOTORS["mx_106"]},
+     {"pad_compliance": Compliance(1e5, 60.0)}, {"curriculum": Curriculum()}],
+)  # fmt: skip
+def test_a_specification_in_json_makes_the_same(given):
+    spec = gym.spec("JansenWalkerRough-v0")
+    specs = (spec := gym.make(spec, **given).spec), EnvSpec.from_json(spec.to_json())
+    first, second = (gym.make(s).reset(seed=0)[0] for s in specs)
+    assert (first == second).all()
+
+
+def test_the_terrain_has_the_friction_of_the_episode():
+    env = gym.make("JansenWalker-v0", friction=0.3)
+    env.reset(seed=0, options={"friction": 0.5})
+    assert env.unwrapped.terrain.friction == 0.5
 
 
 @pytest.mark.parametrize("env_id", IDS)

@@ -178,9 +178,15 @@ def test_members_can_be_asked_and_told():
     assert env.get_attr("friction") == (0.1, 0.2, 0.3)
     with pytest.raises(TypeError, match="terrain"):
         env.set_attr("terrain", "flat")
-    for name, value in (("friction", -1.0), ("payload", None), ("friction", [0.1])):
+    for name, value in (
+        ("friction", -1.0),
+        ("payload", None),
+        ("friction", [0.1]),
+        ("friction", [0.5, 0.5, -1]),
+    ):
         with pytest.raises(ValueError, match=f"{name}|entries"):
             env.set_attr(name, value)
+    assert env.get_attr("friction") == (0.1, 0.2, 0.3)
     compare(env, together(3, limit=7, reset_noise_scale=[0.1, 0.2, 0.3], **changes), 20)
 
 

@@ -24,9 +24,14 @@ def test_used_environments_give_the_episodes_of_new_ones(plant):
     assert once["distance"].all()
 
 
-def test_no_commands_are_refused():
-    with pytest.raises(ValueError, match="commands has no number"):
-        jansen_env.evaluate({}, "JansenCrank-v0", commands=[], episodes=1)
+@pytest.mark.parametrize(
+    ("given", "named"),
+    [({"commands": []}, "commands"), ({"commands": 0.3}, "commands"), ({"options": [1]}, "options"),
+     ({"drawn": True, "commands": [1.0]}, "drawn"), ({"env_kwargs": [1]}, "env_kwargs")],
+)  # fmt: skip
+def test_wrong_arguments_are_refused(given, named):
+    with pytest.raises(ValueError, match=named):
+        jansen_env.evaluate({}, "JansenCrank-v0", episodes=1, **given)
 
 
 def test_robots_in_a_tuple_are_as_in_a_list():

@@ -467,7 +467,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     @property
     def terrain(self) -> Terrain:
         """The terrain of this episode."""
-        return self.task.world.plant.terrains[0]
+        return self.task.world.terrain(0)
 
     @property
     def weight(self) -> float:

@@ -53,6 +53,7 @@ class Frame:
     torque: float  # N m, of the crank
     torque_limit: float  # N m, its largest magnitude
     time: float  # s
+    goal: float | None = None  # m, place to walk to
 
 
 class Renderer:
@@ -157,6 +158,8 @@ class Renderer:
         self._canvas.fill(SKY)
         if self._terrain is not None:
             self._paint_ground(self._terrain)
+            if frame.goal is not None:
+                self._paint_flag(frame.goal)
 
         legs = self._pixels(world_joints(self.robot, q))
         order = sorted(range(len(legs)), key=lambda leg: -self._depth[leg])
@@ -193,6 +196,14 @@ class Renderer:
                 label = f"{mark * TICK_SPACING:.1f}" if mark % 2 else f"{mark * TICK_SPACING:.0f} m"
                 self._text(label, x, y + 24 * u, 20 if mark % 2 else 24, GROUND_TEXT, 0.5)
         self._pg.draw.lines(self._canvas, SURFACE, False, surface, 3 * u)
+
+    def _paint_flag(self, x: float) -> None:
+        foot = self._pixels(self._surface(np.array([x])))[0]
+        height, side = 0.6 * self._reach * self._scale, 24.0 * UNIT
+        flag = np.array([[0.0, height], [0.0, height - side], [1.5 * side, height - 0.5 * side]])
+        points = foot + flag * (1.0, -1.0)
+        self._line(foot, points[0], 4.0, INK)
+        self._pg.draw.polygon(self._canvas, CRANK, points)
 
     def _paint_leg(self, joints: Array, depth: float) -> None:
         fade = 0.58 * math.sqrt(depth)
@@ -233,8 +244,9 @@ class Renderer:
         self._text(f"{frame.time:.2f} s", 28 * u, 38 * u, 30, INK, 0.0)
         self._text(f"{frame.speed:+.2f} {self.speed_unit}", 236 * u, 72 * u, 23, INK, 1.0)
         self._gauge("speed", 72, frame.speed, self.speed_range, LINK, frame.command)
-        if frame.command is not None:
-            label = f"command {frame.command:+.2f}"
+        wanted, end = (frame.command, "") if frame.goal is None else (frame.goal, " m")
+        if wanted is not None:
+            label = f"{'goal' if end else 'command'} {wanted:+.2f}{end}"
             self._text(label, 236 * u, 112 * u, 23, _mix(CRANK, INK, 0.35), 1.0)
         self._text(f"{frame.torque:+.1f} N m", 236 * u, 150 * u, 23, INK, 1.0)
         self._gauge("torque", 150, frame.torque, frame.torque_limit, FORCE, None)

@@ -1,5 +1,7 @@
 """The goal task: its reward, its success, its baseline; the same at all APIs."""
 
+import itertools
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -19,6 +21,18 @@ def solved(policy, env):
 
 def make(n):
     return gym.make_vec("JansenGoal-v0", n, max_episode_steps=None)
+
+
+def test_the_goal_is_seen():
+    """Its flag and its place, though it is beyond the picture."""
+    env = gym.make("JansenGoal-v0", render_mode="rgb_array")
+    pictures = []
+    for goal in (0.5, 0.6, 2.9, 3.0):
+        env.reset(seed=0, options={"goal": goal, "crank_angle": 0.0})
+        pictures.append(env.render())
+    changed = [(a != b).any(axis=-1) for a, b in itertools.pairwise(pictures)]
+    assert changed[0][200:, 300:].any() and not changed[2][200:].any() and changed[2][:200].any()
+    env.close()
 
 
 class Shaken:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from typing_extensions import Unpack
@@ -12,6 +12,7 @@ from jansen_env.arrays import Array, Bools
 from jansen_env.checks import MOST_SINGLE, non_negative, positive, within
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.vector import TaskVectorEnv, VectorArguments
+from jansen_env.rendering import Frame
 from jansen_env.tasks.goal.goal_benchmark import FARTHEST, GOAL
 from jansen_env.tasks.task import Task
 from jansen_env.uniform import uniform
@@ -79,6 +80,10 @@ class GoalTask(Task):
         within("state['goal']", state["goal"], -FARTHEST, FARTHEST)
         within("state['held']", state["held"], 0.0, MOST_SINGLE)
         super().set_state(i, state)
+
+    def frame(self, i: int) -> Frame:
+        """Return the picture data of a robot as it is now, with its goal."""
+        return replace(super().frame(i), goal=float(self.info["goal"][i]))
 
     @property
     def distance(self) -> Array:

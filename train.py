@@ -25,6 +25,8 @@ from agents.training.runs import FINAL, last_state, locked, new_run_folder, reco
 from agents.training.scores import outcome, score_run
 from agents.training.train_model import prepare, train
 from jansen_env.commands.flags import Parser, imported_env_id, non_negative_int
+from jansen_env.commands.named_policies import shipped_file
+from jansen_env.files import check_writable
 from jansen_env.sb3.run_config import ALGORITHMS, RunConfig, load_config
 from jansen_env.scoring.benchmarks import DEFAULT, find_benchmark
 
@@ -48,7 +50,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--tensorboard-log", metavar="DIR",
         help="folder of TensorBoard's log, '' for none; default: the run's")  # fmt: skip
     add("--start", metavar="MODEL",
-        help="weights to begin with: a run's folder, a model's zip or a policy's json file"
+        help="weights to begin with: a run's folder, a model's zip, a policy's json file, "
+        "'pretrained' or 'pretrained:NAME'"
         )  # fmt: skip
     add("--resume", metavar="RUN", help="run folder to continue from its last checkpoint")
     add("--no-progress", action="store_true", help="no progress bar")
@@ -69,7 +72,9 @@ def main(arguments: list[str] | None = None) -> Path:
                 resume = last_state(folder)
             model = prepare(config, resume)  # nothing is written before this is good
             if args.start:
-                start_from(model, args.start)
+                start_from(model, shipped_file(args.start, config.env) or args.start)
+            if args.tensorboard_log:
+                check_writable("--tensorboard-log", Path(args.tensorboard_log))
             if not args.resume:
                 folder = new_run_folder(args.log_folder, config.algo, config.env)
                 stack.enter_context(locked(folder))

@@ -15,7 +15,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 from jansen_env.checks import positive_integer, whole_number
 from jansen_env.envs import arguments
 from jansen_env.envs.vector import TaskVectorEnv
-from jansen_env.scoring.benchmarks import can_be_batched, vector_env
+from jansen_env.scoring.benchmarks import can_be_batched, find_benchmark, vector_env
 from jansen_env.scoring.metrics import Env, Infos
 from jansen_env.scoring.rollout import EnvKwargs, make_env
 from jansen_env.world.settings import Each
@@ -49,6 +49,7 @@ def make_vec_env(
 
     Raises ValueError: an argument out of range.
     """
+    find_benchmark(env_id)  # no other id is known here
     n_envs = positive_integer("n_envs", n_envs)
     if seed is not None:
         seed = whole_number("seed", seed)

@@ -182,8 +182,9 @@ def test_config_file_says_algorithm_environment_and_seed(tmp_path, started):
 
 @pytest.mark.parametrize(
     "wrong",
-    [["--env-kwargs", "{friction: -1}"], ["--config", "CONFIG"], ["--env-kwargs", "{no_such: 1}"]],
-)
+    [["--env-kwargs", "{friction: -1}"], ["--config", "CONFIG"], ["--env-kwargs", "{no_such: 1}"],
+     ["--tensorboard-log", f"{__file__}/log"], ["--start", "pretrained:none"]],
+)  # fmt: skip
 def test_failed_start_leaves_no_folder(wrong, tmp_path, started):
     (tmp_path / "my.yml").write_text("env: ..")
     wrong = [str(tmp_path / "my.yml") if word == "CONFIG" else word for word in wrong]

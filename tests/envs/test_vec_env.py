@@ -130,6 +130,8 @@ def test_what_is_refused():
     for variants, named in (((), "variants"), ([{"speed_command": [1, 2, 3]}], "speed_command")):
         with pytest.raises(ValueError, match=named):
             make_vec_env(ENV, 2, env_kwargs={}, variants=variants)
+    with pytest.raises(ValueError, match="environment id is 'Walker2d-v5'"):
+        make_vec_env("Walker2d-v5", 2)
 
 
 def test_what_cannot_move_together_takes_turns():

@@ -66,7 +66,7 @@ function element(tag, parent, text = "", attributes = {}) {
 /** A recording's label, in its colour. */
 function labelled(parent, i, more = "") {
   element("i", parent, "", { class: `chip ${COLORS[i]}` });
-  parent.append(tracks[i].label + more);
+  parent.append(tracks[i].label.replace("/", "/\u200b") + more); // a line may break there
 }
 
 const pictures = tracks.map((track, i) => {

@@ -1,5 +1,7 @@
 """A run that was killed and resumed is, bit for bit, the one that was not."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 from small_runs import go_on, outcome, same, small_run
@@ -14,7 +16,7 @@ CASES = {
     "noise of a whole rollout": small_run(hyperparameters={"use_sde": True, "sde_sample_freq": -1}),
     "lasting noise": small_run(hyperparameters={"use_sde": True, "sde_sample_freq": 8}),
     "all that is drawn": small_run(env_id="JansenWalkerHardcore-v0"),
-    "recurrent": small_run("ppo_lstm"),
+    "recurrent": replace(small_run("ppo_lstm"), policy_kwargs={"lstm_hidden_size": 8}),
     "crank": small_run(env_id="JansenCrank-v0"),
     "sac": small_run("sac"),
     "td3": small_run("td3"),

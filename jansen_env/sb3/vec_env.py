@@ -164,8 +164,9 @@ class BatchVecEnv(VecEnv):
 
     def set_attr(self, attr_name: str, value: object, indices: VecEnvIndices = None) -> None:
         """Change a parameter of robots; a new command counts from the next episode on."""
-        for i in self._get_indices(indices):
-            self.env.set_parameters(i, **{attr_name: value})
+        robots, checked = self._get_indices(indices), self.env.task.checked
+        for change in [checked(i, **{attr_name: value}) for i in robots]:
+            change()  # all or nothing
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **kwargs: object

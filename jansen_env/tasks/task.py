@@ -227,10 +227,11 @@ class Task(ABC):
 
     def set_parameters(self, i: int, **changes: object) -> None:
         """Change a robot from now on, see :meth:`checked`."""
-        self.checked(i, **changes)()
+        with self._lock:
+            self.checked(i, **changes)()
 
     def checked(self, i: int, **changes: object) -> Callable[[], None]:
-        """Return what changes a robot from then on: :attr:`SETTABLE`, and the world's.
+        """Check changes of :attr:`SETTABLE` and the world's; return a function that applies them.
 
         Energies in ``info`` do not have what the change itself adds to the robot's energy.
 

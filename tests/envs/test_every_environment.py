@@ -59,7 +59,7 @@ def test_gymnasiums_checker_needs_no_display(monkeypatch):
 
 
 def test_somebody_else_may_quit_pygame():
-    """As Gymnasium's own environments do when they are closed."""
+    """Gymnasium's own environments quit it when they close."""
     env = gym.make("JansenWalker-v0", render_mode="rgb_array")
     env.reset(seed=0)
     picture = env.render()

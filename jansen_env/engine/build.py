@@ -36,6 +36,8 @@ from typing import Any, NamedTuple, TypeAlias
 import llvmlite.binding as llvm
 import numba
 from numba.core import cgutils, types
+from numba.core.codegen import JITCodeLibrary
+from numba.core.cpu import CPUContext
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
@@ -45,8 +47,11 @@ from jansen_env.engine.kernel import FOLDER, Function, Kernel, library_path
 Numba: TypeAlias = Any
 """An object of numba or llvmlite, which have no types."""
 NJIT: Numba = numba.njit  # its types lack some of its options
-OPTIONS: dict[str, object] = {"error_model": "numpy", "_nrt": False}
-"""Of numba: dividing by zero gives inf or nan; arrays are not counted, as nothing is allocated.
+OPTIONS: dict[str, object] = {
+    "error_model": "numpy", "_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True,
+}  # fmt: skip
+"""Of numba: dividing by zero gives inf or nan; arrays are not counted, as nothing is allocated;
+Python calls nothing.
 
 ``_nrt`` is not documented: with it, code would hold atomic instructions for every array.
 """
@@ -144,6 +149,12 @@ def _fetch_add(_: Numba, place: Numba) -> Numba:
     return types.int64(place), generate
 
 
+def _not_executable(_: Numba, library: Numba, *__: Numba) -> Numba:
+    """In the place of numba's function that makes machine code of a stage and a function of it."""
+    library._ensure_finalized()
+    return [].append  # a new one each time: numba tells stages apart by it
+
+
 def _lower(function: Function, inline: bool) -> Numba:
     """A stage as numba compiles it."""
     return NJIT(forceinline=inline, **OPTIONS)(function)
@@ -152,6 +163,9 @@ def _lower(function: Function, inline: bool) -> Numba:
 def _import_kernels() -> list[Kernel]:
     """Import the modules of this folder, with stages to be compiled."""
     kernel_module.fetch_add, kernel_module.lower = _fetch_add, _lower
+    CPUContext.get_executable = _not_executable
+    for name in ("_optimize_functions", "_optimize_final_module", "_finalize_specific"):
+        setattr(JITCodeLibrary, name, lambda *_: None)  # all is optimised once, for the target
     for path in sorted(FOLDER.glob("*.py")):
         if path.stem not in ("__init__", "build", "kernel"):
             importlib.import_module(f"jansen_env.engine.{path.stem}")
@@ -184,7 +198,7 @@ def _entry(kernel: Kernel) -> tuple[str, str]:
     )
     exec(source, names)
     function: Numba = names[kernel.symbol]  # its name is in that of LLVM's code
-    entry = NJIT(no_cpython_wrapper=True, no_cfunc_wrapper=True, **OPTIONS)(function)
+    entry = NJIT(**OPTIONS)(function)
     entry.compile((types.int64,))
     name = entry.overloads[types.int64,].fndesc.mangled_name
     return entry.inspect_llvm((types.int64,)), name

@@ -7,6 +7,7 @@ import pytest
 
 from jansen_env import __version__
 from jansen_env.__main__ import COMMANDS, main
+from jansen_env.commands.flags import Parser
 
 OPTIONAL = ("PIL", "cma", "ezdxf", "imageio", "imageio_ffmpeg", "matplotlib", "mujoco", "rich",
             "scipy", "stable_baselines3", "tabulate", "torch", "yaml")  # fmt: skip
@@ -50,6 +51,12 @@ def test_an_error_of_a_command_comes_before_its_usage(arguments, words, capsys):
     first, second, *_ = capsys.readouterr().err.splitlines()
     error, usage = (first, second) if arguments[0] in COMMANDS else (second, first)
     assert ended.value.code == 2 and words in error and usage.startswith("usage: ")
+
+
+def test_ctrl_c_ends_a_command_without_a_traceback():
+    with pytest.raises(SystemExit) as ended, Parser("command", None).refusing():
+        raise KeyboardInterrupt
+    assert ended.value.code == 130
 
 
 @pytest.mark.parametrize("command", [["evaluate", "--policy", "pid"], ["paper", "--out", "x"],

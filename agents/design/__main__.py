@@ -49,21 +49,21 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 def main(arguments: list[str] | None = None) -> int:
     """Search, and report; returns the exit status."""
     args = parse(arguments)
-    try:
-        with args.parser.refusing():
-            plan = read_plan(args.plan)
-            flags = "seeds", "generations", "speed", "variables"
-            changes = {name: value for name in flags if (value := getattr(args, name)) is not None}
-            limits = {**plan.limits, **(args.limits or {})}
-            plan = make_plan({**asdict(plan), **changes, "limits": limits})
-            folder = Path(args.log_folder) / (args.name or Path(args.plan).stem)
-            enter(folder, plan)
+    with args.parser.refusing():
+        plan = read_plan(args.plan)
+        flags = "seeds", "generations", "speed", "variables"
+        changes = {name: value for name in flags if (value := getattr(args, name)) is not None}
+        limits = {**plan.limits, **(args.limits or {})}
+        plan = make_plan({**asdict(plan), **changes, "limits": limits})
+        folder = Path(args.log_folder) / (args.name or Path(args.plan).stem)
+        enter(folder, plan)
+        try:
             short = write_report(plan, folder, search_all(plan, folder))
-        print(f"\n{short}\n\nall: {folder / REPORT}")
-    except KeyboardInterrupt:
-        print(f"\nstopped; the same command goes on: python -m agents.design "
-              f"{shlex.join(sys.argv[1:] if arguments is None else arguments)}")  # fmt: skip
-        return 130
+        except KeyboardInterrupt:
+            print(f"\nstopped; the same command goes on: python -m agents.design "
+                  f"{shlex.join(sys.argv[1:] if arguments is None else arguments)}")  # fmt: skip
+            return 130
+    print(f"\n{short}\n\nall: {folder / REPORT}")
     return 0
 
 

@@ -30,9 +30,11 @@ class Parser(argparse.ArgumentParser):
 
     @contextmanager
     def refusing(self) -> Iterator[None]:
-        """Report a ValueError or OSError of the work within as a wrong argument."""
+        """Report a ValueError or OSError of the work within as a wrong argument; end at Ctrl-C."""
         try:
             yield
+        except KeyboardInterrupt:
+            raise SystemExit(130) from None
         except OSError as error:
             self.error(f"{error.filename}: {error.strerror or error}")
         except ValueError as error:

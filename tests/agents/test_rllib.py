@@ -15,7 +15,7 @@ pytest.importorskip("tree", reason="dm-tree is not installed; the extra 'distrib
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "rllib_ppo.py"
 STEPS = 5_000
-SMALL = f"--env JansenCrank-v0 --steps {STEPS} --envs 6 --runners 2 --learners 2".split()
+SMALL = f"--env JansenCrank-v0 --steps {STEPS} --envs 12 --runners 1 --learners 2".split()
 
 
 @pytest.mark.slow

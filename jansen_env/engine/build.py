@@ -50,10 +50,10 @@ NJIT: Numba = numba.njit  # its types lack some of its options
 OPTIONS: dict[str, object] = {
     "error_model": "numpy", "_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True,
 }  # fmt: skip
-"""Of numba: dividing by zero gives inf or nan; arrays are not counted, as nothing is allocated;
-Python calls nothing.
+"""Options of numba. A division by zero gives inf or nan. Stages have no wrappers, as Python
+does not call them. References to arrays are not counted, as no array is allocated.
 
-``_nrt`` is not documented: with it, code would hold atomic instructions for every array.
+``_nrt`` is not documented: with it, every array would cost atomic instructions.
 """
 SPEED_LEVEL = 3  # of LLVM's optimisation
 
@@ -150,9 +150,9 @@ def _fetch_add(_: Numba, place: Numba) -> Numba:
 
 
 def _not_executable(_: Numba, library: Numba, *__: Numba) -> Numba:
-    """In the place of numba's function that makes machine code of a stage and a function of it."""
+    """Replace numba's method that compiles a stage for the host and returns a Python function."""
     library._ensure_finalized()
-    return [].append  # a new one each time: numba tells stages apart by it
+    return [].append  # numba's key of the stage: a builtin, a new one each time
 
 
 def _lower(function: Function, inline: bool) -> Numba:
@@ -165,7 +165,7 @@ def _import_kernels() -> list[Kernel]:
     kernel_module.fetch_add, kernel_module.lower = _fetch_add, _lower
     CPUContext.get_executable = _not_executable
     for name in ("_optimize_functions", "_optimize_final_module", "_finalize_specific"):
-        setattr(JITCodeLibrary, name, lambda *_: None)  # all is optimised once, for the target
+        setattr(JITCodeLibrary, name, lambda *_: None)  # compile_code does it, once for each target
     for path in sorted(FOLDER.glob("*.py")):
         if path.stem not in ("__init__", "build", "kernel"):
             importlib.import_module(f"jansen_env.engine.{path.stem}")

@@ -24,6 +24,7 @@ from agents.training.config import add_run_flags, new_config
 from agents.training.runs import FINAL, last_state, locked, new_run_folder, record_run
 from agents.training.scores import outcome, score_run
 from agents.training.train_model import prepare, train
+from jansen_env.checks import one_line
 from jansen_env.commands.flags import Parser, imported_env_id, non_negative_int
 from jansen_env.commands.named_policies import shipped_file
 from jansen_env.files import check_writable
@@ -53,9 +54,22 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         help="weights to begin with: a run's folder, a model's zip, a policy's json file, "
         "'pretrained' or 'pretrained:NAME'"
         )  # fmt: skip
+    add("--device", type=torch_device, default="cpu", metavar="NAME",
+        help="PyTorch's device of the networks, such as cuda, which pays for large ones; the same "
+        "seed gives the same run on cpu alone; default: cpu")  # fmt: skip
     add("--resume", metavar="RUN", help="run folder to continue from its last checkpoint")
     add("--no-progress", action="store_true", help="no progress bar")
     return parser.parse_args(arguments)
+
+
+def torch_device(text: str) -> str:
+    """Return the name of a device that PyTorch can use here."""
+    try:
+        torch.empty(0, device=text)
+    except (AssertionError, RuntimeError) as error:
+        message = f"is {text!r}, must be cpu or another device of PyTorch's here: {one_line(error)}"
+        raise argparse.ArgumentTypeError(message) from None
+    return text
 
 
 def main(arguments: list[str] | None = None) -> Path:
@@ -70,7 +84,7 @@ def main(arguments: list[str] | None = None) -> Path:
                 folder = Path(args.resume)
                 stack.enter_context(locked(folder))
                 resume = last_state(folder)
-            model = prepare(config, resume)  # nothing is written before this is good
+            model = prepare(config, resume, args.device)  # nothing is written before this is good
             if args.start:
                 start_from(model, shipped_file(args.start, config.env) or args.start)
             if args.tensorboard_log:

@@ -175,7 +175,7 @@ def start_from(model: BaseAlgorithm, run: str | Path) -> None:
     """Give a new model the weights of a policy, as :func:`read` takes it, to train on from there;
     the noise of its actions stays the model's own. ValueError: no such policy, or it does not fit.
     """
-    noise = {k: v.numpy() for k, v in model.policy.state_dict().items() if k == "log_std"}
+    noise = {k: v.cpu().numpy() for k, v in model.policy.state_dict().items() if k == "log_std"}
     load_weights(model, {**read(run)[0].tensors, **noise})
 
 

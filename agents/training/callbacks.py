@@ -130,7 +130,7 @@ class NormalizerUpdate(BaseCallback):
             return
         for module in self.model.policy.modules():
             if isinstance(module, NormalizedObservation):
-                module.update(torch.as_tensor(self._observations))
+                module.update(torch.as_tensor(self._observations, device=module.mean.device))
         self._observations = None
 
     def _on_rollout_end(self) -> None:

@@ -44,16 +44,16 @@ class TrainingReward(VecEnvWrapper):
         return observations, rewards.astype(np.float32), dones, infos
 
 
-def prepare(config: RunConfig, resume: Path | None = None) -> BaseAlgorithm:
+def prepare(config: RunConfig, resume: Path | None = None, device: str = "cpu") -> BaseAlgorithm:
     """Build the model that a configuration describes, on its environments, or resume from a
-    checkpoint; writes nothing.
+    checkpoint; writes nothing. ``device``: torch's, of the networks.
 
     Raises ValueError: something in the configuration or the files is wrong.
     """
     kwargs, variants = training_envs(config)
     venv = make_vec_env(config.env, config.n_envs, env_kwargs=kwargs, variants=variants)
     venv = TrainingReward(VecMonitor(venv), config.reward_scale, config.fall_cost)
-    model = build_model(config, venv)
+    model = build_model(config, venv, device)
     if resume is not None:
         saved = read_model(resume)
         restore(model, saved)
@@ -64,7 +64,7 @@ def prepare(config: RunConfig, resume: Path | None = None) -> BaseAlgorithm:
     return model
 
 
-def build_model(config: RunConfig, env: VecEnv | Env) -> BaseAlgorithm:
+def build_model(config: RunConfig, env: VecEnv | Env, device: str = "cpu") -> BaseAlgorithm:
     """Build the new model of a configuration for an environment."""
     arguments = dict(config.hyperparameters)
     for name in ("learning_rate", "clip_range", "clip_range_vf", "delta_std"):
@@ -74,7 +74,7 @@ def build_model(config: RunConfig, env: VecEnv | Env) -> BaseAlgorithm:
         deviation = np.full(env.action_space.shape or (), arguments["action_noise"])
         arguments["action_noise"] = NormalActionNoise(np.zeros_like(deviation), deviation)
     return ALGORITHMS[config.algo](
-        config.policy, env, device="cpu", seed=config.seed, **arguments,
+        config.policy, env, device=device, seed=config.seed, **arguments,
         policy_kwargs=policy_kwargs_of(config),
     )  # fmt: skip
 

@@ -137,7 +137,7 @@ def restore_generators(model: BaseAlgorithm, state: Arguments) -> None:
     model.action_space.np_random.bit_generator.state = saved["actions"]
     if (noise := _kept_noise(model)) is not None:
         for name in MATRICES:
-            setattr(noise, name, torch.tensor(saved["noise"][name]))
+            setattr(noise, name, torch.tensor(saved["noise"][name], device=model.device))
 
 
 def _kept_noise(model: BaseAlgorithm) -> StateDependentNoiseDistribution | None:

@@ -81,6 +81,17 @@ def test_an_update_has_the_threads_of_the_robots(tmp_path, monkeypatch, few_epis
         torch.testing.assert_close(weights, ends[1][name], rtol=0.0, atol=1e-3)
 
 
+def test_networks_are_on_the_device_that_is_asked_for(capsys):
+    """Also in a normalizer; one that PyTorch does not have is refused at once."""
+    with pytest.warns(UserWarning, match="primarily intended to run on the CPU"):
+        model = training.prepare(config.new_config(), device="meta")
+    assert {entry.device.type for entry in model.policy.state_dict().values()} == {"meta"}
+    for name in ("nowhere", "cpu:x"):
+        with pytest.raises(SystemExit):
+            train.main(["--device", name])
+        assert f"argument --device: is '{name}', must be cpu or another" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("path", config.shipped_configs(), ids=lambda p: "/".join(p.parts[-2:]))
 def test_every_config_builds(path, tmp_path):
     """On robots that are simulated together; as recorded it is read again."""

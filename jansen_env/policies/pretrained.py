@@ -33,7 +33,7 @@ ENTRIES = (
 )  # fmt: skip
 POLICIES = Path(__file__).parent
 DEFAULT = "ppo"  # of the names of an environment's policies
-MAX_BYTES = 2**20  # of a file; those of the package have less than 200 kB
+MAX_BYTES = 2**20  # of a file; those of the package have less than 650 kB
 SHORTEST_PERIOD, LONGEST_PERIOD = 1e-4, 1.0  # s, for which an action is held
 MOST_TIME_STEPS = 200_000  # of an episode; walkers have 10,000 by default
 

@@ -65,7 +65,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 def torch_device(text: str) -> str:
     """Return the name of a device that PyTorch can use here."""
     try:
-        torch.empty(0, device=text)
+        torch.zeros((), device=text).item()
     except (AssertionError, RuntimeError) as error:
         message = f"is {text!r}, must be cpu or another device of PyTorch's here: {one_line(error)}"
         raise argparse.ArgumentTypeError(message) from None

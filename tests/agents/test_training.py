@@ -86,7 +86,7 @@ def test_networks_are_on_the_device_that_is_asked_for(capsys):
     with pytest.warns(UserWarning, match="primarily intended to run on the CPU"):
         model = training.prepare(config.new_config(), device="meta")
     assert {entry.device.type for entry in model.policy.state_dict().values()} == {"meta"}
-    for name in ("nowhere", "cpu:x"):
+    for name in ("nowhere", "cpu:x", "meta"):  # meta holds no numbers
         with pytest.raises(SystemExit):
             train.main(["--device", name])
         assert f"argument --device: is '{name}', must be cpu or another" in capsys.readouterr().err

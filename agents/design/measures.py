@@ -15,7 +15,7 @@ from jansen_env.arrays import Array
 from jansen_env.baselines.policy import TorquePolicy, columns
 from jansen_env.drawings.outlines import gap
 from jansen_env.drawings.shaft_order import layers
-from jansen_env.dynamics.reduced import compile_robot
+from jansen_env.dynamics.reduced import CONVERGED, compile_robot
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.base import static_deflection
 from jansen_env.plants.batch import Batch
@@ -24,6 +24,7 @@ from jansen_env.robot import Bar, Robot, kinematics
 from jansen_env.robot import buildable as built
 from jansen_env.robot.lengths import lengths
 from jansen_env.robot.linkage import CRANK
+from jansen_env.robot.soundness import check_standing
 from jansen_env.scoring import rollout
 from jansen_env.scoring.metrics import SETTLING, Env, Episodes, horizon, point_estimates
 from jansen_env.tasks.walking.profile import READ, profile_torque
@@ -252,9 +253,12 @@ def geometry_measures(robot: Robot) -> dict[str, float]:
     known = {"mass": robot.mass, "longest": max(sizes.values())}
     try:
         closure = kinematics.nearest_dead_point(robot, SAMPLES)[0]
-        compile_robot(robot)
+        check_standing(robot)
+        converged = compile_robot(robot).tail <= CONVERGED
         static_deflection(robot, GRAVITY)
-    except ValueError:  # it does not close, all but does not, or is too heavy for its feet
+    except ValueError:  # it does not close or stand, or is too heavy for its feet
+        converged = False
+    if not converged:  # or it all but does not close
         return known | {"closure": -1.0, **dict.fromkeys(OF_PATHS, math.nan)}
     angles = np.linspace(0.0, 2.0 * math.pi, SAMPLES, endpoint=False)
     place = kinematics.joint_positions(robot, "fore", angles)

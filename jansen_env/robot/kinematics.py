@@ -51,10 +51,11 @@ def joint_positions(robot: Robot, side: Side, psi: ArrayLike) -> Array:
     (members, corners, _), (dyads, spans) = body_arrays(robot), dyad_arrays(robot)
     failed = put_joints(given, robot.frame_angle, members, corners, dyads, spans, places, fault)
     if failed >= 0:
+        first, second = (robot.linkage.names[body] for body in dyads[failed, 4:])
         raise LinkageError(
             f"joint {joints[dyads[failed, 0]]} does not close at crank angle "
-            f"{given[int(fault[0])]:.4f} rad: its two links of {spans[failed, 0]:.5f} m and "
-            f"{spans[failed, 1]:.5f} m cannot span {fault[1]:.5f} m"
+            f"{given[int(fault[0])]:.4f} rad: {first} of {spans[failed, 0]:.5f} m and "
+            f"{second} of {spans[failed, 1]:.5f} m cannot span {fault[1]:.5f} m"
         )
     return places.reshape(*angle.shape, len(joints), 2)
 

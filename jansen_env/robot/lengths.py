@@ -13,10 +13,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
 
-from jansen_env.checks import finite, invalid, listed, named_errors, positive, shown
+from jansen_env.checks import finite, listed, named_errors, positive, shown
 from jansen_env.engine.mathematics import cos, hypot, sin
 from jansen_env.robot.designs import is_of_built_parts, with_built_parts
-from jansen_env.robot.links import Bar, Link, Plate, Triangle
+from jansen_env.robot.links import Bar, Link, Plate, Triangle, within_a_turn
 from jansen_env.robot.robot import LONGEST, Robot
 
 
@@ -44,7 +44,8 @@ def with_lengths(robot: Robot, changed: Mapping[str, float]) -> Robot:
     """
     known = lengths(robot)
     if not isinstance(changed, Mapping):
-        raise invalid("lengths", changed, f"a dictionary with some of {[*known]}")
+        allowed = f"a dictionary with some of {[*known]}"
+        raise ValueError(f"lengths must be {allowed}, got {shown(changed)}")
     if unknown := [name for name in changed if name not in known]:
         allowed = listed(known, unknown[0])
         raise ValueError(f"lengths has {shown(unknown[0])}, must be of {allowed}")
@@ -52,16 +53,26 @@ def with_lengths(robot: Robot, changed: Mapping[str, float]) -> Robot:
     for name, value in changed.items():
         signed = name == "frame_angle" or name.endswith(("_along", "_across"))
         new[name] = (finite if signed else positive)(f"lengths[{name!r}]", value)
-        if abs(new[name]) > LONGEST:
-            raise ValueError(f"lengths[{name!r}] is {new[name]}, must be within {LONGEST:g}")
+        if name == "frame_angle":
+            within_a_turn(f"lengths[{name!r}]", value)
+        elif abs(new[name]) > LONGEST:
+            raise ValueError(
+                f"lengths[{name!r}] must be at most {LONGEST:g} m, got {new[name]:g} m; lengths are "
+                "in metres"
+            )
     links, built = {}, is_of_built_parts(robot)
     for (name, joints), link in zip(robot.linkage.bodies, robot.bodies, strict=True):
         names = _names(name, joints, link)
         if any(new[key] != known[key] for key in names):
             fresh = _of_lengths(name, link, [new[key] for key in names])
-            links[name] = fresh if built else _as_dense(link, fresh)
+            given = ", ".join(f"lengths[{key!r}] of {new[key]:g} m" for key in names)
+            with named_errors(f"{given}: {name} would be too large; lengths are in metres"):
+                links[name] = fresh if built else _as_dense(link, fresh)
     resized = replace(robot.with_bodies(**links), frame_angle=new["frame_angle"])
-    return with_built_parts(resized) if links and built else resized
+    if not (links and built):
+        return resized
+    with named_errors(f"lengths of {', '.join(links)}, in metres: parts would be too large"):
+        return with_built_parts(resized)
 
 
 def _names(name: str, joints: str, link: Link) -> list[str]:

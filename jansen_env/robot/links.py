@@ -36,6 +36,17 @@ def within_largest(name: str, value: object) -> float:
     return checks.within(name, value, -LARGEST, LARGEST)
 
 
+def within_a_turn(name: str, value: object) -> float:
+    """Return an angle in rad as a float. Raises ValueError if it is more than a whole turn."""
+    angle = checks.finite(name, value)
+    if abs(angle) > 2.0 * math.pi:
+        raise ValueError(
+            f"{name} must be between -2 pi and 2 pi rad, got {angle:g}; angles are in radians: "
+            f"{angle:g} degrees are {math.radians(angle):.4g} rad"
+        )
+    return angle
+
+
 def up_to_largest(name: str, value: object) -> float:
     """Return a float. Raises ValueError unless it is a number from 0 to LARGEST."""
     return checks.within(name, value, 0.0, LARGEST)
@@ -99,7 +110,10 @@ class Triangle:
         checks.instance("Triangle.outward", self.outward, bool)
         set_checked(self, up_to_largest, "mass", "inertia")
         if self.alpha + self.gamma >= 2.0 * math.pi:
-            raise checks.invalid("Triangle: alpha + gamma", self.alpha + self.gamma, "below 2 pi")
+            raise ValueError(
+                "Triangle.alpha and Triangle.gamma must add up to less than 2 pi rad, got "
+                f"{self.alpha:g} and {self.gamma:g}; angles are in radians"
+            )
 
     @classmethod
     def from_sides(
@@ -233,7 +247,7 @@ class Leg:
     Args:
         side: ``"fore"`` is the leg as its linkage has it (the paper's frame reaches to -x),
             ``"back"`` its mirror image.
-        phase: crank angle of this leg minus the robot's crank angle, rad.
+        phase: crank angle of this leg minus the robot's crank angle, rad, at most one turn.
     """
 
     side: Side
@@ -241,7 +255,7 @@ class Leg:
 
     def __post_init__(self) -> None:
         checks.one_of("Leg.side", self.side, ("fore", "back"))
-        set_checked(self, within_largest, "phase")
+        set_checked(self, within_a_turn, "phase")
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from jansen_env.robot.links import (
     Triangle,
     phased_legs,
     up_to_largest,
-    within_largest,
+    within_a_turn,
 )
 from jansen_env.robot.motor import IDEAL, Motor
 
@@ -48,7 +48,7 @@ class Robot:
 
     Args:
         linkage: the topology of a leg. bodies: its links, in the order of ``linkage.bodies``.
-        frame_angle: angle of the frame in the chassis frame (fore legs).
+        frame_angle: angle of the frame in the chassis frame (fore legs), rad, at most one turn.
         damping: viscous coefficient of each of ``linkage.damped``, N m s / rad.
         legs: at least one; the first one's crank defines the crank angle, so its phase is 0.
         pad_radius: radius of the round pads at toes and outer joints, m.
@@ -59,9 +59,8 @@ class Robot:
             are those of ``bodies``.
 
     Raises:
-        ValueError: an argument of another kind or out of range.
-            :func:`jansen_env.robot.kinematics.check_closure` refuses a design that cannot turn (run
-            when a robot is compiled).
+        ValueError: an argument of another kind or out of range. Whether the robot can turn its
+            crank and stand is checked when it is loaded, see :mod:`jansen_env.robot.soundness`.
     """
 
     linkage: Linkage = JANSEN
@@ -83,7 +82,7 @@ class Robot:
         instance("Robot.motor", self.motor, Motor)
         instance("Robot.pad_compliance", self.pad_compliance, Compliance)
         one_of("Robot.material", self.material, BUILDS)
-        set_checked(self, within_largest, "frame_angle")
+        set_checked(self, within_a_turn, "frame_angle")
         set_checked(self, positive, "pad_radius")
         within("Robot.pad_radius", self.pad_radius, 0.0, LONGEST)
         self._set_pairs("damping", "joint pairs", self.linkage.damped)

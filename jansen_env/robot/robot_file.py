@@ -23,6 +23,7 @@ from jansen_env.robot.robot import Robot
 
 FORMAT = "jansen_env robot 1"
 MAX_BYTES = 2**20  # of a file
+OF_DESIGN = {"design", "lengths"}  # what a file of a design with other lengths has
 PARTS: dict[str, type] = {
     kind.__name__: kind
     for kind in (Robot, Linkage, Bar, Triangle, Plate, Leg, Payload, Motor, Compliance)
@@ -41,6 +42,9 @@ def robot_to_json(robot: Robot) -> dict[str, object]:
 def robot_from_json(content: object) -> Robot:
     """Return the robot of :func:`robot_to_json`, or of a design with other lengths.
 
+    Whether it can turn its crank and stand is checked when it is loaded, see
+    :mod:`jansen_env.robot.soundness`.
+
     Raises:
         ValueError: it is none; one line says what is wrong.
     """
@@ -48,11 +52,14 @@ def robot_from_json(content: object) -> Robot:
         raise invalid("a robot file", content, f"of format {FORMAT!r}")
     given = {name: value for name, value in content.items() if name != "format"}
     if "design" in given:
-        changed = given.get("lengths")
-        if {*given} != {"design", "lengths"} or not isinstance(changed, Mapping):
-            given_names = shown([*given])
-            raise ValueError(f"a robot file has {given_names}, must have 'design' and 'lengths'")
-        return with_lengths(ROBOTS[one_of("design", given["design"], ROBOTS)](), changed)
+        if {*given} != OF_DESIGN:
+            wrong = "without" if len(given) < len(OF_DESIGN) else "with"
+            names = shown(sorted(OF_DESIGN ^ {*given}))
+            raise ValueError(
+                f"a robot file of a design must have 'format', 'design' and 'lengths', got one "
+                f"{wrong} {names}"
+            )
+        return with_lengths(ROBOTS[one_of("design", given["design"], ROBOTS)](), given["lengths"])
     robot = _from_json(given)
     if not isinstance(robot, Robot):
         raise ValueError(f"a robot file is of a {shown(content.get('is'))}, must be of a Robot")

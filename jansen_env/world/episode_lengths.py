@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.checks import instance, listed, shown
-from jansen_env.dynamics.reduced import compile_robot
+from jansen_env.dynamics.reduced import CONVERGED, compile_robot
 from jansen_env.gravity import GRAVITY
 from jansen_env.parameters import EVERY, Distribution
 from jansen_env.plants.base import static_deflection
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import nearest_dead_point
 from jansen_env.robot.lengths import lengths, with_lengths
+from jansen_env.robot.soundness import check_loaded, check_standing
 from jansen_env.world.observations import EXACT, Observed
 from jansen_env.world.settings import Values
 
@@ -38,6 +39,7 @@ class EpisodeLengths:
     Args:
         robots: with their own lengths. randomizations: of each; "lengths" counts.
         observed: whether observations show the lengths.
+        standing: whether robots have to stand, as those do whose chassis is not held in the air.
 
     Attributes:
         constructed: the robots at first. nominal: robots with their own lengths, as exchanged by
@@ -52,8 +54,13 @@ class EpisodeLengths:
     """
 
     def __init__(
-        self, robots: Sequence[Robot], randomizations: Sequence[Values], observed: bool
+        self,
+        robots: Sequence[Robot],
+        randomizations: Sequence[Values],
+        observed: bool,
+        standing: bool = True,
     ) -> None:
+        self._standing = standing
         self.constructed, self.nominal = list(robots), list(robots)
         self.changed: list[dict[str, float]] = [{} for _ in robots]
         self.entries: list[Observed] = []
@@ -97,13 +104,45 @@ class EpisodeLengths:
         if robot is not None:  # which later episodes have with its own lengths, or drawn ones
             static_deflection(robot, GRAVITY)
             if drawn and given:
-                _draw(robot, {}, drawn, np.random.default_rng((seed or 0, 0)))
+                self._draw(robot, {}, drawn, np.random.default_rng((seed or 0, 0)))
         if not {*drawn} <= {*given}:
             # Commands that change in an episode are drawn by its seed and a step, from 1 on.
-            return _draw(nominal, given, drawn, np.random.default_rng((seed or 0, 0)))
+            return self._draw(nominal, given, drawn, np.random.default_rng((seed or 0, 0)))
         build = _build(nominal, given)
+        if given:
+            check_loaded("lengths", build.robot, self._standing)
         static_deflection(build.robot, GRAVITY)  # or its feet are too soft
         return build
+
+    def _draw(
+        self,
+        nominal: Robot,
+        given: Mapping[str, float],
+        factors: Mapping[str, Distribution],
+        rng: np.random.Generator,
+    ) -> Build:
+        """Draw the lengths that are not given until the robot can turn, well off any dead point."""
+        before, reason = lengths(nominal), ""
+        for _ in range(ATTEMPTS):
+            drawn = {name: before[name] * factor.sample(rng) for name, factor in factors.items()}
+            try:
+                build = _build(nominal, {**drawn, **given})
+                sine, joint, angle = nearest_dead_point(build.robot)
+                if sine >= MARGIN:
+                    if self._standing:
+                        check_standing(build.robot)
+                    static_deflection(build.robot, GRAVITY)
+                    if compile_robot(build.robot).tail <= CONVERGED:
+                        return build
+                reason = (
+                    f"links that meet in {joint} come near one line at crank angle {angle:.3f} rad"
+                )
+            except ValueError as error:
+                reason = str(error)
+        raise ValueError(
+            f"randomize['lengths'] gave no robot that turns its crank in {ATTEMPTS} draws; of the "
+            f"last one {reason}"
+        )
 
     def begin(self, builds: Mapping[int, Build]) -> None:
         """Begin episodes with planned robots."""
@@ -142,29 +181,3 @@ def _build(nominal: Robot, given: Mapping[str, float]) -> Build:
     robot, before = with_lengths(nominal, given) if given else nominal, lengths(nominal)
     changed = {name: float(value) for name, value in given.items() if value != before[name]}
     return Build(nominal, changed, robot)
-
-
-def _draw(
-    nominal: Robot,
-    given: Mapping[str, float],
-    factors: Mapping[str, Distribution],
-    rng: np.random.Generator,
-) -> Build:
-    """Draw the lengths that are not given until the robot can turn, well off any dead point."""
-    before, reason = lengths(nominal), ""
-    for _ in range(ATTEMPTS):
-        drawn = {name: before[name] * factor.sample(rng) for name, factor in factors.items()}
-        try:
-            build = _build(nominal, {**drawn, **given})
-            sine, joint, angle = nearest_dead_point(build.robot)
-            if sine >= MARGIN:
-                static_deflection(build.robot, GRAVITY)
-                compile_robot(build.robot)
-                return build
-            reason = f"links that meet in {joint} come near one line at crank angle {angle:.3f} rad"
-        except ValueError as error:
-            reason = str(error)
-    raise ValueError(
-        f"randomize['lengths'] gave no robot that turns its crank in {ATTEMPTS} draws; of the last "
-        f"one {reason}"
-    )

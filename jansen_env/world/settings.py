@@ -36,6 +36,7 @@ from jansen_env.plants.plant import PLANTS
 from jansen_env.robot import ROBOTS, Compliance, Payload, Robot
 from jansen_env.robot.motor import IDEAL, MOTORS, Motor
 from jansen_env.robot.robot_file import read_robot
+from jansen_env.robot.soundness import check_loaded
 from jansen_env.terrain import Terrain, make_terrain
 from jansen_env.terrain.generators import HIGHEST, Curriculum, Generator, make_generator
 from jansen_env.world.observations import Noise
@@ -147,7 +148,21 @@ def _by_name(kind: type, known: Values, name: str, value: object) -> Any:
 
 
 def load_robot(name: str, value: object) -> Robot:
-    """A robot, also by the name of a design or the path of its file."""
+    """Return a robot that can stand, also by the name of a design or the path of its file.
+
+    Raises:
+        ValueError: If it is no robot, or its file cannot be read.
+        LinkageError: If it cannot turn its crank or cannot stand.
+    """
+    return check_loaded(name, _robot_of(name, value))
+
+
+def load_held_robot(name: str, value: object) -> Robot:
+    """Return a robot as :func:`load_robot` does. If it cannot stand there is a warning only."""
+    return check_loaded(name, _robot_of(name, value), standing=False)
+
+
+def _robot_of(name: str, value: object) -> Robot:
     if isinstance(value, (str, Path)) and str(value).endswith(".json"):
         return read_robot(value)
     robot = _by_name(Robot, ROBOTS, name, value)
@@ -368,6 +383,7 @@ class HeldSettings(WorldSettings):
         {*WorldArguments.__annotations__} - {*RobotArguments.__annotations__, "time_step"}
     )
 
+    robot: list[Robot] = each("paper", load_held_robot)
     control_dt: float = 0.01
     time_step: float | None = shared(0.001, lambda name, value: check_time_step(value))
     randomize: list[Values] = each(None, partial(load_randomization, parameters=()))

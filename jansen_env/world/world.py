@@ -170,7 +170,9 @@ class World:
         self.pushes = Pushes(n, settings.push, self.steps, self.time_step)
         has = {"noise_level": self._noise is not None, "push_strength": settings.push is not None}
         self.episodes = EpisodeParameters(self.plant, settings, generators, has)
-        self.lengths = EpisodeLengths(robots, settings.randomize, settings.observe_lengths)
+        self.lengths = EpisodeLengths(
+            robots, settings.randomize, settings.observe_lengths, standing=not self.held
+        )
         self._update_scales(self._every)
         self._share_arrays()
 
@@ -631,6 +633,7 @@ class World:
                 raise ValueError("state has 'robot', must have none: this robot is not exchanged")
             with checks.named_errors("state['robot'] is no robot", RecursionError):
                 robot = robot_from_json(state["robot"])
+            load_robot("state['robot']", robot)
         other = robot if robot != self.lengths.nominal[i] else None
         if other is not None:
             self.plant.check_robot(other)

@@ -6,12 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jansen_env import Bar, LinkageError, Payload, Robot, paper_robot
+from jansen_env import Bar, LinkageError, Payload, Robot, holy_numbers_robot, paper_robot
 from jansen_env.dynamics import projection as pr
 from jansen_env.dynamics import reduced as rd
 from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.plants.design_tables import kernel_model
 from jansen_env.robot.kinematics import coordinates, joint_positions
+from jansen_env.robot.lengths import with_lengths
 
 LOAD = Payload(mass=1.7, inertia=0.3, position=(0.2, 0.4))
 
@@ -102,12 +103,32 @@ def test_built_in_tables_have_converged(tables):
 
 
 def test_a_linkage_near_a_singular_position_is_refused():
-    """A crank of 0.16 m still turns, but its tables would be wrong; 0.2 m does not turn."""
+    """A crank of 0.165 m still turns, but its tables would be wrong; 0.2 m does not turn."""
     with pytest.raises(ValueError, match="tables have not converged") as error:
-        compile_robot(Robot().with_bodies(crank=Bar(0.16)))
+        compile_robot(Robot().with_bodies(crank=Bar(0.165)))
     assert not isinstance(error.value, LinkageError)
     with pytest.raises(LinkageError, match="does not close at crank angle"):
         compile_robot(Robot().with_bodies(crank=Bar(0.2)))
+
+
+@pytest.mark.parametrize(
+    "frame, tail, pads, inertia",
+    [(38.0, 1e-6, 1e-9, 5e-7), (37.93, rd.TAIL_TOLERANCE, 1e-8, 1e-5)],
+)
+def test_near_a_dead_point_the_tables_are_as_exact_as_they_say(frame, tail, pads, inertia):
+    """The holy numbers with a level frame (38 in place of 38.8), and near what is refused."""
+    crank = holy_numbers_robot().body("crank").length
+    robot = with_lengths(holy_numbers_robot(), {"frame": crank / 15.0 * frame, "frame_angle": 0.0})
+    tables = compile_robot(robot)
+    assert rd.CONVERGED < 0.5 * tail < tables.tail <= tail
+    psi = np.linspace(-math.pi, math.pi, 2001)
+    places = joint_positions(robot, "fore", psi)
+    for table, (joint, _) in zip(tables.pads, robot.linkage.all_pads, strict=True):
+        assert np.abs(rd._evaluate(table, psi)[0][:, :2] - places[:, joint]).max() < pads
+    slow = [np.diag(dense(robot, np.array([0.0, 1.0, 0.0, angle]), np.zeros(4), 0.0)[0])
+            for angle in psi[::20]]  # fmt: skip
+    fast = [np.diag(rd.mass_matrix(tables, np.array([0.0, 1.0, 0.0, angle]))) for angle in psi[::20]]
+    assert np.abs(np.array(fast) - slow).max() < inertia * np.max(slow, axis=0)[3]
 
 
 def test_equal_robots_are_compiled_once():

@@ -63,10 +63,12 @@ def test_a_longer_rod_is_heavier_in_its_own_material():
     "changed, message",
     [
         ({"shin": 1.0}, r"lengths has 'shin', must be of \['frame'"),
-        (0, "lengths is 0, must be a dictionary with some of"),
+        (3, r"lengths must be a dictionary with some of .*, got 3"),
         ({"rocker": -1.0}, r"lengths\['rocker'\]"),
         ({"rocker": math.nan}, r"lengths\['rocker'\]"),
-        ({"rocker": 1e9}, r"lengths\['rocker'\] is 1000000000.0, must be within 1000"),
+        ({"rocker": 1e9}, r"lengths\['rocker'\] must be at most 1000 m, got 1e\+09 m"),
+        ({"rocker": 240}, r"lengths\['rocker'\] of 240 m: rocker would .* lengths are in metres"),
+        ({"frame_angle": 11.6}, r"lengths\['frame_angle'\] .* 11.6 degrees are 0.2025 rad"),
         ({"foot_CE": 5.0}, "lengths of foot: .* form no triangle"),
     ],
 )
@@ -94,12 +96,15 @@ def test_a_robot_file_may_be_a_design_with_other_lengths(tmp_path):
     assert read_robot(path) == with_lengths(ROBOTS["built"](), {"rocker": 0.24})
     for wrong, message in (
         ({"design": "wheel"}, "design is 'wheel', must be one of"),
-        ({"lengths": [1]}, "must have 'design' and 'lengths'"),
-        ({"legs": 4}, "must have 'design' and 'lengths'"),
+        ({"lengths": [1]}, r"lengths must be a dictionary with some of .*, got \[1\]"),
+        ({"legs": 4}, r"must have 'format', 'design' and 'lengths', got one with \['legs'\]"),
         ({"lengths": {"rocker": None}}, "rocker"),
     ):
         with pytest.raises(ValueError, match=message):
             robot_from_json({**content, **wrong})
+    del content["lengths"]
+    with pytest.raises(ValueError, match=r"got one without \['lengths'\]"):
+        robot_from_json(content)
 
 
 @pytest.mark.parametrize(

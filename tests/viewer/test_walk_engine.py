@@ -112,6 +112,11 @@ def test_robots_with_other_lengths_are_the_same():
             assert np.array_equal(numbers(tables[0]), body), name
 
 
+def test_a_robot_that_cannot_stand_is_refused():
+    (told,) = in_node([["paper", {"frame_angle": 3.3}]])["tables"]
+    assert "robot cannot stand: its lowest toe must lie below the crank axis" in told
+
+
 class Walk:
     """A walk in Python, and how a page is asked for the same."""
 

@@ -167,7 +167,7 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
     ## Arguments
     | Argument | Default | Meaning |
     |----------|---------|---------|
-    | ``robot`` | ``"paper"`` | a :class:`jansen_env.Robot`, or the name of a built-in design |
+    | ``robot`` | ``"paper"`` | a :class:`jansen_env.Robot`, or the name of a built-in design; one that cannot stand on its toes is accepted with a warning, as the chassis is held |
     | ``speed_command`` | 1 | rad/s, a number or a range |
     | ``motor`` | robot's (ideal) | a :class:`jansen_env.Motor`, or the name of one |
     | ``torque_limit`` | motor's (ideal: 5) | N m, in place of the motor's own |

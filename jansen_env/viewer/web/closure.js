@@ -75,10 +75,13 @@ export class Closure {
     });
     if (failed) {
       const [dyad, k, span] = failed;
-      const [from, to] = spans[dyad].map((length) => length.toFixed(5));
+      const [joint, , , , ...bodies] = robot.closing.dyads[dyad];
+      const [first, second] = bodies.map(
+        (body, i) => `${robot.linkage.bodies[body][0]} of ${spans[dyad][i].toFixed(5)} m`,
+      );
       throw new Error(
-        `joint ${names[robot.closing.dyads[dyad][0]]} does not close at crank angle ${psi[k].toFixed(4)} rad: its two links ` +
-          `of ${from} m and ${to} m cannot span ${span.toFixed(5)} m`,
+        `joint ${names[joint]} does not close at crank angle ${psi[k].toFixed(4)} rad: ${first} and ` +
+          `${second} cannot span ${span.toFixed(5)} m`,
       );
     }
     return places;

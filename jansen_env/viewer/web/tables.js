@@ -103,7 +103,10 @@ function reachOf(memory, robot, { body, pads }) {
   return { farthest, depths, extent: BETWEEN * farthest[0][1] };
 }
 
-/** Advance in one counter-clockwise turn of the crank, m: kinematics.py, advance_per_turn. */
+/**
+ * Advance in one counter-clockwise turn of the crank, m: kinematics.py, advance_per_turn. Throws if
+ * the robot cannot stand: soundness.py, check_standing.
+ */
 function advancePerTurn(closure, samples = 720) {
   const { scene } = closure.robot;
   const step = TURN / samples;
@@ -114,7 +117,13 @@ function advancePerTurn(closure, samples = 720) {
     );
     const after = 2 * scene.joints.length;
     const heights = starts.map((k) => places[k + after + 1] + places[k + 1]);
-    const lowest = starts[heights.indexOf(Math.min(...heights))];
+    const height = Math.min(...heights);
+    if (!(height < 0))
+      throw new Error(
+        "robot cannot stand: its lowest toe must lie below the crank axis over the whole turn; " +
+          "the usual cause is a dyad assembled on its other side",
+      );
+    const lowest = starts[heights.indexOf(height)];
     return places[lowest + after] - places[lowest];
   });
   return -pairwiseSum(steps);

@@ -2,10 +2,16 @@
 
 All is painted on a canvas three times as large and scaled down, which smooths edges and text.
 Pygame is imported when it is first needed. "Units" below are pixels of the picture.
+
+Robots, states and payloads may come from files of anybody, and pygame takes time and memory for
+what lies outside its canvas, too. So every shape is clipped to the canvas before it is painted, and
+the number of marks, points and characters is bounded: a picture takes as long whatever it shows.
 """
 
+import itertools
 import math
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 from warnings import warn
@@ -20,14 +26,25 @@ from jansen_env.robot.kinematics import joint_positions, world_joints
 from jansen_env.terrain import heights_of
 
 Picture = NDArray[np.uint8]
+Point = Array | tuple[float, float]
+Corners = Array | Sequence[Point]  # (n, 2)
 Color = tuple[int, int, int]
 
 ARROW_PER_WEIGHT = 0.25  # m of arrow for a contact force equal to the robot's weight
-LONGEST_ARROW = 0.6  # m, so that an impact does not cross the whole picture
-TICK_SPACING = 0.5  # m between the marks on the ground
+ARROW_PER_REACH = 0.1, 0.35  # least and most of that, in shares of the robot's reach
+LONGEST_ARROW = 2.4  # times that, so that an impact does not cross the whole picture
+LARGEST_PAYLOAD = 0.25  # of the reach: half of the side of the box that is drawn for a payload
+TICK_SPACING = 0.5  # m between the marks on the ground, times 2, 5, 10 ... where there are too many
+MOST_MARKS = 40
+REACHES = 1e-6, 1e6  # m: a robot's reach beyond them is drawn as if it were this
+FARTHEST = 1e12  # m, of a pose, and canvas pixels, of a shape's corners
+MOST_DIGITS = 1e6  # numbers from here on are written with an exponent
 SIZE = (960, 540)  # pixels of the picture: width and height
 UNIT = 3  # canvas pixels per picture pixel
 WIDTH, HEIGHT = UNIT * SIZE[0], UNIT * SIZE[1]  # of the canvas
+AROUND = 60 * UNIT  # pixels around the canvas to which shapes are clipped: no edge can be seen
+MANY = 16  # points from which on NumPy is quicker
+ROUND = 4096  # pixels, radius up to which pygame paints a disc
 
 SKY, GRID = (241, 246, 251), (222, 231, 240)
 GROUND, SURFACE, GROUND_TEXT = (234, 223, 202), (150, 128, 94), (104, 86, 58)
@@ -92,7 +109,9 @@ class Renderer:
     def show(self, robot: Robot, terrain_points: Array | None, **_: object) -> None:
         """Draw this robot and this ground from now on."""
         self.robot, self._terrain = robot, terrain_points
-        self._reach = reach = reach_of(robot)
+        self._reach = reach = min(max(reach_of(robot), REACHES[0]), REACHES[1])
+        least, most = (share * reach for share in ARROW_PER_REACH)
+        self._arrow_per_weight = min(max(ARROW_PER_WEIGHT, least), most)
         self._scale = min(HEIGHT / (1.66 * reach), WIDTH / (2.3 * reach))  # canvas pixels per m
         self._depth = depths_of(robot)
 
@@ -147,7 +166,7 @@ class Renderer:
         self._clock = pg.time.Clock()
 
     def _paint(self, frame: Frame) -> None:
-        q = np.asarray(frame.q, dtype=float)
+        q = np.clip(np.asarray(frame.q, dtype=float), -FARTHEST, FARTHEST)
         level = q[1] - 0.85 * self._reach
         if self._terrain is not None:
             # The mean height nearby keeps the picture steady where the ground is rough.
@@ -182,28 +201,32 @@ class Renderer:
     def _paint_ground(self, terrain: Array) -> None:
         u, left = UNIT, self._corner[0]
         right = left + WIDTH / self._scale
-        inside = (terrain[:, 0] > left) & (terrain[:, 0] < right)
+        inside = terrain[(terrain[:, 0] > left) & (terrain[:, 0] < right)]
+        if len(inside) > WIDTH:  # more points than pixels
+            inside = self._surface(np.linspace(left, right, WIDTH)[1:-1])
         ends = self._surface(np.array([left, right]))
-        surface = self._pixels(np.concatenate([ends[:1], terrain[inside], ends[1:]]))
-        marks = np.arange(math.floor(left / TICK_SPACING), right / TICK_SPACING + 1.0)
-        tops = self._pixels(self._surface(marks * TICK_SPACING))
+        surface = self._pixels(np.concatenate([ends[:1], inside, ends[1:]]))
+        spacing = _tick_spacing(right - left)
+        marks = math.floor(left / spacing) + np.arange(math.ceil((right - left) / spacing) + 2.0)
+        tops = self._pixels(self._surface(marks * spacing))
         for x, _ in tops:
             self._line((x, 0.0), (x, HEIGHT), 1.0, GRID)
-        self._pg.draw.polygon(self._canvas, GROUND, [*surface, (WIDTH, HEIGHT), (0, HEIGHT)])
+        below = [(WIDTH, max(HEIGHT, surface[-1, 1])), (0, max(HEIGHT, surface[0, 1]))]
+        self._polygon(np.concatenate([surface, below]), GROUND)
         for mark, (x, y) in zip(marks, tops, strict=True):
             self._line((x, y), (x, y + (9 if mark % 2 else 14) * u), 2.0, SURFACE)
             if y < HEIGHT - 72 * u:
-                label = f"{mark * TICK_SPACING:.1f}" if mark % 2 else f"{mark * TICK_SPACING:.0f} m"
+                label = _mark_label(mark, spacing)
                 self._text(label, x, y + 24 * u, 20 if mark % 2 else 24, GROUND_TEXT, 0.5)
-        self._pg.draw.lines(self._canvas, SURFACE, False, surface, 3 * u)
+        self._polyline(surface, SURFACE, 3 * u)
 
     def _paint_flag(self, x: float) -> None:
         foot = self._pixels(self._surface(np.array([x])))[0]
         height, side = 0.6 * self._reach * self._scale, 24.0 * UNIT
         flag = np.array([[0.0, height], [0.0, height - side], [1.5 * side, height - 0.5 * side]])
-        points = foot + flag * (1.0, -1.0)
+        points = foot + flag * np.array([1.0, -1.0])
         self._line(foot, points[0], 4.0, INK)
-        self._pg.draw.polygon(self._canvas, CRANK, points)
+        self._polygon(points, CRANK)
 
     def _paint_leg(self, joints: Array, depth: float) -> None:
         fade = 0.58 * math.sqrt(depth)
@@ -226,12 +249,13 @@ class Renderer:
         if load.mass > 0.0:
             turn = np.array([directions(q[2]), directions(q[2] + 0.5 * math.pi)])
             half = min(max(0.085 * load.mass ** (1.0 / 3.0), 0.06), 0.17)  # m
+            half = min(half, LARGEST_PAYLOAD * self._reach)
             box = half * np.array([[-1.0, -0.6], [1.0, -0.6], [1.0, 0.6], [-1.0, 0.6]])
             corners = self._pixels((box + load.position) @ turn + q[:2])
             x, y = center = corners.mean(axis=0)
             self._line(legs[0][self.robot.linkage.axis], center, 6.0, MUTED)
-            self._pg.draw.polygon(self._canvas, _mix(MUTED, WHITE, 0.6), corners)
-            self._pg.draw.polygon(self._canvas, MUTED, corners, round(2.5 * UNIT))
+            self._polygon(corners, _mix(MUTED, WHITE, 0.6))
+            self._polygon(corners, MUTED, round(2.5 * UNIT))
             self._text(f"{load.mass:.3g} kg", x, y, 15, INK, 0.5)
         for width, color in ((9.0, INK), (5.0, _mix(INK, LINK, 0.55))):
             for joints in legs:
@@ -241,14 +265,16 @@ class Renderer:
     def _paint_gauges(self, frame: Frame) -> None:
         u = UNIT
         self._card(14, 236, 180)
-        self._text(f"{frame.time:.2f} s", 28 * u, 38 * u, 30, INK, 0.0)
-        self._text(f"{frame.speed:+.2f} {self.speed_unit}", 236 * u, 72 * u, 23, INK, 1.0)
+        self._text(f"{_number(frame.time)} s", 28 * u, 38 * u, 30, INK, 0.0)
+        self._text(
+            f"{_number(frame.speed, '+.2f')} {self.speed_unit}", 236 * u, 72 * u, 23, INK, 1.0
+        )
         self._gauge("speed", 72, frame.speed, self.speed_range, LINK, frame.command)
         wanted, end = (frame.command, "") if frame.goal is None else (frame.goal, " m")
         if wanted is not None:
-            label = f"{'goal' if end else 'command'} {wanted:+.2f}{end}"
+            label = f"{'goal' if end else 'command'} {_number(wanted, '+.2f')}{end}"
             self._text(label, 236 * u, 112 * u, 23, _mix(CRANK, INK, 0.35), 1.0)
-        self._text(f"{frame.torque:+.1f} N m", 236 * u, 150 * u, 23, INK, 1.0)
+        self._text(f"{_number(frame.torque, '+.1f')} N m", 236 * u, 150 * u, 23, INK, 1.0)
         self._gauge("torque", 150, frame.torque, frame.torque_limit, FORCE, None)
 
     def _gauge(
@@ -278,7 +304,7 @@ class Renderer:
             if contact is not None:
                 self._toe(np.array([x, y]), 4.5, contact)
             else:
-                length = 22 * u / (ARROW_PER_WEIGHT * self._scale)
+                length = 22 * u / (self._arrow_per_weight * self._scale)
                 self._arrow(np.array([x - 9 * u, y]), np.array([length, 0.0]))
             self._text(label, (left + 42) * u, y, 23, INK, 0.0)
 
@@ -294,18 +320,39 @@ class Renderer:
         moved: Array = (np.asarray(points) - self._corner) * (self._scale, -self._scale)
         return moved
 
-    def _line(self, start: ArrayLike, end: ArrayLike, width: float, color: Color) -> None:
-        """A bar, with round ends if it is wide enough for them to show."""
-        a, b, half = np.asarray(start), np.asarray(end), 0.5 * width * UNIT
-        along = (b - a) / max(math.dist(a, b), 1e-9)
-        side = half * np.array([-along[1], along[0]])
-        self._pg.draw.polygon(self._canvas, color, [a + side, b + side, b - side, a - side])
-        if width > 2.0:
-            self._disc(a, 0.5 * width, color)
-            self._disc(b, 0.5 * width, color)
+    def _polygon(self, points: Corners, color: Color, width: int = 0) -> None:
+        """A filled polygon, or its outline of a width in canvas pixels."""
+        seen = points if _is_seen(points) else clip_polygon(points, *CLIP)
+        if len(seen) > 2:
+            self._pg.draw.polygon(self._canvas, color, seen, width)
 
-    def _disc(self, center: Array, radius: float, color: Color) -> None:
-        self._pg.draw.circle(self._canvas, color, center, radius * UNIT)
+    def _polyline(self, points: Array, color: Color, width: int) -> None:
+        """Lines from each point to the next, of a width in canvas pixels."""
+        if _is_seen(points):
+            self._pg.draw.lines(self._canvas, color, False, points, width)
+            return
+        for start, end in clip_lines(points, *CLIP):
+            self._pg.draw.line(self._canvas, color, start, end, width)
+
+    def _line(self, start: Point, end: Point, width: float, color: Color) -> None:
+        """A bar, with round ends if it is wide enough for them to show."""
+        ends = (start, end)
+        (x, y), (u, v) = ends if _is_seen(ends) else _bounded(ends)
+        share = 0.5 * width * UNIT / max(math.hypot(u - x, v - y), 1e-9)
+        dx, dy = share * (v - y), share * (u - x)
+        self._polygon(
+            ((x - dx, y + dy), (u - dx, v + dy), (u + dx, v - dy), (x + dx, y - dy)), color
+        )
+        if width > 2.0:
+            self._disc((x, y), 0.5 * width, color)
+            self._disc((u, v), 0.5 * width, color)
+
+    def _disc(self, center: Point, radius: float, color: Color) -> None:
+        size = radius * UNIT
+        if size > ROUND:
+            self._polygon(circle(np.asarray(center), size), color)
+        elif _is_seen((center,), size):
+            self._pg.draw.circle(self._canvas, color, center, size)
 
     def _toe(self, center: Array, radius: float, contact: int) -> None:
         """A toe pad: hollow in the air, else solid with a halo."""
@@ -314,7 +361,8 @@ class Renderer:
             self._disc(center, radius - 1.8, WHITE)
             return
         color = RED if contact == SLIP else GREEN
-        self._blend(center + 2.1 * radius * UNIT * CIRCLE, color, 85)
+        if (halo := 2.1 * radius * UNIT) < HEIGHT:  # a larger one would be the background
+            self._blend(circle(center, halo), color, 85)
         self._disc(center, radius + 1.0, WHITE)
         self._disc(center, radius, color)
 
@@ -328,25 +376,30 @@ class Renderer:
 
     def _blend(self, points: Array, color: Color, alpha: int) -> None:
         """A translucent polygon; pygame's own are opaque."""
-        low = np.floor(points.min(axis=0)) - 1.0
-        patch = self._pg.Surface(np.ceil(points.max(axis=0) - low) + 2.0, self._pg.SRCALPHA)
-        self._pg.draw.polygon(patch, (*color, alpha), points - low)
+        seen: Array = points if _is_seen(points) else clip_polygon(points, *CLIP)
+        if len(seen) < 3:
+            return
+        low = np.floor(seen.min(axis=0)) - 1.0
+        patch = self._pg.Surface(np.ceil(seen.max(axis=0) - low) + 2.0, self._pg.SRCALPHA)
+        self._pg.draw.polygon(patch, (*color, alpha), seen - low)
         self._canvas.blit(patch, low)
 
     def _arrow(self, start: Array, force: Array) -> None:
         """A force in robot weights, y downwards; none if it is too short to show."""
         size = float(np.hypot(*force))
-        length = min(ARROW_PER_WEIGHT * size, LONGEST_ARROW) * self._scale
+        length = min(size, LONGEST_ARROW) * self._arrow_per_weight * self._scale
         if length < 4.0 * UNIT:
             return
         along, head = force / size, min(12.0 * UNIT, 0.6 * length)
         neck, side = start + (length - head) * along, np.array([-force[1], force[0]]) / size
         self._line(start, neck, 3.4, FORCE)
         across, tip = 0.45 * head * side, neck + head * along
-        self._pg.draw.polygon(self._canvas, FORCE, [tip, neck + across, neck - across])
+        self._polygon([tip, neck + across, neck - across], FORCE)
 
     def _text(self, text: str, x: float, y: float, size: int, color: Color, align: float) -> None:
         """One line centred on ``y``, starting (align 0), centred (0.5) or ending (1) at ``x``."""
+        if not _is_seen(((x, y),)):
+            return
         try:
             image = self._fonts[size].render(text, True, color)
         except (KeyError, self._pg.error):  # the first of its size, or somebody has quit pygame
@@ -355,6 +408,107 @@ class Renderer:
             image = self._fonts[size].render(text, True, color)
         width, height = image.get_size()
         self._canvas.blit(image, (round(x - align * width), round(y - 0.5 * height)))
+
+
+CLIP = np.full(2, -float(AROUND)), np.array([WIDTH, HEIGHT], float) + AROUND
+"""The corners with the least and the most x and y to which shapes are clipped, canvas pixels."""
+
+
+def _is_seen(points: Corners, margin: float = 0.0) -> bool:
+    """Return whether all points (n, 2) lie in the clipping rectangle, or so near it."""
+    least, right, low = -AROUND - margin, WIDTH + AROUND + margin, HEIGHT + AROUND + margin
+    if len(points) > MANY:
+        array = np.asarray(points)
+        return bool((array >= least).all() and (array <= (right, low)).all())
+    # Not by NumPy, which takes longer for a few numbers.
+    return all(least <= x <= right and least <= y <= low for x, y in points)
+
+
+def clip_polygon(points: Corners, low: Array, high: Array) -> Array:
+    """Return the corners (m, 2) of a polygon (n, 2) within a rectangle; none where it is outside.
+
+    Sutherland and Hodgman (1974), one side of the rectangle after the other.
+    """
+    seen = _bounded(points)
+    for axis in (0, 1):
+        for way, bound in ((-1.0, low[axis]), (1.0, high[axis])):
+            inside = way * seen[:, axis] <= way * bound
+            if inside.all():
+                continue
+            following = np.roll(seen, -1, axis=0)
+            crosses = inside != np.roll(inside, -1)
+            change = np.where(crosses, following[:, axis] - seen[:, axis], 1.0)
+            share = (bound - seen[:, axis]) / change
+            cut = seen + np.where(crosses, share, 0.0)[:, None] * (following - seen)
+            cut[:, axis] = bound
+            both = np.stack([seen, cut], axis=1)
+            seen = both[np.stack([inside, crosses], axis=1)]
+    return seen
+
+
+def clip_lines(points: Corners, low: Array, high: Array) -> Array:
+    """Return what is within a rectangle of the lines from each point (n, 2) to the next.
+
+    Liang and Barsky (1984).
+
+    Returns:
+        (m, 2, 2) start and end of each line of which something is inside.
+    """
+    line = _bounded(points)
+    start, way = line[:-1], np.diff(line, axis=0)
+    still = way == 0.0
+    safe = np.where(still, 1.0, way)
+    ends = np.stack([(low - start) / safe, (high - start) / safe])
+    outside = ((start < low) | (start > high)) & still
+    enter = np.where(still, 0.0, ends.min(axis=0)).max(axis=1).clip(0.0, 1.0)
+    leave = np.where(still, 1.0, ends.max(axis=0)).min(axis=1).clip(0.0, 1.0)
+    seen = (enter < leave) & ~outside.any(axis=1)
+    shares = np.stack([enter, leave], axis=-1)[seen, :, None]
+    return np.asarray(start[seen, None] + shares * way[seen, None])
+
+
+def circle(center: Array, radius: float) -> Array:
+    """Return the outline (n, 2) of a disc, canvas pixels: of a large one, what is near the canvas.
+
+    A large one is sampled at columns of the canvas, as a polygon of few corners would not be round.
+    """
+    if radius <= ROUND:
+        return np.asarray(center + radius * CIRCLE)
+    (left, _), (right, _) = CLIP
+    x = np.linspace(left, right, WIDTH // UNIT)
+    beyond = np.abs(x - center[0])
+    half = np.sqrt(np.maximum(radius - beyond, 0.0) * (radius + beyond))
+    x = x.clip(center[0] - radius, center[0] + radius)
+    upper, lower = (np.stack([x, center[1] + way * half], axis=-1) for way in (-1.0, 1.0))
+    return np.concatenate([upper, lower[::-1]])
+
+
+def _bounded(points: Corners) -> Array:
+    """Points (n, 2) within FARTHEST; what is no number is 0."""
+    return np.clip(np.nan_to_num(np.asarray(points, dtype=float)), -FARTHEST, FARTHEST)
+
+
+def _tick_spacing(width: float) -> float:
+    """Metres between the marks on so many metres of ground."""
+    spacing = TICK_SPACING
+    for factor in itertools.cycle((2.0, 2.5, 2.0)):  # 1, 2.5, 5, 10 ... m
+        if width <= MOST_MARKS * spacing:
+            break
+        spacing *= factor
+    return spacing
+
+
+def _mark_label(mark: float, spacing: float) -> str:
+    """Place of a mark on the ground, m; the unit stands at every other one."""
+    place = mark * spacing
+    if spacing > TICK_SPACING or abs(place) > MOST_DIGITS:
+        return f"{place:.7g}" if mark % 2 else f"{place:.7g} m"
+    return f"{place:.1f}" if mark % 2 else f"{place:.0f} m"
+
+
+def _number(value: float, digits: str = ".2f") -> str:
+    """A number with so many digits, or with an exponent where it is large."""
+    return format(value, digits if abs(value) < MOST_DIGITS else digits[:-3] + ".3g")
 
 
 def reach_of(robot: Robot) -> float:

@@ -5,7 +5,9 @@
 // `view` = {x, y, scale}: the world point in the middle of the canvas, and pixels per m.
 
 const ARROW_PER_WEIGHT = 0.25; // m of arrow for a contact force equal to the robot's weight
-const LONGEST_ARROW = 0.6; // m, so that an impact does not cross the whole picture
+const ARROW_PER_REACH = [0.1, 0.35]; // least and most of that, in shares of the robot's reach
+const LONGEST_ARROW = 2.4; // times that, so that an impact does not cross the whole picture
+const LARGEST_PAYLOAD = 0.25; // of the reach: half of the side of the box drawn for a payload
 const NOMINAL_SCALE = 325; // pixels per reach at which line widths are as they are given
 const CROWDED = 46; // pixels between marks, at least
 const AIR = 0; // what a toe does; anything else is grip
@@ -235,7 +237,8 @@ function drawChassis({ ctx, theme, zoom, at, scene }, legs, { x, y, pitch }) {
   const [[o]] = scene.crank; // the axis
   const load = scene.payload;
   if (load) {
-    const half = Math.min(Math.max(0.085 * Math.cbrt(load.mass), 0.06), 0.17); // m
+    const usual = Math.min(Math.max(0.085 * Math.cbrt(load.mass), 0.06), 0.17); // m
+    const half = Math.min(usual, LARGEST_PAYLOAD * scene.reach);
     const [cos, sin] = [Math.cos(pitch), Math.sin(pitch)];
     const placed = (dx, dy) => {
       const [u, v] = [load.x + dx * half, load.y + dy * half];
@@ -287,7 +290,9 @@ function drawToe({ ctx, theme, zoom, scene, view }, center, contact) {
 
 function drawForce({ ctx, theme, zoom, scene, view }, [x, y], force) {
   const size = Math.hypot(...force);
-  const length = Math.min((ARROW_PER_WEIGHT * size) / scene.weight, LONGEST_ARROW) * view.scale;
+  const [least, most] = ARROW_PER_REACH.map((share) => share * scene.reach);
+  const perWeight = Math.min(Math.max(ARROW_PER_WEIGHT, least), most);
+  const length = Math.min(size / scene.weight, LONGEST_ARROW) * perWeight * view.scale;
   if (!(length >= 4)) return;
   const [ux, uy] = [force[0] / size, -force[1] / size];
   const head = Math.min(12 * zoom, 0.6 * length);

@@ -15,7 +15,7 @@ from jansen_env.envs.single import SingleEnv
 from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
 from jansen_env.tasks.task import Task
-from jansen_env.viewer.recording import MOST_RECORDED, Recording
+from jansen_env.viewer.recording import MAX_TEXT, MAX_UNPACKED, MOST_RECORDED, Recording
 from jansen_env.world.settings import Values
 
 Observation: TypeAlias = Any  # those of any wrappers
@@ -31,7 +31,8 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
     One episode is kept. A reset begins a new one, and so does a step at which time went back or
     the robot was exchanged (``Autoreset`` below, ``set_state``). Observations and actions are those
     at this place among the wrappers; the robot and its ground are those at the reset. Only the
-    first ``MOST_RECORDED`` steps of an episode are kept, with a warning.
+    first ``MOST_RECORDED`` steps of an episode are kept, with a warning; fewer if the file would
+    have more than ``MAX_UNPACKED`` bytes, as with a hundred legs.
 
     Args:
         env: one robot's, of any task of this package, under any wrappers.
@@ -53,6 +54,8 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
         self._frames: dict[str, list[Any]] = {}
         self._episode: Values = {}  # what does not change during it
         self._shape: tuple[object, ...] = ()
+        self._time = 0.0  # s, at the end of the last step, recorded or not
+        self._most: int | None = None  # steps that are recorded, known after the first
 
     @property
     def recording(self) -> Recording:
@@ -81,15 +84,13 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
         results = self.env.step(action)
         observation, reward, terminated, truncated, info = results
         frame = self.inner.task.frame(0)
-        goes_on = (
-            self._frames
-            and 0.0 < frame.time - self._frames["time"][-1] < 1.5 * self.inner.control_dt
-        )
+        goes_on = self._frames and 0.0 < frame.time - self._time < 1.5 * self.inner.control_dt
+        self._time = frame.time
         if not goes_on or _shape_of(self.inner.robot) != self._shape:
             self._begin(observation, info, None, None)
-        elif len(self._frames["reward"]) == MOST_RECORDED:
-            gym.logger.warn(f"the episode has more than {MOST_RECORDED} steps: these are recorded")
-        elif len(self._frames["reward"]) < MOST_RECORDED:
+        elif (steps := len(self._frames["reward"])) == (most := self._most_steps()):
+            gym.logger.warn(f"the episode has more than {most} steps: these are recorded")
+        elif steps < most:
             self._add_frame(frame, observation, info)
             flat = flatten(self.action_space, np.asarray(action))
             self._add(
@@ -100,6 +101,16 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
             )
             self._episode.update(terminated=bool(terminated), truncated=bool(truncated))
         return results
+
+    def _most_steps(self) -> int:
+        """Number of steps of this episode that are recorded."""
+        if not self._frames["reward"]:
+            return MOST_RECORDED
+        if self._most is None:
+            each = sum(np.asarray(values[-1]).nbytes for values in self._frames.values())
+            room = MAX_UNPACKED - MAX_TEXT - self._episode["terrain"].nbytes
+            self._most = min(MOST_RECORDED, max(room // each - 1, 1))
+        return self._most
 
     def _begin(
         self, observation: Observation, info: Values, seed: int | None, options: Values | None
@@ -123,6 +134,8 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
             "truncated": False,
         }
         self._frames = {name: [] for name in ("action", "reward", "slip", "energy")}
+        self._most = None
+        self._time = self.inner.task.frame(0).time
         self._add_frame(self.inner.task.frame(0), observation, info)
 
     def _add_frame(self, frame: Frame, observation: Observation, info: Values) -> None:

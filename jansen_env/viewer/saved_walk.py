@@ -14,6 +14,7 @@ from jansen_env.robot.robot_file import robot_from_json
 from jansen_env.tasks.walking.walker_env import JansenWalkerEnv
 from jansen_env.viewer.recorder import Recorder
 from jansen_env.viewer.recording import MOST_RECORDED, Recording
+from jansen_env.viewer.web.page import check_size
 from jansen_env.world.observations import Noise
 from jansen_env.world.settings import Values
 
@@ -25,7 +26,9 @@ OF_ROBOT = {"format", "is", *(field.name for field in fields(Robot))}  # a page 
 def walk_again(path: str | Path) -> Recording:
     """Simulate a walk of a file that ``walk.html`` saved: the same bit for bit.
 
-    Raises ValueError: it is missing, no walk, or asks for what the environment refuses.
+    Raises:
+        ValueError: If it is missing, is no walk, is larger than a page, or asks for what the
+            environment refuses.
     """
     kinds = AttributeError, KeyError, RecursionError, TypeError
     with named_errors(f"{path} is no walk", *kinds):
@@ -39,10 +42,12 @@ def _simulated(content: Values) -> Recording:
     start, steps = content["start"], entries("steps", content["steps"], "a list")
     if not 0 < len(steps) <= MOST_RECORDED:
         raise ValueError(f"it has {len(steps)} steps, must have 1 to {MOST_RECORDED}")
-    robot = {name: value for name, value in content["robot"].items() if name in OF_ROBOT}
+    parts = {name: value for name, value in content["robot"].items() if name in OF_ROBOT}
+    robot = robot_from_json(parts)
+    check_size([(robot, len(steps))])  # before it is simulated for a page that would be refused
     noisy = any("noise_level" in step.get("changes", ()) for step in (start, *steps))
     env = JansenWalkerEnv(
-        robot=robot_from_json(robot), terrain=content["ground"], reset_noise_scale=0.0,
+        robot=robot, terrain=content["ground"], reset_noise_scale=0.0,
         terminate_when_fallen=False, noise=Noise() if noisy else None,
     )  # fmt: skip
     with closing(Recorder(env, instance("label", content["label"], str))) as recorder:

@@ -152,7 +152,17 @@ def test_falls_are_in_it_and_long_episodes_are_cut(monkeypatch):
     assert fall.terminated and fall.steps < 100
     monkeypatch.setattr(recorder, "MOST_RECORDED", 3)
     with pytest.warns(UserWarning, match="more than 3 steps"):
-        assert recorded(steps=4).steps == 3
+        assert recorded(steps=9).steps == 3
+
+
+def test_an_episode_of_many_legs_is_cut_where_its_file_would_be_too_large(monkeypatch):
+    """What the recorder keeps can be loaded again."""
+    monkeypatch.setattr(recording, "MAX_UNPACKED", 2**22)
+    monkeypatch.setattr(recorder, "MAX_UNPACKED", 2**22)
+    with pytest.warns(UserWarning, match=r"more than \d+ steps: these are recorded"):
+        kept = recorded(steps=310, robot=jansen_env.paper_robot(100), control_dt=0.001)
+    assert 280 < kept.steps < 300
+    assert Recording.from_bytes(kept.to_bytes()).steps == kept.steps
 
 
 def test_other_environments_and_what_is_no_number_are_refused(short):

@@ -10,9 +10,13 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from jansen_env import paper_robot
 from jansen_env.gravity import GRAVITY
+from jansen_env.robot.robot_file import robot_to_json
 from jansen_env.viewer.recorder import Recorder
-from jansen_env.viewer.web.page import page
+from jansen_env.viewer.saved_walk import FORMAT, walk_again
+from jansen_env.viewer.web import page as module
+from jansen_env.viewer.web.page import VERTEX_BYTES, page
 
 
 @pytest.fixture(scope="module")
@@ -51,6 +55,40 @@ def test_arrays_are_exact_enough(recording):
     np.testing.assert_allclose(arrays["power"][1:], recording.power, rtol=1e-6)
     np.testing.assert_allclose(arrays["returned"][-1], recording.reward.sum(), rtol=1e-6)
     assert arrays["contact"].tolist() == recording.contact.ravel().tolist()
+
+
+def test_a_page_that_would_be_too_large_is_refused(recording, monkeypatch):
+    """By a size that is known before it is made, and is that of its arrays and ground."""
+    content = recordings_of(page(recording))[0]
+    size = sum(map(len, content["arrays"].values())) + len(json.dumps(content["scene"]["terrain"]))
+    largest = replace(recording, terrain=1e-3 / 3.0 + np.arange(20_000).reshape(-1, 2) * 1e-3)
+    assert (
+        len(json.dumps(recordings_of(page(largest))[0]["scene"]["terrain"])) < 10_000 * VERTEX_BYTES
+    )
+    monkeypatch.setattr(module, "MAX_BYTES", int(1.01 * size))
+    page(recording)
+    monkeypatch.setattr(module, "MAX_BYTES", int(0.99 * size))
+    with pytest.raises(ValueError, match=r"got \d+ MB \(500 steps of 4 legs with 8 joints each"):
+        page(recording)
+    monkeypatch.setattr(module, "MAX_BYTES", size + VERTEX_BYTES * 1_000)
+    with pytest.raises(ValueError, match="10000 vertices of ground"):
+        page(largest)
+
+
+def test_a_small_walk_file_of_a_large_page_is_refused_at_once(tmp_path):
+    """700 kB of it: 20,000 steps of 200 legs, which would take minutes and 450 MB."""
+    content = {
+        "format": FORMAT, "label": "", "robot": robot_to_json(paper_robot(100)),
+        "ground": [[-1.0, 0.0], [1.0, 0.0]],
+        "start": {"crank_angle": 0.0, "command": 0.3, "changes": {}},
+        "steps": [{"action": 0.1, "command": 0.3}] * 20_000,
+    }  # fmt: skip
+    path = tmp_path / "walk.json"
+    path.write_text(json.dumps(content, separators=(",", ":")))
+    assert path.stat().st_size < 700_000
+    with pytest.raises(ValueError, match=r"at most 67 MB of recordings, got 4\d\d MB") as error:
+        walk_again(path)
+    assert "20000 steps of 200 legs with 8 joints each" in str(error.value)
 
 
 def test_sums_are_those_of_each_step():

@@ -9,7 +9,7 @@ import hashlib
 import html
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +17,15 @@ import numpy as np
 from jansen_env.arrays import Array
 from jansen_env.checks import shown
 from jansen_env.files import write_text
+from jansen_env.robot import Robot
 from jansen_env.viewer.recording import Recording
 from jansen_env.viewer.web.geometry import scene_of_robot
 
 FOLDER = Path(__file__).parent
 MOST_RECORDINGS = 2
+MAX_BYTES = 2**26  # of the recordings in a page: browsers take long to open more
+SINGLE_NUMBERS = 16  # of a frame: time, pose, speeds ...; without those of joints and toes
+VERTEX_BYTES = 52  # of a vertex of the ground as JSON, at most
 SEEN = 30.0  # m of ground beyond either end of the walk
 LONGEST_TEXT = 500  # characters of the line under the title
 FRAME_HEIGHT = 760  # pixels in a notebook
@@ -30,25 +34,56 @@ FRAME_HEIGHT = 760  # pixels in a notebook
 def page(*recordings: Recording) -> str:
     """The page of one recording, or of two side by side.
 
-    Raises ValueError: another number of recordings, or one of walking and one of the crank alone.
+    Raises:
+        ValueError: If there is another number of recordings, if one is of walking and one of the
+            crank alone, or if they need more than ``MAX_BYTES``.
     """
     if not 1 <= len(recordings) <= MOST_RECORDINGS:
         raise ValueError(f"there are {len(recordings)} recordings, must be 1 or 2")
     if len(units := {recording.speed_unit for recording in recordings}) > 1:
         raise ValueError(f"recordings have speeds in {sorted(units)}, must have them in one unit")
     labels = _labels(recordings)
+    grounds = [_seen(recording) for recording in recordings]
+    vertices = sum(0 if ground is None else len(ground) for ground in grounds)
+    check_size([(recording.robot, recording.steps) for recording in recordings], vertices)
     data = {
         "title": " and ".join(labels),
         "subtitle": _subtitle(recordings),
         # Two robots in one picture stand on the same ground.
         "comparable": all(np.array_equal(r.terrain, recordings[0].terrain) for r in recordings),
         "recordings": [
-            {"label": label, **_packed(recording)}
-            for label, recording in zip(labels, recordings, strict=True)
+            {"label": label, **_packed(recording, ground)}
+            for label, recording, ground in zip(labels, recordings, grounds, strict=True)
         ],
     }
     title = f"<title>{html.escape(' and '.join(labels))}</title>"
     return page_of("replay", data, {"<title>Replay</title>": title})
+
+
+def check_size(walks: Sequence[tuple[Robot, int]], vertices: int = 0) -> None:
+    """Raise ValueError if walks need more than ``MAX_BYTES`` of a page.
+
+    Args:
+        walks: The robot and the number of steps of each walk.
+        vertices: Number of vertices of the grounds that come into the pictures.
+    """
+    sizes = [_numbers_per_frame(robot) * (steps + 1) * 16 // 3 for robot, steps in walks]  # base64
+    size = sum(sizes) + VERTEX_BYTES * vertices
+    if size > MAX_BYTES:
+        robots = " and ".join(
+            f"{steps} steps of {len(robot.legs)} legs with {len(robot.linkage.joints)} joints each"
+            for robot, steps in walks
+        )
+        raise ValueError(
+            f"a page must have at most {MAX_BYTES / 1e6:.0f} MB of recordings, got "
+            f"{size / 1e6:.0f} MB ({robots}, {vertices} vertices of ground); record fewer steps"
+        )
+
+
+def _numbers_per_frame(robot: Robot) -> int:
+    """How many float32 numbers :func:`_packed` has of a frame."""
+    joints = len(robot.legs) * len(robot.linkage.joints)
+    return SINGLE_NUMBERS + 2 * joints + 5 * len(robot.toes)
 
 
 def page_of(name: str, data: object, parts: Mapping[str, str] = {}, runs: str = "") -> str:
@@ -148,10 +183,11 @@ def _subtitle(recordings: tuple[Recording, ...]) -> str:
     return text if len(text) <= LONGEST_TEXT else f"{text[:LONGEST_TEXT]}..."
 
 
-def _packed(recording: Recording) -> dict[str, object]:
+def _packed(recording: Recording, ground: list[list[float]] | None) -> dict[str, object]:
     """A recording's content for ``track.js``: arrays are of all frames, as float32 in base64.
 
-    Numbers of a step are 0 at the start. Points are relative to the crank axis.
+    ``ground``: what may come into the picture. Numbers of a step are 0 at the start. Points are
+    relative to the crank axis.
     """
     axis, slip = recording.pose[:, :2], recording.slip.sum(axis=1)
     # Of each step in the direction commanded in it; forwards where nothing ever is.
@@ -184,7 +220,7 @@ def _packed(recording: Recording) -> dict[str, object]:
     }
     scene = {
         **scene_of_robot(recording.robot, float(recording.weight[0])),
-        "terrain": _seen(recording),
+        "terrain": ground,
         "speedUnit": recording.speed_unit,
     }
     return {"scene": scene, "ended": recording.terminated, "arrays": packed}

@@ -12,8 +12,8 @@ exp(-n d). The joints' speeds grow as the sine s of the angle between the links 
 which they are squared, converges last. The holy numbers (s = 0.150) have a tail of 1e-13. With a
 level frame, l = 0 in place of 7.8, they come to s = 0.087: their tail is 1e-6, k is within 5e-7 of
 its largest value, and the pads are within 1e-9 m. Up to :data:`TAIL_TOLERANCE` k is within
-1e-5 and the pads are within 1e-8 m (``tests/dynamics/test_reduced.py``). Energy is conserved all the
-same: the equations of motion are those of the tables.
+1e-5 and the pads are within 1e-8 m (``tests/dynamics/test_reduced.py``). Energy is conserved all
+the same: the equations of motion are those of the tables.
 
 Chassis frame, crank axis at the origin, r_i(psi) centre of mass and a_i(psi) angle of body i,
 ' = d/dpsi, sums over all bodies of all legs:
@@ -114,8 +114,8 @@ def _compile(robot: Robot) -> Tables:
         sine, joint, angle = nearest_dead_point(robot)
         raise ValueError(
             f"robot's tables have not converged: harmonics beyond {HARMONICS * 7 // 8} must be at "
-            f"most {TAIL_TOLERANCE:.0e} of the largest, got {tail:.1e}; the linkage passes too near "
-            f"a dead point: at crank angle {angle:.3f} rad the links that meet in {joint} are "
+            f"most {TAIL_TOLERANCE:.0e} of the largest, got {tail:.1e}; the linkage passes too "
+            f"near a dead point: at crank angle {angle:.3f} rad the links that meet in {joint} are "
             f"within {math.asin(min(sine, 1.0)):.3f} rad of one line"
         )
     for table in (body, pads, bearings):

@@ -44,8 +44,9 @@ def with_lengths(robot: Robot, changed: Mapping[str, float]) -> Robot:
     """
     known = lengths(robot)
     if not isinstance(changed, Mapping):
-        allowed = f"a dictionary with some of {[*known]}"
-        raise ValueError(f"lengths must be {allowed}, got {shown(changed)}")
+        raise ValueError(
+            f"lengths must be a dictionary with some of {[*known]}, got {shown(changed)}"
+        )
     if unknown := [name for name in changed if name not in known]:
         allowed = listed(known, unknown[0])
         raise ValueError(f"lengths has {shown(unknown[0])}, must be of {allowed}")
@@ -57,8 +58,8 @@ def with_lengths(robot: Robot, changed: Mapping[str, float]) -> Robot:
             within_a_turn(f"lengths[{name!r}]", value)
         elif abs(new[name]) > LONGEST:
             raise ValueError(
-                f"lengths[{name!r}] must be at most {LONGEST:g} m, got {new[name]:g} m; lengths are "
-                "in metres"
+                f"lengths[{name!r}] must be at most {LONGEST:g} m, got {new[name]:g} m; lengths "
+                "are in metres"
             )
     links, built = {}, is_of_built_parts(robot)
     for (name, joints), link in zip(robot.linkage.bodies, robot.bodies, strict=True):

@@ -166,4 +166,4 @@ def _usual_cause(robot: Robot) -> str:
 
 @functools.cache
 def _turn() -> Array:
-    return 2.0 * math.pi / SAMPLES * np.arange(SAMPLES)
+    return 2.0 * math.pi / SAMPLES * np.arange(SAMPLES, dtype=float)

@@ -127,7 +127,9 @@ def test_near_a_dead_point_the_tables_are_as_exact_as_they_say(frame, tail, pads
         assert np.abs(rd._evaluate(table, psi)[0][:, :2] - places[:, joint]).max() < pads
     slow = [np.diag(dense(robot, np.array([0.0, 1.0, 0.0, angle]), np.zeros(4), 0.0)[0])
             for angle in psi[::20]]  # fmt: skip
-    fast = [np.diag(rd.mass_matrix(tables, np.array([0.0, 1.0, 0.0, angle]))) for angle in psi[::20]]
+    fast = [
+        np.diag(rd.mass_matrix(tables, np.array([0.0, 1.0, 0.0, angle]))) for angle in psi[::20]
+    ]
     assert np.abs(np.array(fast) - slow).max() < inertia * np.max(slow, axis=0)[3]
 
 

@@ -106,7 +106,10 @@ def test_a_held_robot_need_not_stand_but_there_is_a_warning():
 @pytest.mark.parametrize(
     "make, message",
     [
-        (lambda: replace(Robot(), frame_angle=11.6), "Robot.frame_angle .* 11.6 degrees are 0.2025"),
+        (
+            lambda: replace(Robot(), frame_angle=11.6),
+            "Robot.frame_angle .* 11.6 degrees are 0.2025",
+        ),
         (lambda: Leg("fore", 180), "Leg.phase must be between -2 pi and 2 pi rad, got 180"),
         (lambda: Leg("fore", math.nan), "Leg.phase"),
     ],

@@ -110,6 +110,8 @@ SETTABLE = tuple(row.name for row in TABLE if row.settable)
 """Names of those that ``set_parameters`` changes."""
 CHANGES = tuple(name for name in SETTABLE if not PARAMETERS[name].argument)
 """Names of those of them that no constructor has."""
+ARGUMENTS = tuple(row.name for row in TABLE if row.argument)
+"""Names of those that are arguments of constructors."""
 
 
 def nominal(
@@ -124,6 +126,21 @@ def nominal(
 def set_payload(row: np.void | dict[str, Any], load: Payload) -> None:
     """Put another payload into a row of either type, or into numbers by name."""
     row["payload"], (row["payload_x"], row["payload_y"]) = load.mass, load.position
+
+
+def argument_values(name: str, value: Any) -> dict[str, tuple[float, float]]:
+    """Return the parameters that a checked argument sets, each with its lowest and highest value.
+
+    Args:
+        name: One of :data:`ARGUMENTS`.
+        value: A number, a range (low, high), or a payload, which also has a place.
+    """
+    if isinstance(value, Payload):
+        row: dict[str, float] = {}
+        set_payload(row, value)
+        return {parameter: (number, number) for parameter, number in row.items()}
+    low, high = value if isinstance(value, tuple) else (value, value)
+    return {name: (low, high)}
 
 
 def robot_parameters(episodes: Rows) -> Rows:

@@ -21,7 +21,8 @@ WALKS = {
     "goal": ("JansenGoal-v0", {}),
     "crank": ("JansenCrank-v0", {}),
     "strider on a slope": ("JansenWalkerBuilt-v0", {"robot": "strider", "terrain": "slope:0.1"}),
-    "waves": ("JansenWalkerRough-v0", {"terrain": "waves", "payload": 2.0}),
+    "waves": ("JansenWalkerRough-v0", {"terrain": "waves"}),
+    "waves with a load": ("JansenWalkerRough-v0", {"terrain": "waves", "payload": 2.0}),
 }
 
 

@@ -39,8 +39,9 @@ def make_settings(env: object, single: Any, arguments: Values, num_envs: int | N
     if unknown := sorted(map(str, {*arguments} - known)):
         wrong = f"{type(env).__name__} got an unexpected keyword argument {unknown[0]!r}"
         raise TypeError(f"{wrong}, must be in {checks.listed(sorted(known), unknown[0])}")
-    preset = {name: value for name, value in single.PRESET.items() if name not in arguments}
-    return settings(**arguments, **preset, num_envs=num_envs, preset=frozenset(preset))
+    values = {**single.PRESET, **arguments}
+    given = frozenset(arguments)
+    return settings(**values, num_envs=num_envs, preset=single.PRESET, given=given)
 
 
 def time_limit(name: str, limit: object) -> float:

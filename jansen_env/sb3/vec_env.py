@@ -15,10 +15,10 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 from jansen_env.checks import positive_integer, whole_number
 from jansen_env.envs import arguments
 from jansen_env.envs.vector import TaskVectorEnv
-from jansen_env.scoring.benchmarks import can_be_batched, find_benchmark, vector_env
+from jansen_env.scoring.benchmarks import can_be_batched, find_benchmark
 from jansen_env.scoring.metrics import Env, Infos
 from jansen_env.scoring.rollout import EnvKwargs, make_env
-from jansen_env.world.settings import Each
+from jansen_env.world.settings import Each, Own
 
 
 def make_vec_env(
@@ -59,11 +59,10 @@ def make_vec_env(
     each = [{**common, **variants[i % len(variants)]} for i in range(n_envs)]
     venv: VecEnv
     if wrapper_class is None and can_be_batched(env_id, common, variants):
-        single = vector_env(env_id).SINGLE
-        defaults = {**single.TASK.SETTINGS.defaults("several"), **single.PRESET}
-        defaults["max_episode_steps"] = gym.spec(env_id).max_episode_steps
-        varied = {name for variant in variants for name in variant} & {*defaults}
-        values = {name: Each(given.get(name, defaults[name]) for given in each) for name in varied}
+        varied = {name for variant in variants for name in variant}
+        own = dict.fromkeys(varied, Own.VALUE)
+        own["max_episode_steps"] = gym.spec(env_id).max_episode_steps
+        values = {name: Each(given.get(name, own[name]) for given in each) for name in varied}
         envs = gym.make_vec(
             env_id, n_envs, autoreset_mode=AutoresetMode.DISABLED, **{**common, **values}
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -29,7 +29,7 @@ from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.terrain import Terrain
 from jansen_env.terrain.generators import Generator
 from jansen_env.world.episode_lengths import Build
-from jansen_env.world.settings import Values, WorldSettings
+from jansen_env.world.settings import Values, WorldSettings, contradiction
 
 Progress = Callable[[int], tuple[float, float]]
 """A robot's progress in its last episode, m, and its mean commanded speed, m/s; 0 at first."""
@@ -76,7 +76,7 @@ class EpisodeParameters:
         }
         self._given = [{k: r[k] for k in r if k != "lengths"} for r in settings.randomize]
         self.levels = np.array(settings.terrain_level, float)
-        self._preset = settings.preset
+        self._by_user = settings.by_user
         pairs = zip(plant.robots, plant.terrains, strict=True)
         self.nominal = np.array([parameters.nominal(*pair, EPISODE) for pair in pairs], EPISODE)
         self.values = self.nominal.copy()
@@ -87,8 +87,7 @@ class EpisodeParameters:
     def _check_draws(self) -> None:
         """Raise ValueError where something is drawn in vain; leave it out if it is a preset's."""
         has_levels = np.array([generator is not None for generator in self._generators])
-        if "terrain_level" in self._preset:
-            self.levels[~has_levels] = 0.0
+        self.levels[~has_levels & ~self._by_user["terrain_level"]] = 0.0
         self.randomizations = [self.draws(i, robot) for i, robot in enumerate(self._plant.robots)]
         for i, robot in enumerate(self._plant.robots):
             self._check_feet(robot, _heaviest(self.nominal[i], self.randomizations[i]))
@@ -108,16 +107,29 @@ class EpisodeParameters:
         return Plan(values, terrain, build)
 
     def set_nominal(self, i: int, numbers: Mapping[str, float]) -> None:
-        """Set numbers of a robot's later episodes."""
+        """Set numbers of a robot's later episodes, in place of a preset's draws."""
+        self.replace_draws(i, numbers)
         for name, value in numbers.items():
             self.nominal[name][i] = value
             if name in self._fixed:
                 self._fixed[name][i] = True
 
+    def replace_draws(self, i: int, names: Collection[str]) -> None:
+        """Stop a preset's draws of parameters that the user sets for a robot."""
+        if self._by_user["randomize"][i]:
+            return
+        for draws in (self._given, self.randomizations):
+            draws[i] = {name: draw for name, draw in draws[i].items() if name not in names}
+
+    def check_not_drawn(self, i: int, name: str, value: object) -> None:
+        """Raise ValueError if the user draws a parameter, which a new value would not change."""
+        if self._by_user["randomize"][i] and name in self._given[i]:
+            raise contradiction(name, value, name)
+
     def draws(self, i: int, robot: Robot) -> Randomization:
         """Return what is randomised of a robot; ValueError: a parameter that would do nothing."""
         given = self._given[i]
-        if "randomize" in self._preset:
+        if not self._by_user["randomize"][i]:
             useful = self._useful(i, robot)
             return {name: drawn for name, drawn in given.items() if name in useful}
         self.check_names(i, [*given], "randomize", robot)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import Field, dataclass, field, fields, replace
+from enum import Enum
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, ClassVar, TypeAlias, TypeVar, cast
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from typing_extensions import TypeAliasType, TypedDict
 
 from jansen_env import checks
-from jansen_env.arrays import Array
+from jansen_env.arrays import Array, Bools
 from jansen_env.checks import (
     instance,
     invalid,
@@ -30,7 +31,13 @@ from jansen_env.checks import (
     within,
 )
 from jansen_env.engine.integrator import DIVERGED
-from jansen_env.parameters import LONGEST_DELAY, load_randomization
+from jansen_env.parameters import (
+    ARGUMENTS,
+    LONGEST_DELAY,
+    Uniform,
+    argument_values,
+    load_randomization,
+)
 from jansen_env.plants.base import check_time_step
 from jansen_env.plants.plant import PLANTS
 from jansen_env.robot import ROBOTS, Compliance, Payload, Robot
@@ -50,8 +57,10 @@ Arguments: TypeAlias = tuple[Any, ...]
 
 T = TypeVar("T")
 Range = TypeAliasType("Range", float | Sequence[float])  # a number, or (low, high)
-PerRobot = TypeAliasType("PerRobot", T | Sequence[T] | NDArray[np.generic], type_params=(T,))
-"""One for all robots, or one for each."""
+PerRobot = TypeAliasType(
+    "PerRobot", T | Sequence[T | None] | NDArray[np.generic], type_params=(T,)
+)
+"""One for all robots, or one for each; None in a sequence: see :class:`WorldSettings`."""
 
 MOST_TIME_STEPS = 10_000  # time steps in a control period: seconds on the slowest plant
 RENDER_MODES = ["human", "rgb_array"]
@@ -101,8 +110,25 @@ def entries_of(name: str, value: object, count: int) -> list[Any]:
     return list(value)
 
 
+def contradiction(argument: str, value: object, name: str) -> ValueError:
+    """Return the error of an argument and a draw of ``randomize`` that exclude each other."""
+    return ValueError(
+        f"{argument} is {shown(value)} and randomize has {name!r}: they contradict each other; "
+        "give only one of them"
+    )
+
+
+class Own(Enum):
+    """Marker in :class:`Each` for a robot whose value the user does not give."""
+
+    VALUE = "the environment's own value"
+
+
 class Each(tuple[Any, ...]):
-    """One value for each robot, where a plain sequence could as well be one value for all."""
+    """One value for each robot, where a plain sequence could as well be one value for all.
+
+    :attr:`Own.VALUE` leaves the environment's own value to a robot.
+    """
 
 
 def shared(default: Any, check: Check, single_only: bool = False) -> Any:
@@ -126,12 +152,15 @@ def each(default: Any, check: Check, several: Callable[[Any], bool] | None = Non
 def range_each(
     default: Any, least: float, most: float, check: Callable[..., object] = number_range
 ) -> Any:
-    """A field that becomes a list of (low, high); arrays and lists of ranges are one for each."""
+    """A field that becomes a list of (low, high), one for each robot.
+
+    Arrays, and lists with a range or None in them, have an entry for each robot.
+    """
 
     def several(value: object) -> bool:
         return isinstance(value, np.ndarray) or (
             isinstance(value, (list, tuple))
-            and any(isinstance(part, (list, tuple, np.ndarray)) for part in value)
+            and any(part is None or isinstance(part, (list, tuple, np.ndarray)) for part in value)
         )
 
     return each(default, lambda name, value: check(name, value, least, most), several)
@@ -206,7 +235,8 @@ def _load_ground(name: str, value: Any) -> Terrain | Generator:
 
 def _several_terrains(value: object) -> bool:
     return isinstance(value, (list, tuple)) and all(
-        isinstance(terrain, (Terrain, str)) or callable(terrain) for terrain in value
+        terrain is None or isinstance(terrain, (Terrain, str)) or callable(terrain)
+        for terrain in value
     )
 
 
@@ -267,20 +297,34 @@ class WorldSettings:
     """Arguments of an environment, checked: robots, ground, and what disturbs or is drawn.
 
     Times in s. None stands for the robot's, the motor's or the terrain's own value. Lists have a
-    value for each robot; types are those of checked values.
+    value for each robot; types are those of checked values. Where None is no value, as of
+    ``delay``, None in a list leaves the environment's own value to that robot.
+
+    A preset may draw a parameter (``randomize``) that also has an argument, such as ``friction``.
+    The user's argument then replaces the preset's draw for every robot that it gives a value to.
 
     Attributes:
-        held: whether chassis are held in the air. FIXED: names of fields that are no arguments.
-        num_envs: robots of a vector environment; None for an environment of one robot.
-        preset: names of the values that the environment, not the user, has chosen.
+        held: Whether chassis are held in the air.
+        FIXED: Names of the fields that are no arguments.
+        num_envs: Number of robots of a vector environment; None for an environment of one robot.
+        preset: Values that the environment chooses in place of the defaults below.
+        given: Names of the arguments that the user gives.
+        by_user: For each argument that may differ between robots, whether the user gives it to
+            each robot, shape (n,).
+
+    Raises:
+        ValueError: If a value is out of range, or if an argument and ``randomize``, both given by
+            the user, contradict each other.
     """
 
     held: ClassVar[bool] = False
     ideal_torque: ClassVar[float | None] = None  # N m, limit of an ideal motor; None: its own
-    FIXED: ClassVar[frozenset[str]] = frozenset({"num_envs", "preset"})
+    FIXED: ClassVar[frozenset[str]] = frozenset({"num_envs", "preset", "given", "by_user"})
 
     num_envs: int | None = None
-    preset: frozenset[str] = frozenset()
+    preset: Values = field(default_factory=dict)
+    given: frozenset[str] = frozenset()
+    by_user: dict[str, Bools] = field(init=False, default_factory=dict)
     robot: list[Robot] = each("paper", load_robot)
     payload: list[Payload | None] = each(None, optional(load_payload))
     motor: list[Motor | None] = each(None, optional(load_motor))
@@ -311,21 +355,60 @@ class WorldSettings:
         for argument in fields(self):
             if "check" in argument.metadata:
                 object.__setattr__(self, argument.name, self._checked(argument))
+        object.__setattr__(self, "randomize", [*map(self._draws, range(self.count))])
 
     def _checked(self, argument: Field[Any]) -> Any:
         name, value, marks = argument.name, getattr(self, argument.name), argument.metadata
-        check, batched = marks["check"], self.num_envs is not None
+        check = marks["check"]
         if "several" in marks:
-            if not (batched and (isinstance(value, Each) or marks["several"](value))):
-                return [check(name, value)] * self.count
-            entries = entries_of(name, value, self.count)
-            checked = {id(entry): check(name, entry) for entry in entries}
-            return [checked[id(entry)] for entry in entries]
+            return self._checked_each(argument, value)
         checked = check(name, value)
         if self.count > 1 and marks["single_only"] and checked != argument.default:
             others = "vectorization_mode='sync' has the others"
             raise invalid(name, value, f"{argument.default!r} for several robots at once; {others}")
         return checked
+
+    def _checked_each(self, argument: Field[Any], value: Any) -> list[Any]:
+        """Return the checked value of each robot, and note in :attr:`by_user` whose it is."""
+        name, marks = argument.name, argument.metadata
+        check, several = marks["check"], marks["several"]
+        self.by_user[name] = np.full(self.count, name in self.given)
+        if self.num_envs is None or not (isinstance(value, Each) or several(value)):
+            return [check(name, value)] * self.count
+        entries = entries_of(name, value, self.count)
+        none_is_own = argument.default is not None and not isinstance(value, Each)
+        for i, entry in enumerate(entries):
+            if entry is Own.VALUE or (entry is None and none_is_own):
+                entries[i] = self.preset.get(name, argument.default)
+                self.by_user[name][i] = False
+        checked = {id(entry): check(name, entry) for entry in entries}
+        return [checked[id(entry)] for entry in entries]
+
+    def _draws(self, i: int) -> Values:
+        """Return a robot's ``randomize`` without the preset's draws that an argument replaces.
+
+        Raises:
+            ValueError: If the user gives both an argument and another draw of the same parameter.
+        """
+        drawn: Values = self.randomize[i]
+        if not drawn:
+            return drawn
+        for argument in ARGUMENTS:
+            value = getattr(self, argument)[i]
+            if value is None or not self.by_user[argument][i]:
+                continue
+            named = argument_values(argument, value)
+            if not self.by_user["randomize"][i]:
+                drawn = {name: draw for name, draw in drawn.items() if name not in named}
+                continue
+            for name, limits in named.items():
+                draw = drawn.get(name)
+                same = isinstance(draw, Uniform) and (draw.low, draw.high) == limits
+                if draw is not None and not same:
+                    raise contradiction(argument, value, name)
+        if self.curriculum is not None and "terrain_level" in drawn:
+            raise contradiction("curriculum", self.curriculum, "terrain_level")
+        return drawn
 
     @property
     def count(self) -> int:

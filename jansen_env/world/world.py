@@ -517,6 +517,9 @@ class World:
             "delay": partial(checks.number_range, least=0.0, most=self._longest_delay),
         }
         checked = {k: named.get(k, partial(check, k))(k, value) for k, value in changes.items()}
+        for name in FROM_RESETS:
+            if name in checked:
+                self.episodes.check_not_drawn(i, name, checked[name])
         without_argument = [name for name in checked if name in (*CHANGES, "terrain_level")]
         self.episodes.check_names(i, without_argument, "changes")
         if {*checked} - {*FROM_RESETS}:
@@ -536,6 +539,7 @@ class World:
             self._begin(np.array([i]), [plan], lambda: plant.set_state(i, state, deflection))
             plant.in_contact = in_contact
             self.episodes.set_nominal(i, numbers)
+        self.episodes.replace_draws(i, {*checked} & {*FROM_RESETS})
         if "delay" in checked:
             self.delay_range[i] = checked["delay"]
         if "terrain_level" in checked:

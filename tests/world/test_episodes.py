@@ -8,6 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pymunk
 import pytest
+from gymnasium.utils import seeding
 from side_by_side import WORLD
 
 from jansen_env import Compliance, Terrain
@@ -61,6 +62,31 @@ def test_what_is_drawn_is_what_an_argument_gives(name, value):
     before = walk(plain, 3)[0]
     np.testing.assert_array_equal(walk(plain, 3, **{name: value})[0][:21], expected[:21])
     np.testing.assert_array_equal(walk(plain, 3)[0], before)
+
+
+def test_the_order_of_draws_is_the_documented_one():
+    """Crank, command, delay, seed, level, parameters and terrain, from one generator."""
+    drawn_ground = []
+
+    def ground(rng, level):
+        drawn_ground.append((level, rng.random()))
+        return Terrain()
+
+    ranges = {"payload": (0.0, 0.5), "friction": (0.4, 1.0)}
+    env = make(terrain=ground, delay=(0.0, 0.02), randomize=ranges)
+    _, info = env.reset(seed=5)
+    rng, _ = seeding.np_random(5)
+    expected = {"crank_angle": rng.uniform(0.0, 2.0 * np.pi)}
+    expected["speed_command"] = rng.uniform(0.05, 0.8)
+    expected["crank_speed"] = 0.1 * rng.uniform(-1.0, 1.0)
+    parameters = {"delay": rng.uniform(0.0, 0.02)}
+    rng.integers(2**63)
+    parameters["terrain_level"] = rng.integers(0, 9, endpoint=True)
+    parameters["friction"] = rng.uniform(0.4, 1.0)
+    parameters["payload"] = rng.uniform(0.0, 0.5)
+    assert drawn_ground == [(parameters["terrain_level"], rng.random())]
+    for told, values in ((info, expected), (info["parameters"], parameters)):
+        assert {name: told[name] for name in values} == pytest.approx(values, rel=1e-12)
 
 
 def test_fixing_one_leaves_the_others():

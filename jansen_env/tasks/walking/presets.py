@@ -1,8 +1,9 @@
 """``JansenWalkerBuilt-v0``, ``JansenWalkerRough-v0`` and ``JansenWalkerHardcore-v0``: presets.
 
-Each is ``JansenWalker-v0`` with other defaults; any of them can be given another value. Parameters
-that a preset randomises are left out where they would do nothing: levels of flat ground, noise
-where there is none.
+Each is ``JansenWalker-v0`` with other defaults; any of them can be given another value. An argument
+that is given, such as ``friction=0.5``, replaces what the preset's ``randomize`` draws of that
+parameter. Parameters that a preset randomises are left out where they would do nothing: levels of
+flat ground, noise where there is none.
 """
 
 from __future__ import annotations
@@ -111,7 +112,8 @@ class JansenWalkerRoughEnv(JansenWalkerEnv):
     ## Arguments
     Those of ``JansenWalker-v0``, with the defaults ``robot="built"``, ``terrain="mixed"``,
     ``height_scan=(0.5, 0.9, 15)``, and ``terrain_level``, ``speed_command`` and ``randomize`` as in the
-    table of ranges.
+    table of ranges. ``friction`` or ``payload`` replaces the draw of that parameter; the others are
+    still drawn.
 
     ## Version History
     * v0: first release.
@@ -164,7 +166,8 @@ class JansenWalkerHardcoreEnv(JansenWalkerEnv):
 
     ## Arguments
     Those of ``JansenWalkerRough-v0`` with its defaults, and ``noise=Noise()``, ``push=Push(3.0)``,
-    ``randomize`` as in the table.
+    ``randomize`` as in the table. ``delay``, ``friction`` or ``payload`` (with its place) replaces
+    the draw of that parameter; the others are still drawn.
 
     ## Version History
     * v0: first release.

@@ -365,9 +365,12 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     has it, without that 0.1 s. Of many robots the option is a list of such lists, one for each,
     None for a robot whose pushes are random. ``push((Jx, Jy))`` is one more, from now on.
 
-    Terrain, ``terrain_level`` and what ``randomize`` names are drawn next, all from the generator
-    that ``reset(seed=...)`` seeds. ``reset(options={"friction": 0.5, "terrain_level": 3})`` fixes
-    any of the parameters for one episode; the others are what they would have been.
+    Everything comes from the generator that ``reset(seed=...)`` seeds, in this order: crank angle,
+    command, crank speed, ``delay`` if it is a range, a seed for lengths, noise and pushes,
+    ``terrain_level`` if it is a range, the parameters that ``randomize`` names (in the order of the
+    table in ``docs/worlds.md``), and the terrain.
+    ``reset(options={"friction": 0.5, "terrain_level": 3})`` fixes any of the parameters for one
+    episode; the others are what they would have been.
 
     ``reset(options={"robot": ...})`` exchanges the robot for good, with its motor, pads and payload,
     for one of the same linkage with legs on the same sides; of many robots the option is one for all or one for

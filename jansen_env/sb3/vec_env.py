@@ -60,7 +60,7 @@ def make_vec_env(
     venv: VecEnv
     if wrapper_class is None and can_be_batched(env_id, common, variants):
         varied = {name for variant in variants for name in variant}
-        own = dict.fromkeys(varied, Own.VALUE)
+        own: dict[str, object] = dict.fromkeys(varied, Own.VALUE)
         own["max_episode_steps"] = gym.spec(env_id).max_episode_steps
         values = {name: Each(given.get(name, own[name]) for given in each) for name in varied}
         envs = gym.make_vec(

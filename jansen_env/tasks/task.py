@@ -90,6 +90,10 @@ class Task(ABC):
         """Raise ValueError for settings or names that this class would ignore."""
         if settings.curriculum is not None and type(self).progress is Task.progress:
             raise ValueError("curriculum is given, must be None: this task defines no progress()")
+        self._observes = {entry.name for entry in self.OBSERVED} - {*self.COMPILED}
+        if self._observes and type(self).observe is Task.observe:
+            kind, names = type(self).__name__, sorted(self._observes)
+            raise ValueError(f"OBSERVED has {names}, which observe() of {kind} must return")
         if both := sorted({*self.INFO} & {*self.TERMS}):
             raise ValueError(f"INFO and TERMS have {both}, must have different names")
         if self.ROW is not None:
@@ -107,7 +111,6 @@ class Task(ABC):
             world.information, world.energies, self.data, world.arrays, world.groups
         )
         self._kept = frozenset(self.info.dtype.names or ())
-        self._observes = {entry.name for entry in self.OBSERVED} - {*self.COMPILED}
 
     # What a task is.
 

@@ -57,9 +57,7 @@ Arguments: TypeAlias = tuple[Any, ...]
 
 T = TypeVar("T")
 Range = TypeAliasType("Range", float | Sequence[float])  # a number, or (low, high)
-PerRobot = TypeAliasType(
-    "PerRobot", T | Sequence[T | None] | NDArray[np.generic], type_params=(T,)
-)
+PerRobot = TypeAliasType("PerRobot", T | Sequence[T | None] | NDArray[np.generic], type_params=(T,))
 """One for all robots, or one for each; None in a sequence: see :class:`WorldSettings`."""
 
 MOST_TIME_STEPS = 10_000  # time steps in a control period: seconds on the slowest plant

@@ -1,8 +1,10 @@
 """What holds for every registered environment: checkers, the same seed, one like many, pages."""
 
 import copy
+import inspect
 import json
 import pickle
+import re
 import warnings
 from pathlib import Path
 
@@ -18,7 +20,7 @@ from stable_baselines3.common.env_checker import check_env as check_for_sb3
 
 from agents.training.config import shipped_config
 from agents.training.training_state import plain
-from jansen_env.parameters import Uniform
+from jansen_env.parameters import PARAMETERS, Uniform
 from jansen_env.registration import IDS
 from jansen_env.robot import Compliance, Payload
 from jansen_env.robot.motor import MOTORS
@@ -221,6 +223,48 @@ def test_the_documented_defaults_are_those_of_the_class(env_id):
         assert f"``{name}``" in doc
         assert f"{drawn.low:g} to {drawn.high:g}" in doc, name
     assert f"{len(env.observed) - 1} |" in doc or env_id == "JansenWalker-v0"
+
+
+def documented_observations(env):
+    """How many observations the table of a class has, by default arguments."""
+    count, toes = 0, env.unwrapped.task.world.plant.toes
+    table = inspect.getdoc(type(env.unwrapped)).partition("| Num | Observation |")[2]
+    for line in table.split("\n\n")[0].splitlines()[2:]:
+        number, meaning = line.split("|")[1:3]
+        if "with ``height_scan``" in meaning or "with ``observe_lengths``" in meaning:
+            continue
+        number = number.replace("then", str(count))
+        places = [eval(place, {"n": toes}) for place in number.split("..")]
+        assert places[0] == count, line
+        count = places[-1] + 1
+    return count
+
+
+@pytest.mark.parametrize("env_id", [name for name in IDS if name != "JansenWalkerBuilt-v0"])
+def test_the_documented_observation_has_the_shape_of_the_observation(env_id):
+    env = gym.make(env_id)
+    assert (documented_observations(env),) == env.observation_space.shape
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_documented_shapes_are_the_actual_ones(env_id):
+    """Of all properties of an environment of one robot whose docstrings begin with a shape."""
+    env = gym.make(env_id).unwrapped
+    env.reset(seed=0)
+    for name, member in inspect.getmembers(type(env), lambda member: isinstance(member, property)):
+        shape = re.match(r"\((\d+,[ \d,]*)\)", member.__doc__ or "")
+        if shape:
+            assert getattr(env, name).shape == eval(shape[0]), name
+    if "Walker" in env_id:
+        assert env.parameters.shape == (len(PARAMETERS),)
+
+
+def test_the_readmes_table_has_the_numbers_of_observations():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| \[`(Jansen\w+-v0)`\].*?\| (\d+)[^|]*\|[^|]*\|$", text, re.MULTILINE)
+    assert {env_id for env_id, _ in rows} == {*IDS}
+    for env_id, count in rows:
+        assert gym.make(env_id).observation_space.shape == (int(count),), env_id
 
 
 def test_defaults_that_would_do_nothing_are_left_out():

@@ -109,6 +109,34 @@ def test_what_is_added_moves_nothing(noise):
     assert (env.set_state(state)[: len(seen) - 1] == seen[:-1]).all()
 
 
+TORQUE = Observed("crank_torque", "N m", -np.inf, np.inf, "exact")
+
+
+def test_an_observation_may_be_added_to_the_walker_itself(monkeypatch):
+    """As CONTRIBUTING.md says, in the class: of one robot and of many it is seen in each step."""
+    monkeypatch.setattr(WalkerTask, "OBSERVED", (*WalkerTask.OBSERVED, TORQUE))
+    monkeypatch.setattr(
+        WalkerTask, "observe", lambda self: {"crank_torque": self.world.crank_torque}
+    )
+    env, many = gym.make("JansenWalker-v0"), gym.make_vec("JansenWalker-v0", 2)
+    column = env.unwrapped.task.columns["crank_torque"]
+    env.reset(seed=4), many.reset(seed=[3, 4])
+    for _ in range(5):
+        seen, *_, info = env.step(np.full(1, 0.3, np.float32))
+        assert seen[column] == np.float32(info["crank_torque"]) != 0.0
+        assert (many.step(np.full((2, 1), 0.3, np.float32))[0][1] == seen).all()
+
+
+@pytest.mark.parametrize("base", [Slow, WalkerTask, Halved])
+def test_an_observation_that_nobody_fills_is_refused_at_construction(base, monkeypatch):
+    if base is Slow:
+        monkeypatch.delattr(Slow, "observe")
+    task = declared(base, OBSERVED=(*base.OBSERVED, TORQUE))
+    message = r"OBSERVED has \[.*'crank_torque'.*\], which observe\(\) of Declared must return"
+    with pytest.raises(ValueError, match=message):
+        task()
+
+
 def test_a_commanded_task_in_numpy_is_scored_and_observed():
     world = {"robot": "built", "noise": {}}
     env, many = SlowEnv(**world), SlowVectorEnv(2, **world)

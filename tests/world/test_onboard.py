@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from jansen_env.engine.walk_reward import FURTHEST_TARGET, mean_time
 from jansen_env.gravity import GRAVITY
 
 ID = "JansenWalkerBuilt-v0"
@@ -99,3 +100,18 @@ def test_the_torque_changes_no_faster_than_its_rate():
     for wrong in ({"torque_rate": 0.0}, {"observe": "some"}):
         with pytest.raises(ValueError, match=next(iter(wrong))):
             gym.make(ID, **wrong)
+
+
+@pytest.mark.xfail(strict=True, reason="the means of the reward decay as exp(-t / T), these do not")
+def test_lag_and_mean_speed_are_the_rewards_of_the_observed_velocity():
+    """One formula for the means, whether the velocity is exact or estimated."""
+    env = gym.make(ID, **ONBOARD)
+    rows, period = walk(env, 100), env.unwrapped.control_dt
+    path = env.unwrapped.task.data["mean_path"][0]
+    lag = mean = 0.0
+    for seen, _ in rows:
+        command, velocity = seen["speed_command"], seen["crank_axis_x_velocity"]
+        lag = np.clip(lag + (command - velocity) * period, -FURTHEST_TARGET, FURTHEST_TARGET)
+        mean -= np.expm1(-period / mean_time(command, path)) * (velocity - mean)
+        assert seen["lag"] == pytest.approx(lag, abs=1e-6)
+        assert seen["mean_speed"] == pytest.approx(mean, abs=1e-6)

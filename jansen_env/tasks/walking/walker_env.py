@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from types import ModuleType
 from typing import ClassVar
 
@@ -20,7 +21,7 @@ from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine import walk_reward
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.vector import TaskVectorEnv, VectorArguments
-from jansen_env.tasks.task import CommandedTask
+from jansen_env.tasks.task import CommandedTask, Task
 from jansen_env.tasks.walking.walker_benchmark import WALKER
 from jansen_env.terrain import Terrain
 from jansen_env.uniform import uniform
@@ -119,8 +120,6 @@ class WalkerTask(CommandedTask):
         fall = settings.fall_pitch, settings.fall_contact, settings.terminate_when_fallen
         self._settings[0] = (*weights, *fall)
         self.covered = np.zeros((n, 2))
-        terms = ("observe", "reward", "terminated")
-        self._derived = any(getattr(type(self), t) is not getattr(WalkerTask, t) for t in terms)
         self._odometry = np.zeros((n, len(ODOMETRY)))
         self._measured = np.zeros(0 if settings.noise is None else n, walk_reward.ACCOUNTS)
         super().__init__(settings, threads)
@@ -167,9 +166,19 @@ class WalkerTask(CommandedTask):
         super().step(actions, active, meanwhile)
 
     def _judge(self, active: Bools) -> None:
-        """Leave all to the kernel, unless a derived task does more."""
-        if self._derived:
+        """Leave all to the kernel, unless the class observes more or judges otherwise."""
+        if self._more_than_the_kernel:
             super()._judge(active)
+
+    @cached_property
+    def _more_than_the_kernel(self) -> bool:
+        """Whether a step is not complete with the kernel."""
+        kind = type(self)
+        return (
+            kind.observe is not Task.observe
+            or kind.reward is not WalkerTask.reward
+            or kind.terminated is not WalkerTask.terminated
+        )
 
     def reward(self) -> Array:
         """Return the kernel's rewards (n,)."""
@@ -479,7 +488,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
 
     @property
     def parameters(self) -> Array:
-        """(17,) the numbers of this episode in the order of
+        """(18,) the numbers of this episode in the order of
         :data:`jansen_env.parameters.PARAMETERS`, which has their names and units."""
         return self.task.world.episodes.values[:1].view(float).copy()
 

@@ -5,6 +5,7 @@ import io
 import itertools
 import math
 import os
+import re
 import subprocess
 import sys
 from collections import Counter, defaultdict
@@ -27,7 +28,7 @@ from jansen_env.drawings.materials import bill_of_materials, counts, hardware, s
 from jansen_env.drawings.materials import machine as machine_of
 from jansen_env.drawings.outlines import WALL, Round, coupon, cut_parts, feet_of, gap, radii
 from jansen_env.drawings.shaft_order import CollisionError, carried, units
-from jansen_env.drawings.sheets import ALIKE, MARGIN, nest, to_dxf, to_stl, to_svg
+from jansen_env.drawings.sheets import ALIKE, MARGIN, SCALE, nest, to_dxf, to_stl, to_svg
 from jansen_env.robot import ROBOTS, Leg
 from jansen_env.robot import buildable as built
 from jansen_env.robot.kinematics import joint_positions, toe_positions
@@ -68,6 +69,52 @@ def test_the_drawing_read_back_has_the_lengths_of_the_links(name):
                  for circle in root.iter(f"{SVG}circle")]  # fmt: skip
         np.testing.assert_allclose(drawn, circles, atol=1e-3)
         assert {group.get("id") for group in root} == {"CUT", "ENGRAVE", "MARK"}
+
+
+def segments_of(path):
+    """Ends of the straight lines of an SVG path, which has no curve but arcs; and if it closes."""
+    words = re.findall(r"[MLAZ][^MLAZ]*", path)
+    assert words[0][0] == "M" and sum(word[0] == "M" for word in words) == 1, path
+    points = [tuple(map(float, word[1:].split()[-2:])) for word in words if word[0] != "Z"]
+    closed = words[-1] == "Z"
+    lines = [pair for pair, word in zip(itertools.pairwise(points), words[1:], strict=False)
+             if word[0] == "L"]  # fmt: skip
+    return lines + [(points[-1], points[0])] * closed, closed
+
+
+@pytest.mark.parametrize("name", ["built", "weekend"])
+def test_every_cut_line_of_every_sheet_is_closed_and_none_is_drawn_twice(name):
+    """In SVG and DXF; a bar of known length is in every sheet's margin."""
+    robot = DESIGNS[name]
+    number = counts(robot)
+    parts = cut_parts(robot)
+    sheet = 600 + 300j if name == "weekend" else 1600 + 600j
+    drawn = [([part], None) for part in parts]
+    for thickness in {part.thickness for part in parts}:
+        same = [part for part in parts if part.thickness == thickness]
+        laid = nest([part for part in same for _ in range(number[part.name])], sheet)
+        drawn += [(each, sheet) for each in laid]
+    drawn.append((nest(coupon(4.0, robot.build), 215 + 125j)[0], 215 + 125j))
+    for laid, size in drawn:
+        root = ET.fromstring(to_svg(laid, size))
+        seen = set()
+        for group in root:
+            for shape in group:
+                if shape.tag == f"{SVG}circle":
+                    lines = [("circle", *(shape.get(key) for key in ("cx", "cy", "r")))]
+                else:
+                    lines, closed = segments_of(shape.get("d"))
+                    assert closed or group.get("id") == "MARK", shape.get("d")
+                    lines = [tuple(sorted(line)) for line in lines]
+                assert not seen & {*lines}, lines
+                seen |= {*lines}
+        space = ezdxf.read(io.StringIO(to_dxf(laid, size))).modelspace()
+        for line in space.query('LWPOLYLINE[layer!="MARK"]'):
+            assert line.closed
+        if size:
+            margin = [line for line in seen if line[0] != "circle" and line[0][1] == line[1][1]]
+            level = [abs(b[0] - a[0]) for a, b in margin if a[1] == size.imag - MARGIN / 2.0]
+            assert max(level) == pytest.approx(SCALE)
 
 
 @pytest.mark.parametrize("name", OTHER_LINKS)

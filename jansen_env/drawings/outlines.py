@@ -54,6 +54,11 @@ class Round(NamedTuple):
         return complex(min(xs), min(ys)) - out, complex(max(xs), max(ys)) + out
 
     @property
+    def closed(self) -> bool:
+        """Return whether its line has an inside; a line between two points has none."""
+        return self.radius > 0.0 or len(self.corners) > 2
+
+    @property
     def around(self) -> float:
         """Length of the polygon's sides, mm."""
         return sum(abs(q - p) for p, q in sides(self.corners))

@@ -16,6 +16,8 @@ from jansen_env.robot import Robot
 MARGIN = 5.0  # mm, between parts, and to the edge of a sheet
 COUPON = 215 + 125j  # mm, of the sheet that the coupon lies on
 CROSS = 3.0  # mm, half a line of a mark
+SCALE = 100.0  # mm, the bar that every sheet has in its lower margin
+SCALE_LETTERS = 2.5  # mm
 COLORS = {"CUT": (1, "#d00000"), "ENGRAVE": (5, "#0000d0"), "MARK": (3, "#00a000")}
 """Colours of the layers: AutoCAD's number, and SVG's."""
 ALIKE = 0.02  # of the mass: difference of machine and robot that is no warning
@@ -54,6 +56,7 @@ def lines(parts: Sequence[CutPart], sheet: complex | None) -> Iterator[tuple[str
     """All that is drawn of parts, and the edge of a sheet, each with its layer."""
     if sheet:
         yield "MARK", rectangle(sheet)
+        yield from (("MARK", shape) for shape in _scale_bar(sheet))
     for part in parts:
         for shape in part.lines:
             yield "CUT", shape
@@ -65,12 +68,24 @@ def lines(parts: Sequence[CutPart], sheet: complex | None) -> Iterator[tuple[str
                 yield from (("MARK", Round((z - way, z + way))) for way in (CROSS, CROSS * 1j))
 
 
-def _engraving(text: str, start: complex, end: complex) -> list[Round]:
+def _scale_bar(sheet: complex) -> list[Round]:
+    """Lines and letters of a bar in the lower margin of a sheet, by which its scale is checked."""
+    size = 1.5 * MARGIN
+    length = SCALE if sheet.real > 2.0 * SCALE else 10.0 * math.floor((sheet.real - size) / 20.0)
+    start = complex(size, MARGIN / 2.0)
+    end = start + length
+    bar = [Round((start, end))]
+    bar += [Round((z - 0.3j * MARGIN, z + 0.3j * MARGIN)) for z in (start, end)]
+    text = f"{length:g} mm"
+    return bar + _engraving(text, end + 2.0, end + 12.0, SCALE_LETTERS)
+
+
+def _engraving(text: str, start: complex, end: complex, height: float = LETTERS) -> list[Round]:
     """Outlines of letters half way from start to end, in a font that comes with matplotlib."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextPath
 
-    drawn = TextPath((0.0, 0.0), text, size=LETTERS, prop=FontProperties("DejaVu Sans"))
+    drawn = TextPath((0.0, 0.0), text, size=height, prop=FontProperties("DejaVu Sans"))
     outlines = (np.array(outline)[:-1] @ [1, 1j] for outline in drawn.to_polygons())
     letters = [Round(tuple(outline.tolist())) for outline in outlines]
     low, high = Round(tuple(z for letter in letters for z in letter.corners)).box
@@ -125,7 +140,7 @@ def to_dxf(parts: Sequence[CutPart], sheet: complex | None = None) -> str:
                 space.add_circle((z.real, z.imag), shape.radius, look)
             else:
                 path = [(z.real, z.imag, bulge) for z, bulge in shape.path]
-                space.add_lwpolyline(path, "xyb", close=len(path) > 2, dxfattribs=look)
+                space.add_lwpolyline(path, "xyb", close=shape.closed, dxfattribs=look)
         text = io.StringIO()
         drawing.write(text)
         return text.getvalue()
@@ -144,8 +159,13 @@ def to_svg(parts: Sequence[CutPart], sheet: complex | None = None) -> str:
             text = f'circle cx="{z.real:.4f}" cy="{size.imag - z.imag:.4f}" r="{radius}"'
         else:
             path = [(f"{z.real:.4f} {size.imag - z.imag:.4f}", bulge) for z, bulge in shape.path]
-            words = [f"A{radius} {radius} 0 0 0 {end}" if bulge else f"L{end}"
-                     for (_, bulge), (end, _) in sides(path)]  # fmt: skip
+            edges = sides(path) if shape.closed else sides(path)[:-1]
+            words = [
+                f"A{radius} {radius} 0 0 0 {end}" if bulge else f"L{end}"
+                for (_, bulge), (end, _) in edges
+            ]
+            if shape.closed:  # the last edge, which is straight
+                words[-1] = "Z"
             text = f'path d="M{path[0][0]} {" ".join(words)}"'
         groups[layer].append(f"<{text}/>")
     head = (

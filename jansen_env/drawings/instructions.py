@@ -9,6 +9,7 @@ import io
 import math
 import re
 import textwrap
+from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -16,12 +17,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from jansen_env.drawings.materials import SHAFT_END, Part, Row, Stack, brace, counts, stacks
-from jansen_env.drawings.outlines import FITS, CutPart, Points, feet_of
+from jansen_env.drawings.assembly import Piece, Solid
+from jansen_env.drawings.materials import Row, Stack, counts, stacks
+from jansen_env.drawings.order import Mass, Order
+from jansen_env.drawings.outlines import FITS, CutPart, Points, Round, feet_of, toe_way
 from jansen_env.drawings.shaft_order import Placed, carried, units
 from jansen_env.plain_yaml import read_yaml
-from jansen_env.robot import Robot
-from jansen_env.robot.buildable import ALUMINIUM
 from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.linkage import CRANK, FRAME
 
@@ -39,68 +40,95 @@ Picture = Callable[["Axes"], object]
 
 
 class Step(NamedTuple):
-    """A page: instructions, a line each; pictures side by side; what to weigh, and its mass, kg."""
+    """A page: instructions, a line each; pictures side by side; what to weigh, and its mass."""
 
     title: str
     text: list[str]
     pictures: Sequence[Picture] = ()
     weighed: str = ""
-    mass: float = 0.0
+    mass: Mass | None = None
 
 
 class Manual:
-    """Pages and pictures of a machine, whose bill of materials numbers all parts; ``flat``: every
-    flat part, laid out; ``first``: pieces of the coupon."""
+    """Pages and pictures of a machine.
 
-    def __init__(
-        self, robot: Robot, placed: Sequence[Placed], bill: Sequence[Part],
-        flat: Sequence[CutPart], first: Sequence[CutPart],
-    ) -> None:  # fmt: skip
-        self.robot, self.placed, self.bill = robot, placed, bill
+    Args:
+        order: its bill of materials, which numbers all parts, and its solids.
+        flat: every flat part, laid out.
+        first: pieces of the coupon.
+    """
+
+    def __init__(self, order: Order, flat: Sequence[CutPart], first: Sequence[CutPart]) -> None:
+        assert order.assembly is not None
+        self.order, self.assembly = order, order.assembly
+        self.robot, self.placed = order.robot, order.assembly.placed
+        self.bill = order.parts
         self.flat, self.first = flat, first
         self.words = read_yaml(Path(__file__).with_name("instructions.yml"))
-        self.pin = robot.linkage.bodies[CRANK - 1][1][1]
-        self.stacks, self.units = stacks(robot, placed), units(robot)
-        self.numbers = {(part.name, part.dimensions): k for k, part in enumerate(bill, 1)}
-        self.each = {part.name: part.each for part in bill}
-        phases = [robot.legs[on[0]].phase - robot.legs[0].phase for on in self.units]
+        self.pin = self.robot.linkage.bodies[CRANK - 1][1][1]
+        self.stacks, self.units = stacks(self.robot, self.placed), units(self.robot)
+        legs = self.robot.legs
+        phases = [legs[on[0]].phase - legs[0].phase for on in self.units]
         self.turns = [phase % (2.0 * math.pi) for phase in phases]
-
-    def _mass(self, *names: str) -> float:
-        """Mass of all parts whose names begin with one of these, kg."""
-        return sum(part.mass for part in self.bill if part.name.startswith(names))
 
     def label(self, row: Row) -> str:
         """Number, name and size of an entry of a stack."""
         many = f"{row.number} x " if row.number > 1 else ""
-        number = row.item.body if row.item else self.numbers[row.name, row.size]
+        number = row.item.body if row.item else self.order.numbers[row.name, row.size]
         return f"{many}no. {number}: {row.name} {row.size}".strip()
 
+    def _listed(self, name: str, pieces: Sequence[Piece]) -> list[str]:
+        """Lines of those pieces of a page that have a name, with how many of them it takes."""
+        found = Counter((piece.name, piece.size) for piece in pieces if piece.name == name)
+        lines = []
+        for (_, size), number in sorted(found.items()):
+            part = self.bill[self.order.numbers[name, size] - 1]
+            known = self.order.numbers[name, size]
+            lines.append(f"{number} x no. {known}: {name} {part.dimensions}")
+        return lines
+
     def _page(
-        self, name: str, pictures: Sequence[Picture], mass: float = 0.0, **fields: object
+        self,
+        name: str,
+        pictures: Sequence[Picture],
+        weighed: Sequence[Piece] = (),
+        put_on: Sequence[Piece] = (),
+        **fields: object,
     ) -> Step:
-        """A page of ``instructions.yml``, whose head explains its marks."""
-        words, build, text = self.words[name], self.robot.build, []
-        fields |= {"screws": build.screw, "apart_screws": 40 if build is ALUMINIUM else 15}
+        """Return a page of ``instructions.yml``, whose head explains its marks.
+
+        Args:
+            name: of the page.
+            pictures: side by side.
+            weighed: pieces that weigh what the page's box has.
+            put_on: pieces that the page may list, as many as it takes.
+            fields: values for names in braces.
+        """
+        words, text = self.words[name], []
+        names = {part.name for part in self.bill}
         for line in words["text"].format(**fields).splitlines():
             needed, mark, said = line.partition("? ")
-            if mark and (needed.lstrip("!") in self.each) == needed.startswith("!"):
+            if mark and (needed.lstrip("!") in names) == needed.startswith("!"):
                 continue
             line = said if mark else line
             if line.startswith("= "):
-                wanted, _, size = line[2:].partition(", ")
-                text += [f"{part.number} x no. {k}: {part.name} {part.dimensions}"
-                         for k, part in enumerate(self.bill, 1)
-                         if part.name == wanted and part.dimensions.startswith(size)]  # fmt: skip
+                text += self._listed(line[2:], put_on)
             else:
                 text.append(line)
-        return Step(words["title"].format(**fields), text, pictures, words.get("weighed", ""), mass)
+        title = words["title"].format(**fields)
+        mass = self.order.weigh(weighed) if weighed else None
+        return Step(title, text, pictures, words.get("weighed", ""), mass)
+
+    def _of_stages(self, *stages: str) -> list[Piece]:
+        return [piece for piece in self.assembly.pieces if piece.stage in stages]
 
     def steps(self) -> list[Step]:
-        """All steps in order; the last one's mass is the machine's."""
-        robot, whole = self.robot, sum(part.mass for part in self.bill)
-        flat = sum(part.mass for part in self.bill if part.name in counts(robot))
-        found = [self._page("flat", [partial(draw_flat, self.flat)], flat)]
+        """Return all steps in order; the last one's mass is the machine's."""
+        robot = self.robot
+        cut = counts(robot)
+        flat = [piece for piece in self.assembly.pieces if piece.name in cut]
+        bushes = [piece for piece in self.assembly.pieces if piece.name == "bush"]
+        found = [self._page("flat", [partial(draw_flat, self.flat)], flat, bushes)]
         kinds: dict[tuple[str, ...], list[int]] = {}  # units that are alike
         for unit, on in enumerate(self.units):
             kinds.setdefault(tuple(robot.legs[leg].side for leg in on), []).append(unit)
@@ -110,33 +138,86 @@ class Manual:
         radius, heights = 1e3 * robot.bodies[CRANK - 1].distance(0, 1), []
         for k, turn in enumerate(self.turns, 1):
             up, right = radius * math.sin(turn), radius * math.cos(turn)
-            heights.append(f"Pin {k}: {math.degrees(turn):.0f} degrees; {up:+.1f} mm above the "
-                           f"shaft, {right:+.1f} mm to the right")  # fmt: skip
+            heights.append(
+                f"Pin {k}: {math.degrees(turn):.0f} degrees; {up:+.1f} mm above the "
+                f"shaft, {right:+.1f} mm to the right"
+            )
+        mount = self.assembly.mount
+        fields = {
+            "heights": "\n".join(heights),
+            "screws": robot.build.screw,
+            "near": mount.screws[0],
+            "far": mount.screws[1],
+            **self._brace(),
+        }
+        frames = [
+            piece for piece in self.assembly.pieces if piece.stage == "ties" or piece.body == FRAME
+        ]
+        stages = ["foot", "links", "pin", "crank", "ties"]
         for name, pictures in (
+            ("ties", [self.draw_ties]),
             ("frames", [partial(self.draw_stack, s) for s in self.stacks if s.axle]),
-            ("phases", [self.draw_phases]), ("motor", [self.draw_motor]),
-            ("wiring", [self.draw_wiring]), ("power", [self.draw_machine]),
-        ):  # fmt: skip
-            mass = whole - self._mass(*self.words[name]["lacks"])
-            fields = {"heights": "\n".join(heights), "away": SHAFT_END, **brace(robot)}
-            found.append(self._page(name, pictures, mass, **fields))
+            ("phases", [self.draw_phases]),
+            ("motor", [self.draw_section]),
+            ("wiring", [self.draw_wiring]),
+            ("power", [self.draw_machine]),
+        ):
+            stages.append(name)
+            weighed = frames if name == "ties" else self._of_stages(*stages)
+            found.append(self._page(name, pictures, weighed, self._of_stages(name), **fields))
+        found.append(
+            self._page(
+                "assembled",
+                [self.draw_side_view, self.draw_top_view],
+                turned=math.degrees(ANGLE),
+            )
+        )
         return found
+
+    def _brace(self) -> dict[str, object]:
+        """Return angle between fore and back frames, degrees, and distance of their pivots, mm."""
+        ways = [*self.assembly.ways.values()]
+        angle = abs(np.angle(ways[0] / ways[-1]))
+        reach = 1e3 * self.robot.bodies[FRAME - 1].distance(0, 1)
+        ties = sum(piece.name == "brace" for piece in self.assembly.pieces)
+        pivot = next(
+            joint
+            for joint in self.robot.linkage.bodies[FRAME - 1][1]
+            if joint != self.robot.linkage.joints[self.robot.linkage.axis]
+        )
+        return {
+            "angle": math.degrees(angle),
+            "apart": reach * abs(ways[0] - ways[-1]),
+            "pivot": pivot,
+            "ties": ties,
+        }
 
     def _unit(self, unit: int, number: int, which: str) -> list[Step]:
         """Steps to a unit: a leg, pin by pin from its foot, then the crank pin with its links."""
-        on, linkage, bodies = self.units[unit], self.robot.linkage, self.robot.linkage.names
-        share = next(part.each for part in self.bill if part.name.startswith("pin"))
+        on, linkage = self.units[unit], self.robot.linkage
         every = [item for item in self.placed if item.unit == unit]
         mine = [item for item in every if item.leg == on[0]]
         links = [item for item in mine if item.body not in (FRAME, CRANK)]
+        pieces = [piece for piece in self.assembly.pieces if piece.unit == unit]
+        leg = [piece for piece in pieces if piece.leg == on[0]]
         joined = {body + 1 for _, body in linkage.all_pads[: len(linkage.toes)]}
-        mass = sum(self.each[bodies[body - 1]] for body in joined)
-        mass += self._mass("foot-", "foot's") / len(self.robot.legs)
+        feet = [piece for piece in leg if piece.stage == "foot"]
+        done: set[str] = set()
+
+        def so_far() -> list[Piece]:
+            return [
+                piece
+                for piece in leg
+                if piece.stage == "foot"
+                or (piece.stage == "links" and piece.body in joined)
+                or (piece.stage == "pin" and piece.joint in done)
+            ]
+
         many = f"{number * len(on)} of them"
         if len(on) > 1:
             many += "; fore and back legs are the same, turned about the vertical"
         picture = partial(self.draw_apart, links)
-        found = [self._page("foot", [picture], mass, which=which, many=many)]
+        found = [self._page("foot", [picture], so_far(), feet, which=which, many=many)]
         pins = [s for s in self.stacks if not s.axle and (s.unit, s.leg) == (unit, on[0])]
         pins.sort(key=lambda stack: stack.joint == self.pin)  # the crank pin last
         while pins:
@@ -144,18 +225,31 @@ class Manual:
             pins.remove(stack)
             name, fresh = "pin", stack.bodies - joined
             joined |= fresh
-            mass += share * len(stack.bodies) + sum(self.each[bodies[k - 1]] for k in fresh)
+            done.add(stack.joint)
             items = [item for item in mine if item.body in joined]
-            if not pins:  # all legs, and two cranks
+            weighed, put_on = so_far(), list[Piece]()
+            if not pins:  # all legs, and two cranks with their hubs
                 name, fresh, many = "crank", stack.bodies, f"{number} of them"
-                mass = len(on) * mass + (2 - len(on)) * self.each[bodies[CRANK - 1]]
+                weighed = [
+                    piece for piece in pieces if piece.stage in ("foot", "links", "pin", "crank")
+                ]
+                put_on = [piece for piece in pieces if piece.stage == "crank"]
                 items = [item for item in every if item.body in joined]
             screw, nut = map(self.label, stack.bolt)
             side = partial(self.draw_side, items, fresh, stack.joint)
-            found.append(self._page(
-                name, [side, partial(self.draw_stack, stack)], mass, joint=stack.joint,
-                screw=screw, nut=nut, which=which, many=many,
-            ))  # fmt: skip
+            found.append(
+                self._page(
+                    name,
+                    [side, partial(self.draw_stack, stack)],
+                    weighed,
+                    put_on,
+                    joint=stack.joint,
+                    screw=screw,
+                    nut=nut,
+                    which=which,
+                    many=many,
+                )
+            )
         return found
 
     def to_pdf(self, title: str) -> bytes:
@@ -163,21 +257,42 @@ class Manual:
         from matplotlib.backends.backend_pdf import PdfPages
 
         steps, robot, out = self.steps(), self.robot, io.BytesIO()
+        low, high = self.assembly.extent
         cover = self._page(
-            "cover", [self.draw_machine], title=title, legs=len(robot.legs), pins=len(self.units),
-            width=self.placed[-1].top, weight=steps[-1].mass, cut=sum(counts(robot).values()),
-            lines=len(self.bill), steps=len(steps),
-        )  # fmt: skip
+            "cover",
+            [self.draw_machine],
+            title=title,
+            legs=len(robot.legs),
+            pins=len(self.units),
+            width=high - low,
+            weight=self.order.mass,
+            simulated=robot.mass,
+            price=self.order.price,
+            cut=sum(counts(robot).values()),
+            lines=len(self.bill),
+            steps=len(steps) - 1,
+        )
         fits = [f"{name}: {', '.join(f'{mm:+g}' for mm in fit)}" for name, fit in FITS.items()]
         coupon = self._page("coupon", [partial(draw_flat, self.first)], fits="\n".join(fits))
         pages = [cover, coupon]
-        pages += [step._replace(title=f"Step {k} of {len(steps)}: {step.title}")
-                  for k, step in enumerate(steps, 1)]  # fmt: skip
-        rows = [f"{'no.':>3}  {'name':31}{'material':50}{'size':58}{'count':>5}{'each g':>8}"]
+        numbered = steps[:-1]
+        pages += [
+            step._replace(title=f"Step {k} of {len(numbered)}: {step.title}")
+            for k, step in enumerate(numbered, 1)
+        ]
+        pages.append(steps[-1])
+        rows = [
+            f"{'no.':>3}  {'name':29}{'material':46}{'size':54}{'count':>5}{'each g':>8}{'EUR':>8}"
+        ]
         for k, part in enumerate(self.bill, 1):
             each = f"{1e3 * part.each:.1f}" if part.each else ""
-            rows.append(f"{k:3}  {part.name:31.30}{part.material:50.49}{part.dimensions:58.57}"
-                        f"{part.number:5}{each:>8}")  # fmt: skip
+            price = f"{part.number * part.price:.2f}" if part.price else ""
+            rows.append(
+                f"{k:3}  {part.name:29.28}{part.material:46.45}{part.dimensions:54.53}"
+                f"{part.number:5}{each:>8}{price:>8}"
+            )
+        rows.append(f"{'':5}{'all':134}{1e3 * self.order.mass:8.1f}{self.order.price:8.2f}")
+        rows.append("     Prices are assumptions, for orientation: nobody has asked a shop.")
         figures = [_figure(page) for page in pages]
         for start in range(0, len(rows), LINES):
             figures.insert(1 + start // LINES, figure := _figure(Step("Parts and fasteners", [])))
@@ -194,6 +309,9 @@ class Manual:
         place = joint_positions(self.robot, side, ANGLE) @ np.array([1e3, 1e3j])
         return place[[joints.index(joint) for joint in item.part.joints]]
 
+    def _side(self, item: Placed) -> str:
+        return self.robot.legs[item.leg].side
+
     def _rims(self, item: Placed) -> list[Points]:
         """Rim, windows and holes of a part in pictures, mm."""
         at, side = self._joints(item), self.robot.legs[item.leg].side
@@ -206,7 +324,10 @@ class Manual:
             rims = self._rims(item)
             middle = complex(rims[0].mean())
             for toe in feet_of(self.robot, item.body):
-                way = (at[toe] - middle) / abs(at[toe] - middle)
+                z = item.part.joints[toe]
+                ahead = [z, z + toe_way(item.part, toe)]
+                start, end = carried(item.part, ahead, self._joints(item), self._side(item))
+                way = end - start
                 _fill(axes, [at[toe] + 1e3 * self.robot.build.foot_radius * way * HALF], "black")
             new = item.body in fresh
             _fill(axes, rims, f"C{item.body - 1}" if new else "0.88")
@@ -264,9 +385,124 @@ class Manual:
         axes.plot(HALF.real, HALF.imag, "k:", -HALF.real, -HALF.imag, "k:")
         _bare(axes)
 
-    def draw_motor(self, axes: Axes) -> None:
-        """Draw the parts around the motor's end of the shaft."""
-        _column(axes, "About the shaft's end, from the outside in", self.words["shaft_end"])
+    def draw_section(self, axes: Axes) -> None:
+        """Draw a section along the shaft and the frame's bar at the motor, with numbers."""
+        mount = self.assembly.mount
+        turn = self.assembly.ways[self.robot.legs[self.placed[0].leg].side]
+        edge = mount.screws[1] + 15.0
+        hubs = [solid for solid in self.assembly.solids if self._name_of(solid) == "hub"]
+        top = hubs[0].high + self.assembly.parts[CRANK - 1].thickness + 1.0
+        seen: dict[int, tuple[float, float]] = {}
+        for solid in sorted(self.assembly.solids, key=self._is_flat):
+            cut = self._cut(solid, turn)
+            if solid.low > top or cut is None or cut[0] > edge:
+                continue
+            low, high = max(cut[0], -1.6 * mount.motor[0]), min(cut[1], edge)
+            if high <= low:
+                continue
+            number = self._number_of(solid)
+            color = f"C{number % 10}"
+            width = min(solid.high, top) - solid.low
+            spans = _spans(solid, turn, low, high)
+            for start, end in spans:
+                axes.bar(
+                    solid.low, end - start, width, start, align="edge", color=color, ec="black",
+                    lw=0.6,
+                )  # fmt: skip
+            if spans:
+                middle = solid.low + 0.5 * width, 0.5 * (spans[-1][0] + spans[-1][1])
+                seen.setdefault(number, middle)
+        for k, (number, (x, y)) in enumerate(sorted(seen.items(), key=lambda one: one[1])):
+            axes.annotate(
+                str(number),
+                (x, y),
+                (0.03 + 0.94 * k / max(len(seen) - 1, 1), (1.03, 1.07)[k % 2]),
+                textcoords="axes fraction",
+                fontsize=9,
+                ha="center",
+                arrowprops={"arrowstyle": "-", "lw": 0.6},
+            )
+        axes.set_aspect("equal")
+        axes.set(
+            xlabel="along the shaft, mm from the first frame",
+            ylabel="along the first frame's bar from O, mm",
+        )
+
+    def _number_of(self, solid: Solid) -> int:
+        piece = self.assembly.pieces[solid.piece]
+        return self.order.numbers[piece.name, piece.size]
+
+    def _name_of(self, solid: Solid) -> str:
+        return self.assembly.pieces[solid.piece].name
+
+    def _is_flat(self, solid: Solid) -> tuple[bool, float]:
+        """Sort parts before what goes through them."""
+        return solid.outline.radius < 3.5, solid.low
+
+    def _cut(self, solid: Solid, turn: complex) -> tuple[float, float] | None:
+        """Return where the line from O along a direction crosses a solid, mm, if it does."""
+        place = self.assembly.places(solid, np.array([0.0]))[0] / turn
+        outline = Round(tuple(place.tolist()), solid.outline.radius)
+        return _crossing(outline)
+
+    def draw_ties(self, axes: Axes) -> None:
+        """Draw two neighbouring frames with their brace, and the first frame with its standoffs."""
+        psi = np.array([0.0])
+        first, *others = [s for s in self.assembly.solids if self._name_of(s) == "frame"]
+        braces = [s for s in self.assembly.solids if self._name_of(s) == "brace"]
+        standoffs = [s for s in self.assembly.solids if self._name_of(s) == "standoff"]
+        high = 1.5 * 1e3 * self.robot.bodies[FRAME - 1].distance(0, 1)
+        groups = [("first frame, from the motor's side", [first, *standoffs], 0j)]
+        if braces:
+            pair = [s for s in others if abs(s.high - braces[0].low) < 1e-6]
+            pair += [s for s in others if abs(s.low - braces[-1].high) < 10.0 and s not in pair]
+            groups.append(("two frames and the brace between them", [*pair[:2], braces[0]], -1j))
+        for title, solids, shift in groups:
+            at = 0.4 * shift * high
+            for solid in solids:
+                rims = [solid.outline]
+                rims += [
+                    cavity.outline
+                    for cavity in solid.cavities
+                    if cavity.high - cavity.low >= solid.high - solid.low - 1e-6
+                ]
+                drawn = [at + self.assembly.at(solid, rim.polygon, psi)[0] for rim in rims]
+                _fill(axes, drawn, "0.88" if self._name_of(solid) == "frame" else "C1")
+            _name(axes, at + 0.13j * high, title)
+        _bare(axes)
+
+    def draw_side_view(self, axes: Axes) -> None:
+        """Draw all solids as seen from the motor."""
+        self._draw_solids(axes, top=False)
+
+    def draw_top_view(self, axes: Axes) -> None:
+        """Draw all solids as seen from above: the motor's end is below."""
+        self._draw_solids(axes, top=True)
+
+    def _draw_solids(self, axes: Axes, *, top: bool) -> None:
+        """Draw outlines of all solids, the farthest first, with a bar for the scale."""
+        psi = np.array([ANGLE])
+        drawn = []
+        for solid in self.assembly.solids:
+            corners = self.assembly.places(solid, psi)[0]
+            shape = Round(tuple(corners.tolist()), solid.outline.radius)
+            low, high = shape.box
+            drawn.append((high.imag if top else -solid.low, solid, shape, low.real, high.real))
+        for _, solid, shape, left, right in sorted(drawn, key=lambda one: one[0]):
+            color = f"C{self._number_of(solid) % 10}"
+            if top:
+                rim = [
+                    complex(left, solid.low), complex(right, solid.low),
+                    complex(right, solid.high), complex(left, solid.high),
+                ]  # fmt: skip
+            else:
+                rim = list(shape.polygon)
+            _fill(axes, [np.array(rim)], color)
+        left, bottom = axes.get_xlim()[0], axes.get_ylim()[0]
+        axes.plot((left, left + 100.0), (bottom, bottom), "k", lw=3)
+        axes.annotate("100 mm", (left, bottom), (0, -12), textcoords="offset points", fontsize=9)
+        axes.set_title("from above" if top else "from the motor's side", fontsize=10, loc="left")
+        _bare(axes)
 
     def draw_wiring(self, axes: Axes) -> None:
         """Draw components as boxes, with labelled wires."""
@@ -340,6 +576,41 @@ def _wrapped(text: str, width: int) -> list[str]:
     return textwrap.wrap(bound, width, subsequent_indent="  ")
 
 
+def _grams(mass: Mass) -> str:
+    """A mass and what is all right, in g."""
+    digits = int(mass.nominal < 0.1)
+    nominal, least, most = (f"{1e3 * kilograms:.{digits}f}" for kilograms in mass)
+    return f"{nominal} g ({least} to {most})"
+
+
+def _crossing(outline: Round) -> tuple[float, float] | None:
+    """Return where the x axis crosses an outline; None where it passes by."""
+    points = np.array(outline.polygon)
+    after = np.roll(points, -1)
+    cross = (points.imag <= 0.0) != (after.imag <= 0.0)
+    if not cross.any():
+        return None
+    p, q = points[cross], after[cross]
+    x = p.real - p.imag * (q.real - p.real) / (q.imag - p.imag)
+    return float(x.min()), float(x.max())
+
+
+def _spans(solid: Solid, turn: complex, low: float, high: float) -> list[tuple[float, float]]:
+    """Return what a line from O along a direction has of a solid in the chassis less its holes."""
+    spans = [(low, high)]
+    if solid.leg >= 0:
+        return spans
+    for cavity in solid.cavities:
+        if cavity.low > solid.low + 1e-6 or cavity.high < solid.high - 1e-6:
+            continue
+        shape = cavity.outline.moved(1.0 / turn, 0j)
+        hole = _crossing(shape)
+        if hole:
+            pieces = [((a, min(b, hole[0])), (max(a, hole[1]), b)) for a, b in spans]
+            spans = [span for pair in pieces for span in pair if span[1] > span[0] + 1e-6]
+    return spans
+
+
 def _figure(step: Step) -> Figure:
     """A page with pictures on its left, text on its right and the mass below."""
     from matplotlib.figure import Figure
@@ -349,11 +620,10 @@ def _figure(step: Step) -> Figure:
     lines = []
     for line in step.text:
         lines += _wrapped(line if line[:1] == "[" else f"- {line}", COLUMN)
-    size = min(9.5, 9.5 * 36.0 / max(len(lines), 1))
+    size = min(9.5, 9.5 * (31.0 if step.mass else 36.0) / max(len(lines), 1))
     figure.text(0.68, 0.88, "\n".join(lines), fontsize=size, va="top", linespacing=1.45)
     if step.mass:
-        grams = f"{1e3 * step.mass:.{int(step.mass < 0.1)}f}"
-        check = "\n".join(_wrapped(f"{step.weighed}: {grams} g", LABEL))
+        check = "\n".join(_wrapped(f"{step.weighed}: {_grams(step.mass)}", LABEL))
         box = {"boxstyle": "round,pad=0.5", "fc": "#fff3c4"}
         figure.text(0.68, 0.05, check, fontsize=11, va="bottom", fontweight="bold", bbox=box)
     wide = 0.64 / max(len(step.pictures), 1)

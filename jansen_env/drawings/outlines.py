@@ -15,9 +15,11 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from jansen_env.drawings.mount import SIZES, mount_of
 from jansen_env.robot import Robot
 from jansen_env.robot import buildable as built
 from jansen_env.robot.buildable import ALUMINIUM, Build
+from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.linkage import CRANK, FRAME
 
 Points = NDArray[np.complex128]
@@ -25,8 +27,8 @@ T = TypeVar("T")
 
 CIRCLE = np.exp(2j * np.pi * np.arange(64) / 64)
 M3 = 1.6  # radius of a hole
-SHOE_SCREW, SHOE_THICKNESS = 2.25, 3.0  # radius for M4
-MOTOR_PLATE, MOTOR_HOLE = 100.0, 30.0  # side, radius
+SHOE_SCREW = 2.25  # radius for M4
+BRACE = 6.0  # thickness, which fills the room between neighbouring units
 WALL = 1.5  # least material between two holes; twice as much to a window
 FILLET = 4.0  # radius of a window's corners
 CLASSES = ("press", "slide", "clear")  # of holes: for a bush, for a pin that is held, for a screw
@@ -226,6 +228,8 @@ def link_part(robot: Robot, body: int) -> CutPart:
         screw = 1e3 * build.hub_screws * (at[joints[1]] - axis) / abs(at[joints[1]] - axis)
         holes += [Round((axis + way * screw,), M3) for way in (1, -1)]
         flat = Round(hull([*corners, axis - screw]))
+    if body == FRAME:
+        holes += _mount_holes(robot, at)
     for hole, other in combinations(holes, 2):
         apart = abs(other.corners[0] - hole.corners[0])
         if apart < hole.radius + other.radius + WALL:
@@ -242,6 +246,10 @@ def link_part(robot: Robot, body: int) -> CutPart:
     spots = sorted(corners, key=lambda z: (z / (flat.corners[1] - flat.corners[0])).real)
     lines = sides(flat.corners) if len(flat.corners) > 2 else [*pairwise(spots)]
     text = max(lines, key=lambda line: (not {*line} & {*feet}, abs(line[1] - line[0])))
+    if body == FRAME:  # beyond the holes of brace and standoffs
+        axis = at[robot.linkage.joints[robot.linkage.axis]]
+        pivot = next(z for z in corners if z != axis)
+        text = pivot, holes[-1].corners[0]
     if body == CRANK and build is not ALUMINIUM:  # beside the hub's second screw
         text = holes[-2].corners[0], text[1]
     outline, shapes = Round(flat.corners, margin), (windows, tuple(holes))
@@ -258,6 +266,18 @@ def _pin_holes(robot: Robot, body: int, at: dict[str, complex]) -> list[Round]:
         holes[axis] = pin if spigot else shaft + bush - pin
     return [Round((at[joint],), radius, "slide" if radius == pin else "press")
             for joint, radius in holes.items()]  # fmt: skip
+
+
+def _mount_holes(robot: Robot, at: dict[str, complex]) -> list[Round]:
+    """Two holes of a frame for the motor plate's standoffs or for the brace.
+
+    They lie on the line from the crank axis to the frame's first pivot.
+    """
+    axis = at[robot.linkage.bodies[CRANK - 1][1][0]]
+    pivot = next(z for z in at.values() if z != axis)
+    way = (pivot - axis) / abs(pivot - axis)
+    radius = SIZES[robot.build.screw].clearance
+    return [Round((axis + reach * way,), radius) for reach in mount_of(robot.build).screws]
 
 
 def _shoe_holes(toe: complex, corners: Sequence[complex]) -> list[Round]:
@@ -294,6 +314,16 @@ def _windows(
     return ()
 
 
+def toe_way(part: CutPart, toe: str) -> complex:
+    """Return the direction in which a tread points: away from the part, between its two edges."""
+    z = part.joints[toe]
+    ways = [(other - z) / abs(other - z) for name, other in part.joints.items() if name != toe]
+    inwards = sum(ways, 0j)
+    if abs(inwards) < 0.1:  # a toe between two other joints in line
+        inwards = 1j * ways[0]
+    return -inwards / abs(inwards)
+
+
 def feet_of(robot: Robot, body: int) -> list[str]:
     """Toes whose treads a body carries."""
     toes = robot.linkage.all_pads[: len(robot.linkage.toes)]
@@ -305,31 +335,84 @@ def rectangle(size: complex) -> Round:
     return Round((0j, complex(size.real), size, complex(0.0, size.imag)))
 
 
+def frame_ways(robot: Robot) -> dict[str, complex]:
+    """Return the direction from the crank axis to a frame's first pivot in the chassis, by side."""
+    linkage = robot.linkage
+    axis = linkage.joints[linkage.axis]
+    pivot = next(joint for joint in linkage.bodies[FRAME - 1][1] if joint != axis)
+    ways: dict[str, complex] = {}
+    for side in sorted({leg.side for leg in robot.legs}, reverse=True):  # the fore legs first
+        at = joint_positions(robot, side, 0.0) @ np.array([1.0, 1j])
+        way = complex(at[linkage.joints.index(pivot)] - at[linkage.axis])
+        ways[side] = way / abs(way)
+    return ways
+
+
+def brace(robot: Robot) -> CutPart | None:
+    """Return the plate that ties a fore frame to a back frame, in the chassis' axes.
+
+    A robot whose legs face one way has none.
+    """
+    build, ways = robot.build, [*frame_ways(robot).values()]
+    if len(ways) < 2:
+        return None
+    screw = SIZES[build.screw]
+    spots = [reach * way for way in ways for reach in mount_of(build).screws]
+    holes = [Round((z,), screw.clearance) for z in spots]
+    holes.append(Round((0j,), 1e3 * build.shaft_radius + 0.5))
+    margin = 2.0 * screw.clearance + 2.0 * WALL
+    thickness = BRACE if build is ALUMINIUM else 1e3 * build.plate_thickness
+    outline = Round(hull([0j, *spots]), margin)
+    bottom = outline.box[0].imag
+    middle = 0.5j * (bottom - holes[-1].radius)
+    half = 0.5 * mount_of(build).screws[0]
+    text = middle - half, middle + half
+    return CutPart("brace", thickness, outline, (), tuple(holes), {}, text, density=build.density)
+
+
+def motor_plate(robot: Robot) -> CutPart:
+    """Return the plate that holds the motor; the crank axis is 0, the frame's bar along x."""
+    build, mount = robot.build, mount_of(robot.build)
+    radius = SIZES[build.screw].clearance
+    holes = [Round((0j,), mount.plate_hole)]
+    holes += [Round((z,), radius) for z in mount.motor_screws]
+    holes += [Round((complex(x),), radius) for x in mount.screws]
+    outline = Round(hull(mount.plate), mount.plate_margin)
+    thickness = 1e3 * build.plate_thickness
+    return CutPart(
+        "motor-plate",
+        thickness,
+        outline,
+        (),
+        tuple(holes),
+        {},
+        mount.plate_text,
+        density=build.density,
+    )
+
+
 def cut_parts(robot: Robot) -> list[CutPart]:
-    """Every flat part, lying, by number: the links', a foot's shoe, the motor's plate.
+    """Every flat part, lying, by number: the links', then those of feet, frames and motor.
 
     Raises ValueError: a part cannot be made; names it.
     """
-    parts = [link_part(robot, body).lying() for body in range(1, len(robot.bodies) + 1)]
+    parts = [link_part(robot, body) for body in range(1, len(robot.bodies) + 1)]
     build, thick = robot.build, 1e3 * robot.build.plate_thickness
-    if build is ALUMINIUM:
-        shoe = complex(2e3 * built.FOOT_RADIUS, 1e3 * built.FOOT_WIDTH)
-        screws = [Round((0.5j * shoe.imag + x,), SHOE_SCREW) for x in (8.0, shoe.real - 8.0)]
-        plate, text = complex(MOTOR_PLATE, MOTOR_PLATE), (5j, MOTOR_PLATE + 5j)
-        hole = [Round((plate / 2,), MOTOR_HOLE)]
-        others = [("foot-shoe", SHOE_THICKNESS, rectangle(shoe), screws, (5j, shoe.real + 5j)),
-                  ("motor-plate", thick, rectangle(plate), hole, text)]  # fmt: skip
-    else:  # a disc that is glued to either side of a toe, and the plate that holds the gearmotor
-        radius, middle, text = 500.0 * build.width, 20 + 20j, (5 + 5j, 35 + 5j)
-        centre = complex(radius, radius)
-        holes = [Round((middle,), 4.0), Round((middle - 8.5,), M3), Round((middle + 8.5,), M3)]
-        others = [("foot-disc", thick, Round((centre,), radius), [Round((centre,), M3)],
-                   (centre - 4 - 3.2j, centre + 4 - 3.2j)),
-                  ("motor-plate", thick, rectangle(2 * middle), holes, text)]  # fmt: skip
-    for name, thickness, outline, inside, ends in others:
-        parts.append(CutPart(name, thickness, outline, (), tuple(inside), {}, ends,
-                             density=build.density))  # fmt: skip
-    return [part._replace(number=k) for k, part in enumerate(parts, 1)]
+    if build is not ALUMINIUM:  # a disc that is glued to either side of a toe
+        centre = complex(500.0 * build.width, 500.0 * build.width)
+        hole = Round((centre,), M3)
+        disc = Round((centre,), centre.real)
+        ends = centre - 4 - 3.2j, centre + 4 - 3.2j
+        parts.append(
+            CutPart("foot-disc", thick, disc, (), (hole,), {}, ends, density=build.density)
+        )
+    parts.append(motor_plate(robot))
+    if mount_of(build).doublers:
+        parts.append(parts[FRAME - 1]._replace(name="frame-doubler"))
+    if tie := brace(robot):
+        parts.append(tie)
+    lying = [part if len(part.outline.corners) == 1 else part.lying() for part in parts]
+    return [part._replace(number=k) for k, part in enumerate(lying, 1)]
 
 
 def coupon(thickness: float, build: Build = ALUMINIUM) -> list[CutPart]:

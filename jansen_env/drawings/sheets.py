@@ -7,8 +7,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from jansen_env.drawings.assembly import faults
 from jansen_env.drawings.instructions import Manual
-from jansen_env.drawings.materials import bill_of_materials, counts, hardware, to_csv
+from jansen_env.drawings.materials import counts, to_csv
+from jansen_env.drawings.order import Order
 from jansen_env.drawings.outlines import CutPart, Round, coupon, cut_parts, rectangle, sides
 from jansen_env.drawings.shaft_order import CollisionError, layers
 from jansen_env.robot import Robot
@@ -21,6 +23,7 @@ SCALE_LETTERS = 2.5  # mm
 COLORS = {"CUT": (1, "#d00000"), "ENGRAVE": (5, "#0000d0"), "MARK": (3, "#00a000")}
 """Colours of the layers: AutoCAD's number, and SVG's."""
 ALIKE = 0.02  # of the mass: difference of machine and robot that is no warning
+MOST_FAULTS = 3  # of an assembly, that the summary has in full
 LETTERS, ROOM = 5.0, 0.7  # mm, height of a font's square; of the length that a name may take
 
 
@@ -192,7 +195,7 @@ def drawings(
     """
     exact = [part.with_fit(fit) for part in cut_parts(robot)]
     parts = [part.with_kerf(kerf) for part in exact]
-    number, bill = counts(robot), bill_of_materials(robot)
+    number = counts(robot)
     drawn: dict[str, tuple[list[CutPart], complex | None]] = {
         f"parts/{part.name}": ([part], None) for part in parts
     }
@@ -206,20 +209,28 @@ def drawings(
     files |= {f"{name}.svg": to_svg(*what) for name, what in drawn.items()}
     files |= {f"parts/{part.name}.stl": to_stl([part]) for part in exact}
     files["coupon.stl"] = to_stl(nest(coupon(exact[0].thickness, robot.build), COUPON)[0])
-    mass = sum(part.mass for part in bill)
-    text = f"{sum(number.values())} parts to cut; the machine weighs {mass:.2f} kg with all others"
-    if abs(mass - robot.mass) > ALIKE * robot.mass:
-        text += f"\nwarning: the simulated robot weighs {robot.mass:.2f} kg, so this machine will "
-        text += "walk differently; --as-robot-file FILE writes the machine as a robot"
+    text = ""
     try:
         placed = layers(robot)
     except CollisionError as error:
         text += f"\nno instructions: {error}"
+        order = Order(robot, None)
     else:
-        bill += hardware(robot, placed)
+        order = Order(robot, placed)
         width = 1.3 * max(part.outline.box[1].real for part in exact)
         flat = nest(exact, complex(width, 100.0 * width))[0]
-        manual = Manual(robot, placed, bill, flat, drawn["coupon"][0])
+        manual = Manual(order, flat, drawn["coupon"][0])
         files["instructions.pdf"] = manual.to_pdf(title)
-    files["materials.csv"] = to_csv(bill)
-    return files, text
+        assert manual.assembly
+        found = faults(manual.assembly)
+        for fault in found[:MOST_FAULTS]:
+            text += f"\nwarning: this machine cannot be built as drawn: {fault}"
+        if len(found) > MOST_FAULTS:
+            text += f"\nwarning: and {len(found) - MOST_FAULTS} more of these"
+    files["materials.csv"] = to_csv(order.parts)
+    head = f"{sum(number.values())} parts to cut; the machine weighs {order.mass:.2f} kg with all"
+    head += f" others, which cost about {order.price:.0f} EUR together"
+    if abs(order.mass - robot.mass) > ALIKE * robot.mass:
+        text += f"\nwarning: the simulated robot weighs {robot.mass:.2f} kg, so this machine will "
+        text += "walk differently; --as-robot-file FILE writes the machine as a robot"
+    return files, head + text

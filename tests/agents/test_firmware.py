@@ -16,6 +16,7 @@ from agents.export import export
 from jansen_env import ROBOTS
 from jansen_env.policies import pretrained
 from jansen_env.robot.kinematics import advance_per_turn
+from jansen_env.robot.motor import MOTORS
 from jansen_env.tasks.walking.walker_env import STEPS_PER_TURN
 from jansen_env.world.onboard import OnboardSensors, toe_paths
 
@@ -295,6 +296,38 @@ def test_the_example_of_a_port_compiles_and_its_frames_are_read_back(tmp_path):
         assert int.from_bytes(frame.raw[6:], "big") == pytest.approx(bits, abs=1)
         answer = bytes([1, 0x7F, 0xFF, 0x7F, 0xF0 | frame.raw[6], frame.raw[7]])
         assert port.answered_torque(answer) == pytest.approx(np.clip(torque, -12, 12), abs=0.006)
+
+
+def test_the_weekend_robots_port_compiles_and_its_motor_gives_the_torque(tmp_path):
+    """The current settles within 20 ms, moving or not; angles go from 0 to a turn."""
+    export("pretrained:weekend", ("firmware",), tmp_path, "weekend", ID)
+    example = Path(__file__).parents[2] / "examples" / "firmware" / "weekend_esp32.c"
+    built = tmp_path / "port.so"
+    build = ["cc", *STRICT, "-I", tmp_path, "-shared", "-fPIC", "-o", built, example, "-lm"]
+    subprocess.run(build, check=True)
+    port = ctypes.CDLL(str(built), mode=os.RTLD_LAZY)  # the board's functions are not there
+    port.crank_angle.restype = port.motor_duty.restype = ctypes.c_float
+    for count, turns in ((0, 0.0), (898, 0.25), (3592, 0.0), (-898, 0.75), (359_184, 0.0)):
+        angle = port.crank_angle(count + 7, 7)
+        assert 0.0 <= angle < 2.0 * np.pi
+        assert np.cos(angle - 2.0 * np.pi * turns) == pytest.approx(1.0, abs=1e-6)
+    motor = MOTORS["lp_25d_75"]
+    volts, resistance, inductance = 11.1, 13.3, 5e-3  # the inductance is not in the sheet
+    constant = motor.stall_torque / (volts / resistance)
+    for torque, speed in ((0.35, 0.0), (0.2, 4.0), (-0.1, 4.0), (0.0, 4.0)):
+        current, total = 0.0, ctypes.c_float(0.0)
+        for _ in range(20):
+            duty = port.motor_duty(
+                *map(ctypes.c_float, (torque, speed, current, volts)), ctypes.byref(total)
+            )
+            assert abs(duty) <= 1.0
+            for _ in range(20):  # of 50 us
+                induced = volts / motor.no_load_speed * speed
+                current += 5e-5 / inductance * (volts * duty - resistance * current - induced)
+        assert constant * current == pytest.approx(torque, abs=0.02)
+    assert port.motor_duty(
+        *map(ctypes.c_float, (0.3, 0.0, 0.0, 0.0)), ctypes.byref(ctypes.c_float(1.0))
+    ) == 0.0  # fmt: skip
 
 
 ARM, RISC_V = ("arm-none-eabi-", "qemu-system-arm"), ("riscv64-unknown-elf-", "qemu-system-riscv32")

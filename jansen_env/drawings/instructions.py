@@ -20,7 +20,7 @@ import numpy as np
 from jansen_env.drawings.assembly import Piece, Solid
 from jansen_env.drawings.materials import Row, Stack, counts, stacks
 from jansen_env.drawings.order import Mass, Order
-from jansen_env.drawings.outlines import FITS, CutPart, Points, Round, feet_of, toe_way
+from jansen_env.drawings.outlines import FITS, CutPart, Points, Round, feet_of, rectangle, toe_way
 from jansen_env.drawings.shaft_order import Placed, carried, units
 from jansen_env.plain_yaml import read_yaml
 from jansen_env.robot.kinematics import joint_positions
@@ -391,7 +391,7 @@ class Manual:
         turn = self.assembly.ways[self.robot.legs[self.placed[0].leg].side]
         edge = mount.screws[1] + 15.0
         hubs = [solid for solid in self.assembly.solids if self._name_of(solid) == "hub"]
-        top = hubs[0].high + self.assembly.parts[CRANK - 1].thickness + 1.0
+        top = hubs[0].high + self.assembly.parts[CRANK - 1].thickness + 0.5
         seen: dict[int, tuple[float, float]] = {}
         for solid in sorted(self.assembly.solids, key=self._is_flat):
             cut = self._cut(solid, turn)
@@ -423,10 +423,8 @@ class Manual:
                 arrowprops={"arrowstyle": "-", "lw": 0.6},
             )
         axes.set_aspect("equal")
-        axes.set(
-            xlabel="along the shaft, mm from the first frame",
-            ylabel="along the first frame's bar from O, mm",
-        )
+        axes.yaxis.tick_right()
+        axes.set(xlabel="mm along the shaft from the first frame; upwards along its bar from O")
 
     def _number_of(self, solid: Solid) -> int:
         piece = self.assembly.pieces[solid.piece]
@@ -483,21 +481,19 @@ class Manual:
         """Draw outlines of all solids, the farthest first, with a bar for the scale."""
         psi = np.array([ANGLE])
         drawn = []
-        for solid in self.assembly.solids:
+        for k, solid in enumerate(self.assembly.solids):
             corners = self.assembly.places(solid, psi)[0]
-            shape = Round(tuple(corners.tolist()), solid.outline.radius)
-            low, high = shape.box
-            drawn.append((high.imag if top else -solid.low, solid, shape, low.real, high.real))
-        for _, solid, shape, left, right in sorted(drawn, key=lambda one: one[0]):
-            color = f"C{self._number_of(solid) % 10}"
+            low, high = Round(tuple(corners.tolist()), solid.outline.radius).box
             if top:
-                rim = [
-                    complex(left, solid.low), complex(right, solid.low),
-                    complex(right, solid.high), complex(left, solid.high),
-                ]  # fmt: skip
+                box = rectangle(complex(high.real - low.real, solid.high - solid.low))
+                rims = [np.array(box.polygon) + complex(low.real, solid.low)]
             else:
-                rim = list(shape.polygon)
-            _fill(axes, [np.array(rim)], color)
+                windows = [c.outline for c in solid.cavities if len(c.outline.corners) > 1]
+                shapes = [solid.outline, *windows]
+                rims = [self.assembly.at(solid, shape.polygon, psi)[0] for shape in shapes]
+            drawn.append((high.imag if top else -solid.low, k, rims))
+        for _, k, rims in sorted(drawn, key=lambda one: one[:2]):
+            _fill(axes, rims, f"C{self._number_of(self.assembly.solids[k]) % 10}")
         left, bottom = axes.get_xlim()[0], axes.get_ylim()[0]
         axes.plot((left, left + 100.0), (bottom, bottom), "k", lw=3)
         axes.annotate("100 mm", (left, bottom), (0, -12), textcoords="offset points", fontsize=9)

@@ -112,7 +112,7 @@ def write_pages(app: Sphinx, exception: Exception | None) -> None:
     folder = Path(app.outdir) / "try"
     folder.mkdir(exist_ok=True)
     write_bench(folder / "bench.html")
-    write_walk(folder / "walk.html")
+    write_walk(folder / "walk.html", apart=True)
     walk = "--policy pid --policy pretrained --command 0.2 --seed 0 --steps 500"
     args = replay.parse(walk.split())
     walks = (replay.record(name, name, args) for name in args.policy)

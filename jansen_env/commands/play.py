@@ -54,15 +54,17 @@ def start_of(args: argparse.Namespace) -> dict[str, object]:
     terrain = args.terrain or defaults["terrain"]
     if terrain == FLAT and args.level:
         raise ValueError(f"--level is {args.level}, must be 0 on flat ground")
+    name = args.policy or (None if args.robot else pretrained.DEFAULT)
+    if name not in (None, *CONTROLLERS):
+        policy = one_of("--policy", name, page_policies(args.env))
+        defaults |= pretrained.load(args.env, policy).env_kwargs
+        name = controller_name(args.env, policy)
     start: dict[str, object] = {
         "robot": args.robot or defaults["robot"],
         "terrain": terrain,
         "level": whole_number("--level", args.level, HIGHEST),
         "seed": whole_number("--seed", args.seed, MOST_SEED),
     }
-    name = args.policy or (None if args.robot else pretrained.DEFAULT)
-    if name not in (None, *CONTROLLERS):
-        name = controller_name(args.env, one_of("--policy", name, page_policies(args.env)))
     return start if name is None else {**start, "control": name}
 
 

@@ -9,10 +9,10 @@ import { readFileSync } from "node:fs";
 
 const folder = process.argv[2];
 const load = (name) => import(`${folder}/${name}.js`);
-const [{ Engine }, { robotWithLengths }, { compileRobot }, { Machine }, { controllerNamed }, { Walker }] =
+const [{ loadEngine }, { robotWithLengths }, { compileRobot }, { Machine }, { controllerNamed }, { Walker }] =
 	await Promise.all(["engine", "lengths", "tables", "machine", "controllers", "walker"].map(load));
 const { data, robots, walks, saved } = JSON.parse(readFileSync(0, "utf8"));
-const engine = new Engine(Buffer.from(data.engine, "base64"), data.layout);
+const engine = await loadEngine(Buffer.from(data.engine, "base64"), data.layout);
 const packed = (values) => Buffer.from(Float64Array.from(values).buffer).toString("base64");
 
 function numbersOf(machine, names, action) {
@@ -21,9 +21,9 @@ function numbersOf(machine, names, action) {
 	return [action, ...states.view, info.reward, ...observation, ...told, ...info.slip, ...info.contact_force];
 }
 
-function walk({ robot, terrain, control, actions, settings, start, events, names }) {
-	const machine = new Machine(engine, made[robot], terrain);
-	const controller = controllerNamed(engine, data, control, machine);
+async function walk({ robot, terrain, control, actions, settings, start, events, names }) {
+	const machine = await Machine.create(engine, made[robot], terrain);
+	const controller = controllerNamed(data, control, machine);
 	machine.change(settings);
 	machine.reset(start);
 	controller.begin();
@@ -64,8 +64,8 @@ function tablesOf(robot) {
 	}
 }
 /** A walk as the page saves it, pushed and changed on its way. */
-function save({ robot, ground, control }) {
-	const walker = new Walker(engine, data, made[robot], ground, control);
+async function save({ robot, ground, control }) {
+	const walker = await Walker.create(engine, data, made[robot], ground, control);
 	for (const seed of [3, 7]) walker.start(seed, { friction: 0.6, payload: 0.5, gravity_scale: 0.8 }, 0.3);
 	const states = [[...walker.machine.states.view]];
 	for (let step = 0; step < 80; step++) {
@@ -77,4 +77,6 @@ function save({ robot, ground, control }) {
 	return { file: walker.file("a walk"), states };
 }
 
-console.log(JSON.stringify({ robots: made, tables: made.map(tablesOf), walks: walks.map(walk), saved: saved.map(save) }));
+const walked = await Promise.all(walks.map(walk));
+const files = await Promise.all(saved.map(save));
+console.log(JSON.stringify({ robots: made, tables: made.map(tablesOf), walks: walked, saved: files }));

@@ -465,5 +465,6 @@ $("numbers").innerHTML = NUMBERS.map(
   ([name]) => `<div><dt>${name}</dt><dd></dd><dd class="more"></dd><dd class="kept"></dd></div>`,
 ).join("");
 explain("dt");
+$("starting").remove();
 open();
 run(!matchMedia("(prefers-reduced-motion: reduce)").matches);

@@ -11,7 +11,7 @@ import { pairwiseSum } from "./tables.js";
 const limited = (value, most) => Math.max(-most, Math.min(most, value));
 
 /** The controller of a name in `data.controllers` for a machine. */
-export function controllerNamed(engine, data, name, machine) {
+export function controllerNamed(data, name, machine) {
   const { topSpeed, shortestTurn, baselines, paperGains } = data.control;
   if (name === "hand") return { topSpeed: 1, begin() {} };
   if (name === "constant speed") {
@@ -24,7 +24,7 @@ export function controllerNamed(engine, data, name, machine) {
     const { gains, settings, speeds } = baselines[Object.keys(baselines).find(isOf) ?? "paper"];
     return new Steady(machine, topSpeed, gains, (command) => nearest(settings, speeds, command));
   }
-  return new Policy(engine, data.policies[name], machine);
+  return new Policy(data.policies[name], machine);
 }
 
 /** The measured setting whose episodes' speeds came closest to a command. */
@@ -68,13 +68,13 @@ class Steady {
   }
 }
 
-/** A trained policy: policies/pretrained.py. */
+/** A trained policy: policies/pretrained.py. It computes in the machine's memory, and stays there. */
 class Policy {
   memory = null;
 
-  constructor(engine, policy, machine) {
-    const memory = engine.memory();
-    Object.assign(this, { policy, machine, engineMemory: memory, topSpeed: policy.fastest });
+  constructor(policy, machine) {
+    const { memory } = machine;
+    Object.assign(this, { policy, machine, topSpeed: policy.fastest });
     this.columns = policy.observed.map((name) => machine.observed.indexOf(name));
     if (this.columns.includes(-1)) throw new Error("the policy observes what this machine lacks");
     const { observed } = machine;
@@ -95,8 +95,8 @@ class Policy {
   begin() {}
 
   act() {
-    const { policy, engineMemory: memory, out } = this;
-    const { observation } = this.machine;
+    const { policy, out } = this;
+    const { observation, memory } = this.machine;
     const seen = this.columns.map((column) => observation[column]);
     memory.scratch(() => {
       const values = policy.features.flatMap((feature) => this.feature(feature, seen));
@@ -109,7 +109,8 @@ class Policy {
   }
 
   feature({ multiples, clip }, seen) {
-    const { engineMemory: memory, mean, deviation } = this;
+    const { mean, deviation } = this;
+    const { memory } = this.machine;
     if (clip) return seen.map((value, i) => limited((value - mean[i]) / deviation[i], clip));
     if (!multiples) return seen;
     const out = memory.array("f8", 1, 2 * multiples.length);

@@ -27,16 +27,35 @@ export function numbersOf(text, Kind) {
   return new Kind(Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)).buffer);
 }
 
-/** The compiled module; `bytes` is a Uint8Array, `layout` that of walk_data.py. */
-export class Engine {
-  constructor(bytes, layout) {
-    Object.assign(this, { layout, module: new WebAssembly.Module(bytes) });
-    this.work = this.memory(); // to be used within its scratch()
+/**
+ * The engine of a module, `bytes`, a Uint8Array; `layout` is that of walk_data.py. Rejects with a
+ * sentence for the user where the browser cannot run it.
+ */
+export async function loadEngine(bytes, layout) {
+  if (typeof WebAssembly === "undefined")
+    throw new Error(
+      "This browser has no WebAssembly, in which the simulation runs. Lockdown Mode of iOS and macOS switches it off, for example.",
+    );
+  try {
+    const engine = new Engine(await WebAssembly.compile(bytes), layout);
+    engine.work = await engine.memory();
+    return engine;
+  } catch (error) {
+    throw new Error(`This browser refused to run the simulation: ${error.message}`);
+  }
+}
+
+/** A compiled module. `work` is memory to be used within its scratch(). */
+class Engine {
+  work = null;
+
+  constructor(module, layout) {
+    Object.assign(this, { module, layout });
   }
 
-  /** New memory, which is gone when nothing refers to it any more. */
-  memory() {
-    return new Memory(new WebAssembly.Instance(this.module), this.layout);
+  /** A promise of new memory, which is gone when nothing refers to it any more. */
+  async memory() {
+    return new Memory(await WebAssembly.instantiate(this.module), this.layout);
   }
 }
 

@@ -16,11 +16,17 @@ const numbered = (count, make) => Array.from({ length: count }, (_, i) => make(i
 
 export class Machine {
   /**
-   * robot: of data.robots, or with other lengths (lengths.js). terrain: {points, friction,
-   * restitution}, null for level ground. Throws if the robot cannot turn its crank.
+   * A promise of a machine. robot: of data.robots, or with other lengths (lengths.js). terrain:
+   * {points, friction, restitution}, null for level ground. Rejects if the robot cannot turn its
+   * crank.
    */
-  constructor(engine, robot, terrain) {
-    const [{ layout }, memory, tables] = [engine, engine.memory(), compileRobot(engine, robot)];
+  static async create(engine, robot, terrain) {
+    return new Machine(engine, robot, terrain, await engine.memory());
+  }
+
+  constructor(engine, robot, terrain, memory) {
+    const { layout } = engine;
+    const tables = compileRobot(engine, robot);
     Object.assign(this, { layout, numbers: layout.numbers, memory, robot, tables });
     this.line = polyline(terrain?.points ?? FLAT);
     const slopes = this.line.slice(1).map((to, i) => slope(this.line[i], to));
@@ -144,7 +150,8 @@ export class Machine {
     };
     for (const [name, [type, ...shape]] of Object.entries(state))
       this[name] = memory.array(type, ...shape);
-    this.state = () => new Uint8Array(memory.buffer, begin, memory.end - begin);
+    const { end } = memory;
+    this.state = () => new Uint8Array(memory.buffer, begin, end - begin);
     const status = { margin: this.numbers.SPECULATIVE_MARGIN, end_vertex: this.line.length };
     this.robots.write({ status: { ...status, asked_x: INFINITE } });
   }

@@ -135,8 +135,10 @@ def _script(name: str) -> str:
         for imported in re.findall(r' from "\./(\w+)\.js";', source):
             if imported not in modules:
                 add(imported)
-        exported = re.findall(r"^export (?:function\*?|class|const) (\w+)", source, re.MULTILINE)
-        source = re.sub(r"^export (?=function|class|const)", "", source, flags=re.MULTILINE)
+        exported = re.findall(
+            r"^export (?:(?:async )?function\*?|class|const) (\w+)", source, re.MULTILINE
+        )
+        source = re.sub(r"^export (?=async|function|class|const)", "", source, flags=re.MULTILINE)
         source = re.sub(
             r'^import (?:\* as )?(\w+|\{[^}]*\}) from "\./(\w+)\.js";', r"const \1 = \2_js;",
             source, flags=re.MULTILINE,

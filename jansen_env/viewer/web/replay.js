@@ -314,5 +314,6 @@ byId("ghosts").hidden = tracks.length < 2;
 byId("ghosts").disabled = tracks.length < 2 || !comparable;
 byId("legend").hidden = byId("forces").hidden = !walks;
 explain("#numbers th");
+byId("starting").remove();
 resize();
 play(!matchMedia("(prefers-reduced-motion: reduce)").matches);

@@ -5,9 +5,10 @@
 
 import { copyLink, designOf, download, linkOf } from "./bench_design.js";
 import { pointsOf, textOf } from "./drawn_ground.js";
-import { Engine, numbersOf } from "./engine.js";
+import { loadEngine, numbersOf } from "./engine.js";
 import { robotWithLengths } from "./lengths.js";
 import { LESSONS } from "./lessons.js";
+import { loadWeights } from "./networks.js";
 import { drawPlot } from "./plots.js";
 import { CLICK_PUSH, drawPush, impulseOf } from "./push.js";
 import { css, drawScene, followingView, heightAt, pixels, THEMES } from "./scene.js";
@@ -65,9 +66,10 @@ const plain = (name) => name.replaceAll("_", " ");
 const data = JSON.parse($("data").textContent);
 const dark = matchMedia("(prefers-color-scheme: dark)");
 const pictures = $("pictures").children;
-const engine = new Engine(numbersOf(data.engine, Uint8Array), data.layout);
 
+let engine; // once it is compiled
 let chosen = {}; // by the names of DEFAULTS
+let awaited = null; // what will be chosen, once all that it needs is there
 let walkers = []; // one, or two that are compared
 let torque = 0; // -1 to 1, by hand
 let command = FIRST_COMMAND; // m/s, the same for all
@@ -98,24 +100,68 @@ function robotOf(text) {
   return robotWithLengths(engine, data, base, { ...data.designs[base].lengths, ...changes });
 }
 
-/** Start again with what is chosen; throws, and changes nothing, where that cannot be. */
-function build(choice) {
+/** Start again with a choice; rejects, and changes nothing, where that cannot be. */
+async function build(choice) {
+  const ground = groundFor(choice);
+  await take(choice, async () => {
+    const newWalkers = await Promise.all(
+      pairsOf(choice).map(([robot, control]) =>
+        Walker.create(engine, data, robotOf(robot), ground, control),
+      ),
+    );
+    return () => start(newWalkers, choice);
+  });
+}
+
+/** Let other controllers turn the cranks from now on; rejects where that cannot be. */
+async function changeControls(choice) {
+  await take(choice, async () => () => {
+    goOn();
+    for (const [i, [, name]] of pairsOf(choice).entries()) walkers[i].useController(name);
+    chosen = choice;
+  });
+}
+
+/**
+ * Prepare what a choice needs, and then take it, unless another one has been made meanwhile.
+ * `prepare` returns a promise of what to do then.
+ */
+async function take(choice, prepare) {
+  awaited = choice;
+  try {
+    await loadNetworks(pairsOf(choice).map(([, name]) => name));
+    const act = await prepare();
+    if (awaited === choice) act();
+  } finally {
+    if (awaited === choice) awaited = null;
+  }
+}
+
+async function loadNetworks(names) {
+  const missing = names.filter((name) => data.policies[name] && !data.policies[name].weights);
+  if (missing.length === 0) return;
+  say(`Loading the network of the ${missing.join(" and of the ")}.`);
+  await Promise.all(missing.map((name) => loadWeights(name, data.policies[name])));
+  say("");
+}
+
+/** The ground of a choice; throws where the choice has what this page does not. */
+function groundFor(choice) {
   for (const [name, values] of Object.entries(OPTIONS))
     if (!name.startsWith("robot") && ![...values, choice.ground && DRAWN].includes(choice[name]))
       throw new Error(`${name} is "${choice[name].slice(0, 40)}", which this page does not have.`);
   const seed = Number(choice.seed);
   if (!Number.isInteger(seed) || seed < 0 || seed > LARGEST_SEED)
     throw new Error(`seed is "${choice.seed.slice(0, 40)}", must be from 0 to ${LARGEST_SEED}.`);
-  const ground =
-    choice.terrain === DRAWN
-      ? pointsOf(choice.ground)
-      : groundOf(data.terrain, choice.terrain, Number(choice.level), seed);
+  if (choice.terrain === DRAWN) return pointsOf(choice.ground);
+  return groundOf(data.terrain, choice.terrain, Number(choice.level), seed);
+}
+
+/** Robot and controller of each walker of a choice. */
+function pairsOf(choice) {
   const pairs = [[choice.robot, choice.control]];
   if (choice.robot2) pairs.push([choice.robot2, secondControl(choice)]);
-  const newWalkers = pairs.map(
-    ([robot, control]) => new Walker(engine, data, robotOf(robot), ground, control),
-  );
-  start(newWalkers, choice);
+  return pairs;
 }
 
 /** What turns the crank of a robot at first: the policy that has learnt on it, if there is one. */
@@ -158,21 +204,17 @@ function restart() {
 }
 
 /** Change choices, or say why not. All but a control start again. */
-function choose(changes) {
-  const choice = { ...chosen, ...changes };
+async function choose(changes) {
+  const choice = { ...(awaited ?? chosen), ...changes };
   if (!hasLevels(choice)) choice.level = "0";
   for (const [robot, control] of [
     ["robot", "control"],
     ["robot2", "control2"],
   ])
     if (changes[robot] && choice[control] !== HAND) choice[control] = controlFor(choice[robot]);
+  const goesOn = !awaited && Object.keys(changes).every((name) => name.startsWith("control"));
   try {
-    if (Object.keys(changes).every((name) => name.startsWith("control"))) {
-      goOn();
-      walkers[0].useController(choice.control);
-      walkers[1]?.useController(secondControl(choice));
-      chosen = choice;
-    } else build(choice);
+    await (goesOn ? changeControls(choice) : build(choice));
   } catch (error) {
     say(error.message);
   }
@@ -211,7 +253,7 @@ function remember() {
 }
 
 /** Choose what an address says. */
-function open(address) {
+async function open(address) {
   const { command: speed = FIRST_COMMAND, ...given } = Object.fromEntries(
     new URLSearchParams(address),
   );
@@ -225,10 +267,10 @@ function open(address) {
   command = Number(speed) || 0;
   settings = values;
   try {
-    build(choice);
+    await build(choice);
   } catch (error) {
     settings = {};
-    build({ ...DEFAULTS, control: controlFor(DEFAULTS.robot) });
+    await build({ ...DEFAULTS, control: controlFor(DEFAULTS.robot) });
     say(error.message);
   }
 }
@@ -582,7 +624,7 @@ function draft(on) {
 }
 
 /** Show a question, and what it is about; none for -1. */
-function teach(index) {
+async function teach(index) {
   lesson = index;
   $("lesson").hidden = index < 0;
   $("lessons").setAttribute("aria-pressed", index >= 0);
@@ -590,7 +632,7 @@ function teach(index) {
   const { title, question, trial, address } = LESSONS[index];
   write($("lesson-title"), `${index + 1}. ${title}: ${question}`);
   write($("trial"), trial);
-  open(address);
+  await open(address);
   run(true);
 }
 
@@ -640,7 +682,7 @@ const holdKeys = () => hold(Number(pressed.ArrowRight) - Number(pressed.ArrowLef
 const KEYS = {
   " ": () => push(CLICK_PUSH, 0),
   r: restart,
-  n: () => choose({ seed: String(Number(chosen.seed) + 1) }),
+  n: () => choose({ seed: String(Number((awaited ?? chosen).seed) + 1) }),
   p: () => run(!running),
   s: slower,
   c: toggleHand,
@@ -655,40 +697,6 @@ const KEYS = {
 function taken({ key, target: { tagName } }) {
   if (tagName === "SELECT" || tagName === "INPUT") return key in pressed || tagName === "SELECT";
   return tagName === "BUTTON" && key === " ";
-}
-
-addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || taken(event)) return;
-  const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-  if (key in pressed) {
-    pressed[key] = true;
-    holdKeys();
-  } else if (KEYS[key]) {
-    if (!event.repeat) KEYS[key]();
-  } else return;
-  event.preventDefault();
-});
-
-addEventListener("keyup", ({ key }) => {
-  if (!pressed[key]) return;
-  pressed[key] = false;
-  holdKeys();
-});
-
-addEventListener("blur", () => {
-  pressed.ArrowLeft = pressed.ArrowRight = false;
-  hold(0);
-});
-
-for (const [id, direction] of [
-  ["left", -1],
-  ["right", 1],
-]) {
-  const press = ({ key }) => (key === " " || key === "Enter") && hold(direction);
-  $(id).addEventListener("pointerdown", () => hold(direction));
-  for (const end of ["pointerup", "pointercancel", "pointerleave", "blur", "keyup"])
-    $(id).addEventListener(end, () => hold(0));
-  $(id).addEventListener("keydown", press);
 }
 
 /** Let the pointer push the robots from a picture. */
@@ -754,31 +762,86 @@ const BUTTONS = {
   save,
   share: shareLink,
 };
-for (const [id, act] of Object.entries(BUTTONS)) $(id).addEventListener("click", act);
-for (const button of document.querySelectorAll(".take"))
-  button.addEventListener("click", toggleHand);
-$("begin").addEventListener("click", () => run(true));
-$("input").addEventListener("input", () => {
-  steer(Number($("input").value));
-  returns = false;
-});
-$("input").addEventListener("change", remember);
-$("past").addEventListener("input", () => {
-  shownAt = Number($("past").value);
-  goBy(0);
-});
-$("panel").addEventListener("submit", (event) => event.preventDefault());
-// After the pointer has moved a slider or pressed a button, keys are the robot's again.
-$("panel").addEventListener("pointerup", ({ target }) => target.closest("button, input")?.blur());
-addEventListener("hashchange", () => open(location.hash.slice(1)));
-addEventListener("dragover", (event) => event.preventDefault());
-addEventListener("drop", (event) => {
-  event.preventDefault();
-  const [file] = event.dataTransfer.files;
-  if (file) drop(file);
-});
+/** Let keys be the robot's. */
+function listenToKeys() {
+  addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey || taken(event)) return;
+    const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+    if (key in pressed) {
+      pressed[key] = true;
+      holdKeys();
+    } else if (KEYS[key]) {
+      if (!event.repeat) KEYS[key]();
+    } else return;
+    event.preventDefault();
+  });
 
-buildPanel();
-open(location.hash.slice(1) || data.start);
-run(!matchMedia("(prefers-reduced-motion: reduce)").matches);
-requestAnimationFrame(frame);
+  addEventListener("keyup", ({ key }) => {
+    if (!pressed[key]) return;
+    pressed[key] = false;
+    holdKeys();
+  });
+
+  addEventListener("blur", () => {
+    pressed.ArrowLeft = pressed.ArrowRight = false;
+    hold(0);
+  });
+}
+
+/** Let the buttons, sliders and files of the page do something. */
+function listenToPanel() {
+  for (const [id, direction] of [
+    ["left", -1],
+    ["right", 1],
+  ]) {
+    const press = ({ key }) => (key === " " || key === "Enter") && hold(direction);
+    $(id).addEventListener("pointerdown", () => hold(direction));
+    for (const end of ["pointerup", "pointercancel", "pointerleave", "blur", "keyup"])
+      $(id).addEventListener(end, () => hold(0));
+    $(id).addEventListener("keydown", press);
+  }
+  for (const [id, act] of Object.entries(BUTTONS)) $(id).addEventListener("click", act);
+  for (const button of document.querySelectorAll(".take"))
+    button.addEventListener("click", toggleHand);
+  $("begin").addEventListener("click", () => run(true));
+  $("input").addEventListener("input", () => {
+    steer(Number($("input").value));
+    returns = false;
+  });
+  $("input").addEventListener("change", remember);
+  $("past").addEventListener("input", () => {
+    shownAt = Number($("past").value);
+    goBy(0);
+  });
+  $("panel").addEventListener("submit", (event) => event.preventDefault());
+  // After the pointer has moved a slider or pressed a button, keys are the robot's again.
+  $("panel").addEventListener("pointerup", ({ target }) => target.closest("button, input")?.blur());
+  addEventListener("hashchange", () => open(location.hash.slice(1)));
+  addEventListener("dragover", (event) => event.preventDefault());
+  addEventListener("drop", (event) => {
+    event.preventDefault();
+    const [file] = event.dataTransfer.files;
+    if (file) drop(file);
+  });
+}
+
+/** Compile the engine, and walk. */
+async function begin() {
+  engine = await loadEngine(numbersOf(data.engine, Uint8Array), data.layout);
+  buildPanel();
+  await open(location.hash.slice(1) || data.start);
+  listenToKeys();
+  listenToPanel();
+  run(!matchMedia("(prefers-reduced-motion: reduce)").matches);
+  requestAnimationFrame(frame);
+}
+
+begin().then(
+  () => $("starting").remove(),
+  (error) => {
+    document.querySelector("main").hidden = true;
+    $("reason").textContent = error.message;
+    $("failed").hidden = false;
+    $("starting").remove();
+  },
+);

@@ -118,9 +118,15 @@ def robot_data(name: str, robot: Robot) -> Json:
 
 
 def controller_name(env_id: str, name: str) -> str:
-    """Return the name that a policy of an environment has on the page."""
+    """Return the name that a policy of an environment has on the page.
+
+    Where several environments have a policy of a name, the first one's is called by it alone.
+    """
     preset = env_id.removeprefix("JansenWalker").removesuffix("-v0").lower() or "paper"
-    return f"{preset if name == pretrained.DEFAULT else name} policy"
+    if name == pretrained.DEFAULT:
+        return f"{preset} policy"
+    first = next(each for each in ENVIRONMENTS if name in pretrained.names(each))
+    return f"{name} policy" if env_id == first else f"{preset} {name} policy"
 
 
 def page_policies(env_id: str) -> list[str]:

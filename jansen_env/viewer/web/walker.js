@@ -37,17 +37,24 @@ function counted(sums, info, weight, command) {
 }
 
 export class Walker {
-  /** robot: of data.robots; ground: its points; control: of data.controllers. */
-  constructor(engine, data, robot, ground, control) {
-    Object.assign(this, { engine, data, robot, ground });
-    this.machine = new Machine(engine, robot, { points: ground });
-    this.reach = this.machine.scene.reach; // m
+  controllers = {}; // those that have turned the crank, by name
+
+  /** A promise of one. robot: of data.robots; ground: its points; control: of data.controllers. */
+  static async create(engine, data, robot, ground, control) {
+    const machine = await Machine.create(engine, robot, { points: ground });
+    return new Walker(data, robot, ground, control, machine);
+  }
+
+  constructor(data, robot, ground, control, machine) {
+    Object.assign(this, { data, robot, ground, machine });
+    this.reach = machine.scene.reach; // m
     this.useController(control);
   }
 
   /** Let another controller turn the crank; throws where it does not fit the robot. */
   useController(control) {
-    this.controller = controllerNamed(this.engine, this.data, control, this.machine);
+    this.controllers[control] ??= controllerNamed(this.data, control, this.machine);
+    this.controller = this.controllers[control];
     this.control = control;
     if (this.past) this.controller.begin();
   }

@@ -5,6 +5,7 @@
 
 import json
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple
 from pathlib import Path
@@ -13,10 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from tabulate import tabulate
 
+from agents.log_table import LogTable, at_line, read_table
 from jansen_env.arrays import Array
 from jansen_env.baselines.pid import PID
 from jansen_env.baselines.policy import PAPER_PID
-from jansen_env.checks import finite, finite_numbers, invalid, listed, named_errors, one_of, within
+from jansen_env.checks import finite, finite_numbers, named_errors, one_of, positive, within
 from jansen_env.commands import predict
 from jansen_env.commands.flags import Parser
 from jansen_env.commands.predict import FASTEST, SLOWEST, measured_time
@@ -24,16 +26,12 @@ from jansen_env.files import read_bounded
 from jansen_env.plain_yaml import parse_yaml
 from jansen_env.scoring.metrics import SETTLING
 
-COLUMNS = {
-    "time_s": 1.0, "crank_rad": 1.0, "crank_deg": math.pi / 180.0, "torque_Nm": 1.0,
-    "current_A": 1.0, "pitch_rad": 1.0, "pitch_deg": math.pi / 180.0, "x_m": 1.0,
-}  # fmt: skip
-"""Columns, each a quantity and its unit, and that unit in SI."""
+COMMENTS = "crank_speed", "robot", "gains", "torque_constant", "mass"
+"""Names of comments that are read; others are remarks."""
 CONTROL_DT = 0.02  # s, of predicted walks
-NEEDED = "time", "crank", "torque", "pitch"
 LONGEST_GAP, LONGEST_PERIOD = 0.1, 0.05  # s, without samples, and between most of them
 DRIFT, SMALL = 0.03, 0.01  # of the crank's speed: that a clock may be off, and that is left
-STEEPEST = 0.8  # rad, of pitch
+FILMED = 1.0  # s, at most between places that are known
 MAX_BYTES = 50_000_000
 PREDICTIONS = Path(__file__).parents[1] / "docs" / "predictions"
 
@@ -60,87 +58,128 @@ class Log(NamedTuple):
 def read_log(path: str | Path) -> Log:
     """Read a log.
 
-    Raises ValueError: it cannot be read, or a column, a unit, a gap, a clock or numbers cannot be
-    right; names them.
+    Raises:
+        ValueError: If it cannot be read, or a column, a unit, a gap, a clock or numbers cannot be
+            right. Names the file and the line.
     """
     with named_errors(path):
-        text = read_bounded(path, MAX_BYTES).decode("utf-8-sig")
-        lines = [line.strip() for line in text.splitlines() if line.strip()]
-        comments = "\n".join(line.lstrip("# ") for line in lines if line.startswith("#"))
-        if not isinstance(given := parse_yaml(comments, "comments") or {}, dict):
-            raise invalid("comments", given, "names and values")
+        table = read_table(read_bounded(path, MAX_BYTES), COMMENTS)
+        given = _comments(table)
         about = {"gains": astuple(PAPER_PID), **given}
-        speed = finite("crank_speed", about.get("crank_speed"))
-        within("crank_speed", abs(speed), SLOWEST, FASTEST)
-        gains = PID(*finite_numbers("gains", about["gains"], 3).tolist())
-        columns = _columns([line for line in lines if not line.startswith("#")])
-        if "current" in columns:
-            constant = finite("torque_constant", about.get("torque_constant"))
-            columns.setdefault("torque", constant * columns["current"])
-        if missing := [name for name in NEEDED if name not in columns]:
-            raise ValueError(f"has no column of {missing[0]}, must have {', '.join(NEEDED)}")
-        notes = _mend(columns, speed)
-        return Log(about, speed, gains, _walk(columns, speed), notes)
+        if "crank_speed" not in about:
+            example = "for example '# crank_speed: 1' for 1 rad/s"
+            raise at_line(table.head, f"a comment above must give crank_speed, {example}")
+        speed = about["crank_speed"]
+        gains = PID(*about["gains"])
+        columns = table.columns
+        if "torque" not in columns:
+            if "torque_constant" not in about:
+                raise at_line(table.head, "current_A needs a comment torque_constant, in N m per A")
+            columns["torque"] = about["torque_constant"] * columns["current"]
+        notes = _mend(columns, speed, table.lines.tolist(), table.head)
+        return Log(about, speed, gains, _walk(columns, speed, table.lines.tolist()), notes)
 
 
-def _columns(lines: list[str]) -> dict[str, Array]:
-    """Columns by quantity, in SI."""
-    heads = [head.strip() for head in lines[0].split(",")] if lines else []
-    for head in heads:
-        if head not in COLUMNS:
-            raise ValueError(f"column is {head!r}, must be of {listed(COLUMNS, head)}")
-    quantities = [head.split("_")[0] for head in heads]
-    if twice := [name for name in quantities if quantities.count(name) > 1]:
-        raise ValueError(f"has several columns of {twice[0]}, must have one")
-    try:
-        table = np.array([line.split(",") for line in lines[1:]], float)
-    except ValueError as error:
-        raise ValueError(f"each row must be {len(heads)} numbers: {error}") from None
-    if table.shape[1:] != (len(heads),) or len(table) < 3 or not np.isfinite(table).all():
-        raise ValueError(f"must have 3 rows or more of {len(heads)} finite numbers")
-    values = (COLUMNS[head] * column for head, column in zip(heads, table.T, strict=True))
-    return dict(zip(quantities, values, strict=True))
+def _comments(table: LogTable) -> dict[str, Any]:
+    """Return the comments of a log by name: values of those that are read, text of others."""
+    about: dict[str, Any] = {}
+    for name, (line, text) in table.comments.items():
+        about[name] = text
+        if name not in COMMENTS:
+            continue
+        with named_errors(f"line {line}"):
+            if re.fullmatch(r"[-+]?\d+,\d+", text):
+                text = text.replace(",", ".")
+            value = parse_yaml(text, name)
+            if name == "crank_speed":
+                value = finite(name, value)
+                within(name, abs(value), SLOWEST, FASTEST)
+            elif name == "gains":
+                value = tuple(finite_numbers(name, value, 3).tolist())
+                PID(*value)
+            elif name != "robot":
+                value = (positive if name == "mass" else finite)(name, value)
+            about[name] = value
+    return about
 
 
-def _mend(columns: dict[str, Array], speed: float) -> list[str]:
-    """Unwrap the crank, set the clock right; what was mended. Raises ValueError: it cannot be."""
+def _mend(columns: dict[str, Array], speed: float, lines: list[int], head: int) -> list[str]:
+    """Unwrap the crank, set the clock right, fill blanks; return notes on what was mended.
+
+    Raises:
+        ValueError: If the clock, a gap or the crank's speed cannot be right.
+    """
+    if len(lines) < 3:
+        raise at_line(lines[-1] if lines else head, f"3 rows must follow or more, got {len(lines)}")
     time, notes = columns["time"] - columns["time"][0], []
     periods = np.diff(time)
-    usual, longest, where = float(np.median(periods)), periods.max(), time[periods.argmax()]
+    usual, longest = float(np.median(periods)), float(periods.max())
     if periods.min() <= 0.0:
-        raise ValueError(f"time does not rise after {time[periods.argmin()]:.4g} s, must rise")
-    within("median time (s) between samples", usual, 0.0, LONGEST_PERIOD)
-    within(f"gap (s) after {where:.4g} s", float(longest), 0.0, LONGEST_GAP)
+        after = int(periods.argmin())
+        given = f"{columns['time'][after + 1]:.10g} after {columns['time'][after]:.10g}"
+        raise at_line(lines[after + 1], f"time_s must rise, got {given}")
+    rows = f"lines {lines[0]} to {lines[-1]}"
+    with named_errors(rows):
+        within("median time (s) between samples", usual, 0.0, LONGEST_PERIOD)
+    with named_errors(f"line {lines[int(periods.argmax()) + 1]}"):
+        within(f"gap (s) after {time[periods.argmax()]:.4g} s", longest, 0.0, LONGEST_GAP)
+    _check_length(time, speed, lines)
     if longest > 1.5 * usual:
         notes.append(f"{(periods > 1.5 * usual).sum()} short gaps are filled by straight lines")
     crank, walking = np.unwrap(columns["crank"]), time >= SETTLING
     waves = [wave(order * crank) for order in (1, 2, 4) for wave in (np.cos, np.sin)]  # of steps
     drawn = np.stack([time, np.ones(len(time)), *waves], axis=1)[walking]
-    turned = float(np.linalg.lstsq(drawn, crank[walking])[0][0]) if walking.any() else 0.0
+    turned = float(np.linalg.lstsq(drawn, crank[walking])[0][0])
     drift = turned / speed - 1.0
     if abs(drift) > DRIFT:
         raise ValueError(
-            f"crank turns at {turned:.3g} rad/s after {SETTLING:g} s, must at crank_speed, "
-            f"{speed:g}, within {100.0 * DRIFT:g} %: a unit, a sign or the clock is wrong"
+            f"{rows}: the crank must turn at crank_speed, {speed:g} rad/s, within "
+            f"{100.0 * DRIFT:g} %, got {turned:.3g} rad/s after {SETTLING:g} s; "
+            "a unit, a sign or the clock is wrong"
         )
     if abs(drift) > SMALL:
         time = time * (1.0 + drift)
         notes.append(f"the clock is {100.0 * drift:+.2g} % off by the crank's speed: set right")
-    within("largest pitch (rad)", float(np.abs(columns["pitch"]).max()), 0.0, STEEPEST)
     columns.update(time=time, crank=crank)
+    if "x" in columns:
+        columns["x"], note = _filled(time, columns["x"], SETTLING + measured_time(speed))
+        notes += note
     return notes
 
 
-def _walk(columns: dict[str, Array], speed: float) -> Walk:
+def _check_length(time: Array, speed: float, lines: list[int]) -> None:
+    """Raise ValueError if a log ends before what is measured does."""
+    needed = SETTLING + CONTROL_DT * round(measured_time(speed) / CONTROL_DT)
+    if time[-1] < needed:
+        raise at_line(
+            lines[-1], f"the log must be {needed:.3g} s long or longer, got {time[-1]:.3g} s"
+        )
+
+
+def _filled(time: Array, x: Array, end: float) -> tuple[Array, list[str]]:
+    """Fill blanks of a film's places by straight lines; no places, and a note, if they are few."""
+    known = np.isfinite(x)
+    seen = np.concatenate([[SETTLING - FILMED], time[known], [end + FILMED]])
+    seen = seen[(seen >= SETTLING - FILMED) & (seen <= end + FILMED)]
+    if np.diff(seen).max() > FILMED + LONGEST_GAP:
+        needed = f"every {FILMED:g} s or more often from {SETTLING:g} to {end:.3g} s"
+        note = f"x_m is left out: it must be known {needed}"
+        return np.full(len(x), math.nan), [note] if known.any() else []
+    return np.interp(time, time[known], x[known]), []
+
+
+def _walk(columns: dict[str, Array], speed: float, lines: list[int]) -> Walk:
     """Resample columns as walks are predicted."""
     time, torque = columns["time"], columns["torque"]
+    _check_length(time, speed, lines)  # of the clock that was set right
     grid = SETTLING + CONTROL_DT * np.arange(round(measured_time(speed) / CONTROL_DT) + 1)
-    if time[-1] < grid[-1]:
-        raise ValueError(f"is {time[-1]:.3g} s long, must be {grid[-1]:.3g} s or longer")
     work = np.append(0.0, np.cumsum(torque[1:] * np.diff(time)))
     mean = np.diff(np.interp(grid, time, work)) / CONTROL_DT
     if mean.mean() * speed <= 0.0:
-        raise ValueError(f"mean torque is {mean.mean():.3g} N m, must drive the crank: its sign")
+        raise ValueError(
+            f"lines {lines[0]} to {lines[-1]}: mean torque must have the sign of crank_speed, got "
+            f"{mean.mean():.3g} N m; is the sign of torque or current reversed?"
+        )
     columns.setdefault("x", np.full(len(time), math.nan))
     crank, pitch, x = (np.interp(grid[1:], time, columns[name]) for name in ("crank", "pitch", "x"))
     return Walk(crank, mean, pitch, x)

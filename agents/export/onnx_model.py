@@ -2,7 +2,8 @@
 
 The input is ``observation`` (N, d) float32; outputs are ``action`` (N, 1), from -1 to 1, and
 ``torque`` (N, 1), N m. N is free. All is computed in float64 and rounded to float32 at the end, as
-:meth:`jansen_env.policies.pretrained.PretrainedPolicy.predict` does.
+:meth:`jansen_env.policies.pretrained.PretrainedPolicy.predict` does. A graph cannot raise an error:
+where an observation of a robot is not finite, the action and torque of that robot are NaN.
 """
 
 import json
@@ -32,7 +33,7 @@ class Controller(nn.Module):
         self.policy = policy
 
     def forward(self, observation: Tensor) -> tuple[Tensor, Tensor]:
-        """Return actions, -1 to 1, and torques, N m."""
+        """Return actions, -1 to 1, and torques, N m; NaN where an observation is not finite."""
         policy, seen = self.policy, observation.double()
         values = torch.cat([_features(block, seen) for block in policy.features], dim=1)
         for layer in policy.layers:
@@ -41,9 +42,12 @@ class Controller(nn.Module):
                 values = torch.where(values > 0.0, values, values.clamp(max=0.0).exp() - 1.0)
             elif layer.activation is not None:
                 values = getattr(torch, layer.activation)(values)
+        # Clips turn infinity into a number, and NaN too in some programs that run ONNX.
+        usable = torch.isfinite(seen).all(dim=1, keepdim=True) & torch.isfinite(values)
         if np.isfinite(policy.limit):
             values = values.clamp(-policy.limit, policy.limit)
         actions = (values.tanh() if policy.squash == "tanh" else values).clamp(-1.0, 1.0)
+        actions = torch.where(usable, actions, torch.nan)
         return actions.float(), (actions * policy.torque_limit).float()
 
 

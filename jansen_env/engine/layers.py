@@ -22,6 +22,16 @@ def _activate(values, count, activation):
             values[i] = expm1(values[i]) if values[i] < 0.0 else values[i]
 
 
+@stage
+def _limited(value, limit):
+    """Clip a value to -limit .. limit; NaN stays NaN, where min and max would give a limit."""
+    if value > limit:
+        return limit
+    if value < -limit:
+        return -limit
+    return value
+
+
 @kernel
 def put_actions(
     inputs: Floats2, layers: Ints2, weights: Floats1, limit: float, squash: int, work: Floats2,
@@ -33,6 +43,7 @@ def put_actions(
         layers: (k, 3) inputs, units and activation of each. weights: for each layer (inputs, units)
             weights, a row for each input, and (units,) of bias, one after the other.
         limit: the most that the last layer may give. squash: activation of what is left.
+            NaN stays NaN: it must not become the largest action.
         work: (2, width of the widest layer or more).
     """
     for row in range(len(inputs)):
@@ -59,7 +70,7 @@ def put_actions(
             start += (width + 1) * units
             values, sums = sums, values
         for unit in range(out.shape[1]):
-            values[unit] = max(-limit, min(limit, values[unit]))
+            values[unit] = _limited(values[unit], limit)
         _activate(values, out.shape[1], squash)
         for unit in range(out.shape[1]):
             out[row, unit] = values[unit]

@@ -20,7 +20,15 @@ from numpy.typing import ArrayLike, NDArray
 from safetensors.numpy import load as read_tensors
 
 from jansen_env.arrays import Array
-from jansen_env.checks import instance, one_of, positive_single, shown, whole_number, within
+from jansen_env.checks import (
+    MOST_SINGLE,
+    instance,
+    one_of,
+    positive_single,
+    shown,
+    whole_number,
+    within,
+)
 from jansen_env.engine.layers import ELU, LINEAR, RELU, TANH, put_actions, put_harmonics
 from jansen_env.files import read_bounded
 from jansen_env.plants.plant import plant_time_step
@@ -238,15 +246,29 @@ class PretrainedPolicy:
         :meth:`on`. Computed in float64, the same on every processor, alone and among others;
         without noise, whatever ``deterministic`` says.
 
-        Raises ValueError: observations of another size.
+        Raises ValueError: observations of another size, or an observation that the network observes
+        is not a finite float32 number, or no finite action follows from it.
         """
         x, size = np.asarray(observation, dtype=np.float64), self._shown
         if x.ndim not in (1, 2) or x.shape[-1] != size:
             raise ValueError(f"observation has shape {x.shape}, must have ({size},) or (n, {size})")
         batch = np.take(x.reshape(-1, size), self._columns, axis=1)
+        if not (np.abs(batch) <= MOST_SINGLE).all():
+            raise self._unusable(batch)
         outputs = self.network(np.concatenate([part(batch) for part in self.features], axis=1))
         actions = np.clip(outputs, -1.0, 1.0).astype(np.float32)
+        if not np.isfinite(actions).all():
+            raise ValueError("action must be finite, got nan: an observation is far out of range")
         return (actions if x.ndim == 2 else actions[0]), state
+
+    def _unusable(self, batch: Array) -> ValueError:
+        """Return the error for observations (n, d) with a number that is not finite."""
+        row, column = np.argwhere(~(np.abs(batch) <= MOST_SINGLE))[0].tolist()
+        place = f" of row {row}" if len(batch) > 1 else ""
+        return ValueError(
+            f"observation {self.observed[column]}{place} must be a finite number within float32's "
+            f"range, got {batch[row, column]}"
+        )
 
 
 def arguments_of(env_id: str) -> Json:

@@ -118,22 +118,56 @@ STOP = """
 #include "mine.h"
 int main(void)
 {
-    float seen[MINE_OBSERVATIONS] = {1.0f, NAN}, action = 9.0f;
-    int wrong = mine_step(seen, &action);
-    printf("%d %g %g %g", wrong, (double)action, (double)MINE_TORQUE_LIMIT,
-           (double)MINE_CONTROL_PERIOD);
+    const float values[4] = {0.5f, NAN, INFINITY, -INFINITY};
+    float seen[MINE_OBSERVATIONS], action;
+    int place, which, wrong;
+    for (place = 0; place < MINE_OBSERVATIONS; ++place) {
+        for (which = 0; which < 4; ++which) {
+            for (wrong = 0; wrong < MINE_OBSERVATIONS; ++wrong) {
+                seen[wrong] = 0.5f;
+            }
+            seen[place] = values[which];
+            action = 9.0f;
+            wrong = mine_step(seen, &action);
+            printf("%d %d\\n", wrong, fabsf(action) > 0.0f);
+        }
+    }
+    printf("%g %g", (double)MINE_TORQUE_LIMIT, (double)MINE_CONTROL_PERIOD);
     return 0;
 }
 """
 
 
 @needs_cc
-def test_what_is_not_finite_gets_an_action_of_0():
-    """Arithmetic that does not know NaN is refused."""
+@pytest.mark.parametrize("options", [STRICT, SINGLE], ids=["double", "float"])
+def test_what_is_not_finite_gets_an_action_of_0(options):
+    """NaN or infinity in any place of an observation; arithmetic that does not know NaN is
+    refused."""
     sources = {**c_source.sources(pretrained.load(CRANK), "mine"), "mine_main.c": STOP}
-    assert run_c(sources, np.zeros((0, 1)), STRICT).tolist() == [-1.0, 0.0, 5.0, 0.01]
+    printed = run_c(sources, np.zeros((0, 1)), options)
+    assert printed[-2:].tolist() == [5.0, 0.01]
+    returned, acts = printed[:-2].reshape(5, 4, 2).T
+    assert (returned[0] == 0.0).all() and (returned[1:] == -1.0).all()
+    assert (acts[0] == 1.0).all() and (acts[1:] == 0.0).all()
     with pytest.raises(AssertionError, match="ffast-math leaves out the test"):
-        run_c(sources, np.zeros((0, 1)), (*STRICT, "-ffast-math"))
+        run_c(sources, np.zeros((0, 1)), (*options, "-ffast-math"))
+
+
+@pytest.mark.parametrize(("env_id", "name"), [("JansenWalkerBuilt-v0", "onboard"), (CRANK, "ppo")])
+def test_onnx_gives_nan_for_what_is_not_finite(env_id, name):
+    """The action and torque of that robot alone, for NaN or infinity in any place."""
+    runtime = pytest.importorskip("onnxruntime")
+    policy = pretrained.load(env_id, name)
+    session = runtime.InferenceSession(onnx_model.build(policy, "mine").SerializeToString())
+    width = len(policy.observed)
+    seen = np.full((width + 1, width), 0.5, np.float32)
+    expected = policy.predict(seen[-1:])[0][0]
+    for value in (np.nan, np.inf, -np.inf):
+        seen[np.arange(width), np.arange(width)] = value
+        for output in session.run(["action", "torque"], {"observation": seen}):
+            assert np.isnan(output[:-1]).all() and np.isfinite(output[-1]).all()
+        action = session.run(["action"], {"observation": seen})[0]
+        assert action[-1] == pytest.approx(expected, abs=1e-6)
 
 
 @pytest.fixture(scope="module")

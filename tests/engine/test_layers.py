@@ -33,6 +33,21 @@ def test_a_network_is_its_layers_one_after_the_other(activation, sizes, rng):
         assert (network(inputs[row : row + 1]) == outputs[row]).all()
 
 
+@pytest.mark.parametrize("activation", FUNCTIONS)
+@pytest.mark.parametrize("squash", ["clip", "tanh"])
+@pytest.mark.parametrize("limit", [1.0, np.inf])
+def test_what_is_no_number_does_not_become_a_limit(activation, squash, limit, rng):
+    """NaN stays NaN through activations, limit and squash, in its own row alone."""
+    layers = [
+        Layer(rng.normal(size=(6, 4)), rng.normal(size=6), activation),
+        Layer(rng.normal(size=(1, 6)), rng.normal(size=1), None),
+    ]
+    inputs = rng.normal(size=(3, 4))
+    inputs[1, 2] = np.nan
+    outputs = Network(layers, limit, squash)(inputs)
+    assert np.isnan(outputs[1]).all() and np.isfinite(outputs[[0, 2]]).all()
+
+
 def test_harmonics_are_of_multiples_of_the_angle(rng):
     angle, multiples = rng.uniform(0.0, 6.0, 5), (0, 1, 2, 7, 1000)
     harmonics = Harmonics(multiples)(np.stack([np.cos(angle), np.sin(angle)], axis=1))

@@ -92,6 +92,35 @@ def test_scores_can_be_made_again(made, tmp_path, capsys):
     assert "other.json is no policy: " in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("env_id", "name"), SHIPPED)
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e39])
+def test_observations_that_are_not_finite_are_refused(env_id, name, value):
+    """By the name of the column, and the row among many; 1e39 is infinite in float32."""
+    policy = pretrained.load(env_id, name)
+    width = len(policy.observed)
+    for column, label in enumerate(policy.observed):
+        seen = np.full((3, width), 0.5)
+        seen[1, column] = value
+        message = f"must be a finite number within float32's range, got {re.escape(str(value))}$"
+        with pytest.raises(ValueError, match=f"^observation {label} {message}"):
+            policy.predict(seen[1])
+        with pytest.raises(ValueError, match=f"^observation {label} of row 1 {message}"):
+            policy.predict(seen)
+
+
+def test_columns_that_a_policy_does_not_observe_may_be_anything():
+    policy = pretrained.load("JansenWalkerBuilt-v0")
+    env = make_env("JansenWalkerBuilt-v0", {"height_scan": (0.0, 0.0, 1)})
+    seen, _ = env.reset(seed=0)
+    expected = policy.on(env).predict(seen)[0]
+    scan = [entry.name for entry in env.unwrapped.observed].index("height_scan_0")
+    seen[scan] = np.nan
+    assert np.array_equal(policy.on(env).predict(seen)[0], expected)
+    seen[0] = np.nan
+    with pytest.raises(ValueError, match=r"^observation cos_crank_angle must"):
+        policy.on(env).predict(seen)
+
+
 def test_policies_need_neither_torch_nor_the_extra():
     code = f"""
 import sys

@@ -12,7 +12,7 @@ from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.utils import LinearSchedule
-from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecMonitor
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 from agents.training.callbacks import NormalizerUpdate, Saver, UpdateThreads
@@ -52,7 +52,7 @@ def prepare(config: RunConfig, resume: Path | None = None, device: str = "cpu") 
     """
     kwargs, variants = training_envs(config)
     venv = make_vec_env(config.env, config.n_envs, env_kwargs=kwargs, variants=variants)
-    venv = TrainingReward(VecMonitor(venv), config.reward_scale, config.fall_cost)
+    venv = TrainingReward(venv, config.reward_scale, config.fall_cost)
     model = build_model(config, venv, device)
     if resume is not None:
         saved = read_model(resume)

@@ -60,7 +60,8 @@ def read_state(model: BaseAlgorithm) -> Arguments:
     return {
         "updates": model._n_updates, "episodes": model._episode_num,
         "observations": plain(model._last_obs), "starts": plain(model._last_episode_starts),
-        "returns": plain(monitor.episode_returns), "lengths": plain(monitor.episode_lengths),
+        "returns": plain(monitor.episode_returns) if monitor else [],
+        "lengths": plain(monitor.episode_lengths) if monitor else [],
         "robots": [plain(state) for state in states], "generators": _read_generators(model),
         "memory": [part.tolist() for part in _memory(model)],
     }  # fmt: skip
@@ -76,7 +77,7 @@ def restore_state(model: BaseAlgorithm, state: Arguments) -> None:
     n = venv.num_envs
     with named_errors("the training state does not fit", Exception):  # of whatever kind
         model._n_updates, model._episode_num = int(state["updates"]), int(state["episodes"])
-        if isinstance(venv, BatchVecEnv):
+        if isinstance(venv, BatchVecEnv) and monitor:
             observations = np.array(state["observations"], np.float32)
             model._last_obs = observations.reshape((n, *venv.env.single_observation_space.shape))
             model._last_episode_starts = np.array(state["starts"], bool).reshape(n)
@@ -95,12 +96,12 @@ def restore_state(model: BaseAlgorithm, state: Arguments) -> None:
     model.ep_success_buffer = deque(maxlen=model._stats_window_size)
 
 
-def _envs(model: BaseAlgorithm) -> tuple[VecEnv, VecMonitor]:
-    """Return a model's environments, and what counts their episodes."""
+def _envs(model: BaseAlgorithm) -> tuple[VecEnv, VecMonitor | None]:
+    """Return a model's environments and the monitor of a batch; None for single environments."""
     venv = model.get_env()
     assert venv is not None
     monitor = unwrap_vec_wrapper(venv, VecMonitor)
-    assert isinstance(monitor, VecMonitor)
+    assert monitor is None or isinstance(monitor, VecMonitor)
     return venv.unwrapped, monitor
 
 

@@ -1,13 +1,20 @@
 """Robots that move together as a Stable-Baselines3 ``VecEnv``: like single ones that take turns."""
 
+import csv
+import inspect
+import json
 from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from side_by_side import same
+from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env as their_vec_env
-from stable_baselines3.common.vec_env import DummyVecEnv
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.logger import configure
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
 from jansen_env import Leg, Payload, Terrain, paper_robot
 from jansen_env.sb3 import BatchVecEnv, make_vec_env
@@ -29,7 +36,7 @@ def test_it_is_what_single_environments_are(noise):
     together = make_vec_env(ENV, 6, env_kwargs=shared, variants=VARIANTS, info_keys=None)
     each = [{**shared, **VARIANTS[i % 3]} for i in range(6)]
     apart = DummyVecEnv([lambda kwargs=kwargs: make_env(ENV, kwargs) for kwargs in each])
-    assert isinstance(together, BatchVecEnv)
+    assert isinstance(together.unwrapped, BatchVecEnv)
     together.seed(3), apart.seed(3)
     assert np.array_equal(together.reset(), apart.reset())
     rng, limits, falls = np.random.default_rng(0), 0, 0
@@ -42,6 +49,7 @@ def test_it_is_what_single_environments_are(noise):
             assert np.array_equal(x, y) and x.dtype == y.dtype
         for i in range(6):
             if a[2][i]:
+                del infos_a[i]["episode"]
                 limits += infos_b[i]["TimeLimit.truncated"]
                 falls += not infos_b[i]["TimeLimit.truncated"]
             else:
@@ -102,26 +110,98 @@ def test_attributes_methods_and_options():
     assert [info["crank_angle"] for info in venv.reset_infos] == [0.0, 1.0, 2.0]
 
 
+def monitored(folder):
+    """Return, length and x position of the episodes in monitor files, sorted."""
+    rows = []
+    for path in folder.glob("*monitor.csv"):
+        with path.open(encoding="utf-8") as file:
+            next(file)  # the header
+            rows += [[row["r"], row["l"], row["x_position"]] for row in csv.DictReader(file)]
+    return np.array(sorted(rows), float)
+
+
 @pytest.mark.parametrize("wrapper", [None, gym.wrappers.TimeAwareObservation], ids=["", "wrapped"])
 def test_arguments_of_stable_baselines3(wrapper, tmp_path):
     """Its own function, with the same arguments, starts alike and writes the same episodes."""
     kwargs = {"max_episode_steps": 4}
-    given = {"n_envs": 3, "seed": 7, "wrapper_class": wrapper, "env_kwargs": kwargs}
-    ours = make_vec_env(ENV, monitor_dir=tmp_path / "monitor", **given)
-    theirs = their_vec_env(ENV, **given)
+    given = {"n_envs": 3, "seed": 7, "start_index": 2, "wrapper_class": wrapper,
+             "env_kwargs": kwargs, "monitor_kwargs": {"info_keywords": ("x_position",)}}  # fmt: skip
+    ours = make_vec_env(ENV, monitor_dir=str(tmp_path / "ours"), **given)
+    theirs = their_vec_env(ENV, monitor_dir=str(tmp_path / "theirs"), **given)
     assert np.array_equal(ours.reset(), theirs.reset())
     assert ours.action_space.sample() == theirs.action_space.sample()
-    for _ in range(4):
+    for _ in range(8):
         (*_, infos), (*_, expected) = (venv.step(np.ones((3, 1))) for venv in (ours, theirs))
     for info, other in zip(infos, expected, strict=True):
         a, b = info["episode"], other["episode"]
+        assert a.keys() == b.keys()
         assert a["r"] == pytest.approx(b["r"], abs=1e-6) and a["l"] == b["l"]
-    ours.close()
-    assert (tmp_path / "monitor" / "monitor.csv").read_text().count("\n") == 2 + 3
-    assert make_vec_env(ENV).num_envs == 1
-    for name, value in (("n_envs", 0), ("seed", -1)):
-        with pytest.raises(ValueError, match=f"{name} is {value}, must be"):
-            make_vec_env(ENV, **{name: value})
+        assert a["x_position"] == b["x_position"]
+    ours.close(), theirs.close()
+    names = ["2.monitor.csv", "3.monitor.csv", "4.monitor.csv"] if wrapper else ["2.monitor.csv"]
+    assert sorted(path.name for path in (tmp_path / "ours").iterdir()) == names
+    a, b = (monitored(tmp_path / folder) for folder in ("ours", "theirs"))
+    assert a == pytest.approx(b, abs=1e-6) and a.shape == (6, 3)
+
+
+def test_arguments_are_in_the_order_of_stable_baselines3():
+    ours = inspect.signature(make_vec_env).parameters.values()
+    positional = [entry.name for entry in ours if entry.kind == entry.POSITIONAL_OR_KEYWORD]
+    assert positional == [*inspect.signature(their_vec_env).parameters]
+    assert make_vec_env(ENV, 2, 7, 0, None, None, {"friction": 0.4}).num_envs == 2
+
+
+def test_monitor_files_are_appended_to(tmp_path):
+    for override, count in ((True, 1), (False, 2), (True, 1)):
+        venv = make_vec_env(
+            ENV, monitor_dir=tmp_path, monitor_kwargs={"override_existing": override},
+            max_episode_steps=1,
+        )  # fmt: skip
+        venv.reset(), venv.step(np.ones((1, 1))), venv.close()
+        (file,) = tmp_path.iterdir()
+        header, names, *rows = file.read_text().splitlines()
+        assert (file.name, names, len(rows)) == ("monitor.csv", "r,l,t", count)
+        assert json.loads(header[1:])["env_id"] == ENV
+
+
+@pytest.mark.parametrize("cls", [DummyVecEnv, SubprocVecEnv])
+def test_a_class_of_stable_baselines3_holds_single_environments(cls):
+    settings = {"start_method": "fork"} if cls is SubprocVecEnv else {}
+    venv = make_vec_env(
+        ENV, 2, 3, vec_env_cls=cls, vec_env_kwargs=settings, max_episode_steps=2,
+        monitor_kwargs={"allow_early_resets": False},
+    )  # fmt: skip
+    assert type(venv) is cls and venv.env_is_wrapped(Monitor) == [True, True]
+    batch = make_vec_env(ENV, 2, 3, max_episode_steps=2)
+    assert np.array_equal(venv.reset(), batch.reset())
+    for _ in range(2):
+        seen, rewards, _, infos = venv.step(np.ones((2, 1), np.float32))
+        expected, batch_rewards, _, batch_infos = batch.step(np.ones((2, 1), np.float32))
+        assert np.array_equal(seen, expected) and rewards == pytest.approx(batch_rewards)
+    assert infos[0]["episode"]["r"] == pytest.approx(batch_infos[0]["episode"]["r"], abs=1e-6)
+    venv.close()
+
+
+def test_returns_are_logged_and_evaluated_without_a_warning(recwarn, tmp_path):
+    """``ep_rew_mean`` and ``evaluate_policy`` give what the environments rewarded."""
+    venv = make_vec_env(ENV, 3, 0, max_episode_steps=10)
+    model = PPO("MlpPolicy", venv, n_steps=20, batch_size=60, n_epochs=1, seed=0, device="cpu")
+    model.set_logger(configure(str(tmp_path), ["csv"]))
+    model.learn(60)
+    returns = [episode["r"] for episode in model.ep_info_buffer]
+    (row,) = csv.DictReader((tmp_path / "progress.csv").read_text().splitlines())
+    assert len(returns) == 6 and float(row["rollout/ep_len_mean"]) == 10.0
+    assert float(row["rollout/ep_rew_mean"]) == pytest.approx(np.mean(returns), rel=1e-6)
+    venv.seed(0)
+    returns, lengths = evaluate_policy(model, venv, 3, return_episode_rewards=True)
+    venv.seed(0)
+    assert not [warning for warning in recwarn if "Monitor" in str(warning.message)]
+    seen, total = venv.reset(), np.zeros(3)
+    for _ in range(10):
+        seen, rewards, dones, infos = venv.step(model.predict(seen, deterministic=True)[0])
+        total += rewards
+    assert dones.all() and lengths == [10] * 3 and returns == pytest.approx(total, rel=1e-6)
+    assert [info["episode"]["r"] for info in infos] == pytest.approx(total, rel=1e-6)
 
 
 def test_what_is_refused():
@@ -132,6 +212,21 @@ def test_what_is_refused():
             make_vec_env(ENV, 2, env_kwargs={}, variants=variants)
     with pytest.raises(ValueError, match="environment id is 'Walker2d-v5'"):
         make_vec_env("Walker2d-v5", 2)
+    for name, value in (("n_envs", 0), ("seed", -1), ("start_index", -1)):
+        with pytest.raises(ValueError, match=f"{name} is {value}, must be"):
+            make_vec_env(ENV, **{name: value})
+    wrapped = {"wrapper_class": gym.wrappers.TimeAwareObservation}
+    for message, given in (
+        ("vec_env_kwargs must come with vec_env_cls", {"vec_env_kwargs": {"a": 1}}),
+        ("wrapper_kwargs must come with wrapper_class", {"wrapper_kwargs": {"a": 1}}),
+        ("monitor_kwargs must be among .*, got 'reset_keywords'; give vec_env_cls",
+         {"monitor_kwargs": {"reset_keywords": ("seed",)}}),
+        ("monitor_kwargs must be among .*, got 'file'", {**wrapped, "monitor_kwargs": {"file": 1}}),
+        ("info_keywords must be among .*, got 'slop'; did|got 'slop'",
+         {"monitor_kwargs": {"info_keywords": ("slop",)}}),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=message):
+            make_vec_env(ENV, 2, **given)
 
 
 def test_what_cannot_move_together_takes_turns():

@@ -45,26 +45,26 @@ def make_vec_env(
 ) -> VecEnv:
     """Make environments for Stable-Baselines3, simulated together where that is possible.
 
-    The arguments before ``variants`` are those of Stable-Baselines3's own ``make_vec_env``. As there,
-    the environments are monitored: the information of an episode's last step has its return, length
-    and time under ``"episode"``, from which Stable-Baselines3 logs ``ep_rew_mean``. Environments that
-    are simulated together have one ``VecMonitor`` (``BatchVecEnv`` is its ``unwrapped``), others a
-    ``Monitor`` each, inside of ``wrapper_class``.
+    The arguments before ``variants`` are those of Stable-Baselines3's own ``make_vec_env``. As
+    there, the environments are monitored: the information of an episode's last step has its return,
+    length and time under ``"episode"``, from which Stable-Baselines3 logs ``ep_rew_mean``.
+    Environments that are simulated together have one ``VecMonitor`` (``BatchVecEnv`` is its
+    ``unwrapped``), others a ``Monitor`` each, inside of ``wrapper_class``.
 
     Args:
         env_id: One of :data:`jansen_env.registration.IDS`.
         n_envs: Number of environments.
         seed: Seed of the starts and of the action space; environment i has ``seed`` + i. None for a
             random one.
-        start_index: Index of the first environment, in the seed of the action space and in the names of
-            monitor files.
+        start_index: Index of the first environment, in the seed of the action space and in the
+            names of monitor files.
         monitor_dir: Folder of files with the returns and lengths of episodes. Environments that are
             simulated together write one, ``monitor.csv`` (``5.monitor.csv`` with the
             ``start_index`` 5), others one each, ``0.monitor.csv`` ... None for no files.
         wrapper_class: Wrapper of each environment. Wrapped environments are simulated one by one.
         env_kwargs: Arguments of all environments.
-        vec_env_cls: Class that holds the environments one by one, such as ``SubprocVecEnv``; None for
-            one batch, or ``DummyVecEnv`` where they cannot be simulated together.
+        vec_env_cls: Class that holds the environments one by one, such as ``SubprocVecEnv``; None
+            for one batch, or ``DummyVecEnv`` where they cannot be simulated together.
         vec_env_kwargs: Arguments of ``vec_env_cls``.
         monitor_kwargs: Arguments of ``Monitor``. Environments that are simulated together take
             ``info_keywords`` and ``override_existing``.

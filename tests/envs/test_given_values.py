@@ -188,7 +188,7 @@ def test_what_is_given_to_one_robot_leaves_the_others(env_id, name):
     listed = gym.make_vec(env_id, 2, **case.needs, **{name: [case.value, own]})
     variants = [{name: case.value}, {}]
     venv = make_vec_env(env_id, 2, seed=7, env_kwargs=case.needs, variants=variants)
-    assert isinstance(venv, BatchVecEnv)
+    assert isinstance(venv.unwrapped, BatchVecEnv)
     check(case, listed.unwrapped.task, 0, step(listed, 2)[0])
     started, _ = listed.reset(seed=7)
     together = venv.reset()

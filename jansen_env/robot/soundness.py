@@ -27,10 +27,13 @@ UNITS = {"millimetres": 1e-3, "centimetres": 1e-2, "inches": 0.0254}  # m
 """Units in which builders write tables of lengths."""
 
 
-def check_standing(robot: Robot) -> None:
+def check_standing(robot: Robot) -> float:
     """Raise LinkageError unless the lowest toe lies below the crank axis at every crank angle.
 
     The message says where it does not, and which dyads to assemble on their other side.
+
+    Returns:
+        Mean height of the crank axis above the lowest toe over a turn, m.
 
     Raises:
         LinkageError: the robot cannot stand, or its linkage does not close.
@@ -39,7 +42,7 @@ def check_standing(robot: Robot) -> None:
     heights = lowest_toes(robot)
     worst = int(heights.argmax())
     if heights[worst] < 0.0:
-        return
+        return -float(heights.mean())
     raise LinkageError(
         "robot cannot stand: its lowest toe must lie below the crank axis over the whole turn, but "
         f"is {heights[worst]:.3g} m above the axis at crank angle {psi[worst]:.3f} rad; "
@@ -86,22 +89,17 @@ def check_loaded(name: str, robot: Robot, standing: bool = True) -> Robot:
 def _findings(robot: Robot, standing: bool) -> tuple[str, ...]:
     """Return the warnings about a robot. Raises LinkageError as :func:`check_loaded` does."""
     try:
-        check_standing(robot)
+        height = check_standing(robot)
     except LinkageError as error:
         joint_positions(robot, "fore", _turn())  # or its linkage does not close
         if standing:
             raise
         return (f"{error}. This is allowed here, as the chassis is held in the air",)
-    return tuple(unit_warnings(robot))
+    return tuple(_unit_warnings(robot, height))
 
 
-def unit_warnings(robot: Robot) -> Iterator[str]:
-    """Describe lengths and masses that a factor of ten around human scale does not explain.
-
-    Raises:
-        LinkageError: the linkage does not close.
-    """
-    height = -float(lowest_toes(robot).mean())
+def _unit_warnings(robot: Robot, height: float) -> Iterator[str]:
+    """Describe lengths and masses that a factor of ten around human scale does not explain."""
     if not HEIGHTS[0] <= height <= HEIGHTS[1]:
         yield _wrong_height(height)
         return

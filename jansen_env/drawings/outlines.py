@@ -35,6 +35,7 @@ CLASSES = ("press", "slide", "clear")  # of holes: for a bush, for a pin that is
 FITS = {"laser": (-0.05, 0.1, 0.2), "water_jet": (-0.05, 0.15, 0.3), "print": (0.1, 0.3, 0.5)}
 """Estimates to begin with: mm by which diameters of each class are larger."""
 STEPS = [round(0.1 * k, 1) for k in range(-4, 5)]  # mm, of the coupon's holes and pegs
+SHOE_SCREWS = (15.0, 15.0), (14.0, 28.0)  # mm from the toe: on two sides; behind one another
 STRAIGHT = 1e-6  # height over length of a link whose joints are in line
 
 
@@ -256,16 +257,26 @@ def link_part(robot: Robot, body: int) -> CutPart:
     return CutPart(name, 1e3 * thickness, outline, *shapes, at, text, body, density=build.density)
 
 
-def _pin_holes(robot: Robot, body: int, at: dict[str, complex]) -> list[Round]:
-    """Holes of the joints: for a pin in the body that holds it, for a bush in the others."""
+def pin_hole_radii(robot: Robot, body: int) -> dict[str, float]:
+    """Return the radius of each joint's hole in a body, mm.
+
+    A hole is for a pin in the body that holds it, and for a bush in the others.
+    """
     build, holders = robot.build, {pin.joint: pin.other for pin in reversed(robot.linkage.pins)}
     pin, bush, shaft, _ = radii(build)
-    holes = {joint: pin if holders[joint] == body else bush for joint in at if joint in holders}
+    joints = robot.linkage.bodies[body - 1][1]
+    holes = {joint: pin if holders[joint] == body else bush for joint in joints if joint in holders}
     if body in (FRAME, CRANK):  # for the shaft's bush, and for the hub's spigot
         axis, spigot = robot.linkage.bodies[CRANK - 1][1][0], build is ALUMINIUM and body == CRANK
         holes[axis] = pin if spigot else shaft + bush - pin
+    return holes
+
+
+def _pin_holes(robot: Robot, body: int, at: dict[str, complex]) -> list[Round]:
+    """Holes of the joints."""
+    pin, *_ = radii(robot.build)
     return [Round((at[joint],), radius, "slide" if radius == pin else "press")
-            for joint, radius in holes.items()]  # fmt: skip
+            for joint, radius in pin_hole_radii(robot, body).items()]  # fmt: skip
 
 
 def _mount_holes(robot: Robot, at: dict[str, complex]) -> list[Round]:
@@ -285,7 +296,7 @@ def _shoe_holes(toe: complex, corners: Sequence[complex]) -> list[Round]:
     near = [q if p == toe else p for p, q in sides(corners) if toe in (p, q)]
     ways = [z - toe for z in near or corners[:2]]
     apart = abs(cmath.phase(ways[0] / ways[1])) > math.pi / 6.0
-    reaches = (15.0, 15.0) if apart else (14.0, 28.0)
+    reaches = SHOE_SCREWS[0] if apart else SHOE_SCREWS[1]
     points = [toe + reach * way / abs(way) for reach, way in zip(reaches, ways, strict=True)]
     return [Round((z,), SHOE_SCREW) for z in points]
 

@@ -9,11 +9,12 @@ import pytest
 from browser import draw_path, in_node
 
 from agents.design.measures import evenly, path_error, toe_path
+from jansen_env.drawings.outlines import cut_parts
 from jansen_env.robot import ROBOTS
 from jansen_env.robot.kinematics import advance_per_turn
-from jansen_env.robot.lengths import with_lengths
+from jansen_env.robot.lengths import lengths, with_lengths
 from jansen_env.tasks.walking.walker_benchmark import walking_pid
-from jansen_env.viewer.web.bench import design_of, write_bench
+from jansen_env.viewer.web.bench import bench_designs, write_bench
 
 TURN = np.linspace(0.0, 2.0 * math.pi, 100, endpoint=False)
 COS, SIN = np.cos(TURN), np.sin(TURN)
@@ -42,11 +43,19 @@ console.log(JSON.stringify(paths.map(search)));
 """
 
 
+UNCUT = """
+import { readFileSync } from "node:fs";
+import { uncut } from "FOLDER/cutting.js";
+const { designs, robots } = JSON.parse(readFileSync(0, "utf8"));
+console.log(JSON.stringify(robots.map(([name, lengths]) => uncut(designs[name], lengths))));
+"""
+
+
 @pytest.fixture(scope="module")
 def searched():
     """A function of a path's name that returns legs."""
     names = ("built", "klann", "chebyshev", "trotbot", "strider")
-    designs = {name: design_of(ROBOTS[name]()) for name in names}
+    designs = {name: bench_designs()[name] for name in names}
     return cache(lambda name: in_node(SCRIPT, designs=designs, paths=[PATHS[name].tolist()])[0])
 
 
@@ -60,6 +69,44 @@ def test_legs_are_as_near_as_they_say(searched, name):
         path = toe_path(with_lengths(ROBOTS[leg["base"]](), leg["lengths"]))
         assert path_error(path, target) == pytest.approx(leg["error"], abs=1e-6)
         assert np.linalg.norm(path) == pytest.approx(np.linalg.norm(target))
+
+
+def cut_fault(name, changed):
+    """Which part of a design with other lengths cannot be drawn, "" for none; "Triangle.inertia"
+    where a plate is too small for its foot."""
+    try:
+        cut_parts(with_lengths(ROBOTS[name](), changed))
+    except ValueError as error:
+        return str(error).split(" ")[0]
+    return ""
+
+
+def test_the_page_knows_what_cannot_be_cut(rng):
+    """As the drawings do, for parts of all designs at sizes at which some have room for holes."""
+    asked, faults, refused = [], [], 0
+    for name, make in ROBOTS.items():
+        for scale in np.exp(rng.uniform(-3.5, 0.0, 40)):
+            known = lengths(make()).items()
+            size = {n: v if n == "frame_angle" else scale * v for n, v in known}
+            sized = {n: v * rng.uniform(0.98, 1.02) for n, v in size.items()}
+            asked.append((name, sized))
+            faults.append(cut_fault(name, sized))
+    told = in_node(UNCUT, designs=bench_designs(), robots=asked)
+    for (name, _), fault, body in zip(asked, faults, told, strict=True):
+        assert bool(body) if fault == "Triangle.inertia" else body == fault, name
+        refused += body != ""
+    assert 100 < refused < len(asked) - 100
+
+
+@pytest.mark.parametrize("size", [0.25, 0.1])
+def test_legs_of_plywood_can_be_cut(size):
+    """A path for the weekend robot has legs of its build, and at no size one that has no holes."""
+    designs = {"weekend": bench_designs()["weekend"]}
+    path = (size * PATHS["flat below"]).tolist()
+    legs = in_node(SCRIPT, designs=designs, paths=[path])[0]
+    assert size < 0.25 or len(legs) > 2
+    for leg in legs:
+        assert leg["base"] == "weekend" and cut_fault("weekend", leg["lengths"]) == ""
 
 
 def test_the_nearest_leg_walks(searched):
@@ -88,3 +135,23 @@ def test_a_path_is_drawn_on_the_bench(open_window, tmp_path):
     assert page.input_value("#base") != base and "its toe is" in says.text_content()
     page.click("#undo")
     assert page.input_value("#base") == base
+
+
+def test_the_bench_stays_in_the_chosen_build(open_window, tmp_path):
+    """The weekend robot has legs of plywood, which differ from one another."""
+    window = open_window(reduced_motion="reduce", viewport={"width": 1400, "height": 900})
+    page = window.page
+    page.goto(f"{write_bench(tmp_path / 'bench.html').as_uri()}#weekend")
+    draw_path(page)
+    links = []
+    for _ in range(3):
+        link = page.evaluate("location.hash.slice(1)")
+        base, *changes = link.split("&")
+        named = dict(change.split("=") for change in changes)
+        degrees = math.radians(float(named.pop("frame_angle", math.degrees(0.1301))))
+        changed = {name: 1e-3 * float(value) for name, value in named.items()}
+        assert base == "weekend"
+        assert cut_fault(base, {**changed, "frame_angle": degrees}) == ""
+        links.append(link)
+        page.click("#next")
+    assert len({*links}) == 3

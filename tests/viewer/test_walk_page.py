@@ -314,6 +314,21 @@ def test_on_a_phone_in_the_dark(opened, across):
     assert not page.locator("kbd").first.is_visible()
 
 
+@pytest.mark.parametrize("width", [358, 736])
+def test_nothing_is_cut_in_a_frame(open_window, path, width):
+    """As the documentation's first page has it: two pictures with their scores, at any width."""
+    page = open_window(viewport={"width": width, "height": 688}).page
+    page.goto(f"{path.as_uri()}?embedded#terrain=stairs&level=4&robot2=built&control2=pid")
+    until(page, lambda: score(page, "time", 1) > 0.1)
+    size = "[document.documentElement.scrollWidth, document.documentElement.scrollHeight]"
+    assert page.evaluate(size) == [width, 688]
+    assert not page.locator("#panel").is_visible()
+    boxes = [canvas.bounding_box() for canvas in page.locator("#pictures canvas").all()]
+    assert min(box["height"] for box in boxes) > 150
+    captions = [caption.bounding_box() for caption in page.locator("figcaption").all()]
+    assert captions[-1]["y"] + captions[-1]["height"] <= 688
+
+
 def test_the_command_writes_both_pages(tmp_path, capsys, monkeypatch):
     links = []
     monkeypatch.setattr(webbrowser, "open", links.append)

@@ -302,7 +302,8 @@ function search(path) {
   const size = (i) => Math.max(...path.map((p) => p[i])) - Math.min(...path.map((p) => p[i]));
   if (Math.max(size(0), size(1)) < SMALLEST) return say("The path is too small.");
   draw(false);
-  const work = legsFor(oneOfEach(), path);
+  const { base } = present();
+  const work = legsFor(likeIt(base), path);
   const go = () => {
     const until = performance.now() + SEARCHING;
     let done = work.next();
@@ -311,27 +312,28 @@ function search(path) {
       say(`Searching for a leg: ${Math.round(100 * done.value)} %`);
       return requestAnimationFrame(go);
     }
-    const bases = new Map([...done.value].reverse().map((leg) => [leg.base, leg]));
-    legs = [...bases.values()].sort((a, b) => a.error - b.error);
-    show(path);
+    legs = done.value;
+    $("next").hidden = legs.length < 2;
+    if (legs.length > 0) return show(path);
+    const { material } = designs[base].cutting;
+    say(`No leg was found that walks by such a path and can be cut in ${material}.`);
   };
   go();
 }
 
-/** A design of each linkage, by name. */
-function oneOfEach() {
+/** A design, and one of each other linkage that is cut in the same material, by name. */
+function likeIt(base) {
   const kinds = new Map();
-  for (const name of [...Object.keys(designs), first]) {
-    const { bodies, dyads, toes } = designs[name];
-    kinds.set(JSON.stringify([bodies, dyads, toes]), name);
+  for (const name of [...Object.keys(designs), first, base]) {
+    const { bodies, dyads, toes, cutting } = designs[name];
+    if (cutting.material === designs[base].cutting.material)
+      kinds.set(JSON.stringify([bodies, dyads, toes]), name);
   }
   return Object.fromEntries([...kinds.values()].map((name) => [name, designs[name]]));
 }
 
 /** Show the first of the legs that were found, with the path where its toe's is. */
 function show(path) {
-  $("next").hidden = legs.length < 2;
-  if (legs.length === 0) return say("No leg was found that walks by such a path.");
   const [{ base, lengths, error }] = legs;
   settle(design.withLengths(designs, { base, changes: {} }, lengths));
   const middle = (points, i) => points.reduce((sum, point) => sum + point[i], 0) / points.length;
@@ -341,7 +343,7 @@ function show(path) {
   say(`${plain(base)}: its toe is ${share(error)} of the path's size away from it.`);
 }
 
-/** Show the leg of another linkage for the same path. */
+/** Show another leg for the same path. */
 function next() {
   legs.push(legs.shift());
   show(wanted);

@@ -6,16 +6,49 @@
 import cmath
 from pathlib import Path
 
+from jansen_env.drawings import outlines
 from jansen_env.files import write_text
-from jansen_env.robot import ROBOTS, Robot
+from jansen_env.robot import ROBOTS, Robot, buildable
+from jansen_env.robot.buildable import ALUMINIUM
+from jansen_env.robot.designs import is_of_built_parts
 from jansen_env.robot.lengths import lengths
 from jansen_env.viewer.web.page import page_of
+
+PLATES = ("DENSITY", "PLATE_THICKNESS", "OUTLINE", "WINDOW", "PIN_SHARE", "FOOT_MASS")
+"""Constants of :mod:`jansen_env.robot.buildable` that the mass of a plate depends on."""
 
 
 def write_bench(path: str | Path) -> Path:
     """Write the bench with all designs as one HTML file; beside :mod:`.walk`'s they walk."""
-    designs = {name: design_of(make()) for name, make in ROBOTS.items()}
-    return write_text(path, page_of("bench", {"base": "built", "designs": designs}))
+    return write_text(path, page_of("bench", {"base": "built", "designs": bench_designs()}))
+
+
+def bench_designs() -> dict[str, dict[str, object]]:
+    """Return all designs by name, with how their parts are cut."""
+    robots = {name: make() for name, make in ROBOTS.items()}
+    return {name: design_of(each) | {"cutting": cutting_of(each)} for name, each in robots.items()}
+
+
+def cutting_of(robot: Robot) -> dict[str, object]:
+    """Return a robot's material and the sizes of its parts' holes, m; see ``cutting.js``."""
+    build, bodies = robot.build, range(1, len(robot.bodies) + 1)
+    shoe = build is ALUMINIUM
+    plates = {name: getattr(buildable, name) for name in PLATES}
+    return {
+        "material": build.material,
+        "holes": [
+            {joint: 1e-3 * radius for joint, radius in outlines.pin_hole_radii(robot, k).items()}
+            for k in bodies
+        ],
+        "feet": [outlines.feet_of(robot, k) for k in bodies],
+        "hub": {"away": build.hub_screws, "radius": 1e-3 * outlines.M3},
+        "foot": {
+            "radius": 1e-3 * (outlines.SHOE_SCREW if shoe else outlines.M3),
+            "away": [[1e-3 * x for x in pair] for pair in outlines.SHOE_SCREWS] if shoe else [],
+        },
+        "wall": 1e-3 * outlines.WALL,
+        "plates": plates if is_of_built_parts(robot) else None,
+    }
 
 
 def design_of(robot: Robot) -> dict[str, object]:

@@ -2,6 +2,7 @@
 
 import { cornersOf, distance, hypot, sidesOf } from "./closure.js";
 import { lengthNames } from "./linkage.js";
+import { flatBar, triangularPlate } from "./parts.js";
 import { exactSum } from "./tables.js";
 
 const range = (count) => [...Array(count).keys()];
@@ -118,32 +119,4 @@ function builtPart(memory, link, name, legs, numbers) {
     return flatBar(link.length, FRAME_WIDTH, PIN_SHARE + AXIS_MASS / legs, numbers);
   const lower = name === "lower_rod" ? { BAR_THICKNESS: numbers.LOWER_ROD_THICKNESS } : {};
   return flatBar(link.length, WIDTH, PIN_SHARE, { ...numbers, ...lower });
-}
-
-function flatBar(length, width, end, { DENSITY, BAR_THICKNESS }) {
-  const [radius, areal, span] = [0.5 * width, DENSITY * BAR_THICKNESS, length * length];
-  const [middle, rounds] = [areal * length * width, areal * Math.PI * radius * radius];
-  const beyond = (length * 4 * radius) / (3 * Math.PI);
-  const inertia =
-    (middle * (span + width * width)) / 12 +
-    rounds * (0.5 * radius * radius + 0.25 * span + beyond);
-  return { mass: middle + rounds + 2 * end, inertia: inertia + 0.5 * end * span };
-}
-
-function triangularPlate(
-  [a, b, c],
-  more,
-  { DENSITY, PLATE_THICKNESS, OUTLINE, WINDOW, PIN_SHARE },
-) {
-  const half = 0.5 * (a + b + c);
-  const area = Math.sqrt(half * (half - a) * (half - b) * (half - c));
-  const spread = (a * a + b * b + c * c) / 36;
-  const areal = DENSITY * PLATE_THICKNESS;
-  const [outline, window] = [OUTLINE * OUTLINE, WINDOW * WINDOW];
-  let inertia = areal * area * spread * (outline * outline - window * window);
-  const mass = areal * area * (outline - window);
-  const reach = Math.sqrt(2 * (b * b + c * c) - a * a) / 3; // of the third corner
-  const [moment, hole] = [more * reach, areal * area * window];
-  inertia += moment * reach - (moment * moment) / hole;
-  return { mass: mass + 3 * PIN_SHARE + more, inertia: inertia + PIN_SHARE * 12 * spread };
 }

@@ -4,6 +4,7 @@
 // start. First linkages of random lengths are compared, then the nearest of them are fitted by
 // Levenberg and Marquardt's method (Nocedal and Wright, Numerical Optimization, 2006, section 10.3).
 
+import { uncut } from "./cutting.js";
 import { assemble, place } from "./linkage.js";
 import { generatorOf } from "./random.js";
 
@@ -15,6 +16,7 @@ const ITERATIONS = 40;
 const ENOUGH = 1e-4; // by which share an iteration must be better, or the fit ends
 const LEAST_SINE = 0.2; // of two links that meet: below, the crank would be hard to turn
 const CHANGE = 1e-6; // of lengths, for slopes
+const ALIKE = 0.02; // legs whose lengths differ by less, as shares of the longest, are one
 
 /** A closed path [[x, y], ...] as POINTS points evenly along it. */
 export function evenly(path) {
@@ -96,6 +98,33 @@ function differences(path, target, { shift, way }) {
   });
 }
 
+/** Lengths at which the path of a leg is as large as the target; null where they cannot be cut. */
+function cutToSize(design, lengths, scale) {
+  const scaled = Object.entries(lengths).map(([name, value]) => [
+    name,
+    name === "frame_angle" ? value : scale * value,
+  ]);
+  const sized = Object.fromEntries(scaled);
+  return uncut(design, sized) ? null : sized;
+}
+
+/** Legs without those that are like one before: the best of each linkage first. */
+function different(legs) {
+  const kept = [];
+  for (const leg of legs.sort((a, b) => a.error - b.error))
+    if (!kept.some((other) => other.base === leg.base && alike(other.lengths, leg.lengths)))
+      kept.push(leg);
+  const isBest = (leg) => leg === kept.find(({ base }) => base === leg.base);
+  return [...kept.filter(isBest), ...kept.filter((leg) => !isBest(leg))];
+}
+
+function alike(lengths, others) {
+  const size = Math.max(...Object.values(lengths).map(Math.abs));
+  return Object.entries(lengths).every(([name, value]) => {
+    return Math.abs(value - others[name]) < ALIKE * (name === "frame_angle" ? 1 : size);
+  });
+}
+
 /** Random lengths of a design: bodies keep their kind and, about, their shape. */
 function varied(design, rng) {
   const size = Math.max(...Object.values(design.lengths).map(Math.abs));
@@ -168,36 +197,39 @@ function solve(slopes, values, damping) {
   return rows.map((row, i) => row[rows.length] / row[i]);
 }
 
+/** Legs of random lengths that can be cut, nearest first; yields the share of all work that is done. */
+function* randomLegs(designs, target, size, { tries, seed }) {
+  const rng = generatorOf(seed);
+  const near = [];
+  const names = Object.keys(designs);
+  for (const [number, base] of names.entries())
+    for (let n = 0; n < tries; n++) {
+      const lengths = n === 0 ? designs[base].lengths : varied(designs[base], rng);
+      const toe = toePath(designs[base], lengths);
+      const match = toe && compare(toe, target);
+      if (match && cutToSize(designs[base], lengths, size / match.size))
+        near.push({ base, lengths, ...match });
+      if (n % 50 === 0) yield (0.5 * (number + n / tries)) / names.length;
+    }
+  return near.sort((a, b) => a.error - b.error);
+}
+
 /**
- * The nearest legs to a closed path [[x, y], ...], m, nearest first: {base, lengths, error}.
+ * The legs that come nearest to a closed path [[x, y], ...], m, and can be cut: {base, lengths, error}.
+ * The nearest of each linkage are first, in order of their errors, then others, likewise.
  *
  * `designs`: those of the bench, by name; `tries`: random linkages of each; `error`: root mean square
  * distance / size of the path. It yields the share of its work that is done, and returns the legs.
  */
 export function* legsFor(designs, path, { tries = 1500, seed = 0 } = {}) {
   const { points: target, size } = centred(evenly(path));
-  const rng = generatorOf(seed);
-  const near = [];
-  const names = Object.keys(designs);
-  for (const [number, base] of names.entries()) {
-    for (let n = 0; n < tries; n++) {
-      const lengths = n === 0 ? designs[base].lengths : varied(designs[base], rng);
-      const toe = toePath(designs[base], lengths);
-      if (toe) near.push({ base, lengths, ...compare(toe, target) });
-      if (n % 50 === 0) yield (0.5 * (number + n / tries)) / names.length;
-    }
-  }
-  near.sort((a, b) => a.error - b.error);
+  const near = yield* randomLegs(designs, target, size, { tries, seed });
   const legs = [];
   for (const [n, { base, lengths }] of near.slice(0, FITTED).entries()) {
     const fitted = fit(designs[base], lengths, target);
-    const scale = size / fitted.size;
-    const scaled = Object.entries(fitted.lengths).map(([name, value]) => [
-      name,
-      name === "frame_angle" ? value : scale * value,
-    ]);
-    legs.push({ base, lengths: Object.fromEntries(scaled), error: fitted.error });
+    const sized = cutToSize(designs[base], fitted.lengths, size / fitted.size);
+    if (sized) legs.push({ base, lengths: sized, error: fitted.error });
     yield 0.5 + (0.5 * (n + 1)) / FITTED;
   }
-  return legs.sort((a, b) => a.error - b.error);
+  return different(legs);
 }

@@ -30,6 +30,7 @@ const DEAD_ZONE = 0.12; // of a gamepad's stick
 const LARGEST_SEED = 2 ** 32 - 1;
 const MESSAGE_TIME = 6000; // ms for which a message is shown
 const GOAL = { distance: 10, cost: 0.3 }; // m, at most; by hand
+const EMBEDDED = "?embedded"; // in the address of a frame of another page: pictures alone
 const FLAT = "flat";
 const DRAWN = "drawn";
 const OVERVIEW = 0.3; // zoom while a ground is drawn
@@ -827,6 +828,7 @@ function listenToPanel() {
 
 /** Compile the engine, and walk. */
 async function begin() {
+  document.body.classList.toggle("embedded", location.search === EMBEDDED);
   engine = await loadEngine(numbersOf(data.engine, Uint8Array), data.layout);
   buildPanel();
   await open(location.hash.slice(1) || data.start);

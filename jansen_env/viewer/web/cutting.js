@@ -1,0 +1,86 @@
+// Which legs can be cut in a material: holes have a wall between them, as in drawings/outlines.py.
+//
+// `cutting` of a design comes from bench.py: {material, holes: of each body {joint: radius}, feet: of
+// each body the toes that it carries, hub: {away, radius} of the two screws beside the crank's axis,
+// foot: {radius, away: [[first, second] ...]} of the screws of a tread, wall: least material between
+// two holes, plates: numbers of parts.js where they are the built robot's, or null}. Metres.
+
+import { assemble, lengthNames } from "./linkage.js";
+import { triangularPlate } from "./parts.js";
+
+const PARALLEL = Math.PI / 6; // between two sides: a tread's screws are behind one another below it
+
+const away = ([x, y], [u, v]) => Math.hypot(u - x, v - y);
+const towards = ([x, y], [dx, dy], way) => [x + way * dx, y + way * dy];
+
+function direction(from, to) {
+  const span = away(from, to);
+  return [(to[0] - from[0]) / span, (to[1] - from[1]) / span];
+}
+
+/** Name of a body of a design that cannot be cut with these lengths; "" if all can. */
+export function uncut(design, lengths) {
+  const { bodies } = assemble(design, lengths);
+  const { wall } = design.cutting;
+  const tooNear = (holes) =>
+    holes.some((hole, k) =>
+      holes
+        .slice(k + 1)
+        .some((other) => away(hole.at, other.at) < hole.radius + other.radius + wall),
+    );
+  const wrong = (body, k) =>
+    holesOf(design, body, k).some(tooNear) || isTooHeavy(design, lengths, k);
+  return bodies.find(wrong)?.name ?? "";
+}
+
+/** Whether a plate of the built robot's is too small for the mass of its foot: none balances it. */
+function isTooHeavy(design, lengths, k) {
+  const { plates } = design.cutting;
+  if (!plates || design.kinds[k] !== "Triangle") return false;
+  const sides = lengthNames(design, k).map((name) => lengths[name]);
+  const more = design.bodies[k][0] === "foot" ? plates.FOOT_MASS - plates.PIN_SHARE : 0;
+  return triangularPlate(sides, more, plates).inertia < 0;
+}
+
+/** Holes {at, radius} of a body: of each order that a tread's screws may have. */
+function holesOf({ cutting }, { points }, k) {
+  const { holes, feet, hub } = cutting;
+  const joints = Object.entries(holes[k]).map(([joint, radius]) => ({
+    at: points.get(joint),
+    radius,
+  }));
+  if (k === 1) {
+    const [axis, pin] = points.values();
+    for (const way of [hub.away, -hub.away])
+      joints.push({ at: towards(axis, direction(axis, pin), way), radius: hub.radius });
+  }
+  const others = feet[k].map((toe) => screwsOf(cutting.foot, toe, points));
+  return [0, 1].map((order) => [...joints, ...others.flatMap((screws) => screws[order])]);
+}
+
+/** Holes of the screws of a toe's tread, in both orders. */
+function screwsOf({ radius, away: reaches }, toe, points) {
+  const at = points.get(toe);
+  if (reaches.length === 0) return [0, 1].map(() => [{ at, radius }]);
+  const ways = [...points].filter(([joint]) => joint !== toe).map(([, to]) => direction(at, to));
+  const [first, second, angle] = widest(ways);
+  const [near, far] = reaches[angle > PARALLEL ? 0 : 1];
+  return [
+    [first, second],
+    [second, first],
+  ].map(([way, other]) => [
+    { at: towards(at, way, near), radius },
+    { at: towards(at, other, far), radius },
+  ]);
+}
+
+/** The two directions that are furthest from one another, and the angle between them. */
+function widest(ways) {
+  let most = [ways[0], ways[0], 0];
+  for (const [i, a] of ways.entries())
+    for (const b of ways.slice(i + 1)) {
+      const angle = Math.abs(Math.atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1]));
+      if (angle > most[2]) most = [a, b, angle];
+    }
+  return most;
+}

@@ -7,6 +7,7 @@ import cmath
 from pathlib import Path
 
 from jansen_env.drawings import outlines
+from jansen_env.drawings.sheets import MARGIN
 from jansen_env.files import write_text
 from jansen_env.robot import ROBOTS, Robot, buildable
 from jansen_env.robot.buildable import ALUMINIUM
@@ -16,6 +17,7 @@ from jansen_env.viewer.web.page import page_of
 
 PLATES = ("DENSITY", "PLATE_THICKNESS", "OUTLINE", "WINDOW", "PIN_SHARE", "FOOT_MASS")
 """Constants of :mod:`jansen_env.robot.buildable` that the mass of a plate depends on."""
+SHEETS = {"aluminium": (2.0, 1.0), "plywood": (0.6, 0.3)}  # m, by a robot's material
 
 
 def write_bench(path: str | Path) -> Path:
@@ -47,6 +49,8 @@ def cutting_of(robot: Robot) -> dict[str, object]:
             "away": [[1e-3 * x for x in pair] for pair in outlines.SHOE_SCREWS] if shoe else [],
         },
         "wall": 1e-3 * outlines.WALL,
+        "sheet": [side - 2e-3 * MARGIN for side in SHEETS[robot.material]],
+        "widths": [build.frame_width, build.width],
         "plates": plates if is_of_built_parts(robot) else None,
     }
 

@@ -3,11 +3,13 @@
 // `cutting` of a design comes from bench.py: {material, holes: of each body {joint: radius}, feet: of
 // each body the toes that it carries, hub: {away, radius} of the two screws beside the crank's axis,
 // foot: {radius, away: [[first, second] ...]} of the screws of a tread, wall: least material between
-// two holes, plates: numbers of parts.js where they are the built robot's, or null}. Metres.
+// two holes, plates: numbers of parts.js where they are the built robot's, or null, sheet: longer and
+// shorter side of what parts are cut from, widths: of the frame's bar and of others}. Metres.
 
 import { assemble, lengthNames } from "./linkage.js";
 import { triangularPlate } from "./parts.js";
 
+const RIM = 0.05; // of a plate's height: its rim beyond the joints is no wider
 const PARALLEL = Math.PI / 6; // between two sides: a tread's screws are behind one another below it
 
 const away = ([x, y], [u, v]) => Math.hypot(u - x, v - y);
@@ -29,7 +31,9 @@ export function uncut(design, lengths) {
         .some((other) => away(hole.at, other.at) < hole.radius + other.radius + wall),
     );
   const wrong = (body, k) =>
-    holesOf(design, body, k).some(tooNear) || isTooHeavy(design, lengths, k);
+    holesOf(design, body, k).some(tooNear) ||
+    isTooHeavy(design, lengths, k) ||
+    isTooLarge(design.cutting, body, k);
   return bodies.find(wrong)?.name ?? "";
 }
 
@@ -41,6 +45,24 @@ function isTooHeavy(design, lengths, k) {
   const more = design.bodies[k][0] === "foot" ? plates.FOOT_MASS - plates.PIN_SHARE : 0;
   return triangularPlate(sides, more, plates).inertia < 0;
 }
+
+/** Whether a part does not fit its sheet, lying as low as it can. */
+function isTooLarge({ sheet, widths, hub }, { points }, k) {
+  const joints = [...points.values()];
+  let [length, height] = [0, Number.POSITIVE_INFINITY];
+  for (const [i, from] of joints.entries())
+    for (const to of joints.slice(i + 1)) {
+      const [c, s] = direction(from, to);
+      const across = rangeOf(joints.map(([x, y]) => c * y - s * x));
+      if (across < height)
+        [length, height] = [rangeOf(joints.map(([x, y]) => c * x + s * y)), across];
+    }
+  const rim = 2 * Math.max(widths[k === 0 ? 0 : 1] / 2, RIM * height);
+  const more = k === 1 ? hub.away : 0;
+  return length + more + rim > sheet[0] || height + rim > sheet[1];
+}
+
+const rangeOf = (values) => Math.max(...values) - Math.min(...values);
 
 /** Holes {at, radius} of a body: of each order that a tread's screws may have. */
 function holesOf({ cutting }, { points }, k) {

@@ -115,7 +115,7 @@ def _mend(columns: dict[str, Array], speed: float, lines: list[int], head: int) 
     periods = np.diff(time)
     usual, longest = float(np.median(periods)), float(periods.max())
     if periods.min() <= 0.0:
-        after = int(periods.argmin())
+        after = int((periods <= 0.0).argmax())
         given = f"{columns['time'][after + 1]:.10g} after {columns['time'][after]:.10g}"
         raise at_line(lines[after + 1], f"time_s must rise, got {given}")
     rows = f"lines {lines[0]} to {lines[-1]}"

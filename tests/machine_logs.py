@@ -69,4 +69,5 @@ if __name__ == "__main__":
     for speed in (1.0, 2.0):
         plant = rigid_body(machine, TRUTH["friction"])
         path = MEASUREMENTS / f"synthetic_economy_{speed:g}.csv"
-        write_log(path, plant, speed, np.random.default_rng(0), 1.0, ("# robot: economy", note))
+        comments = ("# robot: economy", note, f"# mass: {machine.mass:.2f}")
+        write_log(path, plant, speed, np.random.default_rng(0), 1.0, comments)

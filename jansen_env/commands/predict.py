@@ -165,7 +165,7 @@ def walk(
     pid: PID = PAPER_PID,
 ) -> tuple[dict[str, Array], float]:
     """Walk robots whose cranks turn for ``seconds`` and then stop; return arrays (steps, n), and
-    the duration of a step, s."""
+    the duration of a step, s. The ground rises by ``known["slope"]``, rad, towards +x if given."""
     single = cast(JansenWalkerEnv, make_env(ENV, {"robot": robots[0]}).unwrapped)
     dt = single.control_dt
     envs: Any = gym.make_vec(
@@ -174,7 +174,10 @@ def walk(
     )  # fmt: skip
     now = speed
     policy = walking_pid(lambda command: np.full(len(command), now), single, pid)
-    seen, _ = envs.reset(seed=0, options={"crank_angle": known["start"]})
+    options = {"crank_angle": known["start"]}
+    if "slope" in known:
+        options["tilt"] = known["slope"]
+    seen, _ = envs.reset(seed=0, options=options)
     height, rows, memory = single.task.columns["crank_axis_height"], [], None
     for step in range(round((seconds + STOPPED) / dt)):
         now = speed if step < round(seconds / dt) else 0.0

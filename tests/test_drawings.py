@@ -26,9 +26,10 @@ from jansen_env.drawings import shaft_order
 from jansen_env.drawings.instructions import LINES, Manual
 from jansen_env.drawings.materials import bill_of_materials, counts, stacks, to_csv
 from jansen_env.drawings.materials import machine as machine_of
+from jansen_env.drawings.mount import units
 from jansen_env.drawings.order import Order
 from jansen_env.drawings.outlines import WALL, Round, coupon, cut_parts, feet_of, gap, radii
-from jansen_env.drawings.shaft_order import CollisionError, carried, units
+from jansen_env.drawings.shaft_order import CollisionError, carried
 from jansen_env.drawings.sheets import ALIKE, MARGIN, SCALE, nest, to_dxf, to_stl, to_svg
 from jansen_env.robot import ROBOTS, Leg
 from jansen_env.robot import buildable as built

@@ -19,9 +19,10 @@ import numpy as np
 
 from jansen_env.drawings.assembly import Piece, Solid
 from jansen_env.drawings.materials import Row, Stack, counts, stacks
+from jansen_env.drawings.mount import units
 from jansen_env.drawings.order import Mass, Order
 from jansen_env.drawings.outlines import FITS, CutPart, Points, Round, feet_of, rectangle, toe_way
-from jansen_env.drawings.shaft_order import Placed, carried, units
+from jansen_env.drawings.shaft_order import Placed, carried
 from jansen_env.plain_yaml import read_yaml
 from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.linkage import CRANK, FRAME
@@ -179,7 +180,6 @@ class Manual:
         ways = [*self.assembly.ways.values()]
         angle = abs(np.angle(ways[0] / ways[-1]))
         reach = 1e3 * self.robot.bodies[FRAME - 1].distance(0, 1)
-        ties = sum(piece.name == "brace" for piece in self.assembly.pieces)
         pivot = next(
             joint
             for joint in self.robot.linkage.bodies[FRAME - 1][1]
@@ -189,7 +189,6 @@ class Manual:
             "angle": math.degrees(angle),
             "apart": reach * abs(ways[0] - ways[-1]),
             "pivot": pivot,
-            "ties": ties,
         }
 
     def _unit(self, unit: int, number: int, which: str) -> list[Step]:

@@ -6,15 +6,15 @@ import math
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import combinations, pairwise
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.drawings.mount import mount_of
+from jansen_env.drawings.mount import mount_of, ties, units
 from jansen_env.drawings.outlines import BRACE, CutPart, Round, feet_of, link_part
-from jansen_env.drawings.shaft_order import Placed, units
+from jansen_env.drawings.shaft_order import Placed
 from jansen_env.robot import Plate, Robot, Triangle
 from jansen_env.robot import buildable as built
 from jansen_env.robot.buildable import ALUMINIUM, Build
@@ -84,16 +84,9 @@ def counts(robot: Robot) -> dict[str, int]:
     number["motor-plate"] = 1
     if mount.doublers:
         number["frame-doubler"] = mount.doublers
-    if len({leg.side for leg in robot.legs}) > 1:
-        number["brace"] = plies * _ties(robot)
+    if ties(robot):
+        number["brace"] = plies * ties(robot)
     return number
-
-
-def _ties(robot: Robot) -> int:
-    """Number of neighbouring frames of two units that face two ways, each tied by a brace."""
-    on = units(robot)
-    pairs = pairwise(on)
-    return sum(robot.legs[a[-1]].side != robot.legs[b[0]].side for a, b in pairs)
 
 
 def bill_of_materials(robot: Robot) -> list[Part]:

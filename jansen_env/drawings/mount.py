@@ -6,8 +6,11 @@ a frame take the screws of the brace, which ties a fore frame to a back frame.
 
 from __future__ import annotations
 
+import math
+from itertools import pairwise
 from typing import NamedTuple
 
+from jansen_env.robot import Robot
 from jansen_env.robot.buildable import ALUMINIUM, Build
 
 
@@ -109,3 +112,25 @@ PLYWOOD_MOUNT = Mount(
 def mount_of(build: Build) -> Mount:
     """Return the sizes about a build's motor."""
     return ALUMINIUM_MOUNT if build is ALUMINIUM else PLYWOOD_MOUNT
+
+
+def units(robot: Robot) -> list[tuple[int, ...]]:
+    """Legs on each crank pin, one of either side at most."""
+    pins: list[tuple[int, ...]] = []
+    for i, leg in enumerate(robot.legs):
+        for k, (other, *more) in enumerate(pins):
+            turn = math.remainder(leg.phase - robot.legs[other].phase, 2.0 * math.pi)
+            if not more and abs(turn) < 1e-9 and robot.legs[other].side != leg.side:
+                pins[k] = (other, i)
+                break
+        else:
+            pins.append((i,))
+    return pins
+
+
+def ties(robot: Robot) -> int:
+    """Number of neighbouring frames of two units that face two ways, each tied by a brace."""
+    return sum(
+        robot.legs[before[-1]].side != robot.legs[after[0]].side
+        for before, after in pairwise(units(robot))
+    )

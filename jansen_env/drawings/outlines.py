@@ -15,7 +15,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.drawings.mount import SIZES, mount_of
+from jansen_env.drawings.mount import SIZES, mount_of, ties
 from jansen_env.robot import Robot
 from jansen_env.robot import buildable as built
 from jansen_env.robot.buildable import ALUMINIUM, Build
@@ -362,10 +362,10 @@ def frame_ways(robot: Robot) -> dict[str, complex]:
 def brace(robot: Robot) -> CutPart | None:
     """Return the plate that ties a fore frame to a back frame, in the chassis' axes.
 
-    A robot whose legs face one way has none.
+    A robot of one crank pin, or whose legs face one way, has none.
     """
     build, ways = robot.build, [*frame_ways(robot).values()]
-    if len(ways) < 2:
+    if not ties(robot):
         return None
     screw = SIZES[build.screw]
     spots = [reach * way for way in ways for reach in mount_of(build).screws]

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jansen_env.drawings.mount import units
 from jansen_env.drawings.outlines import CutPart, Points, feet_of, gap, link_part
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import joint_positions
@@ -66,20 +67,6 @@ class Solid(NamedTuple):
     radius: float
     on: tuple[int, ...] = ()
     beyond: int = 1
-
-
-def units(robot: Robot) -> list[tuple[int, ...]]:
-    """Legs on each crank pin, one of either side at most."""
-    pins: list[tuple[int, ...]] = []
-    for i, leg in enumerate(robot.legs):
-        for k, (other, *more) in enumerate(pins):
-            turn = math.remainder(leg.phase - robot.legs[other].phase, 2.0 * math.pi)
-            if not more and abs(turn) < 1e-9 and robot.legs[other].side != leg.side:
-                pins[k] = (other, i)
-                break
-        else:
-            pins.append((i,))
-    return pins
 
 
 def carried(part: CutPart, points: Sequence[complex], joints: Points, side: str) -> Points:

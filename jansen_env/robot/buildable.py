@@ -66,7 +66,6 @@ class Build(NamedTuple):
     hub_screws: float = 9.25e-3
     spacer_radius: float = 5e-3
     tube_radius: float = 10e-3
-    brace_length: float = 0.14
     axis_mass: float = AXIS_MASS
     cross_member_mass: float = CROSS_MEMBER_MASS
     battery_mass: float = BATTERY_MASS
@@ -85,7 +84,7 @@ PLYWOOD = Build(
     plate_thickness=3e-3, width=10e-3, frame_width=12e-3, pin_share=1.2e-3, pin_radius=1.5e-3,
     screw="M3", bush=0.1e-3, bearing_friction=0.4, shaft_radius=2e-3, hub_radius=10e-3,
     hub_length=5e-3, hub_screws=6.35e-3, spacer_radius=3.5e-3, tube_radius=4e-3,
-    brace_length=0.06, axis_mass=0.147, cross_member_mass=0.0, battery_mass=0.114,
+    axis_mass=0.147, cross_member_mass=0.0, battery_mass=0.114,
     foot_radius=7e-3, foot_width=9e-3, tread_layers=1, foot_mass=2.9e-3,
     foot_stiffness=(6e4, 1.5e4), motor="lp_25d_75", cells=3,
 )  # fmt: skip

@@ -133,6 +133,32 @@ def positive_integer(name: str, value: object, most: int | None = None) -> int:
     return whole_number(name, value, most, least=1)
 
 
+def robot_index(index: object, count: int) -> int:
+    """Return the position of one of ``count`` robots as an int.
+
+    Raises:
+        ValueError: If it is no whole number from 0 to ``count`` - 1. A flag is none.
+    """
+    return whole_number("robot index", index, most=count - 1)
+
+
+def robot_indices(indices: object, count: int) -> list[int]:
+    """Return the positions of some of ``count`` robots: of all for None, of one for a number.
+
+    Raises:
+        ValueError: If one is no :func:`robot_index`, or there twice.
+    """
+    if indices is None:
+        return list(range(count))
+    if isinstance(indices, Integral):
+        return [robot_index(indices, count)]
+    allowed = f"None, a whole number from 0 to {count - 1}, or a list of some"
+    checked = [robot_index(index, count) for index in entries("robot indices", indices, allowed)]
+    if len({*checked}) < len(checked):
+        raise invalid("robot indices", indices, "different ones")
+    return checked
+
+
 def instance(name: str, value: object, kind: type) -> Any:
     """Return ``value``. Raises ValueError unless it is of a type."""
     if not isinstance(value, kind):
@@ -154,11 +180,20 @@ def entries(name: str, value: object, allowed: str, count: int | None = None) ->
 
 
 def numbers_of(value: object) -> Array:
-    """Return a value as an array of floats, a copy; NaN alone for what is none."""
-    try:
-        return np.array(value, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        return np.array(math.nan)
+    """Return real numbers as an array of floats, a copy; NaN alone for anything else.
+
+    Texts, flags, complex numbers, dates, objects and masked arrays are no real numbers, although
+    NumPy would turn them into floats.
+    """
+    if type(value) is np.ndarray:  # nearly always
+        return value.astype(float) if value.dtype.kind in "fiu" else np.array(math.nan)
+    parts = value if isinstance(value, (list, tuple)) else (value,)
+    if not any(isinstance(part, np.ma.MaskedArray) for part in parts):
+        with contextlib.suppress(TypeError, ValueError, OverflowError):
+            array = np.asarray(value)
+            if array.dtype.kind in "fiu":
+                return array.astype(float)
+    return np.array(math.nan)
 
 
 def finite_numbers(name: str, value: object, count: int, most: float = MOST_SINGLE) -> Array:

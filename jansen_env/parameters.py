@@ -13,6 +13,7 @@ import numpy as np
 
 from jansen_env.arrays import Array, Rows
 from jansen_env.checks import invalid, listed, number_range, shown, within
+from jansen_env.engine.records import PARAMETERS as ENGINE_PARAMETERS
 from jansen_env.robot import Payload, Robot
 from jansen_env.terrain import MAX_SLOPE, Terrain
 from jansen_env.terrain.generators import HIGHEST
@@ -98,14 +99,15 @@ their meaning. Nothing else depends on it."""
 
 PARAMETERS = {row.name: row for row in TABLE}
 """The rows by name."""
-EPISODE: np.dtype[np.void] = np.dtype([(row.name, "f8") for row in TABLE])
-"""The numbers of one episode."""
+EPISODE: np.dtype[np.void] = np.dtype(ENGINE_PARAMETERS)
+"""The parameters of one episode: part of a robot's record."""
+if EPISODE.names != (*PARAMETERS,):
+    raise TypeError(
+        f"PARAMETERS of jansen_env/engine/records.py must name the parameters of TABLE in its "
+        f"order, {[*PARAMETERS]}, got {EPISODE.names}"
+    )
 OF_ROBOTS = tuple(row.name for row in TABLE if row.of_robot)
 """Names of those that plants apply."""
-OF_ROBOTS_COLUMNS = np.array([place for place, row in enumerate(TABLE) if row.of_robot])
-"""Where these stand in :data:`EPISODE`."""
-ROBOT_PARAMETERS: np.dtype[np.void] = np.dtype([(name, "f8") for name in OF_ROBOTS])
-"""The numbers that plants apply."""
 SETTABLE = tuple(row.name for row in TABLE if row.settable)
 """Names of those that ``set_parameters`` changes."""
 CHANGES = tuple(name for name in SETTABLE if not PARAMETERS[name].argument)
@@ -114,17 +116,14 @@ ARGUMENTS = tuple(row.name for row in TABLE if row.argument)
 """Names of those that are arguments of constructors."""
 
 
-def nominal(
-    robot: Robot, terrain: Terrain, row_type: np.dtype[np.void] = ROBOT_PARAMETERS
-) -> np.void:
-    """Return the row, of :data:`ROBOT_PARAMETERS` or :data:`EPISODE`, that changes nothing."""
-    names = row_type.names or ()
-    values = tuple(PARAMETERS[name].nominal(robot, terrain) for name in names)
-    return np.array([values], row_type)[0]
+def nominal(robot: Robot, terrain: Terrain) -> np.void:
+    """Return the parameters, a record of :data:`EPISODE`, that change nothing."""
+    values = tuple(parameter.nominal(robot, terrain) for parameter in TABLE)
+    return np.array([values], EPISODE)[0]
 
 
 def set_payload(row: np.void | dict[str, Any], load: Payload) -> None:
-    """Put another payload into a row of either type, or into numbers by name."""
+    """Put another payload into a record, or into values by name."""
     row["payload"], (row["payload_x"], row["payload_y"]) = load.mass, load.position
 
 
@@ -143,15 +142,10 @@ def argument_values(name: str, value: Any) -> dict[str, tuple[float, float]]:
     return {name: (low, high)}
 
 
-def robot_parameters(episodes: Rows) -> Rows:
-    """Return the numbers (k,) for plants out of rows (k,) of :data:`EPISODE`, a copy."""
-    numbers = plain(episodes).take(OF_ROBOTS_COLUMNS, axis=1)
-    return numbers.view(ROBOT_PARAMETERS)[:, 0]
-
-
 def plain(rows: Rows) -> Array:
-    """Return rows (k,) of numbers as (k, numbers), a view: NumPy takes long to copy fields."""
-    return rows.view(float).reshape(len(rows), rows.dtype.itemsize // 8)
+    """Return records (k,) of numbers as (k, numbers): a view unless their rows lie apart."""
+    together = np.ascontiguousarray(rows)
+    return together.view(float).reshape(len(rows), rows.dtype.itemsize // 8)
 
 
 def effective(robot: Robot) -> tuple[str, ...]:

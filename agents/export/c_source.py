@@ -13,11 +13,11 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 import jansen_env
 from jansen_env.arrays import Array
 from jansen_env.checks import shown
-from jansen_env.engine import walk_reward
+from jansen_env.engine import onboard_estimates, walk_reward
+from jansen_env.engine.walk_reward import STEPS_PER_TURN
 from jansen_env.gravity import GRAVITY
 from jansen_env.policies.pretrained import Harmonics, PretrainedPolicy, arguments_of
 from jansen_env.robot.kinematics import advance_per_turn
-from jansen_env.tasks.walking.walker_env import STEPS_PER_TURN
 from jansen_env.world import onboard
 from jansen_env.world.settings import Values, load_robot
 
@@ -85,7 +85,7 @@ def firmware(policy: PretrainedPolicy, name: str) -> dict[str, str]:
             raise ValueError(f"{key} of the policy is {value}, must be above 0 for firmware")
     robot = load_robot("robot", arguments["robot"])
     values = {
-        "paths": onboard.toe_paths(robot), "onboard": onboard, "rewards": walk_reward,
+        "paths": onboard.toe_paths(robot), "onboard": onboard_estimates, "rewards": walk_reward,
         "mean_path": abs(advance_per_turn(robot)) / STEPS_PER_TURN, "gravity": GRAVITY,
         "sensed": SENSED, "slowest": slowest, "fastest": fastest, "rate": arguments["torque_rate"],
         "cells": robot.build.cells,

@@ -23,6 +23,7 @@ from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.linkage import CRANK, FRAME
 
 Points = NDArray[np.complex128]
+MARGIN = 5.0  # mm, between parts, and to the edge of a sheet
 T = TypeVar("T")
 
 CIRCLE = np.exp(2j * np.pi * np.arange(64) / 64)

@@ -11,11 +11,10 @@ from jansen_env.drawings.assembly import faults
 from jansen_env.drawings.instructions import Manual
 from jansen_env.drawings.materials import counts, to_csv
 from jansen_env.drawings.order import Order
-from jansen_env.drawings.outlines import CutPart, Round, coupon, cut_parts, rectangle, sides
+from jansen_env.drawings.outlines import MARGIN, CutPart, Round, coupon, cut_parts, rectangle, sides
 from jansen_env.drawings.shaft_order import CollisionError, layers
 from jansen_env.robot import Robot
 
-MARGIN = 5.0  # mm, between parts, and to the edge of a sheet
 COUPON = 215 + 125j  # mm, of the sheet that the coupon lies on
 CROSS = 3.0  # mm, half a line of a mark
 SCALE = 100.0  # mm, the bar that every sheet has in its lower margin

@@ -55,6 +55,7 @@ INTERVALS = 384  # polynomials a turn: slopes of the holy numbers to 1e-10 of th
 ORDER = 8  # coefficients of each (the engine's polynomials are written out for eight)
 TERMS = 12  # of the Taylor polynomials from which they are made
 ECONOMY = np.array([-0.0078125, 0.0, 0.25, 0.0, -1.25, 0.0, 2.0, 0.0])  # t^8 - T_8(t) / 128
+MASS_SAMPLES = 32  # crank angles at which pads' effective masses are looked at
 BEARING_SAMPLES = 512  # of the bearings' friction, which has kinks
 
 # The last two are what the links' own inertias J are of b and k; of I that is constant.
@@ -241,6 +242,40 @@ def mass_matrix(tables: Tables, q: Array) -> Array:
     M[0:2, 3] = M[3, 0:2] = R @ s.dc
     M[2, 3] = M[3, 2] = s.b
     return M
+
+
+@functools.lru_cache(maxsize=128)
+def lightest_mass(robot: Robot) -> float:
+    """Return the smallest effective mass at a pad, kg: over a turn, all pads and all directions.
+
+    Of the robot without payload and rotor, which only make it larger.
+    """
+    tables, legs = compile_robot(design_of(robot)), robot.legs
+    layout, turn = tables.layout, 2.0 * math.pi * np.arange(MASS_SAMPLES) / MASS_SAMPLES
+    # Crank angles at which the tables of each leg's pads, a fore leg's, are read at the same ones.
+    angles = [
+        turn - leg.phase if leg.side == "fore" else math.pi - turn - leg.phase for leg in legs
+    ]
+    sums = body_sums(tables, np.array(angles))
+    M = np.zeros((*sums.I.shape, 4, 4))
+    M[..., 0, 0] = M[..., 1, 1] = tables.robot.mass
+    M[..., 2, 2], M[..., 3, 3], M[..., 2, 3] = sums.I, sums.k, sums.b
+    M[..., 0, 2], M[..., 1, 2], M[..., :2, 3] = -sums.c[..., 1], sums.c[..., 0], sums.dc
+    inverse = np.linalg.inv(np.triu(M) + np.triu(M, 1).swapaxes(-1, -2))[layout.leg]
+    fore = np.array([legs[leg].side == "fore" for leg in layout.leg])[:, None]
+    places = [_evaluate(table, turn)[:2] for table in tables.pads]
+    value, slope = (np.array([place[k] for place in places])[layout.joint] for k in (0, 1))
+    x = np.where(fore, value[..., 0], -value[..., 0])
+    dx, dy, turned = np.moveaxis(slope, -1, 0)
+    dy, turned = (np.where(fore, each, -each) for each in (dy, turned))
+    turned = np.where(fore, turned, -turned)
+    J = np.zeros((*x.shape, 2, 4))  # of the point that touches level ground
+    J[..., 0, 0] = J[..., 1, 1] = 1.0
+    J[..., 0, 2], J[..., 1, 2] = robot.pad_radius - value[..., 1], x
+    J[..., 0, 3], J[..., 1, 3] = dx + robot.pad_radius * turned, dy
+    W = J @ inverse @ J.swapaxes(-1, -2)
+    mean, difference = 0.5 * (W[..., 0, 0] + W[..., 1, 1]), 0.5 * (W[..., 0, 0] - W[..., 1, 1])
+    return float(1.0 / (mean + np.hypot(difference, W[..., 0, 1])).max())
 
 
 def velocity_terms(tables: Tables, q: Array, v: Array) -> Array:

@@ -13,16 +13,23 @@ from jansen_env.engine.tables import mechanical_energy
 def begin(robot, state, statistics, body, sums):
     """Begin new sums, in a crank-axis state."""
     total = robot.accumulators
-    total.motor_work = total.joint_loss = total.slip_loss = total.impact_loss = 0.0
-    total.worst_residual = total.contact_gain = 0.0
-    total.non_toe_impulse = total.energy_change = total.elastic_energy = 0.0
-    total.torque_impulse = total.electrical_work = total.push_work = 0.0
-    total.correction_work, total.links_in_ground = 0.0, 0
+    clear(total)
     robot.status.step, robot.status.lost = 0, False
     for j in range(len(statistics)):
         statistics[j].slip = 0.0
         statistics[j].impulse[0] = statistics[j].impulse[1] = 0.0
     total.initial_energy = mechanical_energy(body, robot.params, state, sums)
+
+
+@stage
+def clear(total):
+    """Set all sums to 0."""
+    total.motor_work = total.joint_loss = total.slip_loss = total.impact_loss = 0.0
+    total.worst_residual = total.contact_gain = total.initial_energy = 0.0
+    total.impulse_share = 0.0
+    total.non_toe_impulse = total.energy_change = total.elastic_energy = 0.0
+    total.torque_impulse = total.electrical_work = total.push_work = 0.0
+    total.correction_work, total.links_in_ground = 0.0, 0
 
 
 @stage
@@ -36,8 +43,9 @@ def end(robot, state, statistics, elapsed, slip, force, body, sums):
     total.non_toe_impulse = 0.0
     for j in range(toes, len(statistics)):
         total.non_toe_impulse += statistics[j].impulse[1]
-    if robot.params.compliant:  # springs too stiff for the step may give back what counted as lost
-        total.impact_loss = max(0.0, total.impact_loss)
+    # What contacts and dry friction add is the time step's error: residual, and no negative loss.
+    total.impact_loss = max(0.0, total.impact_loss)
+    total.joint_loss = max(0.0, total.joint_loss)
     energy = mechanical_energy(body, robot.params, state, sums) + total.elastic_energy
     total.energy_change = energy - total.initial_energy
 
@@ -60,6 +68,7 @@ def accumulate_step(
     total.torque_impulse += h * (torque - asked)
     total.electrical_work += h * drawn_power(torque, mean, params)
     total.worst_residual = max(total.worst_residual, outcome.residual)
+    total.impulse_share = max(total.impulse_share, outcome.impulse_share)
     if outcome.may_gain:
         gain = min(
             contact_gain(count, velocity, end, contacts),
@@ -73,8 +82,9 @@ def accumulate_contacts(h, count, velocity, after, contacts, planes, total, stat
     """Add a time step's slip, impulses and contact losses; keep the modes with the planes.
 
     A contact's work is impulse times mean velocity, which is exact for the step. Work of friction
-    while sliding is slip loss, all else (touchdown, tangential stops) impact loss. A toe that
-    touches down in the step slides from its middle on, with its new velocity alone.
+    while sliding is slip loss, all else impact loss: of touchdowns, tangential stops, and steps in
+    which sliding turns back, so that the mean velocity is not the one that friction opposes. A toe
+    that touches down in the step slides from its middle on, with its new velocity alone.
     """
     J, P, mode = contacts.J, contacts.problem.P, contacts.problem.mode
     for c in range(count):
@@ -86,7 +96,7 @@ def accumulate_contacts(h, count, velocity, after, contacts, planes, total, stat
         old_t, new_t = rate(J, i + 1, velocity), rate(J, i + 1, after)
         touchdown = contacts.gap[c] - 0.5 * h * old_n > 0.0
         friction_loss = -0.5 * P[i + 1] * (old_t + new_t)
-        if touchdown or mode[c] == STICK:
+        if touchdown or mode[c] == STICK or friction_loss < 0.0:
             total.impact_loss += friction_loss
         else:
             total.slip_loss += friction_loss

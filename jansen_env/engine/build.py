@@ -31,7 +31,7 @@ import subprocess
 import tempfile
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, get_type_hints
 
 import llvmlite.binding as llvm
 import numba
@@ -42,7 +42,7 @@ from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
 from jansen_env.engine import kernel as kernel_module
-from jansen_env.engine.kernel import FOLDER, Function, Kernel, library_path
+from jansen_env.engine.kernel import FOLDER, Function, Kernel, Parameter, library_path
 
 Numba: TypeAlias = Any
 """An object of numba or llvmlite, which have no types."""
@@ -117,24 +117,46 @@ def host() -> str:
     return f"{system}-{machine}"
 
 
+def _make_array(context: Numba, builder: Numba, kind: Numba, address: Numba, shape: Numba) -> Numba:
+    """Return numba's array struct of a type ``kind`` at an address, and its lengths and strides."""
+    array = context.make_array(kind)(context, builder)
+    data_type = context.get_data_type(kind.dtype)
+    size = context.get_constant(types.intp, context.get_abi_sizeof(data_type))
+    lengths = cgutils.unpack_tuple(builder, shape)
+    strides = [size]
+    for length in lengths[:0:-1]:
+        strides.insert(0, builder.mul(strides[0], length))
+    data = builder.inttoptr(address, array.data.type)
+    return array, data, lengths, strides, size
+
+
 @intrinsic
 def array_at(_: Numba, address: Numba, shape: Numba, dtype: Numba) -> Numba:
     """A contiguous array of a ``shape`` at an ``address``: numba's ``carray`` counts references."""
     kind = types.Array(dtype.dtype, len(shape), "C")
 
     def generate(context: Numba, builder: Numba, _: Numba, arguments: Numba) -> Numba:
-        array = context.make_array(kind)(context, builder)
-        data_type = context.get_data_type(kind.dtype)
-        size = context.get_constant(types.intp, context.get_abi_sizeof(data_type))
-        lengths = cgutils.unpack_tuple(builder, arguments[1])
-        strides = [size]
-        for length in lengths[:0:-1]:
-            strides.insert(0, builder.mul(strides[0], length))
-        data = builder.inttoptr(arguments[0], array.data.type)
+        made = _make_array(context, builder, kind, arguments[0], arguments[1])
+        array, data, lengths, strides, size = made
         populate_array(array, data, lengths, strides, size, None)
         return array._getvalue()
 
     return kind(types.int64, shape, dtype), generate
+
+
+@intrinsic
+def rows_at(_: Numba, address: Numba, shape: Numba, stride: Numba, dtype: Numba) -> Numba:
+    """:func:`array_at` of rows that lie ``stride`` bytes apart, each of them contiguous."""
+    kind = types.Array(dtype.dtype, len(shape), "A")
+
+    def generate(context: Numba, builder: Numba, _: Numba, arguments: Numba) -> Numba:
+        made = _make_array(context, builder, kind, arguments[0], arguments[1])
+        array, data, lengths, strides, size = made
+        strides[0] = arguments[2]
+        populate_array(array, data, lengths, strides, size, None)
+        return array._getvalue()
+
+    return kind(types.int64, shape, types.int64, dtype), generate
 
 
 @intrinsic
@@ -172,21 +194,38 @@ def _import_kernels() -> list[Kernel]:
     return kernel_module.kernels
 
 
+def _source_of(parameter: Parameter, names: dict[str, object]) -> str:
+    """Python that reads an argument from its slots; ``names`` gets the names that it uses."""
+    slot, dtype, ndim = parameter.slot, parameter.dtype, parameter.ndim
+    assert dtype.names is None or dtype.isalignedstruct, parameter.name
+    if ndim == 0:
+        words = {"f": "floats[{}]", "b": "bool(words[{}])", "i": "words[{}]"}
+        return words[dtype.kind].format(slot)
+    lengths = "".join(f"words[{slot + axis}], " for axis in range(1, ndim + 1))
+    names[f"dtype_{slot}"] = dtype
+    if parameter.apart:
+        return f"rows_at(words[{slot}], ({lengths}), words[{slot + ndim + 1}], dtype_{slot})"
+    return f"array_at(words[{slot}], ({lengths}), dtype_{slot})"
+
+
 def _entry(kernel: Kernel) -> tuple[str, str]:
     """LLVM's code of a kernel that takes its slots' address, and the symbol in there."""
-    arguments = list[str]()
-    names: dict[str, object] = {"array_at": array_at, "compiled": _lower(kernel.function, True)}
+    names: dict[str, object] = {"array_at": array_at, "rows_at": rows_at}
+    names |= {"compiled": _lower(kernel.function, True)}
     names |= {"integer": types.int64, "real": types.float64}
-    for name, slot, dtype, ndim in kernel.parameters:
-        assert dtype.names is None or dtype.isalignedstruct, name
-        if ndim == 0:
-            words = {"f": "floats[{}]", "b": "bool(words[{}])", "i": "words[{}]"}
-            arguments.append(words[dtype.kind].format(slot))
-            continue
-        lengths = "".join(f"words[{slot + axis}], " for axis in range(1, ndim + 1))
-        names[name] = dtype
-        arguments.append(f"array_at(words[{slot}], ({lengths}), {name})")
-    call = f"compiled({', '.join(arguments)})"
+    hints = get_type_hints(kernel.function)
+    arguments = dict[str, list[str]]()  # source of each, and of the entries of named tuples
+    for parameter in kernel.parameters:
+        name = parameter.group or parameter.name
+        arguments.setdefault(name, []).append(_source_of(parameter, names))
+    calls = list[str]()
+    for name, entries in arguments.items():
+        if hasattr(hints[name], "_fields"):
+            names[f"{name}_class"] = hints[name]
+            calls.append(f"{name}_class({', '.join(entries)})")
+        else:
+            calls += entries
+    call = f"compiled({', '.join(calls)})"
     result = f"return {call}"
     if kernel.returns in (None, bool):
         result = f"{call}\n    return 0" if kernel.returns is None else f"return 1 if {call} else 0"
@@ -250,15 +289,19 @@ def compile_code(codes: list[str], target: Target) -> bytes:
     return bytes(machine.emit_object(whole))
 
 
-def build(name: str, folder: Path = FOLDER) -> Path:
-    """Build the library for a platform of :data:`TARGETS`, and WebAssembly, into a folder.
+def build(name: str, folder: Path = FOLDER, alone: bool = False) -> Path:
+    """Build the library for a platform of :data:`TARGETS` into a folder; return its path.
 
-    Returns the library's path.
+    Args:
+        name: Name of the platform.
+        folder: Where the library goes.
+        alone: Whether to leave out WebAssembly.
 
     Raises:
         RuntimeError: the sources have changed meanwhile.
     """
-    targets = [TARGETS[each] for each in dict.fromkeys((name, "wasm32"))]
+    names = (name,) if alone else (name, "wasm32")
+    targets = [TARGETS[each] for each in dict.fromkeys(names)]
     paths = [library_path(folder, target.system) for target in targets]
     # In two processes, as the time step alone takes half of the time.
     with ProcessPoolExecutor(2, initializer=_import_kernels) as pool:
@@ -298,6 +341,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("target", nargs="?", default=host(), choices=TARGETS)
     parser.add_argument("--folder", type=Path, default=FOLDER, help="where it goes")
+    parser.add_argument("--alone", action="store_true", help="without WebAssembly")
     parser.add_argument("--missing", action="store_true", help="only if this folder lacks it")
     parser.add_argument("--tag", action="store_true", help="print the tag of its wheel alone")
     chosen = parser.parse_args()
@@ -305,4 +349,7 @@ if __name__ == "__main__":
         print(TARGETS[chosen.target].tag)
     else:
         there = chosen.missing and is_built()
-        print(library_path() if there else build(chosen.target, chosen.folder))
+        if there:
+            print(library_path())
+        else:
+            print(build(chosen.target, chosen.folder, chosen.alone))

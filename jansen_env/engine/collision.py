@@ -77,6 +77,8 @@ def _list_sides(state, cos, sin, near, status, model, surface, world, sides, pla
 def _side_normal(surface, k, x, y, ex, ey):
     """Return whether vertex ``k`` can carry a side, and the side's normal, out of the ground.
 
+    Only the vertex of a ridge can: in a valley the ground's own faces are in the way.
+
     ``x, y``: m, of the vertex from the side's first end; ``ex, ey``: of its second end.
     """
     square = ex * ex + ey * ey
@@ -88,7 +90,8 @@ def _side_normal(surface, k, x, y, ex, ey):
     after = (nx * qx + ny * qy) / mathematics.hypot(qx, qy)
     if before + after > 0.0:
         nx, ny, before, after = -nx, -ny, -before, -after
-    return 0.0 < share < 1.0 and max(before, after) < LEAN, nx, ny
+    ridge = px * qy - py * qx >= 0.0
+    return ridge and 0.0 < share < 1.0 and max(before, after) < LEAN, nx, ny
 
 
 @stage

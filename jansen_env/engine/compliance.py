@@ -20,6 +20,8 @@ counts only the way below the ground: never more energy comes back than went in.
 Near an edge of the ground, a pad that is deep in it may be far below a plane that is just found.
 Compression is therefore part of the state: a pad's springs on new planes together hold no more than
 its springs held on the old ones. Planes on which they would hold more are moved into the ground.
+Springs of a link's side that ends in the pad count with the pad's, which come first. A vertex may
+also come to lie under a side that is already below it: then the side's spring begins there.
 """
 
 from __future__ import annotations
@@ -52,28 +54,57 @@ def _start_length(h, middle, ahead, old):
 def limit_springs(h, count, velocity, params, planes, contacts, statistics):
     """Limit the springs on planes just found to the energy that the pad's springs held before.
 
-    Contacts are in the order of their pads.
+    Contacts are in the order of their pads. Sides that end in a pad share what it leaves.
     """
-    k, d = params.stiffness[NORMAL], params.pad_damping[NORMAL]
     first, last = 0, 0
     for j in range(len(statistics)):
-        square = 0.0
+        square, side_square = 0.0, 0.0
         while last < count and planes[contacts.plane[last]].pad == j:
-            share = _implicit_share(h, k, d, contacts.problem.W[2 * last, 2 * last])
-            old = rate(contacts.J, 2 * last, velocity)
-            start = _start_length(h, contacts.gap[last], 0.5 * h * (1.0 + share), old)
+            start, stored = _start(h, last, velocity, params, contacts)
             contacts.middle[2 * last] = start
-            square += ((1.0 - share) * start) ** 2
+            if planes[contacts.plane[last]].far_pad < 0:
+                square += (stored * start) ** 2
+            else:
+                side_square += (stored * start) ** 2
             last += 1
         held = statistics[j].deflection[NORMAL]
         if np.isinf(held):
-            statistics[j].deflection[NORMAL] = np.sqrt(square)
-        elif square > held * held:
-            excess = 1.0 - held / np.sqrt(square)
+            statistics[j].deflection[NORMAL] = np.sqrt(square + side_square)
+        else:
+            left = max(0.0, held * held - square)
+            excess = 1.0 - held / np.sqrt(square) if square > held * held else 0.0
+            side_excess = 1.0 - np.sqrt(left / side_square) if side_square > left else 0.0
             for c in range(first, last):
-                contacts.gap[c] -= excess * contacts.middle[2 * c]
-                planes[contacts.plane[c]].offset += excess * contacts.middle[2 * c]
+                plane = planes[contacts.plane[c]]
+                _move_plane(c, excess if plane.far_pad < 0 else side_excess, plane, contacts)
         first = last
+
+
+@stage(inline=False)
+def begin_sides(h, count, velocity, params, planes, contacts):
+    """Let springs of sides begin where they are, if a vertex is under them that was not before."""
+    for c in range(count):
+        plane = planes[contacts.plane[c]]
+        if plane.far_pad >= 0 and plane.compression == 0.0:
+            contacts.middle[2 * c], _ = _start(h, c, velocity, params, contacts)
+            _move_plane(c, 1.0, plane, contacts)
+
+
+@stage
+def _start(h, c, velocity, params, contacts):
+    """Length of a contact's normal spring at the start of a step, m, and the share that counts."""
+    weight = contacts.problem.W[2 * c, 2 * c]
+    share = _implicit_share(h, params.stiffness[NORMAL], params.pad_damping[NORMAL], weight)
+    old = rate(contacts.J, 2 * c, velocity)
+    return _start_length(h, contacts.gap[c], 0.5 * h * (1.0 + share), old), 1.0 - share
+
+
+@stage
+def _move_plane(c, share, plane, contacts):
+    """Move a contact's plane into the ground by a share of its spring, whose start is known."""
+    if share > 0.0:
+        contacts.gap[c] -= share * contacts.middle[2 * c]
+        plane.offset += share * contacts.middle[2 * c]
 
 
 @stage(inline=False)
@@ -132,7 +163,7 @@ def accumulate_compliant(
     """Add a time step's slip, impulses and losses of compliant pads; bend the bristles.
 
     All that is not slip loss is impact loss: of dampers, of springs let go, and what springs hold
-    less on planes that were ``renewed`` than on the old ones.
+    less on planes that were ``renewed`` than on the old ones, or lose with a plane that is gone.
     Springs are as long as they are where the law looks, at the step's ends or up to half a step
     ahead. Where c = 0, springs and dampers of a step lose h d times the mean velocity squared, so
     no loss is negative. Of normal springs with c > 0 the share (1 - c)^2 of the energy counts as
@@ -149,6 +180,8 @@ def accumulate_compliant(
         total.initial_energy += total.elastic_energy
     before, stored, lost = 0.0, 0.0, 0.0  # J: in the springs, and what contacts took of the robot
     slip_loss = 0.0
+    if not renewed:
+        lost += _released(0.5 * k, count, contacts, planes, status)
     for j in range(status.first_plane, status.end_plane):
         before += 0.5 * kt * planes[j].deflection ** 2
         planes[j].deflection = planes[j].compression = 0.0
@@ -183,3 +216,15 @@ def accumulate_compliant(
     total.slip_loss += slip_loss
     total.impact_loss += lost + before - stored - slip_loss
     total.elastic_energy = stored
+
+
+@stage
+def _released(half_stiffness, count, contacts, planes, status):
+    """Energy of the springs on planes that are no contacts any more, J."""
+    square = 0.0
+    for j in range(status.first_plane, status.end_plane):
+        square += planes[j].compression * planes[j].compression
+    for c in range(count):
+        compression = planes[contacts.plane[c]].compression
+        square -= compression * compression
+    return half_stiffness * max(0.0, square)

@@ -37,14 +37,15 @@ def find_contacts(h, middle, velocity, inertia, robot, model, planes, work):
     A compliant pad touches if it does so where the step begins, or would in the middle of the next
     one at this velocity: that far ahead its law may look.
 
-    Returns (contacts, whether one of them was open when the step began: an impact).
+    Returns (contacts, whether one of them was open when the step began: an impact, whether one is
+    that of a link's side).
     """
     x, y, theta, psi = middle
     turn = mathematics.cos(theta), mathematics.sin(theta)
     params, contacts, place = robot.params, work.contacts, work.place
     first = robot.status.first_plane
     travel = _travel(work.pose, middle, params)
-    count, impact = 0, False
+    count, impact, sided = 0, False, False
     reach = farthest_way(h, velocity, params) if params.compliant else 0.0
     for k in range(first, robot.status.end_plane):
         if work.bound[k - first] > travel + reach:
@@ -80,8 +81,9 @@ def find_contacts(h, middle, velocity, inertia, robot, model, planes, work):
         contacts.problem.mu[count] = params.friction
         contacts.problem.mode[count] = mode
         contacts.plane[count], contacts.gap[count] = k, distance
+        sided = sided or plane.far_pad >= 0
         count += 1
-    return count, impact
+    return count, impact, sided
 
 
 @stage(inline=False)
@@ -203,10 +205,11 @@ def outruns(margin, h, state, params, model, work):
 
 
 @stage
-def assemble(count, params, inertia, planes, contacts):
-    """J M^-1 and the Delassus matrix J M^-1 J^T, regularised; returns whether pads are wedged.
+def assemble(count, sided, params, inertia, planes, contacts):
+    """J M^-1 and the Delassus matrix J M^-1 J^T, regularised; returns whether contacts are wedged.
 
-    Pads that give are neither regularised nor wedged.
+    Pads that give are neither regularised nor wedged. ``sided``: whether a link's side touches,
+    whose normal may point any way.
     """
     J, MJ, W = contacts.J, contacts.MJ, contacts.problem.W
     m = params.mass
@@ -221,7 +224,8 @@ def assemble(count, params, inertia, planes, contacts):
             W[j, i] = W[i, j]
     wedged = False
     if count > 0 and not params.compliant:
-        wedged = can_wedge(params) and _wedged(count, contacts.plane, planes, params.friction)
+        if sided or can_wedge(params):
+            wedged = _wedged(count, contacts.plane, planes, params.friction)
         regularise(count, W, WEDGE_COMPLIANCE if wedged else COMPLIANCE)
     contacts.problem.indices[5 * count] = 0  # W is new
     return wedged
@@ -259,8 +263,10 @@ def can_wedge(params):
 def _wedged(count, plane, planes, friction):
     """Whether two contacts' friction cones hold opposite forces: n . n' <= -cos(2 atan(friction)).
 
-    Only then can pads push on the ground with any force and no effect on the motion: bounces and
+    Then contacts can push on the ground with any force and no effect on the motion: bounces and
     the path's curvature would make it as large as the arithmetic allows, so they are left out.
+    Contacts that hold opposite forces only through the linkage, or three at a time, are not seen
+    here but by :func:`impulse_share`.
     """
     limit = (friction * friction - 1.0) / (friction * friction + 1.0)
     for c in range(count):
@@ -269,6 +275,34 @@ def _wedged(count, plane, planes, friction):
             if a.normal_x * b.normal_x + a.normal_y * b.normal_y <= limit:
                 return True
     return False
+
+
+@stage
+def impulse_share(count, free, inertia, params, contacts):
+    """Return the contacts' impulses as a share of the largest that the step's motion explains.
+
+    Impulses P of contacts that yield by a compliance s, and that neither bounce nor follow a curve,
+    cannot add energy: P (W P + s P + J v) <= 0, v the velocity without contacts. With G = J^T P
+
+        s |P|^2 <= -G v - G M^-1 G <= v M v / 4
+
+    for any P, any W and any friction. Here s is that of wedged contacts, WEDGE_COMPLIANCE of W's
+    mean diagonal; v holds the momentum before the step, weight and the motor's torque. The bound is
+    infinite where the crank's speed is prescribed, as that is an unlimited momentum.
+    """
+    if count == 0 or params.prescribed_speed:
+        return 0.0
+    W, P = contacts.problem.W, contacts.problem.P
+    trace, square = 0.0, 0.0
+    for i in range(2 * count):
+        trace += W[i, i]
+        square += P[i] * P[i]
+    determinant = inertia.m11 * inertia.m22 - inertia.m12 * inertia.m12
+    w, n = free.pitch, free.crank
+    turning = inertia.m22 * w * w - 2.0 * inertia.m12 * w * n + inertia.m11 * n * n
+    momentum = params.mass * (free.x * free.x + free.y * free.y) + turning / determinant
+    most = momentum * count / (2.0 * WEDGE_COMPLIANCE * trace)
+    return np.sqrt(square / most) if square > 0.0 else 0.0
 
 
 @stage

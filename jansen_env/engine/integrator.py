@@ -20,27 +20,30 @@ axis: k psi'' + k' psi'^2 / 2 = torque - f psi' + gravity . R c'. Nothing touche
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jansen_env.engine import mathematics
-from jansen_env.engine.accumulators import accumulate_contacts, accumulate_step, begin, end
+from jansen_env.engine.accumulators import (
+    accumulate_contacts,
+    accumulate_step,
+    begin,
+    clear,
+    end,
+)
 from jansen_env.engine.collision import MARGIN, detect, links_in_ground
 from jansen_env.engine.compliance import (
     accumulate_compliant,
     add_compliance,
     attach_bristles,
+    begin_sides,
     keep_deflection,
     limit_springs,
 )
 from jansen_env.engine.contact_solver import OPEN, index_size, spare_space
 from jansen_env.engine.contacts import TRAVEL, assemble, correct_penetration, find_contacts, outruns
 from jansen_env.engine.kernel import (
-    Bools1,
     Floats1,
     Floats2,
     Floats3,
-    Floats4,
-    Floats5,
     Ints1,
     Ints2,
     fetch_add,
@@ -48,19 +51,18 @@ from jansen_env.engine.kernel import (
     stage,
 )
 from jansen_env.engine.records import (
+    PLANE,
     Contacts,
+    Designs,
     Ground,
     Inertia,
-    Layouts,
     Model,
-    Planes,
+    Motions,
     Problem,
     Push,
-    Robots,
-    Statistics,
+    Scratch,
     Velocity,
     Work,
-    World,
 )
 from jansen_env.engine.restitution import solve_velocities
 from jansen_env.engine.tables import (
@@ -78,20 +80,32 @@ from jansen_env.engine.tables import (
     to_centroid,
 )
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
 DIVERGED = 1e4  # a speed (m/s, rad/s) beyond which a state has diverged
 
 
-def work_space(capacity: int) -> tuple[Array, Array, Array, Array, Array, Ints]:
-    """Memory for up to ``capacity`` contacts of a robot at once, for :func:`advance`."""
+def work_space(capacity: int, pads: int, steps: int) -> Scratch:
+    """Return memory for one thread.
+
+    Args:
+        capacity: Number of contacts that a robot may have at once.
+        pads: Number of a robot's pads.
+        steps: Number of time steps in a control step.
+    """
     rows = capacity + 1  # the last one for the crank's Coulomb friction
     n = 2 * rows
-    return (
-        np.zeros((2, n, 4)), np.zeros((2, n, n)), np.zeros((12, n)), np.zeros((3, 3, 6)),
-        spare_space(rows), np.zeros(2 * rows + index_size(rows), np.int64),
-    )  # fmt: skip
+    return Scratch(
+        jacobians=np.zeros((2, n, 4)),
+        matrices=np.zeros((2, n, n)),
+        vectors=np.zeros((12, n)),
+        readings=np.zeros((3, 3, 6)),
+        spare=spare_space(rows),
+        ints=np.zeros(2 * rows + index_size(rows), np.int64),
+        planes=np.zeros(capacity, PLANE),
+        pushes=np.zeros((1, steps, 2)),
+        state=np.zeros(8),
+        deflection=np.zeros((pads, 2)),
+        flags=np.zeros(2, bool),
+    )
 
 
 def trace_dtype(pads: int) -> np.dtype[np.void]:
@@ -121,87 +135,121 @@ POSE, VELOCITY_BEFORE, VELOCITY_AFTER, TORQUE, DRY_TORQUE, IMPULSES = (
 @kernel(nogil=True)
 def advance(
     thread: int, shares: Ints2, most: int, rows: Ints1, steps: int, torque: Floats1,
-    earlier: Floats1, switch: Ints1, pushes: Floats3, trace: Floats2, jacobians: Floats3,
-    matrices: Floats3, vectors: Floats2, readings: Floats3, spare: Floats2, ints: Ints1,
-    moved: Ints1, flags: Bools1, states: Floats2, body: Floats4, pads: Floats5, layout: Layouts,
-    bearings: Floats2, sides: Ints2, surface: Floats2, depths: Floats2, world: World,
-    robots: Robots, planes: Planes, statistics: Statistics, slip: Floats2, force: Floats3,
-) -> int:  # fmt: skip
-    """Advance robots by a control step, finding the ground as they go: a thread's, then others'.
+    earlier: Floats1, switch: Ints1, pushes: Floats3, trace: Floats2, scratch: Scratch,
+    designs: Designs, motions: Motions,
+) -> None:  # fmt: skip
+    """Advance robots by some time steps, finding the ground as they go: a thread's, then others'.
 
     Args:
-        thread: number of the one that calls. shares: (threads + 1, 2) the next of ``rows`` in each
-            thread's share, and its end; the last one is for thread 0, when nothing else is left.
-        most: robots to advance, no more.
-        rows: (k,) of the robots. steps: time steps of the control step.
-        torque: (robots,) crank torque asked for, N m. earlier: (robots,) the one before, which
-            still holds in the first ``switch`` (robots,) time steps.
-        pushes: (robots, steps, 2) N s on the chassis at the crank axis; without rows for none.
-        trace: (steps, numbers) :func:`trace_dtype` of the first robot; without rows for none.
-        jacobians ... ints: memory of :func:`work_space`. moved: (robots,) out: those that have
-            taken all their steps. flags: (2,) out: whether a robot has moved by
-            :data:`jansen_env.engine.collision.MARGIN`, and whether one has diverged.
-        states: (robots, 8) crank-axis states, changed in place.
-        body, pads, bearings: (designs, ...) of a :class:`jansen_env.engine.records.Model`.
-        surface, depths: of a :class:`jansen_env.engine.records.Ground`, depths (designs, ...).
-        layout: (designs, pads) PAD; sides: (sides, 2) pads at the ends of links' sides;
-            world: (1,) WORLD; robots: (robots,) ROBOT; planes: (planes,) PLANE, of all robots;
-            statistics: (robots, pads) CONTACT_STATISTICS. A robot faster than :data:`DIVERGED`,
-            not finite, off its stretch of the ground or too deep in it stops, ``lost``.
-        slip, force: out: (robots, toes) m, (robots, toes, 2) N, as CONTACT_STATISTICS has them.
-
-    Returns how many are in ``moved``.
+        thread: Number of the thread that calls.
+        shares: Shape (threads + 1, 2), the next of ``rows`` in each thread's share, and its end;
+            the last one is for thread 0, when nothing else is left.
+        most: Number of robots to advance at most.
+        rows: Shape (k,), the robots.
+        steps: Number of time steps.
+        torque: Shape (robots,), commanded crank torque in N m.
+        earlier: Shape (robots,), the torque that still holds in the first time steps, in N m.
+        switch: Shape (robots,), number of these time steps.
+        pushes: Shape (robots, steps, 2), impulses on the chassis at the crank axis in N s; without
+            rows for none.
+        trace: Shape (steps, numbers), :func:`trace_dtype` of the first robot; without rows for
+            none.
+        scratch: Memory of the thread.
+        designs: Tables and grounds.
+        motions: Records of the robots, changed in place.
     """
-    world_row = world[0]
-    work = split(jacobians, matrices, vectors, readings, spare, ints)
-    count, far, diverged = 0, False, False
+    work = split(scratch)
+    far, diverged = False, False
+    taken = 0
     known = len(shares) if thread == 0 else len(shares) - 1
     for offset in range(known):
         share = shares[(thread + offset) % known]
-        while count < most:
+        while taken < most:
             k = fetch_add(share)
             if k >= share[1]:
                 break
             r = rows[k]
-            robot, state = robots[r], states[r]
-            design = robot.params.design
-            model = Model(body[design], pads[design], layout[design], bearings[design])
-            ground = Ground(surface, depths[design])
-            begin(robot, state, statistics[r], model.body, work.sums)
-            asked = torque[r], earlier[r], switch[r], pushes[r : r + 1]
-            traced, status = trace if r == 0 else trace[:0], robot.status
-            while status.step < steps:
-                if not robot.params.held:
-                    on_stretch = detect(state, robot, model, ground, world_row, sides, planes)
-                    status.lost = not on_stretch or status.too_deep
-                if status.lost:
-                    break
-                to_centroid(model.body, robot.params, state, 1.0, work.sums)
-                _advance_robot(
-                    world_row, steps, asked, state, robot, model, planes, statistics[r], work,
-                    traced,
-                )  # fmt: skip
-                to_centroid(model.body, robot.params, state, -1.0, work.sums)
-            if status.lost:
-                diverged = True
-            else:
-                elapsed = steps * world_row.time_step
-                end(robot, state, statistics[r], elapsed, slip[r], force[r], model.body, work.sums)
-                if not robot.params.held:
-                    robot.accumulators.links_in_ground = links_in_ground(
-                        state, robot.status, model, ground, world_row.toes, sides, work.bound
-                    )
-                moved[count] = r
-                count += 1
-            if not robot.params.held:
-                far = far or not abs(state[0] - status.asked_x) <= MARGIN
-    flags[0], flags[1] = far, diverged
-    return count
+            commanded = torque[r], earlier[r], switch[r], pushes[r : r + 1]
+            traced = trace if r == 0 else trace[:0]
+            take_steps(r, steps, commanded, traced, work, scratch, designs, motions)
+            robot = motions.robots[r]
+            far = far or has_moved(robot)
+            diverged = diverged or robot.diverged
+            taken += 1
+    scratch.flags[0], scratch.flags[1] = far, diverged
 
 
 @stage
-def split(jacobians, matrices, vectors, readings, spare, ints):
+def has_moved(robot):
+    """Whether a robot is as far as :data:`MARGIN` from where its ground was asked for."""
+    return not robot.params.held and not abs(robot.state[0] - robot.status.asked_x) <= MARGIN
+
+
+@stage
+def take_steps(r, steps, commanded, trace, work, scratch, designs, motions):
+    """Advance robot ``r`` by time steps under ``commanded``: torque, earlier, switch and pushes.
+
+    A robot that becomes faster than :data:`DIVERGED` or not finite, leaves the stretch of ground
+    that is known, or gets too deep into the ground stays as it was, without sums, ``diverged``.
+    """
+    robot, statistics, slip = motions.robots[r], motions.statistics[r], motions.slip[r]
+    force, params, status, state = motions.contact_force[r], robot.params, robot.status, robot.state
+    design, world, planes = params.design, designs.world[0], scratch.planes
+    model = Model(
+        designs.body[design], designs.pads[design], designs.layout[design],
+        designs.bearings[design],
+    )  # fmt: skip
+    ground = Ground(designs.surface, designs.depths[design])
+    for i in range(8):
+        scratch.state[i] = state[i]
+    if params.compliant:
+        for j in range(len(statistics)):
+            for i in range(2):
+                scratch.deflection[j, i] = statistics[j].deflection[i]
+    begin(robot, state, statistics, model.body, work.sums)
+    while status.step < steps:
+        if not params.held:
+            on_stretch = detect(state, robot, model, ground, world, designs.sides, planes)
+            status.lost = not on_stretch or status.too_deep
+        if status.lost:
+            break
+        to_centroid(model.body, params, state, 1.0, work.sums)
+        _advance_robot(
+            world, steps, commanded, state, robot, model, planes, statistics, work, trace
+        )
+        to_centroid(model.body, params, state, -1.0, work.sums)
+    robot.diverged = status.lost
+    if status.lost:
+        _refuse(robot, statistics, slip, force, scratch)
+        return
+    end(robot, state, statistics, steps * world.time_step, slip, force, model.body, work.sums)
+    if not params.held:
+        robot.accumulators.links_in_ground = links_in_ground(
+            state, status, model, ground, world.toes, designs.sides, work.bound
+        )
+
+
+@stage(inline=False)
+def _refuse(robot, statistics, slip, force, scratch):
+    """Leave a robot as it was before its step, without sums."""
+    clear(robot.accumulators)
+    for i in range(8):
+        robot.state[i] = scratch.state[i]
+    for j in range(len(statistics)):
+        pad = statistics[j]
+        pad.slip = pad.impulse[0] = pad.impulse[1] = 0.0
+        if robot.params.compliant:
+            for i in range(2):
+                pad.deflection[i] = scratch.deflection[j, i]
+    for j in range(len(slip)):
+        slip[j] = force[j, 0] = force[j, 1] = 0.0
+
+
+@stage
+def split(scratch):
     """The arrays in the memory of :func:`work_space`."""
+    jacobians, matrices, vectors = scratch.jacobians, scratch.matrices, scratch.vectors
+    readings, spare, ints = scratch.readings, scratch.spare, scratch.ints
     n = vectors.shape[1] // 2
     problem = Problem(
         matrices[0], vectors[0], vectors[1], ints[:n], vectors[2], vectors[3], matrices[1],
@@ -216,9 +264,9 @@ def split(jacobians, matrices, vectors, readings, spare, ints):
 
 
 @stage
-def _advance_robot(world, steps, asked, state, robot, model, planes, statistics, work, trace):
+def _advance_robot(world, steps, commanded, state, robot, model, planes, statistics, work, trace):
     """Take a robot's steps, as far as its planes go; ``state`` is that of the centre of mass."""
-    torque, earlier, switch, pushes = asked
+    torque, earlier, switch, pushes = commanded
     status, h = robot.status, world.time_step
     begun, k = status.step, status.step
     stop = min(steps, begun + world.stride - begun % world.stride)
@@ -273,19 +321,21 @@ def _time_step(h, asked, torque, pushes, renewed, state, robot, model, planes, s
     weight, push = _weight(theta, inertia, params), Push(0.0, 0.0, 0.0, 0.0)
     if len(pushes) > 0 and not params.held:
         push = _push(h, pushes[0, robot.status.step], theta, inertia, params)
-    count, impact = find_contacts(
+    count, impact, sided = find_contacts(
         h, (x, y, theta, psi), velocity, inertia, robot, model, planes, work
     )
-    wedged = assemble(count, params, inertia, planes, contacts)
+    wedged = assemble(count, sided, params, inertia, planes, contacts)
     if params.compliant:
         if renewed:
             limit_springs(h, count, velocity, params, planes, contacts, statistics)
+        elif sided:
+            begin_sides(h, count, velocity, params, planes, contacts)
         add_compliance(h, count, velocity, params, planes, contacts)
     friction = 0.0
     if params.dry:
         friction = params.gear_friction + bearing_friction(model.bearings, psi)
     outcome = solve_velocities(
-        h, torque, friction, weight, push, velocity, inertia, params, count, impact, wedged,
+        h, torque, friction, weight, push, velocity, inertia, params, count, impact, sided, wedged,
         contacts,
     )  # fmt: skip
     after, torque, dry = outcome.end, outcome.torque, outcome.dry

@@ -4,8 +4,9 @@ Their Python is the source; :mod:`jansen_env.engine.build` lowers it to a shared
 called here. ``JANSEN_ENV_PYTHON=1`` runs the Python itself: slowly, for a debugger, with the same
 results bit for bit.
 
-The library has one entry point a kernel, whose only argument is the address of its slots: 8 bytes
-for each number; for each array its address and its lengths.
+The library has one entry point per kernel, whose only argument is the address of its slots: 8 bytes
+for each number; for each array its address and its lengths, and for an array whose rows lie apart
+(a field of the robots' records) also the distance between two rows in bytes.
 """
 
 from __future__ import annotations
@@ -40,23 +41,42 @@ Ints1 = Annotated[NDArray[np.int64], np.dtype("i8"), 1]
 Ints2 = Annotated[NDArray[np.int64], np.dtype("i8"), 2]
 Singles1 = Annotated[NDArray[np.float32], np.dtype("f4"), 1]
 Singles2 = Annotated[NDArray[np.float32], np.dtype("f4"), 2]
+Singles4 = Annotated[NDArray[np.float32], np.dtype("f4"), 4]
 Floats1 = Annotated[NDArray[np.float64], np.dtype("f8"), 1]
 Floats2 = Annotated[NDArray[np.float64], np.dtype("f8"), 2]
 Floats3 = Annotated[NDArray[np.float64], np.dtype("f8"), 3]
 Floats4 = Annotated[NDArray[np.float64], np.dtype("f8"), 4]
 Floats5 = Annotated[NDArray[np.float64], np.dtype("f8"), 5]
 
+APART = "apart"
+"""Marks an array whose rows may lie apart, each of them contiguous: a field of records."""
 
 Function: TypeAlias = Callable[..., Any]
 
 
 class Parameter(NamedTuple):
-    """An argument of a kernel: an array of ``ndim`` axes, or a number, without any."""
+    """An argument of a kernel, or an entry of an argument that is a named tuple.
+
+    Attributes:
+        name: Name of the argument or entry.
+        slot: Number of the first of its slots.
+        dtype: Type of the number, or of the array's elements.
+        ndim: Number of axes of the array; 0 for a number.
+        apart: Whether the rows of the array may lie apart, see :data:`APART`.
+        group: Name of the argument that this is an entry of; "" for an argument itself.
+    """
 
     name: str
-    slot: int  # the first of its 1 + ndim slots
+    slot: int
     dtype: np.dtype[np.generic]
     ndim: int
+    apart: bool = False
+    group: str = ""
+
+    @property
+    def slots(self) -> int:
+        """Number of slots: value or address, lengths, and distance between rows."""
+        return 1 + self.ndim + self.apart
 
 
 class Kernel:
@@ -65,8 +85,9 @@ class Kernel:
     It remembers the arguments of its last calls, as most are the same again.
 
     Args:
-        function: annotated with ``int``, ``float``, ``bool``, the arrays above and rows,
-            ``Annotated[NDArray[np.void], DTYPE, ndim]``. It returns a number or None.
+        function: Annotated with ``int``, ``float``, ``bool``, the arrays above, rows
+            ``Annotated[NDArray[np.void], DTYPE, ndim]``, the same with :data:`APART`, or a
+            ``NamedTuple`` class whose entries are annotated so. It returns a number or None.
         nogil: whether other threads may run Python meanwhile.
     """
 
@@ -87,7 +108,7 @@ class Kernel:
     @property
     def slots(self) -> int:
         """How many slots the arguments take."""
-        return sum(1 + parameter.ndim for parameter in self.parameters)
+        return sum(parameter.slots for parameter in self.parameters)
 
     @property
     def returns(self) -> type | None:
@@ -114,7 +135,7 @@ class Kernel:
         Raises TypeError: an argument is no such array or number.
         """
         if PYTHON:
-            return self.function(*flat(arguments))
+            return self.function(*flat(arguments, named=False))
         try:
             last = self._spare.pop()
         except IndexError:
@@ -135,13 +156,19 @@ class Kernel:
 @functools.cache
 def _parameters(function: Function) -> tuple[Parameter, ...]:
     """Return the arguments of a kernel's function."""
-    parameters, slot = list[Parameter](), 0
+    parameters = list[Parameter]()
+    slot = 0
     for name, hint in get_type_hints(function, include_extras=True).items():
-        if name != "return":
-            array = hasattr(hint, "__metadata__")
-            dtype, ndim = hint.__metadata__ if array else (np.dtype(hint), 0)
-            parameters.append(Parameter(name, slot, dtype, ndim))
-            slot += 1 + ndim
+        if name == "return":
+            continue
+        is_group = hasattr(hint, "_fields")
+        entries = get_type_hints(hint, include_extras=True) if is_group else {name: hint}
+        for entry, kind in entries.items():
+            is_array = hasattr(kind, "__metadata__")
+            dtype, ndim, *marks = kind.__metadata__ if is_array else (np.dtype(kind), 0)
+            made = Parameter(entry, slot, dtype, ndim, APART in marks, name if is_group else "")
+            parameters.append(made)
+            slot += made.slots
     return tuple(parameters)
 
 
@@ -166,7 +193,7 @@ class Slots:
 
     def _put(self, parameter: Parameter, argument: Any) -> None:
         """Put an argument into its slots."""
-        name, slot, dtype, ndim = parameter
+        name, slot, dtype, ndim, apart, _ = parameter
         if ndim == 0:
             words = self.words.view(np.float64) if dtype.kind == "f" else self.words
             words[slot] = argument
@@ -175,25 +202,36 @@ class Slots:
             not isinstance(argument, np.ndarray)
             or (argument.dtype is not dtype and argument.dtype != dtype)
             or argument.ndim != ndim
-            or not argument.flags.c_contiguous
+            or not (argument[:1] if apart else argument).flags.c_contiguous
         ):
             kind = getattr(argument, "dtype", type(argument).__name__)
             shape = getattr(argument, "shape", ())
             raise TypeError(f"{name} is {kind} {shape}, must be contiguous {dtype} of {ndim} axes")
-        try:  # what is quickest
+        try:  # the quickest way
             address = ctypes.addressof(ctypes.c_char.from_buffer(argument))  # type: ignore[arg-type]
-        except (TypeError, ValueError):  # read only, or empty
+        except (TypeError, ValueError, BufferError):  # read only, empty, or with rows apart
             address = argument.ctypes.data
         self.words[slot] = address
         for axis in range(ndim):
             self.words[slot + 1 + axis] = argument.shape[axis]
+        if apart:
+            self.words[slot + 1 + ndim] = argument.strides[0]
 
 
-def flat(arguments: Iterable[object]) -> list[object]:
-    """Return the arguments, with what is in tuples in their places."""
+def flat(arguments: Iterable[object], named: bool = True) -> list[object]:
+    """Return the arguments, with the entries of tuples in their places.
+
+    Args:
+        arguments: Arrays, numbers and tuples of them.
+        named: Whether to open named tuples, too.
+    """
     items = list[object]()
     for argument in arguments:
-        items += flat(argument) if isinstance(argument, tuple) else [argument]
+        is_open = isinstance(argument, tuple) and (named or not hasattr(argument, "_fields"))
+        if is_open:
+            items += flat(argument, named)  # type: ignore[arg-type]
+        else:
+            items.append(argument)
     return items
 
 

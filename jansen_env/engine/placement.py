@@ -12,8 +12,8 @@ from jansen_env.engine.collision import (
     height_at,
     segment_at,
 )
-from jansen_env.engine.kernel import Floats2, Floats4, Floats5, Ints1, kernel, stage
-from jansen_env.engine.records import Layouts, Planes, Robots, World
+from jansen_env.engine.kernel import Floats2, Ints1, kernel, stage
+from jansen_env.engine.records import Designs, Planes, Robots
 from jansen_env.engine.tables import centre_of_mass, pad_place
 
 GRADIENT_STEP = 1e-4  # m, to either side of where a slope is measured
@@ -27,26 +27,31 @@ PLACEMENT_DEPTH = 1e-5
 
 
 @kernel
-def place(
-    rows: Ints1, states: Floats2, body: Floats4, pads: Floats5, layout: Layouts, robots: Robots,
-    surface: Floats2, world: World, centres: Floats2, planes: Planes,
-) -> None:  # fmt: skip
+def place(rows: Ints1, designs: Designs, robots: Robots, centres: Floats2, planes: Planes) -> None:
     """Put robots at rest on their lowest toes, a little into the ground, as deep as feet give.
 
+    Where another pad, or a link's side that collides, is lower, it stands on that.
+
     Args:
-        rows: (k,) of the robots. states: (robots, 8), with x, the crank's angle, and the pitch or
-            NaN for :func:`_level_pitch`; out: with height and pitch. world: (1,) WORLD.
-        centres: (toes + 1 or pads, 2), work space. planes: out.
+        rows: Shape (k,), the robots. Their states have x, the crank angle, and the pitch or NaN for
+            :func:`_level_pitch`; they get height and pitch.
+        designs: Tables and grounds.
+        robots: Records of the robots.
+        centres: Shape (toes + 1 or pads, 2), work space.
+        planes: Work space.
     """
-    toes = world[0].toes
+    world, surface = designs.world[0], designs.surface
+    toes = world.toes
     for r in rows:
-        state, params, status = states[r], robots[r].params, robots[r].status
+        robot = robots[r]
+        state, params, status = robot.state, robot.params, robot.status
         design, radius = params.design, params.pad_radius
+        body, pads, layout = designs.body[design], designs.pads[design], designs.layout[design]
         near = surface, status.first_near, status.end_near
         # Where the lowest toes have no gap, as discs on their slope.
         for j in range(toes):
-            centres[j, 0], centres[j, 1] = pad_place(pads[design], layout[design, j], state[3])
-        centres[toes, 0], centres[toes, 1] = centre_of_mass(body[design], params, state[3])
+            centres[j, 0], centres[j, 1] = pad_place(pads, layout[j], state[3])
+        centres[toes, 0], centres[toes, 1] = centre_of_mass(body, params, state[3])
         common = centres[:toes], centres[toes], *near, state[0], radius
         if math.isnan(state[2]):
             state[2] = _level_pitch(*common)
@@ -55,8 +60,8 @@ def place(
         # To the true gap, where the ground is not straight.
         status.margin = SPECULATIVE_MARGIN
         for _ in range(ROUNDS):
-            find_centres(state, pads[design], layout[design], centres)
-            find_planes(centres, status, surface, world[0], planes)
+            find_centres(state, pads, layout, centres)
+            find_planes(centres, status, surface, world, planes)
             least = math.inf
             for i in range(status.first_plane, status.end_plane):
                 plane = planes[i]
@@ -65,8 +70,10 @@ def place(
                 least = min(least, gap / plane.normal_y)
             if least < math.inf:
                 state[1] -= least
-        find_centres(state, pads[design], layout[design], centres)
-        left = _clearance(centres[: layout.shape[1]], *near, status.pad_radius)
+        find_centres(state, pads, layout, centres)
+        left = _clearance(centres[: len(layout)], *near, status.pad_radius)
+        if world.links_collide:
+            left = min(left, _side_clearance(centres, designs.sides, *near, status.pad_radius))
         if abs(left) > CLOSE:
             state[1] -= left
         weight = params.mass * max(-params.gravity_y, 0.0)
@@ -93,6 +100,28 @@ def _clearance(centres, surface, begin, end, radius):
                 touched = min(touched, surface[k + 1, 0])
             rise = math.sqrt(max(0.0, radius * radius - (touched - x) * (touched - x)))
             least = min(least, y - rise - ay - slope * (touched - ax))
+    return least
+
+
+@stage(inline=False)
+def _side_clearance(centres, sides, surface, begin, end, radius):
+    """Height by which links' sides clear the vertices of the terrain surface[begin:end], m."""
+    least = math.inf
+    for k in range(len(sides)):
+        a, b = sides[k, 0], sides[k, 1]
+        if centres[b, 0] < centres[a, 0]:
+            a, b = b, a
+        ax, ay, bx, by = centres[a, 0], centres[a, 1], centres[b, 0], centres[b, 1]
+        if not ax < bx:
+            continue
+        slope = (by - ay) / (bx - ax)
+        length = math.sqrt(1.0 + slope * slope)
+        vertex = max(segment_at(surface, begin, end, ax - radius), begin) + 1
+        while vertex < end - 1 and surface[vertex, 0] < bx + radius:
+            x, y = surface[vertex, 0], surface[vertex, 1]
+            if ax < x - radius * slope / length < bx:  # the point of the side that bears on it
+                least = min(least, ay + slope * (x - ax) - radius * length - y)
+            vertex += 1
     return least
 
 

@@ -1,4 +1,4 @@
-"""Pushes in a control step of n robots; what they are is documented in
+"""Pushes in a control step of a robot; what they are is documented in
 :mod:`jansen_env.world.push`."""
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.engine import mathematics
-from jansen_env.engine.kernel import Bools1, Floats1, Floats3, Ints1, kernel, stage
+from jansen_env.engine.kernel import stage
 from jansen_env.engine.random import number, uniform
 from jansen_env.engine.records import row_dtype
 
-STREAM = 1  # of an episode's random numbers; that of sensors is another
+STREAM = 1  # of an episode's random numbers; sensors and commands have others
 
 PUSHES = row_dtype(
     [
@@ -30,44 +30,44 @@ PUSHES = row_dtype(
 Settings = Annotated[NDArray[np.void], PUSHES, 1]
 
 
-@kernel
-def fill_pushes(
-    active: Bools1, elapsed: Ints1, seeds: Ints1, strength: Floats1, settings: Settings,
-    random: Bools1, schedule: Floats3, scheduled: Ints1, out: Floats3,
-) -> bool:  # fmt: skip
-    """Fill impulses on the chassis in each time step of a control step; whether there are any.
+@stage
+def fill_pushes(robot, schedule, settings, out):
+    """Fill the impulses on a robot's chassis in each time step of its next control step.
 
     Args:
-        active: (n,) whether a robot takes the step; the others are not pushed.
-        elapsed: (n,) control steps since the episode began. seeds: (n,) of the episodes.
-        strength: (n,) by which the random pushes are multiplied. settings: (1,) of :data:`PUSHES`.
-        random: (n,) whether a robot's episode has random pushes, if there are any.
-        schedule: (n, most, 3) times since the episode began, s, and impulses in x and y, N s.
-        scheduled: (n,) how many of these there are. out: (n, steps, 2) N s.
+        robot: The robot's record.
+        schedule: Shape (most, 3), times since the episode began, s, and impulses in x and y, N s.
+        settings: Record of :data:`PUSHES`.
+        out: Shape (steps, 2), gets the impulses in N s.
+
+    Returns:
+        Whether any push acts in this control step.
     """
-    push, any_pushed, steps = settings[0], False, out.shape[1]
-    at_random = push.impulse_x > 0.0 or push.impulse_y > 0.0
-    for r in range(len(out)):
-        for k in range(steps):
-            out[r, k, 0] = out[r, k, 1] = 0.0
-        if not active[r]:
-            continue
-        begin = elapsed[r] * steps
-        for i in range(scheduled[r]):
-            start, x, y = schedule[r, i, 0], schedule[r, i, 1], schedule[r, i, 2]
-            if _push(start, x, y, begin, push, out[r]):
+    at_random = settings.impulse_x > 0.0 or settings.impulse_y > 0.0
+    at_random = at_random and robot.random_pushes
+    any_pushed = False
+    if not at_random and robot.scheduled == 0:
+        return any_pushed
+    steps = len(out)
+    begin = robot.elapsed * steps
+    for k in range(steps):
+        out[k, 0] = out[k, 1] = 0.0
+    for i in range(robot.scheduled):
+        start, x, y = schedule[i, 0], schedule[i, 1], schedule[i, 2]
+        if _push(start, x, y, begin, settings, out):
+            any_pushed = True
+    if at_random:
+        strength, episode = robot.parameters.push_strength, number(robot.seed, STREAM)
+        first = int(mathematics.floor(begin * settings.time_step / settings.interval))
+        last = int(mathematics.floor((begin + steps) * settings.time_step / settings.interval))
+        for window in range(first, last + 1):
+            key = number(episode, window)
+            room = settings.interval - settings.duration
+            start = settings.interval * window + uniform(key, 0) * room
+            x = strength * settings.impulse_x * (2.0 * uniform(key, 1) - 1.0)
+            y = strength * settings.impulse_y * (2.0 * uniform(key, 2) - 1.0)
+            if _push(start, x, y, begin, settings, out):
                 any_pushed = True
-        if at_random and random[r]:
-            episode = number(seeds[r], STREAM)
-            first = int(mathematics.floor(begin * push.time_step / push.interval))
-            last = int(mathematics.floor((begin + steps) * push.time_step / push.interval))
-            for window in range(first, last + 1):
-                key = number(episode, window)
-                start = push.interval * window + uniform(key, 0) * (push.interval - push.duration)
-                x = strength[r] * push.impulse_x * (2.0 * uniform(key, 1) - 1.0)
-                y = strength[r] * push.impulse_y * (2.0 * uniform(key, 2) - 1.0)
-                if _push(start, x, y, begin, push, out[r]):
-                    any_pushed = True
     return any_pushed
 
 

@@ -1,7 +1,9 @@
-"""Rows that cross the boundary from Python, as structured dtypes, and tuples that stages share.
+"""The record of a robot, and the tuples of arrays that kernels and their stages share.
 
-A robot's data of fixed size is one row, whatever its number of legs; arrays of contact sizes are no
-part of rows. Tuples of arrays cost nothing inside: there they carry what belongs together.
+Everything that a robot's future depends on stands in one record. :data:`ROBOT` is the part that has
+the same size for every robot; :func:`record_dtype` adds the parts whose size depends on the number
+of its toes and pads, on the longest delay, and on its task. A kernel gets each part as an array
+whose rows lie apart, see :class:`Motions` and :class:`Episodes`.
 """
 
 from __future__ import annotations
@@ -11,7 +13,18 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.engine.kernel import PYTHON
+from jansen_env.engine.kernel import (
+    APART,
+    PYTHON,
+    Bools1,
+    Floats1,
+    Floats2,
+    Floats3,
+    Floats4,
+    Floats5,
+    Ints1,
+    Ints2,
+)
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -101,6 +114,7 @@ ACCUMULATORS = row_dtype(
         ("impact_loss", "f8"),
         ("worst_residual", "f8"),  # N s, of the contact law, the largest of a time step
         ("contact_gain", "f8"),  # J that contact impulses added, the largest of a time step
+        ("impulse_share", "f8"),  # of the largest impulses that a time step's motion explains
         ("non_toe_impulse", "f8"),  # N s, normal, on pads that are no toes
         ("links_in_ground", "i8"),  # sides of links below a vertex of the ground, at the end
         ("initial_energy", "f8"),  # J, kinetic and potential, when the sums were begun
@@ -114,8 +128,73 @@ ACCUMULATORS = row_dtype(
 )
 """Sums over the time steps of a control step."""
 
-ROBOT = row_dtype([("params", PARAMS), ("status", STATUS), ("accumulators", ACCUMULATORS)])
-"""A robot of a batch."""
+PARAMETERS = row_dtype(
+    floats(
+        "friction", "restitution", "payload", "payload_x", "payload_y", "mass_scale",
+        "inertia_scale", "damping_scale", "foot_stiffness_scale", "foot_damping_scale",
+        "motor_strength", "rotor_inertia_scale", "tilt", "delay", "noise_level", "push_strength",
+        "terrain_level", "gravity_scale",
+    )
+)  # fmt: skip
+"""Parameters of an episode; :data:`jansen_env.parameters.TABLE` has their meanings and limits."""
+
+STATE = ("x_position", "x_velocity", "pitch", "crank_angle", "crank_speed", "crank_torque")
+INFORMATION = row_dtype(
+    [*floats(*STATE, "joint_gap"), ("links_in_ground", "i8"), ("diverged", bool)]
+)
+"""Information on a robot in its world; units are listed with the environments."""
+
+ENERGIES = row_dtype(
+    floats(
+        "motor_work", "push_work", "correction_work", "electrical_work", "joint_loss", "slip_loss",
+        "impact_loss", "mechanical_energy_change", "residual",
+    )
+)  # fmt: skip
+"""Energies of the last control step, J."""
+
+ESTIMATES = 8
+ONBOARD = row_dtype(
+    [
+        # Cosine and sine of the pitch, crank angle (rad) and speed (rad/s), and velocity (m/s) as
+        # estimated; pitch rate (rad/s) and two accelerations (m/s^2) without errors.
+        ("estimates", "f8", ESTIMATES),
+        ("before", "f8", 3),  # pitch, and velocity of the crank axis, when they were read last
+        ("is_first", "?"),  # whether there are no estimates yet
+    ]
+)
+"""Memory of a robot's onboard sensors, see :mod:`jansen_env.engine.onboard_estimates`."""
+
+ROBOT = row_dtype(
+    [
+        ("state", "f8", 8),  # x, y, theta, psi and their rates; x, y the crank axis; m, rad, s
+        ("params", PARAMS),
+        ("status", STATUS),
+        ("accumulators", ACCUMULATORS),
+        ("diverged", "?"),  # whether the last step was refused
+        ("parameters", PARAMETERS),
+        # The episode.
+        ("seed", "i8"),  # of everything that is sampled during the episode
+        ("elapsed", "i8"),  # control steps since the reset
+        ("delay", "i8", 2),  # control steps by which a torque is delayed, and time steps on top
+        ("scheduled", "i8"),  # number of pushes in the robot's schedule
+        ("random_pushes", "?"),
+        # What follows from robot and parameters.
+        ("weight", "f8"),  # N
+        ("direction", "f8"),  # 1 or -1: which way the crank turns to walk towards +x
+        ("full_torque", "f8"),  # N m, the torque of action 1, with its sign
+        ("most_change", "f8"),  # of the action in a control step; infinite without a limit
+        # The last step.
+        ("action", "f8"),  # clipped
+        ("action_before", "f8"),
+        ("x_before", "f8"),  # m, where the step began
+        ("info", INFORMATION),
+        ("energy", ENERGIES),
+        ("reward", "f8"),
+        ("terminated", "?"),
+        ("onboard", ONBOARD),
+    ]
+)
+"""The part of a robot's record that has the same size for every robot."""
 
 CONTACT_STATISTICS = row_dtype([("slip", "f8"), ("impulse", "f8", 2), ("deflection", "f8", 2)])
 """Sums of a pad: path it slid while loaded, m; tangential and normal impulse, N s.
@@ -140,9 +219,27 @@ WORLD = row_dtype(
         ("toes", "i8"),  # the first so many pads are toes
         ("capacity", "i8"),  # planes kept of a robot
         ("links_collide", "?"),  # whether sides of links touch vertices of the ground
+        ("steps", "i8"),  # time steps of a control step
+        ("period", "f8"),  # s, of a control step
+        ("is_walk", "?"),  # whether the task is, or extends, the compiled one: walking
+        ("is_whole", "?"),  # whether a control step ends with the observation, all compiled
+        ("noisy", "?"),  # whether sensors have errors
+        ("onboard", "?"),  # whether onboard sensors are observed
     ]
 )
 """Data that the robots of a batch have in common."""
+
+MACHINE = row_dtype(
+    [
+        ("nominal", PARAMS),  # without parameters
+        ("links_mass", "f8"),  # kg
+        ("torque_limit", "f8"),  # N m
+        ("advance", "f8"),  # m per turn of the crank, with its sign
+        ("centre", "f8", 2),  # kg m, the largest |c| and |c'| of the robot without its load
+        ("pad", "f8", 2),  # m, the largest |p| and |p'| of its pads
+    ]
+)
+"""What a robot is before the parameters of an episode change it."""
 
 PLANE = row_dtype(
     [
@@ -163,12 +260,80 @@ PLANE = row_dtype(
 """The ground as one pad may touch it."""
 
 
-Robots = Annotated[NDArray[np.void], ROBOT, 1]
-Statistics = Annotated[NDArray[np.void], CONTACT_STATISTICS, 2]
+Robots = Annotated[NDArray[np.void], ROBOT, 1, APART]
+Statistics = Annotated[NDArray[np.void], CONTACT_STATISTICS, 2, APART]
+FloatRows2 = Annotated[NDArray[np.float64], np.dtype("f8"), 2, APART]
+FloatRows3 = Annotated[NDArray[np.float64], np.dtype("f8"), 3, APART]
+Machines = Annotated[NDArray[np.void], MACHINE, 1]
 Layout = Annotated[NDArray[np.void], PAD, 1]
 Layouts = Annotated[NDArray[np.void], PAD, 2]
 World = Annotated[NDArray[np.void], WORLD, 1]
 Planes = Annotated[NDArray[np.void], PLANE, 1]
+
+
+def record_dtype(
+    toes: int, pads: int, delayed: int = 2, pushes: int = 0, task: np.dtype[np.void] | None = None
+) -> np.dtype[np.void]:
+    """Return the record of a robot.
+
+    Args:
+        toes: Number of toes.
+        pads: Number of contact pads, toes included.
+        delayed: Number of torques that are kept, for the longest delay.
+        pushes: Number of pushes for which the schedule has room.
+        task: Record of the task; None for none.
+    """
+    return np.dtype(
+        [
+            ("robot", ROBOT),
+            ("slip", "f8", (toes,)),  # m that each toe slid while loaded in the last step
+            ("contact_force", "f8", (toes, 2)),  # N, tangential and normal, means of that step
+            ("load", "f8", (toes,)),  # normal force / weight
+            ("statistics", CONTACT_STATISTICS, (pads,)),
+            ("torques", "f8", (delayed,)),  # N m, commanded torques, latest first
+            ("schedule", "f8", (pushes, 3)),  # start, s, and impulse in x and y, N s
+            ("task", np.dtype([]) if task is None else task),
+        ],
+        align=True,
+    )
+
+
+class Motions(NamedTuple):
+    """How n robots move: parts of their records."""
+
+    robots: Robots
+    statistics: Statistics
+    slip: FloatRows2
+    contact_force: FloatRows3
+
+
+class Designs(NamedTuple):
+    """What the robots of a batch share: tables of their designs, see :class:`Model`; grounds."""
+
+    world: World
+    body: Floats4
+    pads: Floats5
+    layout: Layouts
+    bearings: Floats2
+    sides: Ints2  # (sides, 2) pads at the ends of links' sides
+    depths: Floats2  # (designs, ...) of a :class:`Ground`
+    surface: Floats2
+
+
+class Scratch(NamedTuple):
+    """Memory of one thread, see :func:`jansen_env.engine.integrator.work_space`."""
+
+    jacobians: Floats3
+    matrices: Floats3
+    vectors: Floats2
+    readings: Floats3
+    spare: Floats2
+    ints: Ints1
+    planes: Planes
+    pushes: Floats3  # (1, steps, 2) N s
+    state: Floats1  # (8,) where the step began
+    deflection: Floats2  # (pads, 2) likewise
+    flags: Bools1  # (2,) whether a robot has moved by the margin, and whether one has diverged
 
 
 class Model(NamedTuple):

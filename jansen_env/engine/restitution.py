@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jansen_env.engine.contact_solver import STICK, solve
-from jansen_env.engine.contacts import add_dry_friction, can_wedge, rate
+from jansen_env.engine.contact_solver import STICK, WEDGE_COMPLIANCE, regularise, solve
+from jansen_env.engine.contacts import add_dry_friction, can_wedge, impulse_share, rate
 from jansen_env.engine.kernel import stage
 from jansen_env.engine.records import Velocity
 
@@ -21,8 +21,9 @@ ROUNDING = 1e-9  # share of the energy that an impact brings by which it may see
 
 # Requests to a step's contacts, in turn, until they create no energy: the terrain's
 # restitution; none; as much again, if without it energy comes from other forces; the largest that
-# creates none, judged strictly or with these forces; neither bounce nor the path's curvature.
-AS_ASKED, WITHOUT_BOUNCE, LENIENT, SEARCH, LENIENT_SEARCH, WITHOUT_CURVATURE = range(6)
+# creates none, judged strictly or with these forces; neither bounce nor the path's curvature. Last,
+# and at once where impulses are larger than the motion explains: contacts that yield, as wedged.
+AS_ASKED, WITHOUT_BOUNCE, LENIENT, SEARCH, LENIENT_SEARCH, WITHOUT_CURVATURE, YIELDING = range(7)
 
 
 class Trial(NamedTuple):
@@ -46,12 +47,14 @@ class Outcome(NamedTuple):
     dry: float  # N m s, impulse of the crank's Coulomb friction
     residual: float  # N s, of the contact law
     may_gain: bool  # whether it was not made sure that the contacts create no energy
+    impulse_share: float  # of the contacts' largest possible impulses
 
 
 @stage
 def solve_velocities(
-    h, torque, friction, weight, push, velocity, inertia, params, count, impact, wedged, contacts
-):
+    h, torque, friction, weight, push, velocity, inertia, params, count, impact, sided, wedged,
+    contacts,
+):  # fmt: skip
     """The velocities at the end of a step; ``contacts`` gets its impulses and modes.
 
     The crank's Coulomb friction, N m, is a known force while the crank goes on turning; where it
@@ -61,7 +64,7 @@ def solve_velocities(
     dry = friction > 0.0 and not params.prescribed_speed
     rigid = not params.compliant
     asked = 0.0 if wedged else params.restitution
-    checked = rigid and count > 0 and (asked > 0.0 or can_wedge(params))
+    checked = rigid and count > 0 and (asked > 0.0 or sided or can_wedge(params))
     curved = not (rigid and (impact or wedged))
     trial = Trial(AS_ASKED, asked, curved, 0.0, asked, 0, False)
     while True:
@@ -73,6 +76,14 @@ def solve_velocities(
         if dry and not held and end.crank * velocity.crank <= 0.0:
             sliding = 0.0
             continue
+        share = impulse_share(count, free, inertia, params, contacts) if rigid else 0.0
+        if trial.stage == YIELDING:
+            break
+        if share > 1.0:
+            regularise(count, contacts.problem.W, WEDGE_COMPLIANCE)
+            contacts.problem.indices[5 * count] = 0  # W is new
+            trial = Trial(YIELDING, 0.0, False, 0.0, 0.0, 0, False)
+            continue
         if not checked or trial.stage == WITHOUT_CURVATURE:
             break
         creates = contact_gain(count, velocity, end, contacts) > 0.0
@@ -81,9 +92,9 @@ def solve_velocities(
         trial = _next_trial(trial, asked, creates, excess)
         if trial.over:
             break
-    may_gain = rigid and count > 0 and (trial.stage == WITHOUT_CURVATURE or not checked)
+    may_gain = rigid and count > 0 and (trial.stage >= WITHOUT_CURVATURE or not checked)
     impulse = contacts.problem.P[2 * count + 1] if held else -h * sliding
-    return Outcome(end, free, used, impulse, residual, may_gain)
+    return Outcome(end, free, used, impulse, residual, may_gain, share)
 
 
 @stage

@@ -194,6 +194,7 @@ def mechanical_energy(body, params, state, sums):
 
 
 @kernel
-def energy(r: int, states: Floats2, robots: Robots, body: Floats4, sums: Floats2) -> float:
+def energy(r: int, robots: Robots, body: Floats4, sums: Floats2) -> float:
     """:func:`mechanical_energy` of robot ``r``; ``sums`` (3, 6) is work space."""
-    return mechanical_energy(body[robots[r].params.design], robots[r].params, states[r], sums)
+    robot = robots[r]
+    return mechanical_energy(body[robot.params.design], robot.params, robot.state, sums)

@@ -1,6 +1,6 @@
-"""The walking task of n robots: commands, rewards and their means, on top of the readings.
+"""The walking task of a robot: commands, accounts, reward and end of the episode.
 
-The reward is a product of factors, each 1 where a step is as asked for, so that none can be bought
+The reward is a product of factors, each 1 where a step is as commanded, so that none can be bought
 with another. They are documented in :class:`jansen_env.tasks.walking.walker_env.JansenWalkerEnv`.
 """
 
@@ -12,22 +12,16 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.engine import mathematics, readings
-from jansen_env.engine.kernel import (
-    Bools1,
-    Floats1,
-    Floats2,
-    Floats3,
-    Ints1,
-    Singles2,
-    kernel,
-    stage,
-)
-from jansen_env.engine.readings import put, read, take_step
-from jansen_env.engine.records import Robots, floats, row_dtype
+from jansen_env.engine import mathematics
+from jansen_env.engine.kernel import APART, stage
+from jansen_env.engine.random import number, uniform
+from jansen_env.engine.readings import put
+from jansen_env.engine.records import floats, row_dtype
 
+STREAM = 2  # of an episode's random numbers, for its commands; sensors and pushes have others
 FALLEN_PITCH = 1.2  # rad
 
+STEPS_PER_TURN = 4  # of the feet, with two crank pins: means are taken over a quarter turn
 FURTHEST_TARGET = 0.5  # m, the target waits when it is so far away
 LONGEST_MEAN = 3.4  # s, over which means are taken at most ...
 SHORTEST_MEAN = 0.2  # s, ... and at least
@@ -55,13 +49,18 @@ SETTINGS = row_dtype(
 )
 # Accounts from step to step: exact in the information, and as measured behind noisy sensors.
 ACCOUNTS = row_dtype([*floats("lag"), *MEANS])
-# Information beside that of the world.
+# Information on the task.
 INFORMATION = row_dtype([*floats("speed_command", "lag"), *MEANS, ("fallen", bool)])
-# A robot's row: accounts of its episode, and the reward of its last step.
+# The task's part of a robot's record.
 ROW = row_dtype(
     [
         ("next_command", float),  # m/s, from the next step on
+        ("command", float),  # m/s, of the last step
+        ("command_range", float, 2),  # m/s, of the next commands
+        ("command_steps", "i8"),  # control steps after which the command changes; 0: never
         ("mean_path", float),  # m, over which means are taken
+        ("covered", float, 2),  # m, walked in the commanded direction, and commanded
+        ("measured", ACCOUNTS),  # as odometry has them, with noisy or onboard sensors
         ("info", INFORMATION),
         ("reward", REWARD),
     ]
@@ -69,60 +68,101 @@ ROW = row_dtype(
 
 
 Settings = Annotated[NDArray[np.void], SETTINGS, 1]
-Accounts = Annotated[NDArray[np.void], ACCOUNTS, 1]
-Rows = Annotated[NDArray[np.void], ROW, 1]
-
-
-@kernel(nogil=True)
-def finish_step(
-    which: Ints1, settings: Settings, task: Rows, reward: Floats1, terminated: Bools1,
-    error: Floats2, measured: Accounts, task_places: Ints1, period: float, states: Floats2,
-    slip: Floats2, force: Floats3, robots: Robots, rows: readings.Rows, loads: Floats2,
-    surface: Floats2, scan: Floats1, places: Ints1, out: Singles2,
-) -> None:  # fmt: skip
-    """Reward the step that led to ``states`` (n, 8), and :func:`describe` it.
-
-    Args:
-        settings: (1,) of :data:`SETTINGS`. task: (n,) of :data:`ROW`.
-        reward, terminated: (n,). error: (n, 2) of the measured mean speeds: m/s in x; rad/s of the
-            crank, counted as the action is. measured: (n,) of :data:`ACCOUNTS`. Without noise
-            these two have no rows.
-        task_places: (6,) columns in ``out`` of the command, the lag and the means.
-        which, period ... out: see :func:`jansen_env.engine.readings.finish_step`.
-    """
-    for r in which:
-        slipped = take_step(r, period, states, slip, force, robots, rows, loads)
-        row, task_row, total, state = rows[r], task[r], robots[r].accumulators, states[r]
-        torque = row.info.crank_torque
-        velocity, power = row.info.x_velocity, total.motor_work / period
-        keep_accounts(velocity, slipped / period, power, torque, period, task_row, task_row.info)
-        if len(measured) > 0:
-            velocity += error[r, 0]
-            power += torque * row.direction * error[r, 1]
-            keep_accounts(velocity, 0.0, power, torque, period, task_row, measured[r])  # of no slip
-        falls = settings[0].fall_contact and total.non_toe_impulse > 0.0
-        falls = falls or abs(state[2]) > settings[0].fall_pitch
-        task_row.info.fallen = task_row.info.fallen or falls
-        terminated[r] = task_row.info.fallen and settings[0].ends_episode
-        reward[r] = compute_reward(state[2], settings[0], row, task_row)
-        task_row.info.speed_command = task_row.next_command
-        read(r, states, robots, rows, loads, surface, scan, places, out)
-        observe(r, task_row.info, task_places, out)
+Walks = Annotated[NDArray[np.void], ROW, 1, APART]
 
 
 @stage
-def keep_accounts(velocity, slip_speed, power, torque, period, row, kept):
+def begin_walk(robot, walk, advance):
+    """Begin an episode of the task, whose command is known; ``advance``: m per crank turn."""
+    walk.mean_path = abs(advance) / STEPS_PER_TURN
+    walk.next_command = walk.info.speed_command
+    walk.covered[0] = walk.covered[1] = 0.0
+    _clear_accounts(walk.info)
+    _clear_accounts(walk.measured)
+    walk.info.fallen = False
+    term = walk.reward
+    term.tracking = term.progress = term.slip = term.energy = term.effort = 0.0
+    term.smoothness = term.posture = 0.0
+    robot.reward, robot.terminated = 0.0, False
+
+
+@stage
+def _clear_accounts(kept):
+    """Begin new accounts."""
+    kept.lag = kept.mean_speed = kept.mean_slip = kept.mean_power = kept.rms_torque = 0.0
+
+
+@stage
+def sample_command(robot, walk):
+    """Sample the command that holds after this step, if it is time for another."""
+    steps = walk.command_steps
+    if steps > 0 and robot.elapsed % steps == 0:
+        key = number(robot.seed, STREAM)
+        low, high = walk.command_range[0], walk.command_range[1]
+        walk.next_command = low + (high - low) * uniform(key, robot.elapsed)
+
+
+@stage
+def judge_walk(period, settings, robot, walk, way, slipped):
+    """Update the accounts, reward the step, and decide whether the episode is over.
+
+    Args:
+        period: Time of the control step, s.
+        settings: Record of :data:`SETTINGS`.
+        robot: The robot's record.
+        walk: Its record of the task.
+        way: Path of the crank axis in the step, m.
+        slipped: Path that all toes slid while loaded in the step, m.
+    """
+    info, total, state = walk.info, robot.accumulators, robot.state
+    command = info.speed_command
+    walk.command = command
+    walk.covered[0] += np.sign(command) * way
+    walk.covered[1] += abs(command) * period
+    torque, velocity = robot.info.crank_torque, robot.info.x_velocity
+    power = total.motor_work / period
+    keep_accounts(velocity, slipped / period, power, torque, period, command, walk, info)
+    falls = settings.fall_contact and total.non_toe_impulse > 0.0
+    falls = falls or abs(state[2]) > settings.fall_pitch
+    info.fallen = info.fallen or falls
+    robot.terminated = info.fallen and settings.ends_episode
+    robot.reward = compute_reward(state[2], settings, robot, walk)
+    info.speed_command = walk.next_command
+
+
+@stage
+def measure_walk(period, robot, walk, velocity, crank_error):
+    """Update the accounts as odometry has them, which knows of no slip.
+
+    Args:
+        period: Time of the control step, s.
+        robot: The robot's record.
+        walk: Its record of the task.
+        velocity: Measured mean velocity of the crank axis in x, m/s.
+        crank_error: Error of the mean crank speed, rad/s, counted as the action is.
+    """
+    torque = robot.info.crank_torque
+    power = robot.accumulators.motor_work / period + torque * robot.direction * crank_error
+    keep_accounts(velocity, 0.0, power, torque, period, walk.command, walk, walk.measured)
+
+
+@stage
+def keep_accounts(velocity, slip_speed, power, torque, period, command, walk, kept):
     """Update the lag, and exponential means over a quarter turn at the commanded speed.
 
     Args:
-        velocity, slip_speed: of the crank axis and of all toes together, m/s, means over the step.
-        power: of the motor, W, torque: of the crank, N m, likewise. period: s, of the step.
-        row: of :data:`ROW`. kept: any row that has the fields of :data:`ACCOUNTS`; 0 at first.
+        velocity: Mean velocity of the crank axis over the step, m/s.
+        slip_speed: Mean slip speed of all toes together, m/s.
+        power: Mean power of the motor, W.
+        torque: Mean torque on the crank, N m.
+        period: Time of the step, s.
+        command: Commanded speed, m/s.
+        walk: Record of the task.
+        kept: Record with the fields of :data:`ACCOUNTS`, 0 at first.
     """
-    command = row.info.speed_command
     lag = kept.lag + (command - velocity) * period
     kept.lag = min(FURTHEST_TARGET, max(-FURTHEST_TARGET, lag))
-    share = -mathematics.expm1(-period / mean_time(command, row.mean_path))
+    share = -mathematics.expm1(-period / mean_time(command, walk.mean_path))
     kept.mean_speed += share * (velocity - kept.mean_speed)
     kept.mean_slip += share * (slip_speed - kept.mean_slip)
     kept.mean_power += share * (abs(power) - kept.mean_power)
@@ -137,16 +177,16 @@ def mean_time(command, path):
 
 
 @stage
-def compute_reward(pitch, settings, row, task):
+def compute_reward(pitch, settings, robot, walk):
     """Fill a robot's factors and return their product; pitch: rad, settings: :data:`SETTINGS`."""
-    info, term = task.info, task.reward
+    info, term = walk.info, walk.reward
     pace = max(abs(info.speed_command), SLOWEST)
     term.tracking = tracking(info.lag)
     term.progress = progress(info.mean_speed, info.speed_command)
     term.slip = factor(slip_cost(info.mean_slip, pace), settings.slip)
-    term.energy = factor(energy_cost(info.mean_power, row.weight, pace), settings.energy)
-    term.effort = factor(effort_cost(info.rms_torque, row.weight), settings.effort)
-    term.smoothness = factor(change_cost(row.action - row.action_before), settings.smoothness)
+    term.energy = factor(energy_cost(info.mean_power, robot.weight, pace), settings.energy)
+    term.effort = factor(effort_cost(info.rms_torque, robot.weight), settings.effort)
+    term.smoothness = factor(change_cost(robot.action - robot.action_before), settings.smoothness)
     term.posture = factor(pitch_cost(pitch), settings.posture)
     style = term.effort * term.smoothness * term.posture
     return term.tracking * term.progress * term.slip * term.energy * style
@@ -203,27 +243,12 @@ def factor(cost, weight):
     return 1.0 / (1.0 + cost) if weight == 1.0 else mathematics.power(1.0 + cost, -weight)
 
 
-@kernel
-def describe(
-    which: Ints1, task: Rows, task_places: Ints1, states: Floats2, robots: Robots,
-    rows: readings.Rows, loads: Floats2, surface: Floats2, scan: Floats1, places: Ints1,
-    out: Singles2,
-) -> None:  # fmt: skip
-    """Observations into ``out`` (n, d), information into ``rows``, of robots ``which`` (k,).
-
-    Args: see :func:`finish_step`.
-    """
-    for r in which:
-        read(r, states, robots, rows, loads, surface, scan, places, out)
-        observe(r, task[r].info, task_places, out)
-
-
 @stage
-def observe(r, info, places, out):
-    """Put command, lag and means into the columns of a robot's observation."""
-    put(out, r, places[0], info.speed_command)
-    put(out, r, places[1], info.lag)
-    put(out, r, places[2], info.mean_speed)
-    put(out, r, places[3], info.mean_slip)
-    put(out, r, places[4], info.mean_power)
-    put(out, r, places[5], info.rms_torque)
+def observe_walk(command, kept, columns, out):
+    """Put the command (m/s) and accounts into the ``columns`` (6,) of a robot's observation."""
+    put(out, columns[0], command)
+    put(out, columns[1], kept.lag)
+    put(out, columns[2], kept.mean_speed)
+    put(out, columns[3], kept.mean_slip)
+    put(out, columns[4], kept.mean_power)
+    put(out, columns[5], kept.rms_torque)

@@ -99,7 +99,7 @@ def broadcast_options(count: int, options: Values) -> list[Values]:
 
 def single_action(action: object) -> Array:
     """The action (1,) of one robot as (1, 1); the number 0 stands for no torque."""
-    if isinstance(action, int) and action == 0:  # what gymnasium.utils.play does without a key
+    if type(action) is int and action == 0:  # what gymnasium.utils.play does without a key
         return np.zeros((1, 1))
     values = checks.numbers_of(action)
     if values.shape != (1,) or not math.isfinite(values.item()):
@@ -142,12 +142,13 @@ class Renderers(dict[int, Renderer]):
             modes = env.metadata["render_modes"]
             gym.logger.warn(f"render() was called without a render_mode; pass one of {modes}")
             return None
-        scene = env.task.scene(i)
+        with env.task.lock:
+            scene, frame = env.task.scene(i), env.task.frame(i)
         if i not in self:
             fps = env.metadata["render_fps"]
             self[i] = Renderer(**scene, mode=env.render_mode, fps=fps)
         self[i].show(**scene)  # which a reset may change
-        return self[i].draw(env.task.frame(i))
+        return self[i].draw(frame)
 
     def close(self) -> None:
         """Close windows."""

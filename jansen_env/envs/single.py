@@ -15,9 +15,9 @@ from jansen_env.envs.arguments import (
     reset_options,
     single_action,
 )
+from jansen_env.envs.copies import WholeCopies, exclusive
 from jansen_env.plants.plant import Plant
 from jansen_env.robot import Robot
-from jansen_env.scoring.metrics import Benchmark
 from jansen_env.tasks.task import Task
 from jansen_env.world.settings import RENDER_MODES, Values
 
@@ -29,7 +29,7 @@ ACTIVE = np.ones(1, bool)
 RIGHT, LEFT = 1073741903, 1073741904  # pygame's K_RIGHT and K_LEFT
 
 
-class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
+class SingleEnv(WholeCopies, gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
     """One robot that does a task.
 
     Args:
@@ -37,7 +37,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
 
     Attributes:
         TASK: the task's class. PRESET: values of arguments in place of the settings' defaults.
-        BENCHMARK: the rules by which policies are scored, by default the return alone.
+        BENCHMARK: "module:NAME" of the rules by which policies are scored; "" for the return alone.
         task: the task of this one robot. dt, control_dt: s for which an action is held.
         observed: name, unit, limits and noise of each number of the observation.
     """
@@ -45,7 +45,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
     metadata: Values = {"render_modes": RENDER_MODES, "render_fps": 50}
     TASK: ClassVar[type[Any]]
     PRESET: ClassVar[Values] = {}
-    BENCHMARK: ClassVar[Benchmark] = Benchmark()
+    BENCHMARK: ClassVar[str] = ""
 
     def __init__(self, **arguments: object) -> None:
         settings = make_settings(self, type(self), arguments)
@@ -93,17 +93,20 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
                 diverges where it is placed. Nothing has changed then.
         """
         options = reset_options(options)
-        before = self._np_random, self._np_random_seed
-        super().reset(seed=seed)
-        try:
-            self.task.reset(ROBOT, [self.np_random], [options])
-        except Exception:
-            self._np_random, self._np_random_seed = before
-            raise
-        self._begun = True
+        task = self.task
+        with task.lock:
+            before = self._np_random, self._np_random_seed
+            super().reset(seed=seed)
+            try:
+                task.reset(ROBOT, [self.np_random], [options])
+            except Exception:
+                self._np_random, self._np_random_seed = before
+                raise
+            self._begun = True
+            started = task.observation[0].copy(), task.information.single(0)
         if self.render_mode == "human":
             self.render()
-        return self.task.observation[0].copy(), self.task.information.single(0)
+        return started
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, Values]:
         """Hold an action for ``control_dt`` seconds.
@@ -112,14 +115,16 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
             ValueError: the action is not one finite number.
             gymnasium.error.ResetNeeded: before the first :meth:`reset`.
         """
-        self._check_begun()
         task = self.task
-        task.step(single_action(action), ACTIVE)
+        with task.lock:
+            self._check_begun()
+            task.step(single_action(action), ACTIVE)
+            reward = task.rewards.item(0)
+            over = task.ended.item(0), task.truncated.item(0)
+            observation, info = task.observation[0].copy(), task.information.single(0)
         if self.render_mode == "human":
             self.render()
-        over = task.ended.item(0), task.truncated.item(0)
-        observation, info = task.observation[0].copy(), task.information.single(0)
-        return observation, task.rewards.item(0), *over, info
+        return observation, reward, *over, info
 
     def _check_begun(self) -> None:
         if not self._begun:
@@ -129,6 +134,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         """Change the robot from now on, see :meth:`jansen_env.tasks.task.Task.set_parameters`."""
         self.task.set_parameters(0, **changes)
 
+    @exclusive
     def push(self, impulse: object) -> None:
         """Push the robot from now on, see :meth:`jansen_env.world.world.World.push`.
 
@@ -138,6 +144,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         self._check_begun()
         self.task.push(0, impulse)
 
+    @exclusive
     def get_state(self) -> Values:
         """Return all that the future of this robot depends on; :meth:`set_state` continues bit for
         bit.
@@ -146,6 +153,7 @@ class SingleEnv(gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
         """
         return {**self.task.get_state(0), "generator": self.np_random.bit_generator.state}
 
+    @exclusive
     def set_state(self, state: Values) -> Observation:
         """Go on from a state of :meth:`get_state`; returns its observation.
 

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from typing_extensions import TypedDict
 
 from jansen_env.arrays import Array, Bools, Ints
-from jansen_env.checks import one_of, positive_integer
+from jansen_env.checks import one_of, positive_integer, robot_index
 from jansen_env.envs import arguments as checks
+from jansen_env.envs.copies import WholeCopies, exclusive
 from jansen_env.envs.single import ATask, SingleEnv
 from jansen_env.robot import Robot
 from jansen_env.world.settings import Values, entries_of, optional
@@ -36,7 +37,9 @@ class VectorArguments(TypedDict, total=False):
     info_keys: Sequence[str] | None
 
 
-class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], Generic[ATask]):
+class TaskVectorEnv(
+    WholeCopies, VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], Generic[ATask]
+):
     """``num_envs`` robots that do a task together.
 
     Trajectories are those of the single environment, bit for bit: robot i of ``reset(seed=s)`` does
@@ -131,11 +134,16 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         seeds = checks.broadcast_seeds(self.num_envs, seed)
         return self.reset_each(seeds, checks.broadcast_options(self.num_envs, options), mask)
 
+    @exclusive
     def reset_each(
         self, seeds: Sequence[int | None], options: Sequence[Values], mask: Bools | None = None
     ) -> tuple[Observations, Values]:
         """:meth:`reset` with a seed and options for each robot; ``mask`` (num_envs,) names some."""
-        mask = np.ones(self.num_envs, bool) if mask is None else mask
+        n = self.num_envs
+        mask = checks.reset_mask(n, mask)
+        for name, values in (("seeds", seeds), ("options", options)):
+            if len(values) != n:
+                raise ValueError(f"{name} has {len(values)} entries, must have {n}")
         which, before = np.flatnonzero(mask), (self._generators[:], self._seeds[:])
         for i in which.tolist():
             if seeds[i] is not None:
@@ -148,12 +156,14 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         self._begun |= mask
         return self.task.observation.copy(), self._infos(mask)
 
+    @exclusive
     def restart(self, which: Ints, options: Sequence[Values] | None = None) -> None:
         """Start the next episodes of some robots."""
         self.task.reset(which, [self._generator(i) for i in which.tolist()], options)
         self._elapsed[which] = 0
         self._done[which] = False
 
+    @exclusive
     def step(
         self, actions: NDArray[np.float32]
     ) -> tuple[Observations, Array, Bools, Bools, Values]:
@@ -172,6 +182,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
             infos = self._infos(np.ones(self.num_envs, bool))
         return self.task.observation.copy(), rewards, terminated, truncated, infos
 
+    @exclusive
     def advance(self, actions: NDArray[np.float32]) -> tuple[Bools, Bools]:
         """Step without starting episodes of ``SAME_STEP``; returns (terminated, truncated)."""
         if (waiting := self._awaiting_reset()).any():
@@ -210,6 +221,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         """Change robot ``i`` from now on, see :meth:`jansen_env.tasks.task.Task.set_parameters`."""
         self.task.set_parameters(i, **changes)
 
+    @exclusive
     def push(self, i: int, impulse: object) -> None:
         """Push robot ``i`` from now on, see :meth:`jansen_env.world.world.World.push`.
 
@@ -219,20 +231,25 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
             gymnasium.error.ResetNeeded: before the robot's first :meth:`reset`, and with
                 ``AutoresetMode.DISABLED`` while its episode is over.
         """
+        i = robot_index(i, self.num_envs)
         if self._awaiting_reset()[i]:
             raise gym.error.ResetNeeded(f"robot {i} must be reset before push()")
         self.task.push(i, impulse)
 
+    @exclusive
     def get_state(self, i: int) -> Values:
         """Return all that the future of robot ``i`` depends on, as of the single environment."""
+        i = robot_index(i, self.num_envs)
         generator = self._generator(i).bit_generator.state
         return {**self.task.get_state(i), "generator": generator}
 
+    @exclusive
     def set_state(self, i: int, state: Values) -> Observations:
         """Let robot ``i`` go on from a state of :meth:`get_state`; returns its observation.
 
         Its count towards ``max_episode_steps`` stays.
         """
+        i = robot_index(i, self.num_envs)
         checks.complete_state(state, self.get_state(i))
         self.task.set_state(i, state)
         self._generator(i).bit_generator.state = state["generator"]
@@ -261,6 +278,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
         """Call one of :data:`METHODS` of robot ``i``."""
         if name not in METHODS:
             raise AttributeError(f"{name!r} is no method of one robot, must be in {METHODS}")
+        i = robot_index(i, self.num_envs)
         if name == "render":
             return self._renderers.draw(self, i)
         return getattr(self, name)(i, *args, **kwargs)
@@ -271,6 +289,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
             return tuple(self.call_one(i, name, *args, **kwargs) for i in range(self.num_envs))
         return self.get_attr(name)
 
+    @exclusive
     def get_attr(self, name: str) -> tuple[Any, ...]:
         """Return an attribute of each robot: its own, or the common one."""
         values = self.task.world.get_attr(name)
@@ -287,6 +306,7 @@ class TaskVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], 
             raise AttributeError(f"{name!r} is no method of one robot, must be in {METHODS}")
         return (value,) * self.num_envs
 
+    @exclusive
     def set_attr(self, name: str, values: object) -> None:
         """Set a parameter of all robots: to one value, or to the entries of a list."""
         values = values if isinstance(values, (list, tuple)) else [values] * self.num_envs

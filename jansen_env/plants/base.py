@@ -26,7 +26,7 @@ class StepResult(NamedTuple):
     motor_work: float
     joint_loss: float  #: in joints, bearings and gear
     slip_loss: float
-    impact_loss: float  #: at touchdowns, and in the dampers of compliant pads
+    impact_loss: float  #: at touchdowns, and in springs and dampers of compliant pads
     energy_change: float  #: kinetic and potential, that of compliant pads included
     non_toe_contact: bool  #: whether a joint other than a toe was pressed on the ground
     residual: float  #: N s, worst violation of the contact law

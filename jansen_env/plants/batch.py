@@ -14,30 +14,30 @@ from jansen_env.checks import finite
 from jansen_env.dynamics.joint_forces import JointForces, joint_forces
 from jansen_env.dynamics.pads import pad_sides
 from jansen_env.dynamics.reduced import Tables, compile_robot
-from jansen_env.engine import collision, integrator, placement
-from jansen_env.engine.collision import MARGIN, SPECULATIVE_MARGIN
-from jansen_env.engine.records import CONTACT_STATISTICS, PLANE, ROBOT, UNKNOWN_DEFLECTION, WORLD
+from jansen_env.engine import collision, episode, integrator, placement
+from jansen_env.engine.collision import SPECULATIVE_MARGIN
+from jansen_env.engine.episode import Episodes, Observing
+from jansen_env.engine.records import PLANE, UNKNOWN_DEFLECTION, Designs, Scratch
 from jansen_env.engine.tables import energy
-from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
-from jansen_env.parameters import ROBOT_PARAMETERS, nominal, plain
+from jansen_env.gravity import GRAVITY, Gravity
+from jansen_env.parameters import nominal, plain
 from jansen_env.plants.base import (
     check_held,
     check_legs,
     check_pushes,
-    check_time_step,
     divergence,
     resting_depth,
 )
+from jansen_env.plants.batched_plant import GRAVITY_XY, BatchedPlant
 from jansen_env.plants.design_tables import DesignTables
 from jansen_env.plants.grounds import Grounds
 from jansen_env.plants.robot_parameters import (
-    apply_to_kernels,
     check_restitution,
     check_values,
-    kernel_row,
     machine_of,
 )
-from jansen_env.plants.threads import Memory, Threads
+from jansen_env.plants.robot_records import RobotRecords
+from jansen_env.plants.threads import Threads
 from jansen_env.plants.trace import find_touchdowns, pads_in_contact, trace_forces
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
@@ -45,13 +45,9 @@ from jansen_env.terrain import Terrain
 TIME_STEP = 1e-3  # s
 DETECTION_INTERVAL = 0.01  # s between two looks for the ground; its planes are kept meanwhile
 PLANES_PER_PAD = 4  # kept of a robot, on average over its pads
-GRAVITY_XY = ["gravity_x", "gravity_y"]  # fields of PARAMS
-NOT_THE_ROBOT = [*GRAVITY_XY, "steepest", "design", "held"]
-RESULTS = ("states", "accumulators", "contact_statistics", "slip", "contact_force", "diverged")
-PARAMETERS = ("params", "nominal_params", "parameters")
 
 
-class Batch:
+class Batch(BatchedPlant):
     """n robots on their terrains; each moves as it would alone, bit for bit.
 
     Args:
@@ -68,15 +64,9 @@ class Batch:
     Attributes:
         toes, pads: of a robot. designs: the kernels' tables of the robots.
         surface: (vertices, 2) m, of all terrains: a robot's are in its row's status.
-        states: (n, 8) x, y, theta, psi and rates, x, y the crank axis, m, rad, s; to be read.
-        rows: (n,) ROBOT of :mod:`jansen_env.engine.records`: params, PARAMS in force; status;
-            accumulators, sums over the last :meth:`step`. nominal_params: (n,) PARAMS without
-            :meth:`set_parameters`.
-        contact_statistics: (n, pads) CONTACT_STATISTICS, sums of the same; deflection: (n, pads, 2)
-            compression and bend of compliant pads, m; to be read.
-        slip: (n, toes) m, contact_force: (n, toes, 2) N, joint_gap: (n,) m, of the last step.
-        diverged: (n,) whether the last step was refused. any_diverged: whether one was.
-        parameters: (n,) ROBOT_PARAMETERS in force.
+        records: the robots, see :class:`RobotRecords`.
+        machines: (n,) MACHINE of :mod:`jansen_env.engine.records`, robots without parameters.
+        joint_gap: (n,) m, of the last step. any_diverged: whether a robot's last step was refused.
         tracing: whether the first robot's steps are recorded: trace, (steps,) of
             :func:`jansen_env.engine.integrator.trace_dtype`, and touchdowns, (steps,) whether a pad
             touched down in each.
@@ -101,103 +91,102 @@ class Batch:
         threads: int | None = None,
         held: bool = False,
         links_collide: bool = False,
+        records: RobotRecords | None = None,
     ) -> None:
         if len(robots) != len(terrains) or not robots:
             raise ValueError(
-                f"there are {len(robots)} robots and {len(terrains)} terrains, must be as many, "
-                "and at least one"
+                f"expected one terrain per robot and at least one robot, got {len(robots)} robots "
+                f"and {len(terrains)} terrains"
             )
         different = {id(robot): robot for robot in robots}
         for robot in different.values():
             check_legs(robot, robots[0])
         self._arguments = (time_step, gravity, threads, held, links_collide)
-        self.robots, self.terrains, self.held = list(robots), list(terrains), held
-        self.time_step = check_time_step(time_step)
-        self.designs, n = DesignTables(robots), len(robots)
+        self.designs = DesignTables(robots)
         self._sides = pad_sides(robots[0])
-        self.toes, self.pads = len(robots[0].toes), len(self.designs.model.layout[0])
-        toes, pads, self._every = self.toes, self.pads, np.arange(n)
-        # Parameters.
-        kernel_rows = {key: kernel_row(robot) for key, robot in different.items()}
-        self.nominal_params = np.concatenate([kernel_rows[id(robot)] for robot in robots])
-        self.nominal_params[GRAVITY_XY] = gravity_vector(gravity)
-        self.nominal_params["steepest"] = [terrain.steepest for terrain in terrains]
-        self.nominal_params["design"], self.nominal_params["held"] = self.designs.number, held
-        values = [nominal(*pair) for pair in zip(robots, terrains, strict=True)]
-        self.parameters = np.array(values, ROBOT_PARAMETERS)
-        check_restitution(self.nominal_params["compliant"], self.parameters["restitution"])
-        self._links_mass = np.array([robot.links_mass for robot in robots])
-        self.any_gives = bool(self.nominal_params["compliant"].any())
-        # Motion.
-        self.rows, self.states = np.zeros(n, ROBOT), np.zeros((n, 8))
-        self.params, self._status = self.rows["params"], self.rows["status"]
-        self.accumulators = self.rows["accumulators"]
-        self._apply(self._every)
-        self.contact_statistics = np.zeros((n, pads), CONTACT_STATISTICS)
-        self.deflection: Array = self.contact_statistics["deflection"]
-        self.deflection[:] = UNKNOWN_DEFLECTION
-        self.slip, self.contact_force = np.zeros((n, toes)), np.zeros((n, toes, 2))
-        self.joint_gap = np.zeros(n)
-        self.diverged, self.any_diverged = np.zeros(n, bool), False
-        # The ground.
-        capacity = PLANES_PER_PAD * pads
-        self._world, self.planes = np.zeros(1, WORLD), np.zeros(n * capacity, PLANE)
-        stride = max(1, round(DETECTION_INTERVAL / time_step))
-        self._world[0] = self.time_step, stride, toes, capacity, links_collide
+        super().__init__(robots, terrains, time_step, gravity, held, records)
+        self._set_machines(self._every)
+        capacity = PLANES_PER_PAD * self.pads
+        self.world["stride"] = max(1, round(DETECTION_INTERVAL / time_step))
+        self.world["capacity"], self.world["links_collide"] = capacity, links_collide
         self.knows_joint_forces = not links_collide
-        self._status["margin"] = SPECULATIVE_MARGIN
-        self._status["first_plane"] = self._status["end_plane"] = capacity * self._every
-        self._grounds, self._longest = Grounds(terrains, self._status), self.time_step
+        self.records.status["margin"] = SPECULATIVE_MARGIN
+        self._grounds, self._longest = Grounds(terrains, self.records.status), self.time_step
         # Arguments of kernels.
         self._advance = integrator.advance.bound()
-        self._threads = Threads(
-            n,
-            threads,
-            lambda: (*integrator.work_space(capacity), np.zeros(n, np.int64), np.zeros(2, bool)),
-        )
+        self._control_step = episode.control_step.bound()
         self._place = placement.place.bound()
+        self._make_scratch(threads)
+        n = len(robots)
         self._at_once = np.zeros(n), np.zeros(n, np.int64)  # no torque from before
         self._ahead_torque = np.zeros(n)  # N m, of :meth:`lookahead`
         self._no_pushes = np.zeros((0, 0, 2))
-        self._no_trace: Rows = np.zeros(0, integrator.trace_dtype(pads))
+        self._no_trace: Rows = np.zeros(0, integrator.trace_dtype(self.pads))
         self._untraced = plain(self._no_trace)
-        self._centres = np.zeros((max(pads, toes + 1), 2))  # of toes and centre of mass, or pads
+        self._planes = np.zeros(capacity, PLANE)
+        self._centres = np.zeros((max(self.pads, self.toes + 1), 2))  # work space
         self._sums = np.empty((3, 6))
         self.tracing, self.trace, self.touchdowns = False, self._no_trace, np.zeros(0, bool)
         self.in_contact: Bools | None = None
+        self._apply(self._every)
         self._share_arrays()
+
+    def _make_scratch(self, threads: int | None) -> None:
+        """Make the memory of threads."""
+        capacity, steps = int(self.world["capacity"][0]), int(self.world["steps"][0])
+
+        def memory() -> Scratch:
+            return integrator.work_space(capacity, self.pads, steps)
+
+        self._threads = Threads(len(self.robots), threads, memory)
+
+    def set_control(
+        self, steps: int, period: float, torque_rate: float = math.inf, **flags: bool
+    ) -> None:
+        super().set_control(steps, period, torque_rate, **flags)
+        self._make_scratch(self._arguments[2])
+        self._steps = steps
+        self._reach(period)
+
+    def _set_machines(self, rows: Ints) -> None:
+        """Note robots (k,) as they are without parameters, with the tables of their designs."""
+        super()._set_machines(rows)
+        numbers = self.designs.number[rows]
+        nominal_params: Any = self.machines["nominal"]
+        nominal_params["design"][rows] = numbers
+        self.machines["centre"][rows] = self.designs.farthest[numbers, 0]
+        self.machines["pad"][rows] = self.designs.farthest[numbers, 1]
+        self.any_gives = bool(nominal_params["compliant"].any())
 
     def _share_arrays(self) -> None:
         """Note the arguments that threads share in a step."""
-        model, self.surface = self.designs.model, self._grounds.surface
-        self._shared = (
-            self.states, model.body, model.pads, model.layout, model.bearings, self._sides,
-            self.surface, self.designs.depths, self._world, self.rows, self.planes,
-            self.contact_statistics, self.slip, self.contact_force,
-        )  # fmt: skip
-        self._placed = (
-            self.states, model.body, model.pads, model.layout, self.rows, self.surface,
-            self._world, self._centres, self.planes,
-        )  # fmt: skip
+        model = self.designs.model
+        self._shared = Designs(
+            self.world, *model, self._sides, self.designs.depths, self._grounds.surface
+        )
+        self._placed = self._shared, self.records.robots, self._centres, self._planes
+
+    def reconnect(self) -> None:
+        """Take other views of the records, which have been made anew."""
+        self._grounds.status = self.records.status
+        self._share_arrays()
+
+    @property
+    def surface(self) -> Array:
+        """(vertices, 2) m, of all terrains: a robot's are in its status."""
+        return self._grounds.surface
+
+    # Robots, parameters and grounds.
 
     def set_parameters(self, rows: Ints, values: Rows) -> None:
-        """Put ``values`` (k,) of ROBOT_PARAMETERS in force, from the robots' next placing on.
+        """Apply ``values`` (k,) of :data:`jansen_env.parameters.EPISODE`, from the next placing on.
 
         Raises:
             ValueError: one is out of its limits, or restitution with compliant pads.
         """
-        check_values(values, self.nominal_params["compliant"][rows])
-        self.parameters[rows] = values
+        check_values(values, self.machines["nominal"]["compliant"][rows])
+        self.records.parameters[rows] = values
         self._apply(rows)
-
-    def _apply(self, rows: Ints) -> None:
-        """Make the kernels' rows of robots those of their :attr:`parameters`."""
-        params = self.nominal_params[rows]  # a copy
-        centre, pad = self.designs.farthest[self.designs.number[rows]].swapaxes(0, 1)
-        apply_to_kernels(params, self.parameters[rows], self._links_mass[rows], centre, pad)
-        params["prescribed_speed"] = self.params["prescribed_speed"][rows]
-        self.params[rows] = params
-        self._status["pad_radius"][rows] = params["pad_radius"]
 
     def check_robot(self, robot: Robot) -> None:
         """Raise what :meth:`set_robots` would for a robot in place of any other."""
@@ -215,16 +204,12 @@ class Batch:
             self.check_robot(robot)
         self.designs.set(rows, robots)
         for row, robot in zip(rows.tolist(), robots, strict=True):
-            params = kernel_row(robot)
-            params[NOT_THE_ROBOT] = self.nominal_params[NOT_THE_ROBOT][[row]]
-            self.robots[row], self._links_mass[row] = robot, robot.links_mass
-            self.nominal_params[row] = params[0]
-            self.parameters[row] = nominal(robot, self.terrains[row])
-        self.nominal_params["design"][rows] = self.designs.number[rows]
-        self.any_gives = bool(self.nominal_params["compliant"].any())
+            self.robots[row] = robot
+            self.records.parameters[row] = nominal(robot, self.terrains[row])
+        self._set_machines(rows)
         self._apply(rows)
-        self.deflection[rows] = UNKNOWN_DEFLECTION
-        self._status["asked_x"][rows] = np.inf
+        self.records.deflection[rows] = UNKNOWN_DEFLECTION
+        self.records.status["asked_x"][rows] = np.inf
         self._share_arrays()
 
     def tables_in_force(self, row: int) -> Tables:
@@ -237,23 +222,25 @@ class Batch:
         Raises:
             ValueError: restitution with compliant pads.
         """
-        compliant = self.nominal_params["compliant"][row : row + 1]
+        compliant = self.machines["nominal"]["compliant"][row : row + 1]
         check_restitution(compliant, np.array([terrain.restitution]))
         self.terrains[row] = terrain
-        self.nominal_params["steepest"][row] = self.params["steepest"][row] = terrain.steepest
+        nominal_params: Any = self.machines["nominal"]
+        nominal_params["steepest"][row] = terrain.steepest
         for name in ("friction", "restitution"):
-            for numbers in (self.parameters, self.params):
-                numbers[name][row] = getattr(terrain, name)
+            self.records.parameters[name][row] = getattr(terrain, name)
+        self._apply(self._every[row : row + 1])
+        surface = self._grounds.surface
         self._grounds.set_terrain(row, terrain)
-        if self.surface is not self._grounds.surface:
+        if surface is not self._grounds.surface:
             self._share_arrays()
 
     def _ask_ground(self, rows: Ints) -> None:
         """Ask pymunk for the ground of those robots (k,) that have moved by the margin."""
         if self.held:
             return
-        moved = np.abs(self.states[rows, 0] - self._status["asked_x"][rows])
-        for row in rows[~(moved <= MARGIN)].tolist():
+        moved = np.abs(self.states[rows, 0] - self.records.status["asked_x"][rows])
+        for row in rows[~(moved <= collision.MARGIN)].tolist():
             extent = float(self.designs.extent[self.designs.number[row]])
             self._grounds.find_stretch(row, float(self.states[row, 0]), extent, self._longest)
 
@@ -291,8 +278,8 @@ class Batch:
         if not self.held:
             self._ask_ground(rows)
             self._place(rows, self._placed)
-        self.deflection[rows] = UNKNOWN_DEFLECTION
-        self.diverged[rows] = False
+        self.records.deflection[rows] = UNKNOWN_DEFLECTION
+        self.records.diverged[rows] = False
         if self.in_contact is not None and 0 in rows:
             self.in_contact = None
 
@@ -313,19 +300,16 @@ class Batch:
     def keep(self, rows: Ints) -> Callable[[], None]:
         """Return a function that makes robots (k,), and their grounds, what they are now."""
         robots = [(self.robots[row], self.terrains[row]) for row in rows.tolist()]
-        # Copies; an index would take longer.
-        before = [(array := getattr(self, name), array.take(rows, axis=0)) for name in RESULTS]
-        parameters, in_contact = self.parameters[rows], self.in_contact
+        saved, in_contact = self.records.copy(rows), self.in_contact
+        joint_gap = self.joint_gap[rows]
 
         def undo() -> None:
             self.set_robots(rows, [robot for robot, _ in robots])
             for row, (_, terrain) in zip(rows.tolist(), robots, strict=True):
                 if terrain is not self.terrains[row]:
                     self.set_terrain(row, terrain)
-            self.parameters[rows] = parameters
-            self._apply(rows)
-            for array, values in before:
-                array[rows] = values
+            self.records.restore(rows, saved)
+            self.joint_gap[rows] = joint_gap
             self._ask_ground(rows)
             self.any_diverged, self.in_contact = bool(self.diverged.any()), in_contact
 
@@ -338,22 +322,19 @@ class Batch:
         earlier: Array | None = None,
         switch: Ints | None = None,
         rows: Ints | None = None,
-        meanwhile: Callable[[], None] | None = None,
         pushes: Array | None = None,
-        finish: Callable[[Ints], None] | None = None,
     ) -> None:
         """Hold crank torques (n,), N m, for some time steps, as far as the motors go.
 
         A robot that becomes faster than :data:`jansen_env.engine.integrator.DIVERGED`, leaves the
         stretch of ground that is known for the step or gets too deep into the ground stays as it
-        was before, without sums, and is named in :attr:`diverged`. The others go on.
+        was before, without sums, and is named in :attr:`diverged`. The others continue.
 
         Args:
             earlier: (n,) N m, held instead in the first ``switch`` (n,) of them.
-            rows: (k,) of the robots that move; None for all. meanwhile: may place the others.
+            rows: (k,) of the robots that move; None for all.
             pushes: (n, steps, 2) N s, the impulse on each chassis at the crank axis in each time
                 step, world x and y; None for none.
-            finish: called with robots (k,) that have moved, each once, on the thread that did it.
 
         Raises:
             ValueError: pushes of another shape.
@@ -364,8 +345,46 @@ class Batch:
             pushes = check_pushes(pushes, len(self.states), steps)
         if earlier is None:
             earlier, switch = self._at_once
-        torques = torque, earlier, switch, pushes
-        self._run(self._every if rows is None else rows, torques, steps, meanwhile, finish)
+        self._run(self._every if rows is None else rows, (torque, earlier, switch, pushes), steps)
+
+    def control_step(
+        self,
+        rows: Ints,
+        actions: Array,
+        episodes: Episodes,
+        observing: Observing,
+        meanwhile: Callable[[], None] | None = None,
+    ) -> None:
+        """Let robots (k,) take a control step, see :mod:`jansen_env.engine.episode`.
+
+        Args:
+            rows: Shape (k,), the robots.
+            actions: Shape (n, 1), finite for each of them.
+            episodes: Other parts of their records.
+            observing: How they are observed.
+            meanwhile: Called while others move, to place robots that do not.
+        """
+        if len(rows) == 0:  # others are placed, no more
+            if meanwhile is not None:
+                meanwhile()
+            return
+        trace, numbers = self._no_trace, self._untraced
+        if self.tracing:
+            trace, numbers = self._new_trace(self._steps)
+
+        def move(thread: int, shares: Ints, most: int, scratch: Scratch) -> tuple[bool, bool]:
+            self._control_step(
+                thread, shares, most, rows, actions, numbers, scratch, self._shared,
+                self.records.motions, episodes, observing,
+            )  # fmt: skip
+            far, diverged = scratch.flags.tolist()
+            return far, diverged
+
+        far, self.any_diverged = self._threads.move(len(rows), move, meanwhile)
+        if far:
+            self._ask_ground(rows)
+        if self.tracing:
+            self._keep_trace(trace)
 
     def lookahead(
         self, torque: float = 0.0, rows: Ints | None = None, pushes: Array | None = None
@@ -378,76 +397,47 @@ class Batch:
         rows = self._every if rows is None else rows
         in_contact = self.in_contact
         self._ahead_torque[:] = torque
-        states, deflection = self._run(rows, (self._ahead_torque, *self._at_once, pushes), 1)
+        states = self.states.take(rows, axis=0)  # quicker than an index
+        deflection = self.deflection.take(rows, axis=0) if self.any_gives else None
+        self._run(rows, (self._ahead_torque, *self._at_once, pushes), 1)
         self.states[rows], self.in_contact = states, in_contact
         if deflection is not None:
             self.deflection[rows] = deflection
 
-    def _run(
-        self,
-        rows: Ints,
-        torques: tuple[Array | Ints | None, ...],
-        steps: int,
-        meanwhile: Callable[[], None] | None = None,
-        finish: Callable[[Ints], None] | None = None,
-    ) -> tuple[Array, Array | None]:
-        """:meth:`step` of some robots; ``torques``: torque, earlier, switch and pushes.
-
-        Returns their states before and, of a batch with compliant pads, their deflections.
-        """
-        states = self.states.take(rows, axis=0)  # quicker than an index
-        before = states, self.deflection.take(rows, axis=0) if self.any_gives else None
-        if len(rows) == 0:  # others are placed, no more
-            if meanwhile is not None:
-                meanwhile()
-            return before
-        if self.any_diverged:
-            self.diverged[rows] = False
-            self.any_diverged = bool(self.diverged.any())
-        duration = steps * self.time_step
-        if duration > self._longest:
-            self._longest = duration
-            self._status["asked_x"] = np.inf
-            self._ask_ground(self._every)
+    def _run(self, rows: Ints, torques: tuple[Array | Ints | None, ...], steps: int) -> None:
+        """:meth:`step` of some robots; ``torques``: torque, earlier, switch and pushes."""
+        if len(rows) == 0:
+            return
+        self._reach(steps * self.time_step)
         trace, numbers = self._no_trace, self._untraced
         if self.tracing:
-            trace = np.empty(steps, trace.dtype)
-            numbers = plain(trace)
+            trace, numbers = self._new_trace(steps)
 
-        def move(thread: int, shares: Ints, most: int, memory: Memory) -> tuple[bool, bool]:
-            count = self._advance(
-                thread, shares, most, rows, steps, *torques, numbers, memory, self._shared
-            )
-            moved, flags = memory[-2:]
-            if finish is not None and count > 0:
-                finish(moved if count == len(moved) else moved[:count])
-            far, diverged = flags.tolist()
+        def move(thread: int, shares: Ints, most: int, scratch: Scratch) -> tuple[bool, bool]:
+            self._advance(
+                thread, shares, most, rows, steps, *torques, numbers, scratch, self._shared,
+                self.records.motions,
+            )  # fmt: skip
+            far, diverged = scratch.flags.tolist()
             return far, diverged
 
-        far, diverged = self._threads.move(len(rows), move, meanwhile)
-        if diverged:
-            lost = self._refuse(rows, before)
-            if finish is not None:
-                finish(lost)
+        far, self.any_diverged = self._threads.move(len(rows), move, None)
         if far:
             self._ask_ground(rows)
         if self.tracing or self.in_contact is not None or self.trace is not self._no_trace:
             self._keep_trace(trace)
-        return before
 
-    def _refuse(self, rows: Ints, before: tuple[Array, Array | None]) -> Ints:
-        """Return the robots that have diverged, left as they were ``before``: state, deflection."""
-        gone = self._status["lost"][rows]
-        lost = rows[gone]
-        self.diverged[lost] = self.any_diverged = True
-        self.states[lost] = before[0][gone]
-        if before[1] is not None:
-            self.deflection[lost] = before[1][gone]
-        self.accumulators[lost] = 0.0
-        self.slip[lost] = self.contact_force[lost] = 0.0
-        for name in ("slip", "impulse"):
-            self.contact_statistics[name][lost] = 0.0
-        return lost
+    def _reach(self, duration: float) -> None:
+        """Ask for as much ground as robots can reach in a step of ``duration``, s."""
+        if duration > self._longest:
+            self._longest = duration
+            self.records.status["asked_x"] = np.inf
+            self._ask_ground(self._every)
+
+    def _new_trace(self, steps: int) -> tuple[Rows, Array]:
+        """Return a trace of so many time steps, and its numbers."""
+        trace: Rows = np.empty(steps, self._no_trace.dtype)
+        return trace, plain(trace)
 
     def _keep_trace(self, trace: Rows) -> None:
         """Keep the trace of a step (no rows: of none), unless the first robot has diverged."""
@@ -467,7 +457,8 @@ class Batch:
 
     def energy(self, row: int) -> float:
         """Kinetic plus potential energy of a robot, J (potential 0 with its mass at y = 0)."""
-        return float(energy(row, self.states, self.rows, self.designs.model.body, self._sums))
+        robots, body = self.records.robots, self.designs.model.body
+        return float(energy(row, robots, body, self._sums))
 
     def pad_centres(self, row: int) -> Array:
         """(pads, 2) centres of a robot's pads, toes first, m."""
@@ -487,10 +478,11 @@ class Batch:
         tangents = np.tile([1.0, 0.0], (self.toes, 1))
         if self.held:
             return points, tangents
-        status = self._status[row]
+        status = self.records.status[row]
         status["margin"] = SPECULATIVE_MARGIN
-        collision.planes_near(row, centres, self.rows, self.surface, self._world, self.planes)
-        planes = self.planes[status["first_plane"] : status["end_plane"]]
+        robots = self.records.robots
+        collision.planes_near(row, centres, robots, self.surface, self.world, self._planes)
+        planes = self._planes[status["first_plane"] : status["end_plane"]]
         for plane in planes[::-1]:  # a pad's nearest comes last
             pad, normal = plane["pad"], np.array([plane["normal_x"], plane["normal_y"]])
             points[pad] = centres[pad] - radius * normal
@@ -546,16 +538,24 @@ class Batch:
         self._threads.close()
 
     def __getstate__(self) -> dict[str, Any]:
-        """The arguments, and what has become of them: everything else is made again from them."""
-        kept = ("robots", "terrains", "_arguments", "tracing", "in_contact", *RESULTS, *PARAMETERS)
+        """Return the arguments and what has become of them; everything else is made again."""
+        kept = (
+            "robots", "terrains", "_arguments", "tracing", "in_contact", "any_diverged",
+            "joint_gap", "records", "world", "_torque_rate",
+        )  # fmt: skip
         return {name: getattr(self, name) for name in kept}
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
-        self.__init__(saved["robots"], saved["terrains"], *saved["_arguments"])  # type: ignore[misc]
-        for name in (*RESULTS, *PARAMETERS):
-            getattr(self, name)[:] = saved[name]
-        for params in (self.params, self.nominal_params):
-            params["design"] = self.designs.number  # which are numbered again
+        records, arguments = saved["records"], saved["_arguments"]
+        every = np.arange(len(saved["robots"]))
+        before = records.copy(every)
+        self.__init__(saved["robots"], saved["terrains"], *arguments, records=records)  # type: ignore[misc]
+        self.world[:] = saved["world"]
+        self._torque_rate = saved["_torque_rate"]
+        self._make_scratch(arguments[2])
+        self._apply(every)
+        records.restore(every, before)
+        self.joint_gap[:] = saved["joint_gap"]
         self._ask_ground(self._every)
         self.tracing, self.in_contact = saved["tracing"], saved["in_contact"]
-        self.any_diverged = bool(self.diverged.any())
+        self.any_diverged = saved["any_diverged"]

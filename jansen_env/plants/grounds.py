@@ -44,10 +44,11 @@ class Grounds:
 
     Attributes:
         surface: (vertices, 2) m, of all terrains.
+        status: as given.
     """
 
     def __init__(self, terrains: Sequence[Terrain], status: Rows) -> None:
-        self._status = status
+        self.status = status
         distinct = {id(terrain): terrain for terrain in terrains}
         shapes = {key: make_shapes(terrain.polyline) for key, terrain in distinct.items()}
         self._shapes = [shapes[id(terrain)] for terrain in terrains]
@@ -63,7 +64,7 @@ class Grounds:
 
     def set_terrain(self, row: int, terrain: Terrain) -> None:
         """Give a robot another ground; where there is no room, :attr:`surface` is a new array."""
-        line, status = terrain.polyline, self._status[row]
+        line, status = terrain.polyline, self.status[row]
         first, room = self._rooms[row].tolist()
         if len(line) > room:
             first, room = self._used, max(len(line), 2 * room, LEAST_ROOM)
@@ -86,7 +87,7 @@ class Grounds:
         Raises:
             ValueError: pymunk finds none.
         """
-        shapes, status = self._shapes[row], self._status[row]
+        shapes, status = self._shapes[row], self.status[row]
         room = MARGIN + FASTEST * duration
         reach = room + extent + float(status["pad_radius"]) + max(WAY_OUT, LARGEST_MARGIN)
         left = min(max(x - reach, shapes.first_x), shapes.last_x)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeAlias
 
 import numpy as np
 
@@ -11,16 +10,15 @@ from jansen_env.arrays import Array
 from jansen_env.checks import finite, one_of, positive
 from jansen_env.dynamics.reduced import Tables
 from jansen_env.gravity import GRAVITY, Gravity
-from jansen_env.parameters import ROBOT_PARAMETERS
+from jansen_env.parameters import EPISODE
 from jansen_env.plants.base import StepResult, check_pushes, check_state
 from jansen_env.plants.batch import TIME_STEP, Batch
+from jansen_env.plants.batched_plant import BatchedPlant
 from jansen_env.plants.rigid.rigid_batch import TIME_STEP as RIGID_TIME_STEP
 from jansen_env.plants.rigid.rigid_batch import RigidBodyBatch
+from jansen_env.plants.robot_records import RobotRecords
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
-
-BatchedPlant: TypeAlias = Batch | RigidBodyBatch
-"""n robots on their terrains: their methods and attributes are those of :class:`Batch`."""
 
 FIRST = np.zeros(1, np.int64)
 
@@ -60,7 +58,7 @@ class Plant:
 
     def set_parameters(self, values: np.void) -> None:
         """Put parameters in force, see :meth:`Batch.set_parameters`."""
-        self.batch.set_parameters(FIRST, np.array([values], ROBOT_PARAMETERS))
+        self.batch.set_parameters(FIRST, np.array([values], EPISODE))
 
     def reset(self, x: float = 0.0, crank_angle: float = 0.0, pitch: float | None = None) -> Array:
         """Place the robot at rest, see :meth:`Batch.place_at`; returns the new state (8,)."""
@@ -171,7 +169,7 @@ def plant_time_step(name: str, time_step: float | None = None) -> float:
 
 def make_batch(
     name: str, robots: Sequence[Robot], terrains: Sequence[Terrain], time_step: float,
-    threads: int | None, held: bool, links_collide: bool,
+    threads: int | None, held: bool, links_collide: bool, records: RobotRecords,
 ) -> BatchedPlant:  # fmt: skip
     """Return robots on their terrains, or ``held``, moved by a plant of :data:`PLANTS`.
 
@@ -180,7 +178,9 @@ def make_batch(
     """
     if name == "projection":
         threads = 1 if len(robots) == 1 else threads
-        return Batch(robots, terrains, time_step, GRAVITY, threads, held, links_collide)
+        return Batch(robots, terrains, time_step, GRAVITY, threads, held, links_collide, records)
     if len(robots) > 1:
         raise ValueError(f"plant is {name!r}, must be 'projection' for several robots at once")
-    return RigidBodyBatch(robots[0], terrains[0], time_step, links_collide=links_collide)
+    return RigidBodyBatch(
+        robots[0], terrains[0], time_step, links_collide=links_collide, records=records
+    )

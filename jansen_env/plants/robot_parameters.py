@@ -1,8 +1,9 @@
-"""Parameters of robots and terrains applied: to machines, and to the kernels' rows.
+"""Parameters applied to robots, terrains and gravity, and the kernels' view of a robot.
 
-A row of :data:`jansen_env.parameters.ROBOT_PARAMETERS` has friction, restitution and payload
-as they are, the others as scales of the robot's own numbers (1: as it is), so that a row never
-builds on the one before. Coulomb friction of bearings stays: it is data of the machine, by loads
+A record of :data:`jansen_env.parameters.EPISODE` has friction, restitution and payload as they are,
+the others as scales of the robot's own values (1: as it is), so that a record never builds on the
+one before. The kernel :func:`jansen_env.engine.episode.apply_parameters` does the same for the
+projection plant. Coulomb friction of bearings stays: it is data of the machine, by loads
 measured.
 """
 
@@ -15,35 +16,28 @@ import numpy as np
 
 from jansen_env.arrays import Array, Bools, Rows
 from jansen_env.checks import invalid
+from jansen_env.dynamics.reduced import lightest_mass
 from jansen_env.engine import mathematics
+from jansen_env.engine.compliance import RESOLVED
 from jansen_env.engine.records import PARAMS
-from jansen_env.parameters import OF_ROBOTS, PARAMETERS, plain
+from jansen_env.parameters import TABLE, plain
 from jansen_env.robot import Compliance, Robot
 from jansen_env.terrain import Terrain
 
-BOUND = 1.1  # what lies between the angles of the tables is less than so much larger
-LIMITS = np.array([(PARAMETERS[name].least, PARAMETERS[name].most) for name in OF_ROBOTS]).T
+LONGEST_PHASE = 2.0 * RESOLVED
+"""Largest phase h sqrt(k / m) and decay h d / m of a foot in a time step h.
+
+Beyond, :mod:`jansen_env.engine.compliance` counts a foot as a rigid pad rather than as a spring.
+"""
+LIMITS = np.array([(row.least, row.most) for row in TABLE]).T
 """The least and the most of each parameter."""
-COPIED = {
-    "friction": "friction", "restitution": "restitution", "payload": "load_mass",
-    "payload_x": "load_x", "payload_y": "load_y", "mass_scale": "mass_scale",
-    "inertia_scale": "inertia_scale", "damping_scale": "damping_scale",
-}  # fmt: skip
-"""The number of :data:`jansen_env.engine.records.PARAMS` that is a parameter."""
-SCALED = {
-    "foot_stiffness_scale": ("stiffness",),
-    "foot_damping_scale": ("pad_damping",),
-    "motor_strength": ("stall_torque", "torque_slope", "most_torque"),
-    "rotor_inertia_scale": ("rotor_pitch", "rotor_coupling", "rotor_crank"),
-}
-"""The numbers that it scales."""
 ON_TERRAINS = ("friction", "restitution")
 """Fields of a terrain."""
 
 
 def machine_of(robot: Robot, row: np.void) -> Robot:
     """The robot with these parameters applied."""
-    values = dict(zip(OF_ROBOTS, row.item(), strict=True))
+    values = dict(zip(row.dtype.names or (), row.item(), strict=True))
     mass, inertia = values["mass_scale"], values["inertia_scale"]
     strength, motor, pads = values["motor_strength"], robot.motor, robot.pad_compliance
     if not pads.rigid:
@@ -86,7 +80,8 @@ def gravity_of(gravity: tuple[float, float], row: np.void) -> tuple[float, float
 def kernel_row(robot: Robot) -> Rows:
     """(1,) PARAMS of a robot, its crank free, weightless on level slippery ground.
 
-    How far its pads get is not known yet, see :func:`apply_to_kernels`.
+    How far its pads get is not known yet, see
+    :func:`jansen_env.engine.episode.apply_parameters`.
     """
     load, motor, pads = robot.payload, robot.motor, robot.pad_compliance
     row = np.zeros(1, PARAMS)
@@ -109,36 +104,8 @@ def kernel_row(robot: Robot) -> Rows:
     return row
 
 
-def apply_to_kernels(
-    params: Rows, values: Rows, links_mass: Array, centre: Array, pad: Array
-) -> None:
-    """Make the kernels' rows of robots as they are those under parameters.
-
-    Args:
-        params: (k,) of ``PARAMS``. values: (k,) of ``ROBOT_PARAMETERS``. links_mass: kg, of the
-            design. centre: (k, 2) largest |c| and |c'| of the design without its load, kg m.
-            pad: (k, 2) largest |p| and |p'| of its pads, m.
-    """
-    for name, copied in COPIED.items():
-        params[copied] = values[name]
-    for name, fields in SCALED.items():
-        for field in fields:
-            scale = values[name]
-            params[field] *= scale if params[field].ndim == 1 else scale[:, None]
-    params["mass"] = values["mass_scale"] * links_mass + values["payload"]
-    scale, mass = params["mass_scale"], params["mass"]
-    for k, name in enumerate(("pitch_arm", "crank_arm")):
-        params[name] = BOUND * (scale * centre[:, k] / mass + pad[:, k])
-    load = np.sqrt(params["load_x"] ** 2 + params["load_y"] ** 2)
-    params["pitch_arm"] += params["load_mass"] * load / mass
-    params["winding"] /= values["motor_strength"]  # the no-load speed stays
-    x, y = (values["gravity_scale"] * params[name] for name in ("gravity_x", "gravity_y"))
-    cos, sin = mathematics.directions(values["tilt"]).T
-    params["gravity_x"], params["gravity_y"] = cos * x + sin * y, cos * y - sin * x
-
-
 def check_values(values: Rows, compliant: Bools) -> None:
-    """Check parameters (k,) that are to be put in force, of robots whose pads give or not (k,).
+    """Check parameters (k,) that are to be applied to robots whose pads give or not (k,).
 
     Raises:
         ValueError: a number out of its limits, or restitution where pads give.
@@ -147,9 +114,37 @@ def check_values(values: Rows, compliant: Bools) -> None:
     wrong = ~((numbers >= LIMITS[0]) & (numbers <= LIMITS[1]))
     if wrong.any():
         k, i = np.argwhere(wrong)[0]
-        row = PARAMETERS[OF_ROBOTS[i]]
+        row = TABLE[i]
         raise invalid(row.name, float(numbers[k, i]), f"between {row.least:g} and {row.most:g}")
     check_restitution(compliant, values["restitution"])
+
+
+def check_resolved(robot: Robot, values: np.void, time_step: float) -> None:
+    """Check that a time step, s, resolves the feet of a robot with parameters in force.
+
+    Args:
+        robot: Robot with compliant pads.
+        values: Row with at least the numbers of ``ROBOT_PARAMETERS``.
+        time_step: Time step of the integration, in s.
+
+    Raises:
+        ValueError: If the feet are too stiff or too damped: the time step would take them for
+            rigid ones.
+    """
+    pads = robot.pad_compliance
+    k = max(pads.stiffness, pads.tangential_stiffness or 0.0) * values["foot_stiffness_scale"]
+    d = max(pads.damping, pads.tangential_damping or 0.0) * values["foot_damping_scale"]
+    # No load makes a foot lighter, no direction and no crank angle.
+    scale = values["mass_scale"] * min(1.0, values["inertia_scale"])
+    mass = float(scale) * lightest_mass(robot)
+    longest = LONGEST_PHASE * math.sqrt(mass / k)
+    if d > 0.0:
+        longest = min(longest, LONGEST_PHASE * mass / d)
+    if time_step > longest:
+        raise ValueError(
+            f"time_step must be at most {longest:.3g} s for feet of {k:.6g} N/m and {d:.6g} N s/m, "
+            f"which move an effective mass of {mass:.3g} kg, got {time_step:g}"
+        )
 
 
 def check_restitution(compliant: Bools, restitution: Array) -> None:

@@ -1,15 +1,17 @@
-"""Threads that share the robots of a batch."""
+"""Threads that share the robots of a batch, and forks that wait for them."""
 
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
-from typing import Any, TypeAlias
+from threading import Lock, RLock
+from typing import Any, Protocol, TypeAlias
+from weakref import WeakSet
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jansen_env.arrays import Ints
 from jansen_env.checks import positive_integer
@@ -17,8 +19,9 @@ from jansen_env.checks import positive_integer
 ROBOTS_PER_THREAD = 16  # at least, or starting a thread takes longer than it saves
 FIRST = 16  # robots that are moved while the other threads start
 LAST = 4  # robots that the calling thread moves while the others come to an end
+FORK_PATIENCE = 10.0  # s for which a fork waits for steps of other threads
 
-Memory: TypeAlias = tuple[NDArray[Any], ...]
+Memory: TypeAlias = Any
 """Arrays that one thread alone uses."""
 Move: TypeAlias = Callable[[int, Ints, int, Memory], tuple[bool, bool]]
 """Moves robots: a thread's number, all shares, the most robots, and memory; returns two flags."""
@@ -124,3 +127,63 @@ def _split(robots: int, threads: int) -> tuple[list[tuple[int, int]], tuple[int,
     shared = robots - LAST if threads > 1 else robots
     bounds = [shared * thread // threads for thread in range(threads + 1)]
     return [*pairwise(bounds)], (shared, robots)
+
+
+class Locked(Protocol):
+    """Protocol of an object whose lock is held while it changes."""
+
+    lock: Any
+
+
+class Forks:
+    """Forks of the process, which happen between steps.
+
+    A child has one thread, the one that forked. A lock that another thread holds would never be
+    released there, and what that thread was changing would stay half changed. So a fork waits until
+    it holds the locks of all objects, for at most :data:`FORK_PATIENCE`. An object whose lock it
+    does not get by then has a new lock in the child.
+    """
+
+    def __init__(self) -> None:
+        self._objects: WeakSet[Locked] = WeakSet()
+        self._held: list[Any] = []
+        self._one_at_a_time = Lock()
+        if hasattr(os, "register_at_fork"):  # not on Windows, where nothing forks
+            os.register_at_fork(
+                before=self._hold, after_in_parent=self._release, after_in_child=self._begin_child
+            )
+
+    def watch(self, locked: Locked) -> None:
+        """Let forks wait for an object as long as it lives."""
+        self._objects.add(locked)
+
+    def _living(self) -> list[Locked]:
+        while True:
+            try:
+                return list(self._objects)
+            except RuntimeError:  # another thread has added one meanwhile
+                continue
+
+    def _hold(self) -> None:
+        self._one_at_a_time.acquire()
+        until = time.monotonic() + FORK_PATIENCE
+        for locked in self._living():
+            lock = locked.lock
+            if lock.acquire(timeout=max(0.0, until - time.monotonic())):
+                self._held.append(lock)
+
+    def _release(self) -> None:
+        while self._held:
+            self._held.pop().release()
+        self._one_at_a_time.release()
+
+    def _begin_child(self) -> None:
+        held = {id(lock) for lock in self._held}
+        for locked in self._living():
+            if id(locked.lock) not in held:
+                locked.lock = RLock()
+        self._release()
+
+
+forks = Forks()
+"""The forks of this process."""

@@ -13,8 +13,9 @@ from stable_baselines3.common.monitor import Monitor, ResultsWriter
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecMonitor
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
-from jansen_env.checks import listed, positive_integer, whole_number
+from jansen_env.checks import listed, positive_integer, robot_indices, whole_number
 from jansen_env.envs import arguments
+from jansen_env.envs.copies import WholeCopies, exclusive
 from jansen_env.envs.vector import TaskVectorEnv
 from jansen_env.scoring.benchmarks import can_be_batched, find_benchmark
 from jansen_env.scoring.metrics import Env, Infos
@@ -25,6 +26,7 @@ MONITOR = ("allow_early_resets", "reset_keywords", "info_keywords", "override_ex
 """Names of ``monitor_kwargs``."""
 BATCH_MONITOR = ("info_keywords", "override_existing")
 """Names of ``monitor_kwargs`` for environments that are simulated together."""
+
 
 def make_vec_env(
     env_id: str,
@@ -104,7 +106,9 @@ def make_vec_env(
             env = Monitor(make_env(env_id, arguments), file, **monitor)
             return wrapper_class(env, **(wrapper_kwargs or {})) if wrapper_class else env
 
-        makers = [partial(make_single, start_index + i, each[i]) for i in range(n_envs)]
+        makers: list[Callable[[], Env]] = [
+            partial(make_single, start_index + i, each[i]) for i in range(n_envs)
+        ]
         venv = (vec_env_cls or DummyVecEnv)(makers, **(vec_env_kwargs or {}))
     if seed is not None:
         venv.seed(seed)
@@ -112,9 +116,7 @@ def make_vec_env(
     return venv
 
 
-def _check_names(
-    argument: str, given: EnvKwargs, allowed: Sequence[str], remedy: str = ""
-) -> None:
+def _check_names(argument: str, given: EnvKwargs, allowed: Sequence[str], remedy: str = "") -> None:
     """Raise a ValueError for a name that is not allowed."""
     if unknown := [name for name in given if name not in allowed]:
         known = listed(allowed, unknown[0])
@@ -158,7 +160,7 @@ def _monitored(
     return monitored
 
 
-class BatchVecEnv(VecEnv):
+class BatchVecEnv(WholeCopies, VecEnv):
     """Robots that are simulated together, as Stable-Baselines3 wants its environments.
 
     An episode that ends is followed by the next one's first observation in the same step. Its last
@@ -179,6 +181,12 @@ class BatchVecEnv(VecEnv):
         self.metadata = dict(env.metadata)  # with the frames per second of films
         self._actions: NDArray[np.float32] = np.zeros((env.num_envs, 1), np.float32)
 
+    @property
+    def lock(self) -> Any:
+        """Lock of the robots' task, which is held while they move or change."""
+        return self.env.lock
+
+    @exclusive
     def reset(self) -> NDArray[np.float32]:
         seeds, options = self._seeds, self._options
         self._reset_seeds()
@@ -190,6 +198,7 @@ class BatchVecEnv(VecEnv):
     def step_async(self, actions: NDArray[np.float32]) -> None:
         self._actions = actions
 
+    @exclusive
     def step_wait(
         self,
     ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], list[Infos]]:
@@ -211,23 +220,31 @@ class BatchVecEnv(VecEnv):
                 self.reset_infos[i] = task.information.single(i)
         return task.observation.copy(), rewards, dones, infos
 
+    @exclusive
     def get_states(self) -> list[Infos]:
         """All that each robot's future depends on: its state, and the steps of its episode."""
         elapsed = self.env._elapsed.tolist()
         return [{**self.env.get_state(i), "elapsed": elapsed[i]} for i in range(self.num_envs)]
 
+    @exclusive
     def set_states(self, states: Sequence[Infos]) -> None:
         """Let each robot go on from its state of :meth:`get_states`.
 
-        Raises ValueError: an entry is missing or out of range.
+        Raises ValueError: another number of states, or an entry is missing or out of range.
         """
+        if len(states) != self.num_envs:
+            raise ValueError(f"states has {len(states)} entries, must have {self.num_envs}")
+        elapsed = [whole_number("elapsed", state.get("elapsed")) for state in states]
         for i, state in enumerate(states):
-            elapsed = whole_number("elapsed", state.get("elapsed"))
             self.env.set_state(i, {k: v for k, v in state.items() if k != "elapsed"})
-            self.env._elapsed[i] = elapsed
+        self.env._elapsed[:] = elapsed
 
     def close(self) -> None:
         self.env.close()
+
+    def _get_indices(self, indices: object) -> list[int]:
+        """Return the positions of robots: all for None, one, or a list of different ones."""
+        return robot_indices(indices, self.num_envs)
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
         return self.env.render() or [None] * self.num_envs
@@ -236,6 +253,7 @@ class BatchVecEnv(VecEnv):
         values = self.env.get_attr(attr_name)
         return [values[i] for i in self._get_indices(indices)]
 
+    @exclusive
     def set_attr(self, attr_name: str, value: object, indices: VecEnvIndices = None) -> None:
         """Change a parameter of robots; a new command counts from the next episode on."""
         robots, checked = self._get_indices(indices), self.env.task.checked

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Sequence
 from typing import cast
 
@@ -17,6 +18,7 @@ from jansen_env.scoring.metrics import Benchmark
 from jansen_env.tasks.task import Task
 from jansen_env.world.settings import Values, load_robot
 
+RETURN_ALONE = Benchmark()
 DEFAULT = "JansenWalkerBuilt-v0"  # of the commands, where no other is named
 WALKERS = [name for name in IDS if name.startswith("JansenWalker")]
 
@@ -27,14 +29,19 @@ def single_env(env_id: str) -> type[SingleEnv[Task]]:
 
 
 def find_benchmark(env_id: str) -> Benchmark:
-    """Return the benchmark of an environment.
+    """Return the benchmark of an environment, by default one of the return alone.
 
     No other id may reach ``gym.make``, which imports "MODULE:ID".
 
     Raises:
-        ValueError: no benchmark is known for this id.
+        ValueError: If no environment of this package has this id.
     """
-    return single_env(one_of("environment id", env_id, sorted(IDS))).BENCHMARK
+    entry = single_env(one_of("environment id", env_id, sorted(IDS))).BENCHMARK
+    if not entry:
+        return RETURN_ALONE
+    module, _, name = entry.partition(":")
+    benchmark: Benchmark = getattr(importlib.import_module(module), name)
+    return benchmark
 
 
 def can_be_batched(env_id: str, env_kwargs: Values, variants: Sequence[Values] = ({},)) -> bool:

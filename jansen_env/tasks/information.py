@@ -13,31 +13,34 @@ from jansen_env.world.settings import Values
 
 
 class InfoBuilder:
-    """Information on n robots: arrays of the world and of the task, put into dictionaries.
+    """Information on n robots: parts of their records, put into dictionaries.
 
     Args:
-        world: (n,) structured rows of numbers and flags. energy: (n,) rows that become a
-            dictionary of their own. task: (n,) rows: ``info`` has more numbers and flags,
+        records: Shape (n,), the records.
+        world: Shape (n,), part of the records whose fields become entries.
+        energy: Shape (n,), part of the records that becomes a dictionary.
+        task: Shape (n,), part of the records: the fields of ``info`` become entries, and those of
             ``reward`` the reward's terms, which are 0 at a reset.
-        arrays: (n,) or (n, ...) more of it.
-        groups: (n,) structured rows that become dictionaries, by name.
+        arrays: More entries, each of shape (n,) or (n, ...).
+        groups: More records, each of shape (n,), that become dictionaries.
 
     Attributes:
-        keys: those of the information of every reset and step.
+        keys: Keys of the information of every reset and step.
 
     Raises:
-        ValueError: a name that two have.
+        ValueError: If two entries have one name.
     """
 
     def __init__(
         self,
+        records: Rows,
         world: Rows,
         energy: Rows,
         task: Rows,
         arrays: Mapping[str, NDArray[np.generic]],
         groups: Mapping[str, Rows],
     ) -> None:
-        self._world, self._task, self._arrays = world, task[["info", "reward"]], dict(arrays)
+        self._arrays = dict(arrays)
         every: Values = {"energy": energy, **groups}
         self._groups = {name: (rows, rows.dtype.names or ()) for name, rows in every.items()}
         infos: Any = (world, task["info"])
@@ -49,13 +52,20 @@ class InfoBuilder:
         of_any |= {f"reward/{term}": rewards[term] for term in rewards.dtype.names}
         self._names, self._of_any = tuple(of_any), {**of_any, **arrays}
         self.keys: tuple[str, ...] = (*self._of_any, *self._groups)
+        # All numbers of a robot at once, as each look into a record takes long.
+        numbers: Any = energy
+        self._energy_names = self._groups["energy"][1]
+        energies = [numbers[name] for name in self._energy_names]
+        self._numbers = _side_by_side(records, [*of_any.values(), *energies])
+        self._other_groups = {k: v for k, v in self._groups.items() if k != "energy"}
 
     def single(self, i: int) -> Values:
-        """Return that of one robot, in Python's own types."""
-        world: Any = self._world.item(i)
-        task: Any = self._task.item(i)
-        info = dict(zip(self._names, world + task[0] + task[1]))  # noqa: B905 - strict costs time
-        for group, (rows, names) in self._groups.items():
+        """Return the information on one robot, in Python's own types."""
+        numbers: Any = self._numbers.item(i)
+        info = dict(zip(self._names, numbers))  # noqa: B905 - the energies come after
+        energies = numbers[len(self._names) :]
+        info["energy"] = dict(zip(self._energy_names, energies))  # noqa: B905 - strict costs time
+        for group, (rows, names) in self._other_groups.items():
             info[group] = dict(zip(names, rows.item(i)))  # noqa: B905
         for name, array in self._arrays.items():
             info[name] = array[i].copy() if array.ndim > 1 else array.item(i)
@@ -87,3 +97,16 @@ def _masked(arrays: Values, wanted: Sequence[str], known: Bools) -> Values:
             if not every:
                 infos[name][~known] = 0
     return infos
+
+
+def _side_by_side(records: Rows, parts: Sequence[NDArray[Any]]) -> Rows:
+    """Return one view (n,) of the records with only these parts of them, in this order."""
+    start = records.__array_interface__["data"][0]
+    offsets = [part.__array_interface__["data"][0] - start for part in parts]
+    layout: Any = {
+        "names": [f"{number}" for number in range(len(parts))],
+        "formats": [part.dtype for part in parts],
+        "offsets": offsets,
+        "itemsize": records.dtype.itemsize,
+    }
+    return records.view(np.dtype(layout))

@@ -6,7 +6,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from threading import RLock
-from types import ModuleType
 from typing import Any, ClassVar
 
 import numpy as np
@@ -14,23 +13,25 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.arrays import Array, Bools, Ints, Rows
-from jansen_env.checks import MOST_SINGLE, listed, number_range, within
-from jansen_env.engine import readings
+from jansen_env.checks import MOST_SINGLE, listed, number_range, robot_index, within
+from jansen_env.plants.threads import forks
 from jansen_env.rendering import Frame
 from jansen_env.tasks.information import InfoBuilder
 from jansen_env.uniform import uniform
 from jansen_env.world.observations import Observed
-from jansen_env.world.settings import Arguments, Values, WorldSettings, flag, option
+from jansen_env.world.settings import Values, WorldSettings, flag, option
 from jansen_env.world.world import Numbers, World
 
 
 class Task(ABC):
     """A task of n robots. Environments of one robot and of many are made of it.
 
-    A task is a page: the class attributes, :meth:`draw`, :meth:`observe`, :meth:`reward` and
-    :meth:`terminated`, in plain NumPy over all n robots. It asks :attr:`world` by name, such as
-    ``world.pitch``, and keeps numbers in :attr:`info` with :meth:`keep`.
-    :mod:`jansen_env.tasks.goal` is an example. Hooks with an underscore are for compiled tasks.
+    A task is a page: the class attributes and four methods in plain NumPy over all n robots. They
+    are called in this order: :meth:`draw` and :meth:`observe` at a reset; :meth:`reward`,
+    :meth:`terminated` and :meth:`observe` after a step. They ask :attr:`world` by name, such as
+    ``world.pitch``, and keep values in :attr:`info` with :meth:`keep`. :mod:`jansen_env.tasks.goal`
+    is an example. :class:`jansen_env.tasks.compiled.CompiledTask` is the base of tasks that kernels
+    reward.
 
     Args:
         settings: arguments. threads: cores to use; None: chosen by batch size.
@@ -45,6 +46,7 @@ class Task(ABC):
         observation_space, action_space: of one robot. observation: (n, d) the last ones.
         info: (n,) :attr:`INFO`. rewards: (n,) of the last step. ended: (n,) by termination.
         truncated: (n,) whether the simulation diverged. control_dt: s a step.
+        lock: held while robots move or change.
 
     Raises:
         ValueError: an argument out of range or of no effect, or names that do not fit.
@@ -56,21 +58,18 @@ class Task(ABC):
     TERMS: ClassVar[tuple[str, ...]] = ()
     OPTIONS: ClassVar[tuple[str, ...]] = ()
     SETTABLE: ClassVar[tuple[str, ...]] = ()
-    # Of compiled tasks: a module with the kernels finish_step and describe, the dtype in place of
-    # INFO and TERMS, and the observations that the kernels fill.
-    ENGINE: ClassVar[ModuleType] = readings
+    # Record of a compiled task, in place of INFO and TERMS, and the observations that kernels fill.
     ROW: ClassVar[np.dtype[np.void] | None] = None
     COMPILED: ClassVar[tuple[str, ...]] = ()
+    is_whole = False  # whether kernels do everything, so that no method is called after a step
 
     def __init__(self, settings: WorldSettings, threads: int | None = None) -> None:
         n = self.num_envs = settings.count
         self._check_declarations(settings)
-        self.world = World(settings, threads)
-        self.control_dt, self.truncated = self.world.control_dt, self.world.truncated
         terms = [(name, float) for name in self.TERMS]
-        row = self.ROW or [("info", [*self.INFO.items()]), ("reward", terms)]
-        self.data: Rows = np.zeros(n, row)
-        self.rewards, self.ended = np.zeros(n), np.zeros(n, bool)
+        row = np.dtype([("info", [*self.INFO.items()]), ("reward", terms)], align=True)
+        self.world = World(settings, threads, row if self.ROW is None else self.ROW)
+        self.control_dt, self.truncated = self.world.control_dt, self.world.truncated
         self.observed = self._order(self.world.observations) + tuple(self.world.lengths.entries)
         self.columns = {entry.name: place for place, entry in enumerate(self.observed)}
         if len(self.columns) < len(self.observed):
@@ -80,20 +79,16 @@ class Task(ABC):
         self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
         self.observation = np.zeros((n, len(self.observed)), np.float32)
         self._which: Ints = np.arange(n)
-        self.world.connect(self.observed, self.observation)
+        self.world.connect(self.observed, self.observation, self.COMPILED)
+        self._make_lock()
         self._connect()
-        self._kernels = self.ENGINE.describe.bound(), self.ENGINE.finish_step.bound()
-        self._arguments: tuple[Arguments, Arguments] = (), ()
-        self._surface: Array | None = None  # of these arguments
+        with np.errstate(all="ignore"):
+            self._observed()  # raises an error if a declared observation is not filled
 
     def _check_declarations(self, settings: WorldSettings) -> None:
         """Raise ValueError for settings or names that this class would ignore."""
         if settings.curriculum is not None and type(self).progress is Task.progress:
             raise ValueError("curriculum is given, must be None: this task defines no progress()")
-        self._observes = {entry.name for entry in self.OBSERVED} - {*self.COMPILED}
-        if self._observes and type(self).observe is Task.observe:
-            kind, names = type(self).__name__, sorted(self._observes)
-            raise ValueError(f"OBSERVED has {names}, which observe() of {kind} must return")
         if both := sorted({*self.INFO} & {*self.TERMS}):
             raise ValueError(f"INFO and TERMS have {both}, must have different names")
         if self.ROW is not None:
@@ -103,14 +98,29 @@ class Task(ABC):
                 raise ValueError(f"INFO and TERMS have {unknown}, {allowed}")
 
     def _connect(self) -> None:
-        """Let this object's arrays be those that are shown."""
-        self._lock = RLock()  # kernels write without Python's, and a step resets other robots
+        """Take the arrays of the records."""
+        world, records = self.world, self.world.records
+        robots: Any = records.robots
+        self._records = records.data
+        self.data: Rows = records.task
         self.info: Rows = self.data["info"]
-        world = self.world
+        self.rewards: Array = robots["reward"]
+        self.ended: Bools = robots["terminated"]
         self.information = InfoBuilder(
-            world.information, world.energies, self.data, world.arrays, world.groups
+            records.data, world.information, world.energies, self.data, world.arrays, world.groups
         )
         self._kept = frozenset(self.info.dtype.names or ())
+        self._observes = {entry.name for entry in self.OBSERVED} - {*self.COMPILED}
+
+    def _make_lock(self) -> None:
+        """Make the lock that a call holds, as kernels write without Python's."""
+        self.lock = RLock()  # a step resets other robots
+        forks.watch(self)
+
+    def _refresh(self) -> None:
+        """Take the arrays of the records again if these have been made anew."""
+        if self._records is not self.world.records.data:
+            self._connect()
 
     # What a task is.
 
@@ -167,7 +177,7 @@ class Task(ABC):
                 unknown = sorted({*given} - known)
                 allowed = listed(sorted(known), unknown[0])
                 raise ValueError(f"reset options {unknown} are unknown, must be in {allowed}")
-        with self._lock:
+        with self.lock:
             before = [generator.bit_generator.state for generator in generators]
             try:
                 drawn = self.world.reset(which, generators, options, self.draw, self.progress)
@@ -175,15 +185,16 @@ class Task(ABC):
                 for generator, state in zip(generators, before, strict=True):
                     generator.bit_generator.state = state
                 raise
+            self._refresh()
             for i, numbers in zip(which.tolist(), drawn, strict=True):
                 self._clear(i, numbers)
-            self._begin(which)
+            self.world.begin_episodes(which)
             self._describe(which)
 
     def _clear(self, i: int, numbers: Values) -> None:
-        """Put a robot's numbers of :attr:`INFO` in the place of those of its last episode."""
-        self.data[i] = np.zeros((), self.data.dtype)
-        self.rewards[i], self.ended[i] = 0.0, False
+        """Replace the values of :attr:`INFO` of a robot's last episode."""
+        for part in ("info", "reward"):
+            self.data[part][i] = np.zeros((), self.data.dtype[part])
         for name, value in numbers.items():
             self.info[name][i] = value
 
@@ -191,46 +202,49 @@ class Task(ABC):
         self, actions: ArrayLike, active: Bools, meanwhile: Callable[[], None] | None = None
     ) -> None:
         """Hold actions (n, 1) of the ``active`` robots (n,), see ``World.step``."""
-        with self._lock:
-            self.world.step(actions, active, self._finish_step, meanwhile)
-            self._judge(active)
-            self.world.disturb()
-            if self.world.onboard is not None:
-                self._measure(np.flatnonzero(active), True)
+        with self.lock:
+            self.world.step(actions, active, meanwhile)
+            if not self.is_whole:
+                self._judge(np.flatnonzero(active))
 
-    def _judge(self, active: Bools) -> None:
-        """Reward the step of the ``active`` robots (n,), end their episodes, and observe them."""
-        which = self._which = np.flatnonzero(active)
+    def _judge(self, which: Ints) -> None:
+        """Reward the step of robots (k,), end their episodes, and observe them."""
+        self._which = which
         self.rewards[which] = self.reward()[which]
         self.ended[which] = self.terminated()[which]
-        self._observe(which)
+        self._fill(which)
+        self.world.observe(which, True)
 
-    def _observe(self, which: Ints) -> None:
-        self._which = which
+    def _observed(self) -> Mapping[str, Array]:
+        """Return what :meth:`observe` does; ValueError: not what :attr:`OBSERVED` declares."""
         observed = self.observe()
         if observed.keys() != self._observes:
             needed = sorted(self._observes)
-            raise ValueError(f"observe() returns {[*observed]}, must return {needed}")
-        for name, values in observed.items():
+            kind = type(self).__name__
+            raise ValueError(f"observe() of {kind} must return {needed}, got {[*observed]}")
+        return observed
+
+    def _fill(self, which: Ints) -> None:
+        """Fill the task's own observations of robots (k,)."""
+        self._which = which
+        for name, values in self._observed().items():
             self.observation[which, self.columns[name]] = values[which]
 
     def _describe(self, which: Ints) -> None:
         """Fill observations and information of robots (k,) as they are now."""
-        self._share_arrays()
-        self._kernels[0](which, self._arguments[1])
-        self._observe(which)
-        self.world.disturb(which)
-        if self.world.onboard is not None:
-            self._measure(which, False)
+        self._fill(which)
+        self.world.observe(which, False)
 
     def push(self, i: int, impulse: object) -> None:
         """Push a robot from now on, see ``World.push``."""
-        with self._lock:
+        i = robot_index(i, self.num_envs)
+        with self.lock:
             self.world.push(i, impulse)
+            self._refresh()
 
     def set_parameters(self, i: int, **changes: object) -> None:
         """Change a robot from now on, see :meth:`checked`."""
-        with self._lock:
+        with self.lock:
             self.checked(i, **changes)()
 
     def checked(self, i: int, **changes: object) -> Callable[[], None]:
@@ -239,18 +253,19 @@ class Task(ABC):
         Energies in ``info`` do not have what the change itself adds to the robot's energy.
 
         Raises:
-            ValueError: a value out of range. TypeError: another name.
+            ValueError: no such robot, or a value out of range. TypeError: another name.
         """
+        i = robot_index(i, self.num_envs)
         known = {*self.SETTABLE, *self.world.SETTABLE}
         if unknown := sorted({*changes} - known):
             allowed = listed(sorted(known), unknown[0])
             raise TypeError(f"{unknown} cannot be changed, must be in {allowed}")
         of_task = {name: changes.pop(name) for name in self.SETTABLE if name in changes}
-        with self._lock:
+        with self.lock:
             checked, apply = self.world.checked(i, changes), self._change(i, of_task)
 
         def change() -> None:
-            with self._lock:
+            with self.lock:
                 self.world.change(i, checked)
                 apply()
 
@@ -266,18 +281,20 @@ class Task(ABC):
 
     def get_state(self, i: int) -> Values:
         """Return all that a robot's future depends on but its random numbers."""
-        with self._lock:
+        i = robot_index(i, self.num_envs)
+        with self.lock:
             numbers = {name: self.info[name][i].item() for name in self._kept}
             return {**self.world.get_state(i), **numbers}
 
     def set_state(self, i: int, state: Values) -> None:
         """Go on from a complete state of :meth:`get_state`; ValueError: an entry out of range."""
-        with self._lock:
+        i = robot_index(i, self.num_envs)
+        with self.lock:
             checked = self.world.checked_state(i, state)
             numbers = {name: self._checked("state", name, state[name]) for name in self._kept}
             self.world.restore(i, checked)
+            self._refresh()
             self._clear(i, numbers)
-            self._begin(np.array([i]))
             self._describe(np.array([i]))
 
     def _checked(self, label: str, name: str, value: object) -> float:
@@ -288,32 +305,11 @@ class Task(ABC):
         low, high = limits.get(name, (-MOST_SINGLE, MOST_SINGLE))  # as it will be observed
         return within(f"{label}[{name!r}]", value, max(low, -MOST_SINGLE), min(high, MOST_SINGLE))
 
-    # What compiled tasks add to.
+    # What tasks with settable attributes, or in kernels, add to.
 
     def _order(self, world: Sequence[Observed]) -> tuple[Observed, ...]:
         """Return all observations in their order: by default those of the world come first."""
         return (*world, *self.OBSERVED)
-
-    def _begin(self, which: Ints) -> None:
-        """Begin episodes of robots (k,), or go on from states: :attr:`info` has their numbers."""
-
-    def _measure(self, which: Ints, moved: bool) -> None:
-        """Observe what follows from onboard sensors of robots (k,), after a step if ``moved``."""
-
-    def _finish_step(self, which: Ints) -> None:
-        """Account for the step of robots (k,) in one kernel, on the thread that moved them."""
-        self.world.sense(which)
-        self._share_arrays()
-        self._kernels[1](which, self._arguments[0])
-
-    def _share_arrays(self) -> None:
-        """Note the kernels' arguments, which change with the plant's ground."""
-        if self._surface is not self.world.plant.surface:
-            self._arguments, self._surface = self._kernel_arguments(), self.world.plant.surface
-
-    def _kernel_arguments(self) -> tuple[Arguments, Arguments]:
-        """Return the arguments of the engine's ``finish_step`` and ``describe`` but the first."""
-        return self.world.kernel_arguments()
 
     def _change(self, i: int, changes: Values) -> Callable[[], None]:
         """Check changes of :attr:`SETTABLE`; return a function that applies them.
@@ -325,10 +321,23 @@ class Task(ABC):
         return lambda: None
 
     def __getstate__(self) -> Values:
-        return {**self.__dict__, "information": None, "info": None, "_surface": None, "_lock": None}
+        views = (
+            "information",
+            "info",
+            "data",
+            "rewards",
+            "ended",
+            "_records",
+            "lock",
+            "truncated",
+        )
+        return {name: value for name, value in self.__dict__.items() if name not in views}
 
     def __setstate__(self, state: Values) -> None:
         self.__dict__.update(state)
+        self.truncated = self.world.truncated
+        self._make_lock()
+        self.world.connect(self.observed, self.observation, self.COMPILED)
         self._connect()
 
 

@@ -33,6 +33,12 @@ LEVELS: dict[str, dict[str, tuple[float, float]]] = {
     "ramps": {"angle": (0.045, 0.36), "length": (0.8, 0.8)},
 }
 """Parameters of each generator at level 0 and level 9, evenly spaced between; m and rad."""
+MIXTURE = ("slope", "rough", "waves", "stairs", "steps", "stumps", "ramps")
+"""Kinds of terrain that ``"mixed"``, the terrain of the benchmarks, chooses from at a reset.
+
+A terrain added to :data:`LEVELS` stays out of it: it would change what every seed of
+``JansenWalkerRough-v0`` and ``JansenWalkerHardcore-v0`` means.
+"""
 UP_OR_DOWN = {"slope": "angle", "stairs": "rise"}  # whose sign is drawn, if they are not given
 GENERATORS = (*LEVELS, "mixed")
 """Their names."""
@@ -109,7 +115,7 @@ def _rough(rng: Random, start: float, height: float, spacing: float) -> Terrain:
     return Terrain(both_sides(sides[0], sides[1]).tolist())
 
 
-KINDS = tuple(map(NamedGenerator, LEVELS))
+KINDS = tuple(map(NamedGenerator, MIXTURE))
 
 
 def make_generator(spec: object) -> Generator | None:

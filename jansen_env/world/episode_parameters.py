@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jansen_env import parameters
-from jansen_env.arrays import Array, Ints, Rows
+from jansen_env.arrays import Ints, Rows
 from jansen_env.checks import entries, finite_numbers, invalid, shown
 from jansen_env.engine import mathematics
 from jansen_env.gravity import GRAVITY
@@ -20,11 +20,10 @@ from jansen_env.parameters import (
     Uniform,
     check,
     plain,
-    robot_parameters,
 )
 from jansen_env.plants.base import resting_depth
-from jansen_env.plants.plant import BatchedPlant
-from jansen_env.plants.robot_parameters import check_restitution
+from jansen_env.plants.batched_plant import BatchedPlant
+from jansen_env.plants.robot_parameters import check_resolved, check_restitution
 from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.terrain import Terrain
 from jansen_env.terrain.generators import Generator
@@ -52,8 +51,8 @@ class EpisodeParameters:
         has: "noise_level" and "push_strength", and whether the world has noise and pushes.
 
     Attributes:
-        values: (n,) :data:`jansen_env.parameters.EPISODE`, those of the present episodes.
-        nominal: (n,) the same where nothing is drawn. level: (n,) of a curriculum.
+        nominal: (n,) :data:`jansen_env.parameters.EPISODE` where nothing is sampled.
+        level: (n,) of a curriculum.
         levels: (n, 2) lowest and highest. varies: whether anything is drawn.
 
     Raises:
@@ -78,8 +77,7 @@ class EpisodeParameters:
         self.levels = np.array(settings.terrain_level, float)
         self._by_user = settings.by_user
         pairs = zip(plant.robots, plant.terrains, strict=True)
-        self.nominal = np.array([parameters.nominal(*pair, EPISODE) for pair in pairs], EPISODE)
-        self.values = self.nominal.copy()
+        self.nominal = np.array([parameters.nominal(*pair) for pair in pairs], EPISODE)
         self._check_draws()
         self.level = self.levels[:, 0].astype(np.int64)
         self.varies = any(self.randomizations) or any(make is not None for make in generators)
@@ -90,7 +88,8 @@ class EpisodeParameters:
         self.levels[~has_levels & ~self._by_user["terrain_level"]] = 0.0
         self.randomizations = [self.draws(i, robot) for i, robot in enumerate(self._plant.robots)]
         for i, robot in enumerate(self._plant.robots):
-            self._check_feet(robot, _heaviest(self.nominal[i], self.randomizations[i]))
+            for extreme in (_heaviest, _stiffest):
+                self._check_feet(robot, extreme(self.nominal[i], self.randomizations[i]))
         if bad := np.flatnonzero(self.levels.any(axis=1) & ~has_levels).tolist():
             low, high = self.levels[bad[0]].astype(int).tolist()
             given = low if low == high else (low, high)
@@ -101,7 +100,7 @@ class EpisodeParameters:
 
     def changed(self, i: int, numbers: Mapping[str, float], build: Build | None) -> Plan:
         """Return the rest of a robot's episode with other numbers."""
-        values = _with(self.values[[i]], numbers)
+        values = _with(self._plant.parameters[[i]], numbers)
         given: Values = {name: numbers[name] for name in self._fixed if name in numbers}
         terrain = replace(self._plant.terrains[i], **given) if given else None
         return Plan(values, terrain, build)
@@ -159,18 +158,20 @@ class EpisodeParameters:
         check_restitution(np.array([not pads.rigid]), np.array([restitution]))
         nominal, robot = _with(self.nominal[i], numbers), self._plant.robots[i]
         # Of this episode, and others.
-        for values in (_with(self.values[i], numbers), _heaviest(nominal, self.randomizations[i])):
+        later = [extreme(nominal, self.randomizations[i]) for extreme in (_heaviest, _stiffest)]
+        for values in (_with(self._plant.parameters[i], numbers), *later):
             self._check_feet(replace(robot, pad_compliance=pads), values)
 
     def _check_robot(self, i: int, robot: Robot) -> Randomization:
         """Return the draws of another robot; ValueError: its feet cannot bear later episodes."""
         nominal, randomization = self.nominal[i].copy(), self.draws(i, robot)
         parameters.set_payload(nominal, robot.payload)
-        self._check_feet(robot, _heaviest(nominal, randomization))
+        for extreme in (_heaviest, _stiffest):
+            self._check_feet(robot, extreme(nominal, randomization))
         return randomization
 
     def _check_feet(self, robot: Robot, values: np.void) -> None:
-        """Raises ValueError where a robot's feet cannot bear a row of EPISODE."""
+        """Raise ValueError where a robot's feet cannot bear a row of EPISODE, or are too stiff."""
         pads = robot.pad_compliance
         if pads.rigid:
             return
@@ -179,6 +180,8 @@ class EpisodeParameters:
         stiffness = float(values["foot_stiffness_scale"]) * pads.stiffness
         gravity = GRAVITY * values["gravity_scale"] * mathematics.cos(values["tilt"])
         resting_depth(mass, stiffness, gravity)
+        if not self._plant.held:
+            check_resolved(robot, values, self._plant.time_step)
 
     def plan(
         self, i: int, rng: np.random.Generator, options: Values, delay: float, progress: Progress,
@@ -233,33 +236,30 @@ class EpisodeParameters:
             return float(self.curriculum.next_level(level, walked, commanded, separate))
         return float(rng.integers(int(low), int(high), endpoint=True)) if high > low else low
 
-    def apply(self, which: Ints, plans: Sequence[Plan]) -> Array:
-        """Put planned terrains and parameters in force; the robots must be placed again.
-
-        Returns the parameters (k, numbers) in the order of EPISODE.
+    def apply(self, which: Ints, plans: Sequence[Plan]) -> None:
+        """Apply planned terrains and parameters; the robots must be placed again.
 
         Raises:
-            ValueError: feet too stiff for ``"rigid_body"``'s time step.
+            ValueError: If feet are too stiff for the time step of ``"rigid_body"``.
         """
         for i, plan in zip(which.tolist(), plans, strict=True):
             if plan.terrain is not None:
                 self._plant.set_terrain(i, plan.terrain)
-        values = np.concatenate([plain(plan.values) for plan in plans])
-        due = robot_parameters(values.view(EPISODE)[:, 0])
-        if (plain(due) != plain(self._plant.parameters).take(which, axis=0)).any():
-            self._plant.set_parameters(which, due)
-        return values
+        values = np.concatenate([plan.values for plan in plans])
+        if (values != self._plant.parameters[which]).any():
+            self._plant.set_parameters(which, values)
 
-    def begin(self, which: Ints, values: Array, draws: Mapping[int, Randomization]) -> None:
-        """Begin episodes whose parameters are in force, with the :meth:`draws` of other robots."""
-        plain(self.values)[which] = values
+    def begin(self, draws: Mapping[int, Randomization]) -> None:
+        """Begin episodes of robots that were exchanged, with what is sampled of each."""
         for i, randomization in draws.items():
             parameters.set_payload(self.nominal[i], self._plant.robots[i].payload)
             self.randomizations[i] = randomization
 
     def shown_robot(self, i: int, robot: Robot) -> Robot:
         """Return a robot with the payload that it has in this episode, for pictures."""
-        mass, *place = (float(self.values[i][f"payload{end}"]) for end in ("", "_x", "_y"))
+        mass, *place = (
+            float(self._plant.parameters[i][f"payload{end}"]) for end in ("", "_x", "_y")
+        )
         if (mass, *place) == (robot.payload.mass, *robot.payload.position):
             return robot
         return replace(robot, payload=Payload(mass, position=(place[0], place[1])))
@@ -267,7 +267,7 @@ class EpisodeParameters:
     def state(self, i: int) -> Values:
         """Return parameters and terrain of a robot's episode, in plain numbers."""
         state: Values = {
-            "parameters": dict(zip(PARAMETERS, self.values[i].item(), strict=True)),
+            "parameters": dict(zip(PARAMETERS, self._plant.parameters[i].item(), strict=True)),
             "level": int(self.level[i]),
         }
         if self._generators[i] is not None:
@@ -279,11 +279,11 @@ class EpisodeParameters:
     def planned(self, i: int, state: Values, robot: Robot) -> tuple[Plan, int]:
         """Return a ``robot``'s episode of a :meth:`state`, and the level; ValueError: no range."""
         given = state["parameters"]
-        if not isinstance(given, Mapping) or {*given} != {*PARAMETERS}:
-            raise ValueError(f"state['parameters'] is {shown(given)}, must have {[*PARAMETERS]}")
-        values = np.zeros(1, EPISODE)
-        for name in PARAMETERS:
-            values[name] = check(f"state['parameters'][{name!r}]", name, given[name])
+        if not isinstance(given, Mapping) or not {*given} <= {*PARAMETERS}:
+            raise ValueError(f"state['parameters'] must have {[*PARAMETERS]}, got {shown(given)}")
+        values = self.nominal[[i]]  # of parameters that the state does not have
+        for name, value in given.items():
+            values[name] = check(f"state['parameters'][{name!r}]", name, value)
         self._check_feet(robot, values[0])
         self._check_robot(i, robot)
         level = check("state['level']", "terrain_level", state["level"])
@@ -311,4 +311,16 @@ def _heaviest(nominal: np.void, randomization: Randomization) -> np.void:
             level = min(max(0.0, drawn.low), drawn.high)
             least = {"foot_stiffness_scale": drawn.low, "tilt": level}
             values[name] = least.get(name, drawn.high)
+    return values
+
+
+def _stiffest(nominal: np.void, randomization: Randomization) -> np.void:
+    """The episode parameters with the stiffest and most damped feet under the lightest robot."""
+    values = nominal.copy()
+    for name in ("foot_stiffness_scale", "foot_damping_scale"):
+        if isinstance(drawn := randomization.get(name), Uniform):
+            values[name] = drawn.high
+    for name in ("mass_scale", "inertia_scale"):
+        if isinstance(drawn := randomization.get(name), Uniform):
+            values[name] = drawn.low
     return values

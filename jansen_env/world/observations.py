@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.arrays import Array, Ints
+from jansen_env.arrays import Array
 from jansen_env.checks import invalid, listed, load_record, one_or_two, set_checked, shown
-from jansen_env.engine.sensors import add_noise, draw_errors
 
 Deviation: TypeAlias = float | tuple[float, float]
 """Standard deviation of each step's noise, or that and the one of the episode's bias."""
@@ -149,53 +148,30 @@ SPEEDS = ("crank_axis_x_velocity", "crank_speed")
 """Entries whose sensors odometry goes by."""
 
 
-class NoisySensors:
-    """Noise in the observations of n robots.
+def sensor_errors(
+    noise: Noise | None, observed: Sequence[Observed], count: int
+) -> tuple[NDArray[Any], ...]:
+    """Return what the engine needs to disturb observations: the last entries of ``Observing``.
 
     Args:
-        num_envs: n. noise: of the sensors. observed: the columns.
-
-    Attributes:
-        level: (n,) factor of the noise. truth: (n, d) observations without noise.
-        mean_error: (n, 2), see :func:`jansen_env.engine.sensors.draw_errors`.
+        noise: Noise of the sensors; None for none.
+        observed: Columns of the observation.
+        count: Number of robots.
     """
-
-    def __init__(self, num_envs: int, noise: Noise, observed: Sequence[Observed]) -> None:
-        self.level = np.ones(num_envs)
-        self.truth = np.zeros((num_envs, len(observed)), np.float32)
-        names = [entry.name for entry in observed]
-        self._deviation = noise.deviations(observed)
-        limits = np.array([(entry.low, entry.high) for entry in observed], np.float32)
-        self._low, self._high = limits.T.copy()
-        self._error = np.zeros(self.truth.shape)
-        self.mean_error = np.zeros((num_envs, 2))
-        self._angles = np.full((len(names), 2), -1)
-        for first, *pair in ANGLES:
-            if {first, *pair} <= {*names}:
-                cos, sin = self._angles[names.index(first)] = [names.index(name) for name in pair]
-                self._deviation[cos + sin - names.index(first)] = 0.0
-        self._speeds = np.array([names.index(speed) if speed in names else -1 for speed in SPEEDS])
-        self._draw_errors, self._add_noise = draw_errors.bound(), add_noise.bound()
-        self._memory = (
-            self.level, self._deviation, self._speeds, np.full(num_envs, -1),
-            np.zeros(self.truth.shape), self._error, self.mean_error,
-        )  # fmt: skip
-        self.measure(np.zeros((num_envs, 0)), ())
-
-    def measure(self, measured: Array, columns: Sequence[int]) -> None:
-        """Observe ``columns`` (m,) as in ``measured`` (n, m), which may change."""
-        self._arguments = (
-            self._error, self._angles, measured, np.array(columns, np.int64), self._low,
-            self._high, self.truth,
-        )  # fmt: skip
-
-    def draw(self, which: Ints, elapsed: Ints, seeds: Ints) -> None:
-        """Draw the errors of the readings and mean speeds of robots ``which`` (k,).
-
-        elapsed, seeds: (n,) control steps of the episodes so far, and their seeds.
-        """
-        self._draw_errors(which, elapsed, seeds, self._memory)
-
-    def add(self, which: Ints, out: NDArray[np.float32]) -> None:
-        """Add the errors drawn last to observations ``out`` (n, d) of robots ``which`` (k,)."""
-        self._add_noise(which, self._arguments, out)
+    if noise is None:
+        observed, count = (), 0
+    names = [entry.name for entry in observed]
+    size = len(names)
+    limits = np.array([(entry.low, entry.high) for entry in observed], np.float32).reshape(size, 2)
+    deviation = np.zeros((0, 2)) if noise is None else noise.deviations(observed)
+    angles = np.full((size, 2), -1)
+    for first, *pair in ANGLES:
+        if {first, *pair} <= {*names}:
+            cos, sin = angles[names.index(first)] = [names.index(name) for name in pair]
+            deviation[cos + sin - names.index(first)] = 0.0
+    speeds = np.array([names.index(speed) if speed in names else -1 for speed in SPEEDS])
+    low, high = limits.T.copy()
+    return (
+        deviation, speeds, angles, low, high, np.full(count, -1), np.zeros((count, size)),
+        np.zeros((count, size)), np.zeros((count, 2)), np.zeros((count, size), np.float32),
+    )  # fmt: skip

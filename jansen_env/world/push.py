@@ -17,8 +17,8 @@ from functools import partial
 import numpy as np
 
 from jansen_env import checks
-from jansen_env.arrays import Array, Bools, Ints
-from jansen_env.engine.pushes import PUSHES, fill_pushes
+from jansen_env.arrays import Array, Rows
+from jansen_env.engine.pushes import PUSHES
 
 SHORTEST, LONGEST = 1e-3, 1e6  # s, of durations and intervals
 MOST_PUSHES = 1000  # of an episode's own
@@ -66,57 +66,26 @@ def check_schedule(name: str, pushes: object) -> Array:
     return np.array(triples, float).reshape(-1, 3)
 
 
-class Pushes:
-    """Pushes on n robots.
+def push_settings(push: Push | None, time_step: float) -> Rows:
+    """Return the engine's settings (1,) of random pushes; None for none. ``time_step``: s."""
+    settings = np.zeros(1, PUSHES)
+    kind = push or Push(0.0)
+    settings[0] = (*kind.impulse, kind.duration, kind.interval, time_step)  # type: ignore[misc]
+    return settings
+
+
+def add_push(pushes: Array, push: Array, duration: float) -> Array:
+    """Return pushes (k, 3) that are not over when another one (3,) begins, and that one.
 
     Args:
-        num_envs: n. push: random ones; None for none. steps: of a control step. time_step: s.
+        pushes: Schedule of an episode.
+        push: The other one.
+        duration: Time that a push takes, s.
 
-    Attributes:
-        strength: (n,) factor of the random ones. random: (n,) whether an episode has them.
+    Raises:
+        ValueError: If there are too many.
     """
-
-    def __init__(self, num_envs: int, push: Push | None, steps: int, time_step: float) -> None:
-        self.strength = np.ones(num_envs)
-        self._settings = np.zeros(1, PUSHES)
-        kind = push or Push(0.0)
-        self._settings[0] = (*kind.impulse, kind.duration, kind.interval, time_step)  # type: ignore[misc]
-        self.random = np.ones(num_envs, bool)
-        self._scheduled = np.zeros(num_envs, np.int64)
-        self._schedule = np.zeros((num_envs, 1, 3))
-        self._impulse, self._any = np.zeros((num_envs, steps, 2)), push is not None
-        self._fill = fill_pushes.bound()
-
-    def schedule(self, i: int, pushes: Array, random: bool) -> None:
-        """Give a robot's episode checked pushes (k, 3), and ``random`` ones or not."""
-        if len(pushes) > self._schedule.shape[1]:
-            before, self._schedule = self._schedule, np.zeros((len(self.strength), len(pushes), 3))
-            self._schedule[:, : before.shape[1]] = before
-        self._schedule[i, : len(pushes)], self._scheduled[i] = pushes, len(pushes)
-        self.random[i] = random
-        self._any = self._any or len(pushes) > 0
-
-    def add(self, i: int, push: Array) -> None:
-        """Add a push (3,) to a robot's own, less those that are over; ValueError: too many."""
-        pushes = self.scheduled(i)
-        going_on = pushes[pushes[:, 0] + self._settings["duration"] > push[0]]
-        if len(going_on) == MOST_PUSHES:
-            raise ValueError(f"there are {MOST_PUSHES} pushes, must be fewer")
-        self.schedule(i, np.concatenate([going_on, push[None]]), bool(self.random[i]))
-
-    def scheduled(self, i: int) -> Array:
-        """Return a robot's own pushes (k, 3)."""
-        return self._schedule[i, : self._scheduled[i]].copy()
-
-    def of_step(self, active: Bools, elapsed: Ints, seeds: Ints) -> Array | None:
-        """Return impulses (n, steps, 2) on the ``active`` (n,) robots' next step, N s; None: none.
-
-        elapsed, seeds: (n,) control steps of the episodes so far, and their seeds.
-        """
-        if not self._any:
-            return None
-        pushed = self._fill(
-            active, elapsed, seeds, self.strength, self._settings, self.random, self._schedule,
-            self._scheduled, self._impulse,
-        )  # fmt: skip
-        return self._impulse if pushed else None
+    continuing = pushes[pushes[:, 0] + duration > push[0]]
+    if len(continuing) == MOST_PUSHES:
+        raise ValueError(f"there are {MOST_PUSHES} pushes, must be fewer")
+    return np.concatenate([continuing, push[None]])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 from typing import NamedTuple
 
 import gymnasium as gym
@@ -15,7 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from jansen_env import checks, parameters
 from jansen_env.arrays import Array, Bools, Ints, Rows
 from jansen_env.dynamics.joint_forces import JointForces
-from jansen_env.engine import readings
+from jansen_env.dynamics.pads import pad_layout
+from jansen_env.engine import episode, readings, walk_reward
+from jansen_env.engine.episode import Episodes, Observing, look_up_pushes
 from jansen_env.engine.integrator import DIVERGED
 from jansen_env.gravity import GRAVITY
 from jansen_env.parameters import CHANGES, LONGEST_DELAY, PARAMETERS, SETTABLE, Uniform, check
@@ -27,21 +29,20 @@ from jansen_env.plants.base import (
     check_state,
     static_deflection,
 )
-from jansen_env.plants.plant import BatchedPlant, make_batch, plant_time_step
+from jansen_env.plants.batched_plant import BatchedPlant
+from jansen_env.plants.plant import make_batch, plant_time_step
+from jansen_env.plants.robot_records import RobotRecords
 from jansen_env.rendering import AIR, GRIP, SLIP, Frame
 from jansen_env.robot import Robot
-from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.robot.robot_file import robot_from_json, robot_to_json
 from jansen_env.terrain import Terrain
 from jansen_env.uniform import uniform
 from jansen_env.world.episode_lengths import Build, EpisodeLengths
 from jansen_env.world.episode_parameters import EpisodeParameters, Plan, Progress
-from jansen_env.world.observations import NoisySensors, Observed, world_observations
-from jansen_env.world.onboard import KEPT as KEPT_ONBOARD
-from jansen_env.world.onboard import ONBOARD, OnboardSensors, toe_paths
-from jansen_env.world.push import Pushes, check_schedule
+from jansen_env.world.observations import Observed, sensor_errors, world_observations
+from jansen_env.world.onboard import ESTIMATES, ONBOARD, onboard_columns, toe_paths
+from jansen_env.world.push import add_push, check_schedule, push_settings
 from jansen_env.world.settings import (
-    Arguments,
     Check,
     Values,
     WorldSettings,
@@ -88,36 +89,49 @@ class World:
     It answers named questions on all robots, by arrays (n,) and (n, toes) to be read.
 
     Args:
-        settings: arguments. threads: cores to use; None: chosen by batch size.
+        settings: Arguments.
+        threads: Number of cores to use; None: chosen by batch size.
+        task: Record of the task.
 
     Attributes:
-        OPTIONS: names of reset options. SETTABLE: names that :meth:`change` takes.
-        plant: moves the robots.
-        episodes: their parameters and terrains. lengths: of their links.
-        data: (n,) rows of the engine: last actions, ``info`` and ``energy``.
-        information, energies, arrays, groups: information on robots, see
+        OPTIONS: Names of reset options.
+        SETTABLE: Names that :meth:`change` takes.
+        records: The robots: everything that their future depends on.
+        plant: Moves the robots.
+        episodes: Samples their parameters and terrains.
+        lengths: Link lengths of the present episodes.
+        information, energies, arrays, groups: Information on robots, see
             :class:`jansen_env.tasks.information.InfoBuilder`.
-        observations: what it can observe.
-        x_position: m, of the crank axis. pitch: rad, of the chassis. pitch_rate: rad/s.
-        crank_angle: rad, relative to the chassis, counter-clockwise, not wrapped.
-        crank_speed: rad/s, counter-clockwise. weight: N, of robots and payloads.
-        x_velocity: m/s, of the crank axis, crank_torque: N m, of the motor, both means over the
-            last step. motor_work: J, in the last step. action: of the last step, clipped.
-        slip: (n, toes) m, that each toe slid while loaded in the last step. toe_load: (n, toes)
-            normal forces / weight.
-        control_dt: s for which an action is held. elapsed: (n,) control steps since the reset.
-        full_torque: (n,) N m, the torque of action 1, with its sign.
-        torque: (n,) N m, that the last step ended with; ``earlier`` (n,) held in its first
-            ``switch`` (n,) time steps. asked: (n, steps) N m, torques asked for, latest first.
-        delay_range: (n, 2) s, of episodes to come. delay_steps: (n, 2) control and time steps.
-        seeds: (n,) seed of draws made during the episode. sensors: None without noise.
-        truncated: (n,) whether the simulation diverged.
+        observations: What the world can observe.
+        x_position: Shape (n,), position of the crank axis in m.
+        pitch: Shape (n,), of the chassis in rad.
+        pitch_rate: Shape (n,), in rad/s.
+        crank_angle: Shape (n,), relative to the chassis, counter-clockwise, not wrapped, in rad.
+        crank_speed: Shape (n,), counter-clockwise, in rad/s.
+        x_velocity: Shape (n,), mean velocity of the crank axis over the last step in m/s.
+        crank_torque: Shape (n,), mean torque of the motor over the last step in N m.
+        motor_work: Shape (n,), in the last step, in J.
+        action: Shape (n,), of the last step, clipped.
+        weight: Shape (n,), of robots and payloads in N.
+        slip: Shape (n, toes), path that each toe slid while loaded in the last step in m.
+        toe_load: Shape (n, toes), normal forces divided by the weight.
+        control_dt: Time for which an action is held in s.
+        elapsed: Shape (n,), control steps since the reset.
+        seeds: Shape (n,), seeds of everything sampled during the episodes.
+        delay_range: Shape (n, 2), delays of episodes to come in s.
+        truncated: Shape (n,), whether the simulation diverged.
 
     Raises:
-        ValueError: an argument out of range; LinkageError: the robot cannot turn its crank.
+        ValueError: If an argument is out of range.
+        LinkageError: If a robot cannot turn its crank.
     """
 
-    def __init__(self, settings: WorldSettings, threads: int | None = None) -> None:
+    def __init__(
+        self,
+        settings: WorldSettings,
+        threads: int | None = None,
+        task: np.dtype[np.void] | None = None,
+    ) -> None:
         self.held, n = settings.held, settings.count
         self.num_envs = n
         robots = settings.make_robots()
@@ -129,29 +143,32 @@ class World:
         self.steps = round(self.control_dt / self.time_step)
         self.reset_noise_scale = np.array(settings.reset_noise_scale)
         self.delay_range = np.array(settings.delay)
-        self._allocate_torques(settings.randomize)
-        self.data: Rows = np.zeros(n, readings.ROW)
-        self._keep_actions = readings.take_actions.bound()
-        self._torques = (
-            self.elapsed, self.full_torque, self.data, self.asked, self.delay_steps, self.torque,
-            self.earlier, self.switch,
-        )  # fmt: skip
+        pads = len(pad_layout(robots[0]).joint)
+        delayed = self._longest_queue(settings.randomize)
+        self.records = RobotRecords(n, len(robots[0].toes), pads, delayed, 0, task)
         self._every = np.arange(n)
         self.plant: BatchedPlant = make_batch(
             settings.plant, robots, terrains, self.time_step, threads, self.held,
-            settings.links_collide,
+            settings.links_collide, self.records,
         )  # fmt: skip
+        self.plant.set_control(
+            self.steps,
+            self.control_dt,
+            math.inf if settings.torque_rate is None else settings.torque_rate,
+            is_walk=task == walk_reward.ROW,
+            noisy=settings.noise is not None,
+            onboard=settings.observe == "onboard",
+        )
         self.track_joint_forces = settings.track_joint_forces
         if self.track_joint_forces and not self.plant.knows_joint_forces:
             other = "links_collide=True" if settings.links_collide else "plant='rigid_body'"
             raise ValueError(f"track_joint_forces is True, must be False with {other}")
         self.plant.tracing = self.track_joint_forces and not self.held
         self._joint_loads = np.zeros(2)
-        self.scan, self._torque_rate = settings.height_scan, settings.torque_rate
+        self.scan, self._noise = settings.height_scan, settings.noise
         self._readings = self.observations = world_observations(self.plant.toes, len(self.scan))
-        self.onboard: OnboardSensors | None = None
-        if settings.observe == "onboard":
-            self.onboard = OnboardSensors(n, self.plant.toes, self.control_dt)
+        self.is_onboard = settings.observe == "onboard"
+        if self.is_onboard:
             scanned = self._readings[len(self._readings) - len(self.scan) :]
             self.observations = [*ONBOARD, *scanned]
         if self.held:
@@ -161,54 +178,62 @@ class World:
         else:
             self.OPTIONS = ("crank_angle", "pushes", "robot", "lengths", *PARAMETERS)
             self.SETTABLE = (*SETTABLE, "motor", "pad_compliance")
-        self.advance_per_turn, self._links_mass = np.zeros(n), np.zeros(n)
-        self._note_robots(self._every)
-        self.toe_load = np.zeros((n, self.plant.toes))
-        self.seeds = np.zeros(n, np.int64)
-        self._noise = settings.noise
-        self.sensors: NoisySensors | None = None
-        self.pushes = Pushes(n, settings.push, self.steps, self.time_step)
+        self._paths = np.zeros((0, 0, 0, 0), np.float32)
+        self._note_paths(self._every)
+        self._push = push_settings(settings.push, self.time_step)
+        self.weights = np.zeros(1, walk_reward.SETTINGS)
+        self.truncated, self._any_truncated = np.zeros(n, bool), False
+        self._actions = np.zeros((n, 1))
         has = {"noise_level": self._noise is not None, "push_strength": settings.push is not None}
         self.episodes = EpisodeParameters(self.plant, settings, generators, has)
         self.lengths = EpisodeLengths(
             robots, settings.randomize, settings.observe_lengths, standing=not self.held
         )
-        self._update_scales(self._every)
+        self._bind_kernels()
         self._share_arrays()
 
-    def _allocate_torques(self, randomize: Sequence[Values]) -> None:
-        """Make room for the longest delay of any episode; ValueError: too long for this period."""
-        n, drawn = self.num_envs, [ranges["delay"] for ranges in randomize if "delay" in ranges]
+    def _bind_kernels(self) -> None:
+        """Let each kernel remember the arguments of this world."""
+        self._begin_episode = episode.begin_episode.bound()
+        self._observe = episode.observe.bound()
+
+    def _longest_queue(self, randomize: Sequence[Values]) -> int:
+        """Return how many torques the longest delay of any episode takes.
+
+        Raises:
+            ValueError: If the delay is too long for this control period.
+        """
+        drawn = [ranges["delay"] for ranges in randomize if "delay" in ranges]
         most = [d.high if isinstance(d, Uniform) else LONGEST_DELAY for d in drawn]
         longest = max([float(self.delay_range.max()), *most])
         if longest > MOST_DELAYED * self.control_dt:
             allowed = f"at most {MOST_DELAYED} times control_dt, {self.control_dt}"
             raise ValueError(f"delay is {longest} s, must be {allowed}")
-        steps = math.ceil(longest / self.control_dt)
-        self.asked, self.delay_steps = np.zeros((n, steps + 2)), np.zeros((n, 2), np.int64)
-        self.torque, self.earlier, self.switch = np.zeros(n), np.zeros(n), np.zeros(n, np.int64)
-        self._actions, self.elapsed = np.zeros((n, 1)), np.zeros(n, np.int64)
-        self.full_torque, self._most_change = np.zeros(n), np.full(n, np.inf)
-        self.truncated, self._any_truncated = np.zeros(n, bool), False
+        return math.ceil(longest / self.control_dt) + 2
 
-    def _note_robots(self, which: Ints) -> None:
-        """Note numbers of robots that their lengths and masses give."""
-        robots = [self.robots[i] for i in which.tolist()]
-        self.advance_per_turn[which] = [*map(cache(advance_per_turn), robots)]
-        self._links_mass[which] = [robot.links_mass for robot in robots]
-        signs = np.copysign(1.0, self.advance_per_turn[which])
-        self.data["direction"][which] = 1.0 if self.held else signs
-        if self.onboard is not None:
-            self.onboard.paths[which] = [*map(cache(toe_paths), robots)]
+    def _note_paths(self, which: Ints) -> None:
+        """Note the paths of robots' toes, which onboard sensors know."""
+        if not self.is_onboard:
+            return
+        paths = np.array([toe_paths(self.robots[i]) for i in which.tolist()], np.float32, order="C")
+        if len(self._paths) == 0:
+            self._paths = paths
+        else:
+            self._paths[which] = paths
 
     def _share_arrays(self) -> None:
-        """Let questions and information show the arrays of others."""
-        states, info, energy = self.plant.states, self.data["info"], self.data["energy"]
+        """Let questions, information and kernels use the records."""
+        records = self.records
+        robots: Rows = records.robots
+        states, info, energy = records.states, robots["info"], robots["energy"]
         self.x_position, self.pitch, self.crank_angle = states[:, 0], states[:, 2], states[:, 3]
         self.pitch_rate, self.crank_speed = states[:, 6], states[:, 7]
         self.x_velocity, self.crank_torque = info["x_velocity"], info["crank_torque"]
-        self.motor_work, self.action = energy["motor_work"], self.data["action"]
-        self.weight, self.slip = self.data["weight"], self.plant.slip
+        self.motor_work, self.action = energy["motor_work"], robots["action"]
+        self.weight, self.direction = robots["weight"], robots["direction"]
+        self.full_torque = robots["full_torque"]
+        self.elapsed, self.seeds = robots["elapsed"], robots["seed"]
+        self.slip, self.toe_load = records.slip, records.loads
         self.information, self.energies = info, energy
         if self.held:
             self.information = self.information[[*readings.HELD_INFORMATION]]
@@ -216,33 +241,61 @@ class World:
         self.groups: dict[str, Rows] = {}
         self.arrays: dict[str, NDArray[np.generic]] = {}
         if self.episodes.varies:
-            self.groups["parameters"] = self.episodes.values
+            self.groups["parameters"] = records.parameters
         if self.lengths.values is not None:
             self.groups["lengths"] = self.lengths.values
         if not self.held:
-            self.arrays = {"slip": self.plant.slip, "contact_force": self.plant.contact_force}
-        if self.sensors is not None:
-            self.arrays["true_observation"] = self.sensors.truth
+            self.arrays = {"slip": records.slip, "contact_force": records.contact_force}
+        if self._noise is not None and hasattr(self, "_observing"):
+            self.arrays["true_observation"] = self._observing.truth
         if self.track_joint_forces:
             names = ("joint_force_max", "joint_impulse_max")[: 1 if self.held else 2]
             self.arrays |= {k: self._joint_loads[i : i + 1] for i, k in enumerate(names)}
+        is_walk = records.task.dtype == walk_reward.ROW
+        walks = records.task if is_walk else np.zeros(0, walk_reward.ROW)
+        self._episodes = Episodes(
+            walks, records.loads, records.torques, records.schedule, self._push, self.weights
+        )
 
-    def connect(self, observed: Sequence[Observed], observation: NDArray[np.float32]) -> None:
-        """Take the array of observations (n, d) and its columns."""
+    def connect(
+        self,
+        observed: Sequence[Observed],
+        observation: NDArray[np.float32],
+        task_names: Sequence[str],
+    ) -> None:
+        """Take the array of observations.
+
+        Args:
+            observed: Its columns.
+            observation: Shape (n, d).
+            task_names: Names of the columns that the compiled task fills, in its order.
+        """
         columns = {entry.name: place for place, entry in enumerate(observed)}
-        self._places = np.array([columns.get(entry.name, -1) for entry in self._readings])
-        self._observation = observation
+
+        def places(names: Iterable[str]) -> Ints:
+            return np.array([columns.get(name, -1) for name in names], np.int64)
+
         self.lengths.connect(columns, observation)
-        if self.onboard is not None:
-            self.onboard.connect(columns, observation)
-        if self._noise is not None:
-            self.sensors = NoisySensors(self.num_envs, self._noise, observed)
-            self._share_arrays()
+        self._observing = Observing(
+            observation,
+            self.scan,
+            places(entry.name for entry in self._readings),
+            places(task_names),
+            onboard_columns(columns),
+            self._paths,
+            *sensor_errors(self._noise, observed, self.num_envs),
+        )
+        self._share_arrays()
 
     @property
     def robots(self) -> list[Robot]:
         """The robots of these episodes, before parameters."""
         return self.plant.robots
+
+    @property
+    def torque(self) -> Array:
+        """(n,) N m, commanded torque with which the last step ended."""
+        return self.records.torques[self._every, self.records.robots["delay"][:, 0]]
 
     # Named questions. What the engine says of the last step is exact, whatever sensors measure.
 
@@ -254,13 +307,17 @@ class World:
     @property
     def non_toe_contact(self) -> Bools:
         """(n,) whether a joint other than a toe was pressed on the ground in the last step."""
-        return self.plant.rows["accumulators"]["non_toe_impulse"] > 0.0
+        return self.records.accumulators["non_toe_impulse"] > 0.0
 
     def joint_forces(self) -> JointForces:
         """Return a single robot's joint forces now; ValueError: the plant does not know them."""
-        pushes = self.pushes.of_step(np.ones(1, bool), self.elapsed, self.seeds)
-        push = None if pushes is None else pushes[0, 0]
-        return self.plant.joint_forces(float(self.torque[0]), push)
+        return self.plant.joint_forces(float(self.torque[0]), self._next_push())
+
+    def _next_push(self) -> Array | None:
+        """Return the impulse (2,) on the first robot's chassis in its next time step, N s."""
+        impulses = np.zeros((self.steps, 2))
+        robots, schedule = self.records.robots, self.records.schedule
+        return impulses[0] if look_up_pushes(robots, schedule, self._push, impulses) else None
 
     # Episodes.
 
@@ -285,15 +342,45 @@ class World:
         plans = [start.plan for start in starts]
         self._begin(which, plans, lambda: plant.place(which, angles, speeds))
         if self.episodes.curriculum is not None:
-            self.episodes.level[which] = self.episodes.values["terrain_level"][which]
-        self.seeds[which] = [start.seed for start in starts]
-        self.toe_load[which] = plant.contact_force[which, :, 1] / self.weight[which, None]
-        self._begin_delay(which, self.episodes.values["delay"][which])
-        self._clear_episode(which)
+            self.episodes.level[which] = self.records.parameters["terrain_level"][which]
         for i, start in zip(which.tolist(), starts, strict=True):
-            self.pushes.schedule(i, start.pushes, start.random_pushes)
+            self._set_pushes(i, start.pushes, start.random_pushes)
+            self.seeds[i] = start.seed
         self.truncated[which] = False
         return [start.numbers for start in starts]
+
+    def begin_episodes(self, which: Ints) -> None:
+        """Begin the episodes of robots (k,) that stand where they start."""
+        records, plant = self.records, self.plant
+        self._joint_loads[:] = 0.0
+        if plant.joints_open:
+            records.robots["info"]["joint_gap"][which] = plant.joint_gap[which]
+        self._begin_episode(which, plant.world, plant.machines, records.motions, self._episodes)
+
+    def observe(self, which: Ints, moved: bool) -> None:
+        """Fill observations and information of robots (k,), after a step or as they stand."""
+        plant = self.plant
+        self._observe(
+            which, moved, plant.world, plant.surface, self.records.motions, self._episodes,
+            self._observing,
+        )  # fmt: skip
+
+    def _set_pushes(self, i: int, pushes: Array, random: bool) -> None:
+        """Give a robot's episode a schedule of pushes (k, 3), and random ones or not."""
+        robot = self.records.robots[i]
+        count = len(pushes)
+        if self.records.make_room(count):
+            self.plant.reconnect()
+            self._share_arrays()
+            robot = self.records.robots[i]
+        if count > 0:
+            self.records.schedule[i, :count] = pushes
+        robot["scheduled"], robot["random_pushes"] = count, random
+
+    def scheduled(self, i: int) -> Array:
+        """Return a robot's own pushes (k, 3)."""
+        count = int(self.records.robots["scheduled"][i])
+        return self.records.schedule[i, :count].copy()
 
     def _plan_start(
         self, i: int, rng: np.random.Generator, options: Values, draw: Draw, progress: Progress
@@ -341,95 +428,52 @@ class World:
         try:
             if others:
                 self.plant.set_robots(np.array([*others]), [*others.values()])
-            values = self.episodes.apply(which, plans)
+            self.episodes.apply(which, plans)
             place()
         except Exception:
             undo()
             raise
         self.lengths.begin(builds)
-        self.episodes.begin(which, values, draws)
+        self.episodes.begin(draws)
         if others:
-            self._note_robots(np.array([*others], np.int64))
-        self._update_scales(which)
-
-    def _update_scales(self, which: Ints) -> None:
-        """Update weights, full torques, and strengths of pushes and noise."""
-        values = self.episodes.values
-        masses = values["mass_scale"][which] * self._links_mass[which] + values["payload"][which]
-        self.data["weight"][which] = GRAVITY * masses * values["gravity_scale"][which]
-        limits = np.array([self.robots[i].motor.torque_limit for i in which.tolist()])
-        if self._torque_rate is not None:
-            self._most_change[which] = self._torque_rate * self.control_dt / limits
-        limits = self.data["direction"][which] * limits
-        self.full_torque[which] = limits * values["motor_strength"][which]
-        self.pushes.strength[which] = values["push_strength"][which]
-        if self.sensors is not None:
-            self.sensors.level[which] = values["noise_level"][which]
-
-    def _clear_episode(self, which: Ints, action: float = 0.0, steps: int = 0) -> None:
-        """Clear the data of robots' last episodes."""
-        data, info = self.data, self.data["info"]
-        for name in ("crank_torque", "links_in_ground", "diverged"):
-            info[name][which] = 0
-        data["action"][which] = data["action_before"][which] = action
-        states = self.plant.states[which]
-        data["x_before"][which], info["x_velocity"][which] = states[:, 0], states[:, 4]
-        info["joint_gap"][which] = self.plant.joint_gap[which]
-        self.elapsed[which] = steps
-        self._joint_loads[:] = 0.0
-        if self.onboard is not None:
-            self.onboard.begin(which, self.plant.states)
-
-    def _begin_delay(self, which: Ints, delays: Array, asked: Array | None = None) -> None:
-        """Begin episodes with ``delays`` (k,) s, and earlier torques ``asked`` (k, steps) N m."""
-        self.asked[which] = 0.0 if asked is None else asked
-        whole, rest = np.divmod(np.rint(delays / self.time_step).astype(np.int64), self.steps)
-        self.delay_steps[which] = np.stack([whole, rest], axis=-1)
-        self.torque[which] = self.asked[which, whole]
+            self._note_paths(np.array([*others], np.int64))
 
     @property
     def _longest_delay(self) -> float:
-        return (self.asked.shape[1] - 2) * self.control_dt
+        return (self.records.torques.shape[1] - 2) * self.control_dt
 
     def delay(self, i: int) -> float:
         """Return the time by which a robot's torques come late in this episode, s."""
-        whole, rest = self.delay_steps[i].tolist()
+        whole, rest = self.records.robots["delay"][i].tolist()
         return float(whole * self.control_dt + rest * self.time_step)
 
     # Steps.
 
     def step(
-        self,
-        actions: ArrayLike,
-        active: Bools,
-        finish: Callable[[Ints], None],
-        meanwhile: Callable[[], None] | None = None,
+        self, actions: ArrayLike, active: Bools, meanwhile: Callable[[], None] | None = None
     ) -> None:
         """Hold actions (n, 1) of the ``active`` robots (n,) for ``control_dt`` seconds.
 
-        ``finish`` is called with robots (k,) that have moved, on the threads that moved them;
-        ``meanwhile`` while others move, to :meth:`reset` robots that are not active.
+        ``meanwhile`` is called while they move, to :meth:`reset` robots that are not active.
 
         Raises:
-            ValueError: the actions are not one finite number for each active robot.
+            ValueError: If the actions are not one finite number for each active robot.
         """
         plant = self.plant
-        pushes = self.pushes.of_step(active, self.elapsed, self.seeds)
-        self._check_actions(actions, active)
+        self._take_actions(actions, active)
         moved = active.nonzero()[0]
-        self._moved = self._every if len(moved) == self.num_envs else moved
-        plant.step(
-            self.torque, self.steps, self.earlier, self.switch, self._moved, meanwhile, pushes,
-            finish,
-        )  # fmt: skip
+        if len(moved) == self.num_envs:
+            moved = self._every
+        plant.control_step(moved, self._actions, self._episodes, self._observing, meanwhile)
         if plant.joints_open:
-            self.data["info"]["joint_gap"] = plant.joint_gap
+            self.records.robots["info"]["joint_gap"] = plant.joint_gap
         if plant.any_diverged or self._any_truncated:
             self._truncate(plant.diverged & active)
         if self.track_joint_forces and active[0]:  # of the single robot
             self._joint_loads[:] = self._find_joint_loads()
 
-    def _check_actions(self, actions: ArrayLike, active: Bools) -> None:
+    def _take_actions(self, actions: ArrayLike, active: Bools) -> None:
+        """Check actions and take them; ValueError: they are not one finite number a robot."""
         count = self.num_envs
         values = checks.numbers_of(actions)
         if values.ndim == 0:
@@ -437,23 +481,15 @@ class World:
             raise ValueError(f"actions are {checks.shown(actions)}, {allowed}")
         if values.shape != (count, 1):
             raise ValueError(f"actions have shape {values.shape}, must have ({count}, 1)")
+        if not np.isfinite(values).all():
+            bad = np.flatnonzero(active & ~np.isfinite(values[:, 0]))
+            if len(bad) > 0:
+                raise ValueError(f"actions[{bad[0]}] is {values[bad[0], 0]}, must be finite")
         self._actions[:] = values
-        if self._torque_rate is not None:
-            last, most = self.data["action"][:, None], self._most_change[:, None]
-            change = most * np.clip(np.clip(values, -1.0, 1.0) - last, -1.0, 1.0)
-            self._actions[:] = np.where(np.isfinite(values), last + change, values)
-        bad = self._keep_actions(self._actions, active, self._torques)
-        if bad >= 0:
-            raise ValueError(f"actions[{bad}] is {values[bad, 0]}, must be finite")
-
-    def sense(self, which: Ints) -> None:
-        """Draw the errors of robots' readings."""
-        if self.sensors is not None:
-            self.sensors.draw(which, self.elapsed, self.seeds)
 
     def _truncate(self, diverged: Bools) -> None:
         """End episodes whose simulation has just diverged, if any."""
-        self.truncated[:] = self.data["info"]["diverged"] = diverged
+        self.truncated[:] = diverged
         self._any_truncated = bool(diverged.any())
         if self._any_truncated:
             gym.logger.warn(
@@ -470,29 +506,6 @@ class World:
             return 0.0, 0.0
         return self.plant.peak_loads()
 
-    def disturb(self, which: Ints | None = None) -> None:
-        """Turn observations into what sensors tell, after a step, or of some robots between two."""
-        moved, which = which is None, self._moved if which is None else which
-        if self.onboard is not None:
-            torque = self.data["direction"] * self.crank_torque
-            self.onboard.read(which, moved, self.plant.states, self.episodes.values, torque)
-        if self.sensors is not None:
-            if not moved:
-                self.sense(which)
-            self.sensors.add(which, self._observation)
-        if self.onboard is not None:
-            self.onboard.filter(which, moved)
-
-    def kernel_arguments(self) -> tuple[Arguments, Arguments]:
-        """Return those of ``finish_step`` and ``describe`` of the engine's ``readings``."""
-        plant = self.plant
-        described = (
-            plant.rows, self.data, self.toe_load, plant.surface, self.scan, self._places,
-            self._observation,
-        )  # fmt: skip
-        step = self.control_dt, plant.states, plant.slip, plant.contact_force, *described
-        return step, (plant.states, *described)
-
     # Single robots.
 
     def push(self, i: int, impulse: object) -> None:
@@ -506,7 +519,8 @@ class World:
             raise ValueError("the robot is held, must be free to be pushed")
         now = float(self.elapsed[i]) * self.control_dt
         push = check_schedule("impulse", [(now, *checks.entries("impulse", impulse, "(Jx, Jy)"))])
-        self.pushes.add(i, push[0])
+        pushes = add_push(self.scheduled(i), push[0], float(self._push["duration"][0]))
+        self._set_pushes(i, pushes, bool(self.records.robots["random_pushes"][i]))
 
     def checked(self, i: int, changes: Values) -> Values:
         """Return changes for :meth:`change`; ValueError: out of range."""
@@ -547,7 +561,7 @@ class World:
 
     def terrain(self, i: int) -> Terrain:
         """Return a robot's ground, with friction and restitution of this episode."""
-        friction, bounce = self.episodes.values[["friction", "restitution"]][i].tolist()
+        friction, bounce = self.records.parameters[["friction", "restitution"]][i].tolist()
         return replace(self.plant.terrains[i], friction=friction, restitution=bounce)
 
     def get_attr(self, name: str) -> list[object] | None:
@@ -557,7 +571,7 @@ class World:
         ``payload``, ``motor``, ``torque_limit``, ``pad_compliance``, ``weight``,
         ``reset_noise_scale`` and :data:`KEPT`.
         """
-        numbers = self.episodes.values
+        numbers = self.records.parameters
         if name in PARTS:
             return [getattr(robot, name) for robot in self.robots]
         if name in KEPT:
@@ -580,30 +594,30 @@ class World:
         state: Values = {
             "plant": self.plant.states[i].copy(),
             "delay": self.delay(i),
-            "asked": self.asked[i].copy(),
-            "action": float(self.data[i]["action"]),
+            "asked": self.records.torques[i].copy(),
+            "action": float(self.action[i]),
             "in_contact": None if i > 0 or in_contact is None else in_contact.copy(),
             "deflection": self.plant.deflection[i].copy(),
             "steps": int(self.elapsed[i]),
             "command_seed": int(self.seeds[i]),
             "loads": self.toe_load[i].copy(),
             **self.episodes.state(i),
-            "pushes": self.pushes.scheduled(i),
-            "random_pushes": bool(self.pushes.random[i]),
+            "pushes": self.scheduled(i),
+            "random_pushes": bool(self.records.robots["random_pushes"][i]),
         }
         if self.lengths.nominal[i] != self.lengths.constructed[i]:
             state["robot"] = robot_to_json(self.lengths.nominal[i])
         if changed:
             state["lengths"] = dict(changed)
-        if self.onboard is not None:
-            state["onboard"] = self.onboard.kept[i].copy()
+        if self.is_onboard:
+            state["onboard"] = self.records.robots["onboard"]["estimates"][i].copy()
         return state
 
     def checked_state(self, i: int, state: Values) -> Values:
         """Return a state of :meth:`get_state` for :meth:`restore`; ValueError: out of range."""
-        sizes = {"asked": self.asked.shape[1], "loads": self.plant.toes}
-        if self.onboard is not None:
-            sizes["onboard"] = KEPT_ONBOARD
+        sizes = {"asked": self.records.torques.shape[1], "loads": self.plant.toes}
+        if self.is_onboard:
+            sizes["onboard"] = ESTIMATES
         checked: Values = {
             name: checks.finite_numbers(f"state[{name!r}]", state[name], size)
             for name, size in sizes.items()
@@ -651,16 +665,19 @@ class World:
         self.episodes.level[i] = state["level"]
         if i == 0:
             plant.in_contact = state["in_contact"]
-        self._begin_delay(which, np.array([state["delay"]]), state["asked"])
-        plant.slip[i] = plant.contact_force[i] = 0.0
-        self.toe_load[i] = state["loads"]
-        self._clear_episode(which, state["action"], state["steps"])
-        if self.onboard is not None:
-            self.onboard.go_on(i, state["onboard"])
-        self.truncated[i] = plant.diverged[i] = False
+        self.begin_episodes(which)
+        records, robot = self.records, self.records.robots[i]
+        records.torques[i] = state["asked"]
+        robot["delay"] = divmod(round(state["delay"] / self.time_step), self.steps)
+        records.slip[i] = records.contact_force[i] = 0.0
+        records.loads[i] = state["loads"]
+        robot["action"] = robot["action_before"] = state["action"]
+        robot["elapsed"], robot["seed"] = state["steps"], state["seed"]
+        if self.is_onboard:
+            robot["onboard"]["estimates"], robot["onboard"]["is_first"] = state["onboard"], False
+        self.truncated[i] = False
         plant.any_diverged = bool(plant.diverged.any())
-        self.seeds[i] = state["seed"]
-        self.pushes.schedule(i, state["pushes"], state["random_pushes"])
+        self._set_pushes(i, state["pushes"], state["random_pushes"])
 
     def scene(self, i: int) -> Values:
         """Return the arguments of :class:`jansen_env.rendering.Renderer` to draw a robot."""
@@ -691,8 +708,13 @@ class World:
             time=float(self.elapsed[i]) * self.control_dt,
         )  # fmt: skip
 
+    def __getstate__(self) -> Values:
+        views = "_begin_episode", "_observe", "_episodes"
+        return {name: value for name, value in self.__dict__.items() if name not in views}
+
     def __setstate__(self, state: Values) -> None:
         self.__dict__.update(state)
+        self._bind_kernels()
         self._share_arrays()
 
     def close(self) -> None:

@@ -14,11 +14,12 @@ import pytest
 
 from agents.export import export
 from jansen_env import ROBOTS
+from jansen_env.engine.onboard_estimates import estimate_onboard
+from jansen_env.engine.walk_reward import ACCOUNTS, STEPS_PER_TURN, keep_accounts
 from jansen_env.policies import pretrained
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.robot.motor import MOTORS
-from jansen_env.tasks.walking.walker_env import STEPS_PER_TURN
-from jansen_env.world.onboard import OnboardSensors, toe_paths
+from jansen_env.world.onboard import ESTIMATES, onboard_columns, toe_paths
 
 ID, NAME = "JansenWalkerBuilt-v0", "onboard"
 STRICT = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Wshadow",
@@ -120,34 +121,32 @@ class InPython:
     """The shipped policy behind the sensors' filters of the environment."""
 
     def __init__(self, name=NAME):
-        self.policy, self.action, self.lag, self.mean = pretrained.load(ID, name), 0.0, 0.0, 0.0
+        self.policy, self.action = pretrained.load(ID, name), 0.0
         robot = ROBOTS[self.policy.env_kwargs["robot"]]()
-        self.path = abs(advance_per_turn(robot)) / STEPS_PER_TURN
-        self.sensors = OnboardSensors(1, len(robot.toes), PERIOD)
-        self.sensors.paths[0] = toe_paths(robot)
+        path = abs(advance_per_turn(robot)) / STEPS_PER_TURN
+        accounts = dict.fromkeys(ACCOUNTS.names, 0.0)
+        self.walk, self.kept = SimpleNamespace(mean_path=path), SimpleNamespace(**accounts)
+        self.paths = toe_paths(robot)
+        memory = SimpleNamespace(estimates=np.zeros(ESTIMATES), is_first=True)
+        self.robot = SimpleNamespace(onboard=memory)
         self.seen = np.zeros((1, len(self.policy.observed)), np.float32)
         self.columns = {name: k for k, name in enumerate(self.policy.observed)}
-        self.sensors.connect(self.columns, self.seen)
-        self.first = True
 
     def __call__(self, period, speed_command, crank_angle, battery, **now):
         now |= {"cos_crank_angle": math.cos(crank_angle), "sin_crank_angle": math.sin(crank_angle)}
         now |= {"last_action": self.action, "speed_command": speed_command}
         for name, value in now.items():
             self.seen[0, self.columns[name]] = value
-        self.sensors._period = period
-        self.sensors.filter(np.zeros(1, np.int64), moved=not self.first)
+        first, columns = self.robot.onboard.is_first, onboard_columns(self.columns)
+        estimate_onboard(period, not first, self.robot, self.paths, columns, self.seen[0])
         velocity = float(self.seen[0, self.columns["crank_axis_x_velocity"]])
-        if not self.first:
-            self.lag = float(np.clip(self.lag + (speed_command - velocity) * period, -0.5, 0.5))
-            time = np.clip(self.path / speed_command, 0.2, 3.4)
-            self.mean += period / (period + time) * (velocity - self.mean)
-        self.seen[0, self.columns["lag"]] = self.lag
-        self.seen[0, self.columns["mean_speed"]] = self.mean
+        if not first:
+            keep_accounts(velocity, 0.0, 0.0, 0.0, period, speed_command, self.walk, self.kept)
+        self.seen[0, self.columns["lag"]] = self.kept.lag
+        self.seen[0, self.columns["mean_speed"]] = self.kept.mean_speed
         action = float(self.policy.predict(self.seen)[0][0, 0])
         most = self.policy.env_kwargs["torque_rate"] * PERIOD / self.policy.torque_limit
         self.action += most * float(np.clip(action - self.action, -1.0, 1.0))
-        self.first = False
         return self.action * self.policy.torque_limit
 
 

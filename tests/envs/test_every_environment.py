@@ -118,10 +118,20 @@ def walk(env, steps=60, seed=0):
     return np.array(rows)
 
 
-@pytest.mark.parametrize("env_id", ["JansenWalker-v0", "JansenCrank-v0"])
+RESIDUALS = {  # the largest allowed of a control step, J; as in docs/theory.md
+    "JansenWalker-v0": 1e-3,
+    "JansenWalkerBuilt-v0": 0.05,
+    "JansenWalkerRough-v0": 0.1,
+    "JansenWalkerHardcore-v0": 0.1,
+    "JansenGoal-v0": 0.05,
+    "JansenCrank-v0": 1e-7,
+}
+
+
+@pytest.mark.parametrize("env_id", IDS)
 def test_energy_balances_in_every_step(env_id):
     """The account is closed to 1e-12, its residual small, J, under random hard torque."""
-    each, share = (1e-3, 1e-3) if env_id == "JansenWalker-v0" else (1e-7, 1e-6)
+    each, share = RESIDUALS[env_id], 1e-6 if env_id == "JansenCrank-v0" else 1e-3
     env, rng, missed, worked = gym.make(env_id), np.random.default_rng(1), 0.0, 0.0
     env.reset(seed=0)
     for _ in range(1000):
@@ -131,8 +141,8 @@ def test_energy_balances_in_every_step(env_id):
         work, residual = energy.pop("motor_work"), energy["residual"]
         put_in = work + energy.pop("push_work", 0.0) + energy.pop("correction_work", 0.0)
         assert put_in == pytest.approx(sum(energy.values()), abs=1e-12)
-        assert abs(residual) < each and energy["joint_loss"] >= 0.0
-        assert energy.get("slip_loss", 0.0) >= 0.0
+        assert abs(residual) < each
+        assert min(energy.get(f"{loss}_loss", 0.0) for loss in ("joint", "slip", "impact")) >= 0.0
         missed, worked = missed + abs(residual), worked + abs(work)
         if terminated or truncated:
             env.reset()

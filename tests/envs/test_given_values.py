@@ -58,7 +58,7 @@ def parameter(name):
     def shown(task, i, info):
         value = task.world.get_attr(name)[i]
         if name == "payload":
-            row = task.world.episodes.values[i]
+            row = task.world.records.parameters[i]
             value = Payload(row["payload"], position=(row["payload_x"], row["payload_y"]))
             assert task.world.robots[i].payload == value
         elif "parameters" in info:
@@ -106,20 +106,22 @@ CASES = {
     "height_scan": Case((0.1, 0.1, 3), lambda task, i, info: columns(task, i, info)[0], 3),
     "noise": Case(Noise.only(height=0.1), lambda task, i, info: task.world._noise),
     "push": Case(Push(0.5, duration=0.2),
-                 lambda task, i, info: task.world.pushes._settings[0].item(),
+                 lambda task, i, info: task.world._push[0].item(),
                  (0.5, 0.0, 0.2, 5.0, 0.001)),
     "observe_lengths": Case(True, lambda task, i, info: "length_crank" in task.columns),
     "track_joint_forces": Case(True, lambda task, i, info: "joint_force_max" in info),
     "render_mode": Case("rgb_array", lambda task, i, info: None),
     "speed_command": Case(0.33, lambda task, i, info: info["speed_command"]),
-    "command_interval": Case(0.4, lambda task, i, info: task._intervals[i]),
+    "command_interval": Case(
+        0.4, lambda task, i, info: task.data["command_steps"][i] * task.control_dt
+    ),
     "slip_weight": weight("slip"),
     "energy_weight": weight("energy"),
     "effort_weight": weight("effort"),
     "smoothness_weight": weight("smoothness"),
     "posture_weight": weight("posture"),
     "fall_pitch": Case(1e-6, lambda task, i, info: info["fallen"], True),
-    "fall_contact": Case(False, lambda task, i, info: task._settings["fall_contact"][0]),
+    "fall_contact": Case(False, lambda task, i, info: task.world.weights["fall_contact"][0]),
     "terminate_when_fallen": Case(False, lambda task, i, info: bool(task.ended[i]),
                                   needs={"fall_pitch": 1e-6}),
     "arrival_weight": Case(3.0, lambda task, i, info: task._arrival),

@@ -123,9 +123,9 @@ def monitored(folder):
 @pytest.mark.parametrize("wrapper", [None, gym.wrappers.TimeAwareObservation], ids=["", "wrapped"])
 def test_arguments_of_stable_baselines3(wrapper, tmp_path):
     """Its own function, with the same arguments, starts alike and writes the same episodes."""
-    kwargs = {"max_episode_steps": 4}
+    kwargs, monitor = {"max_episode_steps": 4}, {"info_keywords": ("x_position",)}
     given = {"n_envs": 3, "seed": 7, "start_index": 2, "wrapper_class": wrapper,
-             "env_kwargs": kwargs, "monitor_kwargs": {"info_keywords": ("x_position",)}}  # fmt: skip
+             "env_kwargs": kwargs, "monitor_kwargs": monitor}  # fmt: skip
     ours = make_vec_env(ENV, monitor_dir=str(tmp_path / "ours"), **given)
     theirs = their_vec_env(ENV, monitor_dir=str(tmp_path / "theirs"), **given)
     assert np.array_equal(ours.reset(), theirs.reset())

@@ -23,7 +23,7 @@ def least_gap(plant, vertex):
         share = (vertex - a) @ (b - a) / ((b - a) @ (b - a))
         if 0.0 < share < 1.0:
             gaps.append(np.hypot(*(a + share * (b - a) - vertex)) - robot.pad_radius)
-    return min(gaps)
+    return min(gaps, default=np.inf)
 
 
 @pytest.mark.parametrize("name", sorted(PLANTS))
@@ -62,6 +62,59 @@ def test_energy_of_a_side_on_a_spike_converges():
         assert sum(drops) > 0.1  # it has landed
         residuals.append(abs(total))
     assert residuals[1] < 0.5 * residuals[0] or residuals[1] < 1e-3
+
+
+SAW = Terrain([(0.1 * i - 4.0, 0.25 * (i % 2)) for i in range(80)], 0.8)
+
+
+@pytest.mark.parametrize("time_step", [1e-3, 2.5e-4])
+def test_springs_of_sides_hold_no_energy_from_nowhere(time_step):
+    """Robots on compliant feet, set down between teeth and driven: all energy has a source."""
+    most, rng = 2e-3 if time_step == 1e-3 else 2e-4, np.random.default_rng(0)
+    plant = PLANTS["projection"](ROBOTS["built"](), SAW, time_step, links_collide=True)
+    pushed = 0.0
+    for angle in np.linspace(0.0, 6.0, 6):
+        plant.reset(0.0, angle)
+        before = plant.energy()
+        for k in range(60):
+            result = plant.step(0.0 if k < 20 else rng.uniform(-12.0, 12.0), 0.02)
+            assert abs(result.energy_residual) < most
+            assert min(result.joint_loss, result.slip_loss, result.impact_loss) >= 0.0
+            if k < 20:
+                assert plant.energy() < before + 1e-3
+            planes = plant.batch._threads._memory[0].planes
+            planes = planes[: plant.batch.records.status["end_plane"][0]]
+            pushed += (planes["far_pad"] >= 0).sum()
+    assert pushed > 100
+
+
+@pytest.mark.parametrize("feet", [None, RIGID])
+def test_sides_begin_out_of_the_ground(feet):
+    """A robot is placed so that no side is in a tooth, at any crank angle."""
+    robot = ROBOTS["built"]()
+    robot = robot if feet is None else replace(robot, pad_compliance=feet)
+    plant = PLANTS["projection"](robot, SAW, links_collide=True)
+    for angle in np.linspace(0.0, 6.0, 25):
+        plant.reset(0.1 * angle, angle)
+        near = [vertex for vertex in SAW.polyline[1::2] if abs(vertex[0] - plant.x) < 1.5]
+        assert min(least_gap(plant, vertex) for vertex in near) > -1e-3
+
+
+def test_valleys_carry_no_side():
+    """Links deep in the ground between teeth: no plane pushes them further down."""
+    plant = PLANTS["projection"](ROBOTS["paper"](), SAW, links_collide=True)
+    plant.reset()
+    for sunk in np.linspace(0.0, 0.3, 31):
+        state = plant.state
+        plant.state = state - np.array([0.0, sunk, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+        try:
+            plant.step(0.0, plant.time_step)
+        except FloatingPointError:
+            continue  # too deep
+        planes = plant.batch._threads._memory[0].planes
+        planes = planes[: plant.batch.records.status["end_plane"][0]]
+        assert planes["normal_y"].min() > -0.2
+        plant.state = state
 
 
 def test_alone_as_in_a_batch():

@@ -341,5 +341,7 @@ def test_bristles_are_remembered():
 
 def test_a_time_step_too_long_for_the_pads_is_refused():
     """It names the longest and the pads' data."""
-    with pytest.raises(ValueError, match=r"time_step is 0\.003, must be at most .* of 20000 N/m"):
+    with pytest.raises(
+        ValueError, match=r"time_step must be at most .* of 20000 N/m .* got 0\.003"
+    ):
         RigidBodyPlant(LOCKED, Terrain.flat(), 3e-3)

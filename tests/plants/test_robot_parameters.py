@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jansen_env import ROBOTS, Motor, Payload, Robot, Terrain
-from jansen_env.parameters import ROBOT_PARAMETERS, effective, nominal
+from jansen_env.parameters import EPISODE, effective, nominal
 from jansen_env.plants.base import static_deflection
 from jansen_env.plants.batch import Batch
 from jansen_env.plants.plant import ProjectionPlant, RigidBodyPlant
@@ -59,7 +59,7 @@ def test_varied_robots_are_those_built_so(design):
     for case in cases[-len(CHANGES) :]:
         if "payload" in case[0]:
             case.insert(0, "payload")  # the place of one without mass says nothing
-    rows = np.array([changed_row(robot, *names) for names in cases], ROBOT_PARAMETERS)
+    rows = np.array([changed_row(robot, *names) for names in cases], EPISODE)
     batch = Batch([robot] * len(cases), [GROUND] * len(cases))
     every = np.arange(len(cases))
     batch.set_parameters(every, rows[np.roll(every, 1)])  # what comes next never builds on it
@@ -86,7 +86,7 @@ def test_varied_robots_are_those_built_so(design):
 def test_a_row_that_changes_nothing_changes_no_bit(design):
     robot = DESIGNS[design]
     plain, other = (Batch([robot, robot], [GROUND] * 2) for _ in range(2))
-    rows = np.array([changed_row(robot, *CHANGES)] * 2, ROBOT_PARAMETERS)
+    rows = np.array([changed_row(robot, *CHANGES)] * 2, EPISODE)
     other.set_parameters(np.arange(2), rows)
     assert (other.params["mass"] > plain.params["mass"]).all()
     other.set_parameters(np.arange(2), plain.parameters)
@@ -102,7 +102,7 @@ def test_the_rigid_body_plant_is_varied_alike():
     for name, make in {"projection": ProjectionPlant, "rigid_body": RigidBodyPlant}.items():
         batch = make(GIVING, GROUND).batch
         place = np.zeros(1, np.int64), np.array([0.3])
-        batch.set_parameters(place[0], np.array([changed_row(GIVING, *CHANGES)], ROBOT_PARAMETERS))
+        batch.set_parameters(place[0], np.array([changed_row(GIVING, *CHANGES)], EPISODE))
         batch.place(*place)
         steps = round(0.06 / batch.time_step)
         batch.step(np.array([2.0]), steps, pushes=np.full((1, steps, 2), 1.0 / steps))

@@ -132,7 +132,7 @@ def test_an_observation_that_nobody_fills_is_refused_at_construction(base, monke
     if base is Slow:
         monkeypatch.delattr(Slow, "observe")
     task = declared(base, OBSERVED=(*base.OBSERVED, TORQUE))
-    message = r"OBSERVED has \[.*'crank_torque'.*\], which observe\(\) of Declared must return"
+    message = r"observe\(\) of Declared must return \[.*'crank_torque'.*\]"
     with pytest.raises(ValueError, match=message):
         task()
 

@@ -85,8 +85,8 @@ def test_a_curriculum_goes_by_all_commands():
         ends.append(info["x_position"])
     path = ends[0] + (ends[0] - ends[1])
     assert path > 0.8 > abs(ends[1])
-    np.testing.assert_allclose(env.task.covered[0], (path, 0.8))
+    np.testing.assert_allclose(env.task.data["covered"][0], (path, 0.8))
     other = gym.make("JansenWalker-v0", terrain=level, curriculum=True).unwrapped
     other.set_state(env.get_state())
-    np.testing.assert_array_equal(other.task.covered, env.task.covered)
+    np.testing.assert_array_equal(other.task.data["covered"], env.task.data["covered"])
     assert env.reset()[1]["parameters"]["terrain_level"] == 1

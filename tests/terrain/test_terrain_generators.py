@@ -118,6 +118,14 @@ def test_mixed_is_another_kind_each_time(rng):
     assert 2 in sizes and len(sizes) >= 5 and sizes <= alone
 
 
+def test_a_new_terrain_changes_no_seed_of_the_mixture(monkeypatch):
+    mixed = make_generator("mixed")
+    before = [mixed(np.random.default_rng(seed), 5) for seed in range(20)]
+    monkeypatch.setitem(LEVELS, "another", {"height": (0.01, 0.1)})
+    again = [make_generator("mixed")(np.random.default_rng(seed), 5) for seed in range(20)]
+    assert again == before
+
+
 REFUSED = {
     "lava": r"terrain is 'lava', must be 'flat'.*'slope', 'rough', 'waves', 'stairs'.*'mixed'\]",
     "flat2": "terrain is 'flat2'",

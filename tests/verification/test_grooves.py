@@ -51,7 +51,7 @@ def walk(robot, seed: int, episodes: int, time_step: float = 1e-3):
         share = np.clip(mean + spread * rng.uniform(-1.0, 1.0, episodes), -1.0, 1.0)
         batch.step(TORQUE * share, round(0.02 / time_step))
         assert not batch.diverged.any()
-        sums, impulse = batch.accumulators, batch.contact_statistics["impulse"]
+        sums, impulse = batch.accumulators, batch.records.statistics["impulse"]
         force = np.hypot(*np.moveaxis(impulse, -1, 0)).max(axis=1) / 0.02
         unaccounted = sums["motor_work"] + sums["correction_work"] - sums["energy_change"]
         for loss in ("joint_loss", "slip_loss", "impact_loss"):

@@ -16,11 +16,11 @@ from jansen_env.viewer.web.walk_data import walk_data
 ENV = "JansenWalkerBuilt-v0"
 SCRIPT = """
 import { readFileSync } from "node:fs";
-import { Engine } from "FOLDER/engine.js";
+import { loadEngine } from "FOLDER/engine.js";
 import { Walker } from "FOLDER/walker.js";
 const { data, control, seed, points } = JSON.parse(readFileSync(0, "utf8"));
-const engine = new Engine(Buffer.from(data.engine, "base64"), data.layout);
-const walker = new Walker(engine, data, data.robots.built, points, control);
+const engine = await loadEngine(Buffer.from(data.engine, "base64"), data.layout);
+const walker = await Walker.create(engine, data, data.robots.built, points, control);
 walker.start(seed, {}, 0.4);
 for (let k = 0; k < 500; k++) walker.step(1, 0.4);
 console.log(JSON.stringify(walker.score));

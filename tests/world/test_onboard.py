@@ -102,7 +102,6 @@ def test_the_torque_changes_no_faster_than_its_rate():
             gym.make(ID, **wrong)
 
 
-@pytest.mark.xfail(strict=True, reason="the means of the reward decay as exp(-t / T), these do not")
 def test_lag_and_mean_speed_are_the_rewards_of_the_observed_velocity():
     """One formula for the means, whether the velocity is exact or estimated."""
     env = gym.make(ID, **ONBOARD)

@@ -1,24 +1,36 @@
-"""Pushes: what arrives is what was named, when it was named; the same for a robot alone or not."""
+"""Pushes: what arrives is what was named, when it was named."""
 
 import numpy as np
 import pytest
 
 from jansen_env import Push
-from jansen_env.world.push import Pushes
+from jansen_env.engine.episode import look_up_pushes
+from jansen_env.plants.robot_records import RobotRecords
+from jansen_env.world.push import push_settings
 
 STEPS, STEP = 20, 1e-3  # of a control step, s
 PERIOD = STEPS * STEP
 
 
-def felt(pushes, control_steps, seeds, active=None):
-    """Impulses (control_steps, n, steps, 2) that robots get from the start of an episode on."""
-    n = len(seeds)
-    active = np.ones(n, bool) if active is None else active
-    impulses = np.zeros((control_steps, n, STEPS, 2))
-    for k in range(control_steps):
-        impulse = pushes.of_step(active, np.full(n, k), seeds)
-        if impulse is not None:
-            impulses[k] = impulse
+def felt(push, schedules, control_steps, first=0, strength=1.0):
+    """Impulses (control_steps, n, STEPS, 2) that robots get from control step ``first`` on.
+
+    ``schedules``: pushes of each robot; robot i has the seed i, and random pushes if ``push`` has.
+    """
+    room = max(map(len, schedules))
+    records, settings = RobotRecords(len(schedules), 4, 4, pushes=room), push_settings(push, STEP)
+    robots = records.robots
+    robots["seed"], robots["random_pushes"] = np.arange(len(schedules)), True
+    robots["parameters"]["push_strength"] = strength
+    impulses = np.zeros((control_steps, len(schedules), STEPS, 2))
+    for i, schedule in enumerate(schedules):
+        robots["scheduled"][i] = len(schedule)
+        records.schedule[i, : len(schedule)] = np.reshape(schedule, (-1, 3))
+        for k in range(control_steps):
+            robots["elapsed"][i] = first + k
+            one = slice(i, i + 1)
+            pushed = look_up_pushes(robots[one], records.schedule[one], settings, impulses[k, i])
+            assert pushed == impulses[k, i].any()
     return impulses
 
 
@@ -34,9 +46,8 @@ def begins(impulses):
 
 
 def test_a_scheduled_push_is_a_half_sine_that_adds_up_to_its_impulse():
-    pushes = Pushes(1, Push(0.0, duration=0.0875), STEPS, STEP)
-    pushes.schedule(0, np.array([[0.0513, 1.5, -0.7]]), False)
-    impulses = of_time_steps(felt(pushes, 10, np.array([3])), 0)
+    push = Push(0.0, duration=0.0875)
+    impulses = of_time_steps(felt(push, [[(0.0513, 1.5, -0.7)]], 10), 0)
     assert impulses.sum(axis=0) == pytest.approx([1.5, -0.7], abs=1e-14)
     fine = np.linspace(0.0, 0.2, 200 * 1000 + 1)
     inside = (fine >= 0.0513) & (fine <= 0.0513 + 0.0875)
@@ -47,20 +58,16 @@ def test_a_scheduled_push_is_a_half_sine_that_adds_up_to_its_impulse():
 
 
 def test_scheduled_pushes_add_up_where_they_overlap_whatever_their_order():
-    """A longer schedule keeps those of other robots; the strength is that of random pushes."""
-    pushes, late, early = Pushes(3, None, STEPS, STEP), [0.31, 1.0, 0.5], [0.27, -0.4, 0.1]
-    pushes.strength[:] = 0.25
-    for robot, schedule in enumerate(([late], [early], [late, early])):
-        pushes.schedule(robot, np.array(schedule), False)
-    impulses = felt(pushes, 25, np.zeros(3, np.int64))
+    """The strength is that of random pushes."""
+    late, early = (0.31, 1.0, 0.5), (0.27, -0.4, 0.1)
+    impulses = felt(None, [[late], [early], [late, early]], 25, strength=0.25)
     np.testing.assert_allclose(impulses[:, 2], impulses[:, 0] + impulses[:, 1], atol=1e-16)
     assert impulses[:, 0].sum(axis=(0, 1)) == pytest.approx(late[1:])
 
 
 def test_random_pushes_come_once_in_each_interval_and_end_in_it():
     push = Push((1.2, 0.4), duration=0.05, interval=0.5)
-    pushes, seeds = Pushes(40, push, STEPS, STEP), np.arange(40)
-    all_impulses = felt(pushes, 250, seeds)  # ten intervals
+    all_impulses = felt(push, [[]] * 40, 250)  # ten intervals
     starts, totals = [], []
     for robot in range(40):
         impulses = of_time_steps(all_impulses, robot)
@@ -86,14 +93,17 @@ def test_random_pushes_come_once_in_each_interval_and_end_in_it():
     assert np.abs(np.corrcoef(drawn.T) - np.eye(4)).max() < 0.2
 
 
-def test_nobody_is_pushed_between_pushes_nor_who_does_not_take_the_step():
-    pushes = Pushes(2, None, STEPS, STEP)
-    seeds, both = np.array([0, 1]), np.ones(2, bool)
-    assert pushes.of_step(both, np.zeros(2, np.int64), seeds) is None  # there are none at all
-    pushes.schedule(0, np.array([[0.5 * PERIOD, 1.0, 0.0]]), False)
-    assert pushes.of_step(both, np.zeros(2, np.int64), seeds) is not None
-    assert pushes.of_step(np.array([False, True]), np.zeros(2, np.int64), seeds) is None
-    assert pushes.of_step(both, np.full(2, 20), seeds) is None  # it is over
-    pushes.schedule(0, np.empty((0, 3)), True)
-    assert pushes.of_step(both, np.zeros(2, np.int64), seeds) is None
-    assert len(pushes.scheduled(0)) == 0
+def test_nobody_is_pushed_between_pushes():
+    schedules = [[(0.5 * PERIOD, 1.0, 0.0)], []]
+    assert felt(None, schedules, 1)[0, 0].any() and not felt(None, schedules, 30)[:, 1].any()
+    assert not felt(None, schedules, 1, first=20).any()  # it is over
+
+
+def test_a_longer_schedule_keeps_those_of_other_robots():
+    records = RobotRecords(2, 4, 4, pushes=1)
+    records.schedule[1, 0] = (0.1, 2.0, 3.0)
+    records.states[:] = np.arange(16.0).reshape(2, 8)
+    assert not records.make_room(1) and records.make_room(5)
+    assert records.schedule.shape == (2, 5, 3)
+    assert records.schedule[1].tolist() == [[0.1, 2.0, 3.0], *[[0.0] * 3] * 4]
+    assert records.states.tolist() == np.arange(16.0).reshape(2, 8).tolist()

@@ -1,5 +1,7 @@
 """What a walker senses and what disturbs it: height scan, noise, pushes; alone and side by side."""
 
+from types import SimpleNamespace
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -8,9 +10,10 @@ from side_by_side import DISTURBED, ROUGH, WORLD
 
 from jansen_env import Noise, paper_robot
 from jansen_env.engine import walk_reward
+from jansen_env.engine.sensors import add_errors, sample_errors
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.tasks.walking import JansenWalkerEnv
-from jansen_env.world.observations import SENSORS, NoisySensors
+from jansen_env.world.observations import SENSORS, sensor_errors
 
 SCAN = DISTURBED["height_scan"]
 ALL = {**WORLD, **DISTURBED}
@@ -38,14 +41,15 @@ def walk(env, steps, seed, first=None):
 
 def erring(noise, count, level=1.0, truth=None, elapsed=0):
     """What (count, d) robots with seeds of their own observe of the same."""
-    sensors = NoisySensors(count, noise, OBSERVED)
-    sensors.level[:] = level
     out = np.full((count, len(OBSERVED)), 0.6, np.float32) if truth is None else truth.copy()
-    measured = out[:, LAG : LAG + len(ACCOUNTS)].astype(float)
-    sensors.measure(measured, range(LAG, LAG + len(ACCOUNTS)))
-    robots = np.arange(count)
-    sensors.draw(robots, np.full(count, elapsed), 10 * robots)
-    sensors.add(robots, out)
+    deviation, speeds, angles, low, high, *_ = sensor_errors(noise, OBSERVED, count)
+    bias, error = np.zeros((2, len(OBSERVED)))
+    parameters = SimpleNamespace(noise_level=level)
+    with np.errstate(over="ignore"):  # the stages run as plain Python here
+        for i in range(count):
+            robot = SimpleNamespace(seed=10 * i, elapsed=elapsed, parameters=parameters)
+            sample_errors(robot, deviation, speeds, True, bias, error)
+            add_errors(error, angles, low, high, out[i])
     return out
 
 

@@ -140,8 +140,8 @@ def check_stiffness(robot: Robot, time_step: float, owners: list[int]) -> None:
     longest = 2.0 * m / (d + math.sqrt(d * d + 4.0 * k * m))
     if time_step > longest:
         raise ValueError(
-            f"time_step is {time_step}, must be at most {longest:.3g} s for pads of {k:g} N/m and "
-            f"{d:g} N s/m on the rigid-body plant, whose pads are explicit springs"
+            f"time_step must be at most {longest:.3g} s for feet of {k:g} N/m and {d:g} N s/m on "
+            f"the rigid-body plant, whose feet are explicit springs, got {time_step}"
         )
 
 

@@ -24,14 +24,17 @@ from jansen_env.arrays import Array, Bools, Ints, Rows
 from jansen_env.checks import within
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.pads import pad_layout, pad_sides
+from jansen_env.engine import episode
 from jansen_env.engine.collision import sides_in_ground
+from jansen_env.engine.episode import Episodes, Observing
 from jansen_env.engine.integrator import DIVERGED
 from jansen_env.engine.placement import PLACEMENT_DEPTH
-from jansen_env.engine.records import ROBOT, UNKNOWN_DEFLECTION
-from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
-from jansen_env.parameters import ROBOT_PARAMETERS, nominal
-from jansen_env.plants.base import check_held, check_legs, check_pushes, check_time_step, divergence
+from jansen_env.engine.records import UNKNOWN_DEFLECTION
+from jansen_env.gravity import GRAVITY, Gravity
+from jansen_env.parameters import nominal
+from jansen_env.plants.base import check_held, check_legs, check_pushes, divergence
 from jansen_env.plants.batch import Batch
+from jansen_env.plants.batched_plant import BatchedPlant
 from jansen_env.plants.rigid import bodies
 from jansen_env.plants.rigid.bodies import (
     ANGLE,
@@ -46,6 +49,7 @@ from jansen_env.plants.rigid.bodies import (
 )
 from jansen_env.plants.rigid.pad_forces import PadContacts, SpringPads, Sums, check_stiffness
 from jansen_env.plants.robot_parameters import check_values, gravity_of, machine_of, terrain_of
+from jansen_env.plants.robot_records import RobotRecords
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import check_closure
 from jansen_env.terrain import Terrain
@@ -57,7 +61,6 @@ ITERATIONS = 200  # of pymunk's solver in a time step, from the last one's impul
 TOUCHDOWN_ITERATIONS = 2000
 BEFORE_END = 5.0  # m, from the end of the ground at which a robot must turn back
 MAX_JOINT_GAP = 0.01  # m, a joint's gap beyond which the robot is no longer one
-CHANGING = ("states", "parameters", "rows", "slip", "contact_force", "joint_gap", "diverged")
 TWIST = 0.3  # rad: what the gear's fastest vibration turns on in a time step
 TWIST_DAMPING = 0.125  # its damping ratio
 LOOKAHEAD = 0.01  # s, after which pymunk's impulses on a robot placed again have settled
@@ -124,7 +127,7 @@ class GearedRotor:
         return (self.ratio - 1.0) * self.torque, -self.ratio * self.torque
 
 
-class RigidBodyBatch:
+class RigidBodyBatch(BatchedPlant):
     """A robot on a terrain, body by body.
 
     What is not documented here is as of :class:`jansen_env.plants.batch.Batch`, of one robot.
@@ -143,26 +146,18 @@ class RigidBodyBatch:
     def __init__(
         self, robot: Robot, terrain: Terrain, time_step: float = TIME_STEP,
         gravity: Gravity = GRAVITY, held: bool = False, links_collide: bool = False,
+        records: RobotRecords | None = None,
     ) -> None:  # fmt: skip
         check_closure(robot)
+        super().__init__([robot], [terrain], time_step, gravity, held, records)
         self.links_collide = links_collide
-        self.robots, self.terrains = [robot], [terrain]
-        self.parameters = np.array([nominal(robot, terrain)], ROBOT_PARAMETERS)
-        self.time_step = check_time_step(time_step)
-        self.held = bool(held)
-        self.toes = toes = len(robot.toes)
-        self.slip, self.contact_force = np.zeros((1, toes)), np.zeros((1, toes, 2))
-        self.states, self.rows, self.joint_gap = np.zeros((1, 8)), np.zeros(1, ROBOT), np.zeros(1)
-        self.accumulators = self.rows["accumulators"]
-        self.diverged, self.any_diverged = np.zeros(1, bool), False
         self.lookahead_steps = max(1, round(LOOKAHEAD / self.time_step))
         self._owners, self._sides = bodies.pad_bodies(robot, pad_layout(robot)), pad_sides(robot)
         self._colliding = self._sides if links_collide else self._sides[:0]
-        self.gravity = gravity_vector(gravity)
-        self._apply_parameters()
+        self._take_parameters()
         self._build(np.zeros(8))
 
-    def _apply_parameters(self) -> None:
+    def _take_parameters(self) -> None:
         """Take the machine, the ground and the gravity that :attr:`parameters` make."""
         values = self.parameters[0]
         robot = self._machine = machine_of(self.robots[0], values)
@@ -178,7 +173,9 @@ class RigidBodyBatch:
         first, last = terrain.polyline[[0, -1], 0].tolist()
         self._ends = first + BEFORE_END, last - BEFORE_END
         self.surface: Array = terrain.polyline.copy()
-        self.rows["status"]["end_vertex"] = len(self.surface)
+        self.records.status["end_vertex"] = len(self.surface)
+        self._set_machines(self._every)
+        self._apply(self._every)
 
     def set_parameters(self, rows: Ints, values: Rows) -> None:
         """Put parameters in force. Raises ValueError also if the pads are too stiff for the time
@@ -198,13 +195,17 @@ class RigidBodyBatch:
     def _go_on(self, robot: Robot, terrain: Terrain, values: np.void) -> None:
         """Take another robot, ground and parameters; the state stays."""
         memory, undo = self._memory, self.keep(np.arange(1))
-        self.robots, self.terrains, self.parameters[0] = [robot], [terrain], values
+        self.robots, self.terrains = [robot], [terrain]
+        self.parameters[0] = values
         try:
-            self._apply_parameters()
+            self._take_parameters()
         except ValueError:
             undo()
             raise
         self._memory = memory
+
+    def check_feet(self, robot: Robot, values: np.void) -> None:
+        """Do nothing: feet too stiff are refused when they come in force."""
 
     def check_robot(self, robot: Robot) -> None:
         check_legs(robot, self.robots[0])
@@ -214,12 +215,13 @@ class RigidBodyBatch:
 
     def keep(self, rows: Ints) -> Callable[[], None]:
         before = self.__dict__.copy()  # pymunk's space is built again, not changed
-        kept = {name: before[name].copy() for name in CHANGING}
+        saved, joint_gap = self.records.copy(rows), self.joint_gap.copy()
 
         def undo() -> None:
             self.__dict__.update(before)
-            for name, values in kept.items():
-                before[name][:] = values
+            self._set_machines(self._every)
+            self.records.restore(rows, saved)
+            self.joint_gap[:] = joint_gap
 
         return undo
 
@@ -273,7 +275,12 @@ class RigidBodyBatch:
         other.place_at(rows, crank_angles, x, pitch)
         self._build(other.states[0] + PLACEMENT_DEPTH * np.eye(8)[1])
 
-    def lookahead(self, torque: float = 0.0, pushes: Array | None = None) -> None:
+    def reconnect(self) -> None:
+        """Nothing holds views of the records."""
+
+    def lookahead(
+        self, torque: float = 0.0, rows: Ints | None = None, pushes: Array | None = None
+    ) -> None:
         """Fill sums with the next :data:`LOOKAHEAD` seconds; the state stays, joints closed."""
         impulses, saved = np.zeros((self.lookahead_steps, 2)), self._memory
         if pushes is not None:
@@ -285,17 +292,28 @@ class RigidBodyBatch:
 
     def step(
         self, torque: Array, steps: int, earlier: Array | None = None, switch: Ints | None = None,
-        rows: Ints | None = None, meanwhile: Callable[[], None] | None = None,
-        pushes: Array | None = None, finish: Callable[[Ints], None] | None = None,
+        rows: Ints | None = None, pushes: Array | None = None,
     ) -> None:  # fmt: skip
-        """Hold a crank torque (1,), N m; ``meanwhile`` is called afterwards, or alone."""
+        """Hold a crank torque (1,), N m."""
         if rows is None or len(rows) > 0:
             before = 0.0 if earlier is None else float(earlier[0])
             first = 0 if switch is None else int(switch[0])
             impulses = np.zeros((1, steps, 2)) if pushes is None else check_pushes(pushes, 1, steps)
             self._run(float(torque[0]), before, first, impulses[0])
-            if finish is not None:
-                finish(np.arange(1))
+
+    def control_step(
+        self, rows: Ints, actions: Array, episodes: Episodes, observing: Observing,
+        meanwhile: Callable[[], None] | None = None,
+    ) -> None:  # fmt: skip
+        """Take a control step; ``meanwhile`` is called afterwards, or alone."""
+        if len(rows) > 0:
+            steps, motions = int(self.world["steps"][0]), self.records.motions
+            impulses = np.zeros((steps, 2))
+            episode.begin_step(rows, actions, impulses, motions.robots, episodes)
+            whole, switch = motions.robots["delay"][0].tolist()
+            torque, earlier = self.records.torques[0, whole : whole + 2].tolist()
+            self._run(torque, earlier, switch, impulses)
+            episode.finish_step(rows, self.world, self.surface, motions, episodes, observing)
         if meanwhile is not None:
             meanwhile()
 
@@ -303,7 +321,7 @@ class RigidBodyBatch:
         """Take time steps with impulses (steps, 2) on the chassis, N s."""
         h, before, now, gap = self.time_step, self._space.state, self._space.snapshot(), 0.0
         start, pads = now.energy + self._stored, len(self._owners)
-        self.accumulators[:] = 0.0
+        self.accumulators[:] = np.zeros((), self.accumulators.dtype)
         total = self.accumulators[0]
         sums = Sums(total, np.zeros(pads), np.zeros((pads, 2)))
         for k, impulse in enumerate(impulses):
@@ -311,10 +329,11 @@ class RigidBodyBatch:
             total["torque_impulse"] += h * (used - torque)
             gap = max(gap, now.joint_gap)
         self._refusal = self._refused(before, torque, gap)
-        self.diverged[:] = self.any_diverged = self._refusal is not None
+        self.any_diverged = self._refusal is not None
+        self.diverged[:] = self.any_diverged
         self.slip[:] = self.contact_force[:] = self.joint_gap[:] = 0.0
         if self.any_diverged:
-            self.accumulators[:] = 0.0
+            self.accumulators[:] = np.zeros((), self.accumulators.dtype)
             self._build(before)
             return
         self.states[0] = self._space.state
@@ -445,16 +464,21 @@ class RigidBodyBatch:
         """Nothing is held."""
 
     def __getstate__(self) -> dict[str, Any]:
-        """The arguments, and what has become of them: everything else is made again from them."""
+        """Return the arguments and what has become of them; everything else is made again."""
         given = self.time_step, self.gravity, self.held, self.links_collide
-        arrays = {name: getattr(self, name).copy() for name in CHANGING}
+        kept = "records", "world", "_torque_rate", "any_diverged", "joint_gap", "_memory"
         arguments = (*self.robots, *self.terrains, *given)
-        return {"arguments": arguments, "memory": self._memory, "arrays": arrays}
+        return {"arguments": arguments, **{name: getattr(self, name) for name in kept}}
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
-        self.__init__(*saved["arguments"])  # type: ignore[misc]
-        for name, value in saved["arrays"].items():
-            getattr(self, name)[:] = value
-        self.any_diverged = bool(self.diverged.any())
-        self._apply_parameters()
-        self._memory = saved["memory"]
+        records = saved["records"]
+        before = records.copy(np.arange(1))
+        self.__init__(*saved["arguments"], records=records)  # type: ignore[misc]
+        self.world[:] = saved["world"]
+        self._torque_rate = saved["_torque_rate"]
+        records.restore(self._every, before)
+        self._take_parameters()
+        self._memory = saved["_memory"]
+        records.restore(self._every, before)
+        self.joint_gap[:] = saved["joint_gap"]
+        self.any_diverged = saved["any_diverged"]

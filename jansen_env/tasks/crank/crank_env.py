@@ -13,7 +13,6 @@ from jansen_env.checks import non_negative
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.vector import TaskVectorEnv, VectorArguments
-from jansen_env.tasks.crank.crank_benchmark import CRANK
 from jansen_env.tasks.task import CommandedTask
 from jansen_env.world.observations import EXACT, Observed
 from jansen_env.world.settings import (
@@ -186,7 +185,7 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
     """
 
     TASK = CrankTask
-    BENCHMARK = CRANK
+    BENCHMARK = "jansen_env.tasks.crank.crank_benchmark:CRANK"
 
     def __init__(self, **arguments: Unpack[CrankArguments]) -> None:
         super().__init__(**arguments)

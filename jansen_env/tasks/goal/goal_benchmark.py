@@ -22,8 +22,8 @@ from jansen_env.scoring.metrics import (
     mean_of,
     per_weight,
 )
+from jansen_env.tasks.goal.goal_env import FARTHEST
 
-FARTHEST = 3.0  # m, a goal on either side
 GAIN, FASTEST, RAMP = 1.3, 0.42, 0.3  # 1/s of the distance; m/s; m/s^2: faster starts make it fall
 PROPORTIONAL, INTEGRAL = 0.16, 1.2  # action per rad/s of crank speed, and per rad
 MOST_INTEGRAL = 0.6  # of the action

@@ -13,13 +13,13 @@ from jansen_env.checks import MOST_SINGLE, non_negative, positive, within
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.vector import TaskVectorEnv, VectorArguments
 from jansen_env.rendering import Frame
-from jansen_env.tasks.goal.goal_benchmark import FARTHEST, GOAL
 from jansen_env.tasks.task import Task
 from jansen_env.uniform import uniform
 from jansen_env.world.observations import EXACT, Observed
 from jansen_env.world.settings import Values, WorldArguments, WorldSettings, option, shared
 from jansen_env.world.world import Numbers
 
+FARTHEST = 3.0  # m, a goal on either side
 NEAR, HOLD = 0.02, 1.0  # m from the goal, where arrival is a half, and s there, that are a success
 HALF_DISTANCE = 0.3  # m, at which closeness has fallen to a half
 HALF_POWER = 0.5  # m/s: motor power / weight at which energy has fallen to a half
@@ -171,7 +171,7 @@ class JansenGoalEnv(SingleEnv[GoalTask]):
 
     TASK = GoalTask
     PRESET = {"robot": "built"}
-    BENCHMARK = GOAL
+    BENCHMARK = "jansen_env.tasks.goal.goal_benchmark:GOAL"
 
     def __init__(self, **arguments: Unpack[GoalArguments]) -> None:
         super().__init__(**arguments)

@@ -8,7 +8,6 @@ flat ground, noise where there is none.
 
 from __future__ import annotations
 
-from jansen_env.tasks.walking.walker_benchmark import WORLD
 from jansen_env.tasks.walking.walker_env import JansenWalkerEnv, JansenWalkerVectorEnv
 from jansen_env.world.observations import Noise
 from jansen_env.world.push import Push
@@ -120,7 +119,7 @@ class JansenWalkerRoughEnv(JansenWalkerEnv):
     """
 
     PRESET = ROUGH
-    BENCHMARK = WORLD
+    BENCHMARK = "jansen_env.tasks.walking.walker_benchmark:WORLD"
 
 
 class JansenWalkerRoughVectorEnv(JansenWalkerVectorEnv):
@@ -174,7 +173,7 @@ class JansenWalkerHardcoreEnv(JansenWalkerEnv):
     """
 
     PRESET = HARDCORE
-    BENCHMARK = WORLD
+    BENCHMARK = "jansen_env.tasks.walking.walker_benchmark:WORLD"
 
 
 class JansenWalkerHardcoreVectorEnv(JansenWalkerVectorEnv):

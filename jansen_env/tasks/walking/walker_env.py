@@ -7,27 +7,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from types import ModuleType
-from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 from typing_extensions import Unpack
 
-from jansen_env.arrays import Array, Bools, Ints
+from jansen_env.arrays import Array
 from jansen_env.checks import finite_numbers, non_negative, positive, shown, within
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine import walk_reward
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.vector import TaskVectorEnv, VectorArguments
-from jansen_env.tasks.task import CommandedTask, Task
-from jansen_env.tasks.walking.walker_benchmark import WALKER
+from jansen_env.parameters import plain
+from jansen_env.tasks.compiled import CompiledTask
 from jansen_env.terrain import Terrain
-from jansen_env.uniform import uniform
 from jansen_env.world.observations import EXACT, Observed
 from jansen_env.world.settings import (
-    Arguments,
     PerRobot,
     Range,
     Values,
@@ -42,7 +36,6 @@ from jansen_env.world.settings import (
 
 SPEED_COMMAND = (0.05, 0.8)  # m/s, the default range of commanded speeds
 FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine
-STEPS_PER_TURN = 4  # of the feet, with two crank pins: means are taken over a quarter turn
 ACCOUNTS: tuple[str, ...] = walk_reward.ACCOUNTS.names or ()  # lag and means
 COMMANDED = ("speed_command", *ACCOUNTS)  # in the order of ``walk_reward.observe``
 ODOMETRY = ("lag", "mean_speed")  # of them, those that are observed onboard
@@ -85,20 +78,17 @@ class WalkerSettings(WorldSettings):
     terminate_when_fallen: bool = shared(True, flag)
 
 
-class WalkerTask(CommandedTask):
+class WalkerTask(CompiledTask):
     """Walk at a commanded speed, m/s.
 
     See :class:`jansen_env.tasks.walking.walker_env.JansenWalkerEnv`.
     One kernel rewards, ends and observes a step; a derived task may do more in NumPy.
-
-    Attributes:
-        covered: (n, 2) m walked towards the commands and commanded; with a curriculum.
     """
 
     SETTINGS = WalkerSettings
     OBSERVED = (
         Observed("speed_command", "m/s", -FASTEST_COMMAND, FASTEST_COMMAND, EXACT),
-        # Noisy sensors measure these, see _connect:
+        # Noisy and onboard sensors measure these:
         Observed("lag", "m", -FURTHEST, FURTHEST, EXACT),
         Observed("mean_speed", "m/s", -np.inf, np.inf, EXACT),
         Observed("mean_slip", "m/s", 0.0, np.inf, EXACT),
@@ -106,40 +96,31 @@ class WalkerTask(CommandedTask):
         Observed("rms_torque", "N m", 0.0, np.inf, EXACT),
     )
     COMPILED = COMMANDED
-    ENGINE: ClassVar[ModuleType] = walk_reward
     ROW = walk_reward.ROW
     SETTABLE = ("speed_command", "command")
     FASTEST = FASTEST_COMMAND
 
     def __init__(self, settings: WalkerSettings, threads: int | None = None) -> None:
-        n = settings.count
-        self._intervals = np.array(settings.command_interval, float)  # NaN for None
-        self._commands_change = bool(np.isfinite(self._intervals).any())
-        self._settings = np.zeros(1, walk_reward.SETTINGS)
+        super().__init__(settings, threads)
         weights = (getattr(settings, f"{factor}_weight") for factor, _ in walk_reward.WEIGHTED)
         fall = settings.fall_pitch, settings.fall_contact, settings.terminate_when_fallen
-        self._settings[0] = (*weights, *fall)
-        self.covered = np.zeros((n, 2))
-        self._odometry = np.zeros((n, len(ODOMETRY)))
-        self._measured = np.zeros(0 if settings.noise is None else n, walk_reward.ACCOUNTS)
-        super().__init__(settings, threads)
-        self._command_steps = np.maximum(1.0, np.rint(self._intervals / self.control_dt))
+        self.world.weights[0] = (*weights, *fall)
+        intervals = np.array(settings.command_interval, float)  # NaN for None
+        steps = np.maximum(1.0, np.rint(intervals / self.control_dt))
+        self.data["command_steps"] = np.where(np.isfinite(intervals), steps, 0.0)
+        self.data["command_range"] = settings.speed_command
 
     def _connect(self) -> None:
         super()._connect()
-        self._places = np.array([self.columns.get(name, -1) for name in COMMANDED])
-        self._error = np.zeros((0, 2))
-        if self.world.sensors is not None:
-            numbers = self._measured.view(float).reshape(self.num_envs, -1)
-            self.world.sensors.measure(numbers, self._places[1:].tolist())
-            self._error = self.world.sensors.mean_error
+        self.speed_command = self.data["command_range"]
+        self._is_measured = bool(self.world.plant.world[["noisy", "onboard"]].item() != (0, 0))
 
     def _order(self, world: Sequence[Observed]) -> tuple[Observed, ...]:
         """Return all observations in the documented order; a derived task's come last."""
         places = {"speed_command": 1, "toe_load": 2, "last_action": 3, "height_scan": 5}
         places |= dict.fromkeys(ACCOUNTS, 4)
         every = [*world, *self.OBSERVED]
-        if self.world.onboard is not None:
+        if self.world.is_onboard:
             every = [e for e in every if e.name in ODOMETRY or e.name not in ACCOUNTS]
 
         def place(entry: Observed) -> int:
@@ -148,93 +129,9 @@ class WalkerTask(CommandedTask):
 
         return tuple(sorted(every, key=place))
 
-    def _begin(self, which: Ints) -> None:
-        """Begin episodes of robots (k,), whose lag and means are 0."""
-        self.data["mean_path"][which] = abs(self.world.advance_per_turn[which]) / STEPS_PER_TURN
-        self.data["next_command"][which] = self.info["speed_command"][which]
-        self.covered[which] = self._odometry[which] = 0.0
-        if len(self._measured) > 0:
-            self._measured[which] = np.zeros((), walk_reward.ACCOUNTS)
-
-    def step(
-        self, actions: ArrayLike, active: Bools, meanwhile: Callable[[], None] | None = None
-    ) -> None:
-        """Hold actions (n, 1) of the ``active`` robots (n,), see ``World.step``."""
-        self._command = self.info["speed_command"].copy()
-        if self._commands_change:
-            self._draw_commands(active)
-        super().step(actions, active, meanwhile)
-
-    def _judge(self, active: Bools) -> None:
-        """Leave all to the kernel, unless the class observes more or judges otherwise."""
-        if self._more_than_the_kernel:
-            super()._judge(active)
-
-    @cached_property
-    def _more_than_the_kernel(self) -> bool:
-        """Whether a step is not complete with the kernel."""
-        kind = type(self)
-        return (
-            kind.observe is not Task.observe
-            or kind.reward is not WalkerTask.reward
-            or kind.terminated is not WalkerTask.terminated
-        )
-
-    def reward(self) -> Array:
-        """Return the kernel's rewards (n,)."""
-        return self.rewards
-
-    def terminated(self) -> Bools:
-        """Return whether episodes (n,) are over, as the kernel says."""
-        return self.ended
-
-    def _finish_step(self, which: Ints) -> None:
-        """Account for the step of robots (k,) in one kernel, on the thread that moved them."""
-        if self.world.episodes.curriculum is not None:
-            self._cover(which)
-        super()._finish_step(which)
-
-    def _kernel_arguments(self) -> tuple[Arguments, Arguments]:
-        """Return those of ``finish_step`` and ``describe`` of the engine's ``walk_reward``."""
-        step, describe = super()._kernel_arguments()
-        first = (
-            self._settings, self.data, self.rewards, self.ended, self._error, self._measured,
-            self._places,
-        )  # fmt: skip
-        return (*first, *step), (self.data, self._places, *describe)
-
-    def _measure(self, which: Ints, moved: bool) -> None:
-        """Observe lag and mean speed by odometry."""
-        if moved:
-            command, path = self._command[which], self.data["mean_path"][which]
-            speed = self.observation[which, self.columns["crank_axis_x_velocity"]].astype(float)
-            lag, mean = self._odometry[which].T
-            lag = np.clip(lag + (command - speed) * self.control_dt, -FURTHEST, FURTHEST)
-            time = path / np.maximum(np.abs(command), 1e-9)
-            time = np.clip(time, walk_reward.SHORTEST_MEAN, walk_reward.LONGEST_MEAN)
-            mean = mean + self.control_dt / (self.control_dt + time) * (speed - mean)
-            self._odometry[which] = np.stack([lag, mean], axis=-1)
-        for name, values in zip(ODOMETRY, self._odometry[which].T, strict=True):
-            self.observation[which, self.columns[name]] = values
-
-    def _draw_commands(self, active: Bools) -> None:
-        """Draw the commands that hold after this step, where it is time for others."""
-        elapsed = self.world.elapsed + 1
-        for i in np.flatnonzero(active & (elapsed % self._command_steps == 0)).tolist():
-            # By the time, so that a state to go on from needs no more than the seed.
-            rng = np.random.default_rng((self.world.seeds[i], elapsed[i]))
-            self.data[i]["next_command"] = uniform(rng, *self.speed_command[i])
-
-    def _cover(self, which: Ints) -> None:
-        """Add the step of robots (k,) to :attr:`covered`."""
-        commands = self.info["speed_command"][which]
-        path = self.world.x_position[which] - self.world.data["x_before"][which]
-        self.covered[which, 0] += np.sign(commands) * path
-        self.covered[which, 1] += np.abs(commands) * self.control_dt
-
     def progress(self, i: int) -> tuple[float, float]:
         """Return how far a robot got towards its commands, m, and their mean size, m/s."""
-        walked, commanded = self.covered[i].tolist()
+        walked, commanded = self.data["covered"][i].tolist()
         return walked, commanded / (max(1, int(self.world.elapsed[i])) * self.control_dt)
 
     def _change(self, i: int, changes: Values) -> Callable[[], None]:
@@ -254,32 +151,26 @@ class WalkerTask(CommandedTask):
 
     def get_state(self, i: int) -> Values:
         """Return all that a robot's future depends on but its random numbers."""
-        state = {**super().get_state(i), "covered": self.covered[i].copy()}
-        if self.world.onboard is not None:
-            state["odometry"] = self._odometry[i].copy()
-        if len(self._measured) > 0:
-            state["measured"] = dict(zip(ACCOUNTS, self._measured[i].item(), strict=True))
+        state = {**super().get_state(i), "covered": self.data["covered"][i].copy()}
+        if self._is_measured:
+            measured = self.data["measured"][i].item()
+            state["measured"] = dict(zip(ACCOUNTS, measured, strict=True))
         return state
 
     def set_state(self, i: int, state: Values) -> None:
-        """Go on from a complete state of :meth:`get_state`; ValueError: an entry out of range."""
+        """Continue from a complete state of :meth:`get_state`; ValueError: an entry out of range."""
         covered = finite_numbers("state['covered']", state["covered"], 2)
-        odometry = None
-        if self.world.onboard is not None:
-            odometry = finite_numbers("state['odometry']", state["odometry"], len(ODOMETRY))
         measured: tuple[float, ...] = ()
-        if len(self._measured) > 0:
+        if self._is_measured:
             given, label = state["measured"], "state['measured']"
             if not isinstance(given, Mapping) or not {*ACCOUNTS} <= {*given}:
                 raise ValueError(f"{label} is {shown(given)}, must have {[*ACCOUNTS]}")
             measured = tuple(self._checked(label, name, given[name]) for name in ACCOUNTS)
         super().set_state(i, state)
-        self.covered[i] = covered
-        if odometry is not None:
-            self._odometry[i] = odometry
+        self.data["next_command"][i] = self.info["speed_command"][i]
+        self.data["covered"][i] = covered
         if measured:
-            self._measured[i] = measured
-        if measured or odometry is not None:
+            self.data["measured"][i] = measured
             self._describe(np.array([i]))
 
 
@@ -337,7 +228,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
 
     ``observe="onboard"`` shows what a machine's own computer has: crank angle and speed by an
     encoder, pitch and its rate, the velocity in x and the accelerations of the crank axis by an IMU
-    and the legs (:class:`jansen_env.world.onboard.OnboardSensors`), crank torque by the motor's
+    and the legs (:mod:`jansen_env.engine.onboard_estimates`), crank torque by the motor's
     current (N m), command, last action, lag and mean speed by odometry; no height, loads or slip.
 
     ## Rewards
@@ -412,7 +303,8 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     toe in N, ``links_in_ground`` (how many sides of links, lines between two joints with pads, pass below a vertex of the ground at the
     end of this step; rods to a crank pin are not looked at), ``fallen`` (since the last reset), and ``energy``, J in this step: ``motor_work``, ``push_work``,
     ``correction_work`` (what taking sunken pads out of the ground adds), ``joint_loss``, ``slip_loss``, ``impact_loss``,
-    ``mechanical_energy_change``, ``residual``; the first three are the sum of the others; ``electrical_work`` is what the motor drew; ``joint_gap`` m, the widest gap of any joint in this step (0 on the projection
+    ``mechanical_energy_change``, ``residual``; the first three are the sum of the others, and no loss is negative (``docs/theory.md``, Energy);
+    ``electrical_work`` is what the motor drew; ``joint_gap`` m, the widest gap of any joint in this step (0 on the projection
     plant). With ``track_joint_forces``: ``joint_force_max`` N, the largest force with which a
     link bears on any of its joints in this step, but for the time steps in which a toe lands, and
     ``joint_impulse_max`` N s, the largest impulse in those (0 if there were none). ``joint_forces()`` has all of them.
@@ -439,7 +331,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     | ``pad_compliance`` | robot's (rigid) | a :class:`jansen_env.Compliance`: how the feet give |
     | ``delay`` | 0 | s by which torques come late, at most 1; or a range, drawn at each reset |
     | ``control_dt`` | 0.02 | s for which an action is held; a multiple of ``time_step``, at most 10,000 times as long |
-    | ``time_step`` | the plant's | s, of the integration, 1e-9 to 1: 0.001, ``"rigid_body"`` 0.00025 |
+    | ``time_step`` | the plant's | s, of the integration, 1e-9 to 1: 0.001, ``"rigid_body"`` 0.00025; short enough for compliant feet |
     | ``plant`` | ``"projection"`` | what moves the robot, see Plants |
     | ``links_collide`` | False | whether sides of links touch vertices of the ground, see Plants |
     | ``slip_weight``, ``energy_weight``, ``effort_weight``, ``smoothness_weight``, ``posture_weight`` | 1 | see Rewards |
@@ -464,14 +356,15 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     that walks on both does not exploit numerical error.
 
     With ``links_collide=True`` sides of links touch vertices of the ground by the pads' law, as capsules
-    of the pads' radius. Their touch is no fall. Rods that end at the crank's pin, and the crank, pass through.
+    of the pads' radius, if the vertices are those of ridges. Their touch is no fall. Robots are placed
+    so that no side is in the ground. Rods that end at the crank's pin, and the crank, pass through.
 
     ## Version History
     * v0: first release.
     """
 
     TASK = WalkerTask
-    BENCHMARK = WALKER
+    BENCHMARK = "jansen_env.tasks.walking.walker_benchmark:WALKER"
 
     def __init__(self, **arguments: Unpack[WalkerArguments]) -> None:
         super().__init__(**arguments)
@@ -490,7 +383,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     def parameters(self) -> Array:
         """(18,) the numbers of this episode in the order of
         :data:`jansen_env.parameters.PARAMETERS`, which has their names and units."""
-        return self.task.world.episodes.values[:1].view(float).copy()
+        return plain(self.task.world.records.parameters)[0].copy()
 
     def joint_forces(self) -> JointForces:
         """Return the forces in every joint now, under the last action's torque and the push.

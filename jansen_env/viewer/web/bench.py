@@ -7,7 +7,7 @@ import cmath
 from pathlib import Path
 
 from jansen_env.drawings import outlines
-from jansen_env.drawings.sheets import MARGIN
+from jansen_env.drawings.outlines import MARGIN
 from jansen_env.files import write_text
 from jansen_env.robot import ROBOTS, Robot, buildable
 from jansen_env.robot.buildable import ALUMINIUM

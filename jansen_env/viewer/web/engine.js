@@ -1,7 +1,8 @@
 // The compiled engine in a page: memory for its arrays, and calls of its kernels.
 //
 // An entry point of the module has one argument, the address of its slots: 8 bytes for each number,
-// and for each array its address and its lengths (jansen_env/engine/kernel.py). Which arguments a
+// and for each array its address and its lengths, with those of records also the distance between
+// two rows in bytes (jansen_env/engine/kernel.py). Which arguments a
 // kernel has, and where the fields of a row are, walk_data.py writes.
 
 const PAGE = 65536; // bytes
@@ -120,12 +121,13 @@ export class Memory {
       else view.setBigInt64(place, BigInt(value), true);
       place += WORD;
     };
-    for (const [i, [name, type, axes]] of this.layout.kernels[symbol].entries()) {
+    for (const [i, [name, type, axes, apart]] of this.layout.kernels[symbol].entries()) {
       const value = values[i];
       if (axes > 0 && (value?.type !== type || value.shape.length !== axes))
         throw new Error(`${symbol}: ${name} must be an array ${type} of ${axes} axes`);
       if (axes === 0) put(type, value);
       else for (const word of [value.address, ...value.shape]) put("i8", word);
+      if (apart) put("i8", value.rowSize);
     }
     return Number(this.exports[symbol](BigInt(this.slots.address)));
   }
@@ -171,9 +173,16 @@ class Block {
     return new VIEWS[this.type](this.memory.buffer, this.address, this.length);
   }
 
-  /** The same memory as numbers of another type. */
-  as(type, ...shape) {
-    return new Block(this.memory, type, shape, this.address, VIEWS[type].BYTES_PER_ELEMENT);
+  /** Bytes of an entry along the first axis. */
+  get rowSize() {
+    return this.shape.slice(1).reduce((product, length) => product * length, this.size);
+  }
+
+  /** The numbers of a field of the first record. */
+  field(name) {
+    const [offset, type, count] = this.memory.layout.records[this.type].fields[name];
+    const size = VIEWS[type].BYTES_PER_ELEMENT;
+    return new Block(this.memory, type, [count], this.address + offset, size);
   }
 
   /** Entry `i` along the first axis. */
@@ -183,11 +192,14 @@ class Block {
     return part;
   }
 
-  /** Row `i` of a record, or a record in it, as an object of numbers, lists and objects. */
+  /** Row `i` of a record as an object of numbers, lists and objects; or a part of it. */
   read(i = 0, part = null) {
     const record = this.memory.layout.records[this.type];
-    const [offset, fields] = part ? record.fields[part] : [0, record];
-    return readRow(this.memory.reader, fields, this.address + i * this.size + offset);
+    const { reader } = this.memory;
+    if (!part) return readRow(reader, record, this.address + i * this.size);
+    const [offset, type] = record.fields[part];
+    const place = this.address + i * this.size + offset;
+    return typeof type === "string" ? READERS[type](reader, place) : readRow(reader, type, place);
   }
 
   /** Set some fields of row `i`. */

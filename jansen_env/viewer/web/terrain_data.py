@@ -3,7 +3,7 @@
 import math
 
 from jansen_env.engine.mathematics import cos, tan
-from jansen_env.terrain.generators import HIGHEST, LEVELS, SHIFT, UP_OR_DOWN, at_level
+from jansen_env.terrain.generators import HIGHEST, LEVELS, MIXTURE, SHIFT, UP_OR_DOWN, at_level
 from jansen_env.terrain.ground import LEAST_RUN, PER_WAVE, REACH, RISER_SLOPE, START
 
 
@@ -14,7 +14,7 @@ def terrain_data() -> dict[str, object]:
         values["gradient"] = tan(values.pop("angle"))
     gradients = {name: "gradient" if key == "angle" else key for name, key in UP_OR_DOWN.items()}
     return {
-        "kinds": list(LEVELS),
+        "kinds": list(MIXTURE),
         "levels": levels,
         "upOrDown": gradients,
         "start": START,

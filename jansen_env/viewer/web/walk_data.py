@@ -12,8 +12,8 @@ from jansen_env import gravity
 from jansen_env.baselines.policy import PAPER_PID
 from jansen_env.dynamics import reduced
 from jansen_env.dynamics.pads import pad_sides
-from jansen_env.engine import collision, integrator, kernel, pushes, readings, records, walk_reward
-from jansen_env.parameters import TABLE
+from jansen_env.engine import collision, integrator, kernel, pushes, records, walk_reward
+from jansen_env.parameters import TABLE, nominal
 from jansen_env.plants import base, batch, design_tables, grounds, robot_parameters
 from jansen_env.policies import pretrained
 from jansen_env.robot import ROBOTS, Robot, buildable
@@ -32,9 +32,8 @@ from jansen_env.world.observations import Noise
 Json = dict[str, Any]
 RECORDS = {
     "ROBOT": records.ROBOT, "STATISTICS": records.CONTACT_STATISTICS, "PAD": records.PAD,
-    "WORLD": records.WORLD, "PLANE": records.PLANE, "READINGS": readings.ROW,
-    "WALK": walk_reward.ROW, "SETTINGS": walk_reward.SETTINGS, "ACCOUNTS": walk_reward.ACCOUNTS,
-    "PUSHES": pushes.PUSHES,
+    "WORLD": records.WORLD, "PLANE": records.PLANE, "MACHINE": records.MACHINE,
+    "WALK": walk_reward.ROW, "SETTINGS": walk_reward.SETTINGS, "PUSHES": pushes.PUSHES,
 }  # fmt: skip
 NUMBERS = {
     reduced: "SAMPLES HARMONICS INTERVALS ORDER TAIL_TOLERANCE BEARING_SAMPLES",
@@ -44,17 +43,16 @@ NUMBERS = {
     batch: "TIME_STEP PLANES_PER_PAD",
     buildable: "DENSITY BAR_THICKNESS LOWER_ROD_THICKNESS PLATE_THICKNESS WIDTH FRAME_WIDTH "
     "OUTLINE WINDOW PIN_SHARE AXIS_MASS FOOT_MASS",
-    robot_parameters: "BOUND",
     base: "DEEPEST",
     gravity: "GRAVITY",
     push: "MOST_PUSHES",
-    walker_env: "FASTEST_COMMAND STEPS_PER_TURN",
+    walker_env: "FASTEST_COMMAND",
     world: "TOUCHING SLIPPING",
 }
 ENVIRONMENTS = (
     "JansenWalkerBuilt-v0", "JansenWalker-v0", "JansenWalkerRough-v0", "JansenWalkerHardcore-v0",
 )  # fmt: skip
-SENSORS = "speeds", "angles", "deviation", "low", "high"  # of NoisySensors
+SENSORS = "speeds", "angles", "deviation", "low", "high"  # of Observing
 CONTROLLERS = ("hand", "constant speed", "pid")  # those that are no policies
 SLIDER = ("name", "label", "unit", "low", "high")
 SLIDERS = (
@@ -174,19 +172,14 @@ def engine_data() -> Json:
             for p in TABLE
             if p.settable and (p.of_robot or p.name == "noise_level")
         },
-        "copied": robot_parameters.COPIED,
-        "scaled": robot_parameters.SCALED,
         "ground": {name: getattr(ground, name) for name in robot_parameters.ON_TERRAINS},
+        "nominal": _values(nominal(env.robot, ground)),
         "period": env.control_dt,
         "steps": steps,
         "stride": max(1, round(batch.DETECTION_INTERVAL / batch.TIME_STEP)),
-        # Lengths of the arrays at two capacities, in which each is linear.
-        "workSpace": [
-            [(array.dtype.str[1:], *array.shape) for array in integrator.work_space(n)]
-            for n in (0, 1)
-        ],
-        "push": _values(task.world.pushes._settings[0]),
-        "settings": _values(task._settings[0]),
+        "workSpace": _work_space(steps),
+        "push": _values(task.world._push[0]),
+        "settings": _values(task.world.weights[0]),
         "scan": task.world.scan.tolist(),
     }
 
@@ -194,16 +187,30 @@ def engine_data() -> Json:
 def task_data(robot: Robot) -> Json:
     """Return the columns of a robot's observation, and its sensors' noise."""
     env = walker_env.JansenWalkerEnv(robot=robot, height_scan=ROUGH["height_scan"], noise=Noise())
-    task, sensors = env.task, env.task.world.sensors
-    assert sensors is not None
+    task, observing = env.task, env.task.world._observing
     return {
         "observed": [each.name for each in task.observed],
-        "places": task.world._places.tolist(),
-        "taskPlaces": task._places.tolist(),
-        "measuredPlaces": [task.columns[name] for name in walker_env.ACCOUNTS],
+        "columns": observing.columns.tolist(),
+        "taskColumns": observing.task_columns.tolist(),
+        "onboardColumns": observing.onboard_columns.tolist(),
         # Of what has no limits the largest number stands for infinity.
-        **{name: np.nan_to_num(getattr(sensors, f"_{name}")).tolist() for name in SENSORS},
+        **{name: np.nan_to_num(getattr(observing, name)).tolist() for name in SENSORS},
     }
+
+
+def _work_space(steps: int) -> list[Json]:
+    """Return type and shape of each array of a thread's memory but the flags.
+
+    A length is a number, and what it grows by per contact plane and per pad.
+    """
+    spaces = [integrator.work_space(*counts, steps) for counts in ((0, 0), (1, 0), (0, 1))]
+    told = list[Json]()
+    for least, per_plane, per_pad in zip(*(space[:-1] for space in spaces), strict=True):
+        lengths = zip(least.shape, per_plane.shape, per_pad.shape, strict=True)
+        shape = [(base, plane - base, pad - base) for base, plane, pad in lengths]
+        kind = "PLANE" if least.dtype.names else least.dtype.str[1:]
+        told.append({"type": kind, "shape": shape})
+    return told
 
 
 def _packed(values: ArrayLike, dtype: str) -> str:
@@ -221,10 +228,12 @@ def _values(row: np.void) -> Json:
     return dict(zip(row.dtype.names or (), row.item(), strict=True))
 
 
-def _arguments(made: kernel.Kernel) -> list[tuple[str, str, int]]:
-    """Return name, type and number of axes of each argument."""
+def _arguments(made: kernel.Kernel) -> list[tuple[str, str, int, bool]]:
+    """Return name, type and number of axes of each argument, and whether its rows lie apart."""
     named: dict[Any, str] = {dtype: name for name, dtype in RECORDS.items()}
-    return [(p.name, named.get(p.dtype) or p.dtype.str[1:], p.ndim) for p in made.parameters]
+    return [
+        (p.name, named.get(p.dtype) or p.dtype.str[1:], p.ndim, p.apart) for p in made.parameters
+    ]
 
 
 def _layout(dtype: np.dtype[Any]) -> Json:

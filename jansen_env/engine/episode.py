@@ -1,0 +1,372 @@
+"""Episodes of robots: parameters applied, an episode begun, a control step, and an observation.
+
+A control step of one robot, in this order:
+
+1. Its action is clipped, limited in its rate, and delayed (:func:`_begin_step`).
+2. Pushes on the chassis are looked up or sampled.
+3. The robot moves (:func:`jansen_env.engine.integrator.take_steps`).
+4. The step is accounted for; the compiled task rewards it and decides whether the episode is over
+   (:func:`_finish_step`).
+5. The robot is observed: readings, errors of the sensors, onboard estimates (:func:`_observe`).
+
+With a task in NumPy, the kernel ends after 4, without a reward unless the task extends the compiled
+one; the task's own methods follow, and then :func:`observe`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from jansen_env.engine import mathematics
+from jansen_env.engine.integrator import has_moved, split, take_steps
+from jansen_env.engine.kernel import (
+    Floats1,
+    Floats2,
+    Ints1,
+    Ints2,
+    Singles1,
+    Singles2,
+    Singles4,
+    fetch_add,
+    kernel,
+    stage,
+)
+from jansen_env.engine.onboard_estimates import (
+    VELOCITY,
+    begin_onboard,
+    estimate_onboard,
+    read_onboard,
+)
+from jansen_env.engine.pushes import Settings as PushSettings
+from jansen_env.engine.pushes import fill_pushes
+from jansen_env.engine.readings import account, inform, read
+from jansen_env.engine.records import (
+    Designs,
+    FloatRows2,
+    FloatRows3,
+    Machines,
+    Motions,
+    Robots,
+    Scratch,
+    World,
+)
+from jansen_env.engine.sensors import add_errors, sample_errors
+from jansen_env.engine.walk_reward import Settings as WalkSettings
+from jansen_env.engine.walk_reward import (
+    Walks,
+    begin_walk,
+    judge_walk,
+    measure_walk,
+    observe_walk,
+    sample_command,
+)
+
+BOUND = 1.1  # what lies between the angles of the tables is less than so much larger
+
+
+class Episodes(NamedTuple):
+    """What n robots do in their episodes: parts of their records, and settings they share."""
+
+    walks: Walks  # without rows unless the task is the compiled one
+    loads: FloatRows2
+    torques: FloatRows2
+    schedule: FloatRows3
+    push: PushSettings
+    weights: WalkSettings
+
+
+class Observing(NamedTuple):
+    """Observations of n robots, with d numbers each, and how they come about."""
+
+    observation: Singles2
+    scan: Floats1  # m, places from the crank axis at which the height of the ground is read
+    columns: Ints1  # of each reading, see :func:`jansen_env.engine.readings.read`; -1 for none
+    task_columns: Ints1  # (6,) of command, lag and means
+    onboard_columns: Ints1  # (10,) see :mod:`jansen_env.engine.onboard_estimates`
+    paths: Singles4  # (n, SAMPLES + 1, toes, 2) m; without rows unless sensors are onboard
+    # Noise, see :mod:`jansen_env.engine.sensors`; without rows where there is none.
+    deviation: Floats2
+    speeds: Ints1
+    angles: Ints2
+    low: Singles1
+    high: Singles1
+    known: Ints1  # (n,) seeds of the episodes whose biases are in ``bias``
+    bias: Floats2
+    error: Floats2
+    mean_error: Floats2  # (n, 2) m/s and rad/s, of the mean speeds over the last step
+    truth: Singles2  # observations without noise
+
+
+@kernel(nogil=True)
+def control_step(
+    thread: int, shares: Ints2, most: int, rows: Ints1, actions: Floats2, trace: Floats2,
+    scratch: Scratch, designs: Designs, motions: Motions, episodes: Episodes, observing: Observing,
+) -> None:  # fmt: skip
+    """Let robots take a control step: a thread's share of them, then others'.
+
+    Args:
+        thread: Number of the thread, see :func:`jansen_env.engine.integrator.advance`.
+        shares: Shape (threads + 1, 2), likewise.
+        most: Number of robots to move at most.
+        rows: Shape (k,), the robots.
+        actions: Shape (n, 1), finite where a robot moves.
+        trace: Trace of the first robot's time steps; without rows for none.
+        scratch: Memory of the thread.
+        designs: Tables and grounds.
+        motions: Records of the robots, changed in place.
+        episodes: Other parts of the same records.
+        observing: Observations.
+    """
+    world = designs.world[0]
+    work = split(scratch)
+    far, diverged = False, False
+    taken = 0
+    known = len(shares) if thread == 0 else len(shares) - 1
+    for offset in range(known):
+        share = shares[(thread + offset) % known]
+        while taken < most:
+            k = fetch_add(share)
+            if k >= share[1]:
+                break
+            r = rows[k]
+            robot = motions.robots[r]
+            pushed = _begin_step(r, actions[r, 0], robot, episodes, scratch.pushes[0])
+            torques, whole = episodes.torques[r], robot.delay[0]
+            pushes = scratch.pushes[: int(pushed)]
+            commanded = torques[whole], torques[whole + 1], robot.delay[1], pushes
+            traced = trace if r == 0 else trace[:0]
+            take_steps(r, world.steps, commanded, traced, work, scratch, designs, motions)
+            _finish_step(r, world, designs.surface, motions, episodes, observing)
+            far = far or has_moved(robot)
+            diverged = diverged or robot.diverged
+            taken += 1
+    scratch.flags[0], scratch.flags[1] = far, diverged
+
+
+@kernel
+def begin_step(
+    rows: Ints1, actions: Floats2, pushes: Floats2, robots: Robots, episodes: Episodes
+) -> bool:
+    """Begin a control step of a robot that another plant moves, see :func:`control_step`.
+
+    ``pushes`` (steps, 2) gets the impulses on its chassis, N s. Returns whether there are any.
+    """
+    pushed = False
+    for r in rows:
+        pushed = _begin_step(r, actions[r, 0], robots[r], episodes, pushes)
+    return pushed
+
+
+@kernel
+def look_up_pushes(
+    robots: Robots, schedule: FloatRows3, settings: PushSettings, pushes: Floats2
+) -> bool:
+    """Fill the impulses (steps, 2) of the first robot's next control step, N s.
+
+    Returns whether there are any.
+    """
+    return fill_pushes(robots[0], schedule[0], settings[0], pushes)
+
+
+@kernel
+def finish_step(
+    rows: Ints1, world_row: World, surface: Floats2, motions: Motions, episodes: Episodes,
+    observing: Observing,
+) -> None:  # fmt: skip
+    """Finish a control step of robots that another plant has moved, see :func:`control_step`."""
+    for r in rows:
+        _finish_step(r, world_row[0], surface, motions, episodes, observing)
+
+
+@kernel
+def observe(
+    rows: Ints1, moved: bool, world_row: World, surface: Floats2, motions: Motions,
+    episodes: Episodes, observing: Observing,
+) -> None:  # fmt: skip
+    """Observe robots, after a control step if they have ``moved``, or as they stand."""
+    for r in rows:
+        robot, world = motions.robots[r], world_row[0]
+        if world.noisy and not moved:
+            _sample_errors(r, robot, observing)
+        inform(robot)
+        _observe(r, moved, world, robot, surface, episodes, observing)
+
+
+@kernel
+def begin_episode(
+    rows: Ints1, world_row: World, machines: Machines, motions: Motions, episodes: Episodes
+) -> None:
+    """Begin episodes of robots that stand where they start, with nothing left of the last ones.
+
+    Their sums are those of a look one time step ahead. The task's record must have what was
+    sampled for the episode.
+    """
+    world = world_row[0]
+    for r in rows:
+        robot, torques, loads = motions.robots[r], episodes.torques[r], episodes.loads[r]
+        info = robot.info
+        info.crank_torque = 0.0
+        info.links_in_ground = 0
+        info.diverged = False
+        info.x_velocity = robot.state[4]
+        robot.action = robot.action_before = 0.0
+        robot.x_before = robot.state[0]
+        robot.elapsed = 0
+        robot.diverged = False
+        for k in range(len(torques)):
+            torques[k] = 0.0
+        for j in range(len(loads)):
+            loads[j] = motions.contact_force[r, j, 1] / robot.weight
+        steps = int(mathematics.nearest(robot.parameters.delay / world.time_step))
+        robot.delay[0], robot.delay[1] = steps // world.steps, steps % world.steps
+        robot.reward, robot.terminated = 0.0, False
+        begin_onboard(robot)
+        if world.is_walk:
+            begin_walk(robot, episodes.walks[r], machines[r].advance)
+
+
+@kernel
+def apply_parameters(
+    rows: Ints1, gravity_x: float, gravity_y: float, gravity: float, torque_rate: float,
+    world: World, machines: Machines, robots: Robots,
+) -> None:  # fmt: skip
+    """Apply the parameters of robots: derive from them and the machine what the kernels read.
+
+    Args:
+        rows: Shape (k,), the robots.
+        gravity_x: Gravity in x, m/s^2, before tilt and scale.
+        gravity_y: Gravity in y, m/s^2.
+        gravity: Gravity by which weights are counted, m/s^2.
+        torque_rate: Fastest change of the commanded torque, N m/s; infinite without a limit.
+        world: Data that the robots have in common.
+        machines: Shape (n,), the robots without parameters.
+        robots: Records of the robots.
+    """
+    for r in rows:
+        robot, machine, values = robots[r], machines[r], robots[r].parameters
+        params = robot.params
+        prescribed = params.prescribed_speed
+        robot.params = machine.nominal
+        params.prescribed_speed = prescribed
+        params.friction, params.restitution = values.friction, values.restitution
+        params.load_mass = values.payload
+        params.load_x, params.load_y = values.payload_x, values.payload_y
+        params.mass_scale = values.mass_scale
+        params.inertia_scale = values.inertia_scale
+        params.damping_scale = values.damping_scale
+        for i in range(2):
+            params.stiffness[i] *= values.foot_stiffness_scale
+            params.pad_damping[i] *= values.foot_damping_scale
+        strength = values.motor_strength
+        params.stall_torque *= strength
+        params.torque_slope *= strength
+        params.most_torque *= strength
+        params.winding /= strength  # the no-load speed stays
+        params.rotor_pitch *= values.rotor_inertia_scale
+        params.rotor_coupling *= values.rotor_inertia_scale
+        params.rotor_crank *= values.rotor_inertia_scale
+        mass = values.mass_scale * machine.links_mass + values.payload
+        params.mass = mass
+        scale = values.mass_scale
+        params.pitch_arm = BOUND * (scale * machine.centre[0] / mass + machine.pad[0])
+        params.crank_arm = BOUND * (scale * machine.centre[1] / mass + machine.pad[1])
+        load = math.sqrt(params.load_x * params.load_x + params.load_y * params.load_y)
+        params.pitch_arm += params.load_mass * load / mass
+        x, y = values.gravity_scale * gravity_x, values.gravity_scale * gravity_y
+        cos, sin = mathematics.cos(values.tilt), mathematics.sin(values.tilt)
+        params.gravity_x, params.gravity_y = cos * x + sin * y, cos * y - sin * x
+        robot.status.pad_radius = params.pad_radius
+        robot.weight = gravity * mass * values.gravity_scale
+        robot.direction = 1.0 if params.held else math.copysign(1.0, machine.advance)
+        robot.full_torque = robot.direction * machine.torque_limit * strength
+        robot.most_change = torque_rate * world[0].period / machine.torque_limit
+
+
+@stage
+def _begin_step(r, action, robot, episodes, pushes):
+    """Command the torque of an action; ``pushes`` (steps, 2) gets the impulses on the chassis.
+
+    Returns whether there are any.
+    """
+    pushed = fill_pushes(robot, episodes.schedule[r], episodes.push[0], pushes)
+    last, torques = robot.action, episodes.torques[r]
+    taken = min(1.0, max(-1.0, action))
+    if robot.most_change < math.inf:
+        change = robot.most_change * min(1.0, max(-1.0, taken - last))
+        taken = min(1.0, max(-1.0, last + change))
+    robot.action_before = last
+    robot.action = taken
+    robot.elapsed += 1
+    for k in range(len(torques) - 1, 0, -1):
+        torques[k] = torques[k - 1]
+    torques[0] = taken * robot.full_torque
+    robot.info.crank_torque = torques[robot.delay[0]]
+    return pushed
+
+
+@stage
+def _finish_step(r, world, surface, motions, episodes, observing):
+    """Account for a control step of robot ``r``; reward and observe it if the task is compiled."""
+    robot = motions.robots[r]
+    if world.noisy:
+        _sample_errors(r, robot, observing)
+    x_before = robot.x_before
+    slip, force = motions.slip[r], motions.contact_force[r]
+    slipped = account(world.period, robot, slip, force, episodes.loads[r])
+    inform(robot)
+    if world.is_walk:
+        walk, way = episodes.walks[r], robot.state[0] - x_before
+        sample_command(robot, walk)
+        judge_walk(world.period, episodes.weights[0], robot, walk, way, slipped)
+        if world.is_whole:
+            _observe(r, True, world, robot, surface, episodes, observing)
+
+
+@stage(inline=False)
+def _sample_errors(r, robot, observing):
+    """Sample the errors of a robot's sensors in this step."""
+    is_new = observing.known[r] != robot.seed
+    observing.known[r] = robot.seed
+    error = observing.mean_error[r]
+    error[0], error[1] = sample_errors(
+        robot, observing.deviation, observing.speeds, is_new, observing.bias[r],
+        observing.error[r],
+    )  # fmt: skip
+
+
+@stage
+def _observe(r, moved, world, robot, surface, episodes, observing):
+    """Fill the observation of robot ``r``, after a step if it has ``moved``."""
+    out, loads = observing.observation[r], episodes.loads[r]
+    read(robot, loads, surface, observing.scan, observing.columns, out)
+    if world.is_walk:
+        info = episodes.walks[r].info
+        observe_walk(info.speed_command, info, observing.task_columns, out)
+    if world.noisy or world.onboard:
+        _sense(r, moved, world, robot, episodes, observing)
+
+
+@stage(inline=False)
+def _sense(r, moved, world, robot, episodes, observing):
+    """Turn the observation of robot ``r`` into what its sensors tell."""
+    out, period, columns = observing.observation[r], world.period, observing.onboard_columns
+    if world.onboard:
+        read_onboard(period, moved, robot, columns, out)
+    velocity, crank_error = robot.info.x_velocity, 0.0
+    if world.noisy:
+        truth, error = observing.truth[r], observing.mean_error[r]
+        velocity, crank_error = velocity + error[0], error[1]
+        for i in range(len(out)):
+            truth[i] = out[i]
+        add_errors(observing.error[r], observing.angles, observing.low, observing.high, out)
+    if world.onboard:
+        estimate_onboard(period, moved, robot, observing.paths[r], columns, out)
+        velocity = float(np.float32(robot.onboard.estimates[VELOCITY]))
+    if world.is_walk:
+        walk = episodes.walks[r]
+        if moved:
+            measure_walk(period, robot, walk, velocity, crank_error)
+        observe_walk(walk.info.speed_command, walk.measured, observing.task_columns, out)

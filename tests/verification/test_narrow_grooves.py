@@ -1,0 +1,136 @@
+"""Robots in grooves narrower than a pad or a link, whose links collide or not: losses and impulses.
+
+Contacts on both sides of a pad or a link can press on each other with any force. What a time step's
+motion explains bounds it: see :func:`jansen_env.engine.contacts.impulse_share`.
+"""
+
+import math
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from jansen_env import ROBOTS, Terrain
+from jansen_env.plants.batch import Batch
+from jansen_env.robot import RIGID
+
+STEP, HOLD = 1e-3, 0.02  # s
+LOSSES = ("joint_loss", "slip_loss", "impact_loss")
+SAW = tuple((0.1 * i - 4.0, 0.25 * (i % 2)) for i in range(80))
+
+
+def narrow_grooves(rng: np.random.Generator) -> Terrain:
+    """Grooves of 2 mm to 0.4 m, up to 0.3 m deep: equal ones, with flats between, or random."""
+    half = 10.0 ** rng.uniform(-3.0, -0.7)  # m
+    deep = min(0.3, half * math.tan(rng.uniform(0.0, 1.39)))
+    count = int(min(3.0, 400.0 * half) / half)
+    number = np.arange(-count, count + 1)
+    y = [
+        np.where(number % 2, -deep, 0.0),
+        np.where(number % 4 == 1, -deep, 0.0),
+        rng.uniform(-deep, 0.0, 2 * count + 1),
+    ][rng.integers(3)]
+    friction, restitution = rng.uniform([0.0, 0.0], [1.5, 1.0]) * (rng.random(2) > 0.2)
+    points = [(-9.0, 0.0), *zip(half * number, y, strict=True), (9.0, 0.0)]
+    return Terrain(points, friction, restitution)
+
+
+def walk(name: str, rigid: bool, links_collide: bool, seed: int, episodes: int):
+    """Random torques for 100 control periods.
+
+    Returns:
+        dict of (episodes,): the least loss and the largest energy unaccounted for in a period (J);
+        kinetic energy that contacts added in a time step (J); impulses as a share of their bound;
+        the worst residual of the contact law (N s); mean force on a toe in a period (N).
+    """
+    rng = np.random.default_rng([seed, [*ROBOTS].index(name), rigid, links_collide])
+    robot, terrains = ROBOTS[name](), [narrow_grooves(rng) for _ in range(episodes)]
+    if rigid:
+        robot = replace(robot, pad_compliance=RIGID)
+    else:
+        terrains = [replace(terrain, restitution=0.0) for terrain in terrains]
+    batch = Batch([robot] * episodes, terrains, STEP, threads=1, links_collide=links_collide)
+    every = np.arange(episodes)
+    batch.place(every, rng.uniform(0.0, 2.0 * math.pi, episodes))
+    most = min(robot.motor.torque_limit, 20.0)
+    mean, spread = rng.uniform(-1.0, 1.0, episodes), rng.uniform(0.0, 1.5, episodes)
+    worst = dict.fromkeys(("loss", "energy", "gain", "share", "law", "force"), np.zeros(episodes))
+    for _ in range(100):
+        share = np.clip(mean + spread * rng.uniform(-1.0, 1.0, episodes), -1.0, 1.0)
+        batch.step(most * share, round(HOLD / STEP))
+        assert not batch.diverged.any()
+        sums = batch.accumulators
+        missed = sums["motor_work"] + sums["correction_work"] - sums["energy_change"]
+        found = {
+            "loss": -np.min([sums[name] for name in LOSSES], axis=0),
+            "energy": np.abs(missed - np.sum([sums[name] for name in LOSSES], axis=0)),
+            "gain": sums["contact_gain"],
+            "share": sums["impulse_share"],
+            "law": sums["worst_residual"],
+            "force": np.abs(batch.contact_force).max(axis=(1, 2)),
+        }
+        worst = {key: np.maximum(worst[key], found[key]) for key in worst}
+    batch.close()
+    return worst
+
+
+def check_bounds(worst):
+    """No loss below zero, no impulse beyond what the motion explains; a few times what was found.
+
+    Found in 5,280 episodes: 1.3 J unaccounted for in 20 ms, 3.4 mJ that contacts added in a time
+    step, a residual of the contact law of 0.8 nN s.
+    """
+    assert worst["loss"].max() <= 0.0
+    assert worst["share"].max() <= 1.0 + 1e-9
+    assert worst["energy"].max() < 4.0
+    assert worst["gain"].max() < 0.01
+    assert worst["law"].max() < 1e-8
+
+
+CASES = [
+    pytest.param(2, id="2"),
+    pytest.param(120, id="120", marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.parametrize("episodes", CASES)
+@pytest.mark.parametrize("links_collide", [False, True], ids=["pads", "links"])
+@pytest.mark.parametrize("rigid", [True, False], ids=["rigid", "soft"])
+@pytest.mark.parametrize("name", ROBOTS)
+def test_jammed_robots_stay_within_what_their_motion_explains(name, rigid, links_collide, episodes):
+    if not rigid and ROBOTS[name]().pad_compliance.rigid:
+        pytest.skip("this robot has rigid feet")
+    check_bounds(walk(name, rigid, links_collide, 0, episodes))
+
+
+@pytest.mark.parametrize(
+    ("name", "friction", "restitution", "seeds"),
+    [("paper", 0.3, 0.5, range(8)), ("strider", 0.0, 1.0, range(100, 106))],
+)
+def test_links_between_the_teeth_of_a_saw(name, friction, restitution, seeds):
+    """Forces within some hundred weights, where they were 1e10 N, and no loss below zero."""
+    env = gym.make(
+        "JansenWalker-v0", robot=name, terrain=SAW, friction=friction, restitution=restitution,
+        links_collide=True, terminate_when_fallen=False,
+    ).unwrapped  # fmt: skip
+    for seed in seeds:
+        env.reset(seed=seed)
+        for _ in range(200):
+            observation, *_, info = env.step([0.35])
+            assert np.abs(info["contact_force"]).max() < 500.0 * env.weight
+            assert np.abs(observation).max() < 1e4
+            assert min(info["energy"][name] for name in LOSSES) >= 0.0
+
+
+def test_soft_feet_and_links_between_the_teeth_of_a_saw_keep_energy():
+    env = gym.make(
+        "JansenWalkerBuilt-v0", terrain=SAW, friction=0.8, links_collide=True,
+        terminate_when_fallen=False,
+    ).unwrapped  # fmt: skip
+    for seed in range(6):
+        env.reset(seed=seed)
+        for _ in range(200):
+            energy = env.step([0.35])[4]["energy"]
+            assert abs(energy["residual"]) < 0.5
+            assert min(energy[name] for name in LOSSES) >= 0.0

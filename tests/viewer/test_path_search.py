@@ -97,13 +97,15 @@ def test_the_page_knows_what_cannot_be_cut(rng):
             faults.append(cut_fault(name, sized))
     told = in_node(UNCUT, designs=bench_designs(), robots=asked)
     for (name, changed), fault, body in zip(asked, faults, told, strict=True):
-        if fault == "joint":  # the linkage does not close, whatever its parts
+        # A linkage that does not close, or a frame without room for the holes of motor and brace,
+        # of which the page does not know.
+        if fault in ("joint", "frame"):
             continue
-        if fault in ("Triangle.inertia", "--sheet"):
+        if fault in ("Triangle.inertia", "lengths", "--sheet"):
             assert body, name
         elif body != fault:  # a rim is not known to the millimetre
             larger = {n: v if n == "frame_angle" else 1.05 * v for n, v in changed.items()}
-            assert cut_fault(name, larger), name
+            assert cut_fault(name, larger) in ("--sheet", "frame"), name
         refused += body != ""
     assert 100 < refused < len(asked) - 100
 

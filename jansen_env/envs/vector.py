@@ -46,6 +46,9 @@ class TaskVectorEnv(
     what the single environment does after ``reset(seed=s + i)``. A robot whose simulation diverges
     ends its own episode, no other's.
 
+    Methods for one robot take its index i, a whole number from 0 to ``num_envs`` - 1 of Python or
+    NumPy. They raise ValueError for anything else, before anything changes.
+
     Args:
         num_envs: robots. max_episode_steps: after which an episode is truncated, one number or one
             for each robot; None for never.

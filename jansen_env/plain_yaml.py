@@ -6,13 +6,14 @@ from __future__ import annotations
 import re
 from collections.abc import Hashable, Sequence
 from contextlib import suppress
+from difflib import get_close_matches
 from pathlib import Path
 from types import NoneType
 from typing import Any, NamedTuple
 
 import yaml
 
-from jansen_env.checks import invalid, listed
+from jansen_env.checks import LONGEST, invalid
 from jansen_env.files import read_bounded
 
 MAX_BYTES = 65_536  # of a file, some 30 times a training configuration
@@ -102,5 +103,9 @@ def check_keys(part: str, values: dict[str, object], table: dict[str, Rule]) -> 
     for name, value in values.items():
         if name not in table:
             where = f" of {part}" if part else ""
-            raise ValueError(f"{name!r} is no key{where}, must be in {listed(sorted(table), name)}")
+            near = get_close_matches(name[:LONGEST], table, 1)
+            allowed = f"must be in {sorted(table)}"
+            if near:
+                allowed = f"must be one of {len(table)} others; did you mean {near[0]!r}?"
+            raise ValueError(f"{name!r} is no key{where}, {allowed}")
         table[name].check(f"{part}.{name}" if part else name, value)

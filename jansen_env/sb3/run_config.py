@@ -35,11 +35,12 @@ with suppress(ImportError):  # the extra "train" installs it
 
     ALGORITHMS |= {"tqc": TQC, "crossq": CrossQ, "ars": CountingARS, "ppo_lstm": RecurrentPPO}
 POLICIES = ("MlpPolicy", "MlpLstmPolicy")  # of one of them an algorithm has
+MOST_ENVS = 10_000  # of a run
 MAX_UNITS, MAX_LAYERS = 1024, 8  # of a network
 KEYS = {
     "algo": Rule(words=tuple(ALGORITHMS)), "env": Rule(words=IDS),
     "policy": Rule((str,)), "timesteps": Rule((int,), 1, MAX_STEPS),
-    "n_envs": Rule((int,), 1, 10_000), "seed": Rule((int,), 0, 2**32 - 1),
+    "n_envs": Rule((int,), 1, MOST_ENVS), "seed": Rule((int,), 0, 2**32 - 1),
     "reward_scale": Rule((float,), TINY), "fall_cost": Rule((float,), 0),
     "env_kwargs": Rule((dict,)), "training_variants": Rule((list,)),
     "hyperparameters": Rule((dict,)), "policy_kwargs": Rule((dict,)),
@@ -134,8 +135,25 @@ def make_config(entries: Any, **values: str | None) -> RunConfig:
     """Return the configuration with these entries; errors are :func:`load_config`'s."""
     Rule((dict,)).check("configuration", entries)
     entries = {**entries, **{name: value for name, value in values.items() if value is not None}}
+    known = rules(*_kind(entries))
+    for name in entries.keys() - KEYS.keys():
+        for part, table in known.items():
+            if name in table or (part, name) == ("policy_kwargs", "net_arch"):
+                raise ValueError(f"{name!r} is no key, must be in {part}: {{{name}: ...}}")
     check_keys("", entries, KEYS)
     return RunConfig(**entries)
+
+
+def _kind(entries: Arguments) -> tuple[str, str]:
+    """Return algorithm and kind of policy of entries; those of PPO where they are not known."""
+    algo = entries.get("algo", "ppo")
+    policy = entries.get("policy", "MlpPolicy")
+    known = isinstance(algo, str) and algo in ALGORITHMS and policy in POLICIES
+    return (
+        (algo, policy)
+        if known and policy in ALGORITHMS[algo].policy_aliases
+        else ("ppo", "MlpPolicy")
+    )
 
 
 def _rules(function: Callable[..., object], *without: str) -> dict[str, Rule]:

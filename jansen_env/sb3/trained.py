@@ -5,7 +5,7 @@ import json
 import math
 import pickle
 import zipfile
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -90,12 +90,70 @@ def load_policy(path: str | Path) -> BasePolicy:
             env.observation_space, env.action_space, **known, **policy_kwargs_of(config)
         )
     policy.set_training_mode(False)
-    weights = read_model(path).parameters.get("policy", {})
+    model = read_model(path)
+    if not model.notes:  # those of train.py have some
+        check_not_normalized(path)
+    weights = model.parameters.get("policy", {})
     with named_errors(f"{path} does not fit {source}", Exception):  # torch raises most kinds
+        check_shapes(policy.state_dict(), weights)
         policy.load_state_dict(weights)
     if not all(tensor.isfinite().all() for tensor in policy.state_dict().values()):
         raise ValueError(f"{path} has weights that are not finite")
     return policy
+
+
+def check_shapes(needed: Arguments, found: Arguments) -> None:
+    """Check that a model's file has the tensors that its configuration builds.
+
+    Raises ValueError: it has others; names the first one, and the units of the layers it found.
+    """
+    absent, more = sorted(needed.keys() - found.keys()), sorted(found.keys() - needed.keys())
+    if absent or more:
+        parts = [f"it lacks {len(absent)} tensors, such as {absent[0]}"] if absent else []
+        parts += [f"it has {len(more)} others, such as {more[0]}"] if more else []
+        raise ValueError(
+            f"{'; '.join(parts)}. algo, policy and policy_kwargs must be those of the training"
+        )
+    for name, tensor in needed.items():
+        if tuple(found[name].shape) != tuple(tensor.shape):
+            raise ValueError(
+                f"{name} has shape {tuple(found[name].shape)}, must have {tuple(tensor.shape)}. "
+                f"policy_kwargs.net_arch and env must be those of the training; the file has "
+                f"hidden layers of {_hidden_units(found)} units"
+            )
+
+
+def _hidden_units(weights: Arguments) -> list[int]:
+    """Return the units of the hidden layers of a policy's network."""
+    hidden = ("mlp_extractor.policy_net.", "actor.latent_pi.")
+    return [
+        tensor.shape[0]
+        for name, tensor in weights.items()
+        if name.startswith(hidden) and name.endswith("weight")
+    ]
+
+
+def check_not_normalized(path: Path) -> None:
+    """Check that a model was not trained under Stable-Baselines3's VecNormalize.
+
+    A model's file has no statistics of observations, so that its policy would see numbers of
+    another size. They lie beside it as a pickle, which is not read here: it could run code.
+
+    Raises ValueError: a file of such statistics lies beside the model or in the folder above, or
+    the model's file has kept observations that were not normalised.
+    """
+    places = [place for folder in (path.parent, path.parent.parent)
+              for place in sorted(folder.glob("*normalize*.pkl"))]  # fmt: skip
+    with zipfile.ZipFile(path) as archive, suppress(KeyError, ValueError, RecursionError):
+        data = json.loads(archive.read("data"))
+        kept = data.get("_last_original_obs") if isinstance(data, dict) else None
+        places += [] if kept is None else [path]
+    if places:
+        raise ValueError(
+            f"{path} was trained with VecNormalize (see {places[0]}), whose statistics are a "
+            "pickle and are not read here. Score it in Python: docs/training.md, 'Models with "
+            "VecNormalize'"
+        )
 
 
 def policy_kwargs_of(config: RunConfig) -> Arguments:

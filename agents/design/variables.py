@@ -11,7 +11,7 @@ from jansen_env.plain_yaml import Rule, check_keys
 from jansen_env.robot import Robot
 from jansen_env.robot.lengths import lengths, with_lengths
 from jansen_env.tasks.walking.profile import DATA, load_profile
-from jansen_env.tasks.walking.walker_benchmark import tuned_for
+from jansen_env.tasks.walking.tuned import design_of
 from jansen_env.world.settings import load_robot
 
 KINDS: dict[str, Rule] = {
@@ -56,7 +56,8 @@ class Space:
     ) -> None:
         check_keys("variables", wanted, KINDS)
         self.base = load_robot("robot", robot)
-        source = (DATA, tuned_for(self.base, TUNED)) if profile is None else (profile, "found")
+        design = design_of(self.base, TUNED) or "paper"
+        source = (DATA, design) if profile is None else (profile, "found")
         numbers = load_profile(*source).at(np.array([speed]))[0]
         harmonics = int(wanted.get("harmonics", len(numbers) // 2 - 2))
         self._profile = _profile_variables(numbers, harmonics)

@@ -9,20 +9,14 @@ import pytest
 from scipy.stats import kstest
 
 from agents import tune
+from jansen_env import ROBOTS
 from jansen_env.baselines.pid import PID
 from jansen_env.baselines.policy import TorquePolicy
 from jansen_env.commands import evaluate
 from jansen_env.scoring import metrics
 from jansen_env.scoring.rollout import draw_episodes, make_env, run_episodes
-from jansen_env.tasks.walking.walker_benchmark import (
-    BASELINES,
-    DATA,
-    WALKER,
-    measured,
-    measured_setting,
-    nearest_setting,
-    walking_pid,
-)
+from jansen_env.tasks.walking.tuned import DATA, measured, nearest_setting, setting_of
+from jansen_env.tasks.walking.walker_benchmark import BASELINES, WALKER, walking_pid
 
 OBSERVED = make_env("JansenWalker-v0", {}).unwrapped.observed
 ONE_TO_ONE = nearest_setting(np.array([0.5, 1.0, 2.0]), np.array([[0.5], [1.0], [2.0]]))
@@ -30,7 +24,9 @@ ONE_TO_ONE = nearest_setting(np.array([0.5, 1.0, 2.0]), np.array([[0.5], [1.0], 
 
 def motor(torque_limit):
     """What the baselines read of an environment."""
-    env = SimpleNamespace(torque_limit=torque_limit, control_dt=0.02, observed=OBSERVED)
+    env = SimpleNamespace(
+        torque_limit=torque_limit, control_dt=0.02, observed=OBSERVED, robot=ROBOTS["paper"]()
+    )
     env.unwrapped = env
     return env
 
@@ -89,18 +85,18 @@ def test_the_measured_maps_are_what_tune_measures():
     ("env_id", "kwargs", "design"),
     [
         ("JansenWalker-v0", {}, "paper"),
-        ("JansenWalker-v0", {"robot": "holy"}, "paper"),
+        ("JansenWalker-v0", {"robot": "holy"}, "holy"),
         ("JansenWalker-v0", {"payload": 1.0, "motor": "mx_106"}, "paper"),
         ("JansenWalkerBuilt-v0", {"payload": 1.0, "motor": "mx_106"}, "built"),
         ("JansenWalkerHardcore-v0", {}, "built"),
     ],
 )
 def test_baselines_are_those_found_for_the_robot(env_id, kwargs, design):
-    """By its links, whatever its motor and load; robots that nobody tuned for get the paper's."""
+    """By its links, whatever its motor and load."""
     env = gym.make(env_id, **kwargs).unwrapped
     shipped = json.loads(DATA.read_text())
     assert measured("pid", env.robot) == shipped[design]["pid"]
-    setting = measured_setting("constant", env.robot)(np.array([0.3]))
+    setting = setting_of("constant", env.robot)(np.array([0.3]))
     assert setting in shipped[design]["constant"]["settings"]
 
 

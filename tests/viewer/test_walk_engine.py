@@ -23,7 +23,9 @@ from jansen_env.robot import ROBOTS
 from jansen_env.robot.kinematics import LinkageError, advance_per_turn, world_joints
 from jansen_env.robot.lengths import lengths, with_lengths
 from jansen_env.robot.robot_file import robot_to_json
+from jansen_env.robot.zoo import standing_height
 from jansen_env.tasks.walking.presets import ROUGH
+from jansen_env.tasks.walking.tuned import rolling
 from jansen_env.tasks.walking.walker_benchmark import BASELINES, walking_pid
 from jansen_env.tasks.walking.walker_env import JansenWalkerEnv
 from jansen_env.terrain import Terrain
@@ -33,7 +35,6 @@ from jansen_env.viewer.web.geometry import scene_of_robot
 from jansen_env.viewer.web.page import FOLDER
 from jansen_env.viewer.web.walk_data import (
     ENVIRONMENTS,
-    SHORTEST_TURN,
     page_policies,
     policy_data,
     walk_data,
@@ -85,7 +86,9 @@ def test_tables_of_every_robot_are_the_same():
         expected = {
             "body": tables.body, "pads": tables.pads, "bearings": tables.bearings,
             "depths": designs.depths[0], "farthest": designs.farthest[0].T,
-            "extent, advance": [designs.extent[0], advance_per_turn(robot)],
+            "extent, advance, height": [
+                designs.extent[0], advance_per_turn(robot), standing_height(robot)
+            ],
         }  # fmt: skip
         for (part, values), text in zip(expected.items(), told, strict=True):
             assert np.array_equal(numbers(text), np.ravel(values)), (name, part)
@@ -163,8 +166,7 @@ class Walk:
             return pretrained.load(*POLICIES[self.control]).on(self.env)
         if self.control == "pid":
             return BASELINES["pid"](self.env)
-        way = max(abs(advance_per_turn(self.env.robot)), SHORTEST_TURN)
-        return walking_pid(lambda speed: 2.0 * math.pi / way * speed, self.env)
+        return walking_pid(rolling(self.env.robot), self.env)
 
     def walk(self, steps, command):
         env, policy, memory = self.env, self.policy(), None

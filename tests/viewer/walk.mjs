@@ -57,8 +57,8 @@ const made = robots.map(([name, lengths]) =>
 );
 function tablesOf(robot) {
 	try {
-		const { body, pads, bearings, depths, extent, farthest, advance } = compileRobot(engine, robot);
-		return [body, pads, bearings, depths, farthest.flat(), [extent, advance]].map(packed);
+		const { body, pads, bearings, depths, extent, farthest, advance, height } = compileRobot(engine, robot);
+		return [body, pads, bearings, depths, farthest.flat(), [extent, advance, height]].map(packed);
 	} catch (error) {
 		return error.message;
 	}

@@ -11,9 +11,17 @@ import numpy as np
 
 from jansen_env.arrays import Array, Bools
 from jansen_env.baselines.pid import PID
-from jansen_env.baselines.policy import Controlled, Policy, TorquePolicy, columns, pid_policy
+from jansen_env.baselines.policy import (
+    PAPER_PID,
+    Controlled,
+    Policy,
+    TorquePolicy,
+    columns,
+    pid_policy,
+)
 from jansen_env.dynamics.inverse import crank_torque
 from jansen_env.scoring.metrics import TORQUE, Aggregate, Benchmark, Metric, mean_of
+from jansen_env.tasks.walking.tuned import gains_of
 from jansen_env.world.world import LOST
 
 # Beside the joints' friction, 1.6 N m s / rad, it damps the crank (0.73 kg m^2) nearly critically.
@@ -21,13 +29,14 @@ FEEDBACK = PID(kp=5.0, ki=0.0, kd=2.0)
 
 
 def paper_pid(env: Controlled) -> Policy:
-    """The PID (13) behind the environment's own reference, whose error the observation has."""
+    """The PID (13), with the robot's own gains, behind the environment's own reference, whose
+    error the observation has."""
     rate, lacking, command = columns(env, "crank_speed", "tracking_error", "speed_command")
 
     def reference(seen: Array, memory: None, starts: Bools) -> tuple[Array, Array, None]:
         return seen[:, lacking], seen[:, command] - seen[:, rate], None
 
-    return pid_policy(reference, env.torque_limit, env.control_dt)
+    return pid_policy(reference, env.torque_limit, env.control_dt, gains_of(env.robot, "steady"))
 
 
 def constant_torque(env: Controlled) -> Policy:
@@ -38,8 +47,14 @@ def constant_torque(env: Controlled) -> Policy:
     return TorquePolicy(lambda seen, *_: (friction * seen[:, command], None), env.torque_limit)
 
 
-def inverse_dynamics(env: Controlled, feedback: PID = FEEDBACK) -> Policy:
-    """Computed torque: what the commanded speed takes at this crank angle, plus kp e + kd de/dt."""
+def inverse_dynamics(env: Controlled, feedback: PID | None = None) -> Policy:
+    """Computed torque: what the commanded speed takes at this crank angle, plus kp e + kd de/dt.
+
+    ``feedback``: None for :data:`FEEDBACK`, in proportion to the gains of the robot's own PID.
+    """
+    share = gains_of(env.robot, "steady").kp / PAPER_PID.kp
+    own = PID(share * FEEDBACK.kp, share * FEEDBACK.ki, share * FEEDBACK.kd)
+    gains = own if feedback is None else feedback
     read = columns(
         env, "cos_crank_angle", "sin_crank_angle", "crank_speed", "tracking_error", "speed_command"
     )
@@ -47,7 +62,7 @@ def inverse_dynamics(env: Controlled, feedback: PID = FEEDBACK) -> Policy:
     def controller(seen: Array, memory: None, starts: Bools) -> tuple[Array, None]:
         cos, sin, speed, error, command = (seen[:, column] for column in read)
         needed = crank_torque(env.robot, np.arctan2(sin, cos), command).total
-        return needed + feedback.kp * error + feedback.kd * (command - speed), None
+        return needed + gains.kp * error + gains.kd * (command - speed), None
 
     return TorquePolicy(controller, env.torque_limit)
 

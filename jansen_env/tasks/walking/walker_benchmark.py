@@ -1,24 +1,19 @@
 """How policies are scored on ``JansenWalker-v0`` and its presets, and their baselines.
 
-A PID, constant torque, and a crank-speed profile read the observation only. The crank speed (or
-torque) for a commanded speed is measured on each robot (``python -m agents.tune``); so are the
-gains, but for the paper's on the paper's robot.
+A PID, constant torque, and a crank-speed profile read the observation only. Their numbers belong
+to the robot that walks: see :mod:`jansen_env.tasks.walking.tuned`.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
 
 from jansen_env.arrays import Array, Bools
 from jansen_env.baselines.pid import PID
 from jansen_env.baselines.policy import (
-    PAPER_PID,
     Controlled,
     Memory,
     Policy,
@@ -27,7 +22,6 @@ from jansen_env.baselines.policy import (
     pid_policy,
 )
 from jansen_env.engine.mathematics import angles_of
-from jansen_env.robot import ROBOTS, Robot
 from jansen_env.scoring.metrics import (
     SETTLING,
     TORQUE,
@@ -40,32 +34,18 @@ from jansen_env.scoring.metrics import (
     mean_of,
     per_weight,
 )
-from jansen_env.tasks.walking import profile
-from jansen_env.world.settings import Values
-
-DATA = Path(__file__).parent / "data" / "baselines.json"
-
-Setting: TypeAlias = Callable[[Array], Array]
-"""Commands (n,), m/s, to crank speeds (n,), rad/s, or torques (n,), N m, that walk at them."""
+from jansen_env.tasks.walking.tuned import Setting, gains_of, profile_of, setting_of
 
 
-def nearest_setting(settings: Array, speeds: Array) -> Setting:
-    """The measured setting (m,) whose episodes' speeds (m, episodes) came closest to a command.
+def walking_pid(crank_speed: Setting, env: Controlled, pid: PID | None = None) -> Policy:
+    """Return the PID (13) behind a reference that turns with the crank speed for a commanded speed.
 
-    A negative command turns the crank backwards: the machine is its own mirror image.
-    """
+    The reference starts at the crank angle at which the episode starts (the paper's pi).
 
-    def setting(command: Array) -> Array:
-        error = np.abs(speeds - np.abs(command)[:, None, None]).mean(axis=2)
-        return np.sign(command) * settings[np.argmin(error, axis=1)]
-
-    return setting
-
-
-def walking_pid(crank_speed: Setting, env: Controlled, pid: PID = PAPER_PID) -> Policy:
-    """The PID (13) behind a reference that turns with the crank speed for the commanded speed.
-
-    It starts at the crank angle at which the episode starts (the paper's pi).
+    Args:
+        crank_speed: Crank speeds (n,), rad/s, for commands (n,), m/s.
+        env: Unwrapped walker.
+        pid: Gains; None for those that hold the crank of the environment's robot at its speed.
     """
     cos, sin, rate, command = columns(
         env, "cos_crank_angle", "sin_crank_angle", "crank_speed", "speed_command"
@@ -80,7 +60,8 @@ def walking_pid(crank_speed: Setting, env: Controlled, pid: PID = PAPER_PID) -> 
         after = (unwrapped, target + speed * env.control_dt)
         return target - unwrapped, speed - seen[:, rate], after
 
-    return pid_policy(reference, env.torque_limit, env.control_dt, pid)
+    gains = gains_of(env.robot, "steady") if pid is None else pid
+    return pid_policy(reference, env.torque_limit, env.control_dt, gains)
 
 
 def constant_torque(torque: Setting, env: Controlled) -> Policy:
@@ -89,39 +70,10 @@ def constant_torque(torque: Setting, env: Controlled) -> Policy:
     return TorquePolicy(lambda seen, *_: (torque(seen[:, command]), None), env.torque_limit)
 
 
-def tuned_for(robot: Robot, tuned: Iterable[str]) -> str:
-    """Return the design among ``tuned`` that has a robot's links; "paper" where none has."""
-    for name in tuned:
-        design = ROBOTS[name]()
-        if (design.linkage, design.bodies) == (robot.linkage, robot.bodies):
-            return name
-    return "paper"
-
-
-def searched_profile(env: Controlled) -> Policy:
-    """Return the profile found for an environment's robot."""
-    profiles = json.loads(profile.DATA.read_text(encoding="utf-8"))
-    return profile.load_profile(robot=tuned_for(env.robot, profiles)).policy(env)
-
-
-def measured(name: str, robot: Robot) -> Values:
-    """Return the numbers measured for "pid" or "constant" on a robot's design."""
-    designs = json.loads(DATA.read_text(encoding="utf-8"))
-    return designs[tuned_for(robot, designs)][name]
-
-
-def measured_setting(name: str, robot: Robot) -> Setting:
-    """Return the measured settings of "pid" or "constant" for a robot."""
-    entry = measured(name, robot)
-    return nearest_setting(np.array(entry["settings"]), np.array(entry["speeds"]))
-
-
 BASELINES: dict[str, Callable[[Controlled], Policy]] = {
-    "pid": lambda env: walking_pid(
-        measured_setting("pid", env.robot), env, PID(*measured("pid", env.robot)["gains"])
-    ),
-    "constant": lambda env: constant_torque(measured_setting("constant", env.robot), env),
-    "profile": searched_profile,
+    "pid": lambda env: walking_pid(setting_of("pid", env.robot), env, gains_of(env.robot)),
+    "constant": lambda env: constant_torque(setting_of("constant", env.robot), env),
+    "profile": lambda env: profile_of(env.robot).policy(env),
 }
 """Each is made for an unwrapped environment."""
 

@@ -1,4 +1,4 @@
-// What turns the crank: a hand, the paper's PID at a speed that walks at the command, or a policy.
+// What turns the crank: a hand, the robot's own PID at a speed that walks at the command, or a policy.
 //
 // Each has begin(), act() -> action, -1 to 1, for the machine as it stands, topSpeed, m/s, the
 // fastest command that makes sense, and memory: what it keeps between steps, to be saved and set. A
@@ -12,19 +12,35 @@ const limited = (value, most) => Math.max(-most, Math.min(most, value));
 
 /** The controller of a name in `data.controllers` for a machine. */
 export function controllerNamed(data, name, machine) {
-  const { topSpeed, shortestTurn, baselines, paperGains } = data.control;
+  const { topSpeed, baselines } = data.control;
   if (name === "hand") return { topSpeed: 1, begin() {} };
-  if (name === "constant speed") {
-    const way = Math.max(Math.abs(machine.tables.advance), shortestTurn);
-    return new Steady(machine, topSpeed, paperGains, (command) => (TURN / way) * command);
-  }
-  if (name === "pid") {
+  if (name === "constant speed" || name === "pid") {
     const { bodies } = machine.robot;
     const isOf = (design) => data.robots[design].bodies.every((link, k) => link === bodies[k]);
-    const { gains, settings, speeds } = baselines[Object.keys(baselines).find(isOf) ?? "paper"];
-    return new Steady(machine, topSpeed, gains, (command) => nearest(settings, speeds, command));
+    const own = baselines[Object.keys(baselines).find(isOf)];
+    const measured = name === "pid" && own;
+    const gains = (measured ? own.gains : own?.steady) ?? scaledGains(data.control, machine);
+    const speedOf = measured
+      ? (command) => nearest(own.settings, own.speeds, command)
+      : rolling(data.control, machine);
+    return new Steady(machine, topSpeed, gains, speedOf);
   }
   return new Policy(data.policies[name], machine);
+}
+
+/** The paper's gains for a robot's size, weight and motor: tuned.py, scaled_gains. */
+function scaledGains({ paper, mostLag }, { linksMass, torqueLimit, tables }) {
+  const [kp, ki, kd] = paper.gains;
+  const length = Math.max(tables.height / paper.height, 1e-3);
+  const time = Math.sqrt(length);
+  const torque = Math.min((linksMass / paper.mass) * length, torqueLimit / (kp * mostLag));
+  return [kp * torque, (ki * torque) / time, kd * torque * time];
+}
+
+/** The crank speed at which a robot that does not slip walks at a command. */
+function rolling({ shortestTurn }, { tables }) {
+  const way = Math.max(Math.abs(tables.advance), shortestTurn);
+  return (command) => (TURN / way) * command;
 }
 
 /** The measured setting whose episodes' speeds came closest to a command. */

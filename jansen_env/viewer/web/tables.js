@@ -69,6 +69,7 @@ function compileIn(memory, robot) {
     ...tables,
     bearings: frictions.view.slice(),
     advance: advancePerTurn(closure),
+    height: standingHeight(closure),
     ...reach,
   };
 }
@@ -127,4 +128,14 @@ function advancePerTurn(closure, samples = 720) {
     return places[lowest + after] - places[lowest];
   });
   return -pairwiseSum(steps);
+}
+
+/** Mean height of the crank axis above the lowest toe over a turn, kept level, m: zoo.py. */
+function standingHeight(closure, samples = 360) {
+  const { toes, joints } = closure.robot.scene;
+  const places = closure.legs(tabulate(samples, (i) => (TURN / samples) * i));
+  const lowest = tabulate(samples, (i) =>
+    Math.min(...toes.map(([leg, joint]) => places[2 * ((leg * samples + i) * joints.length + joint) + 1])),
+  );
+  return -pairwiseSum(lowest) / samples;
 }

@@ -20,7 +20,8 @@ from jansen_env.robot import ROBOTS, Robot, buildable
 from jansen_env.robot.designs import is_of_built_parts
 from jansen_env.robot.kinematics import body_arrays, dyad_arrays
 from jansen_env.robot.robot_file import robot_to_json
-from jansen_env.tasks.walking import walker_benchmark, walker_env
+from jansen_env.robot.zoo import standing_height
+from jansen_env.tasks.walking import tuned, walker_env
 from jansen_env.tasks.walking.presets import ROUGH
 from jansen_env.terrain import Terrain
 from jansen_env.viewer.web.bench import design_of
@@ -63,14 +64,13 @@ SLIDERS = (
 )  # fmt: skip
 """Parameters that a user can change while a robot walks."""
 FEATURE = ("clip", "multiples")  # of a policy's features, where they have it
-SHORTEST_TURN = 0.05  # m, by which the crank's speed is found for a command
 
 
 def walk_data() -> Json:
     """Return all that a page needs, for JSON: ``machine.js`` says what is what."""
     designs = {name: make() for name, make in ROBOTS.items()}
     policies = dict(policy_data(env, name) for env in ENVIRONMENTS for name in page_policies(env))
-    baselines = json.loads(walker_benchmark.DATA.read_text(encoding="utf-8"))
+    baselines = json.loads(tuned.DATA.read_text(encoding="utf-8"))
     module = kernel.built_library("wasm").read_bytes()
     return {
         "engine": _packed(np.frombuffer(module, np.uint8), "u1"),
@@ -85,9 +85,17 @@ def walk_data() -> Json:
         "controllers": [*CONTROLLERS, *policies],
         "control": {
             "topSpeed": walker_env.SPEED_COMMAND[1],
-            "shortestTurn": SHORTEST_TURN,
-            "paperGains": [PAPER_PID.kp, PAPER_PID.ki, PAPER_PID.kd],
-            "baselines": {name: of_design["pid"] for name, of_design in baselines.items()},
+            "shortestTurn": tuned.SHORTEST_TURN,
+            "mostLag": tuned.MOST_LAG,
+            "paper": {
+                "gains": [PAPER_PID.kp, PAPER_PID.ki, PAPER_PID.kd],
+                "mass": designs["paper"].links_mass,
+                "height": standing_height(designs["paper"]),
+            },
+            "baselines": {
+                name: {**of_design["pid"], "steady": of_design["steady"]["gains"]}
+                for name, of_design in baselines.items()
+            },
         },
         "sliders": [dict(zip(SLIDER, values, strict=True)) for values in SLIDERS],
         "terrain": terrain_data(),

@@ -1,5 +1,7 @@
 """Training, tuning, searches and export of policies; needs the packages of the extra ``train``."""
 
+import jansen_env  # noqa: F401  # isort: skip  # first: Ctrl-C ends a command that is loaded
+
 from importlib.util import find_spec
 
 

@@ -24,7 +24,10 @@ from jansen_env.commands.flags import Parser
 from jansen_env.commands.predict import FASTEST, SLOWEST, measured_time
 from jansen_env.files import read_bounded
 from jansen_env.plain_yaml import parse_yaml
+from jansen_env.process import run
+from jansen_env.robot import ROBOTS
 from jansen_env.scoring.metrics import SETTLING
+from jansen_env.tasks.walking.tuned import gains_of
 
 COMMENTS = "crank_speed", "robot", "gains", "torque_constant", "mass"
 """Names of comments that are read; others are remarks."""
@@ -65,7 +68,7 @@ def read_log(path: str | Path) -> Log:
     with named_errors(path):
         table = read_table(read_bounded(path, MAX_BYTES), COMMENTS)
         given = _comments(table)
-        about = {"gains": astuple(PAPER_PID), **given}
+        about = {"gains": astuple(default_gains(given.get("robot"))), **given}
         if "crank_speed" not in about:
             example = "for example '# crank_speed: 1' for 1 rad/s"
             raise at_line(table.head, f"a comment above must give crank_speed, {example}")
@@ -101,6 +104,17 @@ def _comments(table: LogTable) -> dict[str, Any]:
                 value = (positive if name == "mass" else finite)(name, value)
             about[name] = value
     return about
+
+
+def default_gains(robot: object) -> PID:
+    """Return the gains of the PID with which a log was made that names none.
+
+    Those of the design that the log names; of a robot of the builder's own the paper's, as nothing
+    is known of it here.
+    """
+    if isinstance(robot, str) and robot in ROBOTS:
+        return gains_of(ROBOTS[robot](), "steady")
+    return PAPER_PID
 
 
 def _mend(columns: dict[str, Array], speed: float, lines: list[int], head: int) -> list[str]:
@@ -220,7 +234,12 @@ def published(path: Path) -> list[list[str]]:
     with named_errors(path):
         robot = one_of("robot", log.about.get("robot"), names)
         text = (PREDICTIONS / f"{robot}.json").read_text(encoding="utf-8")
-        speeds = json.loads(text)["crank_speed"]
+        content = json.loads(text)
+        if (gains := [*astuple(log.gains)]) != content["gains"]:
+            raise ValueError(
+                f"gains must be {content['gains']}, those of the prediction, got {gains}"
+            )
+        speeds = content["crank_speed"]
         known = speeds[one_of("crank_speed", f"{log.speed:g}", speeds)]
     bands = {name: (row["low"], row["high"]) for name, row in known.items()}
     return compared(path.name, log, bands)
@@ -237,4 +256,4 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run("python -m agents.measurements", main)

@@ -1,5 +1,9 @@
 """jansen_env: the Theo Jansen walking linkage as a Gymnasium environment."""
 
+from jansen_env.loading import end_quietly_while_loading
+
+end_quietly_while_loading()  # before the imports that take most of the time
+
 from typing import TYPE_CHECKING, Any
 
 from jansen_env.registration import register

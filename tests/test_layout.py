@@ -12,7 +12,7 @@ from agents import NEEDED
 
 ROOT = Path(__file__).parents[1]
 ORDER = (
-    ["arrays", "checks", "files", "plain_yaml", "registration", "uniform"],
+    ["arrays", "checks", "files", "loading", "plain_yaml", "process", "registration", "uniform"],
     ["engine"],
     ["gravity", "robot", "terrain"],
     ["parameters", "rendering"],

@@ -9,6 +9,7 @@ import pytest
 from jansen_env.commands import predict
 from jansen_env.robot import ROBOTS
 from jansen_env.robot.lengths import lengths
+from jansen_env.tasks.walking.tuned import gains_of
 
 ECONOMY = ROBOTS["economy"]()
 SIZES = [name for name in lengths(ECONOMY) if name != "frame_angle"]
@@ -47,7 +48,8 @@ def test_the_witnessed_walk_is_within_its_band(tmp_path, capsys):
 
 def test_a_machine_that_is_its_mirror_image_climbs_backwards_as_well():
     known = {"friction": np.full(2, 0.8), "start": np.array([0.3, 1.8])}
-    ahead, back = (predict.climb([ECONOMY] * 2, known, speed) for speed in (2.0, -2.0))
+    pid = gains_of(ECONOMY, "steady")
+    ahead, back = (predict.climb([ECONOMY] * 2, known, speed, pid) for speed in (2.0, -2.0))
     assert 0.0 < ahead.max() < predict.STEPS[-1] and back == pytest.approx(ahead, abs=0.021)
 
 

@@ -1,7 +1,7 @@
 """Flags that commands share."""
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
@@ -13,6 +13,7 @@ from jansen_env.files import check_writable
 from jansen_env.registration import IDS
 from jansen_env.robot import ROBOTS
 from jansen_env.scoring.benchmarks import DEFAULT, find_benchmark
+from jansen_env.scoring.evaluation import MOST_EPISODES
 
 
 class Parser(argparse.ArgumentParser):
@@ -30,12 +31,12 @@ class Parser(argparse.ArgumentParser):
 
     @contextmanager
     def refusing(self) -> Iterator[None]:
-        """Report a ValueError or OSError of the work within as a wrong argument; end at Ctrl-C."""
+        """Report a ValueError, or an OSError of a file, of the work within as a wrong argument."""
         try:
             yield
-        except KeyboardInterrupt:
-            raise SystemExit(130) from None
         except OSError as error:
+            if error.filename is None:  # standard output, or a pipe: no argument is wrong
+                raise
             self.error(f"{error.filename}: {error.strerror or error}")
         except ValueError as error:
             self.error(str(error))
@@ -76,30 +77,47 @@ def mapping(text: str) -> dict[str, Any]:
 
 def robot_file(text: str) -> Path:
     """Parse the path of a robot file to write, in a folder that can be written to."""
-    path = Path(text)
-    if path.suffix != ".json":
+    file = path_flag(text)
+    if file.suffix != ".json":
         raise argparse.ArgumentTypeError(f"is {text}, must end in .json")
     try:
-        check_writable("its folder", path.parent)
+        check_writable("its folder", file.parent)
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from error
-    return path
+    return file
 
 
-def positive_int(text: str, low: int = 1) -> int:
-    """Parse a whole number from ``low`` to :data:`MAX_STEPS`, also written ``1e5``."""
+def positive_int(text: str, low: int = 1, most: int = MAX_STEPS) -> int:
+    """Parse a whole number from ``low`` to ``most``, also written ``1e5``."""
     try:
         value = float(text)
     except ValueError:
         value = -1.0
-    if not (low <= value <= MAX_STEPS and value.is_integer()):
+    if not (low <= value <= most and value.is_integer()):
         raise argparse.ArgumentTypeError(
-            f"{text!r} is not allowed, must be a whole number from {low} to {MAX_STEPS}"
+            f"{text!r} is not allowed, must be a whole number from {low} to {most}"
         )
     return int(value)
 
 
 non_negative_int = partial(positive_int, low=0)
+
+
+def whole(low: int = 1, most: int = MAX_STEPS) -> Callable[[str], int]:
+    """Return a type of flags for whole numbers from ``low`` to ``most``."""
+    return partial(positive_int, low=low, most=most)
+
+
+episode_count = whole(most=MOST_EPISODES)
+
+
+def path_flag(text: str) -> Path:
+    """Parse the path of a file or folder, which must not be empty."""
+    if not text.strip():
+        raise argparse.ArgumentTypeError("is empty, must be a path")
+    if "\0" in text:
+        raise argparse.ArgumentTypeError(f"is {text!r}, must have no zero byte")
+    return Path(text)
 
 
 def robot_parser(
@@ -108,7 +126,7 @@ def robot_parser(
     """Return a parser of a robot and of ``--out``, which is ``out`` by default."""
     parser = Parser(prog, description, *examples)
     parser.add_argument("robot", metavar="ROBOT", help=f"{', '.join(ROBOTS)}; or a robot file")
-    parser.add_argument("--out", type=Path, metavar=metavar, help=f"default: {out}")
+    parser.add_argument("--out", type=path_flag, metavar=metavar, help=f"default: {out}")
     return parser
 
 

@@ -1,14 +1,14 @@
 """Predict what a machine that is built would measure, with its uncertainty: ``jansen-env predict``.
 
 Many copies of a robot walk at once; what is not known of the real one differs from copy to copy, by
-Latin hypercube sampling. The crank turns at a constant speed under the paper's PID, from rest, and
-is stopped in the end.
+Latin hypercube sampling. The crank turns at a constant speed under the robot's own PID, from
+rest, and is stopped in the end.
 """
 
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import astuple, replace
 from typing import Any, cast
 
 import gymnasium as gym
@@ -19,16 +19,17 @@ from tabulate import tabulate
 from jansen_env import __version__
 from jansen_env.arrays import Array
 from jansen_env.baselines.pid import PID
-from jansen_env.baselines.policy import PAPER_PID
 from jansen_env.checks import within
-from jansen_env.commands.flags import positive_int, robot_parser
+from jansen_env.commands.flags import robot_parser, whole
+from jansen_env.commands.progress import progress
 from jansen_env.files import check_writable, write_text
 from jansen_env.gravity import GRAVITY
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.robot.lengths import lengths, with_lengths
 from jansen_env.scoring.metrics import MIN_DISTANCE, SETTLING
-from jansen_env.scoring.rollout import make_env
+from jansen_env.scoring.rollout import Advance, make_env, no_progress
+from jansen_env.tasks.walking.tuned import gains_of
 from jansen_env.tasks.walking.walker_benchmark import walking_pid
 from jansen_env.tasks.walking.walker_env import JansenWalkerEnv
 from jansen_env.terrain.ground import Terrain, one_step
@@ -59,6 +60,7 @@ STEPS = tuple(np.round(np.arange(0.02, 0.161, 0.02), 2).tolist())  # m, heights 
 STEP_AT, BEYOND, FAR = 0.7, 1.3, 2.0  # m: the step; where it is climbed; way without slip
 INFO = "x_position", "crank_angle", "crank_torque", "pitch", "fallen"
 SLOWEST, FASTEST = 0.5, 10.0  # rad/s
+MOST_COPIES = 10_000
 SPAN = 5.0, 95.0  # per cent of the copies, below and above which others lie
 
 
@@ -71,7 +73,8 @@ def main(arguments: list[str] | None = None) -> None:
     add = parser.add_argument
     add("--speeds", type=float, nargs="+", default=[1.0, 2.0, 4.0], metavar="RAD_PER_S",
         help="of the crank; default: 1 2 4")  # fmt: skip
-    add("--copies", type=positive_int, default=256, help="of the machine; default: 256")
+    add("--copies", type=whole(most=MOST_COPIES), default=256,
+        help=f"of the machine, at most {MOST_COPIES}; default: 256")  # fmt: skip
     args = parser.parse_args(arguments)
     with parser.refusing():
         robot = load_robot("ROBOT", args.robot)
@@ -81,13 +84,21 @@ def main(arguments: list[str] | None = None) -> None:
             check_writable("--out's folder", args.out.parent)  # before the work
         for speed in args.speeds:
             within("--speeds", abs(speed), SLOWEST, FASTEST)
-        made = {f"{speed:g}": predict(robot, speed, args.copies) for speed in args.speeds}
+        seconds = sum(map(simulated_time, [robot] * len(args.speeds), args.speeds))
+        with progress(f"{args.copies} copies of {args.robot} walk", seconds) as advance:
+            made = {
+                f"{speed:g}": predict(robot, speed, args.copies, advance) for speed in args.speeds
+            }
+        gains = [*astuple(gains_of(robot, "steady"))]
         if args.out is not None:
-            known = {"robot": args.robot, "version": __version__, "copies": args.copies}
+            known = {"robot": args.robot, "version": __version__, "copies": args.copies,
+                     "gains": gains}  # fmt: skip
             content = {"format": "jansen_env predictions 1", **known, "within": WITHIN}
             write_text(args.out, json.dumps({**content, "crank_speed": made}, indent=1) + "\n")
+    kp, ki, kd = gains
+    print(f"{args.robot}, PID of {kp:.3g} N m/rad, {ki:.3g} N m/(rad s), {kd:.3g} N m s/rad")
     for speed, quantities in made.items():
-        print(f"\n{args.robot}, crank at {speed} rad/s\n\n{table(quantities)}")
+        print(f"\ncrank at {speed} rad/s\n\n{table(quantities)}")
 
 
 def table(quantities: dict[str, Any]) -> str:
@@ -102,14 +113,25 @@ def table(quantities: dict[str, Any]) -> str:
     return tabulate(rows, heads, "github", disable_numparse=True)
 
 
-def predict(robot: Robot, speed: float, copies: int) -> dict[str, Any]:
+def simulated_time(robot: Robot, speed: float) -> float:
+    """Return the seconds that each copy walks in :func:`predict`."""
+    times = [SETTLING + measured_time(speed), *[climbing_time(robot, speed)] * len(STEPS)]
+    return sum(times) + STOPPED * len(times)
+
+
+def predict(
+    robot: Robot, speed: float, copies: int, advance: Advance = no_progress
+) -> dict[str, Any]:
     """Predictions at a crank speed, rad/s: {quantity: {median, low, high, sources}}.
 
     ``low`` and ``high``: 90 % of the copies are between them. ``sources``: shares of the variance
-    by linear regression; what is left to 1 is not linear, as the walk is chaotic.
+    by linear regression; what is left to 1 is not linear, as the walk is chaotic. ``advance`` is
+    called with the seconds that the copies have walked.
     """
     robots, known, errors = draw_copies(robot, WITHIN, copies)
-    measured = {**measure(robots, known, speed), "step_climbed": climb(robots, known, speed)}
+    pid = gains_of(robot, "steady")  # not those of a copy, whose links no design has
+    measured = measure(robots, known, speed, pid, advance)
+    measured["step_climbed"] = climb(robots, known, speed, pid, advance)
     inputs = {name: values[:, None] for name, values in known.items() if name != "start"}
     turn = 2.0 * known["start"]
     inputs |= {"lengths": errors, "start": np.stack([np.cos(turn), np.sin(turn)], axis=1)}
@@ -162,7 +184,8 @@ def walk(
     speed: float,
     ground: Terrain,
     seconds: float,
-    pid: PID = PAPER_PID,
+    pid: PID,
+    advance: Advance = no_progress,
 ) -> tuple[dict[str, Array], float]:
     """Walk robots whose cranks turn for ``seconds`` and then stop; return arrays (steps, n), and
     the duration of a step, s. The ground rises by ``known["slope"]``, rad, towards +x if given."""
@@ -187,6 +210,7 @@ def walk(
         row |= {name: info["energy"][name] for name in ("motor_work", "electrical_work")}
         row["slip"], row["load"] = info["slip"].sum(axis=-1), info["contact_force"][..., 1]
         rows.append({**row, "height": seen[:, height]})
+        advance(dt)
     envs.close()
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}, dt
 
@@ -197,10 +221,13 @@ def measured_time(speed: float) -> float:
     return half_turn * max(1, math.floor(WALKED / half_turn))
 
 
-def measure(robots: list[Robot], known: dict[str, Array], speed: float) -> dict[str, Array]:
+def measure(
+    robots: list[Robot], known: dict[str, Array], speed: float, pid: PID,
+    advance: Advance = no_progress,
+) -> dict[str, Array]:  # fmt: skip
     """Numbers (n,) of a walk on level ground, most of whole half turns of the crank after 2 s."""
     time = measured_time(speed)
-    run, dt = walk(robots, known, speed, Terrain.flat(), SETTLING + time)
+    run, dt = walk(robots, known, speed, Terrain.flat(), SETTLING + time, pid, advance)
     begin, end = round(SETTLING / dt), round((SETTLING + time) / dt)
     part = {name: values[begin:end] for name, values in run.items()}
     x, torque, load = run["x_position"], np.abs(part["crank_torque"]), part["load"]
@@ -228,13 +255,21 @@ def measure(robots: list[Robot], known: dict[str, Array], speed: float) -> dict[
     }
 
 
-def climb(robots: list[Robot], known: dict[str, Array], speed: float) -> Array:
+def climbing_time(robot: Robot, speed: float) -> float:
+    """Seconds in which a robot that does not slip walks :data:`FAR`."""
+    return 2.0 * math.pi * FAR / abs(advance_per_turn(robot) * speed)
+
+
+def climb(
+    robots: list[Robot], known: dict[str, Array], speed: float, pid: PID,
+    advance: Advance = no_progress,
+) -> Array:  # fmt: skip
     """The highest of :data:`STEPS` (n,) up to which robots get over all, m."""
-    turns = FAR / abs(advance_per_turn(robots[0]))
+    seconds = climbing_time(robots[0], speed)
     climbed = []
     for height in STEPS:
         ground = one_step(math.copysign(STEP_AT, speed), height)
-        run, _ = walk(robots, known, speed, ground, 2.0 * math.pi * turns / abs(speed))
+        run, _ = walk(robots, known, speed, ground, seconds, pid, advance)
         climbed.append(~run["fallen"][-1] & (np.abs(run["x_position"][-1]) > BEYOND))
     return np.append(0.0, STEPS)[np.cumprod(climbed, axis=0).sum(axis=0).astype(int)]
 

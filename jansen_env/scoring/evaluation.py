@@ -18,8 +18,17 @@ from jansen_env.scoring.metrics import (
     summarise,
     tabled,
 )
-from jansen_env.scoring.rollout import EnvKwargs, Options, draw_episodes, make_env, run_episodes
+from jansen_env.scoring.rollout import (
+    Advance,
+    EnvKwargs,
+    Options,
+    draw_episodes,
+    make_env,
+    no_progress,
+    run_episodes,
+)
 
+MOST_EPISODES = 100_000  # per command
 FIRST_SEED = 40_000  # of scored episodes; training, tuning and selection use others
 
 
@@ -44,7 +53,7 @@ def evaluate(
     policies: Mapping[str, Policy], env_id: str = DEFAULT,
     env_kwargs: EnvKwargs | None = None,
     commands: Sequence[float] | None = None, episodes: int = 10, seed: int = 0,
-    drawn: bool = False, options: Options | None = None,
+    drawn: bool = False, options: Options | None = None, advance: Advance = no_progress,
 ) -> Scores:  # fmt: skip
     """Score policies, by name, on the same episodes, each with a different start.
 
@@ -55,6 +64,8 @@ def evaluate(
             from the environment's whole range instead.
         episodes: per command, or of ``drawn`` ones in all. seed: of commands and starts.
         options: of each episode's reset, (n,) by name.
+        advance: called with the number of episodes that ran since its last call, also with parts
+            of them.
 
     Returns:
         For each policy :func:`jansen_env.scoring.metrics.summarise`, or with ``drawn``
@@ -66,7 +77,8 @@ def evaluate(
     """
     for name, value in (("policies", policies), ("env_kwargs", env_kwargs), ("options", options)):
         instance(name, {} if value is None else value, Mapping)
-    episodes, seed = positive_integer("episodes", episodes), whole_number("seed", seed)
+    episodes = positive_integer("episodes", episodes, MOST_EPISODES)
+    seed = whole_number("seed", seed)
     env_kwargs = env_kwargs or {}
     benchmark = find_benchmark(env_id)
     grid = numbers_of(benchmark.commands if commands is None else commands)
@@ -82,7 +94,8 @@ def evaluate(
         seeds = FIRST_SEED + seed * len(command) + np.arange(len(command))
     summary = pooled if drawn else summarise
     for name, policy in policies.items():
-        run = run_episodes(policy, env_id, env_kwargs, command, seeds, options=options)
+        run = run_episodes(policy, env_id, env_kwargs, command, seeds, options=options,
+                           advance=advance)  # fmt: skip
         raw = {key: values.tolist() for key, values in run.items()}
         scores[name] = {**summary(benchmark.metrics, run, env, seed), "raw": raw}
     env.close()

@@ -23,6 +23,9 @@ EnvKwargs: TypeAlias = dict[str, Any]
 Options: TypeAlias = dict[str, NDArray[Any]]
 """Options of each episode's reset, (n,) by name."""
 
+Advance: TypeAlias = Callable[[float], None]
+"""Called with the amount of work, such as episodes, that has been done since its last call."""
+
 VectorEnv: TypeAlias = gym.vector.VectorEnv[Any, Any, Any]
 
 REDUCTIONS: dict[str, Callable[..., Array]] = {
@@ -36,6 +39,10 @@ REDUCTIONS: dict[str, Callable[..., Array]] = {
 }
 """From the total so far and a step's value; ``early``: the step ends within SETTLING; ``dt``: of a
 step, s; ``last``: the value before."""
+
+
+def no_progress(amount: float) -> None:
+    """Show no progress."""
 
 
 def make_env(env_id: str, env_kwargs: EnvKwargs, **more: object) -> Env:
@@ -81,6 +88,7 @@ def run_episodes(
     at_once: int = 256,
     options: Options | None = None,
     envs: VectorEnv | None = None,
+    advance: Advance = no_progress,
 ) -> Episodes:
     """Run one episode for each pair of command and seed, up to ``at_once`` side by side.
 
@@ -91,17 +99,22 @@ def run_episodes(
         commands: (n,), in the benchmark's unit. seeds: (n,) of each episode's reset.
         options: more of them for each reset, (n,) by name. envs: of :func:`make_envs` with
             ``at_once`` robots, used and left open, where n is a multiple of that.
+        advance: called with the number of episodes that ran since its last call, also with parts
+            of them.
 
     Raises:
         ValueError: no benchmark is known for ``env_id``.
     """
     benchmark, parts = find_benchmark(env_id), []
     every: Options = {**benchmark.options(commands), **(options or {})}
+    longest = env_kwargs.get("max_episode_steps") or gym.spec(env_id).max_episode_steps or 1
     for begin in range(0, len(commands), at_once):
         part = slice(begin, begin + at_once)
         used = make_envs(env_id, env_kwargs, len(commands[part])) if envs is None else envs
         given = {name: values[part] for name, values in every.items()}
-        parts.append(_run_side_by_side(policy, used, benchmark, given, seeds[part]))
+        parts.append(
+            _run_side_by_side(policy, used, benchmark, given, seeds[part], longest, advance)
+        )
         if envs is None:
             used.close()
     run = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -113,11 +126,13 @@ def run_episodes(
 
 
 def _run_side_by_side(
-    policy: Policy, envs: VectorEnv, benchmark: Benchmark, options: Options, seeds: Ints
-) -> Episodes:
+    policy: Policy, envs: VectorEnv, benchmark: Benchmark, options: Options, seeds: Ints,
+    longest: int, advance: Advance,
+) -> Episodes:  # fmt: skip
     n, dt = len(seeds), envs.get_attr("control_dt")[0]  # type: ignore[attr-defined]
     totals: Episodes = {}
     last: Episodes = {}
+    left = float(n)
     observations = _reset(envs, options, seeds)
     running, starts, state, time = np.ones(n, bool), np.ones(n, bool), None, 0.0
     while running.any():
@@ -134,6 +149,9 @@ def _run_side_by_side(
             totals[name] = np.where(running, REDUCTIONS[how](before, value, **more), before)
             last[name] = value
         running &= ~(terminated | truncated)
+        advance(n / longest)
+        left -= n / longest
+    advance(left)  # of episodes that ended early
     return totals
 
 

@@ -1,6 +1,7 @@
 """Logs of machines: bad ones are refused, clocks corrected, machines compared and identified."""
 
 import json
+from dataclasses import astuple, replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,8 +13,10 @@ from scipy.signal import lfilter
 import train
 from agents import identify, likeness, measurements
 from agents.measurements import published, read_log, table
-from jansen_env import ROBOTS
+from jansen_env import ROBOTS, Terrain
+from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.sb3.run_config import load_config
+from jansen_env.tasks.walking.tuned import gains_of
 
 EXAMPLES = sorted(MEASUREMENTS.glob("synthetic_*.csv"))
 FAST = EXAMPLES[-1]
@@ -79,8 +82,25 @@ def test_every_measurement_is_compared_with_its_prediction(path, tmp_path):
     assert {tuple(cell.strip() for cell in row.split("|")) for row in rows} <= shown
     other = tmp_path / "log.csv"
     other.write_text(path.read_text().replace("robot: economy", "robot: klann"))
-    with pytest.raises(ValueError, match=r"is 'klann', must be one of \['built', 'economy'\]"):
+    with pytest.raises(ValueError, match=r"is 'klann', must be one of \['built', 'economy', 'w"):
         published(other)
+
+
+def test_a_log_of_the_weekend_machine_is_compared(tmp_path):
+    """Under its own gains, which a log that names none has; under others there is no prediction."""
+    robot, path = ROBOTS["weekend"](), tmp_path / "log.csv"
+    gains = gains_of(robot, "steady")
+    plant = ProjectionPlant(robot, replace(Terrain.flat(), friction=0.75), 5e-4)
+    rng = np.random.default_rng(0)
+    write_log(path, plant, 4.0, rng, 0.3, ("# robot: weekend",), gains, torque_noise=3e-4)
+    given = path.read_text().replace(f"# gains: {[*astuple(gains)]}\n", "")
+    path.write_text(given)
+    assert read_log(path).gains == gains
+    verdicts = {row[1]: row[-1] for row in published(path)}
+    assert verdicts["mean torque (N m)"] == verdicts["speed (m/s)"] == "within"
+    path.write_text(f"# gains: [10, 1, 1]\n{given}")
+    with pytest.raises(ValueError, match=r"gains must be \[1.0, 0.1, 0.1\], those of the predic"):
+        published(path)
 
 
 def test_the_examples_are_identified(tmp_path, capsys, monkeypatch, no_scores, few_episodes):

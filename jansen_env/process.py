@@ -1,0 +1,113 @@
+"""How the project's commands end when something outside stops them: one place for all of them.
+
+A command that is interrupted, terminated, out of memory or unable to write its output ends with at
+most one line and the exit status that shells expect.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from types import FrameType
+from typing import NoReturn
+
+STOPPED = {name: getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)}
+"""Signals that ask a process to end; Windows has no SIGHUP."""
+
+
+@contextlib.contextmanager
+def guarded(program: str) -> Iterator[None]:
+    """Run a command; end it cleanly if something outside stops it.
+
+    Ctrl-C, SIGTERM and SIGHUP unwind the stack, so that files that are half written are removed.
+
+    Args:
+        program: The command's name, as it stands at the beginning of error messages.
+
+    Raises:
+        SystemExit: With status 130 after Ctrl-C, 128 and the signal's number after another signal,
+            1 if a pipe was closed, the output or a file cannot be written, or memory is short.
+    """
+    with _handlers() as came:
+        try:
+            try:
+                yield
+            finally:  # here, not when the interpreter ends, which would print a traceback
+                if sys.stdout is not None:
+                    sys.stdout.flush()
+        except KeyboardInterrupt:
+            raise SystemExit(130) from None
+        except BrokenPipeError:  # whoever read the output has ended
+            _forget(sys.stdout)
+            raise SystemExit(1) from None
+        except MemoryError:
+            _fail(program, "not enough memory; ask for less")
+        except Exception as error:
+            if came:  # Ctrl-C in an import, of which a library has made another error
+                raise SystemExit(130) from None
+            if not isinstance(error, OSError):
+                raise
+            if error.filename is None:
+                _forget(sys.stdout)
+            _fail(program, f"{error.filename or 'the output'}: {error.strerror or error}")
+
+
+def run(program: str, main: Callable[[], object]) -> NoReturn:
+    """Run the main function of a command, :func:`guarded`, and end the process.
+
+    An integer that the function returns is the exit status; any other value means success.
+    """
+    with guarded(program):
+        status = main()
+    raise SystemExit(status if isinstance(status, int) else 0)
+
+
+@contextlib.contextmanager
+def _handlers() -> Iterator[list[int]]:
+    """Turn signals into exceptions, restore what was there before; yield the signals that came."""
+    came: list[int] = []
+
+    def stop_by_exception(number: int, frame: FrameType | None) -> NoReturn:
+        came.append(number)
+        raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield came  # signals go to the main thread
+        return
+    before = {number: signal.getsignal(number) for number in STOPPED.values()}
+    interrupt = signal.getsignal(signal.SIGINT)
+    for number in STOPPED.values():
+        if before[number] is signal.SIG_DFL:  # not where nohup ignores it
+            signal.signal(number, _stop)
+    if interrupt in (signal.SIG_DFL, signal.default_int_handler):  # not where a shell ignores it
+        signal.signal(signal.SIGINT, stop_by_exception)
+    try:
+        yield came
+    finally:
+        signal.signal(signal.SIGINT, interrupt or signal.SIG_DFL)
+        for number, handler in before.items():
+            signal.signal(number, handler or signal.SIG_DFL)
+
+
+def _stop(number: int, frame: FrameType | None) -> NoReturn:
+    """End the process through all ``finally`` clauses."""
+    raise SystemExit(128 + number)
+
+
+def _fail(program: str, reason: str) -> NoReturn:
+    """End with one line, if it can be written."""
+    with contextlib.suppress(OSError):
+        print(f"{program}: error: {reason}", file=sys.stderr, flush=True)
+    raise SystemExit(1) from None
+
+
+def _forget(stream: object) -> None:
+    """Send what a stream still holds to nowhere, so that the interpreter does not try again."""
+    with contextlib.suppress(AttributeError, OSError, ValueError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stream.fileno())  # type: ignore[attr-defined]
+        os.close(nowhere)

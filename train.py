@@ -1,8 +1,8 @@
 """Train a policy, score it against the baselines and draw the scores: ``python train.py``."""
 
-import os
+import agents  # noqa: F401  # isort: skip  # first: reports a missing extra
 
-import agents  # noqa: F401  # first: reports a missing extra
+import os
 
 # Before torch is loaded: more threads slow down a step of the robots, and change the rounding of
 # initial weights and so the run of a seed. An update takes more.
@@ -25,9 +25,10 @@ from agents.training.runs import FINAL, last_state, locked, new_run_folder, reco
 from agents.training.scores import outcome, score_run
 from agents.training.train_model import prepare, train
 from jansen_env.checks import one_line
-from jansen_env.commands.flags import Parser, imported_env_id, non_negative_int
+from jansen_env.commands.flags import Parser, imported_env_id, non_negative_int, path_flag
 from jansen_env.commands.named_policies import shipped_file
 from jansen_env.files import check_writable
+from jansen_env.process import run
 from jansen_env.sb3.run_config import ALGORITHMS, RunConfig, load_config
 from jansen_env.scoring.benchmarks import DEFAULT, find_benchmark
 
@@ -47,7 +48,13 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         help=f"environment id, or MODULE:ID; default: --config's, or {DEFAULT}")  # fmt: skip
     add("--seed", type=non_negative_int,
         help="seed of networks and environments; default: --config's, or 0")  # fmt: skip
-    add("--log-folder", default="logs", metavar="DIR", help="parent folder of runs, DIR/ALGO/ENV_N")
+    add(
+        "--log-folder",
+        type=path_flag,
+        default="logs",
+        metavar="DIR",
+        help="parent folder of runs, DIR/ALGO/ENV_N",
+    )
     add("--tensorboard-log", metavar="DIR",
         help="folder of TensorBoard's log, '' for none; default: the run's")  # fmt: skip
     add("--start", metavar="MODEL",
@@ -144,7 +151,4 @@ def _configure(args: argparse.Namespace) -> RunConfig:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except KeyboardInterrupt:  # before training or after it
-        raise SystemExit(130) from None
+    run("train.py", main)

@@ -24,14 +24,17 @@ from agents.measurements import Log, Walk, compared, quantities, read_log, table
 from agents.training.config import training_folder
 from jansen_env.arrays import Array
 from jansen_env.commands import predict
-from jansen_env.commands.flags import Parser, positive_int, robot_file
-from jansen_env.commands.predict import ENV, WITHIN
+from jansen_env.commands.flags import Parser, positive_int, robot_file, whole
+from jansen_env.commands.predict import ENV, STOPPED, WITHIN
+from jansen_env.commands.progress import progress
 from jansen_env.gravity import GRAVITY
+from jansen_env.process import run
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.robot.lengths import lengths
 from jansen_env.robot.robot_file import write_robot
 from jansen_env.scoring.metrics import SETTLING
+from jansen_env.scoring.rollout import Advance, no_progress
 from jansen_env.terrain.ground import Terrain
 from jansen_env.world.settings import load_robot
 
@@ -127,7 +130,9 @@ def delayed(series: Array, delays: Array, dt: float) -> Array:
     return np.stack([np.interp(steps - delay / dt, steps, column) for delay, column in pairs], 1)
 
 
-def walk_copies(robot: Robot, logs: Sequence[Log], within: Limits, copies: int) -> Copies:
+def walk_copies(
+    robot: Robot, logs: Sequence[Log], within: Limits, copies: int, advance: Advance = no_progress
+) -> Copies:
     """Draw copies within limits, and walk them as logs did; those that fell are left out.
 
     A share of the torques is not filtered if 0 is within the limits of the filter.
@@ -142,7 +147,9 @@ def walk_copies(robot: Robot, logs: Sequence[Log], within: Limits, copies: int) 
     rng, walks, stood = np.random.default_rng(0), [], np.ones(copies, bool)
     for log in logs:
         seconds = SETTLING + predict.measured_time(log.speed)
-        run, dt = predict.walk(robots, known, log.speed, Terrain.flat(), seconds, log.gains)
+        run, dt = predict.walk(
+            robots, known, log.speed, Terrain.flat(), seconds, log.gains, advance
+        )
         stood &= ~run["fallen"][-1]
         seen = (
             run["crank_angle"] + known["crank_zero"],
@@ -337,7 +344,7 @@ def main(arguments: list[str] | None = None) -> None:
     add = parser.add_argument
     add("logs", nargs="+", metavar="LOG.csv", help="of one machine, at different speeds")
     add("--robot", help="a design or a robot file; default: the one that the first log names")
-    add("--copies", type=lambda text: positive_int(text, FEWEST), default=512,
+    add("--copies", type=whole(FEWEST, predict.MOST_COPIES), default=512,
         help="that walk; default: %(default)s")  # fmt: skip
     add("--out", type=robot_file, default=Path("identified.json"), metavar="FILE",
         help="robot file of the machine; default: %(default)s")  # fmt: skip
@@ -351,11 +358,13 @@ def main(arguments: list[str] | None = None) -> None:
         for path, log in zip(args.logs, logs, strict=True):
             print(*(f"{path}: {note}\n" for note in log.notes), sep="", end="")
         known = limits(robot)
-        copies = walk_copies(robot, logs, known, args.copies)
-        distances = check_explained(robot, logs, copies)
-        estimates = identify(robot, logs, copies)
-        known |= {name: (row.low, row.high) for name, row in estimates.items()}
-        like = walk_copies(robot, logs, known, args.copies // 4)
+        seconds = sum(SETTLING + predict.measured_time(log.speed) + STOPPED for log in logs)
+        with progress(f"{args.copies} copies walk", 2.0 * seconds) as advance:
+            copies = walk_copies(robot, logs, known, args.copies, advance)
+            distances = check_explained(robot, logs, copies)
+            estimates = identify(robot, logs, copies)
+            known |= {name: (row.low, row.high) for name, row in estimates.items()}
+            like = walk_copies(robot, logs, known, args.copies // 4, advance)
         print(report(logs, estimates, distances, like))
         numbers = dict.fromkeys(("mass", "battery", "feet", "bearings"), 1.0) | {
             name: row.value for name, row in estimates.items()
@@ -376,4 +385,4 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run("python -m agents.identify", main)

@@ -21,11 +21,13 @@ import jansen_env
 from agents.training.train_model import prepare
 from jansen_env.arrays import Array
 from jansen_env.checks import named_errors, one_of, shown
-from jansen_env.commands.flags import Parser, non_negative_int, positive_int
+from jansen_env.commands.flags import Parser, episode_count, non_negative_int, path_flag
 from jansen_env.commands.named_policies import model_file
+from jansen_env.commands.progress import progress
 from jansen_env.files import check_writable, write_bytes, write_json
 from jansen_env.policies import pretrained
 from jansen_env.policies.pretrained import PretrainedPolicy
+from jansen_env.process import run
 from jansen_env.sb3.run_config import RunConfig, find_config, load_config, make_config
 from jansen_env.sb3.trained import (
     CLIP,
@@ -34,6 +36,7 @@ from jansen_env.sb3.trained import (
     load_policy,
     read_model,
 )
+from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.evaluation import evaluate
 from jansen_env.scoring.rollout import make_env
 
@@ -101,7 +104,11 @@ def pack(
 
 def scores_of(policy: PretrainedPolicy, episodes: int, seed: int = 0) -> Description:
     """Return the scores of :func:`jansen_env.evaluate`, and how to have them again."""
-    scores = evaluate({"it": policy}, policy.env_id, policy.env_kwargs, None, episodes, seed)["it"]
+    total = len(find_benchmark(policy.env_id).commands) * episodes
+    with progress("scoring", total) as advance:
+        scores = evaluate(
+            {"it": policy}, policy.env_id, policy.env_kwargs, None, episodes, seed, advance=advance
+        )["it"]
     return {"episodes_per_command": episodes, "seed": seed, "overall": scores["overall"],
             "by_command": scores["by_command"]}  # fmt: skip
 
@@ -235,9 +242,11 @@ def main(arguments: list[str] | None = None) -> None:
     add("run", help="a run's folder, a model's zip file with config.yml beside it, or the json "
         "file of a policy whose scores are to be made again")  # fmt: skip
     add("--name", help="of the policy; default: that of its algorithm")
-    add("--out", default="policies", metavar="DIR",
+    add("--out", type=path_flag, default="policies", metavar="DIR",
         help="files go to DIR/ENV_ID; default: policies")  # fmt: skip
-    add("--episodes", type=positive_int, default=10, help="per command, of the scores; default: 10")
+    add(
+        "--episodes", type=episode_count, default=10, help="per command, of the scores; default: 10"
+    )
     add("--seed", type=non_negative_int, default=0, help="of the scores; default: 0")
     args = parser.parse_args(arguments)
     with parser.refusing():
@@ -246,4 +255,4 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run("python -m agents.pack", main)

@@ -12,7 +12,6 @@ import argparse
 import json
 import secrets
 import socket
-import sys
 from dataclasses import asdict, replace
 from itertools import product
 from pathlib import Path
@@ -27,9 +26,17 @@ from agents.training.config import SHIPPED, add_run_flags, new_config, training_
 from agents.training.runs import FINAL, last_state, locked, read_evaluations, record_run
 from agents.training.scores import score_run
 from agents.training.train_model import prepare, train
+from jansen_env import process
 from jansen_env.arrays import Array
 from jansen_env.checks import instance
-from jansen_env.commands.flags import Parser, env_id, non_negative_int, positive_int
+from jansen_env.commands.flags import (
+    Parser,
+    env_id,
+    non_negative_int,
+    path_flag,
+    positive_int,
+    whole,
+)
 from jansen_env.commands.plots import save
 from jansen_env.files import write_text
 from jansen_env.plain_yaml import read_yaml
@@ -47,6 +54,7 @@ from ray import tune
 from scipy.stats import bootstrap, trim_mean
 from tabulate import tabulate
 
+MOST_SEEDS = 10_000  # of a study
 PLAN = "study.yml"  # in a study's folder: the flags that say what its runs are
 SCORES = "scores.json"  # in a run's, which it ends with
 PLANNED = ("seeds", "first_seed", "env", "algo", "timesteps", "n_envs", "env_kwargs", "config",
@@ -69,7 +77,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add_run_flags(parser)
     add, count = parser.add_argument, positive_int
     add("file", nargs="?", metavar="FILE", help="YAML of flags; those given here come first")
-    add("--seeds", type=count, default=10, help="runs of each kind; default: 10")
+    add("--seeds", type=whole(most=MOST_SEEDS), default=10, help="runs of each kind; default: 10")
     add("--first-seed", type=non_negative_int, default=0, help="of these runs; default: 0")
     add("--env", nargs="+", type=env_id, default=[DEFAULT], metavar="ID",
         help=f"environment ids; default: {DEFAULT}")  # fmt: skip
@@ -78,7 +86,13 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         help="hyperparameters: a file, a folder of ALGO.yml, or 'shipped', the default; of several "
         "each is a group, 'shipped' where there is one")  # fmt: skip
     add("--name", help="of the study; default: the file's, or else 'study'")
-    add("--log-folder", default="logs/studies", metavar="DIR", help="the study goes to DIR/NAME")
+    add(
+        "--log-folder",
+        type=path_flag,
+        default="logs/studies",
+        metavar="DIR",
+        help="the study goes to DIR/NAME",
+    )
     add("--cores", type=count, default=1, help="of each run, for its environments; default: 1")
     add("--workers", type=count, help="runs at once on this machine; default: as the cores allow")
     add("--address", help="of the Ray cluster to join, or 'auto'; default: a new one here")
@@ -175,6 +189,8 @@ def write_report(folder: Path) -> str:
     rows, curves, path = [], [], folder / "returns.csv"
     for file in sorted(folder.glob(f"*-seed_*/{SCORES}")):
         group, _, seed = file.parent.name.rpartition("-seed_")
+        if not seed.isdecimal():  # somebody's own folder
+            continue
         key = {"group": group, "env": group.split("_")[0], "seed": int(seed)}
         *baselines, (_, run) = json.loads(file.read_text("utf-8")).items()
         for policy, score in [("run", run), *baselines]:
@@ -290,4 +306,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    process.run("python -m agents.study", main)

@@ -24,9 +24,10 @@ from tabulate import tabulate
 
 import jansen_env
 from jansen_env import ROBOTS, Robot, Terrain, paper_robot
-from jansen_env.commands.flags import Parser, positive_int
+from jansen_env.commands.flags import Parser, path_flag, whole
 from jansen_env.files import check_writable, write_text
 from jansen_env.plants.threads import available_cores
+from jansen_env.process import run
 from jansen_env.terrain.generators import make_generator
 
 PACKAGES = "box2d", "envpool", "gymnasium", "mujoco", "numpy", "pymunk"
@@ -214,8 +215,8 @@ def main(arguments: list[str] | None = None) -> None:
     add = parser.add_argument
     add("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART",
         help=f"of {', '.join(PARTS)}; all without it")  # fmt: skip
-    add("--rounds", type=positive_int, default=ROUNDS, metavar="N", help=f"({ROUNDS})")
-    add("--out", type=Path, default=Path("logs/speed"), metavar="DIR",
+    add("--rounds", type=whole(most=1000), default=ROUNDS, metavar="N", help=f"({ROUNDS})")
+    add("--out", type=path_flag, default=Path("logs/speed"), metavar="DIR",
         help="folder for the table (logs/speed)")  # fmt: skip
     add("--quick", action="store_true", help="try the program; proves nothing")
     args = parser.parse_args(arguments)
@@ -233,4 +234,4 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run("python -m benchmarks.speed", main)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from importlib import import_module
 from pathlib import Path
 
 from jansen_env import __version__
 from jansen_env.checks import listed
+from jansen_env.process import guarded
 
 COMMANDS = {
     "enjoy": "watch policies, in a window or as a film",
@@ -28,7 +28,15 @@ CHECKOUT = Path(__file__).parents[1] / "pyproject.toml"
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run a command. Raises SystemExit: a wrong argument, or a package is missing."""
+    """Run a command.
+
+    Raises SystemExit: an argument is wrong, a package is missing, or the command is stopped.
+    """
+    with guarded("jansen-env"):
+        _run(sys.argv[1:] if arguments is None else arguments)
+
+
+def _run(arguments: list[str]) -> None:
     table = "\n".join(f"  {name:<10} {does}" for name, does in COMMANDS.items())
     parser = argparse.ArgumentParser(
         "jansen-env", epilog=f"commands:\n{table}",
@@ -38,7 +46,6 @@ def main(arguments: list[str] | None = None) -> None:
     add("--version", action="version", version=__version__)
     add("command", metavar="COMMAND", help="one of those below")
     add("arguments", nargs=argparse.REMAINDER, metavar="...", help="see jansen-env COMMAND --help")
-    arguments = sys.argv[1:] if arguments is None else arguments
     args = parser.parse_args(arguments or ["--help"])
     if args.command not in COMMANDS:
         allowed = listed([*COMMANDS], args.command)
@@ -55,11 +62,6 @@ def main(arguments: list[str] | None = None) -> None:
         )
         text = f"jansen-env {args.command} needs {missing}: python -m pip install {package}"
         raise SystemExit(text) from error
-    except BrokenPipeError:  # whoever read the output has ended
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        raise SystemExit(1) from None
-    except KeyboardInterrupt:
-        raise SystemExit(130) from None
 
 
 if __name__ == "__main__":

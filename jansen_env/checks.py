@@ -166,6 +166,16 @@ def instance(name: str, value: object, kind: type) -> Any:
     return value
 
 
+def printable(name: str, value: str) -> str:
+    """Return text. Raises ValueError if it cannot be written to a file as UTF-8."""
+    try:
+        value.encode("utf-8")
+    except UnicodeEncodeError as error:
+        allowed = f"text; the character at {error.start} is half of a surrogate pair"
+        raise invalid(name, value, allowed) from None
+    return value
+
+
 def entries(name: str, value: object, allowed: str, count: int | None = None) -> tuple[Any, ...]:
     """Return the entries of a list, tuple, array ... Raises ValueError for anything else.
 

@@ -52,9 +52,9 @@ def write_whole(path: str | Path, write: Callable[[str], object]) -> Path:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         name = str(path.with_name(f"{PART}{secrets.token_hex(8)}{path.suffix}"))
-        # Not by mkstemp, whose files are private: this one's mode follows the umask.
-        os.close(os.open(name, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
         try:
+            # Not by mkstemp, whose files are private: this one's mode follows the umask.
+            os.close(os.open(name, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
             write(name)
             _sync(name, os.O_RDWR)
             os.replace(name, path)

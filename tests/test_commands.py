@@ -8,6 +8,7 @@ import pytest
 from jansen_env import __version__
 from jansen_env.__main__ import COMMANDS, main
 from jansen_env.commands.flags import Parser
+from jansen_env.process import guarded
 
 OPTIONAL = ("PIL", "cma", "ezdxf", "imageio", "imageio_ffmpeg", "matplotlib", "mujoco", "rich",
             "scipy", "stable_baselines3", "tabulate", "torch", "yaml")  # fmt: skip
@@ -54,7 +55,7 @@ def test_an_error_of_a_command_comes_before_its_usage(arguments, words, capsys):
 
 
 def test_ctrl_c_ends_a_command_without_a_traceback():
-    with pytest.raises(SystemExit) as ended, Parser("command", None).refusing():
+    with pytest.raises(SystemExit) as ended, guarded("command"), Parser("", None).refusing():
         raise KeyboardInterrupt
     assert ended.value.code == 130
 

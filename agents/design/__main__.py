@@ -16,9 +16,10 @@ from tqdm import tqdm
 from agents.design.design_plan import PLANS, Plan, make_plan, read_plan
 from agents.design.design_report import REPORT, ROBOT, write_report
 from agents.design.search import Journal, best_of, run_search
-from jansen_env.commands.flags import Parser, mapping, positive_int
+from jansen_env.commands.flags import Parser, mapping, path_flag, positive_int
 from jansen_env.files import write_text
 from jansen_env.plain_yaml import read_yaml
+from jansen_env.process import run
 from jansen_env.robot.robot_file import read_robot, write_robot
 
 PLAN = "plan.yml"
@@ -32,7 +33,13 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add = parser.add_argument
     add("plan", metavar="PLAN", help=f"a file, or one of: {shipped}")
     add("--name", help="of the search; default: the plan's")
-    add("--log-folder", default="logs/design", metavar="DIR", help="it goes to DIR/NAME")
+    add(
+        "--log-folder",
+        type=path_flag,
+        default="logs/design",
+        metavar="DIR",
+        help="it goes to DIR/NAME",
+    )
     add("--seeds", type=positive_int, help="searches with seeds from 0; default: the plan's")
     add("--generations", type=positive_int, help="in place of the plan's")
     add("--speed", type=float, help="m/s, in place of the plan's")
@@ -105,4 +112,4 @@ def search_all(plan: Plan, folder: Path) -> dict[str, Journal]:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run("python -m agents.design", main)

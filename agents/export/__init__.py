@@ -8,7 +8,7 @@ from pathlib import Path
 from agents import need
 from agents.export import c_source, onnx_model
 from agents.pack import read
-from jansen_env.commands.flags import Parser, env_id
+from jansen_env.commands.flags import Parser, env_id, path_flag
 from jansen_env.commands.named_policies import shipped_file
 from jansen_env.files import write_bytes
 from jansen_env.scoring.benchmarks import DEFAULT
@@ -58,7 +58,13 @@ def main(arguments: list[str] | None = None) -> None:
     add("--to", action="append", required=True, choices=KINDS,
         help="what to write; given again, several of them")  # fmt: skip
     add("--env", type=env_id, metavar="ID", help=f"of 'pretrained'; default: {DEFAULT}")
-    add("--out", default="exports", metavar="DIR", help="folder of the files; default: exports")
+    add(
+        "--out",
+        type=path_flag,
+        default="exports",
+        metavar="DIR",
+        help="folder of the files; default: exports",
+    )
     add("--name", help="of the files and of functions in C; default: such as jansen_walker_v0_ppo")
     args = parser.parse_args(arguments)
     if "onnx" in args.to:

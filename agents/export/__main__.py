@@ -1,6 +1,7 @@
 """The command ``python -m agents.export``."""
 
 from agents.export import main
+from jansen_env.process import run
 
 if __name__ == "__main__":
-    main()
+    run("python -m agents.export", main)

@@ -7,9 +7,15 @@ from pathlib import Path
 
 import gymnasium as gym
 
-from jansen_env.commands.flags import mapping, non_negative_int, positive_int
+from jansen_env.commands.flags import (
+    episode_count,
+    mapping,
+    non_negative_int,
+    positive_int,
+    whole,
+)
 from jansen_env.registration import IDS
-from jansen_env.sb3.run_config import Arguments, RunConfig, load_config
+from jansen_env.sb3.run_config import MOST_ENVS, Arguments, RunConfig, load_config
 from jansen_env.scoring.benchmarks import DEFAULT
 
 SHIPPED = "shipped"  # in place of a configuration's path
@@ -73,14 +79,18 @@ def add_run_flags(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("-n", "--timesteps", type=positive_int,
         help="environment steps of a run, in place of the configuration's")  # fmt: skip
-    add("--n-envs", type=positive_int, help="parallel environments of a run, in place of its")
+    add(
+        "--n-envs",
+        type=whole(most=MOST_ENVS),
+        help="parallel environments of a run, in place of its",
+    )
     add("--env-kwargs", type=mapping, metavar="YAML",
         help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
     add("--eval-freq", type=non_negative_int,
         help="steps between evaluations, 0 for none; default: an 8th of the timesteps")  # fmt: skip
     add("--save-freq", type=non_negative_int, default=100_000,
         help="steps between checkpoints, 0 for none; default: 100000")  # fmt: skip
-    add("--eval-episodes", type=positive_int, default=10,
+    add("--eval-episodes", type=episode_count, default=10,
         help="episodes per command of the scores; default: 10")  # fmt: skip
 
 

@@ -4,6 +4,7 @@ checkpoints/model_STEPS_steps.zip, tensorboard/ and, of SAC, replay_buffer_STEPS
 import itertools
 import json
 import math
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
@@ -18,6 +19,7 @@ from jansen_env.files import PART, write_text
 from jansen_env.sb3.run_config import RunConfig
 from jansen_env.sb3.trained import read_model
 
+CHECKPOINT = re.compile(r"model_([0-9]{1,18})_steps\.zip")  # others are not the run's
 FINAL, BEST = "final_model.zip", "best_model.zip"
 
 
@@ -54,8 +56,9 @@ def locked(folder: Path) -> Iterator[None]:
 def last_state(folder: Path) -> Path | None:
     """Return the model with the most steps in a run's folder, None without one; a ValueError where
     the final model is damaged."""
-    paths = (folder / "checkpoints").glob("model_[0-9]*_steps.zip")
-    known = [(int(path.stem.split("_")[1]), False, path) for path in paths]
+    paths = (folder / "checkpoints").glob("model_*_steps.zip")
+    named = [(CHECKPOINT.fullmatch(path.name), path) for path in paths]
+    known = [(int(match[1]), False, path) for match, path in named if match]
     if (final := folder / FINAL).is_file():  # after the update that a checkpoint comes before
         known.append((read_model(final).steps, True, final))
     return max(known)[2] if known else None

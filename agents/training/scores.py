@@ -7,6 +7,7 @@ from pathlib import Path
 from agents.training.runs import BEST, FINAL, read_evaluations
 from jansen_env.commands.named_policies import label, load_named
 from jansen_env.commands.plots import write_scores
+from jansen_env.commands.progress import progress
 from jansen_env.sb3.run_config import RunConfig
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.evaluation import Scores, evaluate
@@ -23,7 +24,9 @@ def score_run(folder: Path, config: RunConfig, episodes: int) -> Scores:
     policies = {name: load_named(name, env) for name in benchmark.baselines}
     policies[label(str(model))] = load_named(str(model), env)
     env.close()
-    scores = evaluate(policies, env_id, env_kwargs, episodes=episodes)
+    total = len(policies) * len(benchmark.commands) * episodes
+    with progress("scoring", total) as advance:
+        scores = evaluate(policies, env_id, env_kwargs, episodes=episodes, advance=advance)
     write_scores(scores, folder)
     return scores
 

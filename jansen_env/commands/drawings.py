@@ -11,6 +11,7 @@ from pathlib import Path
 
 from jansen_env.checks import within
 from jansen_env.commands.flags import robot_file, robot_parser
+from jansen_env.commands.progress import progress
 from jansen_env.drawings.materials import machine
 from jansen_env.drawings.outlines import FITS
 from jansen_env.drawings.sheets import drawings
@@ -68,7 +69,8 @@ def main(arguments: list[str] | None = None) -> None:
     with parser.refusing():
         robot = load_robot("ROBOT", args.robot)
         kerf = within("--kerf", args.kerf, 0.0, WIDEST_KERF)
-        files, summary = drawings(robot, name, args.sheet, kerf, args.fit)
+        with progress("drawing", None):
+            files, summary = drawings(robot, name, args.sheet, kerf, args.fit)
         cut = machine(robot)
         check_writable("--out", out)
         for file, text in files.items():

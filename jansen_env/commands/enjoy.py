@@ -14,13 +14,21 @@ from typing import NamedTuple
 import numpy as np
 
 from jansen_env.baselines.policy import Policy
-from jansen_env.commands.flags import parse_policies, policy_parser, positive_int
+from jansen_env.checks import MAX_STEPS
+from jansen_env.commands.flags import (
+    episode_count,
+    parse_policies,
+    path_flag,
+    policy_parser,
+    positive_int,
+)
 from jansen_env.commands.named_policies import default_policy, label, load_all
+from jansen_env.commands.progress import progress
 from jansen_env.files import write_whole
 from jansen_env.rendering import GROUND, GROUND_TEXT, RED, Picture
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.metrics import Env
-from jansen_env.scoring.rollout import make_env
+from jansen_env.scoring.rollout import Advance, make_env
 
 INVISIBLE = ("dummy", "offscreen")  # SDL's drivers of invisible windows
 FRAME_TIME = {".gif": 0.08, ".mp4": 0.02}  # s from one frame to the next
@@ -172,6 +180,16 @@ def show(policy: Policy, env: Env, args: argparse.Namespace) -> bool:
     return True
 
 
+def watched(moments: Iterable[Progress], most: int, advance: Advance) -> Iterator[Progress]:
+    """Pass an episode's moments on, and report parts of it; ``most``: steps that it may have."""
+    left = 1.0
+    for moment in moments:
+        yield moment
+        advance(1.0 / most)
+        left -= 1.0 / most
+    advance(left)
+
+
 def record(policies: dict[str, Policy], args: argparse.Namespace, path: Path) -> None:
     """Film the episodes; policies, by title, one above the other from the same starts."""
     titles = policies if len(policies) > 1 else [None]
@@ -180,12 +198,15 @@ def record(policies: dict[str, Policy], args: argparse.Namespace, path: Path) ->
         envs = [opened.enter_context(closing(env)) for env in made]
         dt = envs[0].get_wrapper_attr("control_dt")
         every = max(1, round(FRAME_TIME[path.suffix] / dt))
-        films = (
-            stack([film(env, episode(policy, env, args, number, title), every, title)
-                   for env, policy, title in zip(envs, policies.values(), titles, strict=True)])
-            for number in range(args.episodes)
-        )  # fmt: skip
-        save_video(chain.from_iterable(films), path, every * dt)
+        shown = [*zip(envs, policies.values(), titles, strict=True)]
+        each = min(args.steps or MAX_STEPS, envs[0].get_wrapper_attr("spec").max_episode_steps)
+        with progress("filming", len(shown) * args.episodes) as advance:
+            films = (
+                stack([film(env, watched(episode(policy, env, args, number, title), each, advance),
+                            every, title) for env, policy, title in shown])
+                for number in range(args.episodes)
+            )  # fmt: skip
+            save_video(chain.from_iterable(films), path, every * dt)
     print(f"written: {path}")
 
 
@@ -200,9 +221,11 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add = parser.add_argument
     add("--command", type=float, nargs="+", metavar="V",
         help="speed or goal of each episode in turn; default: the grid's middle")  # fmt: skip
-    add("--episodes", type=positive_int, help="number of episodes; default: one for each command")
+    add("--episodes", type=episode_count, help="number of episodes; default: one for each command")
     add("--steps", type=positive_int, help="most steps of an episode; default: the environment's")
-    add("--video", metavar="FILE", help="write a .gif or .mp4, in place of a window")
+    add(
+        "--video", type=path_flag, metavar="FILE", help="write a .gif or .mp4, in place of a window"
+    )
     args = parse_policies(parser, arguments, "--command")
     args.command = args.command or [find_benchmark(args.env).middle]
     args.episodes = args.episodes or len(args.command)

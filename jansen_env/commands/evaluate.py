@@ -15,16 +15,23 @@ from textwrap import fill
 
 import numpy as np
 
-from jansen_env.commands.flags import non_negative_int, parse_policies, policy_parser, positive_int
+from jansen_env.commands.flags import (
+    episode_count,
+    non_negative_int,
+    parse_policies,
+    path_flag,
+    policy_parser,
+)
 from jansen_env.commands.named_policies import Loaded, load_all
 from jansen_env.commands.plots import Sweeps, by_condition, write_files, write_scores
+from jansen_env.commands.progress import progress
 from jansen_env.files import check_writable
 from jansen_env.plants.plant import PLANTS
 from jansen_env.robot import RIGID, Compliance, Robot, built_robot
 from jansen_env.scoring.benchmarks import WALKERS, find_benchmark
 from jansen_env.scoring.evaluation import Scores, evaluate
 from jansen_env.scoring.metrics import INTERVALS, interval_text, score_table, screen_table
-from jansen_env.scoring.rollout import EnvKwargs, Options, make_env
+from jansen_env.scoring.rollout import Advance, EnvKwargs, Options, make_env, no_progress
 
 WRITTEN_NOWHERE = "--all prints them, --out DIR writes them"
 FRICTIONS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
@@ -48,9 +55,9 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         help="plant of the walkers; repeat to compare; default: the environment's")  # fmt: skip
     add("--commands", type=float, nargs="+", metavar="V",
         help="speeds or goals; default: the benchmark's grid")  # fmt: skip
-    add("--episodes", type=positive_int, default=10,
+    add("--episodes", type=episode_count, default=10,
         help="per command, or per condition of --robustness and --levels; default: 10")  # fmt: skip
-    add("--random-commands", type=positive_int, metavar="N",
+    add("--random-commands", type=episode_count, metavar="N",
         help="also N episodes with commands drawn from the environment's range")  # fmt: skip
     add("--robustness", action="store_true",
         help="scores over friction and foot stiffness with random commands, in place of those by "
@@ -58,7 +65,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--levels", type=non_negative_int, nargs="+", default=[], metavar="L",
         help="the same over terrain levels, of 0 to 9")  # fmt: skip
     add("--all", action="store_true", help="print all metrics with their 95 %% intervals")
-    add("--out", type=Path, metavar="DIR",
+    add("--out", type=path_flag, metavar="DIR",
         help="write all scores: scores.json, .md and .png, or robustness.*, levels.*")  # fmt: skip
     args = parse_policies(parser, arguments, "--commands")
     if args.plant and args.env not in WALKERS:
@@ -92,10 +99,16 @@ def main(arguments: list[str] | None = None) -> None:
 def _scores(args: argparse.Namespace, loaded: Loaded) -> str:
     """Score by command, and with drawn commands."""
     scores, drawn = Scores(args.env), Scores(args.env)
-    for policies, env_kwargs in loaded:
-        scores |= evaluate(policies, args.env, env_kwargs, args.commands, args.episodes, args.seed)
-        if count := args.random_commands:
-            drawn |= evaluate(policies, args.env, env_kwargs, None, count, args.seed, drawn=True)
+    count = args.random_commands or 0
+    each = len(args.commands) * args.episodes + count
+    total = each * sum(len(policies) for policies, _ in loaded)
+    with progress("scoring", total) as advance:
+        for policies, env_kwargs in loaded:
+            scores |= evaluate(policies, args.env, env_kwargs, args.commands, args.episodes,
+                               args.seed, advance=advance)  # fmt: skip
+            if count:
+                drawn |= evaluate(policies, args.env, env_kwargs, None, count, args.seed,
+                                  drawn=True, advance=advance)  # fmt: skip
     if args.out:
         write_scores(scores, args.out, drawn)
     grid, unit = " ".join(f"{c:g}" for c in args.commands), find_benchmark(args.env).command_unit
@@ -109,7 +122,11 @@ def _scores(args: argparse.Namespace, loaded: Loaded) -> str:
 
 def _sweep(args: argparse.Namespace, loaded: Loaded) -> str:
     """Score over friction and foot stiffness, or over terrain levels."""
-    sweeps = score_conditions(loaded, args.env, args.episodes, args.seed, args.levels)
+    conditions = len(args.levels) or len(FRICTIONS) + len(STIFFNESSES)
+    each = [len(policies) * episodes_on(env_kwargs.get("plant", ""), args.episodes)
+            for policies, env_kwargs in loaded]  # fmt: skip
+    with progress("scoring", conditions * sum(each)) as advance:
+        sweeps = score_conditions(loaded, args.env, args.episodes, args.seed, args.levels, advance)
     known, names = find_benchmark(args.env).metrics, LEVEL_METRICS if args.levels else METRICS
     metrics = {name: known[name] for name in names if name in known}
     table = score_table(metrics, by_condition(sweeps))
@@ -120,6 +137,11 @@ def _sweep(args: argparse.Namespace, loaded: Loaded) -> str:
     shown = table if args.all else sweep_table(sweeps, next(iter(metrics)))
     return (f"{args.episodes} episodes under each condition{fewer}, commands drawn from the "
             f"environment's range, seed {args.seed}\n\n{shown}")  # fmt: skip
+
+
+def episodes_on(plant: str, episodes: int) -> int:
+    """Return the episodes that run under each condition on a plant, fewer on a slow one."""
+    return math.ceil(episodes / FEWER.get(plant, 1))
 
 
 def feet(robot: Robot, stiffness: float) -> Compliance:
@@ -137,8 +159,9 @@ def feet(robot: Robot, stiffness: float) -> Compliance:
 
 
 def score_conditions(
-    loaded: Loaded, env_id: str, episodes: int, seed: int, levels: Sequence[int] = ()
-) -> Sweeps:
+    loaded: Loaded, env_id: str, episodes: int, seed: int, levels: Sequence[int] = (),
+    advance: Advance = no_progress,
+) -> Sweeps:  # fmt: skip
     """Score policies under each condition on so many episodes, fewer on a plant in :data:`FEWER`.
 
     The conditions are terrain ``levels``, or each friction and each foot stiffness without any.
@@ -147,7 +170,7 @@ def score_conditions(
     """
     sweeps: Sweeps = {LEVEL: {}} if levels else {FRICTION: {}, FEET: {}}
     for policies, env_kwargs in loaded:
-        count = math.ceil(episodes / FEWER.get(env_kwargs.get("plant", ""), 1))
+        count = episodes_on(env_kwargs.get("plant", ""), episodes)
         with closing(make_env(env_id, env_kwargs)) as env:
             robot = env.unwrapped.robot  # type: ignore[attr-defined]
         conditions: list[tuple[str, float, EnvKwargs, Options]] = [
@@ -159,7 +182,7 @@ def score_conditions(
         ]
         for sweep, value, changes, options in conditions:
             scores = evaluate(policies, env_id, {**env_kwargs, **changes}, None, count, seed,
-                              drawn=True, options=options)  # fmt: skip
+                              drawn=True, options=options, advance=advance)  # fmt: skip
             name = "rigid" if value == math.inf else f"{value:g}"
             sweeps[sweep].setdefault(name, {}).update(scores)
     return sweeps

@@ -1,9 +1,9 @@
 """Reproduce the paper: ``jansen-env paper --out DIR``."""
 
 import time
-from pathlib import Path
 
-from jansen_env.commands.flags import Parser
+from jansen_env.commands.flags import Parser, path_flag
+from jansen_env.commands.progress import progress
 from jansen_env.files import check_writable, write_text
 from jansen_env.paper.claims import as_lines, check_claims, table
 from jansen_env.paper.figures import draw
@@ -14,18 +14,20 @@ def main(arguments: list[str] | None = None) -> None:
     """Compute, check, draw, write: claims.md and the figures."""
     parser = Parser("jansen-env paper", "Reproduce the paper.", "jansen-env paper --out paper",
                     "jansen-env paper --out paper --all")  # fmt: skip
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR",
+    parser.add_argument("--out", type=path_flag, required=True, metavar="DIR",
                         help="folder for the table and figures")  # fmt: skip
     parser.add_argument("--all", action="store_true", help="print the whole table")
     args = parser.parse_args(arguments)
     start, out = time.perf_counter(), args.out
     with parser.refusing():
         check_writable("--out", out)  # before the work
-    results = compute()
-    claims = check_claims(results)
+    with progress("simulating", None):
+        results = compute()
+        claims = check_claims(results)
     text = table(claims)
     print(text if args.all else as_lines(claims))
     write_text(out / "claims.md", text)
-    figures = draw(results, out)
+    with progress("drawing", None):
+        figures = draw(results, out)
     print(f"written: {out}/claims.md and {len(figures)} figures "
           f"in {time.perf_counter() - start:.0f} s")  # fmt: skip

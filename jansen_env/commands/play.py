@@ -7,7 +7,7 @@ from pathlib import Path
 from urllib.parse import urlencode
 
 from jansen_env.checks import one_of, whole_number
-from jansen_env.commands.flags import Parser
+from jansen_env.commands.flags import Parser, path_flag
 from jansen_env.policies import pretrained
 from jansen_env.robot import ROBOTS
 from jansen_env.terrain.generators import GENERATORS, HIGHEST
@@ -40,7 +40,12 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         help=f"walks at your speed command; default: the environment's {pretrained.DEFAULT}, with "
         "--robot that of the robot, or a constant speed; hand: you turn the crank")  # fmt: skip
     add("--seed", type=int, default=0, help="another number, another start and ground")
-    add("--out", metavar="FOLDER", help="where the pages are written; default: a temporary folder")
+    add(
+        "--out",
+        type=path_flag,
+        metavar="FOLDER",
+        help="where the pages are written; default: a temporary folder",
+    )
     add("--bench", action="store_true", help="open the bench, the page to design on")
     add("--no-open", action="store_true", help="open no browser")
     args = parser.parse_args(arguments)

@@ -5,12 +5,13 @@ import re
 from contextlib import closing
 from pathlib import Path
 
-from jansen_env.commands.enjoy import play
-from jansen_env.commands.flags import parse_policies, policy_parser, positive_int
+from jansen_env.commands.enjoy import play, watched
+from jansen_env.commands.flags import parse_policies, path_flag, policy_parser, positive_int
 from jansen_env.commands.named_policies import default_policy, labels, load_named
+from jansen_env.commands.progress import progress
 from jansen_env.files import write_text
 from jansen_env.scoring.benchmarks import find_benchmark
-from jansen_env.scoring.rollout import make_env
+from jansen_env.scoring.rollout import Advance, make_env, no_progress
 from jansen_env.viewer.recorder import Recorder
 from jansen_env.viewer.recording import MOST_RECORDED, Recording
 from jansen_env.viewer.saved_walk import walk_again
@@ -31,13 +32,13 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         help="speed or goal; default: the middle of the benchmark's grid")  # fmt: skip
     add("--steps", type=positive_int, default=MOST_RECORDED,
         help="most steps of the episode; default: the environment's")  # fmt: skip
-    add("--out", default="replay.html", metavar="FILE",
+    add("--out", type=path_flag, default="replay.html", metavar="FILE",
         help="the page, .html; recordings go beside it; default: replay.html")  # fmt: skip
     args = parse_policies(parser, arguments, "--command")
     args.policy = args.policy or [default_policy(args.env)] * (not args.recording)
     if not 1 <= (count := len(args.policy) + len(args.recording)) <= MOST_RECORDINGS:
         parser.error(f"--policy and --recording are given {count} times, must be once or twice")
-    if Path(args.out).suffix != ".html":
+    if args.out.suffix != ".html":
         parser.error(f"--out is {args.out}, must end in .html")
     if args.steps > MOST_RECORDED:
         parser.error(f"--steps is {args.steps}, must be at most {MOST_RECORDED}")
@@ -46,10 +47,14 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     return args
 
 
-def record(name: str, label: str, args: argparse.Namespace) -> Recording:
+def record(
+    name: str, label: str, args: argparse.Namespace, advance: Advance = no_progress
+) -> Recording:
     """Record an episode of a policy; a ValueError where it or an argument is not allowed."""
     with closing(Recorder(make_env(args.env, args.env_kwargs), label)) as env:
-        for moment in play(load_named(name, env), env, args.command, args.seed):
+        moments = play(load_named(name, env), env, args.command, args.seed)
+        most = min(args.steps, env.get_wrapper_attr("spec").max_episode_steps or MOST_RECORDED)
+        for moment in watched(moments, most, advance):
             if moment.steps == args.steps:
                 break
         return env.recording
@@ -63,10 +68,11 @@ def load(path: str) -> Recording:
 def main(arguments: list[str] | None = None) -> None:
     """Record, and write recordings and page."""
     args = parse(arguments)
-    out = Path(args.out)
+    out = args.out
     with args.parser.refusing():
         named = zip(args.policy, labels(args.policy), strict=True)
-        made = [record(name, label, args) for name, label in named]
+        with progress("recording", len(args.policy)) as advance:
+            made = [record(name, label, args, advance) for name, label in named]
         content = page(*made, *map(load, args.recording))  # before anything is written
         names = [re.sub("[^A-Za-z0-9._-]", "_", recording.label) for recording in made]
         if len({*names}) < len(names):  # labels differ in other characters alone

@@ -14,6 +14,7 @@ from typing import NamedTuple
 from jansen_env.checks import entries, instance, invalid, shown
 
 FRAME, CRANK = 1, 2  # numbers of the bodies that all legs share
+LONGEST_NAME = 60  # bytes, of a body
 INDEPENDENT = 4  # coordinates: the frame's three and the crank's angle
 
 
@@ -123,6 +124,11 @@ class Linkage:
         if len({*self.names}) != len(self.names) or not all(map(str.isidentifier, self.names)):
             raise ValueError(
                 f"Linkage.bodies has names {shown(self.names)}, must be words, all different"
+            )
+        if longest := [name for name in self.names if len(name.encode()) > LONGEST_NAME]:
+            raise ValueError(
+                f"Linkage.bodies has a name of {len(longest[0])} letters, must be at most "
+                f"{LONGEST_NAME} bytes: files of drawings are named by it"
             )
         for name, joints in self.bodies:
             if len(joints) < 2 or len({*joints}) != len(joints) or not joints.isalpha():

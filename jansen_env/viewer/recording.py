@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.arrays import Array
-from jansen_env.checks import instance, named_errors, one_line, one_of, shown
+from jansen_env.checks import instance, named_errors, one_line, one_of, printable, shown
 from jansen_env.files import read_bounded, write_bytes
 from jansen_env.rendering import SLIP, reach_of
 from jansen_env.robot import Robot
@@ -112,7 +112,7 @@ class Recording:
         if "motor_work" not in self.energies:
             raise ValueError(f"energies is {shown(self.energies)}, must have 'motor_work'")
         for name in ("speed_unit", "env_id", "label"):
-            instance(name, getattr(self, name), str)
+            printable(name, instance(name, getattr(self, name), str))
         for name in ("parameters", "env_kwargs", "options"):
             instance(name, getattr(self, name), dict)
         if self.seed is not None:

@@ -50,6 +50,13 @@ def test_a_full_disk(killed, run):
     assert same(outcome(run), killed[2])
 
 
+def test_other_files_among_the_checkpoints_are_left_alone(run):
+    known = runs.last_state(run)
+    for name in ("model_9x_steps.zip", "model__steps.zip", f"model_{'9' * 5000}_steps.zip"[:200]):
+        (run / "checkpoints" / name).write_bytes(b"")
+    assert runs.last_state(run) == known
+
+
 def test_two_runs_in_one_folder(killed, run):
     """The second is refused and changes nothing. A killed one leaves no lock."""
     hold = (

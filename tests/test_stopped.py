@@ -1,0 +1,167 @@
+"""Commands end in one line, or none, whatever stops them: signals, full disks, wrong numbers."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jansen_env.__main__ import main
+from jansen_env.loading import runs_command
+from jansen_env.process import guarded
+from jansen_env.robot import ROBOTS
+from jansen_env.robot.robot_file import robot_from_json, robot_to_json
+from jansen_env.viewer.recording import Recording
+
+ROOT = Path(__file__).parents[1]
+JANSEN = ("-m", "jansen_env")
+COMMANDS = [
+    (*JANSEN, "mjcf", "paper"), (*JANSEN, "--help"), ("-m", "agents.measurements", "--help"),
+    ("-m", "agents.tune", "--help"), ("-m", "agents.measurements",
+                                      str(ROOT / "measurements" / "synthetic_economy_1.csv")),
+]  # fmt: skip
+
+
+def start(*arguments, **kwargs):
+    return subprocess.Popen(
+        [sys.executable, *arguments], stderr=subprocess.PIPE, text=True,
+        cwd=kwargs.pop("cwd", ROOT),
+        env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "",
+             "SDL_VIDEODRIVER": "dummy"}, **kwargs,
+    )  # fmt: skip
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+def test_a_full_disk_is_told_in_one_line(command):
+    with open("/dev/full", "w") as full:
+        process = start(*command, stdout=full)
+        told = process.communicate(timeout=120)[1]
+    assert process.returncode == 1
+    assert told.splitlines()[-1].endswith("error: the output: No space left on device")
+    assert "Traceback" not in told and "Exception" not in told
+
+
+def test_a_reader_that_ends_is_no_error():
+    process = start(*JANSEN, "mjcf", "built", stdout=subprocess.PIPE)
+    process.stdout.close()
+    assert process.communicate(timeout=120)[1] == "" and process.returncode in (0, 1)
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no POSIX signals")
+@pytest.mark.parametrize(("number", "status"), [
+    (signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, 130),
+])  # fmt: skip
+def test_a_film_that_is_stopped_leaves_nothing(number, status, tmp_path):
+    command = (*JANSEN, "enjoy", "--video", "a.gif", "--episodes", "50")
+    process = start(*command, stdout=subprocess.DEVNULL, cwd=tmp_path)
+    until = time.monotonic() + 60.0
+    while not [*tmp_path.iterdir()] and time.monotonic() < until:
+        time.sleep(0.05)
+    process.send_signal(number)
+    assert process.communicate(timeout=60)[1] == "" and process.returncode == status
+    assert not [*tmp_path.iterdir()]
+
+
+SLOW_IMPORT = """
+import sys, time
+class Slow:
+    def find_spec(self, name, path=None, target=None):
+        if name == "gymnasium":
+            print("loading", flush=True)
+            time.sleep(60)
+sys.meta_path.insert(0, Slow())
+sys.argv = {argv}
+{run}
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no POSIX signals")
+@pytest.mark.parametrize(("argv", "run"), [
+    (["jansen-env", "mjcf", "paper"], "from jansen_env.__main__ import main; main()"),
+    ([str(ROOT / "train.py")], "import runpy; runpy.run_path(sys.argv[0], run_name='__main__')"),
+], ids=["jansen-env", "train.py"])  # fmt: skip
+def test_ctrl_c_during_imports_is_quiet(argv, run):
+    process = start("-c", SLOW_IMPORT.format(argv=argv, run=run), stdout=subprocess.PIPE)
+    assert process.stdout.readline() == "loading\n"
+    process.send_signal(signal.SIGINT)
+    assert process.communicate(timeout=60)[1] == ""
+    assert process.returncode == -signal.SIGINT  # shells show 130
+
+
+def test_programs_that_import_the_package_keep_their_signals(monkeypatch, tmp_path):
+    assert not runs_command()  # pytest
+    monkeypatch.setattr(sys, "argv", [str(tmp_path / "train.py")])
+    assert not runs_command()  # somebody else's
+    monkeypatch.setattr(sys, "argv", [str(ROOT / "train.py")])
+    assert runs_command()
+    before = signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)
+    with guarded("it"):
+        assert signal.getsignal(signal.SIGINT) is not before[1]
+    assert (signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)) == before
+
+
+@pytest.mark.parametrize(("error", "told"), [
+    (MemoryError(), "it: error: not enough memory; ask for less\n"),
+    (OSError(28, "Disk is full", "a.gif"), "it: error: a.gif: Disk is full\n"),
+])  # fmt: skip
+def test_errors_of_the_machine_are_told_in_one_line(error, told, capsys):
+    with pytest.raises(SystemExit, match="1"), guarded("it"):
+        raise error
+    assert capsys.readouterr().err == told
+
+
+def test_what_a_library_makes_of_ctrl_c_is_no_traceback():
+    with pytest.raises(SystemExit, match="130"), guarded("it"):
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt as error:
+            raise ImportError("while it was loaded") from error
+
+
+@pytest.mark.parametrize("arguments", [
+    ["predict", "built", "--copies", "1e10"],
+    ["evaluate", "--policy", "pid", "--episodes", "1e10"],
+    ["evaluate", "--policy", "pid", "--random-commands", "1e10"],
+    ["enjoy", "--episodes", "1e10"],
+], ids=" ".join)  # fmt: skip
+def test_numbers_are_bounded(arguments, capsys):
+    with pytest.raises(SystemExit):
+        main(arguments)
+    assert "must be a whole number from 1 to " in capsys.readouterr().err.splitlines()[0]
+
+
+@pytest.mark.parametrize("arguments", [
+    ["drawings", "weekend", "--out", ""], ["evaluate", "--policy", "pid", "--out", ""],
+    ["predict", "built", "--out", ""], ["paper", "--out", " "], ["play", "--out", ""],
+    ["enjoy", "--video", ""], ["replay", "--out", ""], ["mjcf", "paper", "--out", ""],
+], ids=" ".join)  # fmt: skip
+def test_an_empty_path_is_refused(arguments, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit):
+        main(arguments)
+    assert "is empty, must be a path" in capsys.readouterr().err.splitlines()[0]
+    assert not [*tmp_path.iterdir()]
+
+
+def test_a_link_with_a_long_name_is_refused_when_it_is_loaded():
+    content = robot_to_json(ROBOTS["klann"]())
+    text = str(content).replace("'rod'", f"'{'r' * 300}'")
+    with pytest.raises(ValueError, match="a name of 300 letters, must be at most 60 bytes"):
+        robot_from_json(eval(text))
+
+
+def test_a_recording_whose_label_cannot_be_written_is_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    main(["replay", "--policy", "pid", "--steps", "3"])
+    (file,) = tmp_path.glob("*.npz")
+    arrays = dict(np.load(file))
+    text = arrays["description"].tobytes().decode().replace('"label": "pid"', '"label": "\\ud800"')
+    arrays["description"] = np.frombuffer(text.encode(), np.uint8)
+    np.savez(file, **arrays)
+    with pytest.raises(ValueError, match="half of a surrogate pair"):
+        Recording.load(file)

@@ -83,4 +83,6 @@ if __name__ == "__main__":
         plant = rigid_body(machine, TRUTH["friction"])
         path = MEASUREMENTS / f"synthetic_economy_{speed:g}.csv"
         comments = ("# robot: economy", note, f"# mass: {machine.mass:.2f}")
-        write_log(path, plant, speed, np.random.default_rng(0), 1.0, comments, gains_of(economy, "steady"))
+        write_log(
+            path, plant, speed, np.random.default_rng(0), 1.0, comments, gains_of(economy, "steady")
+        )

@@ -19,6 +19,7 @@ test:
 	$(PYTHON) -m pytest -n auto --dist loadfile
 
 docs:
+	npm install --silent
 	$(PYTHON) -m sphinx -W -n -b html docs docs/_build/html
 
 bench:

@@ -37,7 +37,9 @@ extensions = [
 exclude_patterns = ["_build", "pypi.md"]  # the package index shows the latter
 templates_path = ["_templates"]
 html_theme = "furo"
-html_static_path = ["_static"]
+# Formulas need no network: `npm install` brings MathJax, and the site has its one file.
+html_static_path = ["_static", "../node_modules/mathjax/es5/tex-svg.js"]
+mathjax_path = "tex-svg.js"
 html_css_files = ["cards.css"]
 html_title = "jansen_env"
 html_show_copyright = False

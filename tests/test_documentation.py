@@ -1,11 +1,13 @@
 """README and documentation: code blocks run, commands and links are of things that exist."""
 
+import importlib
 import re
 import runpy
 import shlex
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -39,24 +41,48 @@ def test_python_blocks_run(page: Path, tmp_path: Path, monkeypatch: pytest.Monke
         exec(compile("\n" * line + source, page, "exec"), names)  # lines as in the page
 
 
+def command_lines(page: Path) -> Iterator[str]:
+    """Yield what a page has a reader run: lines of code blocks, and code within its text."""
+    if page.name == "CHANGELOG.md":  # what was
+        return
+    text = re.sub(r"\\\n\s*", " ", page.read_text(encoding="utf-8"))
+    fenced = re.findall(r"^```(?:bash|console)\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    others = re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)
+    indented = re.findall(r"^ {4,}((?:python|jansen-env) .*)", others, re.MULTILINE)
+    within_text = re.findall(r"`((?:python|jansen-env) [^`]*)`", others)
+    for block in [*fenced, *indented, *(line.replace("\n", " ") for line in within_text)]:
+        yield from re.split(r"\n|&&|;", block)
+
+
 def commands() -> dict[tuple[str, ...], set[str]]:
     """What the pages run of this project, ``("-m", module)``, ``(script,)`` or ``("jansen-env",
     command)``, with its options."""
     options_of: dict[tuple[str, ...], set[str]] = {}
     for page in PAGES:
-        for _, block in blocks(page, "(?:bash|console)"):
-            for line in re.split(r"\n|&&|;", block.replace("\\\n", " ")):
-                words = shlex.split(line, comments=True)
-                if "jansen-env" in words:
-                    words = words[words.index("jansen-env") :]
-                elif "python" in words:
-                    words = words[words.index("python") + 1 :]
-                else:
-                    continue
-                program = tuple(words[: 1 if words[0].endswith(".py") else 2])
-                options = {word.split("=")[0] for word in words if re.match("--?[a-z]", word)}
-                options_of.setdefault(program, set()).update(options - {"-m"})
-    return {p: options for p, options in options_of.items() if p[-1] not in ("pip", "pytest")}
+        for line in command_lines(page):
+            words = shlex.split(line, comments=True)
+            if "jansen-env" in words:
+                words = words[words.index("jansen-env") :]
+            elif "python" in words:
+                words = words[words.index("python") + 1 :]
+            else:
+                continue
+            program = tuple(words[: 1 if words[0].endswith(".py") else 2])
+            options = {word.split("=")[0] for word in words if re.match("--?[a-z]", word)}
+            options_of.setdefault(program, set()).update(options - {"-m"})
+    return {program: options for program, options in options_of.items() if _has_help(program)}
+
+
+def _has_help(program: tuple[str, ...]) -> bool:
+    """Return whether a program is one of this project that parses its command line."""
+    if program[0] == "jansen-env":
+        return True
+    if program[0] == "-m":
+        return program[1].split(".")[0] in ("agents", "benchmarks")
+    script = ROOT / program[0]
+    if not script.exists() or program[0].startswith("jansen_env/"):  # which must be imported
+        return False
+    return "argparse" in script.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("program", commands(), ids=" ".join)
@@ -64,7 +90,7 @@ def commands() -> dict[tuple[str, ...], set[str]]:
 def test_commands_have_the_options_that_pages_use(
     program: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    if program[-1] == "agents.study":
+    if program[-1] in ("agents.study", "examples/rllib_ppo.py"):
         pytest.importorskip("ray")
     monkeypatch.syspath_prepend(ROOT)
     monkeypatch.setattr(sys, "argv", [program[-1], "--help"])
@@ -106,11 +132,99 @@ def test_no_line_is_a_comment_of_myst(page: Path) -> None:
     assert not re.findall(r"^\s*%.*", page.read_text(encoding="utf-8"), re.MULTILINE)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=IDS)
+FOLDERS = ("agents", "benchmarks", "docs", "examples", "jansen_env", "tests")
+ELSEWHERE = (
+    "docs/EXPERIMENTS.md",
+    "docs/datasets/community",
+    "docs/environments/ID.md",
+    "examples/verification_plots",
+)
+"""Files of other projects that pages name, and a name that stands for any of a kind."""
+NOW = [page for page in PAGES if page.name != "CHANGELOG.md"]  # pages of what is, not of what was
+
+
+@pytest.mark.parametrize("page", NOW, ids=lambda page: str(page.relative_to(ROOT)))
 def test_files_that_are_named_exist(page: Path) -> None:
-    if page.name == "CHANGELOG.md":  # of what was
-        return
-    folders = ("agents", "benchmarks", "docs", "examples", "jansen_env", "tests")
-    files = [str(path) for folder in folders for path in (ROOT / folder).glob("**/*.py")]
-    for name in set(re.findall(r"\w[\w/]*\.py\b", page.read_text(encoding="utf-8"))):
+    text = page.read_text(encoding="utf-8")
+    files = [str(path) for folder in FOLDERS for path in (ROOT / folder).glob("**/*.py")]
+    for name in set(re.findall(r"\w[\w/]*\.py\b", text)):
         assert name == "train.py" or any(file.endswith(f"/{name}") for file in files), name
+    for name in set(re.findall(rf"(?<![\w./-])(?:{'|'.join(FOLDERS)})/[\w./-]*\w", text)):
+        if not name.startswith(("docs/_build", *ELSEWHERE)):
+            assert any(ROOT.glob(f"{name}*")), name
+
+
+def missing_module(name: str) -> bool:
+    """Return whether a dotted name leads to no module, nor to something that a module defines."""
+    parts, path, k = name.split("."), ROOT, 0
+    while k < len(parts) and (path / parts[k]).is_dir():
+        path /= parts[k]
+        k += 1
+    if k < len(parts) and (path / f"{parts[k]}.py").exists():
+        k += 1
+    if k in (0, len(parts)):
+        return k == 0
+    found: object = importlib.import_module(".".join(parts[:k]))
+    for part in parts[k:]:
+        found = getattr(found, part, None)
+    return found is None
+
+
+def test_a_missing_module_is_found() -> None:
+    assert missing_module("agents.levels") and missing_module("benchmarks.plants.main")
+    assert missing_module("jansen_env.robot.motor.Motr")
+    assert not missing_module("agents.design") and not missing_module("jansen_env.evaluate")
+    assert not missing_module("jansen_env.robot.motor.Motor")
+
+
+@pytest.mark.parametrize("page", NOW, ids=lambda page: str(page.relative_to(ROOT)))
+def test_modules_that_are_named_exist(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    tops = "|".join(folder for folder in FOLDERS if folder != "docs")
+    dotted = {*re.findall(rf"(?<![\w./~-])(?:{tops})(?:\.[A-Za-z_]\w*)+(?![\w(]*/)", text)}
+    for name in dotted:
+        if not name.endswith((".md", ".py", ".html", ".egg")):
+            assert not missing_module(name), name
+
+
+@pytest.fixture
+def theory(tmp_path: Path) -> Path:
+    """A page with formulas, as the configuration of the documentation has them made."""
+    build = pytest.importorskip("sphinx.cmd.build")
+    pytest.importorskip("myst_parser")
+    mathjax = ROOT / "node_modules" / "mathjax" / "es5" / "tex-svg.js"
+    if not mathjax.exists():
+        pytest.skip("MathJax is missing: npm install")
+    configuration = (ROOT / "docs" / "conf.py").read_text(encoding="utf-8")
+    script = re.search(r'^mathjax_path = "(.+)"', configuration, re.MULTILINE)
+    assert (
+        script
+        and script[1] == mathjax.name
+        and f'"../{mathjax.relative_to(ROOT)}"' in configuration
+    )
+    lines = [
+        "extensions = ['myst_parser', 'sphinx.ext.mathjax']",
+        "myst_enable_extensions = ['dollarmath']",
+        f"html_static_path = [{str(mathjax)!r}]",
+        script[0],
+        "html_theme = 'basic'",
+    ]
+    (tmp_path / "conf.py").write_text("\n".join(lines))
+    text = (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
+    (tmp_path / "index.md").write_text(text, encoding="utf-8")
+    assert build.main(["-q", "-b", "html", str(tmp_path), str(tmp_path / "html")]) == 0
+    return tmp_path / "html" / "index.html"
+
+
+def test_formulas_need_no_network(theory: Path, open_window: Any) -> None:
+    """A browser that is offline draws them all, from a file."""
+    window = open_window(offline=True)
+    page = window.page
+    page.goto(theory.as_uri(), wait_until="commit")
+    page.wait_for_function("window.MathJax?.startup?.promise")
+    page.evaluate("MathJax.startup.promise")
+    formulas = page.locator(".math")
+    assert formulas.count() > 40
+    undrawn = "all => all.filter((each) => !each.querySelector('mjx-container svg')).length"
+    assert formulas.evaluate_all(undrawn) == 0 and page.locator("[data-mjx-error]").count() == 0
+    assert all(url.startswith("file:") for url in window.requests)

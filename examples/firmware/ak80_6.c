@@ -20,7 +20,7 @@
 #define COUNTS 16384       /* of the encoder in a turn */
 #define ZERO 0             /* count at which the first leg's crank pin points along the chassis' +x */
 #define DIRECTION 1        /* -1 if counts fall while the machine walks forwards */
-#define TURN 6.2831853f    /* rad */
+#define TURN 6.283185307179586 /* rad */
 
 /* What a board has to give. Each returns 0 if nothing came since the last call. */
 int can_send(uint32_t id, const uint8_t data[8]);
@@ -69,7 +69,7 @@ void control_period(struct jansen *machine, float *torque)
     now.speed_command = commanded_speed();
     now.crank_angle = NAN;
     if (encoder_read(&count)) {
-        now.crank_angle = (float)(DIRECTION * ((int)count - ZERO)) * (TURN / COUNTS);
+        now.crank_angle = DIRECTION * ((int)count - ZERO) * (TURN / COUNTS);
     }
     if (!imu_means(&now.pitch_rate, &now.acceleration_x, &now.acceleration_y)) {
         now.pitch_rate = NAN;

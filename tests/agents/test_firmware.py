@@ -25,7 +25,7 @@ ID, NAME = "JansenWalkerBuilt-v0", "onboard"
 STRICT = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Wshadow",
           "-pedantic", "-Werror")  # fmt: skip
 FAULTS = ("fine", "tilted", "no encoder", "no imu", "no motor", "stalled", "low battery",
-          "too late", "no number")  # fmt: skip
+          "too late", "no number", "against torque", "no gravity", "wrong gyro")  # fmt: skip
 FIELDS = ("period", "speed_command", "crank_angle", "pitch_rate", "acceleration_x",
           "acceleration_y", "crank_torque", "battery")  # fmt: skip
 PERIOD, RATE = 0.02, 60.0  # s, N m/s
@@ -33,13 +33,15 @@ pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no 
 
 
 class Sensors(ctypes.Structure):
-    _fields_ = [(name, ctypes.c_float) for name in FIELDS]
+    _fields_ = [
+        (name, ctypes.c_double if name == "crank_angle" else ctypes.c_float) for name in FIELDS
+    ]
 
 
 class Memory(ctypes.Structure):
     """The first fields of ``struct jansen``, fault and action, and room for the rest."""
 
-    _fields_ = [("fault", ctypes.c_int), ("action", ctypes.c_float), ("rest", ctypes.c_float * 100)]
+    _fields_ = [("fault", ctypes.c_int), ("action", ctypes.c_float), ("rest", ctypes.c_double * 60)]
 
 
 @pytest.fixture(scope="module")
@@ -84,15 +86,18 @@ def quantised(value, step):
     return step * round(value / step)
 
 
-def walk(controller, command, seed, seconds=10.0, name=NAME):
-    """The return of an episode whose sensors are read early or late by up to 1 ms.
+def walk(controller, command, seed, seconds=10.0, name=NAME, fallen=None, **world):
+    """The return of an episode whose sensors are read early or late by up to 1 ms, and torques.
+
+    ``world``: arguments of the environment, such as terrain, friction and pushes. ``fallen``: a list
+    for the size of the pitch after each step.
 
     ``controller``: of the readings, torque in N m. Encoder of 14 bits, gyro and accelerometer of
     16 bits (2000 degrees/s, 16 g), torque of 12 bits (the limit), all with the errors of the
     policy's training; each torque comes a control step late.
     """
     policy = pretrained.load(ID, name)
-    env = gym.make(ID, **{**policy.env_kwargs, "delay": PERIOD, "torque_rate": None})
+    env = gym.make(ID, **{**policy.env_kwargs, "delay": PERIOD, "torque_rate": None, **world})
     seen, _ = env.reset(seed=seed, options={"speed_command": command})
     rng, late, angle = np.random.default_rng(seed), 0.0, 0.0
     names = [entry.name for entry in env.unwrapped.observed]
@@ -110,11 +115,110 @@ def walk(controller, command, seed, seconds=10.0, name=NAME):
             crank_torque=quantised(now["crank_torque"], policy.torque_limit / 2**11), battery=24.0,
         )  # fmt: skip
         torques.append(torque)
-        seen, reward, ended, _, _ = env.step([torque / policy.torque_limit])
+        seen, reward, ended, _, info = env.step([torque / policy.torque_limit])
+        if fallen is not None:
+            fallen.append(abs(info["pitch"]))
         total += reward
         if ended:
             break
     return total, np.array(torques)
+
+
+class Wrong:
+    """Firmware whose sensors have another sign or unit; ``steps``: until a fault."""
+
+    def __init__(self, library, change):
+        self.firmware, self._change, self.steps = Firmware(library), change, 0
+
+    def __call__(self, **readings):
+        self.steps += self.firmware.fault == "fine"
+        return self.firmware.step(**{**readings, **self._change(**readings)})
+
+
+def scaled(factor, *names):
+    return lambda **readings: {name: factor * readings[name] for name in names}
+
+
+WRONG = {
+    # The fault, within how many seconds, and what is wrong.
+    "reversed encoder": ("against torque", 1.5, scaled(-1.0, "crank_angle")),
+    "degrees": ("wrong gyro", 0.5, scaled(math.degrees(1.0), "pitch_rate")),
+    "g": ("no gravity", 0.06, scaled(1.0 / 9.81, "acceleration_x", "acceleration_y")),
+    "half": ("no gravity", 0.06, scaled(0.5, "acceleration_x", "acceleration_y")),
+    "twice": ("no gravity", 0.06, scaled(2.0, "acceleration_x", "acceleration_y")),
+    "milli-g": ("no gravity", 0.06, scaled(1e3 / 9.81, "acceleration_x", "acceleration_y")),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_sensors_of_another_sign_or_unit_stop_the_machine(library, case):
+    """In the simulator, at the slowest and the fastest command; the torque is 0 from then on."""
+    fault, seconds, change = WRONG[case]
+    for command in (0.05, 0.3):
+        wrong = Wrong(library, change)
+        _, torques = walk(wrong, command, seed=1, seconds=2.0)
+        assert wrong.firmware.fault == fault
+        assert wrong.steps <= round(seconds / PERIOD)
+        assert not torques[wrong.steps :].any()
+        assert case in ("reversed encoder", "degrees") or not torques.any()
+
+
+def test_a_reversed_motor_is_as_a_reversed_encoder(library):
+    firmware = Firmware(library)
+    walk(lambda **readings: -firmware.step(**readings), 0.3, seed=0, seconds=4.0)
+    assert firmware.fault == "against torque"
+
+
+FALSE = ("against torque", "no gravity", "wrong gyro", "no number")
+GROUNDS = ("rough", "mixed", "stairs", "slope:0.1", "slope:-0.1", "slope:0.2", "slope:-0.2",
+           "slope:0.35", "slope:-0.35")  # fmt: skip
+
+
+def hard_world(seed, strength):
+    """Ground, grip, pushes and load that are drawn; ``strength``: of the machine, beside economy.
+
+    Slopes on which it slides or the load drives the crank, pushes that throw it over.
+    """
+    rng = np.random.default_rng(seed)
+    ground = GROUNDS[seed % len(GROUNDS)]
+    world = {"terrain": ground, "friction": rng.choice([0.1, 0.2, 0.4, 0.8, 1.2]).item()}
+    if not ground.startswith("slope"):
+        world["terrain_level"] = rng.integers(0, 10 if strength == 1.0 else 4).item()
+    if rng.random() < 0.6:
+        impulse = strength * rng.choice([2.0, 5.0, 10.0]), strength * rng.choice([0.0, 4.0])
+        world["push"] = {"impulse": impulse, "interval": rng.choice([1.0, 2.0, 5.0]).item()}
+    if rng.random() < 0.3:
+        world["payload"] = strength * rng.uniform(0.0, 4.0)
+    return world
+
+
+@pytest.mark.parametrize(("name", "episodes"), [
+    (NAME, 9), pytest.param(NAME, 100, marks=pytest.mark.slow),
+    pytest.param("weekend", 100, marks=pytest.mark.slow),
+])  # fmt: skip
+def test_no_honest_machine_has_wrong_sensors(name, episodes, tmp_path):
+    """It slips, is pushed, climbs, slides down and is driven by its load; it may stall or fall.
+
+    A fall that a push begins may look like a wrong gyro: the machine lies then, too.
+    """
+    library, faults = compiled(tmp_path, name), []
+    for seed in range(episodes):
+        firmware, pitch = Firmware(library), []
+        command = COMMANDS[name][seed % len(COMMANDS[name])]
+        world = hard_world(seed, 1.0 if name == NAME else 0.1)
+        walk(firmware.step, command, seed, name=name, fallen=pitch, **world)
+        faults.append(firmware.fault)
+        assert firmware.fault not in FALSE or (firmware.fault == "wrong gyro" and max(pitch) > 0.6)
+    print({fault: faults.count(fault) for fault in FAULTS})
+    assert faults.count("fine") > episodes / 2 and faults.count("wrong gyro") <= episodes / 50
+
+
+@pytest.mark.parametrize("turns", [-3, 1_000, 10**9])
+def test_the_turn_of_the_crank_does_not_matter(library, turns):
+    """A billion turns give the torques of none, 1e-4 N m; as a float they would be no angle."""
+    expected = run(library, 100).torques
+    torques = run(library, 100, crank_angle=lambda k: turning(k) + math.tau * turns).torques
+    assert np.ptp(expected) > 1.0 and torques == pytest.approx(expected, abs=1e-4)
 
 
 class InPython:
@@ -207,10 +311,32 @@ def missing(first, last, value):
     return lambda k: math.nan if first <= k < last else value(k)
 
 
+def fallen_by(k):
+    """Pitch in a step of a fall at 2 rad/s that begins in step START."""
+    return 2.0 * PERIOD * max(0, k + 1 - START)
+
+
 START = 100  # steps before something goes wrong
 TRIPS = {
     # The fault, within how many steps, and what the readings are.
-    "falls": ("tilted", 25, {"pitch_rate": lambda k: 2.0 * (k >= START)}),
+    "falls": (
+        "tilted",
+        23,
+        {
+            "pitch_rate": lambda k: 2.0 * (k >= START),
+            "acceleration_x": lambda k: 9.81 * math.sin(fallen_by(k)),
+            "acceleration_y": lambda k: 9.81 * math.cos(fallen_by(k)),
+        },
+    ),
+    "gyro alone": ("wrong gyro", 25, {"pitch_rate": lambda k: 2.0 * (k >= START)}),
+    "gyro's range": ("wrong gyro", 1, {"pitch_rate": lambda k: 1e38 * (k >= START)}),
+    "range changes": ("no gravity", 165, {"acceleration_y": lambda k: 9.81 / (1 + (k >= START))}),
+    "too large": ("no gravity", 3, {"acceleration_y": lambda k: 1e6 if k >= START else 9.81}),
+    "driven back": (
+        "against torque",
+        91,
+        {"crank_angle": lambda k: turning(2 * min(k, START) - k)},
+    ),
     "no encoder": ("no encoder", 3, {"crank_angle": missing(START, 999, turning)}),
     "slipped": ("no encoder", 3, {"crank_angle": lambda k: turning(k) + 2.0 * (k >= START)}),
     "no imu": ("no imu", 3, {"pitch_rate": missing(START, 999, lambda k: 0.0)}),
@@ -233,6 +359,10 @@ PASSES = {
     "standing": {"crank_angle": lambda k: 1.0, "speed_command": lambda k: 0.0},
     "no command": {"speed_command": lambda k: math.nan},
     "a dip": {"battery": lambda k: 19.0 if START <= k < START + 49 else 24.0},
+    "braking downhill": {"crank_angle": lambda k: 4.0 * turning(k)},
+    "rolls back": {"crank_angle": lambda k: turning(k if k < START else START)
+                   - (0.4 * math.sin(0.1 * (k - START)) if k > START else 0.0)},
+    "infinite command": {"speed_command": lambda k: math.inf},
     "jitter": {"period": lambda k: PERIOD + 0.015 * (-1) ** k},
 }  # fmt: skip
 
@@ -331,9 +461,9 @@ def test_the_weekend_robots_port_compiles_and_its_motor_gives_the_torque(tmp_pat
 
 ARM, RISC_V = ("arm-none-eabi-", "qemu-system-arm"), ("riscv64-unknown-elf-", "qemu-system-riscv32")
 CORES = {
-    "Cortex-M0+": (ARM, "microbit", "-mcpu=cortex-m0plus -mfloat-abi=soft", 2e6, 42_000),
+    "Cortex-M0+": (ARM, "microbit", "-mcpu=cortex-m0plus -mfloat-abi=soft", 2e6, 52_000),
     "Cortex-M4F": (ARM, "mps2-an386", "-mcpu=cortex-m4 -mfloat-abi=hard -mfpu=fpv4-sp-d16", 6e4,
-                   37_000),
+                   41_000),
     "ESP32-C3": (RISC_V, "virt", "-march=rv32imac -mabi=ilp32 -mcmodel=medany", 2e6, 60_000),
 }  # fmt: skip
 """Tools, QEMU's machine, compiler's flags, most instructions of a step, and most bytes of flash."""

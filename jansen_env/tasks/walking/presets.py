@@ -51,13 +51,39 @@ class JansenWalkerBuiltEnv(JansenWalkerEnv):
     feet, and a gearmotor with its rotor and torque-speed line. The paper's own robot has links of
     0.1 kg with a radius of gyration of 1 m, which no machine can have, and is much harder to drive.
 
-    Actions, rewards, starts, ends, information and arguments are those of ``JansenWalker-v0``, with
-    ``robot="built"``, whose ``torque_limit`` is 12 N m.
+    ## Action Space
+    | Num | Action | Min | Max | Unit |
+    |-----|--------|-----|-----|------|
+    | 0 | crank torque, as a share of ``torque_limit`` (12 N m) | -1 | 1 | 1 |
 
-    | Number | Value |
-    |--------|-------|
-    | observations as of ``JansenWalker-v0`` | 0 .. 19 |
-    | commanded speed | 0.05 to 0.8 m/s |
+    The motor holds the torque for one control period of 0.02 s. A positive action walks towards +x.
+    Actions beyond the limits are clipped.
+
+    ## Observation Space
+    The robot observes 20 numbers, which are described in ``JansenWalker-v0``: its crank, chassis and
+    feet, the commanded speed (0.05 to 0.8 m/s), its last action, and the means that the reward is
+    computed from.
+
+    ## Rewards
+    The reward of a step is a product of seven factors, each from 0 to 1, so that an episode of 500
+    steps returns 500 at most. They are in ``info``, and their formulas in ``JansenWalker-v0``:
+
+    | Factor | 1 for a robot that |
+    |--------|--------------------|
+    | ``reward/tracking`` | stays with a target that moves at the commanded speed |
+    | ``reward/progress`` | walks at the commanded speed or up to twice as fast, in the mean over a quarter turn of the crank |
+    | ``reward/slip`` | does not let its toes slide |
+    | ``reward/energy`` | walks without motor power |
+    | ``reward/effort`` | walks without torque |
+    | ``reward/smoothness`` | does not change its action |
+    | ``reward/posture`` | keeps its chassis level |
+
+    A robot that stands still earns nothing, as ``reward/progress`` is 0. A fall ends the episode, and
+    costs what the rest of the episode would have earned. No policy reaches 500, because walking takes
+    power and torque: the most that a search has found is 314, in the mean of nine commands
+    (``docs/training/algorithms/headroom.md``).
+
+    Starts, ends, information and arguments are those of ``JansenWalker-v0``, with ``robot="built"``.
 
     ## Version History
     * v0: first release.

@@ -1,12 +1,8 @@
 """Train a policy, score it against the baselines and draw the scores: ``python train.py``."""
 
-import agents  # noqa: F401  # isort: skip  # first: reports a missing extra
+import agents  # isort: skip  # first: reports a missing extra
 
-import os
-
-# Before torch is loaded: more threads slow down a step of the robots, and change the rounding of
-# initial weights and so the run of a seed. An update takes more.
-os.environ.setdefault("OMP_NUM_THREADS", "1")
+agents.set_openmp()  # before torch is loaded
 
 import argparse
 import shlex

@@ -2,9 +2,11 @@
 
 import os
 
-# Before torch and Ray are loaded. More threads would change the run that a seed gives; Ray listens
-# on all network interfaces, so it obeys only those who know its token.
-os.environ.setdefault("OMP_NUM_THREADS", "1")
+import agents
+
+# Before torch and Ray are loaded. Ray listens on all network interfaces, so it obeys only those who
+# know its token.
+agents.set_openmp()
 os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
 os.environ.setdefault("RAY_AUTH_MODE", "token")
 
@@ -21,7 +23,6 @@ import numpy as np
 import torch
 import yaml
 
-from agents import need
 from agents.training.config import SHIPPED, add_run_flags, new_config, training_folder
 from agents.training.runs import FINAL, last_state, locked, read_evaluations, record_run
 from agents.training.scores import score_run
@@ -45,7 +46,7 @@ from jansen_env.sb3.run_config import ALGORITHMS, Arguments, load_config, make_c
 from jansen_env.scoring.benchmarks import DEFAULT
 from jansen_env.scoring.metrics import CONFIDENCE, Interval, interval_text
 
-need("distributed", "pandas", "ray", who="agents.study")
+agents.need("distributed", "pandas", "ray", who="agents.study")
 import pandas as pd
 import ray
 from matplotlib import ticker
@@ -160,6 +161,7 @@ def run_study(args: argparse.Namespace, folder: Path) -> bool:
     if not (missing := [run for run in runs if not (folder / run["name"] / SCORES).is_file()]):
         return True
     threads = {"OMP_NUM_THREADS": "1", "JANSEN_ENV_THREADS": str(args.cores)}
+    threads |= {name: os.environ[name] for name in agents.WAITING if name in os.environ}
     if args.address is None:
         os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))  # of this cluster alone
         cpus = args.workers * args.cores if args.workers else available_cores()

@@ -89,8 +89,8 @@ def quantised(value, step):
 def walk(controller, command, seed, seconds=10.0, name=NAME, fallen=None, **world):
     """The return of an episode whose sensors are read early or late by up to 1 ms, and torques.
 
-    ``world``: arguments of the environment, such as terrain, friction and pushes. ``fallen``: a list
-    for the size of the pitch after each step.
+    ``world``: arguments of the environment, such as terrain, friction and pushes. ``fallen``: a
+    list for the size of the pitch after each step.
 
     ``controller``: of the readings, torque in N m. Encoder of 14 bits, gyro and accelerometer of
     16 bits (2000 degrees/s, 16 g), torque of 12 bits (the limit), all with the errors of the

@@ -327,8 +327,11 @@ def test_numbers_are_within_their_intervals(tmp_path):
     rng, within = np.random.default_rng(7), identify.limits(ECONOMY)
     copies, inside, told = None, [], 0
     for make in (rigid_body, mujoco):
-        for _ in range(6):
+        for _ in range(3):
             machine, numbers = drawn_machine(ECONOMY, within, rng)
+            numbers |= {name: rng.uniform(*(0.8 * np.array(within[name])))
+                        for name in ("crank_zero", "pitch_zero")}  # fmt: skip
+            numbers["torque_scale"] = rng.uniform(0.85, 1.15)
             logs = []
             for speed in (1.0, 2.0):
                 path = tmp_path / f"{speed:g}.csv"
@@ -348,6 +351,6 @@ def test_numbers_are_within_their_intervals(tmp_path):
             numbers |= {"torque_filter": 0.0, "pitch_delay": 0.0, "slope": 0.0}
             inside += [row.low <= numbers[name] <= row.high for name, row in found.items()]
             told += sum(found[name].value is not None for name in TRUTH)
-    print(f"{sum(inside)} of {len(inside)} inside; {told} of {12 * len(TRUTH)} are told")
-    assert len(inside) == 132 and sum(inside) >= 119
-    assert told >= 30
+    print(f"{sum(inside)} of {len(inside)} inside; {told} of {6 * len(TRUTH)} are told")
+    assert len(inside) == 66 and sum(inside) >= 59
+    assert told >= 12

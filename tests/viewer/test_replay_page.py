@@ -96,6 +96,7 @@ def test_it_plays(opened):
     page.click("#play")
     page.wait_for_function("() => parseFloat(document.querySelector('#time').value) < 1.5")
     page.click("#play")
+    page.wait_for_function("() => document.querySelector('#play').ariaLabel.startsWith('Play')")
     settled(page)
     stopped = time_of(page)
     page.wait_for_timeout(150)

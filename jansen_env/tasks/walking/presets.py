@@ -60,9 +60,12 @@ class JansenWalkerBuiltEnv(JansenWalkerEnv):
     Actions beyond the limits are clipped.
 
     ## Observation Space
-    The robot observes 20 numbers, which are described in ``JansenWalker-v0``: its crank, chassis and
-    feet, the commanded speed (0.05 to 0.8 m/s), its last action, and the means that the reward is
-    computed from.
+    | Num | Observation | Min | Max | Unit |
+    |-----|-------------|-----|-----|------|
+    | 0 .. 19 | as of ``JansenWalker-v0`` | | | |
+
+    They are of the crank, the chassis and the feet, the commanded speed, the last action, and the
+    means from which the reward is computed.
 
     ## Rewards
     The reward of a step is a product of seven factors, each from 0 to 1, so that an episode of 500
@@ -83,7 +86,16 @@ class JansenWalkerBuiltEnv(JansenWalkerEnv):
     power and torque: the most that a search has found is 314, in the mean of nine commands
     (``docs/training/algorithms/headroom.md``).
 
-    Starts, ends, information and arguments are those of ``JansenWalker-v0``, with ``robot="built"``.
+    ## Starting State
+    As in ``JansenWalker-v0``. Sampled at each reset:
+
+    | Value | Range |
+    |-------|-------|
+    | commanded speed | 0.05 to 0.8 m/s |
+
+    ## Arguments
+    Arguments, information and the end of an episode are those of ``JansenWalker-v0``, with
+    ``robot="built"``.
 
     ## Version History
     * v0: first release.

@@ -20,18 +20,19 @@
 
 #include "weekend_firmware.h"
 
-#define COUNTS_PER_TURN 3591.84f /* of the crank: 48 x 74.83 */
-#define HALL_ANGLE 0.0f          /* rad of the crank when the magnet passes; measure it */
-#define DIRECTION 1              /* -1 if counts fall while the machine walks forwards */
-#define TORQUE_CONSTANT 0.824f   /* N m/A at the crank: stall, 7.1 kg cm at 0.9 A and 12 V */
-#define RESISTANCE 13.3f         /* ohm: 12 V and 0.9 A at stall */
-#define BACK_EMF 1.43f           /* V s/rad at the crank: 12 V, 75 rev/min, 60 mA without load */
-#define GAIN 5.0f                /* V/A and, integrated, V/(A s), of the current loop */
+#define COUNTS_PER_TURN 3591.84 /* of the crank: 48 x 74.83 */
+#define HALL_ANGLE 0.0          /* rad of the crank when the magnet passes; measure it */
+#define DIRECTION 1             /* -1 if counts fall while the machine walks forwards */
+#define TORQUE_CONSTANT 0.824f  /* N m/A at the crank: stall, 7.1 kg cm at 0.9 A and 12 V */
+#define RESISTANCE 13.3f        /* ohm: 12 V and 0.9 A at stall */
+#define BACK_EMF 1.43f          /* V s/rad at the crank: 12 V, 75 rev/min, 60 mA without load */
+#define GAIN 5.0f               /* V/A and, integrated, V/(A s), of the current loop */
 #define RATE 1500.0f
 #define LOOP 0.001f       /* s */
 #define SENSE 1.1f        /* V/A */
 #define DIVIDER 4.0303f   /* (10 + 3.3) / 3.3 */
 #define TURN 6.2831853f   /* rad */
+#define EXACT_TURN 6.283185307179586
 #define GRAVITY 9.80665f  /* m/s^2 */
 #define ACCELEROMETER (4.0f * GRAVITY / 32768.0f)
 #define GYRO (250.0f / 32768.0f * TURN / 360.0f)
@@ -51,13 +52,11 @@ static int zeroed;
 static volatile float wanted_torque, crank_speed, volts, mean_current;
 static float integral;
 
-/* Angle of the crank, rad from 0 to a turn, at a count of the encoder, of which one is the zero. */
-float crank_angle(int32_t count, int32_t zero_count)
+/* Angle of the crank, rad of any turn, at a count of the encoder, of which one is the zero. As a
+ * float the count of an hour's walk would have lost digits. */
+double crank_angle(int32_t count, int32_t zero_count)
 {
-    const float turns = (float)(DIRECTION * (count - zero_count)) / COUNTS_PER_TURN;
-    const float angle = HALL_ANGLE + TURN * (turns - floorf(turns));
-
-    return angle < TURN ? angle : angle - TURN;
+    return HALL_ANGLE + EXACT_TURN * (DIRECTION * (count - zero_count)) / COUNTS_PER_TURN;
 }
 
 /* Duty of the bridge that brings the motor's current, A, to that of a torque, N m. */
@@ -115,7 +114,7 @@ int control_period(struct jansen *machine, float *torque)
     wanted_torque = *torque;
     now.period = seconds();
     now.speed_command = commanded_speed();
-    now.crank_angle = encoder_count(&count) ? crank_angle(count, zero) : NAN;
+    now.crank_angle = encoder_count(&count) ? crank_angle(count, zero) : (double)NAN;
     now.pitch_rate = now.acceleration_x = now.acceleration_y = NAN;
     if (imu_means(raw)) {
         now.pitch_rate = GYRO * raw[0];

@@ -32,6 +32,7 @@ from jansen_env.plants.batched_plant import GRAVITY_XY, BatchedPlant
 from jansen_env.plants.design_tables import DesignTables
 from jansen_env.plants.grounds import Grounds
 from jansen_env.plants.robot_parameters import (
+    check_resolved,
     check_restitution,
     check_values,
     machine_of,
@@ -187,6 +188,17 @@ class Batch(BatchedPlant):
         check_values(values, self.machines["nominal"]["compliant"][rows])
         self.records.parameters[rows] = values
         self._apply(rows)
+
+    def check_feet(self, robot: Robot, values: np.void) -> None:
+        """Check that the time step resolves a robot's compliant feet under parameters.
+
+        Environments refuse feet that it does not resolve; a batch takes them for rigid ones.
+
+        Raises:
+            ValueError: If it does not resolve them.
+        """
+        if not self.held:
+            check_resolved(robot, values, self.time_step)
 
     def check_robot(self, robot: Robot) -> None:
         """Raise what :meth:`set_robots` would for a robot in place of any other."""

@@ -238,6 +238,14 @@ class BatchedPlant(ABC):
         """Change a robot's ground; it must be placed again."""
 
     @abstractmethod
+    def check_feet(self, robot: Robot, values: np.void) -> None:
+        """Check that the time step is short enough for a robot's compliant feet under parameters.
+
+        Raises:
+            ValueError: If it is too long.
+        """
+
+    @abstractmethod
     def check_robot(self, robot: Robot) -> None:
         """Raise the errors that :meth:`set_robots` would raise for this robot."""
 

@@ -23,7 +23,7 @@ from jansen_env.parameters import (
 )
 from jansen_env.plants.base import resting_depth
 from jansen_env.plants.batched_plant import BatchedPlant
-from jansen_env.plants.robot_parameters import check_resolved, check_restitution
+from jansen_env.plants.robot_parameters import check_restitution
 from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.terrain import Terrain
 from jansen_env.terrain.generators import Generator
@@ -180,8 +180,7 @@ class EpisodeParameters:
         stiffness = float(values["foot_stiffness_scale"]) * pads.stiffness
         gravity = GRAVITY * values["gravity_scale"] * mathematics.cos(values["tilt"])
         resting_depth(mass, stiffness, gravity)
-        if not self._plant.held:
-            check_resolved(robot, values, self._plant.time_step)
+        self._plant.check_feet(robot, values)
 
     def plan(
         self, i: int, rng: np.random.Generator, options: Values, delay: float, progress: Progress,

@@ -205,7 +205,7 @@ class RigidBodyBatch(BatchedPlant):
         self._memory = memory
 
     def check_feet(self, robot: Robot, values: np.void) -> None:
-        """Do nothing: feet too stiff are refused when they come in force."""
+        """Do nothing: feet that are too stiff are refused when their parameters are applied."""
 
     def check_robot(self, robot: Robot) -> None:
         check_legs(robot, self.robots[0])

@@ -7,6 +7,7 @@ most one line and the exit status that shells expect.
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import signal
 import sys
@@ -47,8 +48,8 @@ def guarded(program: str) -> Iterator[None]:
         except MemoryError:
             _fail(program, "not enough memory; ask for less")
         except Exception as error:
-            if came:  # Ctrl-C in an import, of which a library has made another error
-                raise SystemExit(130) from None
+            if came:  # in an import, for example, of which a library has made another error
+                raise SystemExit(128 + came[-1]) from None
             if not isinstance(error, OSError):
                 raise
             if error.filename is None:
@@ -71,31 +72,56 @@ def _handlers() -> Iterator[list[int]]:
     """Turn signals into exceptions, restore what was there before; yield the signals that came."""
     came: list[int] = []
 
-    def stop_by_exception(number: int, frame: FrameType | None) -> NoReturn:
+    def stop(number: int, frame: FrameType | None) -> NoReturn:
         came.append(number)
-        raise KeyboardInterrupt
+        if number == signal.SIGINT:
+            raise KeyboardInterrupt
+        raise SystemExit(128 + number)
 
     if threading.current_thread() is not threading.main_thread():
         yield came  # signals go to the main thread
         return
     before = {number: signal.getsignal(number) for number in STOPPED.values()}
     interrupt = signal.getsignal(signal.SIGINT)
+    unraisable = sys.unraisablehook
+    sys.unraisablehook = functools.partial(_stop_again, came, unraisable)
     for number in STOPPED.values():
         if before[number] is signal.SIG_DFL:  # not where nohup ignores it
-            signal.signal(number, _stop)
+            signal.signal(number, stop)
     if interrupt in (signal.SIG_DFL, signal.default_int_handler):  # not where a shell ignores it
-        signal.signal(signal.SIGINT, stop_by_exception)
+        signal.signal(signal.SIGINT, stop)
     try:
         yield came
     finally:
         signal.signal(signal.SIGINT, interrupt or signal.SIG_DFL)
         for number, handler in before.items():
             signal.signal(number, handler or signal.SIG_DFL)
+        sys.unraisablehook = unraisable
 
 
-def _stop(number: int, frame: FrameType | None) -> NoReturn:
-    """End the process through all ``finally`` clauses."""
-    raise SystemExit(128 + number)
+def _stop_again(
+    came: list[int],
+    report: Callable[[sys.UnraisableHookArgs], object],
+    ignored: sys.UnraisableHookArgs,
+) -> None:
+    """Send a signal once more whose exception came where Python has to ignore exceptions.
+
+    Such places are destructors and callbacks from C, such as those with which pymunk frees shapes.
+    """
+    if came and isinstance(ignored.exc_value, (SystemExit, KeyboardInterrupt)):
+        again = threading.Timer(0.01, _signal_main_thread, [came[-1]])  # when the place is left
+        again.daemon = True
+        again.start()
+    else:
+        report(ignored)
+
+
+def _signal_main_thread(number: int) -> None:
+    """Send a signal to the thread that runs the command, which may sleep or wait."""
+    if hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(threading.main_thread().ident or 0, number)
+    else:  # Windows
+        signal.raise_signal(number)
 
 
 def _fail(program: str, reason: str) -> NoReturn:

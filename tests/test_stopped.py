@@ -123,6 +123,23 @@ def test_what_a_library_makes_of_ctrl_c_is_no_traceback():
             raise ImportError("while it was loaded") from error
 
 
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no POSIX signals")
+@pytest.mark.parametrize(("number", "status"), [
+    (signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, 130),
+])  # fmt: skip
+def test_a_signal_that_comes_in_a_destructor_is_not_lost(number, status, capsys):
+    class Freed:
+        def __del__(self):
+            signal.raise_signal(number)
+
+    hook = sys.unraisablehook
+    with pytest.raises(SystemExit) as stopped, guarded("it"):
+        Freed()
+        time.sleep(60)
+    assert stopped.value.code == status and capsys.readouterr().err == ""
+    assert sys.unraisablehook is hook
+
+
 @pytest.mark.parametrize("arguments", [
     ["predict", "built", "--copies", "1e10"],
     ["evaluate", "--policy", "pid", "--episodes", "1e10"],

@@ -135,7 +135,9 @@ function standingHeight(closure, samples = 360) {
   const { toes, joints } = closure.robot.scene;
   const places = closure.legs(tabulate(samples, (i) => (TURN / samples) * i));
   const lowest = tabulate(samples, (i) =>
-    Math.min(...toes.map(([leg, joint]) => places[2 * ((leg * samples + i) * joints.length + joint) + 1])),
+    Math.min(
+      ...toes.map(([leg, joint]) => places[2 * ((leg * samples + i) * joints.length + joint) + 1]),
+    ),
   );
   return -pairwiseSum(lowest) / samples;
 }

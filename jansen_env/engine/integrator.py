@@ -134,7 +134,7 @@ POSE, VELOCITY_BEFORE, VELOCITY_AFTER, TORQUE, DRY_TORQUE, IMPULSES = (
 
 @kernel(nogil=True)
 def advance(
-    thread: int, shares: Ints2, most: int, rows: Ints1, steps: int, torque: Floats1,
+    thread: int, shares: Ints2, most: int, rows: Ints1, steps: int, ahead: bool, torque: Floats1,
     earlier: Floats1, switch: Ints1, pushes: Floats3, trace: Floats2, scratch: Scratch,
     designs: Designs, motions: Motions,
 ) -> None:  # fmt: skip
@@ -147,6 +147,7 @@ def advance(
         most: Number of robots to advance at most.
         rows: Shape (k,), the robots.
         steps: Number of time steps.
+        ahead: Whether this is a look ahead, after which states are what they were.
         torque: Shape (robots,), commanded crank torque in N m.
         earlier: Shape (robots,), the torque that still holds in the first time steps, in N m.
         switch: Shape (robots,), number of these time steps.
@@ -173,6 +174,8 @@ def advance(
             traced = trace if r == 0 else trace[:0]
             take_steps(r, steps, commanded, traced, work, scratch, designs, motions)
             robot = motions.robots[r]
+            if ahead:
+                _go_back(robot, motions.statistics[r], scratch)
             far = far or has_moved(robot)
             diverged = diverged or robot.diverged
             taken += 1
@@ -233,16 +236,23 @@ def take_steps(r, steps, commanded, trace, work, scratch, designs, motions):
 def _refuse(robot, statistics, slip, force, scratch):
     """Leave a robot as it was before its step, without sums."""
     clear(robot.accumulators)
-    for i in range(8):
-        robot.state[i] = scratch.state[i]
+    _go_back(robot, statistics, scratch)
     for j in range(len(statistics)):
         pad = statistics[j]
         pad.slip = pad.impulse[0] = pad.impulse[1] = 0.0
-        if robot.params.compliant:
-            for i in range(2):
-                pad.deflection[i] = scratch.deflection[j, i]
     for j in range(len(slip)):
         slip[j] = force[j, 0] = force[j, 1] = 0.0
+
+
+@stage(inline=False)
+def _go_back(robot, statistics, scratch):
+    """Put a robot back where its step began."""
+    for i in range(8):
+        robot.state[i] = scratch.state[i]
+    if robot.params.compliant:
+        for j in range(len(statistics)):
+            for i in range(2):
+                statistics[j].deflection[i] = scratch.deflection[j, i]
 
 
 @stage

@@ -135,7 +135,8 @@ class Kernel:
         Raises TypeError: an argument is no such array or number.
         """
         if PYTHON:
-            return self.function(*flat(arguments, named=False))
+            with np.errstate(all="ignore"):  # as compiled
+                return self.function(*flat(arguments, named=False))
         try:
             last = self._spare.pop()
         except IndexError:

@@ -14,6 +14,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from jansen_env.engine import mathematics
 from jansen_env.engine.kernel import stage
 from jansen_env.engine.readings import put
@@ -100,9 +102,10 @@ def estimate_onboard(period, moved, robot, paths, columns, out):
     if moved or memory.is_first:
         first = memory.is_first
         old_angle, old_cos, old_sin = estimates[ANGLE], estimates[COS_PITCH], estimates[SIN_PITCH]
-        angle = mathematics.atan2(
-            float(out[columns[SIN_ANGLE_COLUMN]]), float(out[columns[COS_ANGLE_COLUMN]])
-        )
+        # Compiled, float() would leave a number of single precision what it is.
+        sine = np.float64(out[columns[SIN_ANGLE_COLUMN]])
+        cosine = np.float64(out[columns[COS_ANGLE_COLUMN]])
+        angle = mathematics.atan2(sine, cosine)
         turn = angle - old_angle
         turn -= 2.0 * math.pi * mathematics.nearest(turn / (2.0 * math.pi))
         rate = float(out[columns[RATE_COLUMN]])

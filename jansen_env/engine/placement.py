@@ -12,8 +12,8 @@ from jansen_env.engine.collision import (
     height_at,
     segment_at,
 )
-from jansen_env.engine.kernel import Floats2, Ints1, kernel, stage
-from jansen_env.engine.records import Designs, Planes, Robots
+from jansen_env.engine.kernel import Floats1, Floats2, Ints1, kernel, stage
+from jansen_env.engine.records import Designs, Motions, Planes
 from jansen_env.engine.tables import centre_of_mass, pad_place
 
 GRADIENT_STEP = 1e-4  # m, to either side of where a slope is measured
@@ -24,27 +24,75 @@ CLOSE = 1e-6  # m, how near they must come; near steep faces, and pads that are 
 # By which a robot is placed in the ground, m: within what is left uncorrected, and so deep that its
 # toes carry at once and stay down; at a nanometre they rattle.
 PLACEMENT_DEPTH = 1e-5
+DEEPEST = 0.02  # m, of the static deflection of feet
+
+
+@stage
+def resting_depth(mass, stiffness, gravity):
+    """Return the static deflection of feet, m: the weight of a mass on two of them.
+
+    Args:
+        mass: In kg.
+        stiffness: Of a foot, in N/m.
+        gravity: Downwards, in m/s^2.
+    """
+    return 0.5 * mass * max(gravity, 0.0) / stiffness
 
 
 @kernel
-def place(rows: Ints1, designs: Designs, robots: Robots, centres: Floats2, planes: Planes) -> None:
+def place(
+    rows: Ints1, crank_angles: Floats1, x: float, pitch: float, designs: Designs, motions: Motions,
+    centres: Floats2, planes: Planes,
+) -> int:  # fmt: skip
     """Put robots at rest on their lowest toes, a little into the ground, as deep as feet give.
 
-    Where another pad, or a link's side that collides, is lower, it stands on that.
+    Where another pad, or a link's side that collides, is lower, it stands on that. A robot that is
+    held stays at y = 0.
 
     Args:
-        rows: Shape (k,), the robots. Their states have x, the crank angle, and the pitch or NaN for
-            :func:`_level_pitch`; they get height and pitch.
+        rows: Shape (k,), the robots.
+        crank_angles: Shape (n,), in rad.
+        x: Of the crank axis, in m.
+        pitch: In rad; NaN for that of :func:`_level_pitch`, or 0 of a robot that is held.
         designs: Tables and grounds.
-        robots: Records of the robots.
+        motions: Records of the robots.
         centres: Shape (toes + 1 or pads, 2), work space.
         planes: Work space.
+
+    Returns:
+        The first robot whose feet would give more than :data:`DEEPEST`; then nothing has changed.
+        -1 if there is none.
     """
+    for r in rows:
+        params = motions.robots[r].params
+        depth = resting_depth(params.mass, params.stiffness[0], -params.gravity_y)
+        if not params.held and depth > DEEPEST:
+            return r
+    for r in rows:
+        state, statistics = motions.robots[r].state, motions.statistics[r]
+        for i in range(8):
+            state[i] = 0.0
+        state[0], state[2], state[3] = x, pitch, crank_angles[r]
+        for j in range(len(statistics)):
+            deflection = statistics[j].deflection
+            deflection[0], deflection[1] = math.inf, 0.0  # unknown
+        motions.robots[r].diverged = False
+    _stand(rows, designs, motions.robots, centres, planes)
+    return -1
+
+
+@stage
+def _stand(rows, designs, robots, centres, planes):
+    """Find height and pitch of robots that stand."""
     world, surface = designs.world[0], designs.surface
     toes = world.toes
     for r in rows:
         robot = robots[r]
         state, params, status = robot.state, robot.params, robot.status
+        if params.held:
+            if math.isnan(state[2]):
+                state[2] = 0.0
+            continue
         design, radius = params.design, params.pad_radius
         body, pads, layout = designs.body[design], designs.pads[design], designs.layout[design]
         near = surface, status.first_near, status.end_near
@@ -76,8 +124,8 @@ def place(rows: Ints1, designs: Designs, robots: Robots, centres: Floats2, plane
             left = min(left, _side_clearance(centres, designs.sides, *near, status.pad_radius))
         if abs(left) > CLOSE:
             state[1] -= left
-        weight = params.mass * max(-params.gravity_y, 0.0)
-        state[1] -= PLACEMENT_DEPTH + 0.5 * weight / params.stiffness[0]
+        depth = resting_depth(params.mass, params.stiffness[0], -params.gravity_y)
+        state[1] -= PLACEMENT_DEPTH + depth
 
 
 @stage(inline=False)
@@ -166,32 +214,74 @@ def _tip(toes, centre, surface, begin, end, x, radius, pitch):
 
 @stage(inline=False)
 def _level_pitch(toes, centre, surface, begin, end, x, radius):
-    """The pitch at which front and rear toes touch together, of several the most level one, rad."""
+    """The pitch at which front and rear toes touch together, of several the most level one, rad.
+
+    Pitches are tried from the most level one outwards, and then around the first between which the
+    front toes take off.
+    """
     low, high = -WIDEST_PITCH, WIDEST_PITCH
     pitch = 0.0
     for _ in range(LEVELS):
-        step = (high - low) / (TRIES - 1)
-        any_both = False
-        best = math.inf
-        left = right = left_tip = right_tip = 0.0
-        before, before_tip = low, 0.0
-        for i in range(TRIES):
-            tried = high if i == TRIES - 1 else i * step + low
-            tip = _tip(toes, centre, surface, begin, end, x, radius, tried)
-            any_both = any_both or abs(tip) < math.inf
-            # Front toes rise with the pitch: where they take off.
-            if i > 0 and before_tip <= 0.0 and tip > 0.0 and abs(before + tried) < best:
-                best = abs(before + tried)
-                left, right, left_tip, right_tip = before, tried, before_tip, tip
-            before, before_tip = tried, tip
+        left = _most_level(low, high)
+        right = left + 1
+        left_tip = _tip(toes, centre, surface, begin, end, x, radius, _tried(low, high, left))
+        right_tip = _tip(toes, centre, surface, begin, end, x, radius, _tried(low, high, right))
+        any_both = abs(left_tip) < math.inf or abs(right_tip) < math.inf
+        found = left if left_tip <= 0.0 and right_tip > 0.0 else -1
+        below, above = left_tip, right_tip
+        while (found < 0 or not any_both) and (left > 0 or right < TRIES - 1):
+            if _is_left_next(low, high, left, right):
+                left -= 1
+                first, after = left, left_tip
+                before = _tip(toes, centre, surface, begin, end, x, radius, _tried(low, high, left))
+                left_tip = before
+                any_both = any_both or abs(before) < math.inf
+            else:
+                right += 1
+                first, before = right - 1, right_tip
+                after = _tip(toes, centre, surface, begin, end, x, radius, _tried(low, high, right))
+                right_tip = after
+                any_both = any_both or abs(after) < math.inf
+            if found < 0 and before <= 0.0 and after > 0.0:
+                found, below, above = first, before, after
         if not any_both:
             return 0.0
-        if best == math.inf:
+        if found < 0:
             return pitch
-        low, high = left, right
-        if abs(left_tip) < math.inf and abs(right_tip) < math.inf:
-            share = left_tip / (left_tip - right_tip)
+        low, high = _tried(low, high, found), _tried(low, high, found + 1)
+        if abs(below) < math.inf and abs(above) < math.inf:
+            share = below / (below - above)
             pitch = low + share * (high - low)
         else:
             pitch = 0.5 * (low + high)
     return pitch
+
+
+@stage
+def _tried(low, high, i):
+    """Return the pitch of number ``i`` that is tried between two, rad."""
+    return high if i == TRIES - 1 else i * ((high - low) / (TRIES - 1)) + low
+
+
+@stage
+def _between(low, high, i):
+    """Return how far twice the middle of tried pitches ``i`` and ``i + 1`` is from level, rad."""
+    return abs(_tried(low, high, i) + _tried(low, high, i + 1))
+
+
+@stage(inline=False)
+def _most_level(low, high):
+    """Return the number of the tried pitch with the most level middle between it and the next."""
+    best = 0
+    for i in range(1, TRIES - 1):
+        if _between(low, high, i) < _between(low, high, best):
+            best = i
+    return best
+
+
+@stage
+def _is_left_next(low, high, left, right):
+    """Whether the interval before pitch ``left`` is as level as that after ``right``, or alone."""
+    if left == 0 or right == TRIES - 1:
+        return right == TRIES - 1
+    return _between(low, high, left - 1) <= _between(low, high, right)

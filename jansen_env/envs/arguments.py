@@ -107,6 +107,30 @@ def single_action(action: object) -> Array:
     return values[None]
 
 
+def vector_actions(actions: object, active: Bools) -> Array:
+    """Return actions (n, 1) as numbers.
+
+    Args:
+        actions: One for each robot.
+        active: Shape (n,), whether the robot's action must be finite.
+
+    Raises:
+        ValueError: If they are not one finite number for each active robot.
+    """
+    count = len(active)
+    values = checks.numbers_of(actions)
+    if values.ndim == 0:
+        allowed = f"must be numbers, shape ({count}, 1)"
+        raise ValueError(f"actions are {checks.shown(actions)}, {allowed}")
+    if values.shape != (count, 1):
+        raise ValueError(f"actions have shape {values.shape}, must have ({count}, 1)")
+    if not np.isfinite(values).all():
+        bad = np.flatnonzero(active & ~np.isfinite(values[:, 0]))
+        if len(bad) > 0:
+            raise ValueError(f"actions[{bad[0]}] is {values[bad[0], 0]}, must be finite")
+    return values
+
+
 def info_keys(value: object, known: Sequence[str]) -> tuple[str, ...] | None:
     """Keys of the information that is wanted; None: all."""
     if value is None:

@@ -25,7 +25,6 @@ Observation = NDArray[np.float32]
 ATask = TypeVar("ATask", bound=Task)
 
 ROBOT = np.zeros(1, np.int64)
-ACTIVE = np.ones(1, bool)
 RIGHT, LEFT = 1073741903, 1073741904  # pygame's K_RIGHT and K_LEFT
 
 
@@ -118,7 +117,7 @@ class SingleEnv(WholeCopies, gym.Env[Observation, NDArray[np.float32]], Generic[
         task = self.task
         with task.lock:
             self._check_begun()
-            task.step(single_action(action), ACTIVE)
+            task.step(single_action(action), None)
             reward = task.rewards.item(0)
             over = task.ended.item(0), task.truncated.item(0)
             observation, info = task.observation[0].copy(), task.information.single(0)

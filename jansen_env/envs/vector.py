@@ -192,8 +192,11 @@ class TaskVectorEnv(
             late = np.flatnonzero(waiting).tolist()
             raise gym.error.ResetNeeded(f"robots {late} must be reset before the next step()")
         task, active, over = self.task, ~self._done, self._done.nonzero()[0]
-        # NEXT_STEP: those whose episode is over only start again.
-        task.step(actions, active, partial(self.restart, over) if len(over) > 0 else None)
+        values = checks.vector_actions(actions, active)
+        if len(over) == 0:
+            task.step(values, None)
+        else:  # NEXT_STEP: those whose episode is over only start again
+            task.step(values, active.nonzero()[0], partial(self.restart, over))
         self._elapsed += active
         terminated = task.ended.copy()
         truncated = task.truncated | (self._elapsed >= self.max_episode_steps)

@@ -10,11 +10,12 @@ from numpy.typing import ArrayLike
 
 from jansen_env.arrays import Array, Bools
 from jansen_env.checks import finite_numbers, invalid, numbers_of, shown, within
+from jansen_env.engine import placement
 from jansen_env.engine.integrator import DIVERGED
+from jansen_env.engine.placement import DEEPEST
 from jansen_env.robot import Robot
 
 SHORTEST_STEP, LONGEST_STEP = 1e-9, 1.0  # s, of the integration
-DEEPEST = 0.02  # m, of static deflection
 LARGEST = 1e12  # of a state's numbers, m, rad, m/s and rad/s
 
 
@@ -61,7 +62,7 @@ def resting_depth(mass: float, stiffness: float, gravity: float) -> float:
     Raises:
         ValueError: deeper than :data:`DEEPEST`: the feet are too soft.
     """
-    depth = 0.5 * mass * max(gravity, 0.0) / stiffness
+    depth = placement.resting_depth(mass, stiffness, gravity)
     if depth > DEEPEST:
         raise ValueError(
             f"pad_compliance.stiffness is {stiffness} N/m, must be at least "

@@ -121,6 +121,7 @@ class Batch(BatchedPlant):
         n = len(robots)
         self._at_once = np.zeros(n), np.zeros(n, np.int64)  # no torque from before
         self._ahead_torque = np.zeros(n)  # N m, of :meth:`lookahead`
+        self._angles = np.zeros(n)  # rad, of :meth:`place_at`
         self._no_pushes = np.zeros((0, 0, 2))
         self._no_trace: Rows = np.zeros(0, integrator.trace_dtype(self.pads))
         self._untraced = plain(self._no_trace)
@@ -157,7 +158,6 @@ class Batch(BatchedPlant):
         nominal_params["design"][rows] = numbers
         self.machines["centre"][rows] = self.designs.farthest[numbers, 0]
         self.machines["pad"][rows] = self.designs.farthest[numbers, 1]
-        self.any_gives = bool(nominal_params["compliant"].any())
 
     def _share_arrays(self) -> None:
         """Note the arguments that threads share in a step."""
@@ -165,7 +165,8 @@ class Batch(BatchedPlant):
         self._shared = Designs(
             self.world, *model, self._sides, self.designs.depths, self._grounds.surface
         )
-        self._placed = self._shared, self.records.robots, self._centres, self._planes
+        self._placed = self._shared, self.records.motions, self._centres, self._planes
+        self._asked_x: Array = self.records.status["asked_x"]
 
     def reconnect(self) -> None:
         """Take other views of the records, which have been made anew."""
@@ -249,12 +250,14 @@ class Batch(BatchedPlant):
 
     def _ask_ground(self, rows: Ints) -> None:
         """Ask pymunk for the ground of those robots (k,) that have moved by the margin."""
-        if self.held:
-            return
-        moved = np.abs(self.states[rows, 0] - self.records.status["asked_x"][rows])
-        for row in rows[~(moved <= collision.MARGIN)].tolist():
+        for row, x in zip(rows.tolist(), self.states[rows, 0].tolist(), strict=True):
+            self._ask_at(row, x)
+
+    def _ask_at(self, row: int, x: float) -> None:
+        """Ask pymunk for the ground of a robot at x, m, unless it was asked for near there."""
+        if not self.held and not abs(x - self._asked_x[row]) <= collision.MARGIN:
             extent = float(self.designs.extent[self.designs.number[row]])
-            self._grounds.find_stretch(row, float(self.states[row, 0]), extent, self._longest)
+            self._grounds.find_stretch(row, x, extent, self._longest)
 
     def place(self, rows: Ints, crank_angles: ArrayLike, crank_speeds: ArrayLike = 0.0) -> None:
         """Place robots (k,) at x = 0, see :meth:`place_at`, and :meth:`lookahead`; then they move.
@@ -278,20 +281,15 @@ class Batch(BatchedPlant):
         Raises:
             ValueError: a number that is not finite, or feet too soft for their robot.
         """
-        x, pitch = finite("x", x), None if pitch is None else finite("pitch", pitch)
-        states = np.zeros((len(rows), 8))
-        states[:, 0], states[:, 3] = x, crank_angles
-        states[:, 2] = pitch if pitch is not None else 0.0 if self.held else math.nan
-        if self.any_gives and not self.held:
-            for row in rows.tolist():
-                params = self.params[row]
-                resting_depth(params["mass"], params["stiffness"][0], -params["gravity_y"])
-        self.states[rows] = states
-        if not self.held:
-            self._ask_ground(rows)
-            self._place(rows, self._placed)
-        self.records.deflection[rows] = UNKNOWN_DEFLECTION
-        self.records.diverged[rows] = False
+        x = finite("x", x)
+        pitch = math.nan if pitch is None else finite("pitch", pitch)
+        self._angles[rows] = crank_angles
+        for row in rows.tolist():
+            self._ask_at(row, x)
+        too_soft = self._place(rows, self._angles, x, pitch, self._placed)
+        if too_soft >= 0:
+            params = self.params[too_soft]
+            resting_depth(params["mass"], params["stiffness"][0], -params["gravity_y"])
         if self.in_contact is not None and 0 in rows:
             self.in_contact = None
 
@@ -409,15 +407,20 @@ class Batch(BatchedPlant):
         rows = self._every if rows is None else rows
         in_contact = self.in_contact
         self._ahead_torque[:] = torque
-        states = self.states.take(rows, axis=0)  # quicker than an index
-        deflection = self.deflection.take(rows, axis=0) if self.any_gives else None
-        self._run(rows, (self._ahead_torque, *self._at_once, pushes), 1)
-        self.states[rows], self.in_contact = states, in_contact
-        if deflection is not None:
-            self.deflection[rows] = deflection
+        self._run(rows, (self._ahead_torque, *self._at_once, pushes), 1, True)
+        self.in_contact = in_contact
 
-    def _run(self, rows: Ints, torques: tuple[Array | Ints | None, ...], steps: int) -> None:
-        """:meth:`step` of some robots; ``torques``: torque, earlier, switch and pushes."""
+    def _run(
+        self, rows: Ints, torques: tuple[Array | Ints | None, ...], steps: int, ahead: bool = False
+    ) -> None:
+        """:meth:`step` of some robots.
+
+        Args:
+            rows: Shape (k,), the robots.
+            torques: Torque, earlier, switch and pushes.
+            steps: Number of time steps.
+            ahead: Whether states stay.
+        """
         if len(rows) == 0:
             return
         self._reach(steps * self.time_step)
@@ -427,7 +430,7 @@ class Batch(BatchedPlant):
 
         def move(thread: int, shares: Ints, most: int, scratch: Scratch) -> tuple[bool, bool]:
             self._advance(
-                thread, shares, most, rows, steps, *torques, numbers, scratch, self._shared,
+                thread, shares, most, rows, steps, ahead, *torques, numbers, scratch, self._shared,
                 self.records.motions,
             )  # fmt: skip
             far, diverged = scratch.flags.tolist()

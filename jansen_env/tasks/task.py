@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from jansen_env.arrays import Array, Bools, Ints, Rows
 from jansen_env.checks import MOST_SINGLE, listed, number_range, robot_index, within
@@ -21,6 +21,8 @@ from jansen_env.uniform import uniform
 from jansen_env.world.observations import Observed
 from jansen_env.world.settings import Values, WorldSettings, flag, option
 from jansen_env.world.world import Numbers, World
+
+EVERY = slice(None)  # robot; as an index quicker than all their numbers
 
 
 class Task(ABC):
@@ -78,7 +80,7 @@ class Task(ABC):
         self.observation_space = spaces.Box(low, high, dtype=np.float32)
         self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
         self.observation = np.zeros((n, len(self.observed)), np.float32)
-        self._which: Ints = np.arange(n)
+        self._which: Ints | slice = EVERY
         self.world.connect(self.observed, self.observation, self.COMPILED)
         self._make_lock()
         self._connect()
@@ -109,6 +111,8 @@ class Task(ABC):
         self.information = InfoBuilder(
             records.data, world.information, world.energies, self.data, world.arrays, world.groups
         )
+        self._terms: Rows = self.data["reward"]
+        self._blank = np.zeros((), self.info.dtype), np.zeros((), self._terms.dtype)
         self._kept = frozenset(self.info.dtype.names or ())
         self._observes = {entry.name for entry in self.OBSERVED} - {*self.COMPILED}
 
@@ -193,26 +197,25 @@ class Task(ABC):
 
     def _clear(self, i: int, numbers: Values) -> None:
         """Replace the values of :attr:`INFO` of a robot's last episode."""
-        for part in ("info", "reward"):
-            self.data[part][i] = np.zeros((), self.data.dtype[part])
+        self.info[i], self._terms[i] = self._blank
         for name, value in numbers.items():
             self.info[name][i] = value
 
     def step(
-        self, actions: ArrayLike, active: Bools, meanwhile: Callable[[], None] | None = None
+        self, actions: Array, which: Ints | None, meanwhile: Callable[[], None] | None = None
     ) -> None:
-        """Hold actions (n, 1) of the ``active`` robots (n,), see ``World.step``."""
+        """Hold actions (n, 1) of robots (k,), None for all, see ``World.step``."""
         with self.lock:
-            self.world.step(actions, active, meanwhile)
+            self.world.step(actions, which, meanwhile)
             if not self.is_whole:
-                self._judge(np.flatnonzero(active))
+                self._judge(which)
 
-    def _judge(self, which: Ints) -> None:
+    def _judge(self, which: Ints | None) -> None:
         """Reward the step of robots (k,), end their episodes, and observe them."""
-        self._which = which
-        self.rewards[which] = self.reward()[which]
-        self.ended[which] = self.terminated()[which]
-        self._fill(which)
+        part = self._which = EVERY if which is None else which
+        self.rewards[part] = self.reward()[part]
+        self.ended[part] = self.terminated()[part]
+        self._fill(part)
         self.world.observe(which, True)
 
     def _observed(self) -> Mapping[str, Array]:
@@ -224,7 +227,7 @@ class Task(ABC):
             raise ValueError(f"observe() of {kind} must return {needed}, got {[*observed]}")
         return observed
 
-    def _fill(self, which: Ints) -> None:
+    def _fill(self, which: Ints | slice) -> None:
         """Fill the task's own observations of robots (k,)."""
         self._which = which
         for name, values in self._observed().items():
@@ -328,6 +331,7 @@ class Task(ABC):
             "rewards",
             "ended",
             "_records",
+            "_terms",
             "lock",
             "truncated",
         )

@@ -241,12 +241,15 @@ class EpisodeParameters:
         Raises:
             ValueError: If feet are too stiff for the time step of ``"rigid_body"``.
         """
+        changed = list[int]()
         for i, plan in zip(which.tolist(), plans, strict=True):
             if plan.terrain is not None:
                 self._plant.set_terrain(i, plan.terrain)
-        values = np.concatenate([plan.values for plan in plans])
-        if (values != self._plant.parameters[which]).any():
-            self._plant.set_parameters(which, values)
+            if plan.values.tobytes() != self._plant.parameters[i].tobytes():
+                changed.append(i)
+        if changed:
+            values = [plan.values for i, plan in zip(which, plans, strict=True) if i in changed]
+            self._plant.set_parameters(np.array(changed), np.concatenate(values))
 
     def begin(self, draws: Mapping[int, Randomization]) -> None:
         """Begin episodes of robots that were exchanged, with what is sampled of each."""

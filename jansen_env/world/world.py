@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from jansen_env import checks, parameters
 from jansen_env.arrays import Array, Bools, Ints, Rows
@@ -357,9 +357,13 @@ class World:
             records.robots["info"]["joint_gap"][which] = plant.joint_gap[which]
         self._begin_episode(which, plant.world, plant.machines, records.motions, self._episodes)
 
-    def observe(self, which: Ints, moved: bool) -> None:
-        """Fill observations and information of robots (k,), after a step or as they stand."""
+    def observe(self, which: Ints | None, moved: bool) -> None:
+        """Fill observations and information of robots (k,), after a step or as they stand.
+
+        ``which``: None for all.
+        """
         plant = self.plant
+        which = self._every if which is None else which
         self._observe(
             which, moved, plant.world, plant.surface, self.records.motions, self._episodes,
             self._observing,
@@ -450,46 +454,31 @@ class World:
     # Steps.
 
     def step(
-        self, actions: ArrayLike, active: Bools, meanwhile: Callable[[], None] | None = None
+        self, actions: Array, which: Ints | None, meanwhile: Callable[[], None] | None = None
     ) -> None:
-        """Hold actions (n, 1) of the ``active`` robots (n,) for ``control_dt`` seconds.
+        """Hold actions of robots for ``control_dt`` seconds.
 
-        ``meanwhile`` is called while they move, to :meth:`reset` robots that are not active.
-
-        Raises:
-            ValueError: If the actions are not one finite number for each active robot.
+        Args:
+            actions: Shape (n, 1), finite for each of these robots.
+            which: Shape (k,), the robots; None for all.
+            meanwhile: Called while they move, to :meth:`reset` others.
         """
         plant = self.plant
-        self._take_actions(actions, active)
-        moved = active.nonzero()[0]
-        if len(moved) == self.num_envs:
-            moved = self._every
-        plant.control_step(moved, self._actions, self._episodes, self._observing, meanwhile)
+        which = self._every if which is None else which
+        self._actions[:] = actions
+        plant.control_step(which, self._actions, self._episodes, self._observing, meanwhile)
         if plant.joints_open:
             self.records.robots["info"]["joint_gap"] = plant.joint_gap
         if plant.any_diverged or self._any_truncated:
-            self._truncate(plant.diverged & active)
-        if self.track_joint_forces and active[0]:  # of the single robot
+            self._truncate(which)
+        if self.track_joint_forces and len(which) > 0:  # the single robot
             self._joint_loads[:] = self._find_joint_loads()
 
-    def _take_actions(self, actions: ArrayLike, active: Bools) -> None:
-        """Check actions and take them; ValueError: they are not one finite number a robot."""
-        count = self.num_envs
-        values = checks.numbers_of(actions)
-        if values.ndim == 0:
-            allowed = f"must be numbers, shape ({count}, 1)"
-            raise ValueError(f"actions are {checks.shown(actions)}, {allowed}")
-        if values.shape != (count, 1):
-            raise ValueError(f"actions have shape {values.shape}, must have ({count}, 1)")
-        if not np.isfinite(values).all():
-            bad = np.flatnonzero(active & ~np.isfinite(values[:, 0]))
-            if len(bad) > 0:
-                raise ValueError(f"actions[{bad[0]}] is {values[bad[0], 0]}, must be finite")
-        self._actions[:] = values
-
-    def _truncate(self, diverged: Bools) -> None:
-        """End episodes whose simulation has just diverged, if any."""
-        self.truncated[:] = diverged
+    def _truncate(self, which: Ints) -> None:
+        """End episodes of those robots (k,) whose simulation has just diverged."""
+        self.truncated[:] = False
+        self.truncated[which] = self.plant.diverged[which]
+        diverged = self.truncated
         self._any_truncated = bool(diverged.any())
         if self._any_truncated:
             gym.logger.warn(

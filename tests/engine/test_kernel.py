@@ -19,11 +19,13 @@ POINTS = np.array([[3.0, 4.0], [0.0, 1.0]])
 WAYS = np.array([[1.0, 0.0], [0.0, 1.0]])
 WALK = """
 import gymnasium as gym, jansen_env
-env = gym.make("JansenWalkerBuilt-v0")
-seen = [env.reset(seed=3)[0].tobytes().hex()]
-for _ in range(3):
-    observation, reward, *_ = env.step([0.4])
-    seen += [observation.tobytes().hex(), float(reward).hex()]
+seen = []
+for arguments in ({}, {"observe": "onboard", "noise": {}}):
+    env = gym.make("JansenWalkerBuilt-v0", **arguments)
+    seen.append(env.reset(seed=3)[0].tobytes().hex())
+    for _ in range(4):
+        observation, reward, *_ = env.step([0.4])
+        seen += [observation.tobytes().hex(), float(reward).hex()]
 print(seen)
 """
 
@@ -77,6 +79,7 @@ def test_other_processes_walk_alike(method):
 def test_python_itself_walks_alike():
     compiled, python = run(WALK), run(WALK, JANSEN_ENV_PYTHON="1")
     assert compiled.returncode == 0 and compiled.stdout == python.stdout, python.stderr
+    assert python.stderr == ""
 
 
 def test_two_checkouts_have_a_library_each(copy):

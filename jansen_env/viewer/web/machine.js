@@ -160,6 +160,7 @@ export class Machine {
     this.out = memory.array("f4", 1, count);
     this.known = memory.filled("i8", [-1]);
     this.actions = memory.array("f8", 1, 1);
+    this.angles = memory.array("f8", 1);
     this.observing = [
       this.out,
       memory.filled("f8", layout.scan),
@@ -277,23 +278,16 @@ export class Machine {
 
   /** Lower it onto the ground, and look one time step ahead. */
   place(crankAngle) {
-    const { memory, states, robots, planes, rows } = this;
-    states.view.fill(0);
-    states.view.set([Number.NaN, crankAngle], 2);
+    const { memory, states, planes, rows } = this;
+    states.view[0] = 0;
     this.askGround();
-    memory.call("placement_place", rows, this.designs, robots, this.centres, planes);
-    const forget = () => {
-      for (let pad = 0; pad < this.statistics.length; pad += 1)
-        this.statistics.write({ deflection: [INFINITE, 0] }, pad);
-    };
-    forget();
-    const state = states.view.slice();
+    this.angles.view[0] = crankAngle;
+    const where = [rows, this.angles, 0, Number.NaN];
+    memory.call("placement_place", where, this.designs, this.motions, this.centres, planes);
     this.shares.view.set([0n, 1n, 0n, 0n]);
-    const share = [0, this.shares, 1, rows, 1];
+    const share = [0, this.shares, 1, rows, 1, 1];
     const kernelArguments = [share, this.still, this.noPushes, this.trace, this.scratch];
     memory.call("integrator_advance", kernelArguments.flat(2), this.designs, this.motions);
-    states.view.set(state);
-    forget();
   }
 
   /** Hold an action, -1 to 1, for a control step. */

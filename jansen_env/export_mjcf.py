@@ -15,7 +15,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from jansen_env.arrays import Array
-from jansen_env.checks import positive
+from jansen_env.checks import positive, shown
 from jansen_env.dynamics.pads import pad_layout
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.rigid import bodies as links
@@ -92,6 +92,8 @@ def to_mjcf(
     Raises ValueError: a number out of range, or a terrain with several slopes; LinkageError: a leg
     that does not close; ImportError: compliant pads without MuJoCo.
     """
+    if terrain is not None and not isinstance(terrain, Terrain):
+        raise ValueError(f"terrain must be level or a slope, got {shown(terrain)}")
     positive("time_step", time_step)
     positive("loop_stiffness", loop_stiffness)
     positive("contact_stiffness", contact_stiffness)

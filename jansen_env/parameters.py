@@ -15,7 +15,7 @@ from jansen_env.arrays import Array, Rows
 from jansen_env.checks import invalid, listed, number_range, shown, within
 from jansen_env.engine.records import PARAMETERS as ENGINE_PARAMETERS
 from jansen_env.robot import Payload, Robot
-from jansen_env.terrain import MAX_SLOPE, Terrain
+from jansen_env.terrain import MAX_SLOPE, Ground
 from jansen_env.terrain.generators import HIGHEST
 from jansen_env.uniform import uniform
 
@@ -42,7 +42,7 @@ class Parameter(NamedTuple):
     least: float
     most: float
     meaning: str
-    nominal: Callable[[Robot, Terrain], float] = lambda robot, terrain: 1.0
+    nominal: Callable[[Robot, Ground], float] = lambda robot, terrain: 1.0
     idle: str = ""
     is_idle: Callable[[Robot], bool] = lambda robot: False
     of_robot: bool = True
@@ -116,7 +116,7 @@ ARGUMENTS = tuple(row.name for row in TABLE if row.argument)
 """Names of those that are arguments of constructors."""
 
 
-def nominal(robot: Robot, terrain: Terrain) -> np.void:
+def nominal(robot: Robot, terrain: Ground) -> np.void:
     """Return the parameters, a record of :data:`EPISODE`, that change nothing."""
     values = tuple(parameter.nominal(robot, terrain) for parameter in TABLE)
     return np.array([values], EPISODE)[0]

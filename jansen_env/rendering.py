@@ -23,7 +23,7 @@ from jansen_env.arrays import Array
 from jansen_env.engine.mathematics import directions
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import joint_positions, world_joints
-from jansen_env.terrain import heights_of
+from jansen_env.terrain import Piece, heights_of
 
 Picture = NDArray[np.uint8]
 Point = Array | tuple[float, float]
@@ -83,6 +83,7 @@ class Renderer:
         mode: ``"rgb_array"`` returns pictures and needs no display, ``"human"`` shows a window.
         fps: pictures per second of the window.
         speed_range: speed at either end of the speed gauge. speed_unit: of that gauge.
+        shapes: of a ground that is no height line; ``terrain_points`` is its upper side then.
     """
 
     def __init__(
@@ -93,10 +94,11 @@ class Renderer:
         fps: float,
         speed_range: float = 1.0,
         speed_unit: str = "m/s",
+        shapes: Sequence[Piece] = (),
     ) -> None:
         self.mode, self.fps = mode, fps
         self.speed_range, self.speed_unit = speed_range, speed_unit
-        self.show(robot, terrain_points)
+        self.show(robot, terrain_points, shapes)
         os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
         import pygame
 
@@ -106,9 +108,16 @@ class Renderer:
         self.dismissed = False  # the user closed the window, or there is no display
         self._fonts: dict[int, Any] = {}
 
-    def show(self, robot: Robot, terrain_points: Array | None, **_: object) -> None:
+    def show(
+        self,
+        robot: Robot,
+        terrain_points: Array | None,
+        shapes: Sequence[Piece] = (),
+        **_: object,
+    ) -> None:
         """Draw this robot and this ground from now on."""
         self.robot, self._terrain = robot, terrain_points
+        self._shapes = shapes
         self._reach = reach = min(max(reach_of(robot), REACHES[0]), REACHES[1])
         least, most = (share * reach for share in ARROW_PER_REACH)
         self._arrow_per_weight = min(max(ARROW_PER_WEIGHT, least), most)
@@ -212,6 +221,10 @@ class Renderer:
         for x, _ in tops:
             self._line((x, 0.0), (x, HEIGHT), 1.0, GRID)
         below = [(WIDTH, max(HEIGHT, surface[-1, 1])), (0, max(HEIGHT, surface[0, 1]))]
+        if self._shapes:
+            for piece in self._shapes:
+                self._paint_piece(piece)
+            return
         self._polygon(np.concatenate([surface, below]), GROUND)
         for mark, (x, y) in zip(marks, tops, strict=True):
             self._line((x, y), (x, y + (9 if mark % 2 else 14) * u), 2.0, SURFACE)
@@ -219,6 +232,16 @@ class Renderer:
                 label = _mark_label(mark, spacing)
                 self._text(label, x, y + 24 * u, 20 if mark % 2 else 24, GROUND_TEXT, 0.5)
         self._polyline(surface, SURFACE, 3 * u)
+
+    def _paint_piece(self, piece: Piece) -> None:
+        """Paint a convex shape: the hull of its points, with round corners of its radius."""
+        points = self._pixels(np.array(piece.points))
+        radius = piece.radius * self._scale / UNIT
+        for color, width in ((SURFACE, radius + 1.5), (GROUND, radius)):
+            for start, end in zip(points, np.roll(points, -1, axis=0), strict=True):
+                self._line(start, end, 2.0 * width, color)
+                self._disc(start, width, color)
+        self._polygon(points, GROUND)
 
     def _paint_flag(self, x: float) -> None:
         foot = self._pixels(self._surface(np.array([x])))[0]

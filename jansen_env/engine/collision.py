@@ -1,7 +1,8 @@
-"""Collision detection: a robot's contact planes on the stretch of ground that pymunk found for it.
+"""Collision detection: a robot's contact planes on the stretch of a height line that it can reach.
 
 See ``plants/grounds.py``. A pad's planes are those within its robot's speculative margin; a pad
-farther than that in the ground has the plane by which it comes out soonest.
+farther than that in the ground has the plane by which it comes out soonest. On a ground that is no
+height line, pymunk lists the planes in their place: see ``plants/shape_planes.py``.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ def detect(state, robot, model, ground, world, sides, planes):
     Sets the robot's ``margin``, its ``planes`` and ``too_deep``; arguments: see ``records.py``.
     """
     status = robot.status
-    _set_margin(state, robot, world.time_step)
+    set_margin(state, robot, world.time_step)
     if not abs(state[0] - status.asked_x) <= status.room:
         return False
     toes, pads = world.toes, len(model.layout)
@@ -95,7 +96,7 @@ def _side_normal(surface, k, x, y, ex, ey):
 
 
 @stage
-def _set_margin(state, robot, time_step):
+def set_margin(state, robot, time_step):
     """Let a robot's speculative margin be as far as its fastest pad gets in a time step."""
     speed = abs(state[4]) + abs(state[5])  # no pad is faster
     speed += robot.params.pitch_arm * abs(state[6]) + robot.params.crank_arm * abs(state[7])

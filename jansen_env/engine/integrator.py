@@ -29,7 +29,13 @@ from jansen_env.engine.accumulators import (
     clear,
     end,
 )
-from jansen_env.engine.collision import MARGIN, detect, links_in_ground
+from jansen_env.engine.collision import (
+    MARGIN,
+    detect,
+    links_in_ground,
+    set_margin,
+    sort_planes,
+)
 from jansen_env.engine.compliance import (
     accumulate_compliant,
     add_compliance,
@@ -174,7 +180,7 @@ def advance(
             traced = trace if r == 0 else trace[:0]
             take_steps(r, steps, commanded, traced, work, scratch, designs, motions)
             robot = motions.robots[r]
-            if ahead:
+            if ahead and not robot.status.waits:
                 _go_back(robot, motions.statistics[r], scratch)
             far = far or has_moved(robot)
             diverged = diverged or robot.diverged
@@ -194,6 +200,9 @@ def take_steps(r, steps, commanded, trace, work, scratch, designs, motions):
 
     A robot that becomes faster than :data:`DIVERGED` or not finite, leaves the stretch of ground
     that is known, or gets too deep into the ground stays as it was, without sums, ``diverged``.
+
+    A robot on pymunk's shapes stops, and ``waits``, wherever its planes must be listed: in
+    ``planes`` of ``scratch``, as many as its status says. The same call then continues the step.
     """
     robot, statistics, slip = motions.robots[r], motions.statistics[r], motions.slip[r]
     force, params, status, state = motions.contact_force[r], robot.params, robot.status, robot.state
@@ -203,15 +212,24 @@ def take_steps(r, steps, commanded, trace, work, scratch, designs, motions):
         designs.bearings[design],
     )  # fmt: skip
     ground = Ground(designs.surface, designs.depths[design])
-    for i in range(8):
-        scratch.state[i] = state[i]
-    if params.compliant:
-        for j in range(len(statistics)):
-            for i in range(2):
-                scratch.deflection[j, i] = statistics[j].deflection[i]
-    begin(robot, state, statistics, model.body, work.sums)
+    if not status.waits:
+        for i in range(8):
+            scratch.state[i] = state[i]
+        if params.compliant:
+            for j in range(len(statistics)):
+                for i in range(2):
+                    scratch.deflection[j, i] = statistics[j].deflection[i]
+        begin(robot, state, statistics, model.body, work.sums)
     while status.step < steps:
-        if not params.held:
+        if status.on_shapes:
+            if not status.waits:
+                set_margin(state, robot, world.time_step)
+                status.waits = True
+                return
+            status.waits = False
+            sort_planes(status.first_plane, status.end_plane, planes)
+            status.lost = status.too_deep
+        elif not params.held:
             on_stretch = detect(state, robot, model, ground, world, designs.sides, planes)
             status.lost = not on_stretch or status.too_deep
         if status.lost:
@@ -226,7 +244,7 @@ def take_steps(r, steps, commanded, trace, work, scratch, designs, motions):
         _refuse(robot, statistics, slip, force, scratch)
         return
     end(robot, state, statistics, steps * world.time_step, slip, force, model.body, work.sums)
-    if not params.held:
+    if not params.held and not status.on_shapes:
         robot.accumulators.links_in_ground = links_in_ground(
             state, status, model, ground, world.toes, designs.sides, work.bound
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from jansen_env.engine import placement
 from jansen_env.engine.integrator import DIVERGED
 from jansen_env.engine.placement import DEEPEST
 from jansen_env.robot import Robot
+from jansen_env.terrain import Ground, Shapes
 
 SHORTEST_STEP, LONGEST_STEP = 1e-9, 1.0  # s, of the integration
 LARGEST = 1e12  # of a state's numbers, m, rad, m/s and rad/s
@@ -79,6 +81,15 @@ def check_legs(robot: Robot, other: Robot) -> None:
     sides, others = ([leg.side for leg in each.legs] for each in (robot, other))
     if sides != others:
         raise ValueError(f"a robot's legs are on the sides {sides}, must be on {others}")
+
+
+def check_colliding(grounds: Iterable[Ground], links_collide: bool) -> None:
+    """Raise ValueError where links would collide with shapes, which their sides do not touch."""
+    if links_collide and any(isinstance(ground, Shapes) for ground in grounds):
+        raise ValueError(
+            "links_collide must be False on a ground of pymunk shapes, got True: sides of links "
+            "touch the vertices of height lines only"
+        )
 
 
 def check_time_step(value: object) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,13 +15,16 @@ from jansen_env.dynamics.joint_forces import JointForces, joint_forces
 from jansen_env.dynamics.pads import pad_sides
 from jansen_env.dynamics.reduced import Tables, compile_robot
 from jansen_env.engine import collision, episode, integrator, placement
-from jansen_env.engine.collision import SPECULATIVE_MARGIN
+from jansen_env.engine.collision import SPECULATIVE_MARGIN, WAY_OUT
+from jansen_env.engine.contact_solver import STICK
 from jansen_env.engine.episode import Episodes, Observing
+from jansen_env.engine.kernel import Kernel
 from jansen_env.engine.records import PLANE, UNKNOWN_DEFLECTION, Designs, Scratch
 from jansen_env.engine.tables import energy
 from jansen_env.gravity import GRAVITY, Gravity
 from jansen_env.parameters import nominal, plain
 from jansen_env.plants.base import (
+    check_colliding,
     check_held,
     check_legs,
     check_pushes,
@@ -38,14 +41,27 @@ from jansen_env.plants.robot_parameters import (
     machine_of,
 )
 from jansen_env.plants.robot_records import RobotRecords
+from jansen_env.plants.shape_planes import ContactPlane, ShapePlanes
 from jansen_env.plants.threads import Threads
 from jansen_env.plants.trace import find_touchdowns, pads_in_contact, trace_forces
 from jansen_env.robot import Robot
-from jansen_env.terrain import Terrain
+from jansen_env.terrain import Ground
 
 TIME_STEP = 1e-3  # s
 DETECTION_INTERVAL = 0.01  # s between two looks for the ground; its planes are kept meanwhile
 PLANES_PER_PAD = 4  # kept of a robot, on average over its pads
+# Placing on shapes: at most so many moves until pads touch, and how near that must be, m.
+SETTLING, SETTLED = 50, 1e-9
+UPWARDS = 0.1  # of a normal's y, from which its plane may carry a robot that is placed
+
+
+class ShapeKernels(NamedTuple):
+    """Kernels that move robots on shapes, each with arguments of its own that it remembers."""
+
+    advance: Kernel
+    begin_step: Kernel
+    finish_step: Kernel
+    pad_centres: Kernel
 
 
 class Batch(BatchedPlant):
@@ -86,7 +102,7 @@ class Batch(BatchedPlant):
     def __init__(
         self,
         robots: Sequence[Robot],
-        terrains: Sequence[Terrain],
+        terrains: Sequence[Ground],
         time_step: float = TIME_STEP,
         gravity: Gravity = GRAVITY,
         threads: int | None = None,
@@ -103,6 +119,7 @@ class Batch(BatchedPlant):
         for robot in different.values():
             check_legs(robot, robots[0])
         self._arguments = (time_step, gravity, threads, held, links_collide)
+        check_colliding(terrains, links_collide)
         self.designs = DesignTables(robots)
         self._sides = pad_sides(robots[0])
         super().__init__(robots, terrains, time_step, gravity, held, records)
@@ -112,9 +129,14 @@ class Batch(BatchedPlant):
         self.world["capacity"], self.world["links_collide"] = capacity, links_collide
         self.knows_joint_forces = not links_collide
         self.records.status["margin"] = SPECULATIVE_MARGIN
-        self._grounds, self._longest = Grounds(terrains, self.records.status), self.time_step
+        self._longest = self.time_step
+        self._grounds = Grounds(terrains, self.records.status)
         # Arguments of kernels.
         self._advance = integrator.advance.bound()
+        self._shape_kernels = ShapeKernels(
+            integrator.advance.bound(), episode.begin_step.bound(), episode.finish_step.bound(),
+            collision.pad_centres.bound(),
+        )  # fmt: skip
         self._control_step = episode.control_step.bound()
         self._place = placement.place.bound()
         self._make_scratch(threads)
@@ -141,6 +163,13 @@ class Batch(BatchedPlant):
             return integrator.work_space(capacity, self.pads, steps)
 
         self._threads = Threads(len(self.robots), threads, memory)
+        # Of the calling thread, for robots on shapes: always the same arrays, which kernels know.
+        self._shape_memory = memory()
+        self._alone = np.zeros((2, 2), np.int64)
+        n = len(self.robots)
+        self._commanded = np.zeros(n), np.zeros(n), np.zeros(n, np.int64)
+        self._impulses = np.zeros((n, steps, 2))
+        self._shape_rows = dict[int, tuple[Ints, Array]]()
 
     def set_control(
         self, steps: int, period: float, torque_rate: float = math.inf, **flags: bool
@@ -160,7 +189,8 @@ class Batch(BatchedPlant):
         self.machines["pad"][rows] = self.designs.farthest[numbers, 1]
 
     def _share_arrays(self) -> None:
-        """Note the arguments that threads share in a step."""
+        """Note the arguments that threads share in a step, and forget those for pads' centres."""
+        self._centre_arguments = dict[int, tuple[object, ...]]()
         model = self.designs.model
         self._shared = Designs(
             self.world, *model, self._sides, self.designs.depths, self._grounds.surface
@@ -229,12 +259,13 @@ class Batch(BatchedPlant):
         """Return the tables of a robot under its parameters."""
         return compile_robot(machine_of(self.robots[row], self.parameters[row]))
 
-    def set_terrain(self, row: int, terrain: Terrain) -> None:
+    def set_terrain(self, row: int, terrain: Ground) -> None:
         """Change a robot's ground, with friction and restitution: it must be placed again.
 
         Raises:
-            ValueError: restitution with compliant pads.
+            ValueError: restitution with compliant pads, or shapes where links collide.
         """
+        check_colliding([terrain], bool(self.world["links_collide"][0]))
         compliant = self.machines["nominal"]["compliant"][row : row + 1]
         check_restitution(compliant, np.array([terrain.restitution]))
         self.terrains[row] = terrain
@@ -244,17 +275,17 @@ class Batch(BatchedPlant):
             self.records.parameters[name][row] = getattr(terrain, name)
         self._apply(self._every[row : row + 1])
         surface = self._grounds.surface
-        self._grounds.set_terrain(row, terrain)
+        self._grounds.set_ground(row, terrain)
         if surface is not self._grounds.surface:
             self._share_arrays()
 
     def _ask_ground(self, rows: Ints) -> None:
-        """Ask pymunk for the ground of those robots (k,) that have moved by the margin."""
+        """Note the stretch of ground of those robots (k,) that have moved by the margin."""
         for row, x in zip(rows.tolist(), self.states[rows, 0].tolist(), strict=True):
             self._ask_at(row, x)
 
     def _ask_at(self, row: int, x: float) -> None:
-        """Ask pymunk for the ground of a robot at x, m, unless it was asked for near there."""
+        """Note the stretch of ground of a robot at x, m, unless it was noted near there."""
         if not self.held and not abs(x - self._asked_x[row]) <= collision.MARGIN:
             extent = float(self.designs.extent[self.designs.number[row]])
             self._grounds.find_stretch(row, x, extent, self._longest)
@@ -279,14 +310,18 @@ class Batch(BatchedPlant):
                 (until the ground bears it on both sides of its centre of mass).
 
         Raises:
-            ValueError: a number that is not finite, or feet too soft for their robot.
+            ValueError: a number that is not finite, feet too soft for their robot, or no shapes
+                below it.
         """
         x = finite("x", x)
         pitch = math.nan if pitch is None else finite("pitch", pitch)
         self._angles[rows] = crank_angles
         for row in rows.tolist():
             self._ask_at(row, x)
-        too_soft = self._place(rows, self._angles, x, pitch, self._placed)
+        lines, on_shapes = self._split(rows)
+        too_soft = self._place(lines, self._angles, x, pitch, self._placed)
+        for row in on_shapes:
+            too_soft = self._place_on_shapes(row, x, pitch) if too_soft < 0 else too_soft
         if too_soft >= 0:
             params = self.params[too_soft]
             resting_depth(params["mass"], params["stiffness"][0], -params["gravity_y"])
@@ -390,7 +425,15 @@ class Batch(BatchedPlant):
             far, diverged = scratch.flags.tolist()
             return far, diverged
 
-        far, self.any_diverged = self._threads.move(len(rows), move, meanwhile)
+        every = rows
+        rows, on_shapes = self._split(every)
+        far, self.any_diverged = False, False
+        if len(rows) > 0:
+            far, self.any_diverged = self._threads.move(len(rows), move, meanwhile)
+        for row in on_shapes:
+            self._control_on_shapes(row, actions, numbers, episodes, observing)
+        if len(rows) == 0 and meanwhile is not None:
+            meanwhile()
         if far:
             self._ask_ground(rows)
         if self.tracing:
@@ -436,11 +479,154 @@ class Batch(BatchedPlant):
             far, diverged = scratch.flags.tolist()
             return far, diverged
 
-        far, self.any_diverged = self._threads.move(len(rows), move, None)
+        rows, on_shapes = self._split(rows)
+        far, self.any_diverged = False, False
+        if len(rows) > 0:
+            far, self.any_diverged = self._threads.move(len(rows), move, None)
+        for row in on_shapes:
+            self._move_on_shapes(row, steps, ahead, torques, numbers)
         if far:
             self._ask_ground(rows)
         if self.tracing or self.in_contact is not None or self.trace is not self._no_trace:
             self._keep_trace(trace)
+
+    # Robots on pymunk's shapes.
+
+    def _split(self, rows: Ints) -> tuple[Ints, list[int]]:
+        """Return those of robots (k,) that are on height lines, and those on shapes."""
+        if self.held or not self._grounds.any_shapes:
+            return rows, []
+        on_shapes = self.records.status["on_shapes"][rows]
+        return rows[~on_shapes], rows[on_shapes].tolist()
+
+    def shapes(self, row: int) -> ShapePlanes | None:
+        return self._grounds.shapes[row]
+
+    def look_down(self, rows: Ints, scan: Array) -> None:
+        if self.held or not self._grounds.any_shapes:
+            return
+        surface = self._grounds.surface
+        for row in self._split(rows)[1]:
+            x, y = self.states[row, :2].tolist()
+            self._grounds.look_down(row, x, y, scan)
+        if surface is not self._grounds.surface:
+            self._share_arrays()
+
+    def _control_on_shapes(
+        self, row: int, actions: Array, trace: Array, episodes: Episodes, observing: Observing
+    ) -> None:
+        """Let a robot on shapes take a control step: see :mod:`jansen_env.engine.episode`."""
+        rows, impulses = self._row_of(row)
+        motions, kernels = self.records.motions, self._shape_kernels
+        pushed = kernels.begin_step(rows, actions, impulses, motions.robots, episodes)
+        torque, earlier, switch = self._commanded
+        whole, late = self.records.robots["delay"][row].tolist()
+        torque[row], earlier[row] = self.records.torques[row, whole : whole + 2].tolist()
+        switch[row] = late
+        pushes = self._impulses if pushed else self._no_pushes
+        self._move_on_shapes(row, self._steps, False, (torque, earlier, switch, pushes), trace)
+        if self.world["is_whole"][0]:
+            self.look_down(rows, observing.scan)
+        kernels.finish_step(rows, self.world, self.surface, motions, episodes, observing)
+
+    def _row_of(self, row: int) -> tuple[Ints, Array]:
+        """Return a robot as rows (1,), and the impulses (steps, 2) on it, N s."""
+        if row not in self._shape_rows:
+            self._shape_rows[row] = self._every[row : row + 1], self._impulses[row]
+        return self._shape_rows[row]
+
+    def _move_on_shapes(
+        self,
+        row: int,
+        steps: int,
+        ahead: bool,
+        torques: tuple[Array | Ints | None, ...],
+        trace: Array,
+    ) -> None:
+        """Let a robot on shapes take time steps; pymunk lists its planes wherever it waits."""
+        rows, _ = self._row_of(row)
+        status = self.records.status[row]
+        status["waits"] = False
+        while True:
+            self._alone[0] = 0, 1
+            self._shape_kernels.advance(
+                0, self._alone, 1, rows, steps, ahead, *torques, trace, self._shape_memory,
+                self._shared, self.records.motions,
+            )  # fmt: skip
+            if not status["waits"]:
+                break
+            self._list_planes(row)
+        diverged = bool(self.diverged[row])
+        self.any_diverged = self.any_diverged or diverged
+        if not diverged:
+            self.records.accumulators["links_in_ground"][row] = self._count_links_in_ground(row)
+
+    def _list_planes(self, row: int) -> None:
+        """List the planes of a robot on shapes where its step waits for them."""
+        status, planes = self.records.status[row], self._shape_memory.planes
+        near = float(status["pad_radius"] + status["margin"])
+        found = self._shapes_of(row).find(self.pad_centres(row), near)
+        if len(found) > len(planes):
+            found = sorted(found, key=lambda plane: plane.distance)[: len(planes)]
+        for k, plane in enumerate(found):
+            planes[k] = (*plane, -1, 0.0, 0.0, STICK, 0.0, 0.0)
+        status["first_plane"], status["end_plane"] = 0, len(found)
+        status["too_deep"] = any(plane.distance < -WAY_OUT for plane in found)
+
+    def _shapes_of(self, row: int) -> ShapePlanes:
+        """Return what pymunk answers about the ground of a robot on shapes."""
+        shapes = self.shapes(row)
+        assert shapes is not None
+        return shapes
+
+    def _count_links_in_ground(self, row: int) -> int:
+        """Return how many sides of a robot's links pass through shapes."""
+        return self._shapes_of(row).count_crossing(self.pad_centres(row)[self._sides])
+
+    def _place_on_shapes(self, row: int, x: float, pitch: float) -> int:
+        """Place a robot on shapes: on their profile first, then down to where its pads touch.
+
+        Args:
+            row: The robot.
+            x: Of the crank axis, in m.
+            pitch: In rad; NaN for the one at which fore and back feet carry it.
+
+        Returns:
+            The robot if its feet are too soft, and -1 otherwise.
+        """
+        shapes, state = self._shapes_of(row), self.states[row]
+        radius = float(self.params["pad_radius"][row])
+        reach = float(self.designs.extent[self.designs.number[row]]) + 1.0
+        profile = shapes.profile(x - reach, x + reach)
+        status, params = self.records.status[row], self.params[row]
+        near = status["first_near"], status["end_near"]
+        status["first_near"], status["end_near"] = 0, len(profile)
+        on_profile = self._shared._replace(surface=profile)
+        _, *others = self._placed
+        rows = self._every[row : row + 1]
+        too_soft: int = self._place(rows, self._angles, x, pitch, (on_profile, *others))
+        status["first_near"], status["end_near"] = near
+        if too_soft >= 0:
+            return too_soft
+        for _ in range(SETTLING):
+            planes = shapes.find(self.pad_centres(row), radius + SPECULATIVE_MARGIN)
+            gaps = [
+                (plane.distance - radius) / plane.normal_y
+                for plane in planes
+                if plane.normal_y > UPWARDS
+            ]
+            if not gaps:
+                raise ValueError(
+                    f"terrain must carry the robot at x = {x:g} m, got no shape below its pads"
+                )
+            state[1] -= min(gaps)
+            if abs(min(gaps)) < SETTLED:
+                break
+        depth = placement.resting_depth(
+            params["mass"], params["stiffness"][0], -params["gravity_y"]
+        )
+        state[1] -= placement.PLACEMENT_DEPTH + depth
+        return -1
 
     def _reach(self, duration: float) -> None:
         """Ask for as much ground as robots can reach in a step of ``duration``, s."""
@@ -477,10 +663,11 @@ class Batch(BatchedPlant):
 
     def pad_centres(self, row: int) -> Array:
         """(pads, 2) centres of a robot's pads, toes first, m."""
-        model, design = self.designs.model, self.designs.number[row]
-        collision.pad_centres(
-            self.states[row], model.pads[design], model.layout[design], self._centres
-        )
+        if row not in self._centre_arguments:
+            model, design = self.designs.model, self.designs.number[row]
+            state, tables, layout = self.states[row], model.pads[design], model.layout[design]
+            self._centre_arguments[row] = state, tables, layout, self._centres
+        self._shape_kernels.pad_centres(self._centre_arguments[row])
         return self._centres[: self.pads].copy()
 
     def contact_frames(self, row: int) -> tuple[Array, Array]:
@@ -493,16 +680,34 @@ class Batch(BatchedPlant):
         tangents = np.tile([1.0, 0.0], (self.toes, 1))
         if self.held:
             return points, tangents
+        for plane in self.contact_planes(row, centres)[::-1]:  # a pad's nearest comes last
+            normal = np.array([plane.normal_x, plane.normal_y])
+            points[plane.pad] = centres[plane.pad] - radius * normal
+            tangents[plane.pad] = normal[1], -normal[0]
+        return points, tangents
+
+    def contact_planes(self, row: int, centres: Array | None = None) -> list[ContactPlane]:
+        """Return the contact planes within :data:`SPECULATIVE_MARGIN` of a robot's pads.
+
+        Kernels derive them where the robot's ground is a height line; else they are pymunk's.
+
+        Args:
+            row: The robot.
+            centres: Shape (pads, 2) or fewer, m, taken for its pads; None for where they are.
+
+        Returns:
+            In the order of the pads, the nearest first.
+        """
+        centres = self.pad_centres(row) if centres is None else centres
         status = self.records.status[row]
+        shapes = self.shapes(row)
+        if shapes is not None:
+            return shapes.find(centres, float(status["pad_radius"]) + SPECULATIVE_MARGIN)
         status["margin"] = SPECULATIVE_MARGIN
         robots = self.records.robots
         collision.planes_near(row, centres, robots, self.surface, self.world, self._planes)
         planes = self._planes[status["first_plane"] : status["end_plane"]]
-        for plane in planes[::-1]:  # a pad's nearest comes last
-            pad, normal = plane["pad"], np.array([plane["normal_x"], plane["normal_y"]])
-            points[pad] = centres[pad] - radius * normal
-            tangents[pad] = normal[1], -normal[0]
-        return points, tangents
+        return [ContactPlane(*row) for row in planes[[*ContactPlane._fields]].tolist()]
 
     def joint_forces(self, torque: float = 0.0, push: Array | None = None) -> JointForces:
         """Mean forces in every joint of the first robot in the next time step.

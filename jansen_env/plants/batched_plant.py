@@ -21,9 +21,10 @@ from jansen_env.parameters import EPISODE, nominal
 from jansen_env.plants.base import check_time_step
 from jansen_env.plants.robot_parameters import check_restitution, kernel_row
 from jansen_env.plants.robot_records import RobotRecords
+from jansen_env.plants.shape_planes import ShapePlanes
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import advance_per_turn
-from jansen_env.terrain import Terrain
+from jansen_env.terrain import Ground
 
 GRAVITY_XY = ["gravity_x", "gravity_y"]  # fields of PARAMS
 NOT_THE_ROBOT = (*GRAVITY_XY, "steepest", "held")  # fields of PARAMS that a robot does not have
@@ -64,7 +65,7 @@ class BatchedPlant(ABC):
     def __init__(
         self,
         robots: Sequence[Robot],
-        terrains: Sequence[Terrain],
+        terrains: Sequence[Ground],
         time_step: float,
         gravity: Gravity,
         held: bool,
@@ -187,6 +188,19 @@ class BatchedPlant(ABC):
         """
 
     @abstractmethod
+    def shapes(self, row: int) -> ShapePlanes | None:
+        """Return what pymunk answers about a robot's ground of shapes; None for a height line."""
+
+    @abstractmethod
+    def look_down(self, rows: Ints, scan: Array) -> None:
+        """Measure the ground that robots on pymunk's shapes observe; height lines are known.
+
+        Args:
+            rows: Shape (k,), the robots.
+            scan: Places from the crank axis at which the height of the ground is observed, in m.
+        """
+
+    @abstractmethod
     def lookahead(
         self, torque: float = 0.0, rows: Ints | None = None, pushes: Array | None = None
     ) -> None:
@@ -234,7 +248,7 @@ class BatchedPlant(ABC):
         """Exchange robots (k,), with parameters that change nothing; they must be placed again."""
 
     @abstractmethod
-    def set_terrain(self, row: int, terrain: Terrain) -> None:
+    def set_terrain(self, row: int, terrain: Ground) -> None:
         """Change a robot's ground; it must be placed again."""
 
     @abstractmethod

@@ -1,70 +1,81 @@
-"""The ground of each robot: pymunk's shapes, asked which stretch of it a robot can reach.
+"""The ground of each robot, as kernels and pymunk find it.
 
-For pymunk a ground is cut into stretches, segments from end to end: few, so that a robot's ground
-is exchanged at little cost. A query answers with those above which a robot can be until it has
-moved by :data:`MARGIN` and one more step; their vertices are all that the kernels
-(:mod:`jansen_env.engine.collision`) know of the ground.
+pymunk's shapes are the ground of every robot. Where they are one height line, a
+:class:`jansen_env.Terrain`, the kernels (:mod:`jansen_env.engine.collision`) derive the contact
+planes from the line: a robot's status says which stretch of it the robot can reach until it has
+moved by :data:`MARGIN` and one more step. On other :class:`jansen_env.terrain.Shapes`, pymunk lists
+the planes (:mod:`jansen_env.plants.shape_planes`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
-import pymunk
 
 from jansen_env.arrays import Array, Rows
 from jansen_env.engine.collision import LARGEST_MARGIN, MARGIN, WAY_OUT
-from jansen_env.terrain import Terrain
+from jansen_env.plants.shape_planes import ShapePlanes
+from jansen_env.terrain import Ground, Shapes
 
-STRETCH = 6.0  # m along the ground in a segment, at least
-MOST_STRETCHES = 100
 LEAST_ROOM = 64  # vertices, for a ground that may be exchanged
-HIGH = 1e9  # m, above and below all ground
 FASTEST = 200.0  # m/s along x: what is faster counts as diverged once it leaves its stretch
-
-
-class Shapes(NamedTuple):
-    """A ground in pymunk."""
-
-    space: pymunk.Space
-    vertices: dict[pymunk.Shape, tuple[int, int]]  # first and last of each
-    first_x: float  # m, where the shapes end
-    last_x: float
 
 
 class Grounds:
     """The grounds of n robots.
 
     Args:
-        terrains: of each robot. status: (n,) STATUS of :mod:`jansen_env.engine.records`, which are
-            kept here: ``first_vertex`` and ``end_vertex`` of the terrain, and those of the stretch.
+        grounds: The ground of each robot.
+        status: Shape (n,), ``STATUS`` of :mod:`jansen_env.engine.records`, whose fields on the
+            ground are kept here.
 
     Attributes:
-        surface: (vertices, 2) m, of all terrains.
-        status: as given.
+        surface: Shape (vertices, 2), the height lines of all robots in m. That of a robot on shapes
+            has the heights that it observes, see :meth:`look_down`.
+        status: As given.
+        shapes: What pymunk answers about the ground of each robot; None for a height line.
+        any_shapes: Whether a robot is on shapes.
     """
 
-    def __init__(self, terrains: Sequence[Terrain], status: Rows) -> None:
+    def __init__(self, grounds: Sequence[Ground], status: Rows) -> None:
         self.status = status
-        distinct = {id(terrain): terrain for terrain in terrains}
-        shapes = {key: make_shapes(terrain.polyline) for key, terrain in distinct.items()}
-        self._shapes = [shapes[id(terrain)] for terrain in terrains]
-        lines = [terrain.polyline for terrain in distinct.values()]
-        self.surface = np.concatenate(lines)
-        number = {key: i for i, key in enumerate(distinct)}
-        ground = np.array([number[id(terrain)] for terrain in terrains])
-        bounds = np.cumsum([0, *map(len, lines)])
-        status["first_vertex"], status["end_vertex"] = bounds[ground], bounds[ground + 1]
-        status["asked_x"] = np.inf
+        count = len(grounds)
+        distinct = {id(ground): ground for ground in grounds if not isinstance(ground, Shapes)}
+        lines = {key: ground.polyline for key, ground in distinct.items()}
+        self.surface = np.concatenate([*lines.values(), np.zeros((0, 2))])
+        bounds = dict[int, tuple[int, int]]()
+        end = 0
+        for key, line in lines.items():
+            bounds[key] = end, end + len(line)
+            end += len(line)
         # First vertex and room of a robot's own ground: at first others may be on it.
-        self._rooms, self._used = np.zeros((len(terrains), 2), np.int64), len(self.surface)
+        self._rooms, self._used = np.zeros((count, 2), np.int64), len(self.surface)
+        self.shapes: list[ShapePlanes | None] = [None] * count
+        self.any_shapes = False
+        for row, ground in enumerate(grounds):
+            if isinstance(ground, Shapes):
+                self.set_ground(row, ground)
+            else:
+                status["first_vertex"][row], status["end_vertex"][row] = bounds[id(ground)]
+        status["asked_x"] = np.inf
 
-    def set_terrain(self, row: int, terrain: Terrain) -> None:
+    def set_ground(self, row: int, ground: Ground) -> None:
         """Give a robot another ground; where there is no room, :attr:`surface` is a new array."""
-        line, status = terrain.polyline, self.status[row]
+        on_shapes = isinstance(ground, Shapes)
+        if on_shapes or self.shapes[row] is not None:
+            self.shapes[row] = ShapePlanes(ground) if on_shapes else None
+            self.any_shapes = any(shapes is not None for shapes in self.shapes)
+        self.status["on_shapes"][row], self.status["waits"][row] = on_shapes, False
+        if isinstance(ground, Shapes):
+            self.set_line(row, np.array([[-1.0, ground.lowest], [1.0, ground.lowest]]))
+        else:
+            self.set_line(row, ground.polyline)
+        self.status["asked_x"][row] = np.inf
+
+    def set_line(self, row: int, line: Array) -> None:
+        """Give a robot another height line (vertices, 2), m."""
+        status = self.status[row]
         first, room = self._rooms[row].tolist()
         if len(line) > room:
             first, room = self._used, max(len(line), 2 * room, LEAST_ROOM)
@@ -75,42 +86,40 @@ class Grounds:
                 self.surface = larger
         self.surface[first : first + len(line)] = line
         status["first_vertex"], status["end_vertex"] = first, first + len(line)
-        status["asked_x"] = np.inf
-        self._shapes[row] = make_shapes(line)
 
     def find_stretch(self, row: int, x: float, extent: float, duration: float) -> None:
-        """Ask pymunk for the ground that a robot may reach from ``x``, m, of its crank axis.
+        """Note which vertices of its height line a robot may reach.
 
         Args:
-            extent: m, of its pads' centres from the axis. duration: s, of its longest step.
-
-        Raises:
-            ValueError: pymunk finds none.
+            row: The robot.
+            x: Position of its crank axis, in m.
+            extent: Distance of its pads' centres from the axis, in m.
+            duration: Of its longest step, in s.
         """
-        shapes, status = self._shapes[row], self.status[row]
+        status = self.status[row]
+        first, end = int(status["first_vertex"]), int(status["end_vertex"])
         room = MARGIN + FASTEST * duration
-        reach = room + extent + float(status["pad_radius"]) + max(WAY_OUT, LARGEST_MARGIN)
-        left = min(max(x - reach, shapes.first_x), shapes.last_x)
-        right = max(min(x + reach, shapes.last_x), shapes.first_x)
-        near = shapes.space.bb_query(pymunk.BB(left, -HIGH, right, HIGH), pymunk.ShapeFilter())
-        if not near:
-            raise ValueError(f"pymunk finds no ground at x = {x} m")
-        first, last = zip(*(shapes.vertices[shape] for shape in near), strict=True)
-        status["first_near"] = status["first_vertex"] + min(first)
-        status["end_near"] = status["first_vertex"] + max(last) + 1
+        if not status["on_shapes"]:
+            reach = room + extent + float(status["pad_radius"]) + max(WAY_OUT, LARGEST_MARGIN)
+            line = self.surface[first:end, 0]
+            left = int(line.searchsorted(x - reach, "right")) - 1
+            right = int(line.searchsorted(x + reach, "left"))
+            # Beyond its ends the ground goes on.
+            left = min(max(left, 0), len(line) - 2)
+            right = max(min(right, len(line) - 1), left + 1)
+            first, end = first + left, first + right + 1
+        status["first_near"], status["end_near"] = first, end
         status["asked_x"], status["room"] = x, room
 
+    def look_down(self, row: int, x: float, y: float, scan: Array) -> None:
+        """Measure the ground below a robot on shapes, and at the places of its height scan.
 
-def make_shapes(line: Array) -> Shapes:
-    """A polyline (n, 2), m, as a few pymunk segments, each from end to end of a stretch."""
-    length = max(STRETCH, (line[-2, 0] - line[1, 0]) / MOST_STRETCHES)
-    place = np.floor((line[:, 0] - line[1, 0]) / length)
-    cut = np.ones(len(line), bool)
-    cut[2:-2] = place[2:-2] != place[1:-3]
-    cuts = np.flatnonzero(cut).tolist()
-    space, vertices = pymunk.Space(), dict[pymunk.Shape, tuple[int, int]]()
-    for first, last in pairwise(cuts):
-        a, b = line[[first, last]].tolist()
-        vertices[pymunk.Segment(space.static_body, a, b, 0.0)] = first, last
-    space.add(*vertices)
-    return Shapes(space, vertices, float(line[0, 0]), float(line[-1, 0]))
+        Args:
+            row: The robot.
+            x: Position of its crank axis, in m.
+            y: Its height, in m. Shapes above the axis are not below it.
+            scan: Places from the axis at which the height of the ground is observed, in m.
+        """
+        shapes = self.shapes[row]
+        assert shapes is not None
+        self.set_line(row, shapes.line_below(x, y, scan))

@@ -18,7 +18,7 @@ from jansen_env.plants.rigid.rigid_batch import TIME_STEP as RIGID_TIME_STEP
 from jansen_env.plants.rigid.rigid_batch import RigidBodyBatch
 from jansen_env.plants.robot_records import RobotRecords
 from jansen_env.robot import Robot
-from jansen_env.terrain import Terrain
+from jansen_env.terrain import Ground
 
 FIRST = np.zeros(1, np.int64)
 
@@ -38,7 +38,7 @@ class Plant:
         return self.batch.robots[0]
 
     @property
-    def terrain(self) -> Terrain:
+    def terrain(self) -> Ground:
         """The terrain, without parameters."""
         return self.batch.terrains[0]
 
@@ -125,7 +125,7 @@ class ProjectionPlant(Plant):
     batch: Batch
 
     def __init__(
-        self, robot: Robot, terrain: Terrain, time_step: float = TIME_STEP,
+        self, robot: Robot, terrain: Ground, time_step: float = TIME_STEP,
         gravity: Gravity = GRAVITY, held: bool = False, links_collide: bool = False,
     ) -> None:  # fmt: skip
         super().__init__(Batch([robot], [terrain], time_step, gravity, 1, held, links_collide))
@@ -151,7 +151,7 @@ class RigidBodyPlant(Plant):
     batch: RigidBodyBatch
 
     def __init__(
-        self, robot: Robot, terrain: Terrain, time_step: float = RIGID_TIME_STEP,
+        self, robot: Robot, terrain: Ground, time_step: float = RIGID_TIME_STEP,
         gravity: Gravity = GRAVITY, held: bool = False, links_collide: bool = False,
     ) -> None:  # fmt: skip
         super().__init__(RigidBodyBatch(robot, terrain, time_step, gravity, held, links_collide))
@@ -168,7 +168,7 @@ def plant_time_step(name: str, time_step: float | None = None) -> float:
 
 
 def make_batch(
-    name: str, robots: Sequence[Robot], terrains: Sequence[Terrain], time_step: float,
+    name: str, robots: Sequence[Robot], terrains: Sequence[Ground], time_step: float,
     threads: int | None, held: bool, links_collide: bool, records: RobotRecords,
 ) -> BatchedPlant:  # fmt: skip
     """Return robots on their terrains, or ``held``, moved by a plant of :data:`PLANTS`.

@@ -22,7 +22,7 @@ from jansen_env.engine.compliance import RESOLVED
 from jansen_env.engine.records import PARAMS
 from jansen_env.parameters import TABLE, plain
 from jansen_env.robot import Compliance, Robot
-from jansen_env.terrain import Terrain
+from jansen_env.terrain import Ground
 
 LONGEST_PHASE = 2.0 * RESOLVED
 """Largest phase h sqrt(k / m) and decay h d / m of a foot in a time step h.
@@ -64,7 +64,7 @@ def machine_of(robot: Robot, row: np.void) -> Robot:
     )
 
 
-def terrain_of(terrain: Terrain, row: np.void) -> Terrain:
+def terrain_of(terrain: Ground, row: np.void) -> Ground:
     """The terrain with these parameters applied."""
     friction, restitution = (float(row[name]) for name in ON_TERRAINS)
     return replace(terrain, friction=friction, restitution=restitution)

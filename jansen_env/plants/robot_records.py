@@ -12,7 +12,7 @@ from jansen_env.engine.records import UNKNOWN_DEFLECTION, Motions, record_dtype
 
 OF_PROCESS = (
     "first_plane", "end_plane", "first_vertex", "end_vertex", "first_near", "end_near", "asked_x",
-    "room",
+    "room", "on_shapes", "waits",
 )  # fmt: skip
 """Fields of a robot's status that only this process understands: they are found again."""
 

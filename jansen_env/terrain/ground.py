@@ -317,20 +317,21 @@ class Terrain:
         rise: Array = self.height(x + GRADIENT_STEP) - self.height(x - GRADIENT_STEP)
         return rise / (2.0 * GRADIENT_STEP)
 
-    def add_to(self, space: pymunk.Space) -> pymunk.Body:
-        """Add the ground to a pymunk space as segments on a static body, and return it.
+    def add_to(self, space: pymunk.Space) -> list[pymunk.Shape]:
+        """Add the ground to a pymunk space, as segments on a new static body; return them in order.
 
         They know their neighbours, so that no toe trips on a joint between them.
         """
         ground = pymunk.Body(body_type=pymunk.Body.STATIC)
-        points, segments = self.polyline.tolist(), []
+        points = self.polyline.tolist()
+        segments: list[pymunk.Shape] = []
         for i, (a, b) in enumerate(pairwise(points)):
             segment = pymunk.Segment(ground, a, b, 0.0)
             segment.set_neighbors(points[max(i - 1, 0)], points[min(i + 2, len(points) - 1)])
             segment.friction, segment.elasticity = self.friction, self.restitution
             segments.append(segment)
         space.add(ground, *segments)
-        return ground
+        return segments
 
 
 def one_step(at: float, height: float) -> Terrain:
@@ -351,7 +352,10 @@ def _numbers(name: str, value: object) -> Array:
         raise checks.invalid(name, value, "at least two (x, y) pairs of numbers") from None
 
 
-ALLOWED = "a Terrain, 'flat', 'slope:ANGLE' with an angle in rad, or (x, y) points"
+ALLOWED = (
+    "a Terrain, 'flat', 'slope:ANGLE' with an angle in rad, (x, y) points, a pymunk.Space, or a "
+    "list of static pymunk shapes"
+)
 
 
 def make_terrain(

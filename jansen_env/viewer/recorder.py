@@ -15,6 +15,7 @@ from jansen_env.envs.single import SingleEnv
 from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
 from jansen_env.tasks.task import Task
+from jansen_env.terrain import Shapes
 from jansen_env.viewer.recording import MAX_TEXT, MAX_UNPACKED, MOST_RECORDED, Recording
 from jansen_env.world.settings import Values
 
@@ -38,7 +39,8 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
         env: one robot's, of any task of this package, under any wrappers.
         label: of its recordings, such as a policy's name; may be changed.
 
-    Raises ValueError: another environment, or one whose observations or actions are no arrays.
+    Raises ValueError: another environment, one whose observations or actions are no arrays, or one
+    on a ground of pymunk shapes.
     """
 
     def __init__(self, env: gym.Env[Observation, Action], label: str = "") -> None:
@@ -50,6 +52,11 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
             if not getattr(env, name).is_np_flattenable:
                 raise ValueError(f"env has {name} {getattr(env, name)}, must be of arrays")
         self.inner: SingleEnv[Task] = inner  # below all wrappers
+        if not inner.task.world.held and isinstance(inner.task.world.terrain(0), Shapes):
+            raise ValueError(
+                "env must walk on a height line to be recorded, got a ground of pymunk shapes, "
+                "which the viewer cannot draw"
+            )
         self.label = label
         self._frames: dict[str, list[Any]] = {}
         self._episode: Values = {}  # what does not change during it

@@ -25,7 +25,7 @@ from jansen_env.plants.base import resting_depth
 from jansen_env.plants.batched_plant import BatchedPlant
 from jansen_env.plants.robot_parameters import check_restitution
 from jansen_env.robot import Compliance, Payload, Robot
-from jansen_env.terrain import Terrain
+from jansen_env.terrain import Ground, Terrain
 from jansen_env.terrain.generators import Generator
 from jansen_env.world.episode_lengths import Build
 from jansen_env.world.settings import Values, WorldSettings, contradiction
@@ -38,7 +38,7 @@ class Plan(NamedTuple):
     """An episode to come: parameters (1,) of EPISODE; terrain and robot, None where it stays."""
 
     values: Rows
-    terrain: Terrain | None
+    terrain: Ground | None
     build: Build | None = None
 
 
@@ -216,7 +216,7 @@ class EpisodeParameters:
         terrain = None
         if generator is not None:
             terrain = generator(rng, round(float(numbers["terrain_level"])))
-            if not isinstance(terrain, Terrain):
+            if not isinstance(terrain, Terrain):  # levels are of height lines
                 raise invalid(f"the terrain of {shown(generator)}", terrain, "a Terrain")
             for name, fixed in self._fixed.items():
                 if not fixed[i] and name not in (*randomization, *given):
@@ -272,8 +272,8 @@ class EpisodeParameters:
             "parameters": dict(zip(PARAMETERS, self._plant.parameters[i].item(), strict=True)),
             "level": int(self.level[i]),
         }
-        if self._generators[i] is not None:
-            terrain = self._plant.terrains[i]
+        terrain = self._plant.terrains[i]
+        if self._generators[i] is not None and isinstance(terrain, Terrain):
             state["terrain"] = np.array(terrain.points)
             state["ground"] = (terrain.friction, terrain.restitution)
         return state

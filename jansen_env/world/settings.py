@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, ClassVar, TypeAlias, TypeVar, cast
 
 import numpy as np
+import pymunk
 from numpy.typing import NDArray
 from typing_extensions import TypeAliasType, TypedDict
 
@@ -44,8 +45,9 @@ from jansen_env.robot import ROBOTS, Compliance, Payload, Robot
 from jansen_env.robot.motor import IDEAL, MOTORS, Motor
 from jansen_env.robot.robot_file import read_robot
 from jansen_env.robot.soundness import check_loaded
-from jansen_env.terrain import Terrain, make_terrain
+from jansen_env.terrain import Ground, Shapes, Terrain, make_ground
 from jansen_env.terrain.generators import HIGHEST, Curriculum, Generator, make_generator
+from jansen_env.terrain.shapes import ShapeSource, is_shapes
 from jansen_env.world.observations import Noise
 from jansen_env.world.push import Push
 
@@ -227,13 +229,17 @@ def load_curriculum(name: str, value: object) -> Curriculum | None:
     return cast("Curriculum", load_record(Curriculum, name, value))
 
 
-def _load_ground(name: str, value: Any) -> Terrain | Generator:
-    return make_generator(value) or make_terrain(value)
+def _load_ground(name: str, value: Any) -> Ground | Generator:
+    return make_generator(value) or make_ground(value)
 
 
 def _several_terrains(value: object) -> bool:
+    """Whether an argument has a ground for each robot: no list of shapes or of points."""
     return isinstance(value, (list, tuple)) and all(
-        terrain is None or isinstance(terrain, (Terrain, str)) or callable(terrain)
+        terrain is None
+        or isinstance(terrain, (Terrain, Shapes, str))
+        or is_shapes(terrain)
+        or (callable(terrain) and not isinstance(terrain, pymunk.Shape))
         for terrain in value
     )
 
@@ -278,7 +284,7 @@ class WorldArguments(RobotArguments, total=False):
     time_step: float | None
     plant: str
     links_collide: bool
-    terrain: PerRobot[Terrain | str | Generator | Sequence[Sequence[float]]]
+    terrain: PerRobot[Ground | ShapeSource | str | Generator | Sequence[Sequence[float]]]
     friction: PerRobot[float | None]
     restitution: PerRobot[float | None]
     terrain_level: PerRobot[int | Sequence[int]]
@@ -333,7 +339,7 @@ class WorldSettings:
     time_step: float | None = None
     plant: str = shared("projection", partial(one_of, known=sorted(PLANTS)), single_only=True)
     links_collide: bool = shared(False, flag)
-    terrain: list[Terrain | Generator] = each("flat", _load_ground, _several_terrains)
+    terrain: list[Ground | Generator] = each("flat", _load_ground, _several_terrains)
     friction: list[float | None] = each(None, optional(non_negative))
     restitution: list[float | None] = each(None, optional(partial(within, low=0.0, high=1.0)))
     terrain_level: list[tuple[float, float]] = range_each(0, 0, HIGHEST, _levels)
@@ -442,16 +448,17 @@ class WorldSettings:
         parts = self.payload, self.motor, self.torque_limit, self.pad_compliance
         return [*map(cache(self.equip), self.robot, *parts)]
 
-    def make_terrains(self) -> tuple[list[Terrain], list[Generator | None]]:
+    def make_terrains(self) -> tuple[list[Ground], list[Generator | None]]:
         """Return terrains, flat where a reset draws them, and the generators that draw."""
-        made: dict[object, Terrain] = {}  # robots on the same ground share it
+        made: dict[object, Ground] = {}  # robots on the same ground share it
         terrains = []
         for ground, *numbers in zip(self.terrain, self.friction, self.restitution, strict=True):
             key = (id(ground), *numbers)
             if key not in made:
-                made[key] = make_terrain(ground if isinstance(ground, Terrain) else FLAT, *numbers)
+                fixed = ground if isinstance(ground, (Terrain, Shapes)) else FLAT
+                made[key] = make_ground(fixed, *numbers)
             terrains.append(made[key])
-        return terrains, [None if isinstance(g, Terrain) else g for g in self.terrain]
+        return terrains, [None if isinstance(g, (Terrain, Shapes)) else g for g in self.terrain]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -32,10 +32,11 @@ from jansen_env.plants.base import (
 from jansen_env.plants.batched_plant import BatchedPlant
 from jansen_env.plants.plant import make_batch, plant_time_step
 from jansen_env.plants.robot_records import RobotRecords
+from jansen_env.plants.shape_planes import check_scan
 from jansen_env.rendering import AIR, GRIP, SLIP, Frame
 from jansen_env.robot import Robot
 from jansen_env.robot.robot_file import robot_from_json, robot_to_json
-from jansen_env.terrain import Terrain
+from jansen_env.terrain import Ground, Shapes, Terrain
 from jansen_env.uniform import uniform
 from jansen_env.world.episode_lengths import Build, EpisodeLengths
 from jansen_env.world.episode_parameters import EpisodeParameters, Plan, Progress
@@ -166,6 +167,8 @@ class World:
         self.plant.tracing = self.track_joint_forces and not self.held
         self._joint_loads = np.zeros(2)
         self.scan, self._noise = settings.height_scan, settings.noise
+        if len(self.scan) > 0:
+            check_scan(self.plant.terrains)
         self._readings = self.observations = world_observations(self.plant.toes, len(self.scan))
         self.is_onboard = settings.observe == "onboard"
         if self.is_onboard:
@@ -364,6 +367,7 @@ class World:
         """
         plant = self.plant
         which = self._every if which is None else which
+        plant.look_down(which, self.scan)
         self._observe(
             which, moved, plant.world, plant.surface, self.records.motions, self._episodes,
             self._observing,
@@ -548,7 +552,7 @@ class World:
         if "terrain_level" in checked:
             self.episodes.level[i] = self.episodes.levels[i] = checked["terrain_level"]
 
-    def terrain(self, i: int) -> Terrain:
+    def terrain(self, i: int) -> Ground:
         """Return a robot's ground, with friction and restitution of this episode."""
         friction, bounce = self.records.parameters[["friction", "restitution"]][i].tolist()
         return replace(self.plant.terrains[i], friction=friction, restitution=bounce)
@@ -672,10 +676,12 @@ class World:
         """Return the arguments of :class:`jansen_env.rendering.Renderer` to draw a robot."""
         if self.held:
             return {"robot": self.robots[i], "terrain_points": None, "speed_unit": "rad/s"}
-        return {
-            "robot": self.episodes.shown_robot(i, self.robots[i]),
-            "terrain_points": self.plant.terrains[i].polyline,
-        }
+        ground, shapes = self.plant.terrains[i], self.plant.shapes(i)
+        robot = self.episodes.shown_robot(i, self.robots[i])
+        if isinstance(ground, Shapes) and shapes is not None:
+            return {"robot": robot, "terrain_points": shapes.line, "shapes": ground.pieces}
+        assert isinstance(ground, Terrain)
+        return {"robot": robot, "terrain_points": ground.polyline}
 
     def frame(self, i: int, command: float | None) -> Frame:
         """Return the picture data of a robot as it is now."""

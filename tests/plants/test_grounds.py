@@ -1,4 +1,4 @@
-"""The ground as pymunk finds it: gaps and normals against geometry done by hand."""
+"""The ground as kernels find it: gaps and normals against geometry done by hand, and pymunk's."""
 
 import math
 
@@ -84,7 +84,7 @@ def test_a_pad_deep_in_a_ridge_comes_out_of_the_near_side(side, width):
 
 
 def test_order_is_by_pad_then_nearest_first():
-    """Whatever order pymunk has."""
+    """Whatever order the segments have."""
     rng = np.random.default_rng(1)
     x = rng.uniform(-3.0, 3.0, 40)
     centres = np.column_stack([x, HILLS.height(x) + rng.uniform(0.0, 0.05, 40)])
@@ -115,20 +115,6 @@ def test_a_stretch_has_all_that_a_robot_can_reach(rng, extent, duration):
         assert np.array_equal(pad, expected_pad) and np.array_equal(planes, expected)
         most = max(most, len(pad))
     assert most > 30
-
-
-def test_the_ground_is_what_pymunk_answers(monkeypatch):
-    """Robots stand on the stretches of its answer, and cannot be placed without one."""
-    query = pymunk.Space.bb_query
-    plant = ProjectionPlant(Robot(), Terrain(((0.0, 0.0), (4.0, 0.0), (8.0, 2.0))))
-    level = plant.reset(3.0)
-    last = lambda *args: [max(query(*args), key=lambda shape: shape.a.x)]  # noqa: E731
-    monkeypatch.setattr(pymunk.Space, "bb_query", last)
-    plant = ProjectionPlant(Robot(), plant.terrain)
-    assert plant.reset(3.0)[1] < level[1] - 0.1  # on the slope, which goes on down
-    monkeypatch.setattr(pymunk.Space, "bb_query", lambda *args: [])
-    with pytest.raises(ValueError, match=r"pymunk finds no ground at x = 3\.0 m"):
-        ProjectionPlant(Robot(), plant.terrain).reset(3.0)
 
 
 def test_a_step_that_leaves_the_stretch_is_refused():
@@ -184,7 +170,7 @@ def test_the_nearest_planes_are_kept_when_there_is_no_room():
     assert kept == pytest.approx(gaps[[1, 3, 4]], abs=1e-12)
 
 
-def test_a_robot_walks_off_the_end_of_pymunks_ground():
+def test_a_robot_walks_off_the_end_of_the_line():
     """The same step at x = 0 and at 5 km: the same motion, to what is lost in adding 5000."""
     motions = []
     for x in (0.0, 5000.0):

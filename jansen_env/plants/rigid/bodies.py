@@ -20,7 +20,7 @@ from jansen_env.dynamics.pads import Pads, pad_layout
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import coordinates, joint_positions, world_joints
 from jansen_env.robot.linkage import CRANK, FRAME
-from jansen_env.terrain import Terrain
+from jansen_env.terrain import Ground
 
 _Body = pymunk.batch.BodyFields
 _MOTION = _Body.POSITION | _Body.ANGLE | _Body.VELOCITY | _Body.ANGULAR_VELOCITY
@@ -207,7 +207,7 @@ class BodySpace:
     def __init__(
         self,
         robot: Robot,
-        terrain: Terrain,
+        terrain: Ground,
         gravity: tuple[float, float],
         state: Array,
         held: bool,

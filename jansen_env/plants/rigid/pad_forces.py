@@ -12,8 +12,9 @@ import pymunk.batch
 from jansen_env.arrays import Array, Bools, Ints
 from jansen_env.engine.collision import LEAN
 from jansen_env.plants.rigid import bodies
+from jansen_env.plants.shape_planes import ShapePlanes
 from jansen_env.robot import Robot
-from jansen_env.terrain import Terrain
+from jansen_env.terrain import Ground, Terrain
 
 _Arbiter = pymunk.batch.ArbiterFields
 _BODIES = _Arbiter.BODY_A_ID | _Arbiter.BODY_B_ID
@@ -35,7 +36,14 @@ class Sums(NamedTuple):
 class PadContacts:
     """What pymunk's contacts do to a robot's pads on a ground, and which of them lands next."""
 
-    def __init__(self, space: bodies.BodySpace, ground: Terrain, time_step: float) -> None:
+    def __init__(
+        self,
+        space: bodies.BodySpace,
+        ground: Ground,
+        time_step: float,
+        shapes: ShapePlanes | None = None,
+    ) -> None:
+        self._shapes = shapes
         self._space, self._index, self._ground = space.space, space.index, ground
         owners = self._owners = space.owners
         self._radius, self._time_step = space.radius, time_step
@@ -113,11 +121,16 @@ class PadContacts:
     def landing_soon(self, now: bodies.Snapshot) -> bool:
         """Whether a pad that is not on the ground may touch it within the next two time steps.
 
-        By the ground straight below it: on rough ground some landings go unforeseen.
+        By the ground straight below it: on rough ground some landings go unforeseen. On shapes, by
+        the nearest one.
         """
-        x, y = now.pads.T
-        tilt = np.sqrt(1.0 + self._ground.gradient(x) ** 2)
-        gaps = (y - self._ground.height(x)) / tilt - self._radius
+        if isinstance(self._ground, Terrain):
+            x, y = now.pads.T
+            tilt = np.sqrt(1.0 + self._ground.gradient(x) ** 2)
+            gaps = (y - self._ground.height(x)) / tilt - self._radius
+        else:
+            assert self._shapes is not None
+            gaps = self._shapes.distances(now.pads) - self._radius
         fallen = self._gaps - gaps
         self._gaps = gaps
         return bool(((self._off > 0.0) & (gaps - 2.0 * fallen < bodies.SLOP)).any())
@@ -168,9 +181,10 @@ class SpringPads:
     """
 
     def __init__(
-        self, robot: Robot, terrain: Terrain, owners: list[int], time_step: float,
-        sides: Ints,
+        self, robot: Robot, terrain: Ground, owners: list[int], time_step: float,
+        sides: Ints, shapes: ShapePlanes | None = None,
     ) -> None:  # fmt: skip
+        self._shapes = shapes
         self._sides, pads = sides, len(owners) - len(sides)
         check_stiffness(robot, time_step, owners[:pads])
         self._give, self._radius = robot.pad_compliance, robot.pad_radius
@@ -217,8 +231,13 @@ class SpringPads:
         speed = now.motion[self._owners][:, [bodies.VX, bodies.VY]]
         speed = speed + spin[:, None] * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
         then = self._centres + h * speed
-        height = self._terrain.height(then[:, 0])
-        near = (then[:, 1] - height) / self._tilt <= self._radius
+        if isinstance(self._terrain, Terrain):
+            height = self._terrain.height(then[:, 0])
+            near = (then[:, 1] - height) / self._tilt <= self._radius
+        else:
+            assert self._shapes is not None
+            height = np.zeros(len(then))  # unused
+            near = self._shapes.distances(then) <= self._radius
         near[len(now.pads) :] = np.isfinite(self._vertices[:, 0])
         self.bristle[:] = self._then
         active = near | self.forces.any(axis=1) | (self.bristle != 0.0)
@@ -256,9 +275,12 @@ class SpringPads:
 
         ``pads``: (pads, 2) m. Takes normals and vertices, infinite ones where none is near.
         """
-        line, (a, b) = self._terrain.polyline, pads[self._sides].swapaxes(0, 1)
+        a, b = pads[self._sides].swapaxes(0, 1)
         self._vertices[:] = np.inf
-        if len(a) == 0 or len(line) == 2:
+        if len(a) == 0 or not isinstance(self._terrain, Terrain):
+            return a
+        line = self._terrain.polyline
+        if len(line) == 2:
             return a
         vertices, before, after = line[1:-1], line[:-2] - line[1:-1], line[2:] - line[1:-1]
         along = b - a
@@ -304,6 +326,11 @@ class SpringPads:
         if side >= 0:
             apart = float(self._normals[pad] @ (centre - self._vertices[side]))
             return apart - self._radius if math.isfinite(apart) else math.inf
+        if self._shapes is not None:
+            answer = self._shapes.nearest(x, y)
+            self._normals[pad] = answer.gradient
+            return answer.distance - self._radius
+        assert isinstance(self._terrain, Terrain)
         nearest = space.point_query_nearest((x, y), math.inf, pymunk.ShapeFilter())
         assert nearest is not None, "the ground has no end"
         above = math.copysign(1.0, y - height)

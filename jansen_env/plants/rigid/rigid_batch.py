@@ -32,7 +32,7 @@ from jansen_env.engine.placement import PLACEMENT_DEPTH
 from jansen_env.engine.records import UNKNOWN_DEFLECTION
 from jansen_env.gravity import GRAVITY, Gravity
 from jansen_env.parameters import nominal
-from jansen_env.plants.base import check_held, check_legs, check_pushes, divergence
+from jansen_env.plants.base import check_colliding, check_held, check_legs, check_pushes, divergence
 from jansen_env.plants.batch import Batch
 from jansen_env.plants.batched_plant import BatchedPlant
 from jansen_env.plants.rigid import bodies
@@ -50,9 +50,10 @@ from jansen_env.plants.rigid.bodies import (
 from jansen_env.plants.rigid.pad_forces import PadContacts, SpringPads, Sums, check_stiffness
 from jansen_env.plants.robot_parameters import check_values, gravity_of, machine_of, terrain_of
 from jansen_env.plants.robot_records import RobotRecords
+from jansen_env.plants.shape_planes import ShapePlanes
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import check_closure
-from jansen_env.terrain import Terrain
+from jansen_env.terrain import Ground, Shapes
 
 TIME_STEP = 2.5e-4  # s
 ITERATIONS = 200  # of pymunk's solver in a time step, from the last one's impulses on
@@ -144,11 +145,12 @@ class RigidBodyBatch(BatchedPlant):
     knows_joint_forces, joints_open, tracing = False, True, False
 
     def __init__(
-        self, robot: Robot, terrain: Terrain, time_step: float = TIME_STEP,
+        self, robot: Robot, terrain: Ground, time_step: float = TIME_STEP,
         gravity: Gravity = GRAVITY, held: bool = False, links_collide: bool = False,
         records: RobotRecords | None = None,
     ) -> None:  # fmt: skip
         check_closure(robot)
+        check_colliding([terrain], links_collide)
         super().__init__([robot], [terrain], time_step, gravity, held, records)
         self.links_collide = links_collide
         self.lookahead_steps = max(1, round(LOOKAHEAD / self.time_step))
@@ -164,18 +166,38 @@ class RigidBodyBatch(BatchedPlant):
         terrain = self._ground = terrain_of(self.terrains[0], values)
         self._effective_gravity = gravity_of(self.gravity, values)
         self._friction = bodies.joint_friction(robot)
+        self._shapes: ShapePlanes | None = None
+        if isinstance(terrain, Shapes):
+            self._shapes = ShapePlanes(terrain)
+            self._ends = -math.inf, math.inf
+            self._set_line(np.array([[-1.0, terrain.lowest], [1.0, terrain.lowest]]))
+        else:
+            first, last = terrain.polyline[[0, -1], 0].tolist()
+            self._ends = first + BEFORE_END, last - BEFORE_END
+            self._set_line(terrain.polyline.copy())
         self._springs = self._rotor = None
         if not robot.pad_compliance.rigid:
             owners = [*self._owners, *bodies.side_bodies(robot, self._colliding)]
-            self._springs = SpringPads(robot, terrain, owners, self.time_step, self._colliding)
+            self._springs = SpringPads(
+                robot, terrain, owners, self.time_step, self._colliding, self._shapes
+            )
         if robot.motor.rotor_inertia > 0.0:
             self._rotor = GearedRotor(robot, self.time_step)
-        first, last = terrain.polyline[[0, -1], 0].tolist()
-        self._ends = first + BEFORE_END, last - BEFORE_END
-        self.surface: Array = terrain.polyline.copy()
-        self.records.status["end_vertex"] = len(self.surface)
         self._set_machines(self._every)
         self._apply(self._every)
+
+    def _set_line(self, line: Array) -> None:
+        """Let the heights that the robot observes be those of a line (vertices, 2), m."""
+        self.surface: Array = line
+        self.records.status["end_vertex"] = len(line)
+
+    def shapes(self, row: int) -> ShapePlanes | None:
+        return self._shapes
+
+    def look_down(self, rows: Ints, scan: Array) -> None:
+        if self._shapes is not None and len(rows) > 0:
+            x, y = self.states[0, :2].tolist()
+            self._set_line(self._shapes.line_below(x, y, scan))
 
     def set_parameters(self, rows: Ints, values: Rows) -> None:
         """Put parameters in force. Raises ValueError also if the pads are too stiff for the time
@@ -183,7 +205,8 @@ class RigidBodyBatch(BatchedPlant):
         check_values(values, np.array([not self.robots[0].pad_compliance.rigid]))
         self._go_on(self.robots[0], self.terrains[0], values[0])
 
-    def set_terrain(self, row: int, terrain: Terrain) -> None:
+    def set_terrain(self, row: int, terrain: Ground) -> None:
+        check_colliding([terrain], self.links_collide)
         values = self.parameters[0].copy()
         values["friction"], values["restitution"] = terrain.friction, terrain.restitution
         self._go_on(self.robots[0], terrain, values)
@@ -192,7 +215,7 @@ class RigidBodyBatch(BatchedPlant):
         self.check_robot(robots[0])
         self._go_on(robots[0], self.terrains[0], nominal(robots[0], self.terrains[0]))
 
-    def _go_on(self, robot: Robot, terrain: Terrain, values: np.void) -> None:
+    def _go_on(self, robot: Robot, terrain: Ground, values: np.void) -> None:
         """Take another robot, ground and parameters; the state stays."""
         memory, undo = self._memory, self.keep(np.arange(1))
         self.robots, self.terrains = [robot], [terrain]
@@ -229,7 +252,7 @@ class RigidBodyBatch(BatchedPlant):
         """Put the robot into ``state`` in a new space; bristle: (pads,) m, of compliant pads."""
         machine, ground, pull = self._machine, self._ground, self._effective_gravity
         self._space = BodySpace(machine, ground, pull, state, self.held, self._colliding)
-        self._contacts = PadContacts(self._space, self._ground, self.time_step)
+        self._contacts = PadContacts(self._space, self._ground, self.time_step, self._shapes)
         self.states[0] = self._space.state
         now = self._space.snapshot()
         if self._springs is not None:
@@ -313,6 +336,7 @@ class RigidBodyBatch(BatchedPlant):
             whole, switch = motions.robots["delay"][0].tolist()
             torque, earlier = self.records.torques[0, whole : whole + 2].tolist()
             self._run(torque, earlier, switch, impulses)
+            self.look_down(rows, observing.scan)
             episode.finish_step(rows, self.world, self.surface, motions, episodes, observing)
         if meanwhile is not None:
             meanwhile()
@@ -343,7 +367,9 @@ class RigidBodyBatch(BatchedPlant):
         duration = len(impulses) * h
         lacking = torque + total["torque_impulse"] / duration - torque  # of the mean, as rounded
         total["torque_impulse"] = lacking * len(impulses) * h
-        if not self.held:
+        if self._shapes is not None:
+            total["links_in_ground"] = self._shapes.count_crossing(now.pads[self._sides])
+        elif not self.held:
             places = np.ascontiguousarray(now.pads).ravel()
             total["links_in_ground"] = sides_in_ground(places, self._sides, self.surface)
         self.slip[0], self.joint_gap[0] = sums.slip[: self.toes], gap

@@ -19,7 +19,7 @@ from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.vector import TaskVectorEnv, VectorArguments
 from jansen_env.parameters import plain
 from jansen_env.tasks.compiled import CompiledTask
-from jansen_env.terrain import Terrain
+from jansen_env.terrain import Ground
 from jansen_env.world.observations import EXACT, Observed
 from jansen_env.world.settings import (
     PerRobot,
@@ -370,7 +370,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
         super().__init__(**arguments)
 
     @property
-    def terrain(self) -> Terrain:
+    def terrain(self) -> Ground:
         """The terrain of this episode."""
         return self.task.world.terrain(0)
 

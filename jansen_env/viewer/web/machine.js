@@ -32,7 +32,6 @@ export class Machine {
     this.line = polyline(terrain?.points ?? FLAT);
     const slopes = this.line.slice(1).map((to, i) => slope(this.line[i], to));
     this.steepest = slopes.reduce((a, b) => Math.max(a, Math.abs(b)), 0);
-    this.stretches = stretchesOf(this.line, layout.numbers);
     const sumOf = (name) => robot.legs.length * exactSum(robot.bodies.map((link) => link[name]));
     Object.assign(this, { linksMass: sumOf("mass"), linksInertia: sumOf("inertia") });
     this.closure = new Closure(memory, robot);
@@ -345,13 +344,8 @@ export class Machine {
     if (Math.abs(x - asked_x) <= MARGIN) return;
     const room = MARGIN + FASTEST * this.longest;
     const reach = room + this.tables.extent + pad_radius + Math.max(WAY_OUT, LARGEST_MARGIN);
-    const [first, last] = [line[0][0], line.at(-1)[0]];
-    const left = Math.min(Math.max(x - reach, first), last);
-    const right = Math.max(Math.min(x + reach, last), first);
-    const near = this.stretches.filter(([a, b]) => line[b][0] >= left && line[a][0] <= right);
-    if (near.length === 0) throw new Error(`there is no ground at x = ${x} m`);
-    const [first_near, end_near] = [near[0][0], near.at(-1)[1] + 1];
-    robots.write({ status: { first_near, end_near, asked_x: x, room } });
+    const [first_near, last] = stretchAround(line, x - reach, x + reach);
+    robots.write({ status: { first_near, end_near: last + 1, asked_x: x, room } });
   }
 
   /** All that the future depends on. */
@@ -445,12 +439,12 @@ function withInfinity(value) {
   return Array.isArray(value) ? value.map(withInfinity) : (value ?? INFINITE);
 }
 
-/** A ground's stretches as pairs of vertices: grounds.py, make_shapes. */
-function stretchesOf(line, { STRETCH, MOST_STRETCHES }) {
-  const start = line[1][0];
-  const length = Math.max(STRETCH, (line.at(-2)[0] - start) / MOST_STRETCHES);
-  const place = line.map(([x]) => Math.floor((x - start) / length));
-  const inside = (i) => i > 1 && i < line.length - 2;
-  const cuts = [...line.keys()].filter((i) => !inside(i) || place[i] !== place[i - 1]);
-  return cuts.slice(1).map((last, k) => [cuts[k], last]);
+/** First and last vertex of a height line around two x: grounds.py, find_stretch. */
+function stretchAround(line, left, right) {
+  const count = line.length;
+  const beyond = line.findIndex(([x]) => x > left);
+  const at = line.findIndex(([x]) => x >= right);
+  const first = Math.min(Math.max((beyond < 0 ? count : beyond) - 1, 0), count - 2);
+  const last = Math.max(Math.min(at < 0 ? count : at, count - 1), first + 1);
+  return [first, last];
 }

@@ -1,0 +1,231 @@
+"""Contact planes by pymunk's queries: for a ground of shapes, and to check those of height lines.
+
+``Space.point_query`` returns every shape within reach of a pad, with its nearest point, distance
+and gradient: a plane each. Planes on points that another shape covers are left out: a pad on a
+floor of boxes does not feel the sides by which they meet.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterable
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import pymunk
+
+from jansen_env.arrays import Array
+from jansen_env.engine import mathematics
+from jansen_env.engine.collision import FACE, SAME
+from jansen_env.terrain.shapes import Ground, Piece, Shapes
+
+TOUCHING = 1e-8  # m, within which a point lies on a shape
+BESIDE = 1e-7  # m, to either side of a corner at which a profile is measured
+GAP = 1e-6  # m of air between shapes that makes an overhang
+ARC = 24  # samples of a profile over a round shape
+EVERY = pymunk.ShapeFilter()
+
+Face = tuple[float, float]
+
+
+class ContactPlane(NamedTuple):
+    """The ground as one pad may touch it: see ``PLANE`` of :mod:`jansen_env.engine.records`."""
+
+    normal_x: float
+    normal_y: float
+    offset: float
+    distance: float
+    pad: int
+
+
+class ShapePlanes:
+    """A ground in a pymunk space of its own, and what pymunk answers about it.
+
+    Args:
+        ground: Shapes; or a height line, whose planes are right for pads above it.
+
+    Attributes:
+        space: The space.
+    """
+
+    def __init__(self, ground: Ground) -> None:
+        self.space = pymunk.Space()
+        shapes = ground.add_to(self.space)
+        if isinstance(ground, Shapes):
+            self._pieces = list(ground.pieces)
+        else:
+            line = [(x, y) for x, y in ground.polyline.tolist()]
+            self._pieces = [Piece(ends) for ends in pairwise(line)]
+        self._place = {shape: i for i, shape in enumerate(shapes)}
+        self._faces = [_faces(piece) for piece in self._pieces]
+        self._boxes = [piece.box for piece in self._pieces]
+        self.lowest = min(box[1] for box in self._boxes)
+        self.highest = max(box[3] for box in self._boxes)
+
+    def find(self, centres: Array, near: float) -> list[ContactPlane]:
+        """Return the planes within a distance ``near``, m, of pads' ``centres`` (pads, 2).
+
+        In the order of the pads, the nearest first.
+        """
+        (left, bottom), (right, top) = centres.min(axis=0).tolist(), centres.max(axis=0).tolist()
+        reach = pymunk.BB(left - near, bottom - near, right + near, top + near)
+        boxes = [self._boxes[self._place[s]] for s in self.space.bb_query(reach, EVERY)]
+        planes: list[ContactPlane] = []
+        if not boxes:
+            return planes
+        for pad, (x, y) in enumerate(centres.tolist()):
+            for left, bottom, right, top in boxes:
+                if left - near < x < right + near and bottom - near < y < top + near:
+                    planes += self._of_pad(pad, x, y, near)
+                    break
+        return planes
+
+    def _of_pad(self, pad: int, x: float, y: float, near: float) -> list[ContactPlane]:
+        """Return the planes of a pad at (x, y)."""
+        place = self._place
+        answer = [hit for hit in self.space.point_query((x, y), near, EVERY) if hit.distance < near]
+        answer.sort(key=lambda hit: (hit.distance, place[hit.shape]))
+        seen = [hit for hit in answer if not _is_covered(hit, answer)]
+        if answer and answer[0].distance < 0.0 and (not seen or seen[0].distance >= 0.0):
+            seen.insert(0, max((h for h in answer if h.distance < 0.0), key=lambda h: h.distance))
+        planes: list[ContactPlane] = []
+        for hit in seen:
+            nx, ny = hit.gradient
+            for face_x, face_y in self._faces[place[hit.shape]]:
+                # On a face, take the face's own normal: the direction to a point is rounded.
+                if abs(nx * face_y - ny * face_x) < FACE and nx * face_x + ny * face_y > 0.0:
+                    nx, ny = face_x, face_y
+                    break
+            offset = nx * hit.point.x + ny * hit.point.y
+            if not any(_is_same(other, nx, ny, offset) for other in planes):
+                planes.append(ContactPlane(nx, ny, offset, hit.distance, pad))
+        return planes
+
+    def distances(self, centres: Array) -> Array:
+        """Return the distance of points (n, 2) from the nearest shape, m; negative inside one."""
+        nearest = [self.nearest(x, y).distance for x, y in centres.tolist()]
+        return np.array(nearest)
+
+    def nearest(self, x: float, y: float) -> pymunk.PointQueryInfo:
+        """Return pymunk's answer on the shape nearest to a point, or deepest around it."""
+        answer = self.space.point_query_nearest((x, y), np.inf, EVERY)
+        assert answer is not None, "a ground has shapes"
+        return answer
+
+    def height_below(self, x: float, y: float) -> float:
+        """Return the height of the ground below a point, m; of its lowest shape where none is."""
+        hit = self.space.segment_query_first((x, y), (x, self.lowest - 1.0), 0.0, EVERY)
+        return self.lowest if hit is None else float(hit.point.y)
+
+    def line_below(self, x: float, y: float, scan: Array) -> Array:
+        """Return the heights that a robot observes, as a height line (n, 2) with vertices there, m.
+
+        Args:
+            x: Position of the crank axis, in m.
+            y: Its height, in m. Shapes above the axis are not below it.
+            scan: Places from the axis at which the height of the ground is observed, in m.
+        """
+        heights = {x: self.height_below(x, y)}
+        for place in scan.tolist():
+            heights[x + place] = self.height_below(x + place, self.highest + 1.0)
+        heights.setdefault(x + 1.0, heights[x])
+        return np.array(sorted(heights.items()))
+
+    def count_crossing(self, sides: Array) -> int:
+        """Return how many straight lines ``sides`` (n, 2, 2), m, pass through shapes."""
+        count = 0
+        for a, b in sides[sides[:, :, 1].min(axis=1) < self.highest].tolist():
+            count += self.space.segment_query_first(tuple(a), tuple(b), 0.0, EVERY) is not None
+        return count
+
+    def profile(self, left: float, right: float) -> Array:
+        """Return the highest ground between two x as a height line (n, 2), m.
+
+        Sampled at :meth:`_corners`.
+        """
+        x = np.unique([left, right, *self._corners(left, right)])
+        return np.array([(at, self.height_below(at, self.highest + 1.0)) for at in x.tolist()])
+
+    @functools.cached_property
+    def line(self) -> Array:
+        """The :meth:`profile` of all shapes, and 1 m beyond them."""
+        left = min(box[0] for box in self._boxes)
+        right = max(box[2] for box in self._boxes)
+        return self.profile(left - 1.0, right + 1.0)
+
+    def find_overhang(self) -> float | None:
+        """Return an x at which there is air below a shape, m; None where there is none."""
+        top, bottom = self.highest + 1.0, self.lowest - 1.0
+        for x in self._corners(-np.inf, np.inf):
+            spans = []
+            for hit in self.space.segment_query((x, top), (x, bottom), 0.0, EVERY):
+                from_below = hit.shape.segment_query((x, bottom), (x, top))
+                if from_below is not None:
+                    spans.append((from_below.point.y, hit.point.y))
+            spans.sort()
+            reached = spans[0][1] if spans else 0.0
+            for low, high in spans:
+                if low > reached + GAP:
+                    return x
+                reached = max(reached, high)
+        return None
+
+    def _corners(self, left: float, right: float) -> list[float]:
+        """Return places beside corners, and over round shapes, between two x, m."""
+        places = set[float]()
+        for piece, box in zip(self._pieces, self._boxes, strict=True):
+            if box[2] < left or box[0] > right:
+                continue
+            for x, _ in piece.points:
+                for end in (x - piece.radius, x + piece.radius):
+                    places |= {end - BESIDE, end + BESIDE}
+                if piece.radius > 0.0:
+                    places |= {*np.linspace(x - piece.radius, x + piece.radius, ARC).tolist()}
+        return sorted(x for x in places if left <= x <= right)
+
+
+def check_scan(grounds: Iterable[Ground]) -> None:
+    """Raise ValueError where a height scan would have to see through an overhang."""
+    different = {id(ground): ground for ground in grounds if isinstance(ground, Shapes)}
+    for ground in different.values():
+        x = ShapePlanes(ground).find_overhang()
+        if x is not None:
+            raise ValueError(
+                "height_scan must be None on a ground with overhangs, which has several heights, "
+                f"got a scan and air below a shape at x = {x:.6g} m"
+            )
+
+
+def _is_covered(hit: pymunk.PointQueryInfo, answer: list[pymunk.PointQueryInfo]) -> bool:
+    """Whether another shape of an answer covers the point of a hit.
+
+    Outside all shapes only a nearer one can; within one, the point must be inside the other, as
+    two shapes may have a side in common.
+    """
+    outside = hit.distance >= 0.0
+    most = TOUCHING if outside else -TOUCHING
+    for other in answer:
+        if other is hit or (outside and other.distance >= hit.distance):
+            continue
+        if other.shape.point_query(hit.point).distance <= most:
+            return True
+    return False
+
+
+def _is_same(plane: ContactPlane, nx: float, ny: float, offset: float) -> bool:
+    apart = abs(plane.normal_x - nx) + abs(plane.normal_y - ny) + abs(plane.offset - offset)
+    return apart < SAME
+
+
+def _faces(piece: Piece) -> list[Face]:
+    """Return the unit normals, out of the shape, of a piece's straight faces."""
+    points = piece.points
+    faces: list[Face] = []
+    if len(points) == 1:
+        return faces
+    for (ax, ay), (bx, by) in zip(points, points[1:] + points[:1], strict=True):
+        ex, ey = bx - ax, by - ay
+        length = float(mathematics.hypot(ex, ey))
+        faces.append((ey / length, -ex / length))
+    return faces

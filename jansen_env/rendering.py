@@ -222,26 +222,27 @@ class Renderer:
             self._line((x, 0.0), (x, HEIGHT), 1.0, GRID)
         below = [(WIDTH, max(HEIGHT, surface[-1, 1])), (0, max(HEIGHT, surface[0, 1]))]
         if self._shapes:
-            for piece in self._shapes:
-                self._paint_piece(piece)
-            return
-        self._polygon(np.concatenate([surface, below]), GROUND)
+            self._paint_shapes()
+        else:
+            self._polygon(np.concatenate([surface, below]), GROUND)
         for mark, (x, y) in zip(marks, tops, strict=True):
             self._line((x, y), (x, y + (9 if mark % 2 else 14) * u), 2.0, SURFACE)
             if y < HEIGHT - 72 * u:
                 label = _mark_label(mark, spacing)
                 self._text(label, x, y + 24 * u, 20 if mark % 2 else 24, GROUND_TEXT, 0.5)
-        self._polyline(surface, SURFACE, 3 * u)
+        if not self._shapes:
+            self._polyline(surface, SURFACE, 3 * u)
 
-    def _paint_piece(self, piece: Piece) -> None:
-        """Paint a convex shape: the hull of its points, with round corners of its radius."""
-        points = self._pixels(np.array(piece.points))
-        radius = piece.radius * self._scale / UNIT
-        for color, width in ((SURFACE, radius + 1.5), (GROUND, radius)):
-            for start, end in zip(points, np.roll(points, -1, axis=0), strict=True):
-                self._line(start, end, 2.0 * width, color)
-                self._disc(start, width, color)
-        self._polygon(points, GROUND)
+    def _paint_shapes(self) -> None:
+        """Paint convex shapes as one: first what is seen of their outlines, then their insides."""
+        for color, width in ((SURFACE, 1.5), (GROUND, 0.0)):
+            for piece in self._shapes:
+                points = self._pixels(np.array(piece.points))
+                radius = piece.radius * self._scale / UNIT + width
+                for start, end in zip(points, np.roll(points, -1, axis=0), strict=True):
+                    self._line(start, end, 2.0 * radius, color)
+                    self._disc(start, radius, color)
+                self._polygon(points, color)
 
     def _paint_flag(self, x: float) -> None:
         foot = self._pixels(self._surface(np.array([x])))[0]

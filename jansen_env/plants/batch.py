@@ -176,7 +176,6 @@ class Batch(BatchedPlant):
     ) -> None:
         super().set_control(steps, period, torque_rate, **flags)
         self._make_scratch(self._arguments[2])
-        self._steps = steps
         self._reach(period)
 
     def _set_machines(self, rows: Ints) -> None:
@@ -415,7 +414,7 @@ class Batch(BatchedPlant):
             return
         trace, numbers = self._no_trace, self._untraced
         if self.tracing:
-            trace, numbers = self._new_trace(self._steps)
+            trace, numbers = self._new_trace(int(self.world["steps"][0]))
 
         def move(thread: int, shares: Ints, most: int, scratch: Scratch) -> tuple[bool, bool]:
             self._control_step(
@@ -520,11 +519,12 @@ class Batch(BatchedPlant):
         motions, kernels = self.records.motions, self._shape_kernels
         pushed = kernels.begin_step(rows, actions, impulses, motions.robots, episodes)
         torque, earlier, switch = self._commanded
+        steps = int(self.world["steps"][0])
         whole, late = self.records.robots["delay"][row].tolist()
         torque[row], earlier[row] = self.records.torques[row, whole : whole + 2].tolist()
         switch[row] = late
         pushes = self._impulses if pushed else self._no_pushes
-        self._move_on_shapes(row, self._steps, False, (torque, earlier, switch, pushes), trace)
+        self._move_on_shapes(row, steps, False, (torque, earlier, switch, pushes), trace)
         if self.world["is_whole"][0]:
             self.look_down(rows, observing.scan)
         kernels.finish_step(rows, self.world, self.surface, motions, episodes, observing)

@@ -206,9 +206,13 @@ def _piece(name: str, shape: object) -> Piece:
         kinds = "a pymunk.Circle, Segment or Poly"
         raise ValueError(f"{name} must be {kinds}, got {checks.shown(shape)}")
     body = shape.body
-    if body is None or body.body_type != pymunk.Body.STATIC:
-        state = "no body" if body is None else "a body that can move"
-        raise ValueError(f"{name} must be a shape of a static body, got one of {state}")
+    if body is None:
+        raise ValueError(
+            f"{name} must be a shape of a static body, got one without: keep a reference to its "
+            "body, as shapes do not"
+        )
+    if body.body_type != pymunk.Body.STATIC:
+        raise ValueError(f"{name} must be a shape of a static body, got one of a body that moves")
     if shape.sensor:
         raise ValueError(f"{name} must be solid, got a sensor")
     if tuple(shape.surface_velocity) != (0.0, 0.0):

@@ -24,6 +24,7 @@ SIZES = {  # the arguments that make it short, and a word of what it prints
     "find_a_way": ("JansenWalkerRough-v0 9 2 8", "can be walked"),
     "custom_linkage": ("20", "does not close"),
     "custom_terrain_and_reward": ("20", "return"),
+    "obstacle_course": ("30", "course.png"),
     "share_on_hub": ("", "README.md"),
     "skrl_ppo": ("20000", "curves"),
     "surrogate": ("1", "R2"),

@@ -565,7 +565,7 @@ class Batch(BatchedPlant):
         """List the planes of a robot on shapes where its step waits for them."""
         status, planes = self.records.status[row], self._shape_memory.planes
         near = float(status["pad_radius"] + status["margin"])
-        found = self._shapes_of(row).find(self.pad_centres(row), near)
+        found = self._grounds.shapes_of(row).find(self.pad_centres(row), near)
         if len(found) > len(planes):
             found = sorted(found, key=lambda plane: plane.distance)[: len(planes)]
         for k, plane in enumerate(found):
@@ -573,15 +573,9 @@ class Batch(BatchedPlant):
         status["first_plane"], status["end_plane"] = 0, len(found)
         status["too_deep"] = any(plane.distance < -WAY_OUT for plane in found)
 
-    def _shapes_of(self, row: int) -> ShapePlanes:
-        """Return what pymunk answers about the ground of a robot on shapes."""
-        shapes = self.shapes(row)
-        assert shapes is not None
-        return shapes
-
     def _count_links_in_ground(self, row: int) -> int:
         """Return how many sides of a robot's links pass through shapes."""
-        return self._shapes_of(row).count_crossing(self.pad_centres(row)[self._sides])
+        return self._grounds.shapes_of(row).count_crossing(self.pad_centres(row)[self._sides])
 
     def _place_on_shapes(self, row: int, x: float, pitch: float) -> int:
         """Place a robot on shapes: on their profile first, then down to where its pads touch.
@@ -594,7 +588,7 @@ class Batch(BatchedPlant):
         Returns:
             The robot if its feet are too soft, and -1 otherwise.
         """
-        shapes, state = self._shapes_of(row), self.states[row]
+        shapes, state = self._grounds.shapes_of(row), self.states[row]
         radius = float(self.params["pad_radius"][row])
         reach = float(self.designs.extent[self.designs.number[row]]) + 1.0
         profile = shapes.profile(x - reach, x + reach)

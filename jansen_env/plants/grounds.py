@@ -53,18 +53,26 @@ class Grounds:
         self._rooms, self._used = np.zeros((count, 2), np.int64), len(self.surface)
         self.shapes: list[ShapePlanes | None] = [None] * count
         self.any_shapes = False
+        known = dict[int, ShapePlanes]()  # robots on the same shapes share them
         for row, ground in enumerate(grounds):
             if isinstance(ground, Shapes):
-                self.set_ground(row, ground)
+                self.set_ground(row, ground, known.get(id(ground)))
+                known[id(ground)] = self.shapes_of(row)
             else:
                 status["first_vertex"][row], status["end_vertex"][row] = bounds[id(ground)]
         status["asked_x"] = np.inf
 
-    def set_ground(self, row: int, ground: Ground) -> None:
-        """Give a robot another ground; where there is no room, :attr:`surface` is a new array."""
+    def set_ground(self, row: int, ground: Ground, shapes: ShapePlanes | None = None) -> None:
+        """Give a robot another ground; where there is no room, :attr:`surface` is a new array.
+
+        Args:
+            row: The robot.
+            ground: Its ground.
+            shapes: What pymunk answers about a ground of shapes, if that is there already.
+        """
         on_shapes = isinstance(ground, Shapes)
         if on_shapes or self.shapes[row] is not None:
-            self.shapes[row] = ShapePlanes(ground) if on_shapes else None
+            self.shapes[row] = shapes or (ShapePlanes(ground) if on_shapes else None)
             self.any_shapes = any(shapes is not None for shapes in self.shapes)
         self.status["on_shapes"][row], self.status["waits"][row] = on_shapes, False
         if isinstance(ground, Shapes):
@@ -72,6 +80,12 @@ class Grounds:
         else:
             self.set_line(row, ground.polyline)
         self.status["asked_x"][row] = np.inf
+
+    def shapes_of(self, row: int) -> ShapePlanes:
+        """Return what pymunk answers about the ground of a robot on shapes."""
+        shapes = self.shapes[row]
+        assert shapes is not None
+        return shapes
 
     def set_line(self, row: int, line: Array) -> None:
         """Give a robot another height line (vertices, 2), m."""
@@ -120,6 +134,4 @@ class Grounds:
             y: Its height, in m. Shapes above the axis are not below it.
             scan: Places from the axis at which the height of the ground is observed, in m.
         """
-        shapes = self.shapes[row]
-        assert shapes is not None
-        self.set_line(row, shapes.line_below(x, y, scan))
+        self.set_line(row, self.shapes_of(row).line_below(x, y, scan))

@@ -62,19 +62,20 @@ class ShapePlanes:
         self._boxes = [piece.box for piece in self._pieces]
         self.lowest = min(box[1] for box in self._boxes)
         self.highest = max(box[3] for box in self._boxes)
+        self._last_profile = (0.0, 0.0), np.zeros((0, 2))
 
     def find(self, centres: Array, near: float) -> list[ContactPlane]:
         """Return the planes within a distance ``near``, m, of pads' ``centres`` (pads, 2).
 
         In the order of the pads, the nearest first.
         """
-        (left, bottom), (right, top) = centres.min(axis=0).tolist(), centres.max(axis=0).tolist()
-        reach = pymunk.BB(left - near, bottom - near, right + near, top + near)
+        xs, ys = centres.T.tolist()  # Python's minimum is quicker for so few
+        reach = pymunk.BB(min(xs) - near, min(ys) - near, max(xs) + near, max(ys) + near)
         boxes = [self._boxes[self._place[s]] for s in self.space.bb_query(reach, EVERY)]
         planes: list[ContactPlane] = []
         if not boxes:
             return planes
-        for pad, (x, y) in enumerate(centres.tolist()):
+        for pad, (x, y) in enumerate(zip(xs, ys, strict=True)):
             for left, bottom, right, top in boxes:
                 if left - near < x < right + near and bottom - near < y < top + near:
                     planes += self._of_pad(pad, x, y, near)
@@ -144,8 +145,12 @@ class ShapePlanes:
 
         Sampled at :meth:`_corners`.
         """
-        x = np.unique([left, right, *self._corners(left, right)])
-        return np.array([(at, self.height_below(at, self.highest + 1.0)) for at in x.tolist()])
+        if self._last_profile[0] != (left, right):  # environments place robots at the same x
+            x = np.unique([left, right, *self._corners(left, right)])
+            top = self.highest + 1.0
+            line = np.array([(at, self.height_below(at, top)) for at in x.tolist()])
+            self._last_profile = (left, right), line
+        return self._last_profile[1]
 
     @functools.cached_property
     def line(self) -> Array:

@@ -75,7 +75,7 @@ def test_planes_on_height_lines_are_pymunks():
     assert count > POSES
 
 
-@pytest.mark.parametrize("answer", ["nothing", "nearest alone", "turned", "higher"])
+@pytest.mark.parametrize("answer", ["nothing", "nearest alone", "turned", "higher", "nearer"])
 def test_the_comparison_notices_another_answer(monkeypatch, answer):
     """Replace what pymunk answers: the planes are others then."""
     query = pymunk.Space.point_query
@@ -88,6 +88,8 @@ def test_the_comparison_notices_another_answer(monkeypatch, answer):
             return sorted(hits, key=lambda hit: hit.distance)[:1]
         if answer == "turned":
             return [hit._replace(gradient=hit.gradient.rotated(1e-4)) for hit in hits]
+        if answer == "nearer":
+            return [hit._replace(distance=hit.distance - 1e-9) for hit in hits]
         return [hit._replace(point=hit.point + pymunk.Vec2d(0.0, 1e-9)) for hit in hits]
 
     monkeypatch.setattr(pymunk.Space, "point_query", other)

@@ -317,7 +317,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     | Argument | Default | Meaning |
     |----------|---------|---------|
     | ``robot`` | ``"paper"`` | a :class:`jansen_env.Robot`, or the name of a built-in design; of many robots also a list |
-    | ``terrain`` | ``"flat"`` | a :class:`jansen_env.Terrain`, ``"flat"``, ``"slope:ANGLE"`` (rad), or (x, y) points; or what draws a new one at each reset, ``"rough"``, ``"stairs"``, ``"mixed"`` ... or a callable (``docs/terrain.md``) |
+    | ``terrain`` | ``"flat"`` | a :class:`jansen_env.Terrain`, ``"flat"``, ``"slope:ANGLE"`` (rad), (x, y) points, or a ``pymunk.Space`` or list of static shapes; or what draws a new one at each reset, ``"rough"``, ``"stairs"``, ``"mixed"`` ... or a callable (``docs/terrain.md``) |
     | ``terrain_level`` | 0 | of a terrain that is drawn, 0 to 9, or (low, high), drawn at each reset |
     | ``curriculum`` | None | a :class:`jansen_env.Curriculum` that sets the level, True for the default one |
     | ``randomize`` | None | what is drawn at each reset, by name: ranges or distributions (``docs/worlds.md``) |

@@ -1,0 +1,64 @@
+"""What a control step costs on pymunk's shapes, beside the same ground as a height line.
+
+    python -m benchmarks.ground_shapes [ROUNDS]
+
+Single environments walk in turns; the shortest round of each counts, in process time.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import gymnasium as gym
+import numpy as np
+
+import jansen_env  # noqa: F401  registers the environments
+from jansen_env.terrain import Shapes, Terrain
+from jansen_env.terrain.generators import make_generator
+
+STEPS = 200
+RESETS = 20
+
+
+def make_grounds() -> dict[str, Terrain]:
+    """Return height lines by name: level ground, and rough ground under the start."""
+    terrain = make_generator("rough")
+    assert terrain is not None
+    points = terrain(np.random.default_rng(5), 3).points
+    return {
+        "level": Terrain.flat(),
+        "rough, level 3": Terrain(tuple((x - 1.7, y) for x, y in points)),
+    }
+
+
+def play(env: gym.Env[np.ndarray, np.ndarray]) -> tuple[float, float]:
+    """Return the time of a reset and of a control step, us."""
+    action = np.array([0.5], np.float32)
+    begin = time.process_time()
+    for seed in range(RESETS):
+        env.reset(seed=seed)
+    middle = time.process_time()
+    for _ in range(STEPS):
+        env.step(action)
+    end = time.process_time()
+    return 1e6 * (middle - begin) / RESETS, 1e6 * (end - middle) / STEPS
+
+
+def main(rounds: int = 10) -> None:
+    """Print a table."""
+    print("| ground | path | reset, us | control step, us |\n| --- | --- | ---: | ---: |")
+    for name, line in make_grounds().items():
+        paths = {"height line": line, "shapes": Shapes.under(line)}
+        envs = {
+            path: gym.make("JansenWalker-v0", terrain=ground, terminate_when_fallen=False)
+            for path, ground in paths.items()
+        }
+        times = {path: [play(env) for _ in range(rounds)] for path, env in envs.items()}
+        for path, rows in times.items():
+            reset, step = np.min(rows, axis=0)
+            print(f"| {name} | {path} | {reset:.0f} | {step:.0f} |")
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))

@@ -1,13 +1,11 @@
 """What a control step costs on pymunk's shapes, beside the same ground as a height line.
 
-    python -m benchmarks.ground_shapes [ROUNDS]
-
 Single environments walk in turns; the shortest round of each counts, in process time.
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
 import time
 
 import gymnasium as gym
@@ -45,8 +43,11 @@ def play(env: gym.Env[np.ndarray, np.ndarray]) -> tuple[float, float]:
     return 1e6 * (middle - begin) / RESETS, 1e6 * (end - middle) / STEPS
 
 
-def main(rounds: int = 10) -> None:
+def main() -> None:
     """Print a table."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.ground_shapes", description=__doc__)
+    parser.add_argument("--rounds", type=int, default=30, help="turns of each; default: 30")
+    rounds = parser.parse_args().rounds
     print("| ground | path | reset, us | control step, us |\n| --- | --- | ---: | ---: |")
     for name, line in make_grounds().items():
         paths = {"height line": line, "shapes": Shapes.under(line)}
@@ -61,4 +62,4 @@ def main(rounds: int = 10) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    main()

@@ -4,6 +4,7 @@
 """
 
 import cmath
+from collections.abc import Mapping
 from pathlib import Path
 
 from jansen_env.drawings import outlines
@@ -12,7 +13,7 @@ from jansen_env.files import write_text
 from jansen_env.robot import ROBOTS, Robot, buildable
 from jansen_env.robot.buildable import ALUMINIUM
 from jansen_env.robot.designs import is_of_built_parts
-from jansen_env.robot.lengths import lengths
+from jansen_env.robot.lengths import length_names, lengths
 from jansen_env.viewer.web.page import page_of
 
 PLATES = ("DENSITY", "PLATE_THICKNESS", "OUTLINE", "WINDOW", "PIN_SHARE", "FOOT_MASS")
@@ -20,14 +21,20 @@ PLATES = ("DENSITY", "PLATE_THICKNESS", "OUTLINE", "WINDOW", "PIN_SHARE", "FOOT_
 SHEETS = {"aluminium": (2.0, 1.0), "plywood": (0.6, 0.3)}  # m, by a robot's material
 
 
-def write_bench(path: str | Path) -> Path:
-    """Write the bench with all designs as one HTML file; beside :mod:`.walk`'s they walk."""
-    return write_text(path, page_of("bench", {"base": "built", "designs": bench_designs()}))
+def write_bench(path: str | Path, robots: Mapping[str, Robot] | None = None) -> Path:
+    """Write the bench with designs as one HTML file; beside :mod:`.walk`'s they walk.
+
+    Args:
+        path: The file.
+        robots: Robots by name; None for the built-in designs.
+    """
+    return write_text(path, page_of("bench", {"base": "built", "designs": bench_designs(robots)}))
 
 
-def bench_designs() -> dict[str, dict[str, object]]:
-    """Return all designs by name, with how their parts are cut."""
-    robots = {name: make() for name, make in ROBOTS.items()}
+def bench_designs(robots: Mapping[str, Robot] | None = None) -> dict[str, dict[str, object]]:
+    """Return designs by name, the built-in ones by default, with how their parts are cut."""
+    if robots is None:
+        robots = {name: make() for name, make in ROBOTS.items()}
     return {name: design_of(each) | {"cutting": cutting_of(each)} for name, each in robots.items()}
 
 
@@ -67,5 +74,6 @@ def design_of(robot: Robot) -> dict[str, object]:
         "toes": linkage.toes,
         "legs": [[leg.side, leg.phase] for leg in robot.legs],
         "turn": cmath.phase(end - start),
+        "names": length_names(robot),
         "lengths": lengths(robot),
     }

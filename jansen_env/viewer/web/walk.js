@@ -6,14 +6,15 @@
 import { copyLink, designOf, download, linkOf } from "./bench_design.js";
 import { pointsOf, textOf } from "./drawn_ground.js";
 import { loadEngine, numbersOf } from "./engine.js";
+import { groundOf } from "./ground.js";
 import { robotWithLengths } from "./lengths.js";
 import { LESSONS } from "./lessons.js";
 import { loadWeights } from "./networks.js";
 import { drawPlot } from "./plots.js";
 import { CLICK_PUSH, drawPush, impulseOf } from "./push.js";
+import { checkRobot } from "./robot.js";
 import { css, drawScene, followingView, heightAt, pixels, THEMES } from "./scene.js";
 import { explain } from "./terms.js";
-import { groundOf } from "./terrain.js";
 import { APART, HAND, STEP, shown, Walker } from "./walker.js";
 
 const LARGEST_PUSH = 10; // N s
@@ -96,6 +97,7 @@ let stick = { value: 0, pressed: false }; // of the gamepad
 
 /** The robot of a choice: a name, or a name with lengths as in the bench's links. */
 function robotOf(text) {
+  if (Object.hasOwn(data.robots, text)) return data.robots[text];
   const { base, changes } = designOf(data.designs, text);
   if (Object.keys(changes).length === 0) return data.robots[base];
   return robotWithLengths(engine, data, base, { ...data.designs[base].lengths, ...changes });
@@ -155,7 +157,7 @@ function groundFor(choice) {
   if (!Number.isInteger(seed) || seed < 0 || seed > LARGEST_SEED)
     throw new Error(`seed is "${choice.seed.slice(0, 40)}", must be from 0 to ${LARGEST_SEED}.`);
   if (choice.terrain === DRAWN) return pointsOf(choice.ground);
-  return groundOf(data.terrain, choice.terrain, Number(choice.level), seed);
+  return groundOf(engine, data.terrain, choice.terrain, Number(choice.level), seed);
 }
 
 /** Robot and controller of each walker of a choice. */
@@ -489,6 +491,7 @@ function showPanel() {
   $("input-label").textContent = byHand() ? "torque" : "speed command";
   $("pace").value = pace;
   $("bench").href = `bench.html#${chosen.robot}`;
+  $("bench").hidden = !Object.hasOwn(data.designs, chosen.robot.split("&")[0]);
   for (const button of document.querySelectorAll(".take"))
     button.textContent = byHand() ? "Let it walk" : "Take the crank";
   showInput();
@@ -637,13 +640,24 @@ async function teach(index) {
   run(true);
 }
 
+/** A name, as those of links, for the robot of a file; none that is there already. */
+function nameOfFile(file) {
+  const word = file.replace(/\.json$/, "").replaceAll(/[^\p{L}\p{N}-]+/gu, "_") || "robot";
+  let name = word;
+  for (let k = 2; Object.hasOwn(data.robots, name); k += 1) name = `${word}_${k}`;
+  return name;
+}
+
 /** Let a robot file that is dropped walk. */
 async function drop(file) {
   try {
-    const { format, design, lengths } = JSON.parse(await file.text());
-    if (format !== "jansen_env robot 1" || !design)
-      throw new Error("This is no file of a design and its lengths, as the bench saves them.");
-    choose({ robot: linkOf({ base: design, changes: lengths }) });
+    const content = JSON.parse(await file.text());
+    const { design, lengths } = content ?? {};
+    if (design) return await choose({ robot: linkOf({ base: design, changes: lengths }) });
+    checkRobot(engine.layout, content);
+    const name = nameOfFile(file.name);
+    data.robots[name] = { name, ...content };
+    await choose({ robot: name });
   } catch (error) {
     say(error.message);
   }

@@ -3,6 +3,8 @@
 import base64
 import json
 import math
+from collections.abc import Mapping
+from dataclasses import MISSING, fields, replace
 from typing import Any
 
 import numpy as np
@@ -11,21 +13,41 @@ from numpy.typing import ArrayLike
 from jansen_env import gravity
 from jansen_env.baselines.policy import PAPER_PID
 from jansen_env.dynamics import reduced
-from jansen_env.dynamics.pads import pad_sides
-from jansen_env.engine import collision, integrator, kernel, pushes, records, walk_reward
+from jansen_env.engine import (
+    collision,
+    integrator,
+    kernel,
+    link_shapes,
+    machines,
+    pcg64,
+    pushes,
+    records,
+    reduction,
+    walk_reward,
+)
 from jansen_env.parameters import TABLE, nominal
 from jansen_env.plants import base, batch, design_tables, grounds, robot_parameters
 from jansen_env.policies import pretrained
-from jansen_env.robot import ROBOTS, Robot, buildable
-from jansen_env.robot.designs import is_of_built_parts
-from jansen_env.robot.kinematics import body_arrays, dyad_arrays
+from jansen_env.robot import (
+    ROBOTS,
+    Bar,
+    Compliance,
+    Leg,
+    Payload,
+    Plate,
+    Robot,
+    Triangle,
+    buildable,
+    kinematics,
+    zoo,
+)
+from jansen_env.robot.designs import built_parts_of, is_of_built_parts
+from jansen_env.robot.motor import Motor
 from jansen_env.robot.robot_file import robot_to_json
-from jansen_env.robot.zoo import standing_height
 from jansen_env.tasks.walking import tuned, walker_env
 from jansen_env.tasks.walking.presets import ROUGH
 from jansen_env.terrain import Terrain
 from jansen_env.viewer.web.bench import design_of
-from jansen_env.viewer.web.geometry import scene_of_robot
 from jansen_env.viewer.web.terrain_data import terrain_data
 from jansen_env.world import push, world
 from jansen_env.world.observations import Noise
@@ -34,22 +56,28 @@ Json = dict[str, Any]
 RECORDS = {
     "ROBOT": records.ROBOT, "STATISTICS": records.CONTACT_STATISTICS, "PAD": records.PAD,
     "WORLD": records.WORLD, "PLANE": records.PLANE, "MACHINE": records.MACHINE,
+    "LINK": link_shapes.LINK, "BUILD": link_shapes.BUILD, "CHASSIS": machines.CHASSIS,
     "WALK": walk_reward.ROW, "SETTINGS": walk_reward.SETTINGS, "PUSHES": pushes.PUSHES,
 }  # fmt: skip
 NUMBERS = {
-    reduced: "SAMPLES HARMONICS INTERVALS ORDER TAIL_TOLERANCE BEARING_SAMPLES",
-    design_tables: "PITCHES SPARSE BETWEEN",
+    reduction: "SAMPLES HARMONICS INTERVALS ORDER BEARING_SAMPLES BODY_SUMS PAD_FUNCTIONS",
+    reduced: "TAIL_TOLERANCE WORK_ARRAYS",
+    kinematics: "TURN_SAMPLES",
+    zoo: "HEIGHT_SAMPLES",
+    design_tables: "PITCHES",
     collision: "SPECULATIVE_MARGIN LARGEST_MARGIN MARGIN WAY_OUT",
     grounds: "FASTEST STRETCH MOST_STRETCHES",
     batch: "TIME_STEP PLANES_PER_PAD",
-    buildable: "DENSITY BAR_THICKNESS LOWER_ROD_THICKNESS PLATE_THICKNESS WIDTH FRAME_WIDTH "
-    "OUTLINE WINDOW PIN_SHARE AXIS_MASS FOOT_MASS",
     base: "DEEPEST",
     gravity: "GRAVITY",
     push: "MOST_PUSHES",
     walker_env: "FASTEST_COMMAND",
     world: "TOUCHING SLIPPING",
 }
+OF_PAGES = (pcg64,)
+"""Modules of the engine that pages alone call: their kernels are there once they are imported."""
+MOST_TOES = 24
+"""Largest number of toes of a robot on the page."""
 ENVIRONMENTS = (
     "JansenWalkerBuilt-v0", "JansenWalker-v0", "JansenWalkerRough-v0", "JansenWalkerHardcore-v0",
 )  # fmt: skip
@@ -63,12 +91,32 @@ SLIDERS = (
     ("gravity_scale", "gravity", "g", 0.1, 2.0), ("noise_level", "sensor noise", "", 0.0, 3.0),
 )  # fmt: skip
 """Parameters that a user can change while a robot walks."""
+PARTS = (Bar, Triangle, Plate, Payload, Motor, Compliance)
+"""Parts of robot files whose numbers kernels read under their names."""
 FEATURE = ("clip", "multiples")  # of a policy's features, where they have it
 
 
-def walk_data() -> Json:
-    """Return all that a page needs, for JSON: ``machine.js`` says what is what."""
-    designs = {name: make() for name, make in ROBOTS.items()}
+def check_page_robot(robot: Robot) -> Robot:
+    """Return a robot after checking that the page has observations for it.
+
+    Raises:
+        ValueError: If it has too many toes.
+    """
+    if len(robot.toes) > MOST_TOES:
+        raise ValueError(
+            f"a robot on the page must have at most {MOST_TOES} toes, got {len(robot.toes)}"
+        )
+    return robot
+
+
+def walk_data(robots: Mapping[str, Robot] | None = None) -> Json:
+    """Return all that a page needs, for JSON: ``machine.js`` says what is what.
+
+    Args:
+        robots: Robots of the page by name; None for the built-in designs.
+    """
+    paper = ROBOTS["paper"]()
+    designs = {name: make() for name, make in ROBOTS.items()} if robots is None else robots
     policies = dict(policy_data(env, name) for env in ENVIRONMENTS for name in page_policies(env))
     baselines = json.loads(tuned.DATA.read_text(encoding="utf-8"))
     module = kernel.built_library("wasm").read_bytes()
@@ -76,11 +124,15 @@ def walk_data() -> Json:
         "engine": _packed(np.frombuffer(module, np.uint8), "u1"),
         "layout": {
             **engine_data(),
-            "tasks": {len(each.toes): task_data(each) for each in designs.values()},
+            "tasks": {toes: task_data(_of_toes(toes)) for toes in range(1, MOST_TOES + 1)},
         },
-        "robots": {name: robot_data(name, each) for name, each in designs.items()},
+        "robots": {name: {"name": name, **robot_to_json(each)} for name, each in designs.items()},
         "designs": {name: design_of(each) for name, each in designs.items()},
-        "built": [name for name, each in designs.items() if is_of_built_parts(each)],
+        "built": {
+            name: built_parts_of(each).tolist()
+            for name, each in designs.items()
+            if is_of_built_parts(each)
+        },
         "policies": policies,
         "controllers": [*CONTROLLERS, *policies],
         "control": {
@@ -89,8 +141,8 @@ def walk_data() -> Json:
             "mostLag": tuned.MOST_LAG,
             "paper": {
                 "gains": [PAPER_PID.kp, PAPER_PID.ki, PAPER_PID.kd],
-                "mass": designs["paper"].links_mass,
-                "height": standing_height(designs["paper"]),
+                "mass": paper.links_mass,
+                "height": zoo.standing_height(paper),
             },
             "baselines": {
                 name: {**of_design["pid"], "steady": of_design["steady"]["gains"]}
@@ -99,27 +151,6 @@ def walk_data() -> Json:
         },
         "sliders": [dict(zip(SLIDER, values, strict=True)) for values in SLIDERS],
         "terrain": terrain_data(),
-    }
-
-
-def robot_data(name: str, robot: Robot) -> Json:
-    """Return a robot file's content, and what of the robot does not depend on its lengths.
-
-    None stands for infinity.
-    """
-    row, leg = robot_parameters.kernel_row(robot)[0], reduced.leg_data(robot)
-    (members, *_), (dyads, _) = body_arrays(robot), dyad_arrays(robot)
-    return {
-        "name": name,
-        **robot_to_json(robot),
-        "closing": {"members": members.tolist(), "dyads": dyads.tolist()},
-        "leg": {name: values.tolist() for name, values in leg.items() if name != "links"},
-        "work": reduced.work_shapes(leg),
-        "pads": robot.linkage.all_pads,
-        "layout": design_tables.kernel_model(reduced.compile_robot(robot)).layout[0].tolist(),
-        "sides": pad_sides(robot).tolist(),
-        "params": {field: _finite(row[field].tolist()) for field in row.dtype.names},
-        "scene": scene_of_robot(robot, 0.0),
     }
 
 
@@ -175,6 +206,11 @@ def engine_data() -> Json:
         "records": {name: _layout(dtype) for name, dtype in RECORDS.items()},
         "numbers": {n: getattr(part, n) for part, names in NUMBERS.items() for n in names.split()},
         "expansion": _packed(reduced._expansion(), "<f8"),
+        "links": link_shapes.KINDS,
+        "jointsOf": {"Bar": 2, "Triangle": 3},
+        "parts": {kind.__name__: _defaults(kind) for kind in PARTS},
+        "build": _values(buildable.build_row()[0]),
+        "flat": ground.points,
         "limits": {
             p.name: [p.least, p.most]
             for p in TABLE
@@ -190,6 +226,21 @@ def engine_data() -> Json:
         "settings": _values(task.world.weights[0]),
         "scan": task.world.scan.tolist(),
     }
+
+
+def _defaults(kind: type) -> Json:
+    """Return the numbers of a part of a robot file that may be left out; None is infinite."""
+    return {
+        field.name: 0.0 if field.default is MISSING else _finite(field.default)
+        for field in fields(kind)
+        if field.name != "points"
+    }
+
+
+def _of_toes(count: int) -> Robot:
+    """Return a robot with so many toes."""
+    robot = ROBOTS["paper"]()
+    return replace(robot, legs=(Leg("fore"),) * count)
 
 
 def task_data(robot: Robot) -> Json:
@@ -227,9 +278,8 @@ def _packed(values: ArrayLike, dtype: str) -> str:
 
 
 def _finite(value: Any) -> Any:
-    if isinstance(value, list):
-        return [*map(_finite, value)]
-    return value if math.isfinite(value) else None
+    """Return a value, None for infinity."""
+    return None if value is None or value == math.inf else value
 
 
 def _values(row: np.void) -> Json:

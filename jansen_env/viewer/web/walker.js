@@ -1,9 +1,9 @@
 // A machine that walks on the page: what turns its crank, its score, and its last minute.
 
-import { TURN } from "./closure.js";
 import { controllerNamed } from "./controllers.js";
 import { Machine } from "./machine.js";
-import { generatorOf } from "./random.js";
+import { Random } from "./random_numbers.js";
+import { TURN } from "./robot.js";
 
 export const HAND = "hand"; // of data.controllers: the torque is the user's
 export const STEP = 0.02; // s, of a control step
@@ -65,7 +65,7 @@ export class Walker {
 
   /** Stand at rest with settings of `Machine.change`, as an environment that is reset with a seed. */
   start(seed, settings, command) {
-    const rng = generatorOf(seed);
+    const rng = new Random(this.machine.memory, seed);
     const crankAngle = rng.uniform(0, TURN);
     for (const _ of ["command", "crank speed"]) rng.random(); // which are given here
     this.machine.change(settings);

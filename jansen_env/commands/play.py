@@ -19,13 +19,13 @@ from jansen_env.viewer.web.walk import write_walk
 from jansen_env.viewer.web.walk_data import (
     CONTROLLERS,
     ENVIRONMENTS,
+    MOST_SEED,
     check_page_robot,
     controller_name,
     page_policies,
 )
 
 FLAT = "flat"
-MOST_SEED = 2**32 - 1
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -80,7 +80,7 @@ def robot_of(name: str | None) -> tuple[str | None, dict[str, Robot]]:
     return word, robots
 
 
-def start_of(args: argparse.Namespace, robot: str | None) -> dict[str, object]:
+def start_of(args: argparse.Namespace, robot: str | None = None) -> dict[str, object]:
     """The choices with which the page starts. Raises ValueError: they do not go together."""
     defaults = pretrained.arguments_of(args.env)
     terrain = args.terrain or defaults["terrain"]

@@ -113,6 +113,11 @@ class Inertial(NamedTuple):
     inertia: float
 
 
+def bar_thickness(name: str) -> float:
+    """Return the thickness of a link's bar, m, by the link's name."""
+    return LOWER_ROD_THICKNESS if name == "lower_rod" else BAR_THICKNESS
+
+
 def flat_bar(
     length: float, width: float, end_mass: float = PIN_SHARE, thickness: float = BAR_THICKNESS
 ) -> Inertial:

@@ -104,16 +104,15 @@ class NamedGenerator:
 
     def _check(self, level: int) -> None:
         """Check the parameters at a level. Raises ValueError: there is no such ground."""
-        if self.name == "mixed":
-            return
         values = at_level(self.name, level) | dict(self.given)
         if self.name == "rough":
             checks.within("height", values["height"], -TALLEST, TALLEST)
             check_room(START, REACH, checks.positive("spacing", values["spacing"]))
-        else:
+        elif self.name != "mixed":
             random = [np.random.default_rng(0)] if self.name == "steps" else []
             make: Callable[..., Terrain] = getattr(Terrain, self.name)
             make(*random, **values)
+        self(np.random.default_rng(0), level)
 
     def __str__(self) -> str:
         """Specification as text: ``"stairs:rise=0.02"``."""

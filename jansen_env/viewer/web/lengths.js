@@ -1,57 +1,57 @@
 // The same robot with other lengths, by the kernels of jansen_env/engine/link_shapes.py.
 
-import { linkOf, linksOf } from "./robot.js";
+import { Leg, linkOf } from "./robot.js";
 
 /**
  * A design of data.robots with some other lengths, m, by the names of data.designs. Of the built
  * robot's parts it gets such parts; else links are as heavy per metre of their sides as before.
  */
-export function robotWithLengths({ work, layout }, data, base, changed) {
+export function robotWithLengths({ work }, data, base, changed) {
   const robot = data.robots[base];
-  const { lengths: known, names } = data.designs[base];
+  const design = data.designs[base];
+  const { names, lengths: known, parts } = design;
   const lengths = { ...known, ...changed };
-  for (const [k, ofBody] of names.entries())
-    if (!ofBody.every((name) => Number.isFinite(lengths[name])))
-      throw new Error(`lengths of ${robot.linkage.bodies[k][0]} are missing`);
+  const lost = names.findIndex((each) => !each.every((name) => Number.isFinite(lengths[name])));
+  if (lost >= 0) throw new Error(`lengths of ${robot.linkage.bodies[lost][0]} are missing`);
   return work.scratch(() => {
-    const parts = data.built[base];
-    const { links, points, fault } = resize(
-      work,
-      linksOf(work, robot),
-      names,
-      lengths,
-      known,
-      !parts,
-    );
+    const made = resizer(work, new Leg(work, robot), { ...design, robot });
+    const fault = made.resize(lengths);
     if (fault >= 0)
       throw new Error(`the sides of ${robot.linkage.bodies[fault][0]} form no triangle`);
     const isNew = (k) => names[k].some((name) => lengths[name] !== known[name]);
-    if (parts && names.some((_, k) => isNew(k))) {
-      const build = work.array("BUILD", 1);
-      build.write(layout.build);
-      const ofBodies = [links, points, work.filled("i8", parts)];
-      work.call("link_shapes_put_built_parts", ofBodies, robot.legs.length, build);
-    }
     const bodies = robot.bodies.map((link, k) =>
-      parts || isNew(k) ? linkOf(links, points, k, link) : link,
+      parts || isNew(k) ? linkOf(made.links, made.points, k, link) : link,
     );
     return { ...robot, bodies, frame_angle: lengths.frame_angle };
   });
 }
 
-/** Links with other lengths in a memory: {links, points, fault: the body that is no triangle or -1}. */
-export function resize(memory, [links, points, members], names, lengths, known, dense) {
-  const rows = (named) => {
-    const most = Math.max(...names.map((ofBody) => ofBody.length));
-    const out = memory.array("f8", names.length, most);
+/**
+ * What gives the links of a leg other lengths in its memory: {links, points, resize, inertiaOf}.
+ * `resize` returns the body whose sides form no triangle, or -1.
+ */
+export function resizer(memory, leg, { names, lengths: known, parts, robot }) {
+  const most = Math.max(...names.map((ofBody) => ofBody.length));
+  const rowsOf = () => memory.array("f8", names.length, most);
+  const fill = (rows, lengths) => {
     for (const [k, ofBody] of names.entries())
-      out.at(k).view.set(ofBody.map((name) => named[name]));
-    return out;
+      rows.at(k).view.set(ofBody.map((name) => lengths[name]));
   };
-  const resized = memory.array("LINK", ...links.shape);
-  const places = memory.array("f8", ...points.shape);
-  const work = memory.array("f8", 2, points.shape[1] + 1, 2);
-  const given = [links, points, members, rows(lengths), rows(known), Number(dense)];
-  const fault = memory.call("link_shapes_resize", given, resized, places, work);
-  return { links: resized, points: places, fault };
+  const [wanted, before] = [rowsOf(), rowsOf()];
+  fill(before, known);
+  const links = memory.array("LINK", ...leg.links.shape);
+  const points = memory.array("f8", ...leg.points.shape);
+  const work = memory.array("f8", 2, leg.points.shape[1] + 1, 2);
+  const given = [leg.links, leg.points, leg.members, wanted, before, Number(!parts)];
+  const build = memory.array("BUILD", 1);
+  build.write(memory.layout.build);
+  const built = parts && memory.filled("i8", parts);
+  const resize = (lengths) => {
+    fill(wanted, lengths);
+    const fault = memory.call("link_shapes_resize", given, links, points, work);
+    if (built && fault < 0)
+      memory.call("link_shapes_put_built_parts", links, points, built, robot.legs.length, build);
+    return fault;
+  };
+  return { links, points, resize, inertiaOf: (k) => links.read(k, "inertia") };
 }

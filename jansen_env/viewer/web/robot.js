@@ -250,9 +250,15 @@ function compileIn(memory, leg) {
   const tail = memory.call("reduction_compile_tables", psi, x, places, ofLeg, constants, work, out);
   if (!(tail <= TAIL_TOLERANCE))
     throw new Error("its linkage passes too near a dead point: two links that meet are in line");
+  const walk = walkOf(leg);
+  if (!walk.stands)
+    throw new Error(
+      "robot cannot stand: its lowest toe must lie below the crank axis over the whole turn; " +
+        "the usual cause is a dyad assembled on its other side",
+    );
   const numbers = out.map((table) => table.view.slice());
   const reach = reachOf(memory, leg, body.at(0), tables);
-  return { body: numbers[0], pads: numbers[1], bearings: numbers[2], ...walkOf(leg), ...reach };
+  return { body: numbers[0], pads: numbers[1], bearings: numbers[2], ...walk, ...reach };
 }
 
 function workSpace(memory, ...counts) {
@@ -274,23 +280,22 @@ function reachOf(memory, leg, body, tables) {
   return { extent, farthest: [...farthest.view], depths: depths.view.slice() };
 }
 
-/** Advance per turn, m, and mean height of the crank axis, m. Throws if it cannot stand. */
-function walkOf(leg) {
+/** Advance per turn, m, mean height of the crank axis, m, and whether it can stand. */
+export function walkOf(leg) {
   const { memory, toes } = leg;
   const { TURN_SAMPLES, HEIGHT_SAMPLES } = memory.layout.numbers;
-  const heights = memory.array("f8", HEIGHT_SAMPLES);
-  const places = leg.placeLegs(leg.turn(HEIGHT_SAMPLES));
-  memory.call("closure_put_lowest_toes", places, toes, heights);
-  if (!heights.view.every((height) => height < 0))
-    throw new Error(
-      "robot cannot stand: its lowest toe must lie below the crank axis over the whole turn; " +
-        "the usual cause is a dyad assembled on its other side",
-    );
-  const psi = memory.array("f8", TURN_SAMPLES + 1);
-  memory.call("closure_put_angles_to_end", TURN, psi);
-  const ways = memory.array("f8", TURN_SAMPLES);
-  const advance = memory.call("closure_advance_over_turn", leg.placeLegs(psi), toes, ways);
-  return { advance, height: -memory.call("closure_mean", heights) };
+  return memory.scratch(() => {
+    const heights = memory.array("f8", HEIGHT_SAMPLES);
+    const places = leg.placeLegs(leg.turn(HEIGHT_SAMPLES));
+    memory.call("closure_put_lowest_toes", places, toes, heights);
+    const height = -memory.call("closure_mean", heights);
+    const stands = heights.view.every((lowest) => lowest < 0);
+    const psi = memory.array("f8", TURN_SAMPLES + 1);
+    memory.call("closure_put_angles_to_end", TURN, psi);
+    const ways = memory.array("f8", TURN_SAMPLES);
+    const advance = memory.call("closure_advance_over_turn", leg.placeLegs(psi), toes, ways);
+    return { advance, height, stands };
+  });
 }
 
 /** Pads and sides of links of a robot: [layout, sides]. */

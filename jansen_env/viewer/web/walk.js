@@ -15,7 +15,7 @@ import { CLICK_PUSH, drawPush, impulseOf } from "./push.js";
 import { checkRobot } from "./robot.js";
 import { css, drawScene, followingView, heightAt, pixels, THEMES } from "./scene.js";
 import { explain } from "./terms.js";
-import { APART, HAND, STEP, shown, Walker } from "./walker.js";
+import { APART, HAND, shown, Walker } from "./walker.js";
 
 const LARGEST_PUSH = 10; // N s
 const LONGEST_GAP = 0.25; // s: after a longer pause of the browser time has stood still
@@ -28,7 +28,6 @@ const WINDOW = 10; // s, of the plots
 const REPLOT = 100; // ms between two pictures of a plot; one at a time
 const REWRITE = 200; // ms between two writings of numbers
 const DEAD_ZONE = 0.12; // of a gamepad's stick
-const LARGEST_SEED = 2 ** 32 - 1;
 const MESSAGE_TIME = 6000; // ms for which a message is shown
 const GOAL = { distance: 10, cost: 0.3 }; // m, at most; by hand
 const EMBEDDED = "?embedded"; // in the address of a frame of another page: pictures alone
@@ -66,6 +65,7 @@ const sum = (values) => [...values].reduce((total, value) => total + value, 0);
 const within = (value, low, high) => Math.min(Math.max(value, low), high);
 const plain = (name) => name.replaceAll("_", " ");
 const data = JSON.parse($("data").textContent);
+const STEP = data.layout.period; // s, of a control step
 const dark = matchMedia("(prefers-color-scheme: dark)");
 const pictures = $("pictures").children;
 
@@ -154,9 +154,9 @@ function groundFor(choice) {
     if (!name.startsWith("robot") && ![...values, choice.ground && DRAWN].includes(choice[name]))
       throw new Error(`${name} is "${choice[name].slice(0, 40)}", which this page does not have.`);
   const seed = Number(choice.seed);
-  if (!Number.isInteger(seed) || seed < 0 || seed > LARGEST_SEED)
-    throw new Error(`seed is "${choice.seed.slice(0, 40)}", must be from 0 to ${LARGEST_SEED}.`);
-  if (choice.terrain === DRAWN) return pointsOf(choice.ground);
+  if (!Number.isInteger(seed) || seed < 0 || seed > data.mostSeed)
+    throw new Error(`seed is "${choice.seed.slice(0, 40)}", must be from 0 to ${data.mostSeed}.`);
+  if (choice.terrain === DRAWN) return pointsOf(choice.ground, data.steepest);
   return groundOf(engine, data.terrain, choice.terrain, Number(choice.level), seed);
 }
 
@@ -624,7 +624,9 @@ function save() {
 function draft(on) {
   drawing = on;
   $("draft").setAttribute("aria-pressed", on);
-  if (on) say("Draw the ground ahead, from left to right.");
+  if (!on) return;
+  pictures[0].scrollIntoView({ block: "nearest" });
+  say("Draw the ground ahead, from left to right.");
 }
 
 /** Show a question, and what it is about; none for -1. */
@@ -742,7 +744,7 @@ function listen(figure) {
   });
   canvas.addEventListener("pointerup", () => {
     if (stroke) {
-      const ground = textOf(stroke);
+      const ground = textOf(stroke, data.steepest);
       stroke = null;
       draft(false);
       say("");

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from jansen_env.files import write_text
 from jansen_env.robot import Robot
+from jansen_env.viewer.web.engine_data import RUNS, Json
 from jansen_env.viewer.web.page import page_of
-from jansen_env.viewer.web.walk_data import Json, walk_data
+from jansen_env.viewer.web.walk_data import walk_data
 
 LARGE = 200_000  # characters of a network's weights in base64, from which on it has its own file
 
@@ -29,7 +30,7 @@ def write_walk(
         robots: Robots of the page by name; None for the built-in designs.
     """
     data = {**walk_data(robots), "start": start}
-    runs = "'wasm-unsafe-eval'"
+    runs = RUNS
     if apart:
         runs += " 'self'"
         for policy in data["policies"].values():

@@ -1,81 +1,35 @@
 """Data of the walking page: engine, kernels, records, robots and policies."""
 
-import base64
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import MISSING, fields, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from jansen_env import gravity
 from jansen_env.baselines.policy import PAPER_PID
-from jansen_env.dynamics import reduced
-from jansen_env.engine import (
-    collision,
-    integrator,
-    kernel,
-    link_shapes,
-    machines,
-    pcg64,
-    pushes,
-    records,
-    reduction,
-    walk_reward,
-)
+from jansen_env.engine import integrator
 from jansen_env.parameters import TABLE, nominal
-from jansen_env.plants import base, batch, design_tables, grounds, robot_parameters
+from jansen_env.plants import batch, robot_parameters
 from jansen_env.policies import pretrained
-from jansen_env.robot import (
-    ROBOTS,
-    Bar,
-    Compliance,
-    Leg,
-    Payload,
-    Plate,
-    Robot,
-    Triangle,
-    buildable,
-    kinematics,
-    zoo,
-)
-from jansen_env.robot.designs import built_parts_of, is_of_built_parts
-from jansen_env.robot.motor import Motor
+from jansen_env.robot import ROBOTS, Leg, Robot, zoo
 from jansen_env.robot.robot_file import robot_to_json
 from jansen_env.tasks.walking import tuned, walker_env
 from jansen_env.tasks.walking.presets import ROUGH
 from jansen_env.terrain import Terrain
+from jansen_env.terrain.ground import STEEPEST
 from jansen_env.viewer.web.bench import design_of
+from jansen_env.viewer.web.engine_data import (
+    Json,
+    engine_layout,
+    engine_module,
+    packed,
+    values_of,
+)
 from jansen_env.viewer.web.terrain_data import terrain_data
-from jansen_env.world import push, world
+from jansen_env.world import push
 from jansen_env.world.observations import Noise
 
-Json = dict[str, Any]
-RECORDS = {
-    "ROBOT": records.ROBOT, "STATISTICS": records.CONTACT_STATISTICS, "PAD": records.PAD,
-    "WORLD": records.WORLD, "PLANE": records.PLANE, "MACHINE": records.MACHINE,
-    "LINK": link_shapes.LINK, "BUILD": link_shapes.BUILD, "CHASSIS": machines.CHASSIS,
-    "WALK": walk_reward.ROW, "SETTINGS": walk_reward.SETTINGS, "PUSHES": pushes.PUSHES,
-}  # fmt: skip
-NUMBERS = {
-    reduction: "SAMPLES HARMONICS INTERVALS ORDER BEARING_SAMPLES BODY_SUMS PAD_FUNCTIONS",
-    reduced: "TAIL_TOLERANCE WORK_ARRAYS",
-    kinematics: "TURN_SAMPLES",
-    zoo: "HEIGHT_SAMPLES",
-    design_tables: "PITCHES",
-    collision: "SPECULATIVE_MARGIN LARGEST_MARGIN MARGIN WAY_OUT",
-    grounds: "FASTEST STRETCH MOST_STRETCHES",
-    batch: "TIME_STEP PLANES_PER_PAD",
-    base: "DEEPEST",
-    gravity: "GRAVITY",
-    push: "MOST_PUSHES",
-    walker_env: "FASTEST_COMMAND",
-    world: "TOUCHING SLIPPING",
-}
-OF_PAGES = (pcg64,)
-"""Modules of the engine that pages alone call: their kernels are there once they are imported."""
 MOST_TOES = 24
 """Largest number of toes of a robot on the page."""
 ENVIRONMENTS = (
@@ -83,16 +37,7 @@ ENVIRONMENTS = (
 )  # fmt: skip
 SENSORS = "speeds", "angles", "deviation", "low", "high"  # of Observing
 CONTROLLERS = ("hand", "constant speed", "pid")  # those that are no policies
-SLIDER = ("name", "label", "unit", "low", "high")
-SLIDERS = (
-    ("friction", "friction", "", 0.0, 1.2), ("payload", "payload", "kg", 0.0, 6.0),
-    ("restitution", "restitution", "", 0.0, 0.9), ("tilt", "slope", "rad", -0.25, 0.25),
-    ("motor_strength", "motor strength", "", 0.1, 1.5),
-    ("gravity_scale", "gravity", "g", 0.1, 2.0), ("noise_level", "sensor noise", "", 0.0, 3.0),
-)  # fmt: skip
-"""Parameters that a user can change while a robot walks."""
-PARTS = (Bar, Triangle, Plate, Payload, Motor, Compliance)
-"""Parts of robot files whose numbers kernels read under their names."""
+MOST_SEED = 2**32 - 1
 FEATURE = ("clip", "multiples")  # of a policy's features, where they have it
 
 
@@ -119,20 +64,14 @@ def walk_data(robots: Mapping[str, Robot] | None = None) -> Json:
     designs = {name: make() for name, make in ROBOTS.items()} if robots is None else robots
     policies = dict(policy_data(env, name) for env in ENVIRONMENTS for name in page_policies(env))
     baselines = json.loads(tuned.DATA.read_text(encoding="utf-8"))
-    module = kernel.built_library("wasm").read_bytes()
     return {
-        "engine": _packed(np.frombuffer(module, np.uint8), "u1"),
+        "engine": engine_module(),
         "layout": {
             **engine_data(),
             "tasks": {toes: task_data(_of_toes(toes)) for toes in range(1, MOST_TOES + 1)},
         },
         "robots": {name: {"name": name, **robot_to_json(each)} for name, each in designs.items()},
         "designs": {name: design_of(each) for name, each in designs.items()},
-        "built": {
-            name: built_parts_of(each).tolist()
-            for name, each in designs.items()
-            if is_of_built_parts(each)
-        },
         "policies": policies,
         "controllers": [*CONTROLLERS, *policies],
         "control": {
@@ -149,7 +88,19 @@ def walk_data(robots: Mapping[str, Robot] | None = None) -> Json:
                 for name, of_design in baselines.items()
             },
         },
-        "sliders": [dict(zip(SLIDER, values, strict=True)) for values in SLIDERS],
+        "sliders": [
+            {
+                "name": row.name,
+                "label": row.label or row.name.replace("_", " "),
+                "unit": "" if row.unit == "1" else row.unit,
+                "low": row.slider[0],
+                "high": row.slider[1],
+            }
+            for row in TABLE
+            if row.slider is not None
+        ],
+        "mostSeed": MOST_SEED,
+        "steepest": STEEPEST,
         "terrain": terrain_data(),
     }
 
@@ -186,10 +137,10 @@ def policy_data(env_id: str, name: str) -> tuple[str, Json]:
             {name: getattr(part, name) for name in FEATURE if hasattr(part, name)}
             for part in policy.features
         ],
-        "mean": _packed(mean, "<f8"),
-        "deviation": _packed(deviation, "<f8"),
+        "mean": packed(mean, "<f8"),
+        "deviation": packed(deviation, "<f8"),
         "layers": policy.network.layers.tolist(),
-        "weights": _packed(policy.network.weights, "<f4"),
+        "weights": packed(policy.network.weights, "<f4"),
         "limit": policy.limit if math.isfinite(policy.limit) else None,
         "squash": pretrained.SQUASH[policy.squash],
     }
@@ -202,38 +153,18 @@ def engine_data() -> Json:
     )
     task, ground, steps = env.task, Terrain.flat(), env.task.world.steps
     return {
-        "kernels": {each.symbol: _arguments(each) for each in kernel.kernels},
-        "records": {name: _layout(dtype) for name, dtype in RECORDS.items()},
-        "numbers": {n: getattr(part, n) for part, names in NUMBERS.items() for n in names.split()},
-        "expansion": _packed(reduced._expansion(), "<f8"),
-        "links": link_shapes.KINDS,
-        "jointsOf": {"Bar": 2, "Triangle": 3},
-        "parts": {kind.__name__: _defaults(kind) for kind in PARTS},
-        "build": _values(buildable.build_row()[0]),
+        **engine_layout(),
         "flat": ground.points,
-        "limits": {
-            p.name: [p.least, p.most]
-            for p in TABLE
-            if p.settable and (p.of_robot or p.name == "noise_level")
-        },
+        "limits": {row.name: [row.least, row.most] for row in TABLE if row.slider is not None},
         "ground": {name: getattr(ground, name) for name in robot_parameters.ON_TERRAINS},
-        "nominal": _values(nominal(env.robot, ground)),
+        "nominal": values_of(nominal(env.robot, ground)),
         "period": env.control_dt,
         "steps": steps,
         "stride": max(1, round(batch.DETECTION_INTERVAL / batch.TIME_STEP)),
         "workSpace": _work_space(steps),
-        "push": _values(task.world._push[0]),
-        "settings": _values(task.world.weights[0]),
+        "push": values_of(task.world._push[0]),
+        "settings": values_of(task.world.weights[0]),
         "scan": task.world.scan.tolist(),
-    }
-
-
-def _defaults(kind: type) -> Json:
-    """Return the numbers of a part of a robot file that may be left out; None is infinite."""
-    return {
-        field.name: 0.0 if field.default is MISSING else _finite(field.default)
-        for field in fields(kind)
-        if field.name != "points"
     }
 
 
@@ -270,36 +201,3 @@ def _work_space(steps: int) -> list[Json]:
         kind = "PLANE" if least.dtype.names else least.dtype.str[1:]
         told.append({"type": kind, "shape": shape})
     return told
-
-
-def _packed(values: ArrayLike, dtype: str) -> str:
-    """Return numbers as base64."""
-    return base64.b64encode(np.ascontiguousarray(values, dtype).tobytes()).decode()
-
-
-def _finite(value: Any) -> Any:
-    """Return a value, None for infinity."""
-    return None if value is None or value == math.inf else value
-
-
-def _values(row: np.void) -> Json:
-    return dict(zip(row.dtype.names or (), row.item(), strict=True))
-
-
-def _arguments(made: kernel.Kernel) -> list[tuple[str, str, int, bool]]:
-    """Return name, type and number of axes of each argument, and whether its rows lie apart."""
-    named: dict[Any, str] = {dtype: name for name, dtype in RECORDS.items()}
-    return [
-        (p.name, named.get(p.dtype) or p.dtype.str[1:], p.ndim, p.apart) for p in made.parameters
-    ]
-
-
-def _layout(dtype: np.dtype[Any]) -> Json:
-    """Return the size of a record, and offset, type and length of each field."""
-    fields = {name: _field(*place[:2]) for name, place in (dtype.fields or {}).items()}
-    return {"size": dtype.itemsize, "fields": fields}
-
-
-def _field(dtype: np.dtype[Any], offset: int) -> tuple[int, str | Json, int]:
-    kind, shape = dtype.subdtype or (dtype, ())
-    return offset, _layout(kind) if kind.names else kind.str[1:], math.prod(shape)

@@ -33,8 +33,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     policies = sorted({name for env_id in ENVIRONMENTS for name in page_policies(env_id)})
     parser = Parser("jansen-env play", "Write the page on which robots walk, and open it.",
                     "jansen-env play --env JansenWalkerRough-v0 --level 4",
-                    "jansen-env play --robot klann --policy hand --terrain stairs",
-                    "jansen-env play --robot mine.json")  # fmt: skip
+                    "jansen-env play --robot klann --policy hand --terrain stairs")  # fmt: skip
     add = parser.add_argument
     add("--env", default=ENVIRONMENTS[0], choices=ENVIRONMENTS,
         help=f"whose robot, terrain and policy it is; default: {ENVIRONMENTS[0]}")  # fmt: skip

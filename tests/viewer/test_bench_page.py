@@ -227,6 +227,18 @@ def test_files_are_taken_away(bench, tmp_path):
     assert text.startswith("<svg ") and ">240.08</text>" in text and ">383.22</text>" in text
 
 
+def test_a_robot_of_a_file_is_taken_away_whole(open_window, tmp_path):
+    """With other lengths, as Python has them."""
+    robot = ROBOTS["klann"](3)
+    path = write_bench(tmp_path / "bench.html", {"built": ROBOTS["built"](), "mine": robot})
+    page = open_window(**STILL, offline=True, accept_downloads=True).page
+    page.goto(f"{path.as_uri()}#mine&rod_AD=470")
+    with page.expect_download() as saved:
+        page.locator("#file").click()
+    saved.value.save_as(tmp_path / "robot.json")
+    assert read_robot(tmp_path / "robot.json") == with_lengths(robot, {"rod_AD": 0.47})
+
+
 def test_the_file_needs_nothing(bench, tmp_path):
     """No network, nothing but itself; the walk is on the page beside."""
     window = bench("strider&rod_AD=470")

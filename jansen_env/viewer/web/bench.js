@@ -1,11 +1,12 @@
 // The bench: change the lengths of a walker, and see its toes' paths and their numbers at once.
 //
-// The data in the page are bench.py's: {base: the first design, designs, engine, layout}. It walks on the
-// page beside.
+// The data in the page are bench.py's: {base: the first design, builtIn: names of Python's own, designs,
+// engine, layout}. It walks on the page beside.
 
 import * as design from "./bench_design.js";
 import * as picture from "./bench_picture.js";
 import { loadEngine, numbersOf } from "./engine.js";
+import { robotWithLengths } from "./lengths.js";
 import {
   angleOf,
   assemble,
@@ -393,7 +394,13 @@ function saveDrawing() {
 }
 
 function saveRobot() {
-  const text = design.robotFile(present());
+  const { base, changes } = present();
+  // Python knows the lengths of its own designs by name; of another robot a file has everything.
+  const robots = { [base]: designs[base].robot };
+  const work = designs[base].memory;
+  const text = data.builtIn.includes(base)
+    ? design.robotFile(present())
+    : `${JSON.stringify(robotWithLengths({ work }, { robots, designs }, base, changes), null, 1)}\n`;
   design.download(`${present().base}.json`, "application/json", text);
 }
 

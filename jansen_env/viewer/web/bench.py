@@ -27,7 +27,8 @@ def write_bench(path: str | Path, robots: Mapping[str, Robot] | None = None) -> 
         path: The file.
         robots: Robots by name; None for the built-in designs.
     """
-    data = {"base": "built", "designs": bench_designs(robots), **engine_of_page()}
+    designs = bench_designs(robots)
+    data = {"base": "built", "builtIn": [*ROBOTS], "designs": designs, **engine_of_page()}
     return write_text(path, page_of("bench", data, runs=RUNS))
 
 

@@ -35,6 +35,8 @@ class Parameter(NamedTuple):
         of_robot: whether it changes robot or ground, not what surrounds them.
         settable: whether ``set_parameters`` changes it by name.
         argument: whether the constructor has an argument of its name. whole: no fractions.
+        slider: lowest and highest value of its slider on the page that walks; None for no slider.
+        label: beside the slider; empty for the name in words.
     """
 
     name: str
@@ -49,21 +51,24 @@ class Parameter(NamedTuple):
     settable: bool = True
     argument: bool = False
     whole: bool = False
+    slider: tuple[float, float] | None = None
+    label: str = ""
 
 
 TABLE = (
     Parameter("friction", "1", 0.0, LARGEST, "Coulomb coefficient between toes and ground",
-              lambda robot, terrain: terrain.friction, argument=True),
+              lambda robot, terrain: terrain.friction, argument=True, slider=(0.0, 1.2)),
     Parameter("restitution", "1", 0.0, 1.0, "Newton's coefficient between toes and ground",
               lambda robot, terrain: terrain.restitution, "compliant feet",
-              lambda robot: not robot.pad_compliance.rigid, argument=True),
+              lambda robot: not robot.pad_compliance.rigid, argument=True, slider=(0.0, 0.9)),
     Parameter("payload", "kg", 0.0, LARGEST, "mass of the payload; its own inertia stays",
-              lambda robot, terrain: robot.payload.mass, argument=True),
+              lambda robot, terrain: robot.payload.mass, argument=True, slider=(0.0, 6.0)),
     Parameter("payload_x", "m", -LARGEST, LARGEST, "place of the payload ahead of the crank axis",
               lambda robot, terrain: robot.payload.position[0], settable=False),
     Parameter("payload_y", "m", -LARGEST, LARGEST, "place of the payload above the crank axis",
               lambda robot, terrain: robot.payload.position[1], settable=False),
-    Parameter("mass_scale", "1", *SCALE, "times the links' masses and inertias"),
+    Parameter("mass_scale", "1", *SCALE, "times the links' masses and inertias",
+              slider=(0.5, 2.0), label="mass of links"),
     Parameter("inertia_scale", "1", *FROM_0,
               "times the links' inertias about their own centres, on top",
               idle="links without inertia",
@@ -77,22 +82,25 @@ TABLE = (
               is_idle=lambda robot: not any((robot.pad_compliance.damping,
                                              robot.pad_compliance.tangential_damping))),
     Parameter("motor_strength", "1", *SCALE,
-              "times the torque of an action and all limits of the motor's torque"),
+              "times the torque of an action and all limits of the motor's torque",
+              slider=(0.1, 1.5)),
     Parameter("rotor_inertia_scale", "1", *FROM_0, "times the inertia of the motor's rotor",
               idle="motors without rotor", is_idle=lambda robot: robot.motor.rotor_inertia == 0.0),
     Parameter("tilt", "rad", -MAX_SLOPE, MAX_SLOPE,
               "turns gravity, so that the floor rises towards +x above 0",
-              lambda robot, terrain: 0.0),
+              lambda robot, terrain: 0.0, slider=(-0.25, 0.25), label="slope"),
     Parameter("delay", "s", 0.0, LONGEST_DELAY, "time by which torques come late",
               lambda robot, terrain: 0.0, of_robot=False, argument=True),
     Parameter("noise_level", "1", 0.0, LOUDEST, "times the sensors' noise",
-              idle="environments without noise", of_robot=False),
+              idle="environments without noise", of_robot=False, slider=(0.0, 3.0),
+              label="sensor noise"),
     Parameter("push_strength", "1", 0.0, LOUDEST, "times the impulses of random pushes",
               idle="environments without random pushes", of_robot=False, settable=False),
     Parameter("terrain_level", "1", 0.0, HIGHEST, "level of a drawn terrain, a whole number",
               lambda robot, terrain: 0.0, "terrains that are not drawn", of_robot=False,
               argument=True, whole=True),
-    Parameter("gravity_scale", "1", *SCALE, "times gravity, and so the weight"),
+    Parameter("gravity_scale", "1", *SCALE, "times gravity, and so the weight",
+              slider=(0.1, 2.0), label="gravity"),
 )  # fmt: skip
 """All rows. Random numbers are drawn in this order: a new row goes to the end, so that seeds keep
 their meaning. Nothing else depends on it."""

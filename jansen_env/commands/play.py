@@ -1,27 +1,31 @@
 """Write the page on which robots walk, and open it: ``jansen-env play``."""
 
 import argparse
+import re
 import tempfile
 import webbrowser
 from pathlib import Path
 from urllib.parse import urlencode
 
-from jansen_env.checks import one_of, whole_number
+from jansen_env.checks import invalid, listed, one_of, whole_number
 from jansen_env.commands.flags import Parser, path_flag
 from jansen_env.policies import pretrained
-from jansen_env.robot import ROBOTS
+from jansen_env.robot import ROBOTS, Robot
+from jansen_env.robot.robot_file import read_robot
+from jansen_env.robot.soundness import check_loaded
 from jansen_env.terrain.generators import GENERATORS, HIGHEST
 from jansen_env.viewer.web.bench import write_bench
 from jansen_env.viewer.web.walk import write_walk
 from jansen_env.viewer.web.walk_data import (
     CONTROLLERS,
     ENVIRONMENTS,
+    MOST_SEED,
+    check_page_robot,
     controller_name,
     page_policies,
 )
 
 FLAT = "flat"
-MOST_SEED = 2**32 - 1
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -33,7 +37,11 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add = parser.add_argument
     add("--env", default=ENVIRONMENTS[0], choices=ENVIRONMENTS,
         help=f"whose robot, terrain and policy it is; default: {ENVIRONMENTS[0]}")  # fmt: skip
-    add("--robot", choices=sorted(ROBOTS), help="default: the environment's")
+    add(
+        "--robot",
+        metavar="NAME|FILE",
+        help=f"one of {', '.join(sorted(ROBOTS))}, or a robot file; default: the environment's",
+    )
     add("--terrain", choices=(FLAT, *GENERATORS), help="default: the environment's")
     add("--level", type=int, default=0, help=f"of the terrain, 0 (default) to {HIGHEST}")
     add("--policy", choices=(*policies, *CONTROLLERS),
@@ -53,7 +61,25 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     return args
 
 
-def start_of(args: argparse.Namespace) -> dict[str, object]:
+def robot_of(name: str | None) -> tuple[str | None, dict[str, Robot]]:
+    """Return a robot's name on the page, and robots of the page by name with the one of a file.
+
+    Raises:
+        ValueError: If it is neither a name nor a robot file, or if the robot cannot walk.
+    """
+    robots = {known: make() for known, make in ROBOTS.items()}
+    if name is None or name in robots:
+        return name, robots
+    if Path(name).suffix != ".json":
+        raise invalid("--robot", name, f"{listed(robots, name)}, or a robot file, .json")
+    word = re.sub(r"[^\w-]+", "_", Path(name).stem)
+    while word in robots:
+        word += "_"
+    robots[word] = check_loaded("--robot", check_page_robot(read_robot(name)))
+    return word, robots
+
+
+def start_of(args: argparse.Namespace, robot: str | None = None) -> dict[str, object]:
     """The choices with which the page starts. Raises ValueError: they do not go together."""
     defaults = pretrained.arguments_of(args.env)
     terrain = args.terrain or defaults["terrain"]
@@ -65,7 +91,7 @@ def start_of(args: argparse.Namespace) -> dict[str, object]:
         defaults |= pretrained.load(args.env, policy).env_kwargs
         name = controller_name(args.env, policy)
     start: dict[str, object] = {
-        "robot": args.robot or defaults["robot"],
+        "robot": robot or defaults["robot"],
         "terrain": terrain,
         "level": whole_number("--level", args.level, HIGHEST),
         "seed": whole_number("--seed", args.seed, MOST_SEED),
@@ -77,10 +103,11 @@ def main(arguments: list[str] | None = None) -> None:
     """Write both pages, and open one."""
     args = parse(arguments)
     with args.parser.refusing():
-        start = start_of(args)
+        name, robots = robot_of(args.robot)
+        start = start_of(args, name)
         folder = Path(args.out or tempfile.mkdtemp(prefix="jansen_env-")).absolute()
-        walk = write_walk(folder / "walk.html", urlencode(start))
-        pages = walk, write_bench(folder / "bench.html")
+        walk = write_walk(folder / "walk.html", urlencode(start), robots=robots)
+        pages = walk, write_bench(folder / "bench.html", robots)
     print(*pages, sep="\n")
     if not args.no_open:
         webbrowser.open(pages[args.bench].as_uri())

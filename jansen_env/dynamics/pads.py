@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jansen_env.arrays import Ints
-from jansen_env.robot import Robot, Side
-from jansen_env.robot.linkage import FRAME
+from jansen_env.arrays import Ints, Rows
+from jansen_env.engine.foot_pads import put_layout, put_sides
+from jansen_env.engine.records import PAD
+from jansen_env.robot import Robot
+from jansen_env.robot.robot_arrays import leg_links, leg_rows
 
 
 @dataclass(frozen=True)
@@ -18,21 +20,15 @@ class Pads:
     leg: Ints  #: (n,) index of the leg
     joint: Ints  #: (n,) index into ``linkage.all_pads``
     toes: int  #: how many of them are toes
+    rows: Rows  #: (n,) PAD, as the kernels read them
 
 
 def pad_layout(robot: Robot) -> Pads:
     """Toes of all legs first; then the other pads leg by leg, the frame's once for each side."""
-    pads, toes = robot.linkage.all_pads, len(robot.linkage.toes)
-    rows = [(i, k) for i in range(len(robot.legs)) for k in range(toes)]
-    seen: set[Side] = set()
-    for i, leg in enumerate(robot.legs):
-        rows += [
-            (i, k) for k in range(toes, len(pads))
-            if pads[k][1] != FRAME - 1 or leg.side not in seen
-        ]  # fmt: skip
-        seen.add(leg.side)
-    leg_index, joint = np.array(rows, dtype=np.int64).T
-    return Pads(leg_index, joint, len(robot.toes))
+    legs, pads = leg_rows(robot), np.array(robot.linkage.all_pads)
+    rows, leg = np.zeros(len(legs) * len(pads), PAD), np.empty(len(legs) * len(pads), np.int64)
+    count = put_layout(legs, pads, len(robot.linkage.toes), rows, leg)
+    return Pads(leg[:count], rows["table"][:count], len(robot.toes), rows[:count])
 
 
 def pad_sides(robot: Robot) -> Ints:
@@ -40,17 +36,8 @@ def pad_sides(robot: Robot) -> Ints:
 
     In order, so that those of toes come first. Rods that end at a crank pin have none.
     """
-    layout, linkage = pad_layout(robot), robot.linkage
-
-    def key(leg: int, joint: int) -> tuple[int | Side, int]:
-        fixed = joint in linkage.members[FRAME - 1]  # which legs of one side share
-        return robot.legs[leg].side if fixed else leg, joint
-
-    joints = [linkage.all_pads[k][0] for k in layout.joint.tolist()]
-    pad = {key(*pair): k for k, pair in enumerate(zip(layout.leg.tolist(), joints, strict=True))}
-    sides = {
-        tuple(sorted((pad[key(leg, a)], pad[key(leg, b)])))
-        for leg in range(len(robot.legs)) for a, b in linkage.skeleton
-        if key(leg, a) in pad and key(leg, b) in pad
-    }  # fmt: skip
-    return np.array(sorted(sides), np.int64).reshape(-1, 2)
+    layout, legs, members = pad_layout(robot), leg_rows(robot), leg_links(robot).members
+    sides = np.empty((len(legs) * members.size, 2), np.int64)
+    pads = np.array(robot.linkage.all_pads)
+    count = put_sides(legs, members, pads, layout.rows, layout.leg, sides)
+    return sides[:count].copy()

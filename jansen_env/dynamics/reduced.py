@@ -41,22 +41,29 @@ from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.arrays import Array
 from jansen_env.dynamics.pads import Pads, pad_layout
-from jansen_env.engine.reduction import compile_tables, put_turn
+from jansen_env.engine.closure import put_turn_angles
+from jansen_env.engine.reduction import (
+    BEARING_SAMPLES,
+    HARMONICS,
+    INTERVALS,
+    ORDER,
+    SAMPLES,
+    compile_tables,
+    put_turn,
+    put_work_shapes,
+)
 from jansen_env.gravity import GRAVITY
 from jansen_env.robot import RIGID, Payload, Robot
 from jansen_env.robot.kinematics import coordinates, joint_positions, nearest_dead_point
 from jansen_env.robot.motor import IDEAL
+from jansen_env.robot.robot_arrays import leg_links, leg_rows
 
-SAMPLES = 256  # crank angles at which the linkage is closed
-HARMONICS = SAMPLES // 2  # the paper's linkage needs about 40 for 1e-14
 TAIL_TOLERANCE = 1e-5  # largest coefficient allowed in the last eighth, relative to the largest
 CONVERGED = 1e-10  # below which the tables are as exact as those of the built-in robots in practice
-INTERVALS = 384  # polynomials a turn: slopes of the holy numbers to 1e-10 of the largest
-ORDER = 8  # coefficients of each (the engine's polynomials are written out for eight)
 TERMS = 12  # of the Taylor polynomials from which they are made
 ECONOMY = np.array([-0.0078125, 0.0, 0.25, 0.0, -1.25, 0.0, 2.0, 0.0])  # t^8 - T_8(t) / 128
 MASS_SAMPLES = 32  # crank angles at which pads' effective masses are looked at
-BEARING_SAMPLES = 512  # of the bearings' friction, which has kinks
+WORK_ARRAYS = 15
 
 # The last two are what the links' own inertias J are of b and k; of I that is constant.
 BODY_FUNCTIONS = ("c_x", "c_y", "I", "b", "k", "f", "own_b", "own_k")
@@ -98,18 +105,17 @@ def design_of(robot: Robot) -> Robot:
 
 @functools.lru_cache(maxsize=128)  # 0.64 MB each
 def _compile(robot: Robot) -> Tables:
-    psi = 2.0 * math.pi / SAMPLES * np.arange(SAMPLES)
+    psi = np.empty(SAMPLES)
+    put_turn_angles(0.0, psi)
     joints = joint_positions(robot, "fore", psi)
     x = coordinates(robot, "fore", psi, joints).reshape(SAMPLES, -1, 3)
     leg = leg_data(robot)
-    space = [np.empty(shape) for shape in work_shapes(leg)]
+    space = tuple(map(np.empty, work_shapes(leg)))
     shapes = (1, INTERVALS, ORDER, len(BODY_FUNCTIONS)), (len(leg["pads"]), INTERVALS, ORDER, 3)
     body, pads, bearings = *map(np.empty, shapes), np.empty(BEARING_SAMPLES)
-    inertia = float(leg["links"][:, 1].sum())
-    links, *others = leg.values()
     constants = _expansion(), _turn(SAMPLES), _turn(INTERVALS), _half_step(), _turn(BEARING_SAMPLES)
     tail = compile_tables(
-        psi, x, joints, links, inertia, tuple(others), constants, tuple(space), body, pads, bearings
+        psi, x, joints, tuple(leg.values()), constants, space, body, pads, bearings
     )
     if not tail <= TAIL_TOLERANCE:
         sine, joint, angle = nearest_dead_point(robot)
@@ -127,29 +133,23 @@ def _compile(robot: Robot) -> Tables:
 def leg_data(robot: Robot) -> dict[str, NDArray[Any]]:
     """Return what :func:`jansen_env.engine.reduction.compile_tables` has of a robot, by name."""
     linkage = robot.linkage
-    sides = [1.0 if leg.side == "fore" else -1.0 for leg in robot.legs]
     return {
-        "links": np.array([(body.mass, body.inertia) for body in robot.bodies]),
+        "links": leg_links(robot).links,
         "damped": np.array(linkage.damped) - 1,
         "damping": np.array(robot.damping),
         "bearings": np.array(linkage.bearings) - 1,
         "friction": np.array(robot.bearing_friction),
-        "legs": np.array([*zip(sides, (leg.phase for leg in robot.legs), strict=True)]),
+        "legs": leg_rows(robot),
         "pads": np.array(linkage.all_pads),
     }
 
 
 def work_shapes(leg: dict[str, NDArray[Any]]) -> list[tuple[int, ...]]:
     """Return the shapes of the work space of ``compile_tables``, in its order."""
-    n, links, sums = SAMPLES, 3 * len(leg["links"]), len(BODY_FUNCTIONS)
-    pads, rates = 3 * len(leg["pads"]), len(leg["bearings"])
-    widest = max(n * max(links, sums, pads, rates), INTERVALS * max(sums, pads))
-    series = [(2, HARMONICS, width) for width in (links, sums, pads, rates)]
-    return [
-        (4, max(widest, BEARING_SAMPLES * rates)), (3, 2, HARMONICS), (len(leg["links"]),),
-        (n, links), series[0], (n, links), (n, sums), series[1], series[1], (n, pads), series[2],
-        (n, rates), series[3], series[3], (BEARING_SAMPLES, rates),
-    ]  # fmt: skip
+    counts = (len(leg[name]) for name in ("links", "pads", "bearings"))
+    shapes = np.empty((WORK_ARRAYS, 3), np.int64)
+    put_work_shapes(*counts, shapes)
+    return [tuple(length for length in shape if length) for shape in shapes.tolist()]
 
 
 @functools.cache

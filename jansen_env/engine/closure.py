@@ -9,9 +9,37 @@ from __future__ import annotations
 import math
 
 from jansen_env.engine import mathematics
-from jansen_env.engine.kernel import Bools1, Floats1, Floats2, Floats3, Ints2, kernel, stage
+from jansen_env.engine.kernel import (
+    Bools1,
+    Floats1,
+    Floats2,
+    Floats3,
+    Floats4,
+    Ints1,
+    Ints2,
+    kernel,
+    stage,
+)
+from jansen_env.engine.link_shapes import edge_turn
+from jansen_env.engine.sums import pairwise_sum
 
 FRAME, CRANK = range(2)  # the bodies that all legs share
+
+
+@kernel
+def put_turn_angles(begin: float, angles: Floats1) -> None:
+    """Put angles evenly over a turn into (n,), rad, without its end."""
+    for i in range(len(angles)):
+        angles[i] = 2.0 * math.pi / len(angles) * i + begin
+
+
+@kernel
+def put_angles_to_end(end: float, angles: Floats1) -> None:
+    """Put angles evenly from 0 to ``end``, with it, into (n,), rad, as ``numpy.linspace``."""
+    last = len(angles) - 1
+    for i in range(last):
+        angles[i] = i * (end / last)
+    angles[last] = end
 
 
 @kernel
@@ -29,6 +57,12 @@ def put_joints(
     Returns:
         The first dyad that does not close, or -1.
     """
+    return close_leg(psi, frame_angle, members, corners, dyads, spans, places, fault)
+
+
+@stage(inline=False)
+def close_leg(psi, frame_angle, members, corners, dyads, spans, places, fault):
+    """:func:`put_joints`."""
     for i in range(len(psi)):
         places[i] = math.nan  # where a joint is not known yet
         places[i, members[CRANK, 0]] = 0.0
@@ -47,11 +81,204 @@ def put_joints(
             if members.shape[1] > 2 and members[body, 2] >= 0:
                 a = _first_known(places[0], members[body], 0)
                 b = _first_known(places[0], members[body], a + 1)
-                half, turn = edge_to_angle(corners[body], a, b)
+                half, turn = edge_turn(corners[body, a], corners[body, b])
                 for i in range(len(psi)):
                     heading = _heading(places[i], members[body, a], members[body, b])
                     _add_joints(places[i], members[body], corners[body], heading + half + turn)
     return -1
+
+
+@kernel
+def put_open_joints(
+    psi: Floats1, frame_angle: float, members: Ints2, corners: Floats3, dyads: Ints2,
+    spans: Floats2, places: Floats3, open_dyads: Ints1, open_spans: Floats1, fault: Floats1,
+) -> int:  # fmt: skip
+    """:func:`put_joints` at each crank angle as far as the leg closes there.
+
+    Args:
+        places: (n, joints, 2) out, m; NaN of joints that are not found.
+        open_dyads: (n,) out: the first dyad that does not close at an angle, or -1.
+        open_spans: (n,) out: the distance that its links cannot span, m. fault: (2,) work space.
+
+    Other arguments are as for :func:`put_joints`. Returns the number of angles where it closes.
+    """
+    closed = 0
+    for i in range(len(psi)):
+        open_dyads[i] = close_leg(
+            psi[i : i + 1], frame_angle, members, corners, dyads, spans, places[i : i + 1], fault
+        )
+        if open_dyads[i] < 0:
+            closed += 1
+        else:
+            joint = dyads[open_dyads[i], 0]
+            places[i, joint, 0] = places[i, joint, 1] = math.nan
+            open_spans[i] = fault[1]
+    return closed
+
+
+@kernel
+def put_legs(
+    psi: Floats1, legs: Floats2, frame_angle: float, members: Ints2, corners: Floats3,
+    dyads: Ints2, spans: Floats2, angles: Floats2, places: Floats4, fault: Floats1,
+) -> int:  # fmt: skip
+    """Put the joints of all legs at crank angles ``psi`` (n,) into (legs, n, joints, 2), m.
+
+    Args:
+        legs: (legs, 2) 1 of a fore leg and -1 of a back leg, its mirror image; and phase, rad.
+        angles: (legs, n) out: angles of each leg's crank as a fore leg has it, rad.
+
+    Other arguments and what it returns are as for :func:`put_joints`; a leg's angles up to the one
+    that does not close are put in.
+    """
+    for leg in range(len(legs)):
+        side, phase = legs[leg]
+        for i in range(len(psi)):
+            ahead = psi[i] + phase
+            angles[leg, i] = ahead if side > 0.0 else math.pi - ahead
+        failed = close_leg(
+            angles[leg], frame_angle, members, corners, dyads, spans, places[leg], fault
+        )
+        if failed >= 0:
+            fault[2] = leg
+            return failed
+        if side < 0.0:
+            for i in range(len(psi)):
+                for j in range(places.shape[2]):
+                    places[leg, i, j, 0] *= -1.0
+    return -1
+
+
+@kernel
+def turn_legs(q: Floats1, places: Floats4) -> None:
+    """Put the joints of legs, places in the chassis frame, into the world.
+
+    Args:
+        q: (3,) crank axis x, y, m, and pitch, rad. places: (legs, n, joints, 2) m, changed.
+    """
+    cos, sin = mathematics.cos(q[2]), mathematics.sin(q[2])
+    for leg in range(places.shape[0]):
+        for i in range(places.shape[1]):
+            for j in range(places.shape[2]):
+                x, y = places[leg, i, j]
+                places[leg, i, j, 0] = cos * x - sin * y + q[0]
+                places[leg, i, j, 1] = sin * x + cos * y + q[1]
+
+
+@kernel
+def put_lowest_toes(places: Floats4, toes: Ints1, heights: Floats1) -> None:
+    """Put the height of the lowest toe above the crank axis at each crank angle into (n,), m.
+
+    ``toes``: joints of each leg that are toes.
+    """
+    put_heights(places, toes, heights)
+
+
+@stage(inline=False)
+def put_heights(places, toes, heights):
+    """:func:`put_lowest_toes`."""
+    for i in range(len(heights)):
+        heights[i] = math.inf
+        for leg in range(len(places)):
+            for k in range(len(toes)):
+                heights[i] = min(heights[i], places[leg, i, toes[k], 1])
+
+
+@kernel
+def mean(values: Floats1) -> float:
+    """Mean of numbers, as ``numpy.mean`` has it."""
+    return pairwise_sum(values) / len(values)
+
+
+@kernel
+def advance_over_turn(places: Floats4, toes: Ints1, ways: Floats1) -> float:
+    """Advance in a counter-clockwise turn of the crank, m, of a level robot on its lowest toe.
+
+    Args:
+        places: (legs, n + 1, joints, 2) joints over a turn, with its end.
+        toes: as in :func:`put_lowest_toes`. ways: (n,) work space.
+    """
+    for i in range(len(ways)):
+        lowest = math.inf
+        for leg in range(len(places)):
+            for k in range(len(toes)):
+                before, after = places[leg, i, toes[k]], places[leg, i + 1, toes[k]]
+                if after[1] + before[1] < lowest:
+                    lowest, ways[i] = after[1] + before[1], after[0] - before[0]
+    return -pairwise_sum(ways)
+
+
+@kernel
+def measure_level(
+    places: Floats4, toes: Ints1, near: float, heights: Floats1, grounded: Ints2, out: Floats1
+) -> None:
+    """Measure a robot that is kept level and stands on its lowest toe, over a turn.
+
+    Args:
+        places: (legs, n, joints, 2) joints of all legs, m.
+        toes: as in :func:`put_lowest_toes`.
+        near: A toe is in stance so far above the ground, as a share of the standing height.
+        heights: (n,) work space.
+        grounded: (toes, n) out: whether each toe of the first leg is in stance.
+        out: (5,) out: mean height of the crank axis, m; range of this height; the most that a toe
+            comes above the lowest one; advance in a counter-clockwise turn; share of the turn in
+            which a toe is in stance, mean of all toes.
+    """
+    count, legs = len(heights), len(places)
+    put_heights(places, toes, heights)
+    standing = -pairwise_sum(heights) / count
+    low = high = heights[0]
+    lift = advance = 0.0
+    stances = 0
+    for i in range(count):
+        low, high = min(low, heights[i]), max(high, heights[i])
+        following = (i + 1) % count
+        lowest, way = math.inf, 0.0
+        for leg in range(legs):
+            for k in range(len(toes)):
+                before, after = places[leg, i, toes[k]], places[leg, following, toes[k]]
+                lift = max(lift, before[1] - heights[i])
+                if after[1] + before[1] < lowest:
+                    lowest, way = after[1] + before[1], after[0] - before[0]
+                stands = before[1] - heights[i] <= near * standing
+                stances += int(stands)
+                if leg == 0:
+                    grounded[k, i] = int(stands)
+        advance -= way
+    out[0], out[1], out[2], out[3] = standing, high - low, lift, advance
+    out[4] = stances / (count * legs * len(toes))
+
+
+@kernel
+def nearest_dead_point(places: Floats3, dyads: Ints2, out: Floats1) -> int:
+    """Find where two links that meet in a joint come nearest to one line.
+
+    Args:
+        places: (n, joints, 2) joints of a fore leg over a turn, m.
+        out: (2,) out: sine of the angle between the links there, and the number of the angle.
+
+    Returns:
+        The dyad.
+    """
+    nearest = 0
+    out[0] = math.inf
+    for d in range(len(dyads)):
+        for i in range(len(places)):
+            joint, start, end = (
+                places[i, dyads[d, 0]],
+                places[i, dyads[d, 1]],
+                places[i, dyads[d, 2]],
+            )
+            ux, uy, vx, vy = (
+                joint[0] - start[0],
+                joint[1] - start[1],
+                joint[0] - end[0],
+                joint[1] - end[1],
+            )
+            sine = abs(ux * vy - uy * vx)
+            sine /= mathematics.hypot(ux, uy) * mathematics.hypot(vx, vy)
+            if sine < out[0]:
+                nearest, out[0], out[1] = d, sine, i
+    return nearest
 
 
 @stage(inline=False)
@@ -86,18 +313,6 @@ def _heading(place, a, b):
     return mathematics.atan2(place[b, 1] - place[a, 1], place[b, 0] - place[a, 0])
 
 
-@stage
-def edge_to_angle(corners, a, b):
-    """Turn from the edge between two joints of a body to its angle: half a turn or none, and more.
-
-    For a body whose angle points to the first of them the edge is taken the other way round.
-    """
-    r, s, way = corners[a, 0], corners[b, 0], -1.0 if corners[a, 0] > 0.0 else 1.0
-    x = way * (s * mathematics.cos(corners[b, 1]) - r * mathematics.cos(corners[a, 1]))
-    y = way * (s * mathematics.sin(corners[b, 1]) - r * mathematics.sin(corners[a, 1]))
-    return math.pi if r > 0.0 else 0.0, -mathematics.atan2(y, x)
-
-
 @stage(inline=False)
 def _add_joints(place, joints, corners, angle):
     """Add all joints of a body whose angle is known, and one of its joints."""
@@ -124,7 +339,7 @@ def put_coordinates(
             centre half way. places: (n, joints, 2) m.
     """
     for k in range(len(members)):
-        half, turn = edge_to_angle(corners[k], 0, 1)
+        half, turn = edge_turn(corners[k, 0], corners[k, 1])
         a, b, reach, offset = members[k, 0], members[k, 1], corners[k, 0, 0], corners[k, 0, 1]
         for i in range(len(psi)):
             heading = _heading(places[i], a, b)

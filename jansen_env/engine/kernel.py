@@ -39,6 +39,7 @@ BUILDERS = ("llvmlite", "numba", "ziglang")
 Bools1 = Annotated[NDArray[np.bool_], np.dtype(bool), 1]
 Ints1 = Annotated[NDArray[np.int64], np.dtype("i8"), 1]
 Ints2 = Annotated[NDArray[np.int64], np.dtype("i8"), 2]
+Words1 = Annotated[NDArray[np.uint64], np.dtype("u8"), 1]
 Singles1 = Annotated[NDArray[np.float32], np.dtype("f4"), 1]
 Singles2 = Annotated[NDArray[np.float32], np.dtype("f4"), 2]
 Singles4 = Annotated[NDArray[np.float32], np.dtype("f4"), 4]

@@ -6,12 +6,20 @@ import math
 
 from jansen_env.engine import mathematics
 from jansen_env.engine.kernel import Floats1, Floats2, Floats3, Floats4, Ints2, kernel, stage
+from jansen_env.engine.link_shapes import Links
 from jansen_env.engine.series import analyse, expand, sample
+from jansen_env.engine.sums import pairwise_sum
 
 TURN = 2.0 * math.pi
 LAST = 7, 8  # share of the harmonics from which on they are the tail
 NEGLIGIBLE = 1e-3  # of the largest coefficient: a body that does not turn has nothing but rounding
 ONE, SLOPE, WORK = range(3)  # of the factors
+SAMPLES = 256  # crank angles at which the linkage is closed
+HARMONICS = SAMPLES // 2  # the paper's linkage needs about 40 for 1e-14
+INTERVALS = 384  # polynomials a turn: slopes of the holy numbers to 1e-10 of the largest
+ORDER = 8  # coefficients of each (the engine's polynomials are written out for eight)
+BEARING_SAMPLES = 512  # of the bearings' friction, which has kinks
+BODY_SUMS, PAD_FUNCTIONS = 8, 3  # functions of the tables
 
 
 @kernel
@@ -28,10 +36,46 @@ def put_turn(out: Floats2) -> None:
 
 
 @kernel
+def put_work_shapes(bodies: int, pads: int, bearings: int, shapes: Ints2) -> None:
+    """Put the shapes of the work space of :func:`compile_tables` into (15, 3), in its order.
+
+    Lengths of an array with fewer axes are 0 at the end.
+
+    Args:
+        bodies, pads, bearings: How many a leg has.
+    """
+    shapes[:] = 0
+    links, places, rates = 3 * bodies, PAD_FUNCTIONS * pads, bearings
+    widest = SAMPLES * max(max(links, BODY_SUMS), max(places, rates))
+    widest = max(widest, INTERVALS * max(BODY_SUMS, places))
+    _put_shape(4, max(widest, BEARING_SAMPLES * rates), 0, shapes[0])
+    _put_shape(3, 2, HARMONICS, shapes[1])
+    _put_shape(bodies, 0, 0, shapes[2])
+    _put_shape(SAMPLES, links, 0, shapes[3])
+    _put_shape(2, HARMONICS, links, shapes[4])
+    _put_shape(SAMPLES, links, 0, shapes[5])
+    _put_shape(SAMPLES, BODY_SUMS, 0, shapes[6])
+    _put_shape(2, HARMONICS, BODY_SUMS, shapes[7])
+    _put_shape(2, HARMONICS, BODY_SUMS, shapes[8])
+    _put_shape(SAMPLES, places, 0, shapes[9])
+    _put_shape(2, HARMONICS, places, shapes[10])
+    _put_shape(SAMPLES, rates, 0, shapes[11])
+    _put_shape(2, HARMONICS, rates, shapes[12])
+    _put_shape(2, HARMONICS, rates, shapes[13])
+    _put_shape(BEARING_SAMPLES, rates, 0, shapes[14])
+
+
+@stage
+def _put_shape(first, second, third, shape):
+    """Put the lengths of an array."""
+    shape[0], shape[1], shape[2] = first, second, third
+
+
+@kernel
 def compile_tables(
-    psi: Floats1, x: Floats3, places: Floats3, links: Floats2, inertia: float, damped: Ints2,
-    damping: Floats1, bearings: Ints2, friction: Floats1, legs: Floats2, pads: Ints2,
-    weights: Floats2, turn: Floats2, table_turn: Floats2, half_step: Floats2, bearing_turn: Floats2,
+    psi: Floats1, x: Floats3, places: Floats3, links: Links, damped: Ints2, damping: Floats1,
+    bearings: Ints2, friction: Floats1, legs: Floats2, pads: Ints2, weights: Floats2,
+    turn: Floats2, table_turn: Floats2, half_step: Floats2, bearing_turn: Floats2,
     work: Floats2, factors: Floats3, turns: Floats1, motion: Floats2, motion_series: Floats3,
     slope: Floats2, sums: Floats2, sum_series: Floats3, all_sums: Floats3, pad_motion: Floats2,
     pad_series: Floats3, rates: Floats2, rate_series: Floats3, leg_rates: Floats3,
@@ -41,7 +85,7 @@ def compile_tables(
 
     Args:
         psi: (n,) crank angles evenly over a turn. x: (n, bodies, 3) and places: (n, joints, 2) of a
-            fore leg. links: (bodies, 2) mass and inertia. inertia: sum of the latter.
+            fore leg. links: (bodies,) of which masses and inertias count.
         damped, bearings: pairs of bodies, and of each damping, N m s, friction: N m.
         legs: (legs, 2) 1 of a fore leg and -1 of a back leg, phase. pads: (pads, 2) joint and body.
         weights, half_step: see :func:`jansen_env.engine.series.expand`.
@@ -50,6 +94,9 @@ def compile_tables(
             out. bearing_table: (samples,) out.
     """
     count, bodies = len(psi), len(links)
+    for k in range(bodies):
+        turns[k] = links[k].inertia
+    inertia = pairwise_sum(turns)
     for n in range(factors.shape[2]):
         factors[ONE, 0, n], factors[ONE, 1, n] = 1.0, 0.0
         factors[SLOPE, 0, n], factors[SLOPE, 1, n] = 0.0, n
@@ -125,7 +172,7 @@ def _add_up(x, slope, links, inertia, damped, damping, sums):
     bodies = len(links)
     sums[:] = 0.0
     for k in range(bodies):
-        mass, centroidal = links[k]
+        mass, centroidal = links[k].mass, links[k].inertia
         px, py = x[k, 1], x[k, 2]
         da, dx, dy = slope[k], slope[bodies + k], slope[2 * bodies + k]
         sums[0] += mass * px

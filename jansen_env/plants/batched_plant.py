@@ -19,11 +19,12 @@ from jansen_env.engine.records import MACHINE, WORLD
 from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.parameters import EPISODE, nominal
 from jansen_env.plants.base import check_time_step
-from jansen_env.plants.robot_parameters import check_restitution, kernel_row
+from jansen_env.plants.robot_parameters import check_restitution
 from jansen_env.plants.robot_records import RobotRecords
 from jansen_env.plants.shape_planes import ShapePlanes
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import advance_per_turn
+from jansen_env.robot.robot_arrays import machine_row
 from jansen_env.terrain import Ground
 
 GRAVITY_XY = ["gravity_x", "gravity_y"]  # fields of PARAMS
@@ -119,10 +120,7 @@ class BatchedPlant(ABC):
         for row in rows.tolist():
             robot = self.robots[row]
             if id(robot) not in noted:
-                machine = np.zeros(1, MACHINE)
-                machine["nominal"] = kernel_row(robot)
-                machine["links_mass"] = robot.links_mass
-                machine["torque_limit"] = robot.motor.torque_limit
+                machine = machine_row(robot)
                 machine["advance"] = advance_per_turn(robot)
                 noted[id(robot)] = machine
             kept = {name: nominal_params[name][row] for name in NOT_THE_ROBOT}

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.arrays import Array, Ints
+from jansen_env.arrays import Ints
 from jansen_env.dynamics.reduced import Tables, compile_robot, design_of
-from jansen_env.engine.collision import SPECULATIVE_MARGIN, put_reach
-from jansen_env.engine.mathematics import directions, lengths_of
-from jansen_env.engine.records import PAD, Model
+from jansen_env.engine.reaches import measure_reach
+from jansen_env.engine.records import Model
 from jansen_env.robot import Robot
+from jansen_env.robot.robot_arrays import leg_rows
 
 PITCHES = 256  # at which it is known how deep the pads that are no toes reach
-SPARSE = 2  # intervals of a table between two angles at which such pads are looked at
-BETWEEN = 1.01  # what lies between such angles is farther by less than this
 
 
 class DesignTables:
@@ -29,9 +26,10 @@ class DesignTables:
 
     Attributes:
         number: (robots,) row of each robot. model: of all designs, along the first axis.
-        depths: (designs, PITCHES + 1) of :func:`non_toe_depths`. extent: (designs,) m, how far from
-            the crank axis a pad's centre can be. farthest: (designs, 2, 2) largest |c| and |c'|,
-            kg m, of a robot without its load; and of its pads' p and p', m.
+        depths: (designs, PITCHES + 1) m, see :func:`jansen_env.engine.reaches.measure_reach`.
+        extent: (designs,) m, how far from the crank axis a pad's centre can be.
+        farthest: (designs, 2, 2) largest |c| and |c'|, kg m, of a robot without its load; and of
+            its pads' p and p', m.
 
     Raises:
         ValueError: tables that have not converged; LinkageError: a robot cannot turn its crank.
@@ -89,35 +87,13 @@ class DesignTables:
         self._designs[row], self._rows[design] = design, row
         for all_tables, table in zip(self.model, kernel_model(tables), strict=True):
             all_tables[row] = table[0]
-        self.depths[row] = non_toe_depths(tables)
-        self.farthest[row, 0] = lengths_of(tables.body[:, :2, :2]).max(axis=0)
-        self.farthest[row, 1] = lengths_of(tables.pads[:, :, :2, :2]).max(axis=(0, 1))
-        places = tables.pads[:, :, 0, :2]
-        self.extent[row] = BETWEEN * lengths_of(places).max()
+        self.extent[row] = measure_reach(
+            tables.body, tables.pads, len(tables.robot.linkage.toes), leg_rows(tables.robot),
+            self.farthest[row], self.depths[row], np.empty(PITCHES),
+        )  # fmt: skip
 
 
 def kernel_model(tables: Tables) -> Model:
     """The kernels' view of one design, along a first axis of length 1."""
-    layout = np.zeros(len(tables.layout.joint), PAD)
-    legs = [tables.robot.legs[i] for i in tables.layout.leg]
-    layout["table"] = tables.layout.joint
-    layout["phase"] = [leg.phase if leg.side == "fore" else math.pi - leg.phase for leg in legs]
-    layout["mirror"] = [1.0 if leg.side == "fore" else -1.0 for leg in legs]
-    views = tables.body, tables.pads, layout, tables.bearings
+    views = tables.body, tables.pads, tables.layout.rows, tables.bearings
     return Model(*(np.array([table]) for table in views))
-
-
-def non_toe_depths(tables: Tables) -> Array:
-    """Return the reach of pads that are no toes below the axis, m, by pitch; and the most.
-
-    Of their centres, with the speculative margin.
-    """
-    joints = sorted({*tables.layout.joint[tables.layout.toes :].tolist()})
-    places = BETWEEN * tables.pads[joints, ::SPARSE, 0, :2].reshape(-1, 2)
-    farthest, fore = float(lengths_of(places).max()), np.empty(PITCHES)
-    cos, sin = directions(2.0 * math.pi * (np.arange(PITCHES) + 0.5) / PITCHES).T
-    put_reach(places, -np.stack([sin, cos]), fore)
-    sides = {leg.side for leg in tables.robot.legs}
-    depth = np.max([fore if side == "fore" else fore[::-1] for side in sides], axis=0)
-    next_entry = farthest * math.pi / PITCHES
-    return np.append(depth + next_entry, farthest) + SPECULATIVE_MARGIN

@@ -19,7 +19,6 @@ from jansen_env.checks import invalid
 from jansen_env.dynamics.reduced import lightest_mass
 from jansen_env.engine import mathematics
 from jansen_env.engine.compliance import RESOLVED
-from jansen_env.engine.records import PARAMS
 from jansen_env.parameters import TABLE, plain
 from jansen_env.robot import Compliance, Robot
 from jansen_env.terrain import Ground
@@ -75,33 +74,6 @@ def gravity_of(gravity: tuple[float, float], row: np.void) -> tuple[float, float
     x, y = (float(row["gravity_scale"]) * each for each in gravity)
     cos, sin = mathematics.cos(float(row["tilt"])), mathematics.sin(float(row["tilt"]))
     return cos * x + sin * y, cos * y - sin * x
-
-
-def kernel_row(robot: Robot) -> Rows:
-    """(1,) PARAMS of a robot, its crank free, weightless on level slippery ground.
-
-    How far its pads get is not known yet, see
-    :func:`jansen_env.engine.episode.apply_parameters`.
-    """
-    load, motor, pads = robot.payload, robot.motor, robot.pad_compliance
-    row = np.zeros(1, PARAMS)
-    row["mass"], row["load_mass"], row["load_inertia"] = robot.mass, load.mass, load.inertia
-    row["own_inertia"] = len(robot.legs) * math.fsum(body.inertia for body in robot.bodies)
-    row["mass_scale"] = row["inertia_scale"] = row["damping_scale"] = 1.0
-    row["load_x"], row["load_y"] = load.position
-    row["pad_radius"] = robot.pad_radius
-    J, G = motor.rotor_inertia, motor.gear_ratio
-    row["rotor_pitch"], row["rotor_coupling"], row["rotor_crank"] = J, G * J, G * G * J
-    row["stall_torque"], row["torque_slope"] = motor.stall_torque, motor.slope
-    row["most_torque"] = motor.most_torque
-    row["winding"], row["limited"] = motor.winding, motor.stall_torque < np.inf
-    row["driving"], row["driven"] = 1.0 / motor.efficiency, motor.efficiency
-    row["viscous_friction"], row["gear_friction"] = motor.viscous_friction, motor.friction
-    row["dry"] = motor.friction > 0.0 or any(robot.bearing_friction)
-    row["compliant"] = not pads.rigid
-    row["stiffness"] = pads.stiffness, pads.tangential_stiffness
-    row["pad_damping"] = pads.damping, pads.tangential_damping
-    return row
 
 
 def check_values(values: Rows, compliant: Bools) -> None:

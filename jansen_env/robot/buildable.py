@@ -12,6 +12,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
+from jansen_env.arrays import Rows
+from jansen_env.engine import link_shapes
+
 DENSITY = 2700.0  # kg/m^3, EN AW-6060
 STIFFNESS = 69e9  # Pa, its modulus of elasticity
 BAR_THICKNESS, LOWER_ROD_THICKNESS, PLATE_THICKNESS = 5e-3, 6e-3, 4e-3  # m
@@ -93,6 +98,14 @@ BUILDS = {"aluminium": ALUMINIUM, "plywood": PLYWOOD}
 """By :attr:`jansen_env.Robot.material`."""
 
 
+def build_row() -> Rows:
+    """Return the constants of the built robot's parts (1,), as kernels have them."""
+    row = np.zeros(1, link_shapes.BUILD)
+    for name in link_shapes.BUILD.names or ():
+        row[name] = globals()[name.upper()]
+    return row
+
+
 class Inertial(NamedTuple):
     """Mass, kg, and inertia about the centre of mass, kg m^2."""
 
@@ -109,13 +122,7 @@ def flat_bar(
     length: float, width: float, end_mass: float = PIN_SHARE, thickness: float = BAR_THICKNESS
 ) -> Inertial:
     """A flat bar with round ends about two pins ``length`` m apart, and ``end_mass`` on each."""
-    radius, areal, span = 0.5 * width, DENSITY * thickness, length * length
-    middle, rounds = areal * length * width, areal * math.pi * radius * radius
-    inertia = middle * (span + width * width) / 12.0
-    # Two half discs, with their centroids 4 r / 3 pi beyond the pins.
-    turning = 0.5 * radius * radius + 0.25 * span + length * 4.0 * radius / (3 * math.pi)
-    inertia += rounds * turning
-    return Inertial(middle + rounds + 2.0 * end_mass, inertia + 0.5 * end_mass * span)
+    return Inertial(*link_shapes.flat_bar(length, width, end_mass, DENSITY * thickness))
 
 
 def triangular_plate(
@@ -130,20 +137,10 @@ def triangular_plate(
         sides: of the pins' triangle, first-second, second-third, third-first, m.
         end_mass: kg, on each pin. third_mass: kg, on the third corner instead, None for as much.
     """
-    a, b, c = sides
-    half = 0.5 * (a + b + c)
-    area = math.sqrt(half * (half - a) * (half - b) * (half - c))
-    spread = (a * a + b * b + c * c) / 36.0  # inertia / mass of a uniform triangle
-    areal = DENSITY * PLATE_THICKNESS
-    outline, window = OUTLINE * OUTLINE, WINDOW * WINDOW
-    inertia = areal * area * spread * (outline * outline - window * window)
-    # The pins: sum of |corner - centroid|^2 is (a^2 + b^2 + c^2) / 3.
-    mass = areal * area * (outline - window)
     more = 0.0 if third_mass is None else third_mass - end_mass
-    reach = math.sqrt(2.0 * (b * b + c * c) - a * a) / 3.0  # of the third corner
-    moment, hole = more * reach, areal * area * window
-    inertia += moment * reach - moment * moment / hole
-    return Inertial(mass + 3.0 * end_mass + more, inertia + end_mass * 12.0 * spread)
+    areal = DENSITY * PLATE_THICKNESS
+    plate = link_shapes.triangular_plate(*sides, end_mass, more, areal, OUTLINE, WINDOW)
+    return Inertial(*plate)
 
 
 def dry_torque(load: float, build: Build = ALUMINIUM) -> float:

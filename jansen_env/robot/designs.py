@@ -6,6 +6,17 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
+
+from jansen_env.arrays import Ints
+from jansen_env.engine.link_shapes import (
+    FOOT_PLATE,
+    FRAME_BAR,
+    LOWER_ROD,
+    ROD,
+    TRIANGULAR,
+    put_built_parts,
+)
 from jansen_env.engine.mathematics import atan2, hypot
 from jansen_env.robot import buildable as built
 from jansen_env.robot.buildable import PLYWOOD
@@ -13,6 +24,7 @@ from jansen_env.robot.linkage import JANSEN
 from jansen_env.robot.links import CRANK_RADIUS, Bar, Compliance, Link, Plate, Triangle, phased_legs
 from jansen_env.robot.motor import MOTORS
 from jansen_env.robot.robot import Robot
+from jansen_env.robot.robot_arrays import leg_links
 from jansen_env.robot.zoo import ZOO
 
 
@@ -149,19 +161,21 @@ def with_built_parts(robot: Robot) -> Robot:
     Plates are triangular, with the foot's rubber on the third joint of the body ``foot``; the frame
     carries motor, crankshaft, battery and cross-members.
     """
-    parts: dict[str, Link] = {}
-    for name, link in zip(robot.linkage.names, robot.bodies, strict=True):
-        if isinstance(link, Triangle):
-            third = built.FOOT_MASS if name == "foot" else None
-            mass, inertia = built.triangular_plate(link.sides, third_mass=third)
-        elif name == "frame":
-            each = built.PIN_SHARE + built.AXIS_MASS / len(robot.legs)
-            mass, inertia = built.flat_bar(link.distance(0, 1), built.FRAME_WIDTH, each)
-        else:
-            length, thickness = link.distance(0, 1), built.bar_thickness(name)
-            mass, inertia = built.flat_bar(length, built.WIDTH, thickness=thickness)
-        parts[name] = replace(link, mass=mass, inertia=inertia)
-    return robot.with_bodies(**parts)
+    links, points, _ = leg_links(robot)
+    put_built_parts(links, points, built_parts_of(robot), len(robot.legs), built.build_row())
+    inertial = zip(links["mass"].tolist(), links["inertia"].tolist(), strict=True)
+    bodies = zip(robot.bodies, inertial, strict=True)
+    return replace(robot, bodies=tuple(replace(link, mass=m, inertia=J) for link, (m, J) in bodies))
+
+
+def built_parts_of(robot: Robot) -> Ints:
+    """Return which part each body is, see :func:`jansen_env.engine.link_shapes.put_built_parts`."""
+    bars = {"frame": FRAME_BAR, "lower_rod": LOWER_ROD}
+    return np.array([
+        (FOOT_PLATE if name == "foot" else TRIANGULAR) if isinstance(link, Triangle)
+        else bars.get(name, ROD)
+        for name, link in zip(robot.linkage.names, robot.bodies, strict=True)
+    ])  # fmt: skip
 
 
 def is_of_built_parts(robot: Robot) -> bool:

@@ -12,16 +12,25 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jansen_env.arrays import Array, Bools, Ints
-from jansen_env.engine.closure import put_coordinates, put_joints
-from jansen_env.engine.mathematics import directions, lengths_of
+from jansen_env.arrays import Array
+from jansen_env.engine import closure
+from jansen_env.engine.closure import (
+    advance_over_turn,
+    put_angles_to_end,
+    put_coordinates,
+    put_joints,
+    put_legs,
+)
+from jansen_env.engine.mathematics import directions
 from jansen_env.robot.linkage import JANSEN
-from jansen_env.robot.links import Bar, Side
+from jansen_env.robot.links import Side
 from jansen_env.robot.robot import Robot
+from jansen_env.robot.robot_arrays import Closing, closing_of, leg_rows, toe_joints
 
 P, O, A, B, C, D, E, T = range(len(JANSEN.joints))  # noqa: E741 - the joints' names
 """Indices of the joints of Jansen's leg; T is the toe's centre."""
 
+TURN_SAMPLES = 720  # crank angles of a turn
 TINY_TURN = 1e-6  # rad, of the crank, for slopes
 
 
@@ -48,38 +57,24 @@ def joint_positions(robot: Robot, side: Side, psi: ArrayLike) -> Array:
         return mirrored * np.array([-1.0, 1.0])
     given, joints = np.ascontiguousarray(angle.ravel()), robot.linkage.joints
     places, fault = np.empty((given.size, len(joints), 2)), np.zeros(2)
-    (members, corners, _), (dyads, spans) = body_arrays(robot), dyad_arrays(robot)
-    failed = put_joints(given, robot.frame_angle, members, corners, dyads, spans, places, fault)
+    closing, _ = closing_of(robot)
+    failed = put_joints(given, *closing, places, fault)
     if failed >= 0:
-        first, second = (robot.linkage.names[body] for body in dyads[failed, 4:])
-        raise LinkageError(
-            f"joint {joints[dyads[failed, 0]]} does not close at crank angle "
-            f"{given[int(fault[0])]:.4f} rad: {first} of {spans[failed, 0]:.5f} m and "
-            f"{second} of {spans[failed, 1]:.5f} m cannot span {fault[1]:.5f} m"
-        )
+        raise _open_joint(robot, closing, failed, given[int(fault[0])], fault[1])
     return places.reshape(*angle.shape, len(joints), 2)
 
 
-def body_arrays(robot: Robot) -> tuple[Ints, Array, Bools]:
-    """Members, corners and bars as :mod:`jansen_env.engine.closure` has them."""
-    members = robot.linkage.members
-    shape = len(members), max(map(len, members))
-    joints, corners = np.full(shape, -1), np.zeros((*shape, 2))
-    for k, link in enumerate(robot.bodies):
-        joints[k, : len(members[k])], corners[k, : len(members[k])] = members[k], link.corners
-    return joints, corners, np.array([isinstance(link, Bar) for link in robot.bodies])
-
-
-def dyad_arrays(robot: Robot) -> tuple[Ints, Array]:
-    """Dyads and their spans as :func:`jansen_env.engine.closure.put_joints` has them."""
-    linkage, dyads, spans = robot.linkage, list[list[int]](), list[list[float]]()
-    for joint, *ends, branch in linkage.dyads:
-        links = [linkage.body_between(joint, end) for end in ends]
-        places = [linkage.bodies[link][1].index for link in links]
-        dyads.append([*map(linkage.joints.index, (joint, *ends)), branch, *links])
-        sides = zip((robot.bodies[link] for link in links), places, ends, strict=True)
-        spans.append([link.distance(place(end), place(joint)) for link, place, end in sides])
-    return np.array(dyads), np.array(spans)
+def _open_joint(
+    robot: Robot, closing: Closing, dyad: int, angle: float, span: float
+) -> LinkageError:
+    """Return the error of a dyad that does not close at an angle, rad, where it must span m."""
+    joint, *_, start, end = closing.dyads[dyad]
+    first, second = (robot.linkage.names[body] for body in (start, end))
+    of_first, of_second = closing.spans[dyad]
+    return LinkageError(
+        f"joint {robot.linkage.joints[joint]} does not close at crank angle {angle:.4f} rad: "
+        f"{first} of {of_first:.5f} m and {second} of {of_second:.5f} m cannot span {span:.5f} m"
+    )
 
 
 def coordinates(robot: Robot, side: Side, psi: ArrayLike, joints: Array | None = None) -> Array:
@@ -96,7 +91,8 @@ def coordinates(robot: Robot, side: Side, psi: ArrayLike, joints: Array | None =
     angle = np.ascontiguousarray(np.asarray(psi, float).ravel())
     x = np.empty((angle.size, len(robot.bodies), 3))
     places = np.ascontiguousarray(place.reshape(-1, *place.shape[-2:]))
-    put_coordinates(angle, mirror, body_arrays(robot), places, x)
+    closing, bars = closing_of(robot)
+    put_coordinates(angle, mirror, closing.members, closing.corners, bars, places, x)
     return x.reshape(*place.shape[:-2], 3 * len(robot.bodies))
 
 
@@ -123,10 +119,10 @@ def turning(robot: Robot, angles: ArrayLike, pairs: Sequence[tuple[int, int]]) -
 
 def check_closure(robot: Robot) -> None:
     """Raise LinkageError for a design that cannot turn a full revolution: says where."""
-    joint_positions(robot, "fore", np.linspace(-math.pi, math.pi, 720, endpoint=False))
+    joint_positions(robot, "fore", np.linspace(-math.pi, math.pi, TURN_SAMPLES, endpoint=False))
 
 
-def nearest_dead_point(robot: Robot, samples: int = 720) -> tuple[float, str, float]:
+def nearest_dead_point(robot: Robot, samples: int = TURN_SAMPLES) -> tuple[float, str, float]:
     """Return the crank angle nearest to a dead point: two links that meet in a joint are in line.
 
     Returns:
@@ -135,29 +131,23 @@ def nearest_dead_point(robot: Robot, samples: int = 720) -> tuple[float, str, fl
     Raises:
         LinkageError: the linkage does not close.
     """
-    psi = np.linspace(-math.pi, math.pi, samples, endpoint=False)
-    place = joint_positions(robot, "fore", psi)
-    dead_points = []
-    for dyad in robot.linkage.dyads:
-        joint, start, end = (place[:, robot.linkage.joints.index(name)] for name in dyad[:3])
-        u, v = joint - start, joint - end
-        sine = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
-        sine /= lengths_of(u) * lengths_of(v)
-        k = int(sine.argmin())
-        dead_points.append((float(sine[k]), dyad.joint, float(psi[k])))
-    return min(dead_points)
+    psi, out = np.linspace(-math.pi, math.pi, samples, endpoint=False), np.empty(2)
+    places, (closing, _) = joint_positions(robot, "fore", psi), closing_of(robot)
+    dyad = robot.linkage.dyads[closure.nearest_dead_point(places, closing.dyads, out)]
+    return float(out[0]), dyad.joint, float(psi[int(out[1])])
 
 
-def advance_per_turn(robot: Robot, samples: int = 720) -> float:
+def advance_per_turn(robot: Robot, samples: int = TURN_SAMPLES) -> float:
     """Advance in one counter-clockwise turn of the crank, m; negative: towards -x.
 
     As if it stood level on its lowest toe: good for the sign and the order of magnitude.
     Raises LinkageError: the linkage does not close.
     """
-    toes = toe_positions(robot, np.linspace(0.0, 2.0 * math.pi, samples + 1))
-    lowest = np.argmin(toes[1:, :, 1] + toes[:-1, :, 1], axis=1)
-    steps = np.diff(toes[..., 0], axis=0)
-    return float(-steps[np.arange(samples), lowest].sum())
+    psi = np.empty(samples + 1)
+    put_angles_to_end(2.0 * math.pi, psi)
+    places = joints_of_legs(robot, psi)
+    advance: float = advance_over_turn(places, toe_joints(robot), np.empty(samples))
+    return advance
 
 
 def toe_positions(robot: Robot, psi: ArrayLike) -> Array:
@@ -165,15 +155,30 @@ def toe_positions(robot: Robot, psi: ArrayLike) -> Array:
 
     Raises LinkageError: the linkage does not close.
     """
-    joints = _joints_of_legs(robot, np.asarray(psi, dtype=float))
+    joints = _joints_at(robot, np.asarray(psi, dtype=float))
     leg, joint = np.array(robot.toes).T
     return joints[..., leg, joint, :]
 
 
-def _joints_of_legs(robot: Robot, psi: Array) -> Array:
+def joints_of_legs(robot: Robot, psi: Array) -> Array:
+    """Joint positions of all legs (legs, n, joints, 2) at crank angles (n,), m, chassis frame.
+
+    Raises LinkageError: the linkage does not close.
+    """
+    (closing, _), legs, count = closing_of(robot), leg_rows(robot), len(psi)
+    angles = np.empty((len(legs), count))
+    places, fault = np.empty((len(legs), count, len(robot.linkage.joints), 2)), np.zeros(3)
+    failed = put_legs(psi, legs, *closing, angles, places, fault)
+    if failed >= 0:
+        angle = angles[int(fault[2]), int(fault[0])]
+        raise _open_joint(robot, closing, failed, angle, fault[1])
+    return places
+
+
+def _joints_at(robot: Robot, psi: Array) -> Array:
     """Joint positions of all legs (..., legs, joints, 2) at crank angles (...), chassis frame."""
-    legs = [joint_positions(robot, leg.side, psi + leg.phase) for leg in robot.legs]
-    return np.stack(legs, axis=-3)
+    legs = joints_of_legs(robot, np.ascontiguousarray(psi.ravel()))
+    return np.moveaxis(legs, 0, 1).reshape(*psi.shape, *legs.shape[:1], *legs.shape[2:])
 
 
 def world_joints(robot: Robot, q: ArrayLike) -> Array:
@@ -183,7 +188,7 @@ def world_joints(robot: Robot, q: ArrayLike) -> Array:
         q: (..., 4) crank axis x, y (m), chassis pitch theta and crank angle psi (rad).
     """
     pose = np.asarray(q, dtype=float)
-    joints = _joints_of_legs(robot, pose[..., 3])
+    joints = _joints_at(robot, pose[..., 3])
     c, s = np.moveaxis(directions(pose[..., 2, None, None]), -1, 0)
     x, y = joints[..., 0], joints[..., 1]
     turned = np.stack([c * x - s * y, s * x + c * y], axis=-1)

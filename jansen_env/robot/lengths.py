@@ -8,25 +8,38 @@ and ``foot_T_across``, where another joint lies from the first, along that line 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
 
+import numpy as np
+
+from jansen_env.arrays import Array
 from jansen_env.checks import finite, listed, named_errors, positive, shown
-from jansen_env.engine.mathematics import cos, hypot, sin
+from jansen_env.engine.link_shapes import put_lengths, resize
 from jansen_env.robot.designs import is_of_built_parts, with_built_parts
 from jansen_env.robot.links import Bar, Link, Plate, Triangle, within_a_turn
 from jansen_env.robot.robot import LONGEST, Robot
+from jansen_env.robot.robot_arrays import NUMBERS, leg_links
 
 
 def lengths(robot: Robot) -> dict[str, float]:
     """Return all lengths of a robot by name, m; ``frame_angle`` in rad."""
     known: dict[str, float] = {}
-    for (name, joints), link in zip(robot.linkage.bodies, robot.bodies, strict=True):
-        known.update(zip(_names(name, joints, link), _values(link), strict=True))
+    most = max(len(joints) for _, joints in robot.linkage.bodies)
+    values = np.zeros((len(robot.bodies), max(3, 2 * most - 3)))
+    put_lengths(*leg_links(robot), values)
+    bodies = zip(robot.linkage.bodies, robot.bodies, values.tolist(), strict=True)
+    for (name, joints), link, numbers in bodies:
+        known.update(zip(_names(name, joints, link), numbers, strict=False))
     known["frame_angle"] = robot.frame_angle
     return known
+
+
+def length_names(robot: Robot) -> list[list[str]]:
+    """Return the names of the lengths of each body."""
+    bodies = zip(robot.linkage.bodies, robot.bodies, strict=True)
+    return [_names(*body, link) for body, link in bodies]
 
 
 def with_lengths(robot: Robot, changed: Mapping[str, float]) -> Robot:
@@ -61,19 +74,52 @@ def with_lengths(robot: Robot, changed: Mapping[str, float]) -> Robot:
                 f"lengths[{name!r}] must be at most {LONGEST:g} m, got {new[name]:g} m; lengths "
                 "are in metres"
             )
-    links, built = {}, is_of_built_parts(robot)
-    for (name, joints), link in zip(robot.linkage.bodies, robot.bodies, strict=True):
-        names = _names(name, joints, link)
-        if any(new[key] != known[key] for key in names):
-            fresh = _of_lengths(name, link, [new[key] for key in names])
-            given = ", ".join(f"lengths[{key!r}] of {new[key]:g} m" for key in names)
-            with named_errors(f"{given}: {name} would be too large; lengths are in metres"):
-                links[name] = fresh if built else _as_dense(link, fresh)
-    resized = replace(robot.with_bodies(**links), frame_angle=new["frame_angle"])
-    if not (links and built):
+    resized = _resized(robot, known, new)
+    return replace(resized, frame_angle=new["frame_angle"])
+
+
+def _resized(robot: Robot, known: Mapping[str, float], new: Mapping[str, float]) -> Robot:
+    """Return the robot with links of other lengths, m."""
+    rows, built = leg_links(robot), is_of_built_parts(robot)
+    before, after = (_length_rows(robot, each) for each in (known, new))
+    links, points = np.empty_like(rows.links), np.empty_like(rows.points)
+    work = np.empty((2, points.shape[1] + 1, 2))
+    fault = resize(*rows, after, before, not built, links, points, work)
+    changed: dict[str, Link] = {}
+    for k, (name, joints) in enumerate(robot.linkage.bodies):
+        names = _names(name, joints, robot.bodies[k])
+        if all(new[key] == known[key] for key in names):
+            continue
+        with named_errors(f"lengths of {name}"):
+            if k == fault:
+                Triangle.from_sides(*(new[key] for key in names))
+        given = ", ".join(f"lengths[{key!r}] of {new[key]:g} m" for key in names)
+        with named_errors(f"{given}: {name} would be too large; lengths are in metres"):
+            changed[name] = _link_of(robot.bodies[k], links[k], points[k, : len(joints)])
+    resized = robot.with_bodies(**changed)
+    if not (changed and built):
         return resized
-    with named_errors(f"lengths of {', '.join(links)}, in metres: parts would be too large"):
+    with named_errors(f"lengths of {', '.join(changed)}, in metres: parts would be too large"):
         return with_built_parts(resized)
+
+
+def _link_of(link: Link, row: np.void, points: Array) -> Link:
+    """Return a link of the same kind with the numbers of a row of ``LINK``."""
+    if isinstance(link, Plate):
+        places = tuple((x, y) for x, y in points.tolist())
+        return Plate(places, float(row["mass"]), float(row["inertia"]))
+    numbers = {name: row[name].item() for name in NUMBERS if hasattr(link, name)}
+    return replace(link, **numbers)
+
+
+def _length_rows(robot: Robot, named: Mapping[str, float]) -> Array:
+    """Return lengths by name as (bodies, most of a body)."""
+    bodies = zip(robot.linkage.bodies, robot.bodies, strict=True)
+    values = [[named[key] for key in _names(*body, link)] for body, link in bodies]
+    rows = np.zeros((len(values), max(map(len, values))))
+    for row, lengths_of_body in zip(rows, values, strict=True):
+        row[: len(lengths_of_body)] = lengths_of_body
+    return rows
 
 
 def _names(name: str, joints: str, link: Link) -> list[str]:
@@ -83,52 +129,3 @@ def _names(name: str, joints: str, link: Link) -> list[str]:
         return [f"{name}_{a}{b}" for a, b in pairwise(joints + joints[0])]
     others = [f"{name}_{joint}_{way}" for joint in joints[2:] for way in ("along", "across")]
     return [f"{name}_{joints[:2]}", *others]
-
-
-def _values(link: Link) -> list[float]:
-    """Return the lengths of a link, m."""
-    if isinstance(link, Bar):
-        return [link.length]
-    if isinstance(link, Triangle):
-        return [*link.sides]
-    (x, y), (u, v), *others = link.points
-    span = hypot(u - x, v - y)
-    cos, sin = (u - x) / span, (v - y) / span
-    values = [span]
-    for a, b in others:
-        values += [cos * (a - x) + sin * (b - y), cos * (b - y) - sin * (a - x)]
-    return values
-
-
-def _of_lengths(name: str, link: Link, values: list[float]) -> Link:
-    with named_errors(f"lengths of {name}"):
-        if isinstance(link, Bar):
-            return Bar(values[0])
-        if isinstance(link, Triangle):
-            return Triangle.from_sides(*values, outward=link.outward)
-        others = zip(values[1::2], values[2::2], strict=True)
-        (x, y), (u, v) = link.points[:2]
-        span = hypot(u - x, v - y)
-        c, s = (u - x) / span, (v - y) / span  # the way of its first two joints
-        places = [(0.0, 0.0), (values[0], 0.0), *others]
-        return Plate.uniform([(c * a - s * b, s * a + c * b) for a, b in places])
-
-
-def _as_dense(link: Link, fresh: Link) -> Link:
-    """A link with as much mass a metre as another, spread as there."""
-    mass = link.mass * _size(fresh) / _size(link)
-    spread = _spread(fresh) / _spread(link)
-    return replace(fresh, mass=mass, inertia=link.inertia * mass / link.mass * spread)
-
-
-def _size(link: Link) -> float:
-    """The sum of a link's sides, m."""
-    count = len(link.corners)
-    sides = math.fsum(link.distance(k, k + 1) for k in range(count - 1))
-    return sides + (link.distance(0, count - 1) if count > 2 else 0.0)
-
-
-def _spread(link: Link) -> float:
-    """Inertia over mass of a rod or uniform plate about the same joints, m^2."""
-    points = [(c * cos(o), c * sin(o)) for c, o in link.corners]
-    return Plate.uniform(points, 1.0).inertia

@@ -5,7 +5,6 @@ Numbers are SI: metres, kilograms, radians, counter-clockwise positive.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +14,13 @@ import numpy as np
 
 from jansen_env import checks
 from jansen_env.checks import set_checked
-from jansen_env.engine.mathematics import acos, atan2, cos, hypot
+from jansen_env.engine.link_shapes import (
+    is_triangle,
+    triangle_of_sides,
+    triangle_sides,
+    uniform_plate,
+)
+from jansen_env.engine.mathematics import atan2, hypot
 
 Side = Literal["fore", "back"]
 
@@ -128,22 +133,15 @@ class Triangle:
         a = checks.positive("Triangle.from_sides: first_second", first_second)
         b = checks.positive("Triangle.from_sides: second_third", second_third)
         c = checks.positive("Triangle.from_sides: third_first", third_first)
-        if 2.0 * max(a, b, c) >= a + b + c:
+        if not is_triangle(a, b, c):
             raise ValueError(f"Triangle.from_sides: sides {a}, {b}, {c} m form no triangle")
-        # Two thirds of each median: 9 d^2 = 2 a^2 + 2 c^2 - b^2, and so on around.
-        d = math.sqrt(2 * a * a + 2 * c * c - b * b) / 3.0
-        l = math.sqrt(2 * a * a + 2 * b * b - c * c) / 3.0  # noqa: E741
-        h = math.sqrt(2 * b * b + 2 * c * c - a * a) / 3.0
-        alpha = acos((d * d + l * l - a * a) / (2 * d * l))
-        gamma = acos((d * d + h * h - c * c) / (2 * d * h))
+        d, l, h, alpha, gamma = triangle_of_sides(a, b, c)  # noqa: E741
         return cls(d, l, h, alpha, gamma, mass, inertia, outward)
 
     @property
     def sides(self) -> tuple[float, float, float]:
         """Lengths first-second, second-third, third-first, m."""
-        d, l, h = self.d, self.l, self.h  # noqa: E741 - the paper's symbol
-        beta = 2.0 * math.pi - self.alpha - self.gamma
-        return _opposite(d, l, self.alpha), _opposite(l, h, beta), _opposite(h, d, self.gamma)
+        return triangle_sides(self.d, self.l, self.h, self.alpha, self.gamma)
 
     @property
     def corners(self) -> Corners:
@@ -159,11 +157,6 @@ class Triangle:
         """Return the triangle with a uniform plate's inertia, m (a^2 + b^2 + c^2) / 36."""
         a, b, c = self.sides
         return replace(self, inertia=self.mass * (a * a + b * b + c * c) / 36.0)
-
-
-def _opposite(a: float, b: float, angle: float) -> float:
-    """The side opposite an angle between two sides of a triangle (law of cosines)."""
-    return math.sqrt(a * a + b * b - 2.0 * a * b * cos(angle))
 
 
 @dataclass(frozen=True)
@@ -202,23 +195,9 @@ class Plate:
         Raises:
             ValueError: as for the class.
         """
-        place = np.array(cls(tuple(points), mass).points)
-
-        def doubled_area(corners: tuple[int, ...]) -> float:
-            (a, b), (c, d) = place[corners[1:], :] - place[corners[0]]
-            return float(abs(a * d - b * c))
-
-        triangles = [*itertools.combinations(range(len(place)), 3)]
-        largest = max(triangles, key=doubled_area, default=())
-        span = place - place[0]
-        if largest and doubled_area(largest) > 1e-9 * float((span**2).sum()):
-            corners, share = place[list(largest)], 12.0
-        else:
-            along = (span * span[(span**2).sum(axis=1).argmax()]).sum(axis=1)
-            corners, share = place[[along.argmin(), along.argmax()]], 6.0
-        centre = corners.mean(axis=0)
-        inertia = mass * float(((corners - centre) ** 2).sum()) / share
-        return cls(tuple((x, y) for x, y in (place - centre).tolist()), mass, inertia)
+        places = cls(tuple(points), mass).points
+        x, y, inertia = uniform_plate(np.array(places), len(places), mass)
+        return cls(tuple((float(a - x), float(b - y)) for a, b in places), mass, float(inertia))
 
     @property
     def corners(self) -> Corners:

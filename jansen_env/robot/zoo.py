@@ -6,17 +6,18 @@ own, in the unit of the source. Links are slender rods and uniform plates, all e
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from jansen_env.checks import entries, instance, positive, shown
+from jansen_env.engine.closure import mean, put_lowest_toes, put_turn_angles
 from jansen_env.engine.mathematics import hypot
-from jansen_env.robot.kinematics import toe_positions
+from jansen_env.robot.kinematics import joints_of_legs
 from jansen_env.robot.linkage import Dyad, Linkage
 from jansen_env.robot.links import Bar, Leg, Link, Plate, phased_legs, point
 from jansen_env.robot.robot import Robot
+from jansen_env.robot.robot_arrays import toe_joints
 
 Place = tuple[float, float]
 Body = dict[str, Place]
@@ -99,10 +100,15 @@ def _link(places: list[Place], scale: float, mass: float) -> Link:
     return Plate.uniform([(scale * x, scale * y) for x, y in places], mass)
 
 
-def standing_height(robot: Robot, samples: int = 360) -> float:
+HEIGHT_SAMPLES = 360  # crank angles of a turn
+
+
+def standing_height(robot: Robot, samples: int = HEIGHT_SAMPLES) -> float:
     """Mean height of the crank axis above the lowest toe over a turn, kept level, m."""
-    psi = 2.0 * math.pi / samples * np.arange(samples)
-    return -float(toe_positions(robot, psi)[..., 1].min(axis=-1).mean())
+    psi, heights = np.empty(samples), np.empty(samples)
+    put_turn_angles(0.0, psi)
+    put_lowest_toes(joints_of_legs(robot, psi), toe_joints(robot), heights)
+    return -float(mean(heights))
 
 
 def klann_robot(phases: int = 2) -> Robot:

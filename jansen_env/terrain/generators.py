@@ -14,14 +14,20 @@ from typing import TypeAlias
 import numpy as np
 
 from jansen_env import checks
-from jansen_env.terrain.ground import REACH, START, Terrain, both_sides, layout
-from jansen_env.uniform import uniform
+from jansen_env.engine.ground_lines import (
+    KINDS,
+    REACH,
+    START,
+    choose_direction,
+    draw_start,
+    has_start,
+)
+from jansen_env.terrain.ground import TALLEST, Terrain, check_room, profile
 
 Random: TypeAlias = np.random.Generator
 Generator: TypeAlias = Callable[[Random, int], Terrain]
 
 HIGHEST = 9  # of the levels, from 0
-SHIFT = 0.4  # m, within which a ground begins; half a turn of the crank walks 0.33 m
 
 LEVELS: dict[str, dict[str, tuple[float, float]]] = {
     "slope": {"angle": (0.01, 0.28)},
@@ -33,13 +39,17 @@ LEVELS: dict[str, dict[str, tuple[float, float]]] = {
     "ramps": {"angle": (0.045, 0.36), "length": (0.8, 0.8)},
 }
 """Parameters of each generator at level 0 and level 9, evenly spaced between; m and rad."""
+if (*LEVELS,) != KINDS:
+    raise TypeError(
+        f"LEVELS must have the grounds of jansen_env/engine/ground_lines.py in their order, "
+        f"{[*KINDS]}, got {[*LEVELS]}"
+    )
 MIXTURE = ("slope", "rough", "waves", "stairs", "steps", "stumps", "ramps")
 """Kinds of terrain that ``"mixed"``, the terrain of the benchmarks, chooses from at a reset.
 
 A terrain added to :data:`LEVELS` stays out of it: it would change what every seed of
 ``JansenWalkerRough-v0`` and ``JansenWalkerHardcore-v0`` means.
 """
-UP_OR_DOWN = {"slope": "angle", "stairs": "rise"}  # whose sign is drawn, if they are not given
 GENERATORS = (*LEVELS, "mixed")
 """Their names."""
 
@@ -78,27 +88,31 @@ class NamedGenerator:
         object.__setattr__(self, "given", tuple((key, float(v)) for key, v in self.given))
         for level in (0, HIGHEST):  # or a reset would be refused
             with checks.named_errors(f"{str(self)!r} makes no ground at level {level}"):
-                self(np.random.default_rng(0), level)
+                self._check(level)
 
     def __call__(self, rng: Random, level: int) -> Terrain:
         """A ground. Raises ValueError: no such level."""
         if self.name == "mixed":
-            return KINDS[rng.integers(len(KINDS))](rng, level)
-        values = at_level(self.name, level)
-        down = rng.random() < 0.5  # drawn in any case, so that fixing it leaves the others
-        if down and (sign := UP_OR_DOWN.get(self.name)):
-            values[sign] *= -1.0
-        values |= dict(self.given)
-        if self.name == "slope":
-            return Terrain.slope(**values)
-        if self.name == "steps":
-            return Terrain.steps(rng, **values)
-        # The start is drawn, or the way to its first step could be learned by heart.
-        start = uniform(rng, START, START + SHIFT)
+            return MIXED[rng.integers(len(MIXED))](rng, level)
+        kind, given = KINDS.index(self.name), dict(self.given)
+        named = at_level(self.name, level) | given
+        values, fixed = np.array([*named.values()]), np.array([name in given for name in named])
+        # Drawn in any case, so that fixing it leaves the others.
+        choose_direction(kind, rng.random(), fixed, values)
+        start = draw_start(kind, rng.random() if has_start(kind) else 0.0)
+        return Terrain(profile(self.name, values, start, REACH, rng))
+
+    def _check(self, level: int) -> None:
+        """Check the parameters at a level. Raises ValueError: there is no such ground."""
+        values = at_level(self.name, level) | dict(self.given)
         if self.name == "rough":
-            return _rough(rng, start, **values)
-        maker: Callable[..., Terrain] = getattr(Terrain, self.name)
-        return maker(**values, start=start)
+            checks.within("height", values["height"], -TALLEST, TALLEST)
+            check_room(START, REACH, checks.positive("spacing", values["spacing"]))
+        elif self.name != "mixed":
+            random = [np.random.default_rng(0)] if self.name == "steps" else []
+            make: Callable[..., Terrain] = getattr(Terrain, self.name)
+            make(*random, **values)
+        self(np.random.default_rng(0), level)
 
     def __str__(self) -> str:
         """Specification as text: ``"stairs:rise=0.02"``."""
@@ -106,16 +120,7 @@ class NamedGenerator:
         return f"{self.name}:{given}" if given else self.name
 
 
-def _rough(rng: Random, start: float, height: float, spacing: float) -> Terrain:
-    """Vertices on both sides, unlike ``Terrain.rough``, with heights uniform in +- ``height``."""
-    start, count = layout(start, REACH, spacing)
-    sides = np.zeros((2, count + 2, 2))
-    sides[:, :, 0] = start + spacing * np.arange(count + 2)
-    sides[:, 1:-1, 1] = uniform(rng, -height, height, (2, count))
-    return Terrain(both_sides(sides[0], sides[1]).tolist())
-
-
-KINDS = tuple(map(NamedGenerator, MIXTURE))
+MIXED = tuple(map(NamedGenerator, MIXTURE))
 
 
 def make_generator(spec: object) -> Generator | None:

@@ -15,20 +15,25 @@ from numpy.typing import ArrayLike
 
 from jansen_env import checks
 from jansen_env.arrays import Array
-from jansen_env.engine.mathematics import cos, tan
+from jansen_env.engine.ground_lines import (
+    KINDS,
+    REACH,
+    START,
+    count_draws,
+    count_points,
+    face_run,
+    put_ground,
+    put_line,
+)
+from jansen_env.engine.mathematics import tan
 from jansen_env.uniform import uniform
 
 Random: TypeAlias = np.random.Generator
+Points: TypeAlias = tuple[tuple[float, float], ...]
 
-START = 0.6  # m, from the origin to where a ground begins: the machine's toes reach 0.55 m
-REACH = 9.0  # m, to where it ends: 8 m are 10 s at 0.8 m/s, and the toes ahead
 MAX_SLOPE = math.radians(80.0)
-RISER_SLOPE = math.radians(75.0)  # of the faces of steps, as x must increase from point to point
-LEAST_RUN = 1e-3  # m, of a face however low
-PER_WAVE = 8  # vertices
 MOST_POINTS = 100_000  # of a ground
 TALLEST = 100.0  # m, of a step or wave
-EXTENT = 1000.0  # m, how far the first and last segment are extended as pymunk's shapes
 STEEPEST = (1.0 + 1e-12) * tan(MAX_SLOPE)  # slopes of MAX_SLOPE are rounded
 GRADIENT_STEP = 1e-4  # m, to either side
 FARTHEST = 1e6  # m, largest coordinate of a point: beyond, a toe's grip drowns in rounding
@@ -42,8 +47,8 @@ def heights_of(line: Array, x: ArrayLike) -> Array:
     return heights + before * first[1] / first[0] + after * last[1] / last[0]
 
 
-def layout(start: float, reach: float, period: float) -> tuple[float, int]:
-    """Return the checked start and the number of periods that have room, at least one.
+def check_room(start: float, reach: float, period: float) -> None:
+    """Check where a ground begins and ends, in m, and its length that repeats itself.
 
     Raises:
         ValueError: not 0 < start < reach, or more than MOST_POINTS periods.
@@ -56,41 +61,35 @@ def layout(start: float, reach: float, period: float) -> tuple[float, int]:
         raise ValueError(
             f"start and reach leave room for {count:g} repetitions, must be at most {MOST_POINTS}"
         )
-    return start, max(1, int(count))
 
 
-def both_sides(right: Array, left: Array) -> Array:
-    """Two half terrains, each (k, 2) points of x > 0 outwards, as one, level at its ends.
-
-    ``left`` is mirrored to x < 0.
-    """
-    level = np.array([1.0, 0.0])
-    left = np.concatenate([left, left[-1:] + level])[::-1] * np.array([-1.0, 1.0])
-    return np.concatenate([left, right, right[-1:] + level])
-
-
-def treads(edges: Array, heights: Array) -> Array:
-    """Level treads with steep faces between them.
+def profile(
+    name: str,
+    values: ArrayLike,
+    start: float = START,
+    reach: float = REACH,
+    rng: Random | None = None,
+) -> Points:
+    """Return the points of a ground, (n, 2) in m.
 
     Args:
-        edges: (m,) m, increasing: the middles of the faces. heights: (m,) m, of the treads after
-            them; the one before the first is at 0.
-
-    Returns:
-        (2 m, 2) points.
+        name: One of :data:`jansen_env.engine.ground_lines.KINDS`.
+        values: Its parameters, in the order of that module.
+        start: Where it begins, m.
+        reach: Where it ends, m.
+        rng: Generator of the random numbers, for a ground that has some.
     """
-    before = np.concatenate([[0.0], heights[:-1]])
-    run = np.maximum(np.abs(heights - before) / tan(RISER_SLOPE), LEAST_RUN)
-    points = np.empty((2 * len(edges), 2))
-    points[0::2, 0], points[0::2, 1] = edges - 0.5 * run, before
-    points[1::2, 0], points[1::2, 1] = edges + 0.5 * run, heights
-    return points
+    kind, given = KINDS.index(name), np.array(values, float)
+    points = np.empty((count_points(kind, given, start, reach), 2))
+    draws = np.empty(0) if rng is None else rng.random(count_draws(kind, given, start, reach))
+    put_ground(kind, given, start, reach, draws, points)
+    return tuple((x, y) for x, y in points.tolist())
 
 
 def _room(name: str, value: float, face: float) -> float:
     """A tread's length, m, with room for the face of a step of height ``face``."""
     value = checks.positive(name, value)
-    least = max(abs(face) / tan(RISER_SLOPE), LEAST_RUN)
+    least = face_run(face)
     if value <= least:
         raise checks.invalid(name, value, f"above {least:.4g}, the run of a step's face")
     return value
@@ -150,9 +149,8 @@ class Terrain:
         checks.set_checked(self, checks.non_negative, "friction")
         checks.set_checked(self, functools.partial(checks.within, low=0.0, high=1.0), "restitution")
         object.__setattr__(self, "points", tuple(map(tuple, table.tolist())))
-        before = table[0] - EXTENT * step[0] / step[0, 0]
-        after = table[-1] + EXTENT * step[-1] / step[-1, 0]
-        line = np.concatenate([[before], table[1:-1], [after]])
+        line = np.empty_like(table)
+        object.__setattr__(self, "_steepest", put_line(np.ascontiguousarray(table), line))
         line.setflags(write=False)
         object.__setattr__(self, "_line", line)
 
@@ -165,8 +163,7 @@ class Terrain:
     def slope(cls, angle: float, friction: float = 0.8, restitution: float = 0.0) -> Terrain:
         """A constant slope through the origin, rising towards +x for ``angle`` > 0 (rad)."""
         angle = checks.within("angle", angle, -MAX_SLOPE, MAX_SLOPE)
-        rise = tan(angle)
-        return cls(((-1.0, -rise), (1.0, rise)), friction, restitution)
+        return cls(profile("slope", (angle,)), friction, restitution)
 
     @classmethod
     def rough(
@@ -203,11 +200,8 @@ class Terrain:
         """
         height = checks.within("height", height, -TALLEST, TALLEST)
         length = checks.positive("length", length)
-        start, count = layout(start, reach, length)
-        turns = np.arange(count * PER_WAVE + 1) / PER_WAVE
-        wave = [0.5 - 0.5 * cos(2.0 * math.pi * k / PER_WAVE) for k in range(PER_WAVE)]
-        side = np.stack([start + length * turns, height * np.resize(wave, len(turns))], axis=1)
-        return cls(both_sides(side, side).tolist())
+        check_room(start, reach, length)
+        return cls(profile("waves", (height, length), start, reach))
 
     @classmethod
     def stairs(
@@ -223,11 +217,8 @@ class Terrain:
         """
         rise = checks.within("rise", rise, -TALLEST, TALLEST)
         tread = _room("tread", tread, rise)
-        start, count = layout(start, reach, tread)
-        steps = np.arange(count, dtype=np.float64)
-        heights = rise * (steps + 1.0)
-        edges = start + 0.5 * tread + tread * steps
-        return cls(both_sides(treads(edges, heights), treads(edges, -heights)).tolist())
+        check_room(start, reach, tread)
+        return cls(profile("stairs", (rise, tread), start, reach))
 
     @classmethod
     def steps(
@@ -248,11 +239,8 @@ class Terrain:
         checks.instance("rng", rng, np.random.Generator)
         height = checks.within("height", height, 0.0, TALLEST)
         spacing = 2.0 * _room("spacing / 2", 0.5 * checks.finite("spacing", spacing), height)
-        start, count = layout(start, reach, spacing)
-        lengths = uniform(rng, 0.5 * spacing, 1.5 * spacing, (2, count))
-        edges = start + np.cumsum(lengths, axis=1)
-        heights = uniform(rng, -0.5 * height, 0.5 * height, (2, count))
-        return cls(both_sides(treads(edges[0], heights[0]), treads(edges[1], heights[1])).tolist())
+        check_room(start, reach, spacing)
+        return cls(profile("steps", (height, spacing), start, reach, rng))
 
     @classmethod
     def stumps(
@@ -272,12 +260,8 @@ class Terrain:
         height = checks.within("height", height, -TALLEST, TALLEST)
         width = _room("width", width, height)
         gap = _room("spacing - width", checks.finite("spacing", spacing) - width, height)
-        start, count = layout(start, reach, width + gap)
-        edges = np.empty(2 * count)
-        edges[0::2] = start + 0.5 * gap + (width + gap) * np.arange(count)
-        edges[1::2] = edges[0::2] + width
-        side = treads(edges, np.tile([height, 0.0], count))
-        return cls(both_sides(side, side).tolist())
+        check_room(start, reach, width + gap)
+        return cls(profile("stumps", (height, width, spacing), start, reach))
 
     @classmethod
     def ramps(
@@ -290,11 +274,8 @@ class Terrain:
         """
         angle = checks.within("angle", angle, -MAX_SLOPE, MAX_SLOPE)
         length = checks.positive("length", length)
-        start, count = layout(start, reach, 4.0 * length)
-        side = np.empty((4 * count, 2))
-        side[:, 0] = start + length * np.arange(4 * count)
-        side[:, 1] = np.tile([0.0, 1.0, 1.0, 0.0], count) * length * tan(angle)
-        return cls(both_sides(side, side).tolist())
+        check_room(start, reach, 4.0 * length)
+        return cls(profile("ramps", (angle, length), start, reach))
 
     @property
     def polyline(self) -> Array:
@@ -304,8 +285,7 @@ class Terrain:
     @property
     def steepest(self) -> float:
         """The largest |dy/dx| of all segments."""
-        dx, dy = np.diff(self.polyline, axis=0).T
-        return float(np.abs(dy / dx).max())
+        return self._steepest  # type: ignore[attr-defined]
 
     def height(self, x: ArrayLike) -> Array:
         """Surface height at ``x`` (any shape), m."""
@@ -336,9 +316,10 @@ class Terrain:
 
 def one_step(at: float, height: float) -> Terrain:
     """Return level ground with a step up, m, at ``at``, m, as one comes from the origin."""
-    face = treads(np.array([abs(at)]), np.array([height]))
-    points = np.concatenate([[[-1.0, 0.0]], face, [[face[-1, 0] + 1.0, height]]])
-    return Terrain((points if at > 0.0 else points[::-1] * (-1.0, 1.0)).tolist())
+    half = 0.5 * face_run(height)
+    face = [(abs(at) - half, 0.0), (abs(at) + half, height)]
+    points = (-1.0, 0.0), *face, (abs(at) + half + 1.0, height)
+    return Terrain(points if at > 0.0 else tuple((-x, y) for x, y in reversed(points)))
 
 
 def _numbers(name: str, value: object) -> Array:

@@ -12,11 +12,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from jansen_env.engine import collision, integrator
+from jansen_env.engine import ground_lines, integrator
 from jansen_env.engine.kernel import FOLDER, PYTHON, library_path
 
 POINTS = np.array([[3.0, 4.0], [0.0, 1.0]])
-WAYS = np.array([[1.0, 0.0], [0.0, 1.0]])
 WALK = """
 import gymnasium as gym, jansen_env
 seen = []
@@ -52,9 +51,9 @@ def test_arguments_that_are_no_such_arrays_are_refused():
     other_axes = (POINTS[0], POINTS.T, POINTS[:, ::-1])
     for wrong in (POINTS.astype("f4"), POINTS.tolist(), *other_axes, None):
         with pytest.raises(TypeError, match=r"points is .*, must be contiguous float64 of 2 axes"):
-            collision.put_reach(wrong, WAYS, np.zeros(2))
-    with pytest.raises(TypeError, match="collision_put_reach has 2 arguments, must have 3"):
-        collision.put_reach(POINTS, WAYS)
+            ground_lines.put_line(wrong, np.zeros((2, 2)))
+    with pytest.raises(TypeError, match="ground_lines_put_line has 1 arguments, must have 2"):
+        ground_lines.put_line(POINTS)
 
 
 def test_a_kernel_is_pickled_by_its_name():

@@ -9,7 +9,7 @@ from jansen_env import Terrain
 from jansen_env.dynamics.pads import pad_sides
 from jansen_env.robot import ROBOTS
 from jansen_env.tasks.walking.walker_benchmark import BASELINES
-from jansen_env.terrain.ground import treads
+from jansen_env.terrain.ground import one_step
 
 ROBOT = ROBOTS["paper"]()
 
@@ -53,8 +53,7 @@ def test_links_over_a_spike(name):
 
 def test_a_walk_over_a_step_alone_and_in_a_batch():
     """Over a step links enter its edge, the same alone and together; on flat ground never."""
-    edge = treads(np.array([1.0]), np.array([0.24]))
-    step = Terrain(np.concatenate([[[-1.0, 0.0]], edge, [[edge[-1, 0] + 1.0, 0.24]]]).tolist())
+    step = one_step(1.0, 0.24)
     for terrain, enters in (("flat", False), (step, True)):
         arguments = {"robot": "climber", "terrain": terrain, "speed_command": 0.4}
         alone = gym.make("JansenWalkerBuilt-v0", **arguments)

@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 
 from jansen_env import Terrain
+from jansen_env.engine.ground_lines import REACH, RISER_SLOPE, START
 from jansen_env.plants.plant import PLANTS
 from jansen_env.tasks.walking.walker_benchmark import BASELINES
 from jansen_env.terrain.generators import (
     GENERATORS,
     HIGHEST,
-    KINDS,
     LEVELS,
+    MIXED,
     at_level,
     make_generator,
 )
-from jansen_env.terrain.ground import REACH, RISER_SLOPE, START
 
 HILLS = Terrain(((-2.0, 0.5), (-1.0, 0.0), (0.0, 0.2), (1.0, 0.1), (2.0, 0.6)))
 FACE = math.tan(RISER_SLOPE)
@@ -114,7 +114,7 @@ def test_mixed_is_another_kind_each_time(rng):
     """All of them, evenly; each as it is alone."""
     mixed = make_generator("mixed")
     sizes = {len(mixed(rng, 4).points) for _ in range(200)}
-    alone = {len(kind(rng, 4).points) for kind in KINDS for _ in range(30)}
+    alone = {len(kind(rng, 4).points) for kind in MIXED for _ in range(30)}
     assert 2 in sizes and len(sizes) >= 5 and sizes <= alone
 
 

@@ -15,7 +15,7 @@ from jansen_env.robot.kinematics import (
     toe_positions,
 )
 from jansen_env.robot.lengths import lengths, with_lengths
-from jansen_env.robot.robot_file import read_robot
+from jansen_env.robot.robot_file import read_robot, robot_to_json
 from jansen_env.robot.zoo import standing_height
 from jansen_env.viewer.web.bench import design_of, write_bench
 
@@ -104,16 +104,19 @@ def test_the_pages_numbers_are_the_packages(window, rng):
     for name, robot in [*designs, *((name, changed_at_random(r, rng)) for name, r in designs)]:
         angles = np.linspace(-7.0, 7.0, 50)
         places, numbers, again = window.page.evaluate(
-            """([design, angles]) => {
-              const { assemble, lengthsOf, measure, place, turnOf } = linkage_js;
+            """async ([design, angles]) => {
+              const { assemble, lengthsOf, measure, place, prepare } = linkage_js;
+              const data = JSON.parse(document.getElementById("data").textContent);
+              const module = engine_js.numbersOf(data.engine, Uint8Array);
+              prepare(await engine_js.loadEngine(module, data.layout), { design });
               const linkage = assemble(design, design.lengths);
               const placed = (psi) => [...design.joints].map((j) => place(linkage, psi).at[j]);
               const { at } = place(linkage, 1);
               const again = Object.assign({}, ...linkage.bodies.map(({ joints }, k) =>
-                lengthsOf(design, k, joints.map((joint) => at[joint]))));
-              return [angles.map(placed), measure(design, turnOf(linkage)), again];
+                lengthsOf(design, k, [...joints].map((joint) => at[joint]))));
+              return [angles.map(placed), measure(linkage), again];
             }""",
-            [design_of(robot), angles.tolist()],
+            [{"robot": robot_to_json(robot), **design_of(robot)}, angles.tolist()],
         )
         np.testing.assert_allclose(places, joint_positions(robot, "fore", angles), atol=1e-9)
         expected = numbers_of(robot)
@@ -224,12 +227,24 @@ def test_files_are_taken_away(bench, tmp_path):
     assert text.startswith("<svg ") and ">240.08</text>" in text and ">383.22</text>" in text
 
 
+def test_a_robot_of_a_file_is_taken_away_whole(open_window, tmp_path):
+    """With other lengths, as Python has them."""
+    robot = ROBOTS["klann"](3)
+    path = write_bench(tmp_path / "bench.html", {"built": ROBOTS["built"](), "mine": robot})
+    page = open_window(**STILL, offline=True, accept_downloads=True).page
+    page.goto(f"{path.as_uri()}#mine&rod_AD=470")
+    with page.expect_download() as saved:
+        page.locator("#file").click()
+    saved.value.save_as(tmp_path / "robot.json")
+    assert read_robot(tmp_path / "robot.json") == with_lengths(robot, {"rod_AD": 0.47})
+
+
 def test_the_file_needs_nothing(bench, tmp_path):
     """No network, nothing but itself; the walk is on the page beside."""
     window = bench("strider&rod_AD=470")
     assert len(window.requests) == 1 and window.requests[0].startswith("file://")
     text = write_bench(tmp_path / "bench.html").read_text()
-    assert "unsafe" not in text and not re.search(r"\bsrc=|@import|url\(|\bfetch\(|eval\(", text)
+    assert "'unsafe" not in text and not re.search(r"\bsrc=|@import|url\(|\bfetch\(|eval\(", text)
 
 
 def test_on_a_phone_by_touch(bench):

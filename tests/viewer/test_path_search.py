@@ -16,6 +16,7 @@ from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.robot.lengths import lengths, with_lengths
 from jansen_env.tasks.walking.walker_benchmark import walking_pid
 from jansen_env.viewer.web.bench import SHEETS, bench_designs, write_bench
+from jansen_env.viewer.web.engine_data import engine_of_page
 
 TURN = np.linspace(0.0, 2.0 * math.pi, 100, endpoint=False)
 COS, SIN = np.cos(TURN), np.sin(TURN)
@@ -31,8 +32,11 @@ PATHS = {  # x, y, m
 PATHS = {name: np.stack(path, axis=1) for name, path in PATHS.items()}
 SCRIPT = """
 import { readFileSync } from "node:fs";
+import { loadEngine } from "FOLDER/engine.js";
+import { prepare } from "FOLDER/linkage.js";
 import { legsFor } from "FOLDER/path_search.js";
-const { designs, paths } = JSON.parse(readFileSync(0, "utf8"));
+const { designs, engine, layout, paths } = JSON.parse(readFileSync(0, "utf8"));
+prepare(await loadEngine(Buffer.from(engine, "base64"), layout), designs);
 const search = (path) => {
   const work = legsFor(designs, path, {});
   for (;;) {
@@ -47,7 +51,10 @@ console.log(JSON.stringify(paths.map(search)));
 UNCUT = """
 import { readFileSync } from "node:fs";
 import { uncut } from "FOLDER/cutting.js";
-const { designs, robots } = JSON.parse(readFileSync(0, "utf8"));
+import { loadEngine } from "FOLDER/engine.js";
+import { prepare } from "FOLDER/linkage.js";
+const { designs, engine, layout, robots } = JSON.parse(readFileSync(0, "utf8"));
+prepare(await loadEngine(Buffer.from(engine, "base64"), layout), designs);
 console.log(JSON.stringify(robots.map(([name, lengths]) => uncut(designs[name], lengths))));
 """
 
@@ -57,7 +64,11 @@ def searched():
     """A function of a path's name that returns legs."""
     names = ("built", "klann", "chebyshev", "trotbot", "strider")
     designs = {name: bench_designs()[name] for name in names}
-    return cache(lambda name: in_node(SCRIPT, designs=designs, paths=[PATHS[name].tolist()])[0])
+    return cache(
+        lambda name: in_node(
+            SCRIPT, **engine_of_page(), designs=designs, paths=[PATHS[name].tolist()]
+        )[0]
+    )
 
 
 @pytest.mark.parametrize(
@@ -95,7 +106,7 @@ def test_the_page_knows_what_cannot_be_cut(rng):
             sized = {n: v * rng.uniform(0.98, 1.02) for n, v in size.items()}
             asked.append((name, sized))
             faults.append(cut_fault(name, sized))
-    told = in_node(UNCUT, designs=bench_designs(), robots=asked)
+    told = in_node(UNCUT, **engine_of_page(), designs=bench_designs(), robots=asked)
     for (name, changed), fault, body in zip(asked, faults, told, strict=True):
         # A linkage that does not close, or a frame without room for the holes of motor and brace,
         # of which the page does not know.
@@ -115,7 +126,7 @@ def test_legs_of_plywood_can_be_cut(size):
     """A path for the weekend robot has legs of its build, and at no size one that has no holes."""
     designs = {"weekend": bench_designs()["weekend"]}
     path = (size * PATHS["flat below"]).tolist()
-    legs = in_node(SCRIPT, designs=designs, paths=[path])[0]
+    legs = in_node(SCRIPT, **engine_of_page(), designs=designs, paths=[path])[0]
     assert size < 0.25 or len(legs) > 2
     for leg in legs:
         assert leg["base"] == "weekend" and cut_fault("weekend", leg["lengths"]) == ""

@@ -1,6 +1,6 @@
 // Lets robots walk as a page does: node walk.mjs FOLDER < {data, robots, walks, saved} > results
 //
-// Prints for each of `robots`, [name, lengths or null], the robot, and its tables or why it has none; of each walk {robot:
+// Prints for each of `robots`, [name, lengths or null] or the content of a robot file, the robot, and its tables or why it has none; of each walk {robot:
 // place in robots, terrain, control, actions by hand, settings, start, events: [step, method, arguments], names
 // of info} the numbers of its start and of each step, all in base64, and its last pose;
 // and walks as the page saves them, `saved`: [{robot, ground, control}]. In between each walk goes back
@@ -9,8 +9,8 @@ import { readFileSync } from "node:fs";
 
 const folder = process.argv[2];
 const load = (name) => import(`${folder}/${name}.js`);
-const [{ loadEngine }, { robotWithLengths }, { compileRobot }, { Machine }, { controllerNamed }, { Walker }] =
-	await Promise.all(["engine", "lengths", "tables", "machine", "controllers", "walker"].map(load));
+const [{ loadEngine }, { robotWithLengths }, { checkRobot, compileRobot }, { Machine }, { controllerNamed }, { Walker }] =
+	await Promise.all(["engine", "lengths", "robot", "machine", "controllers", "walker"].map(load));
 const { data, robots, walks, saved } = JSON.parse(readFileSync(0, "utf8"));
 const engine = await loadEngine(Buffer.from(data.engine, "base64"), data.layout);
 const packed = (values) => Buffer.from(Float64Array.from(values).buffer).toString("base64");
@@ -52,13 +52,17 @@ function attempt(machine, method, given) {
 	} catch {} // refused, as in Python, or the numbers differ
 }
 
-const made = robots.map(([name, lengths]) =>
-	lengths ? robotWithLengths(engine, data, name, lengths) : data.robots[name],
-);
+function make(asked) {
+	if (!Array.isArray(asked)) return asked;
+	const [name, lengths] = asked;
+	return lengths ? robotWithLengths(engine, data, name, lengths) : data.robots[name];
+}
+const made = robots.map(make);
 function tablesOf(robot) {
 	try {
+		checkRobot(engine.layout, robot);
 		const { body, pads, bearings, depths, extent, farthest, advance, height } = compileRobot(engine, robot);
-		return [body, pads, bearings, depths, farthest.flat(), [extent, advance, height]].map(packed);
+		return [body, pads, bearings, depths, farthest, [extent, advance, height]].map(packed);
 	} catch (error) {
 		return error.message;
 	}

@@ -1,10 +1,22 @@
 // The bench: change the lengths of a walker, and see its toes' paths and their numbers at once.
 //
-// The data in the page are bench.py's: {base: the first design, designs}. It walks on the page beside.
+// The data in the page are bench.py's: {base: the first design, builtIn: names of Python's own, designs,
+// engine, layout}. It walks on the page beside.
 
 import * as design from "./bench_design.js";
 import * as picture from "./bench_picture.js";
-import { angleOf, assemble, lengthsOf, measure, openingOf, place, turnOf } from "./linkage.js";
+import { loadEngine, numbersOf } from "./engine.js";
+import { robotWithLengths } from "./lengths.js";
+import {
+  angleOf,
+  assemble,
+  lengthsOf,
+  measure,
+  openingOf,
+  place,
+  prepare,
+  turnOf,
+} from "./linkage.js";
 import { evenly, legsFor } from "./path_search.js";
 import { explain } from "./terms.js";
 
@@ -17,7 +29,8 @@ const SEARCHING = 12; // ms of a frame
 const FLIPPED = 0.002; // m, by which a joint may miss the pointer, or it would snap to the other side
 
 const $ = (id) => document.getElementById(id);
-const { base: first, designs } = JSON.parse($("data").textContent);
+const data = JSON.parse($("data").textContent);
+const { base: first, designs } = data;
 const svg = $("picture");
 const plain = (name) => name.replaceAll("_", " ");
 const mm = (value) => `${(1000 * value).toFixed(1)} mm`;
@@ -66,7 +79,7 @@ function rework() {
   const linkage = assemble(base, lengths);
   const turn = turnOf(linkage);
   const opening = openingOf(turn);
-  const numbers = opening ? null : measure(base, turn);
+  const numbers = opening || linkage.fault ? null : measure(linkage);
   view = { ...view, of, lengths, linkage, turn, opening, numbers };
   showNumbers();
   showLengths();
@@ -164,7 +177,7 @@ function build() {
   const { base } = present();
   if ($("lengths").dataset.base === base) return;
   $("lengths").dataset.base = base;
-  const { lengths, joints, bodies } = designs[base];
+  const { lengths, joints, robot } = designs[base];
   const rows = Object.keys(lengths).map((name) => {
     const [low, high] = design.rangeOf(designs[base], name);
     const unit = design.unitOf(name);
@@ -173,7 +186,7 @@ function build() {
       <input type="number" step="0.1" aria-label="${plain(name)}, ${unit}"><span>${unit}</span></div>`;
   });
   $("lengths").innerHTML = rows.join("");
-  const [axis] = bodies[1][1];
+  const [axis] = robot.linkage.bodies[1][1];
   const movable = [...joints].filter((joint) => joint !== axis);
   const handle = (joint) => `<g class="handle" data-joint="${joint}" tabindex="0" role="button"
     aria-label="joint ${joint}: arrow keys move it"><circle r="${TOUCH}"/><text x="10" y="-9">${joint}</text></g>`;
@@ -230,7 +243,7 @@ function move(joint, to, from) {
   const { bodies, design: base } = from.linkage;
   const { at } = place(from.linkage, from.psi);
   const moved = { ...at, [joint]: to };
-  const placesOf = (k) => bodies[k].joints.map((name) => moved[name]);
+  const placesOf = (k) => [...bodies[k].joints].map((name) => moved[name]);
   const all = [...bodies.keys()].filter((k) => bodies[k].joints.includes(joint));
   const holding = all[0] < 2 ? all.slice(0, 1) : all; // of frame and crank nothing but these
   if (!holding.flatMap(placesOf).every(Boolean)) return; // a joint that is nowhere
@@ -325,9 +338,9 @@ function search(path) {
 function likeIt(base) {
   const kinds = new Map();
   for (const name of [...Object.keys(designs), first, base]) {
-    const { bodies, dyads, toes, cutting } = designs[name];
+    const { robot, cutting } = designs[name];
     if (cutting.material === designs[base].cutting.material)
-      kinds.set(JSON.stringify([bodies, dyads, toes]), name);
+      kinds.set(JSON.stringify(robot.linkage), name);
   }
   return Object.fromEntries([...kinds.values()].map((name) => [name, designs[name]]));
 }
@@ -381,7 +394,13 @@ function saveDrawing() {
 }
 
 function saveRobot() {
-  const text = design.robotFile(present());
+  const { base, changes } = present();
+  // Python knows the lengths of its own designs by name; of another robot a file has everything.
+  const robots = { [base]: designs[base].robot };
+  const work = designs[base].memory;
+  const text = data.builtIn.includes(base)
+    ? design.robotFile(present())
+    : `${JSON.stringify(robotWithLengths({ work }, { robots, designs }, base, changes), null, 1)}\n`;
   design.download(`${present().base}.json`, "application/json", text);
 }
 
@@ -432,20 +451,18 @@ function actionOf(key, { target, shiftKey, ctrlKey, metaKey }) {
   return () => nudge(joint, ARROWS[key], shiftKey ? 10 * STEP : STEP);
 }
 
-addEventListener("keydown", (event) => {
+function press(event) {
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
   const act = taken(key, event.target) || event.altKey ? null : actionOf(key, event);
   if (!act) return;
   event.preventDefault();
   act();
-});
+}
 
 $("base").addEventListener("change", () => settle({ base: $("base").value, changes: {} }));
 $("angle").addEventListener("input", () => turnTo((Number($("angle").value) * Math.PI) / 180));
 $("others").addEventListener("change", touch);
 $("panel").addEventListener("submit", (event) => event.preventDefault());
-addEventListener("resize", touch);
-addEventListener("hashchange", open);
 
 /** Open the design that the page's link holds. */
 function open() {
@@ -467,6 +484,22 @@ $("numbers").innerHTML = NUMBERS.map(
   ([name]) => `<div><dt>${name}</dt><dd></dd><dd class="more"></dd><dd class="kept"></dd></div>`,
 ).join("");
 explain("dt");
-$("starting").remove();
-open();
-run(!matchMedia("(prefers-reduced-motion: reduce)").matches);
+
+/** Compile the engine, and show the design of the link. */
+async function begin() {
+  prepare(await loadEngine(numbersOf(data.engine, Uint8Array), data.layout), designs);
+  open();
+  addEventListener("hashchange", open);
+  addEventListener("resize", touch);
+  addEventListener("keydown", press);
+  document.querySelector("main").inert = false;
+  run(!matchMedia("(prefers-reduced-motion: reduce)").matches);
+}
+
+begin().then(
+  () => $("starting").remove(),
+  (error) => {
+    $("starting").textContent = error.message;
+    for (const part of document.querySelectorAll("main, header")) part.hidden = true;
+  },
+);

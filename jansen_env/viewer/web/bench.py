@@ -1,41 +1,51 @@
 """The bench, a page to design legs on, as one file.
 
-``linkage.js`` closes the linkages, whose topology and lengths it gets from here.
+``linkage.js`` closes the linkages by the engine's kernels.
 """
 
-import cmath
+from collections.abc import Mapping
 from pathlib import Path
 
 from jansen_env.drawings import outlines
 from jansen_env.drawings.outlines import MARGIN
 from jansen_env.files import write_text
-from jansen_env.robot import ROBOTS, Robot, buildable
+from jansen_env.robot import ROBOTS, Robot
 from jansen_env.robot.buildable import ALUMINIUM
-from jansen_env.robot.designs import is_of_built_parts
-from jansen_env.robot.lengths import lengths
+from jansen_env.robot.designs import built_parts_of, is_of_built_parts
+from jansen_env.robot.lengths import length_names, lengths
+from jansen_env.robot.robot_file import robot_to_json
+from jansen_env.viewer.web.engine_data import RUNS, engine_of_page
 from jansen_env.viewer.web.page import page_of
 
-PLATES = ("DENSITY", "PLATE_THICKNESS", "OUTLINE", "WINDOW", "PIN_SHARE", "FOOT_MASS")
-"""Constants of :mod:`jansen_env.robot.buildable` that the mass of a plate depends on."""
 SHEETS = {"aluminium": (2.0, 1.0), "plywood": (0.6, 0.3)}  # m, by a robot's material
 
 
-def write_bench(path: str | Path) -> Path:
-    """Write the bench with all designs as one HTML file; beside :mod:`.walk`'s they walk."""
-    return write_text(path, page_of("bench", {"base": "built", "designs": bench_designs()}))
+def write_bench(path: str | Path, robots: Mapping[str, Robot] | None = None) -> Path:
+    """Write the bench with designs as one HTML file; beside :mod:`.walk`'s they walk.
+
+    Args:
+        path: The file.
+        robots: Robots by name; None for the built-in designs.
+    """
+    designs = bench_designs(robots)
+    data = {"base": "built", "builtIn": [*ROBOTS], "designs": designs, **engine_of_page()}
+    return write_text(path, page_of("bench", data, runs=RUNS))
 
 
-def bench_designs() -> dict[str, dict[str, object]]:
-    """Return all designs by name, with how their parts are cut."""
-    robots = {name: make() for name, make in ROBOTS.items()}
-    return {name: design_of(each) | {"cutting": cutting_of(each)} for name, each in robots.items()}
+def bench_designs(robots: Mapping[str, Robot] | None = None) -> dict[str, dict[str, object]]:
+    """Return designs by name, the built-in ones by default, with how their parts are cut."""
+    if robots is None:
+        robots = {name: make() for name, make in ROBOTS.items()}
+    return {
+        name: {"robot": robot_to_json(each), **design_of(each), "cutting": cutting_of(each)}
+        for name, each in robots.items()
+    }
 
 
 def cutting_of(robot: Robot) -> dict[str, object]:
     """Return a robot's material and the sizes of its parts' holes, m; see ``cutting.js``."""
     build, bodies = robot.build, range(1, len(robot.bodies) + 1)
     shoe = build is ALUMINIUM
-    plates = {name: getattr(buildable, name) for name in PLATES}
     return {
         "material": build.material,
         "holes": [
@@ -51,21 +61,13 @@ def cutting_of(robot: Robot) -> dict[str, object]:
         "wall": 1e-3 * outlines.WALL,
         "sheet": [side - 2e-3 * MARGIN for side in SHEETS[robot.material]],
         "widths": [build.frame_width, build.width],
-        "plates": plates if is_of_built_parts(robot) else None,
     }
 
 
 def design_of(robot: Robot) -> dict[str, object]:
-    """A robot's linkage and lengths as plain numbers; ``linkage.js`` says what is what."""
-    linkage = robot.linkage
-    start, end = (cmath.rect(c, o) for c, o in robot.bodies[0].corners[:2])
+    """Return the lengths of a robot by name, and which built parts its bodies are, or None."""
     return {
-        "joints": linkage.joints,
-        "bodies": [list(body) for body in linkage.bodies],
-        "kinds": [type(link).__name__ for link in robot.bodies],
-        "dyads": [list(dyad) for dyad in linkage.dyads],
-        "toes": linkage.toes,
-        "legs": [[leg.side, leg.phase] for leg in robot.legs],
-        "turn": cmath.phase(end - start),
+        "names": length_names(robot),
         "lengths": lengths(robot),
+        "parts": built_parts_of(robot).tolist() if is_of_built_parts(robot) else None,
     }

@@ -33,12 +33,14 @@ const number = (value) => (1000 * value).toFixed(2);
 const at = ([x, y]) => `${number(x)} ${number(-y)}`;
 const escaped = (text) => text.replaceAll("&", "&amp;").replaceAll("<", "&lt;");
 
+/** Distance of the crank's pin from its axis, m. */
+const crankOf = ({ design, lengths }) => lengths[design.names[1][0]];
+
 /** Box around all joints of all legs over a turn: {x, y, width, height}, mm, in steps of GRID. */
-export function boxOf({ design, bodies }, turn) {
-  const [axis, pin] = bodies[1].joints.map((joint) => bodies[1].points.get(joint));
-  const reach = Math.hypot(pin[0] - axis[0], pin[1] - axis[1]);
+export function boxOf(linkage, turn, { legs } = linkage.design.robot) {
+  const reach = crankOf(linkage);
   const places = turn.flatMap((sample) => Object.values(sample.at));
-  const both = design.legs.some(([side]) => side === "back");
+  const both = legs.some(({ side }) => side === "back");
   const across = [reach, -reach, ...places.flatMap(([u]) => (both ? [u, -u] : [u]))];
   const down = [reach, -reach, ...places.map(([, v]) => -v)];
   const low = (values) => GRID * (Math.floor((1000 * Math.min(...values)) / GRID) - 1);
@@ -74,8 +76,8 @@ export function toePaths({ toes }, turn, shows = () => true) {
  * drawn; kept: `toePaths` of another design. view.lit: name of the link that is highlighted, if any.
  */
 export function pictureOf({ linkage, turn, numbers, psi, pixel, box, lit }, others, kept = []) {
-  const { design, bodies } = linkage;
-  const legs = design.legs.map((leg) => placeLeg(linkage, leg, psi));
+  const { design } = linkage;
+  const legs = design.robot.legs.map((leg) => placeLeg(linkage, leg, psi));
   const parts = [];
   const add = (kind, d, width = 0, more = "") =>
     parts.push(`<path class="${kind}" d="${d}" stroke-width="${width * pixel}" ${more}/>`);
@@ -85,8 +87,7 @@ export function pictureOf({ linkage, turn, numbers, psi, pixel, box, lit }, othe
   const [left, wide] = [box.x - 9 * box.width, 19 * box.width];
   if (!Number.isNaN(lowest))
     add("ground", `M${left} ${number(-lowest)}h${wide}v${9 * box.height}h${-wide}z`, 1.5);
-  const [, pin] = bodies[1].joints;
-  const radius = Math.hypot(...bodies[1].points.get(pin));
+  const radius = crankOf(linkage);
   const on = (angle, r = 1) => [r * radius * Math.cos(angle), r * radius * Math.sin(angle)];
   add(
     "circle",
@@ -116,7 +117,7 @@ export function pictureOf({ linkage, turn, numbers, psi, pixel, box, lit }, othe
 
 /** A link once more, highlighted, and its name beside it. */
 function lightOf(add, { bodies }, { at: places }, lit, pixel) {
-  const { joints } = bodies.find(({ name }) => name === lit);
+  const joints = [...bodies.find(({ name }) => name === lit).joints];
   const ends = joints.map((joint) => places[joint]);
   if (!ends.every(Boolean)) return "";
   add("lit", `M${ends.map(at).join("L")}${ends.length > 2 ? "Z" : ""}`, 7);
@@ -127,7 +128,8 @@ function lightOf(add, { bodies }, { at: places }, lit, pixel) {
 
 /** A leg, and in red the two links that do not reach each other. */
 function addLeg(add, { bodies }, { at: places, open }) {
-  bodies.forEach(({ joints }, k) => {
+  bodies.forEach(({ joints: letters }, k) => {
+    const joints = [...letters];
     if (!joints.every((joint) => places[joint])) return;
     const sides = `M${joints.map((joint) => at(places[joint])).join("L")}${joints.length > 2 ? "Z" : ""}`;
     add(["frame", "crank"][k] ?? (joints.length > 2 ? "plate" : "link"), sides, k < 2 ? 7 : 4);
@@ -145,9 +147,9 @@ function addLeg(add, { bodies }, { at: places, open }) {
 
 /** A drawing as an SVG file, 1 : 1: one leg with its lengths, toe paths and lines of text. */
 export function drawingOf(view, lines) {
-  const { bodies, design } = view.linkage;
-  const box = boxOf({ bodies, design: { ...design, legs: [] } }, view.turn);
-  const { at: places } = placeLeg(view.linkage, ["fore", 0], view.psi);
+  const { bodies } = view.linkage;
+  const box = boxOf(view.linkage, view.turn, { legs: [] });
+  const { at: places } = placeLeg(view.linkage, { side: "fore", phase: 0 }, view.psi);
   const texts = lines.map((text, k) => {
     return `<text x="${box.x + 20}" y="${box.y - 60 + 18 * k}" font-size="${k ? 12 : 18}">${escaped(text)}</text>`;
   });
@@ -156,7 +158,7 @@ export function drawingOf(view, lines) {
       `<text class="label" x="${number(x)}" y="${number(-y)}" dy="0.35em" font-size="${size}">${escaped(text)}</text>`,
     );
   for (const { joints } of bodies)
-    joints.forEach((joint, k) => {
+    [...joints].forEach((joint, k) => {
       const [p, q] = [places[joint], places[joints[(k + 1) % joints.length]]];
       if (!p || !q || (joints.length === 2 && k)) return;
       const length = 1000 * Math.hypot(q[0] - p[0], q[1] - p[1]);

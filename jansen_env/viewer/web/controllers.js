@@ -4,10 +4,15 @@
 // fastest command that makes sense, and memory: what it keeps between steps, to be saved and set. A
 // hand has only begin() and topSpeed: its torque is given from outside.
 
-import { modulo, TURN } from "./closure.js";
 import { numbersOf } from "./engine.js";
-import { pairwiseSum } from "./tables.js";
+import { TURN } from "./robot.js";
 
+const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
+/** x less whole periods, from 0 to `period`. */
+function modulo(x, period) {
+  const rest = x % period;
+  return rest < 0 ? rest + period : rest;
+}
 const limited = (value, most) => Math.max(-most, Math.min(most, value));
 
 /** The controller of a name in `data.controllers` for a machine. */
@@ -16,12 +21,12 @@ export function controllerNamed(data, name, machine) {
   if (name === "hand") return { topSpeed: 1, begin() {} };
   if (name === "constant speed" || name === "pid") {
     const { bodies } = machine.robot;
-    const isOf = (design) => data.robots[design].bodies.every((link, k) => link === bodies[k]);
+    const isOf = (design) => same(data.robots[design].bodies, bodies);
     const own = baselines[Object.keys(baselines).find(isOf)];
     const measured = name === "pid" && own;
     const gains = (measured ? own.gains : own?.steady) ?? scaledGains(data.control, machine);
     const speedOf = measured
-      ? (command) => nearest(own.settings, own.speeds, command)
+      ? (command) => nearest(machine.memory, own.settings, own.speeds, command)
       : rolling(data.control, machine);
     return new Steady(machine, topSpeed, gains, speedOf);
   }
@@ -44,9 +49,10 @@ function rolling({ shortestTurn }, { tables }) {
 }
 
 /** The measured setting whose episodes' speeds came closest to a command. */
-function nearest(settings, speeds, command) {
+function nearest(memory, settings, speeds, command) {
   const errors = speeds.map((row) => {
-    return pairwiseSum(row.map((speed) => Math.abs(speed - Math.abs(command)))) / row.length;
+    const away = row.map((speed) => Math.abs(speed - Math.abs(command)));
+    return memory.scratch(() => memory.call("closure_mean", memory.filled("f8", away)));
   });
   return Math.sign(command) * settings[errors.indexOf(Math.min(...errors))];
 }

@@ -3,11 +3,10 @@
 // `cutting` of a design comes from bench.py: {material, holes: of each body {joint: radius}, feet: of
 // each body the toes that it carries, hub: {away, radius} of the two screws beside the crank's axis,
 // foot: {radius, away: [[first, second] ...]} of the screws of a tread, wall: least material between
-// two holes, plates: numbers of parts.js where they are the built robot's, or null, sheet: longer and
-// shorter side of what parts are cut from, widths: of the frame's bar and of others}. Metres.
+// two holes, sheet: longer and shorter side of what parts are cut from, widths: of the frame's bar and
+// of others}. Metres.
 
-import { assemble, lengthNames } from "./linkage.js";
-import { triangularPlate } from "./parts.js";
+import { assemble, isTooHeavy, pointsOf } from "./linkage.js";
 
 const RIM = 0.05; // of a plate's height: its rim beyond the joints is no wider
 const PARALLEL = Math.PI / 6; // between two sides: a tread's screws are behind one another below it
@@ -22,7 +21,8 @@ function direction(from, to) {
 
 /** Name of a body of a design that cannot be cut with these lengths; "" if all can. */
 export function uncut(design, lengths) {
-  const { bodies } = assemble(design, lengths);
+  const linkage = assemble(design, lengths);
+  if (linkage.fault) return linkage.fault;
   const { wall } = design.cutting;
   const tooNear = (holes) =>
     holes.some((hole, k) =>
@@ -30,24 +30,16 @@ export function uncut(design, lengths) {
         .slice(k + 1)
         .some((other) => away(hole.at, other.at) < hole.radius + other.radius + wall),
     );
-  const wrong = (body, k) =>
-    holesOf(design, body, k).some(tooNear) ||
-    isTooHeavy(design, lengths, k) ||
-    isTooLarge(design.cutting, body, k);
-  return bodies.find(wrong)?.name ?? "";
-}
-
-/** Whether a plate of the built robot's is too small for the mass of its foot: none balances it. */
-function isTooHeavy(design, lengths, k) {
-  const { plates } = design.cutting;
-  if (!plates || design.kinds[k] !== "Triangle") return false;
-  const sides = lengthNames(design, k).map((name) => lengths[name]);
-  const more = design.bodies[k][0] === "foot" ? plates.FOOT_MASS - plates.PIN_SHARE : 0;
-  return triangularPlate(sides, more, plates).inertia < 0;
+  const wrong = (_, k) => {
+    const points = pointsOf(linkage, k);
+    const isNear = holesOf(design, points, k).some(tooNear);
+    return isNear || isTooHeavy(linkage, k) || isTooLarge(design.cutting, points, k);
+  };
+  return linkage.bodies.find(wrong)?.name ?? "";
 }
 
 /** Whether a part does not fit its sheet, lying as low as it can. */
-function isTooLarge({ sheet, widths, hub }, { points }, k) {
+function isTooLarge({ sheet, widths, hub }, points, k) {
   const joints = [...points.values()];
   let [length, height] = [0, Number.POSITIVE_INFINITY];
   for (const [i, from] of joints.entries())
@@ -65,7 +57,7 @@ function isTooLarge({ sheet, widths, hub }, { points }, k) {
 const rangeOf = (values) => Math.max(...values) - Math.min(...values);
 
 /** Holes {at, radius} of a body: of each order that a tread's screws may have. */
-function holesOf({ cutting }, { points }, k) {
+function holesOf({ cutting }, points, k) {
   const { holes, feet, hub } = cutting;
   const joints = Object.entries(holes[k]).map(([joint, radius]) => ({
     at: points.get(joint),

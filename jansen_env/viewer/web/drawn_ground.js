@@ -2,18 +2,20 @@
 
 const LEVEL = 60; // cm from the start, which stay level
 const SPACING = 3; // cm between two points, at least
-const STEEPEST = Math.tan((80 * Math.PI) / 180);
 const MOST = 300; // points
 const FARTHEST = 100_000; // cm
 
-/** A stroke, [[x, y] ...] in m from the robot, as the text of a link: "64,2,67,5". */
-export function textOf(stroke) {
+/**
+ * A stroke, [[x, y] ...] in m from the robot, as the text of a link: "64,2,67,5". `steepest` is the
+ * largest slope of a ground.
+ */
+export function textOf(stroke, steepest) {
   const points = [[LEVEL, 0]];
   for (const [x, y] of stroke) {
     const [before, height] = points.at(-1);
     const step = Math.round(100 * x) - before;
     if (step < SPACING || points.length > MOST) continue;
-    const most = Math.floor(STEEPEST * step);
+    const most = Math.floor(steepest * step);
     const rise = Math.round(100 * y) - height;
     points.push([before + step, height + Math.min(Math.max(rise, -most), most)]);
   }
@@ -21,14 +23,14 @@ export function textOf(stroke) {
 }
 
 /** The points, m, of such a text. Throws where it is none. */
-export function pointsOf(text) {
+export function pointsOf(text, steepest) {
   const numbers = text.split(",").map(Number);
   const points = [[-100, 0], [LEVEL, 0]]; // biome-ignore format: points
   for (let i = 0; i < numbers.length; i += 2) points.push([numbers[i], numbers[i + 1]]);
   const fits = points.slice(1).every(([x, y], i) => {
     const [before, height] = points[i];
     const whole = Number.isInteger(x) && Number.isInteger(y) && x > before && x <= FARTHEST;
-    return whole && Math.abs(y - height) <= STEEPEST * (x - before);
+    return whole && Math.abs(y - height) <= steepest * (x - before);
   });
   if (!fits || points.length > MOST + 2)
     throw new Error("The link's ground is no line of centimetres that leads forwards.");

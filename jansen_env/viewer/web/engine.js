@@ -14,7 +14,13 @@ const READERS = {
   i8: (reader, place) => Number(reader.getBigInt64(place, true)),
   b1: (reader, place) => reader.getUint8(place),
 };
-const VIEWS = { f8: Float64Array, f4: Float32Array, i8: BigInt64Array, b1: Uint8Array };
+const VIEWS = {
+  f8: Float64Array,
+  f4: Float32Array,
+  i8: BigInt64Array,
+  u8: BigUint64Array,
+  b1: Uint8Array,
+};
 
 /** An array (count,) of numbers. */
 export function tabulate(count, make) {
@@ -183,6 +189,18 @@ class Block {
     const [offset, type, count] = this.memory.layout.records[this.type].fields[name];
     const size = VIEWS[type].BYTES_PER_ELEMENT;
     return new Block(this.memory, type, [count], this.address + offset, size);
+  }
+
+  /** The first entries along the first axis. */
+  first(count) {
+    const shape = [count, ...this.shape.slice(1)];
+    return new Block(this.memory, this.type, shape, this.address, this.size);
+  }
+
+  /** The numbers of an array (n, 2) as pairs. */
+  pairs() {
+    const { view } = this;
+    return Array.from({ length: this.shape[0] }, (_, i) => [view[2 * i], view[2 * i + 1]]);
   }
 
   /** Entry `i` along the first axis. */

@@ -1,76 +1,69 @@
-// Closes a one-crank linkage for any crank angle, and measures its toes' paths.
+// A leg of some lengths over a turn of its crank, and its numbers, by the engine's kernels.
 //
-// The closure is that of jansen_env/robot/kinematics.py, the lengths' names are those of
-// jansen_env/robot/lengths.py; a test compares both with this file. Chassis frame: crank axis at the
-// origin, +x the walking direction. Metres and radians.
-//
-// A design comes from bench.py: {joints, bodies: [[name, joints] ...], kinds: of each body "Bar",
-// "Triangle" or "Plate", dyads: [[joint, start, end, branch] ...], toes, legs: [[side, phase] ...],
-// turn: angle of the frame's first edge in the frame's own axes, lengths: {name: value}}.
+// A design comes from bench.py: {robot: content of its robot file, names: of the lengths of each body,
+// lengths: {name: value}, parts: which built parts its bodies are, or null}, and `prepare` adds its
+// arrays. Chassis frame: crank axis at the origin, +x the walking direction. Metres and radians.
 
-export const SAMPLES = 720; // crank angles of a turn; the legs' phases are multiples of their step
+import { resizer } from "./lengths.js";
+import { Leg, TURN, walkOf } from "./robot.js";
+
+export const SAMPLES = 720; // crank angles of a turn
 const NEAR = 0.01; // of the standing height: so far above the ground a toe is in stance
+const NUMBERS = ["standing", "heave", "lift", "advance", "stance"]; // as measure_level puts them
 
-const sub = ([a, b], [c, d]) => [a - c, b - d];
-const add = ([a, b], [c, d]) => [a + c, b + d];
-const times = ([a, b], [c, d]) => [a * c - b * d, a * d + b * c]; // of complex numbers
-const unit = (angle) => [Math.cos(angle), Math.sin(angle)];
-
-/** Names of a body's lengths. */
-export function lengthNames(design, body) {
-  const [name, joints] = design.bodies[body];
-  if (design.kinds[body] === "Bar") return [name];
-  if (design.kinds[body] === "Triangle")
-    return [0, 1, 2].map((k) => `${name}_${joints[k]}${joints[(k + 1) % 3]}`);
-  const others = [...joints.slice(2)].flatMap((j) => [`${name}_${j}_along`, `${name}_${j}_across`]);
-  return [`${name}_${joints.slice(0, 2)}`, ...others];
-}
-
-/** Lengths of a body by name from its joints' places; of the frame its angle, too. */
-export function lengthsOf(design, body, places) {
-  const edge = sub(places[1], places[0]);
-  const span = Math.hypot(...edge);
-  let values = [span];
-  if (design.kinds[body] === "Triangle") {
-    values = [0, 1, 2].map((k) => Math.hypot(...sub(places[(k + 1) % 3], places[k])));
-  } else if (design.kinds[body] === "Plate") {
-    const along = [edge[0] / span, -edge[1] / span];
-    for (const joint of places.slice(2)) values.push(...times(sub(joint, places[0]), along));
+/** Let designs, by name, have their arrays in the engine's memory. */
+export function prepare({ work }, designs) {
+  for (const design of Object.values(designs)) {
+    const leg = new Leg(work, design.robot);
+    const { linkage } = design.robot;
+    const shared = { leg, memory: work, resizer: resizer(work, leg, design) };
+    Object.assign(design, shared, { joints: linkage.joints, toes: linkage.toes, loaded: null });
   }
-  const lengths = Object.fromEntries(lengthNames(design, body).map((name, k) => [name, values[k]]));
-  if (body === 0) lengths.frame_angle = Math.atan2(edge[1], edge[0]) - design.turn;
-  return lengths;
 }
 
-/** Joints of a body in axes of its own: the first at the origin, the second on the x axis. */
-function shapeOf(design, body, lengths) {
-  const [a, ...rest] = lengthNames(design, body).map((name) => lengths[name]);
-  const points = [[0, 0], [a, 0]]; // biome-ignore format: pairs
-  if (design.kinds[body] === "Triangle") {
-    const [b, c] = rest;
-    const x = (a * a + c * c - b * b) / (2 * a);
-    points.push([x, Math.sqrt(c * c - x * x)]);
-  } else for (let k = 0; k < rest.length; k += 2) points.push([rest[k], rest[k + 1]]);
-  return points;
-}
-
-/** A linkage of some lengths, ready for `place`; `fault`: a body whose sides form no triangle. */
+/** A linkage of some lengths; `fault`: name of a body whose sides form no triangle. */
 export function assemble(design, lengths) {
-  const bodies = design.bodies.map(([name, joints], body) => {
-    const points = shapeOf(design, body, lengths);
-    return { name, joints: [...joints], points: new Map(points.map((p, k) => [joints[k], p])) };
+  const bodies = design.robot.linkage.bodies.map(([name, joints]) => ({ name, joints }));
+  const linkage = { design, lengths, bodies, fault: undefined };
+  linkage.fault = bodies[load(linkage)]?.name;
+  return linkage;
+}
+
+/** Put a linkage into its design's arrays, unless it is there; returns the body at fault, or -1. */
+function load(linkage) {
+  const { design, lengths } = linkage;
+  const { leg, memory } = design;
+  if (design.loaded === linkage) return design.fault;
+  Object.assign(design, { loaded: linkage, fault: design.resizer.resize(lengths) });
+  leg.closing[0] = lengths.frame_angle;
+  const { links, points } = design.resizer;
+  const { members, dyads, corners, bars, spans } = leg;
+  memory.call("link_shapes_assemble", links, points, members, dyads, corners, bars, spans);
+  return design.fault;
+}
+
+/** A fore leg at crank angles, an array in the memory: [{at: {joint: [x, y]}, open} ...]. */
+function placeAt(linkage, psi) {
+  const { leg, memory, joints, robot } = linkage.design;
+  load(linkage);
+  const places = memory.array("f8", psi.length, joints.length, 2);
+  const [dyads, fault] = [memory.array("i8", psi.length), memory.array("f8", 2)];
+  const spans = memory.array("f8", psi.length);
+  memory.call("closure_put_open_joints", psi, leg.closing, places, dyads, spans, fault);
+  const { view } = places;
+  return Array.from(psi.view, (angle, i) => {
+    const first = 2 * joints.length * i;
+    const pairs = [...joints].map((joint, k) => {
+      return [joint, [view[first + 2 * k], view[first + 2 * k + 1]]];
+    });
+    const at = Object.fromEntries(pairs.filter(([, [x]]) => !Number.isNaN(x)));
+    const dyad = Number(dyads.view[i]);
+    if (dyad < 0) return { at, open: null };
+    const [open, start, end] = robot.linkage.dyads[dyad];
+    const [reach, other] = leg.spans.at(dyad).view;
+    const numbers = { first: reach, second: other, span: spans.view[i], psi: angle };
+    return { at, open: { joint: open, start, end, ...numbers } };
   });
-  const between = (start, end) => {
-    const body = bodies.find(({ points }) => points.has(start) && points.has(end));
-    return { body, span: Math.hypot(...sub(body.points.get(start), body.points.get(end))) };
-  };
-  const dyads = design.dyads.map(([joint, start, end, branch]) => {
-    const [first, second] = [between(joint, start), between(joint, end)];
-    const plates = [first.body, second.body].filter((body) => body.joints.length > 2);
-    return { joint, start, end, branch, first: first.span, second: second.span, plates };
-  });
-  const fault = bodies.find(({ points }) => [...points.values()].flat().some(Number.isNaN))?.name;
-  return { design, bodies, dyads, heading: lengths.frame_angle + design.turn, fault };
 }
 
 /**
@@ -78,40 +71,12 @@ export function assemble(design, lengths) {
  * `open`: the dyad that does not close, with the `span` that its links cannot reach, or null.
  */
 export function place(linkage, psi) {
-  const { bodies, dyads, heading } = linkage;
-  const at = { [bodies[1].joints[0]]: [0, 0] };
-  addJoints(at, bodies[0], unit(heading));
-  addJoints(at, bodies[1], unit(psi));
-  for (const dyad of dyads) {
-    const { joint, start, end, branch, first, second, plates } = dyad;
-    const [dx, dy] = sub(at[end], at[start]);
-    const span = Math.hypot(dx, dy);
-    const along = (span ** 2 + first ** 2 - second ** 2) / (2 * span);
-    const across2 = first ** 2 - along ** 2;
-    if (!(across2 > 0)) return { at, open: { ...dyad, span, psi } };
-    const leg = [along / span, (branch * Math.sqrt(across2)) / span];
-    at[joint] = add(at[start], times([dx, dy], leg));
-    for (const body of plates) {
-      const [i, j] = body.joints.filter((name) => name in at);
-      const [u, v] = sub(body.points.get(j), body.points.get(i));
-      const length2 = u * u + v * v;
-      addJoints(at, body, times(sub(at[j], at[i]), [u / length2, -v / length2]));
-    }
-  }
-  return { at, open: null };
-}
-
-/** Add the joints of a body whose direction is known, and one of its joints. */
-function addJoints(at, { joints, points }, direction) {
-  const known = joints.find((joint) => joint in at);
-  for (const joint of joints) {
-    if (joint in at) continue;
-    at[joint] = add(at[known], times(sub(points.get(joint), points.get(known)), direction));
-  }
+  const { memory } = linkage.design;
+  return memory.scratch(() => placeAt(linkage, memory.filled("f8", [psi]))[0]);
 }
 
 /** Places of a leg of the robot at crank angle `psi`; a back leg is mirrored. */
-export function placeLeg(linkage, [side, phase], psi) {
+export function placeLeg(linkage, { side, phase }, psi) {
   if (side === "fore") return place(linkage, psi + phase);
   const { at, open } = place(linkage, Math.PI - psi - phase);
   for (const joint of Object.keys(at)) at[joint] = [-at[joint][0], at[joint][1]];
@@ -119,11 +84,63 @@ export function placeLeg(linkage, [side, phase], psi) {
 }
 
 /** Crank angle of a sample. */
-export const angleOf = (k) => -Math.PI + (2 * Math.PI * k) / SAMPLES;
+export const angleOf = (k) => -Math.PI + (TURN * k) / SAMPLES;
 
 /** A fore leg at all samples of a turn. */
-export const turnOf = (linkage) =>
-  Array.from({ length: SAMPLES }, (_, k) => place(linkage, angleOf(k)));
+export function turnOf(linkage) {
+  const { memory } = linkage.design;
+  return memory.scratch(() => placeAt(linkage, samples(memory)));
+}
+
+function samples(memory) {
+  const psi = memory.array("f8", SAMPLES);
+  memory.call("closure_put_turn_angles", -Math.PI, psi);
+  return psi;
+}
+
+/**
+ * Joints of a fore leg at crank angles evenly over a turn: numbers (count, joints, 2). Null where
+ * it does not close, or where two links that meet come nearer to one line than a sine.
+ */
+export function pathsOf(linkage, count, leastSine) {
+  const { memory, leg } = linkage.design;
+  return memory.scratch(() => {
+    const psi = leg.turn(count);
+    const [places, out] = [memory.array("f8", count, leg.joints, 2), memory.array("f8", 3)];
+    if (load(linkage) >= 0) return null;
+    if (memory.call("closure_put_joints", psi, leg.closing, places, out) >= 0) return null;
+    memory.call("closure_nearest_dead_point", places, leg.dyads, out);
+    return out.view[0] > leastSine ? places.view.slice() : null;
+  });
+}
+
+/** Joints of a body by name, in axes that turn with it: [x, y]. */
+export function pointsOf(linkage, body) {
+  const { memory, leg } = linkage.design;
+  load(linkage);
+  const corners = leg.corners.at(body).pairs();
+  const [cos, sin] = memory.directions(corners.map(([, angle]) => angle));
+  const { joints } = linkage.bodies[body];
+  const pointOf = (k) => [corners[k][0] * cos[k], corners[k][0] * sin[k]];
+  return new Map([...joints].map((joint, k) => [joint, pointOf(k)]));
+}
+
+/** Lengths of a body by name from its joints' places; of the frame its angle, too. */
+export function lengthsOf(design, body, places) {
+  const { memory, names, robot, lengths } = design;
+  const given = memory.scratch(() => {
+    const values = memory.array("f8", names[body].length);
+    const kind = memory.layout.links.indexOf(robot.bodies[body].is);
+    memory.call("link_shapes_put_lengths_between", kind, memory.rows("f8", places), values);
+    return Object.fromEntries(names[body].map((name, k) => [name, values.view[k]]));
+  });
+  if (body > 0) return given;
+  load({ design, lengths: { ...lengths, ...given } });
+  const frame = memory.scratch(() =>
+    memory.call("link_shapes_frame_angle_of", memory.rows("f8", places), design.leg.corners.at(0)),
+  );
+  return { ...given, frame_angle: frame - TURN * Math.round(frame / TURN) };
+}
 
 /** Where a turn does not close: its worst opening, and angles `from` and `to` around it, or null. */
 export function openingOf(turn) {
@@ -148,53 +165,29 @@ export function openingOf(turn) {
  * which a toe is on the ground, mean of all toes; grounded: for each toe of the first leg, whether
  * it is at each sample; dead: {sine, joint, psi} where two links come nearest to one line}.
  */
-export function measure(design, turn) {
-  const toes = pathsOf(design, turn);
-  const lowest = turn.map((_, k) => Math.min(...toes.map((toe) => toe[k][1])));
-  const highest = turn.map((_, k) => Math.max(...toes.map((toe) => toe[k][1])));
-  const sampled = lowest.filter((_, k) => k % 2 === 0); // those of zoo.py: standing_height
-  const standing = -sampled.reduce((sum, y) => sum + y, 0) / sampled.length;
-  const grounded = toes.map((toe) => toe.map(([, y], k) => y - lowest[k] <= NEAR * standing));
-  let advance = 0;
-  for (let k = 0; k < SAMPLES; k++) {
-    const next = (k + 1) % SAMPLES;
-    const height = (toe) => toe[k][1] + toe[next][1];
-    const foot = toes.reduce((a, b) => (height(b) < height(a) ? b : a));
-    advance -= foot[next][0] - foot[k][0];
-  }
-  return {
-    standing,
-    heave: Math.max(...lowest) - Math.min(...lowest),
-    lift: Math.max(...highest.map((y, k) => y - lowest[k])),
-    advance,
-    stance: grounded.flat().filter(Boolean).length / (SAMPLES * toes.length),
-    grounded: grounded.slice(0, design.toes.length),
-    dead: deadPoint(design, turn),
-  };
-}
-
-/** Paths of all toes, leg by leg: at each sample [x, y]. */
-function pathsOf({ legs, toes }, turn) {
-  return legs.flatMap(([side, phase]) => {
-    const ahead = Math.round((phase / (2 * Math.PI)) * SAMPLES);
-    const fore = side === "fore";
-    const sample = (k) => ((fore ? k + ahead : 1.5 * SAMPLES - k - ahead) + 2 * SAMPLES) % SAMPLES;
-    return [...toes].map((toe) =>
-      turn.map((_, k) => {
-        const [x, y] = turn[sample(k)].at[toe];
-        return [fore ? x : -x, y];
-      }),
-    );
+export function measure(linkage) {
+  const { memory, leg, robot } = linkage.design;
+  load(linkage);
+  return memory.scratch(() => {
+    const [count, toes] = [robot.legs.length, leg.toes.length];
+    const places = memory.array("f8", count, SAMPLES, leg.joints, 2);
+    const [angles, out] = [memory.array("f8", count, SAMPLES), memory.array("f8", NUMBERS.length)];
+    memory.call("closure_put_legs", samples(memory), leg.legs, leg.closing, angles, places, out);
+    const [heights, grounded] = [memory.array("f8", SAMPLES), memory.array("i8", toes, SAMPLES)];
+    memory.call("closure_measure_level", places, leg.toes, NEAR, heights, grounded, out);
+    const numbers = Object.fromEntries(NUMBERS.map((name, i) => [name, out.view[i]]));
+    const dyad = memory.call("closure_nearest_dead_point", places.at(0), leg.dyads, out);
+    const [sine, k] = out.view;
+    const dead = { sine, joint: robot.linkage.dyads[dyad][0], psi: angleOf(k) };
+    const stands = Array.from({ length: toes }, (_, i) => Array.from(grounded.at(i).view, Boolean));
+    const { advance, height: standing } = walkOf(leg);
+    return { ...numbers, advance, standing, grounded: stands, dead };
   });
 }
 
-function deadPoint(design, turn) {
-  let nearest = { sine: Number.POSITIVE_INFINITY };
-  for (const [joint, start, end] of design.dyads)
-    turn.forEach(({ at }, k) => {
-      const [[a, b], [c, d]] = [sub(at[joint], at[start]), sub(at[joint], at[end])];
-      const sine = Math.abs(a * d - b * c) / (Math.hypot(a, b) * Math.hypot(c, d));
-      if (sine < nearest.sine) nearest = { sine, joint, psi: angleOf(k) };
-    });
-  return nearest;
+/** Whether a built part of a design is too small for the mass of its foot: none balances it. */
+export function isTooHeavy(linkage, body) {
+  const { design } = linkage;
+  load(linkage);
+  return Boolean(design.parts) && design.resizer.inertiaOf(body) < 0;
 }

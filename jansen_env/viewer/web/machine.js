@@ -3,16 +3,14 @@
 // The engine's kernels own the episode, on the same record as in Python (jansen_env/engine/episode.py).
 // What is here makes their arguments. Metres, radians, seconds, newtons.
 
-import { Closure } from "./closure.js";
-import { compileRobot, exactSum } from "./tables.js";
-import { polyline } from "./terrain.js";
+import { lineOf } from "./ground.js";
+import { compileRobot, Leg, padsOf, putMachine } from "./robot.js";
+import { sceneOf } from "./scene.js";
 
-const FLAT = [[-1, 0], [1, 0]]; // biome-ignore format: points
 const INFINITE = Number.POSITIVE_INFINITY;
 const [AIR, GRIP, SLIP] = [0, 1, 2]; // what a toe does
 const DELAYED = 2; // torques that are kept
 
-const slope = ([x, y], [u, v]) => (v - y) / (u - x);
 const numbered = (count, make) => Array.from({ length: count }, (_, i) => make(i));
 
 export class Machine {
@@ -29,13 +27,9 @@ export class Machine {
     const { layout } = engine;
     const tables = compileRobot(engine, robot);
     Object.assign(this, { layout, numbers: layout.numbers, memory, robot, tables });
-    this.line = polyline(terrain?.points ?? FLAT);
-    const slopes = this.line.slice(1).map((to, i) => slope(this.line[i], to));
-    this.steepest = slopes.reduce((a, b) => Math.max(a, Math.abs(b)), 0);
-    const sumOf = (name) => robot.legs.length * exactSum(robot.bodies.map((link) => link[name]));
-    Object.assign(this, { linksMass: sumOf("mass"), linksInertia: sumOf("inertia") });
-    this.closure = new Closure(memory, robot);
-    this.toes = robot.scene.toes.length;
+    [this.line, this.steepest] = lineOf(engine.work, terrain?.points ?? layout.flat);
+    this.leg = new Leg(memory, robot);
+    this.toes = robot.legs.length * this.leg.toes.length;
     this.pushes = [];
     this.makeDesigns();
     this.makeRecord();
@@ -53,15 +47,15 @@ export class Machine {
 
   /** The robot's tables and its ground: `Designs` of engine/records.py. */
   makeDesigns() {
-    const { memory, layout, toes, line, robot } = this;
+    const { memory, layout, toes, line, leg } = this;
     const { INTERVALS, ORDER, TIME_STEP: time_step, PLANES_PER_PAD } = this.numbers;
     const { body, pads, bearings, depths } = this.tables;
     const filled = (values, ...shape) => memory.filled("f8", values, ...shape);
-    this.pads = filled(pads, 1, robot.pads.length, INTERVALS, ORDER, 3);
-    const padCount = robot.layout.length;
+    this.pads = filled(pads, 1, leg.pads.shape[0], INTERVALS, ORDER, 3);
+    const [rows, sides] = padsOf(memory, leg);
+    const padCount = rows.length;
     this.padLayout = memory.array("PAD", 1, padCount);
-    for (const [k, [table, phase, mirror]] of robot.layout.entries())
-      this.padLayout.write({ table, phase, mirror }, k);
+    for (const [k, row] of rows.entries()) this.padLayout.write(row, k);
     this.surface = memory.rows("f8", line);
     const capacity = PLANES_PER_PAD * padCount;
     this.world = memory.array("WORLD", 1);
@@ -74,7 +68,7 @@ export class Machine {
       this.pads,
       this.padLayout,
       filled(bearings, 1, bearings.length),
-      memory.rows("i8", robot.sides),
+      memory.filled("i8", sides, sides.length / 2, 2),
       filled(depths, 1, depths.length),
       this.surface,
     ];
@@ -118,30 +112,23 @@ export class Machine {
 
   /** What the robot is without parameters: `MACHINE` of engine/records.py. */
   makeMachine() {
-    const { memory, tables } = this;
-    const [centre, pad] = [0, 1].map((k) => tables.farthest.map((pair) => pair[k]));
+    const { memory, tables, leg } = this;
+    const { advance, farthest } = tables;
     this.machine = memory.array("MACHINE", 1);
+    putMachine(memory, leg, this.machine);
+    this.machine.write({ advance, centre: farthest.slice(0, 2), pad: farthest.slice(2) });
+    const { links_mass, torque_limit, nominal } = this.machine.read();
+    Object.assign(this, { linksMass: links_mass, torqueLimit: torque_limit });
     this.machine.write({
-      links_mass: this.linksMass,
-      torque_limit: this.torqueLimit,
-      advance: tables.advance,
-      centre,
-      pad,
+      nominal: { ...nominal, gravity_y: -this.numbers.GRAVITY, steepest: this.steepest },
     });
-    this.writeNominal();
   }
 
-  writeNominal() {
-    const { params, payload } = this.robot;
-    const finite = Object.entries(params).map(([name, value]) => [name, withInfinity(value)]);
-    const nominal = {
-      ...Object.fromEntries(finite),
-      own_inertia: this.linksInertia,
-      load_inertia: payload.inertia,
-      gravity_y: -this.numbers.GRAVITY,
-      steepest: this.steepest,
-    };
-    this.machine.write({ nominal });
+  /** Let a payload be that of the robot. */
+  load(payload) {
+    this.robot = { ...this.robot, payload: { ...this.robot.payload, ...payload } };
+    const { nominal } = this.machine.read();
+    this.machine.write({ nominal: { ...nominal, load_inertia: this.robot.payload.inertia } });
   }
 
   /** Task and observation: `Episodes` and `Observing` of engine/episode.py. */
@@ -212,9 +199,7 @@ export class Machine {
     const { memory, parameters, rows, world, machine, robots } = this;
     Object.assign(parameters, changes);
     if ("payload" in changes) {
-      const payload = { mass: changes.payload, inertia: 0, position: [0, 0] };
-      this.robot = { ...this.robot, payload };
-      this.writeNominal();
+      this.load({ mass: changes.payload, inertia: 0, position: [0, 0] });
     }
     robots.write({ parameters });
     const { GRAVITY } = this.numbers;
@@ -360,17 +345,13 @@ export class Machine {
     this.record().set(record);
     this.out.bytes.set(out);
     Object.assign(this, kept, { parameters: { ...parameters } });
-    this.writeNominal();
+    this.load(this.robot.payload);
   }
 
   // Questions.
 
   get observation() {
     return this.out.view.slice();
-  }
-
-  get torqueLimit() {
-    return this.robot.motor.torque_limit;
   }
 
   get command() {
@@ -387,13 +368,9 @@ export class Machine {
 
   /** Where legs and toes are: what scene.js draws, as World.frame has it. */
   pose() {
-    const { layout, memory, closure, weight, force, slip } = this;
-    const [x, y, pitch, psi] = this.states.view;
-    const [[cos], [sin]] = memory.directions([pitch]);
-    const places = closure.legs([psi]);
-    const joints = places.map((u, i) =>
-      i % 2 === 0 ? cos * u - sin * places[i + 1] + x : sin * places[i - 1] + cos * u + y,
-    );
+    const { layout, leg, weight, force, slip } = this;
+    const [x, y, pitch] = this.states.view;
+    const joints = leg.pose(this.states.view);
     const toes = this.contactFrames().map(({ point, tangent: [u, v] }, toe) => {
       const [along, across] = force.view.slice(2 * toe, 2 * toe + 2);
       const held = across > this.numbers.TOUCHING * weight ? GRIP : AIR;
@@ -427,16 +404,9 @@ export class Machine {
 
   /** What stays the same while it walks: geometry.py, scene_of_robot. */
   get scene() {
-    const { robot, weight, line } = this;
-    const { mass, position } = robot.payload;
-    const payload = mass > 0 ? { mass, x: position[0], y: position[1] } : null;
-    return { ...robot.scene, weight, payload, terrain: line, speedUnit: "m/s" };
+    const { robot, weight, line, tables } = this;
+    return { ...sceneOf(robot, tables.extent), weight, terrain: line, speedUnit: "m/s" };
   }
-}
-
-/** A number or a list of them, in which null is infinite. */
-function withInfinity(value) {
-  return Array.isArray(value) ? value.map(withInfinity) : (value ?? INFINITE);
 }
 
 /** First and last vertex of a height line around two x: grounds.py, find_stretch. */

@@ -5,12 +5,11 @@
 // Levenberg and Marquardt's method (Nocedal and Wright, Numerical Optimization, 2006, section 10.3).
 
 import { uncut } from "./cutting.js";
-import { assemble, place } from "./linkage.js";
-import { generatorOf } from "./random.js";
+import { assemble, pathsOf } from "./linkage.js";
+import { Random } from "./random_numbers.js";
 
 export const POINTS = 64; // of a path
 const SPREAD = 0.45; // of the logarithm of random lengths; rad, of the frame's angle
-const STRIDE = 13; // of crank angles: most linkages that do not close are found out by a few
 const FITTED = 12; // linkages
 const ITERATIONS = 40;
 const ENOUGH = 1e-4; // by which share an iteration must be better, or the fit ends
@@ -47,26 +46,19 @@ function centred(path) {
  * another joint comes lower than the toe, which could not walk.
  */
 function toePath(design, lengths) {
-  const linkage = assemble(design, lengths);
-  if (linkage.fault) return null;
-  const turn = new Array(POINTS);
-  for (let n = 0; n < POINTS; n++) {
-    const k = (n * STRIDE) % POINTS;
-    const { at, open } = place(linkage, (2 * Math.PI * k) / POINTS);
-    if (open || !linkage.dyads.every((dyad) => opened(at, dyad))) return null;
-    turn[k] = at;
-  }
+  const places = pathsOf(assemble(design, lengths), POINTS, LEAST_SINE);
+  if (!places) return null;
   const { toes, joints } = design;
+  const pathOf = (joint) => {
+    const first = 2 * joints.indexOf(joint);
+    return Array.from({ length: POINTS }, (_, i) => {
+      const k = first + 2 * joints.length * i;
+      return [places[k], places[k + 1]];
+    });
+  };
+  const lowest = (joint) => Math.min(...pathOf(joint).map(([, y]) => y));
   const others = [...joints].filter((joint) => !toes.includes(joint));
-  const lowest = (all) => Math.min(...turn.flatMap((at) => all.map((joint) => at[joint][1])));
-  return lowest([toes[0]]) < lowest(others) ? turn.map((at) => at[toes[0]]) : null;
-}
-
-/** Whether the two links of a dyad are far enough from one line. */
-function opened(at, { joint, start, end, first, second }) {
-  const [a, b] = [at[joint][0] - at[start][0], at[joint][1] - at[start][1]];
-  const [c, d] = [at[joint][0] - at[end][0], at[joint][1] - at[end][1]];
-  return Math.abs(a * d - b * c) > LEAST_SINE * first * second;
+  return lowest(toes[0]) < Math.min(...others.map(lowest)) ? pathOf(toes[0]) : null;
 }
 
 /**
@@ -199,7 +191,7 @@ function solve(slopes, values, damping) {
 
 /** Legs of random lengths that can be cut, nearest first; yields the share of all work that is done. */
 function* randomLegs(designs, target, size, { tries, seed }) {
-  const rng = generatorOf(seed);
+  const rng = new Random(Object.values(designs)[0].memory, seed);
   const near = [];
   const names = Object.keys(designs);
   for (const [number, base] of names.entries())

@@ -46,6 +46,35 @@ export const THEMES = {
   },
 };
 
+/**
+ * What of a robot, the content of a robot file, is drawn, as geometry.py has it: see there. `reach`
+ * is the distance of its farthest joint from the crank axis, m.
+ */
+export function sceneOf({ linkage, legs, pad_radius: padRadius, payload: load }, reach) {
+  const joints = linkage.bodies.map(([, each]) => [...each].map((j) => linkage.joints.indexOf(j)));
+  const edges = joints.map((each) =>
+    each.length === 2 ? [each] : each.map((joint, k) => [joint, each[(k + 1) % each.length]]),
+  );
+  const phases = legs.map(({ phase }) => (phase + 2 * Math.PI) % (2 * Math.PI));
+  const layers = [...new Set(phases)].sort((a, b) => a - b); // 0, the first leg's, is the nearest
+  const toes = [...linkage.toes].map((toe) => linkage.joints.indexOf(toe));
+  const [x, y] = load.position;
+  return {
+    joints: linkage.joints,
+    frame: edges[0],
+    crank: edges[1],
+    skeleton: edges.slice(2).flat(),
+    plates: joints.slice(2).filter((each) => each.length > 2),
+    legs: phases.map((phase) => ({
+      depth: layers.indexOf(phase) / Math.max(1, layers.length - 1),
+    })),
+    toes: legs.flatMap((_, leg) => toes.map((joint) => [leg, joint])),
+    padRadius,
+    reach,
+    payload: load.mass > 0 ? { mass: load.mass, x, y } : null,
+  };
+}
+
 const texts = new Map(); // of colours that have been asked for, by their numbers
 
 /** A theme's colour as CSS. */

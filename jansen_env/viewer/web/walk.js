@@ -6,15 +6,16 @@
 import { copyLink, designOf, download, linkOf } from "./bench_design.js";
 import { pointsOf, textOf } from "./drawn_ground.js";
 import { loadEngine, numbersOf } from "./engine.js";
+import { groundOf } from "./ground.js";
 import { robotWithLengths } from "./lengths.js";
 import { LESSONS } from "./lessons.js";
 import { loadWeights } from "./networks.js";
 import { drawPlot } from "./plots.js";
 import { CLICK_PUSH, drawPush, impulseOf } from "./push.js";
+import { checkRobot } from "./robot.js";
 import { css, drawScene, followingView, heightAt, pixels, THEMES } from "./scene.js";
 import { explain } from "./terms.js";
-import { groundOf } from "./terrain.js";
-import { APART, HAND, STEP, shown, Walker } from "./walker.js";
+import { APART, HAND, shown, Walker } from "./walker.js";
 
 const LARGEST_PUSH = 10; // N s
 const LONGEST_GAP = 0.25; // s: after a longer pause of the browser time has stood still
@@ -27,7 +28,6 @@ const WINDOW = 10; // s, of the plots
 const REPLOT = 100; // ms between two pictures of a plot; one at a time
 const REWRITE = 200; // ms between two writings of numbers
 const DEAD_ZONE = 0.12; // of a gamepad's stick
-const LARGEST_SEED = 2 ** 32 - 1;
 const MESSAGE_TIME = 6000; // ms for which a message is shown
 const GOAL = { distance: 10, cost: 0.3 }; // m, at most; by hand
 const EMBEDDED = "?embedded"; // in the address of a frame of another page: pictures alone
@@ -65,6 +65,7 @@ const sum = (values) => [...values].reduce((total, value) => total + value, 0);
 const within = (value, low, high) => Math.min(Math.max(value, low), high);
 const plain = (name) => name.replaceAll("_", " ");
 const data = JSON.parse($("data").textContent);
+const STEP = data.layout.period; // s, of a control step
 const dark = matchMedia("(prefers-color-scheme: dark)");
 const pictures = $("pictures").children;
 
@@ -96,6 +97,7 @@ let stick = { value: 0, pressed: false }; // of the gamepad
 
 /** The robot of a choice: a name, or a name with lengths as in the bench's links. */
 function robotOf(text) {
+  if (Object.hasOwn(data.robots, text)) return data.robots[text];
   const { base, changes } = designOf(data.designs, text);
   if (Object.keys(changes).length === 0) return data.robots[base];
   return robotWithLengths(engine, data, base, { ...data.designs[base].lengths, ...changes });
@@ -152,10 +154,10 @@ function groundFor(choice) {
     if (!name.startsWith("robot") && ![...values, choice.ground && DRAWN].includes(choice[name]))
       throw new Error(`${name} is "${choice[name].slice(0, 40)}", which this page does not have.`);
   const seed = Number(choice.seed);
-  if (!Number.isInteger(seed) || seed < 0 || seed > LARGEST_SEED)
-    throw new Error(`seed is "${choice.seed.slice(0, 40)}", must be from 0 to ${LARGEST_SEED}.`);
-  if (choice.terrain === DRAWN) return pointsOf(choice.ground);
-  return groundOf(data.terrain, choice.terrain, Number(choice.level), seed);
+  if (!Number.isInteger(seed) || seed < 0 || seed > data.mostSeed)
+    throw new Error(`seed is "${choice.seed.slice(0, 40)}", must be from 0 to ${data.mostSeed}.`);
+  if (choice.terrain === DRAWN) return pointsOf(choice.ground, data.steepest);
+  return groundOf(engine, data.terrain, choice.terrain, Number(choice.level), seed);
 }
 
 /** Robot and controller of each walker of a choice. */
@@ -489,6 +491,7 @@ function showPanel() {
   $("input-label").textContent = byHand() ? "torque" : "speed command";
   $("pace").value = pace;
   $("bench").href = `bench.html#${chosen.robot}`;
+  $("bench").hidden = !Object.hasOwn(data.designs, chosen.robot.split("&")[0]);
   for (const button of document.querySelectorAll(".take"))
     button.textContent = byHand() ? "Let it walk" : "Take the crank";
   showInput();
@@ -621,7 +624,9 @@ function save() {
 function draft(on) {
   drawing = on;
   $("draft").setAttribute("aria-pressed", on);
-  if (on) say("Draw the ground ahead, from left to right.");
+  if (!on) return;
+  pictures[0].scrollIntoView({ block: "nearest" });
+  say("Draw the ground ahead, from left to right.");
 }
 
 /** Show a question, and what it is about; none for -1. */
@@ -637,13 +642,24 @@ async function teach(index) {
   run(true);
 }
 
+/** A name, as those of links, for the robot of a file; none that is there already. */
+function nameOfFile(file) {
+  const word = file.replace(/\.json$/, "").replaceAll(/[^\p{L}\p{N}-]+/gu, "_") || "robot";
+  let name = word;
+  for (let k = 2; Object.hasOwn(data.robots, name); k += 1) name = `${word}_${k}`;
+  return name;
+}
+
 /** Let a robot file that is dropped walk. */
 async function drop(file) {
   try {
-    const { format, design, lengths } = JSON.parse(await file.text());
-    if (format !== "jansen_env robot 1" || !design)
-      throw new Error("This is no file of a design and its lengths, as the bench saves them.");
-    choose({ robot: linkOf({ base: design, changes: lengths }) });
+    const content = JSON.parse(await file.text());
+    const { design, lengths } = content ?? {};
+    if (design) return await choose({ robot: linkOf({ base: design, changes: lengths }) });
+    checkRobot(engine.layout, content);
+    const name = nameOfFile(file.name);
+    data.robots[name] = { name, ...content };
+    await choose({ robot: name });
   } catch (error) {
     say(error.message);
   }
@@ -728,7 +744,7 @@ function listen(figure) {
   });
   canvas.addEventListener("pointerup", () => {
     if (stroke) {
-      const ground = textOf(stroke);
+      const ground = textOf(stroke, data.steepest);
       stroke = null;
       draft(false);
       say("");

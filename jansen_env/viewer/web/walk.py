@@ -2,16 +2,24 @@
 
 import hashlib
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 from jansen_env.files import write_text
+from jansen_env.robot import Robot
+from jansen_env.viewer.web.engine_data import RUNS, Json
 from jansen_env.viewer.web.page import page_of
-from jansen_env.viewer.web.walk_data import Json, walk_data
+from jansen_env.viewer.web.walk_data import walk_data
 
 LARGE = 200_000  # characters of a network's weights in base64, from which on it has its own file
 
 
-def write_walk(path: str | Path, start: str = "", apart: bool = False) -> Path:
+def write_walk(
+    path: str | Path,
+    start: str = "",
+    apart: bool = False,
+    robots: Mapping[str, Robot] | None = None,
+) -> Path:
     """Write the page as one HTML file, with engine, robots, policies and grounds in it.
 
     Args:
@@ -19,9 +27,10 @@ def write_walk(path: str | Path, start: str = "", apart: bool = False) -> Path:
         start: First choices, as they stand in the page's links.
         apart: Whether large networks stand in files beside the page, which loads a network when it
             is chosen. For a page on a server: it is then half as large.
+        robots: Robots of the page by name; None for the built-in designs.
     """
-    data = {**walk_data(), "start": start}
-    runs = "'wasm-unsafe-eval'"
+    data = {**walk_data(robots), "start": start}
+    runs = RUNS
     if apart:
         runs += " 'self'"
         for policy in data["policies"].values():

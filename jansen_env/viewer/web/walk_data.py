@@ -1,86 +1,77 @@
 """Data of the walking page: engine, kernels, records, robots and policies."""
 
-import base64
 import json
 import math
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from jansen_env import gravity
 from jansen_env.baselines.policy import PAPER_PID
-from jansen_env.dynamics import reduced
-from jansen_env.dynamics.pads import pad_sides
-from jansen_env.engine import collision, integrator, kernel, pushes, records, walk_reward
+from jansen_env.engine import integrator
 from jansen_env.parameters import TABLE, nominal
-from jansen_env.plants import base, batch, design_tables, grounds, robot_parameters
+from jansen_env.plants import batch, robot_parameters
 from jansen_env.policies import pretrained
-from jansen_env.robot import ROBOTS, Robot, buildable
-from jansen_env.robot.designs import is_of_built_parts
-from jansen_env.robot.kinematics import body_arrays, dyad_arrays
+from jansen_env.robot import ROBOTS, Leg, Robot, zoo
 from jansen_env.robot.robot_file import robot_to_json
-from jansen_env.robot.zoo import standing_height
 from jansen_env.tasks.walking import tuned, walker_env
 from jansen_env.tasks.walking.presets import ROUGH
 from jansen_env.terrain import Terrain
+from jansen_env.terrain.ground import STEEPEST
 from jansen_env.viewer.web.bench import design_of
-from jansen_env.viewer.web.geometry import scene_of_robot
+from jansen_env.viewer.web.engine_data import (
+    Json,
+    engine_layout,
+    engine_module,
+    packed,
+    values_of,
+)
 from jansen_env.viewer.web.terrain_data import terrain_data
-from jansen_env.world import push, world
+from jansen_env.world import push
 from jansen_env.world.observations import Noise
 
-Json = dict[str, Any]
-RECORDS = {
-    "ROBOT": records.ROBOT, "STATISTICS": records.CONTACT_STATISTICS, "PAD": records.PAD,
-    "WORLD": records.WORLD, "PLANE": records.PLANE, "MACHINE": records.MACHINE,
-    "WALK": walk_reward.ROW, "SETTINGS": walk_reward.SETTINGS, "PUSHES": pushes.PUSHES,
-}  # fmt: skip
-NUMBERS = {
-    reduced: "SAMPLES HARMONICS INTERVALS ORDER TAIL_TOLERANCE BEARING_SAMPLES",
-    design_tables: "PITCHES SPARSE BETWEEN",
-    collision: "SPECULATIVE_MARGIN LARGEST_MARGIN MARGIN WAY_OUT",
-    grounds: "FASTEST",
-    batch: "TIME_STEP PLANES_PER_PAD",
-    buildable: "DENSITY BAR_THICKNESS LOWER_ROD_THICKNESS PLATE_THICKNESS WIDTH FRAME_WIDTH "
-    "OUTLINE WINDOW PIN_SHARE AXIS_MASS FOOT_MASS",
-    base: "DEEPEST",
-    gravity: "GRAVITY",
-    push: "MOST_PUSHES",
-    walker_env: "FASTEST_COMMAND",
-    world: "TOUCHING SLIPPING",
-}
+MOST_TOES = 24
+"""Largest number of toes of a robot on the page."""
 ENVIRONMENTS = (
     "JansenWalkerBuilt-v0", "JansenWalker-v0", "JansenWalkerRough-v0", "JansenWalkerHardcore-v0",
 )  # fmt: skip
 SENSORS = "speeds", "angles", "deviation", "low", "high"  # of Observing
 CONTROLLERS = ("hand", "constant speed", "pid")  # those that are no policies
-SLIDER = ("name", "label", "unit", "low", "high")
-SLIDERS = (
-    ("friction", "friction", "", 0.0, 1.2), ("payload", "payload", "kg", 0.0, 6.0),
-    ("restitution", "restitution", "", 0.0, 0.9), ("tilt", "slope", "rad", -0.25, 0.25),
-    ("motor_strength", "motor strength", "", 0.1, 1.5),
-    ("gravity_scale", "gravity", "g", 0.1, 2.0), ("noise_level", "sensor noise", "", 0.0, 3.0),
-)  # fmt: skip
-"""Parameters that a user can change while a robot walks."""
+MOST_SEED = 2**32 - 1
 FEATURE = ("clip", "multiples")  # of a policy's features, where they have it
 
 
-def walk_data() -> Json:
-    """Return all that a page needs, for JSON: ``machine.js`` says what is what."""
-    designs = {name: make() for name, make in ROBOTS.items()}
+def check_page_robot(robot: Robot) -> Robot:
+    """Return a robot after checking that the page has observations for it.
+
+    Raises:
+        ValueError: If it has too many toes.
+    """
+    if len(robot.toes) > MOST_TOES:
+        raise ValueError(
+            f"a robot on the page must have at most {MOST_TOES} toes, got {len(robot.toes)}"
+        )
+    return robot
+
+
+def walk_data(robots: Mapping[str, Robot] | None = None) -> Json:
+    """Return all that a page needs, for JSON: ``machine.js`` says what is what.
+
+    Args:
+        robots: Robots of the page by name; None for the built-in designs.
+    """
+    paper = ROBOTS["paper"]()
+    designs = {name: make() for name, make in ROBOTS.items()} if robots is None else robots
     policies = dict(policy_data(env, name) for env in ENVIRONMENTS for name in page_policies(env))
     baselines = json.loads(tuned.DATA.read_text(encoding="utf-8"))
-    module = kernel.built_library("wasm").read_bytes()
     return {
-        "engine": _packed(np.frombuffer(module, np.uint8), "u1"),
+        "engine": engine_module(),
         "layout": {
             **engine_data(),
-            "tasks": {len(each.toes): task_data(each) for each in designs.values()},
+            "tasks": {toes: task_data(_of_toes(toes)) for toes in range(1, MOST_TOES + 1)},
         },
-        "robots": {name: robot_data(name, each) for name, each in designs.items()},
+        "robots": {name: {"name": name, **robot_to_json(each)} for name, each in designs.items()},
         "designs": {name: design_of(each) for name, each in designs.items()},
-        "built": [name for name, each in designs.items() if is_of_built_parts(each)],
         "policies": policies,
         "controllers": [*CONTROLLERS, *policies],
         "control": {
@@ -89,37 +80,28 @@ def walk_data() -> Json:
             "mostLag": tuned.MOST_LAG,
             "paper": {
                 "gains": [PAPER_PID.kp, PAPER_PID.ki, PAPER_PID.kd],
-                "mass": designs["paper"].links_mass,
-                "height": standing_height(designs["paper"]),
+                "mass": paper.links_mass,
+                "height": zoo.standing_height(paper),
             },
             "baselines": {
                 name: {**of_design["pid"], "steady": of_design["steady"]["gains"]}
                 for name, of_design in baselines.items()
             },
         },
-        "sliders": [dict(zip(SLIDER, values, strict=True)) for values in SLIDERS],
+        "sliders": [
+            {
+                "name": row.name,
+                "label": row.label or row.name.replace("_", " "),
+                "unit": "" if row.unit == "1" else row.unit,
+                "low": row.slider[0],
+                "high": row.slider[1],
+            }
+            for row in TABLE
+            if row.slider is not None
+        ],
+        "mostSeed": MOST_SEED,
+        "steepest": STEEPEST,
         "terrain": terrain_data(),
-    }
-
-
-def robot_data(name: str, robot: Robot) -> Json:
-    """Return a robot file's content, and what of the robot does not depend on its lengths.
-
-    None stands for infinity.
-    """
-    row, leg = robot_parameters.kernel_row(robot)[0], reduced.leg_data(robot)
-    (members, *_), (dyads, _) = body_arrays(robot), dyad_arrays(robot)
-    return {
-        "name": name,
-        **robot_to_json(robot),
-        "closing": {"members": members.tolist(), "dyads": dyads.tolist()},
-        "leg": {name: values.tolist() for name, values in leg.items() if name != "links"},
-        "work": reduced.work_shapes(leg),
-        "pads": robot.linkage.all_pads,
-        "layout": design_tables.kernel_model(reduced.compile_robot(robot)).layout[0].tolist(),
-        "sides": pad_sides(robot).tolist(),
-        "params": {field: _finite(row[field].tolist()) for field in row.dtype.names},
-        "scene": scene_of_robot(robot, 0.0),
     }
 
 
@@ -155,10 +137,10 @@ def policy_data(env_id: str, name: str) -> tuple[str, Json]:
             {name: getattr(part, name) for name in FEATURE if hasattr(part, name)}
             for part in policy.features
         ],
-        "mean": _packed(mean, "<f8"),
-        "deviation": _packed(deviation, "<f8"),
+        "mean": packed(mean, "<f8"),
+        "deviation": packed(deviation, "<f8"),
         "layers": policy.network.layers.tolist(),
-        "weights": _packed(policy.network.weights, "<f4"),
+        "weights": packed(policy.network.weights, "<f4"),
         "limit": policy.limit if math.isfinite(policy.limit) else None,
         "squash": pretrained.SQUASH[policy.squash],
     }
@@ -171,25 +153,25 @@ def engine_data() -> Json:
     )
     task, ground, steps = env.task, Terrain.flat(), env.task.world.steps
     return {
-        "kernels": {each.symbol: _arguments(each) for each in kernel.kernels},
-        "records": {name: _layout(dtype) for name, dtype in RECORDS.items()},
-        "numbers": {n: getattr(part, n) for part, names in NUMBERS.items() for n in names.split()},
-        "expansion": _packed(reduced._expansion(), "<f8"),
-        "limits": {
-            p.name: [p.least, p.most]
-            for p in TABLE
-            if p.settable and (p.of_robot or p.name == "noise_level")
-        },
+        **engine_layout(),
+        "flat": ground.points,
+        "limits": {row.name: [row.least, row.most] for row in TABLE if row.slider is not None},
         "ground": {name: getattr(ground, name) for name in robot_parameters.ON_TERRAINS},
-        "nominal": _values(nominal(env.robot, ground)),
+        "nominal": values_of(nominal(env.robot, ground)),
         "period": env.control_dt,
         "steps": steps,
         "stride": max(1, round(batch.DETECTION_INTERVAL / batch.TIME_STEP)),
         "workSpace": _work_space(steps),
-        "push": _values(task.world._push[0]),
-        "settings": _values(task.world.weights[0]),
+        "push": values_of(task.world._push[0]),
+        "settings": values_of(task.world.weights[0]),
         "scan": task.world.scan.tolist(),
     }
+
+
+def _of_toes(count: int) -> Robot:
+    """Return a robot with so many toes."""
+    robot = ROBOTS["paper"]()
+    return replace(robot, legs=(Leg("fore"),) * count)
 
 
 def task_data(robot: Robot) -> Json:
@@ -219,37 +201,3 @@ def _work_space(steps: int) -> list[Json]:
         kind = "PLANE" if least.dtype.names else least.dtype.str[1:]
         told.append({"type": kind, "shape": shape})
     return told
-
-
-def _packed(values: ArrayLike, dtype: str) -> str:
-    """Return numbers as base64."""
-    return base64.b64encode(np.ascontiguousarray(values, dtype).tobytes()).decode()
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, list):
-        return [*map(_finite, value)]
-    return value if math.isfinite(value) else None
-
-
-def _values(row: np.void) -> Json:
-    return dict(zip(row.dtype.names or (), row.item(), strict=True))
-
-
-def _arguments(made: kernel.Kernel) -> list[tuple[str, str, int, bool]]:
-    """Return name, type and number of axes of each argument, and whether its rows lie apart."""
-    named: dict[Any, str] = {dtype: name for name, dtype in RECORDS.items()}
-    return [
-        (p.name, named.get(p.dtype) or p.dtype.str[1:], p.ndim, p.apart) for p in made.parameters
-    ]
-
-
-def _layout(dtype: np.dtype[Any]) -> Json:
-    """Return the size of a record, and offset, type and length of each field."""
-    fields = {name: _field(*place[:2]) for name, place in (dtype.fields or {}).items()}
-    return {"size": dtype.itemsize, "fields": fields}
-
-
-def _field(dtype: np.dtype[Any], offset: int) -> tuple[int, str | Json, int]:
-    kind, shape = dtype.subdtype or (dtype, ())
-    return offset, _layout(kind) if kind.names else kind.str[1:], math.prod(shape)

@@ -1,19 +1,18 @@
 // A machine that walks on the page: what turns its crank, its score, and its last minute.
 
-import { TURN } from "./closure.js";
 import { controllerNamed } from "./controllers.js";
 import { Machine } from "./machine.js";
-import { generatorOf } from "./random.js";
+import { Random } from "./random_numbers.js";
+import { TURN } from "./robot.js";
 
 export const HAND = "hand"; // of data.controllers: the torque is the user's
-export const STEP = 0.02; // s, of a control step
 export const APART = 25; // steps between two places to which time can go back
 const KEPT = 3000; // steps of the past: 60 s
 const MIN_DISTANCE = 1e-3; // m, below which a ratio per metre is not formed
 const PLOTTED = [
   ({ crank_torque }) => crank_torque, // N m
-  ({ slip }) => slip.reduce((total, path) => total + path, 0) / STEP, // m/s, of all toes
-  ({ energy }) => energy.motor_work / STEP, // W
+  ({ slip }, step) => slip.reduce((total, path) => total + path, 0) / step, // m/s, of all toes
+  ({ energy }, step) => energy.motor_work / step, // W
   ({ contact_force }) =>
     contact_force.reduce((most, force, i) => (i % 2 ? Math.max(most, force) : most), 0), // N, of a toe
 ];
@@ -65,7 +64,7 @@ export class Walker {
 
   /** Stand at rest with settings of `Machine.change`, as an environment that is reset with a seed. */
   start(seed, settings, command) {
-    const rng = generatorOf(seed);
+    const rng = new Random(this.machine.memory, seed);
     const crankAngle = rng.uniform(0, TURN);
     for (const _ of ["command", "crank speed"]) rng.random(); // which are given here
     this.machine.change(settings);
@@ -126,7 +125,8 @@ export class Walker {
   keep(count) {
     const { machine, controller, control, sums, fallen } = this;
     const { info } = machine;
-    const place = { count, pose: machine.pose(), info, numbers: PLOTTED.map((of) => of(info)) };
+    const numbers = PLOTTED.map((of) => of(info, machine.layout.period));
+    const place = { count, pose: machine.pose(), info, numbers };
     if (count % APART === 0) {
       const memory = structuredClone(controller.memory ?? null);
       place.snapshot = { state: machine.snapshot(), control, memory, sums, fallen };

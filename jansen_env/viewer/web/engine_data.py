@@ -1,0 +1,124 @@
+"""Data with which pages call the engine: its module, kernels, records and numbers."""
+
+import base64
+import math
+from dataclasses import MISSING, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jansen_env import gravity
+from jansen_env.dynamics import reduced
+from jansen_env.engine import (
+    collision,
+    kernel,
+    link_shapes,
+    machines,
+    pcg64,
+    pushes,
+    records,
+    reduction,
+    walk_reward,
+)
+from jansen_env.plants import base, batch, design_tables, grounds
+from jansen_env.robot import Bar, Compliance, Payload, Plate, Triangle, buildable, kinematics, zoo
+from jansen_env.robot.motor import Motor
+from jansen_env.tasks.walking import walker_env
+from jansen_env.world import push, world
+
+Json = dict[str, Any]
+RUNS = "'wasm-unsafe-eval'"
+"""What the content security policy of a page with the engine allows beside its script."""
+RECORDS = {
+    "ROBOT": records.ROBOT, "STATISTICS": records.CONTACT_STATISTICS, "PAD": records.PAD,
+    "WORLD": records.WORLD, "PLANE": records.PLANE, "MACHINE": records.MACHINE,
+    "LINK": link_shapes.LINK, "BUILD": link_shapes.BUILD, "CHASSIS": machines.CHASSIS,
+    "WALK": walk_reward.ROW, "SETTINGS": walk_reward.SETTINGS, "PUSHES": pushes.PUSHES,
+}  # fmt: skip
+NUMBERS = {
+    reduction: "SAMPLES HARMONICS INTERVALS ORDER BEARING_SAMPLES BODY_SUMS PAD_FUNCTIONS",
+    reduced: "TAIL_TOLERANCE WORK_ARRAYS",
+    kinematics: "TURN_SAMPLES",
+    zoo: "HEIGHT_SAMPLES",
+    design_tables: "PITCHES",
+    collision: "SPECULATIVE_MARGIN LARGEST_MARGIN MARGIN WAY_OUT",
+    grounds: "FASTEST",
+    batch: "TIME_STEP PLANES_PER_PAD",
+    base: "DEEPEST",
+    gravity: "GRAVITY",
+    push: "MOST_PUSHES",
+    walker_env: "FASTEST_COMMAND",
+    world: "TOUCHING SLIPPING",
+}
+OF_PAGES = (pcg64,)
+"""Modules of the engine that pages alone call: their kernels are there once they are imported."""
+PARTS = (Bar, Triangle, Plate, Payload, Motor, Compliance)
+"""Parts of robot files whose numbers kernels read under their names."""
+
+
+def engine_of_page() -> Json:
+    """Return the module and the layout with which a page loads the engine."""
+    return {"engine": engine_module(), "layout": engine_layout()}
+
+
+def engine_module() -> str:
+    """Return the engine's module in base64."""
+    module = kernel.built_library("wasm").read_bytes()
+    return packed(np.frombuffer(module, np.uint8), "u1")
+
+
+def engine_layout() -> Json:
+    """Return arguments of the kernels, layouts of records, and numbers that pages need."""
+    return {
+        "kernels": {each.symbol: _arguments(each) for each in kernel.kernels},
+        "records": {name: _layout(dtype) for name, dtype in RECORDS.items()},
+        "numbers": {n: getattr(part, n) for part, names in NUMBERS.items() for n in names.split()},
+        "expansion": packed(reduced._expansion(), "<f8"),
+        "links": link_shapes.KINDS,
+        "jointsOf": {"Bar": 2, "Triangle": 3},
+        "parts": {kind.__name__: _defaults(kind) for kind in PARTS},
+        "build": values_of(buildable.build_row()[0]),
+    }
+
+
+def _defaults(kind: type) -> Json:
+    """Return the numbers of a part of a robot file that may be left out; None is infinite."""
+    return {
+        field.name: 0.0 if field.default is MISSING else _finite(field.default)
+        for field in fields(kind)
+        if field.name != "points"
+    }
+
+
+def packed(values: ArrayLike, dtype: str) -> str:
+    """Return numbers as base64."""
+    return base64.b64encode(np.ascontiguousarray(values, dtype).tobytes()).decode()
+
+
+def _finite(value: Any) -> Any:
+    """Return a value, None for infinity."""
+    return None if value is None or value == math.inf else value
+
+
+def values_of(row: np.void) -> Json:
+    return dict(zip(row.dtype.names or (), row.item(), strict=True))
+
+
+def _arguments(made: kernel.Kernel) -> list[tuple[str, str, int, bool]]:
+    """Return name, type and number of axes of each argument, and whether its rows lie apart."""
+    named: dict[Any, str] = {dtype: name for name, dtype in RECORDS.items()}
+    return [
+        (p.name, named.get(p.dtype) or p.dtype.str[1:], p.ndim, p.apart) for p in made.parameters
+    ]
+
+
+def _layout(dtype: np.dtype[Any]) -> Json:
+    """Return the size of a record, and offset, type and length of each field."""
+    fields = {name: _field(*place[:2]) for name, place in (dtype.fields or {}).items()}
+    return {"size": dtype.itemsize, "fields": fields}
+
+
+def _field(dtype: np.dtype[Any], offset: int) -> tuple[int, str | Json, int]:
+    kind, shape = dtype.subdtype or (dtype, ())
+    return offset, _layout(kind) if kind.names else kind.str[1:], math.prod(shape)

@@ -1,0 +1,35 @@
+// Grounds drawn by name, level and seed, by the kernels of jansen_env/engine/ground_lines.py.
+//
+// `data` is what terrain_data.py writes.
+
+import { Random } from "./random_numbers.js";
+
+/** The points [x, y], m, of a ground: `name` is of data.kinds, "mixed", or "flat" without levels. */
+export function groundOf({ work }, data, name, level, seed) {
+  if (name === "flat") return data.flat;
+  return work.scratch(() => {
+    const rng = new Random(work, seed);
+    const { kinds, mixture, reach } = data;
+    const kind = name === "mixed" ? mixture[Number(rng.integer(mixture.length))] : name;
+    const number = kinds.indexOf(kind);
+    const values = work.filled("f8", data.levels[kind][level]);
+    const fixed = work.array("b1", values.length);
+    const call = (symbol, ...given) => work.call(`ground_lines_${symbol}`, number, ...given);
+    call("choose_direction", rng.random(), fixed, values);
+    const start = call("draw_start", call("has_start") ? rng.random() : 0);
+    const place = [values, start, reach];
+    const draws = rng.uniforms(call("count_draws", ...place));
+    const points = work.array("f8", call("count_points", ...place), 2);
+    call("put_ground", ...place, draws, points);
+    return points.pairs();
+  });
+}
+
+/** Points with both ends extended, what the engine's ground consists of, and the steepest slope. */
+export function lineOf(memory, points) {
+  return memory.scratch(() => {
+    const line = memory.array("f8", points.length, 2);
+    const steepest = memory.call("ground_lines_put_line", memory.rows("f8", points), line);
+    return [line.pairs(), steepest];
+  });
+}

@@ -1,0 +1,36 @@
+// Random numbers of `numpy.random.default_rng(seed)`, by the kernels of jansen_env/engine/pcg64.py.
+
+const WORDS = 6; // of a generator
+
+/** The generator of a seed, a whole number from 0 to 2^63 - 1, in a memory of the engine. */
+export class Random {
+  constructor(memory, seed) {
+    Object.assign(this, { memory, state: memory.array("u8", WORDS) });
+    memory.call("pcg64_seed_generator", seed, this.state);
+  }
+
+  /** An array of numbers from 0 to 1, without 1. */
+  uniforms(count) {
+    const out = this.memory.array("f8", count);
+    this.memory.call("pcg64_put_uniforms", this.state, out);
+    return out;
+  }
+
+  /** A number from 0 to 1, without 1. */
+  random() {
+    return this.memory.scratch(() => this.uniforms(1).view[0]);
+  }
+
+  uniform(from, to) {
+    return from + (to - from) * this.random();
+  }
+
+  /** A whole number from 0 to `count`, without `count`; both may be BigInt, which it returns. */
+  integer(count) {
+    return this.memory.scratch(() => {
+      const out = this.memory.array("i8", 1);
+      this.memory.call("pcg64_put_integers", this.state, BigInt(count) - 1n, out);
+      return out.view[0];
+    });
+  }
+}

@@ -1,0 +1,329 @@
+// A robot file as the engine's kernels read it: its leg, closed and compiled to periodic tables.
+//
+// The arrays are those of jansen_env/robot/robot_arrays.py, and all that is computed the engine
+// computes. A robot is the content of a robot file: jansen_env/robot/robot_file.py.
+
+import { numbersOf } from "./engine.js";
+
+export const TURN = 2 * Math.PI;
+const FORMAT = "jansen_env robot 1";
+const FIELDS = [
+  "linkage",
+  "bodies",
+  "legs",
+  "damping",
+  "bearing_friction",
+  "payload",
+  "motor",
+  "pad_compliance",
+];
+const FILLED = ["bodies", "dyads", "toes", "joints", "damped", "bearings", "pads"]; // of a linkage
+const REACH = 2; // lengths of |c| and |c'|, and of |p| and |p'|
+const OPEN = 3; // numbers of what does not close: angle, span, leg
+
+/** A part of a robot file with all its numbers: those that are left out have their defaults. */
+function whole({ parts }, { is, ...given }) {
+  const defaults = Object.entries(parts[is]).map(([name, value]) => [name, value ?? Infinity]);
+  return { ...Object.fromEntries(defaults), ...given };
+}
+
+/** Throw where the content of a file is no robot that this page can compile. */
+export function checkRobot(layout, robot) {
+  for (const wrong of faultsOf(layout, robot))
+    if (wrong) throw new Error(`This is no robot file that can walk here: ${wrong}.`);
+}
+
+/** What is wrong with the content of a file, or false, one thing after the other. */
+function* faultsOf(layout, robot) {
+  yield robot?.format !== FORMAT && `its format is not "${FORMAT}"`;
+  yield robot.is !== "Robot" && `it is of a ${robot.is}`;
+  const missing = FIELDS.find((name) => !robot[name]);
+  yield missing && `it has no "${missing}"; write it with write_robot`;
+  const {
+    linkage,
+    bodies,
+    legs,
+    damping,
+    bearing_friction: friction,
+    pad_compliance: pads,
+  } = robot;
+  const lost = FILLED.find((name) => !linkage[name]);
+  yield lost && `its linkage has no "${lost}"; write it with write_robot`;
+  const half = "stiffness" in pads !== "tangential_stiffness" in pads;
+  yield half && "its pads have one stiffness of two; write it with write_robot";
+  yield* faultsOfLinkage(layout, linkage, bodies);
+  const pairs = [damping.length, friction.length];
+  const isOf = pairs[0] === linkage.damped.length && pairs[1] === linkage.bearings.length;
+  yield !isOf && "damping or friction is not of its linkage";
+  const toes = legs.length * linkage.toes.length;
+  yield !(toes in layout.tasks) && `it has ${toes} toes`;
+}
+
+function* faultsOfLinkage({ jointsOf }, linkage, bodies) {
+  const { joints, dyads } = linkage;
+  const letters = linkage.bodies.map(([, each]) => each);
+  yield bodies.length !== letters.length && "it has not a link for each body of its linkage";
+  const misfit = letters.findIndex((each, k) => {
+    return each.length !== (jointsOf[bodies[k].is] ?? bodies[k].points?.length);
+  });
+  yield misfit >= 0 && `"${linkage.bodies[misfit][0]}" is no link of ${letters[misfit]}`;
+  const named = [
+    letters,
+    [linkage.toes],
+    dyads.map((row) => row.slice(0, 3)),
+    linkage.pads.map(([joint]) => joint),
+  ];
+  const isJoint = (letter) => joints.includes(letter);
+  const all = named.flat().flatMap((each) => [...each]);
+  yield !all.every(isJoint) && "a joint is not of its linkage";
+  const numbers = [...linkage.damped, ...linkage.bearings, ...linkage.pads.map(([, k]) => [k])];
+  const isBody = (number) => Number.isInteger(number) && number >= 1 && number <= bodies.length;
+  yield !numbers.flat().every(isBody) && "a body is not of its linkage";
+  const known = new Set([...letters[0], ...letters[1]]);
+  for (const [joint, start, end] of dyads) {
+    const between = (a) => letters.find((each) => each.includes(a) && each.includes(joint));
+    const found = [start, end].every((each) => known.has(each) && between(each));
+    yield !found && `its dyads do not find joint ${joint}`;
+    for (const letter of between(start) + between(end)) known.add(letter);
+  }
+  yield known.size !== joints.length && "its dyads do not find all joints";
+}
+
+/** Links of a leg in a memory: [links, points, members]. */
+export function linksOf(memory, { linkage, bodies }) {
+  const { layout } = memory;
+  const joints = linkage.bodies.map(([, letters]) => letters);
+  const most = Math.max(...joints.map((letters) => letters.length));
+  const links = memory.array("LINK", bodies.length);
+  const points = memory.array("f8", bodies.length, most, 2);
+  for (const [k, link] of bodies.entries()) {
+    const { points: places = [], ...numbers } = whole(layout, link);
+    links.write({ kind: layout.links.indexOf(link.is), ...numbers }, k);
+    points.at(k).view.set(places.flat());
+  }
+  const members = joints.map((letters) =>
+    Array.from({ length: most }, (_, i) => linkage.joints.indexOf(letters[i])),
+  );
+  return [links, points, memory.rows("i8", members)];
+}
+
+/** A link of a robot file, from the kernels' row of it. */
+export function linkOf(links, points, k, { is, points: places }) {
+  const row = links.read(k);
+  const names = Object.keys(links.memory.layout.parts[is]);
+  const numbers = Object.fromEntries(names.map((name) => [name, row[name]]));
+  if ("outward" in numbers) numbers.outward = row.outward === 1;
+  if (!places) return { is, ...numbers };
+  const { view } = points.at(k);
+  return { is, points: places.map((_, i) => [...view.slice(2 * i, 2 * i + 2)]), ...numbers };
+}
+
+/** A robot's leg, to be closed in some memory of the engine. */
+export class Leg {
+  constructor(memory, robot) {
+    const { linkage, frame_angle: frameAngle } = robot;
+    const indexOf = (joint) => linkage.joints.indexOf(joint);
+    const rows = linkage.dyads.map(([joint, start, end, branch]) =>
+      [joint, start, end].map(indexOf).concat(branch, 0, 0),
+    );
+    const [links, points, members] = linksOf(memory, robot);
+    const dyads = memory.rows("i8", rows);
+    const corners = memory.array("f8", ...points.shape);
+    const bars = memory.array("b1", links.shape[0]);
+    const spans = memory.array("f8", rows.length, 2);
+    memory.call("link_shapes_assemble", links, points, members, dyads, corners, bars, spans);
+    const sides = robot.legs.map(({ side, phase }) => [side === "fore" ? 1 : -1, phase]);
+    Object.assign(this, { memory, robot, links, points, members, corners, bars, dyads, spans });
+    this.closing = [frameAngle, members, corners, dyads, spans];
+    this.legs = memory.rows("f8", sides);
+    const others = linkage.pads.map(([joint, body]) => [indexOf(joint), body - 1]);
+    const bodyOf = (toe) => linkage.bodies.findLastIndex(([, joints]) => joints.includes(toe));
+    this.pads = memory.rows("i8", [
+      ...[...linkage.toes].map((toe) => [indexOf(toe), bodyOf(toe)]),
+      ...others,
+    ]);
+    this.toes = memory.filled("i8", [...linkage.toes].map(indexOf));
+    this.joints = linkage.joints.length;
+  }
+
+  /** Throw, where a dyad does not close at a crank angle, rad. */
+  check(dyad, angle, span) {
+    if (dyad < 0) return;
+    const { joints, bodies } = this.robot.linkage;
+    const row = this.dyads.at(dyad).view;
+    const spans = this.spans.at(dyad).view;
+    const [first, second] = [0, 1].map(
+      (end) => `${bodies[Number(row[4 + end])][0]} of ${spans[end].toFixed(5)} m`,
+    );
+    throw new Error(
+      `joint ${joints[Number(row[0])]} does not close at crank angle ${angle.toFixed(4)} rad: ` +
+        `${first} and ${second} cannot span ${span.toFixed(5)} m`,
+    );
+  }
+
+  /** Crank angles evenly over a turn, rad; with its end, if that is asked for. */
+  turn(samples) {
+    const angles = this.memory.array("f8", samples);
+    this.memory.call("closure_put_turn_angles", 0, angles);
+    return angles;
+  }
+
+  /** Joints of a fore leg at crank angles (n,): (n, joints, 2). */
+  place(psi) {
+    const { memory } = this;
+    const [places, fault] = [
+      memory.array("f8", psi.length, this.joints, 2),
+      memory.array("f8", OPEN),
+    ];
+    const dyad = memory.call("closure_put_joints", psi, this.closing, places, fault);
+    const [k, span] = fault.view;
+    this.check(dyad, psi.view[k], span);
+    return places;
+  }
+
+  /** Joints of all legs at crank angles (n,): (legs, n, joints, 2). */
+  placeLegs(psi) {
+    const { memory, legs } = this;
+    const [count] = legs.shape;
+    const angles = memory.array("f8", count, psi.length);
+    const places = memory.array("f8", count, psi.length, this.joints, 2);
+    const fault = memory.array("f8", OPEN);
+    const dyad = memory.call("closure_put_legs", psi, legs, this.closing, angles, places, fault);
+    const [k, span, leg] = fault.view;
+    this.check(dyad, angles.view[leg * psi.length + k], span);
+    return places;
+  }
+
+  /** Joints of all legs in a pose, x, y, m, pitch and crank angle, rad: numbers in this order. */
+  pose([x, y, pitch, psi]) {
+    const { memory } = this;
+    return memory.scratch(() => {
+      const places = this.placeLegs(memory.filled("f8", [psi]));
+      memory.call("closure_turn_legs", memory.filled("f8", [x, y, pitch]), places);
+      return places.view.slice();
+    });
+  }
+}
+
+/** Tables and reach of a robot: what the kernels have of it. Throws if it cannot turn or stand. */
+export function compileRobot({ work }, robot) {
+  return work.scratch(() => compileIn(work, new Leg(work, robot)));
+}
+
+function compileIn(memory, leg) {
+  const { layout } = memory;
+  const { SAMPLES, HARMONICS, INTERVALS, ORDER, BEARING_SAMPLES, TAIL_TOLERANCE } = layout.numbers;
+  const { linkage, damping, bearing_friction: friction } = leg.robot;
+  const turn = (count) => {
+    const out = memory.array("f8", 2, count);
+    memory.call("reduction_put_turn", out);
+    return out;
+  };
+  const psi = leg.turn(SAMPLES);
+  const places = leg.place(psi);
+  const x = memory.array("f8", SAMPLES, leg.links.length, 3);
+  memory.call("closure_put_coordinates", psi, 1, leg.members, leg.corners, leg.bars, places, x);
+  const pairs = (rows) =>
+    memory.filled(
+      "i8",
+      rows.flat().map((number) => number - 1),
+      rows.length,
+      2,
+    );
+  const ofLeg = [
+    leg.links, pairs(linkage.damped), memory.filled("f8", damping), pairs(linkage.bearings),
+    memory.filled("f8", friction), leg.legs, leg.pads,
+  ]; // biome-ignore format: in the kernel's order
+  const halves = turn(2 * INTERVALS).view.slice(); // of half an interval
+  const ways = [0, 2 * INTERVALS].map((start) => [...halves.slice(start, start + HARMONICS)]);
+  const expansion = numbersOf(layout.expansion, Float64Array);
+  const constants = [
+    memory.filled("f8", expansion, ORDER, HARMONICS), turn(SAMPLES), turn(INTERVALS),
+    memory.rows("f8", ways), turn(BEARING_SAMPLES),
+  ]; // biome-ignore format: likewise
+  const pads = leg.pads.shape[0];
+  const body = memory.array("f8", 1, INTERVALS, ORDER, layout.numbers.BODY_SUMS);
+  const tables = memory.array("f8", pads, INTERVALS, ORDER, layout.numbers.PAD_FUNCTIONS);
+  const bearings = memory.array("f8", BEARING_SAMPLES);
+  const out = [body, tables, bearings];
+  const work = workSpace(memory, leg.links.length, pads, friction.length);
+  const tail = memory.call("reduction_compile_tables", psi, x, places, ofLeg, constants, work, out);
+  if (!(tail <= TAIL_TOLERANCE))
+    throw new Error("its linkage passes too near a dead point: two links that meet are in line");
+  const walk = walkOf(leg);
+  if (!walk.stands)
+    throw new Error(
+      "robot cannot stand: its lowest toe must lie below the crank axis over the whole turn; " +
+        "the usual cause is a dyad assembled on its other side",
+    );
+  const numbers = out.map((table) => table.view.slice());
+  const reach = reachOf(memory, leg, body.at(0), tables);
+  return { body: numbers[0], pads: numbers[1], bearings: numbers[2], ...walk, ...reach };
+}
+
+function workSpace(memory, ...counts) {
+  const shapes = memory.array("i8", memory.layout.numbers.WORK_ARRAYS, 3);
+  memory.call("reduction_put_work_shapes", ...counts, shapes);
+  const rows = Array.from({ length: shapes.length / 3 }, (_, k) => [...shapes.at(k).view]);
+  return rows.map((row) => memory.array("f8", ...row.map(Number).filter(Boolean)));
+}
+
+/** How far pads and centre of mass get. */
+function reachOf(memory, leg, body, tables) {
+  const { PITCHES } = memory.layout.numbers;
+  const farthest = memory.array("f8", REACH, REACH);
+  const depths = memory.array("f8", PITCHES + 1);
+  const fore = memory.array("f8", PITCHES);
+  const toes = leg.toes.length;
+  const ofRobot = [body, tables, toes, leg.legs];
+  const extent = memory.call("reaches_measure_reach", ofRobot, farthest, depths, fore);
+  return { extent, farthest: [...farthest.view], depths: depths.view.slice() };
+}
+
+/** Advance per turn, m, mean height of the crank axis, m, and whether it can stand. */
+export function walkOf(leg) {
+  const { memory, toes } = leg;
+  const { TURN_SAMPLES, HEIGHT_SAMPLES } = memory.layout.numbers;
+  return memory.scratch(() => {
+    const heights = memory.array("f8", HEIGHT_SAMPLES);
+    const places = leg.placeLegs(leg.turn(HEIGHT_SAMPLES));
+    memory.call("closure_put_lowest_toes", places, toes, heights);
+    const height = -memory.call("closure_mean", heights);
+    const stands = heights.view.every((lowest) => lowest < 0);
+    const psi = memory.array("f8", TURN_SAMPLES + 1);
+    memory.call("closure_put_angles_to_end", TURN, psi);
+    const ways = memory.array("f8", TURN_SAMPLES);
+    const advance = memory.call("closure_advance_over_turn", leg.placeLegs(psi), toes, ways);
+    return { advance, height, stands };
+  });
+}
+
+/** Pads and sides of links of a robot: [layout, sides]. */
+export function padsOf(memory, { legs, pads, toes, members }) {
+  const most = legs.shape[0] * pads.shape[0];
+  return memory.scratch(() => {
+    const layout = memory.array("PAD", most);
+    const legOf = memory.array("i8", most);
+    const count = memory.call("foot_pads_put_layout", legs, pads, toes.length, layout, legOf);
+    const rows = Array.from({ length: count }, (_, k) => layout.read(k));
+    const sides = memory.array("i8", legs.shape[0] * members.length, 2);
+    const [used, usedLegs] = [layout.first(count), legOf.first(count)];
+    const found = memory.call("foot_pads_put_sides", legs, members, pads, used, usedLegs, sides);
+    return [rows, [...sides.view.slice(0, 2 * found)].map(Number)];
+  });
+}
+
+/** Put what a robot is without parameters into a row of MACHINE. */
+export function putMachine(memory, leg, machine) {
+  const { layout } = memory;
+  const { frame_angle, pad_radius, payload, motor, pad_compliance, legs } = leg.robot;
+  memory.scratch(() => {
+    const chassis = memory.array("CHASSIS", 1);
+    const parts = { payload, motor, pad_compliance };
+    const given = Object.entries(parts).map(([name, part]) => [name, whole(layout, part)]);
+    chassis.write({ frame_angle, pad_radius, ...Object.fromEntries(given) });
+    const friction = memory.filled("f8", leg.robot.bearing_friction);
+    const work = memory.array("f8", 2, leg.links.length + 1);
+    memory.call("machines_put_machine", leg.links, legs.length, chassis, friction, work, machine);
+  });
+}

@@ -92,15 +92,16 @@ class NamedGenerator:
 
     def __call__(self, rng: Random, level: int) -> Terrain:
         """A ground. Raises ValueError: no such level."""
-        if self.name == "mixed":
-            return MIXED[rng.integers(len(MIXED))](rng, level)
-        kind, given = KINDS.index(self.name), dict(self.given)
-        named = at_level(self.name, level) | given
+        name = self.name
+        if name == "mixed":
+            name = MIXTURE[rng.integers(len(MIXTURE))]
+        kind, given = KINDS.index(name), dict(self.given)
+        named = at_level(name, level) | given
         values, fixed = np.array([*named.values()]), np.array([name in given for name in named])
         # Drawn in any case, so that fixing it leaves the others.
         choose_direction(kind, rng.random(), fixed, values)
         start = draw_start(kind, rng.random() if has_start(kind) else 0.0)
-        return Terrain(profile(self.name, values, start, REACH, rng))
+        return Terrain(profile(name, values, start, REACH, rng))
 
     def _check(self, level: int) -> None:
         """Check the parameters at a level. Raises ValueError: there is no such ground."""
@@ -118,9 +119,6 @@ class NamedGenerator:
         """Specification as text: ``"stairs:rise=0.02"``."""
         given = ",".join(f"{key}={value:g}" for key, value in self.given)
         return f"{self.name}:{given}" if given else self.name
-
-
-MIXED = tuple(map(NamedGenerator, MIXTURE))
 
 
 def make_generator(spec: object) -> Generator | None:

@@ -149,10 +149,6 @@ class Terrain:
         checks.set_checked(self, checks.non_negative, "friction")
         checks.set_checked(self, functools.partial(checks.within, low=0.0, high=1.0), "restitution")
         object.__setattr__(self, "points", tuple(map(tuple, table.tolist())))
-        line = np.empty_like(table)
-        object.__setattr__(self, "_steepest", put_line(np.ascontiguousarray(table), line))
-        line.setflags(write=False)
-        object.__setattr__(self, "_line", line)
 
     @classmethod
     def flat(cls, friction: float = 0.8, restitution: float = 0.0) -> Terrain:
@@ -277,15 +273,27 @@ class Terrain:
         check_room(start, reach, 4.0 * length)
         return cls(profile("ramps", (angle, length), start, reach))
 
+    @functools.cached_property
+    def _extended(self) -> tuple[Array, float]:
+        """The points with both ends extended, and the largest slope: when they are asked for.
+
+        So that an import, which makes grounds, needs no kernel.
+        """
+        points = np.array(self.points)
+        line = np.empty_like(points)
+        steepest: float = put_line(points, line)
+        line.setflags(write=False)
+        return line, steepest
+
     @property
     def polyline(self) -> Array:
         """(n, 2) surface vertices with both ends extended, m."""
-        return self._line  # type: ignore[attr-defined]
+        return self._extended[0]
 
     @property
     def steepest(self) -> float:
         """The largest |dy/dx| of all segments."""
-        return self._steepest  # type: ignore[attr-defined]
+        return self._extended[1]
 
     def height(self, x: ArrayLike) -> Array:
         """Surface height at ``x`` (any shape), m."""

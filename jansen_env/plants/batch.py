@@ -42,7 +42,7 @@ from jansen_env.plants.robot_parameters import (
 )
 from jansen_env.plants.robot_records import RobotRecords
 from jansen_env.plants.shape_planes import ContactPlane, ShapePlanes
-from jansen_env.plants.threads import Threads
+from jansen_env.plants.threads import Move, Threads
 from jansen_env.plants.trace import find_touchdowns, pads_in_contact, trace_forces
 from jansen_env.robot import Robot
 from jansen_env.terrain import Ground
@@ -416,25 +416,20 @@ class Batch(BatchedPlant):
         if self.tracing:
             trace, numbers = self._new_trace(int(self.world["steps"][0]))
 
+        lines, on_shapes = self._split(rows)
+
         def move(thread: int, shares: Ints, most: int, scratch: Scratch) -> tuple[bool, bool]:
             self._control_step(
-                thread, shares, most, rows, actions, numbers, scratch, self._shared,
+                thread, shares, most, lines, actions, numbers, scratch, self._shared,
                 self.records.motions, episodes, observing,
             )  # fmt: skip
             far, diverged = scratch.flags.tolist()
             return far, diverged
 
-        every = rows
-        rows, on_shapes = self._split(every)
-        far, self.any_diverged = False, False
-        if len(rows) > 0:
-            far, self.any_diverged = self._threads.move(len(rows), move, meanwhile)
-        for row in on_shapes:
+        def move_on_shapes(row: int) -> None:
             self._control_on_shapes(row, actions, numbers, episodes, observing)
-        if len(rows) == 0 and meanwhile is not None:
-            meanwhile()
-        if far:
-            self._ask_ground(rows)
+
+        self._move(lines, move, on_shapes, move_on_shapes, meanwhile)
         if self.tracing:
             self._keep_trace(trace)
 
@@ -470,24 +465,51 @@ class Batch(BatchedPlant):
         if self.tracing:
             trace, numbers = self._new_trace(steps)
 
+        lines, on_shapes = self._split(rows)
+
         def move(thread: int, shares: Ints, most: int, scratch: Scratch) -> tuple[bool, bool]:
             self._advance(
-                thread, shares, most, rows, steps, ahead, *torques, numbers, scratch, self._shared,
+                thread, shares, most, lines, steps, ahead, *torques, numbers, scratch, self._shared,
                 self.records.motions,
             )  # fmt: skip
             far, diverged = scratch.flags.tolist()
             return far, diverged
 
-        rows, on_shapes = self._split(rows)
-        far, self.any_diverged = False, False
-        if len(rows) > 0:
-            far, self.any_diverged = self._threads.move(len(rows), move, None)
-        for row in on_shapes:
+        def move_on_shapes(row: int) -> None:
             self._move_on_shapes(row, steps, ahead, torques, numbers)
-        if far:
-            self._ask_ground(rows)
+
+        self._move(lines, move, on_shapes, move_on_shapes)
         if self.tracing or self.in_contact is not None or self.trace is not self._no_trace:
             self._keep_trace(trace)
+
+    def _move(
+        self,
+        lines: Ints,
+        move: Move,
+        on_shapes: Sequence[int],
+        move_on_shapes: Callable[[int], None],
+        meanwhile: Callable[[], None] | None = None,
+    ) -> None:
+        """Move robots on height lines by threads, then robots on shapes one after another.
+
+        Args:
+            lines: Shape (k,), the robots on height lines.
+            move: Moves a thread's share of them.
+            on_shapes: The robots on shapes.
+            move_on_shapes: Moves one of these.
+            meanwhile: Called while others move, to place robots that do not.
+        """
+        far, diverged = False, False
+        if len(lines) > 0:
+            far, diverged = self._threads.move(len(lines), move, meanwhile)
+        elif meanwhile is not None:
+            meanwhile()
+        for row in on_shapes:
+            move_on_shapes(row)
+            diverged = diverged or bool(self.diverged[row])
+        self.any_diverged = diverged  # at the end, as placing robots sets it, too
+        if far:
+            self._ask_ground(lines)
 
     # Robots on pymunk's shapes.
 
@@ -556,9 +578,7 @@ class Batch(BatchedPlant):
             if not status["waits"]:
                 break
             self._list_planes(row)
-        diverged = bool(self.diverged[row])
-        self.any_diverged = self.any_diverged or diverged
-        if not diverged:
+        if not self.diverged[row]:
             self.records.accumulators["links_in_ground"][row] = self._count_links_in_ground(row)
 
     def _list_planes(self, row: int) -> None:

@@ -170,3 +170,15 @@ def test_a_pickled_environment_goes_on_tracking_joint_forces():
     other = pickle.loads(pickle.dumps(env.unwrapped))
     infos = [each.step(ACTION)[4] for each in (env, other)]
     assert infos[0]["joint_force_max"] == infos[1]["joint_force_max"] > 0.0
+
+
+def test_a_robot_that_diverges_while_another_is_placed_is_truncated():
+    envs = gym.make_vec("JansenWalker-v0", 2, terrain=COURSE, max_episode_steps=1).unwrapped
+    envs.reset(seed=0)
+    envs.step(np.zeros((2, 1)))  # both episodes are over
+    state = envs.get_state(0)
+    state["plant"][4] = 2e4  # m/s, beyond what counts as diverged
+    envs.set_state(0, state)
+    with pytest.warns(UserWarning, match="robots \\[0\\] end: their simulation diverged"):
+        envs.step(np.zeros((2, 1)))  # robot 1 is placed meanwhile
+    assert envs.task.truncated.tolist() == [True, False]

@@ -1,8 +1,8 @@
-"""A walk over a box and a ball and below a roof, up to a wall: the ground is a space of pymunk.
+"""Walk over a box and a ball, below a roof and up to a wall; the ground is a pymunk space.
 
 python examples/obstacle_course.py [STEPS]   (350 steps of 20 ms by default)
 
-Draws the space with pymunk's debug options, and the robot every 1.5 s, into course.png.
+Draw the space with pymunk's debug options, add the robot every 1.5 s, and save course.png.
 """
 
 import sys
@@ -16,7 +16,7 @@ import jansen_env  # noqa: F401  registers the environments
 from jansen_env.robot.kinematics import world_joints
 
 SCALE = 200.0  # pixels per m
-LEFT, TOP = -1.0, 1.5  # m, of the picture's corner
+LEFT, TOP = -1.0, 1.5  # position of the picture's upper left corner, in m
 
 steps = int(sys.argv[1]) if len(sys.argv) > 1 else 350
 space = pymunk.Space()

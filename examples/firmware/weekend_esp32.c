@@ -52,8 +52,8 @@ static int zeroed;
 static volatile float wanted_torque, crank_speed, volts, mean_current;
 static float integral;
 
-/* Angle of the crank, rad of any turn, at a count of the encoder, of which one is the zero. As a
- * float the count of an hour's walk would have lost digits. */
+/* Angle of the crank in rad, not reduced to one turn, at a count of the encoder. zero_count is the
+ * count when the magnet passes. A float would lose digits of the count in an hour's walk. */
 double crank_angle(int32_t count, int32_t zero_count)
 {
     return HALL_ANGLE + EXACT_TURN * (DIRECTION * (count - zero_count)) / COUNTS_PER_TURN;

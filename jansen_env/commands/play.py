@@ -71,7 +71,7 @@ def robot_of(name: str | None) -> tuple[str | None, dict[str, Robot]]:
     if name is None or name in robots:
         return name, robots
     if Path(name).suffix != ".json":
-        raise invalid("--robot", name, f"{listed(robots, name)}, or a robot file, .json")
+        raise invalid("--robot", name, f"{listed(robots, name)}, or a robot file (.json)")
     word = re.sub(r"[^\w-]+", "_", Path(name).stem)
     while word in robots:
         word += "_"

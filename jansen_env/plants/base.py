@@ -87,8 +87,8 @@ def check_colliding(grounds: Iterable[Ground], links_collide: bool) -> None:
     """Raise ValueError where links would collide with shapes, which their sides do not touch."""
     if links_collide and any(isinstance(ground, Shapes) for ground in grounds):
         raise ValueError(
-            "links_collide must be False on a ground of pymunk shapes, got True: sides of links "
-            "touch the vertices of height lines only"
+            "links_collide must be False on a ground of pymunk shapes, got True: the sides of "
+            "links collide only with the vertices of height lines"
         )
 
 

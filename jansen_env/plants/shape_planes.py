@@ -197,8 +197,8 @@ def check_scan(grounds: Iterable[Ground]) -> None:
         x = ShapePlanes(ground).find_overhang()
         if x is not None:
             raise ValueError(
-                "height_scan must be None on a ground with overhangs, which has several heights, "
-                f"got a scan and air below a shape at x = {x:.6g} m"
+                "height_scan must be None on a ground with overhangs, which has several heights at "
+                f"one x, got a scan although there is air below a shape at x = {x:.6g} m"
             )
 
 

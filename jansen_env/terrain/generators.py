@@ -41,8 +41,8 @@ LEVELS: dict[str, dict[str, tuple[float, float]]] = {
 """Parameters of each generator at level 0 and level 9, evenly spaced between; m and rad."""
 if (*LEVELS,) != KINDS:
     raise TypeError(
-        f"LEVELS must have the grounds of jansen_env/engine/ground_lines.py in their order, "
-        f"{[*KINDS]}, got {[*LEVELS]}"
+        "LEVELS must name the same terrains as KINDS in jansen_env/engine/ground_lines.py, in the "
+        f"same order, {[*KINDS]}, got {[*LEVELS]}"
     )
 MIXTURE = ("slope", "rough", "waves", "stairs", "steps", "stumps", "ramps")
 """Kinds of terrain that ``"mixed"``, the terrain of the benchmarks, chooses from at a reset.

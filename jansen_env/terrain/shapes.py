@@ -55,10 +55,10 @@ class Piece(NamedTuple):
 class Shapes:
     """A ground of static shapes, with one friction and one restitution.
 
-    It keeps copies: what happens to a user's shapes later changes nothing, and nothing changes
-    them. Where shapes meet, let them overlap if pads may sink as deep as their radius: a pad that
-    deep leaves a shape by its nearest side, and finds no way out by a side that another shape
-    touches.
+    The ground keeps copies: later changes to a user's shapes have no effect on it, and the user's
+    shapes are never changed. Where shapes meet, let them overlap if pads may sink as deep as their
+    radius: a pad that deep leaves a shape by its nearest side, and finds no way out by a side that
+    another shape touches.
 
     Attributes:
         pieces: The shapes. One of them is above or below x = 0, where robots are placed.
@@ -87,7 +87,7 @@ class Shapes:
             right = max(piece.box[2] for piece in pieces)
             raise ValueError(
                 "terrain must have a shape at x = 0, where robots are placed, got shapes between "
-                f"x = {left:g} m and {right:g} m that leave it out"
+                f"x = {left:g} m and x = {right:g} m, none of them at x = 0"
             )
 
     @classmethod
@@ -157,8 +157,8 @@ def _checked(name: str, piece: Piece) -> Piece:
         area = 0.5 * float(((x - x[0]) * ey - (y - y[0]) * ex).sum())
         if area < LEAST_AREA or (turns < -1e-12).any():
             raise ValueError(
-                f"{name} must be a convex polygon of at least {LEAST_AREA:g} m^2, its points "
-                f"counter-clockwise, {got}"
+                f"{name} must be a convex polygon of at least {LEAST_AREA:g} m^2 with its points "
+                f"in counter-clockwise order, {got}"
             )
     return Piece(points, radius)
 
@@ -208,11 +208,13 @@ def _piece(name: str, shape: object) -> Piece:
     body = shape.body
     if body is None:
         raise ValueError(
-            f"{name} must be a shape of a static body, got one without: keep a reference to its "
-            "body, as shapes do not"
+            f"{name} must be a shape of a static body, got a shape without a body; keep a "
+            "reference to the body, because a shape does not keep one"
         )
     if body.body_type != pymunk.Body.STATIC:
-        raise ValueError(f"{name} must be a shape of a static body, got one of a body that moves")
+        raise ValueError(
+            f"{name} must be a shape of a static body, got a shape of a body that can move"
+        )
     if shape.sensor:
         raise ValueError(f"{name} must be solid, got a sensor")
     if tuple(shape.surface_velocity) != (0.0, 0.0):

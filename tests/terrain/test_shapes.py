@@ -129,8 +129,8 @@ MOVING = pymunk.Body(1.0, 1.0)
     [
         (lambda: pymunk.Space(), "terrain must have at least one static shape, got an empty space"),
         (lambda: [floor(), 3], r"terrain\[1\] must be a pymunk.Circle, Segment or Poly, got 3"),
-        (lambda: [box(-1, -1, 1, 0, MOVING)], "got one of a body that moves"),
-        (lambda: [pymunk.Circle(None, 1.0)], "got one without: keep a reference to its body"),
+        (lambda: [box(-1, -1, 1, 0, MOVING)], "got a shape of a body that can move"),
+        (lambda: [pymunk.Circle(None, 1.0)], "got a shape without a body; keep a reference"),
         (lambda: [with_(sensor=True)], r"terrain\[0\] must be solid, got a sensor"),
         (lambda: [with_(surface_velocity=(1.0, 0.0))], "must have a surface_velocity of"),
         (lambda: [with_(filter=pymunk.ShapeFilter(group=1))], "must have pymunk's default filter"),

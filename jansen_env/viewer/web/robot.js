@@ -30,13 +30,13 @@ function whole({ parts }, { is, ...given }) {
 /** Throw where the content of a file is no robot that this page can compile. */
 export function checkRobot(layout, robot) {
   for (const wrong of faultsOf(layout, robot))
-    if (wrong) throw new Error(`This is no robot file that can walk here: ${wrong}.`);
+    if (wrong) throw new Error(`This robot file cannot be used on this page: ${wrong}.`);
 }
 
 /** What is wrong with the content of a file, or false, one thing after the other. */
 function* faultsOf(layout, robot) {
   yield robot?.format !== FORMAT && `its format is not "${FORMAT}"`;
-  yield robot.is !== "Robot" && `it is of a ${robot.is}`;
+  yield robot.is !== "Robot" && `it describes a ${robot.is}, not a Robot`;
   const missing = FIELDS.find((name) => !robot[name]);
   yield missing && `it has no "${missing}"; write it with write_robot`;
   const {
@@ -50,23 +50,23 @@ function* faultsOf(layout, robot) {
   const lost = FILLED.find((name) => !linkage[name]);
   yield lost && `its linkage has no "${lost}"; write it with write_robot`;
   const half = "stiffness" in pads !== "tangential_stiffness" in pads;
-  yield half && "its pads have one stiffness of two; write it with write_robot";
+  yield half && "its pads have only one of two stiffnesses; write it with write_robot";
   yield* faultsOfLinkage(layout, linkage, bodies);
   const pairs = [damping.length, friction.length];
   const isOf = pairs[0] === linkage.damped.length && pairs[1] === linkage.bearings.length;
-  yield !isOf && "damping or friction is not of its linkage";
+  yield !isOf && "its damping or friction does not fit its linkage";
   const toes = legs.length * linkage.toes.length;
-  yield !(toes in layout.tasks) && `it has ${toes} toes`;
+  yield !(toes in layout.tasks) && `it has ${toes} toes, which this page does not support`;
 }
 
 function* faultsOfLinkage({ jointsOf }, linkage, bodies) {
   const { joints, dyads } = linkage;
   const letters = linkage.bodies.map(([, each]) => each);
-  yield bodies.length !== letters.length && "it has not a link for each body of its linkage";
+  yield bodies.length !== letters.length && "it does not have a link for each body of its linkage";
   const misfit = letters.findIndex((each, k) => {
     return each.length !== (jointsOf[bodies[k].is] ?? bodies[k].points?.length);
   });
-  yield misfit >= 0 && `"${linkage.bodies[misfit][0]}" is no link of ${letters[misfit]}`;
+  yield misfit >= 0 && `"${linkage.bodies[misfit][0]}" is not a link of joints ${letters[misfit]}`;
   const named = [
     letters,
     [linkage.toes],
@@ -75,18 +75,18 @@ function* faultsOfLinkage({ jointsOf }, linkage, bodies) {
   ];
   const isJoint = (letter) => joints.includes(letter);
   const all = named.flat().flatMap((each) => [...each]);
-  yield !all.every(isJoint) && "a joint is not of its linkage";
+  yield !all.every(isJoint) && "it names a joint that its linkage does not have";
   const numbers = [...linkage.damped, ...linkage.bearings, ...linkage.pads.map(([, k]) => [k])];
   const isBody = (number) => Number.isInteger(number) && number >= 1 && number <= bodies.length;
-  yield !numbers.flat().every(isBody) && "a body is not of its linkage";
+  yield !numbers.flat().every(isBody) && "it refers to a body that its linkage does not have";
   const known = new Set([...letters[0], ...letters[1]]);
   for (const [joint, start, end] of dyads) {
     const between = (a) => letters.find((each) => each.includes(a) && each.includes(joint));
     const found = [start, end].every((each) => known.has(each) && between(each));
-    yield !found && `its dyads do not find joint ${joint}`;
+    yield !found && `its dyads do not locate joint ${joint}`;
     for (const letter of between(start) + between(end)) known.add(letter);
   }
-  yield known.size !== joints.length && "its dyads do not find all joints";
+  yield known.size !== joints.length && "its dyads do not locate all joints";
 }
 
 /** Links of a leg in a memory: [links, points, members]. */
@@ -249,7 +249,7 @@ function compileIn(memory, leg) {
   const work = workSpace(memory, leg.links.length, pads, friction.length);
   const tail = memory.call("reduction_compile_tables", psi, x, places, ofLeg, constants, work, out);
   if (!(tail <= TAIL_TOLERANCE))
-    throw new Error("its linkage passes too near a dead point: two links that meet are in line");
+    throw new Error("its linkage passes too near a dead point: two links that meet are collinear");
   const walk = walkOf(leg);
   if (!walk.stands)
     throw new Error(

@@ -1,6 +1,6 @@
-"""What a control step costs on pymunk's shapes, beside the same ground as a height line.
+"""Compare the time of a control step on pymunk's shapes and on the same ground as a height line.
 
-Single environments walk in turns; the shortest round of each counts, in process time.
+Single environments walk in turns. The table lists the shortest round of each, in process time.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ RESETS = 20
 
 
 def make_grounds() -> dict[str, Terrain]:
-    """Return height lines by name: level ground, and rough ground under the start."""
+    """Return height lines by name: level ground, and ground that is rough below the start."""
     terrain = make_generator("rough")
     assert terrain is not None
     points = terrain(np.random.default_rng(5), 3).points
@@ -31,7 +31,7 @@ def make_grounds() -> dict[str, Terrain]:
 
 
 def play(env: gym.Env[np.ndarray, np.ndarray]) -> tuple[float, float]:
-    """Return the time of a reset and of a control step, us."""
+    """Return the time of a reset and the time of a control step, in us."""
     action = np.array([0.5], np.float32)
     begin = time.process_time()
     for seed in range(RESETS):
@@ -44,7 +44,7 @@ def play(env: gym.Env[np.ndarray, np.ndarray]) -> tuple[float, float]:
 
 
 def main() -> None:
-    """Print a table."""
+    """Measure the times and print them as a table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.ground_shapes", description=__doc__)
     parser.add_argument("--rounds", type=int, default=30, help="turns of each; default: 30")
     rounds = parser.parse_args().rounds

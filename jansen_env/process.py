@@ -48,7 +48,7 @@ def guarded(program: str) -> Iterator[None]:
         except MemoryError:
             _fail(program, "not enough memory; ask for less")
         except Exception as error:
-            if came:  # in an import, for example, of which a library has made another error
+            if came:  # a library may have turned the signal into another error, as in imports
                 raise SystemExit(128 + came[-1]) from None
             if not isinstance(error, OSError):
                 raise
@@ -104,12 +104,13 @@ def _stop_again(
     report: Callable[[sys.UnraisableHookArgs], object],
     ignored: sys.UnraisableHookArgs,
 ) -> None:
-    """Send a signal once more whose exception came where Python has to ignore exceptions.
+    """Send a signal again if its exception was raised where Python ignores exceptions.
 
-    Such places are destructors and callbacks from C, such as those with which pymunk frees shapes.
+    Python ignores exceptions in destructors and in callbacks from C, for example where pymunk frees
+    shapes.
     """
     if came and isinstance(ignored.exc_value, (SystemExit, KeyboardInterrupt)):
-        again = threading.Timer(0.01, _signal_main_thread, [came[-1]])  # when the place is left
+        again = threading.Timer(0.01, _signal_main_thread, [came[-1]])  # after that place
         again.daemon = True
         again.start()
     else:
@@ -117,7 +118,7 @@ def _stop_again(
 
 
 def _signal_main_thread(number: int) -> None:
-    """Send a signal to the thread that runs the command, which may sleep or wait."""
+    """Send a signal to the main thread, which runs the command and may sleep or wait."""
     if hasattr(signal, "pthread_kill"):
         signal.pthread_kill(threading.main_thread().ident or 0, number)
     else:  # Windows

@@ -20,7 +20,7 @@ class Pads:
     leg: Ints  #: (n,) index of the leg
     joint: Ints  #: (n,) index into ``linkage.all_pads``
     toes: int  #: how many of them are toes
-    rows: Rows  #: (n,) PAD, as the kernels read them
+    rows: Rows  #: (n,) records ``PAD`` of the pads, which kernels read
 
 
 def pad_layout(robot: Robot) -> Pads:

@@ -28,14 +28,24 @@ FRAME, CRANK = range(2)  # the bodies that all legs share
 
 @kernel
 def put_turn_angles(begin: float, angles: Floats1) -> None:
-    """Put angles evenly over a turn into (n,), rad, without its end."""
+    """Put angles evenly over a turn, without its end.
+
+    Args:
+        begin: First angle, in rad.
+        angles: Output, in rad, shape (n,).
+    """
     for i in range(len(angles)):
         angles[i] = 2.0 * math.pi / len(angles) * i + begin
 
 
 @kernel
 def put_angles_to_end(end: float, angles: Floats1) -> None:
-    """Put angles evenly from 0 to ``end``, with it, into (n,), rad, as ``numpy.linspace``."""
+    """Put angles evenly from 0 to ``end``, including ``end``, as ``numpy.linspace`` does.
+
+    Args:
+        end: Last angle, in rad.
+        angles: Output, in rad, shape (n,).
+    """
     last = len(angles) - 1
     for i in range(last):
         angles[i] = i * (end / last)
@@ -47,12 +57,20 @@ def put_joints(
     psi: Floats1, frame_angle: float, members: Ints2, corners: Floats3, dyads: Ints2,
     spans: Floats2, places: Floats3, fault: Floats1,
 ) -> int:  # fmt: skip
-    """Put the joints of a fore leg whose crank stands at ``psi`` (n,) into (n, joints, 2), m.
+    """Compute the positions of a fore leg's joints at crank angles.
 
     Args:
-        dyads: (dyads, 6) joint, start, end, branch, and the bodies from start and end to the joint.
-        spans: (dyads, 2) lengths of these, m. fault: (2,) out: of the dyad that does not close, the
-            angle's number where that is worst, and the distance that it cannot span, m.
+        psi: Crank angles, in rad, shape (n,).
+        frame_angle: Angle of the frame in the chassis, in rad.
+        members: Joints of each body, shape (bodies, most joints); -1 where a body has fewer.
+        corners: Joints of each body in polar coordinates, see
+            :func:`jansen_env.engine.link_shapes.put_link_corners`, shape (bodies, most joints, 2).
+        dyads: Joint, start, end, branch, and the bodies from start and end to the joint, for each
+            dyad, shape (dyads, 6).
+        spans: Lengths of these bodies, in m, shape (dyads, 2).
+        places: Output, in m, shape (n, joints, 2).
+        fault: Output if a dyad does not close, shape (2,): index of the angle at which the gap is
+            worst, and the distance that the dyad cannot span there, in m.
 
     Returns:
         The first dyad that does not close, or -1.
@@ -62,7 +80,7 @@ def put_joints(
 
 @stage(inline=False)
 def close_leg(psi, frame_angle, members, corners, dyads, spans, places, fault):
-    """:func:`put_joints`."""
+    """Do the work of :func:`put_joints`, for other kernels, too."""
     for i in range(len(psi)):
         places[i] = math.nan  # where a joint is not known yet
         places[i, members[CRANK, 0]] = 0.0
@@ -93,14 +111,18 @@ def put_open_joints(
     psi: Floats1, frame_angle: float, members: Ints2, corners: Floats3, dyads: Ints2,
     spans: Floats2, places: Floats3, open_dyads: Ints1, open_spans: Floats1, fault: Floats1,
 ) -> int:  # fmt: skip
-    """:func:`put_joints` at each crank angle as far as the leg closes there.
+    """Compute the joints as :func:`put_joints` does, at each angle as far as the leg closes there.
+
+    Other arguments are as for :func:`put_joints`.
 
     Args:
-        places: (n, joints, 2) out, m; NaN of joints that are not found.
-        open_dyads: (n,) out: the first dyad that does not close at an angle, or -1.
-        open_spans: (n,) out: the distance that its links cannot span, m. fault: (2,) work space.
+        places: Output, in m, shape (n, joints, 2); NaN for joints that are not found.
+        open_dyads: Output, first dyad that does not close at each angle, or -1, shape (n,).
+        open_spans: Output, distance that this dyad cannot span, in m, shape (n,).
+        fault: Work space, shape (2,).
 
-    Other arguments are as for :func:`put_joints`. Returns the number of angles where it closes.
+    Returns:
+        The number of angles at which the leg closes.
     """
     closed = 0
     for i in range(len(psi)):
@@ -121,14 +143,22 @@ def put_legs(
     psi: Floats1, legs: Floats2, frame_angle: float, members: Ints2, corners: Floats3,
     dyads: Ints2, spans: Floats2, angles: Floats2, places: Floats4, fault: Floats1,
 ) -> int:  # fmt: skip
-    """Put the joints of all legs at crank angles ``psi`` (n,) into (legs, n, joints, 2), m.
+    """Compute the positions of the joints of all legs at crank angles.
+
+    Other arguments are as for :func:`put_joints`.
 
     Args:
-        legs: (legs, 2) 1 of a fore leg and -1 of a back leg, its mirror image; and phase, rad.
-        angles: (legs, n) out: angles of each leg's crank as a fore leg has it, rad.
+        psi: Crank angles, in rad, shape (n,).
+        legs: Side of each leg (1 for fore, -1 for back, its mirror image) and its phase in rad,
+            shape (legs, 2).
+        angles: Output, crank angles at which a fore leg has the same shape as each leg, in rad,
+            shape (legs, n).
+        places: Output, in m, shape (legs, n, joints, 2).
+        fault: Output if a dyad does not close, shape (3,): as for :func:`put_joints`, and the leg.
+            Then ``angles`` is complete up to this leg.
 
-    Other arguments and what it returns are as for :func:`put_joints`; a leg's angles up to the one
-    that does not close are put in.
+    Returns:
+        The first dyad that does not close, or -1.
     """
     for leg in range(len(legs)):
         side, phase = legs[leg]
@@ -150,10 +180,11 @@ def put_legs(
 
 @kernel
 def turn_legs(q: Floats1, places: Floats4) -> None:
-    """Put the joints of legs, places in the chassis frame, into the world.
+    """Transform the joints of legs from the chassis frame to the world frame.
 
     Args:
-        q: (3,) crank axis x, y, m, and pitch, rad. places: (legs, n, joints, 2) m, changed.
+        q: Position x and y of the crank axis in m, and pitch in rad, shape (3,).
+        places: Positions of the joints, changed in place, in m, shape (legs, n, joints, 2).
     """
     cos, sin = mathematics.cos(q[2]), mathematics.sin(q[2])
     for leg in range(places.shape[0]):
@@ -166,16 +197,19 @@ def turn_legs(q: Floats1, places: Floats4) -> None:
 
 @kernel
 def put_lowest_toes(places: Floats4, toes: Ints1, heights: Floats1) -> None:
-    """Put the height of the lowest toe above the crank axis at each crank angle into (n,), m.
+    """Compute the height of the lowest toe above the crank axis at each crank angle.
 
-    ``toes``: joints of each leg that are toes.
+    Args:
+        places: Positions of the joints, in m, shape (legs, n, joints, 2).
+        toes: Joints of a leg that are toes, shape (toes,).
+        heights: Output, in m, shape (n,).
     """
     put_heights(places, toes, heights)
 
 
 @stage(inline=False)
 def put_heights(places, toes, heights):
-    """:func:`put_lowest_toes`."""
+    """Do the work of :func:`put_lowest_toes`, for other kernels, too."""
     for i in range(len(heights)):
         heights[i] = math.inf
         for leg in range(len(places)):
@@ -185,17 +219,21 @@ def put_heights(places, toes, heights):
 
 @kernel
 def mean(values: Floats1) -> float:
-    """Mean of numbers, as ``numpy.mean`` has it."""
+    """Return the mean of numbers as ``numpy.mean`` computes it."""
     return pairwise_sum(values) / len(values)
 
 
 @kernel
 def advance_over_turn(places: Floats4, toes: Ints1, ways: Floats1) -> float:
-    """Advance in a counter-clockwise turn of the crank, m, of a level robot on its lowest toe.
+    """Return the advance of a level robot on its lowest toe in a turn of the crank, m.
+
+    The crank turns counter-clockwise.
 
     Args:
-        places: (legs, n + 1, joints, 2) joints over a turn, with its end.
-        toes: as in :func:`put_lowest_toes`. ways: (n,) work space.
+        places: Positions of the joints over a turn, including its end, in m, shape (legs, n + 1,
+            joints, 2).
+        toes: Joints of a leg that are toes, shape (toes,).
+        ways: Work space, shape (n,).
     """
     for i in range(len(ways)):
         lowest = math.inf
@@ -211,17 +249,18 @@ def advance_over_turn(places: Floats4, toes: Ints1, ways: Floats1) -> float:
 def measure_level(
     places: Floats4, toes: Ints1, near: float, heights: Floats1, grounded: Ints2, out: Floats1
 ) -> None:
-    """Measure a robot that is kept level and stands on its lowest toe, over a turn.
+    """Measure a robot over a turn of its crank while it is kept level and stands on its lowest toe.
 
     Args:
-        places: (legs, n, joints, 2) joints of all legs, m.
-        toes: as in :func:`put_lowest_toes`.
-        near: A toe is in stance so far above the ground, as a share of the standing height.
-        heights: (n,) work space.
-        grounded: (toes, n) out: whether each toe of the first leg is in stance.
-        out: (5,) out: mean height of the crank axis, m; range of this height; the most that a toe
-            comes above the lowest one; advance in a counter-clockwise turn; share of the turn in
-            which a toe is in stance, mean of all toes.
+        places: Positions of the joints of all legs, in m, shape (legs, n, joints, 2).
+        toes: Joints of a leg that are toes, shape (toes,).
+        near: Height above the ground up to which a toe is in stance, as a fraction of the standing
+            height.
+        heights: Work space, shape (n,).
+        grounded: Output, whether each toe of the first leg is in stance, shape (toes, n).
+        out: Output, shape (5,): mean height of the crank axis, in m; range of this height, in m;
+            largest height of a toe above the lowest toe, in m; advance in a counter-clockwise turn,
+            in m; fraction of the turn in which a toe is in stance, averaged over all toes.
     """
     count, legs = len(heights), len(places)
     put_heights(places, toes, heights)
@@ -250,14 +289,16 @@ def measure_level(
 
 @kernel
 def nearest_dead_point(places: Floats3, dyads: Ints2, out: Floats1) -> int:
-    """Find where two links that meet in a joint come nearest to one line.
+    """Find where two links that meet in a joint come nearest to being in line.
 
     Args:
-        places: (n, joints, 2) joints of a fore leg over a turn, m.
-        out: (2,) out: sine of the angle between the links there, and the number of the angle.
+        places: Positions of the joints of a fore leg over a turn, in m, shape (n, joints, 2).
+        dyads: Dyads of the leg, see :func:`put_joints`.
+        out: Output, shape (2,): sine of the angle between these links, and index of the crank
+            angle.
 
     Returns:
-        The dyad.
+        The dyad of these links.
     """
     nearest = 0
     out[0] = math.inf

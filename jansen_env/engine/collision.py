@@ -1,8 +1,8 @@
 """Collision detection: a robot's contact planes on the stretch of a height line that it can reach.
 
 See ``plants/grounds.py``. A pad's planes are those within its robot's speculative margin; a pad
-farther than that in the ground has the plane by which it comes out soonest. On a ground that is no
-height line, pymunk lists the planes in their place: see ``plants/shape_planes.py``.
+farther than that in the ground has the plane by which it comes out soonest. On a ground that is
+not a height line, pymunk lists the planes instead, see ``plants/shape_planes.py``.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def _side_normal(surface, k, x, y, ex, ey):
 
 @stage
 def set_margin(state, robot, time_step):
-    """Let a robot's speculative margin be as far as its fastest pad gets in a time step."""
+    """Set a robot's speculative margin to the way of its fastest pad in a time step."""
     speed = abs(state[4]) + abs(state[5])  # no pad is faster
     speed += robot.params.pitch_arm * abs(state[6]) + robot.params.crank_arm * abs(state[7])
     robot.status.margin = min(max(SPECULATIVE_MARGIN, speed * time_step), LARGEST_MARGIN)

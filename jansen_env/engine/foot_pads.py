@@ -1,4 +1,4 @@
-"""Pads of a robot: which legs have them, and which sides of links lie between two of them."""
+"""Contact pads of a robot: their order, and the sides of links that end at two pads."""
 
 from __future__ import annotations
 
@@ -8,19 +8,21 @@ from jansen_env.engine.closure import FRAME
 from jansen_env.engine.kernel import Floats2, Ints1, Ints2, kernel, stage
 from jansen_env.engine.records import Layout
 
-JOINT, BODY = range(2)  # of the pads of a leg
+JOINT, BODY = range(2)  # columns of the array that lists the pads of a leg
 
 
 @kernel
 def put_layout(legs: Floats2, pads: Ints2, toes: int, layout: Layout, leg_of: Ints1) -> int:
-    """Put all pads of a robot: toes of all legs first; then the other pads leg by leg.
+    """List all pads of a robot: first the toes of all legs, then the other pads leg by leg.
 
-    The frame's pads come once for each side of the robot.
+    A pad of the frame is listed only once for each side of the robot.
 
     Args:
-        legs: (legs, 2) 1 of a fore leg and -1 of a back leg; and phase, rad.
-        pads: (pads, 2) joint and body of each pad of a leg, toes first. toes: how many are toes.
-        layout: (legs pads,) out. leg_of: (legs pads,) out.
+        legs: Side of each leg (1 for fore, -1 for back) and its phase in rad, shape (legs, 2).
+        pads: Joint and body of each pad of a leg, toes first, shape (pads, 2).
+        toes: Number of pads of a leg that are toes.
+        layout: Output, records of all pads, shape (legs * pads,).
+        leg_of: Output, index of each pad's leg, shape (legs * pads,).
 
     Returns:
         The number of pads.
@@ -46,7 +48,10 @@ def put_layout(legs: Floats2, pads: Ints2, toes: int, layout: Layout, leg_of: In
 
 @stage(inline=False)
 def _pad_at(leg, joint, legs, pads, fixed, layout, leg_of):
-    """The pad at a joint of a leg; of joints that are fixed in the frame, on its side; or -1."""
+    """Return the pad at a joint of a leg, or -1 if there is none.
+
+    If the joint is fixed in the frame, the legs of one side share its pad.
+    """
     found = -1
     for k in range(len(leg_of)):
         if pads[layout[k].table, JOINT] == joint:
@@ -60,12 +65,15 @@ def _pad_at(leg, joint, legs, pads, fixed, layout, leg_of):
 def put_sides(
     legs: Floats2, members: Ints2, pads: Ints2, layout: Layout, leg_of: Ints1, sides: Ints2
 ) -> int:
-    """Put the straight sides of links that have a pad at both ends, as pairs of pads, in order.
+    """List the straight sides of links that have a pad at both ends, as sorted pairs of pads.
 
     Args:
-        members: (bodies, most joints) joints of each body; -1 where a body has fewer.
-        layout, leg_of: (n,) of :func:`put_layout`.
-        sides: (legs members, 2) out.
+        legs: Side and phase of each leg, see :func:`put_layout`.
+        members: Joints of each body, shape (bodies, most joints); -1 where a body has fewer.
+        pads: Joint and body of each pad of a leg, shape (pads, 2).
+        layout: Output of :func:`put_layout`, shape (n,).
+        leg_of: Output of :func:`put_layout`, shape (n,).
+        sides: Output, pairs of pads, shape (legs * bodies * most joints, 2).
 
     Returns:
         The number of sides.
@@ -86,7 +94,7 @@ def put_sides(
 
 @stage
 def _end(leg, joint, legs, members, pads, layout, leg_of):
-    """The pad at a joint of a leg, or -1."""
+    """Return the pad at a joint of a leg, or -1 if there is none."""
     fixed = False
     for k in range(members.shape[1]):
         fixed = fixed or members[FRAME, k] == joint
@@ -95,7 +103,7 @@ def _end(leg, joint, legs, members, pads, layout, leg_of):
 
 @stage(inline=False)
 def _insert(a, b, sides, count):
-    """Insert a pair into pairs in order, unless it is there; returns their number."""
+    """Insert a pair into sorted pairs unless it is there already; return their new number."""
     place = count
     while place > 0 and (
         sides[place - 1, 0] > a or (sides[place - 1, 0] == a and sides[place - 1, 1] >= b)

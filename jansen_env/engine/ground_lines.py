@@ -1,9 +1,9 @@
-"""Ground profiles as points: waves, stairs, ramps and others, fixed or drawn at random.
+"""Ground profiles as points: waves, stairs, ramps and others, fixed or generated at random.
 
-A kind of ground has a number, its place in :data:`KINDS`, and parameters (k,) in the order that
-:data:`jansen_env.terrain.generators.LEVELS` names them. All but slopes are level around x = 0,
-begin at ``start`` and end about at ``reach``, m from the origin on either side, and are level
-beyond.
+Each kind of ground has a number, its index in :data:`KINDS`, and parameters of shape (k,) in the
+order of :data:`jansen_env.terrain.generators.LEVELS`. Every ground except a slope is level around x
+= 0. It begins at ``start`` and ends near ``reach``, both measured in m from the origin on either
+side, and is level beyond its end.
 """
 
 from __future__ import annotations
@@ -15,30 +15,30 @@ from jansen_env.engine.kernel import Bools1, Floats1, Floats2, kernel, stage
 
 KINDS = ("slope", "rough", "waves", "stairs", "steps", "stumps", "ramps")
 SLOPE, ROUGH, WAVES, STAIRS, STEPS, STUMPS, RAMPS = range(len(KINDS))
-START = 0.6  # m, from the origin to where a ground begins: the machine's toes reach 0.55 m
-REACH = 9.0  # m, to where it ends: 8 m are 10 s at 0.8 m/s, and the toes ahead
-SHIFT = 0.4  # m, within which a drawn ground begins; half a turn of the crank walks 0.33 m
-RISER_SLOPE = math.radians(75.0)  # of the faces of steps, as x must increase from point to point
-LEAST_RUN = 1e-3  # m, of a face however low
-PER_WAVE = 8  # vertices
-EXTENT = 1000.0  # m, how far the first and the last segment are extended
+START = 0.6  # distance from the origin to where a ground begins, m; the toes reach 0.55 m
+REACH = 9.0  # distance from the origin to where it ends, m: 10 s at 0.8 m/s, and the toes
+SHIFT = 0.4  # range of a random start, m; the robot walks 0.33 m in half a crank turn
+RISER_SLOPE = math.radians(75.0)  # slope of a step's face, rad; x must increase along it
+LEAST_RUN = 1e-3  # least horizontal length of a step's face, m
+PER_WAVE = 8  # number of vertices per wave
+EXTENT = 1000.0  # horizontal length by which the first and the last segment are extended, m
 
 
 @stage
 def face_run(height):
-    """How far the face of a step extends in x, m."""
+    """Return the horizontal length of the face of a step, m."""
     return max(abs(height) / mathematics.tan(RISER_SLOPE), LEAST_RUN)
 
 
 @stage
 def count_periods(start, reach, period):
-    """Number of periods that have room, at least one."""
+    """Return the number of periods that fit between ``start`` and ``reach``, at least one."""
     return max(1, int((reach - start) / period))
 
 
 @stage
 def _period(kind, values):
-    """Length after which a ground of a kind repeats itself, m."""
+    """Return the length of one period of a ground, m."""
     if kind in (STAIRS, ROUGH, STEPS, WAVES):
         return values[1]  # tread, spacing or length
     if kind == STUMPS:
@@ -48,7 +48,7 @@ def _period(kind, values):
 
 @stage
 def _vertices(kind, count):
-    """Number of vertices on one side of the origin of so many periods."""
+    """Return the number of vertices on one side of the origin for ``count`` periods."""
     if kind == ROUGH:
         return count + 2
     if kind == WAVES:
@@ -66,7 +66,7 @@ def count_points(kind: int, values: Floats1, start: float, reach: float) -> int:
 
 @kernel
 def count_draws(kind: int, values: Floats1, start: float, reach: float) -> int:
-    """Count the random numbers of a ground that begins at ``start``."""
+    """Count the random numbers that generate a ground that begins at ``start``."""
     if kind == SLOPE:
         return 0
     count = count_periods(start, reach, _period(kind, values))
@@ -75,26 +75,29 @@ def count_draws(kind: int, values: Floats1, start: float, reach: float) -> int:
 
 @kernel
 def draw_start(kind: int, draw: float) -> float:
-    """Return where a ground begins by a random number from 0 to 1, m.
+    """Return where a ground begins, m, for a random number from 0 to 1.
 
-    The start is drawn, or the way to its first step could be learned by heart. Slopes and steps
-    have none that is drawn.
+    The start is random, because a policy could otherwise memorise the way to the first obstacle.
+    Slopes and steps have no random start.
     """
     return START if kind in (SLOPE, STEPS) else START + ((START + SHIFT) - START) * draw
 
 
 @kernel
 def has_start(kind: int) -> bool:
-    """Return whether where a ground begins is drawn."""
+    """Return whether the start of a kind of ground is random."""
     return kind != SLOPE and kind != STEPS
 
 
 @kernel
 def choose_direction(kind: int, draw: float, fixed: Bools1, values: Floats1) -> None:
-    """Let a slope or stairs go up or down by a random number from 0 to 1.
+    """Choose whether a slope or stairs go up or down.
 
     Args:
-        fixed: (k,) whether each parameter stays as it is. values: (k,) changed.
+        kind: Number of the kind of ground.
+        draw: Random number from 0 to 1. Below 0.5, the direction is reversed.
+        fixed: Whether each parameter must keep its value, shape (k,).
+        values: Parameters, changed in place, shape (k,).
     """
     if (kind in (SLOPE, STAIRS)) and draw < 0.5 and not fixed[0]:
         values[0] = -values[0]
@@ -104,10 +107,15 @@ def choose_direction(kind: int, draw: float, fixed: Bools1, values: Floats1) -> 
 def put_ground(
     kind: int, values: Floats1, start: float, reach: float, draws: Floats1, points: Floats2
 ) -> None:
-    """Put the points of a ground into (:func:`count_points`, 2), m.
+    """Compute the points of a ground.
 
     Args:
-        draws: (:func:`count_draws`,) random numbers from 0 to 1, without 1.
+        kind: Number of the kind of ground.
+        values: Parameters of the ground, shape (k,).
+        start: Distance from the origin at which the ground begins, in m.
+        reach: Distance from the origin at which the ground ends, in m.
+        draws: Random numbers from 0 to 1, excluding 1, shape (:func:`count_draws`,).
+        points: Output, in m, shape (:func:`count_points`, 2).
     """
     if kind == SLOPE:
         rise = mathematics.tan(values[0])
@@ -132,7 +140,10 @@ def put_ground(
 
 @stage
 def _put_point(side, k, x, y, points):
-    """Put vertex ``k`` of a side, 0 the right and 1 the left one, from the origin outwards."""
+    """Store vertex ``k`` of a side; vertices are counted from the origin outwards.
+
+    ``side`` is 0 for the right side and 1 for the left side.
+    """
     middle = len(points) // 2
     if side == 0:
         points[middle + k, 0], points[middle + k, 1] = x, y
@@ -142,7 +153,7 @@ def _put_point(side, k, x, y, points):
 
 @stage
 def _end_side(side, points):
-    """Let a side go on level."""
+    """Add the last point of a side, up to which it continues level."""
     last = len(points) // 2 - 1
     place = points[2 * last] if side == 0 else points[1]
     _put_point(side, last, abs(place[0]) + 1.0, place[1] + 0.0, points)
@@ -150,7 +161,7 @@ def _end_side(side, points):
 
 @stage
 def _put_face(side, k, edge, before, height, points):
-    """Put the steep face of step ``k`` about an edge: level treads lie between faces."""
+    """Add the steep face of step ``k`` at an edge; level treads lie between the faces."""
     half = 0.5 * face_run(height - before)
     _put_point(side, 2 * k, edge - half, before, points)
     _put_point(side, 2 * k + 1, edge + half, height, points)
@@ -158,7 +169,7 @@ def _put_face(side, k, edge, before, height, points):
 
 @stage(inline=False)
 def _put_rough(side, values, start, count, draws, points):
-    """Vertices with heights uniform in +- height, level at both ends."""
+    """Add vertices with heights uniform between -height and height, level at both ends."""
     height, spacing = values[0], values[1]
     for k in range(count + 2):
         y = 0.0
@@ -169,7 +180,7 @@ def _put_rough(side, values, start, count, draws, points):
 
 @stage(inline=False)
 def _put_waves(side, values, start, count, points):
-    """Cosine waves of eight segments each."""
+    """Add cosine waves of eight segments each."""
     for k in range(count * PER_WAVE + 1):
         turn = 2.0 * math.pi * (k % PER_WAVE) / PER_WAVE
         x = start + values[1] * (k / PER_WAVE)
@@ -178,7 +189,7 @@ def _put_waves(side, values, start, count, points):
 
 @stage(inline=False)
 def _put_stairs(side, values, start, count, points):
-    """Stairs that rise towards +x, with a landing around the origin."""
+    """Add stairs that rise towards +x, with a landing around the origin."""
     rise, tread = values[0], values[1]
     way = 1.0 if side == 0 else -1.0
     for k in range(count):
@@ -189,7 +200,7 @@ def _put_stairs(side, values, start, count, points):
 
 @stage(inline=False)
 def _put_steps(side, values, start, count, draws, points):
-    """Level pieces of random lengths and heights."""
+    """Add level pieces of random lengths and heights."""
     height, spacing = values[0], values[1]
     way = before = 0.0
     for k in range(count):
@@ -204,7 +215,7 @@ def _put_steps(side, values, start, count, draws, points):
 
 @stage(inline=False)
 def _put_stumps(side, values, start, count, points):
-    """Blocks on level ground."""
+    """Add blocks on level ground."""
     height, width = values[0], values[1]
     gap = values[2] - width
     for k in range(count):
@@ -215,7 +226,7 @@ def _put_stumps(side, values, start, count, points):
 
 @stage(inline=False)
 def _put_ramps(side, values, start, count, points):
-    """Ramps up and down with level pieces between them."""
+    """Add ramps up and down with level pieces between them."""
     rise = mathematics.tan(values[0])
     for k in range(4 * count):
         up = 1.0 if k % 4 == 1 or k % 4 == 2 else 0.0
@@ -224,7 +235,12 @@ def _put_ramps(side, values, start, count, points):
 
 @kernel
 def put_line(points: Floats2, line: Floats2) -> float:
-    """Put points (n, 2) with both ends extended into (n, 2), m; returns the largest |dy/dx|."""
+    """Copy the points of a ground, extend both ends, and return the largest |dy/dx|.
+
+    Args:
+        points: Points of the ground, in m, shape (n, 2).
+        line: Output, in m, shape (n, 2).
+    """
     last = len(points) - 1
     for k in range(len(points)):
         line[k, 0], line[k, 1] = points[k, 0], points[k, 1]
@@ -239,7 +255,7 @@ def put_line(points: Floats2, line: Floats2) -> float:
 
 @stage
 def _extend(start, end, way, out):
-    """Move the outer end of a segment along it."""
+    """Store the outer end of a segment, moved outwards along the segment."""
     dx, dy = end[0] - start[0], end[1] - start[1]
     place = end if way > 0.0 else start
     x, y = place[0], place[1]

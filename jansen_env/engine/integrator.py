@@ -153,7 +153,7 @@ def advance(
         most: Number of robots to advance at most.
         rows: Shape (k,), the robots.
         steps: Number of time steps.
-        ahead: Whether this is a look ahead, after which states are what they were.
+        ahead: Whether to look ahead only, and to restore the states afterwards.
         torque: Shape (robots,), commanded crank torque in N m.
         earlier: Shape (robots,), the torque that still holds in the first time steps, in N m.
         switch: Shape (robots,), number of these time steps.
@@ -201,8 +201,9 @@ def take_steps(r, steps, commanded, trace, work, scratch, designs, motions):
     A robot that becomes faster than :data:`DIVERGED` or not finite, leaves the stretch of ground
     that is known, or gets too deep into the ground stays as it was, without sums, ``diverged``.
 
-    A robot on pymunk's shapes stops, and ``waits``, wherever its planes must be listed: in
-    ``planes`` of ``scratch``, as many as its status says. The same call then continues the step.
+    A robot on pymunk's shapes stops, and sets ``waits``, whenever its contact planes must be
+    listed. The caller lists the planes in ``planes`` of ``scratch``, and their range in the robot's
+    status; then the same call continues the step.
     """
     robot, statistics, slip = motions.robots[r], motions.statistics[r], motions.slip[r]
     force, params, status, state = motions.contact_force[r], robot.params, robot.status, robot.state
@@ -264,7 +265,7 @@ def _refuse(robot, statistics, slip, force, scratch):
 
 @stage(inline=False)
 def _go_back(robot, statistics, scratch):
-    """Put a robot back where its step began."""
+    """Restore the state that a robot had at the beginning of its step."""
     for i in range(8):
         robot.state[i] = scratch.state[i]
     if robot.params.compliant:

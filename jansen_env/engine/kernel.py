@@ -136,7 +136,7 @@ class Kernel:
         Raises TypeError: an argument is no such array or number.
         """
         if PYTHON:
-            with np.errstate(all="ignore"):  # as compiled
+            with np.errstate(all="ignore"):  # a compiled kernel does not warn, either
                 return self.function(*flat(arguments, named=False))
         try:
             last = self._spare.pop()

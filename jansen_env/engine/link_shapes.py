@@ -1,8 +1,9 @@
-"""Links as arrays: where their joints are, their lengths, and the same links with other lengths.
+"""Links as arrays: the positions of their joints, their lengths, and links of other lengths.
 
-A row of :data:`LINK` has the numbers of a :class:`jansen_env.robot.Bar`, ``Triangle`` or ``Plate``
-under their names in robot files; ``points`` (bodies, most joints, 2) has the joints of plates, m.
-``members`` (bodies, most joints) has the joints of each body; -1 where a body has fewer.
+A row of :data:`LINK` holds the values of a :class:`jansen_env.robot.Bar`, ``Triangle`` or ``Plate``
+under their names in robot files. ``points`` holds the joints of plates in m, shape (bodies, most
+joints, 2). ``members`` holds the joints of each body, shape (bodies, most joints), and -1 where a
+body has fewer.
 """
 
 from __future__ import annotations
@@ -28,16 +29,25 @@ LINK = row_dtype(
         ("outward", "?"),
     ]
 )
-"""A link: m, rad, kg, kg m^2."""
+"""Record of a link; values are in m, rad, kg and kg m^2."""
 BUILD = row_dtype(
     floats(
-        "density", "bar_thickness", "lower_rod_thickness", "plate_thickness", "width",
-        "frame_width", "outline", "window", "pin_share", "axis_mass", "foot_mass",
+        "density",
+        "bar_thickness",
+        "lower_rod_thickness",
+        "plate_thickness",
+        "width",
+        "frame_width",
+        "outline",
+        "window",
+        "pin_share",
+        "axis_mass",
+        "foot_mass",
     )
-)  # fmt: skip
-"""Sizes and masses of built parts, see :mod:`jansen_env.robot.buildable`; SI units."""
+)
+"""Sizes and masses of built parts in SI units, see :mod:`jansen_env.robot.buildable`."""
 ROD, FRAME_BAR, LOWER_ROD, TRIANGULAR, FOOT_PLATE = range(5)
-FLAT = 1e-9  # of the squares of a plate's sides: an area below it is that of a rod
+FLAT = 1e-9  # a plate counts as a rod if its area is below this fraction of its size squared
 
 Links = Annotated[NDArray[np.void], LINK, 1]
 Builds = Annotated[NDArray[np.void], BUILD, 1]
@@ -45,28 +55,37 @@ Builds = Annotated[NDArray[np.void], BUILD, 1]
 
 @stage
 def opposite(a, b, angle):
-    """Side of a triangle opposite an angle between two sides (law of cosines), m."""
+    """Return the side of a triangle opposite the angle between a and b, m (law of cosines)."""
     return math.sqrt(a * a + b * b - 2.0 * a * b * mathematics.cos(angle))
 
 
 @stage
 def triangle_sides(d, l, h, alpha, gamma):  # noqa: E741 - the paper's symbol
-    """Lengths first-second, second-third, third-first of a triangle seen from its centroid, m."""
+    """Return the sides first-second, second-third and third-first of a triangle, m.
+
+    Args:
+        d: Distance of the first corner from the centroid, in m.
+        l: Distance of the second corner from the centroid, in m.
+        h: Distance of the third corner from the centroid, in m.
+        alpha: Angle between the first and the second corner at the centroid, in rad.
+        gamma: Angle between the third and the first corner at the centroid, in rad.
+    """
     beta = 2.0 * math.pi - alpha - gamma
     return opposite(d, l, alpha), opposite(l, h, beta), opposite(h, d, gamma)
 
 
 @stage
 def is_triangle(a, b, c):
-    """Whether three lengths form a triangle."""
+    """Return whether three lengths form a triangle."""
     return 2.0 * max(a, b, c) < a + b + c
 
 
 @stage
 def triangle_of_sides(a, b, c):
-    """(d, l, h, alpha, gamma) of a triangle with sides first-second, second-third, third-first.
+    """Return (d, l, h, alpha, gamma) of a triangle with given sides, see :func:`triangle_sides`.
 
-    Two thirds of each median: 9 d^2 = 2 a^2 + 2 c^2 - b^2, and so on around.
+    The distances from the centroid are two thirds of the medians: 9 d^2 = 2 a^2 + 2 c^2 - b^2, and
+    likewise for l and h.
     """
     d = math.sqrt(2.0 * a * a + 2.0 * c * c - b * b) / 3.0
     l = math.sqrt(2.0 * a * a + 2.0 * b * b - c * c) / 3.0  # noqa: E741
@@ -78,9 +97,13 @@ def triangle_of_sides(a, b, c):
 
 @stage
 def flat_bar(length, width, end_mass, areal):
-    """(mass, inertia) of a flat bar with round ends about two pins, and a mass on each.
+    """Return (mass, inertia) of a flat bar with round ends about two pins, and a mass on each pin.
 
-    ``areal``: kg/m^2.
+    Args:
+        length: Distance between the pins, in m.
+        width: Width of the bar, in m.
+        end_mass: Mass on each pin, in kg.
+        areal: Mass of the bar per area, in kg/m^2.
     """
     radius, span = 0.5 * width, length * length
     middle, rounds = areal * length * width, areal * math.pi * radius * radius
@@ -93,11 +116,21 @@ def flat_bar(length, width, end_mass, areal):
 
 @stage
 def triangular_plate(a, b, c, end_mass, more, areal, outline, window):
-    """(mass, inertia) of a windowed plate about the triangle of its pins, with masses on them.
+    """Return (mass, inertia) of a plate with a window, and of masses on its three pins.
 
-    Outline, hole and pins are similar triangles about one centroid, which is the centre of mass.
-    A third corner that is ``more`` heavy draws the hole towards it, as far as leaves the centre of
-    mass there. ``outline`` and ``window``: sizes, to the pins' triangle.
+    Outline, window and pins form similar triangles with one centroid, which is the centre of mass.
+    If the third pin carries a larger mass, the window lies nearer to it, so that the centre of mass
+    stays at the centroid.
+
+    Args:
+        a: Side first-second of the pins' triangle, in m.
+        b: Side second-third, in m.
+        c: Side third-first, in m.
+        end_mass: Mass on each pin, in kg.
+        more: Additional mass on the third pin, in kg.
+        areal: Mass of the plate per area, in kg/m^2.
+        outline: Size of the outline relative to the pins' triangle.
+        window: Size of the window relative to the pins' triangle.
     """
     half = 0.5 * (a + b + c)
     area = math.sqrt(half * (half - a) * (half - b) * (half - c))
@@ -106,7 +139,8 @@ def triangular_plate(a, b, c, end_mass, more, areal, outline, window):
     inertia = areal * area * spread * (outline * outline - window * window)
     # The pins: sum of |corner - centroid|^2 is (a^2 + b^2 + c^2) / 3.
     mass = areal * area * (outline - window)
-    reach = math.sqrt(2.0 * (b * b + c * c) - a * a) / 3.0  # of the third corner
+    # The distance of the third corner from the centroid.
+    reach = math.sqrt(2.0 * (b * b + c * c) - a * a) / 3.0
     moment, hole = more * reach, areal * area * window
     inertia += moment * reach - moment * moment / hole
     return mass + 3.0 * end_mass + more, inertia + end_mass * 12.0 * spread
@@ -114,7 +148,7 @@ def triangular_plate(a, b, c, end_mass, more, areal, outline, window):
 
 @stage(inline=False)
 def count_joints(joints):
-    """Number of joints of a body, a row of ``members``."""
+    """Return the number of joints of a body from its row of ``members``."""
     count = 0
     for k in range(len(joints)):
         if joints[k] >= 0:
@@ -124,7 +158,10 @@ def count_joints(joints):
 
 @stage(inline=False)
 def put_link_corners(link, points, count, corners):
-    """Put (c, o) of each joint into (most joints, 2): it is at the centre + c (cos, sin)(a + o)."""
+    """Compute polar coordinates (c, o) of each joint of a link, shape (most joints, 2).
+
+    If the angle of the link is a, the joint lies at the link's centre + c (cos, sin)(a + o).
+    """
     if link.kind == BAR:
         corners[0, 0], corners[1, 0] = -0.5 * link.length, 0.5 * link.length
     elif link.kind == TRIANGLE:
@@ -140,7 +177,10 @@ def put_link_corners(link, points, count, corners):
 
 @stage(inline=False)
 def distance(link, points, i, k):
-    """Distance between two different joints of a link, by their places in it, m."""
+    """Return the distance between two different joints of a link, m.
+
+    ``i`` and ``k`` are the positions of the joints in the link.
+    """
     if link.kind == BAR:
         return link.length
     if link.kind == TRIANGLE:
@@ -151,7 +191,7 @@ def distance(link, points, i, k):
 
 @stage
 def _place_in(joints, joint):
-    """Place of a joint in a body, a row of ``members``; -1 for none."""
+    """Return the position of a joint in a body, a row of ``members``, or -1 if it is not there."""
     for k in range(len(joints)):
         if joints[k] == joint:
             return k
@@ -160,15 +200,25 @@ def _place_in(joints, joint):
 
 @kernel
 def assemble(
-    links: Links, points: Floats3, members: Ints2, dyads: Ints2, corners: Floats3, bars: Bools1,
+    links: Links,
+    points: Floats3,
+    members: Ints2,
+    dyads: Ints2,
+    corners: Floats3,
+    bars: Bools1,
     spans: Floats2,
-) -> None:  # fmt: skip
-    """Put what :mod:`jansen_env.engine.closure` has of links.
+) -> None:
+    """Compute the arrays of links that :mod:`jansen_env.engine.closure` reads.
 
     Args:
-        dyads: (dyads, 6) joint, start, end and branch; the bodies from start and end to the joint
-            are put behind them, the first that have both.
-        corners: (bodies, most joints, 2) out. bars: (bodies,) out. spans: (dyads, 2) out, m.
+        links: Links of a leg, shape (bodies,).
+        points: Joints of plates, see the module.
+        members: Joints of the bodies, see the module.
+        dyads: Joint, start, end and branch of each dyad, shape (dyads, 6). The last two columns are
+            output: the first bodies that connect the joint with start and with end.
+        corners: Output of :func:`put_link_corners` for each body, shape (bodies, most joints, 2).
+        bars: Output, whether each body is a bar, shape (bodies,).
+        spans: Output, distances of the joint from start and end, in m, shape (dyads, 2).
     """
     corners[:] = 0.0
     for k in range(len(links)):
@@ -189,11 +239,18 @@ def assemble(
 
 @kernel
 def put_lengths(links: Links, points: Floats3, members: Ints2, lengths: Floats2) -> None:
-    """Put the lengths of each link into (bodies, most of them), m.
+    """Compute the lengths of each link.
 
-    Of a bar its length; of a triangle its sides first-second, second-third, third-first. Of a plate
-    the distance of its first two joints, and where each other one lies from the first: along the
-    way to the second, and to its left.
+    The length of a bar is the distance between its joints. The lengths of a triangle are its sides
+    first-second, second-third and third-first. The lengths of a plate are the distance between its
+    first two joints, and two coordinates of every other joint relative to the first joint: along
+    the line to the second joint, and to the left of this line.
+
+    Args:
+        links: Links of a leg, shape (bodies,).
+        points: Joints of plates, see the module.
+        members: Joints of the bodies, see the module.
+        lengths: Output, in m, shape (bodies, most lengths).
     """
     for k in range(len(links)):
         link = links[k]
@@ -215,9 +272,12 @@ def put_lengths(links: Links, points: Floats3, members: Ints2, lengths: Floats2)
 
 @kernel
 def put_lengths_between(kind: int, places: Floats2, lengths: Floats1) -> None:
-    """Put the lengths of a link of a kind from the places of its joints (joints, 2), m.
+    """Compute the lengths of a link from the positions of its joints.
 
-    In the order of :func:`put_lengths`.
+    Args:
+        kind: ``BAR``, ``TRIANGLE`` or ``PLATE``.
+        places: Positions of the joints, in m, shape (joints, 2).
+        lengths: Output, in m, in the order of :func:`put_lengths`, shape (lengths,).
     """
     span, cos, sin = _way(places)
     lengths[0] = span
@@ -232,23 +292,32 @@ def put_lengths_between(kind: int, places: Floats2, lengths: Floats1) -> None:
 
 @stage
 def _between(a, b):
-    """Distance of two places, m."""
+    """Return the distance between two points, m."""
     return mathematics.hypot(b[0] - a[0], b[1] - a[1])
 
 
 @kernel
 def frame_angle_of(places: Floats2, corners: Floats2) -> float:
-    """Return the angle of a frame in the chassis, rad, whose first two joints are at places, m."""
+    """Return the angle of a frame in the chassis, rad.
+
+    Args:
+        places: Positions of the frame's joints, in m, shape (joints, 2). Only the first two count.
+        corners: Output of :func:`put_link_corners` for the frame, shape (joints, 2).
+    """
     half, turn = edge_turn(corners[0], corners[1])
     return mathematics.atan2(places[1, 1] - places[0, 1], places[1, 0] - places[0, 0]) + half + turn
 
 
 @stage
 def edge_turn(first, second):
-    """Turn from the edge between two corners (c, o) of a body to its angle.
+    """Return the turn from the edge between two corners of a body to the body's angle, rad.
 
-    Half a turn or none, and more. For a body whose angle points to the first of them the edge is
-    taken the other way round.
+    The turn is the sum of the two returned numbers. The first of them is half a turn or 0. If the
+    body's angle points to the first corner, the edge is taken in the opposite direction.
+
+    Args:
+        first: First corner as (c, o), see :func:`put_link_corners`.
+        second: Second corner.
     """
     r, s, way = first[0], second[0], -1.0 if first[0] > 0.0 else 1.0
     x = way * (s * mathematics.cos(second[1]) - r * mathematics.cos(first[1]))
@@ -258,7 +327,10 @@ def edge_turn(first, second):
 
 @stage
 def _way(place):
-    """Distance of the first two joints of a plate, m, and cosine and sine of the way."""
+    """Return (distance, cosine, sine) of the line from the first joint of a plate to the second.
+
+    The distance is in m.
+    """
     dx, dy = place[1, 0] - place[0, 0], place[1, 1] - place[0, 1]
     span = mathematics.hypot(dx, dy)
     return span, dx / span, dy / span
@@ -266,16 +338,33 @@ def _way(place):
 
 @kernel
 def resize(
-    links: Links, points: Floats3, members: Ints2, lengths: Floats2, known: Floats2, dense: bool,
-    new_links: Links, new_points: Floats3, work: Floats3,
-) -> int:  # fmt: skip
-    """Put links with other lengths; those of a body whose lengths are as before stay as they are.
+    links: Links,
+    points: Floats3,
+    members: Ints2,
+    lengths: Floats2,
+    known: Floats2,
+    dense: bool,
+    new_links: Links,
+    new_points: Floats3,
+    work: Floats3,
+) -> int:
+    """Compute links with other lengths.
+
+    A body whose lengths do not change is copied as it is.
 
     Args:
-        lengths: as of :func:`put_lengths`. known: those of ``links``.
-        dense: Whether a link is as heavy per metre of its sides as before, its mass spread in the
-            same way; else its mass is 0.1 kg, and must be put in afterwards.
-        work: (2, most joints + 1, 2) work space.
+        links: Links of a leg, shape (bodies,).
+        points: Joints of plates, see the module.
+        members: Joints of the bodies, see the module.
+        lengths: New lengths, in m, in the order of :func:`put_lengths`, shape (bodies, most
+            lengths).
+        known: Lengths of ``links``, in the same order and shape.
+        dense: Whether a changed link keeps its mass per metre of its sides, and the way in which
+            this mass is distributed. If False, its mass is 0.1 kg, and the caller must set it
+            afterwards.
+        new_links: Output, links with the new lengths, shape (bodies,).
+        new_points: Output, their joints, in the shape of ``points``.
+        work: Work space, shape (2, most joints + 1, 2).
 
     Returns:
         The first body whose sides form no triangle, or -1.
@@ -308,7 +397,7 @@ def resize(
 
 @stage(inline=False)
 def _set_lengths(link, points, count, lengths, out):
-    """Give a link other lengths; returns whether they form a triangle where they must."""
+    """Change the lengths of a link; return False if they should form a triangle but do not."""
     if link.kind == BAR:
         link.length = lengths[0]
         link.mass = link.inertia = 0.1
@@ -319,7 +408,7 @@ def _set_lengths(link, points, count, lengths, out):
         link.d, link.l, link.h, link.alpha, link.gamma = shape
         link.mass = link.inertia = 0.1
     else:
-        _, cos, sin = _way(points)  # of its first two joints, as before
+        _, cos, sin = _way(points)  # keep the direction of its first two joints
         for i in range(count):
             a = b = 0.0
             if i == 1:
@@ -337,10 +426,17 @@ def _set_lengths(link, points, count, lengths, out):
 
 @stage(inline=False)
 def uniform_plate(points, count, mass):
-    """(x, y, inertia) of a uniform plate over the largest triangle of joints, or of a rod.
+    """Return (x, y, inertia) of a uniform plate over the largest triangle of its joints.
 
-    The centre, m, in the axes of the points (count or more, 2), and kg m^2. It is a rod if the
-    joints are in line.
+    If the joints are in line, the plate is a rod.
+
+    Args:
+        points: Positions of the joints, in m, shape (count or more, 2).
+        count: Number of joints.
+        mass: Mass of the plate, in kg.
+
+    Returns:
+        The centre of mass (x, y) in the axes of ``points``, in m, and the inertia in kg m^2.
     """
     x0, y0 = points[0, 0], points[0, 1]
     squares = longest = 0.0
@@ -386,14 +482,14 @@ def uniform_plate(points, count, mass):
 
 @stage
 def _square_from(place, x, y, total):
-    """A sum of squares, with those of the way from a place added."""
+    """Return ``total`` plus the squared distance between a point and (x, y)."""
     dx, dy = place[0] - x, place[1] - y
     return (total + dx * dx) + dy * dy
 
 
 @stage(inline=False)
 def _size(link, points, count, work):
-    """Sum of a link's sides, m."""
+    """Return the sum of a link's sides, m."""
     sides = work[:, 0]
     for k in range(count - 1):
         sides[k] = distance(link, points, k, k + 1)
@@ -403,7 +499,7 @@ def _size(link, points, count, work):
 
 @stage(inline=False)
 def _spread(link, points, count, work):
-    """Inertia over mass of a rod or uniform plate about the same joints, m^2."""
+    """Return inertia divided by mass for a uniform rod or plate with the same joints, m^2."""
     corners, places = work[0], work[1]
     corners[:] = 0.0
     put_link_corners(link, points, count, corners)
@@ -416,11 +512,14 @@ def _spread(link, points, count, work):
 
 @kernel
 def put_built_parts(links: Links, points: Floats3, parts: Ints1, legs: int, build: Builds) -> None:
-    """Give links the masses and inertias of built parts, by their lengths.
+    """Give links the masses and inertias of built parts of the same lengths.
 
     Args:
-        parts: (bodies,) ``ROD`` ... ``FOOT_PLATE``. legs: Number of the robot's legs, which share
-            what the frame carries. build: (1,) sizes and masses.
+        links: Links of a leg, changed in place, shape (bodies,).
+        points: Joints of plates, see the module.
+        parts: Part of each body, ``ROD`` to ``FOOT_PLATE``, shape (bodies,).
+        legs: Number of the robot's legs, which share the mass that the frame carries.
+        build: Sizes and masses of the parts, shape (1,).
     """
     size = build[0]
     for k in range(len(links)):

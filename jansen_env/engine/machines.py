@@ -1,4 +1,4 @@
-"""What a robot is before the parameters of an episode change it: numbers of a robot file."""
+"""Parameters that a robot has from its robot file, before those of an episode change them."""
 
 from __future__ import annotations
 
@@ -15,15 +15,21 @@ from jansen_env.engine.sums import exact_sum
 
 MOTOR = row_dtype(
     floats(
-        "stall_torque", "no_load_speed", "torque_limit", "gear_ratio", "rotor_inertia", "friction",
-        "viscous_friction", "efficiency",
+        "stall_torque",
+        "no_load_speed",
+        "torque_limit",
+        "gear_ratio",
+        "rotor_inertia",
+        "friction",
+        "viscous_friction",
+        "efficiency",
     )
-)  # fmt: skip
-"""A :class:`jansen_env.robot.motor.Motor`."""
+)
+"""Record of a :class:`jansen_env.robot.motor.Motor`."""
 COMPLIANCE = row_dtype(floats("stiffness", "damping", "tangential_stiffness", "tangential_damping"))
-"""A :class:`jansen_env.robot.Compliance`."""
+"""Record of a :class:`jansen_env.robot.Compliance`."""
 PAYLOAD = row_dtype([*floats("mass", "inertia"), ("position", "f8", 2)])
-"""A :class:`jansen_env.robot.Payload`."""
+"""Record of a :class:`jansen_env.robot.Payload`."""
 CHASSIS = row_dtype(
     [
         *floats("frame_angle", "pad_radius"),
@@ -32,7 +38,7 @@ CHASSIS = row_dtype(
         ("pad_compliance", COMPLIANCE),
     ]
 )
-"""What a :class:`jansen_env.robot.Robot` has beside links and legs, under its names; SI units."""
+"""Values of a :class:`jansen_env.robot.Robot` other than those of links and legs, in SI units."""
 
 Chassis = Annotated[NDArray[np.void], CHASSIS, 1]
 
@@ -41,15 +47,17 @@ Chassis = Annotated[NDArray[np.void], CHASSIS, 1]
 def put_machine(
     links: Links, legs: int, chassis: Chassis, friction: Floats1, work: Floats2, machines: Machines
 ) -> None:
-    """Put the numbers of a robot, its crank free, weightless on level slippery ground.
+    """Store the parameters of a robot with a free crank, weightless on level slippery ground.
 
-    How far its pads get, and how it advances, is not known yet.
+    This function does not set the reach of the pads and the advance per turn of the crank.
 
     Args:
-        links: (bodies,) links of a leg. legs: Number of legs. chassis: (1,).
-        friction: Coulomb friction of each bearing, N m.
-        work: (2, bodies + 1) work space.
-        machines: (1,) out.
+        links: Links of a leg, shape (bodies,).
+        legs: Number of legs.
+        chassis: Record of the other values of the robot, shape (1,).
+        friction: Coulomb friction of each bearing, in N m, shape (bearings,).
+        work: Work space, shape (2, bodies + 1).
+        machines: Output, shape (1,).
     """
     machine, whole = machines[0], chassis[0]
     params, load = machine.nominal, whole.payload
@@ -77,7 +85,7 @@ def put_machine(
 
 @stage
 def _put_motor(motor, params):
-    """Put the numbers of a motor, see :class:`jansen_env.robot.motor.Motor`."""
+    """Store the parameters of a motor, see :class:`jansen_env.robot.motor.Motor`."""
     inertia, gear, stall = motor.rotor_inertia, motor.gear_ratio, motor.stall_torque
     params.rotor_pitch, params.rotor_coupling = inertia, gear * inertia
     params.rotor_crank = gear * gear * inertia

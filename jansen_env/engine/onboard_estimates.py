@@ -102,7 +102,7 @@ def estimate_onboard(period, moved, robot, paths, columns, out):
     if moved or memory.is_first:
         first = memory.is_first
         old_angle, old_cos, old_sin = estimates[ANGLE], estimates[COS_PITCH], estimates[SIN_PITCH]
-        # Compiled, float() would leave a number of single precision what it is.
+        # In a compiled kernel, float() would not convert single precision to double precision.
         sine = np.float64(out[columns[SIN_ANGLE_COLUMN]])
         cosine = np.float64(out[columns[COS_ANGLE_COLUMN]])
         angle = mathematics.atan2(sine, cosine)

@@ -1,12 +1,13 @@
-"""Random numbers of ``numpy.random.default_rng(seed)``, bit for bit, for pages.
+"""Random numbers of ``numpy.random.default_rng(seed)``, bit for bit, for web pages.
 
-SeedSequence and PCG64 (O'Neill, "PCG: A Family of Simple Fast Space-Efficient Statistically Good
-Algorithms for Random Number Generation", 2014), and NumPy's ways from bits to numbers (Lemire,
-"Fast Random Integer Generation in an Interval", 2019).
+This module implements SeedSequence and PCG64 (O'Neill, "PCG: A Family of Simple Fast
+Space-Efficient Statistically Good Algorithms for Random Number Generation", 2014), and NumPy's
+conversion of bits to numbers (Lemire, "Fast Random Integer Generation in an Interval", 2019).
 
-A generator is an array (6,): state and increment, the upper half of either first, and whether the
-upper half of the last 64 bits is left, and that. Uncompiled, NumPy warns of overflows, by which
-these numbers come about.
+A generator is an array of shape (6,). It holds the state and the increment, each with its upper
+half first, then a flag that is 1 if the upper half of the last 64 bits is still unused, and this
+upper half. The arithmetic relies on overflows, of which NumPy warns if the kernels are not
+compiled.
 """
 
 from __future__ import annotations
@@ -15,9 +16,9 @@ import numpy as np
 
 from jansen_env.engine.kernel import Floats1, Ints1, Words1, kernel, stage
 
-# Numba makes a float of an unsigned and a signed integer: all of these are unsigned.
+# Numba converts to float when it combines signed and unsigned integers, so all are unsigned here.
 STATE_HIGH, STATE_LOW, STEP_HIGH, STEP_LOW, HAS_HALF, HALF = range(6)
-ZERO, ONE, POOL = np.uint64(0), np.uint64(1), 4  # words of a seed sequence
+ZERO, ONE, POOL = np.uint64(0), np.uint64(1), 4  # POOL: number of words of a seed sequence
 W16, W32, W58, W63, W64 = (np.uint64(bits) for bits in (16, 32, 58, 63, 64))
 UNUSED_BITS = np.uint64(11)
 MASK = np.uint64(0xFFFFFFFF)
@@ -30,7 +31,7 @@ SPACING = 2.0**-53
 
 @stage
 def _product(a, b):
-    """(upper, lower half) of the product of two words of 64 bits."""
+    """Return (upper half, lower half) of the product of two 64-bit words."""
     a_low, a_high, b_low, b_high = a & MASK, a >> W32, b & MASK, b >> W32
     low = a_low * b_low
     left, right = a_high * b_low, a_low * b_high
@@ -41,7 +42,7 @@ def _product(a, b):
 
 @stage(inline=False)
 def _advance(state):
-    """Take a step of the generator."""
+    """Advance the generator by one step."""
     high, low = _product(state[STATE_LOW], MULTIPLIER_LOW)
     high += state[STATE_HIGH] * MULTIPLIER_LOW + state[STATE_LOW] * MULTIPLIER_HIGH
     total = low + state[STEP_LOW]
@@ -51,7 +52,7 @@ def _advance(state):
 
 @stage(inline=False)
 def _bits64(state):
-    """The next 64 random bits."""
+    """Return the next 64 random bits."""
     _advance(state)
     mixed, turn = state[STATE_HIGH] ^ state[STATE_LOW], state[STATE_HIGH] >> W58
     return (mixed >> turn) | (mixed << ((W64 - turn) & W63))
@@ -59,7 +60,7 @@ def _bits64(state):
 
 @stage
 def _bits32(state):
-    """The next 32 random bits: the lower half of 64, and then the upper one."""
+    """Return the next 32 random bits: the lower half of 64 bits first, then the upper half."""
     if state[HAS_HALF] != ZERO:
         state[HAS_HALF] = ZERO
         return state[HALF]
@@ -80,9 +81,12 @@ def _mixed(x, y):
 
 @kernel
 def seed_generator(seed: int, state: Words1) -> None:
-    """Seed a generator (6,) with a whole number from 0 to 2^63 - 1.
+    """Seed a generator with a whole number from 0 to 2^63 - 1.
 
-    The array is work space on the way: words of the seed sequence, and its hash.
+    Args:
+        seed: The number.
+        state: Output, the generator, shape (6,). Meanwhile it serves as work space for the words of
+            the seed sequence and its hash.
     """
     whole = np.uint64(seed)
     factor = FIRST_HASH
@@ -99,7 +103,7 @@ def seed_generator(seed: int, state: Words1) -> None:
                 state[target] = _mixed(state[target], _shifted((word * factor) & MASK))
     factor = FIRST_OUT
     w0, w1, w2, w3 = state[0], state[1], state[2], state[3]
-    for k in range(POOL):  # four words of 64 bits, of two each
+    for k in range(POOL):  # four 64-bit words, each made of two 32-bit words
         first, second = (w0, w1) if k % 2 == 0 else (w2, w3)
         first = first ^ factor
         factor = (factor * OUT_FACTOR) & MASK
@@ -122,19 +126,31 @@ def seed_generator(seed: int, state: Words1) -> None:
 
 @kernel
 def put_uniforms(state: Words1, out: Floats1) -> None:
-    """Put random numbers from 0 to 1, without 1, into (n,): ``rng.random(n)``."""
+    """Generate random numbers from 0 to 1, excluding 1, as ``rng.random(n)`` does.
+
+    Args:
+        state: The generator, shape (6,).
+        out: Output, shape (n,).
+    """
     for k in range(len(out)):
         out[k] = float(_bits64(state) >> UNUSED_BITS) * SPACING
 
 
 @kernel
 def put_integers(state: Words1, most: int, out: Ints1) -> None:
-    """Put random whole numbers from 0 to ``most``, with it, into (n,)."""
+    """Generate random whole numbers from 0 to ``most``, including ``most``.
+
+    Args:
+        state: The generator, shape (6,).
+        most: Largest number.
+        out: Output, shape (n,).
+    """
     size = np.uint64(most) + ONE
     for k in range(len(out)):
         if size <= MASK + ONE:
             product = _bits32(state) * size
-            least = (MASK + ONE - size) % size  # below it there would be more of some numbers
+            # Reject products below this limit, or some numbers would be more likely than others.
+            least = (MASK + ONE - size) % size
             while product & MASK < least:
                 product = _bits32(state) * size
             out[k] = np.int64(product >> W32)

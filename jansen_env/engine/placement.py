@@ -24,17 +24,17 @@ CLOSE = 1e-6  # m, how near they must come; near steep faces, and pads that are 
 # By which a robot is placed in the ground, m: within what is left uncorrected, and so deep that its
 # toes carry at once and stay down; at a nanometre they rattle.
 PLACEMENT_DEPTH = 1e-5
-DEEPEST = 0.02  # m, of the static deflection of feet
+DEEPEST = 0.02  # largest static deflection of feet, m
 
 
 @stage
 def resting_depth(mass, stiffness, gravity):
-    """Return the static deflection of feet, m: the weight of a mass on two of them.
+    """Return the static deflection of feet, m, if two feet carry a mass.
 
     Args:
-        mass: In kg.
-        stiffness: Of a foot, in N/m.
-        gravity: Downwards, in m/s^2.
+        mass: Mass, in kg.
+        stiffness: Stiffness of a foot, in N/m.
+        gravity: Downward acceleration, in m/s^2.
     """
     return 0.5 * mass * max(gravity, 0.0) / stiffness
 
@@ -44,24 +44,25 @@ def place(
     rows: Ints1, crank_angles: Floats1, x: float, pitch: float, designs: Designs, motions: Motions,
     centres: Floats2, planes: Planes,
 ) -> int:  # fmt: skip
-    """Put robots at rest on their lowest toes, a little into the ground, as deep as feet give.
+    """Put robots at rest on their lowest toes, sunk by the static deflection of compliant feet.
 
-    Where another pad, or a link's side that collides, is lower, it stands on that. A robot that is
-    held stays at y = 0.
+    If another pad, or a side of a link that collides, is lower, the robot stands on that. A robot
+    with a fixed chassis stays at y = 0.
 
     Args:
-        rows: Shape (k,), the robots.
-        crank_angles: Shape (n,), in rad.
-        x: Of the crank axis, in m.
-        pitch: In rad; NaN for that of :func:`_level_pitch`, or 0 of a robot that is held.
+        rows: Indices of the robots, shape (k,).
+        crank_angles: Crank angle of each robot of the batch, in rad, shape (n,).
+        x: Position of the crank axis, in m.
+        pitch: Pitch, in rad. NaN selects the pitch of :func:`_level_pitch`, or 0 for a fixed
+            chassis.
         designs: Tables and grounds.
         motions: Records of the robots.
-        centres: Shape (toes + 1 or pads, 2), work space.
+        centres: Work space, shape (toes + 1 or pads, 2).
         planes: Work space.
 
     Returns:
-        The first robot whose feet would give more than :data:`DEEPEST`; then nothing has changed.
-        -1 if there is none.
+        The first robot whose feet would deflect by more than :data:`DEEPEST`, or -1 if there is
+        none. If there is such a robot, no robot is placed.
     """
     for r in rows:
         params = motions.robots[r].params
@@ -83,7 +84,7 @@ def place(
 
 @stage
 def _stand(rows, designs, robots, centres, planes):
-    """Find height and pitch of robots that stand."""
+    """Set height and pitch of robots so that they stand on the ground."""
     world, surface = designs.world[0], designs.surface
     toes = world.toes
     for r in rows:
@@ -214,10 +215,10 @@ def _tip(toes, centre, surface, begin, end, x, radius, pitch):
 
 @stage(inline=False)
 def _level_pitch(toes, centre, surface, begin, end, x, radius):
-    """The pitch at which front and rear toes touch together, of several the most level one, rad.
+    """Return the most level pitch at which front and rear toes touch together, rad.
 
-    Pitches are tried from the most level one outwards, and then around the first between which the
-    front toes take off.
+    The search tries pitches from the most level one outwards. It then refines the first interval in
+    which the front toes take off.
     """
     low, high = -WIDEST_PITCH, WIDEST_PITCH
     pitch = 0.0
@@ -259,19 +260,19 @@ def _level_pitch(toes, centre, surface, begin, end, x, radius):
 
 @stage
 def _tried(low, high, i):
-    """Return the pitch of number ``i`` that is tried between two, rad."""
+    """Return pitch number ``i`` of the pitches that are tried between two limits, rad."""
     return high if i == TRIES - 1 else i * ((high - low) / (TRIES - 1)) + low
 
 
 @stage
 def _between(low, high, i):
-    """Return how far twice the middle of tried pitches ``i`` and ``i + 1`` is from level, rad."""
+    """Return the magnitude of the sum of tried pitches ``i`` and ``i + 1``, rad."""
     return abs(_tried(low, high, i) + _tried(low, high, i + 1))
 
 
 @stage(inline=False)
 def _most_level(low, high):
-    """Return the number of the tried pitch with the most level middle between it and the next."""
+    """Return the number of the tried pitch at the lower end of the most level interval."""
     best = 0
     for i in range(1, TRIES - 1):
         if _between(low, high, i) < _between(low, high, best):
@@ -281,7 +282,11 @@ def _most_level(low, high):
 
 @stage
 def _is_left_next(low, high, left, right):
-    """Whether the interval before pitch ``left`` is as level as that after ``right``, or alone."""
+    """Return whether the search continues with the interval below tried pitch ``left``.
+
+    It does if this interval is at least as level as the one above pitch ``right``, or if no
+    interval is left above ``right``.
+    """
     if left == 0 or right == TRIES - 1:
         return right == TRIES - 1
     return _between(low, high, left - 1) <= _between(low, high, right)

@@ -1,4 +1,4 @@
-"""How far the pads and the centre of mass of a robot get, by its tables."""
+"""Distances from the crank axis that the pads and the centre of mass of a robot can reach."""
 
 from __future__ import annotations
 
@@ -8,28 +8,36 @@ from jansen_env.engine import mathematics
 from jansen_env.engine.collision import SPECULATIVE_MARGIN
 from jansen_env.engine.kernel import Floats1, Floats2, Floats3, Floats4, kernel, stage
 
-SPARSE = 2  # intervals of a table between two angles at which pads that are no toes are looked at
-BETWEEN = 1.01  # what lies between such angles is farther by less than this
+SPARSE = 2  # table intervals between two crank angles at which pads other than toes are sampled
+BETWEEN = 1.01  # factor on sampled distances that covers all angles between the samples
 
 
 @kernel
 def measure_reach(
-    body: Floats3, pads: Floats4, toes: int, legs: Floats2, farthest: Floats2, depths: Floats1,
+    body: Floats3,
+    pads: Floats4,
+    toes: int,
+    legs: Floats2,
+    farthest: Floats2,
+    depths: Floats1,
     fore: Floats1,
-) -> float:  # fmt: skip
-    """Measure how far pads and the centre of mass of a robot get from the crank axis.
+) -> float:
+    """Measure how far the pads and the centre of mass of a robot get from the crank axis.
 
     Args:
-        body: (intervals, order, functions) and pads: (pads, intervals, order, 3) tables.
-        toes: The first so many pads of a leg are toes.
-        legs: (legs, 2) 1 of a fore leg and -1 of a back leg; and phase, rad.
-        farthest: (2, 2) out: largest |c| and |c'|, kg m; and largest |p| and |p'| of the pads, m.
-        depths: (pitches + 1,) out: reach of pads that are no toes below the axis by pitch, m, and
-            the most. Of their centres, with the speculative margin.
-        fore: (pitches,) work space.
+        body: Tables of the body, shape (intervals, order, functions).
+        pads: Tables of the pads of a leg, shape (pads, intervals, order, 3).
+        toes: Number of toes of a leg; they are the first of its pads.
+        legs: Side of each leg (1 for fore, -1 for back) and its phase in rad, shape (legs, 2).
+        farthest: Output, shape (2, 2): the largest |c| and |c'| in kg m, and the largest |p| and
+            |p'| of the pads in m.
+        depths: Output, shape (pitches + 1,), in m: for each pitch, how far below the crank axis the
+            centres of pads other than toes reach, and as the last entry the largest such depth for
+            any pitch. Both include the speculative margin.
+        fore: Work space, shape (pitches,).
 
     Returns:
-        How far from the crank axis a pad's centre can be, m.
+        The largest possible distance of a pad's centre from the crank axis, in m.
     """
     farthest[:] = 0.0
     for row in range(len(body)):
@@ -47,7 +55,7 @@ def measure_reach(
 
 @stage
 def _put_depths(pads, toes, legs, depths, fore):
-    """Put the reach of pads that are no toes, by pitch."""
+    """Compute for each pitch how far below the crank axis pads other than toes reach."""
     pitches, farthest = len(fore), 0.0
     fore[:] = -math.inf
     for pad in range(toes, len(pads)):

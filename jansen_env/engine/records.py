@@ -102,8 +102,8 @@ STATUS = row_dtype(
         ("asked_x", "f8"),  # m, of the crank axis when that was asked for; inf: never
         ("room", "f8"),  # m that it may move from there
         ("too_deep", "?"),  # whether a pad is so deep in the ground that it has no plane
-        ("on_shapes", "?"),  # whether pymunk lists its planes, as its ground is no height line
-        ("waits", "?"),  # whether its step has stopped until they are listed
+        ("on_shapes", "?"),  # whether pymunk lists the planes, because the ground is no height line
+        ("waits", "?"),  # whether the step has stopped until pymunk's planes are listed
     ]
 )
 """Pose and contacts of a robot between collision detection and time steps."""

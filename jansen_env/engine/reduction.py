@@ -16,10 +16,10 @@ NEGLIGIBLE = 1e-3  # of the largest coefficient: a body that does not turn has n
 ONE, SLOPE, WORK = range(3)  # of the factors
 SAMPLES = 256  # crank angles at which the linkage is closed
 HARMONICS = SAMPLES // 2  # the paper's linkage needs about 40 for 1e-14
-INTERVALS = 384  # polynomials a turn: slopes of the holy numbers to 1e-10 of the largest
-ORDER = 8  # coefficients of each (the engine's polynomials are written out for eight)
-BEARING_SAMPLES = 512  # of the bearings' friction, which has kinks
-BODY_SUMS, PAD_FUNCTIONS = 8, 3  # functions of the tables
+INTERVALS = 384  # polynomials per turn; slopes of the holy numbers err by 1e-10 of the largest
+ORDER = 8  # coefficients of a polynomial; the engine's code is written out for eight
+BEARING_SAMPLES = 512  # crank angles at which the friction of bearings is sampled; it has kinks
+BODY_SUMS, PAD_FUNCTIONS = 8, 3  # numbers of functions in the tables of the body and of a pad
 
 
 @kernel
@@ -37,12 +37,14 @@ def put_turn(out: Floats2) -> None:
 
 @kernel
 def put_work_shapes(bodies: int, pads: int, bearings: int, shapes: Ints2) -> None:
-    """Put the shapes of the work space of :func:`compile_tables` into (15, 3), in its order.
-
-    Lengths of an array with fewer axes are 0 at the end.
+    """Compute the shapes of the work space of :func:`compile_tables`, in its order.
 
     Args:
-        bodies, pads, bearings: How many a leg has.
+        bodies: Number of bodies of a leg.
+        pads: Number of pads of a leg.
+        bearings: Number of bearings of a leg.
+        shapes: Output, shape (15, 3). The row of an array with fewer than three axes ends with
+            zeros.
     """
     shapes[:] = 0
     links, places, rates = 3 * bodies, PAD_FUNCTIONS * pads, bearings
@@ -67,7 +69,7 @@ def put_work_shapes(bodies: int, pads: int, bearings: int, shapes: Ints2) -> Non
 
 @stage
 def _put_shape(first, second, third, shape):
-    """Put the lengths of an array."""
+    """Store the shape of an array."""
     shape[0], shape[1], shape[2] = first, second, third
 
 
@@ -84,14 +86,25 @@ def compile_tables(
     """Compile the tables, and return their tail: the largest of the last harmonics.
 
     Args:
-        psi: (n,) crank angles evenly over a turn. x: (n, bodies, 3) and places: (n, joints, 2) of a
-            fore leg. links: (bodies,) of which masses and inertias count.
-        damped, bearings: pairs of bodies, and of each damping, N m s, friction: N m.
-        legs: (legs, 2) 1 of a fore leg and -1 of a back leg, phase. pads: (pads, 2) joint and body.
-        weights, half_step: see :func:`jansen_env.engine.series.expand`.
-        turn, table_turn, bearing_turn: :func:`put_turn` of n, of the intervals, of the bearings.
-        work ... turning: work space. body, pad_tables: (1 or pads, intervals, order, functions)
-            out. bearing_table: (samples,) out.
+        psi: Crank angles evenly over a turn, in rad, shape (n,).
+        x: Coordinates of the bodies of a fore leg, shape (n, bodies, 3).
+        places: Positions of the joints of a fore leg, in m, shape (n, joints, 2).
+        links: Links, of which only mass and inertia are used, shape (bodies,).
+        damped: Pairs of bodies with viscous damping between them, shape (pairs, 2).
+        damping: Damping between these bodies, in N m s, shape (pairs,).
+        bearings: Pairs of bodies with a bearing between them, shape (bearings, 2).
+        friction: Coulomb friction of these bearings, in N m, shape (bearings,).
+        legs: Side of each leg (1 for fore, -1 for back) and its phase in rad, shape (legs, 2).
+        pads: Joint and body of each pad of a leg, shape (pads, 2).
+        weights: See :func:`jansen_env.engine.series.expand`.
+        turn: Output of :func:`put_turn` for the n crank angles.
+        table_turn: Output of :func:`put_turn` for the intervals.
+        half_step: See :func:`jansen_env.engine.series.expand`.
+        bearing_turn: Output of :func:`put_turn` for the samples of the bearings.
+        work, ..., turning: Work space, see :func:`put_work_shapes`.
+        body: Output, shape (1, intervals, order, functions).
+        pad_tables: Output, shape (pads, intervals, order, functions).
+        bearing_table: Output, shape (samples,).
     """
     count, bodies = len(psi), len(links)
     for k in range(bodies):

@@ -1,19 +1,19 @@
-"""Sums of numbers in a fixed order, as Python and NumPy have them.
+"""Sums of numbers in a fixed order, with the rounding of Python's and NumPy's sums.
 
-What was computed by ``math.fsum`` and ``numpy.sum`` keeps its bits in kernels.
+With these functions, a kernel returns the same bits as ``math.fsum`` and ``numpy.sum``.
 """
 
 from __future__ import annotations
 
 from jansen_env.engine.kernel import stage
 
-LANES = 8  # partial sums of NumPy's loop
-BLOCK = 128  # numbers that NumPy adds in one loop
+LANES = 8  # number of partial sums in NumPy's loop
+BLOCK = 128  # largest number of values that NumPy adds in one loop
 
 
 @stage(inline=False)
 def _block_sum(values):
-    """Sum of up to ``BLOCK`` numbers: eight partial sums, and what is left over one by one."""
+    """Return the sum of up to ``BLOCK`` numbers: eight partial sums, then the rest one by one."""
     count, total = len(values), 0.0
     whole = count - count % LANES
     if whole > 0:
@@ -36,12 +36,13 @@ def _block_sum(values):
 
 @stage
 def _half(count):
-    """Number of the first numbers of a sum that is split in two."""
+    """Return how many of ``count`` numbers are in the first half of a sum that is split in two."""
     return count // 2 - (count // 2) % LANES
 
 
 @stage(inline=False)
 def _sum_of_256(values):
+    """Return the sum of numbers in at most two blocks, see :func:`pairwise_sum`."""
     if len(values) <= BLOCK:
         return _block_sum(values)
     half = _half(len(values))
@@ -50,6 +51,7 @@ def _sum_of_256(values):
 
 @stage(inline=False)
 def _sum_of_512(values):
+    """Return the sum of numbers in at most four blocks, see :func:`pairwise_sum`."""
     if len(values) <= BLOCK:
         return _block_sum(values)
     half = _half(len(values))
@@ -58,7 +60,7 @@ def _sum_of_512(values):
 
 @stage(inline=False)
 def pairwise_sum(values):
-    """Sum of up to 900 numbers, a contiguous array, as ``numpy.sum`` has it."""
+    """Return the sum of a contiguous array of up to 900 numbers, as ``numpy.sum`` computes it."""
     if len(values) <= BLOCK:
         return _block_sum(values)
     half = _half(len(values))
@@ -67,10 +69,14 @@ def pairwise_sum(values):
 
 @stage(inline=False)
 def exact_sum(values, partials):
-    """Sum of numbers, rounded once, as ``math.fsum`` has it: Shewchuk's partial sums.
+    """Return the sum of numbers, rounded once, as ``math.fsum`` computes it.
 
-    Shewchuk, "Adaptive Precision Floating-Point Arithmetic and Fast Robust Geometric Predicates",
-    1997. ``partials``: work space, one number longer than ``values``.
+    The method is that of Shewchuk, "Adaptive Precision Floating-Point Arithmetic and Fast Robust
+    Geometric Predicates", 1997.
+
+    Args:
+        values: The numbers, shape (n,).
+        partials: Work space for partial sums, shape (n + 1,).
     """
     count = 0
     for k in range(len(values)):
@@ -92,7 +98,7 @@ def exact_sum(values, partials):
 
 @stage
 def _rounded(partials, count):
-    """Sum of partial sums that do not overlap, the smallest first, rounded once."""
+    """Return the sum, rounded once, of partial sums that do not overlap, smallest first."""
     total = rest = 0.0
     k = count
     while k > 0 and rest == 0.0:
@@ -100,7 +106,7 @@ def _rounded(partials, count):
         before = total
         total = before + partials[k]
         rest = partials[k] - (total - before)
-    # Half way between two numbers, what follows decides.
+    # Half way between two floats, the next partial sum decides in which direction to round.
     if k > 0 and ((rest < 0.0 and partials[k - 1] < 0.0) or (rest > 0.0 and partials[k - 1] > 0.0)):
         twice = 2.0 * rest
         other = total + twice

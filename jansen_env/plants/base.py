@@ -84,7 +84,12 @@ def check_legs(robot: Robot, other: Robot) -> None:
 
 
 def check_colliding(grounds: Iterable[Ground], links_collide: bool) -> None:
-    """Raise ValueError where links would collide with shapes, which their sides do not touch."""
+    """Check that links need not collide with shapes.
+
+    Raises:
+        ValueError: If ``links_collide`` is True and a ground consists of shapes. Sides of links
+            collide only with the vertices of height lines.
+    """
     if links_collide and any(isinstance(ground, Shapes) for ground in grounds):
         raise ValueError(
             "links_collide must be False on a ground of pymunk shapes, got True: the sides of "

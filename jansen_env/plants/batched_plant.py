@@ -187,15 +187,18 @@ class BatchedPlant(ABC):
 
     @abstractmethod
     def shapes(self, row: int) -> ShapePlanes | None:
-        """Return what pymunk answers about a robot's ground of shapes; None for a height line."""
+        """Return the shapes of a robot's ground in pymunk, or None for a height line."""
 
     @abstractmethod
     def look_down(self, rows: Ints, scan: Array) -> None:
-        """Measure the ground that robots on pymunk's shapes observe; height lines are known.
+        """Measure the ground that robots on pymunk's shapes observe.
+
+        Height lines need no measurement.
 
         Args:
-            rows: Shape (k,), the robots.
-            scan: Places from the crank axis at which the height of the ground is observed, in m.
+            rows: Indices of the robots, shape (k,).
+            scan: Positions relative to the crank axis at which a robot observes the height of the
+                ground, in m, shape (points,).
         """
 
     @abstractmethod
@@ -251,10 +254,10 @@ class BatchedPlant(ABC):
 
     @abstractmethod
     def check_feet(self, robot: Robot, values: np.void) -> None:
-        """Check that the time step is short enough for a robot's compliant feet under parameters.
+        """Check that the time step is short enough for a robot's feet with these parameters.
 
         Raises:
-            ValueError: If it is too long.
+            ValueError: If the time step is too long.
         """
 
     @abstractmethod

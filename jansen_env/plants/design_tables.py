@@ -15,24 +15,27 @@ from jansen_env.engine.records import Model
 from jansen_env.robot import Robot
 from jansen_env.robot.robot_arrays import leg_rows
 
-PITCHES = 256  # at which it is known how deep the pads that are no toes reach
+PITCHES = 256  # number of pitches for which the depth of pads other than toes is known
 
 
 class DesignTables:
-    """The kernels' arrays of designs. A robot's design is a row of each.
+    """The kernels' arrays of designs. A robot's design is a row of each array.
 
     Args:
-        robots: all of them, with the same pads.
+        robots: All robots; they have the same pads.
 
     Attributes:
-        number: (robots,) row of each robot. model: of all designs, along the first axis.
-        depths: (designs, PITCHES + 1) m, see :func:`jansen_env.engine.reaches.measure_reach`.
-        extent: (designs,) m, how far from the crank axis a pad's centre can be.
-        farthest: (designs, 2, 2) largest |c| and |c'|, kg m, of a robot without its load; and of
-            its pads' p and p', m.
+        number: Row of each robot, shape (robots,).
+        model: Tables of all designs, along the first axis of each array.
+        depths: Depths of pads other than toes, in m, shape (designs, PITCHES + 1); see
+            :func:`jansen_env.engine.reaches.measure_reach`.
+        extent: Largest distance of a pad's centre from the crank axis, in m, shape (designs,).
+        farthest: Largest |c| and |c'| of a robot without its load, in kg m, and largest |p| and
+            |p'| of its pads, in m, shape (designs, 2, 2).
 
     Raises:
-        ValueError: tables that have not converged; LinkageError: a robot cannot turn its crank.
+        ValueError: If tables have not converged.
+        LinkageError: If a robot cannot turn its crank.
     """
 
     def __init__(self, robots: Sequence[Robot]) -> None:

@@ -26,16 +26,16 @@ class Grounds:
     """The grounds of n robots.
 
     Args:
-        grounds: The ground of each robot.
-        status: Shape (n,), ``STATUS`` of :mod:`jansen_env.engine.records`, whose fields on the
-            ground are kept here.
+        grounds: Ground of each robot.
+        status: Records ``STATUS`` of :mod:`jansen_env.engine.records`, shape (n,). This class keeps
+            their fields about the ground up to date.
 
     Attributes:
-        surface: Shape (vertices, 2), the height lines of all robots in m. That of a robot on shapes
-            has the heights that it observes, see :meth:`look_down`.
-        status: As given.
-        shapes: What pymunk answers about the ground of each robot; None for a height line.
-        any_shapes: Whether a robot is on shapes.
+        surface: Height lines of all robots, in m, shape (vertices, 2). The line of a robot on
+            shapes has the heights that the robot observes, see :meth:`look_down`.
+        status: The records that were passed.
+        shapes: Shapes of each robot's ground in pymunk, or None for a height line.
+        any_shapes: Whether any robot is on shapes.
     """
 
     def __init__(self, grounds: Sequence[Ground], status: Rows) -> None:
@@ -53,7 +53,7 @@ class Grounds:
         self._rooms, self._used = np.zeros((count, 2), np.int64), len(self.surface)
         self.shapes: list[ShapePlanes | None] = [None] * count
         self.any_shapes = False
-        known = dict[int, ShapePlanes]()  # robots on the same shapes share them
+        known = dict[int, ShapePlanes]()  # robots on the same ground share its shapes
         for row, ground in enumerate(grounds):
             if isinstance(ground, Shapes):
                 self.set_ground(row, ground, known.get(id(ground)))
@@ -63,12 +63,14 @@ class Grounds:
         status["asked_x"] = np.inf
 
     def set_ground(self, row: int, ground: Ground, shapes: ShapePlanes | None = None) -> None:
-        """Give a robot another ground; where there is no room, :attr:`surface` is a new array.
+        """Replace a robot's ground.
+
+        If there is too little room for a height line, :attr:`surface` becomes a new array.
 
         Args:
-            row: The robot.
-            ground: Its ground.
-            shapes: What pymunk answers about a ground of shapes, if that is there already.
+            row: Index of the robot.
+            ground: The new ground.
+            shapes: The ground in pymunk, if it exists already.
         """
         on_shapes = isinstance(ground, Shapes)
         if on_shapes or self.shapes[row] is not None:
@@ -82,13 +84,18 @@ class Grounds:
         self.status["asked_x"][row] = np.inf
 
     def shapes_of(self, row: int) -> ShapePlanes:
-        """Return what pymunk answers about the ground of a robot on shapes."""
+        """Return the shapes in pymunk for a robot that is on shapes."""
         shapes = self.shapes[row]
         assert shapes is not None
         return shapes
 
     def set_line(self, row: int, line: Array) -> None:
-        """Give a robot another height line (vertices, 2), m."""
+        """Replace a robot's height line.
+
+        Args:
+            row: Index of the robot.
+            line: The new line, in m, shape (vertices, 2).
+        """
         status = self.status[row]
         first, room = self._rooms[row].tolist()
         if len(line) > room:
@@ -102,13 +109,13 @@ class Grounds:
         status["first_vertex"], status["end_vertex"] = first, first + len(line)
 
     def find_stretch(self, row: int, x: float, extent: float, duration: float) -> None:
-        """Note which vertices of its height line a robot may reach.
+        """Find the vertices of its height line that a robot may reach, and put them in its status.
 
         Args:
-            row: The robot.
-            x: Position of its crank axis, in m.
-            extent: Distance of its pads' centres from the axis, in m.
-            duration: Of its longest step, in s.
+            row: Index of the robot.
+            x: Position of the crank axis, in m.
+            extent: Largest distance of a pad's centre from the axis, in m.
+            duration: Duration of the robot's longest step, in s.
         """
         status = self.status[row]
         first, end = int(status["first_vertex"]), int(status["end_vertex"])
@@ -118,7 +125,7 @@ class Grounds:
             line = self.surface[first:end, 0]
             left = int(line.searchsorted(x - reach, "right")) - 1
             right = int(line.searchsorted(x + reach, "left"))
-            # Beyond its ends the ground goes on.
+            # The ground continues beyond its ends.
             left = min(max(left, 0), len(line) - 2)
             right = max(min(right, len(line) - 1), left + 1)
             first, end = first + left, first + right + 1
@@ -126,12 +133,12 @@ class Grounds:
         status["asked_x"], status["room"] = x, room
 
     def look_down(self, row: int, x: float, y: float, scan: Array) -> None:
-        """Measure the ground below a robot on shapes, and at the places of its height scan.
+        """Measure the ground below a robot on shapes, and at the positions of its height scan.
 
         Args:
-            row: The robot.
-            x: Position of its crank axis, in m.
-            y: Its height, in m. Shapes above the axis are not below it.
-            scan: Places from the axis at which the height of the ground is observed, in m.
+            row: Index of the robot.
+            x: Position of the crank axis, in m.
+            y: Height of the crank axis, in m. Shapes above it do not count as ground below it.
+            scan: Positions relative to the axis at which the robot observes the ground, in m.
         """
         self.set_line(row, self.shapes_of(row).line_below(x, y, scan))

@@ -1,8 +1,8 @@
-"""Contact planes by pymunk's queries: for a ground of shapes, and to check those of height lines.
+"""Contact planes from pymunk's queries, for grounds of shapes and to check those of height lines.
 
 ``Space.point_query`` returns every shape within reach of a pad, with its nearest point, distance
-and gradient: a plane each. Planes on points that another shape covers are left out: a pad on a
-floor of boxes does not feel the sides by which they meet.
+and gradient, which define one plane per shape. Planes at points that another shape covers are left
+out, so that a pad on a floor of boxes does not feel the sides at which the boxes meet.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from jansen_env.engine import mathematics
 from jansen_env.engine.collision import FACE, SAME
 from jansen_env.terrain.shapes import Ground, Piece, Shapes
 
-TOUCHING = 1e-8  # m, within which a point lies on a shape
-BESIDE = 1e-7  # m, to either side of a corner at which a profile is measured
-GAP = 1e-6  # m of air between shapes that makes an overhang
-ARC = 24  # samples of a profile over a round shape
+TOUCHING = 1e-8  # largest distance of a point that lies on a shape, m
+BESIDE = 1e-7  # distance from a corner, to either side, at which a profile is sampled, m
+GAP = 1e-6  # least height of air between shapes that makes an overhang, m
+ARC = 24  # number of samples of a profile over a round shape
 EVERY = pymunk.ShapeFilter()
 
 Face = tuple[float, float]
 
 
 class ContactPlane(NamedTuple):
-    """The ground as one pad may touch it: see ``PLANE`` of :mod:`jansen_env.engine.records`."""
+    """Plane in which a pad may touch the ground, ``PLANE`` of :mod:`jansen_env.engine.records`."""
 
     normal_x: float
     normal_y: float
@@ -40,13 +40,15 @@ class ContactPlane(NamedTuple):
 
 
 class ShapePlanes:
-    """A ground in a pymunk space of its own, and what pymunk answers about it.
+    """A ground in its own pymunk space, with queries for contact planes and heights.
 
     Args:
-        ground: Shapes; or a height line, whose planes are right for pads above it.
+        ground: The ground. For a height line, the planes are correct only for pads above it.
 
     Attributes:
-        space: The space.
+        space: pymunk space that contains the shapes of the ground.
+        lowest: Height of the lowest point of all shapes, in m.
+        highest: Height of the highest point of all shapes, in m.
     """
 
     def __init__(self, ground: Ground) -> None:
@@ -65,11 +67,13 @@ class ShapePlanes:
         self._last_profile = (0.0, 0.0), np.zeros((0, 2))
 
     def find(self, centres: Array, near: float) -> list[ContactPlane]:
-        """Return the planes within a distance ``near``, m, of pads' ``centres`` (pads, 2).
+        """Return the contact planes near pads, sorted by pad and then by distance.
 
-        In the order of the pads, the nearest first.
+        Args:
+            centres: Centre of each pad, in m, shape (pads, 2).
+            near: Distance between a centre and a shape below which the plane is returned, in m.
         """
-        xs, ys = centres.T.tolist()  # Python's minimum is quicker for so few
+        xs, ys = centres.T.tolist()  # Python's min is faster than NumPy's for so few numbers
         reach = pymunk.BB(min(xs) - near, min(ys) - near, max(xs) + near, max(ys) + near)
         boxes = [self._boxes[self._place[s]] for s in self.space.bb_query(reach, EVERY)]
         planes: list[ContactPlane] = []
@@ -83,7 +87,7 @@ class ShapePlanes:
         return planes
 
     def _of_pad(self, pad: int, x: float, y: float, near: float) -> list[ContactPlane]:
-        """Return the planes of a pad at (x, y)."""
+        """Return the planes of a pad whose centre is at (x, y)."""
         place = self._place
         answer = [hit for hit in self.space.point_query((x, y), near, EVERY) if hit.distance < near]
         answer.sort(key=lambda hit: (hit.distance, place[hit.shape]))
@@ -94,7 +98,7 @@ class ShapePlanes:
         for hit in seen:
             nx, ny = hit.gradient
             for face_x, face_y in self._faces[place[hit.shape]]:
-                # On a face, take the face's own normal: the direction to a point is rounded.
+                # On a straight face, use its exact normal, because pymunk's gradient is rounded.
                 if abs(nx * face_y - ny * face_x) < FACE and nx * face_x + ny * face_y > 0.0:
                     nx, ny = face_x, face_y
                     break
@@ -104,28 +108,45 @@ class ShapePlanes:
         return planes
 
     def distances(self, centres: Array) -> Array:
-        """Return the distance of points (n, 2) from the nearest shape, m; negative inside one."""
+        """Return the distance of each point from the nearest shape, in m.
+
+        The distance is negative inside a shape.
+
+        Args:
+            centres: The points, in m, shape (n, 2).
+        """
         nearest = [self.nearest(x, y).distance for x, y in centres.tolist()]
         return np.array(nearest)
 
     def nearest(self, x: float, y: float) -> pymunk.PointQueryInfo:
-        """Return pymunk's answer on the shape nearest to a point, or deepest around it."""
+        """Return pymunk's query result for the shape nearest to a point.
+
+        If shapes contain the point, this is the shape in which it lies deepest.
+        """
         answer = self.space.point_query_nearest((x, y), np.inf, EVERY)
         assert answer is not None, "a ground has shapes"
         return answer
 
     def height_below(self, x: float, y: float) -> float:
-        """Return the height of the ground below a point, m; of its lowest shape where none is."""
+        """Return the height of the ground below a point, m.
+
+        Where no shape lies below the point, this is the height of the lowest point of all shapes.
+        """
         hit = self.space.segment_query_first((x, y), (x, self.lowest - 1.0), 0.0, EVERY)
         return self.lowest if hit is None else float(hit.point.y)
 
     def line_below(self, x: float, y: float, scan: Array) -> Array:
-        """Return the heights that a robot observes, as a height line (n, 2) with vertices there, m.
+        """Return the heights of the ground that a robot observes, as a height line.
 
         Args:
             x: Position of the crank axis, in m.
-            y: Its height, in m. Shapes above the axis are not below it.
-            scan: Places from the axis at which the height of the ground is observed, in m.
+            y: Height of the crank axis, in m. Shapes above the axis do not count as ground below
+                it.
+            scan: Positions relative to the axis at which the robot observes the ground, in m, shape
+                (k,).
+
+        Returns:
+            Height line with a vertex at each of these positions, in m, shape (n, 2).
         """
         heights = {x: self.height_below(x, y)}
         for place in scan.tolist():
@@ -134,16 +155,20 @@ class ShapePlanes:
         return np.array(sorted(heights.items()))
 
     def count_crossing(self, sides: Array) -> int:
-        """Return how many straight lines ``sides`` (n, 2, 2), m, pass through shapes."""
+        """Count the straight lines that pass through shapes.
+
+        Args:
+            sides: End points of the lines, in m, shape (n, 2, 2).
+        """
         count = 0
         for a, b in sides[sides[:, :, 1].min(axis=1) < self.highest].tolist():
             count += self.space.segment_query_first(tuple(a), tuple(b), 0.0, EVERY) is not None
         return count
 
     def profile(self, left: float, right: float) -> Array:
-        """Return the highest ground between two x as a height line (n, 2), m.
+        """Return the upper surface of the ground between two x as a height line, m, shape (n, 2).
 
-        Sampled at :meth:`_corners`.
+        The surface is sampled at both ends and at the positions of :meth:`_corners`.
         """
         if self._last_profile[0] != (left, right):  # environments place robots at the same x
             x = np.unique([left, right, *self._corners(left, right)])
@@ -154,13 +179,13 @@ class ShapePlanes:
 
     @functools.cached_property
     def line(self) -> Array:
-        """The :meth:`profile` of all shapes, and 1 m beyond them."""
+        """The :meth:`profile` from 1 m left of all shapes to 1 m right of them."""
         left = min(box[0] for box in self._boxes)
         right = max(box[2] for box in self._boxes)
         return self.profile(left - 1.0, right + 1.0)
 
     def find_overhang(self) -> float | None:
-        """Return an x at which there is air below a shape, m; None where there is none."""
+        """Return an x at which there is air below a shape, m, or None if there is no overhang."""
         top, bottom = self.highest + 1.0, self.lowest - 1.0
         for x in self._corners(-np.inf, np.inf):
             spans = []
@@ -177,7 +202,7 @@ class ShapePlanes:
         return None
 
     def _corners(self, left: float, right: float) -> list[float]:
-        """Return places beside corners, and over round shapes, between two x, m."""
+        """Return the x between two limits that lie beside corners or over round shapes, m."""
         places = set[float]()
         for piece, box in zip(self._pieces, self._boxes, strict=True):
             if box[2] < left or box[0] > right:
@@ -191,7 +216,11 @@ class ShapePlanes:
 
 
 def check_scan(grounds: Iterable[Ground]) -> None:
-    """Raise ValueError where a height scan would have to see through an overhang."""
+    """Check that a height scan need not see through an overhang.
+
+    Raises:
+        ValueError: If a ground of shapes has an overhang.
+    """
     different = {id(ground): ground for ground in grounds if isinstance(ground, Shapes)}
     for ground in different.values():
         x = ShapePlanes(ground).find_overhang()
@@ -203,10 +232,11 @@ def check_scan(grounds: Iterable[Ground]) -> None:
 
 
 def _is_covered(hit: pymunk.PointQueryInfo, answer: list[pymunk.PointQueryInfo]) -> bool:
-    """Whether another shape of an answer covers the point of a hit.
+    """Return whether another shape of a query result covers the point of a hit.
 
-    Outside all shapes only a nearer one can; within one, the point must be inside the other, as
-    two shapes may have a side in common.
+    If the pad's centre is outside all shapes, only a nearer shape can cover the point. If it is
+    inside a shape, the other shape must contain the point in its interior, as two shapes may have a
+    side in common.
     """
     outside = hit.distance >= 0.0
     most = TOUCHING if outside else -TOUCHING
@@ -219,12 +249,13 @@ def _is_covered(hit: pymunk.PointQueryInfo, answer: list[pymunk.PointQueryInfo])
 
 
 def _is_same(plane: ContactPlane, nx: float, ny: float, offset: float) -> bool:
+    """Return whether a plane has this normal and offset, up to rounding."""
     apart = abs(plane.normal_x - nx) + abs(plane.normal_y - ny) + abs(plane.offset - offset)
     return apart < SAME
 
 
 def _faces(piece: Piece) -> list[Face]:
-    """Return the unit normals, out of the shape, of a piece's straight faces."""
+    """Return the outward unit normals of a piece's straight faces."""
     points = piece.points
     faces: list[Face] = []
     if len(points) == 1:

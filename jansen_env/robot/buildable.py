@@ -99,7 +99,7 @@ BUILDS = {"aluminium": ALUMINIUM, "plywood": PLYWOOD}
 
 
 def build_row() -> Rows:
-    """Return the constants of the built robot's parts (1,), as kernels have them."""
+    """Return the constants of the built robot's parts, ``BUILD``, shape (1,)."""
     row = np.zeros(1, link_shapes.BUILD)
     for name in link_shapes.BUILD.names or ():
         row[name] = globals()[name.upper()]

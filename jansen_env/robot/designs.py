@@ -169,7 +169,10 @@ def with_built_parts(robot: Robot) -> Robot:
 
 
 def built_parts_of(robot: Robot) -> Ints:
-    """Return which part each body is, see :func:`jansen_env.engine.link_shapes.put_built_parts`."""
+    """Return which built part each body is, shape (bodies,).
+
+    The numbers are those of :func:`jansen_env.engine.link_shapes.put_built_parts`.
+    """
     bars = {"frame": FRAME_BAR, "lower_rod": LOWER_ROD}
     return np.array([
         (FOOT_PLATE if name == "foot" else TRIANGULAR) if isinstance(link, Triangle)

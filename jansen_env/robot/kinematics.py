@@ -30,7 +30,7 @@ from jansen_env.robot.robot_arrays import Closing, closing_of, leg_rows, toe_joi
 P, O, A, B, C, D, E, T = range(len(JANSEN.joints))  # noqa: E741 - the joints' names
 """Indices of the joints of Jansen's leg; T is the toe's centre."""
 
-TURN_SAMPLES = 720  # crank angles of a turn
+TURN_SAMPLES = 720  # number of crank angles per turn
 TINY_TURN = 1e-6  # rad, of the crank, for slopes
 
 
@@ -67,7 +67,15 @@ def joint_positions(robot: Robot, side: Side, psi: ArrayLike) -> Array:
 def _open_joint(
     robot: Robot, closing: Closing, dyad: int, angle: float, span: float
 ) -> LinkageError:
-    """Return the error of a dyad that does not close at an angle, rad, where it must span m."""
+    """Return the error for a dyad that does not close.
+
+    Args:
+        robot: The robot.
+        closing: Arrays with which its leg is closed.
+        dyad: Index of the dyad.
+        angle: Crank angle, in rad.
+        span: Distance that the dyad cannot span, in m.
+    """
     joint, *_, start, end = closing.dyads[dyad]
     first, second = (robot.linkage.names[body] for body in (start, end))
     of_first, of_second = closing.spans[dyad]
@@ -161,9 +169,17 @@ def toe_positions(robot: Robot, psi: ArrayLike) -> Array:
 
 
 def joints_of_legs(robot: Robot, psi: Array) -> Array:
-    """Joint positions of all legs (legs, n, joints, 2) at crank angles (n,), m, chassis frame.
+    """Return the positions of the joints of all legs in the chassis frame.
 
-    Raises LinkageError: the linkage does not close.
+    Args:
+        robot: The robot.
+        psi: Crank angles, in rad, shape (n,).
+
+    Returns:
+        Positions in m, shape (legs, n, joints, 2).
+
+    Raises:
+        LinkageError: If the linkage does not close.
     """
     (closing, _), legs, count = closing_of(robot), leg_rows(robot), len(psi)
     angles = np.empty((len(legs), count))
@@ -176,7 +192,15 @@ def joints_of_legs(robot: Robot, psi: Array) -> Array:
 
 
 def _joints_at(robot: Robot, psi: Array) -> Array:
-    """Joint positions of all legs (..., legs, joints, 2) at crank angles (...), chassis frame."""
+    """Return the positions of the joints of all legs in the chassis frame.
+
+    Args:
+        robot: The robot.
+        psi: Crank angles, in rad, any shape.
+
+    Returns:
+        Positions in m, shape (..., legs, joints, 2).
+    """
     legs = joints_of_legs(robot, np.ascontiguousarray(psi.ravel()))
     return np.moveaxis(legs, 0, 1).reshape(*psi.shape, *legs.shape[:1], *legs.shape[2:])
 

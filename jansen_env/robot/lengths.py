@@ -79,7 +79,13 @@ def with_lengths(robot: Robot, changed: Mapping[str, float]) -> Robot:
 
 
 def _resized(robot: Robot, known: Mapping[str, float], new: Mapping[str, float]) -> Robot:
-    """Return the robot with links of other lengths, m."""
+    """Return a robot whose links have other lengths.
+
+    Args:
+        robot: The robot.
+        known: Its present lengths by name, in m.
+        new: Its new lengths by name, in m.
+    """
     rows, built = leg_links(robot), is_of_built_parts(robot)
     before, after = (_length_rows(robot, each) for each in (known, new))
     links, points = np.empty_like(rows.links), np.empty_like(rows.points)
@@ -104,7 +110,13 @@ def _resized(robot: Robot, known: Mapping[str, float], new: Mapping[str, float])
 
 
 def _link_of(link: Link, row: np.void, points: Array) -> Link:
-    """Return a link of the same kind with the numbers of a row of ``LINK``."""
+    """Return a link of the same kind with other values.
+
+    Args:
+        link: The link.
+        row: The new values, a row of ``LINK``.
+        points: The new joints of a plate, in m, shape (joints, 2).
+    """
     if isinstance(link, Plate):
         places = tuple((x, y) for x, y in points.tolist())
         return Plate(places, float(row["mass"]), float(row["inertia"]))
@@ -113,7 +125,7 @@ def _link_of(link: Link, row: np.void, points: Array) -> Link:
 
 
 def _length_rows(robot: Robot, named: Mapping[str, float]) -> Array:
-    """Return lengths by name as (bodies, most of a body)."""
+    """Return lengths given by name as an array, shape (bodies, most lengths of a body)."""
     bodies = zip(robot.linkage.bodies, robot.bodies, strict=True)
     values = [[named[key] for key in _names(*body, link)] for body, link in bodies]
     rows = np.zeros((len(values), max(map(len, values))))

@@ -1,4 +1,4 @@
-"""Arrays of a robot's leg as kernels read them, the same as a page makes from a robot file."""
+"""Arrays of a robot's leg that kernels read; a page makes the same arrays from a robot file."""
 
 from __future__ import annotations
 
@@ -18,21 +18,35 @@ NUMBERS = (LINK.names or ())[1:]
 
 
 class LegLinks(NamedTuple):
-    """Links of a leg, see :mod:`jansen_env.engine.link_shapes`."""
+    """Links of a leg, see :mod:`jansen_env.engine.link_shapes`.
 
-    links: Rows  # (bodies,) LINK
-    points: Array  # (bodies, most joints, 2) m, of plates
-    members: Ints  # (bodies, most joints)
+    Attributes:
+        links: Records ``LINK``, shape (bodies,).
+        points: Joints of plates, in m, shape (bodies, most joints, 2).
+        members: Joints of each body, shape (bodies, most joints).
+    """
+
+    links: Rows
+    points: Array
+    members: Ints
 
 
 class Closing(NamedTuple):
-    """How a leg is closed, see :mod:`jansen_env.engine.closure`."""
+    """Arrays with which a leg is closed, see :mod:`jansen_env.engine.closure`.
 
-    frame_angle: float  # rad
-    members: Ints  # (bodies, most joints)
-    corners: Array  # (bodies, most joints, 2)
-    dyads: Ints  # (dyads, 6)
-    spans: Array  # (dyads, 2) m
+    Attributes:
+        frame_angle: Angle of the frame in the chassis, in rad.
+        members: Joints of each body, shape (bodies, most joints).
+        corners: Joints of each body in polar coordinates, shape (bodies, most joints, 2).
+        dyads: Joints, branch and bodies of each dyad, shape (dyads, 6).
+        spans: Lengths of the two links of each dyad, in m, shape (dyads, 2).
+    """
+
+    frame_angle: float
+    members: Ints
+    corners: Array
+    dyads: Ints
+    spans: Array
 
 
 def leg_links(robot: Robot) -> LegLinks:
@@ -48,13 +62,13 @@ def leg_links(robot: Robot) -> LegLinks:
 
 
 def _row(link: Link) -> tuple[float, ...]:
-    """Return the numbers of a link as a row of ``LINK``."""
+    """Return the values of a link as a row of ``LINK``."""
     numbers = (getattr(link, name, 0.0) for name in NUMBERS)
     return (KINDS.index(type(link).__name__), *numbers)
 
 
 def closing_of(robot: Robot) -> tuple[Closing, Bools]:
-    """Return how a robot's leg is closed, and whether each of its bodies is a bar."""
+    """Return the arrays with which a leg is closed, and whether each of its bodies is a bar."""
     linkage = robot.linkage
     links, points, members = leg_links(robot)
     dyads = np.zeros((len(linkage.dyads), 6), np.int64)
@@ -69,17 +83,17 @@ def closing_of(robot: Robot) -> tuple[Closing, Bools]:
 
 
 def leg_rows(robot: Robot) -> Array:
-    """Return the legs of a robot (legs, 2): 1 of a fore leg and -1 of a back leg; and phase."""
+    """Return side (1 for fore, -1 for back) and phase in rad of each leg, shape (legs, 2)."""
     return np.array([(1.0 if leg.side == "fore" else -1.0, leg.phase) for leg in robot.legs])
 
 
 def toe_joints(robot: Robot) -> Ints:
-    """Return the joints of a leg that are toes."""
+    """Return the indices of the joints of a leg that are toes."""
     return np.array([joint for joint, _ in robot.linkage.all_pads[: len(robot.linkage.toes)]])
 
 
 def chassis_row(robot: Robot) -> Rows:
-    """Return what a robot has beside links and legs (1,), ``CHASSIS``."""
+    """Return the values of a robot other than those of links and legs, ``CHASSIS``, shape (1,)."""
     row = np.zeros(1, CHASSIS)
     row["frame_angle"], row["pad_radius"] = robot.frame_angle, robot.pad_radius
     for name in ("payload", "motor", "pad_compliance"):
@@ -90,10 +104,10 @@ def chassis_row(robot: Robot) -> Rows:
 
 
 def machine_row(robot: Robot) -> Rows:
-    """Return what a robot is without parameters (1,), ``MACHINE``.
+    """Return a robot without the parameters of an episode, ``MACHINE``, shape (1,).
 
-    Its crank is free, and it is weightless on level slippery ground. How far its pads get, and how
-    it advances, is not known yet.
+    The crank is free, and the robot is weightless on level slippery ground. The reach of its pads
+    and its advance per turn of the crank are not set.
     """
     row, links = np.zeros(1, MACHINE), leg_links(robot).links
     friction, work = np.array(robot.bearing_friction), np.empty((2, len(links) + 1))

@@ -100,7 +100,7 @@ def _link(places: list[Place], scale: float, mass: float) -> Link:
     return Plate.uniform([(scale * x, scale * y) for x, y in places], mass)
 
 
-HEIGHT_SAMPLES = 360  # crank angles of a turn
+HEIGHT_SAMPLES = 360  # number of crank angles per turn
 
 
 def standing_height(robot: Robot, samples: int = HEIGHT_SAMPLES) -> float:

@@ -98,13 +98,17 @@ class NamedGenerator:
         kind, given = KINDS.index(name), dict(self.given)
         named = at_level(name, level) | given
         values, fixed = np.array([*named.values()]), np.array([name in given for name in named])
-        # Drawn in any case, so that fixing it leaves the others.
+        # Sample the direction in any case: a fixed one must not change the other samples.
         choose_direction(kind, rng.random(), fixed, values)
         start = draw_start(kind, rng.random() if has_start(kind) else 0.0)
         return Terrain(profile(name, values, start, REACH, rng))
 
     def _check(self, level: int) -> None:
-        """Check the parameters at a level. Raises ValueError: there is no such ground."""
+        """Check the parameters at a level.
+
+        Raises:
+            ValueError: If there is no ground with these parameters.
+        """
         values = at_level(self.name, level) | dict(self.given)
         if self.name == "rough":
             checks.within("height", values["height"], -TALLEST, TALLEST)

@@ -48,10 +48,15 @@ def heights_of(line: Array, x: ArrayLike) -> Array:
 
 
 def check_room(start: float, reach: float, period: float) -> None:
-    """Check where a ground begins and ends, in m, and its length that repeats itself.
+    """Check where a ground begins and ends, and how many periods fit in between.
+
+    Args:
+        start: Distance from the origin at which the ground begins, in m.
+        reach: Distance from the origin at which the ground ends, in m.
+        period: Length of a period, in m.
 
     Raises:
-        ValueError: not 0 < start < reach, or more than MOST_POINTS periods.
+        ValueError: If 0 < start < reach does not hold, or more than MOST_POINTS periods fit.
     """
     start, reach = checks.positive("start", start), checks.positive("reach", reach)
     if start >= reach:
@@ -70,14 +75,14 @@ def profile(
     reach: float = REACH,
     rng: Random | None = None,
 ) -> Points:
-    """Return the points of a ground, (n, 2) in m.
+    """Return the points (x, y) of a ground, in m.
 
     Args:
         name: One of :data:`jansen_env.engine.ground_lines.KINDS`.
-        values: Its parameters, in the order of that module.
-        start: Where it begins, m.
-        reach: Where it ends, m.
-        rng: Generator of the random numbers, for a ground that has some.
+        values: Parameters of the ground, in the order of that module, shape (k,).
+        start: Distance from the origin at which the ground begins, in m.
+        reach: Distance from the origin at which the ground ends, in m.
+        rng: Random number generator. None is possible for a ground without random numbers.
     """
     kind, given = KINDS.index(name), np.array(values, float)
     points = np.empty((count_points(kind, given, start, reach), 2))
@@ -275,9 +280,10 @@ class Terrain:
 
     @functools.cached_property
     def _extended(self) -> tuple[Array, float]:
-        """The points with both ends extended, and the largest slope: when they are asked for.
+        """The points with both ends extended, and the largest slope.
 
-        So that an import, which makes grounds, needs no kernel.
+        They are computed at the first use, so that an import of the package, which makes grounds,
+        needs no kernel.
         """
         points = np.array(self.points)
         line = np.empty_like(points)
@@ -306,9 +312,9 @@ class Terrain:
         return rise / (2.0 * GRADIENT_STEP)
 
     def add_to(self, space: pymunk.Space) -> list[pymunk.Shape]:
-        """Add the ground to a pymunk space, as segments on a new static body; return them in order.
+        """Add the ground to a pymunk space as segments on a new static body; return them in order.
 
-        They know their neighbours, so that no toe trips on a joint between them.
+        The segments know their neighbours, so that no toe trips at a joint between them.
         """
         ground = pymunk.Body(body_type=pymunk.Body.STATIC)
         points = self.polyline.tolist()

@@ -1,4 +1,4 @@
-"""The ground as pymunk's static shapes: boxes, walls, overhangs, whatever is no height line."""
+"""The ground as pymunk's static shapes: boxes, walls, overhangs, and all that is no height line."""
 
 from __future__ import annotations
 
@@ -15,21 +15,22 @@ import pymunk
 from jansen_env import checks
 from jansen_env.terrain.ground import FARTHEST, MOST_POINTS, Terrain, make_terrain
 
-FRICTION = 0.8  # of shapes that have pymunk's own default of 0
-LEAST_AREA = 1e-9  # m^2, of a polygon
-DEPTH = 1.0  # m, by which the polygons under a height line reach below its lowest point
+FRICTION = 0.8  # coefficient for shapes that have pymunk's default of 0
+LEAST_AREA = 1e-9  # smallest area of a polygon, m^2
+DEPTH = 1.0  # depth of polygons under a height line below its lowest point, m
 
 Point: TypeAlias = tuple[float, float]
 ShapeSource: TypeAlias = pymunk.Space | Sequence[pymunk.Shape]
 
 
 class Piece(NamedTuple):
-    """A convex shape: the hull of some points, and everything within a radius of it.
+    """A convex shape: the convex hull of some points, and everything within a radius of it.
 
     Attributes:
-        points: World coordinates in m: one for a circle, two for a segment, three or more,
-            counter-clockwise, for a polygon.
-        radius: In m. A segment of radius 0 is a plate without inside; both sides carry.
+        points: World coordinates in m: one point for a circle, two points for a segment, and three
+            points or more, counter-clockwise, for a polygon.
+        radius: Radius in m. A segment of radius 0 is a plate without thickness that carries pads on
+            both sides.
     """
 
     points: tuple[Point, ...]
@@ -37,13 +38,13 @@ class Piece(NamedTuple):
 
     @property
     def box(self) -> tuple[float, float, float, float]:
-        """Left, bottom, right and top, m."""
+        """Left, bottom, right and top of the bounding box, in m."""
         x, y = zip(*self.points, strict=True)
         r = self.radius
         return min(x) - r, min(y) - r, max(x) + r, max(y) + r
 
     def shape(self, body: pymunk.Body) -> pymunk.Shape:
-        """Return a new pymunk shape of a body at the origin."""
+        """Return a new pymunk shape for a body at the origin."""
         if len(self.points) == 1:
             return pymunk.Circle(body, self.radius, self.points[0])
         if len(self.points) == 2:
@@ -55,19 +56,21 @@ class Piece(NamedTuple):
 class Shapes:
     """A ground of static shapes, with one friction and one restitution.
 
-    The ground keeps copies: later changes to a user's shapes have no effect on it, and the user's
-    shapes are never changed. Where shapes meet, let them overlap if pads may sink as deep as their
-    radius: a pad that deep leaves a shape by its nearest side, and finds no way out by a side that
-    another shape touches.
+    The ground keeps copies of a user's shapes. It never changes the originals, and later changes of
+    the originals do not affect it.
+
+    Where shapes meet, let them overlap if pads may sink as deep as their radius. A pad that deep
+    leaves a shape by its nearest side. Where shapes merely abut, that side may be the seam between
+    them, which pushes the pad along the floor. A side inside another shape is left out.
 
     Attributes:
-        pieces: The shapes. One of them is above or below x = 0, where robots are placed.
+        pieces: The shapes. At least one of them is above or below x = 0, where robots are placed.
         friction: Coulomb coefficient between toe and ground.
         restitution: Newton's coefficient of restitution, 0 to 1.
 
     Raises:
         ValueError: If a shape has no extent, is not convex or lies beyond
-            :data:`jansen_env.terrain.ground.FARTHEST`, if there is none at x = 0, or if a
+            :data:`jansen_env.terrain.ground.FARTHEST`, if there is no shape at x = 0, or if a
             coefficient is out of range.
     """
 
@@ -92,11 +95,11 @@ class Shapes:
 
     @classmethod
     def under(cls, terrain: Terrain, depth: float = DEPTH) -> Shapes:
-        """Return the ground below a height line as polygons, one under each of its segments.
+        """Return the ground below a height line as polygons, one under each segment of the line.
 
         Args:
             terrain: The height line.
-            depth: By which they reach below its lowest point, in m.
+            depth: Distance by which the polygons reach below the line's lowest point, in m.
         """
         line = terrain.polyline.tolist()
         bottom = min(y for _, y in line) - checks.positive("depth", depth)
@@ -108,17 +111,17 @@ class Shapes:
 
     @property
     def steepest(self) -> float:
-        """Infinite: a wall may be vertical."""
+        """Always infinite, as a wall may be vertical."""
         return math.inf
 
     @property
     def lowest(self) -> float:
-        """The lowest point of all shapes, m."""
+        """Height of the lowest point of all shapes, in m."""
         return min(piece.box[1] for piece in self.pieces)
 
     @property
     def highest(self) -> float:
-        """The highest point of all shapes, m."""
+        """Height of the highest point of all shapes, in m."""
         return max(piece.box[3] for piece in self.pieces)
 
     def add_to(self, space: pymunk.Space) -> list[pymunk.Shape]:
@@ -132,11 +135,15 @@ class Shapes:
 
 
 Ground: TypeAlias = Terrain | Shapes
-"""What robots walk on."""
+"""Ground on which robots walk."""
 
 
 def _checked(name: str, piece: Piece) -> Piece:
-    """Return a piece as plain numbers; ValueError: no extent, not convex, or too far away."""
+    """Return a piece whose numbers are plain floats.
+
+    Raises:
+        ValueError: If the piece has no extent, is not convex, or is too far away.
+    """
     points = tuple((float(x), float(y)) for x, y in piece.points)
     radius = float(piece.radius)
     numbers = [radius, *(number for point in points for number in point)]
@@ -164,7 +171,7 @@ def _checked(name: str, piece: Piece) -> Piece:
 
 
 def is_shapes(value: object) -> bool:
-    """Whether a value is a space, or a list with shapes in it."""
+    """Return whether a value is a pymunk space, or a list or tuple that contains a pymunk shape."""
     if isinstance(value, pymunk.Space):
         return True
     if not isinstance(value, (list, tuple)):
@@ -173,24 +180,24 @@ def is_shapes(value: object) -> bool:
 
 
 def ground_of(source: ShapeSource) -> Ground:
-    """Return the ground that static shapes make: a height line where they are one.
+    """Return the ground that consists of static shapes.
 
-    Segments of radius 0 that join from left to right are the points of a
-    :class:`jansen_env.Terrain`, which goes on beyond them; all else is :class:`Shapes`. A friction
-    of 0, pymunk's default, stands for :data:`FRICTION`.
+    Segments of radius 0 that join from left to right become the points of a height line
+    (:class:`jansen_env.Terrain`), which continues beyond its ends. All other shapes become
+    :class:`Shapes`. A friction of 0, pymunk's default, is replaced by :data:`FRICTION`.
 
     Args:
-        source: A space, or a list of shapes. Neither is changed or kept.
+        source: A space, or a list of shapes. It is neither changed nor kept.
 
     Raises:
-        ValueError: If a shape is not static, is a sensor, moves its surface, filters what it
-            touches, is of an unknown kind or differs from others in friction or elasticity.
+        ValueError: If a shape is not static, is a sensor, has a moving surface, has a filter, is of
+            an unknown kind, or differs from the others in friction or elasticity.
     """
     shapes = list(source.shapes) if isinstance(source, pymunk.Space) else list(source)
     if not shapes:
         raise ValueError("terrain must have at least one static shape, got an empty space")
     pieces = tuple(_piece(f"terrain[{i}]", shape) for i, shape in enumerate(shapes))
-    if isinstance(source, pymunk.Space):  # whose shapes have no order
+    if isinstance(source, pymunk.Space):  # the shapes of a space have no order
         pieces = tuple(sorted(pieces))
     friction = _common("friction", (shape.friction for shape in shapes)) or FRICTION
     restitution = _common("elasticity", (shape.elasticity for shape in shapes))
@@ -201,7 +208,11 @@ def ground_of(source: ShapeSource) -> Ground:
 
 
 def _piece(name: str, shape: object) -> Piece:
-    """Return a copy of a user's shape; ValueError: it cannot be ground."""
+    """Return a copy of a user's shape.
+
+    Raises:
+        ValueError: If the shape cannot be ground.
+    """
     if not isinstance(shape, (pymunk.Circle, pymunk.Segment, pymunk.Poly)):
         kinds = "a pymunk.Circle, Segment or Poly"
         raise ValueError(f"{name} must be {kinds}, got {checks.shown(shape)}")
@@ -234,7 +245,11 @@ def _piece(name: str, shape: object) -> Piece:
 
 
 def _common(name: str, values: Iterable[float]) -> float:
-    """Return the value that all shapes have; ValueError: they differ."""
+    """Return the value that all shapes have in common.
+
+    Raises:
+        ValueError: If the values differ.
+    """
     different = sorted({*values})
     if len(different) > 1:
         raise ValueError(
@@ -245,7 +260,7 @@ def _common(name: str, values: Iterable[float]) -> float:
 
 
 def _height_line(pieces: Sequence[Piece]) -> tuple[Point, ...] | None:
-    """Return the points of segments of radius 0 that join from left to right, None for others."""
+    """Return the points of segments of radius 0 that join from left to right, else None."""
     if any(len(piece.points) != 2 or piece.radius > 0.0 for piece in pieces):
         return None
     segments = sorted(sorted(piece.points) for piece in pieces)
@@ -264,15 +279,16 @@ def make_ground(
     friction: float | None = None,
     restitution: float | None = None,
 ) -> Ground:
-    """Return a ground from a user's argument: shapes, or whatever ``make_terrain`` takes.
+    """Return a user's ground, given as shapes or in any form that ``make_terrain`` accepts.
 
     Args:
-        ground: The argument.
-        friction: Replaces the ground's own; None keeps it.
-        restitution: Likewise.
+        ground: The user's argument.
+        friction: Coulomb coefficient that replaces that of the ground. None keeps the latter.
+        restitution: Coefficient of restitution that replaces that of the ground. None keeps the
+            latter.
 
     Raises:
-        ValueError: If it is no ground, or a coefficient is out of range.
+        ValueError: If ``ground`` is not valid, or a coefficient is out of range.
     """
     made = ground_of(cast("ShapeSource", ground)) if is_shapes(ground) else ground
     if not isinstance(made, Shapes):

@@ -1,4 +1,4 @@
-"""The engine's library walks without Python, and with the same bits."""
+"""A program in C walks with the engine's library alone, and with the same bits as in Python."""
 
 import platform
 import subprocess
@@ -15,7 +15,7 @@ SOURCE = Path(__file__).with_name("walk_library.c")
 
 @pytest.fixture(scope="module")
 def walker(tmp_path_factory):
-    """The program in C, compiled."""
+    """Compile the program in C and return its path."""
     pytest.importorskip("ziglang")
     if sys.platform != "linux":
         pytest.skip("compiled for Linux, and by .ci/windows for Windows")

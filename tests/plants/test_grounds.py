@@ -1,4 +1,4 @@
-"""The ground as kernels find it: gaps and normals against geometry done by hand, and pymunk's."""
+"""The ground as kernels find it: gaps and normals against hand calculations and pymunk."""
 
 import math
 
@@ -84,7 +84,7 @@ def test_a_pad_deep_in_a_ridge_comes_out_of_the_near_side(side, width):
 
 
 def test_order_is_by_pad_then_nearest_first():
-    """Whatever order the segments have."""
+    """The order of the segments does not matter."""
     rng = np.random.default_rng(1)
     x = rng.uniform(-3.0, 3.0, 40)
     centres = np.column_stack([x, HILLS.height(x) + rng.uniform(0.0, 0.05, 40)])

@@ -1,4 +1,4 @@
-"""Contact planes that pymunk lists: the kernels' on height lines; walls, roofs, boxes and balls."""
+"""Contact planes from pymunk, on height lines equal to the kernels'; walls, roofs and boxes."""
 
 import math
 from dataclasses import replace
@@ -34,7 +34,7 @@ FLOOR = box(-30.0, -1.0, 30.0, 0.0)
 
 
 def random_centres(plant, row, terrain, rng):
-    """Centres of a robot's pads at a random pose, all above the ground and the lowest near it."""
+    """Return the pads' centres of a robot at a random pose above the ground, but near it."""
     state = np.zeros(8)
     state[0], state[3] = rng.uniform(-8.0, 8.0), rng.uniform(0.0, 2.0 * math.pi)
     state[2] = rng.uniform(-0.3, 0.3)
@@ -46,7 +46,7 @@ def random_centres(plant, row, terrain, rng):
 
 
 def compare_planes(poses, change=lambda shapes: shapes):
-    """Compare the kernels' planes with pymunk's; the worst difference and how many there were."""
+    """Compare the kernels' planes with pymunk's; return the largest difference and their number."""
     rng, worst, count = np.random.default_rng(0), 0.0, 0
     for env_id in IDS:
         envs = gym.make_vec(env_id, 20)
@@ -66,9 +66,9 @@ def compare_planes(poses, change=lambda shapes: shapes):
 
 
 def test_planes_on_height_lines_are_pymunks():
-    """At 10,000 random poses on generated terrains of every id: normals, offsets and distances.
+    """Compare the planes at 10,000 random poses on generated terrains of every id.
 
-    No pad's centre is in the ground: in there, line and shapes have ways out of their own.
+    No pad's centre is inside the ground, where a pad leaves a line and shapes in different ways.
     """
     worst, count = compare_planes(POSES)
     assert worst < 1e-11
@@ -77,7 +77,7 @@ def test_planes_on_height_lines_are_pymunks():
 
 @pytest.mark.parametrize("answer", ["nothing", "nearest alone", "turned", "higher", "nearer"])
 def test_the_comparison_notices_another_answer(monkeypatch, answer):
-    """Replace what pymunk answers: the planes are others then."""
+    """Alter pymunk's answers: the comparison must then find other planes."""
     query = pymunk.Space.point_query
 
     def other(*arguments):
@@ -98,7 +98,7 @@ def test_the_comparison_notices_another_answer(monkeypatch, answer):
 
 
 def test_a_step_on_shapes_asks_pymunk(monkeypatch):
-    """A robot on shapes stands as long as pymunk finds them, and falls through what it does not."""
+    """A robot stands on shapes as long as pymunk finds them, and falls when pymunk finds none."""
     plant = ProjectionPlant(Robot(), Shapes((FLOOR,)))
     plant.reset()
     plant.step(0.0, 0.1)
@@ -111,7 +111,7 @@ def test_a_step_on_shapes_asks_pymunk(monkeypatch):
 
 
 def generated(kind):
-    """A terrain of level 5, moved so that not its level start is below the robot but the rest."""
+    """Return a terrain of level 5, moved so that the robot does not start on its level part."""
     terrain = make_generator(kind)(np.random.default_rng(5), 5)
     return Terrain(tuple((x - 1.7 * (kind != "slope"), y) for x, y in terrain.points))
 
@@ -119,10 +119,10 @@ def generated(kind):
 @pytest.mark.parametrize("kind", ["slope", "rough", "waves", "stairs", "steps", "stumps", "ramps"])
 @pytest.mark.parametrize("feet", [None, FEET])
 def test_both_paths_walk_alike(kind, feet):
-    """50 control steps on a height line and on the polygons below it, on rigid and compliant feet.
+    """Walk 50 control steps on a height line and on the polygons below it.
 
-    States (m, rad, m/s, rad/s) differ by less than 1e-9: on a slope, whose polygons are 1 km long,
-    by some 1e-10, on other grounds by some 1e-12.
+    The states (m, rad, m/s, rad/s) differ by less than 1e-9: by about 1e-10 on a slope, whose
+    polygons are 1 km long, and by about 1e-12 on other grounds.
     """
     line = generated(kind)
     grounds = line, Shapes.under(line)
@@ -140,7 +140,7 @@ def test_both_paths_walk_alike(kind, feet):
 
 
 def drive(plant, steps=150, torque=10.0):
-    """Let a robot walk; the largest x, and the largest energy residual of a step, J."""
+    """Let a robot walk; return its largest x, m, and the largest energy residual of a step, J."""
     farthest, residual = plant.x, 0.0
     for _ in range(steps):
         result = plant.step(torque, 0.02)
@@ -150,7 +150,7 @@ def drive(plant, steps=150, torque=10.0):
 
 
 def test_a_wall_stops_the_robot():
-    """It walks on where there is none, and no pad enters the wall by more than touching does."""
+    """Without a wall, the robot walks on. With one, it stops; no pad's centre enters the wall."""
     wall = box(1.0, -0.5, 1.3, 3.0)
     free, stopped = (ProjectionPlant(Robot(), Shapes(p)) for p in ((FLOOR,), (FLOOR, wall)))
     for plant in (free, stopped):
@@ -164,9 +164,10 @@ def test_a_wall_stops_the_robot():
 
 @pytest.mark.parametrize("height", [0.03, 0.1, 0.3])
 def test_a_box_is_climbed_or_not_as_on_the_height_line(height):
-    """Both walk up 3 cm and 10 cm, within 0.1 m of each other after 4 s, and neither 30 cm.
+    """The robot climbs 3 cm and 10 cm on both grounds, and 30 cm on neither.
 
-    The faces of a height line are no steeper than 80 degrees, those of a box are.
+    After 4 s, the two positions differ by less than 0.1 m. The faces of a height line are no
+    steeper than 80 degrees; those of a box are vertical.
     """
     run = height / math.tan(math.radians(79.0))
     line = Terrain(((-1.0, 0.0), (1.0 - run, 0.0), (1.0, height), (3.0, height)))
@@ -180,7 +181,7 @@ def test_a_box_is_climbed_or_not_as_on_the_height_line(height):
 
 
 def test_an_overhang_stops_a_robot_or_lets_it_pass():
-    """Under a roof above all its joints it walks as without one; a lower one stops it."""
+    """A roof above all joints does not change the walk. A lower roof stops the robot."""
     ends = []
     for bottom in (math.inf, 1.2, 0.9, 0.6, 0.3):
         roof = [box(0.9, bottom, 1.4, 2.0)] if bottom < math.inf else []
@@ -192,7 +193,7 @@ def test_an_overhang_stops_a_robot_or_lets_it_pass():
 
 
 def test_a_pad_touches_a_roof_from_below():
-    """A robot that flies up at 4 m/s is stopped by it, within what a time step is long."""
+    """A roof stops a robot that flies up at 4 m/s, to within its way in a time step."""
     roof = box(-3.0, 1.5, 3.0, 2.0)
     plant = ProjectionPlant(Robot(), Shapes((FLOOR, roof)))
     state = np.zeros(8)
@@ -209,7 +210,7 @@ def test_a_pad_touches_a_roof_from_below():
 
 
 def test_a_robot_walks_over_a_ball():
-    """On a large circle the planes are its tangents, and the robot stands on its top."""
+    """The contact planes on a large ball are its tangents, and the robot walks over its top."""
     ball = Piece(((0.0, -50.0),), 50.0)
     plant = ProjectionPlant(Robot(), Shapes((ball,)))
     plant.reset()
@@ -221,7 +222,7 @@ def test_a_robot_walks_over_a_ball():
 
 
 def test_seams_between_shapes_are_not_felt():
-    """A floor of tiles, of polygons and thick segments side by side, is one floor: bit for bit."""
+    """The robot walks on a floor of many boxes as on a single box, to 1e-9."""
     tiles = tuple(box(-3.0 + 0.1 * k, -1.0, -3.0 + 0.1 * (k + 1), 0.0) for k in range(100))
     ends = []
     for pieces in ((FLOOR,), tiles):
@@ -233,7 +234,7 @@ def test_seams_between_shapes_are_not_felt():
 
 
 def test_a_pad_in_a_shape_comes_out_of_the_near_side():
-    """Also where shapes overlap: not into another one."""
+    """Where two shapes overlap, the pad does not come out into the other shape."""
     shapes = ShapePlanes(Shapes((box(-1.0, -1.0, 0.05, 0.0), box(0.0, -1.0, 1.0, 0.0))))
     for x in (0.005, 0.045):
         planes = shapes.find(np.array([[x, -0.02]]), 0.06)
@@ -245,7 +246,7 @@ def test_a_pad_in_a_shape_comes_out_of_the_near_side():
 
 
 def test_a_robot_is_placed_from_above():
-    """On a box that some of its toes meet first; where there is no shape it is refused."""
+    """Some toes meet a box first. Where there is no shape, the robot is rejected."""
     plant = ProjectionPlant(Robot(), Shapes((FLOOR, box(0.3, 0.05, 0.6, 0.15))))
     plant.reset()
     planes = plant.batch.contact_planes(0)
@@ -258,7 +259,7 @@ def test_a_robot_is_placed_from_above():
 
 @pytest.mark.parametrize("feet", [None, FEET])
 def test_the_rigid_body_plant_walks_on_shapes_as_on_the_line(feet):
-    """On a floor of one polygon it moves as on level ground, rigid and compliant feet."""
+    """The robot moves alike on one polygon and on level ground, with rigid and compliant feet."""
     robot = Robot() if feet is None else replace(Robot(), pad_compliance=feet)
     ends = []
     for ground in (Terrain.flat(), Shapes((FLOOR,))):
@@ -272,7 +273,7 @@ def test_the_rigid_body_plant_walks_on_shapes_as_on_the_line(feet):
 
 
 def test_both_plants_stop_at_a_wall():
-    """The chassis comes as far, within what their contact solvers differ by."""
+    """The wall stops the chassis at the same x, within the difference of the contact solvers."""
     grounds = Shapes((FLOOR,)), Shapes((FLOOR, box(0.62, -0.5, 0.9, 3.0)))
     ends = []
     for kind in (ProjectionPlant, RigidBodyPlant):

@@ -1,4 +1,4 @@
-"""Grounds that users make of pymunk's shapes: copies, height lines among them, and refusals."""
+"""Grounds that users make from pymunk's shapes: copies, height lines, and rejected shapes."""
 
 import copy
 import math
@@ -18,7 +18,7 @@ from jansen_env.viewer.recorder import Recorder
 
 ID = "JansenWalker-v0"
 BODIES = []
-"""Bodies of the shapes below, which do not keep them themselves."""
+"""Bodies of the shapes below; a shape keeps no reference to its body."""
 
 
 def static(**motion):
@@ -56,7 +56,7 @@ def test_all_kinds_are_copied_to_where_their_bodies_are():
 
 
 def test_a_users_space_stays_as_it_is():
-    """And what becomes of it changes no ground."""
+    """Later changes of the space do not change the ground, either."""
     space = pymunk.Space()
     shape = box(-9.0, -1.0, 9.0, 0.0, space.static_body)
     space.add(shape)
@@ -73,7 +73,7 @@ def test_a_users_space_stays_as_it_is():
 
 
 def test_a_ground_of_shapes_is_a_value():
-    """Equal where its shapes are, in any order of a space; copied, pickled and hashed."""
+    """Grounds with the same shapes in any order are equal; they can be copied and pickled."""
     grounds = []
     for turn in (1, -1):
         space = pymunk.Space()
@@ -89,7 +89,7 @@ def test_a_ground_of_shapes_is_a_value():
 
 
 def test_thin_segments_from_left_to_right_are_a_height_line():
-    """In any order and direction; with a vertical face, or a radius, they are shapes."""
+    """Segments may have any order and direction. A vertical face or a radius makes them shapes."""
     points = [(-2.0, 0.0), (-0.5, 0.1), (1.0, 0.0), (3.0, 0.5)]
     pairs = [(points[2], points[1]), (points[2], points[3]), (points[0], points[1])]
     segments = [pymunk.Segment(static(), a, b, 0.0) for a, b in pairs]
@@ -101,7 +101,7 @@ def test_thin_segments_from_left_to_right_are_a_height_line():
 
 
 def test_friction_and_elasticity_are_those_of_the_shapes():
-    """All have the same; an environment's arguments replace them."""
+    """All shapes must have the same values. The arguments of an environment replace them."""
     shapes = [floor(), box(1.0, 0.0, 2.0, 0.1)]
     for shape in shapes:
         shape.friction, shape.elasticity = 0.5, 0.2
@@ -176,7 +176,7 @@ def test_what_shapes_cannot_be_combined_with_is_refused(arguments, message):
 
 
 def test_levels_recordings_and_mujoco_are_of_height_lines():
-    """Each error names what is refused."""
+    """Each error names what is rejected."""
     ground = make_ground([floor()])
     env = gym.make(ID, terrain=lambda rng, level: ground)
     with pytest.raises(ValueError, match=r"must be a Terrain"):
@@ -188,7 +188,7 @@ def test_levels_recordings_and_mujoco_are_of_height_lines():
 
 
 def test_overhangs_are_found():
-    """Air below a shape, also beside its corners, below circles and over another floor."""
+    """There may be air beside a shape's corners, below circles and above another floor."""
     level = Shapes((Piece(((-9.0, -1.0), (9.0, -1.0), (9.0, 0.0), (-9.0, 0.0))),))
     on_floor = Piece(((1.0, -0.1), (2.0, -0.1), (2.0, 0.5), (1.0, 0.5)))
     leaning = Piece(((1.0, 0.0), (1.2, 0.0), (1.5, 0.6)))
@@ -196,7 +196,7 @@ def test_overhangs_are_found():
         (on_floor, False),
         (Piece(((1.0, -0.2),), 0.3), False),
         (leaning, True),
-        (Piece(((1.0, 0.0),), 0.3), False),  # half in the floor
+        (Piece(((1.0, 0.0),), 0.3), False),  # its lower half is in the floor
         (Piece(((1.0, 0.1),), 0.3), True),
         (Piece(((1.0, 1.0), (2.0, 1.0))), True),
     ):

@@ -140,7 +140,7 @@ def test_soft_feet_and_links_between_the_teeth_of_a_saw_keep_energy():
 
 
 def test_impulses_stay_below_a_bound_from_the_mass_matrix(measured):
-    """A robot in the sky beside each robot has the velocity v of its time step without contacts.
+    """A second robot high above the ground shows the velocity v of a time step without contacts.
 
     The mean diagonal of W is at least 1 / m, so that the largest impulse is m v M v / (4 s).
     """
@@ -164,14 +164,14 @@ def test_impulses_stay_below_a_bound_from_the_mass_matrix(measured):
             largest = max(largest, float(square / bound))
     batch.close()
     sky.close()
-    assert largest > 1e-3  # contacts have pressed
+    assert largest > 1e-3  # some contacts had impulses
     measured("wedged pads: impulses over an independent bound", math.sqrt(largest), 1.0)
 
 
 def test_jammed_links_stay(measured):
     """Drive robots into teeth with colliding links, then leave them alone for 3 s.
 
-    Half of them may rock.
+    The test measures the median motion, so that half of the robots may rock.
     """
     ground, moved = Terrain(SAW, 0.8), []
     for seed in range(12):

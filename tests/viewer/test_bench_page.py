@@ -228,7 +228,7 @@ def test_files_are_taken_away(bench, tmp_path):
 
 
 def test_a_robot_of_a_file_is_taken_away_whole(open_window, tmp_path):
-    """With other lengths, as Python has them."""
+    """The saved file has the same lengths as Python computes."""
     robot = ROBOTS["klann"](3)
     path = write_bench(tmp_path / "bench.html", {"built": ROBOTS["built"](), "mine": robot})
     page = open_window(**STILL, offline=True, accept_downloads=True).page

@@ -1,4 +1,7 @@
-"""Robot files walk on the page, compiled there to the bits of Python: dropped, or by a command."""
+"""Robot files walk on the page, which compiles them to the same bits as Python.
+
+A user drops a file on the page, or passes it to the command.
+"""
 
 import json
 import re
@@ -25,7 +28,7 @@ from jansen_env.viewer.web.walk_data import MOST_TOES
 
 
 def other_robots():
-    """Robots that are no design by name: other numbers of legs, motors, feet, loads, pads."""
+    """Yield robots that have no name: other numbers of legs, other motors, feet, loads and pads."""
     paper, klann = ROBOTS["paper"](), ZOO["klann"]
     yield from (ROBOTS["built"](1), ROBOTS["holy"](3), klann(1), klann(5), ZOO["strider"](3))
     yield from (ZOO["chebyshev"](4), ZOO["trotbot"](3))
@@ -46,9 +49,13 @@ def test_tables_of_robot_files_are_the_same():
     for robot, told in zip(robots, answers["tables"], strict=True):
         tables, designs = compile_robot(robot), DesignTables([robot])
         expected = (
-            tables.body, tables.pads, tables.bearings, designs.depths[0], designs.farthest[0],
+            tables.body,
+            tables.pads,
+            tables.bearings,
+            designs.depths[0],
+            designs.farthest[0],
             [designs.extent[0], advance_per_turn(robot), standing_height(robot)],
-        )  # fmt: skip
+        )
         for values, text in zip(expected, told, strict=True):
             assert np.array_equal(numbers(text), np.ravel(values)), robot.linkage.names
 
@@ -73,7 +80,7 @@ def test_robot_files_walk_as_in_python(tmp_path, rng):
 
 
 def test_what_is_no_robot_is_refused():
-    """In a sentence that says why, before anything is computed."""
+    """A sentence says why, before anything is computed."""
     paper = as_file(ROBOTS["paper"]())
     linkage, long = paper["linkage"], {**paper["bodies"][0], "length": 3.0}
     wrong = {
@@ -90,13 +97,13 @@ def test_what_is_no_robot_is_refused():
         "does not close": {**paper, "bodies": [long, *paper["bodies"][1:]]},
         "cannot stand": {**paper, "frame_angle": 3.3},
         f"{MOST_TOES + 2} toes": as_file(ROBOTS["paper"](MOST_TOES // 2 + 1)),
-    }  # fmt: skip
+    }
     for (pattern, _), told in zip(wrong.items(), in_node([*wrong.values()])["tables"], strict=True):
         assert isinstance(told, str) and re.search(pattern, told), (pattern, told)
 
 
 def test_a_dropped_robot_file_walks(open_window, tmp_path):
-    """Klann's linkage with three crank pins; what is no robot is said, and changes nothing."""
+    """Klann's linkage with three crank pins walks. Another file causes a message and no change."""
     path = write_walk(tmp_path / "walk.html")
     page = open_window(**STILL).page
     page.goto(path.as_uri())
@@ -116,7 +123,7 @@ def test_a_dropped_robot_file_walks(open_window, tmp_path):
 
 
 def test_the_command_takes_a_robot_file(tmp_path, capsys):
-    """It is on the page by its name, as any other robot; what cannot walk is refused."""
+    """The page has the robot by its file's name. The command rejects what cannot walk."""
     path = write_robot(tmp_path / "six legs.json", ROBOTS["built"](3))
     main(["--robot", str(path), "--out", str(tmp_path), "--no-open"])
     walk, bench = (tmp_path / name for name in ("walk.html", "bench.html"))

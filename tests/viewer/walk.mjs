@@ -1,9 +1,9 @@
 // Lets robots walk as a page does: node walk.mjs FOLDER < {data, robots, walks, saved} > results
 //
-// Prints for each of `robots`, [name, lengths or null] or the content of a robot file, the robot, and its tables or why it has none; of each walk {robot:
-// place in robots, terrain, control, actions by hand, settings, start, events: [step, method, arguments], names
-// of info} the numbers of its start and of each step, all in base64, and its last pose;
-// and walks as the page saves them, `saved`: [{robot, ground, control}]. In between each walk goes back
+// Prints for each of `robots`, which is [name, lengths or null] or the content of a robot file, the robot,
+// and its tables or why it has none; of each walk {robot: place in robots, terrain, control, actions by
+// hand, settings, start, events: [step, method, arguments], names of info} the numbers of its start
+// and of each step, all in base64, and its last pose; and walks as the page saves them, `saved`: [{robot, ground, control}]. In between each walk goes back
 // ten steps, and comes again.
 import { readFileSync } from "node:fs";
 

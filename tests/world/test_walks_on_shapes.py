@@ -1,4 +1,4 @@
-"""Environments on pymunk's shapes: all interfaces alike, exact resume, and what is observed."""
+"""Environments on pymunk's shapes: interfaces agree, states are restored exactly, and heights."""
 
 import copy
 import pickle
@@ -21,14 +21,16 @@ def box(left, bottom, right, top):
 
 
 FLOOR = box(-30.0, -1.0, 30.0, 0.0)
-COURSE = Shapes((
-    FLOOR,
-    box(0.25, -0.2, 0.45, 0.02),
-    Piece(((0.7, -0.08),), 0.1),
-    box(-0.8, -0.5, -0.6, 2.0),
-    box(1.2, 0.6, 1.5, 0.7),
-))  # fmt: skip
-"""A step, a ball in the floor, a wall behind, and a roof ahead."""
+COURSE = Shapes(
+    (
+        FLOOR,
+        box(0.25, -0.2, 0.45, 0.02),
+        Piece(((0.7, -0.08),), 0.1),
+        box(-0.8, -0.5, -0.6, 2.0),
+        box(1.2, 0.6, 1.5, 0.7),
+    )
+)
+"""A course with a step, a ball in the floor, a wall behind the robot, and a roof ahead of it."""
 ARGUMENTS = {
     "rigid feet": {},
     "compliant feet": {"pad_compliance": Compliance(2e4, 50.0)},
@@ -44,7 +46,10 @@ ARGUMENTS = {
 
 @pytest.mark.parametrize("name", ARGUMENTS)
 def test_a_batch_does_what_each_does_alone(name):
-    """Bit for bit, through falls, time limits and resets, on shapes and height lines at once."""
+    """Robots agree bit for bit through falls, time limits and resets.
+
+    One case has shapes and height lines in the same batch.
+    """
     arguments = {"terrain": COURSE, **ARGUMENTS[name]}
     grounds = arguments.pop("terrain")
     each = [
@@ -55,7 +60,7 @@ def test_a_batch_does_what_each_does_alone(name):
 
 
 def test_threads_do_not_change_a_bit():
-    """A batch of which every third robot is on shapes."""
+    """In this batch, every third robot is on shapes."""
     grounds = [(COURSE, "stairs", "flat")[k % 3] for k in range(48)]
     runs = []
     for threads in (1, 2):
@@ -82,7 +87,11 @@ def test_stable_baselines_sees_the_same():
 @pytest.mark.parametrize("plant", ["projection", "rigid_body"])
 @pytest.mark.parametrize("name", ["rigid feet", "compliant feet"])
 def test_copies_pickles_and_states_continue_bit_for_bit(plant, name):
-    """Rigid bodies as from a state that was set: that closes the gaps of their joints."""
+    """Copies and pickles continue as their original does.
+
+    A copy of rigid bodies continues as from a restored state, as restoring closes gaps in the
+    joints.
+    """
     env = gym.make("JansenWalker-v0", terrain=COURSE, plant=plant, **ARGUMENTS[name])
     env.reset(seed=2)
     steps = 20 if plant == "projection" else 3
@@ -99,7 +108,7 @@ def test_copies_pickles_and_states_continue_bit_for_bit(plant, name):
 
 
 def test_energies_balance_as_on_height_lines():
-    """Residuals of walks over the course are below 0.1 % of the motor's work."""
+    """The energy residual of a walk over the course is below 0.1 % of the motor's work."""
     for feet in (None, Compliance(2e4, 50.0)):
         env = gym.make(
             "JansenWalker-v0", terrain=COURSE, pad_compliance=feet, terminate_when_fallen=False
@@ -114,7 +123,10 @@ def test_energies_balance_as_on_height_lines():
 
 
 def test_heights_are_those_below_the_crank_axis():
-    """Under a roof, on a step, over a ditch without ground; and along a scan without overhangs."""
+    """The robot observes the height of the floor under a roof, and of a step.
+
+    A height scan over shapes without overhangs equals one over the height line.
+    """
     roofed = Shapes((FLOOR, box(0.9, 1.3, 1.4, 1.5), box(2.0, -0.5, 3.0, 0.2)))
     env = gym.make("JansenWalker-v0", terrain=roofed, reset_noise_scale=0.0)
     env.reset(seed=0)

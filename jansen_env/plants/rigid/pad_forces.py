@@ -121,8 +121,8 @@ class PadContacts:
     def landing_soon(self, now: bodies.Snapshot) -> bool:
         """Whether a pad that is not on the ground may touch it within the next two time steps.
 
-        By the ground straight below it: on rough ground some landings go unforeseen. On shapes, by
-        the nearest one.
+        On a height line, only the ground straight below a pad counts, so that some landings on
+        rough ground are not foreseen. On shapes, the nearest shape counts.
         """
         if isinstance(self._ground, Terrain):
             x, y = now.pads.T

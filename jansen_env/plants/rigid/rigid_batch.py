@@ -187,7 +187,7 @@ class RigidBodyBatch(BatchedPlant):
         self._apply(self._every)
 
     def _set_line(self, line: Array) -> None:
-        """Let the heights that the robot observes be those of a line (vertices, 2), m."""
+        """Set the heights that the robot observes to those of a line, in m, shape (vertices, 2)."""
         self.surface: Array = line
         self.records.status["end_vertex"] = len(line)
 
@@ -228,7 +228,7 @@ class RigidBodyBatch(BatchedPlant):
         self._memory = memory
 
     def check_feet(self, robot: Robot, values: np.void) -> None:
-        """Do nothing: feet that are too stiff are refused when their parameters are applied."""
+        """Do nothing: feet that are too stiff are rejected when their parameters are applied."""
 
     def check_robot(self, robot: Robot) -> None:
         check_legs(robot, self.robots[0])

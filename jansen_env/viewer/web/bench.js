@@ -1,7 +1,7 @@
 // The bench: change the lengths of a walker, and see its toes' paths and their numbers at once.
 //
-// The data in the page are bench.py's: {base: the first design, builtIn: names of Python's own, designs,
-// engine, layout}. It walks on the page beside.
+// bench.py writes the page's data: {base: name of the first design, builtIn: names of the designs that
+// Python knows, designs, engine, layout}. The page walk.html beside this page lets a design walk.
 
 import * as design from "./bench_design.js";
 import * as picture from "./bench_picture.js";
@@ -395,7 +395,7 @@ function saveDrawing() {
 
 function saveRobot() {
   const { base, changes } = present();
-  // Python knows the lengths of its own designs by name; of another robot a file has everything.
+  // Python knows the built-in designs by name; the file of another robot must contain everything.
   const robots = { [base]: designs[base].robot };
   const work = designs[base].memory;
   const text = data.builtIn.includes(base)
@@ -485,7 +485,7 @@ $("numbers").innerHTML = NUMBERS.map(
 ).join("");
 explain("dt");
 
-/** Compile the engine, and show the design of the link. */
+/** Compile the engine, and show the design in the page's link. */
 async function begin() {
   prepare(await loadEngine(numbersOf(data.engine, Uint8Array), data.layout), designs);
   open();

@@ -1,6 +1,6 @@
 """The bench, a page to design legs on, as one file.
 
-``linkage.js`` closes the linkages by the engine's kernels.
+The script ``linkage.js`` closes the linkages with the engine's kernels.
 """
 
 from collections.abc import Mapping
@@ -21,11 +21,13 @@ SHEETS = {"aluminium": (2.0, 1.0), "plywood": (0.6, 0.3)}  # m, by a robot's mat
 
 
 def write_bench(path: str | Path, robots: Mapping[str, Robot] | None = None) -> Path:
-    """Write the bench with designs as one HTML file; beside :mod:`.walk`'s they walk.
+    """Write the bench as one HTML file.
+
+    If the page of :mod:`.walk` is in the same folder, users can let their designs walk there.
 
     Args:
-        path: The file.
-        robots: Robots by name; None for the built-in designs.
+        path: Path of the file.
+        robots: Robots by name. None selects the built-in designs.
     """
     designs = bench_designs(robots)
     data = {"base": "built", "builtIn": [*ROBOTS], "designs": designs, **engine_of_page()}
@@ -33,7 +35,11 @@ def write_bench(path: str | Path, robots: Mapping[str, Robot] | None = None) -> 
 
 
 def bench_designs(robots: Mapping[str, Robot] | None = None) -> dict[str, dict[str, object]]:
-    """Return designs by name, the built-in ones by default, with how their parts are cut."""
+    """Return designs by name, including how their parts are cut.
+
+    Args:
+        robots: Robots by name. None selects the built-in designs.
+    """
     if robots is None:
         robots = {name: make() for name, make in ROBOTS.items()}
     return {
@@ -65,7 +71,10 @@ def cutting_of(robot: Robot) -> dict[str, object]:
 
 
 def design_of(robot: Robot) -> dict[str, object]:
-    """Return the lengths of a robot by name, and which built parts its bodies are, or None."""
+    """Return the lengths of a robot by name, and which built part each body is.
+
+    The parts are None for a robot that does not consist of built parts.
+    """
     return {
         "names": length_names(robot),
         "lengths": lengths(robot),

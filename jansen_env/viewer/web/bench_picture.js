@@ -33,7 +33,7 @@ const number = (value) => (1000 * value).toFixed(2);
 const at = ([x, y]) => `${number(x)} ${number(-y)}`;
 const escaped = (text) => text.replaceAll("&", "&amp;").replaceAll("<", "&lt;");
 
-/** Distance of the crank's pin from its axis, m. */
+/** Return the distance of the crank's pin from its axis, m. */
 const crankOf = ({ design, lengths }) => lengths[design.names[1][0]];
 
 /** Box around all joints of all legs over a turn: {x, y, width, height}, mm, in steps of GRID. */

@@ -8,7 +8,7 @@ import { numbersOf } from "./engine.js";
 import { TURN } from "./robot.js";
 
 const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
-/** x less whole periods, from 0 to `period`. */
+/** Return x modulo `period`, from 0 to `period`. */
 function modulo(x, period) {
   const rest = x % period;
   return rest < 0 ? rest + period : rest;

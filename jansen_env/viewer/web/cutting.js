@@ -3,8 +3,8 @@
 // `cutting` of a design comes from bench.py: {material, holes: of each body {joint: radius}, feet: of
 // each body the toes that it carries, hub: {away, radius} of the two screws beside the crank's axis,
 // foot: {radius, away: [[first, second] ...]} of the screws of a tread, wall: least material between
-// two holes, sheet: longer and shorter side of what parts are cut from, widths: of the frame's bar and
-// of others}. Metres.
+// two holes, sheet: longer and shorter side of the sheet that parts are cut from, widths: widths of the
+// frame's bar and of other bars}. All lengths are in metres.
 
 import { assemble, isTooHeavy, pointsOf } from "./linkage.js";
 

@@ -6,8 +6,8 @@ const MOST = 300; // points
 const FARTHEST = 100_000; // cm
 
 /**
- * A stroke, [[x, y] ...] in m from the robot, as the text of a link: "64,2,67,5". `steepest` is the
- * largest slope of a ground.
+ * Return the text of a link, such as "64,2,67,5", for a stroke [[x, y] ...] in m from the robot.
+ * `steepest` is the largest slope that a ground may have.
  */
 export function textOf(stroke, steepest) {
   const points = [[LEVEL, 0]];
@@ -22,7 +22,7 @@ export function textOf(stroke, steepest) {
   return points.slice(1).flat().join(",");
 }
 
-/** The points, m, of such a text. Throws where it is none. */
+/** Return the points of such a text, in m; throw an error if the text is not valid. */
 export function pointsOf(text, steepest) {
   const numbers = text.split(",").map(Number);
   const points = [[-100, 0], [LEVEL, 0]]; // biome-ignore format: points

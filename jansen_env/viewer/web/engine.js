@@ -191,13 +191,13 @@ class Block {
     return new Block(this.memory, type, [count], this.address + offset, size);
   }
 
-  /** The first entries along the first axis. */
+  /** Return the first `count` entries along the first axis. */
   first(count) {
     const shape = [count, ...this.shape.slice(1)];
     return new Block(this.memory, this.type, shape, this.address, this.size);
   }
 
-  /** The numbers of an array (n, 2) as pairs. */
+  /** Return the numbers of an array (n, 2) as pairs. */
   pairs() {
     const { view } = this;
     return Array.from({ length: this.shape[0] }, (_, i) => [view[2 * i], view[2 * i + 1]]);

@@ -1,4 +1,4 @@
-"""Data with which pages call the engine: its module, kernels, records and numbers."""
+"""Data with which pages call the engine: its module, kernels, records and constants."""
 
 import base64
 import math
@@ -29,13 +29,21 @@ from jansen_env.world import push, world
 
 Json = dict[str, Any]
 RUNS = "'wasm-unsafe-eval'"
-"""What the content security policy of a page with the engine allows beside its script."""
+"""Source that the content security policy of a page with the engine allows besides its script."""
 RECORDS = {
-    "ROBOT": records.ROBOT, "STATISTICS": records.CONTACT_STATISTICS, "PAD": records.PAD,
-    "WORLD": records.WORLD, "PLANE": records.PLANE, "MACHINE": records.MACHINE,
-    "LINK": link_shapes.LINK, "BUILD": link_shapes.BUILD, "CHASSIS": machines.CHASSIS,
-    "WALK": walk_reward.ROW, "SETTINGS": walk_reward.SETTINGS, "PUSHES": pushes.PUSHES,
-}  # fmt: skip
+    "ROBOT": records.ROBOT,
+    "STATISTICS": records.CONTACT_STATISTICS,
+    "PAD": records.PAD,
+    "WORLD": records.WORLD,
+    "PLANE": records.PLANE,
+    "MACHINE": records.MACHINE,
+    "LINK": link_shapes.LINK,
+    "BUILD": link_shapes.BUILD,
+    "CHASSIS": machines.CHASSIS,
+    "WALK": walk_reward.ROW,
+    "SETTINGS": walk_reward.SETTINGS,
+    "PUSHES": pushes.PUSHES,
+}
 NUMBERS = {
     reduction: "SAMPLES HARMONICS INTERVALS ORDER BEARING_SAMPLES BODY_SUMS PAD_FUNCTIONS",
     reduced: "TAIL_TOLERANCE WORK_ARRAYS",
@@ -52,9 +60,9 @@ NUMBERS = {
     world: "TOUCHING SLIPPING",
 }
 OF_PAGES = (pcg64,)
-"""Modules of the engine that pages alone call: their kernels are there once they are imported."""
+"""Modules of the engine that only pages call; importing a module registers its kernels."""
 PARTS = (Bar, Triangle, Plate, Payload, Motor, Compliance)
-"""Parts of robot files whose numbers kernels read under their names."""
+"""Parts of robot files whose values kernels read by name."""
 
 
 def engine_of_page() -> Json:
@@ -69,7 +77,7 @@ def engine_module() -> str:
 
 
 def engine_layout() -> Json:
-    """Return arguments of the kernels, layouts of records, and numbers that pages need."""
+    """Return the kernels' arguments, the layouts of records, and the constants that pages need."""
     return {
         "kernels": {each.symbol: _arguments(each) for each in kernel.kernels},
         "records": {name: _layout(dtype) for name, dtype in RECORDS.items()},
@@ -83,7 +91,10 @@ def engine_layout() -> Json:
 
 
 def _defaults(kind: type) -> Json:
-    """Return the numbers of a part of a robot file that may be left out; None is infinite."""
+    """Return the values that a part of a robot has if its robot file leaves them out.
+
+    None stands for infinity.
+    """
     return {
         field.name: 0.0 if field.default is MISSING else _finite(field.default)
         for field in fields(kind)
@@ -92,21 +103,22 @@ def _defaults(kind: type) -> Json:
 
 
 def packed(values: ArrayLike, dtype: str) -> str:
-    """Return numbers as base64."""
+    """Return numbers as an array of a dtype, encoded in base64."""
     return base64.b64encode(np.ascontiguousarray(values, dtype).tobytes()).decode()
 
 
 def _finite(value: Any) -> Any:
-    """Return a value, None for infinity."""
+    """Return a value, or None if it is infinite."""
     return None if value is None or value == math.inf else value
 
 
 def values_of(row: np.void) -> Json:
+    """Return the values of a record by name."""
     return dict(zip(row.dtype.names or (), row.item(), strict=True))
 
 
 def _arguments(made: kernel.Kernel) -> list[tuple[str, str, int, bool]]:
-    """Return name, type and number of axes of each argument, and whether its rows lie apart."""
+    """Return name, type and number of axes of each argument, and whether its rows may lie apart."""
     named: dict[Any, str] = {dtype: name for name, dtype in RECORDS.items()}
     return [
         (p.name, named.get(p.dtype) or p.dtype.str[1:], p.ndim, p.apart) for p in made.parameters
@@ -114,11 +126,12 @@ def _arguments(made: kernel.Kernel) -> list[tuple[str, str, int, bool]]:
 
 
 def _layout(dtype: np.dtype[Any]) -> Json:
-    """Return the size of a record, and offset, type and length of each field."""
+    """Return the size of a record, and the offset, type and length of each of its fields."""
     fields = {name: _field(*place[:2]) for name, place in (dtype.fields or {}).items()}
     return {"size": dtype.itemsize, "fields": fields}
 
 
 def _field(dtype: np.dtype[Any], offset: int) -> tuple[int, str | Json, int]:
+    """Return the offset, type and length of a field."""
     kind, shape = dtype.subdtype or (dtype, ())
     return offset, _layout(kind) if kind.names else kind.str[1:], math.prod(shape)

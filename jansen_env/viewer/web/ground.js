@@ -1,10 +1,13 @@
-// Grounds drawn by name, level and seed, by the kernels of jansen_env/engine/ground_lines.py.
+// Generates grounds by name, level and seed with the kernels of jansen_env/engine/ground_lines.py.
 //
-// `data` is what terrain_data.py writes.
+// terrain_data.py writes `data`.
 
 import { Random } from "./random_numbers.js";
 
-/** The points [x, y], m, of a ground: `name` is of data.kinds, "mixed", or "flat" without levels. */
+/**
+ * Return the points [x, y] of a ground, in m. `name` is one of data.kinds, "mixed", or "flat", which
+ * has no levels.
+ */
 export function groundOf({ work }, data, name, level, seed) {
   if (name === "flat") return data.flat;
   return work.scratch(() => {
@@ -25,7 +28,7 @@ export function groundOf({ work }, data, name, level, seed) {
   });
 }
 
-/** Points with both ends extended, what the engine's ground consists of, and the steepest slope. */
+/** Return points with both ends extended, as the engine needs them, and the steepest slope. */
 export function lineOf(memory, points) {
   return memory.scratch(() => {
     const line = memory.array("f8", points.length, 2);

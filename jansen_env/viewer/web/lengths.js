@@ -1,10 +1,11 @@
-// The same robot with other lengths, by the kernels of jansen_env/engine/link_shapes.py.
+// Changes the lengths of a robot with the kernels of jansen_env/engine/link_shapes.py.
 
 import { Leg, linkOf } from "./robot.js";
 
 /**
- * A design of data.robots with some other lengths, m, by the names of data.designs. Of the built
- * robot's parts it gets such parts; else links are as heavy per metre of their sides as before.
+ * Return a design of data.robots with some other lengths, in m, by the names of data.designs. A robot
+ * of built parts gets built parts of the new lengths; other links keep their mass per metre of their
+ * sides.
  */
 export function robotWithLengths({ work }, data, base, changed) {
   const robot = data.robots[base];
@@ -27,8 +28,8 @@ export function robotWithLengths({ work }, data, base, changed) {
 }
 
 /**
- * What gives the links of a leg other lengths in its memory: {links, points, resize, inertiaOf}.
- * `resize` returns the body whose sides form no triangle, or -1.
+ * Return an object that changes the lengths of a leg's links in its memory: {links, points, resize,
+ * inertiaOf}. `resize` returns the body whose sides form no triangle, or -1.
  */
 export function resizer(memory, leg, { names, lengths: known, parts, robot }) {
   const most = Math.max(...names.map((ofBody) => ofBody.length));

@@ -1,8 +1,9 @@
-// A leg of some lengths over a turn of its crank, and its numbers, by the engine's kernels.
+// Computes and measures a leg over a turn of its crank with the engine's kernels.
 //
-// A design comes from bench.py: {robot: content of its robot file, names: of the lengths of each body,
-// lengths: {name: value}, parts: which built parts its bodies are, or null}, and `prepare` adds its
-// arrays. Chassis frame: crank axis at the origin, +x the walking direction. Metres and radians.
+// bench.py writes a design: {robot: content of its robot file, names: names of the lengths of each body,
+// lengths: {name: value}, parts: which built part each body is, or null}. `prepare` adds its arrays. In
+// the chassis frame, the crank axis is at the origin, and the robot walks towards +x. Units are metres
+// and radians.
 
 import { resizer } from "./lengths.js";
 import { Leg, TURN, walkOf } from "./robot.js";
@@ -11,7 +12,7 @@ export const SAMPLES = 720; // crank angles of a turn
 const NEAR = 0.01; // of the standing height: so far above the ground a toe is in stance
 const NUMBERS = ["standing", "heave", "lift", "advance", "stance"]; // as measure_level puts them
 
-/** Let designs, by name, have their arrays in the engine's memory. */
+/** Create the arrays of designs, given by name, in the engine's memory. */
 export function prepare({ work }, designs) {
   for (const design of Object.values(designs)) {
     const leg = new Leg(work, design.robot);
@@ -21,7 +22,7 @@ export function prepare({ work }, designs) {
   }
 }
 
-/** A linkage of some lengths; `fault`: name of a body whose sides form no triangle. */
+/** Return a linkage with some lengths; `fault` names a body whose sides form no triangle. */
 export function assemble(design, lengths) {
   const bodies = design.robot.linkage.bodies.map(([name, joints]) => ({ name, joints }));
   const linkage = { design, lengths, bodies, fault: undefined };
@@ -29,7 +30,7 @@ export function assemble(design, lengths) {
   return linkage;
 }
 
-/** Put a linkage into its design's arrays, unless it is there; returns the body at fault, or -1. */
+/** Put a linkage into its design's arrays, unless it is there; return the body at fault, or -1. */
 function load(linkage) {
   const { design, lengths } = linkage;
   const { leg, memory } = design;
@@ -42,7 +43,7 @@ function load(linkage) {
   return design.fault;
 }
 
-/** A fore leg at crank angles, an array in the memory: [{at: {joint: [x, y]}, open} ...]. */
+/** Return a fore leg at crank angles, an array in the memory: [{at: {joint: [x, y]}, open} ...]. */
 function placeAt(linkage, psi) {
   const { leg, memory, joints, robot } = linkage.design;
   load(linkage);
@@ -86,7 +87,7 @@ export function placeLeg(linkage, { side, phase }, psi) {
 /** Crank angle of a sample. */
 export const angleOf = (k) => -Math.PI + (TURN * k) / SAMPLES;
 
-/** A fore leg at all samples of a turn. */
+/** Return a fore leg at all samples of a turn. */
 export function turnOf(linkage) {
   const { memory } = linkage.design;
   return memory.scratch(() => placeAt(linkage, samples(memory)));
@@ -99,8 +100,9 @@ function samples(memory) {
 }
 
 /**
- * Joints of a fore leg at crank angles evenly over a turn: numbers (count, joints, 2). Null where
- * it does not close, or where two links that meet come nearer to one line than a sine.
+ * Return the joints of a fore leg at crank angles evenly over a turn: numbers (count, joints, 2).
+ * Return null if the leg does not close, or if the sine of the angle between two links that meet is
+ * not above `leastSine`.
  */
 export function pathsOf(linkage, count, leastSine) {
   const { memory, leg } = linkage.design;
@@ -114,7 +116,7 @@ export function pathsOf(linkage, count, leastSine) {
   });
 }
 
-/** Joints of a body by name, in axes that turn with it: [x, y]. */
+/** Return the joints [x, y] of a body by name, in axes that turn with the body. */
 export function pointsOf(linkage, body) {
   const { memory, leg } = linkage.design;
   load(linkage);
@@ -125,7 +127,7 @@ export function pointsOf(linkage, body) {
   return new Map([...joints].map((joint, k) => [joint, pointOf(k)]));
 }
 
-/** Lengths of a body by name from its joints' places; of the frame its angle, too. */
+/** Return the lengths of a body by name, from its joints' places; for the frame also its angle. */
 export function lengthsOf(design, body, places) {
   const { memory, names, robot, lengths } = design;
   const given = memory.scratch(() => {
@@ -185,7 +187,7 @@ export function measure(linkage) {
   });
 }
 
-/** Whether a built part of a design is too small for the mass of its foot: none balances it. */
+/** Return whether a built part of a design is too small to balance the mass of its foot. */
 export function isTooHeavy(linkage, body) {
   const { design } = linkage;
   load(linkage);

@@ -124,7 +124,7 @@ export class Machine {
     });
   }
 
-  /** Let a payload be that of the robot. */
+  /** Change the robot's payload. */
   load(payload) {
     this.robot = { ...this.robot, payload: { ...this.robot.payload, ...payload } };
     const { nominal } = this.machine.read();
@@ -409,7 +409,7 @@ export class Machine {
   }
 }
 
-/** First and last vertex of a height line around two x: grounds.py, find_stretch. */
+/** Return the first and last vertex of a height line around two x: find_stretch of grounds.py. */
 function stretchAround(line, left, right) {
   const count = line.length;
   const beyond = line.findIndex(([x]) => x > left);

@@ -1,22 +1,22 @@
-// Random numbers of `numpy.random.default_rng(seed)`, by the kernels of jansen_env/engine/pcg64.py.
+// Random numbers of `numpy.random.default_rng(seed)`, from the kernels of jansen_env/engine/pcg64.py.
 
-const WORDS = 6; // of a generator
+const WORDS = 6; // number of words of a generator
 
-/** The generator of a seed, a whole number from 0 to 2^63 - 1, in a memory of the engine. */
+/** A generator in a memory of the engine. Its seed is a whole number from 0 to 2^63 - 1. */
 export class Random {
   constructor(memory, seed) {
     Object.assign(this, { memory, state: memory.array("u8", WORDS) });
     memory.call("pcg64_seed_generator", seed, this.state);
   }
 
-  /** An array of numbers from 0 to 1, without 1. */
+  /** Return an array of `count` numbers from 0 to 1, excluding 1. */
   uniforms(count) {
     const out = this.memory.array("f8", count);
     this.memory.call("pcg64_put_uniforms", this.state, out);
     return out;
   }
 
-  /** A number from 0 to 1, without 1. */
+  /** Return a number from 0 to 1, excluding 1. */
   random() {
     return this.memory.scratch(() => this.uniforms(1).view[0]);
   }
@@ -25,7 +25,7 @@ export class Random {
     return from + (to - from) * this.random();
   }
 
-  /** A whole number from 0 to `count`, without `count`; both may be BigInt, which it returns. */
+  /** Return a whole number from 0 to `count` - 1 as a BigInt; `count` may be a BigInt, too. */
   integer(count) {
     return this.memory.scratch(() => {
       const out = this.memory.array("i8", 1);

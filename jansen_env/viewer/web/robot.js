@@ -1,7 +1,7 @@
-// A robot file as the engine's kernels read it: its leg, closed and compiled to periodic tables.
+// Turns a robot file into arrays for the engine's kernels, and compiles its leg to periodic tables.
 //
-// The arrays are those of jansen_env/robot/robot_arrays.py, and all that is computed the engine
-// computes. A robot is the content of a robot file: jansen_env/robot/robot_file.py.
+// The arrays are those of jansen_env/robot/robot_arrays.py; the engine does all computation. In this
+// file, a robot is the content of a robot file, see jansen_env/robot/robot_file.py.
 
 import { numbersOf } from "./engine.js";
 
@@ -17,23 +17,24 @@ const FIELDS = [
   "motor",
   "pad_compliance",
 ];
-const FILLED = ["bodies", "dyads", "toes", "joints", "damped", "bearings", "pads"]; // of a linkage
-const REACH = 2; // lengths of |c| and |c'|, and of |p| and |p'|
-const OPEN = 3; // numbers of what does not close: angle, span, leg
+// Fields that a linkage must have.
+const FILLED = ["bodies", "dyads", "toes", "joints", "damped", "bearings", "pads"];
+const REACH = 2; // number of rows (c, p) and of columns (|c|, |c'|) of `farthest`
+const OPEN = 3; // numbers that describe a dyad that does not close: index of the angle, span, leg
 
-/** A part of a robot file with all its numbers: those that are left out have their defaults. */
+/** Return a part of a robot file with the defaults of all numbers that the file leaves out. */
 function whole({ parts }, { is, ...given }) {
   const defaults = Object.entries(parts[is]).map(([name, value]) => [name, value ?? Infinity]);
   return { ...Object.fromEntries(defaults), ...given };
 }
 
-/** Throw where the content of a file is no robot that this page can compile. */
+/** Throw an error if the content of a file is not a robot that this page can compile. */
 export function checkRobot(layout, robot) {
   for (const wrong of faultsOf(layout, robot))
     if (wrong) throw new Error(`This robot file cannot be used on this page: ${wrong}.`);
 }
 
-/** What is wrong with the content of a file, or false, one thing after the other. */
+/** Check the content of a file; for each check, yield what is wrong, or a falsy value. */
 function* faultsOf(layout, robot) {
   yield robot?.format !== FORMAT && `its format is not "${FORMAT}"`;
   yield robot.is !== "Robot" && `it describes a ${robot.is}, not a Robot`;
@@ -89,7 +90,7 @@ function* faultsOfLinkage({ jointsOf }, linkage, bodies) {
   yield known.size !== joints.length && "its dyads do not locate all joints";
 }
 
-/** Links of a leg in a memory: [links, points, members]. */
+/** Return the links of a leg in a memory: [links, points, members]. */
 export function linksOf(memory, { linkage, bodies }) {
   const { layout } = memory;
   const joints = linkage.bodies.map(([, letters]) => letters);
@@ -107,7 +108,7 @@ export function linksOf(memory, { linkage, bodies }) {
   return [links, points, memory.rows("i8", members)];
 }
 
-/** A link of a robot file, from the kernels' row of it. */
+/** Return a link of a robot file from its row in the kernels' arrays. */
 export function linkOf(links, points, k, { is, points: places }) {
   const row = links.read(k);
   const names = Object.keys(links.memory.layout.parts[is]);
@@ -118,7 +119,7 @@ export function linkOf(links, points, k, { is, points: places }) {
   return { is, points: places.map((_, i) => [...view.slice(2 * i, 2 * i + 2)]), ...numbers };
 }
 
-/** A robot's leg, to be closed in some memory of the engine. */
+/** A robot's leg, with the arrays in a memory of the engine that close it. */
 export class Leg {
   constructor(memory, robot) {
     const { linkage, frame_angle: frameAngle } = robot;
@@ -146,7 +147,7 @@ export class Leg {
     this.joints = linkage.joints.length;
   }
 
-  /** Throw, where a dyad does not close at a crank angle, rad. */
+  /** Throw an error if a dyad does not close at a crank angle, rad. */
   check(dyad, angle, span) {
     if (dyad < 0) return;
     const { joints, bodies } = this.robot.linkage;
@@ -161,14 +162,14 @@ export class Leg {
     );
   }
 
-  /** Crank angles evenly over a turn, rad; with its end, if that is asked for. */
+  /** Return crank angles evenly over a turn, without its end, rad. */
   turn(samples) {
     const angles = this.memory.array("f8", samples);
     this.memory.call("closure_put_turn_angles", 0, angles);
     return angles;
   }
 
-  /** Joints of a fore leg at crank angles (n,): (n, joints, 2). */
+  /** Return the joints of a fore leg at crank angles (n,): (n, joints, 2). */
   place(psi) {
     const { memory } = this;
     const [places, fault] = [
@@ -181,7 +182,7 @@ export class Leg {
     return places;
   }
 
-  /** Joints of all legs at crank angles (n,): (legs, n, joints, 2). */
+  /** Return the joints of all legs at crank angles (n,): (legs, n, joints, 2). */
   placeLegs(psi) {
     const { memory, legs } = this;
     const [count] = legs.shape;
@@ -194,7 +195,7 @@ export class Leg {
     return places;
   }
 
-  /** Joints of all legs in a pose, x, y, m, pitch and crank angle, rad: numbers in this order. */
+  /** Return the joints of all legs for x and y in m, pitch and crank angle in rad. */
   pose([x, y, pitch, psi]) {
     const { memory } = this;
     return memory.scratch(() => {
@@ -205,7 +206,10 @@ export class Leg {
   }
 }
 
-/** Tables and reach of a robot: what the kernels have of it. Throws if it cannot turn or stand. */
+/**
+ * Return the tables and the reach of a robot for the kernels. Throw an error if the robot cannot turn
+ * its crank or cannot stand.
+ */
 export function compileRobot({ work }, robot) {
   return work.scratch(() => compileIn(work, new Leg(work, robot)));
 }
@@ -234,7 +238,7 @@ function compileIn(memory, leg) {
     leg.links, pairs(linkage.damped), memory.filled("f8", damping), pairs(linkage.bearings),
     memory.filled("f8", friction), leg.legs, leg.pads,
   ]; // biome-ignore format: in the kernel's order
-  const halves = turn(2 * INTERVALS).view.slice(); // of half an interval
+  const halves = turn(2 * INTERVALS).view.slice(); // at multiples of half an interval
   const ways = [0, 2 * INTERVALS].map((start) => [...halves.slice(start, start + HARMONICS)]);
   const expansion = numbersOf(layout.expansion, Float64Array);
   const constants = [
@@ -268,7 +272,7 @@ function workSpace(memory, ...counts) {
   return rows.map((row) => memory.array("f8", ...row.map(Number).filter(Boolean)));
 }
 
-/** How far pads and centre of mass get. */
+/** Return how far the pads and the centre of mass get from the crank axis. */
 function reachOf(memory, leg, body, tables) {
   const { PITCHES } = memory.layout.numbers;
   const farthest = memory.array("f8", REACH, REACH);
@@ -280,7 +284,7 @@ function reachOf(memory, leg, body, tables) {
   return { extent, farthest: [...farthest.view], depths: depths.view.slice() };
 }
 
-/** Advance per turn, m, mean height of the crank axis, m, and whether it can stand. */
+/** Return advance per turn and mean height of the crank axis in m, and whether the robot can stand. */
 export function walkOf(leg) {
   const { memory, toes } = leg;
   const { TURN_SAMPLES, HEIGHT_SAMPLES } = memory.layout.numbers;
@@ -298,7 +302,7 @@ export function walkOf(leg) {
   });
 }
 
-/** Pads and sides of links of a robot: [layout, sides]. */
+/** Return the pads of a robot and the sides of links between pads: [layout, sides]. */
 export function padsOf(memory, { legs, pads, toes, members }) {
   const most = legs.shape[0] * pads.shape[0];
   return memory.scratch(() => {
@@ -313,7 +317,7 @@ export function padsOf(memory, { legs, pads, toes, members }) {
   });
 }
 
-/** Put what a robot is without parameters into a row of MACHINE. */
+/** Store a robot without the parameters of an episode in a row of MACHINE. */
 export function putMachine(memory, leg, machine) {
   const { layout } = memory;
   const { frame_angle, pad_radius, payload, motor, pad_compliance, legs } = leg.robot;

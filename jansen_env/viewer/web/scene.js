@@ -47,8 +47,8 @@ export const THEMES = {
 };
 
 /**
- * What of a robot, the content of a robot file, is drawn, as geometry.py has it: see there. `reach`
- * is the distance of its farthest joint from the crank axis, m.
+ * Return what is drawn of a robot, the content of a robot file; geometry.py documents the fields.
+ * `reach` is the distance of the farthest joint from the crank axis, in m.
  */
 export function sceneOf({ linkage, legs, pad_radius: padRadius, payload: load }, reach) {
   const joints = linkage.bodies.map(([, each]) => [...each].map((j) => linkage.joints.indexOf(j)));
@@ -56,7 +56,7 @@ export function sceneOf({ linkage, legs, pad_radius: padRadius, payload: load },
     each.length === 2 ? [each] : each.map((joint, k) => [joint, each[(k + 1) % each.length]]),
   );
   const phases = legs.map(({ phase }) => (phase + 2 * Math.PI) % (2 * Math.PI));
-  const layers = [...new Set(phases)].sort((a, b) => a - b); // 0, the first leg's, is the nearest
+  const layers = [...new Set(phases)].sort((a, b) => a - b); // phase 0 is the nearest
   const toes = [...linkage.toes].map((toe) => linkage.joints.indexOf(toe));
   const [x, y] = load.position;
   return {

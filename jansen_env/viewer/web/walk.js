@@ -642,7 +642,7 @@ async function teach(index) {
   run(true);
 }
 
-/** A name, as those of links, for the robot of a file; none that is there already. */
+/** Return a new name for the robot of a file, in characters that links may contain. */
 function nameOfFile(file) {
   const word = file.replace(/\.json$/, "").replaceAll(/[^\p{L}\p{N}-]+/gu, "_") || "robot";
   let name = word;
@@ -650,7 +650,7 @@ function nameOfFile(file) {
   return name;
 }
 
-/** Let a robot file that is dropped walk. */
+/** Let the robot of a file walk that the user has dropped on the page. */
 async function drop(file) {
   try {
     const content = JSON.parse(await file.text());

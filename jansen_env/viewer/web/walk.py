@@ -27,7 +27,7 @@ def write_walk(
         start: First choices, as they stand in the page's links.
         apart: Whether large networks stand in files beside the page, which loads a network when it
             is chosen. For a page on a server: it is then half as large.
-        robots: Robots of the page by name; None for the built-in designs.
+        robots: Robots on the page, by name. None selects the built-in designs.
     """
     data = {**walk_data(robots), "start": start}
     runs = RUNS

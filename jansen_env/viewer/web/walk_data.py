@@ -55,10 +55,10 @@ def check_page_robot(robot: Robot) -> Robot:
 
 
 def walk_data(robots: Mapping[str, Robot] | None = None) -> Json:
-    """Return all that a page needs, for JSON: ``machine.js`` says what is what.
+    """Return all data that a page needs, ready for JSON; ``machine.js`` documents them.
 
     Args:
-        robots: Robots of the page by name; None for the built-in designs.
+        robots: Robots on the page, by name. None selects the built-in designs.
     """
     paper = ROBOTS["paper"]()
     designs = {name: make() for name, make in ROBOTS.items()} if robots is None else robots
@@ -169,7 +169,7 @@ def engine_data() -> Json:
 
 
 def _of_toes(count: int) -> Robot:
-    """Return a robot with so many toes."""
+    """Return a robot with ``count`` toes."""
     robot = ROBOTS["paper"]()
     return replace(robot, legs=(Leg("fore"),) * count)
 

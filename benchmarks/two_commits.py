@@ -3,9 +3,9 @@
     python -m benchmarks.two_commits COMMIT [--rounds 5] [--out logs/two_commits]
 
 The commit is checked out into a temporary folder, where its engine is built. Both versions run in
-processes of their own, which take turns. Each figure is the shortest of many short stretches, over all
-rounds, because a shared processor is slow for seconds at a time; the table shows the figures of both
-versions and their ratio. Writes ``two_commits.md``.
+processes of their own, which take turns. Each figure is the shortest of many short stretches over
+all rounds, because a shared processor may be slow for seconds at a time. The table shows the
+figures of both versions and their ratio. Writes ``two_commits.md``.
 """
 
 import json

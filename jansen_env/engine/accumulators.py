@@ -43,7 +43,10 @@ def end(robot, state, statistics, elapsed, slip, force, body, sums):
     total.non_toe_impulse = 0.0
     for j in range(toes, len(statistics)):
         total.non_toe_impulse += statistics[j].impulse[1]
-    # What contacts and dry friction add is the time step's error: residual, and no negative loss.
+    # Where contacts act on each other, for instance in a groove, one may give back a part of what
+    # friction takes at another. Their sum is exact, so that part is no slip loss.
+    total.slip_loss = max(0.0, total.slip_loss + min(0.0, total.impact_loss))
+    # What contacts and dry friction add beyond that is the time step's error, in the residual.
     total.impact_loss = max(0.0, total.impact_loss)
     total.joint_loss = max(0.0, total.joint_loss)
     energy = mechanical_energy(body, robot.params, state, sums) + total.elastic_energy

@@ -40,10 +40,10 @@ MOTIONS = {
     "walk downhill": (walking(1.0), 4.0, dict(terrain=Terrain.slope(-0.1)), 2e-6),
     "walk on rough ground": (walking(1.0), 4.0, dict(terrain=ROUGH), 1e-6),
     "walk with payload": (walking(1.0), 4.0, dict(robot=LADEN), 3e-6),
-    "walk, restitution 0.5": (walking(1.0), 4.0, dict(terrain=BOUNCY), 3e-5),
-    "dropped, restitution 0.5": (held(0.0), 2.0, dict(terrain=BOUNCY, state=DROPPED), 4e-5),
+    "walk, restitution 0.5": (walking(1.0), 4.0, dict(terrain=BOUNCY), 1e-5),
+    "dropped, restitution 0.5": (held(0.0), 2.0, dict(terrain=BOUNCY, state=DROPPED), 2e-5),
     "tumbling on outer joints": (held(0.0), 3.0, dict(state=THROWN), 6e-5),
-    "tumbling, crank locked": (held(0.0), 3.0, dict(state=THROWN, locked=True), 2e-7),
+    "tumbling, crank locked": (held(0.0), 3.0, dict(state=THROWN, locked=True), 1e-7),
 }
 
 

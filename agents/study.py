@@ -147,6 +147,22 @@ def run_trial(parameters: dict[str, Arguments], plan: Arguments, root: Path) -> 
         score_run(folder, config, plan["eval_episodes"])
 
 
+def check_address(address: str) -> None:
+    """Raise a ValueError if no Ray cluster answers at an address.
+
+    Ray itself would try for minutes. Addresses with a scheme, as in ``ray://``, and names, as
+    ``auto``, are left to it.
+    """
+    if ":" not in address or "/" in address:
+        return
+    host, _, port = address.rpartition(":")
+    try:
+        socket.create_connection((host, int(port)), timeout=10.0).close()
+    except (OSError, OverflowError, ValueError) as error:
+        message = f"--address must be HOST:PORT of a Ray cluster, is {address!r}: {error}"
+        raise ValueError(message) from error
+
+
 def run_study(args: argparse.Namespace, folder: Path) -> bool:
     """Execute those runs of a study on Ray that the folder has no scores of; return whether all
     have finished. A ValueError where the folder holds another study, or other configurations."""
@@ -168,9 +184,7 @@ def run_study(args: argparse.Namespace, folder: Path) -> bool:
         ray.init("local", num_cpus=cpus, include_dashboard=False, log_to_driver=False,
                  runtime_env={"env_vars": threads})  # fmt: skip
     else:
-        if ":" in args.address and "/" not in args.address:  # Ray itself would try for minutes
-            host, _, port = args.address.rpartition(":")
-            socket.create_connection((host, int(port)), timeout=10.0).close()
+        check_address(args.address)
         modules = [str(Path(__file__).parent)]
         ray.init(args.address, runtime_env={"env_vars": threads, "py_modules": modules})
     write_text(file, text)

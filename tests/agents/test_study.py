@@ -185,9 +185,11 @@ def test_a_run_of_another_configuration_is_neither_reported_nor_gone_on_with(fin
 
 
 def test_an_address_without_a_cluster_is_refused(tmp_path, capsys):
-    with pytest.raises(SystemExit):
-        study.main(["--seeds", "1", "--log-folder", str(tmp_path), "--address", "127.0.0.1:1"])
-    assert "refused" in capsys.readouterr().err.splitlines()[0]
+    for address in ("127.0.0.1:1", "127.0.0.1:port", "127.0.0.1:70000"):
+        with pytest.raises(SystemExit) as ended:
+            study.main(["--seeds", "1", "--log-folder", str(tmp_path), "--address", address])
+        assert ended.value.code == 2
+        assert f"must be HOST:PORT of a Ray cluster, is '{address}'" in capsys.readouterr().err
     assert not [*tmp_path.rglob(study.PLAN)]  # so the command can be given again, corrected
 
 

@@ -100,6 +100,7 @@ def thicken_nut(assembly):
     change(assembly, k, low=solid.low - 9.0, high=solid.high + 9.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spoil, said", [
     (shift_holes, "has no aligned hole in motor-plate"),
     (lengthen_hub_screw, "frame"),

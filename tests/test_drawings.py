@@ -205,6 +205,7 @@ def test_the_coupon_finds_the_kerf():
         assert float(fitting[-1]) == pytest.approx(kerf)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["built", "klann", "strider"])
 def test_every_fastener_is_counted_and_long_enough(name):
     """From the parts' places alone: a screw and a nut for each pin, which holds its stack."""
@@ -242,6 +243,7 @@ def test_every_fastener_is_counted_and_long_enough(name):
             assert 0.1 <= screw - long + 1e-6 < 1.2, stack
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["built", "weekend", "strider", "phases3"])
 def test_instructions_put_every_part_on_with_its_number_and_mass(name):
     """A step for each kind of pin, whose picture has its links in order; then the whole machine."""

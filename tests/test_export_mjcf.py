@@ -16,6 +16,7 @@ from jansen_env.robot import ROBOTS, Payload, paper_robot  # noqa: E402
 from jansen_env.terrain import Terrain  # noqa: E402
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["paper", "klann", "chebyshev", "trotbot", "strider"])
 def test_a_turn_in_the_air(name):
     assert max(mujoco_plant.in_the_air(name, 2e-4, 3e6)) < 1e-6

@@ -29,6 +29,7 @@ def test_copies_differ_in_what_is_not_known():
     assert lengths(copy)["rocker"] == pytest.approx(lengths(ECONOMY)["rocker"] + 3e-4)
 
 
+@pytest.mark.slow
 def test_the_witnessed_walk_is_within_its_band(tmp_path, capsys):
     """Of the economy machine at 2 rad/s, as three simulators walk it (0.199 to 0.203 m/s)."""
     out = tmp_path / "economy.json"
@@ -46,6 +47,7 @@ def test_the_witnessed_walk_is_within_its_band(tmp_path, capsys):
     assert "speed (m/s)" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_machine_that_is_its_mirror_image_climbs_backwards_as_well():
     known = {"friction": np.full(2, 0.8), "start": np.array([0.3, 1.8])}
     pid = gains_of(ECONOMY, "steady")

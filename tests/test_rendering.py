@@ -113,6 +113,7 @@ def fuzz(seed):
     print(longest)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="memory is limited by Linux")
 def test_anything_finite_is_painted_in_bounded_time_and_memory():
     program = (
@@ -135,6 +136,7 @@ def painted(draw, shape):
     return pygame.surfarray.array2d(surface) != 0
 
 
+@pytest.mark.slow
 def test_what_is_seen_of_a_polygon_stays_as_it_is():
     """Of random triangles of up to ten canvases, all but pixels at edges."""
     rng = np.random.default_rng(0)

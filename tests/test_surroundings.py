@@ -29,6 +29,7 @@ BARE = {name: value for name, value in os.environ.items() if name not in UNSET}
 ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "TERM": "dumb"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arguments", RUNS.values(), ids=RUNS)
 def test_it_runs_where_almost_everything_is_missing(arguments, tmp_path):
     """No home, name of the user, display, terminal, locale, time zone or input; files that nobody

@@ -71,6 +71,7 @@ def agree(policy, count, limit=1e-6, single=1e-5):
         assert np.abs(computed - expected).max() < limit
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("network", [HARMONICS, NETWORKS["sac"]], ids=["harmonics", "sac"])
 def test_onnx_and_c_act_as_pytorch(network, tmp_path):
     agree(pack.from_run(made_run(tmp_path / "run", *network, WALKER)), 300)

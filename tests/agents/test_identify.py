@@ -103,6 +103,7 @@ def test_a_log_of_the_weekend_machine_is_compared(tmp_path):
         published(path)
 
 
+@pytest.mark.slow
 def test_the_examples_are_identified(tmp_path, capsys, monkeypatch, no_scores, few_episodes):
     """From another plant, with noise: the numbers are within, the machine's file has them.
 
@@ -211,6 +212,7 @@ SMALL = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("weighed", [False, True])
 @pytest.mark.parametrize("name", SMALL)
 def test_small_errors_of_set_up_are_within_their_intervals(name, weighed, logs, copies):
@@ -249,6 +251,7 @@ LARGE = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LARGE)
 def test_logs_that_no_copy_explains_are_refused_with_the_cause(name, logs, copies):
     change, message = LARGE[name]

@@ -25,6 +25,7 @@ def started(module, **given):
     return done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not GNU, reason="torch has no OpenMP of GNU's here")
 @pytest.mark.parametrize(("given", "spins", "threads"), [
     ({}, SPINS, "1"),

@@ -26,6 +26,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_a_killed_run_ends_as_if_it_had_not_been(case, tmp_path):
     """Before its first checkpoint, in the middle of a rollout, and shortly before its end."""

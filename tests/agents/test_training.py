@@ -92,6 +92,7 @@ def test_networks_are_on_the_device_that_is_asked_for(capsys):
         assert f"argument --device: is '{name}', must be cpu or another" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", config.shipped_configs(), ids=lambda p: "/".join(p.parts[-2:]))
 def test_every_config_builds(path, tmp_path):
     """On robots that are simulated together; as recorded it is read again."""

@@ -27,6 +27,7 @@ def results() -> Results:
     return compute()
 
 
+@pytest.mark.slow
 def test_documentation(results):
     """The page has every claim, verdict and number."""
     text = DOCS.read_text(encoding="utf-8")

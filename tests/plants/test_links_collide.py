@@ -26,6 +26,7 @@ def least_gap(plant, vertex):
     return min(gaps, default=np.inf)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(PLANTS))
 @pytest.mark.parametrize(("feet", "most"), [(None, 4e-3), (RIGID, 2e-3)])
 def test_a_step_stops_a_side(name, feet, most):

@@ -95,6 +95,7 @@ def test_set_down_on_the_lowest_toes(terrain, pitch):
     assert plant.lookahead().contact_force[:, 1].max() > 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [ProjectionPlant, RigidBodyPlant])
 @pytest.mark.parametrize("name", ROBOTS)
 def test_set_down_on_the_lowest_of_all_pads(name, make, rng):

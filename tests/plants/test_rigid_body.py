@@ -68,6 +68,7 @@ STANDING = [(name, 2) for name in ROBOTS if name not in DROP]
 STANDING += [(name, phases) for name in ("paper", "built", "klann") for phases in (1, 6)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "phases"), STANDING)
 def test_it_stands_and_starts_like_the_projection_plant(name, phases):
     """2, 4 and 12 legs: toes carry the weight; 0.2 s under torque lead to the same place."""
@@ -100,6 +101,7 @@ WALKS = {  # robot, speed of the crank, rad/s, friction, N m s by which the cran
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WALKS)
 def test_a_walk_keeps_joints_shut_and_accounts_closed(name):
     """Gaps below 0.2 mm; toes carry the weight; motor work = losses + energy change, 0.1 %."""

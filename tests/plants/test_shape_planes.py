@@ -272,6 +272,7 @@ def test_the_rigid_body_plant_walks_on_shapes_as_on_the_line(feet):
     assert abs(ends[0][3]) > 0.02
 
 
+@pytest.mark.slow
 def test_both_plants_stop_at_a_wall():
     """The wall stops the chassis at the same x, within the difference of the contact solvers."""
     grounds = Shapes((FLOOR,)), Shapes((FLOOR, box(0.62, -0.5, 0.9, 3.0)))

@@ -62,6 +62,7 @@ def test_actions_are_the_networks(env_id, name):
     assert pack.check_equal(policy, model, 10_000) < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("env_id", "name"), SHIPPED)
 def test_scores_are_those_shipped(env_id, name):
     """Equal on every machine; the ends of intervals are SciPy's, and rounded. If motions change on

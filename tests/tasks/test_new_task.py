@@ -72,6 +72,7 @@ def test_a_new_task(level):
         gym.make(ENV, half_pitch=-1)
 
 
+@pytest.mark.slow
 def test_a_new_task_is_trained_from_the_shell_resumed_and_evaluated(folder, level, capsys):
     environ = {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder.parent), str(ROOT)])}
     name, run = ["--env", f"level:{ENV}"], folder.parent / "logs" / "ppo" / f"{ENV}_1"

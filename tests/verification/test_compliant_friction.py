@@ -33,6 +33,7 @@ def pulled(plant, along, steps):
     return plant.step(0.0, steps * plant.time_step)
 
 
+@pytest.mark.slow
 def test_bristles_hold_an_oscillating_pull(measured):
     """100 cycles of 1 Hz at 30 % of the friction: it sways on its bristles and comes back."""
     for name, pads in (("bristles", PADS), ("rigid", Compliance())):
@@ -82,6 +83,7 @@ def test_bristles_and_springs_give_back_what_they_took(measured):
     measured("undamped bristles: energy lost in 5 s", np.abs(energies[1:]).max() / swung, 1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("time_step", [1e-3, 1e-2])
 @pytest.mark.parametrize("name", ["paper_slender", "holy", "built", "klann", "strider"])
 def test_random_walks_in_grooves(name, time_step, measured):

@@ -145,6 +145,7 @@ def wild(plant, rng):
     return rng.uniform(-0.25, 0.25) * plant.robot.motor.torque_limit * len(plant.robot.legs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(DESIGNS.keys() - {"weekend"}))  # its gear hardly turns
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
 def test_smooth_ground_cannot_push_it_along(name, restitution, rng, measured):
@@ -161,6 +162,7 @@ def test_smooth_ground_cannot_push_it_along(name, restitution, rng, measured):
     measured("tangential force", most, 0.0, "N")
 
 
+@pytest.mark.slow
 @designs
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
 def test_rough_ground_accounts_for_all_momentum(name, restitution, rng, measured):

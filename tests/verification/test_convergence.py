@@ -86,6 +86,7 @@ EVENTS = {  # start, motion, order, mean error allowed at 1 ms
 ALL_BUT_HEIGHT = [0, 2, 3, 4, 5, 6, 7]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EVENTS)
 def test_order_across_events(name, measured):
     """Mean error over twelve starts: order 1 across a touchdown, 2 across sticking and sliding.

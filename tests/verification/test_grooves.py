@@ -78,6 +78,7 @@ def check(name: str, seeds: range, episodes: int, measured) -> None:
     measured(f"{where}: contact law violated", residual.max(), 1e-8, "N s")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DESIGNS)
 def test_grooves(name, measured):
     """64 walks of 2 s for every design."""

@@ -24,6 +24,7 @@ CODE_FOR = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", CODE_FOR)
 def test_walks_have_their_hashes_with_code_for(kind):
     """Observations, rewards and ends of all environments, alone and in batches."""

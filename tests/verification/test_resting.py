@@ -78,6 +78,7 @@ def test_a_minute_at_rest_with_the_crank_locked(name, poses, measured):
         rest(standing(name, slope, psi, True), slope, measured)
 
 
+@pytest.mark.slow
 @some_and_more
 @pytest.mark.parametrize("name", DESIGNS)
 def test_a_minute_with_the_crank_free(name, poses, measured):

@@ -118,6 +118,7 @@ def draw(kind, count, problems):
     return W, q, mu
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 @pytest.mark.parametrize("kind", KINDS)
 def test_solver_finds_one_of_all_solutions(kind, count, measured):
@@ -136,6 +137,7 @@ def test_solver_finds_one_of_all_solutions(kind, count, measured):
     measured(f"velocity off the only answer, {where}", nearest[unique].max(), 1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 @pytest.mark.parametrize("kind", KINDS)
 def test_singular_problems_obey_the_law(kind, count, measured):

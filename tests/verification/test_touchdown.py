@@ -127,6 +127,7 @@ VELOCITIES = [(0.0, -1.0, 0.0, 0.0), (0.3, -1.0, 0.6, 0.0), (-0.5, -0.7, -0.4, 2
               (0.2, -1.0, 0.1, -3.0)]  # fmt: skip
 
 
+@pytest.mark.slow
 @locked
 @pytest.mark.parametrize("toes", [1, 2, 3, 4])
 @pytest.mark.parametrize("restitution", [0.0, 0.3, 0.8, 1.0])
@@ -148,6 +149,7 @@ def test_smooth_impact_is_the_least_impulse(toes, restitution, locked, measured)
     measured("loss not booked", unbooked, 5e-7, "J")
 
 
+@pytest.mark.slow
 @locked
 @pytest.mark.parametrize("toes", [1, 2, 3, 4])
 @pytest.mark.parametrize("mu", [0.3, 0.8])
@@ -165,6 +167,7 @@ def test_rough_impact_is_coulombs(toes, mu, locked, measured):
     measured("loss not booked in it", unbooked, 5e-7, "J")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("toes", [3, 4])
 @pytest.mark.parametrize("mu, restitution", [(0.8, 0.0), (0.3, 0.0), (0.8, 0.5), (0.0, 0.8)])
 def test_the_order_of_the_legs_is_of_no_matter(toes, mu, restitution, measured):
@@ -207,6 +210,7 @@ def test_level_toes_share_the_weight(toes, locked, measured):
 DROP = 0.1  # m
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("restitution, bounces", [(0.3, 3), (0.5, 4), (0.8, 4), (1.0, 3)])
 @pytest.mark.parametrize("toes", [1, 2, 3, 4])
 def test_bounce_heights(toes, restitution, bounces, measured):
@@ -267,6 +271,7 @@ def impacts(robot, friction, restitution, rng, count=300):
     return np.array(energies)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction", [0.0, 0.3, 0.8, 2.0])
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 0.8, 1.0])
 @pytest.mark.parametrize("robot", [ROBOTS["holy_slender"](2), HEAVY], ids=["holy_slender", "60 kg"])

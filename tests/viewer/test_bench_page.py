@@ -98,6 +98,7 @@ def changed_at_random(robot, rng):
     return with_lengths(robot, changes)
 
 
+@pytest.mark.slow
 def test_the_pages_numbers_are_the_packages(window, rng):
     """Joints and numbers of every design, and of one with all lengths changed, to 1e-9."""
     designs = [(name, make()) for name, make in ROBOTS.items()]

@@ -95,6 +95,7 @@ def cut_fault(name, changed):
     return ""
 
 
+@pytest.mark.slow
 def test_the_page_knows_what_cannot_be_cut(rng):
     """As the drawings do: parts of all designs at sizes from those without room for holes to those
     without a sheet."""

@@ -49,6 +49,7 @@ def same(first, second):
         np.testing.assert_array_equal(getattr(first, field.name), getattr(second, field.name))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("env_id", "arguments"),
     [(WALKER, {"terrain": "rough", "terrain_level": 3}), (WALKER, {"plant": "rigid_body"}),

@@ -330,6 +330,7 @@ def test_nothing_is_cut_in_a_frame(open_window, path, width):
     assert captions[-1]["y"] + captions[-1]["height"] <= 688
 
 
+@pytest.mark.slow
 def test_the_command_writes_both_pages(tmp_path, capsys, monkeypatch):
     links = []
     monkeypatch.setattr(webbrowser, "open", links.append)

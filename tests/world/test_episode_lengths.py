@@ -87,6 +87,7 @@ def test_draws_are_the_seeds_and_leave_the_others_as_they_are(env_id):
     assert len({*robots}) == 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 @pytest.mark.parametrize("env_id", IDS)
 def test_many_are_what_each_is_alone(env_id, mode):
@@ -104,6 +105,7 @@ def test_many_are_what_each_is_alone(env_id, mode):
     assert len({*together.unwrapped.get_attr("robot")}) == 5
 
 
+@pytest.mark.slow
 def test_robots_are_exchanged_while_other_threads_move_theirs():
     arguments = {"max_episode_steps": 12, **DRAWN}
     envs = [gym.make_vec("JansenWalkerBuilt-v0", 40, threads=n, **arguments) for n in (1, 3)]

@@ -31,6 +31,7 @@ def walked(plant, row, value, feet):
     return np.array(seen)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plant", PLANTS)
 @pytest.mark.parametrize("row", TABLE, ids=lambda row: row.name)
 def test_every_parameter_changes_the_walk_on_both_plants(row, plant):

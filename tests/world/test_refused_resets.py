@@ -48,6 +48,7 @@ TOO_STIFF = [{good: GOOD[good], "foot_stiffness_scale": 100.0} for good in GOOD 
 TOO_STIFF += [{"robot": STIFF, "lengths": {"rocker": 0.236}}]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plant", ["projection", "rigid_body"])
 def test_one_robot(plant):
     arguments = {"delay": (0.0, 0.02), "plant": plant, "randomize": {"friction": (0.4, 0.9)}}
@@ -66,6 +67,7 @@ def test_one_robot(plant):
     assert (env.reset()[0] == twin.reset()[0]).all() and same(env.get_state(), twin.get_state())
 
 
+@pytest.mark.slow
 def test_many_robots():
     """One of three is refused, with the first one masked."""
     pair = [gym.make_vec("JansenWalkerBuilt-v0", 3, randomize={"lengths": 0.02}) for _ in range(2)]

@@ -47,6 +47,7 @@ def test_each_moves_as_it_would_alone(terrain):
             assert (start[k] == first).all() and (many[:, k] == states).all(), k
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plant", ["projection", "rigid_body"])
 def test_a_reset_exchanges_the_robot_for_good(plant):
     """It walks as an environment made with it; its motor's torque is what action 1 means."""

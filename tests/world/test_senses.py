@@ -110,6 +110,7 @@ def test_a_sensor_alone_errs_in_its_own_observations(sensor):
     assert {*wanted} == {*SENSORS}
 
 
+@pytest.mark.slow
 def test_bias_stays_for_an_episode_and_noise_does_not():
     noise = Noise.only(gyro=(0.03, 0.5), height=(0.0, 0.2))
     gyro, height = NAMES.index("pitch_rate"), NAMES.index("crank_axis_height")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,14 +12,11 @@ from numpy.typing import ArrayLike
 from jansen_env.arrays import Array, Bools, Ints, Rows
 from jansen_env.checks import finite
 from jansen_env.dynamics.joint_forces import JointForces, joint_forces
-from jansen_env.dynamics.pads import pad_sides
 from jansen_env.dynamics.reduced import Tables, compile_robot
-from jansen_env.engine import collision, episode, integrator, placement
-from jansen_env.engine.collision import SPECULATIVE_MARGIN, WAY_OUT
-from jansen_env.engine.contact_solver import STICK
+from jansen_env.engine import collision, episode, integrator
+from jansen_env.engine.collision import SPECULATIVE_MARGIN
 from jansen_env.engine.episode import Episodes, Observing
-from jansen_env.engine.kernel import Kernel
-from jansen_env.engine.records import PLANE, UNKNOWN_DEFLECTION, Designs, Scratch
+from jansen_env.engine.records import PLANE, UNKNOWN_DEFLECTION, Scratch
 from jansen_env.engine.tables import energy
 from jansen_env.gravity import GRAVITY, Gravity
 from jansen_env.parameters import nominal, plain
@@ -29,18 +26,19 @@ from jansen_env.plants.base import (
     check_legs,
     check_pushes,
     divergence,
-    resting_depth,
 )
 from jansen_env.plants.batched_plant import GRAVITY_XY, BatchedPlant
 from jansen_env.plants.design_tables import DesignTables
-from jansen_env.plants.grounds import Grounds
+from jansen_env.plants.kernel_arrays import KernelArrays
 from jansen_env.plants.robot_parameters import (
     check_resolved,
     check_restitution,
     check_values,
     machine_of,
 )
+from jansen_env.plants.robot_placement import RobotPlacement
 from jansen_env.plants.robot_records import RobotRecords
+from jansen_env.plants.robots_on_shapes import RobotsOnShapes
 from jansen_env.plants.shape_planes import ContactPlane, ShapePlanes
 from jansen_env.plants.threads import Move, Threads
 from jansen_env.plants.trace import find_touchdowns, pads_in_contact, trace_forces
@@ -49,19 +47,6 @@ from jansen_env.terrain import Ground
 
 TIME_STEP = 1e-3  # s
 DETECTION_INTERVAL = 0.01  # s between two looks for the ground; its planes are kept meanwhile
-PLANES_PER_PAD = 4  # kept of a robot, on average over its pads
-# Placing on shapes: at most so many moves until pads touch, and how near that must be, m.
-SETTLING, SETTLED = 50, 1e-9
-UPWARDS = 0.1  # of a normal's y, from which its plane may carry a robot that is placed
-
-
-class ShapeKernels(NamedTuple):
-    """Kernels that move robots on shapes, each with arguments of its own that it remembers."""
-
-    advance: Kernel
-    begin_step: Kernel
-    finish_step: Kernel
-    pad_centres: Kernel
 
 
 class Batch(BatchedPlant):
@@ -120,40 +105,31 @@ class Batch(BatchedPlant):
             check_legs(robot, robots[0])
         self._arguments = (time_step, gravity, threads, held, links_collide)
         check_colliding(terrains, links_collide)
-        self.designs = DesignTables(robots)
-        self._sides = pad_sides(robots[0])
         super().__init__(robots, terrains, time_step, gravity, held, records)
-        self._set_machines(self._every)
-        capacity = PLANES_PER_PAD * self.pads
         self.world["stride"] = max(1, round(DETECTION_INTERVAL / time_step))
-        self.world["capacity"], self.world["links_collide"] = capacity, links_collide
-        self.knows_joint_forces = not links_collide
+        self.world["links_collide"] = links_collide
         self.records.status["margin"] = SPECULATIVE_MARGIN
-        self._longest = self.time_step
-        self._grounds = Grounds(terrains, self.records.status)
+        self.knows_joint_forces = not links_collide
+        self._arrays = KernelArrays(robots, terrains, self.records, self.world, held)
+        self._placement = RobotPlacement(self._arrays)
+        self._set_machines(self._every)
+        self._apply(self._every)
         # Arguments of kernels.
         self._advance = integrator.advance.bound()
-        self._shape_kernels = ShapeKernels(
-            integrator.advance.bound(), episode.begin_step.bound(), episode.finish_step.bound(),
-            collision.pad_centres.bound(),
-        )  # fmt: skip
         self._control_step = episode.control_step.bound()
-        self._place = placement.place.bound()
         self._make_scratch(threads)
         n = len(robots)
         self._at_once = np.zeros(n), np.zeros(n, np.int64)  # no torque from before
         self._ahead_torque = np.zeros(n)  # N m, of :meth:`lookahead`
-        self._angles = np.zeros(n)  # rad, of :meth:`place_at`
         self._no_pushes = np.zeros((0, 0, 2))
         self._no_trace: Rows = np.zeros(0, integrator.trace_dtype(self.pads))
         self._untraced = plain(self._no_trace)
-        self._planes = np.zeros(capacity, PLANE)
-        self._centres = np.zeros((max(self.pads, self.toes + 1), 2))  # work space
+        self._planes = np.zeros(self.world["capacity"][0], PLANE)  # of :meth:`contact_planes`
         self._sums = np.empty((3, 6))
-        self.tracing, self.trace, self.touchdowns = False, self._no_trace, np.zeros(0, bool)
+        self.tracing = False
+        self.trace = self._no_trace
+        self.touchdowns: Bools = np.zeros(0, bool)
         self.in_contact: Bools | None = None
-        self._apply(self._every)
-        self._share_arrays()
 
     def _make_scratch(self, threads: int | None) -> None:
         """Make the memory of threads."""
@@ -163,13 +139,7 @@ class Batch(BatchedPlant):
             return integrator.work_space(capacity, self.pads, steps)
 
         self._threads = Threads(len(self.robots), threads, memory)
-        # Of the calling thread, for robots on shapes: always the same arrays, which kernels know.
-        self._shape_memory = memory()
-        self._alone = np.zeros((2, 2), np.int64)
-        n = len(self.robots)
-        self._commanded = np.zeros(n), np.zeros(n), np.zeros(n, np.int64)
-        self._impulses = np.zeros((n, steps, 2))
-        self._shape_rows = dict[int, tuple[Ints, Array]]()
+        self._on_shapes = RobotsOnShapes(self._arrays, memory())
 
     def set_control(
         self, steps: int, period: float, torque_rate: float = math.inf, **flags: bool
@@ -187,25 +157,19 @@ class Batch(BatchedPlant):
         self.machines["centre"][rows] = self.designs.farthest[numbers, 0]
         self.machines["pad"][rows] = self.designs.farthest[numbers, 1]
 
-    def _share_arrays(self) -> None:
-        """Note the arguments that threads share in a step, and forget those for pads' centres."""
-        self._centre_arguments = dict[int, tuple[object, ...]]()
-        model = self.designs.model
-        self._shared = Designs(
-            self.world, *model, self._sides, self.designs.depths, self._grounds.surface
-        )
-        self._placed = self._shared, self.records.motions, self._centres, self._planes
-        self._asked_x: Array = self.records.status["asked_x"]
-
     def reconnect(self) -> None:
         """Take other views of the records, which have been made anew."""
-        self._grounds.status = self.records.status
-        self._share_arrays()
+        self._arrays.refresh()
+
+    @property
+    def designs(self) -> DesignTables:
+        """The kernels' tables of the robots."""
+        return self._arrays.tables
 
     @property
     def surface(self) -> Array:
         """(vertices, 2) m, of all terrains: a robot's are in its status."""
-        return self._grounds.surface
+        return self._arrays.grounds.surface
 
     # Robots, parameters and grounds.
 
@@ -244,15 +208,13 @@ class Batch(BatchedPlant):
         """
         for robot in robots:
             self.check_robot(robot)
-        self.designs.set(rows, robots)
+        self._arrays.set_robots(rows, robots)
         for row, robot in zip(rows.tolist(), robots, strict=True):
             self.robots[row] = robot
             self.records.parameters[row] = nominal(robot, self.terrains[row])
         self._set_machines(rows)
         self._apply(rows)
         self.records.deflection[rows] = UNKNOWN_DEFLECTION
-        self.records.status["asked_x"][rows] = np.inf
-        self._share_arrays()
 
     def tables_in_force(self, row: int) -> Tables:
         """Return the tables of a robot under its parameters."""
@@ -273,21 +235,12 @@ class Batch(BatchedPlant):
         for name in ("friction", "restitution"):
             self.records.parameters[name][row] = getattr(terrain, name)
         self._apply(self._every[row : row + 1])
-        surface = self._grounds.surface
-        self._grounds.set_ground(row, terrain)
-        if surface is not self._grounds.surface:
-            self._share_arrays()
+        self._arrays.set_terrain(row, terrain)
 
     def _ask_ground(self, rows: Ints) -> None:
         """Note the stretch of ground of those robots (k,) that have moved by the margin."""
         for row, x in zip(rows.tolist(), self.states[rows, 0].tolist(), strict=True):
-            self._ask_at(row, x)
-
-    def _ask_at(self, row: int, x: float) -> None:
-        """Note the stretch of ground of a robot at x, m, unless it was noted near there."""
-        if not self.held and not abs(x - self._asked_x[row]) <= collision.MARGIN:
-            extent = float(self.designs.extent[self.designs.number[row]])
-            self._grounds.find_stretch(row, x, extent, self._longest)
+            self._arrays.ask_ground(row, x)
 
     def place(self, rows: Ints, crank_angles: ArrayLike, crank_speeds: ArrayLike = 0.0) -> None:
         """Place robots (k,) at x = 0, see :meth:`place_at`, and :meth:`lookahead`; then they move.
@@ -314,16 +267,9 @@ class Batch(BatchedPlant):
         """
         x = finite("x", x)
         pitch = math.nan if pitch is None else finite("pitch", pitch)
-        self._angles[rows] = crank_angles
         for row in rows.tolist():
-            self._ask_at(row, x)
-        lines, on_shapes = self._split(rows)
-        too_soft = self._place(lines, self._angles, x, pitch, self._placed)
-        for row in on_shapes:
-            too_soft = self._place_on_shapes(row, x, pitch) if too_soft < 0 else too_soft
-        if too_soft >= 0:
-            params = self.params[too_soft]
-            resting_depth(params["mass"], params["stiffness"][0], -params["gravity_y"])
+            self._arrays.ask_ground(row, x)
+        self._placement.place(rows, crank_angles, x, pitch)
         if self.in_contact is not None and 0 in rows:
             self.in_contact = None
 
@@ -416,18 +362,27 @@ class Batch(BatchedPlant):
         if self.tracing:
             trace, numbers = self._new_trace(int(self.world["steps"][0]))
 
-        lines, on_shapes = self._split(rows)
+        lines, on_shapes = self._arrays.split(rows)
 
         def move(thread: int, shares: Ints, most: int, scratch: Scratch) -> tuple[bool, bool]:
             self._control_step(
-                thread, shares, most, lines, actions, numbers, scratch, self._shared,
-                self.records.motions, episodes, observing,
-            )  # fmt: skip
+                thread,
+                shares,
+                most,
+                lines,
+                actions,
+                numbers,
+                scratch,
+                self._arrays.designs,
+                self.records.motions,
+                episodes,
+                observing,
+            )
             far, diverged = scratch.flags.tolist()
             return far, diverged
 
         def move_on_shapes(row: int) -> None:
-            self._control_on_shapes(row, actions, numbers, episodes, observing)
+            self._on_shapes.control_step(row, actions, numbers, episodes, observing)
 
         self._move(lines, move, on_shapes, move_on_shapes, meanwhile)
         if self.tracing:
@@ -465,18 +420,27 @@ class Batch(BatchedPlant):
         if self.tracing:
             trace, numbers = self._new_trace(steps)
 
-        lines, on_shapes = self._split(rows)
+        lines, on_shapes = self._arrays.split(rows)
 
         def move(thread: int, shares: Ints, most: int, scratch: Scratch) -> tuple[bool, bool]:
             self._advance(
-                thread, shares, most, lines, steps, ahead, *torques, numbers, scratch, self._shared,
+                thread,
+                shares,
+                most,
+                lines,
+                steps,
+                ahead,
+                *torques,
+                numbers,
+                scratch,
+                self._arrays.designs,
                 self.records.motions,
-            )  # fmt: skip
+            )
             far, diverged = scratch.flags.tolist()
             return far, diverged
 
         def move_on_shapes(row: int) -> None:
-            self._move_on_shapes(row, steps, ahead, torques, numbers)
+            self._on_shapes.step(row, steps, ahead, torques, numbers)
 
         self._move(lines, move, on_shapes, move_on_shapes)
         if self.tracing or self.in_contact is not None or self.trace is not self._no_trace:
@@ -490,7 +454,7 @@ class Batch(BatchedPlant):
         move_on_shapes: Callable[[int], None],
         meanwhile: Callable[[], None] | None = None,
     ) -> None:
-        """Move robots on height lines by threads, then robots on shapes one after another.
+        """Move robots on height lines by threads, then those on shapes one after another.
 
         Args:
             lines: Shape (k,), the robots on height lines.
@@ -511,141 +475,17 @@ class Batch(BatchedPlant):
         if far:
             self._ask_ground(lines)
 
-    # Robots on pymunk's shapes.
-
-    def _split(self, rows: Ints) -> tuple[Ints, list[int]]:
-        """Return those of robots (k,) that are on height lines, and those on shapes."""
-        if self.held or not self._grounds.any_shapes:
-            return rows, []
-        on_shapes = self.records.status["on_shapes"][rows]
-        return rows[~on_shapes], rows[on_shapes].tolist()
-
     def shapes(self, row: int) -> ShapePlanes | None:
-        return self._grounds.shapes[row]
+        return self._arrays.grounds.shapes[row]
 
     def look_down(self, rows: Ints, scan: Array) -> None:
-        if self.held or not self._grounds.any_shapes:
-            return
-        surface = self._grounds.surface
-        for row in self._split(rows)[1]:
-            x, y = self.states[row, :2].tolist()
-            self._grounds.look_down(row, x, y, scan)
-        if surface is not self._grounds.surface:
-            self._share_arrays()
-
-    def _control_on_shapes(
-        self, row: int, actions: Array, trace: Array, episodes: Episodes, observing: Observing
-    ) -> None:
-        """Let a robot on shapes take a control step: see :mod:`jansen_env.engine.episode`."""
-        rows, impulses = self._row_of(row)
-        motions, kernels = self.records.motions, self._shape_kernels
-        pushed = kernels.begin_step(rows, actions, impulses, motions.robots, episodes)
-        torque, earlier, switch = self._commanded
-        steps = int(self.world["steps"][0])
-        whole, late = self.records.robots["delay"][row].tolist()
-        torque[row], earlier[row] = self.records.torques[row, whole : whole + 2].tolist()
-        switch[row] = late
-        pushes = self._impulses if pushed else self._no_pushes
-        self._move_on_shapes(row, steps, False, (torque, earlier, switch, pushes), trace)
-        if self.world["is_whole"][0]:
-            self.look_down(rows, observing.scan)
-        kernels.finish_step(rows, self.world, self.surface, motions, episodes, observing)
-
-    def _row_of(self, row: int) -> tuple[Ints, Array]:
-        """Return a robot as rows (1,), and the impulses (steps, 2) on it, N s."""
-        if row not in self._shape_rows:
-            self._shape_rows[row] = self._every[row : row + 1], self._impulses[row]
-        return self._shape_rows[row]
-
-    def _move_on_shapes(
-        self,
-        row: int,
-        steps: int,
-        ahead: bool,
-        torques: tuple[Array | Ints | None, ...],
-        trace: Array,
-    ) -> None:
-        """Let a robot on shapes take time steps; pymunk lists its planes wherever it waits."""
-        rows, _ = self._row_of(row)
-        status = self.records.status[row]
-        status["waits"] = False
-        while True:
-            self._alone[0] = 0, 1
-            self._shape_kernels.advance(
-                0, self._alone, 1, rows, steps, ahead, *torques, trace, self._shape_memory,
-                self._shared, self.records.motions,
-            )  # fmt: skip
-            if not status["waits"]:
-                break
-            self._list_planes(row)
-        if not self.diverged[row]:
-            self.records.accumulators["links_in_ground"][row] = self._count_links_in_ground(row)
-
-    def _list_planes(self, row: int) -> None:
-        """List the planes of a robot on shapes where its step waits for them."""
-        status, planes = self.records.status[row], self._shape_memory.planes
-        near = float(status["pad_radius"] + status["margin"])
-        found = self._grounds.shapes_of(row).find(self.pad_centres(row), near)
-        if len(found) > len(planes):
-            found = sorted(found, key=lambda plane: plane.distance)[: len(planes)]
-        for k, plane in enumerate(found):
-            planes[k] = (*plane, -1, 0.0, 0.0, STICK, 0.0, 0.0)
-        status["first_plane"], status["end_plane"] = 0, len(found)
-        status["too_deep"] = any(plane.distance < -WAY_OUT for plane in found)
-
-    def _count_links_in_ground(self, row: int) -> int:
-        """Return how many sides of a robot's links pass through shapes."""
-        return self._grounds.shapes_of(row).count_crossing(self.pad_centres(row)[self._sides])
-
-    def _place_on_shapes(self, row: int, x: float, pitch: float) -> int:
-        """Place a robot on shapes: on their profile first, then down to where its pads touch.
-
-        Args:
-            row: The robot.
-            x: Of the crank axis, in m.
-            pitch: In rad; NaN for the one at which fore and back feet carry it.
-
-        Returns:
-            The robot if its feet are too soft, and -1 otherwise.
-        """
-        shapes, state = self._grounds.shapes_of(row), self.states[row]
-        radius = float(self.params["pad_radius"][row])
-        reach = float(self.designs.extent[self.designs.number[row]]) + 1.0
-        profile = shapes.profile(x - reach, x + reach)
-        status, params = self.records.status[row], self.params[row]
-        near = status["first_near"], status["end_near"]
-        status["first_near"], status["end_near"] = 0, len(profile)
-        on_profile = self._shared._replace(surface=profile)
-        _, *others = self._placed
-        rows = self._every[row : row + 1]
-        too_soft: int = self._place(rows, self._angles, x, pitch, (on_profile, *others))
-        status["first_near"], status["end_near"] = near
-        if too_soft >= 0:
-            return too_soft
-        for _ in range(SETTLING):
-            planes = shapes.find(self.pad_centres(row), radius + SPECULATIVE_MARGIN)
-            gaps = [
-                (plane.distance - radius) / plane.normal_y
-                for plane in planes
-                if plane.normal_y > UPWARDS
-            ]
-            if not gaps:
-                raise ValueError(
-                    f"terrain must carry the robot at x = {x:g} m, got no shape below its pads"
-                )
-            state[1] -= min(gaps)
-            if abs(min(gaps)) < SETTLED:
-                break
-        depth = placement.resting_depth(
-            params["mass"], params["stiffness"][0], -params["gravity_y"]
-        )
-        state[1] -= placement.PLACEMENT_DEPTH + depth
-        return -1
+        for row in self._arrays.split(rows)[1]:
+            self._arrays.look_down(row, scan)
 
     def _reach(self, duration: float) -> None:
         """Ask for as much ground as robots can reach in a step of ``duration``, s."""
-        if duration > self._longest:
-            self._longest = duration
+        if duration > self._arrays.longest_step:
+            self._arrays.longest_step = duration
             self.records.status["asked_x"] = np.inf
             self._ask_ground(self._every)
 
@@ -677,12 +517,7 @@ class Batch(BatchedPlant):
 
     def pad_centres(self, row: int) -> Array:
         """(pads, 2) centres of a robot's pads, toes first, m."""
-        if row not in self._centre_arguments:
-            model, design = self.designs.model, self.designs.number[row]
-            state, tables, layout = self.states[row], model.pads[design], model.layout[design]
-            self._centre_arguments[row] = state, tables, layout, self._centres
-        self._shape_kernels.pad_centres(self._centre_arguments[row])
-        return self._centres[: self.pads].copy()
+        return self._arrays.pad_centres(row)
 
     def contact_frames(self, row: int) -> tuple[Array, Array]:
         """(toes, 2) points of the ground nearest to a robot's toes and its tangents there.
@@ -774,9 +609,17 @@ class Batch(BatchedPlant):
     def __getstate__(self) -> dict[str, Any]:
         """Return the arguments and what has become of them; everything else is made again."""
         kept = (
-            "robots", "terrains", "_arguments", "tracing", "in_contact", "any_diverged",
-            "joint_gap", "records", "world", "_torque_rate",
-        )  # fmt: skip
+            "robots",
+            "terrains",
+            "_arguments",
+            "tracing",
+            "in_contact",
+            "any_diverged",
+            "joint_gap",
+            "records",
+            "world",
+            "_torque_rate",
+        )
         return {name: getattr(self, name) for name in kept}
 
     def __setstate__(self, saved: dict[str, Any]) -> None:

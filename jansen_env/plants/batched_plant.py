@@ -28,6 +28,7 @@ from jansen_env.robot.robot_arrays import machine_row
 from jansen_env.terrain import Ground
 
 GRAVITY_XY = ["gravity_x", "gravity_y"]  # fields of PARAMS
+PLANES_PER_PAD = 4  # kept of a robot, on average over its pads
 NOT_THE_ROBOT = (*GRAVITY_XY, "steepest", "held")  # fields of PARAMS that a robot does not have
 
 
@@ -85,6 +86,7 @@ class BatchedPlant(ABC):
         self.world = np.zeros(1, WORLD)
         self.world["time_step"] = self.world["period"] = self.time_step
         self.world["toes"], self.world["steps"], self.world["stride"] = self.toes, 1, 1
+        self.world["capacity"] = PLANES_PER_PAD * self.pads
         self.machines = np.zeros(n, MACHINE)
         nominal_params: Any = self.machines["nominal"]
         nominal_params[GRAVITY_XY] = self.gravity
@@ -131,9 +133,14 @@ class BatchedPlant(ABC):
     def _apply(self, rows: Ints) -> None:
         """Derive what kernels read of robots (k,) from their parameters."""
         self._apply_parameters(
-            rows, *self.gravity, GRAVITY, self._torque_rate, self.world, self.machines,
+            rows,
+            *self.gravity,
+            GRAVITY,
+            self._torque_rate,
+            self.world,
+            self.machines,
             self.records.robots,
-        )  # fmt: skip
+        )
 
     # What a plant does.
 

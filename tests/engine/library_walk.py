@@ -55,7 +55,7 @@ def write_walk(path, env_id, arguments):
     shares, rows = np.array([[0, 1], [1, 1]]), np.zeros(1, np.int64)
     given = (
         0, shares, 1, rows, world._actions, plant._untraced, plant._threads._memory[0],
-        plant._shared, records.motions, world._episodes, world._observing,
+        plant._arrays.designs, records.motions, world._episodes, world._observing,
     )  # fmt: skip
     values, slots = flat(given), Slots(episode.control_step)
     slots.fill(values)

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jansen_env.arrays import Array, Bools, Ints, Rows
-from jansen_env.checks import within
+from jansen_env.checks import finite, within
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.pads import pad_layout, pad_sides
 from jansen_env.engine import episode
@@ -33,8 +33,8 @@ from jansen_env.engine.records import UNKNOWN_DEFLECTION
 from jansen_env.gravity import GRAVITY, Gravity
 from jansen_env.parameters import nominal
 from jansen_env.plants.base import check_colliding, check_held, check_legs, check_pushes, divergence
-from jansen_env.plants.batch import Batch
 from jansen_env.plants.batched_plant import BatchedPlant
+from jansen_env.plants.kernel_arrays import KernelArrays
 from jansen_env.plants.rigid import bodies
 from jansen_env.plants.rigid.bodies import (
     ANGLE,
@@ -49,6 +49,7 @@ from jansen_env.plants.rigid.bodies import (
 )
 from jansen_env.plants.rigid.pad_forces import PadContacts, SpringPads, Sums, check_stiffness
 from jansen_env.plants.robot_parameters import check_values, gravity_of, machine_of, terrain_of
+from jansen_env.plants.robot_placement import RobotPlacement
 from jansen_env.plants.robot_records import RobotRecords
 from jansen_env.plants.shape_planes import ShapePlanes
 from jansen_env.robot import Robot
@@ -145,10 +146,15 @@ class RigidBodyBatch(BatchedPlant):
     knows_joint_forces, joints_open, tracing = False, True, False
 
     def __init__(
-        self, robot: Robot, terrain: Ground, time_step: float = TIME_STEP,
-        gravity: Gravity = GRAVITY, held: bool = False, links_collide: bool = False,
+        self,
+        robot: Robot,
+        terrain: Ground,
+        time_step: float = TIME_STEP,
+        gravity: Gravity = GRAVITY,
+        held: bool = False,
+        links_collide: bool = False,
         records: RobotRecords | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         check_closure(robot)
         check_colliding([terrain], links_collide)
         super().__init__([robot], [terrain], time_step, gravity, held, records)
@@ -292,11 +298,15 @@ class RigidBodyBatch(BatchedPlant):
         """Place the robot where :meth:`jansen_env.plants.batch.Batch.place_at` does, without gap.
 
         Raises ValueError also where there is no ground."""
-        within("x", x, *self._ends)
-        other = Batch(self.robots, self.terrains, gravity=self.gravity)
-        other.set_parameters(rows, self.parameters)
-        other.place_at(rows, crank_angles, x, pitch)
-        self._build(other.states[0] + PLACEMENT_DEPTH * np.eye(8)[1])
+        x = within("x", x, *self._ends)
+        pitch = math.nan if pitch is None else finite("pitch", pitch)
+        records = RobotRecords(1, self.toes, self.pads)
+        records.robots[:] = self.records.robots
+        records.params["held"] = False
+        arrays = KernelArrays(self.robots, self.terrains, records, self.world, held=False)
+        arrays.ask_ground(0, x)
+        RobotPlacement(arrays).place(rows, crank_angles, x, pitch)
+        self._build(records.states[0] + PLACEMENT_DEPTH * np.eye(8)[1])
 
     def reconnect(self) -> None:
         """Nothing holds views of the records."""
@@ -314,9 +324,14 @@ class RigidBodyBatch(BatchedPlant):
             self._memory = saved
 
     def step(
-        self, torque: Array, steps: int, earlier: Array | None = None, switch: Ints | None = None,
-        rows: Ints | None = None, pushes: Array | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        torque: Array,
+        steps: int,
+        earlier: Array | None = None,
+        switch: Ints | None = None,
+        rows: Ints | None = None,
+        pushes: Array | None = None,
+    ) -> None:
         """Hold a crank torque (1,), N m."""
         if rows is None or len(rows) > 0:
             before = 0.0 if earlier is None else float(earlier[0])
@@ -325,9 +340,13 @@ class RigidBodyBatch(BatchedPlant):
             self._run(float(torque[0]), before, first, impulses[0])
 
     def control_step(
-        self, rows: Ints, actions: Array, episodes: Episodes, observing: Observing,
+        self,
+        rows: Ints,
+        actions: Array,
+        episodes: Episodes,
+        observing: Observing,
         meanwhile: Callable[[], None] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Take a control step; ``meanwhile`` is called afterwards, or alone."""
         if len(rows) > 0:
             steps, motions = int(self.world["steps"][0]), self.records.motions

@@ -1,0 +1,97 @@
+"""Robots placed at rest on their grounds, height lines or pymunk's shapes, by either plant."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jansen_env.arrays import Ints
+from jansen_env.engine import placement
+from jansen_env.engine.collision import SPECULATIVE_MARGIN
+from jansen_env.engine.records import PLANE, Designs
+from jansen_env.plants.base import resting_depth
+from jansen_env.plants.kernel_arrays import KernelArrays
+
+MOST_MOVES = 50  # of a robot on shapes, until its pads touch them
+SETTLED = 1e-9  # m, how near they must come
+UPWARDS = 0.1  # of a normal's y, from which its plane may carry a robot
+
+
+class RobotPlacement:
+    """Places robots on their lowest toes, :data:`placement.PLACEMENT_DEPTH` deep.
+
+    Args:
+        arrays: The robots.
+    """
+
+    def __init__(self, arrays: KernelArrays) -> None:
+        self._arrays = arrays
+        robots, pads = arrays.records.statistics.shape
+        toes = arrays.records.slip.shape[1]
+        self._place = placement.place.bound()
+        self._angles = np.zeros(robots)  # rad
+        # Work space of kernels.
+        self._centres = np.zeros((max(pads, toes + 1), 2))
+        self._planes = np.zeros(int(arrays.designs.world["capacity"][0]), PLANE)
+
+    def place(self, rows: Ints, crank_angles: ArrayLike, x: float, pitch: float) -> None:
+        """Place robots at rest; those on height lines must know the ground at x.
+
+        Args:
+            rows: Indices of the robots, shape (k,).
+            crank_angles: Shape (k,), in rad.
+            x: Position of the crank axis in m.
+            pitch: In rad; NaN for the one at which fore and back feet carry a robot.
+
+        Raises:
+            ValueError: If feet are too soft for their robot, or no shapes are below it.
+        """
+        arrays = self._arrays
+        self._angles[rows] = crank_angles
+        lines, on_shapes = arrays.split(rows)
+        self._place_on(arrays.designs, lines, x, pitch)
+        for row in on_shapes:
+            self._place_on_shapes(row, x, pitch)
+
+    def _place_on(self, designs: Designs, rows: Ints, x: float, pitch: float) -> None:
+        """Place robots on the height lines of ``designs``; none if a robot's feet are too soft."""
+        records = self._arrays.records
+        too_soft = self._place(
+            rows, self._angles, x, pitch, designs, records.motions, self._centres, self._planes
+        )
+        if too_soft >= 0:
+            params = records.params[too_soft]
+            resting_depth(params["mass"], params["stiffness"][0], -params["gravity_y"])
+
+    def _place_on_shapes(self, row: int, x: float, pitch: float) -> None:
+        """Place a robot on the profile of its shapes, then move it to where its pads touch them."""
+        arrays = self._arrays
+        shapes = arrays.grounds.shapes_of(row)
+        reach = float(arrays.tables.extent[arrays.tables.number[row]]) + 1.0
+        profile = shapes.profile(x - reach, x + reach)
+        status = arrays.records.status[row]
+        stretch = status["first_near"], status["end_near"]
+        status["first_near"], status["end_near"] = 0, len(profile)
+        self._place_on(arrays.designs._replace(surface=profile), np.array([row]), x, pitch)
+        status["first_near"], status["end_near"] = stretch
+
+        state, params = arrays.records.states[row], arrays.records.params[row]
+        radius = float(params["pad_radius"])
+        for _ in range(MOST_MOVES):
+            planes = shapes.find(arrays.pad_centres(row), radius + SPECULATIVE_MARGIN)
+            gaps = [
+                (plane.distance - radius) / plane.normal_y
+                for plane in planes
+                if plane.normal_y > UPWARDS
+            ]
+            if not gaps:
+                raise ValueError(
+                    f"terrain must carry the robot at x = {x:g} m, got no shape below its pads"
+                )
+            state[1] -= min(gaps)
+            if abs(min(gaps)) < SETTLED:
+                break
+        depth = placement.resting_depth(
+            params["mass"], params["stiffness"][0], -params["gravity_y"]
+        )
+        state[1] -= placement.PLACEMENT_DEPTH + depth

@@ -1,0 +1,130 @@
+"""Robots that move on pymunk's shapes, one after another.
+
+A kernel takes a robot's time steps. It stops wherever the robot's contact planes must be listed;
+pymunk lists them, and the same call continues (:func:`jansen_env.engine.integrator.take_steps`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from jansen_env.arrays import Array, Ints
+from jansen_env.engine import episode, integrator
+from jansen_env.engine.collision import WAY_OUT
+from jansen_env.engine.contact_solver import STICK
+from jansen_env.engine.episode import Episodes, Observing
+from jansen_env.engine.records import Scratch
+from jansen_env.plants.kernel_arrays import KernelArrays
+
+
+class RobotsOnShapes:
+    """Moves those of n robots whose ground is no height line.
+
+    Args:
+        arrays: The robots.
+        scratch: Memory of the kernels, for a control step.
+    """
+
+    def __init__(self, arrays: KernelArrays, scratch: Scratch) -> None:
+        self._arrays = arrays
+        self._scratch = scratch
+        count = len(arrays.records.data)
+        steps = scratch.pushes.shape[1]
+        self._advance = integrator.advance.bound()
+        self._begin_step = episode.begin_step.bound()
+        self._finish_step = episode.finish_step.bound()
+        # The same arrays in each call, which kernels know.
+        self._share = np.zeros((2, 2), np.int64)
+        self._views = dict[int, tuple[Ints, Array]]()
+        self._torque = np.zeros(count)  # N m
+        self._earlier = np.zeros(count)
+        self._switch = np.zeros(count, np.int64)
+        self._impulses = np.zeros((count, steps, 2))  # N s
+        self._no_impulses = np.zeros((0, 0, 2))
+
+    def control_step(
+        self, row: int, actions: Array, trace: Array, episodes: Episodes, observing: Observing
+    ) -> None:
+        """Let a robot take a control step, see :mod:`jansen_env.engine.episode`.
+
+        Args:
+            row: Index of the robot.
+            actions: Shape (n, 1).
+            trace: Trace of the first robot's time steps; without rows for none.
+            episodes: Other parts of the robots' records.
+            observing: How the robots are observed.
+        """
+        records, world = self._arrays.records, self._arrays.designs.world
+        rows, impulses = self._views_of(row)
+        pushed = self._begin_step(rows, actions, impulses, records.robots, episodes)
+        whole, switch = records.robots["delay"][row].tolist()
+        self._torque[row] = records.torques[row, whole]
+        self._earlier[row] = records.torques[row, whole + 1]
+        self._switch[row] = switch
+        pushes = self._impulses if pushed else self._no_impulses
+        torques = self._torque, self._earlier, self._switch, pushes
+        self.step(row, int(world["steps"][0]), False, torques, trace)
+        if world["is_whole"][0]:
+            self._arrays.look_down(row, observing.scan)
+        surface = self._arrays.grounds.surface
+        self._finish_step(rows, world, surface, records.motions, episodes, observing)
+
+    def step(
+        self, row: int, steps: int, ahead: bool, torques: tuple[object, ...], trace: Array
+    ) -> None:
+        """Let a robot take time steps.
+
+        Args:
+            row: Index of the robot.
+            steps: Number of time steps.
+            ahead: Whether the state stays.
+            torques: Torque, earlier, switch and pushes of :func:`integrator.advance`.
+            trace: Trace of the first robot's time steps; without rows for none.
+        """
+        arrays = self._arrays
+        records = arrays.records
+        rows, _ = self._views_of(row)
+        status = records.status[row]
+        status["waits"] = False
+        while True:
+            self._share[0] = 0, 1
+            self._advance(
+                0,
+                self._share,
+                1,
+                rows,
+                steps,
+                ahead,
+                *torques,
+                trace,
+                self._scratch,
+                arrays.designs,
+                records.motions,
+            )
+            if not status["waits"]:
+                break
+            self._list_planes(row)
+        if not records.diverged[row]:
+            sides = arrays.pad_centres(row)[arrays.sides]
+            crossing = arrays.grounds.shapes_of(row).count_crossing(sides)
+            records.accumulators["links_in_ground"][row] = crossing
+
+    def _views_of(self, row: int) -> tuple[Ints, Array]:
+        """Return the index of a robot as an array (1,), and its impulses (steps, 2) in N s."""
+        if row not in self._views:
+            self._views[row] = np.array([row]), self._impulses[row]
+        return self._views[row]
+
+    def _list_planes(self, row: int) -> None:
+        """List the contact planes of a robot where its step waits for them."""
+        status, planes = self._arrays.records.status[row], self._scratch.planes
+        near = float(status["pad_radius"] + status["margin"])
+        centres = self._arrays.pad_centres(row)
+        found = self._arrays.grounds.shapes_of(row).find(centres, near)
+        if len(found) > len(planes):
+            found = sorted(found, key=lambda plane: plane.distance)[: len(planes)]
+        for k, plane in enumerate(found):
+            planes[k] = (*plane, -1, 0.0, 0.0, STICK, 0.0, 0.0)
+        status["first_plane"] = 0
+        status["end_plane"] = len(found)
+        status["too_deep"] = any(plane.distance < -WAY_OUT for plane in found)

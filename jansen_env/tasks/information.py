@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -10,6 +11,22 @@ from numpy.typing import NDArray
 
 from jansen_env.arrays import Bools, Rows
 from jansen_env.world.settings import Values
+
+FORMATS = {
+    "b1": "?",
+    "i1": "b",
+    "i2": "h",
+    "i4": "i",
+    "i8": "q",
+    "u1": "B",
+    "u2": "H",
+    "u4": "I",
+    "u8": "Q",
+    "f2": "e",
+    "f4": "f",
+    "f8": "d",
+}
+"""Letters of :mod:`struct` by NumPy's types."""
 
 
 class InfoBuilder:
@@ -50,23 +67,19 @@ class InfoBuilder:
         of_any = {name: info[name] for info in infos for name in info.dtype.names}
         rewards: Any = task["reward"]
         of_any |= {f"reward/{term}": rewards[term] for term in rewards.dtype.names}
-        self._names, self._of_any = tuple(of_any), {**of_any, **arrays}
+        self._of_any = {**of_any, **arrays}
         self.keys: tuple[str, ...] = (*self._of_any, *self._groups)
-        # All numbers of a robot at once, as each look into a record takes long.
-        numbers: Any = energy
-        self._energy_names = self._groups["energy"][1]
-        energies = [numbers[name] for name in self._energy_names]
-        self._numbers = _side_by_side(records, [*of_any.values(), *energies])
-        self._other_groups = {k: v for k, v in self._groups.items() if k != "energy"}
+        self._reader = Reader(records, of_any)
+        self._group_readers = dict[str, Reader]()
+        for group, (rows, fields) in self._groups.items():
+            owner = records if np.may_share_memory(records, rows) else rows
+            self._group_readers[group] = Reader(owner, {name: rows[name] for name in fields})
 
     def single(self, i: int) -> Values:
         """Return the information on one robot, in Python's own types."""
-        numbers: Any = self._numbers.item(i)
-        info = dict(zip(self._names, numbers))  # noqa: B905 - the energies come after
-        energies = numbers[len(self._names) :]
-        info["energy"] = dict(zip(self._energy_names, energies))  # noqa: B905 - strict costs time
-        for group, (rows, names) in self._other_groups.items():
-            info[group] = dict(zip(names, rows.item(i)))  # noqa: B905
+        info = self._reader.read(i)
+        for group, reader in self._group_readers.items():
+            info[group] = reader.read(i)
         for name, array in self._arrays.items():
             info[name] = array[i].copy() if array.ndim > 1 else array.item(i)
         return info
@@ -87,26 +100,44 @@ class InfoBuilder:
         return infos
 
 
+class Reader:
+    """Reads numbers of one record as Python's own types, which takes NumPy much longer.
+
+    Args:
+        records: Shape (n,), the records of the robots.
+        columns: Fields of these records by name.
+    """
+
+    def __init__(self, records: Rows, columns: Mapping[str, NDArray[Any]]) -> None:
+        start = records.__array_interface__["data"][0]
+        places = {
+            name: column.__array_interface__["data"][0] - start for name, column in columns.items()
+        }
+        self._names = sorted(places, key=places.__getitem__)
+        layout = "="
+        end = 0
+        for name in self._names:
+            dtype = columns[name].dtype
+            layout += f"{places[name] - end}x{FORMATS[dtype.str[1:]]}"
+            end = places[name] + dtype.itemsize
+        self._struct = struct.Struct(layout)
+        self._bytes = records.view(np.uint8).data
+        self._size = records.dtype.itemsize
+
+    def read(self, i: int) -> Values:
+        """Return the numbers of a record by name."""
+        numbers = self._struct.unpack_from(self._bytes, i * self._size)
+        return dict(zip(self._names, numbers))  # noqa: B905 - strict costs time
+
+
 def _masked(arrays: Values, wanted: Sequence[str], known: Bools) -> Values:
     """Return copies of those wanted, 0 where not ``known``, each with its mask."""
     every = bool(known.all())
     infos: Values = {}
     for name in wanted:
         if name in arrays:
-            infos[name], infos[f"_{name}"] = arrays[name].copy(), known.copy()
+            infos[name] = arrays[name].copy()
+            infos[f"_{name}"] = known.copy()
             if not every:
                 infos[name][~known] = 0
     return infos
-
-
-def _side_by_side(records: Rows, parts: Sequence[NDArray[Any]]) -> Rows:
-    """Return one view (n,) of the records with only these parts of them, in this order."""
-    start = records.__array_interface__["data"][0]
-    offsets = [part.__array_interface__["data"][0] - start for part in parts]
-    layout: Any = {
-        "names": [f"{number}" for number in range(len(parts))],
-        "formats": [part.dtype for part in parts],
-        "offsets": offsets,
-        "itemsize": records.dtype.itemsize,
-    }
-    return records.view(np.dtype(layout))

@@ -14,7 +14,7 @@ from jansen_env.checks import finite
 from jansen_env.dynamics.joint_forces import JointForces, joint_forces
 from jansen_env.dynamics.reduced import Tables, compile_robot
 from jansen_env.engine import collision, episode, integrator
-from jansen_env.engine.collision import SPECULATIVE_MARGIN
+from jansen_env.engine.collision import MARGIN, SPECULATIVE_MARGIN
 from jansen_env.engine.episode import Episodes, Observing
 from jansen_env.engine.records import PLANE, UNKNOWN_DEFLECTION, Scratch
 from jansen_env.engine.tables import energy
@@ -52,33 +52,41 @@ DETECTION_INTERVAL = 0.01  # s between two looks for the ground; its planes are 
 class Batch(BatchedPlant):
     """n robots on their terrains; each moves as it would alone, bit for bit.
 
+    The kernels move robots on height lines, shared among threads. Robots on pymunk's shapes are
+    moved after them (:mod:`jansen_env.plants.robots_on_shapes`).
+
     Args:
-        robots: with legs on the same sides; all else may differ. terrains: the ground of each.
-        time_step: of the integration, s.
-        gravity: m/s^2 downwards, or a vector (x, y).
-        threads: see :class:`jansen_env.plants.threads.Threads`.
-        links_collide: whether sides of links touch vertices of the ground, as capsules of the pads'
+        robots: The robots, with legs on the same sides; all else may differ.
+        terrains: The ground of each robot.
+        time_step: Time step of the integration in s.
+        gravity: In m/s^2 downwards, or a vector (x, y).
+        threads: See :class:`jansen_env.plants.threads.Threads`.
+        held: Whether all chassis stay where they are, as in the paper's fixed model: there is no
+            ground then, pushes do nothing, and robots are placed level, the axis at (x, 0).
+        links_collide: Whether sides of links touch vertices of the ground, as capsules of the pads'
             radius (:func:`jansen_env.dynamics.pads.pad_sides`); else only pads touch. Joint forces
             are not known then.
-        held: whether all chassis stay where they are, as in the paper's fixed model: there is no
-            ground then, pushes do nothing, and robots are placed level, the axis at (x, 0).
+        records: Records to use; None for new ones.
 
     Attributes:
-        toes, pads: of a robot. designs: the kernels' tables of the robots.
-        surface: (vertices, 2) m, of all terrains: a robot's are in its row's status.
-        records: the robots, see :class:`RobotRecords`.
-        machines: (n,) MACHINE of :mod:`jansen_env.engine.records`, robots without parameters.
-        joint_gap: (n,) m, of the last step. any_diverged: whether a robot's last step was refused.
-        tracing: whether the first robot's steps are recorded: trace, (steps,) of
-            :func:`jansen_env.engine.integrator.trace_dtype`, and touchdowns, (steps,) whether a pad
-            touched down in each.
-        in_contact: (pads,) the first robot's pads on the ground, as traced last; None where that is
-            not known. It says what touches down next, and nothing else.
-        knows_joint_forces: whether :meth:`joint_forces` does. joints_open: whether joints gap.
+        toes: Number of toes of each robot.
+        pads: Number of contact pads of each robot, toes included.
+        records: The robots, see :class:`RobotRecords`.
+        machines: Shape (n,), ``MACHINE`` of :mod:`jansen_env.engine.records`: the robots without
+            parameters.
+        joint_gap: Shape (n,), widest gap of any joint in the last step in m: 0 here.
+        any_diverged: Whether a robot's last step was refused.
+        tracing: Whether the first robot's steps are recorded.
+        trace: Shape (steps,), :func:`jansen_env.engine.integrator.trace_dtype` of its time steps.
+        touchdowns: Shape (steps,), whether a pad touched down in each of them.
+        in_contact: Shape (pads,), the first robot's pads on the ground, as traced last; None where
+            that is not known. It says what touches down next, and nothing else.
+        knows_joint_forces: Whether :meth:`joint_forces` returns them.
+        joints_open: Whether joints can gap.
 
     Raises:
-        ValueError: an argument out of range, or legs on other sides; LinkageError: a robot
-            cannot turn its crank.
+        ValueError: If an argument is out of range, or legs are on other sides.
+        LinkageError: If a robot cannot turn its crank.
     """
 
     joints_open = False
@@ -133,7 +141,8 @@ class Batch(BatchedPlant):
 
     def _make_scratch(self, threads: int | None) -> None:
         """Make the memory of threads."""
-        capacity, steps = int(self.world["capacity"][0]), int(self.world["steps"][0])
+        capacity = int(self.world["capacity"][0])
+        steps = int(self.world["steps"][0])
 
         def memory() -> Scratch:
             return integrator.work_space(capacity, self.pads, steps)
@@ -168,7 +177,7 @@ class Batch(BatchedPlant):
 
     @property
     def surface(self) -> Array:
-        """(vertices, 2) m, of all terrains: a robot's are in its status."""
+        """Vertices of all terrains in m, shape (vertices, 2); a robot's are in its status."""
         return self._arrays.grounds.surface
 
     # Robots, parameters and grounds.
@@ -239,8 +248,10 @@ class Batch(BatchedPlant):
 
     def _ask_ground(self, rows: Ints) -> None:
         """Note the stretch of ground of those robots (k,) that have moved by the margin."""
-        for row, x in zip(rows.tolist(), self.states[rows, 0].tolist(), strict=True):
-            self._arrays.ask_ground(row, x)
+        x = self.states[rows, 0]
+        is_near = np.abs(x - self.records.status["asked_x"][rows]) <= MARGIN
+        for k in np.flatnonzero(~is_near).tolist():
+            self._arrays.ask_ground(int(rows[k]), float(x[k]))
 
     def place(self, rows: Ints, crank_angles: ArrayLike, crank_speeds: ArrayLike = 0.0) -> None:
         """Place robots (k,) at x = 0, see :meth:`place_at`, and :meth:`lookahead`; then they move.
@@ -249,7 +260,8 @@ class Batch(BatchedPlant):
         """
         self.place_at(rows, crank_angles)
         self.lookahead(rows=rows)
-        self.states[rows, 7] = crank_speeds
+        speeds = self.states[:, 7]
+        speeds[rows] = crank_speeds
 
     def place_at(
         self, rows: Ints, crank_angles: ArrayLike, x: float = 0.0, pitch: float | None = None
@@ -290,7 +302,8 @@ class Batch(BatchedPlant):
     def keep(self, rows: Ints) -> Callable[[], None]:
         """Return a function that makes robots (k,), and their grounds, what they are now."""
         robots = [(self.robots[row], self.terrains[row]) for row in rows.tolist()]
-        saved, in_contact = self.records.copy(rows), self.in_contact
+        saved = self.records.copy(rows)
+        in_contact = self.in_contact
         joint_gap = self.joint_gap[rows]
 
         def undo() -> None:
@@ -301,7 +314,8 @@ class Batch(BatchedPlant):
             self.records.restore(rows, saved)
             self.joint_gap[rows] = joint_gap
             self._ask_ground(rows)
-            self.any_diverged, self.in_contact = bool(self.diverged.any()), in_contact
+            self.any_diverged = bool(self.diverged.any())
+            self.in_contact = in_contact
 
         return undo
 
@@ -358,7 +372,8 @@ class Batch(BatchedPlant):
             if meanwhile is not None:
                 meanwhile()
             return
-        trace, numbers = self._no_trace, self._untraced
+        trace = self._no_trace
+        numbers = self._untraced
         if self.tracing:
             trace, numbers = self._new_trace(int(self.world["steps"][0]))
 
@@ -416,7 +431,8 @@ class Batch(BatchedPlant):
         if len(rows) == 0:
             return
         self._reach(steps * self.time_step)
-        trace, numbers = self._no_trace, self._untraced
+        trace = self._no_trace
+        numbers = self._untraced
         if self.tracing:
             trace, numbers = self._new_trace(steps)
 
@@ -497,7 +513,8 @@ class Batch(BatchedPlant):
     def _keep_trace(self, trace: Rows) -> None:
         """Keep the trace of a step (no rows: of none), unless the first robot has diverged."""
         if self.any_diverged and self.diverged[0]:
-            self.trace, self.touchdowns = self._no_trace, np.zeros(0, bool)
+            self.trace = self._no_trace
+            self.touchdowns = np.zeros(0, bool)
             return
         self.trace = trace
         if len(trace) == 0:
@@ -512,7 +529,8 @@ class Batch(BatchedPlant):
 
     def energy(self, row: int) -> float:
         """Kinetic plus potential energy of a robot, J (potential 0 with its mass at y = 0)."""
-        robots, body = self.records.robots, self.designs.model.body
+        robots = self.records.robots
+        body = self.designs.model.body
         return float(energy(row, robots, body, self._sums))
 
     def pad_centres(self, row: int) -> Array:
@@ -524,7 +542,8 @@ class Batch(BatchedPlant):
 
         Where no ground is within reach, the pad's lowest point and +x.
         """
-        centres, radius = self.pad_centres(row)[: self.toes], self.robots[row].pad_radius
+        centres = self.pad_centres(row)[: self.toes]
+        radius = self.robots[row].pad_radius
         points = centres - np.array([0.0, radius])
         tangents = np.tile([1.0, 0.0], (self.toes, 1))
         if self.held:
@@ -572,7 +591,8 @@ class Batch(BatchedPlant):
         if not self.knows_joint_forces:
             raise ValueError("for joint forces links_collide is True, must be False")
         if self.held:
-            robot, (q, q_dot) = self.tables_in_force(0).robot, np.split(self.states[0], 2)
+            robot = self.tables_in_force(0).robot
+            q, q_dot = np.split(self.states[0], 2)
             gravity = self.params[GRAVITY_XY][0].item()
             return joint_forces(robot, q, q_dot, torque, fixed_base=True, gravity=gravity)
         pushes = None if push is None else check_pushes(push)[None, None]
@@ -593,8 +613,10 @@ class Batch(BatchedPlant):
         foot stops at once, with an impulse that is defined and a force that is not. The ordinary
         force in that step is included.
         """
-        largest, landing = self._traced_forces().bearing.max(axis=(-2, -1)), self.touchdowns
-        force, impulse = largest[~landing], largest[landing] * self.time_step
+        largest = self._traced_forces().bearing.max(axis=(-2, -1))
+        landing = self.touchdowns
+        force = largest[~landing]
+        impulse = largest[landing] * self.time_step
         return float(force.max(initial=0.0)), float(impulse.max(initial=0.0))
 
     def _traced_forces(self) -> JointForces:
@@ -623,7 +645,8 @@ class Batch(BatchedPlant):
         return {name: getattr(self, name) for name in kept}
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
-        records, arguments = saved["records"], saved["_arguments"]
+        records = saved["records"]
+        arguments = saved["_arguments"]
         every = np.arange(len(saved["robots"]))
         before = records.copy(every)
         self.__init__(saved["robots"], saved["terrains"], *arguments, records=records)  # type: ignore[misc]
@@ -634,5 +657,6 @@ class Batch(BatchedPlant):
         records.restore(every, before)
         self.joint_gap[:] = saved["joint_gap"]
         self._ask_ground(self._every)
-        self.tracing, self.in_contact = saved["tracing"], saved["in_contact"]
+        self.tracing = saved["tracing"]
+        self.in_contact = saved["in_contact"]
         self.any_diverged = saved["any_diverged"]

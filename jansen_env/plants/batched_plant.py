@@ -74,7 +74,9 @@ class BatchedPlant(ABC):
         records: RobotRecords | None,
     ) -> None:
         n = len(robots)
-        self.robots, self.terrains, self.held = list(robots), list(terrains), bool(held)
+        self.robots = list(robots)
+        self.terrains = list(terrains)
+        self.held = bool(held)
         self.time_step = check_time_step(time_step)
         self.toes = len(robots[0].toes)
         self.pads = len(pad_layout(robots[0]).joint)
@@ -85,7 +87,9 @@ class BatchedPlant(ABC):
         self._apply_parameters = episode.apply_parameters.bound()
         self.world = np.zeros(1, WORLD)
         self.world["time_step"] = self.world["period"] = self.time_step
-        self.world["toes"], self.world["steps"], self.world["stride"] = self.toes, 1, 1
+        self.world["toes"] = self.toes
+        self.world["steps"] = 1
+        self.world["stride"] = 1
         self.world["capacity"] = PLANES_PER_PAD * self.pads
         self.machines = np.zeros(n, MACHINE)
         nominal_params: Any = self.machines["nominal"]
@@ -96,7 +100,8 @@ class BatchedPlant(ABC):
         pairs = zip(robots, terrains, strict=True)
         self.records.parameters[:] = np.array([nominal(*pair) for pair in pairs], EPISODE)
         check_restitution(nominal_params["compliant"], self.records.parameters["restitution"])
-        self.any_diverged, self.joint_gap = False, np.zeros(n)
+        self.any_diverged = False
+        self.joint_gap = np.zeros(n)
 
     def set_control(
         self, steps: int, period: float, torque_rate: float = math.inf, **flags: bool
@@ -109,7 +114,8 @@ class BatchedPlant(ABC):
             torque_rate: Fastest change of commanded torques in N m/s; infinite without a limit.
             flags: Fields of ``WORLD`` of :mod:`jansen_env.engine.records`: what kernels do.
         """
-        self.world["steps"], self.world["period"] = steps, period
+        self.world["steps"] = steps
+        self.world["period"] = period
         for name, value in flags.items():
             self.world[name] = value
         self._torque_rate = torque_rate

@@ -71,11 +71,13 @@ class RobotPlacement:
         profile = shapes.profile(x - reach, x + reach)
         status = arrays.records.status[row]
         stretch = status["first_near"], status["end_near"]
-        status["first_near"], status["end_near"] = 0, len(profile)
+        status["first_near"] = 0
+        status["end_near"] = len(profile)
         self._place_on(arrays.designs._replace(surface=profile), np.array([row]), x, pitch)
         status["first_near"], status["end_near"] = stretch
 
-        state, params = arrays.records.states[row], arrays.records.params[row]
+        state = arrays.records.states[row]
+        params = arrays.records.params[row]
         radius = float(params["pad_radius"])
         for _ in range(MOST_MOVES):
             planes = shapes.find(arrays.pad_centres(row), radius + SPECULATIVE_MARGIN)

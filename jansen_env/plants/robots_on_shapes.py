@@ -54,7 +54,8 @@ class RobotsOnShapes:
             episodes: Other parts of the robots' records.
             observing: How the robots are observed.
         """
-        records, world = self._arrays.records, self._arrays.designs.world
+        records = self._arrays.records
+        world = self._arrays.designs.world
         rows, impulses = self._views_of(row)
         pushed = self._begin_step(rows, actions, impulses, records.robots, episodes)
         whole, switch = records.robots["delay"][row].tolist()
@@ -117,7 +118,8 @@ class RobotsOnShapes:
 
     def _list_planes(self, row: int) -> None:
         """List the contact planes of a robot where its step waits for them."""
-        status, planes = self._arrays.records.status[row], self._scratch.planes
+        status = self._arrays.records.status[row]
+        planes = self._scratch.planes
         near = float(status["pad_radius"] + status["margin"])
         centres = self._arrays.pad_centres(row)
         found = self._arrays.grounds.shapes_of(row).find(centres, near)

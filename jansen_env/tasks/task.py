@@ -175,12 +175,9 @@ class Task(ABC):
                 diverges where it is placed. Nothing has changed then.
         """
         options = [{}] * len(which) if options is None else options
-        known = {*self.OPTIONS, *self.world.OPTIONS}
         for given in options:
-            if not given.keys() <= known:
-                unknown = sorted({*given} - known)
-                allowed = listed(sorted(known), unknown[0])
-                raise ValueError(f"reset options {unknown} are unknown, must be in {allowed}")
+            if given:
+                self._check_options(given)
         with self.lock:
             before = [generator.bit_generator.state for generator in generators]
             try:
@@ -194,6 +191,13 @@ class Task(ABC):
                 self._clear(i, numbers)
             self.world.begin_episodes(which)
             self._describe(which)
+
+    def _check_options(self, given: Values) -> None:
+        """Raise ValueError for an unknown option of a reset."""
+        known = {*self.OPTIONS, *self.world.OPTIONS}
+        if unknown := sorted({*given} - known):
+            allowed = listed(sorted(known), unknown[0])
+            raise ValueError(f"reset options {unknown} are unknown, must be in {allowed}")
 
     def _clear(self, i: int, numbers: Values) -> None:
         """Replace the values of :attr:`INFO` of a robot's last episode."""
@@ -235,7 +239,8 @@ class Task(ABC):
 
     def _describe(self, which: Ints) -> None:
         """Fill observations and information of robots (k,) as they are now."""
-        self._fill(which)
+        if not self.is_whole:
+            self._fill(which)
         self.world.observe(which, False)
 
     def push(self, i: int, impulse: object) -> None:
@@ -363,7 +368,8 @@ class CommandedTask(Task):
 
     def draw(self, i: int, rng: np.random.Generator, options: Values) -> Numbers:
         """Draw a robot's command."""
-        command = uniform(rng, *self.speed_command[i])
+        low, high = self.speed_command[i].tolist()
+        command = uniform(rng, low, high)
         command = option(options, "speed_command", command, -self.FASTEST, self.FASTEST)
         return {"speed_command": command}
 

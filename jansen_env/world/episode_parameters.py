@@ -27,8 +27,11 @@ from jansen_env.plants.robot_parameters import check_restitution
 from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.terrain import Ground, Terrain
 from jansen_env.terrain.generators import Generator
+from jansen_env.uniform import draw_seed
 from jansen_env.world.episode_lengths import Build
 from jansen_env.world.settings import Values, WorldSettings, contradiction
+
+DELAY = list(PARAMETERS).index("delay")
 
 Progress = Callable[[int], tuple[float, float]]
 """A robot's progress in its last episode, m, and its mean commanded speed, m/s; 0 at first."""
@@ -51,7 +54,6 @@ class EpisodeParameters:
         has: "noise_level" and "push_strength", and whether the world has noise and pushes.
 
     Attributes:
-        nominal: (n,) :data:`jansen_env.parameters.EPISODE` where nothing is sampled.
         level: (n,) of a curriculum.
         levels: (n, 2) lowest and highest. varies: whether anything is drawn.
 
@@ -67,7 +69,9 @@ class EpisodeParameters:
         generators: Sequence[Generator | None],
         has: Mapping[str, bool],
     ) -> None:
-        self._plant, self._generators, self._has = plant, generators, dict(has)
+        self._plant = plant
+        self._generators = generators
+        self._has = dict(has)
         self.curriculum = settings.curriculum
         self._fixed = {  # by an argument, whatever a drawn terrain has
             name: np.array([value is not None for value in getattr(settings, name)])
@@ -77,10 +81,16 @@ class EpisodeParameters:
         self.levels = np.array(settings.terrain_level, float)
         self._by_user = settings.by_user
         pairs = zip(plant.robots, plant.terrains, strict=True)
-        self.nominal = np.array([parameters.nominal(*pair) for pair in pairs], EPISODE)
+        nominal = np.array([parameters.nominal(*pair) for pair in pairs], EPISODE)
+        self._nominal = plain(nominal)  # numbers, which NumPy copies more quickly than records
         self._check_draws()
         self.level = self.levels[:, 0].astype(np.int64)
         self.varies = any(self.randomizations) or any(make is not None for make in generators)
+
+    @property
+    def nominal(self) -> Rows:
+        """(n,) :data:`jansen_env.parameters.EPISODE` where nothing is sampled."""
+        return self._nominal.view(EPISODE)[:, 0]
 
     def _check_draws(self) -> None:
         """Raise ValueError where something is drawn in vain; leave it out if it is a preset's."""
@@ -156,7 +166,8 @@ class EpisodeParameters:
         if not pads.rigid and "restitution" in self.randomizations[i]:
             raise invalid("pad_compliance", pads, "rigid, as randomize has 'restitution'")
         check_restitution(np.array([not pads.rigid]), np.array([restitution]))
-        nominal, robot = _with(self.nominal[i], numbers), self._plant.robots[i]
+        nominal = _with(self.nominal[i], numbers)
+        robot = self._plant.robots[i]
         # Of this episode, and others.
         later = [extreme(nominal, self.randomizations[i]) for extreme in (_heaviest, _stiffest)]
         for values in (_with(self._plant.parameters[i], numbers), *later):
@@ -164,7 +175,8 @@ class EpisodeParameters:
 
     def _check_robot(self, i: int, robot: Robot) -> Randomization:
         """Return the draws of another robot; ValueError: its feet cannot bear later episodes."""
-        nominal, randomization = self.nominal[i].copy(), self.draws(i, robot)
+        nominal = self.nominal[i].copy()
+        randomization = self.draws(i, robot)
         parameters.set_payload(nominal, robot.payload)
         for extreme in (_heaviest, _stiffest):
             self._check_feet(robot, extreme(nominal, randomization))
@@ -183,9 +195,14 @@ class EpisodeParameters:
         self._plant.check_feet(robot, values)
 
     def plan(
-        self, i: int, rng: np.random.Generator, options: Values, delay: float, progress: Progress,
+        self,
+        i: int,
+        rng: np.random.Generator,
+        options: Values,
+        delay: float,
+        progress: Progress,
         build: Build | None = None,
-    ) -> Plan:  # fmt: skip
+    ) -> Plan:
         """Return a robot's next episode; nothing changes yet but the generator's state.
 
         Args:
@@ -195,14 +212,18 @@ class EpisodeParameters:
         Raises:
             ValueError: an option out of range or without effect, or no such ground.
         """
-        randomization, generator = self.randomizations[i], self._generators[i]
-        values = plain(self.nominal)[i].copy().view(EPISODE)
+        row = self._nominal[i].copy()
+        row[DELAY] = delay
+        values = row.view(EPISODE)
+        if not options and not self.varies and build is None:
+            return Plan(values, None)
         numbers = values[0]
+        randomization = self.randomizations[i]
+        generator = self._generators[i]
         robot = None if build is None else build.robot
         if robot is not None:
             randomization = self._check_robot(i, robot)
             parameters.set_payload(numbers, robot.payload)
-        numbers["delay"] = delay
         if not options and not self.varies:
             return Plan(values, None, build)
         numbers["terrain_level"] = self._next_level(i, rng, progress)
@@ -229,9 +250,10 @@ class EpisodeParameters:
     def _next_level(self, i: int, rng: np.random.Generator, progress: Progress) -> float:
         low, high = self.levels[i].tolist()
         if self.curriculum is not None:
-            separate = np.random.default_rng(rng.integers(2**63))  # later draws stay the seed's
+            separate = np.random.default_rng(draw_seed(rng))  # later draws stay the seed's
             walked, command = progress(i)
-            commanded, level = command * self.curriculum.horizon, int(self.level[i])
+            commanded = command * self.curriculum.horizon
+            level = int(self.level[i])
             return float(self.curriculum.next_level(level, walked, commanded, separate))
         return float(rng.integers(int(low), int(high), endpoint=True)) if high > low else low
 
@@ -241,11 +263,12 @@ class EpisodeParameters:
         Raises:
             ValueError: If feet are too stiff for the time step of ``"rigid_body"``.
         """
-        changed = list[int]()
+        in_force = self._plant.parameters
+        changed: list[int] = []
         for i, plan in zip(which.tolist(), plans, strict=True):
             if plan.terrain is not None:
                 self._plant.set_terrain(i, plan.terrain)
-            if plan.values.tobytes() != self._plant.parameters[i].tobytes():
+            if plan.values.tobytes() != in_force[i].tobytes():
                 changed.append(i)
         if changed:
             values = [plan.values for i, plan in zip(which, plans, strict=True) if i in changed]

@@ -20,7 +20,15 @@ from jansen_env.engine import episode, readings, walk_reward
 from jansen_env.engine.episode import Episodes, Observing, look_up_pushes
 from jansen_env.engine.integrator import DIVERGED
 from jansen_env.gravity import GRAVITY
-from jansen_env.parameters import CHANGES, LONGEST_DELAY, PARAMETERS, SETTABLE, Uniform, check
+from jansen_env.parameters import (
+    CHANGES,
+    LONGEST_DELAY,
+    PARAMETERS,
+    SETTABLE,
+    Randomization,
+    Uniform,
+    check,
+)
 from jansen_env.plants.base import (
     LARGEST,
     check_deflection,
@@ -37,7 +45,7 @@ from jansen_env.rendering import AIR, GRIP, SLIP, Frame
 from jansen_env.robot import Robot
 from jansen_env.robot.robot_file import robot_from_json, robot_to_json
 from jansen_env.terrain import Ground, Shapes, Terrain
-from jansen_env.uniform import uniform
+from jansen_env.uniform import draw_seed, uniform
 from jansen_env.world.episode_lengths import Build, EpisodeLengths
 from jansen_env.world.episode_parameters import EpisodeParameters, Plan, Progress
 from jansen_env.world.observations import Observed, sensor_errors, world_observations
@@ -133,7 +141,8 @@ class World:
         threads: int | None = None,
         task: np.dtype[np.void] | None = None,
     ) -> None:
-        self.held, n = settings.held, settings.count
+        self.held = settings.held
+        n = settings.count
         self.num_envs = n
         robots = settings.make_robots()
         for robot in robots:
@@ -149,9 +158,15 @@ class World:
         self.records = RobotRecords(n, len(robots[0].toes), pads, delayed, 0, task)
         self._every = np.arange(n)
         self.plant: BatchedPlant = make_batch(
-            settings.plant, robots, terrains, self.time_step, threads, self.held,
-            settings.links_collide, self.records,
-        )  # fmt: skip
+            settings.plant,
+            robots,
+            terrains,
+            self.time_step,
+            threads,
+            self.held,
+            settings.links_collide,
+            self.records,
+        )
         self.plant.set_control(
             self.steps,
             self.control_dt,
@@ -166,7 +181,8 @@ class World:
             raise ValueError(f"track_joint_forces is True, must be False with {other}")
         self.plant.tracing = self.track_joint_forces and not self.held
         self._joint_loads = np.zeros(2)
-        self.scan, self._noise = settings.height_scan, settings.noise
+        self.scan = settings.height_scan
+        self._noise = settings.noise
         if len(self.scan) > 0:
             check_scan(self.plant.terrains)
         self._readings = self.observations = world_observations(self.plant.toes, len(self.scan))
@@ -185,7 +201,8 @@ class World:
         self._note_paths(self._every)
         self._push = push_settings(settings.push, self.time_step)
         self.weights = np.zeros(1, walk_reward.SETTINGS)
-        self.truncated, self._any_truncated = np.zeros(n, bool), False
+        self.truncated = np.zeros(n, bool)
+        self._any_truncated = False
         self._actions = np.zeros((n, 1))
         has = {"noise_level": self._noise is not None, "push_strength": settings.push is not None}
         self.episodes = EpisodeParameters(self.plant, settings, generators, has)
@@ -228,16 +245,27 @@ class World:
         """Let questions, information and kernels use the records."""
         records = self.records
         robots: Rows = records.robots
-        states, info, energy = records.states, robots["info"], robots["energy"]
-        self.x_position, self.pitch, self.crank_angle = states[:, 0], states[:, 2], states[:, 3]
-        self.pitch_rate, self.crank_speed = states[:, 6], states[:, 7]
-        self.x_velocity, self.crank_torque = info["x_velocity"], info["crank_torque"]
-        self.motor_work, self.action = energy["motor_work"], robots["action"]
-        self.weight, self.direction = robots["weight"], robots["direction"]
+        states = records.states
+        info = robots["info"]
+        energy = robots["energy"]
+        self.x_position = states[:, 0]
+        self.pitch = states[:, 2]
+        self.crank_angle = states[:, 3]
+        self.pitch_rate = states[:, 6]
+        self.crank_speed = states[:, 7]
+        self.x_velocity = info["x_velocity"]
+        self.crank_torque = info["crank_torque"]
+        self.motor_work = energy["motor_work"]
+        self.action = robots["action"]
+        self.weight = robots["weight"]
+        self.direction = robots["direction"]
         self.full_torque = robots["full_torque"]
-        self.elapsed, self.seeds = robots["elapsed"], robots["seed"]
-        self.slip, self.toe_load = records.slip, records.loads
-        self.information, self.energies = info, energy
+        self.elapsed = robots["elapsed"]
+        self.seeds = robots["seed"]
+        self.slip = records.slip
+        self.toe_load = records.loads
+        self.information = info
+        self.energies = energy
         if self.held:
             self.information = self.information[[*readings.HELD_INFORMATION]]
             self.energies = self.energies[[*readings.HELD_ENERGIES]]
@@ -319,7 +347,8 @@ class World:
     def _next_push(self) -> Array | None:
         """Return the impulse (2,) on the first robot's chassis in its next time step, N s."""
         impulses = np.zeros((self.steps, 2))
-        robots, schedule = self.records.robots, self.records.schedule
+        robots = self.records.robots
+        schedule = self.records.schedule
         return impulses[0] if look_up_pushes(robots, schedule, self._push, impulses) else None
 
     # Episodes.
@@ -340,7 +369,8 @@ class World:
         """
         robots = zip(which.tolist(), generators, options, strict=True)
         starts = [self._plan_start(*robot, draw, progress) for robot in robots]
-        plant, angles = self.plant, [start.angle for start in starts]
+        plant = self.plant
+        angles = [start.angle for start in starts]
         speeds = [start.speed for start in starts]
         plans = [start.plan for start in starts]
         self._begin(which, plans, lambda: plant.place(which, angles, speeds))
@@ -354,7 +384,8 @@ class World:
 
     def begin_episodes(self, which: Ints) -> None:
         """Begin the episodes of robots (k,) that stand where they start."""
-        records, plant = self.records, self.plant
+        records = self.records
+        plant = self.plant
         self._joint_loads[:] = 0.0
         if plant.joints_open:
             records.robots["info"]["joint_gap"][which] = plant.joint_gap[which]
@@ -369,21 +400,26 @@ class World:
         which = self._every if which is None else which
         plant.look_down(which, self.scan)
         self._observe(
-            which, moved, plant.world, plant.surface, self.records.motions, self._episodes,
+            which,
+            moved,
+            plant.world,
+            plant.surface,
+            self.records.motions,
+            self._episodes,
             self._observing,
-        )  # fmt: skip
+        )
 
     def _set_pushes(self, i: int, pushes: Array, random: bool) -> None:
         """Give a robot's episode a schedule of pushes (k, 3), and random ones or not."""
-        robot = self.records.robots[i]
+        records = self.records
         count = len(pushes)
-        if self.records.make_room(count):
-            self.plant.reconnect()
-            self._share_arrays()
-            robot = self.records.robots[i]
         if count > 0:
-            self.records.schedule[i, :count] = pushes
-        robot["scheduled"], robot["random_pushes"] = count, random
+            if records.make_room(count):
+                self.plant.reconnect()
+                self._share_arrays()
+            records.schedule[i, :count] = pushes
+        records.robots["scheduled"][i] = count
+        records.robots["random_pushes"][i] = random
 
     def scheduled(self, i: int) -> Array:
         """Return a robot's own pushes (k, 3)."""
@@ -395,31 +431,35 @@ class World:
     ) -> Start:
         """Draw how a robot's next episode starts; nothing changes yet but the generator's state."""
         # Drawn in any case, so that fixing one leaves the others as they were.
-        noise, limits = self.reset_noise_scale[i], (-LARGEST, LARGEST)
+        noise = float(self.reset_noise_scale[i])
         if self.held:
             numbers = draw(i, rng, options)
             angle = START_ANGLE + noise * uniform(rng, -1.0, 1.0)
-            limits = START_ANGLE - LOST, START_ANGLE + LOST
         else:
             angle = uniform(rng, 0.0, 2.0 * math.pi)
             numbers = draw(i, rng, options)
         speed = noise * uniform(rng, -1.0, 1.0)
         low, high = self.delay_range[i].tolist()
         delay = uniform(rng, low, high) if high > low else low
-        delay = option(options, "delay", delay, 0.0, self._longest_delay)
-        angle = option(options, "crank_angle", angle, *limits)
-        speed = option(options, "crank_speed", speed, -DIVERGED, DIVERGED)
+        robot = None
+        pushes = NO_PUSHES
+        random = True
+        if options:
+            limits = (START_ANGLE - LOST, START_ANGLE + LOST) if self.held else (-LARGEST, LARGEST)
+            delay = option(options, "delay", delay, 0.0, self._longest_delay)
+            angle = option(options, "crank_angle", angle, *limits)
+            speed = option(options, "crank_speed", speed, -DIVERGED, DIVERGED)
         seed = None  # a held robot without draws later in its episode needs none
         if not self.held or self.lengths.factors[i]:
-            seed = int(rng.integers(2**63))
-        robot = load_robot("options['robot']", options["robot"]) if "robot" in options else None
-        if robot is not None:
+            seed = draw_seed(rng)
+        if "robot" in options:
+            robot = load_robot("options['robot']", options["robot"])
             self.plant.check_robot(robot)  # with its own lengths, for later episodes
         build = self.lengths.plan(i, options.get("lengths", {}), seed, robot)
         plan = self.episodes.plan(i, rng, options, delay, progress, build)
-        pushes, random = NO_PUSHES, options.get("pushes") is None
-        if not random:
+        if options.get("pushes") is not None:
             pushes = check_schedule("options['pushes']", options["pushes"])
+            random = False
         return Start(angle, speed, plan, seed or 0, pushes, random, numbers)
 
     def _begin(self, which: Ints, plans: Sequence[Plan], place: Callable[[], None]) -> None:
@@ -430,8 +470,12 @@ class World:
                 a robot; nothing has changed then.
         """
         builds = {i: p.build for i, p in zip(which.tolist(), plans, strict=True) if p.build}
-        others = {i: b.robot for i, b in builds.items() if b.robot != self.robots[i]}
-        draws = {i: self.episodes.draws(i, build.robot) for i, build in builds.items()}
+        others: dict[int, Robot] = {}
+        draws: dict[int, Randomization] = {}
+        for i, build in builds.items():
+            draws[i] = self.episodes.draws(i, build.robot)
+            if build.robot != self.robots[i]:
+                others[i] = build.robot
         undo = self.plant.keep(which)
         try:
             if others:
@@ -441,8 +485,9 @@ class World:
         except Exception:
             undo()
             raise
-        self.lengths.begin(builds)
-        self.episodes.begin(draws)
+        if builds:
+            self.lengths.begin(builds)
+            self.episodes.begin(draws)
         if others:
             self._note_paths(np.array([*others], np.int64))
 
@@ -538,7 +583,8 @@ class World:
         """Apply changes that :meth:`checked` returned to a robot and its ground."""
         plant = self.plant
         if {*checked} - {*FROM_RESETS}:
-            state, in_contact = plant.states[i].copy(), plant.in_contact
+            state = plant.states[i].copy()
+            in_contact = plant.in_contact
             deflection = None if "pad_compliance" in checked else plant.deflection[i].copy()
             parts = {name: checked[name] for name in PARTS if name in checked}
             numbers = _parameters_of(checked)
@@ -583,7 +629,8 @@ class World:
 
     def get_state(self, i: int) -> Values:
         """Return all that a robot's future depends on but the task and random numbers."""
-        changed, in_contact = self.lengths.changed[i], self.plant.in_contact
+        changed = self.lengths.changed[i]
+        in_contact = self.plant.in_contact
         state: Values = {
             "plant": self.plant.states[i].copy(),
             "delay": self.delay(i),
@@ -652,22 +699,26 @@ class World:
 
     def restore(self, i: int, state: Values) -> None:
         """Let a robot go on from a state of :meth:`checked_state`."""
-        plant, which = self.plant, np.array([i])
+        plant = self.plant
+        which = np.array([i])
         where = state["plant"], state["deflection"]
         self._begin(which, [state["plan"]], lambda: plant.set_state(i, *where))
         self.episodes.level[i] = state["level"]
         if i == 0:
             plant.in_contact = state["in_contact"]
         self.begin_episodes(which)
-        records, robot = self.records, self.records.robots[i]
+        records = self.records
+        robot = self.records.robots[i]
         records.torques[i] = state["asked"]
         robot["delay"] = divmod(round(state["delay"] / self.time_step), self.steps)
         records.slip[i] = records.contact_force[i] = 0.0
         records.loads[i] = state["loads"]
         robot["action"] = robot["action_before"] = state["action"]
-        robot["elapsed"], robot["seed"] = state["steps"], state["seed"]
+        robot["elapsed"] = state["steps"]
+        robot["seed"] = state["seed"]
         if self.is_onboard:
-            robot["onboard"]["estimates"], robot["onboard"]["is_first"] = state["onboard"], False
+            robot["onboard"]["estimates"] = state["onboard"]
+            robot["onboard"]["is_first"] = False
         self.truncated[i] = False
         plant.any_diverged = bool(plant.diverged.any())
         self._set_pushes(i, state["pushes"], state["random_pushes"])
@@ -676,7 +727,8 @@ class World:
         """Return the arguments of :class:`jansen_env.rendering.Renderer` to draw a robot."""
         if self.held:
             return {"robot": self.robots[i], "terrain_points": None, "speed_unit": "rad/s"}
-        ground, shapes = self.plant.terrains[i], self.plant.shapes(i)
+        ground = self.plant.terrains[i]
+        shapes = self.plant.shapes(i)
         robot = self.episodes.shown_robot(i, self.robots[i])
         if isinstance(ground, Shapes) and shapes is not None:
             return {"robot": robot, "terrain_points": shapes.line, "shapes": ground.pieces}
@@ -685,7 +737,9 @@ class World:
 
     def frame(self, i: int, command: float | None) -> Frame:
         """Return the picture data of a robot as it is now."""
-        plant, state, weight = self.plant, self.plant.states[i], float(self.weight[i])
+        plant = self.plant
+        state = self.plant.states[i]
+        weight = float(self.weight[i])
         points = force = np.zeros((plant.toes, 2))
         contact = np.full(plant.toes, AIR)
         if not self.held:
@@ -696,12 +750,17 @@ class World:
             contact = np.where(across[:, 0] > TOUCHING * weight, GRIP, AIR)
             contact[plant.slip[i] > SLIPPING * self.control_dt] = SLIP
         return Frame(
-            q=state[:4].copy(), contact=contact, contact_point=points, contact_force=force,
-            weight=weight, command=command,
-            speed=float(state[7] if self.held else state[4]), torque=float(self.torque[i]),
+            q=state[:4].copy(),
+            contact=contact,
+            contact_point=points,
+            contact_force=force,
+            weight=weight,
+            command=command,
+            speed=float(state[7] if self.held else state[4]),
+            torque=float(self.torque[i]),
             torque_limit=abs(float(self.full_torque[i])),
             time=float(self.elapsed[i]) * self.control_dt,
-        )  # fmt: skip
+        )
 
     def __getstate__(self) -> Values:
         views = "_begin_episode", "_observe", "_episodes"

@@ -54,9 +54,18 @@ def write_walk(path, env_id, arguments):
     plant, records = world.plant, world.records
     shares, rows = np.array([[0, 1], [1, 1]]), np.zeros(1, np.int64)
     given = (
-        0, shares, 1, rows, world._actions, plant._untraced, plant._threads._memory[0],
-        plant._arrays.designs, records.motions, world._episodes, world._observing,
-    )  # fmt: skip
+        0,
+        shares,
+        1,
+        rows,
+        world._actions,
+        plant._untraced,
+        plant._threads._memory[0],
+        plant._arrays.designs,
+        records.motions,
+        world._episodes,
+        world._observing,
+    )
     values, slots = flat(given), Slots(episode.control_step)
     slots.fill(values)
     memory, words = Memory(records.data), [(-1, int(word)) for word in slots.words]
@@ -67,10 +76,15 @@ def write_walk(path, env_id, arguments):
     robots = records.robots
     results = [
         (*places["observation"], world._observing.observation.nbytes),
-        *((*memory.place(part), size) for part, size in (
-            (records.states, 64), (robots["reward"], 8), (robots["terminated"], 1),
-        )),
-    ]  # fmt: skip
+        *(
+            (*memory.place(part), size)
+            for part, size in (
+                (records.states, 64),
+                (robots["reward"], 8),
+                (robots["terminated"], 1),
+            )
+        ),
+    ]
     actions = 0.3 * np.sin(np.arange(STEPS) / 30.0)  # to and fro
     with open(path, "wb") as file:
         file.write(struct.pack("<q", len(memory.blocks)))

@@ -14,6 +14,7 @@ from side_by_side import WORLD
 from jansen_env import Compliance, Terrain
 from jansen_env.parameters import PARAMETERS
 from jansen_env.terrain.generators import HIGHEST, Curriculum
+from jansen_env.uniform import draw_seed
 
 
 def make(**more):
@@ -87,6 +88,15 @@ def test_the_order_of_draws_is_the_documented_one():
     assert drawn_ground == [(parameters["terrain_level"], rng.random())]
     for told, values in ((info, expected), (info["parameters"], parameters)):
         assert {name: told[name] for name in values} == pytest.approx(values, rel=1e-12)
+
+
+def test_an_episodes_seed_is_numpys_integer():
+    """It leaves the generator, and what that draws of 32 bits, as ``integers`` does."""
+    ours, numpys = (np.random.Generator(np.random.PCG64(3)) for _ in range(2))
+    for _ in range(1000):
+        assert draw_seed(ours) == numpys.integers(2**63)
+        assert ours.integers(2**32) == numpys.integers(2**32)
+        assert ours.random() == numpys.random()
 
 
 def test_fixing_one_leaves_the_others():

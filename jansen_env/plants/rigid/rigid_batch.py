@@ -85,7 +85,9 @@ class GearedRotor:
 
     def __init__(self, robot: Robot, time_step: float) -> None:
         motor = robot.motor
-        self.inertia, self.ratio, self.time_step = motor.rotor_inertia, motor.gear_ratio, time_step
+        self.inertia = motor.rotor_inertia
+        self.ratio = motor.gear_ratio
+        self.time_step = time_step
         twist = np.array([0.0, 0.0, -1.0, -self.ratio])  # its rate, of the rates of q
         matrices = [motion.mass_matrix for motion in turn_motions(robot)]
         yielding = max(float(twist @ np.linalg.solve(matrix, twist)) for matrix in matrices)
@@ -111,7 +113,8 @@ class GearedRotor:
 
     def _load(self, motion: Array) -> None:
         """The gear's torque: of the twist at the end of the time step, as pymunk moves first."""
-        h, before = self.time_step, self._twist_rate
+        h = self.time_step
+        before = self._twist_rate
         twist, self._twist_rate = (
             value - motion[CHASSIS, k] - self.ratio * (motion[SHAFT, k] - motion[CHASSIS, k])
             for value, k in ((self.angle, ANGLE), (self.speed, SPIN))
@@ -143,7 +146,9 @@ class RigidBodyBatch(BatchedPlant):
             robot's pads; LinkageError: the robot cannot turn its crank.
     """
 
-    knows_joint_forces, joints_open, tracing = False, True, False
+    knows_joint_forces = False
+    joints_open = True
+    tracing = False
 
     def __init__(
         self,
@@ -160,7 +165,8 @@ class RigidBodyBatch(BatchedPlant):
         super().__init__([robot], [terrain], time_step, gravity, held, records)
         self.links_collide = links_collide
         self.lookahead_steps = max(1, round(LOOKAHEAD / self.time_step))
-        self._owners, self._sides = bodies.pad_bodies(robot, pad_layout(robot)), pad_sides(robot)
+        self._owners = bodies.pad_bodies(robot, pad_layout(robot))
+        self._sides = pad_sides(robot)
         self._colliding = self._sides if links_collide else self._sides[:0]
         self._take_parameters()
         self._build(np.zeros(8))
@@ -214,7 +220,8 @@ class RigidBodyBatch(BatchedPlant):
     def set_terrain(self, row: int, terrain: Ground) -> None:
         check_colliding([terrain], self.links_collide)
         values = self.parameters[0].copy()
-        values["friction"], values["restitution"] = terrain.friction, terrain.restitution
+        values["friction"] = terrain.friction
+        values["restitution"] = terrain.restitution
         self._go_on(self.robots[0], terrain, values)
 
     def set_robots(self, rows: Ints, robots: Sequence[Robot]) -> None:
@@ -223,8 +230,10 @@ class RigidBodyBatch(BatchedPlant):
 
     def _go_on(self, robot: Robot, terrain: Ground, values: np.void) -> None:
         """Take another robot, ground and parameters; the state stays."""
-        memory, undo = self._memory, self.keep(np.arange(1))
-        self.robots, self.terrains = [robot], [terrain]
+        memory = self._memory
+        undo = self.keep(np.arange(1))
+        self.robots = [robot]
+        self.terrains = [terrain]
         self.parameters[0] = values
         try:
             self._take_parameters()
@@ -244,7 +253,8 @@ class RigidBodyBatch(BatchedPlant):
 
     def keep(self, rows: Ints) -> Callable[[], None]:
         before = self.__dict__.copy()  # pymunk's space is built again, not changed
-        saved, joint_gap = self.records.copy(rows), self.joint_gap.copy()
+        saved = self.records.copy(rows)
+        joint_gap = self.joint_gap.copy()
 
         def undo() -> None:
             self.__dict__.update(before)
@@ -256,7 +266,9 @@ class RigidBodyBatch(BatchedPlant):
 
     def _build(self, state: Array, bristle: Array | None = None) -> None:
         """Put the robot into ``state`` in a new space; bristle: (pads,) m, of compliant pads."""
-        machine, ground, pull = self._machine, self._ground, self._effective_gravity
+        machine = self._machine
+        ground = self._ground
+        pull = self._effective_gravity
         self._space = BodySpace(machine, ground, pull, state, self.held, self._colliding)
         self._contacts = PadContacts(self._space, self._ground, self.time_step, self._shapes)
         self.states[0] = self._space.state
@@ -315,7 +327,8 @@ class RigidBodyBatch(BatchedPlant):
         self, torque: float = 0.0, rows: Ints | None = None, pushes: Array | None = None
     ) -> None:
         """Fill sums with the next :data:`LOOKAHEAD` seconds; the state stays, joints closed."""
-        impulses, saved = np.zeros((self.lookahead_steps, 2)), self._memory
+        impulses = np.zeros((self.lookahead_steps, 2))
+        saved = self._memory
         if pushes is not None:
             impulses[0] = pushes[0, 0]
         try:
@@ -349,7 +362,8 @@ class RigidBodyBatch(BatchedPlant):
     ) -> None:
         """Take a control step; ``meanwhile`` is called afterwards, or alone."""
         if len(rows) > 0:
-            steps, motions = int(self.world["steps"][0]), self.records.motions
+            steps = int(self.world["steps"][0])
+            motions = self.records.motions
             impulses = np.zeros((steps, 2))
             episode.begin_step(rows, actions, impulses, motions.robots, episodes)
             whole, switch = motions.robots["delay"][0].tolist()
@@ -362,8 +376,12 @@ class RigidBodyBatch(BatchedPlant):
 
     def _run(self, torque: float, earlier: float, switch: int, impulses: Array) -> None:
         """Take time steps with impulses (steps, 2) on the chassis, N s."""
-        h, before, now, gap = self.time_step, self._space.state, self._space.snapshot(), 0.0
-        start, pads = now.energy + self._stored, len(self._owners)
+        h = self.time_step
+        before = self._space.state
+        now = self._space.snapshot()
+        gap = 0.0
+        start = now.energy + self._stored
+        pads = len(self._owners)
         self.accumulators[:] = np.zeros((), self.accumulators.dtype)
         total = self.accumulators[0]
         sums = Sums(total, np.zeros(pads), np.zeros((pads, 2)))
@@ -391,7 +409,8 @@ class RigidBodyBatch(BatchedPlant):
         elif not self.held:
             places = np.ascontiguousarray(now.pads).ravel()
             total["links_in_ground"] = sides_in_ground(places, self._sides, self.surface)
-        self.slip[0], self.joint_gap[0] = sums.slip[: self.toes], gap
+        self.slip[0] = sums.slip[: self.toes]
+        self.joint_gap[0] = gap
         self.contact_force[0] = sums.impulse[: self.toes] / duration
 
     def refusal(self, torque: float) -> FloatingPointError:
@@ -415,8 +434,13 @@ class RigidBodyBatch(BatchedPlant):
         self, now: Snapshot, asked: float, push: Array, sums: Sums
     ) -> tuple[Snapshot, float]:
         """Take a time step under a torque and a push (2,), N s; also returns the motor's torque."""
-        h, motor, rotor, springs = self.time_step, self._machine.motor, self._rotor, self._springs
-        spin, stored, loads = now.motion[:, SPIN], self._stored, self._space.loads
+        h = self.time_step
+        motor = self._machine.motor
+        rotor = self._rotor
+        springs = self._springs
+        spin = now.motion[:, SPIN]
+        stored = self._stored
+        loads = self._space.loads
         torque = float(motor.torque(asked, spin[SHAFT] - spin[CHASSIS]))
         loads[:, 2] = -self._friction @ spin
         loads[[CHASSIS, SHAFT], 2] += -torque, torque

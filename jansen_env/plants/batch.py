@@ -396,10 +396,10 @@ class Batch(BatchedPlant):
             far, diverged = scratch.flags.tolist()
             return far, diverged
 
-        def move_on_shapes(row: int) -> None:
+        self._move_on_lines(lines, move, meanwhile)
+        for row in on_shapes:
             self._on_shapes.control_step(row, actions, numbers, episodes, observing)
-
-        self._move(lines, move, on_shapes, move_on_shapes, meanwhile)
+            self.any_diverged |= bool(self.diverged[row])
         if self.tracing:
             self._keep_trace(trace)
 
@@ -455,41 +455,29 @@ class Batch(BatchedPlant):
             far, diverged = scratch.flags.tolist()
             return far, diverged
 
-        def move_on_shapes(row: int) -> None:
+        self._move_on_lines(lines, move, None)
+        for row in on_shapes:
             self._on_shapes.step(row, steps, ahead, torques, numbers)
-
-        self._move(lines, move, on_shapes, move_on_shapes)
+            self.any_diverged |= bool(self.diverged[row])
         if self.tracing or self.in_contact is not None or self.trace is not self._no_trace:
             self._keep_trace(trace)
 
-    def _move(
-        self,
-        lines: Ints,
-        move: Move,
-        on_shapes: Sequence[int],
-        move_on_shapes: Callable[[int], None],
-        meanwhile: Callable[[], None] | None = None,
-    ) -> None:
-        """Move robots on height lines by threads, then those on shapes one after another.
+    def _move_on_lines(self, rows: Ints, move: Move, meanwhile: Callable[[], None] | None) -> None:
+        """Share robots on height lines among threads; :attr:`any_diverged` tells of them alone.
 
         Args:
-            lines: Shape (k,), the robots on height lines.
+            rows: Shape (k,), the robots.
             move: Moves a thread's share of them.
-            on_shapes: The robots on shapes.
-            move_on_shapes: Moves one of these.
-            meanwhile: Called while others move, to place robots that do not.
+            meanwhile: Called while they move, to place robots that do not.
         """
         far, diverged = False, False
-        if len(lines) > 0:
-            far, diverged = self._threads.move(len(lines), move, meanwhile)
+        if len(rows) > 0:
+            far, diverged = self._threads.move(len(rows), move, meanwhile)
         elif meanwhile is not None:
             meanwhile()
-        for row in on_shapes:
-            move_on_shapes(row)
-            diverged = diverged or bool(self.diverged[row])
         self.any_diverged = diverged  # at the end, as placing robots sets it, too
         if far:
-            self._ask_ground(lines)
+            self._ask_ground(rows)
 
     def shapes(self, row: int) -> ShapePlanes | None:
         return self._arrays.grounds.shapes[row]

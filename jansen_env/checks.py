@@ -8,9 +8,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from dataclasses import fields
 from decimal import Decimal
 from difflib import get_close_matches
+from functools import cache
 from numbers import Integral, Real
 from types import NoneType
-from typing import Any, TypeVar
+from typing import Any, Literal, NamedTuple, TypeAlias, TypeVar, get_type_hints
 
 import numpy as np
 
@@ -216,6 +217,116 @@ def finite_numbers(name: str, value: object, count: int, most: float = MOST_SING
     if numbers.shape != (count,) or not (np.abs(numbers) <= most).all():
         raise invalid(name, value, f"{count} finite numbers, within {most:.2g}")
     return numbers
+
+
+class Limits(NamedTuple):
+    """The numbers that a field of a dataclass may have, as part of its type.
+
+    A field of type ``Annotated[float, Limits(...)]`` is checked by :func:`check_limits`; pages that
+    read the same data get the limits from there.
+
+    Attributes:
+        least: Lowest number.
+        most: Highest number.
+        above: Whether ``least`` itself is excluded.
+        infinite: Whether infinity is allowed, too.
+        note: What a message adds, such as the unit.
+    """
+
+    least: float = -math.inf
+    most: float = math.inf
+    above: bool = False
+    infinite: bool = False
+    note: str = ""
+
+    @property
+    def allowed(self) -> str:
+        """What is allowed, in words."""
+        note = self.note and f"; {self.note}"
+        if self.most == math.inf:
+            return (f"above {self.least:g}" if self.above else f"{self.least:g} or above") + note
+        start = f"above {self.least:g} and at most" if self.above else f"between {self.least:g} and"
+        return f"{start} {self.most:g}{note}"
+
+    def check(self, name: str, value: object) -> float:
+        """Return ``value`` as a float. Raises ValueError: out of the limits."""
+        if self.infinite and infinite(value):
+            return math.inf
+        number = finite(name, value)
+        low = number > self.least if self.above else number >= self.least
+        if not (low and number <= self.most):
+            raise invalid(name, value, self.allowed)
+        return number
+
+
+@cache
+def limits_of(kind: type) -> dict[str, Limits]:
+    """Return the limits of those fields of a dataclass that have some, by name."""
+    hints = get_type_hints(kind, include_extras=True)
+    found = {
+        field.name: getattr(hints[field.name], "__metadata__", ())  # of an Annotated
+        for field in fields(kind)
+    }
+    return {name: parts[0] for name, parts in found.items() if parts}
+
+
+class Combination(NamedTuple):
+    """A rule for fields of a dataclass: their sum, or their product, is within limits.
+
+    Attributes:
+        fields: Names of the fields. A name that stands twice counts twice.
+        operation: "sum" or "product".
+        limits: The limits.
+    """
+
+    fields: tuple[str, ...]
+    operation: Literal["sum", "product"]
+    limits: Limits
+
+    def check(self, part: object) -> None:
+        """Raise ValueError unless a part follows the rule."""
+        values = [getattr(part, name) for name in self.fields]
+        number = math.fsum(values) if self.operation == "sum" else math.prod(values)
+        if not self.limits.least <= number <= self.limits.most:
+            names = " and ".join(f"{name} of {getattr(part, name):g}" for name in {*self.fields})
+            raise ValueError(
+                f"{type(part).__name__}: the {self.operation} of {', '.join(self.fields)} must be "
+                f"{self.limits.allowed}, got {number:g}: {names}"
+            )
+
+
+class FiniteWith(NamedTuple):
+    """A rule for fields of a dataclass: where one is neither 0 nor infinite, another is finite.
+
+    Attributes:
+        field: Name of the field.
+        other: Name of the other field, which is infinite by default.
+    """
+
+    field: str
+    other: str
+
+    def check(self, part: Any) -> None:
+        """Raise ValueError unless a part follows the rule."""
+        value, other = getattr(part, self.field), getattr(part, self.other)
+        if infinite(other) and not infinite(value) and value != 0.0:
+            name = f"{type(part).__name__}.{self.other}"
+            raise invalid(name, other, f"finite with a {self.field} of {value}")
+
+
+Rule: TypeAlias = Combination | FiniteWith
+
+
+def check_limits(part: Any) -> None:
+    """Replace fields of a frozen dataclass by floats; ValueError: one is out of its limits.
+
+    The rules of its class, ``RULES``, are checked, too.
+    """
+    for name, limits in limits_of(type(part)).items():  # type: ignore[arg-type]
+        value = limits.check(f"{type(part).__name__}.{name}", getattr(part, name))
+        object.__setattr__(part, name, value)
+    for rule in getattr(part, "RULES", ()):
+        rule.check(part)
 
 
 def number_range(name: str, value: object, least: float, most: float) -> tuple[float, float]:

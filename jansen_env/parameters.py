@@ -30,8 +30,10 @@ class Parameter(NamedTuple):
 
     Attributes:
         name, unit: of the number. least, most: its limits. meaning: what it does.
-        nominal: its value for a robot on a terrain where nothing is drawn.
+        nominal: its value where nothing is drawn: a number, or the place of one, such as
+            ``"robot.payload.mass"`` or ``"terrain.friction"``.
         idle: where it has no effect, in words, and is_idle: whether that holds for a robot.
+        zero_where: flag of ``PARAMS`` (:mod:`jansen_env.engine.records`) with which it must be 0.
         of_robot: whether it changes robot or ground, not what surrounds them.
         settable: whether ``set_parameters`` changes it by name.
         argument: whether the constructor has an argument of its name. whole: no fractions.
@@ -44,9 +46,10 @@ class Parameter(NamedTuple):
     least: float
     most: float
     meaning: str
-    nominal: Callable[[Robot, Ground], float] = lambda robot, terrain: 1.0
+    nominal: float | str = 1.0
     idle: str = ""
     is_idle: Callable[[Robot], bool] = lambda robot: False
+    zero_where: str = ""
     of_robot: bool = True
     settable: bool = True
     argument: bool = False
@@ -57,16 +60,17 @@ class Parameter(NamedTuple):
 
 TABLE = (
     Parameter("friction", "1", 0.0, LARGEST, "Coulomb coefficient between toes and ground",
-              lambda robot, terrain: terrain.friction, argument=True, slider=(0.0, 1.2)),
+              "terrain.friction", argument=True, slider=(0.0, 1.2)),
     Parameter("restitution", "1", 0.0, 1.0, "Newton's coefficient between toes and ground",
-              lambda robot, terrain: terrain.restitution, "compliant feet",
-              lambda robot: not robot.pad_compliance.rigid, argument=True, slider=(0.0, 0.9)),
+              "terrain.restitution", "compliant feet",
+              lambda robot: not robot.pad_compliance.rigid, "compliant", argument=True,
+              slider=(0.0, 0.9)),
     Parameter("payload", "kg", 0.0, LARGEST, "mass of the payload; its own inertia stays",
-              lambda robot, terrain: robot.payload.mass, argument=True, slider=(0.0, 6.0)),
+              "robot.payload.mass", argument=True, slider=(0.0, 6.0)),
     Parameter("payload_x", "m", -LARGEST, LARGEST, "place of the payload ahead of the crank axis",
-              lambda robot, terrain: robot.payload.position[0], settable=False),
+              "robot.payload.position.0", settable=False),
     Parameter("payload_y", "m", -LARGEST, LARGEST, "place of the payload above the crank axis",
-              lambda robot, terrain: robot.payload.position[1], settable=False),
+              "robot.payload.position.1", settable=False),
     Parameter("mass_scale", "1", *SCALE, "times the links' masses and inertias",
               slider=(0.5, 2.0), label="mass of links"),
     Parameter("inertia_scale", "1", *FROM_0,
@@ -88,16 +92,16 @@ TABLE = (
               idle="motors without rotor", is_idle=lambda robot: robot.motor.rotor_inertia == 0.0),
     Parameter("tilt", "rad", -MAX_SLOPE, MAX_SLOPE,
               "turns gravity, so that the floor rises towards +x above 0",
-              lambda robot, terrain: 0.0, slider=(-0.25, 0.25), label="slope"),
+              0.0, slider=(-0.25, 0.25), label="slope"),
     Parameter("delay", "s", 0.0, LONGEST_DELAY, "time by which torques come late",
-              lambda robot, terrain: 0.0, of_robot=False, argument=True),
+              0.0, of_robot=False, argument=True),
     Parameter("noise_level", "1", 0.0, LOUDEST, "times the sensors' noise",
               idle="environments without noise", of_robot=False, slider=(0.0, 3.0),
               label="sensor noise"),
     Parameter("push_strength", "1", 0.0, LOUDEST, "times the impulses of random pushes",
               idle="environments without random pushes", of_robot=False, settable=False),
     Parameter("terrain_level", "1", 0.0, HIGHEST, "level of a drawn terrain, a whole number",
-              lambda robot, terrain: 0.0, "terrains that are not drawn", of_robot=False,
+              0.0, "terrains that are not drawn", of_robot=False,
               argument=True, whole=True),
     Parameter("gravity_scale", "1", *SCALE, "times gravity, and so the weight",
               slider=(0.1, 2.0), label="gravity"),
@@ -126,8 +130,19 @@ ARGUMENTS = tuple(row.name for row in TABLE if row.argument)
 
 def nominal(robot: Robot, terrain: Ground) -> np.void:
     """Return the parameters, a record of :data:`EPISODE`, that change nothing."""
-    values = tuple(parameter.nominal(robot, terrain) for parameter in TABLE)
+    values = tuple(_nominal_value(row.nominal, robot, terrain) for row in TABLE)
     return np.array([values], EPISODE)[0]
+
+
+def _nominal_value(value: float | str, robot: Robot, terrain: Ground) -> float:
+    """Return a nominal value, which may be a number or its place in a robot or a terrain."""
+    if not isinstance(value, str):
+        return value
+    whole, *names = value.split(".")
+    found: Any = robot if whole == "robot" else terrain
+    for name in names:
+        found = found[int(name)] if name.isdigit() else getattr(found, name)
+    return float(found)
 
 
 def set_payload(row: np.void | dict[str, Any], load: Payload) -> None:

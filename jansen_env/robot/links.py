@@ -7,20 +7,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass, field, fields, replace
+from typing import Annotated, ClassVar, Literal, TypeAlias
 
 import numpy as np
 
 from jansen_env import checks
-from jansen_env.checks import set_checked
+from jansen_env.arrays import Array
+from jansen_env.checks import Combination, FiniteWith, Limits, Rule, check_limits, set_checked
 from jansen_env.engine.link_shapes import (
+    BAR,
+    PLATE,
+    TRIANGLE,
+    distance,
     is_triangle,
+    put_link_corners,
     triangle_of_sides,
     triangle_sides,
     uniform_plate,
 )
-from jansen_env.engine.mathematics import atan2, hypot
 
 Side = Literal["fore", "back"]
 
@@ -30,35 +35,69 @@ LARGEST = 1e6  # of a mass, an inertia, a friction, a gear, an angle, SI: beyond
 STIFFEST = 1e20  # N/m and N s/m, of a compliant pad: beyond, it is rigid
 
 
+ANGLE = Limits(-2.0 * math.pi, 2.0 * math.pi, note="angles are in radians")
+LESS_THAN_A_TURN = Limits(0.0, math.nextafter(ANGLE.most, 0.0), note=ANGLE.note)
+COORDINATE = Limits(-LARGEST, LARGEST)
+SIZE = Limits(0.0, LARGEST)
+STIFFNESS = Limits(0.0, STIFFEST, above=True, infinite=True)
+DAMPING = Limits(0.0, STIFFEST)
+
+Positive: TypeAlias = Annotated[float, Limits(0.0, above=True)]
+Mass: TypeAlias = Annotated[float, Limits(0.0, LARGEST, above=True)]
+Size: TypeAlias = Annotated[float, SIZE]
+Angle: TypeAlias = Annotated[float, ANGLE]
+Point: TypeAlias = tuple[Annotated[float, COORDINATE], Annotated[float, COORDINATE]]
+
+
 def point(name: str, value: object) -> tuple[float, float]:
     """Return a point as floats. Raises ValueError unless it is two numbers up to LARGEST."""
     x, y = checks.entries(name, value, "two numbers (x, y)", 2)
-    return within_largest(name, x), within_largest(name, y)
-
-
-def within_largest(name: str, value: object) -> float:
-    """Return a float. Raises ValueError unless it is a number from -LARGEST to LARGEST."""
-    return checks.within(name, value, -LARGEST, LARGEST)
+    return COORDINATE.check(name, x), COORDINATE.check(name, y)
 
 
 def within_a_turn(name: str, value: object) -> float:
     """Return an angle in rad as a float. Raises ValueError if it is more than a whole turn."""
     angle = checks.finite(name, value)
-    if abs(angle) > 2.0 * math.pi:
+    if abs(angle) > ANGLE.most:
         raise ValueError(
-            f"{name} must be between -2 pi and 2 pi rad, got {angle:g}; angles are in radians: "
+            f"{name} must be between -2 pi and 2 pi rad, got {angle:g}; {ANGLE.note}: "
             f"{angle:g} degrees are {math.radians(angle):.4g} rad"
         )
     return angle
 
 
-def up_to_largest(name: str, value: object) -> float:
-    """Return a float. Raises ValueError unless it is a number from 0 to LARGEST."""
-    return checks.within(name, value, 0.0, LARGEST)
+class RigidLink:
+    """What bars, triangles and plates have in common: where their joints are."""
+
+    kind: ClassVar[int]
+    """Number of the kind in :data:`jansen_env.engine.link_shapes.KINDS`."""
+    JOINTS: ClassVar[int]
+    """Number of joints of a bar or a triangle."""
+
+    @property
+    def joints(self) -> int:
+        """Number of joints."""
+        return self.JOINTS
+
+    @property
+    def places(self) -> Array:
+        """(joints, 2) of a plate: its joints in its own axes, m; 0 of other links."""
+        return np.zeros((self.joints, 2))
+
+    @property
+    def corners(self) -> Corners:
+        """(c, o) of each joint, m and rad: it is at the centre + c (cos, sin)(theta + o)."""
+        corners = np.zeros((self.joints, 2))
+        put_link_corners(self, self.places, self.joints, corners)
+        return tuple((reach, turn) for reach, turn in corners.tolist())
+
+    def distance(self, i: int, k: int) -> float:
+        """Distance between two different joints, m."""
+        return float(distance(self, self.places, i, k))
 
 
 @dataclass(frozen=True)
-class Bar:
+class Bar(RigidLink):
     """A straight link with its centre of mass half way.
 
     Args:
@@ -66,22 +105,15 @@ class Bar:
         mass, inertia: kg, and about the centre of mass, kg m^2 (paper, Table 1: 0.1 both).
     """
 
-    length: float
-    mass: float = 0.1
-    inertia: float = 0.1
+    length: Positive
+    mass: Mass = 0.1
+    inertia: Size = 0.1
+
+    kind: ClassVar[int] = BAR
+    JOINTS: ClassVar[int] = 2
 
     def __post_init__(self) -> None:
-        set_checked(self, checks.positive, "length", "mass")
-        set_checked(self, up_to_largest, "mass", "inertia")
-
-    @property
-    def corners(self) -> Corners:
-        """(c, o) of both ends, m and rad: the end is at the centre + c (cos, sin)(theta + o)."""
-        return (-0.5 * self.length, 0.0), (0.5 * self.length, 0.0)
-
-    def distance(self, i: int, k: int) -> float:
-        """Distance between two different joints, m."""
-        return self.length
+        check_limits(self)
 
     def slender(self) -> Bar:
         """Return the bar with the inertia of a slender rod, m L^2 / 12."""
@@ -89,7 +121,7 @@ class Bar:
 
 
 @dataclass(frozen=True)
-class Triangle:
+class Triangle(RigidLink):
     """A rigid triangle, given as the paper gives it: its corners seen from the centroid.
 
     Args:
@@ -101,24 +133,22 @@ class Triangle:
             8), not from the first corner to the centroid (triangle 4).
     """
 
-    d: float
-    l: float  # noqa: E741 - the paper's symbol
-    h: float
-    alpha: float
-    gamma: float
-    mass: float = 0.1
-    inertia: float = 0.1
+    d: Positive
+    l: Positive  # noqa: E741 - the paper's symbol
+    h: Positive
+    alpha: Positive
+    gamma: Positive
+    mass: Mass = 0.1
+    inertia: Size = 0.1
     outward: bool = False
 
+    RULES: ClassVar[tuple[Rule, ...]] = (Combination(("alpha", "gamma"), "sum", LESS_THAN_A_TURN),)
+    kind: ClassVar[int] = TRIANGLE
+    JOINTS: ClassVar[int] = 3
+
     def __post_init__(self) -> None:
-        set_checked(self, checks.positive, "d", "l", "h", "alpha", "gamma", "mass")
+        check_limits(self)
         checks.instance("Triangle.outward", self.outward, bool)
-        set_checked(self, up_to_largest, "mass", "inertia")
-        if self.alpha + self.gamma >= 2.0 * math.pi:
-            raise ValueError(
-                "Triangle.alpha and Triangle.gamma must add up to less than 2 pi rad, got "
-                f"{self.alpha:g} and {self.gamma:g}; angles are in radians"
-            )
 
     @classmethod
     def from_sides(
@@ -143,16 +173,6 @@ class Triangle:
         """Lengths first-second, second-third, third-first, m."""
         return triangle_sides(self.d, self.l, self.h, self.alpha, self.gamma)
 
-    @property
-    def corners(self) -> Corners:
-        """(c, o) of each joint, m and rad: it is at the centre + c (cos, sin)(theta + o)."""
-        s = 1.0 if self.outward else -1.0
-        return (s * self.d, 0.0), (s * self.l, self.alpha), (s * self.h, -self.gamma)
-
-    def distance(self, i: int, k: int) -> float:
-        """Distance between two different corners, m."""
-        return self.sides[(0, 2, 1)[i + k - 1]]
-
     def slender(self) -> Triangle:
         """Return the triangle with a uniform plate's inertia, m (a^2 + b^2 + c^2) / 36."""
         a, b, c = self.sides
@@ -160,7 +180,7 @@ class Triangle:
 
 
 @dataclass(frozen=True)
-class Plate:
+class Plate(RigidLink):
     """A rigid link of any shape with two joints or more.
 
     Args:
@@ -172,13 +192,14 @@ class Plate:
         ValueError: fewer than two points, two in one place, or a number out of range.
     """
 
-    points: tuple[tuple[float, float], ...]
-    mass: float = 0.1
-    inertia: float = 0.1
+    points: tuple[Point, ...]
+    mass: Mass = 0.1
+    inertia: Size = 0.1
+
+    kind: ClassVar[int] = PLATE
 
     def __post_init__(self) -> None:
-        set_checked(self, checks.positive, "mass")
-        set_checked(self, up_to_largest, "mass", "inertia")
+        check_limits(self)
         given = checks.entries("Plate.points", self.points, "a point (x, y) for each joint")
         points = [point("Plate.points", place) for place in given]
         if len({*points}) != len(points) or len(points) < 2:
@@ -200,14 +221,12 @@ class Plate:
         return cls(tuple((float(a - x), float(b - y)) for a, b in places), mass, float(inertia))
 
     @property
-    def corners(self) -> Corners:
-        """(c, o) of each joint, m and rad: it is at the centre + c (cos, sin)(theta + o)."""
-        return tuple((hypot(x, y), atan2(y, x)) for x, y in self.points)
+    def joints(self) -> int:
+        return len(self.points)
 
-    def distance(self, i: int, k: int) -> float:
-        """Distance between two different joints, m."""
-        (x, y), (u, v) = self.points[i], self.points[k]
-        return hypot(u - x, v - y)
+    @property
+    def places(self) -> Array:
+        return np.array(self.points)
 
     def slender(self) -> Plate:
         """Return the plate with its mass spread as :meth:`uniform` spreads it."""
@@ -230,7 +249,7 @@ class Leg:
     """
 
     side: Side
-    phase: float = 0.0
+    phase: Angle = 0.0
 
     def __post_init__(self) -> None:
         checks.one_of("Leg.side", self.side, ("fore", "back"))
@@ -246,12 +265,12 @@ class Payload:
         position: of its centre in the chassis frame (crank axis at the origin), m.
     """
 
-    mass: float = 0.0
-    inertia: float = 0.0
-    position: tuple[float, float] = (0.0, 0.0)
+    mass: Size = 0.0
+    inertia: Size = 0.0
+    position: Point = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        set_checked(self, up_to_largest, "mass", "inertia")
+        check_limits(self)
         set_checked(self, point, "position")
 
 
@@ -271,26 +290,27 @@ class Compliance:
         ValueError: an argument out of range, or only one of the stiffnesses infinite.
     """
 
-    stiffness: float = math.inf
-    damping: float = 0.0
-    tangential_stiffness: float | None = None
-    tangential_damping: float | None = None
+    stiffness: Annotated[float, STIFFNESS] = math.inf
+    damping: Annotated[float, DAMPING] = 0.0
+    tangential_stiffness: Annotated[float | None, STIFFNESS] = field(
+        default=None, metadata={"as": "stiffness"}
+    )
+    tangential_damping: Annotated[float | None, DAMPING] = field(
+        default=None, metadata={"as": "damping"}
+    )
+
+    RULES: ClassVar[tuple[Rule, ...]] = (
+        FiniteWith("stiffness", "tangential_stiffness"),
+        FiniteWith("tangential_stiffness", "stiffness"),
+        FiniteWith("damping", "stiffness"),
+        FiniteWith("tangential_damping", "stiffness"),
+    )
 
     def __post_init__(self) -> None:
-        for name, check in (("stiffness", checks.positive), ("damping", checks.non_negative)):
-            if getattr(self, f"tangential_{name}") is None:
-                object.__setattr__(self, f"tangential_{name}", getattr(self, name))
-            for field in (name, f"tangential_{name}"):
-                if name == "damping" or not checks.infinite(getattr(self, field)):
-                    set_checked(self, check, field)
-                    checks.within(f"Compliance.{field}", getattr(self, field), 0.0, STIFFEST)
-        if (self.stiffness == math.inf) != (self.tangential_stiffness == math.inf):
-            allowed = f"infinite where stiffness is, and nowhere else: that is {self.stiffness}"
-            name = "Compliance.tangential_stiffness"
-            raise checks.invalid(name, self.tangential_stiffness, allowed)
-        if self.rigid and (self.damping, self.tangential_damping) != (0.0, 0.0):
-            allowed = "0 where the stiffness is infinite"
-            raise checks.invalid("Compliance.damping", self.damping, allowed)
+        for entry in fields(self):
+            if getattr(self, entry.name) is None and "as" in entry.metadata:
+                object.__setattr__(self, entry.name, getattr(self, entry.metadata["as"]))
+        check_limits(self)
 
     @property
     def rigid(self) -> bool:

@@ -15,13 +15,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from jansen_env.arrays import Array
-from jansen_env.checks import infinite, invalid, positive, positive_single, set_checked, within
-from jansen_env.robot.links import LARGEST, up_to_largest
+from jansen_env.checks import (
+    LEAST_SINGLE,
+    MOST_SINGLE,
+    Combination,
+    FiniteWith,
+    Limits,
+    Rule,
+    check_limits,
+)
+from jansen_env.robot.links import LARGEST, SIZE, Size
+
+OR_INFINITE = Limits(0.0, above=True, infinite=True)
 
 
 @dataclass(frozen=True)
@@ -44,31 +55,24 @@ class Motor:
         ValueError: an argument out of range.
     """
 
-    stall_torque: float = math.inf
-    no_load_speed: float = math.inf
-    torque_limit: float = 20.0
-    gear_ratio: float = 1.0
-    rotor_inertia: float = 0.0
-    friction: float = 0.0
-    viscous_friction: float = 0.0
-    efficiency: float = 1.0
+    stall_torque: Annotated[float, OR_INFINITE] = math.inf
+    no_load_speed: Annotated[float, OR_INFINITE] = math.inf
+    # Of float32, as observations have torques.
+    torque_limit: Annotated[float, Limits(LEAST_SINGLE, MOST_SINGLE)] = 20.0
+    gear_ratio: Annotated[float, Limits(LEAST_SINGLE, LARGEST)] = 1.0
+    rotor_inertia: Size = 0.0
+    friction: Size = 0.0
+    viscous_friction: Size = 0.0
+    efficiency: Annotated[float, Limits(0.01, 1.0)] = 1.0
+
+    RULES: ClassVar[tuple[Rule, ...]] = (
+        FiniteWith("no_load_speed", "stall_torque"),
+        # The rotor's inertia at the crank, kg m^2.
+        Combination(("gear_ratio", "gear_ratio", "rotor_inertia"), "product", SIZE),
+    )
 
     def __post_init__(self) -> None:
-        limited = [n for n in ("stall_torque", "no_load_speed") if not infinite(getattr(self, n))]
-        set_checked(self, positive, *limited)
-        if limited == ["no_load_speed"]:
-            allowed = f"finite with a no_load_speed of {self.no_load_speed}"
-            raise invalid("Motor.stall_torque", self.stall_torque, allowed)
-        # Of float32, as observations have torques.
-        set_checked(self, positive_single, "torque_limit", "gear_ratio")
-        sizes = "gear_ratio", "rotor_inertia", "friction", "viscous_friction"
-        set_checked(self, up_to_largest, *sizes)
-        if self.gear_ratio**2 * self.rotor_inertia > LARGEST:
-            raise ValueError(
-                f"Motor.gear_ratio is {self.gear_ratio}, must make no more than {LARGEST:g} kg m^2 "
-                f"at the crank of a rotor_inertia of {self.rotor_inertia}"
-            )
-        set_checked(self, lambda name, value: within(name, value, 0.01, 1.0), "efficiency")
+        check_limits(self)
 
     @property
     def slope(self) -> float:

@@ -4,28 +4,31 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Annotated, Any
 
-from jansen_env.checks import entries, instance, invalid, one_of, positive, set_checked, within
+from jansen_env.checks import Limits, check_limits, entries, instance, invalid, one_of, set_checked
 from jansen_env.engine.mathematics import atan2
 from jansen_env.robot.buildable import BUILDS, Build
 from jansen_env.robot.linkage import JANSEN, Linkage
 from jansen_env.robot.links import (
     CRANK_RADIUS,
     RIGID,
+    SIZE,
+    Angle,
     Bar,
     Compliance,
     Leg,
     Link,
     Payload,
+    Size,
     Triangle,
     phased_legs,
-    up_to_largest,
     within_a_turn,
 )
 from jansen_env.robot.motor import IDEAL, Motor
 
 LONGEST = 1e3  # m, of a length
+REACH = Limits(-LONGEST, LONGEST, note="lengths are in metres")
 MOST_PADS = 1200  # of all legs: the contact problem of as many reserves 1.5 GB
 
 PAPER_BODIES = (
@@ -65,14 +68,14 @@ class Robot:
 
     linkage: Linkage = JANSEN
     bodies: tuple[Link, ...] = PAPER_BODIES
-    frame_angle: float = atan2(0.04632, 0.32436)
-    damping: tuple[float, ...] = (0.1,) * len(JANSEN.damped)
+    frame_angle: Angle = atan2(0.04632, 0.32436)
+    damping: tuple[Size, ...] = (0.1,) * len(JANSEN.damped)
     legs: tuple[Leg, ...] = field(default_factory=lambda: phased_legs(2))
-    pad_radius: float = 0.01
+    pad_radius: Annotated[float, Limits(0.0, LONGEST, above=True)] = 0.01
     payload: Payload = Payload()
     motor: Motor = IDEAL
     pad_compliance: Compliance = RIGID
-    bearing_friction: tuple[float, ...] = (0.0,) * len(JANSEN.bearings)
+    bearing_friction: tuple[Size, ...] = (0.0,) * len(JANSEN.bearings)
     material: str = "aluminium"
 
     def __post_init__(self) -> None:
@@ -83,8 +86,7 @@ class Robot:
         instance("Robot.pad_compliance", self.pad_compliance, Compliance)
         one_of("Robot.material", self.material, BUILDS)
         set_checked(self, within_a_turn, "frame_angle")
-        set_checked(self, positive, "pad_radius")
-        within("Robot.pad_radius", self.pad_radius, 0.0, LONGEST)
+        check_limits(self)
         self._set_pairs("damping", "joint pairs", self.linkage.damped)
         self._set_pairs("bearing_friction", "bearings", self.linkage.bearings)
         object.__setattr__(self, "legs", entries("Robot.legs", self.legs, "at least one Leg"))
@@ -113,7 +115,7 @@ class Robot:
                 allowed = f"{kinds} or a Plate with joints {joints}"
                 raise invalid(f"Robot.bodies: {name}", body, allowed)
             farthest = max(abs(radius) for radius, _ in body.corners)
-            within(f"Robot.bodies: of {name}, a joint's distance", farthest, 0.0, LONGEST)
+            REACH.check(f"Robot.bodies: of {name}, a joint's distance", farthest)
         object.__setattr__(self, "bodies", tuple(bodies))
 
     def _set_pairs(self, name: str, label: str, pairs: tuple[tuple[int, int], ...]) -> None:
@@ -122,7 +124,7 @@ class Robot:
         values = entries(f"Robot.{name}", getattr(self, name), each)
         if len(values) != len(pairs):
             raise ValueError(f"Robot.{name} has {len(values)} values, must be {each}")
-        checked = tuple(up_to_largest(f"Robot.{name}", value) for value in values)
+        checked = tuple(SIZE.check(f"Robot.{name}", value) for value in values)
         object.__setattr__(self, name, checked)
 
     def body(self, name: str) -> Any:

@@ -9,11 +9,14 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, Field, fields, is_dataclass
 from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from jansen_env.checks import invalid, listed, named_errors, one_of, shown
+from jansen_env.checks import FiniteWith, Limits, Rule, invalid, listed, named_errors, one_of, shown
 from jansen_env.files import read_bounded, write_json
+from jansen_env.robot.buildable import BUILDS
 from jansen_env.robot.designs import ROBOTS
 from jansen_env.robot.lengths import with_lengths
 from jansen_env.robot.linkage import Linkage
@@ -107,3 +110,89 @@ def _from_json(value: object) -> object:
         raise ValueError(f"a {kind} has {shown(unknown[0])}, must be of {allowed}")
     with named_errors(f"a {kind} is wrong", TypeError):
         return PARTS[kind](**given)
+
+
+def file_schema() -> dict[str, dict[str, Any]]:
+    """Return what a robot file may hold, as JSON, for programs that check files by themselves.
+
+    Returns:
+        For each part, by the name under ``"is"``: its ``"fields"`` and its ``"rules"``.
+
+        A field has a ``"kind"``, see :func:`_kind_of`, and a ``"default"``: what a file without the
+        field means; None stands for infinity, and ``{"as": other}`` for the value of another field.
+        A field without a default must be there. So must one of a linkage that Python derives from
+        others where it is missing.
+
+        A rule is ``{"sum": fields, "number": limits}``, ``{"product": ...}`` likewise, or
+        ``{"with": field, "finite": other}``: where one is neither 0 nor infinite, the other must be
+        finite.
+    """
+    return {
+        name: {
+            "fields": _fields_of(kind),
+            "rules": [_rule_to_json(rule) for rule in getattr(kind, "RULES", ())],
+        }
+        for name, kind in PARTS.items()
+    }
+
+
+def _rule_to_json(rule: Rule) -> dict[str, Any]:
+    """Return a rule as :func:`file_schema` has it."""
+    if isinstance(rule, FiniteWith):
+        return {"with": rule.field, "finite": rule.other}
+    return {rule.operation: rule.fields, "number": _limits_to_json(rule.limits)}
+
+
+def _fields_of(part: type) -> dict[str, dict[str, Any]]:
+    """Return the fields of a part as :func:`file_schema` has them."""
+    hints = get_type_hints(part, include_extras=True)
+    schema: dict[str, dict[str, Any]] = {
+        field.name: {"kind": _kind_of(hints[field.name]), **_default_of(field)}
+        for field in fields(part)
+    }
+    if part is Robot:
+        schema["material"]["kind"] = {"one": [*BUILDS]}
+    return schema
+
+
+def _default_of(field: Field[Any]) -> dict[str, object]:
+    """Return the default of a field, as JSON has it, under its name; nothing where it has none."""
+    value = dict(field.metadata) or field.default
+    if field.default_factory is not MISSING:
+        value = field.default_factory()
+    if value is MISSING or value in ("", ()):
+        return {}
+    return {"default": None if value == math.inf else _to_json(value)}
+
+
+def _kind_of(hint: Any) -> dict[str, Any]:
+    """Return what values a type allows, as JSON.
+
+    Returns:
+        One of ``{"number": limits}``, ``{"type": "boolean"}`` (or "string", "whole"),
+        ``{"one": values}``, ``{"parts": names}``, ``{"each": kind}`` of a list, and ``{"row":
+        kinds}``. Limits are ``least``, ``most`` (None: none), ``above`` and, in words, ``allowed``.
+    """
+    origin, arguments = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        limits = next(part for part in arguments if isinstance(part, Limits))
+        return {"number": _limits_to_json(limits)}
+    if origin is Literal:
+        return {"one": [*arguments]}
+    if origin is tuple and arguments[-1] is Ellipsis:
+        return {"each": _kind_of(arguments[0])}
+    if origin is tuple:
+        return {"row": [_kind_of(each) for each in arguments]}
+    if origin in (Union, UnionType):
+        return {"parts": [each.__name__ for each in arguments if each is not NoneType]}
+    if hint in PARTS.values():
+        return {"parts": [hint.__name__]}
+    if issubclass(hint, tuple):  # a NamedTuple
+        return {"row": [_kind_of(each) for each in get_type_hints(hint).values()]}
+    return {"type": {bool: "boolean", int: "whole", str: "string"}[hint]}
+
+
+def _limits_to_json(limits: Limits) -> dict[str, Any]:
+    """Return limits as JSON, where None stands for infinity."""
+    least, most = (None if math.isinf(each) else each for each in (limits.least, limits.most))
+    return {"least": least, "most": most, "above": limits.above, "allowed": limits.allowed}

@@ -19,7 +19,13 @@ from jansen_env.plants.design_tables import DesignTables
 from jansen_env.robot import ROBOTS, Compliance, Payload
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.robot.motor import MOTORS
-from jansen_env.robot.robot_file import read_robot, robot_to_json, write_robot
+from jansen_env.robot.robot_file import (
+    file_schema,
+    read_robot,
+    robot_from_json,
+    robot_to_json,
+    write_robot,
+)
 from jansen_env.robot.zoo import ZOO, standing_height
 from jansen_env.terrain.generators import NamedGenerator
 from jansen_env.viewer.saved_walk import walk_again
@@ -86,8 +92,30 @@ def test_what_is_no_robot_is_refused():
     wrong = {
         "its format is not": {**paper, "format": "jansen_env robot 0"},
         "describes a Motor": {**paper, "is": "Motor"},
-        'no "motor"': {key: value for key, value in paper.items() if key != "motor"},
-        'no "pads"': {**paper, "linkage": {k: v for k, v in linkage.items() if k != "pads"}},
+        "linkage.pads is missing; write it with write_robot": {
+            **paper,
+            "linkage": {k: v for k, v in linkage.items() if k != "pads"},
+        },
+        "legs.1..foot is no field of a Leg": {
+            **paper,
+            "legs": [paper["legs"][0], {**paper["legs"][1], "foot": 1}],
+        },
+        "damping must be a list, got 0.1": {**paper, "damping": 0.1},
+        r"damping\[3\] must be between 0 and": {**paper, "damping": [*[0.1] * 3, -1, *[0.1] * 6]},
+        "linkage must be a Linkage, got": {**paper, "linkage": "jansen"},
+        "material must be one of .*plywood, got": {**paper, "material": "steel"},
+        r"legs\[0\].phase must be 0, got": {
+            **paper,
+            "legs": [{"is": "Leg", "side": "back", "phase": 1}],
+        },
+        "a joint's distance must be at most 1000 m": {
+            **paper,
+            "bodies": [{**long, "length": 3e3}, *paper["bodies"][1:]],
+        },
+        "branch of joint B must be 1 or -1": {
+            **paper,
+            "linkage": {**linkage, "dyads": [["B", "A", "P", 0], *linkage["dyads"][1:]]},
+        },
         "a link for each body": {**paper, "bodies": paper["bodies"][1:]},
         "is not a link of": {**paper, "bodies": [*paper["bodies"][1:], paper["bodies"][0]]},
         "a joint that its linkage": {**paper, "linkage": {**linkage, "toes": "Z"}},
@@ -100,6 +128,68 @@ def test_what_is_no_robot_is_refused():
     }
     for (pattern, _), told in zip(wrong.items(), in_node([*wrong.values()])["tables"], strict=True):
         assert isinstance(told, str) and re.search(pattern, told), (pattern, told)
+
+
+def wrong_numbers(part, name="Robot", wrap=lambda part: part):
+    """Yield (field, robot file) with a number out of the limits of each field, part by part."""
+    for field, entry in file_schema()[name]["fields"].items():
+        value = part.get(field)
+        if number := entry["kind"].get("number"):
+            beyond = [number["least"] if number["above"] else (number["least"] or 0.0) - 1e-3]
+            beyond += [] if number["most"] is None else [1.01 * number["most"]]
+            for wrong in (*beyond, "1", None, True):
+                yield field, wrong, wrap({**part, field: wrong})
+        elif isinstance(value, dict):
+            yield from wrong_numbers(
+                value, value["is"], lambda inner, field=field: wrap({**part, field: inner})
+            )
+        elif isinstance(value, list) and isinstance(value[0], dict):
+            for k in {each["is"]: k for k, each in enumerate(value)}.values():
+                yield from wrong_numbers(
+                    value[k], value[k]["is"],
+                    lambda inner, field=field, value=value, k=k: wrap(
+                        {**part, field: [*value[:k], inner, *value[k + 1 :]]}
+                    ),
+                )  # fmt: skip
+
+
+def test_every_limit_of_a_robot_file_is_that_of_python():
+    """Each number beyond its limits is refused by both, by the name of its entry."""
+    of_plates = replace(
+        ZOO["klann"](2), motor=MOTORS["mx_106"], pad_compliance=Compliance(3e4, 9.0)
+    )
+    files = [*wrong_numbers(as_file(ROBOTS["paper"]())), *wrong_numbers(as_file(of_plates))]
+    for rule in (
+        {"motor": {"is": "Motor", "no_load_speed": 3.0}},
+        {"motor": {"is": "Motor", "gear_ratio": 1e4, "rotor_inertia": 1.0}},
+        {"pad_compliance": {"is": "Compliance", "damping": 1.0}},
+        {"pad_compliance": {"is": "Compliance", "tangential_stiffness": 1e4}},
+    ):
+        ((_, part),) = rule.items()
+        files.append(([*part][1], None, {**as_file(ROBOTS["paper"]()), **rule}))
+    foot = {**as_file(ROBOTS["paper"]())["bodies"][7], "gamma": 5.0}
+    paper = as_file(ROBOTS["paper"]())
+    files.append(("gamma", None, {**paper, "bodies": [*paper["bodies"][:7], foot]}))
+    assert len(files) > 150
+    told = in_node([content for *_, content in files])["tables"]
+    for (field, wrong, content), message in zip(files, told, strict=True):
+        may_be_left_out = wrong is None and field.startswith("tangential")
+        if not may_be_left_out:
+            with pytest.raises(ValueError):
+                robot_from_json(content)
+        assert isinstance(message, str) and field in message, (field, wrong, message)
+
+
+def test_what_a_robot_file_leaves_out_is_as_in_python():
+    """The page has the same defaults: those of Python's dataclasses."""
+    paper = as_file(ROBOTS["paper"]())
+    bare = {"format": paper["format"], "is": "Robot"}
+    feet = {"is": "Compliance", "stiffness": 3e4, "damping": 20.0}
+    files = [bare, {**paper, "pad_compliance": feet}, {**bare, "motor": {"is": "Motor"}}]
+    for content, told in zip(files, in_node(files)["tables"], strict=True):
+        assert np.array_equal(
+            numbers(told[0]), compile_robot(robot_from_json(content)).body.ravel()
+        )
 
 
 def test_a_dropped_robot_file_walks(open_window, tmp_path):
@@ -117,8 +207,10 @@ def test_a_dropped_robot_file_walks(open_window, tmp_path):
     until(page, lambda: page.input_value("#robot") == "my_klann")
     page.keyboard.press("p")
     until(page, lambda: score(page, "time") > 0.5)
-    page.evaluate(drop, ["x.json", '{"format": "jansen_env robot 1", "is": "Robot"}'])
-    reads(page, "message", "write it with write_robot")
+    paper = as_file(ROBOTS["paper"]())
+    paper["bodies"][1]["mass"] = -1.0
+    page.evaluate(drop, ["x.json", json.dumps(paper)])
+    reads(page, "message", r"bodies\[1\].mass must be above 0 and at most 1e\+06, got -1")
     assert page.input_value("#robot") == "my_klann"
 
 

@@ -224,7 +224,7 @@ def check_picture(env, told):
     task = env.task
     scene = scene_of_robot(task.scene(0)["robot"], float(task.world.weight[0]))
     frame, pose = env.task.frame(0), told["pose"]
-    for key in ("skeleton", "plates", "crank", "legs", "toes", "payload", "weight"):
+    for key in ("style", "bodies", "phases", "toes", "payload", "weight"):
         assert told["scene"][key] == json.loads(json.dumps(scene[key])), key
     joints = world_joints(env.robot, frame.q)
     assert np.allclose(pose["joints"], joints.ravel(), rtol=0.0, atol=1e-12)

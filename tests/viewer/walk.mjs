@@ -60,8 +60,9 @@ function make(asked) {
 const made = robots.map(make);
 function tablesOf(robot) {
 	try {
-		checkRobot(engine.layout, robot);
-		const { body, pads, bearings, depths, extent, farthest, advance, height } = compileRobot(engine, robot);
+		const { name, ...content } = robot;
+		const checked = checkRobot(engine.layout, content);
+		const { body, pads, bearings, depths, extent, farthest, advance, height } = compileRobot(engine, checked);
 		return [body, pads, bearings, depths, farthest, [extent, advance, height]].map(packed);
 	} catch (error) {
 		return error.message;

@@ -2,13 +2,11 @@
 
 import base64
 import math
-from dataclasses import MISSING, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jansen_env import gravity
 from jansen_env.dynamics import reduced
 from jansen_env.engine import (
     collision,
@@ -21,9 +19,8 @@ from jansen_env.engine import (
     reduction,
     walk_reward,
 )
-from jansen_env.plants import base, batch, design_tables, grounds
-from jansen_env.robot import Bar, Compliance, Payload, Plate, Triangle, buildable, kinematics, zoo
-from jansen_env.robot.motor import Motor
+from jansen_env.plants import design_tables
+from jansen_env.robot import buildable, kinematics, links, robot, robot_file, zoo
 from jansen_env.tasks.walking import walker_env
 from jansen_env.world import push, world
 
@@ -50,19 +47,14 @@ NUMBERS = {
     kinematics: "TURN_SAMPLES",
     zoo: "HEIGHT_SAMPLES",
     design_tables: "PITCHES",
-    collision: "SPECULATIVE_MARGIN LARGEST_MARGIN MARGIN WAY_OUT",
-    grounds: "FASTEST",
-    batch: "TIME_STEP PLANES_PER_PAD",
-    base: "DEEPEST",
-    gravity: "GRAVITY",
+    collision: "SPECULATIVE_MARGIN",
     push: "MOST_PUSHES",
     walker_env: "FASTEST_COMMAND",
     world: "TOUCHING SLIPPING",
+    robot: "LONGEST MOST_PADS",
 }
 OF_PAGES = (pcg64,)
 """Modules of the engine that only pages call; importing a module registers its kernels."""
-PARTS = (Bar, Triangle, Plate, Payload, Motor, Compliance)
-"""Parts of robot files whose values kernels read by name."""
 
 
 def engine_of_page() -> Json:
@@ -84,32 +76,16 @@ def engine_layout() -> Json:
         "numbers": {n: getattr(part, n) for part, names in NUMBERS.items() for n in names.split()},
         "expansion": packed(reduced._expansion(), "<f8"),
         "links": link_shapes.KINDS,
-        "jointsOf": {"Bar": 2, "Triangle": 3},
-        "parts": {kind.__name__: _defaults(kind) for kind in PARTS},
+        "jointsOf": {kind.__name__: kind.JOINTS for kind in (links.Bar, links.Triangle)},
+        "format": robot_file.FORMAT,
+        "schema": robot_file.file_schema(),
         "build": values_of(buildable.build_row()[0]),
-    }
-
-
-def _defaults(kind: type) -> Json:
-    """Return the values that a part of a robot has if its robot file leaves them out.
-
-    None stands for infinity.
-    """
-    return {
-        field.name: 0.0 if field.default is MISSING else _finite(field.default)
-        for field in fields(kind)
-        if field.name != "points"
     }
 
 
 def packed(values: ArrayLike, dtype: str) -> str:
     """Return numbers as an array of a dtype, encoded in base64."""
     return base64.b64encode(np.ascontiguousarray(values, dtype).tobytes()).decode()
-
-
-def _finite(value: Any) -> Any:
-    """Return a value, or None if it is infinite."""
-    return None if value is None or value == math.inf else value
 
 
 def values_of(row: np.void) -> Json:

@@ -3,32 +3,43 @@
 Colours, widths and meaning are those of :mod:`jansen_env.rendering`.
 """
 
-from jansen_env.rendering import depths_of, reach_of
+from jansen_env import rendering
+from jansen_env.rendering import reach_of
 from jansen_env.robot import Robot
-from jansen_env.robot.linkage import CRANK, FRAME
+
+STYLE = {
+    "arrowPerWeight": rendering.ARROW_PER_WEIGHT,
+    "arrowPerReach": rendering.ARROW_PER_REACH,
+    "longestArrow": rendering.LONGEST_ARROW,
+    "largestPayload": rendering.LARGEST_PAYLOAD,
+}
+"""Sizes of what is drawn beside the links."""
 
 
 def scene_of_robot(robot: Robot, weight: float) -> dict[str, object]:
     """Scene of a robot of a ``weight``, N: what does not change while it moves.
 
     Returns:
-        ``joints``: names of a leg's; ``frame``: its edges as pairs of indices of joints; ``crank``:
-        its edges, the first from the axis on; ``skeleton``: edges of the other bodies; ``plates``:
-        corners of those with more than two; ``legs``: for each its ``depth`` (0 the nearest, 1 the
-        farthest); ``toes``: leg and joint of each; ``padRadius`` m; ``reach`` m, of the farthest
-        joint from the crank axis; ``weight`` N; ``payload``: ``mass`` kg and ``x``, ``y`` m in the
-        chassis frame, or None.
+        A dictionary with these entries.
+
+        - ``style``: :data:`STYLE`.
+        - ``joints``: Names of a leg's joints.
+        - ``bodies``: Joints of each body as indices, the frame's and the crank's first.
+        - ``phases``: Phase of each leg, in rad.
+        - ``toes``: Leg and joint of each toe.
+        - ``padRadius``: Radius of the pads, in m.
+        - ``reach``: Distance of the farthest joint from the crank axis, in m.
+        - ``weight``: In N.
+        - ``payload``: ``mass`` in kg, and ``x`` and ``y`` in m in the chassis frame, or None.
     """
     linkage, load, payload = robot.linkage, robot.payload, None
     if load.mass > 0.0:
         payload = {"mass": load.mass, "x": load.position[0], "y": load.position[1]}
     return {
+        "style": STYLE,
         "joints": linkage.joints,
-        "frame": linkage.edges[FRAME - 1],
-        "crank": linkage.edges[CRANK - 1],
-        "skeleton": [edge for edges in linkage.edges[CRANK:] for edge in edges],
-        "plates": [joints for joints in linkage.members[CRANK:] if len(joints) > 2],
-        "legs": [{"depth": depth} for depth in depths_of(robot)],
+        "bodies": linkage.members,
+        "phases": [leg.phase for leg in robot.legs],
         "toes": robot.toes,
         "padRadius": robot.pad_radius,
         "reach": reach_of(robot),

@@ -4,12 +4,10 @@
 // What is here makes their arguments. Metres, radians, seconds, newtons.
 
 import { lineOf } from "./ground.js";
-import { compileRobot, Leg, padsOf, putMachine } from "./robot.js";
-import { sceneOf } from "./scene.js";
+import { compileRobot, Leg, padsOf, putMachine, whole } from "./robot.js";
+import { AIR, GRIP, SLIP, sceneOf } from "./scene.js";
 
 const INFINITE = Number.POSITIVE_INFINITY;
-const [AIR, GRIP, SLIP] = [0, 1, 2]; // what a toe does
-const DELAYED = 2; // torques that are kept
 
 const numbered = (count, make) => Array.from({ length: count }, (_, i) => make(i));
 
@@ -35,33 +33,40 @@ export class Machine {
     this.makeRecord();
     this.makeMachine();
     this.makeEpisode();
-    const { mass: payload, position } = robot.payload;
-    const [payload_x, payload_y] = position;
-    const { friction, restitution } = { ...layout.ground, ...terrain };
-    const nominal = { friction, restitution, payload, payload_x, payload_y, noise_level: 0 };
-    this.parameters = { ...layout.nominal, ...nominal };
-    this.apply(this.checked({ friction, restitution }));
-    this.longest = this.numbers.TIME_STEP;
+    this.parameters = this.nominal({ ...layout.ground, ...terrain });
+    const { friction, restitution } = this.parameters;
+    this.change({ friction, restitution });
     this.reset();
+  }
+
+  /** Return the parameters that change nothing: numbers, or where robot or terrain have them. */
+  nominal(terrain) {
+    const { layout, robot } = this;
+    const given = { robot: { ...robot, payload: whole(layout, robot.payload) }, terrain };
+    const found = (path) => path.split(".").reduce((part, name) => part[name], given);
+    return Object.fromEntries(
+      Object.entries(layout.nominal).map(([name, value]) => {
+        return [name, typeof value === "string" ? found(value) : value];
+      }),
+    );
   }
 
   /** The robot's tables and its ground: `Designs` of engine/records.py. */
   makeDesigns() {
     const { memory, layout, toes, line, leg } = this;
-    const { INTERVALS, ORDER, TIME_STEP: time_step, PLANES_PER_PAD } = this.numbers;
+    const { INTERVALS, ORDER } = this.numbers;
     const { body, pads, bearings, depths } = this.tables;
     const filled = (values, ...shape) => memory.filled("f8", values, ...shape);
     this.pads = filled(pads, 1, leg.pads.shape[0], INTERVALS, ORDER, 3);
     const [rows, sides] = padsOf(memory, leg);
     const padCount = rows.length;
+    const sizeOf = ([base, perPad]) => base + perPad * padCount;
     this.padLayout = memory.array("PAD", 1, padCount);
     for (const [k, row] of rows.entries()) this.padLayout.write(row, k);
     this.surface = memory.rows("f8", line);
-    const capacity = PLANES_PER_PAD * padCount;
+    const capacity = sizeOf(layout.capacity);
     this.world = memory.array("WORLD", 1);
-    const { stride, steps, period } = layout;
-    const compiled = { is_walk: 1, is_whole: 1 };
-    this.world.write({ time_step, stride, toes, capacity, steps, period, ...compiled });
+    this.world.write({ ...layout.world, toes, capacity });
     this.designs = [
       this.world,
       filled(body, 1, INTERVALS, ORDER, body.length / (INTERVALS * ORDER)),
@@ -75,9 +80,7 @@ export class Machine {
     this.planes = memory.array("PLANE", capacity);
     this.centres = memory.array("f8", Math.max(padCount, toes + 1), 2);
     this.flags = memory.array("b1", 2);
-    const at = layout.workSpace.map(({ type, shape }) =>
-      memory.array(type, ...shape.map(([base, perPlane, perPad]) => base + perPlane * capacity + perPad * padCount)),
-    ); // biome-ignore format: long
+    const at = layout.workSpace.map(({ type, shape }) => memory.array(type, ...shape.map(sizeOf)));
     this.scratch = [...at, this.flags];
     this.rows = memory.array("i8", 1);
     this.shares = memory.array("i8", 2, 2);
@@ -88,14 +91,14 @@ export class Machine {
 
   /** The record, all that the future depends on: `record_dtype` of engine/records.py. */
   makeRecord() {
-    const { memory, toes, padLayout, numbers } = this;
+    const { memory, layout, toes, padLayout, numbers } = this;
     const parts = {
       robots: ["ROBOT", 1],
       slip: ["f8", 1, toes],
       force: ["f8", 1, toes, 2],
       loads: ["f8", 1, toes],
       statistics: ["STATISTICS", 1, padLayout.length],
-      torques: ["f8", 1, DELAYED],
+      torques: ["f8", 1, layout.delayed],
       schedule: ["f8", 1, numbers.MOST_PUSHES, 3],
       walk: ["WALK", 1],
     };
@@ -105,30 +108,36 @@ export class Machine {
     this.record = () => new Uint8Array(memory.buffer, begin, this.recordEnd - begin);
     this.recordEnd = memory.end;
     this.states = this.robots.field("state");
-    const status = { margin: numbers.SPECULATIVE_MARGIN, end_vertex: this.line.length };
-    this.robots.write({ status: { ...status, asked_x: INFINITE }, random_pushes: 0 });
+    const { length } = this.line; // the robot may be anywhere on its ground
+    const ground = { first_near: 0, end_near: length, end_vertex: length, room: layout.room };
+    this.robots.write({ status: { ...ground, margin: numbers.SPECULATIVE_MARGIN } });
     this.motions = [this.robots, this.statistics, this.slip, this.force];
   }
 
   /** What the robot is without parameters: `MACHINE` of engine/records.py. */
   makeMachine() {
-    const { memory, tables, leg } = this;
+    const { memory, tables } = this;
     const { advance, farthest } = tables;
     this.machine = memory.array("MACHINE", 1);
-    putMachine(memory, leg, this.machine);
     this.machine.write({ advance, centre: farthest.slice(0, 2), pad: farthest.slice(2) });
-    const { links_mass, torque_limit, nominal } = this.machine.read();
+    this.putRobot();
+    const { links_mass, torque_limit } = this.machine.read();
     Object.assign(this, { linksMass: links_mass, torqueLimit: torque_limit });
-    this.machine.write({
-      nominal: { ...nominal, gravity_y: -this.numbers.GRAVITY, steepest: this.steepest },
-    });
   }
 
-  /** Change the robot's payload. */
-  load(payload) {
-    this.robot = { ...this.robot, payload: { ...this.robot.payload, ...payload } };
-    const { nominal } = this.machine.read();
-    this.machine.write({ nominal: { ...nominal, load_inertia: this.robot.payload.inertia } });
+  putRobot() {
+    const { memory, layout, leg, robot, machine, steepest } = this;
+    putMachine(memory, leg, robot, machine);
+    const [gravity_x, gravity_y] = layout.gravity;
+    const { nominal } = machine.read();
+    machine.write({ nominal: { ...nominal, gravity_x, gravity_y, steepest } });
+  }
+
+  /** Change the robot's payload to another one of a mass, kg. */
+  load(mass) {
+    const payload = { is: "Payload", mass };
+    this.robot = { ...this.robot, payload: { ...payload, ...whole(this.layout, payload) } };
+    this.putRobot();
   }
 
   /** Task and observation: `Episodes` and `Observing` of engine/episode.py. */
@@ -136,74 +145,57 @@ export class Machine {
     const { memory, layout, walk, loads, torques, schedule } = this;
     const task = layout.tasks[this.toes];
     this.observed = task.observed;
-    const count = task.observed.length;
-    const filled = (type, values, ...axes) =>
-      Array.isArray(values[0]) ? memory.rows(type, values) : memory.filled(type, values, ...axes);
     const [settings, push] = [memory.array("SETTINGS", 1), memory.array("PUSHES", 1)];
     settings.write(layout.settings);
     push.write(layout.push);
     this.episodes = [walk, loads, torques, schedule, push, settings];
-    this.out = memory.array("f4", 1, count);
-    this.known = memory.filled("i8", [-1]);
+    const made = Object.entries(task.observing).map(([name, { type, shape, values }]) => [
+      name,
+      values ? memory.filled(type, values, ...shape) : memory.array(type, ...shape),
+    ]);
+    this.observing = made.map(([, array]) => array);
+    const { observation, known } = Object.fromEntries(made);
+    Object.assign(this, { out: observation, known });
     this.actions = memory.array("f8", 1, 1);
     this.angles = memory.array("f8", 1);
-    this.observing = [
-      this.out,
-      memory.filled("f8", layout.scan),
-      filled("i8", task.columns),
-      filled("i8", task.taskColumns),
-      filled("i8", task.onboardColumns),
-      memory.array("f4", 0, 0, 0, 0),
-      filled("f8", task.deviation),
-      filled("i8", task.speeds),
-      filled("i8", task.angles),
-      filled("f4", task.low),
-      filled("f4", task.high),
-      this.known,
-      memory.array("f8", 1, count),
-      memory.array("f8", 1, count),
-      memory.array("f8", 1, 2),
-      memory.array("f4", 1, count),
-    ];
   }
 
   // Parameters.
 
-  /** Changes as numbers for `parameters`; throws if one is out of range. */
+  /** Return changes with what follows from them; throw an error if one is out of its limits. */
   checked(changes) {
-    const { layout, robot } = this;
+    const { layout } = this;
     for (const [name, value] of Object.entries(changes)) {
-      const limits = layout.limits[name];
-      if (!limits) throw new Error(`${name} cannot be changed`);
-      const [least, most] = limits;
-      if (!(value >= least && value <= most))
-        throw new Error(`${name} is ${value}, must be between ${least} and ${most}`);
+      const row = layout.parameters[name];
+      if (!row) throw new Error(`${name} cannot be changed`);
+      if (!(value >= row.least && value <= row.most))
+        throw new Error(`${name} must be between ${row.least} and ${row.most}, got ${value}`);
     }
-    const numbers = { ...changes };
-    if ("payload" in numbers) Object.assign(numbers, { payload_x: 0, payload_y: 0 });
-    const wanted = { ...this.parameters, ...numbers };
-    const { stiffness = INFINITE } = robot.pad_compliance;
-    if (wanted.restitution > 0 && stiffness < INFINITE)
-      throw new Error(`restitution is ${wanted.restitution}, must be 0 with compliant pads`);
-    const mass = wanted.mass_scale * this.linksMass + wanted.payload;
-    const upright = this.memory.directions([wanted.tilt])[0][0];
-    const gravity = this.numbers.GRAVITY * wanted.gravity_scale * upright;
-    const depth = (0.5 * mass * gravity) / (wanted.foot_stiffness_scale * stiffness); // at rest
-    if (depth > this.numbers.DEEPEST)
-      throw new Error(`payload is ${wanted.payload} kg, which these feet are too soft to carry`);
-    return numbers;
+    const following = Object.keys(changes).map((name) => layout.parameters[name].sets);
+    return Object.assign({}, ...following, changes);
+  }
+
+  /** Throw an error if the robot cannot have its present parameters. */
+  checkFeet() {
+    const { layout, parameters } = this;
+    const { nominal } = this.machine.read();
+    for (const [name, { idle, zeroWhere }] of Object.entries(layout.parameters))
+      if (nominal[zeroWhere] && parameters[name] !== 0)
+        throw new Error(`${name} must be 0 with ${idle}, got ${parameters[name]}`);
+    const before = this.record().slice();
+    const tooSoft = this.stand() >= 0;
+    this.record().set(before);
+    if (tooSoft)
+      throw new Error(`payload must be less: ${parameters.payload} kg are too much for these feet`);
   }
 
   /** Apply checked parameters. */
   apply(changes) {
-    const { memory, parameters, rows, world, machine, robots } = this;
+    const { memory, layout, parameters, rows, world, machine, robots } = this;
     Object.assign(parameters, changes);
-    if ("payload" in changes) {
-      this.load({ mass: changes.payload, inertia: 0, position: [0, 0] });
-    }
+    if ("payload" in changes) this.load(changes.payload);
     robots.write({ parameters });
-    const { GRAVITY } = this.numbers;
-    const gravity = [0, -GRAVITY, GRAVITY];
+    const { gravity } = layout;
     memory.call("episode_apply_parameters", rows, gravity, INFINITE, world, machine, robots);
   }
 
@@ -211,12 +203,17 @@ export class Machine {
   change({ command, ...changes }) {
     const most = this.numbers.FASTEST_COMMAND;
     if (command !== undefined && !(Math.abs(command) <= most))
-      throw new Error(`command is ${command}, must be between ${-most} and ${most}`);
+      throw new Error(`command must be between ${-most} and ${most}, got ${command}`);
     const numbers = this.checked(changes);
-    if (Object.keys(numbers).length > 0) this.apply(numbers);
-    if (["friction", "restitution", "payload"].some((name) => name in numbers)) {
-      this.robots.write({ status: { asked_x: INFINITE } }); // as for a new ground or robot
-      this.askGround();
+    if (Object.keys(numbers).length > 0) {
+      const before = this.snapshot();
+      try {
+        this.apply(numbers);
+        this.checkFeet();
+      } catch (error) {
+        this.restore(before);
+        throw error;
+      }
     }
     if (numbers.noise_level > 0 && !this.noisy) this.measure();
     if (command === undefined) return;
@@ -250,7 +247,6 @@ export class Machine {
     const { memory, rows, world, machine, motions, episodes, states, robots, walk } = this;
     this.place(crankAngle);
     states.view[7] = crankSpeed;
-    this.askGround();
     this.pushes = [];
     this.noisy = this.parameters.noise_level > 0;
     robots.write({ seed: BigInt(noiseSeed), scheduled: 0 });
@@ -262,27 +258,27 @@ export class Machine {
 
   /** Lower it onto the ground, and look one time step ahead. */
   place(crankAngle) {
-    const { memory, states, planes, rows } = this;
-    states.view[0] = 0;
-    this.askGround();
+    const { memory, rows } = this;
     this.angles.view[0] = crankAngle;
-    const where = [rows, this.angles, 0, Number.NaN];
-    memory.call("placement_place", where, this.designs, this.motions, this.centres, planes);
+    this.stand();
+    this.askGround();
     this.shares.view.set([0n, 1n, 0n, 0n]);
     const share = [0, this.shares, 1, rows, 1, 1];
     const kernelArguments = [share, this.still, this.noPushes, this.trace, this.scratch];
     memory.call("integrator_advance", kernelArguments.flat(2), this.designs, this.motions);
   }
 
+  /** Put it at x = 0 on its lowest toes; return -1, or do nothing where its feet are too soft. */
+  stand() {
+    const { memory, rows, angles, designs, motions, centres, planes } = this;
+    const where = [rows, angles, 0, Number.NaN];
+    return memory.call("placement_place", where, designs, motions, centres, planes);
+  }
+
   /** Hold an action, -1 to 1, for a control step. */
   step(action) {
-    if (!Number.isFinite(action)) throw new Error(`action is ${action}, must be finite`);
-    const { memory, layout, rows, episodes, observing, pushes } = this;
-    if (layout.period > this.longest) {
-      this.longest = layout.period;
-      this.robots.write({ status: { asked_x: INFINITE } });
-      this.askGround();
-    }
+    if (!Number.isFinite(action)) throw new Error(`action must be finite, got ${action}`);
+    const { memory, rows, episodes, observing, pushes } = this;
     this.robots.write({ scheduled: pushes.length });
     this.schedule.view.set(pushes.flat());
     this.actions.view[0] = action;
@@ -313,39 +309,29 @@ export class Machine {
 
   /** Push the chassis at the crank axis from now on by an impulse, N s: world/push.py. */
   push(x, y) {
-    const { layout, numbers } = this;
-    if (!Number.isFinite(x + y)) throw new Error(`impulse is ${x}, ${y}, must be finite`);
-    const left = this.pushes.filter(([start]) => start + layout.push.duration > this.time);
-    if (left.length === numbers.MOST_PUSHES) throw new Error("there are too many pushes");
-    this.pushes = [...left, [this.time, x, y]];
+    if (!Number.isFinite(x + y)) throw new Error(`impulse must be finite, got ${x}, ${y}`);
+    this.pushes = [...this.pushes, [this.time, x, y]].slice(-this.numbers.MOST_PUSHES);
   }
 
-  /** Find the stretch of ground that can be reached, where it has moved by the margin. */
+  /** Note where the robot is: the kernels allow it a certain way from there in a step. */
   askGround() {
-    const { layout, line, states, robots } = this;
-    const [x] = states.view;
-    const { asked_x, pad_radius } = robots.read(0, "status");
-    const { MARGIN, FASTEST, WAY_OUT, LARGEST_MARGIN } = layout.numbers;
-    if (Math.abs(x - asked_x) <= MARGIN) return;
-    const room = MARGIN + FASTEST * this.longest;
-    const reach = room + this.tables.extent + pad_radius + Math.max(WAY_OUT, LARGEST_MARGIN);
-    const [first_near, last] = stretchAround(line, x - reach, x + reach);
-    robots.write({ status: { first_near, end_near: last + 1, asked_x: x, room } });
+    this.robots.write({ status: { asked_x: this.states.view[0] } });
   }
 
   /** All that the future depends on. */
   snapshot() {
-    const { parameters, robot, pushes, longest, noisy } = this;
-    const kept = { parameters: { ...parameters }, robot, pushes, longest, noisy };
-    return { ...kept, record: this.record().slice(), out: this.out.bytes.slice() };
+    const { parameters, robot, pushes, noisy, machine } = this;
+    const kept = { parameters: { ...parameters }, robot, pushes, noisy };
+    const bytes = [this.record(), this.out.bytes, machine.bytes].map((each) => each.slice());
+    return { ...kept, bytes };
   }
 
   /** Continue from a snapshot of this machine. */
-  restore({ record, out, parameters, ...kept }) {
+  restore({ bytes: [record, out, machine], parameters, ...kept }) {
     this.record().set(record);
     this.out.bytes.set(out);
+    this.machine.bytes.set(machine);
     Object.assign(this, kept, { parameters: { ...parameters } });
-    this.load(this.robot.payload);
   }
 
   // Questions.
@@ -405,16 +391,11 @@ export class Machine {
   /** What stays the same while it walks: geometry.py, scene_of_robot. */
   get scene() {
     const { robot, weight, line, tables } = this;
-    return { ...sceneOf(robot, tables.extent), weight, terrain: line, speedUnit: "m/s" };
+    return {
+      ...sceneOf(robot, tables.extent, this.layout.style),
+      weight,
+      terrain: line,
+      speedUnit: "m/s",
+    };
   }
-}
-
-/** Return the first and last vertex of a height line around two x: find_stretch of grounds.py. */
-function stretchAround(line, left, right) {
-  const count = line.length;
-  const beyond = line.findIndex(([x]) => x > left);
-  const at = line.findIndex(([x]) => x >= right);
-  const first = Math.min(Math.max((beyond < 0 ? count : beyond) - 1, 0), count - 2);
-  const last = Math.max(Math.min(at < 0 ? count : at, count - 1), first + 1);
-  return [first, last];
 }

@@ -6,58 +6,131 @@
 import { numbersOf } from "./engine.js";
 
 export const TURN = 2 * Math.PI;
-const FORMAT = "jansen_env robot 1";
-const FIELDS = [
-  "linkage",
-  "bodies",
-  "legs",
-  "damping",
-  "bearing_friction",
-  "payload",
-  "motor",
-  "pad_compliance",
-];
-// Fields that a linkage must have.
-const FILLED = ["bodies", "dyads", "toes", "joints", "damped", "bearings", "pads"];
+const LONGEST = 60; // characters of a value in a message
 const REACH = 2; // number of rows (c, p) and of columns (|c|, |c'|) of `farthest`
 const OPEN = 3; // numbers that describe a dyad that does not close: index of the angle, span, leg
 
-/** Return a part of a robot file with the defaults of all numbers that the file leaves out. */
-function whole({ parts }, { is, ...given }) {
-  const defaults = Object.entries(parts[is]).map(([name, value]) => [name, value ?? Infinity]);
-  return { ...Object.fromEntries(defaults), ...given };
+/** Return the fields of a part of a robot file, with the defaults of those that it leaves out. */
+export function whole({ schema }, { is, ...given }) {
+  const { fields } = schema[is];
+  const numberOf = (name) => {
+    const { default: value } = fields[name];
+    if (name in given) return given[name];
+    return value?.as ? numberOf(value.as) : (value ?? Number.POSITIVE_INFINITY);
+  };
+  return Object.fromEntries(Object.keys(fields).map((name) => [name, numberOf(name)]));
 }
 
-/** Throw an error if the content of a file is not a robot that this page can compile. */
-export function checkRobot(layout, robot) {
-  for (const wrong of faultsOf(layout, robot))
+/**
+ * Return the robot of a file, with the defaults of what the file leaves out. Throw an error if it is
+ * not a robot that this page can compile. `layout.schema` has the limits: robot_file.py documents it.
+ */
+export function checkRobot(layout, content) {
+  for (const wrong of faultsOf(layout, content))
     if (wrong) throw new Error(`This robot file cannot be used on this page: ${wrong}.`);
+  const { format, ...robot } = content;
+  return { format, ...completed(layout, robot) };
+}
+
+/** Return a value of a robot file with all defaults; infinite ones stay left out. */
+function completed(layout, value) {
+  if (Array.isArray(value)) return value.map((each) => completed(layout, each));
+  if (!value?.is) return value;
+  const fields = Object.entries(whole(layout, value)).filter(
+    ([, each]) => each !== Number.POSITIVE_INFINITY,
+  );
+  const all = fields.map(([name, each]) => [name, completed(layout, each)]);
+  return { is: value.is, ...Object.fromEntries(all) };
 }
 
 /** Check the content of a file; for each check, yield what is wrong, or a falsy value. */
-function* faultsOf(layout, robot) {
-  yield robot?.format !== FORMAT && `its format is not "${FORMAT}"`;
+function* faultsOf(layout, content) {
+  const { schema, numbers, format, tasks } = layout;
+  yield content?.format !== format && `its format is not "${format}"`;
+  const { format: _, ...robot } = content;
   yield robot.is !== "Robot" && `it describes a ${robot.is}, not a Robot`;
-  const missing = FIELDS.find((name) => !robot[name]);
-  yield missing && `it has no "${missing}"; write it with write_robot`;
-  const {
-    linkage,
-    bodies,
-    legs,
-    damping,
-    bearing_friction: friction,
-    pad_compliance: pads,
-  } = robot;
-  const lost = FILLED.find((name) => !linkage[name]);
-  yield lost && `its linkage has no "${lost}"; write it with write_robot`;
-  const half = "stiffness" in pads !== "tangential_stiffness" in pads;
-  yield half && "its pads have only one of two stiffnesses; write it with write_robot";
+  yield* faultsOfValue(schema, { parts: ["Robot"] }, robot, "");
+  const { linkage, bodies, legs, damping, bearing_friction: friction } = completed(layout, robot);
   yield* faultsOfLinkage(layout, linkage, bodies);
   const pairs = [damping.length, friction.length];
   const isOf = pairs[0] === linkage.damped.length && pairs[1] === linkage.bearings.length;
   yield !isOf && "its damping or friction does not fit its linkage";
+  yield legs.length === 0 && "it has no legs";
+  yield (legs[0].phase ?? 0) !== 0 && `legs[0].phase must be 0, got ${legs[0].phase}`;
   const toes = legs.length * linkage.toes.length;
-  yield !(toes in layout.tasks) && `it has ${toes} toes, which this page does not support`;
+  yield !(toes in tasks) && `it has ${toes} toes, which this page does not support`;
+  const pads = legs.length * (linkage.toes.length + linkage.pads.length);
+  const most = numbers.MOST_PADS;
+  yield pads > most && `its legs must have at most ${most} pads in all, got ${pads}`;
+}
+
+/** Check a value of a robot file by its kind; `name` says where it stands in the file. */
+function* faultsOfValue(schema, kind, value, name) {
+  const { parts, each, row } = kind;
+  const allowed = refused(kind, value);
+  yield allowed && `${name} must be ${allowed}, got ${shown(value)}`;
+  if (parts) yield* faultsOfPart(schema, value, name && `${name}.`);
+  if (each ?? row)
+    for (const [k, entry] of value.entries())
+      yield* faultsOfValue(schema, each ?? row[k], entry, `${name}[${k}]`);
+}
+
+/** Return what is allowed instead of a value, leaving its own entries aside; "" if it is allowed. */
+function refused(kind, value) {
+  const [[name, given]] = Object.entries(kind);
+  return CHECKS[name](given, value) ? "" : ALLOWED[name](given);
+}
+
+const CHECKS = {
+  number: isWithin,
+  type: (type, value) => (type === "whole" ? Number.isInteger(value) : typeof value === type),
+  one: (values, value) => values.includes(value),
+  parts: (names, value) => names.includes(value?.is),
+  each: (_, value) => Array.isArray(value),
+  row: (kinds, value) => Array.isArray(value) && value.length === kinds.length,
+};
+const ALLOWED = {
+  number: ({ allowed }) => allowed,
+  type: (type) => `a ${type}${type === "whole" ? " number" : ""}`,
+  one: (values) => `one of ${values.join(", ")}`,
+  parts: (names) => `a ${names.join(" or a ")}`,
+  each: () => "a list",
+  row: (kinds) => `a list of ${kinds.length}`,
+};
+
+const shown = (value) => String(JSON.stringify(value)).slice(0, LONGEST);
+
+/** Check the fields of a part of a robot file, and the rules for several of them. */
+function* faultsOfPart(schema, { is, ...given }, start) {
+  const { fields, rules } = schema[is];
+  for (const name of Object.keys(given))
+    yield !Object.hasOwn(fields, name) && `${start}${name} is no field of a ${is}`;
+  for (const [name, { kind, default: value }] of Object.entries(fields))
+    if (name in given) yield* faultsOfValue(schema, kind, given[name], start + name);
+    else yield value === undefined && `${start}${name} is missing; write it with write_robot`;
+  const numbers = whole({ schema }, { is, ...given });
+  for (const rule of rules) yield faultOfRule(rule, numbers, start);
+}
+
+function faultOfRule({ sum, product, number, with: field, finite: other }, numbers, start) {
+  if (field) {
+    const counts = Number.isFinite(numbers[field]) && numbers[field] !== 0;
+    return (
+      counts &&
+      numbers[other] === Number.POSITIVE_INFINITY &&
+      `${start}${field} must stand with ${other}`
+    );
+  }
+  const values = (sum ?? product).map((name) => numbers[name]);
+  const total = values.reduce((a, b) => (sum ? a + b : a * b));
+  const names = (sum ?? product).join(sum ? " + " : " * ");
+  return !isWithin(number, total) && `${start}${names} must be ${number.allowed}, got ${total}`;
+}
+
+function isWithin({ least, most, above }, value) {
+  if (!Number.isFinite(value)) return false;
+  const isHigh = least === null || value > least || (!above && value === least);
+  return isHigh && (most === null || value <= most);
 }
 
 function* faultsOfLinkage({ jointsOf }, linkage, bodies) {
@@ -78,13 +151,14 @@ function* faultsOfLinkage({ jointsOf }, linkage, bodies) {
   const all = named.flat().flatMap((each) => [...each]);
   yield !all.every(isJoint) && "it names a joint that its linkage does not have";
   const numbers = [...linkage.damped, ...linkage.bearings, ...linkage.pads.map(([, k]) => [k])];
-  const isBody = (number) => Number.isInteger(number) && number >= 1 && number <= bodies.length;
+  const isBody = (number) => number >= 1 && number <= bodies.length;
   yield !numbers.flat().every(isBody) && "it refers to a body that its linkage does not have";
   const known = new Set([...letters[0], ...letters[1]]);
-  for (const [joint, start, end] of dyads) {
+  for (const [joint, start, end, branch] of dyads) {
     const between = (a) => letters.find((each) => each.includes(a) && each.includes(joint));
     const found = [start, end].every((each) => known.has(each) && between(each));
     yield !found && `its dyads do not locate joint ${joint}`;
+    yield Math.abs(branch) !== 1 && `the branch of joint ${joint} must be 1 or -1, got ${branch}`;
     for (const letter of between(start) + between(end)) known.add(letter);
   }
   yield known.size !== joints.length && "its dyads do not locate all joints";
@@ -111,7 +185,8 @@ export function linksOf(memory, { linkage, bodies }) {
 /** Return a link of a robot file from its row in the kernels' arrays. */
 export function linkOf(links, points, k, { is, points: places }) {
   const row = links.read(k);
-  const names = Object.keys(links.memory.layout.parts[is]);
+  const { fields } = links.memory.layout.schema[is];
+  const names = Object.keys(fields).filter((name) => name in row);
   const numbers = Object.fromEntries(names.map((name) => [name, row[name]]));
   if ("outward" in numbers) numbers.outward = row.outward === 1;
   if (!places) return { is, ...numbers };
@@ -216,6 +291,7 @@ export function compileRobot({ work }, robot) {
 
 function compileIn(memory, leg) {
   const { layout } = memory;
+  checkReach(leg);
   const { SAMPLES, HARMONICS, INTERVALS, ORDER, BEARING_SAMPLES, TAIL_TOLERANCE } = layout.numbers;
   const { linkage, damping, bearing_friction: friction } = leg.robot;
   const turn = (count) => {
@@ -263,6 +339,21 @@ function compileIn(memory, leg) {
   const numbers = out.map((table) => table.view.slice());
   const reach = reachOf(memory, leg, body.at(0), tables);
   return { body: numbers[0], pads: numbers[1], bearings: numbers[2], ...walk, ...reach };
+}
+
+/** Throw an error if a joint is too far from the centre of its link. */
+function checkReach({ robot, corners, memory }) {
+  const most = memory.layout.numbers.LONGEST;
+  for (const [k, [name]] of robot.linkage.bodies.entries()) {
+    const farthest = Math.max(
+      ...corners
+        .at(k)
+        .pairs()
+        .map(([reach]) => Math.abs(reach)),
+    );
+    if (!(farthest <= most))
+      throw new Error(`${name}: a joint's distance must be at most ${most} m, got ${farthest} m`);
+  }
 }
 
 function workSpace(memory, ...counts) {
@@ -317,16 +408,16 @@ export function padsOf(memory, { legs, pads, toes, members }) {
   });
 }
 
-/** Store a robot without the parameters of an episode in a row of MACHINE. */
-export function putMachine(memory, leg, machine) {
+/** Store a robot without the parameters of an episode in a row of MACHINE; its legs are as `leg`. */
+export function putMachine(memory, leg, robot, machine) {
   const { layout } = memory;
-  const { frame_angle, pad_radius, payload, motor, pad_compliance, legs } = leg.robot;
+  const { frame_angle, pad_radius, payload, motor, pad_compliance, legs } = robot;
   memory.scratch(() => {
     const chassis = memory.array("CHASSIS", 1);
     const parts = { payload, motor, pad_compliance };
     const given = Object.entries(parts).map(([name, part]) => [name, whole(layout, part)]);
     chassis.write({ frame_angle, pad_radius, ...Object.fromEntries(given) });
-    const friction = memory.filled("f8", leg.robot.bearing_friction);
+    const friction = memory.filled("f8", robot.bearing_friction);
     const work = memory.array("f8", 2, leg.links.length + 1);
     memory.call("machines_put_machine", leg.links, legs.length, chassis, friction, work, machine);
   });

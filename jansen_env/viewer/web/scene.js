@@ -4,14 +4,9 @@
 // (geometry.py). Lengths in m, forces in N, sizes in CSS pixels.
 // `view` = {x, y, scale}: the world point in the middle of the canvas, and pixels per m.
 
-const ARROW_PER_WEIGHT = 0.25; // m of arrow for a contact force equal to the robot's weight
-const ARROW_PER_REACH = [0.1, 0.35]; // least and most of that, in shares of the robot's reach
-const LONGEST_ARROW = 2.4; // times that, so that an impact does not cross the whole picture
-const LARGEST_PAYLOAD = 0.25; // of the reach: half of the side of the box drawn for a payload
 const NOMINAL_SCALE = 325; // pixels per reach at which line widths are as they are given
 const CROWDED = 46; // pixels between marks, at least
-const AIR = 0; // what a toe does; anything else is grip
-const SLIP = 2;
+export const [AIR, GRIP, SLIP] = [0, 1, 2]; // what a toe does, as in rendering.py
 
 export const THEMES = {
   light: {
@@ -50,25 +45,15 @@ export const THEMES = {
  * Return what is drawn of a robot, the content of a robot file; geometry.py documents the fields.
  * `reach` is the distance of the farthest joint from the crank axis, in m.
  */
-export function sceneOf({ linkage, legs, pad_radius: padRadius, payload: load }, reach) {
-  const joints = linkage.bodies.map(([, each]) => [...each].map((j) => linkage.joints.indexOf(j)));
-  const edges = joints.map((each) =>
-    each.length === 2 ? [each] : each.map((joint, k) => [joint, each[(k + 1) % each.length]]),
-  );
-  const phases = legs.map(({ phase }) => (phase + 2 * Math.PI) % (2 * Math.PI));
-  const layers = [...new Set(phases)].sort((a, b) => a - b); // phase 0 is the nearest
-  const toes = [...linkage.toes].map((toe) => linkage.joints.indexOf(toe));
+export function sceneOf({ linkage, legs, pad_radius: padRadius, payload: load }, reach, style) {
+  const indicesOf = (letters) => [...letters].map((joint) => linkage.joints.indexOf(joint));
   const [x, y] = load.position;
   return {
+    style,
     joints: linkage.joints,
-    frame: edges[0],
-    crank: edges[1],
-    skeleton: edges.slice(2).flat(),
-    plates: joints.slice(2).filter((each) => each.length > 2),
-    legs: phases.map((phase) => ({
-      depth: layers.indexOf(phase) / Math.max(1, layers.length - 1),
-    })),
-    toes: legs.flatMap((_, leg) => toes.map((joint) => [leg, joint])),
+    bodies: linkage.bodies.map(([, letters]) => indicesOf(letters)),
+    phases: legs.map(({ phase }) => phase),
+    toes: legs.flatMap((_, leg) => indicesOf(linkage.toes).map((joint) => [leg, joint])),
     padRadius,
     reach,
     payload: load.mass > 0 ? { mass: load.mass, x, y } : null,
@@ -205,12 +190,11 @@ export function drawRobot(ctx, size, scene, state, view, options = {}) {
   ctx.lineJoin = "round";
   for (const { points, color } of options.paths ?? []) drawPath(brush, points, color);
   const legs = state.joints.map((joints) => joints.map(at));
-  const order = scene.legs
-    .map((_, i) => i)
-    .sort((a, b) => scene.legs[b].depth - scene.legs[a].depth);
-  for (const i of order) if (scene.legs[i].depth > 0) drawLeg(brush, legs[i], scene.legs[i].depth);
+  const depths = depthsOf(scene.phases);
+  const order = [...depths.keys()].sort((a, b) => depths[b] - depths[a]);
+  for (const i of order) if (depths[i] > 0) drawLeg(brush, legs[i], depths[i]);
   drawChassis(brush, legs, state);
-  for (const i of order) if (scene.legs[i].depth === 0) drawLeg(brush, legs[i], 0);
+  for (const i of order) if (depths[i] === 0) drawLeg(brush, legs[i], 0);
   for (const i of order)
     scene.toes.forEach(([leg, joint], toe) => {
       if (leg !== i) return;
@@ -218,6 +202,13 @@ export function drawRobot(ctx, size, scene, state, view, options = {}) {
       if (options.forces !== false) drawForce(brush, at(point), force);
       drawToe(brush, legs[leg][joint], contact);
     });
+}
+
+/** Depths of legs by their phases, from 0, the nearest, which is phase 0's, to 1, the farthest. */
+function depthsOf(phases) {
+  const turned = phases.map((phase) => (phase + 2 * Math.PI) % (2 * Math.PI));
+  const layers = [...new Set(turned)].sort((a, b) => a - b);
+  return turned.map((phase) => layers.indexOf(phase) / Math.max(1, layers.length - 1));
 }
 
 /** A theme in which a robot is but a shade of a colour. */
@@ -245,29 +236,26 @@ function drawLeg({ ctx, theme, zoom, scene }, joints, depth) {
   const [ink, fill, crank] = [theme.ink, theme.link, theme.crank].map((color) =>
     mix(color, theme.sky, fade),
   );
+  const [, shaft, ...others] = scene.bodies.map((body) => body.map((joint) => joints[joint]));
   ctx.fillStyle = css(fill, depth ? 0.24 : 0.37);
-  for (const corners of scene.plates)
-    polygon(
-      ctx,
-      corners.map((corner) => joints[corner]),
-    );
+  for (const corners of others) if (corners.length > 2) polygon(ctx, corners);
   ctx.strokeStyle = css(ink);
   ctx.lineWidth = zoom * (5 - depth);
-  lines(ctx, pairsOf(scene.skeleton, joints));
+  lines(ctx, others.flatMap(edgesOf));
   ctx.strokeStyle = css(crank);
   ctx.lineWidth = zoom * (8 - 2 * depth);
-  lines(ctx, pairsOf(scene.crank, joints));
+  lines(ctx, edgesOf(shaft));
   const pins = joints.filter((_, i) => !scene.toes.some(([, joint]) => joint === i));
   discs(ctx, pins, zoom * (4.2 - 0.6 * depth), css(ink));
   discs(ctx, pins, zoom * (2.3 - 0.4 * depth), css(theme.paper));
 }
 
 function drawChassis({ ctx, theme, zoom, at, scene }, legs, { x, y, pitch }) {
-  const [[o]] = scene.crank; // the axis
+  const [frame, [axis]] = scene.bodies;
   const load = scene.payload;
   if (load) {
     const usual = Math.min(Math.max(0.085 * Math.cbrt(load.mass), 0.06), 0.17); // m
-    const half = Math.min(usual, LARGEST_PAYLOAD * scene.reach);
+    const half = Math.min(usual, scene.style.largestPayload * scene.reach);
     const [cos, sin] = [Math.cos(pitch), Math.sin(pitch)];
     const placed = (dx, dy) => {
       const [u, v] = [load.x + dx * half, load.y + dy * half];
@@ -276,7 +264,7 @@ function drawChassis({ ctx, theme, zoom, at, scene }, legs, { x, y, pitch }) {
     ctx.strokeStyle = css(theme.muted);
     ctx.lineWidth = 6 * zoom;
     const center = placed(0, 0);
-    line(ctx, legs[0][o], center);
+    line(ctx, legs[0][axis], center);
     const corners = [placed(-1, -0.6), placed(1, -0.6), placed(1, 0.6), placed(-1, 0.6)];
     ctx.fillStyle = css(mix(theme.muted, theme.paper, 0.6));
     polygon(ctx, corners);
@@ -298,7 +286,7 @@ function drawChassis({ ctx, theme, zoom, at, scene }, legs, { x, y, pitch }) {
     ctx.lineWidth = width * zoom;
     lines(
       ctx,
-      legs.flatMap((joints) => pairsOf(scene.frame, joints)),
+      legs.flatMap((joints) => edgesOf(frame.map((joint) => joints[joint]))),
     );
   }
 }
@@ -319,9 +307,10 @@ function drawToe({ ctx, theme, zoom, scene, view }, center, contact) {
 
 function drawForce({ ctx, theme, zoom, scene, view }, [x, y], force) {
   const size = Math.hypot(...force);
-  const [least, most] = ARROW_PER_REACH.map((share) => share * scene.reach);
-  const perWeight = Math.min(Math.max(ARROW_PER_WEIGHT, least), most);
-  const length = Math.min(size / scene.weight, LONGEST_ARROW) * perWeight * view.scale;
+  const { arrowPerWeight, arrowPerReach, longestArrow } = scene.style;
+  const [least, most] = arrowPerReach.map((share) => share * scene.reach);
+  const perWeight = Math.min(Math.max(arrowPerWeight, least), most);
+  const length = Math.min(size / scene.weight, longestArrow) * perWeight * view.scale;
   if (!(length >= 4)) return;
   const [ux, uy] = [force[0] / size, -force[1] / size];
   const head = Math.min(12 * zoom, 0.6 * length);
@@ -350,7 +339,9 @@ function polygon(ctx, points) {
   ctx.fill();
 }
 
-const pairsOf = (edges, joints) => edges.map(([start, end]) => [joints[start], joints[end]]);
+/** Edges of a body with these corners: one, or all the way round. */
+const edgesOf = (corners) =>
+  corners.map((corner, k) => [corners.at(k - 1), corner]).slice(corners.length === 2 ? 1 : 0);
 
 /** Lines [start, end] in one stroke. */
 function lines(ctx, ends) {

@@ -12,7 +12,7 @@ function unpack(data) {
 export function trackOf(packed) {
   const { arrays, ...track } = packed;
   for (const [name, array] of Object.entries(arrays)) track[name] = unpack(array);
-  track.legs = track.scene.legs.length;
+  track.legs = track.scene.phases.length;
   track.duration = track.time[track.time.length - 1];
   return track;
 }

@@ -8,11 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from jansen_env.baselines.policy import PAPER_PID
-from jansen_env.engine import integrator
-from jansen_env.parameters import TABLE, nominal
-from jansen_env.plants import batch, robot_parameters
+from jansen_env.engine import collision, integrator
+from jansen_env.gravity import GRAVITY
+from jansen_env.parameters import TABLE, Parameter, argument_values
+from jansen_env.plants import batch, grounds, robot_parameters
 from jansen_env.policies import pretrained
-from jansen_env.robot import ROBOTS, Leg, Robot, zoo
+from jansen_env.robot import ROBOTS, Leg, Payload, Robot, zoo
 from jansen_env.robot.robot_file import robot_to_json
 from jansen_env.tasks.walking import tuned, walker_env
 from jansen_env.tasks.walking.presets import ROUGH
@@ -26,6 +27,7 @@ from jansen_env.viewer.web.engine_data import (
     packed,
     values_of,
 )
+from jansen_env.viewer.web.geometry import STYLE
 from jansen_env.viewer.web.terrain_data import terrain_data
 from jansen_env.world import push
 from jansen_env.world.observations import Noise
@@ -35,7 +37,7 @@ MOST_TOES = 24
 ENVIRONMENTS = (
     "JansenWalkerBuilt-v0", "JansenWalker-v0", "JansenWalkerRough-v0", "JansenWalkerHardcore-v0",
 )  # fmt: skip
-SENSORS = "speeds", "angles", "deviation", "low", "high"  # of Observing
+EXACT = {"noise_level": 0.0}  # sensors measure without errors until a user wants some
 CONTROLLERS = ("hand", "constant speed", "pid")  # those that are no policies
 MOST_SEED = 2**32 - 1
 FEATURE = ("clip", "multiples")  # of a policy's features, where they have it
@@ -154,17 +156,32 @@ def engine_data() -> Json:
     task, ground, steps = env.task, Terrain.flat(), env.task.world.steps
     return {
         **engine_layout(),
+        "style": STYLE,
         "flat": ground.points,
-        "limits": {row.name: [row.least, row.most] for row in TABLE if row.slider is not None},
+        "parameters": {row.name: _limits(row) for row in TABLE if row.slider is not None},
         "ground": {name: getattr(ground, name) for name in robot_parameters.ON_TERRAINS},
-        "nominal": values_of(nominal(env.robot, ground)),
+        "nominal": {row.name: row.nominal for row in TABLE} | EXACT,
         "period": env.control_dt,
-        "steps": steps,
-        "stride": max(1, round(batch.DETECTION_INTERVAL / batch.TIME_STEP)),
+        "gravity": [*task.world.plant.gravity, GRAVITY],
+        "room": collision.MARGIN + grounds.FASTEST * env.control_dt,
+        "world": values_of(task.world.plant.world[0]),
+        "delayed": task.world.records.torques.shape[1],
+        "capacity": [0, batch.PLANES_PER_PAD],
         "workSpace": _work_space(steps),
         "push": values_of(task.world._push[0]),
         "settings": values_of(task.world.weights[0]),
-        "scan": task.world.scan.tolist(),
+    }
+
+
+def _limits(row: Parameter) -> Json:
+    """Return the limits of a parameter, and the values of others that a change of it sets."""
+    sets = argument_values(row.name, Payload()) if row.name == "payload" else {}
+    return {
+        "least": row.least,
+        "most": row.most,
+        "idle": row.idle,
+        "zeroWhere": row.zero_where,
+        "sets": {name: low for name, (low, _) in sets.items()},
     }
 
 
@@ -180,24 +197,28 @@ def task_data(robot: Robot) -> Json:
     task, observing = env.task, env.task.world._observing
     return {
         "observed": [each.name for each in task.observed],
-        "columns": observing.columns.tolist(),
-        "taskColumns": observing.task_columns.tolist(),
-        "onboardColumns": observing.onboard_columns.tolist(),
-        # Of what has no limits the largest number stands for infinity.
-        **{name: np.nan_to_num(getattr(observing, name)).tolist() for name in SENSORS},
+        "observing": {name: _array(values) for name, values in observing._asdict().items()},
     }
+
+
+def _array(values: np.ndarray) -> Json:
+    """Return type, shape and values of an array; None for zeros."""
+    # Of what has no limits the largest number stands for infinity.
+    listed = np.nan_to_num(values).ravel().tolist() if values.any() else None
+    return {"type": values.dtype.str[1:], "shape": values.shape, "values": listed}
 
 
 def _work_space(steps: int) -> list[Json]:
     """Return type and shape of each array of a thread's memory but the flags.
 
-    A length is a number, and what it grows by per contact plane and per pad.
+    A length is a number, and what it grows by per contact pad.
     """
-    spaces = [integrator.work_space(*counts, steps) for counts in ((0, 0), (1, 0), (0, 1))]
+    capacities = (pads * batch.PLANES_PER_PAD for pads in (0, 1))
+    spaces = [integrator.work_space(each, pads, steps) for pads, each in enumerate(capacities)]
     told = list[Json]()
-    for least, per_plane, per_pad in zip(*(space[:-1] for space in spaces), strict=True):
-        lengths = zip(least.shape, per_plane.shape, per_pad.shape, strict=True)
-        shape = [(base, plane - base, pad - base) for base, plane, pad in lengths]
+    for least, per_pad in zip(*(space[:-1] for space in spaces), strict=True):
+        lengths = zip(least.shape, per_pad.shape, strict=True)
+        shape = [(base, pad - base) for base, pad in lengths]
         kind = "PLANE" if least.dtype.names else least.dtype.str[1:]
         told.append({"type": kind, "shape": shape})
     return told

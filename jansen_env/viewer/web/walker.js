@@ -160,9 +160,9 @@ export class Walker {
     const between = (a, b) => a + share * (b - a);
     const [x, y, pitch] = ["x", "y", "pitch"].map((name) => between(from[name], to[name]));
     const places = to.joints.map((value, i) => between(from.joints[i], value));
-    const { legs, joints: names } = this.machine.scene;
+    const { phases, joints: names } = this.machine.scene;
     const pointOf = (k) => [places[2 * k], places[2 * k + 1]];
-    const joints = legs.map((_, leg) =>
+    const joints = phases.map((_, leg) =>
       [...names].map((_name, joint) => pointOf(leg * names.length + joint)),
     );
     const toes = to.toes.map((toe, i) => {

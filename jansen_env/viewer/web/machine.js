@@ -42,7 +42,10 @@ export class Machine {
   /** Return the parameters that change nothing: numbers, or where robot or terrain have them. */
   nominal(terrain) {
     const { layout, robot } = this;
-    const given = { robot: { ...robot, payload: whole(layout, robot.payload) }, terrain };
+    const parts = Object.entries(robot).map(([name, part]) => {
+      return [name, part?.is ? whole(layout, part) : part];
+    });
+    const given = { robot: Object.fromEntries(parts), terrain };
     const found = (path) => path.split(".").reduce((part, name) => part[name], given);
     return Object.fromEntries(
       Object.entries(layout.nominal).map(([name, value]) => {

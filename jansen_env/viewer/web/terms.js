@@ -33,10 +33,14 @@ const TERMS = {
   "dead point": "Smallest angle between two links that meet in a joint, where they jam at 0°; the joint, the crank's angle there (violet), and its sine.",
 };
 
-/** Have words explain themselves: by hovering over them, and by a tap or the focus (theme.css). */
-export function explain(selector) {
+/**
+ * Have words explain themselves: by hovering over them, and by a tap or the focus (theme.css).
+ * `meanings`: of more words.
+ */
+export function explain(selector, meanings = {}) {
+  const terms = { ...meanings, ...TERMS };
   for (const word of document.querySelectorAll(selector)) {
-    const title = TERMS[word.firstChild?.textContent.trim().replace(/ so far$/, "")];
+    const title = terms[word.firstChild?.textContent.trim().replace(/ so far$/, "")];
     if (!title) continue;
     word.classList.add("term");
     Object.assign(word, { title, tabIndex: 0 });

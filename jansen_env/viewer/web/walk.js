@@ -495,7 +495,7 @@ function showPanel() {
   for (const button of document.querySelectorAll(".take"))
     button.textContent = byHand() ? "Let it walk" : "Take the crank";
   showInput();
-  explain("dt, label, #plots span");
+  explain("dt, label, #plots span", MEANINGS);
 }
 
 /** Show a choice; a robot of other lengths is an entry of its own. */
@@ -536,6 +536,7 @@ const OPTIONS = {
   robot2: ["", ...robots],
   control2: ["", ...data.controllers],
 };
+const MEANINGS = Object.fromEntries(data.sliders.map(({ label, meaning }) => [label, meaning]));
 const LABELS = { robot2: "compare with", control2: "its control" };
 
 function element(tag, properties) {

@@ -95,6 +95,7 @@ def walk_data(robots: Mapping[str, Robot] | None = None) -> Json:
                 "name": row.name,
                 "label": row.label or row.name.replace("_", " "),
                 "unit": "" if row.unit == "1" else row.unit,
+                "meaning": f"{row.meaning[0].upper()}{row.meaning[1:]}.",
                 "low": row.slider[0],
                 "high": row.slider[1],
             }
@@ -164,7 +165,7 @@ def engine_data() -> Json:
         "period": env.control_dt,
         "gravity": [*task.world.plant.gravity, GRAVITY],
         "room": collision.MARGIN + grounds.FASTEST * env.control_dt,
-        "world": values_of(task.world.plant.world[0]),
+        "world": values_of(task.world.plant.world[0]) | {"is_whole": True},  # kernels do it all
         "delayed": task.world.records.torques.shape[1],
         "capacity": [0, batch.PLANES_PER_PAD],
         "workSpace": _work_space(steps),
@@ -195,8 +196,9 @@ def task_data(robot: Robot) -> Json:
     """Return the columns of a robot's observation, and its sensors' noise."""
     env = walker_env.JansenWalkerEnv(robot=robot, height_scan=ROUGH["height_scan"], noise=Noise())
     task, observing = env.task, env.task.world._observing
+    filled = {each.name for each in task.world.observations} | {*task.COMPILED}  # by kernels
     return {
-        "observed": [each.name for each in task.observed],
+        "observed": [each.name if each.name in filled else "" for each in task.observed],
         "observing": {name: _array(values) for name, values in observing._asdict().items()},
     }
 

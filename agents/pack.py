@@ -104,6 +104,9 @@ def pack(
 
 def scores_of(policy: PretrainedPolicy, episodes: int, seed: int = 0) -> Description:
     """Return the scores of :func:`jansen_env.evaluate`, and how to have them again."""
+    env = make_env(policy.env_id, policy.env_kwargs)
+    policy = policy.on(env)  # which may show more than the policy observes
+    env.close()
     total = len(find_benchmark(policy.env_id).commands) * episodes
     with progress("scoring", total) as advance:
         scores = evaluate(

@@ -36,7 +36,7 @@ class Derived(WalkerTask):
         super().__init__(settings, threads)
 
     def observe(self):
-        return {"crank_torque": self.world.crank_torque}
+        return {**super().observe(), "crank_torque": self.world.crank_torque}
 
 
 class Halved(WalkerTask):
@@ -115,8 +115,11 @@ TORQUE = Observed("crank_torque", "N m", -np.inf, np.inf, "exact")
 def test_an_observation_may_be_added_to_the_walker_itself(monkeypatch):
     """As CONTRIBUTING.md says, in the class: of one robot and of many it is seen in each step."""
     monkeypatch.setattr(WalkerTask, "OBSERVED", (*WalkerTask.OBSERVED, TORQUE))
+    before = WalkerTask.observe
     monkeypatch.setattr(
-        WalkerTask, "observe", lambda self: {"crank_torque": self.world.crank_torque}
+        WalkerTask,
+        "observe",
+        lambda self: {**before(self), "crank_torque": self.world.crank_torque},
     )
     env, many = gym.make("JansenWalker-v0"), gym.make_vec("JansenWalker-v0", 2)
     column = env.unwrapped.task.columns["crank_torque"]

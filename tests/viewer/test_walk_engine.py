@@ -27,7 +27,7 @@ from jansen_env.robot.zoo import standing_height
 from jansen_env.tasks.walking.presets import ROUGH
 from jansen_env.tasks.walking.tuned import rolling
 from jansen_env.tasks.walking.walker_benchmark import BASELINES, walking_pid
-from jansen_env.tasks.walking.walker_env import JansenWalkerEnv
+from jansen_env.tasks.walking.walker_env import JansenWalkerEnv, WalkerTask
 from jansen_env.terrain import Terrain
 from jansen_env.terrain.generators import GENERATORS, NamedGenerator
 from jansen_env.viewer.saved_walk import walk_again
@@ -35,11 +35,13 @@ from jansen_env.viewer.web.geometry import scene_of_robot
 from jansen_env.viewer.web.page import FOLDER
 from jansen_env.viewer.web.walk_data import (
     ENVIRONMENTS,
+    engine_data,
     page_policies,
     policy_data,
+    task_data,
     walk_data,
 )
-from jansen_env.world.observations import Noise
+from jansen_env.world.observations import Noise, Observed
 
 POLICIES = {policy_data(e, n)[0]: (e, n) for e in ENVIRONMENTS for n in page_policies(e)}
 CONTROLS = ("hand", "constant speed", "pid", *POLICIES)
@@ -178,6 +180,9 @@ class Walk:
         plain = [["", name] for name in info if name not in nested and "/" not in name]
         terms = [["rewards", name[7:]] for name in info if name.startswith("reward/")]
         self.names = [*plain, *terms, *(["energy", name] for name in info["energy"])]
+        # What a task fills in NumPy is not on the page.
+        by_kernels = {e.name for e in env.task.world.observations} | {*env.task.COMPILED}
+        self.seen = [k for k, e in enumerate(env.task.observed) if e.name in by_kernels]
         self.keep(0.0, 0.0, seen, info)
         for step in range(steps):
             for at, method, given in self.events:
@@ -199,7 +204,7 @@ class Walk:
         of = {"": info, "energy": info["energy"]}
         told = [info[f"reward/{n}"] if g == "rewards" else of[g][n] for g, n in self.names]
         state, force = self.env.task.world.plant.states[0], info["contact_force"].ravel()
-        self.rows.append([action, *state, reward, *seen, *told, *info["slip"], *force])
+        self.rows.append([action, *state, reward, *seen[self.seen], *told, *info["slip"], *force])
 
     def asked(self, robot):
         names = ("control", "actions", "settings", "start", "events", "names", "terrain")
@@ -231,6 +236,18 @@ def check_picture(env, told):
     for key, wanted in (("point", frame.contact_point), ("force", frame.contact_force)):
         assert np.allclose([toe[key] for toe in pose["toes"]], wanted, rtol=0.0, atol=1e-9), key
     assert [toe["contact"] for toe in pose["toes"]] == frame.contact.tolist()
+
+
+def test_a_page_lacks_what_no_kernel_observes(monkeypatch):
+    """An observation that the walker fills in NumPy leaves all others where they are."""
+    added = Observed("crank_torque", "N m", -np.inf, np.inf, "exact")
+    before = task_data(ROBOTS["paper"]())
+    monkeypatch.setattr(WalkerTask, "OBSERVED", (*WalkerTask.OBSERVED, added))
+    monkeypatch.setattr(WalkerTask, "observe", lambda self: {added.name: self.world.crank_torque})
+    after = task_data(ROBOTS["paper"]())
+    assert after["observed"] == [*before["observed"], ""]
+    assert after["observing"]["columns"] == before["observing"]["columns"]
+    assert engine_data()["world"]["is_whole"]
 
 
 def test_a_saved_walk_is_the_same_again(tmp_path):

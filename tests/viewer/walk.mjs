@@ -18,7 +18,8 @@ const packed = (values) => Buffer.from(Float64Array.from(values).buffer).toStrin
 function numbersOf(machine, names, action) {
 	const { info, states, observation } = machine;
 	const told = names.map(([group, name]) => Number((group ? info[group] : info)[name]));
-	return [action, ...states.view, info.reward, ...observation, ...told, ...info.slip, ...info.contact_force];
+	const seen = observation.filter((_, column) => machine.observed[column]);
+	return [action, ...states.view, info.reward, ...seen, ...told, ...info.slip, ...info.contact_force];
 }
 
 async function walk({ robot, terrain, control, actions, settings, start, events, names }) {

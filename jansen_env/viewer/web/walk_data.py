@@ -4,6 +4,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -122,9 +123,19 @@ def controller_name(env_id: str, name: str) -> str:
 
 def page_policies(env_id: str) -> list[str]:
     """Return the names of an environment's policies whose observations the page has."""
-    names = pretrained.names(env_id)
-    known = [pretrained.load(env_id, name).env_kwargs.get("observe", "all") for name in names]
-    return [name for name, observe in zip(names, known, strict=True) if observe == "all"]
+    policies = {name: pretrained.load(env_id, name) for name in pretrained.names(env_id)}
+    return [
+        name
+        for name, policy in policies.items()
+        if policy.env_kwargs.get("observe", "all") == "all"
+        and _page_observations().issuperset(policy.observed)
+    ]
+
+
+@cache
+def _page_observations() -> frozenset[str]:
+    """Return the names of all observations that a page has."""
+    return frozenset(task_data(_of_toes(MOST_TOES))["observed"])
 
 
 def policy_data(env_id: str, name: str) -> tuple[str, Json]:

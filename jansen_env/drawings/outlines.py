@@ -31,6 +31,7 @@ M3 = 1.6  # radius of a hole
 SHOE_SCREW = 2.25  # radius for M4
 BRACE = 6.0  # thickness, which fills the room between neighbouring units
 WALL = 1.5  # least material between two holes; twice as much to a window
+PARALLEL = math.pi / 6.0  # rad between two sides: a tread's screws are behind one another below it
 FILLET = 4.0  # radius of a window's corners
 CLASSES = ("press", "slide", "clear")  # of holes: for a bush, for a pin that is held, for a screw
 FITS = {"laser": (-0.05, 0.1, 0.2), "water_jet": (-0.05, 0.15, 0.3), "print": (0.1, 0.3, 0.5)}
@@ -296,7 +297,7 @@ def _shoe_holes(toe: complex, corners: Sequence[complex]) -> list[Round]:
     """Two holes on the lines from a toe to its neighbours, behind one another if these are near."""
     near = [q if p == toe else p for p, q in sides(corners) if toe in (p, q)]
     ways = [z - toe for z in near or corners[:2]]
-    apart = abs(cmath.phase(ways[0] / ways[1])) > math.pi / 6.0
+    apart = abs(cmath.phase(ways[0] / ways[1])) > PARALLEL
     reaches = SHOE_SCREWS[0] if apart else SHOE_SCREWS[1]
     points = [toe + reach * way / abs(way) for reach, way in zip(reaches, ways, strict=True)]
     return [Round((z,), SHOE_SCREW) for z in points]

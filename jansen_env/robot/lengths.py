@@ -36,6 +36,11 @@ def lengths(robot: Robot) -> dict[str, float]:
     return known
 
 
+def is_signed(name: str) -> bool:
+    """Return whether a length may be below 0: it is an angle or a coordinate."""
+    return name == "frame_angle" or name.endswith(("_along", "_across"))
+
+
 def length_names(robot: Robot) -> list[list[str]]:
     """Return the names of the lengths of each body."""
     bodies = zip(robot.linkage.bodies, robot.bodies, strict=True)
@@ -65,8 +70,7 @@ def with_lengths(robot: Robot, changed: Mapping[str, float]) -> Robot:
         raise ValueError(f"lengths has {shown(unknown[0])}, must be of {allowed}")
     new = {**known}
     for name, value in changed.items():
-        signed = name == "frame_angle" or name.endswith(("_along", "_across"))
-        new[name] = (finite if signed else positive)(f"lengths[{name!r}]", value)
+        new[name] = (finite if is_signed(name) else positive)(f"lengths[{name!r}]", value)
         if name == "frame_angle":
             within_a_turn(f"lengths[{name!r}]", value)
         elif abs(new[name]) > LONGEST:

@@ -78,7 +78,7 @@ function rework() {
   const lengths = { ...base.lengths, ...of.changes };
   const linkage = assemble(base, lengths);
   const turn = turnOf(linkage);
-  const opening = openingOf(turn);
+  const opening = openingOf(linkage, turn);
   const numbers = opening || linkage.fault ? null : measure(linkage);
   view = { ...view, of, lengths, linkage, turn, opening, numbers };
   showNumbers();
@@ -226,11 +226,12 @@ function attempt(lengths, from = present()) {
 
 $("lengths").addEventListener("input", ({ target }) => {
   const { name } = target.parentElement.dataset;
-  if (design.refusal(name, target.valueAsNumber)) return;
+  if (design.refusal(designs[present().base], name, target.valueAsNumber)) return;
   attempt({ [name]: design.lengthOf(name, target.valueAsNumber) });
 });
 $("lengths").addEventListener("change", ({ target }) => {
-  const wrong = design.refusal(target.parentElement.dataset.name, target.valueAsNumber);
+  const { name } = target.parentElement.dataset;
+  const wrong = design.refusal(designs[present().base], name, target.valueAsNumber);
   settle(draft);
   if (wrong) say(plain(wrong));
 });
@@ -399,7 +400,7 @@ function saveRobot() {
   const robots = { [base]: designs[base].robot };
   const work = designs[base].memory;
   const text = data.builtIn.includes(base)
-    ? design.robotFile(present())
+    ? design.robotFile(data.layout.format, present())
     : `${JSON.stringify(robotWithLengths({ work }, { robots, designs }, base, changes), null, 1)}\n`;
   design.download(`${present().base}.json`, "application/json", text);
 }

@@ -10,9 +10,9 @@ from jansen_env.drawings import outlines
 from jansen_env.drawings.outlines import MARGIN
 from jansen_env.files import write_text
 from jansen_env.robot import ROBOTS, Robot
-from jansen_env.robot.buildable import ALUMINIUM
+from jansen_env.robot.buildable import ALUMINIUM, OUTLINE
 from jansen_env.robot.designs import built_parts_of, is_of_built_parts
-from jansen_env.robot.lengths import length_names, lengths
+from jansen_env.robot.lengths import is_signed, length_names, lengths
 from jansen_env.robot.robot_file import robot_to_json
 from jansen_env.viewer.web.engine_data import RUNS, engine_of_page
 from jansen_env.viewer.web.page import page_of
@@ -63,7 +63,9 @@ def cutting_of(robot: Robot) -> dict[str, object]:
         "foot": {
             "radius": 1e-3 * (outlines.SHOE_SCREW if shoe else outlines.M3),
             "away": [[1e-3 * x for x in pair] for pair in outlines.SHOE_SCREWS] if shoe else [],
+            "parallel": outlines.PARALLEL,
         },
+        "rim": (OUTLINE - 1.0) / 2.0,  # an inscribed circle is at most half as large as the plate
         "wall": 1e-3 * outlines.WALL,
         "sheet": [side - 2e-3 * MARGIN for side in SHEETS[robot.material]],
         "widths": [build.frame_width, build.width],
@@ -71,12 +73,13 @@ def cutting_of(robot: Robot) -> dict[str, object]:
 
 
 def design_of(robot: Robot) -> dict[str, object]:
-    """Return the lengths of a robot by name, and which built part each body is.
+    """Return a robot's lengths by name, which may be below 0, and which built part each body is.
 
     The parts are None for a robot that does not consist of built parts.
     """
     return {
         "names": length_names(robot),
         "lengths": lengths(robot),
+        "signed": [name for name in lengths(robot) if is_signed(name)],
         "parts": built_parts_of(robot).tolist() if is_of_built_parts(robot) else None,
     }

@@ -9,7 +9,6 @@ const SLIDE = 0.6; // by which share of itself, or of its link, a slider changes
 const SLIDE_ANGLE = 60; // degrees
 
 const isAngle = (name) => name === "frame_angle";
-const isSigned = (name) => isAngle(name) || /_(along|across)$/.test(name);
 const scaleOf = (name) => (isAngle(name) ? 180 / Math.PI : 1000);
 
 export const unitOf = (name) => (isAngle(name) ? "°" : "mm");
@@ -28,18 +27,18 @@ export function withLengths(designs, { base, changes }, lengths) {
 }
 
 /** Lowest and highest value of a slider, as shown. */
-export function rangeOf({ lengths }, name) {
+export function rangeOf({ lengths, signed }, name) {
   const value = shown(name, lengths[name]);
   const body = name.replace(/_[^_]+_(along|across)$/, "_");
   const first = Object.keys(lengths).find((other) => other.startsWith(body)); // of the same plate
-  const size = isSigned(name) ? shown(first, lengths[first]) : value;
+  const size = signed.includes(name) ? shown(first, lengths[first]) : value;
   const slide = isAngle(name) ? SLIDE_ANGLE : SLIDE * size;
   return [Math.floor(value - slide), Math.ceil(value + slide)];
 }
 
-/** Why a value, as shown, cannot be that of a length; "" if it can. */
-export function refusal(name, value) {
-  const low = isSigned(name) ? -LARGEST : 0.01;
+/** Why a value, as shown, cannot be that of a length of a design; "" if it can. */
+export function refusal({ signed }, name, value) {
+  const low = signed.includes(name) ? -LARGEST : 0.01;
   if (value >= low && value <= LARGEST) return "";
   return `${name} must be from ${low} to ${LARGEST} ${unitOf(name)}.`;
 }
@@ -59,17 +58,18 @@ export function designOf(designs, fragment) {
     const [, name, text] = /^([A-Za-z_]+)=(-?\d+(?:\.\d+)?)$/.exec(part) ?? [];
     if (!name || !Object.hasOwn(designs[base].lengths, name))
       throw new Error(`The link has "${part.slice(0, 40)}", which is no length of ${base}.`);
-    if (refusal(name, Number(text))) throw new Error(`The link's ${refusal(name, Number(text))}`);
+    const wrong = refusal(designs[base], name, Number(text));
+    if (wrong) throw new Error(`The link's ${wrong}`);
     changes[name] = lengthOf(name, Number(text));
   }
   return withLengths(designs, { base, changes }, {});
 }
 
-/** A robot file, which jansen_env/robot/robot_file.py reads. */
-export function robotFile({ base, changes }) {
+/** A robot file of a format, which jansen_env/robot/robot_file.py reads. */
+export function robotFile(format, { base, changes }) {
   const rounded = ([name, value]) => [name, Number(value.toFixed(isAngle(name) ? 6 : 5))];
   const lengths = Object.fromEntries(Object.entries(changes).map(rounded));
-  const content = { format: "jansen_env robot 1", design: base, lengths };
+  const content = { format, design: base, lengths };
   return `${JSON.stringify(content, null, 1)}\n`;
 }
 

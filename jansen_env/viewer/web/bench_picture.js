@@ -2,7 +2,7 @@
 //
 // Millimetres in the chassis frame, y downwards; `pixel` is how many of them a CSS pixel is.
 
-import { angleOf, placeLeg, SAMPLES } from "./linkage.js";
+import { angleOf, place, placeLeg, SAMPLES } from "./linkage.js";
 
 const GRID = 40; // mm, of the picture's edges, so that it stands still while little changes
 const TITLE = 90; // mm of a drawing, above the legs
@@ -77,7 +77,7 @@ export function toePaths({ toes }, turn, shows = () => true) {
  */
 export function pictureOf({ linkage, turn, numbers, psi, pixel, box, lit }, others, kept = []) {
   const { design } = linkage;
-  const legs = design.robot.legs.map((leg) => placeLeg(linkage, leg, psi));
+  const legs = design.robot.legs.map((_, k) => placeLeg(linkage, k, psi));
   const parts = [];
   const add = (kind, d, width = 0, more = "") =>
     parts.push(`<path class="${kind}" d="${d}" stroke-width="${width * pixel}" ${more}/>`);
@@ -134,7 +134,7 @@ function addLeg(add, { bodies }, { at: places, open }) {
     const sides = `M${joints.map((joint) => at(places[joint])).join("L")}${joints.length > 2 ? "Z" : ""}`;
     add(["frame", "crank"][k] ?? (joints.length > 2 ? "plate" : "link"), sides, k < 2 ? 7 : 4);
   });
-  const dots = Object.values(places).map((place) => `M${at(place)}h0`);
+  const dots = Object.values(places).map((point) => `M${at(point)}h0`);
   add("link", dots.join(""), 10);
   add("pin", dots.join(""), 5.5);
   if (!open) return;
@@ -149,7 +149,7 @@ function addLeg(add, { bodies }, { at: places, open }) {
 export function drawingOf(view, lines) {
   const { bodies } = view.linkage;
   const box = boxOf(view.linkage, view.turn, { legs: [] });
-  const { at: places } = placeLeg(view.linkage, { side: "fore", phase: 0 }, view.psi);
+  const { at: places } = place(view.linkage, view.psi);
   const texts = lines.map((text, k) => {
     return `<text x="${box.x + 20}" y="${box.y - 60 + 18 * k}" font-size="${k ? 12 : 18}">${escaped(text)}</text>`;
   });

@@ -2,14 +2,13 @@
 //
 // `cutting` of a design comes from bench.py: {material, holes: of each body {joint: radius}, feet: of
 // each body the toes that it carries, hub: {away, radius} of the two screws beside the crank's axis,
-// foot: {radius, away: [[first, second] ...]} of the screws of a tread, wall: least material between
-// two holes, sheet: longer and shorter side of the sheet that parts are cut from, widths: widths of the
-// frame's bar and of other bars}. All lengths are in metres.
+// foot: {radius, away: [[first, second] ...], parallel} of the screws of a tread, which are behind one
+// another where its sides meet at less than `parallel`, wall: least material between two holes, rim: a
+// plate's rim beyond the joints is no wider than this share of its height, sheet: longer and shorter
+// side of the sheet that parts are cut from, widths: widths of the frame's bar and of other bars}. All
+// lengths are in metres.
 
 import { assemble, isTooHeavy, pointsOf } from "./linkage.js";
-
-const RIM = 0.05; // of a plate's height: its rim beyond the joints is no wider
-const PARALLEL = Math.PI / 6; // between two sides: a tread's screws are behind one another below it
 
 const away = ([x, y], [u, v]) => Math.hypot(u - x, v - y);
 const towards = ([x, y], [dx, dy], way) => [x + way * dx, y + way * dy];
@@ -39,7 +38,7 @@ export function uncut(design, lengths) {
 }
 
 /** Whether a part does not fit its sheet, lying as low as it can. */
-function isTooLarge({ sheet, widths, hub }, points, k) {
+function isTooLarge({ sheet, widths, hub, rim: share }, points, k) {
   const joints = [...points.values()];
   let [length, height] = [0, Number.POSITIVE_INFINITY];
   for (const [i, from] of joints.entries())
@@ -49,7 +48,7 @@ function isTooLarge({ sheet, widths, hub }, points, k) {
       if (across < height)
         [length, height] = [rangeOf(joints.map(([x, y]) => c * x + s * y)), across];
     }
-  const rim = 2 * Math.max(widths[k === 0 ? 0 : 1] / 2, RIM * height);
+  const rim = 2 * Math.max(widths[k === 0 ? 0 : 1] / 2, share * height);
   const more = k === 1 ? hub.away : 0;
   return length + more + rim > sheet[0] || height + rim > sheet[1];
 }
@@ -73,12 +72,12 @@ function holesOf({ cutting }, points, k) {
 }
 
 /** Holes of the screws of a toe's tread, in both orders. */
-function screwsOf({ radius, away: reaches }, toe, points) {
+function screwsOf({ radius, away: reaches, parallel }, toe, points) {
   const at = points.get(toe);
   if (reaches.length === 0) return [0, 1].map(() => [{ at, radius }]);
   const ways = [...points].filter(([joint]) => joint !== toe).map(([, to]) => direction(at, to));
   const [first, second, angle] = widest(ways);
-  const [near, far] = reaches[angle > PARALLEL ? 0 : 1];
+  const [near, far] = reaches[angle > parallel ? 0 : 1];
   return [
     [first, second],
     [second, first],

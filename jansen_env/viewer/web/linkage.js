@@ -76,11 +76,21 @@ export function place(linkage, psi) {
   return memory.scratch(() => placeAt(linkage, memory.filled("f8", [psi]))[0]);
 }
 
-/** Places of a leg of the robot at crank angle `psi`; a back leg is mirrored. */
-export function placeLeg(linkage, { side, phase }, psi) {
-  if (side === "fore") return place(linkage, psi + phase);
-  const { at, open } = place(linkage, Math.PI - psi - phase);
-  for (const joint of Object.keys(at)) at[joint] = [-at[joint][0], at[joint][1]];
+/** Places of leg number `k` of the robot at crank angle `psi`; a back leg is mirrored. */
+export function placeLeg(linkage, k, psi) {
+  const { leg, memory } = linkage.design;
+  load(linkage);
+  const [side, phase] = leg.legs.at(k).view;
+  const own = memory.scratch(() => {
+    const given = memory.filled("f8", [side, phase], 1, 2);
+    const [angles, out] = [memory.array("f8", 1, 1), memory.array("f8", NUMBERS.length)];
+    const places = memory.array("f8", 1, 1, leg.joints, 2);
+    const crank = memory.filled("f8", [psi]);
+    memory.call("closure_put_legs", crank, given, leg.closing, angles, places, out);
+    return angles.view[0]; // of a fore leg of the same shape
+  });
+  const { at, open } = place(linkage, own);
+  for (const joint of Object.keys(at)) at[joint] = [side * at[joint][0], at[joint][1]];
   return { at, open };
 }
 
@@ -144,15 +154,24 @@ export function lengthsOf(design, body, places) {
   return { ...given, frame_angle: frame - TURN * Math.round(frame / TURN) };
 }
 
-/** Where a turn does not close: its worst opening, and angles `from` and `to` around it, or null. */
-export function openingOf(turn) {
-  const lack = ({ span, first, second }) =>
-    Math.abs(span ** 2 - first ** 2 - second ** 2) / (first * second);
+/**
+ * Where a turn does not close: the worst opening of the first dyad that does not, and angles `from`
+ * and `to` around it, or null.
+ */
+export function openingOf(linkage, turn) {
+  const { memory, leg } = linkage.design;
   const open = turn.map((sample) => sample.open);
   if (!open.some(Boolean)) return null;
-  const worst = open.filter(Boolean).reduce((a, b) => (lack(b) > lack(a) ? b : a));
+  load(linkage);
+  const at = memory.scratch(() => {
+    const places = memory.array("f8", SAMPLES, leg.joints, 2);
+    const out = memory.array("f8", NUMBERS.length);
+    memory.call("closure_put_joints", samples(memory), leg.closing, places, out);
+    return out.view[0];
+  });
+  const worst = open[at];
   const reach = (way) => {
-    let k = open.indexOf(worst);
+    let k = at;
     for (let n = 0; n < SAMPLES && open[(k + way + SAMPLES) % SAMPLES]; n++) k += way;
     return angleOf(k);
   };

@@ -123,7 +123,7 @@ function varied(design, rng) {
   const lengths = {};
   for (const [name, value] of Object.entries(design.lengths)) {
     if (name === "frame_angle") lengths[name] = value + rng.uniform(-SPREAD, SPREAD);
-    else if (/_(along|across)$/.test(name))
+    else if (design.signed.includes(name))
       lengths[name] = value + size * rng.uniform(-SPREAD, SPREAD) * 0.5;
     else lengths[name] = value * Math.exp(rng.uniform(-SPREAD, SPREAD));
   }
@@ -153,7 +153,7 @@ function fit(design, start, target) {
     for (; damping < 1e6; damping *= 4) {
       const steps = solve(slopes, here, damping);
       const tried = moved(lengths, steps);
-      const path = allowed(tried) && toePath(design, tried);
+      const path = allowed(design, tried) && toePath(design, tried);
       const next = path && compare(path, target);
       if (next && next.error < now.error) {
         [lengths, now] = [tried, next];
@@ -167,10 +167,10 @@ function fit(design, start, target) {
 }
 
 /** Whether all lengths have their sign, and none is tiny. */
-function allowed(lengths) {
+function allowed({ signed }, lengths) {
   const size = Math.max(...Object.values(lengths).map(Math.abs));
   return Object.entries(lengths).every(
-    ([name, value]) => /_(along|across|angle)$/.test(name) || value > 0.04 * size,
+    ([name, value]) => signed.includes(name) || value > 0.04 * size,
   );
 }
 

@@ -56,9 +56,10 @@ def data():
     return walk_data()
 
 
-def in_node(robots, walks=(), saved=()):
+def in_node(robots, walks=(), saved=(), page=None):
     """What the page's modules make of robots and walks."""
-    asked = json.dumps({"data": data(), "robots": robots, "walks": walks, "saved": saved})
+    asked = {"data": page or data(), "robots": robots, "walks": walks, "saved": saved}
+    asked = json.dumps(asked)
     command = ["node", Path(__file__).parent / "walk.mjs", FOLDER]
     done = subprocess.run(command, input=asked, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -266,3 +267,17 @@ def test_a_saved_walk_is_the_same_again(tmp_path):
         assert np.array_equal(recording.state, saved["states"]), number
     main(["--recording", str(path), "--out", str(tmp_path / "page.html")])
     assert "a walk" in (tmp_path / "page.html").read_text()
+
+
+def test_a_page_of_other_robots_has_their_controllers(tmp_path):
+    """A design by another name, and one that has none, without the built-in robots beside them."""
+    robots = {"mine": ROBOTS["built"](), "klann": ROBOTS["klann"](1)}
+    page = walk_data(robots)
+    assert [*page["control"]["baselines"]] == ["mine"]
+    assert page["control"]["baselines"]["mine"] == data()["control"]["baselines"]["built"]
+    asked = [{"robot": k, "ground": page["terrain"]["flat"], "control": "pid"} for k in range(2)]
+    told = in_node([[name, None] for name in robots], saved=asked, page=page)["saved"]
+    for saved in told:
+        path = tmp_path / "walk.json"
+        path.write_text(json.dumps(saved["file"]))
+        assert np.array_equal(walk_again(path).state, saved["states"])

@@ -20,8 +20,9 @@ export function controllerNamed(data, name, machine) {
   const { topSpeed, baselines } = data.control;
   if (name === "hand") return { topSpeed: 1, begin() {} };
   if (name === "constant speed" || name === "pid") {
-    const { bodies } = machine.robot;
-    const isOf = (design) => same(data.robots[design].bodies, bodies);
+    const { linkage, bodies } = machine.robot;
+    const isOf = (design) =>
+      same(data.robots[design].linkage, linkage) && same(data.robots[design].bodies, bodies);
     const own = baselines[Object.keys(baselines).find(isOf)];
     const measured = name === "pid" && own;
     const gains = (measured ? own.gains : own?.steady) ?? scaledGains(data.control, machine);

@@ -1,6 +1,5 @@
 """Data of the walking page: engine, kernels, records, robots and policies."""
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import replace
@@ -66,7 +65,6 @@ def walk_data(robots: Mapping[str, Robot] | None = None) -> Json:
     paper = ROBOTS["paper"]()
     designs = {name: make() for name, make in ROBOTS.items()} if robots is None else robots
     policies = dict(policy_data(env, name) for env in ENVIRONMENTS for name in page_policies(env))
-    baselines = json.loads(tuned.DATA.read_text(encoding="utf-8"))
     return {
         "engine": engine_module(),
         "layout": {
@@ -87,8 +85,7 @@ def walk_data(robots: Mapping[str, Robot] | None = None) -> Json:
                 "height": zoo.standing_height(paper),
             },
             "baselines": {
-                name: {**of_design["pid"], "steady": of_design["steady"]["gains"]}
-                for name, of_design in baselines.items()
+                name: found for name, each in designs.items() if (found := _measured(each))
             },
         },
         "sliders": [
@@ -107,6 +104,12 @@ def walk_data(robots: Mapping[str, Robot] | None = None) -> Json:
         "steepest": STEEPEST,
         "terrain": terrain_data(),
     }
+
+
+def _measured(robot: Robot) -> Json | None:
+    """Return the numbers of a robot's baselines as found for its design; None for no design."""
+    pid, steady = (tuned.measured(name, robot) for name in ("pid", "steady"))
+    return None if pid is None or steady is None else {**pid, "steady": steady["gains"]}
 
 
 def controller_name(env_id: str, name: str) -> str:

@@ -244,7 +244,12 @@ def test_a_page_lacks_what_no_kernel_observes(monkeypatch):
     added = Observed("crank_torque", "N m", -np.inf, np.inf, "exact")
     before = task_data(ROBOTS["paper"]())
     monkeypatch.setattr(WalkerTask, "OBSERVED", (*WalkerTask.OBSERVED, added))
-    monkeypatch.setattr(WalkerTask, "observe", lambda self: {added.name: self.world.crank_torque})
+    observe = WalkerTask.observe
+    monkeypatch.setattr(
+        WalkerTask,
+        "observe",
+        lambda self: {**observe(self), added.name: self.world.crank_torque},
+    )
     after = task_data(ROBOTS["paper"]())
     assert after["observed"] == [*before["observed"], ""]
     assert after["observing"]["columns"] == before["observing"]["columns"]

@@ -16,6 +16,7 @@ from jansen_env.baselines.policy import TorquePolicy, columns
 from jansen_env.drawings.outlines import gap
 from jansen_env.drawings.shaft_order import layers
 from jansen_env.dynamics.reduced import CONVERGED, compile_robot
+from jansen_env.engine.walk_reward import ENOUGH
 from jansen_env.gravity import GRAVITY
 from jansen_env.plants.base import static_deflection
 from jansen_env.plants.batch import Batch
@@ -28,7 +29,7 @@ from jansen_env.robot.soundness import check_standing
 from jansen_env.scoring import rollout
 from jansen_env.scoring.metrics import SETTLING, Env, Episodes, horizon, point_estimates
 from jansen_env.tasks.walking.profile import READ, profile_torque
-from jansen_env.tasks.walking.walker_benchmark import ENOUGH, WORLD
+from jansen_env.tasks.walking.walker_benchmark import WORLD
 from jansen_env.tasks.walking.walker_env import JansenWalkerEnv
 from jansen_env.terrain.ground import Terrain, one_step
 from jansen_env.world.settings import load_robot

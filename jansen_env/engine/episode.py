@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jansen_env.engine import mathematics
+from jansen_env.engine.ground_load import account_for_load, begin_ground_load
 from jansen_env.engine.integrator import has_moved, split, take_steps
 from jansen_env.engine.kernel import (
     Floats1,
@@ -139,7 +140,8 @@ def control_step(
             commanded = torques[whole], torques[whole + 1], robot.delay[1], pushes
             traced = trace if r == 0 else trace[:0]
             take_steps(r, world.steps, commanded, traced, work, scratch, designs, motions)
-            _finish_step(r, world, designs.surface, motions, episodes, observing)
+            pressed = scratch.pressed
+            _finish_step(r, world, designs.surface, pressed, motions, episodes, observing)
             far = far or has_moved(robot)
             diverged = diverged or robot.diverged
             taken += 1
@@ -173,12 +175,14 @@ def look_up_pushes(
 
 @kernel
 def finish_step(
-    rows: Ints1, world_row: World, surface: Floats2, motions: Motions, episodes: Episodes,
-    observing: Observing,
+    row: int, world_row: World, surface: Floats2, pressed: Floats1, motions: Motions,
+    episodes: Episodes, observing: Observing,
 ) -> None:  # fmt: skip
-    """Finish a control step of robots that another plant has moved, see :func:`control_step`."""
-    for r in rows:
-        _finish_step(r, world_row[0], surface, motions, episodes, observing)
+    """Finish a control step of a robot that another plant has moved, see :func:`control_step`.
+
+    ``pressed`` (steps,) has the total normal impulses on it in its time steps, N s.
+    """
+    _finish_step(row, world_row[0], surface, pressed, motions, episodes, observing)
 
 
 @kernel
@@ -220,6 +224,7 @@ def begin_episode(
             torques[k] = 0.0
         for j in range(len(loads)):
             loads[j] = motions.contact_force[r, j, 1] / robot.weight
+        begin_ground_load(robot, loads)
         steps = int(mathematics.nearest(robot.parameters.delay / world.time_step))
         robot.delay[0], robot.delay[1] = steps // world.steps, steps % world.steps
         robot.reward, robot.terminated = 0.0, False
@@ -308,7 +313,7 @@ def _begin_step(r, action, robot, episodes, pushes):
 
 
 @stage
-def _finish_step(r, world, surface, motions, episodes, observing):
+def _finish_step(r, world, surface, pressed, motions, episodes, observing):
     """Account for a control step of robot ``r``; reward and observe it if the task is compiled."""
     robot = motions.robots[r]
     if world.noisy:
@@ -316,6 +321,8 @@ def _finish_step(r, world, surface, motions, episodes, observing):
     x_before = robot.x_before
     slip, force = motions.slip[r], motions.contact_force[r]
     slipped = account(world.period, robot, slip, force, episodes.loads[r])
+    if not robot.params.held:
+        account_for_load(world.time_step, robot, pressed)
     inform(robot)
     if world.is_walk:
         walk, way = episodes.walks[r], robot.state[0] - x_before

@@ -108,6 +108,7 @@ def work_space(capacity: int, pads: int, steps: int) -> Scratch:
         ints=np.zeros(2 * rows + index_size(rows), np.int64),
         planes=np.zeros(capacity, PLANE),
         pushes=np.zeros((1, steps, 2)),
+        pressed=np.zeros(steps),
         state=np.zeros(8),
         deflection=np.zeros((pads, 2)),
         flags=np.zeros(2, bool),
@@ -237,8 +238,9 @@ def take_steps(r, steps, commanded, trace, work, scratch, designs, motions):
             break
         to_centroid(model.body, params, state, 1.0, work.sums)
         _advance_robot(
-            world, steps, commanded, state, robot, model, planes, statistics, work, trace
-        )
+            world, steps, commanded, state, robot, model, planes, statistics, work, trace,
+            scratch.pressed,
+        )  # fmt: skip
         to_centroid(model.body, params, state, -1.0, work.sums)
     robot.diverged = status.lost
     if status.lost:
@@ -261,6 +263,8 @@ def _refuse(robot, statistics, slip, force, scratch):
         pad.slip = pad.impulse[0] = pad.impulse[1] = 0.0
     for j in range(len(slip)):
         slip[j] = force[j, 0] = force[j, 1] = 0.0
+    for k in range(len(scratch.pressed)):
+        scratch.pressed[k] = 0.0
 
 
 @stage(inline=False)
@@ -293,7 +297,9 @@ def split(scratch):
 
 
 @stage
-def _advance_robot(world, steps, commanded, state, robot, model, planes, statistics, work, trace):
+def _advance_robot(
+    world, steps, commanded, state, robot, model, planes, statistics, work, trace, pressed
+):
     """Take a robot's steps, as far as its planes go; ``state`` is that of the centre of mass."""
     torque, earlier, switch, pushes = commanded
     status, h = robot.status, world.time_step
@@ -320,6 +326,8 @@ def _advance_robot(world, steps, commanded, state, robot, model, planes, statist
         if len(trace) > 0:
             trace[k, TORQUE], trace[k, DRY_TORQUE] = used, dry / h
             _trace(trace[k], state, robot.params.pad_radius, count, planes, work.contacts)
+        if k < len(pressed):  # a look ahead may be longer than a control step
+            pressed[k] = normal_impulse(count, work.contacts.problem)
         k += 1
         status.step = k
         if not _bounded(state):
@@ -327,6 +335,16 @@ def _advance_robot(world, steps, commanded, state, robot, model, planes, statist
             break
     if robot.params.compliant:
         keep_deflection(status, planes, statistics)
+
+
+@stage
+def normal_impulse(count, problem):
+    """The normal impulses of all contacts in a time step together, N s."""
+    total = 0.0
+    for c in range(count):
+        if problem.mode[c] != OPEN:
+            total += problem.P[2 * c]
+    return total
 
 
 @stage

@@ -141,8 +141,9 @@ PARAMETERS = row_dtype(
 """Parameters of an episode; :data:`jansen_env.parameters.TABLE` has their meanings and limits."""
 
 STATE = ("x_position", "x_velocity", "pitch", "crank_angle", "crank_speed", "crank_torque")
+SUPPORT = ("ground_load", "unsupported")
 INFORMATION = row_dtype(
-    [*floats(*STATE, "joint_gap"), ("links_in_ground", "i8"), ("diverged", bool)]
+    [*floats(*STATE, *SUPPORT, "joint_gap"), ("links_in_ground", "i8"), ("diverged", bool)]
 )
 """Information on a robot in its world; units are listed with the environments."""
 
@@ -153,6 +154,15 @@ ENERGIES = row_dtype(
     )
 )  # fmt: skip
 """Energies of the last control step, J."""
+
+GROUND_LOAD = row_dtype(
+    [
+        ("impulse", "f8"),  # N s, normal, on all contacts together, in the window that is open
+        ("steps", "i8"),  # time steps in that window
+        ("unevenness", "f8"),  # mean of (load - 1)^2 over the windows that ended last
+    ]
+)
+"""What the ground carries, see :mod:`jansen_env.engine.ground_load`."""
 
 ESTIMATES = 8
 ONBOARD = row_dtype(
@@ -191,6 +201,7 @@ ROBOT = row_dtype(
         ("x_before", "f8"),  # m, where the step began
         ("info", INFORMATION),
         ("energy", ENERGIES),
+        ("ground_load", GROUND_LOAD),
         ("reward", "f8"),
         ("terminated", "?"),
         ("onboard", ONBOARD),
@@ -333,6 +344,7 @@ class Scratch(NamedTuple):
     ints: Ints1
     planes: Planes
     pushes: Floats3  # (1, steps, 2) N s
+    pressed: Floats1  # (steps,) N s, total normal impulse on the ground in each time step
     state: Floats1  # (8,) where the step began
     deflection: Floats2  # (pads, 2) likewise
     flags: Bools1  # (2,) whether a robot has moved by the margin, and whether one has diverged

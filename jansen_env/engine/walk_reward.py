@@ -37,10 +37,13 @@ HALF_ENERGY = 4.0  # cost of transport: motor power / (weight * speed)
 HALF_EFFORT = 0.3  # m, RMS torque / weight
 HALF_CHANGE = 0.8  # change of the action
 HALF_PITCH = 0.4  # rad
+HALF_LOAD = 0.8  # of the weight: how far the ground's load is from 1
+
+ENOUGH = 0.8  # of the commanded distance, for a success
 
 MEANS = floats("mean_speed", "mean_slip", "mean_power", "rms_torque")
 # The reward's factors; all but the first two have an exponent, their weight.
-WEIGHTED = floats("slip", "energy", "effort", "smoothness", "posture")
+WEIGHTED = floats("slip", "energy", "effort", "smoothness", "posture", "load")
 REWARD = row_dtype([*floats("tracking", "progress"), *WEIGHTED])
 # The weights, and the definition of a fall: by pitch (rad), and whether by a joint on the ground;
 # and whether it ends the episode.
@@ -50,7 +53,9 @@ SETTINGS = row_dtype(
 # Accounts from step to step: exact in the information, and as measured behind noisy sensors.
 ACCOUNTS = row_dtype([*floats("lag"), *MEANS])
 # Information on the task.
-INFORMATION = row_dtype([*floats("speed_command", "lag"), *MEANS, ("fallen", bool)])
+INFORMATION = row_dtype(
+    [*floats("speed_command", "lag"), *MEANS, ("fallen", bool), ("is_success", bool)]
+)
 # The task's part of a robot's record.
 ROW = row_dtype(
     [
@@ -79,10 +84,10 @@ def begin_walk(robot, walk, advance):
     walk.covered[0] = walk.covered[1] = 0.0
     _clear_accounts(walk.info)
     _clear_accounts(walk.measured)
-    walk.info.fallen = False
+    walk.info.fallen = walk.info.is_success = False
     term = walk.reward
     term.tracking = term.progress = term.slip = term.energy = term.effort = 0.0
-    term.smoothness = term.posture = 0.0
+    term.smoothness = term.posture = term.load = 0.0
     robot.reward, robot.terminated = 0.0, False
 
 
@@ -125,6 +130,8 @@ def judge_walk(period, settings, robot, walk, way, slipped):
     falls = settings.fall_contact and total.non_toe_impulse > 0.0
     falls = falls or abs(state[2]) > settings.fall_pitch
     info.fallen = info.fallen or falls
+    enough = walk.covered[0] >= ENOUGH * walk.covered[1]
+    info.is_success = enough and not info.fallen and not robot.diverged
     robot.terminated = info.fallen and settings.ends_episode
     robot.reward = compute_reward(state[2], settings, robot, walk)
     info.speed_command = walk.next_command
@@ -188,7 +195,8 @@ def compute_reward(pitch, settings, robot, walk):
     term.effort = factor(effort_cost(info.rms_torque, robot.weight), settings.effort)
     term.smoothness = factor(change_cost(robot.action - robot.action_before), settings.smoothness)
     term.posture = factor(pitch_cost(pitch), settings.posture)
-    style = term.effort * term.smoothness * term.posture
+    term.load = factor(load_cost(robot.ground_load.unevenness), settings.load)
+    style = term.effort * term.smoothness * term.posture * term.load
     return term.tracking * term.progress * term.slip * term.energy * style
 
 
@@ -235,6 +243,12 @@ def change_cost(change):
 def pitch_cost(pitch):
     """Pitch, rad."""
     return (pitch / HALF_PITCH) ** 2
+
+
+@stage
+def load_cost(unevenness):
+    """Unevenness of the ground's load, see :mod:`jansen_env.engine.ground_load`."""
+    return unevenness / HALF_LOAD**2
 
 
 @stage

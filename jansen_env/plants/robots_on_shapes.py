@@ -68,7 +68,8 @@ class RobotsOnShapes:
         if world["is_whole"][0]:
             self._arrays.look_down(row, observing.scan)
         surface = self._arrays.grounds.surface
-        self._finish_step(rows, world, surface, records.motions, episodes, observing)
+        pressed = self._scratch.pressed
+        self._finish_step(row, world, surface, pressed, records.motions, episodes, observing)
 
     def step(
         self, row: int, steps: int, ahead: bool, torques: tuple[object, ...], trace: Array

@@ -31,7 +31,7 @@ Pick: TypeAlias = Ints | slice  # of episodes
 Interval: TypeAlias = tuple[float, float, float]
 """Value, lower and upper end of its 95 % interval; NaN for ends that are not known."""
 
-MAIN = 5  # metrics of short tables
+MAIN = 8  # metrics of short tables
 RESAMPLES = 2000
 CONFIDENCE, ENDS = 0.95, (2.5, 97.5)  # of intervals; their percentiles
 INTERVALS = (
@@ -46,11 +46,12 @@ class Aggregate(NamedTuple):
     """Sum over an episode: values (n,) of each step's ``infos``, and their reduction.
 
     To the "sum" over its steps or the "steady" ones (after :data:`SETTLING`), the "peak" of the
-    absolute value, the "rms", the "last" value, the last "early" one (within :data:`SETTLING`), or
-    the "change": the sum of the absolute changes from step to step, the first from 0.
+    absolute value, the "rms", the "p99" (the 99th percentile of its steps), the "last" value, the
+    last "early" one (within :data:`SETTLING`), or the "change": the sum of the absolute changes
+    from step to step, the first from 0.
     """
 
-    reduction: Literal["sum", "steady", "peak", "rms", "last", "early", "change"]
+    reduction: Literal["sum", "steady", "peak", "rms", "p99", "last", "early", "change"]
     function: Callable[[Infos], Array]
 
 

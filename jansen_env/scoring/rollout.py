@@ -131,6 +131,8 @@ def _run_side_by_side(
 ) -> Episodes:  # fmt: skip
     n, dt = len(seeds), envs.get_attr("control_dt")[0]  # type: ignore[attr-defined]
     totals: Episodes = {}
+    ranked = {name: a for name, a in benchmark.aggregates.items() if a.reduction == "p99"}
+    kept: dict[str, list[Array]] = {name: [] for name in ranked}
     last: Episodes = {}
     left = float(n)
     observations = _reset(envs, options, seeds)
@@ -142,7 +144,10 @@ def _run_side_by_side(
         time += dt
         values = {"returns": ("sum", rewards), "duration": ("sum", np.full(n, dt))}
         for name, (reduction, function) in benchmark.aggregates.items():
-            values[name] = reduction, function(infos)
+            if name in ranked:
+                kept[name].append(np.where(running, function(infos), np.nan))
+            else:
+                values[name] = reduction, function(infos)
         for name, (how, value) in values.items():
             before = totals.get(name, np.zeros_like(value))
             more = {"early": time < SETTLING + 0.5 * dt, "dt": dt, "last": last.get(name, 0.0)}
@@ -152,7 +157,7 @@ def _run_side_by_side(
         advance(n / longest)
         left -= n / longest
     advance(left)  # of episodes that ended early
-    return totals
+    return totals | {name: np.nanpercentile(steps, 99.0, axis=0) for name, steps in kept.items()}
 
 
 def _reset(envs: VectorEnv, options: Options, seeds: Ints) -> NDArray[np.float32]:

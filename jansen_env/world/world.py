@@ -641,6 +641,7 @@ class World:
             "steps": int(self.elapsed[i]),
             "command_seed": int(self.seeds[i]),
             "loads": self.toe_load[i].copy(),
+            "window": np.array(self.records.robots["ground_load"][i].item()),
             **self.episodes.state(i),
             "pushes": self.scheduled(i),
             "random_pushes": bool(self.records.robots["random_pushes"][i]),
@@ -662,6 +663,8 @@ class World:
             name: checks.finite_numbers(f"state[{name!r}]", state[name], size)
             for name, size in sizes.items()
         }
+        window = checks.finite_numbers("state['window']", state.get("window", np.zeros(3)), 3)
+        checked["window"] = np.array([checks.non_negative("state['window']", x) for x in window])
         checked["plant"] = check_state(state["plant"])
         if self.held:
             check_held(checked["plant"])
@@ -713,6 +716,7 @@ class World:
         robot["delay"] = divmod(round(state["delay"] / self.time_step), self.steps)
         records.slip[i] = records.contact_force[i] = 0.0
         records.loads[i] = state["loads"]
+        robot["ground_load"] = tuple(state["window"])
         robot["action"] = robot["action_before"] = state["action"]
         robot["elapsed"] = state["steps"]
         robot["seed"] = state["seed"]

@@ -66,9 +66,14 @@ def test_scores_are_those_of_the_episodes(env):
     error, torque, energies = follow(env, policy)
     work = sum(e["motor_work"] for e in energies)
     expected = {
-        "rms_error": rms(error), "peak_error": np.abs(error).max(), "rms_torque": rms(torque),
-        "peak_torque": np.abs(torque).max(), "power": work / 10.0, "lost": 0.0,
-    }  # fmt: skip
+        "rms_error": rms(error),
+        "peak_error": np.abs(error).max(),
+        "rms_torque": rms(torque),
+        "peak_torque": np.abs(torque).max(),
+        "power": work / 10.0,
+        "success": 1.0,
+        "lost": 0.0,
+    }
     measured = {name: float(metric.function(run, env)[0]) for name, metric in CRANK.metrics.items()}
     del measured["return"]
     assert measured == pytest.approx(expected)

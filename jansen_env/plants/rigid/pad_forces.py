@@ -31,6 +31,7 @@ class Sums(NamedTuple):
     total: np.void  # ACCUMULATORS of :mod:`jansen_env.engine.records`
     slip: Array  # (pads,) m, the path each slid
     impulse: Array  # (pads, 2) N s, tangential and normal
+    pressed: Array  # (1,) N s, normal, on pads and links together, in this time step
 
 
 class PadContacts:
@@ -96,6 +97,7 @@ class PadContacts:
             loss -= tangential * speed
             rims = [(self._off_rim(now.pads[k], x, y), k) for k in self._pads_of[body]]
             off, pad = min(rims, default=(math.inf, 0))
+            sums.pressed[0] += normal
             if off > 0.5 * (1.0 - bodies.INSET) * self._radius:  # a link's side
                 continue
             sums.slip[pad] += self._time_step * abs(speed)
@@ -314,6 +316,7 @@ class SpringPads:
         sums.total["impact_loss"] -= h * (normal - elastic) * 0.5 * (across + down)
         sums.total["impact_loss"] -= h * bent * bristle
         sums.total["slip_loss"] -= h * tangential * drift
+        sums.pressed[0] += h * normal
         if pad >= len(sums.slip):
             return
         sums.slip[pad] += h * abs(float(self._slide[pad]))

@@ -370,7 +370,9 @@ class RigidBodyBatch(BatchedPlant):
             torque, earlier = self.records.torques[0, whole : whole + 2].tolist()
             self._run(torque, earlier, switch, impulses)
             self.look_down(rows, observing.scan)
-            episode.finish_step(rows, self.world, self.surface, motions, episodes, observing)
+            episode.finish_step(
+                0, self.world, self.surface, self._pressed, motions, episodes, observing
+            )
         if meanwhile is not None:
             meanwhile()
 
@@ -384,9 +386,11 @@ class RigidBodyBatch(BatchedPlant):
         pads = len(self._owners)
         self.accumulators[:] = np.zeros((), self.accumulators.dtype)
         total = self.accumulators[0]
-        sums = Sums(total, np.zeros(pads), np.zeros((pads, 2)))
+        sums = Sums(total, np.zeros(pads), np.zeros((pads, 2)), np.zeros(1))
+        self._pressed = np.zeros(len(impulses))
         for k, impulse in enumerate(impulses):
             now, used = self._advance(now, earlier if k < switch else torque, impulse, sums)
+            self._pressed[k], sums.pressed[0] = sums.pressed[0], 0.0
             total["torque_impulse"] += h * (used - torque)
             gap = max(gap, now.joint_gap)
         self._refusal = self._refused(before, torque, gap)
@@ -395,6 +399,7 @@ class RigidBodyBatch(BatchedPlant):
         self.slip[:] = self.contact_force[:] = self.joint_gap[:] = 0.0
         if self.any_diverged:
             self.accumulators[:] = np.zeros((), self.accumulators.dtype)
+            self._pressed[:] = 0.0
             self._build(before)
             return
         self.states[0] = self._space.state

@@ -27,6 +27,7 @@ from jansen_env.world.settings import (
 from jansen_env.world.world import LOST, START_ANGLE
 
 FASTEST_COMMAND = 10.0  # rad/s
+CLOSE = 0.2  # rad, RMS tracking error up to which an episode is a success
 TRACKING_WIDTH = 0.8  # rad, tracking error at which half of the tracking reward is left
 
 
@@ -66,7 +67,12 @@ class CrankTask(CommandedTask):
         Observed("tracking_error", "rad", -np.inf, np.inf, EXACT),
         Observed("speed_command", "rad/s", -FASTEST_COMMAND, FASTEST_COMMAND, EXACT),
     )
-    INFO = {"tracking_error": float, "speed_command": float}
+    INFO = {
+        "tracking_error": float,
+        "speed_command": float,
+        "rms_error": float,
+        "is_success": bool,
+    }
     TERMS = ("tracking", "torque")
     FASTEST = FASTEST_COMMAND
 
@@ -96,7 +102,18 @@ class CrankTask(CommandedTask):
         close = tracking(self.tracking_error, self._weights[0])
         cost = torque_cost(self.world.action, self._weights[1])
         self.keep(tracking=close, torque=cost)
+        self._keep_success()
         return close + cost
+
+    def _keep_success(self) -> None:
+        """Keep the RMS tracking error of the episode so far, and whether that is a success."""
+        mean_square = np.square(self.info["rms_error"])
+        mean_square += (np.square(self.tracking_error) - mean_square) / np.maximum(
+            1, self.world.elapsed
+        )
+        rms = np.sqrt(mean_square)
+        lost = (np.abs(self.tracking_error) > LOST) | self.truncated
+        self.keep(rms_error=rms, is_success=(rms <= CLOSE) & ~lost)
 
     def terminated(self) -> Bools:
         """A lost reference ends the episode."""
@@ -157,7 +174,8 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
 
     ## Information
     ``crank_angle`` rad (not wrapped), ``crank_speed`` rad/s, ``crank_torque`` N m,
-    ``tracking_error`` rad, ``speed_command`` rad/s, and ``energy``, J in this step: ``motor_work``,
+    ``tracking_error`` rad, ``rms_error`` rad (of the episode so far), ``is_success`` (whether that
+    is at most 0.2 rad), ``speed_command`` rad/s, and ``energy``, J in this step: ``motor_work``,
     ``joint_loss``, ``mechanical_energy_change``, ``residual``; the first is the sum of the others;
     ``electrical_work`` is what the motor drew. At a reset these and the terms of the reward are 0.
     With ``track_joint_forces``: ``joint_force_max`` N, the largest force with which a link bears

@@ -81,6 +81,9 @@ class JansenWalkerBuiltEnv(JansenWalkerEnv):
     | ``reward/smoothness`` | does not change its action |
     | ``reward/posture`` | keeps its chassis level |
 
+    ``load_weight=1`` adds ``reward/load``, which is 1 for a robot that lands softly and stays on the
+    ground.
+
     A robot that stands still earns nothing, as ``reward/progress`` is 0. A fall ends the episode, and
     costs what the rest of the episode would have earned. No policy reaches 500, because walking takes
     power and torque: the most that a search has found is 314, in the mean of nine commands

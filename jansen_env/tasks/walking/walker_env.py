@@ -52,6 +52,7 @@ class WalkerArguments(WorldArguments, total=False):
     effort_weight: float
     smoothness_weight: float
     posture_weight: float
+    load_weight: float
     fall_pitch: float
     fall_contact: bool
     terminate_when_fallen: bool
@@ -73,6 +74,7 @@ class WalkerSettings(WorldSettings):
     effort_weight: float = shared(1.0, non_negative)
     smoothness_weight: float = shared(1.0, non_negative)
     posture_weight: float = shared(1.0, non_negative)
+    load_weight: float = shared(0.0, non_negative)
     fall_pitch: float = shared(walk_reward.FALLEN_PITCH, positive)
     fall_contact: bool = shared(True, flag)
     terminate_when_fallen: bool = shared(True, flag)
@@ -237,7 +239,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     The other costs are rated over a stride too, by exponential means over the time T that a quarter
     turn of the crank takes at the commanded speed: what it advances the robot
     (:func:`jansen_env.robot.kinematics.advance_per_turn`; 0.16 m) / \\|command\\|, 0.2 to 3.4 s; 0 at
-    first. The reward is the product of seven factors, each from 0 to 1 and in ``info``:
+    first. The reward is the product of these factors, each from 0 to 1 and in ``info``:
 
     | Factor | Value |
     |--------|-------|
@@ -248,9 +250,10 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     | ``reward/effort`` | 1 / (1 + (RMS torque / (weight * 0.3 m))^2) |
     | ``reward/smoothness`` | 1 / (1 + (change of the action / 0.8)^2) |
     | ``reward/posture`` | 1 / (1 + (pitch / 0.4 rad)^2) |
+    | ``reward/load`` | 1 / (1 + ((ground load - 1) / 0.8)^2), see Information; left out by default |
 
-    with v = max(\\|command\\|, 0.1 m/s), and the last five to the powers ``slip_weight`` ...
-    ``posture_weight``, 1 by default; 0 leaves one out. Standing still earns nothing at any command
+    with v = max(\\|command\\|, 0.1 m/s), and the last six to the powers ``slip_weight`` ...
+    ``load_weight``, 1 by default but for ``load_weight``, which is 0; 0 leaves a factor out. Standing still earns nothing at any command
     but 0, and a fall costs what the rest of the episode would have earned. By return fourteen
     controllers rank nearly as by the scores (rank correlation 0.93, ``docs/training.md``).
 
@@ -300,7 +303,10 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     ``crank_speed`` rad/s, ``crank_torque`` N m, ``speed_command`` m/s, ``lag`` m, ``mean_speed``
     and ``mean_slip`` m/s, ``mean_power`` W, ``rms_torque`` N m (see Rewards), ``slip`` (n,) m slid by each
     toe while loaded in this step, ``contact_force`` (n, 2) mean tangential and normal force on each
-    toe in N, ``links_in_ground`` (how many sides of links, lines between two joints with pads, pass below a vertex of the ground at the
+    toe in N, ``ground_load`` (the normal forces of all contacts together, mean over 20 ms, divided by
+    the weight; the largest of the windows of 20 ms that ended in this step), ``unsupported`` (the share of
+    this step's time in which these forces are below a tenth of the weight), ``is_success`` (whether the
+    episode is a success so far: no fall, and at least 0.8 of the commanded distance), ``links_in_ground`` (how many sides of links, lines between two joints with pads, pass below a vertex of the ground at the
     end of this step; rods to a crank pin are not looked at), ``fallen`` (since the last reset), and ``energy``, J in this step: ``motor_work``, ``push_work``,
     ``correction_work`` (what taking sunken pads out of the ground adds), ``joint_loss``, ``slip_loss``, ``impact_loss``,
     ``mechanical_energy_change``, ``residual``; the first three are the sum of the others, and no loss is negative (``docs/theory.md``, Energy);
@@ -335,6 +341,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     | ``plant`` | ``"projection"`` | what moves the robot, see Plants |
     | ``links_collide`` | False | whether sides of links touch vertices of the ground, see Plants |
     | ``slip_weight``, ``energy_weight``, ``effort_weight``, ``smoothness_weight``, ``posture_weight`` | 1 | see Rewards |
+    | ``load_weight`` | 0 | see Rewards |
     | ``reset_noise_scale`` | 0.1 | rad/s, of the starting crank speed |
     | ``fall_pitch`` | 1.2 | rad, beyond which the robot has fallen |
     | ``fall_contact`` | True | whether a joint on the ground is a fall |

@@ -11,7 +11,7 @@ from jansen_env.baselines.policy import PAPER_PID
 from jansen_env.engine import collision, integrator
 from jansen_env.gravity import GRAVITY
 from jansen_env.parameters import TABLE, Parameter, argument_values
-from jansen_env.plants import batch, grounds, robot_parameters
+from jansen_env.plants import batched_plant, grounds, robot_parameters
 from jansen_env.policies import pretrained
 from jansen_env.robot import ROBOTS, Leg, Payload, Robot, zoo
 from jansen_env.robot.robot_file import robot_to_json
@@ -181,7 +181,7 @@ def engine_data() -> Json:
         "room": collision.MARGIN + grounds.FASTEST * env.control_dt,
         "world": values_of(task.world.plant.world[0]) | {"is_whole": True},  # kernels do it all
         "delayed": task.world.records.torques.shape[1],
-        "capacity": [0, batch.PLANES_PER_PAD],
+        "capacity": [0, batched_plant.PLANES_PER_PAD],
         "workSpace": _work_space(steps),
         "push": values_of(task.world._push[0]),
         "settings": values_of(task.world.weights[0]),
@@ -229,7 +229,7 @@ def _work_space(steps: int) -> list[Json]:
 
     A length is a number, and what it grows by per contact pad.
     """
-    capacities = (pads * batch.PLANES_PER_PAD for pads in (0, 1))
+    capacities = (pads * batched_plant.PLANES_PER_PAD for pads in (0, 1))
     spaces = [integrator.work_space(each, pads, steps) for pads, each in enumerate(capacities)]
     told = list[Json]()
     for least, per_pad in zip(*(space[:-1] for space in spaces), strict=True):

@@ -36,6 +36,7 @@ LONGEST_ARROW = 2.4  # times that, so that an impact does not cross the whole pi
 LARGEST_PAYLOAD = 0.25  # of the reach: half of the side of the box that is drawn for a payload
 TICK_SPACING = 0.5  # m between the marks on the ground, times 2, 5, 10 ... where there are too many
 MOST_MARKS = 40
+LOAD_RANGE = 5.0  # weights, at the end of the load's gauge
 REACHES = 1e-6, 1e6  # m: a robot's reach beyond them is drawn as if it were this
 FARTHEST = 1e12  # m, of a pose, and canvas pixels, of a shape's corners
 MOST_DIGITS = 1e6  # numbers from here on are written with an exponent
@@ -71,6 +72,7 @@ class Frame:
     torque_limit: float  # N m, its largest magnitude
     time: float  # s
     goal: float | None = None  # m, place to walk to
+    load: float | None = None  # of the ground, in weights; None where there is no ground
 
 
 class Renderer:
@@ -288,7 +290,7 @@ class Renderer:
 
     def _paint_gauges(self, frame: Frame) -> None:
         u = UNIT
-        self._card(14, 236, 180)
+        self._card(14, 236, 180 if frame.load is None else 228)
         self._text(f"{_number(frame.time)} s", 28 * u, 38 * u, 30, INK, 0.0)
         self._text(
             f"{_number(frame.speed, '+.2f')} {self.speed_unit}", 236 * u, 72 * u, 23, INK, 1.0
@@ -300,6 +302,9 @@ class Renderer:
             self._text(label, 236 * u, 112 * u, 23, _mix(CRANK, INK, 0.35), 1.0)
         self._text(f"{_number(frame.torque, '+.1f')} N m", 236 * u, 150 * u, 23, INK, 1.0)
         self._gauge("torque", 150, frame.torque, frame.torque_limit, FORCE, None)
+        if frame.load is not None:
+            self._text(f"{_number(frame.load, '.1f')} weights", 236 * u, 198 * u, 23, INK, 1.0)
+            self._gauge("load", 198, frame.load, LOAD_RANGE, RED, 1.0)
 
     def _gauge(
         self, name: str, y: float, value: float, limit: float, color: Color, mark: float | None

@@ -764,6 +764,7 @@ class World:
             torque=float(self.torque[i]),
             torque_limit=abs(float(self.full_torque[i])),
             time=float(self.elapsed[i]) * self.control_dt,
+            load=None if self.held else float(self.records.robots["info"]["ground_load"][i]),
         )
 
     def __getstate__(self) -> Values:

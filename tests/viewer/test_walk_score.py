@@ -44,4 +44,5 @@ def test_the_score_is_that_of_the_evaluation(control, seed):
     assert score["time"] == pytest.approx(run["duration"][0])
     assert score["distance"] == pytest.approx(run["distance"][0], rel=1e-9)
     assert score["slip"] == pytest.approx(expected["slip_per_metre"], rel=1e-9)
+    assert score["unsupported"] == pytest.approx(expected["unsupported"], rel=1e-9)
     assert score["cost"] == pytest.approx(expected["cost_of_transport"], rel=1e-9)

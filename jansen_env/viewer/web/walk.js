@@ -39,12 +39,13 @@ const PLOTS = [
   ["crank torque", "N m"],
   ["slip speed, all toes", "m/s"],
   ["motor power", "W"],
-  ["largest toe load", "N"],
+  ["ground load", "weights"],
 ]; // as walker.js has their numbers
 const SCORE = [
   ["distance", ({ distance }) => shown(distance, 2, " m")],
   ["slip per metre", ({ slip }) => shown(slip, 3, " m/m")],
   ["cost of transport", ({ cost }) => shown(cost, 2)],
+  ["unsupported", ({ unsupported }) => shown(unsupported && 100 * unsupported, 0, " %")],
   ["mean speed", ({ speed }) => shown(speed, 2, " m/s")],
   ["time", ({ time }) => shown(time, 1, " s")],
 ];

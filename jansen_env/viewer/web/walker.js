@@ -13,10 +13,19 @@ const PLOTTED = [
   ({ crank_torque }) => crank_torque, // N m
   ({ slip }, step) => slip.reduce((total, path) => total + path, 0) / step, // m/s, of all toes
   ({ energy }, step) => energy.motor_work / step, // W
-  ({ contact_force }) =>
-    contact_force.reduce((most, force, i) => (i % 2 ? Math.max(most, force) : most), 0), // N, of a toe
+  ({ ground_load }) => ground_load, // weights
 ];
-const NOTHING = { time: 0, speed: 0, x: 0, commanded: 0, free: 0, slipped: 0, lifted: 0 };
+const NOTHING = {
+  time: 0,
+  speed: 0,
+  x: 0,
+  commanded: 0,
+  free: 0,
+  slipped: 0,
+  lifted: 0,
+  steps: 0,
+  unsupported: 0,
+};
 
 /** A number as text, with a minus sign unless it is 0; a dash for null. */
 export function shown(value, digits, unit = "") {
@@ -32,6 +41,8 @@ function counted(sums, info, weight, command) {
   else next.free += way;
   for (const slip of info.slip) next.slipped += slip;
   next.lifted += Math.abs(info.energy.motor_work) / weight;
+  next.steps += 1;
+  next.unsupported += info.unsupported; // share of the step's time
   return next;
 }
 
@@ -78,12 +89,16 @@ export class Walker {
     this.keep(0);
   }
 
-  /** Distance, m; slip per metre and cost of transport, or null; mean speed, m/s; time, s. */
+  /**
+   * Distance, m; slip per metre and cost of transport, or null; share of the time without support,
+   * or null; mean speed, m/s; time, s.
+   */
   get score() {
-    const { time, speed, commanded, free, slipped, lifted } = this.sums;
+    const { time, speed, commanded, free, slipped, lifted, steps } = this.sums;
     const distance = Math.max(commanded, 0) + Math.abs(free);
     const ratio = (sum) => (distance > MIN_DISTANCE ? sum / distance : null);
-    return { distance, slip: ratio(slipped), cost: ratio(lifted), speed, time };
+    const unsupported = steps > 0 ? this.sums.unsupported / steps : null;
+    return { distance, slip: ratio(slipped), cost: ratio(lifted), unsupported, speed, time };
   }
 
   /** Change numbers of the machine from the next step on; throws if one cannot be. */

@@ -13,7 +13,7 @@ import pytest
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SIZES = {  # the arguments that make it short, and a word of what it prints
-    "codesign": ("search 16384 new economy 1", "design_0"),
+    "codesign": ("train 8192 new economy", "economy"),
     "front": ("1 1", "| map"),
     "joint_loads": ("20", "largest"),
     "linkage_map": ("0", "kept"),
@@ -57,23 +57,36 @@ SLOW = ("codesign", "front", "minari_data", "offline_learning", "train_and_watch
 NAMES = [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in SIZES]
 
 
+def run_example(name: str, arguments: str, folder: Path) -> str:
+    """Run an example in a folder, without a display, and return what it prints."""
+    headless = {"SDL_VIDEODRIVER": "dummy", "MPLBACKEND": "Agg"}
+    shared = {"MINARI_DATASETS_PATH": str(folder.parent / "minari")}  # of one for the next
+    run = subprocess.run(
+        [sys.executable, EXAMPLES / f"{name}.py", *arguments.split()],
+        cwd=folder,
+        env={**os.environ, **headless, **shared},
+        capture_output=True,
+        text=True,
+    )
+    assert run.returncode == 0, run.stderr
+    return run.stdout
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_example(name: str, tmp_path: Path) -> None:
     size, printed = SIZES[name]
     if name in NEEDS and find_spec(NEEDS[name]) is None:
         pytest.skip(f"{NEEDS[name]} is not installed")
-    headless = {"SDL_VIDEODRIVER": "dummy", "MPLBACKEND": "Agg"}
-    shared = {"MINARI_DATASETS_PATH": str(tmp_path.parent / "minari")}  # of one for the next
-    run = subprocess.run(
-        [sys.executable, EXAMPLES / f"{name}.py", *size.split()], cwd=tmp_path,
-        env={**os.environ, **headless, **shared}, capture_output=True, text=True,
-    )  # fmt: skip
-    assert run.returncode == 0, run.stderr
-    assert printed in run.stdout
+    assert printed in run_example(name, size, tmp_path)
     source = (EXAMPLES / f"{name}.py").read_text(encoding="utf-8")
     for word in source.split('"""')[1].split():  # the files that its docstring promises
         if word.strip(".").endswith((".gif", ".png")):
             assert (tmp_path / word.strip(".")).stat().st_size > 1000
+
+
+@pytest.mark.slow
+def test_codesign_searches(tmp_path: Path) -> None:
+    assert "design_0" in run_example("codesign", "search 16384 new economy 1", tmp_path)
 
 
 def test_linkages_of_the_map_walk_as_published(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -152,9 +152,10 @@ def control_step(
 def begin_step(
     rows: Ints1, actions: Floats2, pushes: Floats2, robots: Robots, episodes: Episodes
 ) -> bool:
-    """Begin a control step of a robot that another plant moves, see :func:`control_step`.
+    """Begin a control step of a robot that Python moves, see :func:`control_step`.
 
-    ``pushes`` (steps, 2) gets the impulses on its chassis, N s. Returns whether there are any.
+    Such a robot consists of pymunk's rigid bodies, or walks on pymunk's shapes. ``pushes``
+    (steps, 2) gets the impulses on its chassis, N s. Returns whether there are any.
     """
     pushed = False
     for r in rows:
@@ -178,7 +179,7 @@ def finish_step(
     row: int, world_row: World, surface: Floats2, pressed: Floats1, motions: Motions,
     episodes: Episodes, observing: Observing,
 ) -> None:  # fmt: skip
-    """Finish a control step of a robot that another plant has moved, see :func:`control_step`.
+    """Finish a control step of a robot that Python has moved, see :func:`control_step`.
 
     ``pressed`` (steps,) has the total normal impulses on it in its time steps, N s.
     """

@@ -326,7 +326,7 @@ def _advance_robot(
         if len(trace) > 0:
             trace[k, TORQUE], trace[k, DRY_TORQUE] = used, dry / h
             _trace(trace[k], state, robot.params.pad_radius, count, planes, work.contacts)
-        if k < len(pressed):  # a look ahead may be longer than a control step
+        if k < len(pressed):  # a plant may be stepped for longer than a control step
             pressed[k] = normal_impulse(count, work.contacts.problem)
         k += 1
         status.step = k

@@ -3,7 +3,7 @@
 Everything that a robot's future depends on stands in one record. :data:`ROBOT` is the part that has
 the same size for every robot; :func:`record_dtype` adds the parts whose size depends on the number
 of its toes and pads, on the longest delay, and on its task. A kernel gets each part as an array
-whose rows lie apart, see :class:`Motions` and :class:`Episodes`.
+whose rows lie apart, see :class:`Motions` and :class:`jansen_env.engine.episode.Episodes`.
 """
 
 from __future__ import annotations

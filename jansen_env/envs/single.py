@@ -87,9 +87,12 @@ class SingleEnv(WholeCopies, gym.Env[Observation, NDArray[np.float32]], Generic[
     ) -> tuple[Observation, Values]:
         """Start an episode; Starting State lists the ``options``.
 
+        ``docs/life_of_a_step.md`` lists the functions that a reset passes through.
+
         Raises:
-            ValueError: an unknown option, or a value out of range. FloatingPointError: the robot
-                diverges where it is placed. Nothing has changed then.
+            ValueError: If an option is unknown or its value is out of range.
+            FloatingPointError: If a robot of the rigid-body plant diverges where it is placed.
+                Nothing has changed after an error.
         """
         options = reset_options(options)
         task = self.task
@@ -109,6 +112,10 @@ class SingleEnv(WholeCopies, gym.Env[Observation, NDArray[np.float32]], Generic[
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, Values]:
         """Hold an action for ``control_dt`` seconds.
+
+        ``docs/life_of_a_step.md`` lists the functions that a step passes through. The kernel
+        :func:`jansen_env.engine.episode.control_step` does most of it; with the environment
+        variable ``JANSEN_ENV_PYTHON=1`` it runs as plain Python, for a debugger.
 
         Raises:
             ValueError: the action is not one finite number.

@@ -2,8 +2,8 @@
 
 A record of :data:`jansen_env.parameters.EPISODE` has friction, restitution and payload as they are,
 the others as scales of the robot's own values (1: as it is), so that a record never builds on the
-one before. The kernel :func:`jansen_env.engine.episode.apply_parameters` does the same for the
-projection plant. Coulomb friction of bearings stays: it is data of the machine, by loads
+one before. The kernel :func:`jansen_env.engine.episode.apply_parameters` derives from a record what
+the dynamics read. Coulomb friction of bearings stays: it is data of the machine, by loads
 measured.
 """
 

@@ -284,7 +284,7 @@ class World:
             self.arrays |= {k: self._joint_loads[i : i + 1] for i, k in enumerate(names)}
         is_walk = records.task.dtype == walk_reward.ROW
         walks = records.task if is_walk else np.zeros(0, walk_reward.ROW)
-        self._episodes = Episodes(
+        self._kernel_episodes = Episodes(
             walks, records.loads, records.torques, records.schedule, self._push, self.weights
         )
 
@@ -361,11 +361,14 @@ class World:
         draw: Draw,
         progress: Progress,
     ) -> list[Numbers]:
-        """Start episodes of robots (k,); returns what ``draw`` gave for each.
+        """Place robots (k,) for their next episodes, and return what ``draw`` gave for each.
+
+        The task puts these numbers into its records, and then calls :meth:`begin_episodes`.
 
         Raises:
-            ValueError: an option out of range, FloatingPointError: the robot diverges where it is
-                placed. Nothing has changed then but the generators.
+            ValueError: If an option is out of range.
+            FloatingPointError: If a robot of the rigid-body plant diverges where it is placed.
+                Nothing has changed after an error but the generators.
         """
         robots = zip(which.tolist(), generators, options, strict=True)
         starts = [self._plan_start(*robot, draw, progress) for robot in robots]
@@ -389,7 +392,9 @@ class World:
         self._joint_loads[:] = 0.0
         if plant.joints_open:
             records.robots["info"]["joint_gap"][which] = plant.joint_gap[which]
-        self._begin_episode(which, plant.world, plant.machines, records.motions, self._episodes)
+        self._begin_episode(
+            which, plant.world, plant.machines, records.motions, self._kernel_episodes
+        )
 
     def observe(self, which: Ints | None, moved: bool) -> None:
         """Fill observations and information of robots (k,), after a step or as they stand.
@@ -405,7 +410,7 @@ class World:
             plant.world,
             plant.surface,
             self.records.motions,
-            self._episodes,
+            self._kernel_episodes,
             self._observing,
         )
 
@@ -515,7 +520,7 @@ class World:
         plant = self.plant
         which = self._every if which is None else which
         self._actions[:] = actions
-        plant.control_step(which, self._actions, self._episodes, self._observing, meanwhile)
+        plant.control_step(which, self._actions, self._kernel_episodes, self._observing, meanwhile)
         if plant.joints_open:
             self.records.robots["info"]["joint_gap"] = plant.joint_gap
         if plant.any_diverged or self._any_truncated:
@@ -663,7 +668,7 @@ class World:
             name: checks.finite_numbers(f"state[{name!r}]", state[name], size)
             for name, size in sizes.items()
         }
-        window = checks.finite_numbers("state['window']", state.get("window", np.zeros(3)), 3)
+        window = checks.finite_numbers("state['window']", state["window"], 3)
         checked["window"] = np.array([checks.non_negative("state['window']", x) for x in window])
         checked["plant"] = check_state(state["plant"])
         if self.held:
@@ -768,7 +773,7 @@ class World:
         )
 
     def __getstate__(self) -> Values:
-        views = "_begin_episode", "_observe", "_episodes"
+        views = "_begin_episode", "_observe", "_kernel_episodes"
         return {name: value for name, value in self.__dict__.items() if name not in views}
 
     def __setstate__(self, state: Values) -> None:

@@ -37,7 +37,7 @@ from jansen_env.world.settings import (
 SPEED_COMMAND = (0.05, 0.8)  # m/s, the default range of commanded speeds
 FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine
 ACCOUNTS: tuple[str, ...] = walk_reward.ACCOUNTS.names or ()  # lag and means
-COMMANDED = ("speed_command", *ACCOUNTS)  # in the order of ``walk_reward.observe``
+COMMANDED = ("speed_command", *ACCOUNTS)  # in the order of ``walk_reward.observe_walk``
 ODOMETRY = ("lag", "mean_speed")  # of them, those that are observed onboard
 FURTHEST = walk_reward.FURTHEST_TARGET
 

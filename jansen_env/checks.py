@@ -1,4 +1,4 @@
-"""Argument checks shared by the package: each names the argument, its value and what is allowed."""
+"""Checks of arguments: their errors name the argument, its value and the allowed values."""
 
 from __future__ import annotations
 
@@ -19,13 +19,14 @@ from jansen_env.arrays import Array
 
 T = TypeVar("T")
 
-MAX_STEPS = 10**10  # environment steps of one run: months of training
-LONGEST = 200  # characters of a value in a message
-LEAST_SINGLE, MOST_SINGLE = 2.0**-126, (2.0 - 2.0**-23) * 2.0**127  # of normal float32 numbers
+MAX_STEPS = 10**10  # largest number of environment steps of one run, which is months of training
+LONGEST = 200  # largest number of characters of a value in a message
+# Smallest and largest normal float32 number.
+LEAST_SINGLE, MOST_SINGLE = 2.0**-126, (2.0 - 2.0**-23) * 2.0**127
 
 
 def shown(value: object) -> str:
-    """A value as a message shows it: what ``repr`` says, cut where it is long."""
+    """Return a value as text for a message: its ``repr``, shortened if it is long."""
     try:
         text = repr(value)
     except Exception:  # integers of thousands of digits, for example
@@ -39,13 +40,21 @@ def invalid(name: str, value: object, allowed: object) -> ValueError:
 
 
 def one_line(error: BaseException) -> str:
-    """Return an error's text on one line, cut where it is long."""
+    """Return the text of an error on one line, shortened if it is long."""
     return (" ".join(str(error).split()) or type(error).__name__)[:1000]
 
 
 @contextlib.contextmanager
 def named_errors(source: object, *kinds: type[Exception]) -> Iterator[None]:
-    """Let errors within, of ``kinds`` too, be ValueErrors of one line that begins with a source."""
+    """Turn errors within the context into ValueErrors whose one-line text begins with a source.
+
+    Args:
+        source: Source of the errors, such as the name of a file.
+        kinds: Types of errors to turn into ValueErrors, in addition to ValueError itself.
+
+    Raises:
+        ValueError: If an error of these types occurs within the context.
+    """
     every: tuple[type[Exception], ...] = (ValueError, *kinds)
     try:
         yield
@@ -54,14 +63,18 @@ def named_errors(source: object, *kinds: type[Exception]) -> Iterator[None]:
 
 
 def listed(known: Iterable[object], value: object) -> str:
-    """Known names as a message lists them, and which of them ``value`` may have meant."""
+    """Return a list of known names for a message, with the name that ``value`` may have meant."""
     names, text = [*known], value[:LONGEST] if isinstance(value, str) else ""
     near = get_close_matches(text, map(str, names), 1)
     return f"{names}; did you mean {near[0]!r}?" if near else str(names)
 
 
 def one_of(name: str, value: object, known: Iterable[T]) -> T:
-    """Return ``value``. Raises ValueError unless it is a known name."""
+    """Return ``value`` if it is a known name.
+
+    Raises:
+        ValueError: If it is not a known name.
+    """
     allowed = [*known]
     if not isinstance(value, (str, NoneType)) or value not in allowed:
         raise invalid(name, value, f"one of {listed(allowed, value)}")
@@ -69,12 +82,16 @@ def one_of(name: str, value: object, known: Iterable[T]) -> T:
 
 
 def finite(name: str, value: object) -> float:
-    """Return ``value`` as a float. Raises ValueError unless it is a finite number."""
+    """Return ``value`` as a float.
+
+    Raises:
+        ValueError: If it is not a finite number.
+    """
     if type(value) is float and math.isfinite(value):
-        return value  # nearly always, and ten times as quick
+        return value  # the usual case, ten times as fast as the general one
     number = math.nan
     if not isinstance(value, bool) and isinstance(value, (Real, Decimal)):
-        with contextlib.suppress(OverflowError, ValueError):  # beyond a float's range
+        with contextlib.suppress(OverflowError, ValueError):  # beyond the range of a float
             number = float(value)
     if not math.isfinite(number):
         raise invalid(name, value, "a finite number")
@@ -82,7 +99,11 @@ def finite(name: str, value: object) -> float:
 
 
 def positive(name: str, value: object) -> float:
-    """Return ``value`` as a float. Raises ValueError unless it is above 0."""
+    """Return ``value`` as a float.
+
+    Raises:
+        ValueError: If it is not a finite number above 0.
+    """
     number = finite(name, value)
     if number <= 0.0:
         raise invalid(name, value, "above 0")
@@ -90,7 +111,11 @@ def positive(name: str, value: object) -> float:
 
 
 def positive_single(name: str, value: object) -> float:
-    """Return ``value`` as a float. Raises ValueError unless it is above 0, as float32 too."""
+    """Return ``value`` as a float.
+
+    Raises:
+        ValueError: If it is not a number above 0 within the range of normal float32 numbers.
+    """
     number = positive(name, value)
     if not LEAST_SINGLE <= number <= MOST_SINGLE:
         limits = f"{LEAST_SINGLE:.2g} to {MOST_SINGLE:.2g}"
@@ -99,7 +124,11 @@ def positive_single(name: str, value: object) -> float:
 
 
 def non_negative(name: str, value: object) -> float:
-    """Return ``value`` as a float. Raises ValueError if it is below 0."""
+    """Return ``value`` as a float.
+
+    Raises:
+        ValueError: If it is not a finite number of at least 0.
+    """
     number = finite(name, value)
     if number < 0.0:
         raise invalid(name, value, "0 or above")
@@ -107,7 +136,11 @@ def non_negative(name: str, value: object) -> float:
 
 
 def within(name: str, value: object, low: float, high: float) -> float:
-    """Return ``value`` as a float. Raises ValueError unless ``low <= value <= high``."""
+    """Return ``value`` as a float.
+
+    Raises:
+        ValueError: If it is not a finite number with ``low <= value <= high``.
+    """
     number = finite(name, value)
     if not low <= number <= high:
         raise invalid(name, value, f"between {low} and {high}")
@@ -120,7 +153,17 @@ def infinite(value: object) -> bool:
 
 
 def whole_number(name: str, value: object, most: int | None = None, least: int = 0) -> int:
-    """Return ``value`` as an int. Raises ValueError unless whole, from ``least`` to ``most``."""
+    """Return ``value`` as an int.
+
+    Args:
+        name: Name of the argument.
+        value: The value.
+        most: Largest allowed number. None for no limit.
+        least: Smallest allowed number.
+
+    Raises:
+        ValueError: If it is not a whole number from ``least`` to ``most``.
+    """
     whole = None if isinstance(value, bool) or not isinstance(value, Integral) else int(value)
     if whole is None or whole < least or (most is not None and whole > most):
         allowed = " above 0" if least else ", 0 or above"
@@ -130,24 +173,33 @@ def whole_number(name: str, value: object, most: int | None = None, least: int =
 
 
 def positive_integer(name: str, value: object, most: int | None = None) -> int:
-    """Return ``value`` as an int. Raises ValueError unless it is whole, from 1 to ``most``."""
+    """Return ``value`` as an int.
+
+    Raises:
+        ValueError: If it is not a whole number from 1 to ``most``; None for ``most`` means that
+            there is no upper limit.
+    """
     return whole_number(name, value, most, least=1)
 
 
 def robot_index(index: object, count: int) -> int:
-    """Return the position of one of ``count`` robots as an int.
+    """Return the index of one of ``count`` robots as an int.
 
     Raises:
-        ValueError: If it is no whole number from 0 to ``count`` - 1. A flag is none.
+        ValueError: If it is not a whole number from 0 to ``count`` - 1. A bool is not accepted.
     """
     return whole_number("robot index", index, most=count - 1)
 
 
 def robot_indices(indices: object, count: int) -> list[int]:
-    """Return the positions of some of ``count`` robots: of all for None, of one for a number.
+    """Return the indices of some of ``count`` robots.
+
+    Args:
+        indices: Indices of the robots, or a single index. None for all robots.
+        count: Number of robots.
 
     Raises:
-        ValueError: If one is no :func:`robot_index`, or there twice.
+        ValueError: If an index is not valid for :func:`robot_index`, or occurs twice.
     """
     if indices is None:
         return list(range(count))
@@ -161,14 +213,22 @@ def robot_indices(indices: object, count: int) -> list[int]:
 
 
 def instance(name: str, value: object, kind: type) -> Any:
-    """Return ``value``. Raises ValueError unless it is of a type."""
+    """Return ``value`` if it has the type ``kind``.
+
+    Raises:
+        ValueError: If it has a different type.
+    """
     if not isinstance(value, kind):
         raise invalid(name, value, f"a {kind.__name__}")
     return value
 
 
 def printable(name: str, value: str) -> str:
-    """Return text. Raises ValueError if it cannot be written to a file as UTF-8."""
+    """Return a text if it can be written to a file as UTF-8.
+
+    Raises:
+        ValueError: If it cannot.
+    """
     try:
         value.encode("utf-8")
     except UnicodeEncodeError as error:
@@ -178,12 +238,19 @@ def printable(name: str, value: str) -> str:
 
 
 def entries(name: str, value: object, allowed: str, count: int | None = None) -> tuple[Any, ...]:
-    """Return the entries of a list, tuple, array ... Raises ValueError for anything else.
+    """Return the entries of a list, a tuple, an array or another ordered iterable.
 
-    ``count``: how many there must be; None for any number.
+    Args:
+        name: Name of the argument.
+        value: The value.
+        allowed: Description of the allowed values, for the error message.
+        count: Required number of entries. None for any number.
+
+    Raises:
+        ValueError: If ``value`` is not an ordered iterable, or has a different number of entries.
     """
     if isinstance(value, Iterable) and not isinstance(value, (str, bytes, Mapping, Set)):
-        with contextlib.suppress(TypeError):  # of an array without dimensions
+        with contextlib.suppress(TypeError):  # an array without dimensions raises it
             values = tuple(value)
             if count in (None, len(values)):
                 return values
@@ -191,12 +258,12 @@ def entries(name: str, value: object, allowed: str, count: int | None = None) ->
 
 
 def numbers_of(value: object) -> Array:
-    """Return real numbers as an array of floats, a copy; NaN alone for anything else.
+    """Return a copy of real numbers as an array of floats, or a single NaN for anything else.
 
-    Texts, flags, complex numbers, dates, objects and masked arrays are no real numbers, although
-    NumPy would turn them into floats.
+    Texts, bools, complex numbers, dates, objects and masked arrays do not count as real numbers,
+    although NumPy would convert them to floats.
     """
-    if type(value) is np.ndarray:  # nearly always
+    if type(value) is np.ndarray:  # the usual case
         return value.astype(float) if value.dtype.kind in "fiu" else np.array(math.nan)
     parts = value if isinstance(value, (list, tuple)) else (value,)
     if not any(isinstance(part, np.ma.MaskedArray) for part in parts):
@@ -208,10 +275,17 @@ def numbers_of(value: object) -> Array:
 
 
 def finite_numbers(name: str, value: object, count: int, most: float = MOST_SINGLE) -> Array:
-    """Return numbers (count,) within ``most``, by default that of float32, as a copy.
+    """Return a copy of finite numbers, shape (count,).
+
+    Args:
+        name: Name of the argument.
+        value: The numbers.
+        count: Required number of numbers.
+        most: Largest allowed magnitude, by default that of float32.
 
     Raises:
-        ValueError: another number of them, or one that is not finite or beyond.
+        ValueError: If there is a different number of them, or one of them is not finite or its
+            magnitude is larger than ``most``.
     """
     numbers = numbers_of(value)
     if numbers.shape != (count,) or not (np.abs(numbers) <= most).all():
@@ -220,17 +294,17 @@ def finite_numbers(name: str, value: object, count: int, most: float = MOST_SING
 
 
 class Limits(NamedTuple):
-    """The numbers that a field of a dataclass may have, as part of its type.
+    """Limits of a number in a field of a dataclass, as part of the type of the field.
 
-    A field of type ``Annotated[float, Limits(...)]`` is checked by :func:`check_limits`; pages that
-    read the same data get the limits from there.
+    :func:`check_limits` checks fields of the type ``Annotated[float, Limits(...)]``. Pages that
+    read the same data use the same limits.
 
     Attributes:
-        least: Lowest number.
-        most: Highest number.
+        least: Lowest allowed number.
+        most: Highest allowed number.
         above: Whether ``least`` itself is excluded.
         infinite: Whether infinity is allowed, too.
-        note: What a message adds, such as the unit.
+        note: Text that error messages add, such as the unit.
     """
 
     least: float = -math.inf
@@ -241,7 +315,7 @@ class Limits(NamedTuple):
 
     @property
     def allowed(self) -> str:
-        """What is allowed, in words."""
+        """Description of the allowed numbers, in words."""
         note = self.note and f"; {self.note}"
         if self.most == math.inf:
             return (f"above {self.least:g}" if self.above else f"{self.least:g} or above") + note
@@ -249,7 +323,11 @@ class Limits(NamedTuple):
         return f"{start} {self.most:g}{note}"
 
     def check(self, name: str, value: object) -> float:
-        """Return ``value`` as a float. Raises ValueError: out of the limits."""
+        """Return ``value`` as a float.
+
+        Raises:
+            ValueError: If it is out of the limits.
+        """
         if self.infinite and infinite(value):
             return math.inf
         number = finite(name, value)
@@ -261,7 +339,7 @@ class Limits(NamedTuple):
 
 @cache
 def limits_of(kind: type) -> dict[str, Limits]:
-    """Return the limits of those fields of a dataclass that have some, by name."""
+    """Return the limits of those fields of a dataclass that have limits, by name."""
     hints = get_type_hints(kind, include_extras=True)
     found = {
         field.name: getattr(hints[field.name], "__metadata__", ())  # of an Annotated
@@ -271,12 +349,12 @@ def limits_of(kind: type) -> dict[str, Limits]:
 
 
 class Combination(NamedTuple):
-    """A rule for fields of a dataclass: their sum, or their product, is within limits.
+    """Rule for fields of a dataclass: their sum or their product must be within limits.
 
     Attributes:
-        fields: Names of the fields. A name that stands twice counts twice.
+        fields: Names of the fields. A name that occurs twice counts twice.
         operation: "sum" or "product".
-        limits: The limits.
+        limits: Limits of the sum or product.
     """
 
     fields: tuple[str, ...]
@@ -284,7 +362,11 @@ class Combination(NamedTuple):
     limits: Limits
 
     def check(self, part: object) -> None:
-        """Raise ValueError unless a part follows the rule."""
+        """Check that an instance of the dataclass follows the rule.
+
+        Raises:
+            ValueError: If it does not.
+        """
         values = [getattr(part, name) for name in self.fields]
         number = math.fsum(values) if self.operation == "sum" else math.prod(values)
         if not self.limits.least <= number <= self.limits.most:
@@ -296,18 +378,22 @@ class Combination(NamedTuple):
 
 
 class FiniteWith(NamedTuple):
-    """A rule for fields of a dataclass: where one is neither 0 nor infinite, another is finite.
+    """Rule for two fields of a dataclass: the second is finite unless the first is 0 or infinite.
 
     Attributes:
-        field: Name of the field.
-        other: Name of the other field, which is infinite by default.
+        field: Name of the first field.
+        other: Name of the second field, which is infinite by default.
     """
 
     field: str
     other: str
 
     def check(self, part: Any) -> None:
-        """Raise ValueError unless a part follows the rule."""
+        """Check that an instance of the dataclass follows the rule.
+
+        Raises:
+            ValueError: If it does not.
+        """
         value, other = getattr(part, self.field), getattr(part, self.other)
         if infinite(other) and not infinite(value) and value != 0.0:
             name = f"{type(part).__name__}.{self.other}"
@@ -318,9 +404,15 @@ Rule: TypeAlias = Combination | FiniteWith
 
 
 def check_limits(part: Any) -> None:
-    """Replace fields of a frozen dataclass by floats; ValueError: one is out of its limits.
+    """Check the fields of a frozen dataclass, and replace those with limits by floats.
 
-    The rules of its class, ``RULES``, are checked, too.
+    The function also checks the rules of the class, ``RULES``.
+
+    Args:
+        part: Instance of the dataclass.
+
+    Raises:
+        ValueError: If a field is out of its limits, or a rule is violated.
     """
     for name, limits in limits_of(type(part)).items():  # type: ignore[arg-type]
         value = limits.check(f"{type(part).__name__}.{name}", getattr(part, name))
@@ -330,7 +422,17 @@ def check_limits(part: Any) -> None:
 
 
 def number_range(name: str, value: object, least: float, most: float) -> tuple[float, float]:
-    """Return a number or a pair within limits as (low, high). Raises ValueError."""
+    """Return a number or a pair of numbers as (low, high).
+
+    Args:
+        name: Name of the argument.
+        value: A number, which stands for both ends, or a pair.
+        least: Lowest allowed number.
+        most: Highest allowed number.
+
+    Raises:
+        ValueError: If a number is out of the limits, or ``low`` is larger than ``high``.
+    """
     pair: tuple[object, ...] = (value, value)
     if isinstance(value, (tuple, list, np.ndarray)):
         pair = entries(name, value, "a number or (low, high)", 2)
@@ -341,7 +443,15 @@ def number_range(name: str, value: object, least: float, most: float) -> tuple[f
 
 
 def one_or_two(name: str, value: object) -> tuple[float, float]:
-    """Return two numbers of 0 and above: those given, or one and 0. Raises ValueError."""
+    """Return two numbers of at least 0.
+
+    Args:
+        name: Name of the argument.
+        value: A pair of numbers, or a single number, for which the second number is 0.
+
+    Raises:
+        ValueError: If a number is not finite or is below 0, or if there are not one or two numbers.
+    """
     if not isinstance(value, Iterable):
         return non_negative(name, value), 0.0
     first, second = entries(name, value, "a number or two", 2)
@@ -349,14 +459,23 @@ def one_or_two(name: str, value: object) -> tuple[float, float]:
 
 
 def set_checked(part: object, check: Callable[[str, object], object], *names: str) -> None:
-    """Replace fields of a frozen dataclass by what ``check`` makes of them."""
+    """Replace fields of a frozen dataclass by the values that ``check`` returns for them."""
     for name in names:
         value = check(f"{type(part).__name__}.{name}", getattr(part, name))
         object.__setattr__(part, name, value)
 
 
 def load_record(kind: type, name: str, value: object) -> Any:
-    """A dataclass of a type, also of a dictionary of its arguments; None for none."""
+    """Return an instance of a dataclass, or None.
+
+    Args:
+        kind: Type of the dataclass.
+        name: Name of the argument.
+        value: An instance, a dictionary of the arguments of an instance, or None.
+
+    Raises:
+        ValueError: If ``value`` is something else, or the dictionary has unknown keys.
+    """
     if value is None or isinstance(value, kind):
         return value
     known = sorted(argument.name for argument in fields(kind))

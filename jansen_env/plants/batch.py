@@ -1,4 +1,4 @@
-"""Robots that move at once by the projected equations, on the ground or with their chassis held."""
+"""Projection backend: n robots that move by the projected equations, free or with fixed chassis."""
 
 from __future__ import annotations
 
@@ -46,47 +46,52 @@ from jansen_env.robot import Robot
 from jansen_env.terrain import Ground
 
 TIME_STEP = 1e-3  # s
-DETECTION_INTERVAL = 0.01  # s between two looks for the ground; its planes are kept meanwhile
+DETECTION_INTERVAL = 0.01  # s between two searches for contact planes, which are kept meanwhile
 
 
 class Batch(BatchedPlant):
-    """n robots on their terrains; each moves as it would alone, bit for bit.
+    """n robots on their terrains, each of which moves bit for bit as it would alone.
 
-    The kernels move robots on height lines, shared among threads. Robots on pymunk's shapes are
-    moved after them (:mod:`jansen_env.plants.robots_on_shapes`).
+    The kernels move robots on height lines and distribute them among threads. After that, robots on
+    pymunk's shapes are moved one after another (:mod:`jansen_env.plants.robots_on_shapes`).
 
     Args:
-        robots: The robots, with legs on the same sides; all else may differ.
-        terrains: The ground of each robot.
-        time_step: Time step of the integration in s.
-        gravity: In m/s^2 downwards, or a vector (x, y).
-        threads: See :class:`jansen_env.plants.threads.Threads`.
-        held: Whether all chassis stay where they are, as in the paper's fixed model: there is no
-            ground then, pushes do nothing, and robots are placed level, the axis at (x, 0).
-        links_collide: Whether sides of links touch vertices of the ground, as capsules of the pads'
-            radius (:func:`jansen_env.dynamics.pads.pad_sides`); else only pads touch. Joint forces
-            are not known then.
-        records: Records to use; None for new ones.
+        robots: The robots. Their legs must be on the same sides; everything else may differ.
+        terrains: Ground of each robot.
+        time_step: Time step of the integration, in s.
+        gravity: Gravitational acceleration, in m/s^2: a number that acts downwards, or a vector
+            (x, y).
+        threads: Largest number of threads; see :class:`jansen_env.plants.threads.Threads`.
+        held: Whether all chassis are fixed, as in the paper's fixed model. In that case there is no
+            ground, pushes have no effect, and robots are placed level with the crank axis at
+            (x, 0).
+        links_collide: Whether the sides of links touch vertices of the ground, as capsules with the
+            radius of the pads (:func:`jansen_env.dynamics.pads.pad_sides`). In that case, joint
+            forces are not known. If False, only pads touch the ground.
+        records: Records to use. If None, the batch makes new ones.
 
     Attributes:
         toes: Number of toes of each robot.
         pads: Number of contact pads of each robot, toes included.
-        records: The robots, see :class:`RobotRecords`.
-        machines: Shape (n,), ``MACHINE`` of :mod:`jansen_env.engine.records`: the robots without
-            parameters.
-        joint_gap: Shape (n,), widest gap of any joint in the last step in m: 0 here.
-        any_diverged: Whether a robot's last step was refused.
-        tracing: Whether the first robot's steps are recorded.
-        trace: Shape (steps,), :func:`jansen_env.engine.integrator.trace_dtype` of its time steps.
-        touchdowns: Shape (steps,), whether a pad touched down in each of them.
-        in_contact: Shape (pads,), the first robot's pads on the ground, as traced last; None where
-            that is not known. It says what touches down next, and nothing else.
-        knows_joint_forces: Whether :meth:`joint_forces` returns them.
-        joints_open: Whether joints can gap.
+        records: Records of the robots; see :class:`RobotRecords`.
+        machines: Robots without the parameters of an episode, ``MACHINE`` of
+            :mod:`jansen_env.engine.records`, shape (n,).
+        joint_gap: Widest gap of any joint in the last step, in m, shape (n,). It is always 0 in
+            this backend.
+        any_diverged: Whether the last step of any robot was rejected because the robot diverged.
+        tracing: Whether the time steps of the first robot are traced.
+        trace: Traced time steps, :func:`jansen_env.engine.integrator.trace_dtype`, shape (steps,).
+        touchdowns: Whether a pad touched down in each traced time step, shape (steps,).
+        in_contact: Whether each pad of the first robot was on the ground at the end of the last
+            trace, shape (pads,), or None if that is not known. It is used only to detect
+            touchdowns.
+        knows_joint_forces: Whether :meth:`joint_forces` returns joint forces.
+        joints_open: Whether joints can have gaps. It is always False in this backend.
 
     Raises:
-        ValueError: If an argument is out of range, or legs are on other sides.
-        LinkageError: If a robot cannot turn its crank.
+        ValueError: If an argument is out of range, or the legs of the robots are on different
+            sides.
+        LinkageError: If a robot cannot turn its crank through a full revolution.
     """
 
     joints_open = False
@@ -140,7 +145,11 @@ class Batch(BatchedPlant):
         self.in_contact: Bools | None = None
 
     def _make_scratch(self, threads: int | None) -> None:
-        """Make the memory of threads."""
+        """Allocate the work space of each thread.
+
+        Args:
+            threads: Largest number of threads; None to choose it from the batch size.
+        """
         capacity = int(self.world["capacity"][0])
         steps = int(self.world["steps"][0])
 
@@ -158,7 +167,11 @@ class Batch(BatchedPlant):
         self._reach(period)
 
     def _set_machines(self, rows: Ints) -> None:
-        """Note robots (k,) as they are without parameters, with the tables of their designs."""
+        """Note robots without the parameters of an episode, with the tables of their designs.
+
+        Args:
+            rows: Indices of the robots, shape (k,).
+        """
         super()._set_machines(rows)
         numbers = self.designs.number[rows]
         nominal_params: Any = self.machines["nominal"]
@@ -167,53 +180,78 @@ class Batch(BatchedPlant):
         self.machines["pad"][rows] = self.designs.farthest[numbers, 1]
 
     def reconnect(self) -> None:
-        """Take other views of the records, which have been made anew."""
+        """Take new views of the records after they have been replaced by new arrays."""
         self._arrays.refresh()
 
     @property
     def designs(self) -> DesignTables:
-        """The kernels' tables of the robots."""
+        """Tables of the robots' designs, which the kernels read."""
         return self._arrays.tables
 
     @property
     def surface(self) -> Array:
-        """Vertices of all terrains in m, shape (vertices, 2); a robot's are in its status."""
+        """Vertices of all terrains, in m, shape (vertices, 2).
+
+        The status of a robot holds the range of vertices that belong to its own terrain.
+        """
         return self._arrays.grounds.surface
 
     # Robots, parameters and grounds.
 
     def set_parameters(self, rows: Ints, values: Rows) -> None:
-        """Apply ``values`` (k,) of :data:`jansen_env.parameters.EPISODE`, from the next placing on.
+        """Apply the parameters of an episode, from the next placement on.
+
+        Args:
+            rows: Indices of the robots, shape (k,).
+            values: Parameters of each of these robots, records of
+                :data:`jansen_env.parameters.EPISODE`, shape (k,).
 
         Raises:
-            ValueError: one is out of its limits, or restitution with compliant pads.
+            ValueError: If a value is out of its limits, or a robot with compliant pads gets a
+                restitution above 0.
         """
         check_values(values, self.machines["nominal"]["compliant"][rows])
         self.records.parameters[rows] = values
         self._apply(rows)
 
     def check_feet(self, robot: Robot, values: np.void) -> None:
-        """Check that the time step resolves a robot's compliant feet under parameters.
+        """Check that the time step is short enough for a robot's compliant feet.
 
-        Environments refuse feet that it does not resolve; a batch takes them for rigid ones.
+        Environments reject feet that the time step does not resolve. A batch alone treats such feet
+        as rigid.
+
+        Args:
+            robot: The robot.
+            values: Parameters of its episode, a record of :data:`jansen_env.parameters.EPISODE`.
 
         Raises:
-            ValueError: If it does not resolve them.
+            ValueError: If the time step is too long for the feet under these parameters.
         """
         if not self.held:
             check_resolved(robot, values, self.time_step)
 
     def check_robot(self, robot: Robot) -> None:
-        """Raise what :meth:`set_robots` would for a robot in place of any other."""
+        """Raise the errors that :meth:`set_robots` would raise for this robot.
+
+        Raises:
+            ValueError: If the legs of the robot are on other sides than those of the batch.
+            LinkageError: If the robot cannot turn its crank through a full revolution.
+        """
         check_legs(robot, self.robots[0])
         compile_robot(robot)
 
     def set_robots(self, rows: Ints, robots: Sequence[Robot]) -> None:
-        """Exchange robots (k,), with parameters that change nothing; they must be placed again.
+        """Exchange robots and reset their parameters to the nominal values.
+
+        The robots must be placed again afterwards. After an error, nothing has changed.
+
+        Args:
+            rows: Indices of the robots to exchange, shape (k,).
+            robots: New robots, k of them.
 
         Raises:
-            ValueError: legs on other sides; LinkageError: a robot cannot turn its crank. Nothing
-                has changed then.
+            ValueError: If the legs of a new robot are on other sides than those of the batch.
+            LinkageError: If a new robot cannot turn its crank through a full revolution.
         """
         for robot in robots:
             self.check_robot(robot)
@@ -226,14 +264,21 @@ class Batch(BatchedPlant):
         self.records.deflection[rows] = UNKNOWN_DEFLECTION
 
     def tables_in_force(self, row: int) -> Tables:
-        """Return the tables of a robot under its parameters."""
+        """Return the tables of a robot with the parameters of its episode applied."""
         return compile_robot(machine_of(self.robots[row], self.parameters[row]))
 
     def set_terrain(self, row: int, terrain: Ground) -> None:
-        """Change a robot's ground, with friction and restitution: it must be placed again.
+        """Replace a robot's ground, including its friction and restitution.
+
+        The robot must be placed again afterwards.
+
+        Args:
+            row: Index of the robot.
+            terrain: The new ground.
 
         Raises:
-            ValueError: restitution with compliant pads, or shapes where links collide.
+            ValueError: If the ground has a restitution above 0 and the pads of the robot are
+                compliant, or if the ground consists of shapes and the links of the robots collide.
         """
         check_colliding([terrain], bool(self.world["links_collide"][0]))
         compliant = self.machines["nominal"]["compliant"][row : row + 1]
@@ -247,16 +292,25 @@ class Batch(BatchedPlant):
         self._arrays.set_terrain(row, terrain)
 
     def _ask_ground(self, rows: Ints) -> None:
-        """Note the stretch of ground of those robots (k,) that have moved by the margin."""
+        """Find the stretch of ground again for those robots that have moved by the margin.
+
+        Args:
+            rows: Indices of the robots, shape (k,).
+        """
         x = self.states[rows, 0]
         is_near = np.abs(x - self.records.status["asked_x"][rows]) <= MARGIN
         for k in np.flatnonzero(~is_near).tolist():
             self._arrays.ask_ground(int(rows[k]), float(x[k]))
 
     def place(self, rows: Ints, crank_angles: ArrayLike, crank_speeds: ArrayLike = 0.0) -> None:
-        """Place robots (k,) at x = 0, see :meth:`place_at`, and :meth:`lookahead`; then they move.
+        """Place robots at x = 0, look one time step ahead, and set their crank speeds.
 
-        ``crank_speeds``: (k,) rad/s, from which they go on.
+        See :meth:`place_at` and :meth:`lookahead`.
+
+        Args:
+            rows: Indices of the robots, shape (k,).
+            crank_angles: Crank angle of each of these robots, in rad, shape (k,).
+            crank_speeds: Crank speed with which each of these robots starts, in rad/s, shape (k,).
         """
         self.place_at(rows, crank_angles)
         self.lookahead(rows=rows)
@@ -266,16 +320,21 @@ class Batch(BatchedPlant):
     def place_at(
         self, rows: Ints, crank_angles: ArrayLike, x: float = 0.0, pitch: float | None = None
     ) -> None:
-        """Place robots (k,) at rest on their lowest toes, 10 um deep, so that they carry at once.
+        """Place robots at rest on their lowest toes.
+
+        The toes are 10 um deep in the ground, so that they carry the robot at once.
 
         Args:
-            crank_angles: (k,) rad. x: of the crank axis, m.
-            pitch: rad; None turns a robot until both its fore and its back feet carry it
-                (until the ground bears it on both sides of its centre of mass).
+            rows: Indices of the robots, shape (k,).
+            crank_angles: Crank angle of each of these robots, in rad, shape (k,).
+            x: Position of the crank axis, in m.
+            pitch: Pitch of the chassis, in rad. None turns a robot until both its fore and its back
+                feet carry it, that is, until the ground supports the robot on both sides of its
+                centre of mass.
 
         Raises:
-            ValueError: a number that is not finite, feet too soft for their robot, or no shapes
-                below it.
+            ValueError: If ``x`` or ``pitch`` is not finite, the feet of a robot are too soft to
+                carry it, or no shape is below a robot.
         """
         x = finite("x", x)
         pitch = math.nan if pitch is None else finite("pitch", pitch)
@@ -286,10 +345,16 @@ class Batch(BatchedPlant):
             self.in_contact = None
 
     def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
-        """Put a robot into a state (8,), with ``deflection`` (pads, 2) m, or None if unknown.
+        """Set the mechanical state of a robot.
+
+        Args:
+            row: Index of the robot.
+            state: x, y, theta, psi and their rates, in m, rad and s, shape (8,).
+            deflection: Compression and bend of compliant pads, in m, shape (pads, 2). None if they
+                are not known.
 
         Raises:
-            ValueError: the chassis moves although it is held.
+            ValueError: If the chassis is fixed, but moves in this state.
         """
         if self.held:
             check_held(state)
@@ -300,7 +365,14 @@ class Batch(BatchedPlant):
             self.in_contact = None
 
     def keep(self, rows: Ints) -> Callable[[], None]:
-        """Return a function that makes robots (k,), and their grounds, what they are now."""
+        """Save robots and their grounds.
+
+        Args:
+            rows: Indices of the robots, shape (k,).
+
+        Returns:
+            A function that restores these robots and grounds to what they were at this call.
+        """
         robots = [(self.robots[row], self.terrains[row]) for row in rows.tolist()]
         saved = self.records.copy(rows)
         in_contact = self.in_contact
@@ -328,20 +400,26 @@ class Batch(BatchedPlant):
         rows: Ints | None = None,
         pushes: Array | None = None,
     ) -> None:
-        """Hold crank torques (n,), N m, for some time steps, as far as the motors go.
+        """Hold crank torques for some time steps, within the limits of the motors.
 
-        A robot that becomes faster than :data:`jansen_env.engine.integrator.DIVERGED`, leaves the
-        stretch of ground that is known for the step or gets too deep into the ground stays as it
-        was before, without sums, and is named in :attr:`diverged`. The others continue.
+        The step of a robot is rejected if the robot becomes faster than
+        :data:`jansen_env.engine.integrator.DIVERGED`, leaves the stretch of ground that is known
+        for the step, or gets too deep into the ground. Such a robot keeps the state that it had
+        before the step, its sums are 0, and its entry in :attr:`diverged` is True. The other robots
+        continue.
 
         Args:
-            earlier: (n,) N m, held instead in the first ``switch`` (n,) of them.
-            rows: (k,) of the robots that move; None for all.
-            pushes: (n, steps, 2) N s, the impulse on each chassis at the crank axis in each time
-                step, world x and y; None for none.
+            torque: Commanded crank torque of each robot, in N m, shape (n,).
+            steps: Number of time steps.
+            earlier: Torque that is held instead in the first ``switch`` time steps, in N m, shape
+                (n,). If None, ``torque`` is held from the beginning.
+            switch: Number of time steps with the torque ``earlier``, shape (n,).
+            rows: Indices of the robots that move, shape (k,). None for all robots.
+            pushes: Impulse on each chassis at the crank axis in each time step, in the x and y
+                directions of the world, in N s, shape (n, steps, 2). None for no impulses.
 
         Raises:
-            ValueError: pushes of another shape.
+            ValueError: If ``pushes`` has a different shape.
         """
         if pushes is None:
             pushes = self._no_pushes
@@ -359,16 +437,18 @@ class Batch(BatchedPlant):
         observing: Observing,
         meanwhile: Callable[[], None] | None = None,
     ) -> None:
-        """Let robots (k,) take a control step, see :mod:`jansen_env.engine.episode`.
+        """Simulate one control step of some robots; see :mod:`jansen_env.engine.episode`.
 
         Args:
-            rows: Shape (k,), the robots.
-            actions: Shape (n, 1), finite for each of them.
-            episodes: Other parts of their records.
-            observing: How they are observed.
-            meanwhile: Called while others move, to place robots that do not.
+            rows: Indices of the robots, shape (k,).
+            actions: Actions of all robots, as fractions of the torque limit, shape (n, 1). The
+                actions of the robots in ``rows`` must be finite.
+            episodes: Parts of the robots' records that belong to the episode and the task.
+            observing: Observations of the robots, and the settings that define them.
+            meanwhile: Function that is called while these robots move. It may place robots that are
+                not in ``rows``.
         """
-        if len(rows) == 0:  # others are placed, no more
+        if len(rows) == 0:  # no robot moves; other robots may be placed
             if meanwhile is not None:
                 meanwhile()
             return
@@ -406,9 +486,13 @@ class Batch(BatchedPlant):
     def lookahead(
         self, torque: float = 0.0, rows: Ints | None = None, pushes: Array | None = None
     ) -> None:
-        """Fill sums with the next time step of some robots (all) under a torque; states stay.
+        """Fill the sums with those of the next time step, and restore the states afterwards.
 
-        ``pushes``: (n, 1, 2) N s, as of :meth:`step`.
+        Args:
+            torque: Commanded crank torque of all these robots, in N m.
+            rows: Indices of the robots, shape (k,). None for all robots.
+            pushes: Impulse on each chassis in this time step, in N s, shape (n, 1, 2), as in
+                :meth:`step`. None for no impulses.
         """
         pushes = self._no_pushes if pushes is None else pushes
         rows = self._every if rows is None else rows
@@ -420,13 +504,14 @@ class Batch(BatchedPlant):
     def _run(
         self, rows: Ints, torques: tuple[Array | Ints | None, ...], steps: int, ahead: bool = False
     ) -> None:
-        """:meth:`step` of some robots.
+        """Simulate some time steps of some robots; see :meth:`step`.
 
         Args:
-            rows: Shape (k,), the robots.
-            torques: Torque, earlier, switch and pushes.
+            rows: Indices of the robots, shape (k,).
+            torques: Arguments ``torque``, ``earlier``, ``switch`` and ``pushes`` of :meth:`step`,
+                all of them as arrays.
             steps: Number of time steps.
-            ahead: Whether states stay.
+            ahead: Whether to look ahead only, and to restore the states afterwards.
         """
         if len(rows) == 0:
             return
@@ -463,19 +548,22 @@ class Batch(BatchedPlant):
             self._keep_trace(trace)
 
     def _move_on_lines(self, rows: Ints, move: Move, meanwhile: Callable[[], None] | None) -> None:
-        """Share robots on height lines among threads; :attr:`any_diverged` tells of them alone.
+        """Distribute robots on height lines among threads.
+
+        Afterwards, :attr:`any_diverged` tells whether any of these robots has diverged.
 
         Args:
-            rows: Shape (k,), the robots.
-            move: Moves a thread's share of them.
-            meanwhile: Called while they move, to place robots that do not.
+            rows: Indices of the robots, shape (k,).
+            move: Function that moves the robots of one thread.
+            meanwhile: Function that is called while these robots move. It may place robots that are
+                not in ``rows``.
         """
         far, diverged = False, False
         if len(rows) > 0:
             far, diverged = self._threads.move(len(rows), move, meanwhile)
         elif meanwhile is not None:
             meanwhile()
-        self.any_diverged = diverged  # at the end, as placing robots sets it, too
+        self.any_diverged = diverged  # only now, because placing robots also sets it
         if far:
             self._ask_ground(rows)
 
@@ -487,19 +575,35 @@ class Batch(BatchedPlant):
             self._arrays.look_down(row, scan)
 
     def _reach(self, duration: float) -> None:
-        """Ask for as much ground as robots can reach in a step of ``duration``, s."""
+        """Find stretches of ground that are long enough for a step.
+
+        Args:
+            duration: Duration of the step, in s.
+        """
         if duration > self._arrays.longest_step:
             self._arrays.longest_step = duration
             self.records.status["asked_x"] = np.inf
             self._ask_ground(self._every)
 
     def _new_trace(self, steps: int) -> tuple[Rows, Array]:
-        """Return a trace of so many time steps, and its numbers."""
+        """Return memory for a trace.
+
+        Args:
+            steps: Number of time steps.
+
+        Returns:
+            The trace as records, shape (steps,), and the same memory as numbers, shape (steps,
+            numbers).
+        """
         trace: Rows = np.empty(steps, self._no_trace.dtype)
         return trace, plain(trace)
 
     def _keep_trace(self, trace: Rows) -> None:
-        """Keep the trace of a step (no rows: of none), unless the first robot has diverged."""
+        """Keep the trace of a step, unless the first robot has diverged.
+
+        Args:
+            trace: The trace, shape (steps,). It has no rows if the step was not traced.
+        """
         if self.any_diverged and self.diverged[0]:
             self.trace = self._no_trace
             self.touchdowns = np.zeros(0, bool)
@@ -512,23 +616,33 @@ class Batch(BatchedPlant):
         self.in_contact = pads_in_contact(trace)[-1]
 
     def refusal(self, torque: float) -> FloatingPointError:
-        """Return the error of the first robot's last step, which was refused."""
+        """Return the error that describes why the last step of the first robot was rejected.
+
+        Args:
+            torque: Torque that was commanded in that step, in N m.
+        """
         return divergence(self.states[0], torque)
 
     def energy(self, row: int) -> float:
-        """Kinetic plus potential energy of a robot, J (potential 0 with its mass at y = 0)."""
+        """Return the kinetic plus potential energy of a robot, in J.
+
+        The potential energy is 0 if the centre of mass is at y = 0.
+        """
         robots = self.records.robots
         body = self.designs.model.body
         return float(energy(row, robots, body, self._sums))
 
     def pad_centres(self, row: int) -> Array:
-        """(pads, 2) centres of a robot's pads, toes first, m."""
+        """Return the centres of a robot's pads, toes first, in m, shape (pads, 2)."""
         return self._arrays.pad_centres(row)
 
     def contact_frames(self, row: int) -> tuple[Array, Array]:
-        """(toes, 2) points of the ground nearest to a robot's toes and its tangents there.
+        """Return the point of the ground nearest to each toe of a robot, and the tangent there.
 
-        Where no ground is within reach, the pad's lowest point and +x.
+        Returns:
+            The points, in m, shape (toes, 2), and the tangents of the ground at these points, shape
+            (toes, 2). If no ground is within reach of a toe, its point is the lowest point of the
+            pad, and its tangent points in the +x direction.
         """
         centres = self.pad_centres(row)[: self.toes]
         radius = self.robots[row].pad_radius
@@ -545,14 +659,16 @@ class Batch(BatchedPlant):
     def contact_planes(self, row: int, centres: Array | None = None) -> list[ContactPlane]:
         """Return the contact planes within :data:`SPECULATIVE_MARGIN` of a robot's pads.
 
-        Kernels derive them where the robot's ground is a height line; else they are pymunk's.
+        If the ground of the robot is a height line, the kernels derive the planes from the line.
+        Otherwise pymunk lists them.
 
         Args:
-            row: The robot.
-            centres: Shape (pads, 2) or fewer, m, taken for its pads; None for where they are.
+            row: Index of the robot.
+            centres: Centres of the first pads, in m, shape (pads, 2) or with fewer rows. None for
+                the present centres of all pads.
 
         Returns:
-            In the order of the pads, the nearest first.
+            The planes in the order of the pads, the nearest plane of each pad first.
         """
         centres = self.pad_centres(row) if centres is None else centres
         status = self.records.status[row]
@@ -566,15 +682,18 @@ class Batch(BatchedPlant):
         return [ContactPlane(*row) for row in planes[[*ContactPlane._fields]].tolist()]
 
     def joint_forces(self, torque: float = 0.0, push: Array | None = None) -> JointForces:
-        """Mean forces in every joint of the first robot in the next time step.
+        """Return the forces in every joint of the first robot, averaged over the next time step.
 
-        They contain a landing toe's impulse / time step; of a held robot, forces at this instant.
+        If a toe lands in that time step, the forces include the impulse of the landing divided by
+        the time step. If the chassis is fixed, the method returns the forces at this instant.
 
         Args:
-            torque: N m, of the crank. push: (2,) N s, the impulse on the chassis in that step.
+            torque: Crank torque, in N m.
+            push: Impulse on the chassis in that time step, in N s, shape (2,). None for no impulse.
 
         Raises:
-            FloatingPointError: it diverges in that step. ValueError: links collide.
+            FloatingPointError: If the robot diverges in that time step.
+            ValueError: If the links of the robots collide.
         """
         if not self.knows_joint_forces:
             raise ValueError("for joint forces links_collide is True, must be False")
@@ -595,11 +714,15 @@ class Batch(BatchedPlant):
             self.tracing, self.trace, self.touchdowns = kept
 
     def peak_loads(self) -> tuple[float, float]:
-        """The largest loads on joints of the first robot in its last step, if it was traced.
+        """Return the largest loads on joints of the first robot in its last step.
 
-        The force in time steps without a landing, N; the impulse in those with one, N s: a rigid
-        foot stops at once, with an impulse that is defined and a force that is not. The ordinary
-        force in that step is included.
+        The step must have been traced. Time steps with and without a landing are separate, because
+        a rigid foot stops at once: the impulse of the landing is defined, but its force is not.
+
+        Returns:
+            The largest force in time steps without a landing, in N, and the largest impulse in time
+            steps with a landing, in N s. The impulse includes that of the ordinary force in the
+            same time step.
         """
         largest = self._traced_forces().bearing.max(axis=(-2, -1))
         landing = self.touchdowns
@@ -608,16 +731,16 @@ class Batch(BatchedPlant):
         return float(force.max(initial=0.0)), float(impulse.max(initial=0.0))
 
     def _traced_forces(self) -> JointForces:
-        """Forces in every joint in each time step that was traced last."""
+        """Return the forces in every joint in each time step of the last trace."""
         gravity = self.params[GRAVITY_XY][0].item()
         return trace_forces(self.tables_in_force(0), self.trace, self.time_step, gravity)
 
     def close(self) -> None:
-        """Let go of threads."""
+        """Release the threads."""
         self._threads.close()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the arguments and what has become of them; everything else is made again."""
+        """Pickle only the arguments and the state; everything else is rebuilt."""
         kept = (
             "robots",
             "terrains",

@@ -1,4 +1,4 @@
-"""What kernels take to place and move robots: tables of designs, grounds, and records."""
+"""Arguments of the kernels that place and move robots: tables of designs, grounds, and records."""
 
 from __future__ import annotations
 
@@ -18,29 +18,31 @@ from jansen_env.terrain import Ground
 
 
 class KernelArrays:
-    """The arrays of n robots that kernels take.
+    """Arrays of n robots, in the form in which kernels take them.
 
-    Kernels remember their arguments, so that these are the same objects in each call, until a
-    ground, a design or the records need more room.
+    Kernels remember their arguments. The arrays are therefore the same objects in every call, until
+    a ground, a design or the records need more room.
 
     Args:
-        robots: The robots; all have the same pads.
+        robots: The robots. All of them have the same pads.
         terrains: Ground of each robot.
         records: Records of the robots.
-        world: Shape (1,), ``WORLD`` of :mod:`jansen_env.engine.records`.
-        held: Whether all chassis are held, so that no robot meets its ground.
+        world: Data that the robots have in common, ``WORLD`` of :mod:`jansen_env.engine.records`,
+            shape (1,).
+        held: Whether all chassis are fixed, so that no robot touches its ground.
 
     Attributes:
         records: The records that were passed.
         tables: Tables of the robots' designs.
         grounds: Grounds of the robots.
-        designs: What the robots share, as kernels take it.
-        sides: Pads at the ends of links' sides, shape (sides, 2).
-        longest_step: Duration of the robots' longest step in s, for which they know their ground.
+        designs: Tables and grounds that the robots share, in the form in which kernels take them.
+        sides: Indices of the two pads at the ends of each side of a link, shape (sides, 2).
+        longest_step: Duration of the longest step, in s, for which the stretches of ground in the
+            robots' records are long enough.
 
     Raises:
-        ValueError: If tables have not converged.
-        LinkageError: If a robot cannot turn its crank.
+        ValueError: If the tables of a design have not converged.
+        LinkageError: If a robot cannot turn its crank through a full revolution.
     """
 
     designs: Designs
@@ -65,7 +67,7 @@ class KernelArrays:
         self.refresh()
 
     def refresh(self) -> None:
-        """Take the arrays again, after any of them has been made anew."""
+        """Collect the arrays again after any of them has been replaced by a new array."""
         status = self.records.status
         self.grounds.status = status
         self._asked_x: Array = status["asked_x"]
@@ -76,42 +78,74 @@ class KernelArrays:
         self._centre_arguments = dict[int, tuple[object, ...]]()
 
     def set_robots(self, rows: Ints, robots: Sequence[Robot]) -> None:
-        """Give robots (k,) other designs."""
+        """Replace the designs of some robots.
+
+        Args:
+            rows: Indices of the robots, shape (k,).
+            robots: Robots with the new designs, k of them.
+        """
         self.tables.set(rows, robots)
         self._asked_x[rows] = np.inf
         self.refresh()
 
     def set_terrain(self, row: int, terrain: Ground) -> None:
-        """Give a robot another ground."""
+        """Replace the ground of a robot.
+
+        Args:
+            row: Index of the robot.
+            terrain: The new ground.
+        """
         self.grounds.set_ground(row, terrain)
         self._take_surface()
 
     def look_down(self, row: int, scan: Array) -> None:
-        """Measure the ground that a robot on shapes observes, see :meth:`Grounds.look_down`."""
+        """Measure the ground that a robot on shapes observes; see :meth:`Grounds.look_down`.
+
+        Args:
+            row: Index of the robot.
+            scan: Positions relative to the crank axis at which the robot observes the height of the
+                ground, in m, shape (points,).
+        """
         x, y = self.records.states[row, :2].tolist()
         self.grounds.look_down(row, x, y, scan)
         self._take_surface()
 
     def _take_surface(self) -> None:
-        """Take the vertices of the grounds, which may have been moved to a larger array."""
+        """Use the current array of ground vertices, which may have become a larger array."""
         if self.designs.surface is not self.grounds.surface:
             self.designs = self.designs._replace(surface=self.grounds.surface)
 
     def split(self, rows: Ints) -> tuple[Ints, list[int]]:
-        """Return those of robots (k,) that are on height lines, and those on shapes."""
+        """Separate robots on height lines from robots on shapes.
+
+        Args:
+            rows: Indices of the robots, shape (k,).
+
+        Returns:
+            The indices of the robots on height lines, and a list of the indices of the robots on
+            shapes. Robots with a fixed chassis count as robots on height lines.
+        """
         if self._held or not self.grounds.any_shapes:
             return rows, []
         on_shapes = self.records.status["on_shapes"][rows]
         return rows[~on_shapes], rows[on_shapes].tolist()
 
     def ask_ground(self, row: int, x: float) -> None:
-        """Note the stretch of ground that a robot at x, m, can reach, unless it is known there."""
+        """Find the stretch of ground that a robot can reach, and note it in the robot's status.
+
+        The method does nothing if the robot is still close to the position for which its stretch
+        was found last, or if the chassis is fixed.
+
+        Args:
+            row: Index of the robot.
+            x: Position of the crank axis, in m.
+        """
         if not self._held and not abs(x - self._asked_x[row]) <= collision.MARGIN:
             extent = float(self.tables.extent[self.tables.number[row]])
             self.grounds.find_stretch(row, x, extent, self.longest_step)
 
     def pad_centres(self, row: int) -> Array:
-        """Return the centres (pads, 2) of a robot's pads in m, toes first."""
+        """Return the centres of a robot's pads, toes first, in m, shape (pads, 2)."""
         if row not in self._centre_arguments:
             design = self.tables.number[row]
             self._centre_arguments[row] = (

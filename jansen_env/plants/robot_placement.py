@@ -1,4 +1,4 @@
-"""Robots placed at rest on their grounds, height lines or pymunk's shapes, by either plant."""
+"""Placement of robots at rest on height lines or pymunk's shapes, for both simulation backends."""
 
 from __future__ import annotations
 
@@ -12,16 +12,19 @@ from jansen_env.engine.records import PLANE, Designs
 from jansen_env.plants.base import resting_depth
 from jansen_env.plants.kernel_arrays import KernelArrays
 
-MOST_MOVES = 50  # of a robot on shapes, until its pads touch them
-SETTLED = 1e-9  # m, how near they must come
-UPWARDS = 0.1  # of a normal's y, from which its plane may carry a robot
+MOST_MOVES = 50  # largest number of moves by which a robot is brought into contact with shapes
+SETTLED = 1e-9  # length of a move, in m, below which the robot counts as in contact
+UPWARDS = 0.1  # y component of a normal above which its plane may carry a robot
 
 
 class RobotPlacement:
-    """Places robots on their lowest toes, :data:`placement.PLACEMENT_DEPTH` deep.
+    """Placement of robots on their lowest toes.
+
+    The toes are :data:`placement.PLACEMENT_DEPTH` deep in the ground, so that they carry the robot
+    at once.
 
     Args:
-        arrays: The robots.
+        arrays: Kernel arrays of all n robots in the batch.
     """
 
     def __init__(self, arrays: KernelArrays) -> None:
@@ -30,21 +33,26 @@ class RobotPlacement:
         toes = arrays.records.slip.shape[1]
         self._place = placement.place.bound()
         self._angles = np.zeros(robots)  # rad
-        # Work space of kernels.
+        # Work space of the kernels.
         self._centres = np.zeros((max(pads, toes + 1), 2))
         self._planes = np.zeros(int(arrays.designs.world["capacity"][0]), PLANE)
 
     def place(self, rows: Ints, crank_angles: ArrayLike, x: float, pitch: float) -> None:
-        """Place robots at rest; those on height lines must know the ground at x.
+        """Place robots at rest.
+
+        The records of robots on height lines must contain the stretch of ground around ``x``; see
+        ``KernelArrays.ask_ground``.
 
         Args:
             rows: Indices of the robots, shape (k,).
-            crank_angles: Shape (k,), in rad.
-            x: Position of the crank axis in m.
-            pitch: In rad; NaN for the one at which fore and back feet carry a robot.
+            crank_angles: Crank angle of each of these robots, in rad, shape (k,).
+            x: Position of the crank axis, in m.
+            pitch: Pitch of the chassis, in rad. NaN selects the pitch at which both the fore and
+                the back feet carry a robot.
 
         Raises:
-            ValueError: If feet are too soft for their robot, or no shapes are below it.
+            ValueError: If the feet of a robot are too soft to carry it, or no shape is below a
+                robot.
         """
         arrays = self._arrays
         self._angles[rows] = crank_angles
@@ -54,7 +62,13 @@ class RobotPlacement:
             self._place_on_shapes(row, x, pitch)
 
     def _place_on(self, designs: Designs, rows: Ints, x: float, pitch: float) -> None:
-        """Place robots on the height lines of ``designs``; none if a robot's feet are too soft."""
+        """Place robots on the height lines of ``designs``.
+
+        If the feet of one of the robots are too soft to carry it, no robot is placed.
+
+        Raises:
+            ValueError: If the feet of a robot are too soft to carry it.
+        """
         records = self._arrays.records
         too_soft = self._place(
             rows, self._angles, x, pitch, designs, records.motions, self._centres, self._planes
@@ -64,7 +78,7 @@ class RobotPlacement:
             resting_depth(params["mass"], params["stiffness"][0], -params["gravity_y"])
 
     def _place_on_shapes(self, row: int, x: float, pitch: float) -> None:
-        """Place a robot on the profile of its shapes, then move it to where its pads touch them."""
+        """Place a robot on the profile of its shapes, then move it until its pads touch them."""
         arrays = self._arrays
         shapes = arrays.grounds.shapes_of(row)
         reach = float(arrays.tables.extent[arrays.tables.number[row]]) + 1.0

@@ -1,7 +1,8 @@
-"""Robots that move on pymunk's shapes, one after another.
+"""Control steps and time steps of robots on pymunk's shapes, one robot after another.
 
-A kernel takes a robot's time steps. It stops wherever the robot's contact planes must be listed;
-pymunk lists them, and the same call continues (:func:`jansen_env.engine.integrator.take_steps`).
+A kernel takes the time steps of a robot. It stops whenever the contact planes of the robot must be
+listed. pymunk lists the planes, and the next call of the kernel continues the step where it stopped
+(:func:`jansen_env.engine.integrator.take_steps`).
 """
 
 from __future__ import annotations
@@ -18,11 +19,11 @@ from jansen_env.plants.kernel_arrays import KernelArrays
 
 
 class RobotsOnShapes:
-    """Moves those of n robots whose ground is no height line.
+    """Simulator of those robots in a batch whose ground consists of pymunk's shapes.
 
     Args:
-        arrays: The robots.
-        scratch: Memory of the kernels, for a control step.
+        arrays: Kernel arrays of all n robots in the batch.
+        scratch: Work space of the kernels, large enough for one control step.
     """
 
     def __init__(self, arrays: KernelArrays, scratch: Scratch) -> None:
@@ -33,7 +34,7 @@ class RobotsOnShapes:
         self._advance = integrator.advance.bound()
         self._begin_step = episode.begin_step.bound()
         self._finish_step = episode.finish_step.bound()
-        # The same arrays in each call, which kernels know.
+        # The kernels get the same arrays in every call, because they remember their arguments.
         self._share = np.zeros((2, 2), np.int64)
         self._views = dict[int, tuple[Ints, Array]]()
         self._torque = np.zeros(count)  # N m
@@ -45,14 +46,15 @@ class RobotsOnShapes:
     def control_step(
         self, row: int, actions: Array, trace: Array, episodes: Episodes, observing: Observing
     ) -> None:
-        """Let a robot take a control step, see :mod:`jansen_env.engine.episode`.
+        """Simulate one control step of a robot; see :mod:`jansen_env.engine.episode`.
 
         Args:
             row: Index of the robot.
-            actions: Shape (n, 1).
-            trace: Trace of the first robot's time steps; without rows for none.
-            episodes: Other parts of the robots' records.
-            observing: How the robots are observed.
+            actions: Actions of all robots, as fractions of the torque limit, shape (n, 1).
+            trace: Array that receives the trace of the first robot's time steps, shape
+                (steps, numbers). If it has no rows, nothing is traced.
+            episodes: Parts of the robots' records that belong to the episode and the task.
+            observing: Observations of the robots, and the settings that define them.
         """
         records = self._arrays.records
         world = self._arrays.designs.world
@@ -74,14 +76,16 @@ class RobotsOnShapes:
     def step(
         self, row: int, steps: int, ahead: bool, torques: tuple[object, ...], trace: Array
     ) -> None:
-        """Let a robot take time steps.
+        """Simulate some time steps of a robot.
 
         Args:
             row: Index of the robot.
             steps: Number of time steps.
-            ahead: Whether the state stays.
-            torques: Torque, earlier, switch and pushes of :func:`integrator.advance`.
-            trace: Trace of the first robot's time steps; without rows for none.
+            ahead: Whether to look ahead only, and to restore the state afterwards.
+            torques: Arguments ``torque``, ``earlier``, ``switch`` and ``pushes`` of
+                :func:`integrator.advance`.
+            trace: Array that receives the trace of the first robot's time steps, shape
+                (steps, numbers). If it has no rows, nothing is traced.
         """
         arrays = self._arrays
         records = arrays.records
@@ -112,13 +116,18 @@ class RobotsOnShapes:
             records.accumulators["links_in_ground"][row] = crossing
 
     def _views_of(self, row: int) -> tuple[Ints, Array]:
-        """Return the index of a robot as an array (1,), and its impulses (steps, 2) in N s."""
+        """Return arrays that kernels take for one robot.
+
+        Returns:
+            The index of the robot, shape (1,), and the impulses on its chassis in each time step,
+            in N s, shape (steps, 2).
+        """
         if row not in self._views:
             self._views[row] = np.array([row]), self._impulses[row]
         return self._views[row]
 
     def _list_planes(self, row: int) -> None:
-        """List the contact planes of a robot where its step waits for them."""
+        """List the contact planes of a robot whose step waits for them."""
         status = self._arrays.records.status[row]
         planes = self._scratch.planes
         near = float(status["pad_radius"] + status["margin"])

@@ -1,7 +1,8 @@
-"""Robot files: all fields of a :class:`jansen_env.Robot` as JSON, checked whole when read.
+"""Robot files: all fields of a :class:`jansen_env.Robot` as JSON, checked completely when read.
 
-Or a built-in design with other lengths, as the bench writes it: ``"design": "paper", "lengths":
-{"rocker": 0.24}`` beside the format, see :func:`jansen_env.robot.lengths.with_lengths`.
+A robot file may instead contain a built-in design with other link lengths, as the bench writes it:
+``"design": "paper", "lengths": {"rocker": 0.24}`` in addition to the format; see
+:func:`jansen_env.robot.lengths.with_lengths`.
 """
 
 from __future__ import annotations
@@ -25,31 +26,35 @@ from jansen_env.robot.motor import Motor
 from jansen_env.robot.robot import Robot
 
 FORMAT = "jansen_env robot 1"
-MAX_BYTES = 2**20  # of a file
-OF_DESIGN = {"design", "lengths"}  # what a file of a design with other lengths has
+MAX_BYTES = 2**20  # largest size of a file
+OF_DESIGN = {"design", "lengths"}  # entries of a file that contains a design with other lengths
 PARTS: dict[str, type] = {
     kind.__name__: kind
     for kind in (Robot, Linkage, Bar, Triangle, Plate, Leg, Payload, Motor, Compliance)
 }
-"""Parts that a file may hold, by the name under ``"is"``."""
+"""Parts that a file may contain, by the name in their entry ``"is"``."""
 
 
 def robot_to_json(robot: Robot) -> dict[str, object]:
-    """Return a robot as JSON knows it: each part a mapping of its fields, with its kind as "is".
+    """Return a robot as a mapping that can be written as JSON.
 
-    A field that is infinite is left out.
+    Each part of the robot is a mapping of its fields. The entry "is" names the kind of the part. A
+    field that is infinite is left out.
     """
     return {"format": FORMAT, **_part_to_json(robot)}
 
 
 def robot_from_json(content: object) -> Robot:
-    """Return the robot of :func:`robot_to_json`, or of a design with other lengths.
+    """Return the robot in the content of a robot file.
 
-    Whether it can turn its crank and stand is checked when it is loaded, see
-    :mod:`jansen_env.robot.soundness`.
+    This function does not check whether the robot can turn its crank and stand. That is checked
+    when the robot is loaded; see :mod:`jansen_env.robot.soundness`.
+
+    Args:
+        content: Result of :func:`robot_to_json`, or a design with other lengths.
 
     Raises:
-        ValueError: it is none; one line says what is wrong.
+        ValueError: If the content is not a valid robot. The message is one line.
     """
     if not isinstance(content, Mapping) or content.get("format") != FORMAT:
         raise invalid("a robot file", content, f"of format {FORMAT!r}")
@@ -70,15 +75,34 @@ def robot_from_json(content: object) -> Robot:
 
 
 def write_robot(path: str | Path, robot: Robot) -> Path:
-    """Write a robot file, .json, atomically. Raises ValueError: another suffix; OSError: it cannot
-    be written."""
+    """Write a robot file atomically.
+
+    Args:
+        path: Path of the file, which must end in .json.
+        robot: The robot.
+
+    Returns:
+        The path of the file.
+
+    Raises:
+        ValueError: If the path does not end in .json.
+        OSError: If the file cannot be written.
+    """
     if Path(path).suffix != ".json":
         raise ValueError(f"path is {path}, must end in .json")
     return write_json(path, robot_to_json(robot))
 
 
 def read_robot(path: str | Path) -> Robot:
-    """Read a robot file. Raises ValueError: it cannot be read, or is no robot; names the file."""
+    """Read a robot file.
+
+    Args:
+        path: Path of the file.
+
+    Raises:
+        ValueError: If the file cannot be read, or does not contain a valid robot. The message names
+            the file.
+    """
     with named_errors(f"{path} is no robot file", RecursionError):
         return robot_from_json(json.loads(read_bounded(path, MAX_BYTES)))
 
@@ -113,19 +137,21 @@ def _from_json(value: object) -> object:
 
 
 def file_schema() -> dict[str, dict[str, Any]]:
-    """Return what a robot file may hold, as JSON, for programs that check files by themselves.
+    """Return a description of robot files as JSON, for programs that check files by themselves.
 
     Returns:
-        For each part, by the name under ``"is"``: its ``"fields"`` and its ``"rules"``.
+        For each part, by the name in its entry ``"is"``, the ``"fields"`` and the ``"rules"`` of
+        the part.
 
-        A field has a ``"kind"``, see :func:`_kind_of`, and a ``"default"``: what a file without the
-        field means; None stands for infinity, and ``{"as": other}`` for the value of another field.
-        A field without a default must be there. So must one of a linkage that Python derives from
-        others where it is missing.
+        A field has a ``"kind"`` (see :func:`_kind_of`) and a ``"default"``, the value that the
+        field has if it is missing from a file. The default None stands for infinity, and
+        ``{"as": other}`` stands for the value of another field. A field without a default is
+        required. The fields of a linkage that Python derives from other fields if they are missing
+        are required, too.
 
-        A rule is ``{"sum": fields, "number": limits}``, ``{"product": ...}`` likewise, or
-        ``{"with": field, "finite": other}``: where one is neither 0 nor infinite, the other must be
-        finite.
+        A rule is ``{"sum": fields, "number": limits}``, ``{"product": fields, "number": limits}``,
+        or ``{"with": field, "finite": other}``. The last rule means that ``other`` must be finite
+        if ``field`` is neither 0 nor infinite.
     """
     return {
         name: {
@@ -137,14 +163,14 @@ def file_schema() -> dict[str, dict[str, Any]]:
 
 
 def _rule_to_json(rule: Rule) -> dict[str, Any]:
-    """Return a rule as :func:`file_schema` has it."""
+    """Return a rule in the form of :func:`file_schema`."""
     if isinstance(rule, FiniteWith):
         return {"with": rule.field, "finite": rule.other}
     return {rule.operation: rule.fields, "number": _limits_to_json(rule.limits)}
 
 
 def _fields_of(part: type) -> dict[str, dict[str, Any]]:
-    """Return the fields of a part as :func:`file_schema` has them."""
+    """Return the fields of a part in the form of :func:`file_schema`."""
     hints = get_type_hints(part, include_extras=True)
     schema: dict[str, dict[str, Any]] = {
         field.name: {"kind": _kind_of(hints[field.name]), **_default_of(field)}
@@ -156,7 +182,7 @@ def _fields_of(part: type) -> dict[str, dict[str, Any]]:
 
 
 def _default_of(field: Field[Any]) -> dict[str, object]:
-    """Return the default of a field, as JSON has it, under its name; nothing where it has none."""
+    """Return a mapping with the ``"default"`` of a field; it is empty if there is no default."""
     value = dict(field.metadata) or field.default
     if field.default_factory is not MISSING:
         value = field.default_factory()
@@ -166,12 +192,13 @@ def _default_of(field: Field[Any]) -> dict[str, object]:
 
 
 def _kind_of(hint: Any) -> dict[str, Any]:
-    """Return what values a type allows, as JSON.
+    """Return the values that a type allows, as JSON.
 
     Returns:
-        One of ``{"number": limits}``, ``{"type": "boolean"}`` (or "string", "whole"),
-        ``{"one": values}``, ``{"parts": names}``, ``{"each": kind}`` of a list, and ``{"row":
-        kinds}``. Limits are ``least``, ``most`` (None: none), ``above`` and, in words, ``allowed``.
+        One of ``{"number": limits}``, ``{"type": "boolean"}`` (or "string" or "whole"),
+        ``{"one": values}``, ``{"parts": names}``, ``{"each": kind}`` for the entries of a list, and
+        ``{"row": kinds}`` for a list with a fixed number of entries. See :func:`_limits_to_json`
+        for the limits.
     """
     origin, arguments = get_origin(hint), get_args(hint)
     if origin is Annotated:
@@ -193,6 +220,9 @@ def _kind_of(hint: Any) -> dict[str, Any]:
 
 
 def _limits_to_json(limits: Limits) -> dict[str, Any]:
-    """Return limits as JSON, where None stands for infinity."""
+    """Return limits as JSON: ``least``, ``most``, ``above``, and the text ``allowed``.
+
+    None stands for infinity, that is, for no limit.
+    """
     least, most = (None if math.isinf(each) else each for each in (limits.least, limits.most))
     return {"least": least, "most": most, "above": limits.above, "allowed": limits.allowed}

@@ -1,4 +1,4 @@
-"""Benchmarks, and from episodes to numbers: metrics over commands, with 95 % intervals."""
+"""Benchmarks, and metrics that summarise episodes over commands, with 95 % intervals."""
 
 from __future__ import annotations
 
@@ -17,38 +17,46 @@ from jansen_env.arrays import Array, Ints
 from jansen_env.baselines.policy import Policy, still
 
 Episodes: TypeAlias = dict[str, NDArray[Any]]
-"""Values (n,) of n episodes: "command", "returns", "duration" (s) and the aggregates."""
+"""Values of n episodes, by name: "command", "returns", "duration" (in s) and the aggregates.
+
+Each has shape (n,).
+"""
 
 Infos: TypeAlias = dict[str, Any]
-"""What a vector environment's step tells, by name."""
+"""The ``info`` of a step of a vector environment, by name."""
 
 Summary: TypeAlias = dict[str, Any]
 """Scores of a policy, as :func:`summarise` returns them."""
 
 Env: TypeAlias = gym.Env[Any, Any]
-Pick: TypeAlias = Ints | slice  # of episodes
+Pick: TypeAlias = Ints | slice  # indices of episodes
 
 Interval: TypeAlias = tuple[float, float, float]
 """Value, lower and upper end of its 95 % interval; NaN for ends that are not known."""
 
-MAIN = 8  # metrics of short tables
+MAIN = 8  # number of metrics in short tables
 RESAMPLES = 2000
-CONFIDENCE, ENDS = 0.95, (2.5, 97.5)  # of intervals; their percentiles
+CONFIDENCE, ENDS = 0.95, (2.5, 97.5)  # confidence of intervals, and percentiles of their ends
 INTERVALS = (
     "95 % intervals over episodes: exact (Clopper-Pearson) for fractions, percentile bootstrap for "
     "the others"
 )
-SETTLING = 2.0  # s, after which a walk counts as steady
-MIN_DISTANCE = 1e-3  # m, below which a ratio per metre is not formed
+SETTLING = 2.0  # time after which a walk counts as steady, in s
+MIN_DISTANCE = 1e-3  # distance below which no ratio per metre is computed, in m
 
 
 class Aggregate(NamedTuple):
-    """Sum over an episode: values (n,) of each step's ``infos``, and their reduction.
+    """Number of an episode, computed from one value per step.
 
-    To the "sum" over its steps or the "steady" ones (after :data:`SETTLING`), the "peak" of the
-    absolute value, the "rms", the "p99" (the 99th percentile of its steps), the "last" value, the
-    last "early" one (within :data:`SETTLING`), or the "change": the sum of the absolute changes
-    from step to step, the first from 0.
+    Attributes:
+        reduction: How the values of the steps are reduced to one number. "sum" is their sum, and
+            "steady" the sum over the steps after :data:`SETTLING`. "peak" is the largest absolute
+            value, "rms" the root mean square, and "p99" the 99th percentile over the steps. "last"
+            is the value of the last step, and "early" the value of the last step within
+            :data:`SETTLING`. "change" is the sum of the absolute changes from step to step; the
+            first change is counted from 0.
+        function: Function that returns the values of n robots from the ``infos`` of a step, shape
+            (n,).
     """
 
     reduction: Literal["sum", "steady", "peak", "rms", "p99", "last", "early", "change"]
@@ -56,33 +64,49 @@ class Aggregate(NamedTuple):
 
 
 class Metric(NamedTuple):
-    """A number for many episodes: a mean, or with a normaliser the ratio of two sums."""
+    """Number for many episodes: a mean, or the ratio of two sums if there is a normaliser.
+
+    Attributes:
+        label: Name in tables and figures.
+        unit: Unit. "fraction" marks a metric that is 0 or 1 in each episode.
+        function: Function that returns the value of each episode from the episodes and their
+            environment, shape (n,).
+        normaliser: Function that returns the distance of each episode, in m, shape (n,). None for a
+            mean.
+        axis: Kind of axis in figures. A metric with "" appears only in tables.
+        digits: Number of significant digits in tables.
+    """
 
     label: str
-    unit: str  # "fraction" of what is 0 or 1 in each episode
-    function: Callable[[Episodes, Env], Array]  # episodes and their environment to values (n,)
-    normaliser: Callable[[Episodes, Env], Array] | None = None  # the same, m
-    axis: Literal["linear", "log", "fraction", ""] = "linear"  # of figures; "" for tables alone
-    digits: int = 3  # in tables
+    unit: str
+    function: Callable[[Episodes, Env], Array]
+    normaliser: Callable[[Episodes, Env], Array] | None = None
+    axis: Literal["linear", "log", "fraction", ""] = "linear"
+    digits: int = 3
 
     @property
     def heading(self) -> str:
-        """Label and unit."""
+        """Label, followed by the unit in brackets."""
         return f"{self.label} ({self.unit})" if self.unit else self.label
 
 
 @dataclass(frozen=True)
 class Benchmark:
-    """Rules by which policies are scored on an environment; by default its return alone.
+    """Rules by which policies are scored on an environment; by default by their return alone.
 
     Attributes:
-        commands: the grid on which policies are scored; one 0 for a task without commands.
-        option: of a reset, that takes the command; "" for none. command_unit: of it.
-        aggregates: kept of each episode. metrics: the first is "return".
-        baselines: for an unwrapped environment; the main one first.
-        chosen_by: the metric by which the best model of a run is chosen.
-        variety: times the episodes that choosing takes where only the start differs.
-        drawn: commands of a reset; None: the environment's ``speed_command``.
+        commands: Commands at which policies are scored. A single 0 for a task without commands.
+        option: Name of the reset option that sets the command; "" for none.
+        command_unit: Unit of the command.
+        aggregates: Numbers that are computed for each episode, by name.
+        metrics: Metrics, by name. The first one is "return".
+        baselines: Functions that make a baseline for an unwrapped environment, by name. The first
+            one is the main baseline.
+        chosen_by: Name of the metric by which the best model of a training run is chosen.
+        variety: Factor by which the number of episodes for this choice is larger than for an
+            environment in which only the initial state differs.
+        drawn: Range of the commands that are sampled. None for the ``speed_command`` of the
+            environment.
     """
 
     commands: tuple[float, ...] = (0.0,)
@@ -99,27 +123,34 @@ class Benchmark:
 
     @property
     def middle(self) -> float:
-        """The command in the middle of the grid."""
+        """Command in the middle of :attr:`commands`."""
         return self.commands[(len(self.commands) - 1) // 2]
 
     def options(self, command: object) -> dict[str, Any]:
-        """Return the options of a reset with a command."""
+        """Return the reset options that set a command."""
         return {self.option: command} if self.option else {}
 
 
 def mean_of(name: str) -> Callable[[Episodes, Env], Array]:
-    """Return a metric's function: the mean of an aggregate."""
+    """Return the function of a metric that is the mean of an aggregate."""
     return lambda run, _: np.asarray(run[name], dtype=float)
 
 
 def horizon(env: Env) -> float:
-    """Return the time limit of an episode, s."""
+    """Return the time limit of an episode, in s."""
     steps = env.get_wrapper_attr("spec").max_episode_steps
     return float(steps * env.get_wrapper_attr("control_dt"))
 
 
 def per_weight(name: str) -> Callable[[Episodes, Env], Array]:
-    """Return a metric's function: work / weight, m; of the episodes' own "weight", N, if any."""
+    """Return the function of a metric that is an amount of work divided by the weight, in m.
+
+    The function uses the values "weight" of the episodes, in N, if there are any. Otherwise it uses
+    the weight of the robot in the environment.
+
+    Args:
+        name: Name of the aggregate that contains the work, in J.
+    """
 
     def work_per_weight(run: Episodes, env: Env) -> Array:
         weight = run.get("weight", env.get_wrapper_attr("task").world.weight[0])
@@ -132,11 +163,14 @@ TORQUE = {
     "peak_torque": Aggregate("peak", lambda info: info["crank_torque"]),
     "rms_torque": Aggregate("rms", lambda info: info["crank_torque"]),
 }
-"""Aggregates of the crank's torque, N m."""
+"""Aggregates of the crank torque, in N m."""
 
 
 def _estimator(metric: Metric, run: Episodes, env: Env) -> Callable[[Pick], Array]:
-    """The metric of episodes picked by an index array (..., n): (...)."""
+    """Return a function that computes a metric from selected episodes.
+
+    The function takes indices of episodes, shape (..., n), and returns the metric, shape (...).
+    """
     values = metric.function(run, env)
     if metric.normaliser is None:
         return lambda pick: values[pick].mean(axis=-1)
@@ -151,19 +185,19 @@ def _estimator(metric: Metric, run: Episodes, env: Env) -> Callable[[Pick], Arra
 
 
 def point_estimates(metrics: dict[str, Metric], run: Episodes, env: Env) -> dict[str, float | None]:
-    """Every metric over all episodes, without intervals; NaN is None."""
+    """Return every metric over all episodes, without intervals; NaN becomes None."""
     return {
         name: _number(_estimator(metric, run, env)(slice(None))) for name, metric in metrics.items()
     }
 
 
 def tabled(metrics: dict[str, Metric]) -> dict[str, Metric]:
-    """Return the metrics of tables and figures: those that have no ``steady_`` one beside them."""
+    """Return the metrics of tables and figures: those without a ``steady_`` counterpart."""
     return {name: metric for name, metric in metrics.items() if f"steady_{name}" not in metrics}
 
 
 def main_metrics(metrics: dict[str, Metric]) -> dict[str, Metric]:
-    """Return the metrics that matter most: the return, fractions, then others of the figures."""
+    """Return the metrics of short tables: the return, then fractions, then others with an axis."""
     drawn = {name: metric for name, metric in tabled(metrics).items() if metric.axis}
     first = sorted(drawn, key=lambda name: (name != "return", drawn[name].unit != "fraction"))
     return {name: drawn[name] for name in first[:MAIN]}
@@ -172,12 +206,17 @@ def main_metrics(metrics: dict[str, Metric]) -> dict[str, Metric]:
 def proportion_with_interval(k: int, n: int) -> Interval:
     """Return k / n with its exact 95 % interval (Clopper and Pearson 1934), both ends at 2.5 %.
 
-    It has a width where k is 0 or n, too, and never covers less than 95 %, as Wilson's may.
+    The interval has a width above 0 even if k is 0 or n, and its coverage is never less than 95 %,
+    whereas that of Wilson's interval may be.
+
+    Args:
+        k: Number of successes.
+        n: Number of trials.
 
     Raises:
-        ValueError: n is 0, or k is not within 0 and n.
+        ValueError: If n is 0, or k is not between 0 and n.
     """
-    from scipy.stats import binomtest  # only now, as it takes long to import
+    from scipy.stats import binomtest  # imported here, because the import takes long
 
     test = binomtest(k, n)
     ends = test.proportion_ci(CONFIDENCE, method="exact")
@@ -185,15 +224,18 @@ def proportion_with_interval(k: int, n: int) -> Interval:
 
 
 def summarise(metrics: dict[str, Metric], run: Episodes, env: Env, seed: int = 0) -> Summary:
-    """Every metric over all episodes and for each command, with 95 % intervals.
+    """Return every metric over all episodes and for each command, with 95 % intervals.
 
-    Fractions have :func:`proportion_with_interval` of their episodes, other metrics the percentile
-    bootstrap (Efron and Tibshirani 1993), resampled within each command. Resamples in which nobody
-    walked do not count; with one episode per command there is no such interval.
+    The interval of a fraction is that of :func:`proportion_with_interval`. The interval of any
+    other metric is a percentile bootstrap (Efron and Tibshirani 1993), for which episodes are
+    resampled within each command. Resamples in which no robot walked do not count. With a single
+    episode per command, there is no bootstrap interval.
 
     Args:
-        metrics: by name. run: episodes, the same number for each command. seed: of the resampling.
-        env: the environment they were run in, as ``gym.make`` gives it.
+        metrics: The metrics, by name.
+        run: Values of the episodes, with the same number of episodes for each command.
+        env: Environment in which the episodes were run, as ``gym.make`` returns it.
+        seed: Seed of the resampling.
 
     Returns:
         {"overall": {metric: [value, low, high]}, "by_command": {metric: {"command": [...],
@@ -212,10 +254,17 @@ def summarise(metrics: dict[str, Metric], run: Episodes, env: Env, seed: int = 0
 def pooled(
     metrics: dict[str, Metric], run: Episodes, env: Env, seed: int = 0, groups: Sequence[Ints] = ()
 ) -> Summary:
-    """Return :func:`summarise` without ``"by_command"``: the commands may all differ.
+    """Return the result of :func:`summarise` without ``"by_command"``.
+
+    The commands of the episodes may all be different.
 
     Args:
-        groups: indices of the episodes that are resampled together; none for all of them as one.
+        metrics: The metrics, by name.
+        run: Values of the episodes.
+        env: Environment in which the episodes were run, as ``gym.make`` returns it.
+        seed: Seed of the resampling.
+        groups: Indices of the episodes in each group that is resampled by itself. If it is empty,
+            all episodes are one group.
     """
     count = len(run["command"])
     strata = groups or [np.arange(count)]
@@ -226,7 +275,7 @@ def pooled(
 def _interval(
     metric: Metric, run: Episodes, env: Env, groups: Sequence[Ints], seed: int
 ) -> list[float | None]:
-    """The metric of all groups' episodes, and its interval."""
+    """Return a metric over all groups' episodes: value, lower and upper end of its interval."""
     estimator, episodes = _estimator(metric, run, env), np.concatenate(groups)
     value = estimator(episodes)
     if metric.unit == "fraction":
@@ -236,7 +285,7 @@ def _interval(
     from scipy.stats import DegenerateDataWarning, bootstrap
 
     with catch_warnings():
-        simplefilter("ignore", DegenerateDataWarning)  # of its interval, where one is NaN
+        simplefilter("ignore", DegenerateDataWarning)  # warns of its own interval if a value is NaN
         resampled = bootstrap(
             groups, lambda *picks, axis: estimator(np.concatenate(picks, axis)), vectorized=True,
             n_resamples=RESAMPLES, method="percentile", rng=seed,
@@ -250,13 +299,17 @@ def _number(value: float | Array) -> float | None:
 
 
 def interval_text(interval: Sequence[float | None], digits: int = 3) -> str:
-    """Return "value [low, high]", to so many significant digits; "-" for None and NaN."""
+    """Return "value [low, high]" with ``digits`` significant digits; None and NaN become "-"."""
     value, *ends = ("-" if n is None or np.isnan(n) else f"{n:.{digits}g}" for n in interval)
     return f"{value} [{', '.join(ends)}]" if ends and ends[0] != "-" else value
 
 
 def screen_table(cells: Sequence[Sequence[str]]) -> str:
-    """Return a table in plain text, its head first, whose cells wrap at the terminal's width."""
+    """Return a table in plain text, whose cells wrap so that it fits the terminal.
+
+    Args:
+        cells: Rows of the table. The first row is its head.
+    """
     from rich.box import MARKDOWN
     from rich.console import Console
     from rich.table import Column, Table
@@ -274,9 +327,15 @@ def screen_table(cells: Sequence[Sequence[str]]) -> str:
 def score_cells(
     metrics: dict[str, Metric], scores: Mapping[str, Summary], parts: int = 3
 ) -> list[list[str]]:
-    """Return the cells of a table, its head first: a row per policy, a column per metric.
+    """Return the cells of a table with one row per policy and one column per metric.
 
-    ``parts`` is 3 for values [low, high], 1 for values alone.
+    Args:
+        metrics: The metrics, by name.
+        scores: Scores of each policy, by name.
+        parts: 3 for values with intervals, 1 for values alone.
+
+    Returns:
+        The rows of the table. The first row is its head.
     """
     rows = [
         [policy, *(interval_text(summary["overall"][name][:parts], metric.digits)
@@ -289,8 +348,13 @@ def score_cells(
 def score_table(
     metrics: dict[str, Metric], scores: Mapping[str, Summary], rows_are: str = "policy"
 ) -> str:
-    """A Markdown table of each policy's value [low, high] of each metric of :func:`tabled`: a row
-    per policy, or with "metric" for ``rows_are`` a row per metric."""
+    """Return a Markdown table with the scores of policies and their intervals.
+
+    Args:
+        metrics: The metrics, by name. The table contains those of :func:`tabled`.
+        scores: Scores of each policy, by name.
+        rows_are: "policy" for one row per policy, "metric" for one row per metric.
+    """
     from tabulate import tabulate
 
     table = score_cells(tabled(metrics), scores)

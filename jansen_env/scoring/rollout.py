@@ -1,4 +1,4 @@
-"""Running a policy: episodes side by side, one prediction for all of them at each step."""
+"""Rollouts of a policy: many episodes side by side, with one call of the policy per step."""
 
 from __future__ import annotations
 
@@ -15,16 +15,17 @@ from jansen_env.baselines.policy import Policy
 from jansen_env.scoring.benchmarks import can_be_batched, check_env_kwargs, find_benchmark
 from jansen_env.scoring.metrics import SETTLING, Benchmark, Env, Episodes
 
-DRAWN_SEED = 20_000  # of episodes with drawn commands: training, tuning and other scores use others
+# First seed of episodes with sampled commands. Training, tuning and other scores use other seeds.
+DRAWN_SEED = 20_000
 
 EnvKwargs: TypeAlias = dict[str, Any]
 """Arguments of an environment."""
 
 Options: TypeAlias = dict[str, NDArray[Any]]
-"""Options of each episode's reset, (n,) by name."""
+"""Options of the reset of each episode, by name; each has shape (n,)."""
 
 Advance: TypeAlias = Callable[[float], None]
-"""Called with the amount of work, such as episodes, that has been done since its last call."""
+"""Function that is called with the amount of work, such as episodes, done since its last call."""
 
 VectorEnv: TypeAlias = gym.vector.VectorEnv[Any, Any, Any]
 
@@ -37,26 +38,45 @@ REDUCTIONS: dict[str, Callable[..., Array]] = {
     "early": lambda total, value, early, **_: value if early else total,
     "change": lambda total, value, last, **_: total + np.abs(value - last),
 }
-"""From the total so far and a step's value; ``early``: the step ends within SETTLING; ``dt``: of a
-step, s; ``last``: the value before."""
+"""Functions that add the value of a step to the total of an episode, by the name of the reduction.
+
+``early`` tells whether the step ends within SETTLING, ``dt`` is the duration of the step in s, and
+``last`` is the value of the step before.
+"""
 
 
 def no_progress(amount: float) -> None:
-    """Show no progress."""
+    """Ignore the progress."""
 
 
 def make_env(env_id: str, env_kwargs: EnvKwargs, **more: object) -> Env:
-    """``gym.make`` of a benchmark's id; ``env_kwargs`` come from users and are checked.
+    """Make an environment of a benchmark with ``gym.make``.
+
+    Args:
+        env_id: Id of the environment.
+        env_kwargs: Arguments of the environment. They come from users and are checked.
+        more: Further arguments, which are not checked.
 
     Raises:
-        ValueError: another id, or an argument that the environment does not take.
+        ValueError: If there is no benchmark for the id, or the environment does not take an
+            argument.
     """
     check_env_kwargs(env_id, env_kwargs)
     return gym.make(env_id, **{**env_kwargs, **more})
 
 
 def draw_episodes(env: Env, count: int, seed: int = 0) -> tuple[Array, Ints]:
-    """Return commands (count,), uniform in the range of ``env``, and seeds (count,) of resets."""
+    """Sample the commands of episodes, uniformly within the range of the environment.
+
+    Args:
+        env: The environment.
+        count: Number of episodes.
+        seed: Seed of the commands and of the resets.
+
+    Returns:
+        The command of each episode, in the unit of the benchmark, and the seed of its reset. Both
+        have shape (count,).
+    """
     benchmark = find_benchmark(env.get_wrapper_attr("spec").id)
     low, high = benchmark.drawn or (
         env.get_wrapper_attr("task").speed_command[0] if benchmark.option else (0.0, 0.0)
@@ -66,10 +86,18 @@ def draw_episodes(env: Env, count: int, seed: int = 0) -> tuple[Array, Ints]:
 
 
 def make_envs(env_id: str, env_kwargs: EnvKwargs, count: int) -> VectorEnv:
-    """``gym.make_vec`` of one of them: simulated together where that is possible.
+    """Make a vector environment of a benchmark with ``gym.make_vec``.
+
+    The robots are simulated in one batch if the arguments allow that.
+
+    Args:
+        env_id: Id of the environment.
+        env_kwargs: Arguments of the environment.
+        count: Number of robots.
 
     Raises:
-        ValueError: another id, or an argument that the environment does not take.
+        ValueError: If there is no benchmark for the id, or the environment does not take an
+            argument.
     """
     check_env_kwargs(env_id, env_kwargs)
     together = can_be_batched(env_id, env_kwargs)
@@ -90,20 +118,29 @@ def run_episodes(
     envs: VectorEnv | None = None,
     advance: Advance = no_progress,
 ) -> Episodes:
-    """Run one episode for each pair of command and seed, up to ``at_once`` side by side.
+    """Run one episode for each pair of command and seed.
 
-    An episode is what it is alone, bit for bit, if the policy's actions do not depend on how many
-    it is asked for; it acts deterministically.
+    The policy acts deterministically. Each episode is bit for bit the same as it would be alone,
+    provided that an action of the policy does not depend on how many actions it computes at once.
 
     Args:
-        commands: (n,), in the benchmark's unit. seeds: (n,) of each episode's reset.
-        options: more of them for each reset, (n,) by name. envs: of :func:`make_envs` with
-            ``at_once`` robots, used and left open, where n is a multiple of that.
-        advance: called with the number of episodes that ran since its last call, also with parts
-            of them.
+        policy: The policy.
+        env_id: Id of the environment.
+        env_kwargs: Arguments of the environment.
+        commands: Command of each episode, in the unit of the benchmark, shape (n,).
+        seeds: Seed of the reset of each episode, shape (n,).
+        at_once: Largest number of episodes that run side by side.
+        options: Further options of the reset of each episode, by name, each with shape (n,).
+        envs: Environment of :func:`make_envs` with ``at_once`` robots, which is used and left open.
+            n must be a multiple of ``at_once`` in that case. None to make new environments.
+        advance: Function that is called with the number of episodes that ran since its last call.
+            The number may contain fractions of episodes.
+
+    Returns:
+        Values of each episode, by name, each with shape (n,).
 
     Raises:
-        ValueError: no benchmark is known for ``env_id``.
+        ValueError: If there is no benchmark for ``env_id``.
     """
     benchmark, parts = find_benchmark(env_id), []
     every: Options = {**benchmark.options(commands), **(options or {})}
@@ -156,15 +193,16 @@ def _run_side_by_side(
         running &= ~(terminated | truncated)
         advance(n / longest)
         left -= n / longest
-    advance(left)  # of episodes that ended early
+    advance(left)  # the rest of the episodes that ended early
     return totals | {name: np.nanpercentile(steps, 99.0, axis=0) for name, steps in kept.items()}
 
 
 def _reset(envs: VectorEnv, options: Options, seeds: Ints) -> NDArray[np.float32]:
-    """Start the episodes; returns their first observations (n, d)."""
+    """Start the episodes, and return their first observations, shape (n, d)."""
     if not isinstance(envs, gym.vector.SyncVectorEnv):
         return envs.reset(seed=seeds.tolist(), options=options)[0]
-    # It has one set of options for all: the first time for everyone, then one after another.
+    # SyncVectorEnv takes one set of options for all robots. Reset all robots with the options of
+    # the first one, and then the others one after another with their own options.
     for k in range(len(seeds)):
         named = {} if k == 0 else {"reset_mask": np.arange(len(seeds)) == k}
         given = {name: values[k] for name, values in options.items()}

@@ -1,4 +1,4 @@
-"""Base of tasks: observation, reward and end of episode of n robots in a world."""
+"""Base classes of tasks: observations, rewards and termination for n robots in a world."""
 
 from __future__ import annotations
 
@@ -22,36 +22,50 @@ from jansen_env.world.observations import Observed
 from jansen_env.world.settings import Values, WorldSettings, flag, option
 from jansen_env.world.world import Numbers, World
 
-EVERY = slice(None)  # robot; as an index quicker than all their numbers
+EVERY = slice(None)  # index of all robots, which is faster than an array of all their indices
 
 
 class Task(ABC):
-    """A task of n robots. Environments of one robot and of many are made of it.
+    """Task of n robots, from which environments of one robot and of many robots are made.
 
-    A task is a page: the class attributes and four methods in plain NumPy over all n robots. They
-    are called in this order: :meth:`draw` and :meth:`observe` at a reset; :meth:`reward`,
-    :meth:`terminated` and :meth:`observe` after a step. They ask :attr:`world` by name, such as
-    ``world.pitch``, and keep values in :attr:`info` with :meth:`keep`. :mod:`jansen_env.tasks.goal`
-    is an example. :class:`jansen_env.tasks.compiled.CompiledTask` is the base of tasks that kernels
-    reward.
+    To write a task, set the class attributes and define four methods in plain NumPy that work on
+    all n robots at once. They are called in this order: :meth:`draw` and :meth:`observe` at a
+    reset; :meth:`reward`, :meth:`terminated` and :meth:`observe` after a step. The methods read
+    values of :attr:`world` by name, such as ``world.pitch``, and store values in :attr:`info` with
+    :meth:`keep`. :mod:`jansen_env.tasks.goal` is an example.
+    :class:`jansen_env.tasks.compiled.CompiledTask` is the base class of tasks whose rewards are
+    computed by kernels.
 
     Args:
-        settings: arguments. threads: cores to use; None: chosen by batch size.
+        settings: Validated arguments of the environment.
+        threads: Number of CPU cores to use. If None, it is chosen from the batch size.
 
     Attributes:
-        SETTINGS: its arguments. OBSERVED: what it observes beside the world's observations.
-        INFO: numbers and flags that it keeps of a robot, by name: shown in the information, saved
-            in states, 0 at a reset but for what :meth:`draw` gives. TERMS: of the reward.
-        OPTIONS: names of reset options. SETTABLE: of :meth:`set_parameters`, attributes (n, ...)
-            of the task; both beside the world's.
-        observed: each number of the observation, with its column in :attr:`columns`.
-        observation_space, action_space: of one robot. observation: (n, d) the last ones.
-        info: (n,) :attr:`INFO`. rewards: (n,) of the last step. ended: (n,) by termination.
-        truncated: (n,) whether the simulation diverged. control_dt: s a step.
-        lock: held while robots move or change.
+        SETTINGS: Class of the arguments.
+        OBSERVED: Observations of the task, in addition to those of the world.
+        INFO: Names and types of the numbers and flags that the task keeps for each robot. They
+            appear in ``info`` and in saved states. At a reset they are 0, except for the values
+            that :meth:`draw` returns.
+        TERMS: Names of the terms of the reward.
+        OPTIONS: Names of the reset options of the task, in addition to those of the world.
+        SETTABLE: Names that :meth:`set_parameters` accepts, in addition to those of the world. Each
+            of them is an attribute of the task, shape (n, ...).
+        world: Simulation of the n robots.
+        observed: Description of each number of the observation, in order.
+        columns: Index of each number of the observation, by name.
+        observation_space: Space of the observation of one robot.
+        action_space: Space of the action of one robot.
+        observation: Last observation of each robot, shape (n, d).
+        info: Present values of :attr:`INFO`, shape (n,).
+        rewards: Reward of the last step, shape (n,).
+        ended: Whether the episode of each robot is terminated, shape (n,).
+        truncated: Whether the simulation of each robot has diverged, shape (n,).
+        control_dt: Duration of a control step, in s.
+        lock: Lock that is held while robots move or change.
 
     Raises:
-        ValueError: an argument out of range or of no effect, or names that do not fit.
+        ValueError: If an argument is out of range or has no effect, or if declared names are in
+            conflict.
     """
 
     SETTINGS: ClassVar[type[WorldSettings]] = WorldSettings
@@ -60,7 +74,8 @@ class Task(ABC):
     TERMS: ClassVar[tuple[str, ...]] = ()
     OPTIONS: ClassVar[tuple[str, ...]] = ()
     SETTABLE: ClassVar[tuple[str, ...]] = ()
-    # Record of a compiled task, in place of INFO and TERMS, and the observations that kernels fill.
+    # Record of a compiled task, in place of INFO and TERMS, and the names of the observations that
+    # kernels fill.
     ROW: ClassVar[np.dtype[np.void] | None] = None
     COMPILED: ClassVar[tuple[str, ...]] = ()
     is_whole = False  # whether kernels do everything, so that no method is called after a step
@@ -88,7 +103,11 @@ class Task(ABC):
             self._observed()  # raises an error if a declared observation is not filled
 
     def _check_declarations(self, settings: WorldSettings) -> None:
-        """Raise ValueError for settings or names that this class would ignore."""
+        """Check that the class does not ignore any setting or declared name.
+
+        Raises:
+            ValueError: If it ignores one.
+        """
         if settings.curriculum is not None and type(self).progress is Task.progress:
             raise ValueError("curriculum is given, must be None: this task defines no progress()")
         if both := sorted({*self.INFO} & {*self.TERMS}):
@@ -100,7 +119,7 @@ class Task(ABC):
                 raise ValueError(f"INFO and TERMS have {unknown}, {allowed}")
 
     def _connect(self) -> None:
-        """Take the arrays of the records."""
+        """Get views of the arrays in the records."""
         world, records = self.world, self.world.records
         robots: Any = records.robots
         self._records = records.data
@@ -117,49 +136,76 @@ class Task(ABC):
         self._observes = {entry.name for entry in self.OBSERVED} - {*self.COMPILED}
 
     def _make_lock(self) -> None:
-        """Make the lock that a call holds, as kernels write without Python's."""
-        self.lock = RLock()  # a step resets other robots
+        """Make the lock that a call holds, because kernels write without Python's global lock."""
+        self.lock = RLock()  # reentrant, because a step may reset other robots
         forks.watch(self)
 
     def _refresh(self) -> None:
-        """Take the arrays of the records again if these have been made anew."""
+        """Get new views if the records have been replaced by new arrays."""
         if self._records is not self.world.records.data:
             self._connect()
 
-    # What a task is.
+    # Methods that define a task.
 
     def draw(self, i: int, rng: np.random.Generator, options: Values) -> Numbers:
-        """Draw numbers of :attr:`INFO` of a robot's next episode; nothing may change yet."""
+        """Sample values of :attr:`INFO` for the next episode of a robot.
+
+        The method must not change the task, because the reset may still fail.
+
+        Args:
+            i: Index of the robot.
+            rng: Random number generator of the robot.
+            options: Options of the reset, by name.
+
+        Returns:
+            The sampled values, by name.
+        """
         return {}
 
     def observe(self) -> Mapping[str, Array]:
-        """Return the numbers (n,) of :attr:`OBSERVED` by name, after a reset or a step."""
+        """Return the values of :attr:`OBSERVED` after a reset or a step.
+
+        Returns:
+            The values of all robots, by name, each with shape (n,).
+        """
         return {}
 
     @abstractmethod
     def reward(self) -> Array:
-        """Return the rewards (n,) of a step; the terms are kept with :meth:`keep`."""
+        """Return the rewards of a step, shape (n,), and store their terms with :meth:`keep`."""
 
     @abstractmethod
     def terminated(self) -> Bools:
-        """Return whether episodes (n,) are over after a step."""
+        """Return whether each episode is terminated after a step, shape (n,)."""
 
     def keep(self, **values: NDArray[np.generic]) -> None:
-        """Keep numbers (n,) of :attr:`INFO` and :attr:`TERMS` of the robots of this step."""
+        """Store values of :attr:`INFO` and :attr:`TERMS` for the robots of this step.
+
+        Args:
+            values: Values of all robots, by name, each with shape (n,). Only those of the robots
+                that took part in the step are stored.
+        """
         which = self._which
         for name, value in values.items():
             kept = "info" if name in self._kept else "reward"
             self.data[kept][name][which] = value[which]
 
     def progress(self, i: int) -> tuple[float, float]:
-        """Return a robot's progress, m, and mean commanded speed, m/s, for a curriculum."""
+        """Return how far a robot got in its last episode, for a curriculum.
+
+        Args:
+            i: Index of the robot.
+
+        Returns:
+            The progress, in m, and the mean commanded speed, in m/s.
+        """
         return 0.0, 0.0
 
-    # What environments use.
+    # Methods that environments call.
 
     @property
     def command(self) -> Array | None:
-        """(n,) commanded speeds, None for a task without."""
+        """Commanded speed of each robot, shape (n,), or None for a task without commands."""
         return self.info["speed_command"] if "speed_command" in self._kept else None
 
     def reset(
@@ -168,11 +214,16 @@ class Task(ABC):
         generators: Sequence[np.random.Generator],
         options: Sequence[Values] | None = None,
     ) -> None:
-        """Start episodes of robots (k,), each with its generator and the options of its reset.
+        """Start a new episode for some of the robots. After an error, nothing has changed.
+
+        Args:
+            which: Indices of the robots, shape (k,).
+            generators: Random number generator of each of these robots.
+            options: Reset options of each of these robots. None for no options.
 
         Raises:
-            ValueError: an unknown option, or a value out of range. FloatingPointError: a robot
-                diverges where it is placed. Nothing has changed then.
+            ValueError: If an option is unknown, or a value is out of range.
+            FloatingPointError: If the simulation diverges at the initial position of a robot.
         """
         options = [{}] * len(which) if options is None else options
         for given in options:
@@ -193,14 +244,18 @@ class Task(ABC):
             self._describe(which)
 
     def _check_options(self, given: Values) -> None:
-        """Raise ValueError for an unknown option of a reset."""
+        """Check the names of reset options.
+
+        Raises:
+            ValueError: If a name is unknown.
+        """
         known = {*self.OPTIONS, *self.world.OPTIONS}
         if unknown := sorted({*given} - known):
             allowed = listed(sorted(known), unknown[0])
             raise ValueError(f"reset options {unknown} are unknown, must be in {allowed}")
 
     def _clear(self, i: int, numbers: Values) -> None:
-        """Replace the values of :attr:`INFO` of a robot's last episode."""
+        """Clear the values of :attr:`INFO` and the reward terms, and set those in ``numbers``."""
         self.info[i], self._terms[i] = self._blank
         for name, value in numbers.items():
             self.info[name][i] = value
@@ -208,14 +263,24 @@ class Task(ABC):
     def step(
         self, actions: Array, which: Ints | None, meanwhile: Callable[[], None] | None = None
     ) -> None:
-        """Hold actions (n, 1) of robots (k,), None for all, see ``World.step``."""
+        """Simulate one control step, then compute rewards, termination and observations.
+
+        Args:
+            actions: Actions of all robots, as fractions of the torque limit, shape (n, 1).
+            which: Indices of the robots that take the step, shape (k,). None for all robots.
+            meanwhile: Function that is called while these robots move; see ``World.step``.
+        """
         with self.lock:
             self.world.step(actions, which, meanwhile)
             if not self.is_whole:
                 self._judge(which)
 
     def _judge(self, which: Ints | None) -> None:
-        """Reward the step of robots (k,), end their episodes, and observe them."""
+        """Compute rewards, termination and observations of robots after a step.
+
+        Args:
+            which: Indices of the robots, shape (k,). None for all robots.
+        """
         part = self._which = EVERY if which is None else which
         self.rewards[part] = self.reward()[part]
         self.ended[part] = self.terminated()[part]
@@ -223,7 +288,11 @@ class Task(ABC):
         self.world.observe(which, True)
 
     def _observed(self) -> Mapping[str, Array]:
-        """Return what :meth:`observe` does; ValueError: not what :attr:`OBSERVED` declares."""
+        """Return the result of :meth:`observe`, after checking its names.
+
+        Raises:
+            ValueError: If the names differ from those that :attr:`OBSERVED` declares.
+        """
         observed = self.observe()
         if observed.keys() != self._observes:
             needed = sorted(self._observes)
@@ -232,36 +301,64 @@ class Task(ABC):
         return observed
 
     def _fill(self, which: Ints | slice) -> None:
-        """Fill the task's own observations of robots (k,)."""
+        """Fill the columns of the task's own observations.
+
+        Args:
+            which: Indices of the robots, shape (k,), or a slice.
+        """
         self._which = which
         for name, values in self._observed().items():
             self.observation[which, self.columns[name]] = values[which]
 
     def _describe(self, which: Ints) -> None:
-        """Fill observations and information of robots (k,) as they are now."""
+        """Fill the observations and the information of robots without a step.
+
+        Args:
+            which: Indices of the robots, shape (k,).
+        """
         if not self.is_whole:
             self._fill(which)
         self.world.observe(which, False)
 
     def push(self, i: int, impulse: object) -> None:
-        """Push a robot from now on, see ``World.push``."""
+        """Push the chassis of a robot from now on; see ``World.push``.
+
+        Args:
+            i: Index of the robot.
+            impulse: Impulse in x and y, in N s.
+        """
         i = robot_index(i, self.num_envs)
         with self.lock:
             self.world.push(i, impulse)
             self._refresh()
 
     def set_parameters(self, i: int, **changes: object) -> None:
-        """Change a robot from now on, see :meth:`checked`."""
+        """Change parameters of a robot from now on; see :meth:`checked`.
+
+        Args:
+            i: Index of the robot.
+            changes: New values, by name.
+        """
         with self.lock:
             self.checked(i, **changes)()
 
     def checked(self, i: int, **changes: object) -> Callable[[], None]:
-        """Check changes of :attr:`SETTABLE` and the world's; return a function that applies them.
+        """Check changes of parameters without applying them.
 
-        Energies in ``info`` do not have what the change itself adds to the robot's energy.
+        Energy that a change adds to the robot (for example a larger payload) does not appear in
+        ``info["energy"]``.
+
+        Args:
+            i: Index of the robot.
+            changes: New values, by name. The names are those of :attr:`SETTABLE` and those that the
+                world accepts.
+
+        Returns:
+            A function that applies the changes.
 
         Raises:
-            ValueError: no such robot, or a value out of range. TypeError: another name.
+            ValueError: If there is no such robot, or a value is out of range.
+            TypeError: If a name cannot be changed.
         """
         i = robot_index(i, self.num_envs)
         known = {*self.SETTABLE, *self.world.SETTABLE}
@@ -288,14 +385,22 @@ class Task(ABC):
         return self.world.scene(i)
 
     def get_state(self, i: int) -> Values:
-        """Return all that a robot's future depends on but its random numbers."""
+        """Return everything that the future of a robot depends on, except its random generator."""
         i = robot_index(i, self.num_envs)
         with self.lock:
             numbers = {name: self.info[name][i].item() for name in self._kept}
             return {**self.world.get_state(i), **numbers}
 
     def set_state(self, i: int, state: Values) -> None:
-        """Go on from a complete state of :meth:`get_state`; ValueError: an entry out of range."""
+        """Restore a robot to a state of :meth:`get_state`.
+
+        Args:
+            i: Index of the robot.
+            state: The complete state.
+
+        Raises:
+            ValueError: If an entry is out of range.
+        """
         i = robot_index(i, self.num_envs)
         with self.lock:
             checked = self.world.checked_state(i, state)
@@ -306,14 +411,25 @@ class Task(ABC):
             self._describe(np.array([i]))
 
     def _checked(self, label: str, name: str, value: object) -> float:
-        """Return a flag, or a number within its limits if observed; ValueError: it is neither."""
+        """Return a checked value of :attr:`INFO`: a flag, or a number.
+
+        If the value is also observed, it must be within the limits of the observation.
+
+        Args:
+            label: Name of the mapping that contains the value, for the error message.
+            name: Name of the value.
+            value: The value.
+
+        Raises:
+            ValueError: If the value has the wrong type or is out of its limits.
+        """
         if name in self._kept and self.info[name].dtype == np.bool_:
             return flag(f"{label}[{name!r}]", value)
         limits = {entry.name: (entry.low, entry.high) for entry in self.observed}
         low, high = limits.get(name, (-MOST_SINGLE, MOST_SINGLE))  # as it will be observed
         return within(f"{label}[{name!r}]", value, max(low, -MOST_SINGLE), min(high, MOST_SINGLE))
 
-    # What tasks with settable attributes, or in kernels, add to.
+    # Methods that tasks with settable attributes, and compiled tasks, override.
 
     def _order(self, world: Sequence[Observed]) -> tuple[Observed, ...]:
         """Return all observations in their order: by default those of the world come first."""
@@ -322,7 +438,11 @@ class Task(ABC):
     def _change(self, i: int, changes: Values) -> Callable[[], None]:
         """Check changes of :attr:`SETTABLE`; return a function that applies them.
 
-        A derived task hands on the changes that it does not know.
+        A derived task passes the changes that it does not know on to its base class.
+
+        Args:
+            i: Index of the robot.
+            changes: New values, by name.
         """
         if changes:
             raise NotImplementedError(f"{type(self).__name__}._change() must apply {[*changes]}")
@@ -351,10 +471,15 @@ class Task(ABC):
 
 
 class CommandedTask(Task):
-    """A task with a commanded speed, ``info["speed_command"]``.
+    """Task with a commanded speed, ``info["speed_command"]``.
+
+    Args:
+        settings: Validated arguments of the environment, with ``speed_command``.
+        threads: Number of CPU cores to use. If None, it is chosen from the batch size.
 
     Attributes:
-        FASTEST: the largest command. speed_command: (n, 2) range of the next ones.
+        FASTEST: Largest command, in the unit of the commands.
+        speed_command: Lowest and highest of the next commands of each robot, shape (n, 2).
     """
 
     FASTEST: ClassVar[float]
@@ -367,14 +492,17 @@ class CommandedTask(Task):
         super().__init__(settings, threads)
 
     def draw(self, i: int, rng: np.random.Generator, options: Values) -> Numbers:
-        """Draw a robot's command."""
+        """Sample the command of a robot, unless an option of the reset sets it."""
         low, high = self.speed_command[i].tolist()
         command = uniform(rng, low, high)
         command = option(options, "speed_command", command, -self.FASTEST, self.FASTEST)
         return {"speed_command": command}
 
     def _change(self, i: int, changes: Values) -> Callable[[], None]:
-        """Check another range of commands, which are drawn from it from now on."""
+        """Check a new range of commands; return a function that applies it.
+
+        Commands are sampled from the new range from then on.
+        """
         others = {name: value for name, value in changes.items() if name != "speed_command"}
         apply_others = super()._change(i, others)
         if "speed_command" not in changes:

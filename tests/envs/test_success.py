@@ -1,4 +1,4 @@
-"""``info["is_success"]``: what a success is, in every environment and through every API."""
+"""Tests of ``info["is_success"]`` in every environment and through every API."""
 
 import gymnasium as gym
 import numpy as np
@@ -14,7 +14,7 @@ from jansen_env.tasks.walking.walker_benchmark import walking_pid
 
 
 def last_info(env, policy, **options):
-    """Return the information of the last step of an episode under a policy."""
+    """Return the ``info`` of the last step of an episode under a policy."""
     observation, _ = env.reset(seed=0, options=options)
     state, starts, over = None, np.ones(1, bool), False
     while not over:
@@ -38,7 +38,7 @@ def test_a_walk_of_most_of_the_commanded_distance_is_a_success(command):
 
 def test_too_short_a_walk_the_wrong_way_and_a_fall_are_none():
     env, _ = walker()
-    for speed in (0.5, -2.0):  # rad/s, where 0.2 m/s takes about 2
+    for speed in (0.5, -2.0):  # rad/s; walking at 0.2 m/s takes about 2 rad/s
         slow = walking_pid(
             lambda commands, speed=speed: np.full(len(commands), speed), env.unwrapped
         )
@@ -60,7 +60,7 @@ def test_the_crank_is_to_follow_its_reference():
 
 @pytest.mark.parametrize("env_id", IDS)
 def test_all_apis_agree(env_id):
-    """The last flag of an episode alone, of many, and of Stable-Baselines3's environments."""
+    """The last flag of an episode is reported alone, in a batch, and by Stable-Baselines3."""
     short = {"max_episode_steps": 60}
     commands = np.full(2, find_benchmark(env_id).middle)
     env = gym.make(env_id, **short)

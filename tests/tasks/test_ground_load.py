@@ -1,4 +1,4 @@
-"""What the ground carries: the load in windows of 20 ms, and the time without support."""
+"""Load that the ground carries in windows of 20 ms, and time in which a robot is unsupported."""
 
 import pickle
 
@@ -12,7 +12,13 @@ from jansen_env.tasks.walking import JansenWalkerEnv, JansenWalkerVectorEnv
 
 
 def walk(speed=3.5, seconds=4.0, **arguments):
-    """Return the information of each step of a walk whose crank is held near a speed, rad/s."""
+    """Return an environment and the ``info`` of each step of a walk.
+
+    Args:
+        speed: Speed near which a controller holds the crank, in rad/s.
+        seconds: Duration of the walk, in s.
+        arguments: Arguments of the environment.
+    """
     env = JansenWalkerEnv(**{"robot": "built", "speed_command": 0.3, **arguments})
     env.reset(seed=3)
     infos = []
@@ -36,7 +42,10 @@ def test_the_load_of_a_control_step_of_one_window_is_that_of_its_toes():
 
 
 def test_windows_do_not_depend_on_the_control_period():
-    """The same torques, held for 20 ms and given again every 10 ms; two windows within 40 ms."""
+    """The same torques give the same loads if they are applied for 20 ms or twice for 10 ms.
+
+    A control step of 40 ms contains two windows.
+    """
     torques = 0.2 + 0.2 * np.sin(np.arange(100) / 5.0)
     known = {}
     for period, times in ((0.02, 1), (0.01, 2), (0.04, 1)):
@@ -67,7 +76,7 @@ def test_a_robot_in_the_air_is_unsupported():
 
 
 def test_support_and_load_do_not_depend_on_the_time_step():
-    """Single walks are chaotic; the means of 24 robots agree within their deviation."""
+    """Single walks are chaotic, but the means of 24 robots agree within their scatter."""
     shares, largest = [], []
     for time_step in (1e-3, 5e-4):
         envs = JansenWalkerVectorEnv(24, robot="built", speed_command=0.2, time_step=time_step)
@@ -85,9 +94,12 @@ def test_support_and_load_do_not_depend_on_the_time_step():
 
 
 @pytest.mark.parametrize("plant", ["projection", "rigid_body"])
-@pytest.mark.parametrize("robot", ["built", "paper"])  # on compliant and on rigid feet
+@pytest.mark.parametrize("robot", ["built", "paper"])  # compliant feet, rigid feet
 def test_the_ground_carries_the_weight_in_the_mean(robot, plant):
-    """Momentum: the mean load is 1, up to the change of the vertical velocity, g times the time."""
+    """By conservation of momentum, the mean load is 1.
+
+    It may differ from 1 by the change of the vertical velocity divided by g and the time.
+    """
     _, infos = walk(speed=1.0, seconds=2.0, robot=robot, plant=plant)
     assert np.mean(loads(infos)) == pytest.approx(1.0, abs=0.02)
 

@@ -1,4 +1,4 @@
-"""Pads of the rigid-body plant on the ground, rigid or compliant, and sums over its step."""
+"""Contact of rigid and compliant pads with the ground in the rigid-body backend, and step sums."""
 
 from __future__ import annotations
 
@@ -20,22 +20,40 @@ _Arbiter = pymunk.batch.ArbiterFields
 _BODIES = _Arbiter.BODY_A_ID | _Arbiter.BODY_B_ID
 _CONTACT = _BODIES | _Arbiter.TOTAL_IMPULSE | _Arbiter.NORMAL | _Arbiter.POINT_A_1
 
-CONTACT_HYSTERESIS = 2e-3  # s for which a loaded pad may be off the ground and count as on it
-SHORT_ENOUGH = 1.0  # (k h^2 + d h) / effective mass; beyond 2 to 4 the springs would swing up
-FLAT = 1e-9  # m: nearer to the ground, its own normal is taken
+# Time for which a loaded pad may leave the ground and still count as on the ground, in s.
+CONTACT_HYSTERESIS = 2e-3
+# Largest (k h^2 + d h) / effective mass. Beyond 2 to 4, oscillations of the springs would grow.
+SHORT_ENOUGH = 1.0
+# Distance from the ground, in m, below which the normal is computed from the slope of the ground.
+FLAT = 1e-9
 
 
 class Sums(NamedTuple):
-    """Sums over a step."""
+    """Sums over a step.
 
-    total: np.void  # ACCUMULATORS of :mod:`jansen_env.engine.records`
-    slip: Array  # (pads,) m, the path each slid
-    impulse: Array  # (pads, 2) N s, tangential and normal
-    pressed: Array  # (1,) N s, normal, on pads and links together, in this time step
+    Attributes:
+        total: Record ``ACCUMULATORS`` of :mod:`jansen_env.engine.records`.
+        slip: Distance that each pad slid, in m, shape (pads,).
+        impulse: Tangential and normal impulse on each pad, in N s, shape (pads, 2).
+        pressed: Sum of the normal impulses on all pads and links in this time step, in N s, shape
+            (1,).
+    """
+
+    total: np.void
+    slip: Array
+    impulse: Array
+    pressed: Array
 
 
 class PadContacts:
-    """What pymunk's contacts do to a robot's pads on a ground, and which of them lands next."""
+    """Slip, impulses and landings of a robot's rigid pads, read from pymunk's contacts.
+
+    Args:
+        space: pymunk space with the robot.
+        ground: The ground.
+        time_step: Time step of pymunk, in s.
+        shapes: The ground in pymunk, if it consists of shapes; None for a height line.
+    """
 
     def __init__(
         self,
@@ -53,29 +71,46 @@ class PadContacts:
             self._pads_of[body].append(pad)
         self._touched = pymunk.batch.Buffer()
         self._off = np.full(len(owners), math.inf)  # s since a pad was last on the ground
-        self._pending = np.zeros(len(owners))  # m it moved along the ground since then
+        self._pending = np.zeros(len(owners))  # m that the pad moved along the ground since then
         self._normals = np.tile([0.0, 1.0], (len(owners), 1))
-        self._gaps = np.full(len(owners), math.inf)  # at first all may land
+        self._gaps = np.full(len(owners), math.inf)  # m; infinite, so that every pad may land first
 
     @property
     def pressed(self) -> Bools:
-        """(pads,) the pads on the ground now or within :data:`CONTACT_HYSTERESIS`."""
+        """Whether each pad was on the ground within :data:`CONTACT_HYSTERESIS`, shape (pads,)."""
         return self._off <= CONTACT_HYSTERESIS
 
     def set_pressed(self, pressed: Bools | None) -> None:
-        """Take (pads,) the pads on the ground just before; None: not known, none."""
+        """Set which pads were on the ground just before.
+
+        Args:
+            pressed: Whether each pad was on the ground, shape (pads,). None if that is not known;
+                no pad counts as on the ground in that case.
+        """
         self._off[:] = math.inf if pressed is None else np.where(pressed, 0.0, math.inf)
         self._pending[:] = 0.0
 
     def note(self, touching: Bools) -> None:
-        """Note (pads,) the pads that touched in a time step."""
+        """Note which pads touched the ground in a time step.
+
+        Args:
+            touching: Whether each pad touched the ground, shape (pads,).
+        """
         self._off = np.where(touching, 0.0, self._off + self._time_step)
 
     def book(self, now: bodies.Snapshot, sums: Sums) -> tuple[float, bool]:
-        """Book slip and impulses of a time step; friction's loss, and whether a pad landed.
+        """Add the slip and the impulses of a time step to the sums.
 
-        A loaded pad hops by nanometres, off the ground for a few time steps: what it slides then is
-        counted when it is back within :data:`CONTACT_HYSTERESIS`, and coming back is no landing.
+        A loaded pad hops by nanometres and is then off the ground for a few time steps. If it
+        returns within :data:`CONTACT_HYSTERESIS`, the distance that it slid meanwhile counts as
+        slip, and its return does not count as a landing.
+
+        Args:
+            now: Positions and velocities of the bodies at the end of the time step.
+            sums: Sums over the step.
+
+        Returns:
+            The energy that friction dissipated, in J, and whether a pad landed.
         """
         self._touched.clear()
         pymunk.batch.get_space_arbiters(self._space, _CONTACT, self._touched)
@@ -83,13 +118,14 @@ class PadContacts:
         ids = map(tuple, pairs.tolist())
         values = np.frombuffer(self._touched.float_buf()).reshape(-1, 6).tolist()
         touching, loss = np.zeros(len(self._owners), bool), 0.0
-        # pymunk's order is that of pointers: by position it is the same in every process.
+        # pymunk orders contacts by pointers. Sorted by position, their order is the same in every
+        # process.
         for (px, py, nx, ny, x, y), names in sorted(zip(values, ids, strict=True)):
             normal = -(px * nx + py * ny)
             if normal <= 0.0:
                 continue
             name = names[0]
-            if name not in self._index:  # a pad comes before the ground, a link's side need not
+            if name not in self._index:  # pymunk may name the ground before the side of a link
                 name, px, py, nx, ny = names[1], -px, -py, -nx, -ny
             body = self._index[name]
             tangential = -px * ny + py * nx
@@ -98,7 +134,7 @@ class PadContacts:
             rims = [(self._off_rim(now.pads[k], x, y), k) for k in self._pads_of[body]]
             off, pad = min(rims, default=(math.inf, 0))
             sums.pressed[0] += normal
-            if off > 0.5 * (1.0 - bodies.INSET) * self._radius:  # a link's side
+            if off > 0.5 * (1.0 - bodies.INSET) * self._radius:  # contact of a link's side
                 continue
             sums.slip[pad] += self._time_step * abs(speed)
             sums.impulse[pad] += tangential, normal
@@ -117,14 +153,25 @@ class PadContacts:
         return loss, landed
 
     def _off_rim(self, pad: Array, x: float, y: float) -> float:
-        """Return the distance of a point from the rim of a pad, m: two pads may be on one body."""
+        """Return the distance of a point from the rim of a pad, in m.
+
+        The distance tells apart two pads on the same body.
+
+        Args:
+            pad: Centre of the pad, in m, shape (2,).
+            x: Position of the point, in m.
+            y: Height of the point, in m.
+        """
         return abs(math.hypot(x - pad[0], y - pad[1]) - self._radius)
 
     def landing_soon(self, now: bodies.Snapshot) -> bool:
-        """Whether a pad that is not on the ground may touch it within the next two time steps.
+        """Return whether a pad may touch down within the next two time steps.
 
-        On a height line, only the ground straight below a pad counts, so that some landings on
-        rough ground are not foreseen. On shapes, the nearest shape counts.
+        On a height line, the method considers only the ground vertically below each pad, so it does
+        not foresee some landings on rough ground. On shapes, it considers the nearest shape.
+
+        Args:
+            now: Positions and velocities of the bodies.
         """
         if isinstance(self._ground, Terrain):
             x, y = now.pads.T
@@ -139,12 +186,22 @@ class PadContacts:
 
 
 def check_stiffness(robot: Robot, time_step: float, owners: list[int]) -> None:
-    """Raise ValueError unless a time step, s, is short enough for the pads' springs and dampers."""
+    """Check that a time step is short enough for the springs and dampers of compliant pads.
+
+    Args:
+        robot: The robot.
+        time_step: Time step of pymunk, in s.
+        owners: Index of the body to which each pad belongs.
+
+    Raises:
+        ValueError: If the time step is too long.
+    """
     give, lightest = robot.pad_compliance, math.inf
     for motion in bodies.turn_motions(robot):
         x, y = (motion.pads - motion.poses[owners, 1:]).T[..., None]
         spin, vx, vy = motion.rates[:, owners].T
-        # (pads, 2, 4) of the point that touches level ground: tangential, normal per rate of q.
+        # Tangential and normal velocity of the point that touches level ground, per rate of q,
+        # shape (pads, 2, 4).
         rows = np.stack([vx - spin * y + spin * robot.pad_radius, vy + spin * x], axis=1)
         yielding = rows @ np.linalg.inv(motion.mass_matrix) @ rows.swapaxes(1, 2)
         lightest = min(lightest, 1.0 / np.linalg.eigvalsh(yielding)[:, -1].max())
@@ -163,23 +220,35 @@ def check_stiffness(robot: Robot, time_step: float, owners: list[int]) -> None:
 class SpringPads:
     """Compliant pads of a robot on a terrain: explicit springs, dampers and bristles.
 
-    Along the ground's normal f_n = -k g - d g', while the gap g is negative, and never a pull;
-    along the ground a bristle of length s with f_t = -k_t s - d_t s', |f_t| <= mu f_n: it follows
-    the pad while it holds, and keeps the length at which the law holds while it slides. The law is
-    that of the projection plant, the way to it is not: forces of the last velocity and of the place
-    where the bodies will be (pymunk moves them first), on the bodies, without a complementarity
-    problem. So the time step must be short, see :func:`check_stiffness`.
+    The normal force is f_n = -k g - d g' while the gap g is negative, and it never pulls. Along the
+    ground, a bristle of length s exerts the force f_t = -k_t s - d_t s' with |f_t| <= mu f_n. While
+    the pad sticks, the bristle follows the pad. While the pad slides, the bristle keeps the length
+    at which the law holds.
 
-    A pad is pushed by the nearest point of the ground alone: in a groove, by the nearer side. Sides
-    of links follow the same law, each at its point over the vertex that it is deepest in.
+    The contact law is the same as in the projection backend, but its implementation is different.
+    The forces follow from the last velocity and from the position to which pymunk moves the bodies
+    before it changes their velocities. They act on the bodies directly, and no complementarity
+    problem is solved. The time step must therefore be short; see :func:`check_stiffness`.
+
+    Only the nearest point of the ground pushes a pad: in a groove, the nearer side of the groove.
+    The sides of links follow the same law. A side is pushed at its point over the vertex that
+    penetrates it most deeply.
+
+    The axis "pads" of the arrays below contains the pads first, and then the sides of links.
 
     Args:
-        owners: the body that each is part of, then that of each side. time_step: s.
-        sides: (sides, 2) pads at their ends. "Pads" of arrays are pads, then sides.
+        robot: The robot.
+        terrain: The ground.
+        owners: Index of the body to which each pad, and then each side, belongs.
+        time_step: Time step of pymunk, in s.
+        sides: Indices of the pads at the two ends of each side, shape (sides, 2).
+        shapes: The ground in pymunk, if it consists of shapes; None for a height line.
 
     Attributes:
-        bristle: (pads,) s now, m. stored: energy in springs and bristles, J.
-        forces: (pads, 2) tangential and normal in the next time step, N.
+        bristle: Present length s of each bristle, in m, shape (pads,).
+        stored: Energy in springs and bristles, in J.
+        forces: Tangential and normal force on each pad in the next time step, in N, shape
+            (pads, 2).
     """
 
     def __init__(
@@ -196,25 +265,38 @@ class SpringPads:
         self._tilt = math.sqrt(1.0 + terrain.steepest**2)
 
     def start(self, now: bodies.Snapshot, space: pymunk.Space, bristle: Array | None) -> None:
-        """Begin with bristles (pads,), m; None for none."""
+        """Initialise the bristles, and compute the forces of the first time step.
+
+        Args:
+            now: Positions and velocities of the bodies.
+            space: pymunk space that contains the ground.
+            bristle: Length of each bristle, in m, shape (pads,). None for bristles at rest.
+        """
         pads = len(self._owners)
         self.bristle = np.zeros(pads) if bristle is None else bristle.copy()
         self.forces, self.stored = np.zeros((pads, 2)), 0.0
         self._normals = np.tile([0.0, 1.0], (pads, 1))
         self._vertices = np.zeros((len(self._sides), 2))
-        # Of the next time step: bristle and gap (0 if open) at its end, speeds of bristle and pad,
-        # speed of sliding.
+        # Values for the next time step: length of the bristle and gap (0 if open) at its end, speed
+        # of the bristle along the ground and of the pad across it, and sliding speed.
         self._then = self.bristle.copy()
         self._gap, self._rate, self._slide = np.zeros(pads), np.zeros((pads, 2)), np.zeros(pads)
         self.step(now, space)
 
     @property
     def touching(self) -> Bools:
-        """(pads,) whether the ground will push in the next time step."""
+        """Whether the ground will push each pad in the next time step, shape (pads,)."""
         return np.asarray(self.forces[:, 1] > 0.0)
 
     def loads(self, now: bodies.Snapshot) -> Array:
-        """(bodies, 3) force x, y and moment on every body in the next time step, N and N m."""
+        """Return the loads of the pads on every body in the next time step.
+
+        Args:
+            now: Positions and velocities of the bodies.
+
+        Returns:
+            Force in x and y, in N, and moment, in N m, shape (bodies, 3).
+        """
         loads = np.zeros((len(now.motion), 3))
         for pad in np.flatnonzero(self.forces.any(axis=1)).tolist():
             owner, (tangential, normal) = self._owners[pad], self.forces[pad].tolist()
@@ -225,7 +307,14 @@ class SpringPads:
         return loads
 
     def step(self, now: bodies.Snapshot, space: pymunk.Space, sums: Sums | None = None) -> None:
-        """Forces of the next time step; ``sums`` takes the work of those of the last one."""
+        """Compute the forces of the next time step.
+
+        Args:
+            now: Positions and velocities of the bodies.
+            space: pymunk space that contains the ground.
+            sums: Sums over the step, to which the work of the last time step's forces is added.
+                None to leave the work out.
+        """
         h, k, d, kt, dt = self._h, self._give.stiffness, self._give.damping, self._kt, self._dt
         spin = now.motion[self._owners, bodies.SPIN]
         self._centres = np.concatenate([now.pads, self._find_vertices(now.pads)])
@@ -273,9 +362,16 @@ class SpringPads:
             self._gap[pad], self._rate[pad], self._slide[pad] = depth, (rate, across), slide
 
     def _find_vertices(self, pads: Array) -> Array:
-        """Return (sides, 2) places of sides over the vertices they are deepest in or nearest to, m.
+        """Find the vertex of the ground that penetrates each side most deeply or is nearest to it.
 
-        ``pads``: (pads, 2) m. Takes normals and vertices, infinite ones where none is near.
+        The method also stores the normals and the vertices. A side without a vertex nearby gets an
+        infinite vertex.
+
+        Args:
+            pads: Centres of the pads, in m, shape (pads, 2), without sides.
+
+        Returns:
+            The point of each side over its vertex, in m, shape (sides, 2).
         """
         a, b = pads[self._sides].swapaxes(0, 1)
         self._vertices[:] = np.inf
@@ -306,11 +402,22 @@ class SpringPads:
         return np.where(has[:, None], feet[every, nearest], a)
 
     def _account(self, sums: Sums, pad: int, across: float, rate: float, slide: float) -> None:
-        """Book the work of the last time step's forces, at mean speeds of its beginning and end."""
+        """Add the work of the last time step's forces to the sums.
+
+        The work is computed with the mean of the speeds at the beginning and at the end of the time
+        step.
+
+        Args:
+            sums: Sums over the step.
+            pad: Index of the pad or side.
+            across: Speed along the normal of the ground at the end of the time step, in m/s.
+            rate: Speed of the bristle at the end of the time step, in m/s.
+            slide: Sliding speed at the end of the time step, in m/s.
+        """
         h, (tangential, normal) = self._h, self.forces[pad].tolist()
         before, down = self._rate[pad].tolist()
         drift, bristle = 0.5 * (slide + float(self._slide[pad])), 0.5 * (rate + before)
-        # Work of the springs alone is stored or given back; the rest is lost.
+        # The springs store their work or give it back. The rest of the work is lost.
         elastic = -self._give.stiffness * float(self._gap[pad])
         bent = tangential + self._kt * float(self.bristle[pad])
         sums.total["impact_loss"] -= h * (normal - elastic) * 0.5 * (across + down)
@@ -323,7 +430,14 @@ class SpringPads:
         sums.impulse[pad] += h * tangential, h * normal
 
     def _find_ground(self, space: pymunk.Space, pad: int, centre: Array, height: float) -> float:
-        """The gap below a pad, m; takes the normal there."""
+        """Return the gap between a pad or a side and the ground, in m, and store the normal.
+
+        Args:
+            space: pymunk space that contains the ground.
+            pad: Index of the pad or side.
+            centre: Centre of the pad, or point of the side, in m, shape (2,).
+            height: Height of the ground below the centre, in m. Used only on a height line.
+        """
         x, y = centre.tolist()
         side = pad - len(self._owners) + len(self._sides)
         if side >= 0:

@@ -1,14 +1,15 @@
-"""The rigid-body plant: every link a pymunk body, every pin a joint, pymunk's own contact solver.
+"""Rigid-body backend: links are pymunk bodies, pins are joints, and pymunk solves the contacts.
 
-It shares with the projection plant the robot's data, the ground and the contact laws, not its
-equations and solvers. Compliant pads have springs of their own. Motor and viscous joints act as
-torques on the bodies, dry bearings and a dry gear are joints that hold up to their friction torque,
-the rotor is a body behind a stiff gear.
+This backend shares the data of the robot, the ground and the contact laws with the projection
+backend, but not its equations and solvers. Compliant pads have their own springs. The motor and
+viscous joints act as torques on the bodies. Dry bearings and a dry gear are joints that hold up to
+their friction torque. The rotor is a body behind a stiff gear.
 
-pymunk solves pins and contacts by iteration in one go and pulls open joints together again: joints
-gap by some hundredths of a millimetre (:attr:`StepResult.joint_gap`) and resting toes creep. It
-goes on from the last time step's impulses, which a landing toe does not have: a step with a landing
-gets ten times the iterations. It is some hundred times slower than the projection plant.
+pymunk solves pins and contacts together by iteration, and it pulls open joints together again.
+Joints therefore have gaps of some hundredths of a millimetre (:attr:`StepResult.joint_gap`), and
+resting toes creep. The iteration starts from the impulses of the last time step, but there is no
+such impulse for a toe that is landing. A time step with a landing therefore gets ten times as many
+iterations. This backend is some hundred times slower than the projection backend.
 """
 
 from __future__ import annotations
@@ -57,30 +58,47 @@ from jansen_env.robot.kinematics import check_closure
 from jansen_env.terrain import Ground, Shapes
 
 TIME_STEP = 2.5e-4  # s
-ITERATIONS = 200  # of pymunk's solver in a time step, from the last one's impulses on
-# In one in which a pad may touch down, with nothing to go on from: an impact has to run through all
-# joints at once, or it is too soft.
+# Iterations of pymunk's solver in a time step; they start from the impulses of the last time step.
+ITERATIONS = 200
+# Iterations in a time step in which a pad may touch down. There are no impulses to start from, and
+# the impact has to propagate through all joints at once, or it is too soft.
 TOUCHDOWN_ITERATIONS = 2000
-BEFORE_END = 5.0  # m, from the end of the ground at which a robot must turn back
-MAX_JOINT_GAP = 0.01  # m, a joint's gap beyond which the robot is no longer one
-TWIST = 0.3  # rad: what the gear's fastest vibration turns on in a time step
-TWIST_DAMPING = 0.125  # its damping ratio
-LOOKAHEAD = 0.01  # s, after which pymunk's impulses on a robot placed again have settled
+BEFORE_END = 5.0  # distance from the end of the ground, in m, at which a robot must turn back
+MAX_JOINT_GAP = 0.01  # gap of a joint, in m, beyond which the robot counts as broken
+TWIST = 0.3  # phase by which the fastest vibration of the gear advances in a time step, in rad
+TWIST_DAMPING = 0.125  # damping ratio of this vibration
+LOOKAHEAD = 0.01  # time after which pymunk's impulses on a newly placed robot have settled, in s
 
 
 class GearedRotor:
-    """The motor's rotor, of an inertia above 0, as a body behind a stiff gear.
+    """Rotor of the motor, with an inertia above 0, as a body behind a stiff gear.
 
-    The rotor turns in the chassis; a gear of ratio G makes it turn by theta + G psi. That gear is a
-    torsional spring and damper here, on the twist delta = phi - theta - G psi = phi - G alpha - (1
-    - G) theta of the rotor's angle phi and the shaft's alpha = theta + psi, so that a torque lambda
-    on the rotor comes with -G lambda on the shaft and (G - 1) lambda on the chassis: together
-    nothing, as no gear changes the angular momentum of the whole. The spring is as stiff as the
-    time step lets it be, and its damper as strong as an eighth of a critical one.
+    The rotor turns in the chassis. An ideal gear of ratio G makes the rotor turn by theta + G psi.
+    Here the gear is a torsional spring with a damper. They act on the twist
+
+        delta = phi - theta - G psi = phi - G alpha - (1 - G) theta
+
+    where phi is the angle of the rotor and alpha = theta + psi the angle of the shaft. A torque
+    lambda on the rotor therefore comes with a torque -G lambda on the shaft and (G - 1) lambda on
+    the chassis. The three torques add up to zero, because a gear does not change the angular
+    momentum of the whole robot. The spring is as stiff as the time step allows, and the damper has
+    an eighth of the critical damping.
+
+    Args:
+        robot: The robot.
+        time_step: Time step of pymunk, in s.
 
     Attributes:
-        angle: phi, rad. speed: rad/s. torque: the gear's on the rotor in the next time step, N m.
-        energy: of the rotor and the gear's spring, J. loss: in the gear in the last time step, J.
+        inertia: Inertia of the rotor, in kg m^2.
+        ratio: Gear ratio G.
+        time_step: Time step of pymunk, in s.
+        stiffness: Stiffness of the spring, measured at the rotor, in N m/rad.
+        damping: Damping coefficient, measured at the rotor, in N m s/rad.
+        angle: Angle phi of the rotor, in rad.
+        speed: Angular velocity of the rotor, in rad/s.
+        torque: Torque of the gear on the rotor in the next time step, in N m.
+        energy: Kinetic energy of the rotor plus the energy of the gear's spring, in J.
+        loss: Energy lost in the gear in the last time step, in J.
     """
 
     def __init__(self, robot: Robot, time_step: float) -> None:
@@ -88,7 +106,7 @@ class GearedRotor:
         self.inertia = motor.rotor_inertia
         self.ratio = motor.gear_ratio
         self.time_step = time_step
-        twist = np.array([0.0, 0.0, -1.0, -self.ratio])  # its rate, of the rates of q
+        twist = np.array([0.0, 0.0, -1.0, -self.ratio])  # rate of the twist per rate of q
         matrices = [motion.mass_matrix for motion in turn_motions(robot)]
         yielding = max(float(twist @ np.linalg.solve(matrix, twist)) for matrix in matrices)
         inverse = 1.0 / self.inertia + yielding
@@ -97,7 +115,11 @@ class GearedRotor:
         self.angle = self.speed = self.torque = self.energy = self.loss = 0.0
 
     def start(self, motion: Array) -> None:
-        """Turn as an ideal gear would have it, from a motion (bodies, 6) on."""
+        """Set the angle and the speed of the rotor to those of an ideal gear.
+
+        Args:
+            motion: Motion of the bodies, shape (bodies, 6).
+        """
         self.angle, self.speed = (
             motion[CHASSIS, k] + self.ratio * (motion[SHAFT, k] - motion[CHASSIS, k])
             for k in (ANGLE, SPIN)
@@ -106,13 +128,24 @@ class GearedRotor:
         self._load(motion)
 
     def step(self, motion: Array) -> None:
-        """End a time step in which the bodies came to a motion (bodies, 6)."""
+        """Advance the rotor by one time step.
+
+        Args:
+            motion: Motion of the bodies at the end of the time step, shape (bodies, 6).
+        """
         self.angle += self.time_step * self.speed
         self.speed += self.time_step * self.torque / self.inertia
         self._load(motion)
 
     def _load(self, motion: Array) -> None:
-        """The gear's torque: of the twist at the end of the time step, as pymunk moves first."""
+        """Compute the torque of the gear in the next time step.
+
+        pymunk moves the bodies before it changes their velocities. The torque is therefore that of
+        the twist at the end of the time step.
+
+        Args:
+            motion: Motion of the bodies now, shape (bodies, 6).
+        """
         h = self.time_step
         before = self._twist_rate
         twist, self._twist_rate = (
@@ -120,7 +153,7 @@ class GearedRotor:
             for value, k in ((self.angle, ANGLE), (self.speed, SPIN))
         )
         rate = self._twist_rate
-        # Velocities are those of the middle of the move that comes next (leapfrog).
+        # The velocities belong to the middle of the next move (leapfrog).
         middle = twist + 0.5 * h * rate
         self.energy = 0.5 * self.inertia * self.speed**2 + 0.5 * self.stiffness * middle**2
         self.loss = h * self.damping * before * 0.5 * (before + rate)
@@ -128,22 +161,30 @@ class GearedRotor:
 
     @property
     def on_bodies(self) -> tuple[float, float]:
-        """The gear's torque on the chassis and on the shaft in the next time step, N m."""
+        """Torques of the gear on the chassis and on the shaft in the next time step, in N m."""
         return (self.ratio - 1.0) * self.torque, -self.ratio * self.torque
 
 
 class RigidBodyBatch(BatchedPlant):
-    """A robot on a terrain, body by body.
+    """A single robot on a terrain, simulated body by body.
 
-    What is not documented here is as of :class:`jansen_env.plants.batch.Batch`, of one robot.
+    Methods and attributes that are not documented here have the same meaning as those of
+    :class:`jansen_env.plants.batch.Batch` for a batch of one robot.
 
     Args:
-        time_step: of pymunk, s. gravity: m/s^2 downwards, or a vector (x, y).
-        held: hold the chassis still in the air, as the paper's fixed model does.
+        robot: The robot.
+        terrain: The ground.
+        time_step: Time step of pymunk, in s.
+        gravity: Gravitational acceleration, in m/s^2: a number that acts downwards, or a vector
+            (x, y).
+        held: Whether the chassis is fixed in the air, as in the paper's fixed model.
+        links_collide: Whether the sides of links touch vertices of the ground.
+        records: Records to use. If None, the batch makes a new one.
 
     Raises:
-        ValueError: an argument out of range, or a time step too long for the stiffness of the
-            robot's pads; LinkageError: the robot cannot turn its crank.
+        ValueError: If an argument is out of range, or the time step is too long for the stiffness
+            of the robot's pads.
+        LinkageError: If the robot cannot turn its crank through a full revolution.
     """
 
     knows_joint_forces = False
@@ -172,7 +213,7 @@ class RigidBodyBatch(BatchedPlant):
         self._build(np.zeros(8))
 
     def _take_parameters(self) -> None:
-        """Take the machine, the ground and the gravity that :attr:`parameters` make."""
+        """Derive the robot, the ground and the gravity from :attr:`parameters`."""
         values = self.parameters[0]
         robot = self._machine = machine_of(self.robots[0], values)
         terrain = self._ground = terrain_of(self.terrains[0], values)
@@ -199,7 +240,11 @@ class RigidBodyBatch(BatchedPlant):
         self._apply(self._every)
 
     def _set_line(self, line: Array) -> None:
-        """Set the heights that the robot observes to those of a line, in m, shape (vertices, 2)."""
+        """Set the height line that the robot observes.
+
+        Args:
+            line: Vertices of the line, in m, shape (vertices, 2).
+        """
         self.surface: Array = line
         self.records.status["end_vertex"] = len(line)
 
@@ -212,8 +257,17 @@ class RigidBodyBatch(BatchedPlant):
             self._set_line(self._shapes.line_below(x, y, scan))
 
     def set_parameters(self, rows: Ints, values: Rows) -> None:
-        """Put parameters in force. Raises ValueError also if the pads are too stiff for the time
-        step; nothing has changed then."""
+        """Apply the parameters of an episode. After an error, nothing has changed.
+
+        Args:
+            rows: Index of the robot, shape (1,).
+            values: Parameters of the robot, a record of :data:`jansen_env.parameters.EPISODE`,
+                shape (1,).
+
+        Raises:
+            ValueError: If a value is out of its limits, a robot with compliant pads gets a
+                restitution above 0, or the pads are too stiff for the time step.
+        """
         check_values(values, np.array([not self.robots[0].pad_compliance.rigid]))
         self._go_on(self.robots[0], self.terrains[0], values[0])
 
@@ -229,7 +283,16 @@ class RigidBodyBatch(BatchedPlant):
         self._go_on(robots[0], self.terrains[0], nominal(robots[0], self.terrains[0]))
 
     def _go_on(self, robot: Robot, terrain: Ground, values: np.void) -> None:
-        """Take another robot, ground and parameters; the state stays."""
+        """Replace the robot, the ground and the parameters, and keep the state.
+
+        Args:
+            robot: The new robot.
+            terrain: The new ground.
+            values: The new parameters, a record of :data:`jansen_env.parameters.EPISODE`.
+
+        Raises:
+            ValueError: If the backend cannot simulate them. Nothing has changed in that case.
+        """
         memory = self._memory
         undo = self.keep(np.arange(1))
         self.robots = [robot]
@@ -252,7 +315,7 @@ class RigidBodyBatch(BatchedPlant):
             check_stiffness(robot, self.time_step, self._owners)
 
     def keep(self, rows: Ints) -> Callable[[], None]:
-        before = self.__dict__.copy()  # pymunk's space is built again, not changed
+        before = self.__dict__.copy()  # a change builds a new pymunk space and keeps the old one
         saved = self.records.copy(rows)
         joint_gap = self.joint_gap.copy()
 
@@ -265,7 +328,13 @@ class RigidBodyBatch(BatchedPlant):
         return undo
 
     def _build(self, state: Array, bristle: Array | None = None) -> None:
-        """Put the robot into ``state`` in a new space; bristle: (pads,) m, of compliant pads."""
+        """Put the robot into a new pymunk space.
+
+        Args:
+            state: x, y, theta, psi and their rates, in m, rad and s, shape (8,).
+            bristle: Lengths of the bristles of compliant pads and of the sides of colliding links,
+                in m. None for bristles at rest.
+        """
         machine = self._machine
         ground = self._ground
         pull = self._effective_gravity
@@ -279,7 +348,17 @@ class RigidBodyBatch(BatchedPlant):
             self._rotor.start(now.motion)
 
     def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
-        """Close the joints in a state (8,); without ``deflection`` (pads, 2), m, bristles rest."""
+        """Set the mechanical state of the robot, with closed joints.
+
+        Args:
+            row: Index of the robot, which is 0.
+            state: x, y, theta, psi and their rates, in m, rad and s, shape (8,).
+            deflection: Compression and bend of compliant pads, in m, shape (pads, 2). If None, the
+                bristles of the pads are at rest.
+
+        Raises:
+            ValueError: If the chassis is fixed, but moves in this state.
+        """
         state = np.asarray(state, dtype=float)
         if self.held:
             check_held(state)
@@ -307,9 +386,21 @@ class RigidBodyBatch(BatchedPlant):
     def place_at(
         self, rows: Ints, crank_angles: ArrayLike, x: float = 0.0, pitch: float | None = None
     ) -> None:
-        """Place the robot where :meth:`jansen_env.plants.batch.Batch.place_at` does, without gap.
+        """Place the robot at rest on its lowest toes, which touch the ground without a gap.
 
-        Raises ValueError also where there is no ground."""
+        Otherwise the position is that of :meth:`jansen_env.plants.batch.Batch.place_at`.
+
+        Args:
+            rows: Index of the robot, shape (1,).
+            crank_angles: Crank angle, in rad, shape (1,).
+            x: Position of the crank axis, in m.
+            pitch: Pitch of the chassis, in rad. None turns the robot until both its fore and its
+                back feet carry it.
+
+        Raises:
+            ValueError: If ``x`` or ``pitch`` is not finite, there is no ground at ``x``, or the
+                feet of the robot are too soft to carry it.
+        """
         x = within("x", x, *self._ends)
         pitch = math.nan if pitch is None else finite("pitch", pitch)
         records = RobotRecords(1, self.toes, self.pads)
@@ -321,12 +412,21 @@ class RigidBodyBatch(BatchedPlant):
         self._build(records.states[0] + PLACEMENT_DEPTH * np.eye(8)[1])
 
     def reconnect(self) -> None:
-        """Nothing holds views of the records."""
+        """Do nothing, because this backend keeps no views of the records."""
 
     def lookahead(
         self, torque: float = 0.0, rows: Ints | None = None, pushes: Array | None = None
     ) -> None:
-        """Fill sums with the next :data:`LOOKAHEAD` seconds; the state stays, joints closed."""
+        """Fill the sums with those of the next :data:`LOOKAHEAD` seconds.
+
+        The state is restored afterwards, with closed joints.
+
+        Args:
+            torque: Commanded crank torque, in N m.
+            rows: Ignored, because there is only one robot.
+            pushes: Impulse on the chassis in the first time step, in N s, shape (1, 1, 2). None for
+                no impulse.
+        """
         impulses = np.zeros((self.lookahead_steps, 2))
         saved = self._memory
         if pushes is not None:
@@ -345,7 +445,24 @@ class RigidBodyBatch(BatchedPlant):
         rows: Ints | None = None,
         pushes: Array | None = None,
     ) -> None:
-        """Hold a crank torque (1,), N m."""
+        """Hold a crank torque for some time steps, within the limits of the motor.
+
+        If the step is rejected, the robot keeps the state that it had before, its sums are 0, and
+        :attr:`diverged` is True. :meth:`refusal` returns the reason.
+
+        Args:
+            torque: Commanded crank torque, in N m, shape (1,).
+            steps: Number of time steps.
+            earlier: Torque that is held instead in the first ``switch`` time steps, in N m, shape
+                (1,). None for no such torque.
+            switch: Number of time steps with the torque ``earlier``, shape (1,).
+            rows: Index of the robot, shape (1,), or None. An empty array does nothing.
+            pushes: Impulse on the chassis at the crank axis in each time step, in the x and y
+                directions of the world, in N s, shape (1, steps, 2). None for no impulses.
+
+        Raises:
+            ValueError: If ``pushes`` has a different shape.
+        """
         if rows is None or len(rows) > 0:
             before = 0.0 if earlier is None else float(earlier[0])
             first = 0 if switch is None else int(switch[0])
@@ -360,7 +477,15 @@ class RigidBodyBatch(BatchedPlant):
         observing: Observing,
         meanwhile: Callable[[], None] | None = None,
     ) -> None:
-        """Take a control step; ``meanwhile`` is called afterwards, or alone."""
+        """Simulate one control step of the robot; see :mod:`jansen_env.engine.episode`.
+
+        Args:
+            rows: Index of the robot, shape (1,). If it is empty, the robot does not move.
+            actions: Action, as a fraction of the torque limit, shape (1, 1).
+            episodes: Parts of the robot's record that belong to the episode and the task.
+            observing: Observation of the robot, and the settings that define it.
+            meanwhile: Function that is called after the step.
+        """
         if len(rows) > 0:
             steps = int(self.world["steps"][0])
             motions = self.records.motions
@@ -377,7 +502,14 @@ class RigidBodyBatch(BatchedPlant):
             meanwhile()
 
     def _run(self, torque: float, earlier: float, switch: int, impulses: Array) -> None:
-        """Take time steps with impulses (steps, 2) on the chassis, N s."""
+        """Simulate one time step for each impulse.
+
+        Args:
+            torque: Commanded crank torque, in N m.
+            earlier: Torque that is held instead in the first ``switch`` time steps, in N m.
+            switch: Number of time steps with the torque ``earlier``.
+            impulses: Impulse on the chassis in each time step, in N s, shape (steps, 2).
+        """
         h = self.time_step
         before = self._space.state
         now = self._space.snapshot()
@@ -407,7 +539,8 @@ class RigidBodyBatch(BatchedPlant):
         total["non_toe_impulse"] = sums.impulse[self.toes :, 1].sum()
         total["energy_change"] = now.energy + self._stored - start
         duration = len(impulses) * h
-        lacking = torque + total["torque_impulse"] / duration - torque  # of the mean, as rounded
+        # Difference of the mean torque from the commanded torque, after rounding of the mean.
+        lacking = torque + total["torque_impulse"] / duration - torque
         total["torque_impulse"] = lacking * len(impulses) * h
         if self._shapes is not None:
             total["links_in_ground"] = self._shapes.count_crossing(now.pads[self._sides])
@@ -419,11 +552,24 @@ class RigidBodyBatch(BatchedPlant):
         self.contact_force[0] = sums.impulse[: self.toes] / duration
 
     def refusal(self, torque: float) -> FloatingPointError:
-        """Return the error of the last step, which was refused."""
+        """Return the error that describes why the last step was rejected.
+
+        Args:
+            torque: Torque that was commanded in that step, in N m.
+        """
         return self._refusal or divergence(self._space.state, torque)
 
     def _refused(self, before: Array, torque: float, gap: float) -> FloatingPointError | None:
-        """Return the error of a step from state ``before`` (8,), None for none."""
+        """Check the state after a step.
+
+        Args:
+            before: State before the step, shape (8,).
+            torque: Commanded crank torque, in N m.
+            gap: Widest gap of a joint in the step, in m.
+
+        Returns:
+            The error for which the step is rejected, or None if the step is valid.
+        """
         state = self._space.state.tolist()
         if not all(-DIVERGED < speed < DIVERGED for speed in state[4:]):
             return divergence(before, torque)
@@ -438,7 +584,18 @@ class RigidBodyBatch(BatchedPlant):
     def _advance(
         self, now: Snapshot, asked: float, push: Array, sums: Sums
     ) -> tuple[Snapshot, float]:
-        """Take a time step under a torque and a push (2,), N s; also returns the motor's torque."""
+        """Simulate one time step.
+
+        Args:
+            now: Positions and velocities of the bodies before the time step.
+            asked: Commanded crank torque, in N m.
+            push: Impulse on the chassis at the crank axis, in N s, shape (2,).
+            sums: Sums over the step, to which this time step is added.
+
+        Returns:
+            Positions and velocities of the bodies after the time step, and the torque of the motor,
+            in N m.
+        """
         h = self.time_step
         motor = self._machine.motor
         rotor = self._rotor
@@ -454,7 +611,8 @@ class RigidBodyBatch(BatchedPlant):
         loads[:, :2] = 0.0
         if springs is not None:
             loads += springs.loads(now)
-        # A generalised impulse on the chassis' (x, y, angle), where pymunk moves it first.
+        # Generalised impulse on (x, y, angle) of the chassis, at the position to which pymunk moves
+        # the chassis before it changes the velocity.
         turned = now.motion[CHASSIS, ANGLE] + h * spin[CHASSIS]
         cos, sin = math.cos(turned), math.sin(turned)
         ax, ay = (-self._space.home[CHASSIS, 1:]).tolist()
@@ -491,13 +649,16 @@ class RigidBodyBatch(BatchedPlant):
 
     @property
     def _stored(self) -> float:
-        """Energy in rotor and springs, J."""
+        """Energy stored in the rotor and in the springs of compliant pads, in J."""
         rotor = 0.0 if self._rotor is None else self._rotor.energy
         return rotor + (0.0 if self._springs is None else self._springs.stored)
 
     @property
     def deflection(self) -> Array:
-        """(1, pads, 2) compression (unknown: the bodies tell) and bend of compliant pads, m."""
+        """Compression and bend of compliant pads, in m, shape (1, pads, 2).
+
+        The compression is marked as unknown, because it follows from the positions of the bodies.
+        """
         deflection = np.tile(UNKNOWN_DEFLECTION, (1, len(self._owners), 1))
         if self._springs is not None:
             deflection[0, :, 1] = self._springs.bristle[: len(self._owners)]
@@ -505,7 +666,10 @@ class RigidBodyBatch(BatchedPlant):
 
     @property
     def _memory(self) -> tuple[Array, Bools, Array | None]:
-        """State, pads on the ground and bristles; setting it closes joints and gear."""
+        """State, flags of the pads on the ground, and bristles.
+
+        Setting this property closes the joints and removes the twist of the gear.
+        """
         bristle = None if self._springs is None else self._springs.bristle.copy()
         return self._space.state, self.in_contact, bristle
 
@@ -516,29 +680,40 @@ class RigidBodyBatch(BatchedPlant):
         self.in_contact = in_contact
 
     def energy(self, row: int) -> float:
-        """Kinetic plus potential energy, J."""
+        """Return the kinetic plus potential energy of the robot, in J.
+
+        It includes the energy of the rotor and of the springs of compliant pads.
+        """
         return self._space.snapshot().energy + self._stored
 
     def pad_centres(self, row: int) -> Array:
-        """(pads, 2) centres of the pads, toes first, m."""
+        """Return the centres of the pads, toes first, in m, shape (pads, 2)."""
         return self._space.snapshot().pads
 
     def contact_frames(self, row: int) -> tuple[Array, Array]:
         return self._space.contact_frames(self.pad_centres(0)[: self.toes])
 
     def joint_forces(self, torque: float = 0.0, push: Array | None = None) -> JointForces:
-        """Raise ValueError: they are not known."""
+        """Raise an error, because this backend does not compute joint forces.
+
+        Raises:
+            ValueError: Always.
+        """
         raise ValueError("for joint forces plant is 'rigid_body', must be 'projection'")
 
     def peak_loads(self) -> tuple[float, float]:
-        """Raise ValueError: they are not known."""
+        """Raise an error, because this backend does not compute joint forces.
+
+        Raises:
+            ValueError: Always.
+        """
         raise ValueError("for joint loads plant is 'rigid_body', must be 'projection'")
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing, because this backend has no threads to release."""
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the arguments and what has become of them; everything else is made again."""
+        """Pickle only the arguments and the state; everything else is rebuilt."""
         given = self.time_step, self.gravity, self.held, self.links_collide
         kept = "records", "world", "_torque_rate", "any_diverged", "joint_gap", "_memory"
         arguments = (*self.robots, *self.terrains, *given)

@@ -1,7 +1,7 @@
-"""How policies are scored on ``JansenWalker-v0`` and its presets, and their baselines.
+"""Benchmark and baselines of ``JansenWalker-v0`` and its presets.
 
-A PID, constant torque, and a crank-speed profile read the observation only. Their numbers belong
-to the robot that walks: see :mod:`jansen_env.tasks.walking.tuned`.
+The baselines are a PID, a constant torque, and a crank-speed profile. They read only the
+observation. Their parameters depend on the robot; see :mod:`jansen_env.tasks.walking.tuned`.
 """
 
 from __future__ import annotations
@@ -38,14 +38,17 @@ from jansen_env.tasks.walking.tuned import Setting, gains_of, profile_of, settin
 
 
 def walking_pid(crank_speed: Setting, env: Controlled, pid: PID | None = None) -> Policy:
-    """Return the PID (13) behind a reference that turns with the crank speed for a commanded speed.
+    """Return a policy in which the PID of equation (13) follows a turning reference.
 
-    The reference starts at the crank angle at which the episode starts (the paper's pi).
+    The reference turns with the crank speed that belongs to the commanded speed. It starts at the
+    initial crank angle of the episode (pi in the paper).
 
     Args:
-        crank_speed: Crank speeds (n,), rad/s, for commands (n,), m/s.
+        crank_speed: Function that returns crank speeds in rad/s, shape (n,), for commanded speeds
+            in m/s, shape (n,).
         env: Unwrapped walker.
-        pid: Gains; None for those that hold the crank of the environment's robot at its speed.
+        pid: Gains. None for the gains that hold the crank of the environment's robot at a constant
+            speed.
     """
     cos, sin, rate, command = columns(
         env, "cos_crank_angle", "sin_crank_angle", "crank_speed", "speed_command"
@@ -53,7 +56,7 @@ def walking_pid(crank_speed: Setting, env: Controlled, pid: PID | None = None) -
 
     def reference(seen: Array, memory: Memory, starts: Bools) -> tuple[Array, Array, Memory]:
         angle = angles_of(np.stack([seen[:, cos], seen[:, sin]], axis=-1))
-        last, target = memory or (angle, angle)  # unwrapped, rad
+        last, target = memory or (angle, angle)  # in rad, not wrapped to one turn
         last, target = np.where(starts, angle, last), np.where(starts, angle, target)
         unwrapped = last + ((angle - last + np.pi) % (2.0 * np.pi) - np.pi)
         speed = crank_speed(seen[:, command])
@@ -65,7 +68,13 @@ def walking_pid(crank_speed: Setting, env: Controlled, pid: PID | None = None) -
 
 
 def constant_torque(torque: Setting, env: Controlled) -> Policy:
-    """The paper's conclusion as a policy: one constant torque for each command."""
+    """Return a policy with one constant torque for each command, the conclusion of the paper.
+
+    Args:
+        torque: Function that returns torques in N m, shape (n,), for commanded speeds in m/s, shape
+            (n,).
+        env: Unwrapped walker.
+    """
     (command,) = columns(env, "speed_command")
     return TorquePolicy(lambda seen, *_: (torque(seen[:, command]), None), env.torque_limit)
 
@@ -75,7 +84,7 @@ BASELINES: dict[str, Callable[[Controlled], Policy]] = {
     "constant": lambda env: constant_torque(setting_of("constant", env.robot), env),
     "profile": lambda env: profile_of(env.robot).policy(env),
 }
-"""Each is made for an unwrapped environment."""
+"""Functions that make a baseline for an unwrapped environment, by name."""
 
 
 LATER, FIRST = f"after {SETTLING:g} s", f"in the first {SETTLING:g} s"
@@ -83,43 +92,49 @@ COST = "mechanical cost of transport"
 
 
 def _speed_error(run: Episodes, env: Env) -> Array:
-    """Over the full length of an episode: after a fall the robot is taken to stand still."""
+    """Return the error of the mean speed over the time limit of an episode, in m/s.
+
+    After a fall, the robot counts as standing still.
+    """
     return np.abs(run["distance"] / horizon(env) - run["command"])
 
 
 def _steady_speed_error(run: Episodes, env: Env) -> Array:
-    """The same after :data:`SETTLING` s; NaN for episodes that are not longer."""
+    """Return the error of the mean speed after :data:`SETTLING`, in m/s.
+
+    The error is NaN if the time limit is not longer than :data:`SETTLING`.
+    """
     rest = max(horizon(env) - SETTLING, 0.0) or np.nan
     return np.abs((run["distance"] - run["early_distance"]) / rest - run["command"])
 
 
 def _torque_change(run: Episodes, env: Env) -> Array:
-    """Mean over an episode's steps, N m."""
+    """Return the mean change of the torque from step to step, in N m."""
     return run["torque_change"] * env.get_wrapper_attr("control_dt") / run["duration"]
 
 
 def _unsupported(run: Episodes, env: Env) -> Array:
-    """Return the share of an episode's time in which the robot is unsupported."""
+    """Return the fraction of an episode's time in which the robot is unsupported."""
     return run["unsupported"] * env.get_wrapper_attr("control_dt") / run["duration"]
 
 
 def _start_work(run: Episodes, env: Env) -> Array:
-    """Work within :data:`SETTLING` / weight, m."""
+    """Return the work within :data:`SETTLING` divided by the weight, in m."""
     return per_weight("work")(run, env) - per_weight("steady_work")(run, env)
 
 
 def _start_lag(run: Episodes, env: Env) -> Array:
-    """Distance behind the command at :data:`SETTLING`, m."""
+    """Return the distance by which the robot is behind the command at :data:`SETTLING`, in m."""
     return SETTLING * np.abs(run["command"]) - np.sign(run["command"]) * run["early_distance"]
 
 
 def _distance(run: Episodes, env: Env) -> Array:
-    """Distance in the commanded direction, m."""
+    """Return the distance in the commanded direction, in m, at least 0."""
     return np.maximum(np.sign(run["command"]) * run["distance"], 0.0)
 
 
 def _steady_distance(run: Episodes, env: Env) -> Array:
-    """Distance in the commanded direction after :data:`SETTLING`, m."""
+    """Return the distance in the commanded direction after :data:`SETTLING`, in m, at least 0."""
     return _distance({**run, "distance": run["distance"] - run["early_distance"]}, env)
 
 
@@ -135,7 +150,7 @@ WALKER = Benchmark(
         "work": Aggregate("sum", lambda info: np.abs(info["energy"]["motor_work"])),
         "steady_work": Aggregate("steady", lambda info: np.abs(info["energy"]["motor_work"])),
         "drawn": Aggregate("sum", lambda info: info["energy"]["electrical_work"]),
-        # A simulation that diverged is no walk either: it counts as a fall.
+        # A simulation that diverged counts as a fall.
         "fell": Aggregate("last", lambda info: info["fallen"] | info["diverged"]),
         "success": Aggregate("last", lambda info: 1.0 * info["is_success"]),
         "steps_in_ground": Aggregate("sum", lambda info: 1.0 * (info["links_in_ground"] > 0)),

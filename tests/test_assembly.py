@@ -19,6 +19,7 @@ layers = cache(shaft_order.layers)  # a search of a second or more
 PLYWOOD = 680.0  # kg/m^3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["weekend", "built"])
 def test_a_machine_can_be_assembled_and_turned(name):
     """No two solids overlap in a turn of the crank, all screws fit, threads are in metal."""

@@ -60,6 +60,7 @@ def test_ctrl_c_ends_a_command_without_a_traceback():
     assert ended.value.code == 130
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", [["evaluate", "--policy", "pid"], ["paper", "--out", "x"],
                                      ["enjoy", "--video", "x.gif"]], ids=" ".join)  # fmt: skip
 def test_a_missing_package_is_named(command, tmp_path):

@@ -52,6 +52,7 @@ def points_of(drawing):
     return circles, [sum(complex(x, y) for x, y in mark.get_points("xy")) / 2 for mark in marks]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", OTHER_LINKS)
 def test_the_drawing_read_back_has_the_lengths_of_the_links(name):
     """Holes lie as far from one another as joints, a toe's cross too; within 0.01 mm."""
@@ -84,6 +85,7 @@ def segments_of(path):
     return lines + [(points[-1], points[0])] * closed, closed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["built", "weekend"])
 def test_every_cut_line_of_every_sheet_is_closed_and_none_is_drawn_twice(name):
     """In SVG and DXF; a bar of known length is in every sheet's margin."""
@@ -119,6 +121,7 @@ def test_every_cut_line_of_every_sheet_is_closed_and_none_is_drawn_twice(name):
             assert max(level) == pytest.approx(SCALE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", OTHER_LINKS)
 def test_holes_and_names_have_material_around_them(name):
     """Each hole is within the outline and outside windows and other holes by a wall."""

@@ -53,6 +53,7 @@ def test_a_reader_that_ends_is_no_error():
     assert process.communicate(timeout=120)[1] == "" and process.returncode in (0, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no POSIX signals")
 @pytest.mark.parametrize(("number", "status"), [
     (signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, 130),

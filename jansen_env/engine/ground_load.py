@@ -1,9 +1,9 @@
-"""What the ground carries: how much of a step a robot is unsupported, and how hard it lands.
+"""Load that the ground carries: time in which a robot is unsupported, and how hard it lands.
 
-The load is the total normal impulse of all contacts over a window of :data:`WINDOW`, divided by
-that of the weight: 1 for a robot that stands. Impacts of rigid feet take no time, so that a force
-exists only as a mean over a time. Windows follow each other from the reset on, whatever the control
-period.
+The load is the sum of the normal impulses of all contacts over a window of :data:`WINDOW`, divided
+by the impulse of the weight over the same time. It is 1 for a robot that stands. An impact of a
+rigid foot takes no time, so its force is defined only as a mean over a time. The windows follow
+each other without a gap from the reset on and do not depend on the control period.
 """
 
 from __future__ import annotations
@@ -11,13 +11,19 @@ from __future__ import annotations
 from jansen_env.engine import mathematics
 from jansen_env.engine.kernel import stage
 
-WINDOW = 0.02  # s
-UNSUPPORTED = 0.1  # of the weight: a robot whose feet carry less than that is unsupported
+WINDOW = 0.02  # duration of a window, in s
+UNSUPPORTED = 0.1  # fraction of the weight; a robot is unsupported if the ground carries less
 
 
 @stage
 def begin_ground_load(robot, loads):
-    """Begin an episode, in which the toes carry ``loads`` (toes,), each divided by the weight."""
+    """Clear the account of the load at the beginning of an episode.
+
+    Args:
+        robot: The robot's record.
+        loads: Shape (toes,), normal force on each toe divided by the weight. Their sum is the first
+            load.
+    """
     load = 0.0
     for j in range(len(loads)):
         load += loads[j]
@@ -29,13 +35,16 @@ def begin_ground_load(robot, loads):
 
 @stage
 def account_for_load(time_step, robot, pressed):
-    """Account for a control step.
+    """Update the load and the unsupported fraction after a control step.
 
     Args:
-        time_step: Of the integration, s.
-        robot: The robot's record; its information gets the largest load of the windows that ended
-            in this step, and the share of time steps in which it was unsupported.
-        pressed: Total normal impulses of the time steps, N s.
+        time_step: Time step of the integration, in s.
+        robot: The robot's record. Its ``info.ground_load`` becomes the largest load of the windows
+            that ended in this step, and stays as it is if none ended. Its ``info.unsupported``
+            becomes the fraction of time steps in which the robot was unsupported. Its
+            ``ground_load.unevenness`` becomes the mean of (load - 1)^2 over these windows.
+        pressed: Shape (steps,), sum of the normal impulses of all contacts in each time step, in
+            N s.
     """
     ground, info = robot.ground_load, robot.info
     window = max(1, int(mathematics.nearest(WINDOW / time_step)))

@@ -1,7 +1,8 @@
-"""The walking task of a robot: commands, accounts, reward and end of the episode.
+"""Walking task of one robot: commands, accounts, reward and termination.
 
-The reward is a product of factors, each 1 where a step is as commanded, so that none can be bought
-with another. They are documented in :class:`jansen_env.tasks.walking.walker_env.JansenWalkerEnv`.
+The reward is a product of factors. Each factor is 1 if the step is exactly as commanded, so a high
+value of one factor cannot make up for a low value of another.
+:class:`jansen_env.tasks.walking.walker_env.JansenWalkerEnv` documents the factors.
 """
 
 from __future__ import annotations
@@ -18,39 +19,39 @@ from jansen_env.engine.random import number, uniform
 from jansen_env.engine.readings import put
 from jansen_env.engine.records import floats, row_dtype
 
-STREAM = 2  # of an episode's random numbers, for its commands; sensors and pushes have others
-FALLEN_PITCH = 1.2  # rad
+STREAM = 2  # number of the random stream for commands; sensors and pushes use other streams
+FALLEN_PITCH = 1.2  # pitch beyond which the robot has fallen, in rad
 
-STEPS_PER_TURN = 4  # of the feet, with two crank pins: means are taken over a quarter turn
-FURTHEST_TARGET = 0.5  # m, the target waits when it is so far away
-LONGEST_MEAN = 3.4  # s, over which means are taken at most ...
-SHORTEST_MEAN = 0.2  # s, ... and at least
-FLOOR = 0.3  # of tracking: floor that keeps a learning signal
-CATCHING_UP = 2.0  # times the command: up to this mean speed progress is not less
-STANDING = 0.05  # m/s: mean speed at which progress is 0 when the command is to stand
-SLOWEST = 0.1  # m/s: slip and power are rated by the commanded speed, but by no slower one
+STEPS_PER_TURN = 4  # steps of the feet per turn of the crank; means are over a quarter turn
+FURTHEST_TARGET = 0.5  # largest distance of the target, in m; it waits when it is that far away
+LONGEST_MEAN = 3.4  # longest time constant of a mean, in s
+SHORTEST_MEAN = 0.2  # shortest time constant of a mean, in s
+FLOOR = 0.3  # lowest value of the tracking factor, which keeps a learning signal
+CATCHING_UP = 2.0  # multiple of the command up to which a mean speed does not reduce progress
+STANDING = 0.05  # mean speed at which progress is 0 if the command is 0, in m/s
+SLOWEST = 0.1  # lowest speed by which slip and power are divided, in m/s
 
-# Where each factor has fallen to a half.
-HALF_LAG = 0.2  # m, of tracking without its floor
+# Values at which each factor is 0.5.
+HALF_LAG = 0.2  # lag, in m, for tracking without its floor
 HALF_SLIP = 0.2  # m slid by all toes per metre
 HALF_ENERGY = 4.0  # cost of transport: motor power / (weight * speed)
 HALF_EFFORT = 0.3  # m, RMS torque / weight
 HALF_CHANGE = 0.8  # change of the action
 HALF_PITCH = 0.4  # rad
-HALF_LOAD = 0.8  # of the weight: how far the ground's load is from 1
+HALF_LOAD = 0.8  # difference of the load from 1, in weights
 
-ENOUGH = 0.8  # of the commanded distance, for a success
+ENOUGH = 0.8  # fraction of the commanded distance that is needed for a success
 
 MEANS = floats("mean_speed", "mean_slip", "mean_power", "rms_torque")
-# The reward's factors; all but the first two have an exponent, their weight.
+# Factors of the reward. All factors but tracking and progress have a weight, their exponent.
 WEIGHTED = floats("slip", "energy", "effort", "smoothness", "posture", "load")
 REWARD = row_dtype([*floats("tracking", "progress"), *WEIGHTED])
-# The weights, and the definition of a fall: by pitch (rad), and whether by a joint on the ground;
-# and whether it ends the episode.
+# Weights of the factors; pitch (rad) beyond which the robot has fallen; whether a joint on the
+# ground is a fall; and whether a fall ends the episode.
 SETTINGS = row_dtype(
     [*WEIGHTED, ("fall_pitch", float), ("fall_contact", bool), ("ends_episode", bool)]
 )
-# Accounts from step to step: exact in the information, and as measured behind noisy sensors.
+# Accounts that every step updates: exact in ``info``, and in ``measured`` from noisy sensors.
 ACCOUNTS = row_dtype([*floats("lag"), *MEANS])
 # Information on the task.
 INFORMATION = row_dtype(
@@ -64,8 +65,8 @@ ROW = row_dtype(
         ("command_range", float, 2),  # m/s, of the next commands
         ("command_steps", "i8"),  # control steps after which the command changes; 0: never
         ("mean_path", float),  # m, over which means are taken
-        ("covered", float, 2),  # m, walked in the commanded direction, and commanded
-        ("measured", ACCOUNTS),  # as odometry has them, with noisy or onboard sensors
+        ("covered", float, 2),  # m, walked in the commanded direction, and commanded distance
+        ("measured", ACCOUNTS),  # accounts by odometry, with noisy or onboard sensors
         ("info", INFORMATION),
         ("reward", REWARD),
     ]
@@ -78,7 +79,13 @@ Walks = Annotated[NDArray[np.void], ROW, 1, APART]
 
 @stage
 def begin_walk(robot, walk, advance):
-    """Begin an episode of the task, whose command is known; ``advance``: m per crank turn."""
+    """Begin an episode of the task, whose command has been sampled.
+
+    Args:
+        robot: The robot's record.
+        walk: The task's part of the record.
+        advance: Distance that the robot advances per turn of the crank, in m.
+    """
     walk.mean_path = abs(advance) / STEPS_PER_TURN
     walk.next_command = walk.info.speed_command
     walk.covered[0] = walk.covered[1] = 0.0
@@ -93,13 +100,13 @@ def begin_walk(robot, walk, advance):
 
 @stage
 def _clear_accounts(kept):
-    """Begin new accounts."""
+    """Set all accounts to 0."""
     kept.lag = kept.mean_speed = kept.mean_slip = kept.mean_power = kept.rms_torque = 0.0
 
 
 @stage
 def sample_command(robot, walk):
-    """Sample the command that holds after this step, if it is time for another."""
+    """Sample the command for the next step if the command interval ends with this step."""
     steps = walk.command_steps
     if steps > 0 and robot.elapsed % steps == 0:
         key = number(robot.seed, STREAM)
@@ -112,12 +119,12 @@ def judge_walk(period, settings, robot, walk, way, slipped):
     """Update the accounts, reward the step, and decide whether the episode is over.
 
     Args:
-        period: Time of the control step, s.
+        period: Duration of the control step, in s.
         settings: Record of :data:`SETTINGS`.
         robot: The robot's record.
-        walk: Its record of the task.
-        way: Path of the crank axis in the step, m.
-        slipped: Path that all toes slid while loaded in the step, m.
+        walk: The task's part of the record.
+        way: Distance that the crank axis moved in x in this step, in m.
+        slipped: Distance that all toes together slid while loaded in this step, in m.
     """
     info, total, state = walk.info, robot.accumulators, robot.state
     command = info.speed_command
@@ -139,14 +146,15 @@ def judge_walk(period, settings, robot, walk, way, slipped):
 
 @stage
 def measure_walk(period, robot, walk, velocity, crank_error):
-    """Update the accounts as odometry has them, which knows of no slip.
+    """Update the accounts by odometry, which does not detect slip.
 
     Args:
-        period: Time of the control step, s.
+        period: Duration of the control step, in s.
         robot: The robot's record.
-        walk: Its record of the task.
-        velocity: Measured mean velocity of the crank axis in x, m/s.
-        crank_error: Error of the mean crank speed, rad/s, counted as the action is.
+        walk: The task's part of the record.
+        velocity: Measured mean velocity of the crank axis in x, in m/s.
+        crank_error: Error of the measured mean crank speed, in rad/s, positive in the direction of
+            a positive action.
     """
     torque = robot.info.crank_torque
     power = robot.accumulators.motor_work / period + torque * robot.direction * crank_error
@@ -155,17 +163,21 @@ def measure_walk(period, robot, walk, velocity, crank_error):
 
 @stage
 def keep_accounts(velocity, slip_speed, power, torque, period, command, walk, kept):
-    """Update the lag, and exponential means over a quarter turn at the commanded speed.
+    """Update the lag and the exponential means.
+
+    The time constant of the means is the time of a quarter turn of the crank at the commanded
+    speed.
 
     Args:
-        velocity: Mean velocity of the crank axis over the step, m/s.
-        slip_speed: Mean slip speed of all toes together, m/s.
-        power: Mean power of the motor, W.
-        torque: Mean torque on the crank, N m.
-        period: Time of the step, s.
-        command: Commanded speed, m/s.
-        walk: Record of the task.
-        kept: Record with the fields of :data:`ACCOUNTS`, 0 at first.
+        velocity: Mean velocity of the crank axis over the step, in m/s.
+        slip_speed: Mean slip speed of all toes together, in m/s.
+        power: Mean power of the motor, in W.
+        torque: Mean torque on the crank, in N m.
+        period: Duration of the step, in s.
+        command: Commanded speed, in m/s.
+        walk: The task's part of the robot's record.
+        kept: Record with the fields of :data:`ACCOUNTS`, which are 0 at the beginning of an
+            episode.
     """
     lag = kept.lag + (command - velocity) * period
     kept.lag = min(FURTHEST_TARGET, max(-FURTHEST_TARGET, lag))
@@ -179,13 +191,24 @@ def keep_accounts(velocity, slip_speed, power, torque, period, command, walk, ke
 
 @stage
 def mean_time(command, path):
-    """The time constant of means, s: what ``path`` (m) takes at the commanded speed (m/s)."""
+    """Return the time constant of the means, in s.
+
+    It is the time in which the robot walks ``path`` (m) at the commanded speed (m/s), but within
+    :data:`SHORTEST_MEAN` and :data:`LONGEST_MEAN`.
+    """
     return min(LONGEST_MEAN, max(SHORTEST_MEAN, path / max(abs(command), 1e-9)))
 
 
 @stage
 def compute_reward(pitch, settings, robot, walk):
-    """Fill a robot's factors and return their product; pitch: rad, settings: :data:`SETTINGS`."""
+    """Compute the factors of the reward, store them in the record, and return their product.
+
+    Args:
+        pitch: Of the chassis, in rad.
+        settings: Record of :data:`SETTINGS`.
+        robot: The robot's record.
+        walk: The task's part of the record.
+    """
     info, term = walk.info, walk.reward
     pace = max(abs(info.speed_command), SLOWEST)
     term.tracking = tracking(info.lag)
@@ -202,13 +225,17 @@ def compute_reward(pitch, settings, robot, walk):
 
 @stage
 def tracking(lag):
-    """1 on the target, with a slope everywhere; lag: m."""
+    """Return 1 if the lag (m) is 0, and less, with a slope everywhere, if it is not."""
     return FLOOR + (1.0 - FLOOR) / (1.0 + (lag / HALF_LAG) ** 2)
 
 
 @stage
 def progress(mean_speed, command):
-    """1 at a mean speed of once to twice the command (m/s), less in proportion on both sides."""
+    """Return 1 if the mean speed is between the command and twice the command (m/s).
+
+    The factor falls in proportion to lower speeds, and in inverse proportion to higher ones. If the
+    command is 0, it falls from 1 at standstill to 0 at :data:`STANDING`.
+    """
     if command == 0.0:
         return max(0.0, 1.0 - abs(mean_speed) / STANDING)
     ratio = mean_speed / command
@@ -217,49 +244,49 @@ def progress(mean_speed, command):
 
 @stage
 def slip_cost(mean_slip, pace):
-    """Slip of all toes per metre; both m/s."""
+    """Return the cost of slip: that of all toes per metre; both speeds in m/s."""
     return mean_slip / pace / HALF_SLIP
 
 
 @stage
 def energy_cost(mean_power, weight, pace):
-    """Cost of transport; W, N, m/s."""
+    """Return the cost of energy, a cost of transport; power in W, weight in N, pace in m/s."""
     return mean_power / (weight * pace) / HALF_ENERGY
 
 
 @stage
 def effort_cost(rms_torque, weight):
-    """Torque, N m, for the weight, N."""
+    """Return the cost of the RMS torque (N m) per weight (N)."""
     return (rms_torque / weight / HALF_EFFORT) ** 2
 
 
 @stage
 def change_cost(change):
-    """Change of the action from step to step."""
+    """Return the cost of the change of the action from step to step."""
     return (change / HALF_CHANGE) ** 2
 
 
 @stage
 def pitch_cost(pitch):
-    """Pitch, rad."""
+    """Return the cost of the pitch (rad)."""
     return (pitch / HALF_PITCH) ** 2
 
 
 @stage
 def load_cost(unevenness):
-    """Unevenness of the ground's load, see :mod:`jansen_env.engine.ground_load`."""
+    """Return the cost of an uneven load, see :mod:`jansen_env.engine.ground_load`."""
     return unevenness / HALF_LOAD**2
 
 
 @stage
 def factor(cost, weight):
-    """1 / (1 + cost), to the power of ``weight``."""
+    """Return 1 / (1 + cost) to the power of ``weight``."""
     return 1.0 / (1.0 + cost) if weight == 1.0 else mathematics.power(1.0 + cost, -weight)
 
 
 @stage
 def observe_walk(command, kept, columns, out):
-    """Put the command (m/s) and accounts into the ``columns`` (6,) of a robot's observation."""
+    """Write the command (m/s) and the accounts into an observation, at the ``columns`` (6,)."""
     put(out, columns[0], command)
     put(out, columns[1], kept.lag)
     put(out, columns[2], kept.mean_speed)

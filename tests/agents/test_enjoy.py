@@ -47,6 +47,7 @@ def test_films_have_the_episodes_that_are_asked_for(invisible, capsys):
     assert ", failed after " in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_several_are_filmed_one_above_the_other(invisible, capsys):
     """From the same start; the one that is over first stands still until the other is, too."""
     enjoy.main(["--policy", "pid", "--policy", "constant", "--env", "JansenWalker-v0", "--video",

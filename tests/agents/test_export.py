@@ -154,6 +154,7 @@ def test_what_is_not_finite_gets_an_action_of_0(options):
         run_c(sources, np.zeros((0, 1)), (*options, "-ffast-math"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("env_id", "name"), [("JansenWalkerBuilt-v0", "onboard"), (CRANK, "ppo")])
 def test_onnx_gives_nan_for_what_is_not_finite(env_id, name):
     """The action and torque of that robot alone, for NaN or infinity in any place."""
@@ -181,6 +182,7 @@ def exported(tmp_path_factory):
     return run, folder / "out"
 
 
+@pytest.mark.slow
 @needs_cc
 def test_the_program_of_an_export_runs(exported, tmp_path):
     """As its comment says; it refuses what is no observation."""

@@ -97,6 +97,7 @@ READERS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*diverged")  # a walk on a ground that none can walk on
 @pytest.mark.parametrize("name", READERS)
 def test_damaged_files_are_refused_in_one_line(name, made, tmp_path):

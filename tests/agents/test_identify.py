@@ -259,6 +259,7 @@ def test_logs_that_no_copy_explains_are_refused_with_the_cause(name, logs, copie
         identify.check_explained(ECONOMY, set_up(logs, change, weighed=False), copies)
 
 
+@pytest.mark.slow
 def test_another_mass_than_the_scale_shows_is_refused(logs, copies):
     heavy = [log._replace(about={**log.about, "mass": 2.0 * ECONOMY.mass}) for log in logs]
     with pytest.raises(ValueError, match="no simulated copy explains the logs"):

@@ -55,6 +55,7 @@ def test_ars_goes_on_with_the_weights_it_had(tmp_path):
     load_policy(tmp_path)
 
 
+@pytest.mark.slow
 def test_environments_one_by_one_go_on_with_new_episodes(tmp_path, capsys):
     kwargs = {"track_joint_forces": True, "max_episode_steps": 9}
     settings = small_run(timesteps=96, n_envs=2, training_variants=[{}], env_kwargs=kwargs)

@@ -43,6 +43,7 @@ def test_conditions_are_what_they_are_called(few):
     assert plain["friction"]["overall"] == drawn["overall"]
 
 
+@pytest.mark.slow
 def test_robustness_command(few, tmp_path, capsys):
     """Each policy on each plant under each condition; fewer episodes on the slow plant."""
     evaluate.main([

@@ -32,6 +32,7 @@ def run(killed, tmp_path):
     return shutil.copytree(killed[1], tmp_path / "run")
 
 
+@pytest.mark.slow
 def test_a_full_disk(killed, run):
     """Files that may not become larger: training ends in one line, and goes on with room."""
     before = {path: path.read_bytes() for path in run.rglob("*.zip")}
@@ -57,6 +58,7 @@ def test_other_files_among_the_checkpoints_are_left_alone(run):
     assert runs.last_state(run) == known
 
 
+@pytest.mark.slow
 def test_two_runs_in_one_folder(killed, run):
     """The second is refused and changes nothing. A killed one leaves no lock."""
     hold = (

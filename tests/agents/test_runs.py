@@ -47,6 +47,7 @@ def kill(folder):
     (folder / runs.FINAL).unlink()
 
 
+@pytest.mark.slow
 def test_learning_rate_never_goes_below_zero(tmp_path, returns):
     falling = {"n_steps": 8, "clip_range": "linear_0.2", "learning_rate": "linear_1e-3"}
     model = go_on(small_config(timesteps=100, hyperparameters=falling), tmp_path, every=KEPT)

@@ -31,6 +31,7 @@ def run(tmp_path_factory, few_episodes):
     return train.main([*SMALL, "--log-folder", str(tmp_path_factory.mktemp("logs")), "--seed", "3"])
 
 
+@pytest.mark.slow
 def test_run_folder_holds_all(run):
     """Config, command, checkpoints, best and final model, evaluations, scores, figures, logs."""
     expected = ["config.yml", "command.txt", "best_model.zip", "final_model.zip",
@@ -63,6 +64,7 @@ def test_last_words_of_a_run(tmp_path):
         assert ("(since 3,194,880 steps)" in last) == (words == "above")
 
 
+@pytest.mark.slow
 def test_an_update_has_the_threads_of_the_robots(tmp_path, monkeypatch, few_episodes):
     """Torch updates with as many, which changes nothing, and walks with one."""
     settings, seen, ends = config.new_config(timesteps=8192), [], []

@@ -44,6 +44,7 @@ def test_numbers_are_measured_and_say_how(name):
     assert np.array_equal(tuned.profile_of(robot).numbers, profiles["numbers"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ROBOTS)
 def test_the_motor_does_not_switch_between_its_limits(name):
     """Under the robot's own PID: the mean change of the torque in a step is a tenth of the limit

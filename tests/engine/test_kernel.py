@@ -122,6 +122,7 @@ for platform in (sys.platform, "wasm"):
     assert run(both, copy).stderr == ""
 
 
+@pytest.mark.slow
 def test_an_installation_builds_a_library_that_is_missing_or_of_another_machine(copy):
     code = "from jansen_env.engine.build import is_built; print(is_built())"
     assert run(code, copy).stdout == "True\n"

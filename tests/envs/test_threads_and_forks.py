@@ -94,6 +94,7 @@ def through_pickle(env):
     return pickle.loads(pickle.dumps(env))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("duplicate", [copy.deepcopy, through_pickle], ids=["copy", "pickle"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_copy_goes_on_from_between_two_steps(kind, duplicate):
@@ -136,6 +137,7 @@ def child_of(work):
 forking = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
 
 
+@pytest.mark.slow
 @forking
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
 @pytest.mark.parametrize("kind", KINDS)

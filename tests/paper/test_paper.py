@@ -44,6 +44,7 @@ def listed_loss():
     return float((rate**2 @ paper_robot().damping).sum(axis=-1).mean())
 
 
+@pytest.mark.slow
 def test_torque_level(results):
     """Mean torque x speed = mean friction loss, from the joints' rates: differences, so 1e-9."""
     assert results.mean_torque == pytest.approx(1.562154, abs=1e-6)
@@ -152,6 +153,7 @@ def test_slip_is_of_a_metre_either_way(results):
     assert back.slip_per_metre == 0.05 and math.isnan(back._replace(distance=0.0).slip_per_metre)
 
 
+@pytest.mark.slow
 def test_command(results, monkeypatch, tmp_path, capsys):
     """Writes the claims and nine figures, and says so; nothing is left half written."""
     monkeypatch.setattr(command, "compute", lambda: results)

@@ -24,6 +24,7 @@ def crank_acceleration(plant, torque, h=2e-5):
     return (4.0 * near - far) / 3.0
 
 
+@pytest.mark.slow
 def test_accelerations_are_the_dense_projections(linkage, random_state, rng):
     """Equation (12) with 15 system rows: joint_forces() to 1e-9, the plant's own steps to 1e-7."""
     for _ in range(5):

@@ -34,6 +34,7 @@ def plant_on(terrain=None, robot=None, **arguments):
     return RigidBodyPlant(robot or paper_robot(), terrain or Terrain.flat(), **arguments)
 
 
+@pytest.mark.slow
 def test_bodies_have_the_robots_inertia(robot):
     """Kinetic energy of the bodies = q_dot M q_dot / 2 of the projected equations: 1e-8 of it."""
     heavy = Payload(1.3, 0.2, (0.1, 0.2))
@@ -206,6 +207,7 @@ def dense(robot, state, torque, duration, steps=100):
 FREE = replace(ROTOR, friction=0.0, viscous_friction=0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("motor, friction", [(FREE, LIGHT.bearing_friction), (ROTOR, DRY)])
 def test_flight_is_that_of_the_dense_equations(motor, friction):
     """0.1 s in the air under 1 N m: 1e-3 of the angles turned, half of it at half the time step."""
@@ -220,6 +222,7 @@ def test_flight_is_that_of_the_dense_equations(motor, friction):
     assert misses[1] < 0.6 * misses[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle", [0.0, 1.0, 2.2])
 def test_dry_friction_holds_at_a_standstill(angle):
     """Up to sum tau_i |a_j' - a_i'| + the gear's the crank does not turn; 2 % above it does."""

@@ -42,6 +42,7 @@ def test_every_environment_has_its_policy():
             pretrained.load(env_id)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("env_id", "name"), SHIPPED)
 def test_actions_are_the_networks(env_id, name):
     """To 1e-6 in float64 anywhere, to 1e-5 in torch's float32 where the policy comes by."""

@@ -166,6 +166,7 @@ def test_bearings_have_the_friction_of_their_mean_load(loads):
         assert torque == pytest.approx(0.11 * 3e-3 * load, abs=5.1e-5)
 
 
+@pytest.mark.slow
 def test_a_walk_at_2_rad_s_is_borne(loads):
     """Feet, rods (buckling, thrice), pins' holes and motor (6 N m rated), from either start."""
     robot, walks = ROBOTS[loads[0]](), loads[1]

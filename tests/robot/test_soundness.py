@@ -142,6 +142,7 @@ def test_sizes_and_masses_far_from_human_scale_cause_a_warning_with_their_unit(r
         assert load_robot("robot", robot) == robot
 
 
+@pytest.mark.slow
 def test_the_holy_numbers_walk_with_a_level_frame():
     """Their C comes within 0.087 rad of a dead point. Both plants agree to 1 % in 1.5 s."""
     frame = holy_numbers_robot().body("crank").length / 15.0 * 38.0

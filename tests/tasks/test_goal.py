@@ -47,6 +47,7 @@ class Shaken:
         return action + np.float32(self.sign * self.size), state
 
 
+@pytest.mark.slow
 def test_the_baseline_solves_it_and_the_reward_ranks(monkeypatch):
     """97 of the 100 goals of seeds from 1000 on, on which it was not tuned; 0.9 at least."""
     env = make(100)

@@ -93,6 +93,7 @@ def test_support_and_load_do_not_depend_on_the_time_step():
     assert largest == pytest.approx([3.2, 3.2], abs=0.4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plant", ["projection", "rigid_body"])
 @pytest.mark.parametrize("robot", ["built", "paper"])  # compliant feet, rigid feet
 def test_the_ground_carries_the_weight_in_the_mean(robot, plant):

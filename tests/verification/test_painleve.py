@@ -60,6 +60,7 @@ def any_posture(robot):
     return min(threshold(robot, psi, pitch, toe) for toe in range(len(robot.legs)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", THRESHOLDS)
 def test_thresholds(name):
     """By robot, to 1 %: postures 2 and 3 degrees apart; a load on the crank axis brings it down."""

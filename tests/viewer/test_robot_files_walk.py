@@ -192,6 +192,7 @@ def test_what_a_robot_file_leaves_out_is_as_in_python():
         )
 
 
+@pytest.mark.slow
 def test_a_dropped_robot_file_walks(open_window, tmp_path):
     """Klann's linkage with three crank pins walks. Another file causes a message and no change."""
     path = write_walk(tmp_path / "walk.html")

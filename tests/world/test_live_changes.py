@@ -20,6 +20,7 @@ def begun(**arguments):
     return env
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "value", "arguments"),
     [("tilt", 0.1, {}), ("motor_strength", 0.5, FEET), ("mass_scale", 1.5, {}),

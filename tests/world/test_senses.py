@@ -79,6 +79,7 @@ def test_the_scan_is_the_height_over_the_ground_below_each_place():
     assert np.ptp(seen[-1, -5:]) > 0.005  # it is no flat ground
 
 
+@pytest.mark.slow
 def test_every_sensor_has_its_noise():
     """By default; the noise of each column is that of its sensor."""
     noise, count = Noise(), 4000
@@ -123,6 +124,7 @@ def test_bias_stays_for_an_episode_and_noise_does_not():
     assert abs(np.corrcoef(alone[1:].ravel(), alone[:-1].ravel())[0, 1]) < 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("sensor", "cos", "sin"), [("encoder", 0, 1), ("pitch", 4, 3)], ids=["encoder", "pitch"]
 )

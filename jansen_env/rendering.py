@@ -72,7 +72,7 @@ class Frame:
     torque_limit: float  # N m, its largest magnitude
     time: float  # s
     goal: float | None = None  # m, place to walk to
-    load: float | None = None  # of the ground, in weights; None where there is no ground
+    load: float | None = None  # load that the ground carries, in weights; None without a ground
 
 
 class Renderer:

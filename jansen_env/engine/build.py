@@ -105,7 +105,7 @@ TARGETS = {
 LINKED_AS = {  # an undefined symbol is an error; on Linux only if asked for
     "linux": ["-shared", "-Wl,-z,defs"],
     "darwin": ["-shared"],
-    "win32": ["-shared"],
+    "win32": ["-shared", "-rtlib=compiler-rt"],  # which touches the pages of a large stack frame
     "wasm": [f"-Wl,{a}" for a in ("--no-entry", "--export-dynamic", "--export=__heap_base", "-s")],
 }
 

@@ -63,7 +63,7 @@ def write_walk(path, env_id, arguments):
         plant._threads._memory[0],
         plant._arrays.designs,
         records.motions,
-        world._episodes,
+        world._kernel_episodes,
         world._observing,
     )
     values, slots = flat(given), Slots(episode.control_step)

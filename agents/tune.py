@@ -43,7 +43,7 @@ HORIZON = 10.0  # s, the time limit of an episode
 CHATTER = 0.25  # of the torque limit, in a step
 HARMONICS = 4  # of a profile
 SPREAD = 0.3  # standard deviation with which the search for a profile begins, of scaled numbers
-FALL, MISSED = 200.0, 2000.0  # return that a fall costs, and 1 m/s of error of the mean speed
+FALL = 200.0  # return that a fall costs in the search for a profile
 GROUND = (0.4, 1.0)  # friction in the search for a profile
 
 
@@ -148,17 +148,17 @@ def find_steady(robot: str, episodes: int) -> Entry:
 
 
 def objective(run: Episodes, episodes: int) -> Array:
-    """Return what a search minimises (candidates,): lost return, with falls and missed speeds."""
-    rest = HORIZON - 2.0
-    speed = (run["distance"] - run["early_distance"]) / rest
-    lost = FALL * run["fell"] + MISSED * np.abs(speed - run["command"]) - run["returns"]
+    """Return what a search minimises (candidates,): lost return, with falls."""
+    lost = FALL * run["fell"] - run["returns"]
     return np.asarray(lost.reshape(-1, episodes).mean(axis=1))
 
 
-def search_profile(robot: str, episodes: int, generations: int = 12, each: int = 12) -> Entry:
-    """Search a profile for every other command, each beginning with its neighbour's.
+def search_profile(robot: str, episodes: int, generations: int = 30, each: int = 16) -> Entry:
+    """Search a profile for each command, upwards and then downwards through the commands.
 
-    The first one begins with the crank speed of the robot's PID, even over the turn.
+    On the way up, a search begins with what the search before it found, the first one with the
+    crank speed of the robot's PID, even over the turn. On the way down, it begins with the better
+    one of what the command and its faster neighbour have.
     """
     env, design = walker_of(robot), ROBOTS[robot]()
     scale = tuned.scale_of(design, most_lag=1.0)
@@ -166,44 +166,68 @@ def search_profile(robot: str, episodes: int, generations: int = 12, each: int =
     units[:4] = 1.0 / scale.time, 5.0 * scale.torque * scale.time, scale.torque, 1.0 / scale.length
     units[4:] = 0.3
     read, setting = columns(env, *profile.READ), tuned.setting_of("pid", design)
-    commands, found = commands_of(robot)[1::2], []
+    commands = commands_of(robot)
+
+    def losses(candidates: list[Array], command: float) -> Array:
+        numbers = np.repeat(np.array(candidates) * units, episodes, axis=0)
+        n = len(numbers)
+        policy = TorquePolicy(
+            lambda seen, *_: (profile.profile_torque(numbers, np.asarray(seen), read), None),
+            env.torque_limit,
+        )
+        angles = np.pi * (np.arange(n) % episodes + rng.random()) / episodes
+        grip = np.resize(np.linspace(*GROUND, episodes), n)
+        options = {"crank_angle": angles, "friction": grip}
+        seeds = FIRST_SEED + np.arange(n) % episodes
+        run = run_episodes(
+            policy,
+            ENV,
+            {"robot": robot},
+            np.full(n, command),
+            seeds,
+            at_once=n,
+            options=options,
+        )
+        return objective(run, episodes)
+
+    def search(start: Array, command: float, spread: float) -> Array:
+        limits = {"seed": 1, "popsize": each, "verbose": -9, "maxiter": generations}
+        strategy = cma.CMAEvolutionStrategy(start, spread, limits)
+        while not strategy.stop():
+            candidates = strategy.ask()
+            strategy.tell(candidates, losses(candidates, command).tolist())
+        print(f"{command:g} m/s: {-losses([strategy.mean], command)[0]:.1f}", flush=True)
+        return np.array(strategy.mean)  # of noisy losses the mean, not the luckiest candidate
+
+    rng = np.random.default_rng(0)
     start = np.zeros(len(units))
     start[1], start[3] = 1.0, 0.5
-    rng = np.random.default_rng(0)
+    found: list[Array] = []
     for command in commands:
         start[0] = float(setting(np.array([command]))[0]) / units[0]
-        limits = {"seed": 1, "popsize": each, "verbose": -9, "maxiter": generations}
-        search = cma.CMAEvolutionStrategy(start, SPREAD, limits)
-        while not search.stop():
-            candidates = search.ask()
-            numbers = np.repeat(np.array(candidates) * units, episodes, axis=0)
-            n = len(numbers)
-            policy = TorquePolicy(
-                lambda seen, *_, numbers=numbers: (
-                    profile.profile_torque(numbers, np.asarray(seen), read), None
-                ),
-                env.torque_limit,
-            )  # fmt: skip
-            angles = np.pi * (np.arange(n) % episodes + rng.random()) / episodes
-            grip = np.resize(np.linspace(*GROUND, episodes), n)
-            options = {"crank_angle": angles, "friction": grip}
-            seeds = FIRST_SEED + np.arange(n) % episodes
-            run = run_episodes(policy, ENV, {"robot": robot}, np.full(n, command), seeds,
-                               at_once=n, options=options)  # fmt: skip
-            search.tell(candidates, objective(run, episodes).tolist())
-        start = search.result.xfavorite.copy()
-        found.append((start * units).tolist())
-        print(f"{command:g} m/s: {-search.result.fbest:.1f}", flush=True)
+        found.append(search(start, command, SPREAD))
+        start = found[-1].copy()
+    for i in reversed(range(len(commands) - 1)):
+        faster = found[i + 1].copy()
+        faster[0] *= commands[i] / commands[i + 1]
+        again = search(faster, commands[i], SPREAD), search(found[i], commands[i], SPREAD / 3.0)
+        tried = [found[i], *again]
+        many = sum(losses(tried, commands[i]) for _ in range(4))
+        found[i] = tried[int(np.argmin(many))]
     return {
         "versions": {"jansen_env": __version__, "cma": cma.__version__},
-        "columns": list(profile.NUMBERS), "commands": commands.tolist(), "numbers": found,
-    }  # fmt: skip
+        "columns": list(profile.NUMBERS),
+        "commands": commands.tolist(),
+        "numbers": [(each * units).tolist() for each in found],
+    }
 
 
 MEASURED = {
-    "pid": measure_pid, "constant": measure_constant, "steady": find_steady,
+    "pid": measure_pid,
+    "constant": measure_constant,
+    "steady": find_steady,
     "profile": search_profile,
-}  # fmt: skip
+}
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -40,12 +40,12 @@ __all__ = [
 ]  # fmt: skip
 
 for _id, _environment, _steps, _solved in (  # docs/training.md says where thresholds come from
-    ("JansenWalker-v0", "walking:JansenWalkerEnv", 500, 180.0),
-    ("JansenWalkerBuilt-v0", "walking:JansenWalkerBuiltEnv", 500, 300.0),
-    ("JansenWalkerRough-v0", "walking:JansenWalkerRoughEnv", 500, 140.0),
-    ("JansenWalkerHardcore-v0", "walking:JansenWalkerHardcoreEnv", 500, 110.0),
+    ("JansenWalker-v0", "walking:JansenWalkerEnv", 500, 155.0),
+    ("JansenWalkerBuilt-v0", "walking:JansenWalkerBuiltEnv", 500, 180.0),
+    ("JansenWalkerRough-v0", "walking:JansenWalkerRoughEnv", 500, 240.0),
+    ("JansenWalkerHardcore-v0", "walking:JansenWalkerHardcoreEnv", 500, 205.0),
     ("JansenCrank-v0", "crank:JansenCrankEnv", 1000, 875.0),
-    ("JansenGoal-v0", "goal:JansenGoalEnv", 750, 790.0),
+    ("JansenGoal-v0", "goal:JansenGoalEnv", 750, 2390.0),
 ):
     register(_id, f"jansen_env.tasks.{_environment}", _steps, _solved)
 

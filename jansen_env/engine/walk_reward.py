@@ -29,7 +29,7 @@ SHORTEST_MEAN = 0.2  # shortest time constant of a mean, in s
 FLOOR = 0.3  # lowest value of the tracking factor, which keeps a learning signal
 CATCHING_UP = 2.0  # multiple of the command up to which a mean speed does not reduce progress
 STANDING = 0.05  # mean speed at which progress is 0 if the command is 0, in m/s
-SLOWEST = 0.1  # lowest speed by which slip and power are divided, in m/s
+SLOWEST = 0.05  # lowest speed by which slip and power are divided, in m/s
 
 # Values at which each factor is 0.5.
 HALF_LAG = 0.2  # lag, in m, for tracking without its floor

@@ -331,3 +331,22 @@ def test_policies_of_other_observations_are_refused(made):
     ):
         with pytest.raises(ValueError, match=re.escape(reason)):
             named_policies.load_named(name, make_env("JansenWalker-v0", env_kwargs))
+
+
+LIMITS = {  # of unsupported time and of the load, in weights, at 0.1, 0.2 and 0.3 m/s
+    "ppo": ((0.06, 0.13, 0.2), (2.5, 3.2, 4.0)),
+    "onboard": ((0.02, 0.05, 0.1), (2.0, 2.5, 3.0)),
+    "economy": ((0.01, 0.02, 0.02), (1.5, 2.0, 2.0)),
+    "stroller": ((0.01, 0.01, 0.01), (1.5, 1.5, 1.5)),
+}
+"""Limits that docs/judging.md states for the policies of ``JansenWalkerBuilt-v0``."""
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_policies_walk_rather_than_hop(name):
+    """By the scores that come with them, which another test makes again."""
+    scores = pretrained.load("JansenWalkerBuilt-v0", name).description["scores"]["by_command"]
+    for metric, limits in zip(("unsupported", "load"), LIMITS[name], strict=True):
+        command, value = scores[metric]["command"], scores[metric]["value"]
+        found = [value[command.index(speed)] for speed in (0.1, 0.2, 0.3)]
+        assert all(np.array(found) <= limits), (metric, found)

@@ -180,7 +180,7 @@ def test_a_walk_at_2_rad_s_is_borne(loads):
 
 
 PERMISSIBLE = {
-    "onboard": (tread_load(COMPRESSION), SHEAR, HOLE / 3.0, 6.0),
+    "aluminium": (tread_load(COMPRESSION), SHEAR, HOLE / 3.0, 6.0),
     # Rubber 2 mm thick; plywood at 31 MPa under M3, thrice; a quarter of the motor's stall.
     "weekend": (6e4 * COMPRESSION * 2e-3, 1.5e4 * 0.28 * 2e-3, 31e6 * 3e-3 * 3e-3 / 3.0, 0.17),
 }
@@ -192,10 +192,13 @@ PLYWOOD_MODULUS = 8.2e9  # Pa, bending along the face grain
 @pytest.mark.parametrize("name, command", [
     *(("onboard", command) for command in (0.05, 0.1, 0.15, 0.2, 0.25, 0.3)),
     *(("weekend", command) for command in (0.03, 0.06, 0.09, 0.12)),
+    *(("stroller", command) for command in (0.2, 0.4)),
+    *(("economy", command) for command in (0.3, 0.5)),
 ])  # fmt: skip
-def test_the_onboard_policies_walks_are_borne(name, command):
+def test_the_policies_walks_are_borne(name, command):
     """Ten walks of 6 s from rest keep all ratings, of motor, feet, rods and pins' holes."""
-    policy, (load, shear, pin, rated) = pretrained.load(ID, name), PERMISSIBLE[name]
+    policy = pretrained.load(ID, name)
+    load, shear, pin, rated = PERMISSIBLE["weekend" if name == "weekend" else "aluminium"]
     env = gym.make(ID, **policy.env_kwargs, time_step=FINE_STEP)
     robot, plant, worst = env.unwrapped.robot, env.unwrapped.plant.batch, np.zeros(5)
     plant.tracing = True
@@ -209,7 +212,7 @@ def test_the_onboard_policies_walks_are_borne(name, command):
             torques.append(info["crank_torque"])
         trace = np.concatenate(rows)
         contact = np.abs(trace["impulses"][:, : plant.toes]).max(axis=(0, 1)) / FINE_STEP
-        if name == "onboard":
+        if name != "weekend":
             loads = loads_of_walk(robot, trace, FINE_STEP, 0.0)
             safety, force = loads["rod_safety"], loads["pin_force"]
         else:

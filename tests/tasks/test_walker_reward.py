@@ -26,7 +26,7 @@ def plain_factors(env, infos, actions):
         slip += share * (info["slip"].sum() / dt - slip)
         power += share * (abs(info["energy"]["motor_work"]) / dt - power)
         square += share * ((20.0 * action) ** 2 - square)
-        pace = max(abs(command), 0.1)
+        pace = max(abs(command), 0.05)
         progress = 1.0 - min(1.0, abs(speed) / 0.05)
         if command:
             ratio = speed / command
@@ -47,7 +47,7 @@ def plain_factors(env, infos, actions):
 @pytest.mark.parametrize("commands", [(0.3,), (-0.1,), (0.0,), (0.5, -0.2, 0.0, 0.05)])
 def test_the_reward_is_what_is_documented(commands):
     """Target, means and factors, recomputed; each factor is within 0 and 1, their product paid."""
-    env, rng = JansenWalkerEnv(load_weight=1.0), np.random.default_rng(2)
+    env, rng = JansenWalkerEnv(), np.random.default_rng(2)
     env.reset(seed=2, options={"speed_command": commands[0]})
     infos, actions, rewards = [], [], []
     for k in range(200):
@@ -89,7 +89,7 @@ def test_the_target_waits():
 
 
 def test_weights_are_exponents():
-    names = ("slip", "energy", "effort", "smoothness", "posture")
+    names = ("slip", "energy", "effort", "smoothness", "posture", "load")
     infos = []
     for weight in (1.0, 2.0, 0.0):
         env = JansenWalkerEnv(**{f"{name}_weight": weight for name in names})

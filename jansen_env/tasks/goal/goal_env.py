@@ -39,7 +39,7 @@ class GoalSettings(WorldSettings):
     """Arguments of ``JansenGoal-v0``: those of the world, and the reward's weights."""
 
     energy_weight: float = shared(1.0, non_negative)  # exponent of the energy's factor
-    arrival_weight: float = shared(1.0, positive)  # worth of standing at the goal
+    arrival_weight: float = shared(6.0, positive)  # with 1, closeness alone pays nearly as well
 
 
 def closeness(distance: Array) -> Array:
@@ -162,7 +162,7 @@ class JansenGoalEnv(SingleEnv[GoalTask]):
     of ``JansenWalker-v0``. At a reset the terms of the reward are 0.
 
     ## Arguments
-    ``energy_weight``, ``arrival_weight`` (1), and those of ``JansenWalker-v0`` that are not about commands,
+    ``energy_weight``, ``arrival_weight`` (6), and those of ``JansenWalker-v0`` that are not about commands,
     its reward and falls. ``curriculum`` must be None.
 
     ## Version History

@@ -20,6 +20,13 @@ ROUGH: Values = {
     "terrain_level": (0, 9),
     "speed_command": (0.1, 0.5),  # m/s
     "height_scan": (0.5, 0.9, 15),  # m behind and ahead: every 0.1 m; feet reach 0.6 m
+    # The way that a robot walks counts for less than the distance that it covers.
+    "slip_weight": 0.2,
+    "energy_weight": 0.2,
+    "effort_weight": 0.2,
+    "smoothness_weight": 0.5,
+    "posture_weight": 0.2,
+    "load_weight": 0.2,
     "randomize": {"friction": (0.4, 1.0), "payload": (0.0, 0.5)},
 }
 HARDCORE: Values = {
@@ -68,7 +75,7 @@ class JansenWalkerBuiltEnv(JansenWalkerEnv):
     means from which the reward is computed.
 
     ## Rewards
-    The reward of a step is a product of seven factors, each from 0 to 1, so that an episode of 500
+    The reward of a step is a product of eight factors, each from 0 to 1, so that an episode of 500
     steps returns 500 at most. They are in ``info``, and their formulas in ``JansenWalker-v0``:
 
     | Factor | 1 for a robot that |
@@ -80,14 +87,11 @@ class JansenWalkerBuiltEnv(JansenWalkerEnv):
     | ``reward/effort`` | walks without torque |
     | ``reward/smoothness`` | does not change its action |
     | ``reward/posture`` | keeps its chassis level |
-
-    ``load_weight=1`` adds ``reward/load``, which is 1 for a robot that lands softly and stays on the
-    ground.
+    | ``reward/load`` | presses on the ground with its weight at all times: it neither lands hard nor leaves the ground |
 
     A robot that stands still earns nothing, as ``reward/progress`` is 0. A fall ends the episode, and
     costs what the rest of the episode would have earned. No policy reaches 500, because walking takes
-    power and torque: the most that a search has found is 314, in the mean of nine commands
-    (``docs/training/algorithms/headroom.md``).
+    power and torque, and because this machine cannot walk fast without leaving the ground.
 
     ## Starting State
     As in ``JansenWalker-v0``. Sampled at each reset:
@@ -121,7 +125,12 @@ class JansenWalkerRoughEnv(JansenWalkerEnv):
     waves, stairs, steps, stumps and ramps (``docs/terrain.md``), drawn at each reset at a level
     from 0, nearly flat, to 9, just beyond what the paper's robot can climb. The robot sees the ground
     ahead, carries a load that it does not know, and does not know how slippery the ground is.
-    Actions, rewards and ends are those of ``JansenWalkerBuilt-v0``.
+    Actions and ends are those of ``JansenWalkerBuilt-v0``.
+
+    ## Rewards
+    The product of the same eight factors. What matters here is to get ahead, so the factors that judge
+    how the robot walks have small exponents: ``smoothness_weight`` is 0.5, and the weights of slip,
+    energy, effort, posture and load are 0.2.
 
     ## Observation Space
     | Num | Observation | Min | Max | Unit |
@@ -175,7 +184,7 @@ class JansenWalkerHardcoreEnv(JansenWalkerEnv):
     ## Description
     ``JansenWalkerRough-v0`` with noisy sensors, delayed torques, pushes, a floor that is not level, and
     machines that differ from episode to episode. The torque is ``motor_strength`` times what the action
-    asks for, as far as the motor can. Rewards and ends are those of ``JansenWalkerBuilt-v0``; they go by
+    asks for, as far as the motor can. Rewards and ends are those of ``JansenWalkerRough-v0``; they go by
     true values, not by measured ones.
 
     ## Observation Space

@@ -74,7 +74,7 @@ class WalkerSettings(WorldSettings):
     effort_weight: float = shared(1.0, non_negative)
     smoothness_weight: float = shared(1.0, non_negative)
     posture_weight: float = shared(1.0, non_negative)
-    load_weight: float = shared(0.0, non_negative)
+    load_weight: float = shared(1.0, non_negative)
     fall_pitch: float = shared(walk_reward.FALLEN_PITCH, positive)
     fall_contact: bool = shared(True, flag)
     terminate_when_fallen: bool = shared(True, flag)
@@ -250,12 +250,11 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     | ``reward/effort`` | 1 / (1 + (RMS torque / (weight * 0.3 m))^2) |
     | ``reward/smoothness`` | 1 / (1 + (change of the action / 0.8)^2) |
     | ``reward/posture`` | 1 / (1 + (pitch / 0.4 rad)^2) |
-    | ``reward/load`` | 1 / (1 + ((ground load - 1) / 0.8)^2), see Information; left out by default |
+    | ``reward/load`` | 1 / (1 + ((ground load - 1) / 0.8)^2), the mean of the square over the windows that end in the step, see Information |
 
-    with v = max(\\|command\\|, 0.1 m/s), and the last six to the powers ``slip_weight`` ...
-    ``load_weight``, 1 by default but for ``load_weight``, which is 0; 0 leaves a factor out. Standing still earns nothing at any command
-    but 0, and a fall costs what the rest of the episode would have earned. By return fourteen
-    controllers rank nearly as by the scores (rank correlation 0.93, ``docs/training.md``).
+    with v = max(\\|command\\|, 0.05 m/s), and the last six to the powers ``slip_weight`` ...
+    ``load_weight``, which are 1 by default; 0 leaves a factor out. Standing still earns nothing at any
+    command but 0, and a fall costs what the rest of the episode would have earned.
 
     ## Starting State
     Crank angle uniform over a turn, placed at rest at x = 0 on the lowest toe before and the
@@ -340,8 +339,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     | ``time_step`` | the plant's | s, of the integration, 1e-9 to 1: 0.001, ``"rigid_body"`` 0.00025; short enough for compliant feet |
     | ``plant`` | ``"projection"`` | what moves the robot, see Plants |
     | ``links_collide`` | False | whether sides of links touch vertices of the ground, see Plants |
-    | ``slip_weight``, ``energy_weight``, ``effort_weight``, ``smoothness_weight``, ``posture_weight`` | 1 | see Rewards |
-    | ``load_weight`` | 0 | see Rewards |
+    | ``slip_weight``, ``energy_weight``, ``effort_weight``, ``smoothness_weight``, ``posture_weight``, ``load_weight`` | 1 | see Rewards |
     | ``reset_noise_scale`` | 0.1 | rad/s, of the starting crank speed |
     | ``fall_pitch`` | 1.2 | rad, beyond which the robot has fallen |
     | ``fall_contact`` | True | whether a joint on the ground is a fall |

@@ -221,7 +221,10 @@ def write_report(folder: Path) -> str:
         scores.to_csv(folder / "runs.csv", index=False)
         returns = pd.concat([scores[[*KEYS, "command", "return"]], *curves]).round(3)
         returns.loc[returns.policy != "run", ["group", "seed"]] = None  # beside all runs the same
-        returns[[*KEYS, "command", *POINTS]].drop_duplicates().to_csv(path, index=False)
+        # With the data, as a later version may have another threshold.
+        returns["threshold"] = returns.env.map(lambda env: gym.spec(env).reward_threshold)
+        columns = [*KEYS, "command", *POINTS, "threshold"]
+        returns[columns].drop_duplicates().to_csv(path, index=False)
     if not path.is_file():
         raise ValueError(f"{folder} has no run that is finished")
     returns = pd.read_csv(path)
@@ -241,7 +244,7 @@ def groups_table(returns: pd.DataFrame) -> str:
     rows, overall = [], returns[returns.command.isna() & returns.steps.isna()]
     runs = overall[overall.policy == "run"]
     if runs.env.nunique() > 1:
-        shares = runs["return"] / runs.env.map(lambda env: gym.spec(env).reward_threshold)
+        shares = runs["return"] / runs.threshold
         kinds = runs.group.str.partition("_")[2] + ", / threshold"
         alike = runs.assign(**{"group": kinds, "return": shares})
         in_all = alike.groupby(["group", "seed"]).env.transform("nunique") == runs.env.nunique()

@@ -157,14 +157,15 @@ def test_wear_grows_with_what_slides(walker):
     bodies = tuple(replace(link, mass=1.5 * link.mass) for link in light.robot.bodies)
     heavy = Candidate(replace(light.robot, bodies=bodies), light.numbers)
     loads = walker.measure("loads", [light, heavy])
-    assert 1.2 < loads["wear"][1] / loads["wear"][0] < 2.0
+    assert 1.2 < loads["wear"][1] / loads["wear"][0] < 2.5
     assert loads["pin_force"].min() > 100.0 and loads["rod_safety"].max() < 20.0
 
 
 def test_climbing_counts_heights(walker):
     """The mean height is within those tried; a walk too short for a step is refused."""
     whole = Walker("JansenWalkerBuilt-v0", {"robot": "built"}, 0.4, 1, 1)
-    measured = whole.measure("climb", [begin(0.4)])
+    space = Space("climber", 0.4, {"lengths": 0.1})
+    measured = whole.measure("climb", [space.candidate(space.start)])
     assert STEPS[0] < measured["climb"][0] < STEPS[-1]
     assert 0.0 <= measured["links_in_ground"][0] < 0.1
     with pytest.raises(ValueError, match=r"climb at speed .* and a time limit of 3 s ends"):

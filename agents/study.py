@@ -221,13 +221,14 @@ def write_report(folder: Path) -> str:
         scores.to_csv(folder / "runs.csv", index=False)
         returns = pd.concat([scores[[*KEYS, "command", "return"]], *curves]).round(3)
         returns.loc[returns.policy != "run", ["group", "seed"]] = None  # beside all runs the same
-        # With the data, as a later version may have another threshold.
-        returns["threshold"] = returns.env.map(lambda env: gym.spec(env).reward_threshold)
+        returns["threshold"] = returns.env.map(threshold_of)
         columns = [*KEYS, "command", *POINTS, "threshold"]
         returns[columns].drop_duplicates().to_csv(path, index=False)
     if not path.is_file():
         raise ValueError(f"{folder} has no run that is finished")
     returns = pd.read_csv(path)
+    if "threshold" not in returns:  # written by an earlier version
+        returns["threshold"] = returns.env.map(threshold_of)
     table = groups_table(returns)
     parts = [f"# {folder.name}", table, NOTES.replace("\n", " ")]
     for env, of_env in returns.groupby("env"):
@@ -235,6 +236,11 @@ def write_report(folder: Path) -> str:
         parts.append(f"![Learning curves and performance profile on {env}]({env}.png)")
     write_text(folder / "report.md", "\n\n".join(parts) + "\n")
     return table
+
+
+def threshold_of(env_id: str) -> float | None:
+    """Return the reward threshold of an environment; None if it has none."""
+    return gym.spec(env_id).reward_threshold
 
 
 def groups_table(returns: pd.DataFrame) -> str:

@@ -153,12 +153,13 @@ def objective(run: Episodes, episodes: int) -> Array:
     return np.asarray(lost.reshape(-1, episodes).mean(axis=1))
 
 
-def search_profile(robot: str, episodes: int, generations: int = 30, each: int = 16) -> Entry:
+def search_profile(robot: str, episodes: int, generations: int = 30, population: int = 16) -> Entry:
     """Search a profile for each command, upwards and then downwards through the commands.
 
     On the way up, a search begins with what the search before it found, the first one with the
-    crank speed of the robot's PID, even over the turn. On the way down, it begins with the better
-    one of what the command and its faster neighbour have.
+    crank speed of the robot's PID, even over the turn. On the way down, one search begins with what
+    the faster neighbour has and another one with what the command has; the best of the three is
+    kept.
     """
     env, design = walker_of(robot), ROBOTS[robot]()
     scale = tuned.scale_of(design, most_lag=1.0)
@@ -191,7 +192,7 @@ def search_profile(robot: str, episodes: int, generations: int = 30, each: int =
         return objective(run, episodes)
 
     def search(start: Array, command: float, spread: float) -> Array:
-        limits = {"seed": 1, "popsize": each, "verbose": -9, "maxiter": generations}
+        limits = {"seed": 1, "popsize": population, "verbose": -9, "maxiter": generations}
         strategy = cma.CMAEvolutionStrategy(start, spread, limits)
         while not strategy.stop():
             candidates = strategy.ask()

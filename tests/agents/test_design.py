@@ -152,7 +152,7 @@ def test_walks_are_scored_as_everywhere(walker):
 
 
 def test_wear_grows_with_what_slides(walker):
-    """Half more weight on the same lengths: more load times sliding."""
+    """Half more weight on the same lengths: more load times sliding. The walks are chaotic."""
     light = begin()
     bodies = tuple(replace(link, mass=1.5 * link.mass) for link in light.robot.bodies)
     heavy = Candidate(replace(light.robot, bodies=bodies), light.numbers)

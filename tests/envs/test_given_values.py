@@ -120,7 +120,7 @@ CASES = {
     "effort_weight": weight("effort"),
     "smoothness_weight": weight("smoothness"),
     "posture_weight": weight("posture"),
-    "load_weight": Case(1.0, lambda task, i, info: task.world.weights["load"][0]),
+    "load_weight": weight("load"),
     "fall_pitch": Case(1e-6, lambda task, i, info: info["fallen"], True),
     "fall_contact": Case(False, lambda task, i, info: task.world.weights["fall_contact"][0]),
     "terminate_when_fallen": Case(False, lambda task, i, info: bool(task.ended[i]),

@@ -74,6 +74,7 @@ def test_success_is_the_last_second_within_two_centimetres():
         observation, reward, _, _, info = env.step(action)
         terms = [info[f"reward/{name}"] for name in ("closeness", "arrival", "energy")]
         assert reward == pytest.approx((terms[0] + terms[1]) * terms[2], rel=1e-12)
+        assert terms[1] == pytest.approx(6.0 / (1.0 + (info["distance"] / 0.02) ** 2), rel=1e-9)
         inside = inside + 1 if abs(info["distance"]) <= NEAR else 0
         assert info["is_success"] == (inside >= 50)
         assert observation[-1] == np.float32(info["distance"])

@@ -10,7 +10,7 @@ from jansen_env.policies import pretrained
 from jansen_env.scoring.rollout import draw_episodes, make_env, run_episodes
 
 ROUGH, HARDCORE, BUILT = (f"JansenWalker{name}-v0" for name in ("Rough", "Hardcore", "Built"))
-CONTROLLERS = ("pid", "constant", "profile")
+CONTROLLERS = ("pid", "profile")
 POLICIES = ((BUILT, "ppo"), (BUILT, "robust"), (ROUGH, "ppo"), (HARDCORE, "ppo"))
 EPISODES = 150
 
@@ -18,7 +18,7 @@ EPISODES = 150
 @pytest.mark.slow
 @pytest.mark.parametrize("env_id", [ROUGH, HARDCORE])
 def test_the_return_ranks_as_success_does(env_id):
-    """Of the pairs whose success rates differ by two standard errors, three in four at least."""
+    """Of the pairs whose success rates differ by two standard errors, five in six at least."""
     env = make_env(env_id, {})
     policies = {name: load_named(name, env) for name in CONTROLLERS}
     policies |= {name: pretrained.load(*name).on(env) for name in POLICIES}
@@ -36,4 +36,4 @@ def test_the_return_ranks_as_success_does(env_id):
             if (returns[one] > returns[other]) == (success[one] > success[other]):
                 alike.append((one, other))
     print(f"{len(alike)} of {len(differ)} pairs are ordered alike", returns, success)
-    assert len(differ) >= 10 and len(alike) >= 0.75 * len(differ), {*differ} - {*alike}
+    assert len(differ) >= 8 and len(alike) >= 5 / 6 * len(differ), {*differ} - {*alike}

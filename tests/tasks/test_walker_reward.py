@@ -2,6 +2,7 @@
 
 import math
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -100,6 +101,14 @@ def test_weights_are_exponents():
     for name in names:
         linear, squared, none = (info[f"reward/{name}"] for info in infos)
         assert 0.0 < linear < 1.0 and squared == pytest.approx(linear**2) and none == 1.0
+
+
+def test_rough_ground_has_smaller_weights():
+    names = ("slip", "energy", "effort", "smoothness", "posture", "load")
+    flat, rough = (1.0,) * 6, (0.2, 0.2, 0.2, 0.5, 0.2, 0.2)
+    for name, expected in (("", flat), ("Built", flat), ("Rough", rough), ("Hardcore", rough)):
+        weights = gym.make(f"JansenWalker{name}-v0").unwrapped.task.world.weights
+        assert tuple(weights[0][factor] for factor in names) == expected, name
 
 
 def test_commands_change_within_an_episode():

@@ -162,7 +162,7 @@ class JansenGoalEnv(SingleEnv[GoalTask]):
     of ``JansenWalker-v0``. At a reset the terms of the reward are 0.
 
     ## Arguments
-    ``energy_weight``, ``arrival_weight`` (6), and those of ``JansenWalker-v0`` that are not about commands,
+    ``energy_weight`` (1), ``arrival_weight`` (6), and those of ``JansenWalker-v0`` that are not about commands,
     its reward and falls. ``curriculum`` must be None.
 
     ## Version History

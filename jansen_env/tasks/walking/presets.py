@@ -160,8 +160,8 @@ class JansenWalkerRoughEnv(JansenWalkerEnv):
 
     ## Arguments
     Those of ``JansenWalker-v0``, with the defaults ``robot="built"``, ``terrain="mixed"``,
-    ``height_scan=(0.5, 0.9, 15)``, and ``terrain_level``, ``speed_command`` and ``randomize`` as in the
-    table of ranges. ``friction`` or ``payload`` replaces the draw of that parameter; the others are
+    ``height_scan=(0.5, 0.9, 15)``, the weights of Rewards, and ``terrain_level``, ``speed_command`` and
+    ``randomize`` as in the table of ranges. ``friction`` or ``payload`` replaces the draw of that parameter; the others are
     still drawn.
 
     ## Version History

@@ -36,4 +36,4 @@ def test_the_return_ranks_as_success_does(env_id):
             if (returns[one] > returns[other]) == (success[one] > success[other]):
                 alike.append((one, other))
     print(f"{len(alike)} of {len(differ)} pairs are ordered alike", returns, success)
-    assert len(differ) >= 8 and len(alike) >= 5 / 6 * len(differ), {*differ} - {*alike}
+    assert len(differ) >= 6 and len(alike) >= 5 / 6 * len(differ), {*differ} - {*alike}

@@ -148,7 +148,7 @@ def find_steady(robot: str, episodes: int) -> Entry:
 
 
 def objective(run: Episodes, episodes: int) -> Array:
-    """Return what a search minimises (candidates,): lost return, with falls."""
+    """Return the loss of each candidate, shape (candidates,): minus the return, plus the falls."""
     lost = FALL * run["fell"] - run["returns"]
     return np.asarray(lost.reshape(-1, episodes).mean(axis=1))
 
@@ -156,10 +156,11 @@ def objective(run: Episodes, episodes: int) -> Array:
 def search_profile(robot: str, episodes: int, generations: int = 30, population: int = 16) -> Entry:
     """Search a profile for each command, upwards and then downwards through the commands.
 
-    On the way up, a search begins with what the search before it found, the first one with the
-    crank speed of the robot's PID, even over the turn. On the way down, one search begins with what
-    the faster neighbour has and another one with what the command has; the best of the three is
-    kept.
+    On the way up, each search begins with the numbers that the search before it found. The first
+    search begins with the crank speed of the robot's PID, which is constant over the turn. On the
+    way down, one search begins with the numbers of the next faster command, and another search
+    begins with the command's own numbers. The best of these two results and of the command's own
+    numbers is kept.
     """
     env, design = walker_of(robot), ROBOTS[robot]()
     scale = tuned.scale_of(design, most_lag=1.0)
@@ -198,7 +199,8 @@ def search_profile(robot: str, episodes: int, generations: int = 30, population:
             candidates = strategy.ask()
             strategy.tell(candidates, losses(candidates, command).tolist())
         print(f"{command:g} m/s: {-losses([strategy.mean], command)[0]:.1f}", flush=True)
-        return np.array(strategy.mean)  # of noisy losses the mean, not the luckiest candidate
+        # The losses are noisy, so the mean is better than the candidate with the smallest loss.
+        return np.array(strategy.mean)
 
     rng = np.random.default_rng(0)
     start = np.zeros(len(units))

@@ -82,4 +82,4 @@ def test_stable_baselines3_logs_the_share_of_successes():
     callback = EvalCallback(envs, n_eval_episodes=2, eval_freq=16, verbose=0)
     model = PPO("MlpPolicy", envs, n_steps=16, batch_size=32, n_epochs=1)
     model.learn(64, callback=callback)
-    assert len(callback._is_success_buffer) == 2  # of which it logs the mean
+    assert len(callback._is_success_buffer) == 2  # The callback logs the mean of this buffer.

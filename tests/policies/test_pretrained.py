@@ -333,7 +333,7 @@ def test_policies_of_other_observations_are_refused(made):
             named_policies.load_named(name, make_env("JansenWalker-v0", env_kwargs))
 
 
-LIMITS = {  # of unsupported time and of the load, in weights, at 0.1, 0.2 and 0.3 m/s
+LIMITS = {  # The unsupported fraction and the load, in weights, at 0.1, 0.2 and 0.3 m/s
     "ppo": ((0.06, 0.13, 0.2), (2.5, 3.2, 4.0)),
     "onboard": ((0.02, 0.05, 0.1), (2.0, 2.5, 3.0)),
     "economy": ((0.01, 0.02, 0.02), (1.5, 2.0, 2.0)),
@@ -344,7 +344,7 @@ LIMITS = {  # of unsupported time and of the load, in weights, at 0.1, 0.2 and 0
 
 @pytest.mark.parametrize("name", LIMITS)
 def test_policies_walk_rather_than_hop(name):
-    """By the scores that come with them, which another test makes again."""
+    """The scores that come with the policies keep the limits; another test measures them again."""
     scores = pretrained.load("JansenWalkerBuilt-v0", name).description["scores"]["by_command"]
     for metric, limits in zip(("unsupported", "load"), LIMITS[name], strict=True):
         command, value = scores[metric]["command"], scores[metric]["value"]

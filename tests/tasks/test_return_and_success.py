@@ -18,7 +18,7 @@ EPISODES = 150
 @pytest.mark.slow
 @pytest.mark.parametrize("env_id", [ROUGH, HARDCORE])
 def test_the_return_ranks_as_success_does(env_id):
-    """Of the pairs whose success rates differ by two standard errors, five in six at least."""
+    """At least five in six of the pairs that differ in success by two standard errors agree."""
     env = make_env(env_id, {})
     policies = {name: load_named(name, env) for name in CONTROLLERS}
     policies |= {name: pretrained.load(*name).on(env) for name in POLICIES}

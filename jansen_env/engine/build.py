@@ -25,6 +25,7 @@ os.environ["NUMBA_OPT"] = "0"  # LLVM's code before anything in it is the host's
 import argparse
 import ctypes
 import importlib
+import itertools
 import platform
 import re
 import subprocess
@@ -36,6 +37,7 @@ from typing import Any, NamedTuple, TypeAlias, get_type_hints
 import llvmlite.binding as llvm
 import numba
 from numba.core import cgutils, types
+from numba.core.bytecode import FunctionIdentity
 from numba.core.codegen import JITCodeLibrary
 from numba.core.cpu import CPUContext
 from numba.extending import intrinsic
@@ -56,6 +58,12 @@ does not call them. References to arrays are not counted, as no array is allocat
 ``_nrt`` is not documented: with it, every array would cost atomic instructions.
 """
 SPEED_LEVEL = 3  # of LLVM's optimisation
+STEPPING = ("episode", "integrator")
+"""Modules whose kernels contain the time step. One process lowers them, so that the time step is
+lowered once; a second process lowers all other kernels meanwhile.
+"""
+NUMBERS_APART = 1_000_000
+"""Distance between the first numbers that two processes give to the functions that they lower."""
 
 MEMSET = """
 define hidden ptr @memset(ptr %to, i32 %value, {size} %count) "no-builtins" {{
@@ -243,22 +251,42 @@ def _entry(kernel: Kernel) -> tuple[str, str]:
     return entry.inspect_llvm((types.int64,)), name
 
 
-def lower_kernels(pool: ProcessPoolExecutor) -> list[str]:
-    """LLVM's code of each kernel with its entry point, for whatever platform."""
-    kernels, codes = _import_kernels(), list[str]()
-    entries = zip(kernels, pool.map(_entry, kernels), strict=True)
-    for number, (kernel, (code, name)) in enumerate(entries, 1):
-        print(f"jansen_env compiled {number} of {len(kernels)}: {kernel.symbol}", file=sys.stderr)
+def _lower_group(symbols: list[str], first_number: int) -> dict[str, str]:
+    """Return LLVM's code of kernels with their entry points, by symbol, for any platform.
+
+    Args:
+        symbols: Symbols of the kernels.
+        first_number: Number of the first function. The number is part of a function's name in
+            LLVM's code, and the linker merges functions of the same name.
+    """
+    FunctionIdentity._unique_ids = itertools.count(first_number)
+    kernels = {kernel.symbol: kernel for kernel in kernel_module.kernels}
+    codes = dict[str, str]()
+    for symbol in symbols:
+        kernel = kernels[symbol]
+        code, name = _entry(kernel)
         kind = "double" if kernel.returns is float else "i64"
         code += (
-            f"\ndefine {kind} @{kernel.symbol}(i64 %slots) {{\n"
+            f"\ndefine {kind} @{symbol}(i64 %slots) {{\n"
             f"  %result = alloca {kind}\n  %error = alloca ptr\n"
             f"  call i32 @{name}(ptr %result, ptr %error, i64 %slots)\n"
             f"  %value = load {kind}, ptr %result\n  ret {kind} %value\n}}\n"
         )
         code = re.sub(r"(?m)^target (datalayout|triple) = .*$", "", code)
-        codes.append(re.sub(r"(?m)^(@\S+ = )common ", r"\1linkonce_odr ", code))
+        codes[symbol] = re.sub(r"(?m)^(@\S+ = )common ", r"\1linkonce_odr ", code)
+        print(f"jansen_env compiled {symbol}", file=sys.stderr)
     return codes
+
+
+def lower_kernels(pool: ProcessPoolExecutor) -> list[str]:
+    """Return LLVM's code of each kernel with its entry point, for any platform."""
+    symbols = [kernel.symbol for kernel in _import_kernels()]
+    stepping = [symbol for symbol in symbols if symbol.startswith(STEPPING)]
+    others = [symbol for symbol in symbols if not symbol.startswith(STEPPING)]
+    codes = dict[str, str]()
+    for lowered in pool.map(_lower_group, (stepping, others), (1, NUMBERS_APART)):
+        codes |= lowered
+    return [codes[symbol] for symbol in symbols]
 
 
 def compile_code(codes: list[str], target: Target) -> bytes:
@@ -303,7 +331,6 @@ def build(name: str, folder: Path = FOLDER, alone: bool = False) -> Path:
     names = (name,) if alone else (name, "wasm32")
     targets = [TARGETS[each] for each in dict.fromkeys(names)]
     paths = [library_path(folder, target.system) for target in targets]
-    # In two processes, as the time step alone takes half of the time.
     with ProcessPoolExecutor(2, initializer=_import_kernels) as pool:
         objects = [*pool.map(partial(compile_code, lower_kernels(pool)), targets)]
     if library_path(folder, targets[0].system) != paths[0]:

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from importlib.util import find_spec
 
 import gymnasium as gym
 import numpy as np
@@ -27,6 +28,9 @@ SMALL = {
     "variables": {"lengths": 0.02, "harmonics": 1},
     "objectives": {"steady_cost_of_transport": "min"}, "limits": {"falls": [None, 0]},
 }  # fmt: skip
+needs_pymoo = pytest.mark.skipif(
+    find_spec("pymoo") is None, reason="the extra 'design' is not installed"
+)
 METHODS = {"cma": {}, "nsga2": {"objectives": {"steady_cost_of_transport": "min", "lift": "max"}}}
 BUILT = ROBOTS["built"]()
 OPEN = Candidate(with_lengths(BUILT, {"rocker": 0.05}), np.ones(4))  # its linkage cannot turn
@@ -172,7 +176,9 @@ def test_climbing_counts_heights(walker):
         walker.measure("climb", [begin(0.4)])
 
 
-@pytest.mark.parametrize(("method", "objectives"), [(Cma, ()), (Nsga2, (2,))])
+@pytest.mark.parametrize(
+    ("method", "objectives"), [(Cma, ()), pytest.param(Nsga2, (2,), marks=needs_pymoo)]
+)
 def test_methods_improve(method, objectives):
     """On a bowl within a limit: nearer than at first; they repeat, as searches that were killed."""
     method, best = method(np.full(3, 0.2), 12, 3, *objectives), []
@@ -185,7 +191,7 @@ def test_methods_improve(method, objectives):
     assert min(best[-5:]) < 0.3 * best[0]
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", ["cma", pytest.param("nsga2", marks=needs_pymoo)])
 def test_a_killed_search_goes_on_bit_for_bit(method, tmp_path):
     """Killed after two generations and in the third: the end is that of a search that was not."""
     plan, files = plan_of(method), [0]
@@ -242,7 +248,8 @@ def test_a_damaged_journal_is_refused(tmp_path):
         search.run_search(plan, 0, tmp_path)
 
 
-@pytest.mark.parametrize("method", ["cma", pytest.param("nsga2", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["cma", pytest.param("nsga2", marks=needs_pymoo)])
 def test_the_command_searches_and_reports(method, tmp_path, capsys):
     """Two seeds: robot files and profiles that walk, pictures; given again, the same report."""
     path = tmp_path / "own.yml"

@@ -266,6 +266,7 @@ def test_another_mass_than_the_scale_shows_is_refused(logs, copies):
         identify.check_explained(ECONOMY, heavy, copies)
 
 
+@pytest.mark.slow
 def test_what_is_refused_writes_and_trains_nothing(tmp_path, capsys, monkeypatch, copies):
     """The command ends with an error, without a file and without a command that trains."""
     monkeypatch.setattr(identify, "walk_copies", lambda *given: copies)
@@ -284,6 +285,7 @@ def test_what_is_refused_writes_and_trains_nothing(tmp_path, capsys, monkeypatch
     assert "once the sign of pitch is reversed" in text and "train.py" not in text
 
 
+@pytest.mark.slow
 def test_an_interval_beyond_the_limits_is_not_identifiable(logs, copies, monkeypatch):
     """Neither one that is beyond by a little nor one that is far away has a width of zero."""
     within = identify.limits(ECONOMY)

@@ -108,6 +108,7 @@ def test_frame_pairs_at_the_pivot():
     assert on_page("mean torque at 1 rad/s", *(f"{torque:.3f}" for torque in shown), percent)
 
 
+@pytest.mark.slow
 def test_standing_toes_part(results):
     support = results.support
     assert np.sort(support.zeros()) == pytest.approx(0.5 * math.pi * np.arange(1, 5), abs=2e-3)
@@ -123,6 +124,7 @@ def test_standing_toes_part(results):
     assert coarse.per_turn == pytest.approx(support.per_turn, rel=3e-3)
 
 
+@pytest.mark.slow
 def test_a_slow_walk_slips_as_its_geometry_says(results):
     """No dynamics against all of it: 2 % (a turn is not quite slow); half of it where toes grip."""
     certain = results.support.per_turn
@@ -137,6 +139,7 @@ def test_a_slow_walk_slips_as_its_geometry_says(results):
     assert set(results.slow) == set(FRICTIONS)
 
 
+@pytest.mark.slow
 def test_sliding_on_two_toes_breaks_down_above_a_friction_of_0525(results):
     """With a quarter of the time step: all of the slip at 0.525, less at 0.55, as in the page."""
     certain = results.support.per_turn
@@ -148,6 +151,7 @@ def test_sliding_on_two_toes_breaks_down_above_a_friction_of_0525(results):
             assert walk.slip < 0.9 * certain, (mu, step)
 
 
+@pytest.mark.slow
 def test_slip_is_of_a_metre_either_way(results):
     back = results.no_slip._replace(distance=-2.0, slip=0.1)
     assert back.slip_per_metre == 0.05 and math.isnan(back._replace(distance=0.0).slip_per_metre)

@@ -73,6 +73,7 @@ def test_it_walks_at_once(opened):
     assert page.evaluate(NAMELESS) == []
 
 
+@pytest.mark.slow
 def test_firefox_walks_as_python(firefox, path, tmp_path):
     """A policy on stairs, with noise: its actions are Python's, bit for bit, for two seconds."""
     link = "control=rough+policy&terrain=stairs&level=2&seed=3&command=0.3&noise_level=1"

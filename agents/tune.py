@@ -21,7 +21,7 @@ from jansen_env.commands.flags import Parser, episode_count, path_flag
 from jansen_env.commands.progress import progress
 from jansen_env.files import check_writable, write_json
 from jansen_env.process import run
-from jansen_env.robot import ROBOTS
+from jansen_env.robot import ROBOTS, named_robot
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.metrics import Episodes
 from jansen_env.scoring.rollout import make_env, run_episodes
@@ -52,7 +52,7 @@ def decades(robot: str) -> list[float]:
 
     1 for robots of the paper's size; the two about the robot's scale for much smaller ones.
     """
-    exponent = math.log10(tuned.scale_of(ROBOTS[robot]()).torque)
+    exponent = math.log10(tuned.scale_of(named_robot(robot)).torque)
     low = math.floor(exponent)
     return [1.0] if low >= -1 else [10.0**low, 10.0 ** (low + 1)]
 
@@ -64,7 +64,7 @@ def walker_of(robot: str) -> Controlled:
 
 def commands_of(robot: str) -> Array:
     """Return the benchmark's commands, m/s, for a smaller robot at the same Froude numbers."""
-    scale = tuned.scale_of(ROBOTS[robot]())
+    scale = tuned.scale_of(named_robot(robot))
     factor = 1.0 if scale.length > 0.5 else scale.speed
     return np.round(factor * np.array(find_benchmark(ENV).commands), 3)
 
@@ -131,7 +131,7 @@ def find_steady(robot: str, episodes: int) -> Entry:
     """
     env = walker_of(robot)
     command = commands_of(robot)[3]
-    setting = tuned.setting_of("pid", ROBOTS[robot]())
+    setting = tuned.setting_of("pid", named_robot(robot))
     for power in range(5):
         gains = [round(gain / 10.0**power, 12) for gain in PAPER]
         policy = walker.walking_pid(setting, env, PID(*gains))
@@ -162,7 +162,7 @@ def search_profile(robot: str, episodes: int, generations: int = 30, population:
     begins with the command's own numbers. The best of these two results and of the command's own
     numbers is kept.
     """
-    env, design = walker_of(robot), ROBOTS[robot]()
+    env, design = walker_of(robot), named_robot(robot)
     scale = tuned.scale_of(design, most_lag=1.0)
     units = np.ones(4 + 2 * HARMONICS)  # of the scaled numbers that are searched
     units[:4] = 1.0 / scale.time, 5.0 * scale.torque * scale.time, scale.torque, 1.0 / scale.length
@@ -244,7 +244,12 @@ def main(arguments: list[str] | None = None) -> None:
         metavar="NAME",
         help="of pid, constant, steady, profile; default: all",
     )
-    add("--robot", default="paper", choices=sorted(ROBOTS), help="which; default: %(default)s")
+    add(
+        "--robot",
+        default="paper",
+        metavar="NAME",
+        help=f"one of {', '.join(ROBOTS)}, or one of these with a number of legs, such as built:12",
+    )
     add("--episodes", type=episode_count, default=6, help="per crank speed, torque or candidate")
     add(
         "--out", type=path_flag, default=tuned.DATA.parent, metavar="DIR", help="folder to write to"
@@ -254,6 +259,7 @@ def main(arguments: list[str] | None = None) -> None:
         if name not in MEASURED:
             parser.error(f"baseline is {name!r}, must be one of {listed(MEASURED, name)}")
     with parser.refusing():
+        named_robot(args.robot, "--robot")
         check_writable("--out", args.out)
     for name in args.baselines or MEASURED:
         with progress(f"{name} of {args.robot}", None):

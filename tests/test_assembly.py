@@ -26,6 +26,7 @@ def test_a_machine_can_be_assembled_and_turned(name):
     assert faults(Assembly(DESIGNS[name], layers(DESIGNS[name]))) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["weekend", "built"])
 def test_what_is_in_the_solid_model_is_in_the_bill_and_the_reverse(name):
     robot = DESIGNS[name]

@@ -71,6 +71,7 @@ def test_a_missing_package_is_named(command, tmp_path):
     assert last.endswith(': python -m pip install -c constraints.txt -e ".[tools]"')
 
 
+@pytest.mark.slow
 def test_what_needs_no_other_package(tmp_path):
     """A replay of the policy that comes with the package, the pages, and MuJoCo's file."""
     done = run("replay", "--policy", "pretrained", "--steps", "20", "--out", "x.html", cwd=tmp_path)

@@ -15,6 +15,8 @@ from jansen_env.__main__ import main as jansen_env
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("*/README.md"), *ROOT.glob("docs/**/*.md")])
+SLOW = {"export", "policies", "training"}
+"""Pages whose Python takes more than a second."""
 IDS = [str(page.relative_to(ROOT)) for page in PAGES]
 
 
@@ -28,7 +30,7 @@ def blocks(page: Path, language: str) -> Iterator[tuple[int, str]]:
 @pytest.mark.parametrize(
     "page",
     [
-        pytest.param(page, marks=[pytest.mark.slow] * (page.stem == "export"), id=page.stem)
+        pytest.param(page, marks=[pytest.mark.slow] * (page.stem in SLOW), id=page.stem)
         for page in PAGES
         if any(blocks(page, "python"))
     ],

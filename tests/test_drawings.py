@@ -154,6 +154,7 @@ def test_parts_weigh_what_the_model_says(name):
         assert parts[part.name] == pytest.approx(part.each, rel=0.04), part.name
 
 
+@pytest.mark.slow
 def test_a_cut_leaves_parts_of_their_size(tmp_path):
     """Lines with a kerf, shrunk and grown by half of it, are those without; from the origin on."""
     for kerf, folder in ((0.0, "exact"), (0.4, "cut")):
@@ -283,6 +284,7 @@ def test_instructions_put_every_part_on_with_its_number_and_mass(name):
         assert pages == len(steps) + 2 + math.ceil((len(order.parts) + 3) / LINES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["built", "weekend"])
 def test_pages_of_all_kinds_list_as_many_fasteners_as_the_bill_has(name):
     """Each page says what it takes: pages of a pin by its picture, all others by their text."""
@@ -370,6 +372,7 @@ def test_distances_between_polygons(rng):
         assert beyond.min() > -1e-12 and beyond.max() < 0.8 and beyond.mean() < 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [
     pytest.param(name, marks=pytest.mark.slow) if name in ("strider", "phases3") else name
     for name in DIFFERENT if name != "chebyshev"

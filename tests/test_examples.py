@@ -54,8 +54,8 @@ NEEDS = {  # beside the extras
 
 
 SLOW = (
-    "codesign", "find_a_way", "front", "headroom", "linkage_map", "minari_data",
-    "offline_learning", "surrogate", "train_and_watch", "typed_walk",
+    "codesign", "find_a_way", "front", "headroom", "joint_loads", "linkage_map",
+    "minari_data", "offline_learning", "surrogate", "train_and_watch", "typed_walk",
 )  # fmt: skip
 NAMES = [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in SIZES]
 

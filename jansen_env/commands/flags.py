@@ -125,7 +125,12 @@ def robot_parser(
 ) -> Parser:
     """Return a parser of a robot and of ``--out``, which is ``out`` by default."""
     parser = Parser(prog, description, *examples)
-    parser.add_argument("robot", metavar="ROBOT", help=f"{', '.join(ROBOTS)}; or a robot file")
+    parser.add_argument(
+        "robot",
+        metavar="ROBOT",
+        help=f"{', '.join(ROBOTS)}; one of these with a number of legs, such as built:12; "
+        "or a robot file",
+    )
     parser.add_argument("--out", type=path_flag, metavar=metavar, help=f"default: {out}")
     return parser
 

@@ -7,10 +7,10 @@ import webbrowser
 from pathlib import Path
 from urllib.parse import urlencode
 
-from jansen_env.checks import invalid, listed, one_of, whole_number
+from jansen_env.checks import one_of, whole_number
 from jansen_env.commands.flags import Parser, path_flag
 from jansen_env.policies import pretrained
-from jansen_env.robot import ROBOTS, Robot
+from jansen_env.robot import ROBOTS, Robot, named_robot
 from jansen_env.robot.robot_file import read_robot
 from jansen_env.robot.soundness import check_loaded
 from jansen_env.terrain.generators import GENERATORS, HIGHEST
@@ -40,7 +40,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add(
         "--robot",
         metavar="NAME|FILE",
-        help=f"one of {', '.join(sorted(ROBOTS))}, or a robot file; default: the environment's",
+        help=f"one of {', '.join(sorted(ROBOTS))}, one of these with a number of legs, such as "
+        "built:12, or a robot file; default: the environment's",
     )
     add("--terrain", choices=(FLAT, *GENERATORS), help="default: the environment's")
     add("--level", type=int, default=0, help=f"of the terrain, 0 (default) to {HIGHEST}")
@@ -70,12 +71,11 @@ def robot_of(name: str | None) -> tuple[str | None, dict[str, Robot]]:
     robots = {known: make() for known, make in ROBOTS.items()}
     if name is None or name in robots:
         return name, robots
-    if Path(name).suffix != ".json":
-        raise invalid("--robot", name, f"{listed(robots, name)}, or a robot file (.json)")
+    robot = read_robot(name) if Path(name).suffix == ".json" else named_robot(name, "--robot")
     word = re.sub(r"[^\w-]+", "_", Path(name).stem)
     while word in robots:
         word += "_"
-    robots[word] = check_loaded("--robot", check_page_robot(read_robot(name)))
+    robots[word] = check_loaded("--robot", check_page_robot(robot))
     return word, robots
 
 

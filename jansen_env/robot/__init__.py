@@ -5,6 +5,7 @@ from jansen_env.robot.designs import (
     ROBOTS,
     built_robot,
     holy_numbers_robot,
+    named_robot,
     paper_robot,
 )
 from jansen_env.robot.linkage import JANSEN, Dyad, Linkage, Pin
@@ -26,5 +27,5 @@ from jansen_env.robot.zoo import robot_from_joints
 __all__ = [
     "BEARING_LOADS", "JANSEN", "RIGID", "ROBOTS", "Bar", "Compliance", "Dyad", "Leg", "Link",
     "Linkage", "Payload", "Pin", "Plate", "Robot", "Side", "Triangle", "built_robot",
-    "holy_numbers_robot", "paper_robot", "phased_legs", "robot_from_joints",
+    "holy_numbers_robot", "named_robot", "paper_robot", "phased_legs", "robot_from_joints",
 ]  # fmt: skip

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 
 from jansen_env.arrays import Ints
+from jansen_env.checks import invalid, listed
 from jansen_env.engine.link_shapes import (
     FOOT_PLATE,
     FRAME_BAR,
@@ -21,7 +22,16 @@ from jansen_env.engine.mathematics import atan2, hypot
 from jansen_env.robot import buildable as built
 from jansen_env.robot.buildable import PLYWOOD
 from jansen_env.robot.linkage import JANSEN
-from jansen_env.robot.links import CRANK_RADIUS, Bar, Compliance, Link, Plate, Triangle, phased_legs
+from jansen_env.robot.links import (
+    CRANK_RADIUS,
+    MOST_PHASES,
+    Bar,
+    Compliance,
+    Link,
+    Plate,
+    Triangle,
+    phased_legs,
+)
 from jansen_env.robot.motor import MOTORS
 from jansen_env.robot.robot import Robot
 from jansen_env.robot.robot_arrays import leg_links
@@ -197,4 +207,27 @@ ROBOTS: dict[str, Callable[..., Robot]] = {
     "weekend": weekend_robot,
     **ZOO,
 }
-"""Built-in designs by name; each takes the number of crank pins, with two toes on each."""
+"""Built-in designs by name. Each function takes the number of crank pins, with two toes on each."""
+
+
+@cache
+def named_robot(name: str, argument: str = "robot") -> Robot:
+    """Return a built-in design by its name, as users type it.
+
+    Args:
+        name: A key of :data:`ROBOTS`. A colon and a number of legs may follow, for example
+            "built:12"; the legs are in pairs on evenly spaced crank pins.
+        argument: Name of the argument, for the error message.
+
+    Raises:
+        ValueError: If there is no such design, or if the number of legs is odd or too large.
+    """
+    design, colon, legs = name.partition(":")
+    if design not in ROBOTS:
+        raise invalid(argument, name, f"one of {listed(sorted(ROBOTS), design)}")
+    if not colon:
+        return ROBOTS[design]()
+    if not legs.isdecimal() or int(legs) % 2 or not 1 <= int(legs) // 2 <= MOST_PHASES:
+        allowed = f"the name of a design, ':' and an even number from 2 to {2 * MOST_PHASES}"
+        raise invalid(argument, name, allowed)
+    return ROBOTS[design](int(legs) // 2)

@@ -41,7 +41,7 @@ from jansen_env.parameters import (
 )
 from jansen_env.plants.base import check_time_step
 from jansen_env.plants.plant import PLANTS
-from jansen_env.robot import ROBOTS, Compliance, Payload, Robot
+from jansen_env.robot import ROBOTS, Compliance, Payload, Robot, named_robot
 from jansen_env.robot.motor import IDEAL, MOTORS, Motor
 from jansen_env.robot.robot_file import read_robot
 from jansen_env.robot.soundness import check_loaded
@@ -192,15 +192,13 @@ def load_held_robot(name: str, value: object) -> Robot:
 
 
 def _robot_of(name: str, value: object) -> Robot:
+    if isinstance(value, Robot):
+        return value
     if isinstance(value, (str, Path)) and str(value).endswith(".json"):
         return read_robot(value)
-    robot = _by_name(Robot, ROBOTS, name, value)
-    return robot if isinstance(robot, Robot) else _built_in(value)
-
-
-@cache
-def _built_in(name: str) -> Robot:
-    return ROBOTS[name]()
+    if not isinstance(value, str):
+        raise invalid(name, value, f"a Robot or one of {sorted(ROBOTS)}")
+    return named_robot(value, name)
 
 
 def load_motor(name: str, value: object) -> Motor:

@@ -100,6 +100,7 @@ def test_baselines_are_those_found_for_the_robot(env_id, kwargs, design):
     assert setting in shipped[design]["constant"]["settings"]
 
 
+@pytest.mark.slow
 def test_tuning_finds_gains_and_keeps_other_designs(tmp_path, monkeypatch):
     """The gains that return most of those tried, measured on the robot."""
     soft, stiff = (2.0, 0.5, 0.5), (100.0, 10.0, 10.0)
@@ -218,6 +219,7 @@ def test_an_evaluation_prints_five_metrics_or_all_and_writes_nothing(tmp_path, c
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_baselines_walk_the_right_way_on_every_robot():
     """The holy designs turn their crank clockwise for it; nothing of the baselines knows."""
     commands, seeds = np.array([0.3, 0.5, -0.4]), np.array([1, 2, 3])

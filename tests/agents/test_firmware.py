@@ -271,6 +271,7 @@ def test_it_acts_as_the_policy_in_python_does(library):
 COMMANDS = {NAME: (0.05, 0.1, 0.2, 0.25, 0.3), "weekend": (0.03, 0.06, 0.09, 0.12)}  # m/s
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [NAME, pytest.param("weekend", marks=pytest.mark.slow)])
 def test_it_walks_as_the_policy_in_python_does(name, tmp_path):
     """The return within 2 %, mean of 10 walks, as each is chaotic; nothing stops them."""

@@ -186,6 +186,7 @@ def mangled(rng):
     return data
 
 
+@pytest.mark.slow
 def test_any_bytes_are_a_log_or_refused_with_a_line(tmp_path):
     rng, loaded, path = random.Random(0), 0, tmp_path / "log.csv"
     for number in range(400):

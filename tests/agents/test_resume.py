@@ -42,6 +42,7 @@ def test_a_killed_run_ends_as_if_it_had_not_been(case, tmp_path):
     load_policy(killed)
 
 
+@pytest.mark.slow
 def test_ars_goes_on_with_the_weights_it_had(tmp_path):
     """Not with the same noise: a round of candidates that was cut short is begun again."""
     settings = small_run("ars", timesteps=2000)

@@ -30,6 +30,7 @@ def test_feet_are_scaled():
     assert evaluate.feet(built_robot(), math.inf) == RIGID
 
 
+@pytest.mark.slow
 def test_conditions_are_what_they_are_called(few):
     """On the same starts: at its own friction and feet a robot walks as it does without."""
     env_id, plain = "JansenWalker-v0", {}
@@ -62,6 +63,7 @@ def test_robustness_command(few, tmp_path, capsys):
     assert (tmp_path / "robustness.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_scores_by_level(tmp_path, capsys):
     """A row a level; what is harder is scored on the same commands."""
     evaluate.main([

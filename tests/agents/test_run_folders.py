@@ -51,6 +51,7 @@ def test_a_full_disk(killed, run):
     assert same(outcome(run), killed[2])
 
 
+@pytest.mark.slow
 def test_other_files_among_the_checkpoints_are_left_alone(run):
     known = runs.last_state(run)
     for name in ("model_9x_steps.zip", "model__steps.zip", f"model_{'9' * 5000}_steps.zip"[:200]):

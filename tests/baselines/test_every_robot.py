@@ -108,6 +108,7 @@ def short(monkeypatch, tmp_path):
     monkeypatch.setattr(predict, "WALKED", 3.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [
     pytest.param(name, marks=[] if name in ("weekend", "hiker") else [pytest.mark.slow])
     for name in ROBOTS

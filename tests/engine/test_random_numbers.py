@@ -32,6 +32,7 @@ def test_normal_numbers_have_their_moments():
     assert np.mean(drawn**4) == pytest.approx(3.0, abs=4.0 * np.sqrt(96.0 / COUNT))
 
 
+@pytest.mark.slow
 def test_keys_and_their_keys_are_independent_of_one_another():
     """Of neighbouring seeds, steps of an episode, and channels of a step."""
     each = range(COUNT // 100)

@@ -171,6 +171,7 @@ def test_joints_that_touch_the_ground_are_no_toes():
     assert touched[0] == touched[1] == [False] * 10 + [True]
 
 
+@pytest.mark.slow
 def test_set_down_again_or_pickled_nothing_is_remembered():
     """After reset or setting a state the future is that of a new plant, bit for bit."""
     plant = plant_on()
@@ -281,6 +282,7 @@ def landing(duration, fall, time_step):
     return np.array(heights), plant
 
 
+@pytest.mark.slow
 def test_a_landing_is_that_of_a_mass_on_a_spring():
     """Two toes, 2 k and 2 d: depth and rebound of the closed form, 1 % of the depth."""
     fall, g, m = 5e-3, 9.81, LOCKED.mass
@@ -312,6 +314,7 @@ def pulled(share, friction=0.5):
     return plant
 
 
+@pytest.mark.slow
 def test_bristles_slide_with_coulombs_friction():
     """Under a pull beyond friction's reach: (pull - mu sum n) / m, 0.1 %; heat for each metre."""
     plant = pulled(0.3, friction=0.2)
@@ -329,6 +332,7 @@ def test_bristles_slide_with_coulombs_friction():
     assert result.slip_loss == pytest.approx(heat, rel=0.02) and heat > 0.1
 
 
+@pytest.mark.slow
 def test_bristles_are_remembered():
     """By a lookahead, which changes nothing, and a copy; a state that is set has none."""
     plant = pulled(0.05)

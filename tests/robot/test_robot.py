@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -16,10 +17,11 @@ from jansen_env import (
     Robot,
     Terrain,
     Triangle,
+    built_robot,
     paper_robot,
     phased_legs,
 )
-from jansen_env.robot import JANSEN, ROBOTS
+from jansen_env.robot import JANSEN, ROBOTS, named_robot
 from jansen_env.robot.kinematics import check_closure
 from jansen_env.terrain import make_terrain
 
@@ -194,3 +196,13 @@ def test_electrical_power_is_the_armatures_voltage_times_current():
         current = inner / K
         power = (K * speed + resistance * current) * current
         assert float(REAL.electrical_power(torque, speed)) == pytest.approx(max(power, 0.0))
+
+
+def test_a_name_may_have_a_number_of_legs():
+    """The design with that many legs, everywhere where a robot has a name."""
+    assert named_robot("built:12") == built_robot(6) and named_robot("built:4") == built_robot()
+    env = gym.make("JansenWalker-v0", robot="klann:6")
+    assert len(env.unwrapped.robot.legs) == 6
+    for name in ("built:5", "built:0", "built:", "built:-2", "built:1000", "built:4:4", "built:²"):
+        with pytest.raises(ValueError, match=f"robot is '{name}', must be"):
+            gym.make("JansenWalker-v0", robot=name)

@@ -11,6 +11,7 @@ from jansen_env.scoring.rollout import make_envs, run_episodes
 ENV, COMMANDS, SEEDS = "JansenWalkerBuilt-v0", np.array([0.2, 0.4]), np.array([3, 4])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plant", ["projection", "rigid_body"])
 def test_used_environments_give_the_episodes_of_new_ones(plant):
     kwargs = {"plant": plant, "max_episode_steps": 5}

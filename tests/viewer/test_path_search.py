@@ -71,6 +71,7 @@ def searched():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [pytest.param(p, marks=[pytest.mark.slow] * (p != "flat below")) for p in PATHS]
 )
@@ -122,6 +123,7 @@ def test_the_page_knows_what_cannot_be_cut(rng):
     assert 100 < refused < len(asked) - 100
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [0.25, 0.1])
 def test_legs_of_plywood_can_be_cut(size):
     """A path for the weekend robot has legs of its build, and at no size one that has no holes."""

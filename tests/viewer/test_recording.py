@@ -302,6 +302,7 @@ def with_declared_size(data, name, size):
     return out
 
 
+@pytest.mark.slow
 def test_bombs_stay_small(short, tmp_path, monkeypatch):
     """What would unpack to too much is refused before it does, as is an endless directory."""
     many = io.BytesIO()

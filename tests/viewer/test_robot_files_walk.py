@@ -49,6 +49,7 @@ def as_file(robot):
     return json.loads(json.dumps(robot_to_json(robot)))
 
 
+@pytest.mark.slow
 def test_tables_of_robot_files_are_the_same():
     robots = [*(make() for make in ROBOTS.values()), *other_robots()]
     answers = in_node([as_file(robot) for robot in robots])
@@ -66,6 +67,7 @@ def test_tables_of_robot_files_are_the_same():
             assert np.array_equal(numbers(text), np.ravel(values)), robot.linkage.names
 
 
+@pytest.mark.slow
 def test_robot_files_walk_as_in_python(tmp_path, rng):
     robots = [*other_robots()]
     grounds = ["stairs", "rough", "waves", "steps", "ramps", "slope"]
@@ -215,6 +217,7 @@ def test_a_dropped_robot_file_walks(open_window, tmp_path):
     assert page.input_value("#robot") == "my_klann"
 
 
+@pytest.mark.slow
 def test_the_command_takes_a_robot_file(tmp_path, capsys):
     """The page has the robot by its file's name. The command rejects what cannot walk."""
     path = write_robot(tmp_path / "six legs.json", ROBOTS["built"](3))

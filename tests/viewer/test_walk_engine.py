@@ -81,6 +81,7 @@ def test_the_engine_is_small_and_imports_nothing():
     subprocess.run(["node", "-e", script, library], check=True)
 
 
+@pytest.mark.slow
 def test_tables_of_every_robot_are_the_same():
     answers = in_node([[name, None] for name in ROBOTS])
     for name, told in zip(ROBOTS, answers["tables"], strict=True):
@@ -256,6 +257,7 @@ def test_a_page_lacks_what_no_kernel_observes(monkeypatch):
     assert engine_data()["world"]["is_whole"]
 
 
+@pytest.mark.slow
 def test_a_saved_walk_is_the_same_again(tmp_path):
     rng = np.random.default_rng(3)
     robots = [["paper", None], ["built", other_lengths("built", rng, 0.005)], ["strider", None]]
@@ -274,6 +276,7 @@ def test_a_saved_walk_is_the_same_again(tmp_path):
     assert "a walk" in (tmp_path / "page.html").read_text()
 
 
+@pytest.mark.slow
 def test_a_page_of_other_robots_has_their_controllers(tmp_path):
     """A design by another name, and one that has none, without the built-in robots beside them."""
     robots = {"mine": ROBOTS["built"](), "klann": ROBOTS["klann"](1)}

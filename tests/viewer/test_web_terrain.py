@@ -3,6 +3,7 @@
 import itertools
 
 import numpy as np
+import pytest
 from browser import in_node
 
 from jansen_env.terrain.generators import GENERATORS, HIGHEST, NamedGenerator
@@ -30,6 +31,7 @@ console.log(JSON.stringify([grounds, numbers]));
 """
 
 
+@pytest.mark.slow
 def test_a_page_draws_the_same_grounds():
     asked = [*itertools.product(GENERATORS, range(HIGHEST + 1), SEEDS)]
     grounds, numbers = in_node(SCRIPT, data=walk_data(), asked=asked, seeds=SEEDS)

@@ -28,6 +28,7 @@ def made(env_id, **kwargs):
     return gym.make(env_id, **kwargs).unwrapped
 
 
+@pytest.mark.slow
 @every
 def test_given_lengths_are_those_of_a_robot_made_so_for_one_episode(env_id, kwargs, steps):
     env, nominal = made(env_id, **kwargs), made(env_id, **kwargs)

@@ -263,6 +263,7 @@ def test_the_second_plant_has_the_same_world():
             assert ends[0][name] == pytest.approx(ends[1][name], rel=0.05, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_reset_lets_go_of_the_grounds_before():
     """Of Python's objects and of pymunk's: memory stays flat over many episodes."""
     envs, spaces = gym.make_vec("JansenWalker-v0", 4, **WORLD), []

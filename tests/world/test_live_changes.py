@@ -117,6 +117,7 @@ def test_a_push_begins_at_once_beside_the_others(push):
         assert env.get_state()["random_pushes"]
 
 
+@pytest.mark.slow
 def test_pushes_that_are_over_make_room():
     env = begun()
     for _ in range(60):

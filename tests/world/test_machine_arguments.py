@@ -30,6 +30,7 @@ def episode(env, torques, **reset):
     return [env.step(action)[4] for action in torques]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "plant"), [
     (WALKER, {"plant": "projection"}), (WALKER, {"plant": "rigid_body"}), (CRANK, {}),
 ])  # fmt: skip

@@ -101,6 +101,7 @@ def test_draws_by_default_are_those_of_the_robot():
         assert (walk(env) == walk(fresh)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plant", ["projection", "rigid_body"])
 def test_a_state_holds_an_exchanged_robot(plant):
     """Elsewhere, after JSON, and for the episodes to come; without one it is the first robot."""

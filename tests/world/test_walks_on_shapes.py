@@ -59,6 +59,7 @@ def test_a_batch_does_what_each_does_alone(name):
     assert compare(batch, side_by_side(3, limit=25, each=each, **arguments), 60) >= 6
 
 
+@pytest.mark.slow
 def test_threads_do_not_change_a_bit():
     """In this batch, every third robot is on shapes."""
     grounds = [(COURSE, "stairs", "flat")[k % 3] for k in range(48)]

@@ -23,7 +23,7 @@ import numpy as np
 from jansen_env.arrays import Array
 from jansen_env.baselines.pid import PID
 from jansen_env.baselines.policy import PAPER_PID
-from jansen_env.robot import ROBOTS, Robot
+from jansen_env.robot import ROBOTS, Robot, named_robot
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.robot.zoo import standing_height
 from jansen_env.tasks.walking import profile
@@ -60,7 +60,7 @@ def scale_of(robot: Robot, most_lag: float = MOST_LAG) -> Scale:
     motor's torque limit, as on the paper's robot, so that a weak motor does not switch between its
     limits.
     """
-    paper = _designs()["paper"]
+    paper = named_robot("paper")
     length = max(standing_height(robot) / standing_height(paper), 1e-3)
     torque = min(robot.links_mass / paper.links_mass * length,
                  robot.motor.torque_limit / (PAPER_PID.kp * most_lag))  # fmt: skip
@@ -76,15 +76,10 @@ def scaled_gains(scale: Scale) -> PID:
     )
 
 
-@cache
-def _designs() -> dict[str, Robot]:
-    return {name: make() for name, make in ROBOTS.items()}
-
-
 def design_of(robot: Robot, known: Iterable[str] = tuple(ROBOTS)) -> str | None:
     """Return the name of the design that has a robot's links, of those in ``known``."""
     for name in known:
-        design = _designs()[name]
+        design = named_robot(name)
         if (design.linkage, design.bodies) == (robot.linkage, robot.bodies):
             return name
     return None
@@ -141,7 +136,7 @@ def setting_of(name: str, robot: Robot) -> Setting:
         return nearest_setting(np.array(entry["settings"]), np.array(entry["speeds"]))
     if name == "pid":
         return rolling(robot)
-    scale, paper = scale_of(robot), setting_of(name, _designs()["paper"])
+    scale, paper = scale_of(robot), setting_of(name, named_robot("paper"))
     return lambda command: scale.torque * paper(command / scale.speed)
 
 

@@ -70,7 +70,7 @@ def torch_device(text: str) -> str:
     try:
         torch.zeros((), device=text).item()
     except (AssertionError, RuntimeError) as error:
-        message = f"is {text!r}, must be cpu or another device of PyTorch's here: {one_line(error)}"
+        message = f"must be cpu or another device of PyTorch, got {text!r}: {one_line(error)}"
         raise argparse.ArgumentTypeError(message) from None
     return text
 
@@ -138,7 +138,7 @@ def _configure(args: argparse.Namespace) -> RunConfig:
             raise ValueError(f"--resume takes these from the run's config.yml: {', '.join(given)}")
         config = load_config(Path(args.resume) / "config.yml")
         if args.env not in (None, config.env):
-            raise ValueError(f"--env is {args.env}, must be {config.env}, that of the run")
+            raise ValueError(f"--env must be {config.env}, that of the run, got {args.env}")
         return replace(config, timesteps=args.timesteps or config.timesteps)
     return new_config(
         args.config, args.algo, args.env, args.env_kwargs,

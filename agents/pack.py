@@ -91,7 +91,7 @@ def pack(
     Raises ValueError: there is no such model, or it has a part that cannot be packed.
     """
     if name is not None and Path(name).name != name:
-        raise ValueError(f"name is {shown(name)}, must be that of a file, without a folder")
+        raise ValueError(f"name must be the name of a file without a folder, got {shown(name)}")
     policy, short = read(run)
     again = Path(run).suffix == ".json"
     path = Path(run) if again else Path(out) / policy.env_id / f"{name or short}.json"
@@ -175,7 +175,7 @@ def to_sb3(packed: PretrainedPolicy) -> BaseAlgorithm:
     config = make_config(training.get("config") if isinstance(training, dict) else None)
     for name, value in (("env", packed.env_id), ("env_kwargs", packed.env_kwargs)):
         if (trained := getattr(config, name)) != value:
-            raise ValueError(f"training.config.{name} is {shown(trained)}, must be {shown(value)}")
+            raise ValueError(f"training.config.{name} must be {shown(value)}, got {shown(trained)}")
     model = prepare(config)
     load_weights(model, packed.tensors)
     return model

@@ -173,7 +173,7 @@ def run_study(args: argparse.Namespace, folder: Path) -> bool:
     for run in runs:
         known = folder / run["name"] / "config.yml"
         if known.is_file() and load_config(known) != make_config(run["config"]):
-            raise ValueError(f"{known} is another configuration's, must be another --name")
+            raise ValueError(f"{known} belongs to another configuration; choose another --name")
     if not (missing := [run for run in runs if not (folder / run["name"] / SCORES).is_file()]):
         return True
     threads = {"OMP_NUM_THREADS": "1", "JANSEN_ENV_THREADS": str(args.cores)}

@@ -22,6 +22,7 @@ T = TypeVar("T")
 MAX_STEPS = 10**10  # largest number of environment steps of one run, which is months of training
 LONGEST = 200  # largest number of characters of a value in a message
 # Smallest and largest normal float32 number.
+HINT = "; did you mean "  # begins a suggestion at the end of a message
 LEAST_SINGLE, MOST_SINGLE = 2.0**-126, (2.0 - 2.0**-23) * 2.0**127
 
 
@@ -35,8 +36,12 @@ def shown(value: object) -> str:
 
 
 def invalid(name: str, value: object, allowed: object) -> ValueError:
-    """Return the ValueError for an invalid argument, with its name, value and allowed values."""
-    return ValueError(f"{name} is {shown(value)}, must be {allowed}")
+    """Return the ValueError for an invalid argument, with its name, allowed values and value.
+
+    A suggestion of :func:`listed` at the end of ``allowed`` becomes the end of the message.
+    """
+    values, hint, suggestion = str(allowed).partition(HINT)
+    return ValueError(f"{name} must be {values}, got {shown(value)}{hint}{suggestion}")
 
 
 def one_line(error: BaseException) -> str:
@@ -66,7 +71,7 @@ def listed(known: Iterable[object], value: object) -> str:
     """Return a list of known names for a message, with the name that ``value`` may have meant."""
     names, text = [*known], value[:LONGEST] if isinstance(value, str) else ""
     near = get_close_matches(text, map(str, names), 1)
-    return f"{names}; did you mean {near[0]!r}?" if near else str(names)
+    return f"{names}{HINT}{near[0]!r}?" if near else str(names)
 
 
 def one_of(name: str, value: object, known: Iterable[T]) -> T:

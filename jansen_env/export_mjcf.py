@@ -187,7 +187,7 @@ def _stand_on(world: ET.Element, chassis: ET.Element, robot: Robot, terrain: Ter
     (x, y), *_ = points = np.array(terrain.points)
     slopes = np.diff(points[:, 1]) / np.diff(points[:, 0])
     if np.ptp(slopes) > 1e-9:
-        raise ValueError(f"terrain has slopes {slopes.tolist()}, must have one")
+        raise ValueError(f"terrain must have one slope, got {slopes.tolist()}")
     slope = float(slopes[0])
     below = robot.pad_radius * math.hypot(1.0, slope)
     height = max(y + slope * (u - x) - v + below for _, _, (u, v) in _pads(robot))

@@ -27,11 +27,11 @@ def test_misspelt_names_are_understood(make, meant):
 
 @pytest.mark.parametrize("value", ["", "x" * 10**6, "lava", None, 3, b"paper", ["paper"]])
 def test_what_is_like_no_name_gets_the_names_alone(value):
-    with pytest.raises(ValueError, match=r"^robot is .*, must be one of \['built', 'paper'\]$"):
+    with pytest.raises(ValueError, match=r"robot must be one of \['built', 'paper'\]"):
         one_of("robot", value, ("built", "paper"))
 
 
 @pytest.mark.parametrize("level, told", [(3, "3"), ((1, 4), r"\(1, 4\)")])
 def test_a_terrain_level_is_told_as_it_was_given(level, told):
-    with pytest.raises(ValueError, match=f"^terrain_level is {told}, must be 0 on a ground"):
+    with pytest.raises(ValueError, match=f"^terrain_level must be 0 on a ground .*, got {told}"):
         gym.make("JansenWalker-v0", terrain_level=level)

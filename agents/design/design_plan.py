@@ -105,4 +105,5 @@ def _check_ends(name: str, ends: object) -> None:
         numbers = all(type(end) in (int, float) and math.isfinite(end) for end in given)
         if numbers and given == sorted(given):
             return
-    raise ValueError(f"{name} is {shown(ends)}, must be [least, most], either of which may be null")
+    allowed = "[least, most], either of which may be null"
+    raise ValueError(f"{name} must be {allowed}, got {shown(ends)}")

@@ -46,8 +46,8 @@ def check_name(name: str) -> str:
     """Return ``name``, if it is an identifier of C and no other file has it; or ValueError."""
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,62}", name, re.ASCII) or name in TAKEN:
         raise ValueError(
-            f"name is {shown(name)}, must be letters, digits and _, a letter first, 63 at most, "
-            f"and none of {list(TAKEN)}"
+            f"name must be a letter and up to 62 letters, digits and _, and none of {list(TAKEN)}, "
+            f"got {shown(name)}"
         )
     return name
 
@@ -82,7 +82,7 @@ def firmware(policy: PretrainedPolicy, name: str) -> dict[str, str]:
     slowest, fastest = np.broadcast_to(arguments["speed_command"], 2).tolist()
     for key, value in (("torque_rate", arguments["torque_rate"]), ("speed_command", slowest)):
         if value is None or value <= 0.0:
-            raise ValueError(f"{key} of the policy is {value}, must be above 0 for firmware")
+            raise ValueError(f"{key} of the policy must be above 0 for firmware, got {value}")
     robot = load_robot("robot", arguments["robot"])
     values = {
         "paths": onboard.toe_paths(robot), "onboard": onboard_estimates, "rewards": walk_reward,

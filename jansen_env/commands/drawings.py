@@ -29,7 +29,7 @@ def _sheet(text: str) -> complex:
     match = re.fullmatch(r"(\d{1,5}(?:\.\d+)?)x(\d{1,5}(?:\.\d+)?)", text)
     size = complex(*map(float, match.groups())) if match else 0j
     if not size.real * size.imag:
-        raise argparse.ArgumentTypeError(f"is {text}, must be WIDTHxHEIGHT in mm, such as {SHEET}")
+        raise argparse.ArgumentTypeError(f"must be WIDTHxHEIGHT in mm, such as {SHEET}, got {text}")
     return size
 
 
@@ -41,7 +41,8 @@ def _fit(text: str) -> tuple[float, ...]:
         fit = ()
     if len(fit) != 3 or not all(abs(value) <= WIDEST_FIT for value in fit):
         raise argparse.ArgumentTypeError(
-            f"is {text}, must be one of {[*FITS]}, or PRESS,SLIDE,CLEAR in mm, up to {WIDEST_FIT:g}"
+            f"must be one of {[*FITS]}, or PRESS,SLIDE,CLEAR in mm, up to {WIDEST_FIT:g}, "
+            f"got {text}"
         )
     return fit
 

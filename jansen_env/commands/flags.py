@@ -8,7 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn
 
-from jansen_env.checks import MAX_STEPS, listed
+from jansen_env.checks import MAX_STEPS, invalid, listed
 from jansen_env.files import check_writable
 from jansen_env.registration import IDS
 from jansen_env.robot import ROBOTS
@@ -46,7 +46,7 @@ def env_id(text: str) -> str:
     """Parse the id of an environment that has a benchmark."""
     if text not in IDS:
         known = listed(sorted(IDS), text)
-        raise argparse.ArgumentTypeError(f"is {text!r}, must be one of {known}")
+        raise argparse.ArgumentTypeError(str(invalid("ID", text, f"one of {known}")))
     return text
 
 
@@ -57,7 +57,7 @@ def imported_env_id(text: str) -> str:
         try:
             import_module(module)
         except (ImportError, TypeError, ValueError) as error:
-            message = f"is {text!r}, whose module cannot be imported: {error}"
+            message = f"module {module!r} cannot be imported: {error}"
             raise argparse.ArgumentTypeError(message) from error
     return env_id(name)
 
@@ -79,7 +79,7 @@ def robot_file(text: str) -> Path:
     """Parse the path of a robot file to write, in a folder that can be written to."""
     file = path_flag(text)
     if file.suffix != ".json":
-        raise argparse.ArgumentTypeError(f"is {text}, must end in .json")
+        raise argparse.ArgumentTypeError(f"must end in .json, got {text}")
     try:
         check_writable("its folder", file.parent)
     except ValueError as error:
@@ -95,7 +95,7 @@ def positive_int(text: str, low: int = 1, most: int = MAX_STEPS) -> int:
         value = -1.0
     if not (low <= value <= most and value.is_integer()):
         raise argparse.ArgumentTypeError(
-            f"{text!r} is not allowed, must be a whole number from {low} to {most}"
+            f"must be a whole number from {low} to {most}, got {text!r}"
         )
     return int(value)
 
@@ -114,9 +114,9 @@ episode_count = whole(most=MOST_EPISODES)
 def path_flag(text: str) -> Path:
     """Parse the path of a file or folder, which must not be empty."""
     if not text.strip():
-        raise argparse.ArgumentTypeError("is empty, must be a path")
+        raise argparse.ArgumentTypeError("must be a path, got an empty text")
     if "\0" in text:
-        raise argparse.ArgumentTypeError(f"is {text!r}, must have no zero byte")
+        raise argparse.ArgumentTypeError(f"must have no zero byte, got {text!r}")
     return Path(text)
 
 

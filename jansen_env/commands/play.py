@@ -84,7 +84,7 @@ def start_of(args: argparse.Namespace, robot: str | None = None) -> dict[str, ob
     defaults = pretrained.arguments_of(args.env)
     terrain = args.terrain or defaults["terrain"]
     if terrain == FLAT and args.level:
-        raise ValueError(f"--level is {args.level}, must be 0 on flat ground")
+        raise ValueError(f"--level must be 0 on flat ground, got {args.level}")
     name = args.policy or (None if args.robot else pretrained.DEFAULT)
     if name not in (None, *CONTROLLERS):
         policy = one_of("--policy", name, page_policies(args.env))

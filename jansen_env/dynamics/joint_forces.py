@@ -223,7 +223,7 @@ def _check_arguments(
     if q.shape[-1:] != (4,) or q_dot.shape != q.shape:
         raise ValueError(f"q and q_dot have shapes {q.shape}, {q_dot.shape}, must be (..., 4) both")
     if not (np.isfinite(q).all() and np.isfinite(q_dot).all()):
-        raise ValueError(f"q is {q}, q_dot is {q_dot}, must be finite numbers")
+        raise ValueError(f"q and q_dot must be finite, got {q} and {q_dot}")
     for name, value in (("torque", torque), ("dry", 0.0 if dry is None else dry)):
         if np.ndim(value) > 0 and np.shape(value) != q.shape[:-1]:
             raise ValueError(f"{name} has shape {np.shape(value)}, must be {q.shape[:-1]}")

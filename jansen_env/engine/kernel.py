@@ -187,7 +187,7 @@ class Slots:
         """Put those arguments into their slots that are not there yet."""
         known, count = self._known, len(self._known)
         if len(arguments) != count:
-            raise TypeError(f"{self._symbol} has {len(arguments)} arguments, must have {count}")
+            raise TypeError(f"{self._symbol} must have {count} arguments, got {len(arguments)}")
         for i, argument in enumerate(arguments):
             if argument is not known[i]:
                 self._put(self._parameters[i], argument)
@@ -208,7 +208,7 @@ class Slots:
         ):
             kind = getattr(argument, "dtype", type(argument).__name__)
             shape = getattr(argument, "shape", ())
-            raise TypeError(f"{name} is {kind} {shape}, must be contiguous {dtype} of {ndim} axes")
+            raise TypeError(f"{name} must be contiguous {dtype} of {ndim} axes, got {kind} {shape}")
         try:  # the quickest way
             address = ctypes.addressof(ctypes.c_char.from_buffer(argument))  # type: ignore[arg-type]
         except (TypeError, ValueError, BufferError):  # read only, empty, or with rows apart

@@ -77,7 +77,8 @@ def reset_mask(count: int, mask: object) -> Bools:
     if mask is None:
         return np.ones(count, bool)
     if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
-        raise TypeError(f"options['reset_mask'] is {checks.shown(mask)}, must be an array of bools")
+        given = checks.shown(mask)
+        raise TypeError(f"options['reset_mask'] must be an array of bools, got {given}")
     if mask.shape != (count,) or not mask.any():
         allowed = f"must have shape ({count},) and name one robot at least"
         raise ValueError(f"options['reset_mask'] is {checks.shown(mask)}, {allowed}")
@@ -127,7 +128,7 @@ def vector_actions(actions: object, active: Bools) -> Array:
     if not np.isfinite(values).all():
         bad = np.flatnonzero(active & ~np.isfinite(values[:, 0]))
         if len(bad) > 0:
-            raise ValueError(f"actions[{bad[0]}] is {values[bad[0], 0]}, must be finite")
+            raise ValueError(f"actions[{bad[0]}] must be finite, got {values[bad[0], 0]}")
     return values
 
 

@@ -146,7 +146,7 @@ class TaskVectorEnv(
         mask = checks.reset_mask(n, mask)
         for name, values in (("seeds", seeds), ("options", options)):
             if len(values) != n:
-                raise ValueError(f"{name} has {len(values)} entries, must have {n}")
+                raise ValueError(f"{name} must have {n} entries, got {len(values)}")
         which, before = np.flatnonzero(mask), (self._generators[:], self._seeds[:])
         for i in which.tolist():
             if seeds[i] is not None:
@@ -283,7 +283,7 @@ class TaskVectorEnv(
     def call_one(self, i: int, name: str, *args: object, **kwargs: object) -> Any:
         """Call one of :data:`METHODS` of robot ``i``."""
         if name not in METHODS:
-            raise AttributeError(f"{name!r} is no method of one robot, must be in {METHODS}")
+            raise AttributeError(f"a method of one robot must be in {METHODS}, got {name!r}")
         i = robot_index(i, self.num_envs)
         if name == "render":
             return self._renderers.draw(self, i)
@@ -309,7 +309,7 @@ class TaskVectorEnv(
         common = f"single_{name}" if name in ("observation_space", "action_space") else name
         value = getattr(self, common)
         if callable(value):
-            raise AttributeError(f"{name!r} is no method of one robot, must be in {METHODS}")
+            raise AttributeError(f"a method of one robot must be in {METHODS}, got {name!r}")
         return (value,) * self.num_envs
 
     @exclusive
@@ -317,7 +317,7 @@ class TaskVectorEnv(
         """Set a parameter of all robots: to one value, or to the entries of a list."""
         values = values if isinstance(values, (list, tuple)) else [values] * self.num_envs
         if len(values) != self.num_envs:
-            raise ValueError(f"values has {len(values)} entries, must have {self.num_envs}")
+            raise ValueError(f"values must have {self.num_envs} entries, got {len(values)}")
         for change in [self.task.checked(i, **{name: value}) for i, value in enumerate(values)]:
             change()  # all or nothing
 

@@ -67,8 +67,8 @@ def resting_depth(mass: float, stiffness: float, gravity: float) -> float:
     depth = placement.resting_depth(mass, stiffness, gravity)
     if depth > DEEPEST:
         raise ValueError(
-            f"pad_compliance.stiffness is {stiffness} N/m, must be at least "
-            f"{stiffness * depth / DEEPEST:.3g} N/m to carry a robot of {mass:.3g} kg"
+            f"pad_compliance.stiffness must be at least {stiffness * depth / DEEPEST:.3g} N/m to "
+            f"carry a robot of {mass:.3g} kg, got {stiffness} N/m"
         )
     return depth
 

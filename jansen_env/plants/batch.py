@@ -696,7 +696,7 @@ class Batch(BatchedPlant):
             ValueError: If the links of the robots collide.
         """
         if not self.knows_joint_forces:
-            raise ValueError("for joint forces links_collide is True, must be False")
+            raise ValueError("links_collide must be False with joint forces, got True")
         if self.held:
             robot = self.tables_in_force(0).robot
             q, q_dot = np.split(self.states[0], 2)

@@ -180,7 +180,7 @@ def make_batch(
         threads = 1 if len(robots) == 1 else threads
         return Batch(robots, terrains, time_step, GRAVITY, threads, held, links_collide, records)
     if len(robots) > 1:
-        raise ValueError(f"plant is {name!r}, must be 'projection' for several robots at once")
+        raise ValueError(f"plant must be 'projection' for several robots at once, got {name!r}")
     return RigidBodyBatch(
         robots[0], terrains[0], time_step, links_collide=links_collide, records=records
     )

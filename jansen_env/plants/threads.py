@@ -112,7 +112,7 @@ def count_threads(robots: int, threads: int | None) -> int:
         return min(positive_integer("threads", threads), robots)
     limit = os.environ.get("JANSEN_ENV_THREADS")
     if limit and not (limit.isdecimal() and int(limit)):
-        raise ValueError(f"JANSEN_ENV_THREADS is {limit}, must be a whole number above 0")
+        raise ValueError(f"JANSEN_ENV_THREADS must be a whole number above 0, got {limit}")
     available = int(limit) if limit else available_cores()
     return max(1, min(available, robots // ROBOTS_PER_THREAD))
 

@@ -148,7 +148,7 @@ class PretrainedPolicy:
     def __init__(self, description: Json, tensors: Tensors) -> None:
         instance("the whole", description, dict)
         if (given := description.get("format")) != FORMAT:
-            raise ValueError(f"format is {shown(given)}, must be {FORMAT!r}")
+            raise ValueError(f"format must be {FORMAT!r}, got {shown(given)}")
         if unknown := sorted({*description} - {*ENTRIES}):
             raise ValueError(f"there are entries {shown(unknown)}, must be among {list(ENTRIES)}")
         self.description, self.tensors = description, tensors
@@ -169,7 +169,7 @@ class PretrainedPolicy:
         self.features = [*map(self._feature, _entry(network, "features", list))]
         width = sum(block.size for block in self.features)
         if width == 0:
-            raise ValueError("network.features has no numbers, must have some")
+            raise ValueError("network.features must have at least one number, got none")
         self.layers: list[Layer] = []
         for layer in _entry(network, "layers", list):
             units = whole_number("units", instance("a layer", layer, dict).get("units"), least=1)
@@ -178,7 +178,7 @@ class PretrainedPolicy:
             self.layers.append(Layer(weight, self._tensor(layer, "bias", (units,)), activation))
             width = units
         if width != 1 or not self.layers:
-            raise ValueError(f"the last layer has {width} units, must have 1: the action")
+            raise ValueError(f"the last layer must have 1 unit, the action, got {width}")
         self.limit = np.inf if (m := network.get("limit")) is None else positive_single("limit", m)
         self.squash: str = one_of("squash", network.get("squash"), SQUASH)
         self.network = Network(self.layers, self.limit, self.squash)
@@ -197,7 +197,7 @@ class PretrainedPolicy:
             return Harmonics(tuple(whole_number("a multiple", m, 1000) for m in multiples))
         mean, variance = (self._tensor(block, k, (size,)) for k in ("mean", "variance"))
         if variance.min() < 0.0:
-            raise ValueError(f"a variance is {variance.min()}, must be 0 or above")
+            raise ValueError(f"a variance must be 0 or above, got {variance.min()}")
         floor, clip = (positive_single(k, block.get(k)) for k in ("floor", "clip"))
         self.scale = mean, np.maximum(np.sqrt(variance), floor)
         return Normalized(*self.scale, clip)
@@ -208,7 +208,7 @@ class PretrainedPolicy:
         if name not in self.tensors:
             raise ValueError(f"there is no tensor {shown(name)}")
         if (given := self.tensors[name].shape) != shape:
-            raise ValueError(f"tensor {name!r} has shape {given}, must have {shape}")
+            raise ValueError(f"tensor {name!r} must have the shape {shape}, got {given}")
         return self.tensors[name].astype(np.float64)
 
     def on(self, env: Any) -> "PretrainedPolicy":
@@ -251,7 +251,8 @@ class PretrainedPolicy:
         """
         x, size = np.asarray(observation, dtype=np.float64), self._shown
         if x.ndim not in (1, 2) or x.shape[-1] != size:
-            raise ValueError(f"observation has shape {x.shape}, must have ({size},) or (n, {size})")
+            allowed = f"({size},) or (n, {size})"
+            raise ValueError(f"observation must have the shape {allowed}, got {x.shape}")
         batch = np.take(x.reshape(-1, size), self._columns, axis=1)
         if not (np.abs(batch) <= MOST_SINGLE).all():
             raise self._unusable(batch)
@@ -300,7 +301,7 @@ def check_action(
         ("control_dt", control_dt, within("control_dt", period, SHORTEST_PERIOD, LONGEST_PERIOD)),
     ):
         if not math.isclose(value, needed):
-            raise ValueError(f"{name} is {value}, must be {needed} as of {env_id} with env.kwargs")
+            raise ValueError(f"{name} must be {needed} as of {env_id} with env.kwargs, got {value}")
     steps = whole_number("max_episode_steps", given["max_episode_steps"], least=1)
     if (count := steps * round(period / step)) > MOST_TIME_STEPS:
         raise ValueError(

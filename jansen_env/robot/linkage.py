@@ -112,14 +112,14 @@ class Linkage:
         for row in entries(f"Linkage.{name}", getattr(self, name), f"rows {allowed}"):
             cells = entries(f"Linkage.{name}", row, f"rows {allowed}")
             if tuple(map(type, cells)) != kinds:
-                raise ValueError(f"Linkage.{name} has {shown(row)}, must have rows {allowed}")
+                raise ValueError(f"Linkage.{name} must have rows {allowed}, got {shown(row)}")
             rows.append(make(*cells))
         object.__setattr__(self, name, tuple(rows))
 
     def _check_names(self) -> None:
         """Check that names are names, and numbers those of bodies."""
         if len(self.bodies) < 2:
-            raise ValueError(f"Linkage.bodies has {len(self.bodies)} bodies, must have two or more")
+            raise ValueError(f"Linkage.bodies must have at least 2 bodies, got {len(self.bodies)}")
         known = {*"".join(joints for _, joints in self.bodies)}
         if len({*self.names}) != len(self.names) or not all(map(str.isidentifier, self.names)):
             raise ValueError(

@@ -203,7 +203,7 @@ class Plate(RigidLink):
         given = checks.entries("Plate.points", self.points, "a point (x, y) for each joint")
         points = [point("Plate.points", place) for place in given]
         if len({*points}) != len(points) or len(points) < 2:
-            raise ValueError(f"Plate.points is {points}, must be two different points or more")
+            raise ValueError(f"Plate.points must be at least two different points, got {points}")
         object.__setattr__(self, "points", tuple(points))
 
     @classmethod

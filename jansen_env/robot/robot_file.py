@@ -70,7 +70,7 @@ def robot_from_json(content: object) -> Robot:
         return with_lengths(ROBOTS[one_of("design", given["design"], ROBOTS)](), given["lengths"])
     robot = _from_json(given)
     if not isinstance(robot, Robot):
-        raise ValueError(f"a robot file is of a {shown(content.get('is'))}, must be of a Robot")
+        raise ValueError(f"a robot file must contain a Robot, got a {shown(content.get('is'))}")
     return robot
 
 
@@ -126,7 +126,7 @@ def _from_json(value: object) -> object:
         return value
     kind = value.get("is")
     if not isinstance(kind, str) or kind not in PARTS:
-        raise ValueError(f"a part is a {shown(kind)}, must be of {[*PARTS]}")
+        raise ValueError(f"a part must be one of {[*PARTS]}, got {shown(kind)}")
     known = [field.name for field in fields(PARTS[kind])]
     given = {name: _from_json(part) for name, part in value.items() if name != "is"}
     if unknown := [name for name in given if name not in known]:

@@ -79,7 +79,7 @@ def robot_from_joints(
         return unscaled
     stands = standing_height(unscaled)
     if stands <= 0.0:
-        raise ValueError(f"height is {height}, must be None: the toes are {-stands:g} m above O")
+        raise ValueError(f"height must be None for toes {-stands:g} m above O, got {height}")
     return of_scale(positive("height", height) / stands)
 
 

@@ -105,7 +105,7 @@ class RunConfig:
         one_of("policy", self.policy, [*({*POLICIES} & {*ALGORITHMS[self.algo].policy_aliases})])
         variants = self.training_variants
         if not variants or not all(isinstance(variant, dict) for variant in variants):
-            raise ValueError(f"training_variants is {shown(variants)}, must be a list of mappings")
+            raise ValueError(f"training_variants must be a list of mappings, got {shown(variants)}")
         network = dict(self.policy_kwargs)
         if "net_arch" in network:
             _check_layers(network.pop("net_arch"), ["pi", "vf" if "ppo" in self.algo else "qf"])
@@ -139,7 +139,7 @@ def make_config(entries: Any, **values: str | None) -> RunConfig:
     for name in entries.keys() - KEYS.keys():
         for part, table in known.items():
             if name in table or (part, name) == ("policy_kwargs", "net_arch"):
-                raise ValueError(f"{name!r} is no key, must be in {part}: {{{name}: ...}}")
+                raise ValueError(f"{name!r} must be within {part}: {{{name}: ...}}")
     check_keys("", entries, KEYS)
     return RunConfig(**entries)
 
@@ -191,8 +191,8 @@ def _check_layers(value: Any, networks: list[str]) -> None:
         fits = isinstance(layers, list) and len(layers) <= MAX_LAYERS
         if not fits or not all(type(units) is int and 1 <= units <= MAX_UNITS for units in layers):
             raise ValueError(
-                f"policy_kwargs.net_arch is {shown(value)}, must be a list of up to {MAX_LAYERS} "
-                f"layers of 1 to {MAX_UNITS} units, or a mapping of {networks} to such lists"
+                f"policy_kwargs.net_arch must be a list of up to {MAX_LAYERS} layers of 1 to "
+                f"{MAX_UNITS} units, or a mapping of {networks} to such lists, got {shown(value)}"
             )
 
 

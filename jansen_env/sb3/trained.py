@@ -117,9 +117,9 @@ def check_shapes(needed: Arguments, found: Arguments) -> None:
     for name, tensor in needed.items():
         if tuple(found[name].shape) != tuple(tensor.shape):
             raise ValueError(
-                f"{name} has shape {tuple(found[name].shape)}, must have {tuple(tensor.shape)}. "
-                f"policy_kwargs.net_arch and env must be those of the training; the file has "
-                f"hidden layers of {_hidden_units(found)} units"
+                f"{name} must have the shape {tuple(tensor.shape)}, got "
+                f"{tuple(found[name].shape)}. policy_kwargs.net_arch and env must be those of the "
+                f"training; the file has hidden layers of {_hidden_units(found)} units"
             )
 
 

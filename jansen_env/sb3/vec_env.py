@@ -13,7 +13,7 @@ from stable_baselines3.common.monitor import Monitor, ResultsWriter
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecMonitor
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
-from jansen_env.checks import listed, positive_integer, robot_indices, whole_number
+from jansen_env.checks import invalid, listed, positive_integer, robot_indices, whole_number
 from jansen_env.envs import arguments
 from jansen_env.envs.copies import WholeCopies, exclusive
 from jansen_env.envs.vector import TaskVectorEnv
@@ -120,7 +120,7 @@ def _check_names(argument: str, given: EnvKwargs, allowed: Sequence[str], remedy
     """Raise a ValueError for a name that is not allowed."""
     if unknown := [name for name in given if name not in allowed]:
         known = listed(allowed, unknown[0])
-        raise ValueError(f"{argument} must be among {known}, got {unknown[0]!r}{remedy}")
+        raise ValueError(f"{invalid(argument, unknown[0], f'among {known}')}{remedy}")
 
 
 def _batch(
@@ -175,7 +175,7 @@ class BatchVecEnv(WholeCopies, VecEnv):
 
     def __init__(self, env: TaskVectorEnv[Any], info_keys: Sequence[str] | None = ()) -> None:
         if env.autoreset_mode != AutoresetMode.DISABLED:
-            raise ValueError(f"autoreset_mode is {env.autoreset_mode}, must be DISABLED")
+            raise ValueError(f"autoreset_mode must be DISABLED, got {env.autoreset_mode}")
         self.env, self.info_keys = env, arguments.info_keys(info_keys, env.task.information.keys)
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
         self.metadata = dict(env.metadata)  # with the frames per second of films
@@ -233,7 +233,7 @@ class BatchVecEnv(WholeCopies, VecEnv):
         Raises ValueError: another number of states, or an entry is missing or out of range.
         """
         if len(states) != self.num_envs:
-            raise ValueError(f"states has {len(states)} entries, must have {self.num_envs}")
+            raise ValueError(f"states must have {self.num_envs} entries, got {len(states)}")
         elapsed = [whole_number("elapsed", state.get("elapsed")) for state in states]
         for i, state in enumerate(states):
             self.env.set_state(i, {k: v for k, v in state.items() if k != "elapsed"})

@@ -9,7 +9,7 @@ from typing import cast
 import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
 
-from jansen_env.checks import listed, one_of, positive_integer
+from jansen_env.checks import invalid, listed, one_of, positive_integer
 from jansen_env.dynamics.projection import leg_sides
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.vector import TaskVectorEnv
@@ -76,10 +76,10 @@ def check_env_kwargs(env_id: str, env_kwargs: Values) -> None:
     find_benchmark(env_id)
     allowed = {*single_env(env_id).defaults(), "max_episode_steps"}
     if env_kwargs.get("render_mode") == "human":
-        raise ValueError("render_mode is 'human', must be None or 'rgb_array' for many robots")
+        raise ValueError("render_mode must be None or 'rgb_array' for many robots, got 'human'")
     for name in env_kwargs:
         if name not in allowed:
             known = listed(sorted(allowed), name)
-            raise ValueError(f"{name!r} is no argument of {env_id}, must be in {known}")
+            raise invalid(f"an argument of {env_id}", name, f"in {known}")
     if "max_episode_steps" in env_kwargs:  # -1, no limit, would be an episode without an end
         positive_integer("max_episode_steps", env_kwargs["max_episode_steps"])

@@ -109,7 +109,7 @@ class Task(ABC):
             ValueError: If it ignores one.
         """
         if settings.curriculum is not None and type(self).progress is Task.progress:
-            raise ValueError("curriculum is given, must be None: this task defines no progress()")
+            raise ValueError("curriculum must be None for a task that defines no progress()")
         if both := sorted({*self.INFO} & {*self.TERMS}):
             raise ValueError(f"INFO and TERMS have {both}, must have different names")
         if self.ROW is not None:

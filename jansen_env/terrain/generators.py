@@ -83,7 +83,7 @@ class NamedGenerator:
         known = list(at_level(self.name, 0))
         for key, value in self.given:
             if key not in known:
-                raise ValueError(f"{key!r} is no parameter of {self.name!r}, must be in {known}")
+                raise ValueError(f"a parameter of {self.name!r} must be in {known}, got {key!r}")
             checks.finite(f"{key} of {self.name!r}", value)
         object.__setattr__(self, "given", tuple((key, float(v)) for key, v in self.given))
         for level in (0, HIGHEST):  # or a reset would be refused
@@ -189,7 +189,7 @@ class Curriculum:
         checks.set_checked(self, partial(checks.whole_number, most=HIGHEST), "highest")
         checks.set_checked(self, checks.positive, "horizon")
         if self.down > self.up:
-            raise ValueError(f"down is {self.down}, must be at most up, {self.up}")
+            raise ValueError(f"down must be at most up ({self.up}), got {self.down}")
 
     def next_level(
         self, level: int, walked: float, commanded: float, rng: np.random.Generator

@@ -60,7 +60,7 @@ def check_room(start: float, reach: float, period: float) -> None:
     """
     start, reach = checks.positive("start", start), checks.positive("reach", reach)
     if start >= reach:
-        raise ValueError(f"start is {start:g}, must be below reach, {reach:g}")
+        raise ValueError(f"start must be below reach ({reach:g}), got {start:g}")
     count = (reach - start) / period
     if count > MOST_POINTS:
         raise ValueError(
@@ -135,8 +135,8 @@ class Terrain:
             )
         if not (np.abs(table) <= FARTHEST).all():
             raise ValueError(
-                f"Terrain.points: a coordinate is {np.abs(table).max():g} m, must be within "
-                f"{FARTHEST:g} m of the origin"
+                f"Terrain.points must be within {FARTHEST:g} m of the origin, got a coordinate of "
+                f"{np.abs(table).max():g} m"
             )
         step = np.diff(table, axis=0)
         if (step[:, 0] <= 0.0).any():

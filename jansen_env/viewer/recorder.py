@@ -47,7 +47,7 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
         RecordConstructorArgs.__init__(self, label=label)
         super().__init__(env)
         if not isinstance(inner := env.unwrapped, SingleEnv):
-            raise ValueError(f"env is {shown(env)}, must be an environment of one Jansen robot")
+            raise ValueError(f"env must be an environment of one Jansen robot, got {shown(env)}")
         for name in ("observation_space", "action_space"):
             if not getattr(env, name).is_np_flattenable:
                 raise ValueError(f"env has {name} {getattr(env, name)}, must be of arrays")

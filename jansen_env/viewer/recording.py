@@ -106,9 +106,10 @@ class Recording:
                 f"the robot's reach, {reach:.3g} m"
             )
         if len(self.observed) not in (0, self.observation.shape[1]):
-            raise ValueError(f"observed has {len(self.observed)} entries, must have one per number")
+            count = len(self.observed)
+            raise ValueError(f"observed must have one entry per number, got {count} entries")
         if wrong := [pair for pair in self.observed if len(pair) != 2]:
-            raise ValueError(f"observed has {shown(wrong[0])}, must have a name and a unit each")
+            raise ValueError(f"observed must have a name and a unit each, got {shown(wrong[0])}")
         if "motor_work" not in self.energies:
             raise ValueError(f"energies is {shown(self.energies)}, must have 'motor_work'")
         for name in ("speed_unit", "env_id", "label"):
@@ -122,7 +123,7 @@ class Recording:
         """Make the arrays read-only, of their types, after checking shapes and numbers."""
         frames = len(self.time)
         if not 2 <= frames <= MOST_RECORDED + 1:
-            raise ValueError(f"time has {frames} frames, must have 2 to {MOST_RECORDED + 1}")
+            raise ValueError(f"time must have 2 to {MOST_RECORDED + 1} frames, got {frames}")
         sizes: dict[str | int, int] = {
             "frames": frames, "steps": frames - 1, "toes": len(self.robot.toes),
             "energies": len(self.energies), 2: 2, 4: 4,
@@ -133,11 +134,11 @@ class Recording:
                 sizes.setdefault(dimension, size)
             allowed = tuple(sizes.get(dimension, dimension) for dimension in dimensions)
             if array.shape != allowed or sizes.get("states") == 0:
-                raise ValueError(f"{name} has shape {array.shape}, must have {allowed}")
+                raise ValueError(f"{name} must have the shape {allowed}, got {array.shape}")
             with np.errstate(invalid="ignore"):
                 wrong = array[~(np.abs(array) <= LARGEST)]
             if wrong.size:
-                raise ValueError(f"{name} has {wrong[0]}, must have finite numbers to {LARGEST:g}")
+                raise ValueError(f"{name} must have finite numbers to {LARGEST:g}, got {wrong[0]}")
             array.flags.writeable = False
             object.__setattr__(self, name, array)
 
@@ -201,7 +202,7 @@ class Recording:
         try:
             content |= json.loads(text)
             if (kind := content.pop("format", None)) != FORMAT:
-                raise ValueError(f"its format is {shown(kind)}, must be {FORMAT!r}")
+                raise ValueError(f"its format must be {FORMAT!r}, got {shown(kind)}")
             content["energies"] = tuple(content["energies"])
             content["observed"] = tuple(map(tuple, content["observed"]))
             content["robot"] = robot_from_json(content["robot"])
@@ -233,7 +234,7 @@ def _read_archive(data: bytes) -> dict[str, NDArray[np.generic]]:
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
             members = archive.zip.infolist()
             if {*archive.files} != {*wanted}:
-                raise ValueError(f"it has {shown(archive.files)}, must have {sorted(wanted)}")
+                raise ValueError(f"it must contain {sorted(wanted)}, got {shown(archive.files)}")
             if not {member.compress_type for member in members} <= PACKED:
                 raise ValueError("it is packed in another way than npz files are")
             if sum(member.file_size for member in members) > MAX_UNPACKED:
@@ -241,7 +242,7 @@ def _read_archive(data: bytes) -> dict[str, NDArray[np.generic]]:
             arrays = {name: archive[name] for name in wanted}
             for name, kind in wanted.items():
                 if (dtype := arrays[name].dtype) != kind:
-                    raise ValueError(f"{name} has type {dtype}, must have {kind}")
+                    raise ValueError(f"{name} must have the type {kind}, got {dtype}")
             return arrays
     except ValueError:
         raise

@@ -34,14 +34,14 @@ def walk_again(path: str | Path) -> Recording:
     with named_errors(f"{path} is no walk", *kinds):
         content = json.loads(read_bounded(path, MAX_BYTES))
         if (kind := instance("it", content, dict).get("format")) != FORMAT:
-            raise ValueError(f"its format is {shown(kind)}, must be {FORMAT!r}")
+            raise ValueError(f"its format must be {FORMAT!r}, got {shown(kind)}")
         return _simulated(content)
 
 
 def _simulated(content: Values) -> Recording:
     start, steps = content["start"], entries("steps", content["steps"], "a list")
     if not 0 < len(steps) <= MOST_RECORDED:
-        raise ValueError(f"it has {len(steps)} steps, must have 1 to {MOST_RECORDED}")
+        raise ValueError(f"it must have 1 to {MOST_RECORDED} steps, got {len(steps)}")
     parts = {name: value for name, value in content["robot"].items() if name in OF_ROBOT}
     robot = robot_from_json(parts)
     check_size([(robot, len(steps))])  # before it is simulated for a page that would be refused

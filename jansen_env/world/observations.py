@@ -53,7 +53,7 @@ class Observed:
             one_or_two(label, self.noise)
         elif self.noise not in allowed:
             known = f"a standard deviation or in {listed(allowed, self.noise)}"
-            raise ValueError(f"{label} is {self.noise!r}, must be {known}")
+            raise invalid(label, self.noise, known)
 
 
 def world_observations(toes: int, scanned: int) -> list[Observed]:

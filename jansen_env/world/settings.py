@@ -106,7 +106,7 @@ def entries_of(name: str, value: object, count: int) -> list[Any]:
     if not isinstance(value, (list, tuple)):
         return [value] * count
     if len(value) != count:
-        raise ValueError(f"{name} has {len(value)} entries, must have {count}, or be one")
+        raise ValueError(f"{name} must be one value or {count} values, got {len(value)} values")
     return list(value)
 
 

@@ -178,7 +178,7 @@ class World:
         self.track_joint_forces = settings.track_joint_forces
         if self.track_joint_forces and not self.plant.knows_joint_forces:
             other = "links_collide=True" if settings.links_collide else "plant='rigid_body'"
-            raise ValueError(f"track_joint_forces is True, must be False with {other}")
+            raise ValueError(f"track_joint_forces must be False with {other}, got True")
         self.plant.tracing = self.track_joint_forces and not self.held
         self._joint_loads = np.zeros(2)
         self.scan = settings.height_scan
@@ -228,7 +228,7 @@ class World:
         longest = max([float(self.delay_range.max()), *most])
         if longest > MOST_DELAYED * self.control_dt:
             allowed = f"at most {MOST_DELAYED} times control_dt, {self.control_dt}"
-            raise ValueError(f"delay is {longest} s, must be {allowed}")
+            raise ValueError(f"delay must be {allowed}, got {longest} s")
         return math.ceil(longest / self.control_dt) + 2
 
     def _note_paths(self, which: Ints) -> None:
@@ -559,7 +559,7 @@ class World:
                 robot that is held.
         """
         if self.held:
-            raise ValueError("the robot is held, must be free to be pushed")
+            raise ValueError("a robot whose chassis is fixed cannot be pushed")
         now = float(self.elapsed[i]) * self.control_dt
         push = check_schedule("impulse", [(now, *checks.entries("impulse", impulse, "(Jx, Jy)"))])
         pushes = add_push(self.scheduled(i), push[0], float(self._push["duration"][0]))
@@ -696,7 +696,10 @@ class World:
         robot: Robot = self.lengths.constructed[i]
         if "robot" in state:
             if self.held:
-                raise ValueError("state has 'robot', must have none: this robot is not exchanged")
+                raise ValueError(
+                    "this environment cannot restore a different robot; remove 'robot' from the "
+                    "state"
+                )
             with checks.named_errors("state['robot'] is no robot", RecursionError):
                 robot = robot_from_json(state["robot"])
             load_robot("state['robot']", robot)

@@ -109,7 +109,7 @@ def test_no_text_of_a_file_becomes_code():
     with pytest.raises(ValueError, match="several observations would be"):
         c_source.sources(PretrainedPolicy(described, policy.tensors), "mine")
     for name in ("main", "math", "a-b", "1a", "a" * 64, "", "a\nb", "ä"):
-        with pytest.raises(ValueError, match="must be letters, digits and _"):
+        with pytest.raises(ValueError, match="name must be a letter and up to 62 letters, digits"):
             c_source.sources(policy, name)
 
 

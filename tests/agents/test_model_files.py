@@ -126,8 +126,8 @@ def test_a_model_trained_elsewhere(tmp_path):
             {"policy_kwargs": {"net_arch": [8]}},
             r"it has 9 others, such as features_extractor\.count",
         ),
-        ({"env": "JansenWalker-v0"}, r"mean has shape \(5,\), must have \(20,\)"),
-        ({"env_kwargs": {"torque_limit": -1}}, "torque_limit is -1, must be above 0"),
+        ({"env": "JansenWalker-v0"}, r"features_extractor\.mean must have the shape"),
+        ({"env_kwargs": {"torque_limit": -1}}, "torque_limit must be above 0, got -1"),
         ({"policy_kwargs": {"net_arch": [8], "squash_output": True}}, "squash_output"),
     ],
 )
@@ -140,7 +140,7 @@ def test_models_that_do_not_fit_their_configuration(values, reason, folder):
 
 def test_a_key_in_the_wrong_place_is_told_where_it_belongs(folder):
     configure(folder, net_arch=[8])
-    with pytest.raises(ValueError, match=r"'net_arch' is no key, must be in policy_kwargs: {net_"):
+    with pytest.raises(ValueError, match="'net_arch' must be within policy_kwargs:"):
         sb3.load_policy(folder)
 
 

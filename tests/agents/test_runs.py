@@ -129,7 +129,7 @@ def test_bad_replay_buffers_are_refused(tmp_path):
     for changed, reason in (
         ({"pos": np.array([Bomb()], dtype=object)}, "is no replay buffer"),
         ({"actions": np.zeros((6, 4, 2), np.float32)}, "could not broadcast"),
-        ({"pos": -1}, "pos is -1, must be"),
+        ({"pos": -1}, "pos must be.*got -1"),
         ({"more": np.zeros(10**8, np.uint8)}, "it unpacks to"),
     ):
         np.savez_compressed(path, **{**good, **changed})

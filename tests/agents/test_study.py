@@ -104,10 +104,13 @@ def test_of_several_configurations_each_is_a_group():
     [
         ("seed: 1", "unrecognized arguments: --seed 1"),
         ("seeds: [1, 2]", "unrecognized arguments: 2"),
-        ("seeds: 0", "argument --seeds: '0' is not allowed, must be a whole number from 1 to"),
+        ("seeds: 0", "argument --seeds: must be a whole number from 1 to"),
         (f"{{env: [{CRANK}], algo: [sac]}}", f"no configuration for {CRANK}/sac"),
-        ("env_kwargs: {speed: 1}", "'speed' is no argument of JansenWalkerBuilt-v0"),
-        ("[1]", r"is \[1\], must be a dict"),
+        (
+            "env_kwargs: {speed: 1}",
+            r"must be in \[.*, got 'speed'",
+        ),
+        ("[1]", r"must be a dict.*, got \[1\]"),
         (None, "no.yml cannot be read"),
     ],
 )
@@ -185,7 +188,7 @@ def test_a_run_of_another_configuration_is_neither_reported_nor_gone_on_with(fin
     runs = study.planned_runs(args)
     runs[0]["config"]["n_envs"] = 8
     monkeypatch.setattr(study, "planned_runs", lambda _: runs)
-    with pytest.raises(ValueError, match="another configuration's, must be another --name"):
+    with pytest.raises(ValueError, match="belongs to another configuration; choose"):
         study.run_study(args, finished)
 
 

@@ -91,7 +91,10 @@ def test_networks_are_on_the_device_that_is_asked_for(capsys):
     for name in ("nowhere", "cpu:x", "meta"):  # meta holds no numbers
         with pytest.raises(SystemExit):
             train.main(["--device", name])
-        assert f"argument --device: is '{name}', must be cpu or another" in capsys.readouterr().err
+        assert (
+            f"argument --device: must be cpu or another device of PyTorch, got '{name}'"
+            in capsys.readouterr().err
+        )
 
 
 @pytest.mark.slow

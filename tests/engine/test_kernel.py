@@ -50,9 +50,9 @@ def copy(tmp_path):
 def test_arguments_that_are_no_such_arrays_are_refused():
     other_axes = (POINTS[0], POINTS.T, POINTS[:, ::-1])
     for wrong in (POINTS.astype("f4"), POINTS.tolist(), *other_axes, None):
-        with pytest.raises(TypeError, match=r"points is .*, must be contiguous float64 of 2 axes"):
+        with pytest.raises(TypeError, match=r"points must be contiguous float64 of 2 axes, got .*"):
             ground_lines.put_line(wrong, np.zeros((2, 2)))
-    with pytest.raises(TypeError, match="ground_lines_put_line has 1 arguments, must have 2"):
+    with pytest.raises(TypeError, match="ground_lines_put_line must have 2 arguments, got 1"):
         ground_lines.put_line(POINTS)
 
 

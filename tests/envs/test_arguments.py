@@ -134,24 +134,24 @@ def test_wrong_values_are_refused_by_name(maker, argument):
 @pytest.mark.parametrize(
     ("make", "arguments", "message"),
     [
-        (Curriculum, {"up": 1.5}, "up is 1.5"),
-        (Curriculum, {"down": -0.1}, "down is -0.1"),
-        (Curriculum, {"up": 0.2}, "down is 0.25, must be at most up, 0.2"),
-        (Curriculum, {"highest": 10}, "highest is 10"),
-        (Curriculum, {"horizon": 0.0}, "horizon is 0.0"),
-        (Push, {"impulse": -1.0}, "Push.impulse is -1.0, must be 0 or above"),
+        (Curriculum, {"up": 1.5}, "up must be .*, got 1.5"),
+        (Curriculum, {"down": -0.1}, "down must be .*, got -0.1"),
+        (Curriculum, {"up": 0.2}, r"down must be at most up \(0\.2\), got 0\.25"),
+        (Curriculum, {"highest": 10}, "highest must be .*, got 10"),
+        (Curriculum, {"horizon": 0.0}, "horizon must be .*, got 0.0"),
+        (Push, {"impulse": -1.0}, "Push.impulse must be 0 or above, got -1.0"),
         (Push, {"impulse": (1.0, 2.0, 3.0)}, "must be a number or two"),
-        (Push, {"duration": 0.0}, "Push.duration is 0.0, must be between"),
+        (Push, {"duration": 0.0}, "Push.duration must be between.*got 0.0"),
         (Push, {"duration": 2.0, "interval": 1.0}, "must be between 0.001 and 1.0"),
-        (Noise, {"gyro": -0.1}, "Noise.gyro is -0.1, must be 0 or above"),
+        (Noise, {"gyro": -0.1}, "Noise.gyro must be 0 or above, got -0.1"),
         (Noise, {"gyro": (0.1, 0.2, 0.3)}, "must be a number or two"),
         (Noise, {"gyro": (0.1, "much")}, "must be a finite number"),
         (Noise.only, {"lidar": 0.1}, r"noise has \['lidar'\], must be of \['accelerometer', "),
         (JansenWalkerEnv, {"noise": 0.1}, "must be None, a Noise or a dictionary with some of"),
         (JansenWalkerEnv, {"delay": 1.0, "control_dt": 1e-9, "time_step": 1e-9},
-         r"delay is 1\.0 s, must be at most 10000 times contr"),
+         r"delay must be at most 10000 times control_dt,.*, got 1\.0 s"),
         (JansenCrankEnv, {"delay": (0.0, 1.0), "control_dt": 1e-9, "time_step": 1e-9},
-         r"delay is 1\.0 s, must be at most 10000 times contr"),
+         r"delay must be at most 10000 times control_dt,.*, got 1\.0 s"),
     ],
 )  # fmt: skip
 def test_values_out_of_range_are_refused(make, arguments, message):
@@ -175,15 +175,15 @@ def test_every_kind_of_number_is_taken(kind):
 @pytest.mark.parametrize(
     ("control_dt", "time_step", "named"),
     [
-        (1e300, 1e-3, "control_dt is 1e[+]300, must be at most 10000 times time_step, 0.001"),
-        (0.02, 1e-300, "time_step is 1e-300, must be between 1e-09 and 1.0"),
-        (5e-324, 5e-324, "time_step is 5e-324"),
-        (1e300, 1e300, "time_step is 1e[+]300"),
-        (10.001, 1e-3, "control_dt is 10.001, must be at most"),
-        pytest.param(10**400, 1e-3, "control_dt is 1000", id="period beyond a float"),
-        pytest.param(0.02, 10**400, "time_step is 1000", id="step beyond a float"),
-        (0.0015, 1e-3, "control_dt is 0.0015, must be a multiple of time_step, 0.001"),
-        (0.0005, 1e-3, "control_dt is 0.0005, must be a multiple"),
+        (1e300, 1e-3, "control_dt must be at most 10000 times time_step, 0.001, got 1e[+]300"),
+        (0.02, 1e-300, "time_step must be between 1e-09 and 1.0, got 1e-300"),
+        (5e-324, 5e-324, "time_step must be .*, got 5e-324"),
+        (1e300, 1e300, "time_step must be .*, got 1e[+]300"),
+        (10.001, 1e-3, "control_dt must be at most.*got 10.001"),
+        pytest.param(10**400, 1e-3, "control_dt must be .*, got 1000", id="period beyond a float"),
+        pytest.param(0.02, 10**400, "time_step must be .*, got 1000", id="step beyond a float"),
+        (0.0015, 1e-3, "control_dt must be a multiple of time_step, 0.001, got 0.0015"),
+        (0.0005, 1e-3, "control_dt must be a multiple.*got 0.0005"),
     ],
 )
 def test_control_periods_that_never_end_are_refused(make, control_dt, time_step, named):
@@ -197,7 +197,7 @@ def test_the_longest_control_period():
     assert arguments.control_period(Decimal("0.03"), Fraction(1, 1000)) == (0.03, 0.001)
     JansenWalkerEnv(control_dt=1e-4, time_step=1e-4, delay=1.0)
     assert JansenWalkerEnv(plant="rigid_body", control_dt=2.5).control_dt == 2.5
-    with pytest.raises(ValueError, match=r"control_dt is 3\.0"):
+    with pytest.raises(ValueError, match=r"control_dt must be .*, got 3\.0"):
         JansenWalkerEnv(plant="rigid_body", control_dt=3.0)
 
 
@@ -220,12 +220,12 @@ def test_actions_seeds_and_options_that_are_none_are_refused(make):
     env, envs = make(), JansenWalkerVectorEnv(2)
     env.reset(seed=0)
     for action in ACTIONS:
-        with pytest.raises(ValueError, match=r"action is .*, must be one finite number"):
+        with pytest.raises(ValueError, match="action must be one finite number"):
             env.step(action)
     for seed in SEEDS:
-        with pytest.raises(ValueError, match="seed is"):
+        with pytest.raises(ValueError, match="seed must be"):
             envs.reset(seed=seed)
     for options in (5, "speed_command", ["speed_command"], {1}):
         for each in (env, envs):
-            with pytest.raises(ValueError, match=r"options is .*, must be a dict"):
+            with pytest.raises(ValueError, match=r"options must be a dict, got .*"):
                 each.reset(options=options)

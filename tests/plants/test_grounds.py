@@ -186,7 +186,7 @@ def test_a_robot_walks_off_the_end_of_the_line():
 def test_the_rigid_body_plant_says_where_its_ground_ends():
     """A placement beyond it is refused, and so is a step that leads there."""
     plant = RigidBodyPlant(Robot(), Terrain.flat())
-    with pytest.raises(ValueError, match=r"x is 5000\.0, must be between -99"):
+    with pytest.raises(ValueError, match=r"x must be between -996\.0 and 996\.0, got 5000\.0"):
         plant.reset(5000.0)
     state = plant.reset(990.0)
     state[0], state[4] = 995.9, 50.0

@@ -139,7 +139,7 @@ def test_alone_as_in_a_batch():
 def test_joint_forces_are_refused():
     """They are not known of a link's side."""
     plant = PLANTS["projection"](ROBOTS["paper"](), WALL, links_collide=True)
-    with pytest.raises(ValueError, match="links_collide is True, must be False"):
+    with pytest.raises(ValueError, match="links_collide must be False with joint forces"):
         plant.batch.joint_forces()
     with pytest.raises(ValueError, match="must be False with links_collide=True"):
         gym.make("JansenWalker-v0", links_collide=True, track_joint_forces=True)

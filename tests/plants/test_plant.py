@@ -146,13 +146,13 @@ def held(robot=None, **arguments):
 
 TOO_LONG = Robot().with_bodies(crank=Bar(0.2))
 REFUSED = [
-    *((make, {name: value}, None, f"{name} is {value}")
+    *((make, {name: value}, None, f"{name} must be .*, got {value}")
       for make in (projection, rigid_body)
       for name, value in (("time_step", 0.0), ("gravity", -9.81))),
     *((make, {"robot": TOO_LONG}, None, "joint C") for make in (projection, rigid_body)),
-    (projection, {"gravity": (0.0,)}, None, r"gravity is \(0.0,\)"),
-    (projection, {"gravity": (0.0, math.nan)}, None, "gravity is nan"),
-    *((make, {}, state, "state is .*must be 8 finite numbers")
+    (projection, {"gravity": (0.0,)}, None, r"gravity must be .*, got \(0.0,\)"),
+    (projection, {"gravity": (0.0, math.nan)}, None, "gravity must be .*, got nan"),
+    *((make, {}, state, r"state must be 8 finite numbers, within 1e\+12")
       for make in (projection, rigid_body) for state in ([0.0] * 7, [math.nan] * 8)),
     (held, {}, np.ones(8), "must not move: it is held"),
     (rigid_body, {"held": True}, np.ones(8), "must not move: it is held"),
@@ -189,6 +189,6 @@ def test_placements_are_checked(make, argument):
     placed = make()
     before = placed.reset(0.0, 0.3)
     for value in (math.nan, math.inf, "a"):
-        with pytest.raises(ValueError, match=f"{argument} is"):
+        with pytest.raises(ValueError, match=f"{argument} must be a finite number"):
             placed.reset(**{argument: value})
         assert (placed.state == before).all()

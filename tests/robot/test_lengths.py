@@ -95,7 +95,7 @@ def test_a_robot_file_may_be_a_design_with_other_lengths(tmp_path):
     path.write_text(json.dumps(content))
     assert read_robot(path) == with_lengths(ROBOTS["built"](), {"rocker": 0.24})
     for wrong, message in (
-        ({"design": "wheel"}, "design is 'wheel', must be one of"),
+        ({"design": "wheel"}, "design must be one of.*got 'wheel'"),
         ({"lengths": [1]}, r"lengths must be a dictionary with some of .*, got \[1\]"),
         ({"legs": 4}, r"must have 'format', 'design' and 'lengths', got one with \['legs'\]"),
         ({"lengths": {"rocker": None}}, "rocker"),
@@ -111,9 +111,15 @@ def test_a_robot_file_may_be_a_design_with_other_lengths(tmp_path):
     "text, message",
     [
         ("[1", "is no robot file"),
-        ("[1]", r"is \[1\], must be of format"),
-        ('{"format": "jansen_env robot 1"}', "a part is a None, must be of"),
-        ('{"format": "jansen_env robot 1", "is": "Bar", "length": 1}', "is of a 'Bar', must be"),
+        ("[1]", r"a robot file must be of format 'jansen_env.*, got \[1\]"),
+        (
+            '{"format": "jansen_env robot 1"}',
+            r"a part must be one of \['Robot', 'Linkage',.*, got None",
+        ),
+        (
+            '{"format": "jansen_env robot 1", "is": "Bar", "length": 1}',
+            "a robot file must contain a Robot, got a 'Bar'",
+        ),
         ('{"format": "jansen_env robot 1", "is": "Robot", "wheels": 4}', "has 'wheels', must be"),
         ('{"format": "jansen_env robot 1", "is": "Robot", "frame_angle": NaN}', "frame_angle"),
         ('{"format": "jansen_env robot 1", "is": "Robot", "payload": {"is": "os"}}', "'os'"),

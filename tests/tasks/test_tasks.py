@@ -168,10 +168,10 @@ def test_a_task_derived_from_the_walkers_may_change_its_reward():
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        (("torque", "N m", -1.0, 1.0, "giro"), "noise .* 'torque' is 'giro', must be .*'gyro'"),
-        (("torque", "N m", -1.0, 1.0, -0.1), "noise .* 'torque' is -0.1, must be 0 or above"),
-        (("torque", "N m", -1.0, 1.0, None), "noise .* 'torque' is None, must be"),
-        (("torque", "", -1.0, 1.0, "exact"), "unit of an observation is ''"),
+        (("torque", "N m", -1.0, 1.0, "giro"), "noise .* 'torque' must be .*'gyro'.*got 'giro'"),
+        (("torque", "N m", -1.0, 1.0, -0.1), "noise .* 'torque' must be 0 or above, got -0.1"),
+        (("torque", "N m", -1.0, 1.0, None), "noise .* 'torque' must be.*got None"),
+        (("torque", "", -1.0, 1.0, "exact"), "unit of an observation must be .*, got ''"),
         (("torque", "N m", 1.0, 1.0, "exact"), "limits of the observation 'torque' are 1.0 to 1.0"),
     ],
 )
@@ -233,7 +233,7 @@ def test_a_settable_name_that_no_change_applies_is_refused(base):
 
 
 def test_a_curriculum_needs_a_task_that_tells_progress():
-    with pytest.raises(ValueError, match="curriculum is given, must be None: this task"):
+    with pytest.raises(ValueError, match="curriculum must be None for a task that defines"):
         gym.make("JansenGoal-v0", terrain="mixed", curriculum=True)
 
 
@@ -242,5 +242,7 @@ def test_numbers_of_a_task_are_saved():
     env.reset(seed=3)
     state = env.get_state()
     assert other.set_state(state)[-1] == np.float32(state["speed_command"])
-    with pytest.raises(ValueError, match=r"state\['speed_command'\] is 7.0, must be between"):
+    with pytest.raises(
+        ValueError, match=r"state\['speed_command'\] must be between -1\.0 and.*, got 7\.0"
+    ):
         env.set_state({**state, "speed_command": 7.0})

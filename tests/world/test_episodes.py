@@ -126,7 +126,9 @@ def test_any_distribution_will_do():
     assert payloads.mean() == pytest.approx(1.0 / 3.0, abs=0.09)
     envs.close()
     env = gym.make("JansenWalker-v0", randomize={"payload": Wild()})
-    with pytest.raises(ValueError, match=r"a sample of randomize\['payload'\] is -0.*between 0"):
+    with pytest.raises(
+        ValueError, match=r"a sample of randomize\['payload'\] must be.*, got -0\.8132702392002724"
+    ):
         env.reset(seed=0)
 
 
@@ -134,20 +136,32 @@ def test_any_distribution_will_do():
     ("randomize", "message"),
     [
         ({"frictoin": (0.4, 1.0)}, r"\['frictoin'\], must be of \['friction', 'restitution'"),
-        ({"friction": (1.0, 0.4)}, r"randomize\['friction'\] is \(1.0, 0.4\).*low <= high"),
-        ({"friction": (-1.0, 0.4)}, r"randomize\['friction'\] is -1.0, must be between 0"),
+        (
+            {"friction": (1.0, 0.4)},
+            r"randomize\['friction'\] must be \(low, high\) with.*, got \(1\.0, 0\.4\)",
+        ),
+        (
+            {"friction": (-1.0, 0.4)},
+            r"randomize\['friction'\] must be between 0\.0 and.*, got -1\.0",
+        ),
         ({"friction": (0.1, 0.2, 0.3)}, r"a number or \(low, high\)"),
-        ({"friction": "0.5"}, r"randomize\['friction'\] is '0.5'"),
+        ({"friction": "0.5"}, r"randomize\['friction'\] must be .*, got '0.5'"),
         ({"foot_stiffness_scale": (0.5, 2.0)}, "does nothing"),
         ({"rotor_inertia_scale": (0.5, 2.0)}, "does nothing"),
         ({"terrain_level": (0, 3)}, "does nothing here, must be of"),
         ({"noise_level": (0, 3)}, "does nothing"),
         ({"push_strength": (0, 3)}, "does nothing"),
-        ({"lengths": "long"}, r"randomize\['lengths'\] is 'long', must be a finite number"),
-        ({"lengths": -0.1}, r"randomize\['lengths'\] is -0.1, must be between 0.0 and 0.9"),
-        ({"lengths": (1.1, 0.9)}, r"randomize\['lengths'\] is \(1.1, 0.9\), must be \(low, high\)"),
+        ({"lengths": "long"}, r"randomize\['lengths'\] must be a finite number, got 'long'"),
+        ({"lengths": -0.1}, r"randomize\['lengths'\] must be between 0.0 and 0.9, got -0.1"),
+        (
+            {"lengths": (1.1, 0.9)},
+            r"randomize\['lengths'\] must be \(low, high\) with.*, got \(1\.1, 0\.9\)",
+        ),
         ({"lengths": {"tail": 0.1}}, r"randomize\['lengths'\] has 'tail', must be of \['frame', "),
-        ({"lengths": {"crank": (0.0, 1.0)}}, r"\['crank'\] is 0.0, must be between"),
+        (
+            {"lengths": {"crank": (0.0, 1.0)}},
+            r"randomize\['lengths'\]\['crank'\] must be between.*, got 0\.0",
+        ),
     ],
 )
 def test_wrong_names_and_ranges_are_refused(randomize, message):
@@ -193,10 +207,13 @@ def test_what_feet_cannot_bear_changes_nothing():
 def test_compliant_feet_stay_out_of_drawn_restitution():
     """Also where this episode happens to have none."""
     randomize = {"restitution": (0.0, 0.5)}
-    soft = r"stiffness is 100\.0 N/m, must be at least 785 N/m"
+    soft = r"stiffness must be at least 785 N/m .*, got 100\.0 N/m"
     for arguments, message in (
         ({"pad_compliance": Compliance(1e5), "randomize": randomize}, "restitution"),
-        ({"pad_compliance": Compliance(1e5), "restitution": 0.5}, r"n is 0\.5, must be 0"),
+        (
+            {"pad_compliance": Compliance(1e5), "restitution": 0.5},
+            r"restitution must be 0 with compliant pads:.*, got 0\.5",
+        ),
         ({"pad_compliance": Compliance(100.0), "plant": "projection"}, soft),
         ({"pad_compliance": Compliance(100.0), "plant": "rigid_body"}, soft),
     ):

@@ -65,7 +65,7 @@ def test_a_delays_range_is_drawn_at_each_reset_and_can_be_set():
     assert len(set(delays)) > 10 and 0.0 <= min(delays) < 0.01 and 0.03 < max(delays) <= 0.04
     env.reset(options={"delay": 0.02})
     assert env.unwrapped.get_state()["delay"] == 0.02
-    with pytest.raises(ValueError, match=r"\['delay'\] is 0.1, must be between 0.0 and 0.04"):
+    with pytest.raises(ValueError, match=r"\['delay'\] must be between 0.0 and 0.04, got 0.1"):
         env.reset(options={"delay": 0.1})
 
 

@@ -159,7 +159,7 @@ def test_a_state_that_the_plant_refuses_changes_nothing(plant):
     ("robot", "arguments", "message"),
     [(replace(built_robot(), motor=Motor(torque_limit=12.0)),
       {"randomize": {"rotor_inertia_scale": (0.5, 2.0)}}, "_scale', which does nothing"),
-     (built_robot(), {"robot": "paper", "restitution": 0.3}, "restitution is 0.3, must be 0 with")],
+     (built_robot(), {"robot": "paper", "restitution": 0.3}, "restitution must be 0 with")],
 )  # fmt: skip
 def test_a_state_whose_robot_could_have_no_later_episode_changes_nothing(robot, arguments, message):
     env = gym.make("JansenWalkerBuilt-v0", **arguments).unwrapped
@@ -176,7 +176,7 @@ def test_a_state_whose_robot_could_have_no_later_episode_changes_nothing(robot, 
     [
         (OPEN, LinkageError, "does not close"),
         (paper_robot(3), ValueError, "must be on"),
-        ("hopper", ValueError, r"options\['robot'\] is 'hopper', must be one of"),
+        ("hopper", ValueError, r"options\['robot'\] must be one of \['built',.*, got 'hopper'"),
         ("klann", ValueError, "a robot's linkage has the bodies"),
     ],
 )
@@ -196,9 +196,9 @@ def test_a_robot_is_checked_with_the_lengths_that_are_drawn_later():
 
 def test_a_start_that_no_observation_can_have():
     for env_id, name in (("JansenWalker-v0", "crank_angle"), ("JansenCrank-v0", "crank_speed")):
-        with pytest.raises(ValueError, match=rf"^options\['{name}'\] is 1e\+300, must be between"):
+        with pytest.raises(ValueError, match=rf"^options\['{name}'\] must be between .* 1e\+300"):
             gym.make(env_id).reset(options={name: 1e300})
-        with pytest.raises(ValueError, match=r"^reset_noise_scale is 1e\+300, must be between"):
+        with pytest.raises(ValueError, match=r"^reset_noise_scale must be between .*, got 1e\+300"):
             gym.make(env_id, reset_noise_scale=1e300)
 
 

@@ -699,7 +699,7 @@ class RigidBodyBatch(BatchedPlant):
         Raises:
             ValueError: Always.
         """
-        raise ValueError("for joint forces plant is 'rigid_body', must be 'projection'")
+        raise ValueError("plant must be 'projection' with joint forces, got 'rigid_body'")
 
     def peak_loads(self) -> tuple[float, float]:
         """Raise an error, because this backend does not compute joint forces.
@@ -707,7 +707,7 @@ class RigidBodyBatch(BatchedPlant):
         Raises:
             ValueError: Always.
         """
-        raise ValueError("for joint loads plant is 'rigid_body', must be 'projection'")
+        raise ValueError("plant must be 'projection' with joint loads, got 'rigid_body'")
 
     def close(self) -> None:
         """Do nothing, because this backend has no threads to release."""

@@ -33,13 +33,13 @@ ORDER = (
     ["agents.pack"],
     ["agents.export"],
     ["agents"],  # the other commands
-    ["benchmarks", "examples", "train"],
+    ["benchmarks", "examples", "experiments", "train"],
 )
 """Parts of the project: each may import those of its own line and of lines above."""
 RANK = {part: rank for rank, parts in enumerate(ORDER) for part in parts}
 FILES = [
     path
-    for folder in ("jansen_env", "agents", "benchmarks", "examples")
+    for folder in ("jansen_env", "agents", "benchmarks", "examples", "experiments")
     for path in sorted((ROOT / folder).rglob("*.py"))
     if path != ROOT / "jansen_env" / "__init__.py"  # what users import, from everywhere
 ] + [ROOT / "train.py"]

@@ -1,0 +1,103 @@
+"""How smoothly do four, six, eight and twelve legs walk?
+
+python experiments/legs.py [EPISODES] [FOLDER]   (64 episodes per command; docs/legs)
+
+Robots with the parts of ``built`` and four to twelve legs walk at five commands, each under its
+pretrained policy and under a PID. The script prints a table and writes ``legs.json`` and
+``legs.png``. The page docs/legs.md uses both. The run takes about a minute on two cores.
+"""
+
+import sys
+from pathlib import Path
+
+import gymnasium as gym
+import matplotlib.pyplot as plt
+
+from jansen_env import evaluate
+from jansen_env.files import write_json
+from jansen_env.policies import pretrained
+from jansen_env.scoring.benchmarks import find_benchmark
+
+ENV = "JansenWalkerBuilt-v0"
+COMMANDS = (0.1, 0.2, 0.3, 0.5, 0.8)
+POLICIES = {4: "ppo", 6: "six_legs", 8: "eight_legs", 12: "twelve_legs"}
+METRICS = {
+    "return": "return",
+    "unsupported": "unsupported (fraction of time)",
+    "load": "load (multiple of the weight)",
+    "steady_slip_per_metre": "slip (m/m)",
+    "steady_cost_of_transport": "cost of transport",
+}
+SEED = 7
+
+
+def measure(episodes: int) -> dict[str, dict[str, dict[str, list[float]]]]:
+    """Return the mean of each metric per command, by controller and number of legs."""
+    results: dict[str, dict[str, dict[str, list[float]]]] = {"policy": {}, "pid": {}}
+    for legs, name in POLICIES.items():
+        robot = {"robot": f"built:{legs}"}
+        env = gym.make(ENV, **robot)
+        controllers = {
+            "policy": pretrained.load(ENV, name),
+            "pid": find_benchmark(ENV).baselines["pid"](env.unwrapped),
+        }
+        scores = evaluate(controllers, ENV, robot, commands=COMMANDS, episodes=episodes, seed=SEED)
+        for controller in controllers:
+            by_command = scores[controller]["by_command"]
+            results[controller][str(legs)] = {
+                metric: [round(value, 4) for value in by_command[metric]["value"]]
+                for metric in METRICS
+            }
+    return results
+
+
+def draw(results: dict[str, dict[str, dict[str, list[float]]]], path: Path) -> None:
+    """Draw the metrics of the policies against the commanded speed."""
+    figure, axes = plt.subplots(2, 2, figsize=(8, 5.4), sharex=True, layout="constrained")
+    for axis, metric in zip(axes.flat, list(METRICS)[1:], strict=True):
+        for legs, values in results["policy"].items():
+            axis.plot(COMMANDS, values[metric], "o-", label=f"{legs} legs")
+        axis.set_ylabel(METRICS[metric])
+        axis.set_ylim(bottom=0.0)
+        axis.grid(alpha=0.3)
+    for axis in axes[1]:
+        axis.set_xlabel("commanded speed (m/s)")
+    axes[0, 0].legend()
+    figure.savefig(path, dpi=120)
+
+
+def table(results: dict[str, dict[str, dict[str, list[float]]]]) -> str:
+    """Return the table of docs/legs.md."""
+    lines = [
+        "| legs | controller | " + " | ".join(f"{command} m/s" for command in COMMANDS) + " |",
+        "| ---: | --- |" + " ---: |" * len(COMMANDS),
+    ]
+    for legs in map(str, POLICIES):
+        for controller, by_legs in results.items():
+            values = by_legs[legs]
+            cells = [
+                f"{unsupported:.2f}, {load:.1f}, {slip:.2f}"
+                for unsupported, load, slip in zip(
+                    values["unsupported"],
+                    values["load"],
+                    values["steady_slip_per_metre"],
+                    strict=True,
+                )
+            ]
+            lines.append(f"| {legs} | {controller} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Measure, print the table, and write the data and the figure."""
+    episodes = int(sys.argv[1]) if len(sys.argv) > 1 else 64
+    folder = Path(sys.argv[2] if len(sys.argv) > 2 else "docs/legs")
+    folder.mkdir(parents=True, exist_ok=True)
+    results = measure(episodes)
+    print(table(results))
+    write_json(folder / "legs.json", {"commands": COMMANDS, "episodes": episodes, **results})
+    draw(results, folder / "legs.png")
+
+
+if __name__ == "__main__":
+    main()

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -127,6 +128,7 @@ def test_policies_need_neither_torch_nor_the_extra():
     code = f"""
 import sys
 from dataclasses import replace
+from pathlib import Path
 for name in ("torch", "stable_baselines3", "yaml", "imageio", "scipy", "agents"):
     sys.modules[name] = None
 from jansen_env.policies import pretrained
@@ -340,8 +342,20 @@ LIMITS = {  # The unsupported fraction and the load, in weights, at 0.1, 0.2 and
     "onboard": ((0.02, 0.05, 0.1), (2.0, 2.5, 3.0)),
     "economy": ((0.01, 0.02, 0.02), (1.5, 2.0, 2.0)),
     "stroller": ((0.01, 0.01, 0.01), (1.5, 1.5, 1.5)),
+    "six_legs": ((0.03, 0.06, 0.1), (2.2, 2.5, 3.0)),
+    "eight_legs": ((0.04, 0.06, 0.08), (2.2, 2.5, 2.5)),
+    "twelve_legs": ((0.01, 0.01, 0.01), (1.5, 1.5, 1.5)),
 }
 """Limits that docs/judging.md states for the policies of ``JansenWalkerBuilt-v0``."""
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_the_page_states_the_limits(name):
+    page = (Path(__file__).parents[2] / "docs" / "judging.md").read_text(encoding="utf-8")
+    label = "pretrained" if name == pretrained.DEFAULT else f"pretrained:{name}"
+    unsupported, load = (", ".join(map(str, limits)) for limits in LIMITS[name])
+    rows = [line for line in page.splitlines() if line.startswith(f"| `{label}`")]
+    assert any(f"| {unsupported} | {load} |" in row for row in rows), rows
 
 
 @pytest.mark.parametrize("name", LIMITS)

@@ -1,4 +1,9 @@
-"""Sums over a control step: work, losses, slip and impulses."""
+"""Sums over a control step: work, losses, slip and impulses.
+
+In this module, ``total`` is the record of sums of one robot (``ACCUMULATORS`` of
+:mod:`jansen_env.engine.records`), and ``statistics`` holds the sums of each of its pads
+(``CONTACT_STATISTICS``), shape (pads,).
+"""
 
 from __future__ import annotations
 
@@ -11,7 +16,15 @@ from jansen_env.engine.tables import mechanical_energy
 
 @stage
 def begin(robot, state, statistics, body, sums):
-    """Begin new sums, in a crank-axis state."""
+    """Reset the sums of a robot, and store its energy at the beginning of the control step.
+
+    Args:
+        robot: The robot's record.
+        state: State of the robot relative to the crank axis, shape (8,).
+        statistics: Sums of each pad, shape (pads,).
+        body: Table of the body, see :class:`jansen_env.engine.records.Model`.
+        sums: Work space, shape (3, 6).
+    """
     total = robot.accumulators
     clear(total)
     robot.status.step, robot.status.lost = 0, False
@@ -23,7 +36,7 @@ def begin(robot, state, statistics, body, sums):
 
 @stage
 def clear(total):
-    """Set all sums to 0."""
+    """Set all sums of a robot to 0."""
     total.motor_work = total.joint_loss = total.slip_loss = total.impact_loss = 0.0
     total.worst_residual = total.contact_gain = total.initial_energy = 0.0
     total.impulse_share = 0.0
@@ -34,7 +47,18 @@ def clear(total):
 
 @stage
 def end(robot, state, statistics, elapsed, slip, force, body, sums):
-    """Complete the sums, in a crank-axis state; slip: (toes,) m and force: (toes, 2) N, out."""
+    """Complete the sums of a control step.
+
+    Args:
+        robot: The robot's record.
+        state: State of the robot relative to the crank axis, shape (8,).
+        statistics: Sums of each pad, shape (pads,).
+        elapsed: Duration of the control step, in s.
+        slip: Output, distance that each toe slid under load, in m, shape (toes,).
+        force: Output, mean tangential and normal force on each toe, in N, shape (toes, 2).
+        body: Table of the body, see :class:`jansen_env.engine.records.Model`.
+        sums: Work space, shape (3, 6).
+    """
     total, toes = robot.accumulators, len(slip)
     for j in range(toes):
         slip[j] = statistics[j].slip
@@ -43,10 +67,12 @@ def end(robot, state, statistics, elapsed, slip, force, body, sums):
     total.non_toe_impulse = 0.0
     for j in range(toes, len(statistics)):
         total.non_toe_impulse += statistics[j].impulse[1]
-    # Where contacts act on each other, for instance in a groove, one may give back a part of what
-    # friction takes at another. Their sum is exact, so that part is no slip loss.
+    # If contacts act on each other, for instance in a groove, one contact may return a part of the
+    # energy that friction takes at another contact. The sum over all contacts is exact, so the
+    # returned part is subtracted from the slip loss.
     total.slip_loss = max(0.0, total.slip_loss + min(0.0, total.impact_loss))
-    # What contacts and dry friction add beyond that is the time step's error, in the residual.
+    # If contacts or dry friction still seem to add energy, this is the discretisation error of the
+    # time step. It is part of the residual.
     total.impact_loss = max(0.0, total.impact_loss)
     total.joint_loss = max(0.0, total.joint_loss)
     energy = mechanical_energy(body, robot.params, state, sums) + total.elastic_energy
@@ -57,7 +83,22 @@ def end(robot, state, statistics, elapsed, slip, force, body, sums):
 def accumulate_step(
     h, torque, asked, dry, push, velocity, outcome, inertia, count, params, contacts, total
 ):
-    """Add a time step's work, joint loss and worst figures; arguments: see ``_time_step``."""
+    """Add the work, the joint loss and the largest errors of a time step to the sums.
+
+    Args:
+        h: Time step, in s.
+        torque: Torque of the motor in this time step, in N m.
+        asked: Commanded torque that holds at the end of the control step, in N m.
+        dry: Impulse of the Coulomb friction on the crank, in N m s.
+        push: Load on the chassis, a :class:`jansen_env.engine.records.Push`.
+        velocity: Generalised velocity at the beginning of the time step.
+        outcome: Result of :func:`jansen_env.engine.restitution.solve_velocities`.
+        inertia: Inertia at the middle of the time step.
+        count: Number of contacts.
+        params: Parameters of the robot.
+        contacts: The contacts.
+        total: Sums of the robot, changed in place.
+    """
     end = outcome.end
     mean = 0.5 * (velocity.crank + end.crank)
     total.motor_work += h * torque * mean
@@ -82,12 +123,23 @@ def accumulate_step(
 
 @stage
 def accumulate_contacts(h, count, velocity, after, contacts, planes, total, statistics):
-    """Add a time step's slip, impulses and contact losses; keep the modes with the planes.
+    """Add slip, impulses and contact losses of a time step, and store the contact modes.
 
-    A contact's work is impulse times mean velocity, which is exact for the step. Work of friction
-    while sliding is slip loss, all else impact loss: of touchdowns, tangential stops, and steps in
-    which sliding turns back, so that the mean velocity is not the one that friction opposes. A toe
-    that touches down in the step slides from its middle on, with its new velocity alone.
+    The work of a contact is its impulse times its mean velocity, which is exact for the time step.
+    The work of friction at a sliding contact counts as slip loss. Everything else counts as impact
+    loss: touchdowns, tangential stops, and time steps in which the sliding direction reverses, so
+    that the mean velocity is not the velocity that friction opposes. A toe that touches down during
+    the time step slides from the middle of the step on, at its new velocity.
+
+    Args:
+        h: Time step, in s.
+        count: Number of contacts.
+        velocity: Generalised velocity at the beginning of the time step.
+        after: Generalised velocity at the end of the time step.
+        contacts: The contacts and their impulses.
+        planes: Contact planes, whose modes are updated.
+        total: Sums of the robot, changed in place.
+        statistics: Sums of each pad, changed in place, shape (pads,).
     """
     J, P, mode = contacts.J, contacts.problem.P, contacts.problem.mode
     for c in range(count):
@@ -104,7 +156,7 @@ def accumulate_contacts(h, count, velocity, after, contacts, planes, total, stat
         else:
             total.slip_loss += friction_loss
         total.impact_loss -= 0.5 * P[i] * (old_n + new_n)
-        if plane.far_pad >= 0:  # a link's side, not a pad
+        if plane.far_pad >= 0:  # The contact is on the side of a link, not on a pad.
             continue
         pad = statistics[plane.pad]
         if mode[c] != STICK:

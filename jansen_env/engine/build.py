@@ -1,11 +1,12 @@
-"""Build the engine: every kernel of this folder, compiled into one library for one platform.
+"""Build the engine: compile every kernel of this folder into one library for one platform.
 
     python jansen_env/engine/build.py [TARGET]
 
-Beside it comes the same as WebAssembly, for browsers; ``wasm32`` is that alone. Numba types and
-lowers the Python, LLVM optimises it, Zig links it. The library needs no other: its mathematics is
-its own (:mod:`jansen_env.engine.mathematics`), and nothing is contracted to fused operations, so
-its results are the same bits on every platform.
+The command also builds the same kernels as WebAssembly, for browsers; the target ``wasm32`` builds
+WebAssembly only. Numba infers the types of the Python code and lowers it, LLVM optimises it, and
+Zig links it. The library depends on no other library, because it has its own mathematical functions
+(:mod:`jansen_env.engine.mathematics`). Operations are never contracted to fused ones, so the
+results are bit-for-bit the same on every platform.
 """
 
 from __future__ import annotations
@@ -15,12 +16,14 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-if __name__ in ("__main__", "__mp_main__"):  # without the package, which needs Gymnasium
+# Run as a script without importing the package, because the package needs Gymnasium.
+if __name__ in ("__main__", "__mp_main__"):
     ROOT = Path(__file__).resolve().parents[2]
     sys.path[0] = str(ROOT)
     sys.modules["jansen_env"] = ModuleType("jansen_env")
     sys.modules["jansen_env"].__path__ = [str(ROOT / "jansen_env")]
-os.environ["NUMBA_OPT"] = "0"  # LLVM's code before anything in it is the host's
+# Numba must not optimise: the LLVM code must not contain anything specific to the host.
+os.environ["NUMBA_OPT"] = "0"
 
 import argparse
 import ctypes
@@ -47,23 +50,29 @@ from jansen_env.engine import kernel as kernel_module
 from jansen_env.engine.kernel import FOLDER, Function, Kernel, Parameter, library_path
 
 Numba: TypeAlias = Any
-"""An object of numba or llvmlite, which have no types."""
-NJIT: Numba = numba.njit  # its types lack some of its options
+"""Type of the objects of Numba and llvmlite, which have no type annotations."""
+NJIT: Numba = numba.njit  # The type annotations of `numba.njit` lack some of its options.
 OPTIONS: dict[str, object] = {
-    "error_model": "numpy", "_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True,
-}  # fmt: skip
-"""Options of numba. A division by zero gives inf or nan. Stages have no wrappers, as Python
-does not call them. References to arrays are not counted, as no array is allocated.
+    "error_model": "numpy",
+    "_nrt": False,
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+}
+"""Options of Numba.
 
-``_nrt`` is not documented: with it, every array would cost atomic instructions.
+A division by zero gives inf or NaN. Stages have no wrappers, because Python does not call them.
+References to arrays are not counted (``_nrt``, an undocumented option), because no array is
+allocated. With reference counting, every array would cost atomic instructions.
 """
-SPEED_LEVEL = 3  # of LLVM's optimisation
+SPEED_LEVEL = 3  # optimisation level of LLVM
 STEPPING = ("episode", "integrator")
-"""Modules whose kernels contain the time step. One process lowers them, so that the time step is
-lowered once; a second process lowers all other kernels meanwhile.
+"""Modules whose kernels contain the time step.
+
+One process lowers all of these kernels, so that the time step is lowered only once. Meanwhile, a
+second process lowers all other kernels.
 """
 NUMBERS_APART = 1_000_000
-"""Distance between the first numbers that two processes give to the functions that they lower."""
+"""Distance between the first function numbers of two processes that lower kernels."""
 
 MEMSET = """
 define hidden ptr @memset(ptr %to, i32 %value, {size} %count) "no-builtins" {{
@@ -81,14 +90,25 @@ end:
   ret ptr %to
 }}
 """
-"""A function of C's library that LLVM calls by itself; with this one, ours needs no other."""
+"""LLVM code of ``memset``, a function of the C library.
+
+LLVM generates calls of this function by itself. The library contains its own copy, so that it does
+not depend on the C library.
+"""
 
 ENTRY = "define i32 @DllMainCRTStartup(ptr %0, i32 %1, ptr %2) {\n  ret i32 1\n}\n"
-"""Windows calls this function when it loads the library; it has nothing to do."""
+"""LLVM code of the function that Windows calls when it loads the library; it does nothing."""
 
 
 class Target(NamedTuple):
-    """A platform: for LLVM, for Zig, as Python names its system, and its wheel's tag."""
+    """A platform for which the engine can be built.
+
+    Attributes:
+        triple: Target triple of LLVM.
+        zig: Name of the platform in Zig.
+        system: Name of the operating system as in ``sys.platform``, or "wasm".
+        tag: Platform tag of the wheel; "" for WebAssembly, which has no wheel.
+    """
 
     triple: str
     zig: str
@@ -110,23 +130,37 @@ TARGETS = {
     "windows-x86_64": Target("x86_64-pc-windows-gnu", "x86_64-windows-gnu", "win32", "win_amd64"),
     "wasm32": Target("wasm32-unknown-unknown", "wasm32-freestanding", "wasm", ""),
 }
-LINKED_AS = {  # an undefined symbol is an error; on Linux only if asked for
+# Linker options of each system. An undefined symbol must be an error; Linux needs an option for it.
+# On Windows, compiler-rt contains the function that touches the pages of a large stack frame.
+LINKED_AS = {
     "linux": ["-shared", "-Wl,-z,defs"],
     "darwin": ["-shared"],
-    "win32": ["-shared", "-rtlib=compiler-rt"],  # which touches the pages of a large stack frame
+    "win32": ["-shared", "-rtlib=compiler-rt"],
     "wasm": [f"-Wl,{a}" for a in ("--no-entry", "--export-dynamic", "--export=__heap_base", "-s")],
 }
 
 
 def host() -> str:
-    """The name of this machine's platform in :data:`TARGETS`."""
+    """Return the name of this computer's platform in :data:`TARGETS`."""
     system = {"darwin": "macos", "win32": "windows"}.get(sys.platform, sys.platform)
     machine = platform.machine().lower().replace("amd64", "x86_64")
     return f"{system}-{machine}"
 
 
 def _make_array(context: Numba, builder: Numba, kind: Numba, address: Numba, shape: Numba) -> Numba:
-    """Return numba's array struct of a type ``kind`` at an address, and its lengths and strides."""
+    """Create an empty Numba array struct for an array at an address.
+
+    Args:
+        context: Target context of Numba.
+        builder: Builder of LLVM instructions.
+        kind: Numba type of the array.
+        address: Address of the first element.
+        shape: Lengths of the axes.
+
+    Returns:
+        The array struct, the pointer to its data, its lengths, its strides, and the size of an
+        element in bytes.
+    """
     array = context.make_array(kind)(context, builder)
     data_type = context.get_data_type(kind.dtype)
     size = context.get_constant(types.intp, context.get_abi_sizeof(data_type))
@@ -140,7 +174,10 @@ def _make_array(context: Numba, builder: Numba, kind: Numba, address: Numba, sha
 
 @intrinsic
 def array_at(_: Numba, address: Numba, shape: Numba, dtype: Numba) -> Numba:
-    """A contiguous array of a ``shape`` at an ``address``: numba's ``carray`` counts references."""
+    """Return a contiguous array of a shape at an address.
+
+    Numba's own ``carray`` cannot be used, because it counts references.
+    """
     kind = types.Array(dtype.dtype, len(shape), "C")
 
     def generate(context: Numba, builder: Numba, _: Numba, arguments: Numba) -> Numba:
@@ -154,7 +191,10 @@ def array_at(_: Numba, address: Numba, shape: Numba, dtype: Numba) -> Numba:
 
 @intrinsic
 def rows_at(_: Numba, address: Numba, shape: Numba, stride: Numba, dtype: Numba) -> Numba:
-    """:func:`array_at` of rows that lie ``stride`` bytes apart, each of them contiguous."""
+    """Return an array at an address whose rows lie ``stride`` bytes apart.
+
+    Each row is contiguous. Otherwise the function works like :func:`array_at`.
+    """
     kind = types.Array(dtype.dtype, len(shape), "A")
 
     def generate(context: Numba, builder: Numba, _: Numba, arguments: Numba) -> Numba:
@@ -169,7 +209,7 @@ def rows_at(_: Numba, address: Numba, shape: Numba, stride: Numba, dtype: Numba)
 
 @intrinsic
 def _fetch_add(_: Numba, place: Numba) -> Numba:
-    """:func:`jansen_env.engine.kernel.fetch_add` by an atomic instruction."""
+    """Implement :func:`jansen_env.engine.kernel.fetch_add` by an atomic instruction."""
 
     def generate(context: Numba, builder: Numba, _: Numba, arguments: Numba) -> Numba:
         array = context.make_array(place)(context, builder, arguments[0])
@@ -180,22 +220,23 @@ def _fetch_add(_: Numba, place: Numba) -> Numba:
 
 
 def _not_executable(_: Numba, library: Numba, *__: Numba) -> Numba:
-    """Replace numba's method that compiles a stage for the host and returns a Python function."""
+    """Replace Numba's method that compiles a stage for the host and returns a Python function."""
     library._ensure_finalized()
-    return [].append  # numba's key of the stage: a builtin, a new one each time
+    return [].append  # Numba uses this as the key of the stage: a builtin, different in each call.
 
 
 def _lower(function: Function, inline: bool) -> Numba:
-    """A stage as numba compiles it."""
+    """Return a stage as an object that Numba compiles."""
     return NJIT(forceinline=inline, **OPTIONS)(function)
 
 
 def _import_kernels() -> list[Kernel]:
-    """Import the modules of this folder, with stages to be compiled."""
+    """Import the modules of this folder with stages that Numba compiles, and return all kernels."""
     kernel_module.fetch_add, kernel_module.lower = _fetch_add, _lower
     CPUContext.get_executable = _not_executable
     for name in ("_optimize_functions", "_optimize_final_module", "_finalize_specific"):
-        setattr(JITCodeLibrary, name, lambda *_: None)  # compile_code does it, once for each target
+        # `compile_code` optimises and finalises the code, once for each target.
+        setattr(JITCodeLibrary, name, lambda *_: None)
     for path in sorted(FOLDER.glob("*.py")):
         if path.stem not in ("__init__", "build", "kernel"):
             importlib.import_module(f"jansen_env.engine.{path.stem}")
@@ -203,7 +244,12 @@ def _import_kernels() -> list[Kernel]:
 
 
 def _source_of(parameter: Parameter, names: dict[str, object]) -> str:
-    """Python that reads an argument from its slots; ``names`` gets the names that it uses."""
+    """Return Python code that reads an argument from its slots.
+
+    Args:
+        parameter: The argument.
+        names: Names that the code uses, and their values; the function adds its own.
+    """
     slot, dtype, ndim = parameter.slot, parameter.dtype, parameter.ndim
     assert dtype.names is None or dtype.isalignedstruct, parameter.name
     if ndim == 0:
@@ -217,12 +263,15 @@ def _source_of(parameter: Parameter, names: dict[str, object]) -> str:
 
 
 def _entry(kernel: Kernel) -> tuple[str, str]:
-    """LLVM's code of a kernel that takes its slots' address, and the symbol in there."""
+    """Return the LLVM code of a kernel's entry point, and the entry point's symbol in this code.
+
+    The only argument of the entry point is the address of the kernel's slots.
+    """
     names: dict[str, object] = {"array_at": array_at, "rows_at": rows_at}
     names |= {"compiled": _lower(kernel.function, True)}
     names |= {"integer": types.int64, "real": types.float64}
     hints = get_type_hints(kernel.function)
-    arguments = dict[str, list[str]]()  # source of each, and of the entries of named tuples
+    arguments = dict[str, list[str]]()  # code of each argument, and of each entry of a named tuple
     for parameter in kernel.parameters:
         name = parameter.group or parameter.name
         arguments.setdefault(name, []).append(_source_of(parameter, names))
@@ -244,7 +293,7 @@ def _entry(kernel: Kernel) -> tuple[str, str]:
         f"    {result}\n"
     )
     exec(source, names)
-    function: Numba = names[kernel.symbol]  # its name is in that of LLVM's code
+    function: Numba = names[kernel.symbol]  # Its name becomes part of the symbol in the LLVM code.
     entry = NJIT(**OPTIONS)(function)
     entry.compile((types.int64,))
     name = entry.overloads[types.int64,].fndesc.mangled_name
@@ -252,12 +301,12 @@ def _entry(kernel: Kernel) -> tuple[str, str]:
 
 
 def _lower_group(symbols: list[str], first_number: int) -> dict[str, str]:
-    """Return LLVM's code of kernels with their entry points, by symbol, for any platform.
+    """Return the LLVM code of kernels and their entry points for any platform, by symbol.
 
     Args:
         symbols: Symbols of the kernels.
-        first_number: Number of the first function. The number is part of a function's name in
-            LLVM's code, and the linker merges functions of the same name.
+        first_number: Number of the first function. The number is part of the function's name in the
+            LLVM code, and the linker merges functions of the same name.
     """
     FunctionIdentity._unique_ids = itertools.count(first_number)
     kernels = {kernel.symbol: kernel for kernel in kernel_module.kernels}
@@ -279,7 +328,11 @@ def _lower_group(symbols: list[str], first_number: int) -> dict[str, str]:
 
 
 def lower_kernels(pool: ProcessPoolExecutor) -> list[str]:
-    """Return LLVM's code of each kernel with its entry point, for any platform."""
+    """Return the LLVM code of each kernel and its entry point, for any platform.
+
+    Args:
+        pool: Processes that lower the kernels.
+    """
     symbols = [kernel.symbol for kernel in _import_kernels()]
     stepping = [symbol for symbol in symbols if symbol.startswith(STEPPING)]
     others = [symbol for symbol in symbols if not symbol.startswith(STEPPING)]
@@ -290,7 +343,12 @@ def lower_kernels(pool: ProcessPoolExecutor) -> list[str]:
 
 
 def compile_code(codes: list[str], target: Target) -> bytes:
-    """An object file of all kernels, optimised as one module."""
+    """Optimise all kernels as one module, and return the object file.
+
+    Args:
+        codes: LLVM code of the kernels, see :func:`lower_kernels`.
+        target: Platform of the object file.
+    """
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
     machine = llvm.Target.from_triple(target.triple).create_target_machine(
@@ -311,22 +369,22 @@ def compile_code(codes: list[str], target: Target) -> bytes:
             value.linkage = "internal"
     whole.verify()
     options = llvm.create_pipeline_tuning_options(speed_level=SPEED_LEVEL)
-    options.loop_vectorization = False  # loops of a few numbers, which are slower then
+    options.loop_vectorization = False  # Loops are short; vectorised, they would be slower.
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(whole, builder)
     return bytes(machine.emit_object(whole))
 
 
 def build(name: str, folder: Path = FOLDER, alone: bool = False) -> Path:
-    """Build the library for a platform of :data:`TARGETS` into a folder; return its path.
+    """Build the library for a platform of :data:`TARGETS`, and return its path.
 
     Args:
         name: Name of the platform.
-        folder: Where the library goes.
-        alone: Whether to leave out WebAssembly.
+        folder: Folder for the library.
+        alone: Whether to build the library without WebAssembly.
 
     Raises:
-        RuntimeError: the sources have changed meanwhile.
+        RuntimeError: If the sources change during the build.
     """
     names = (name,) if alone else (name, "wasm32")
     targets = [TARGETS[each] for each in dict.fromkeys(names)]
@@ -345,16 +403,25 @@ def build(name: str, folder: Path = FOLDER, alone: bool = False) -> Path:
 
 
 def is_built() -> bool:
-    """Whether the libraries of these sources are there, and this machine loads the one for it."""
+    """Return whether this computer can load its library and the WebAssembly library exists.
+
+    Both libraries must be built from the current sources.
+    """
     try:
         ctypes.CDLL(str(library_path()))
-    except OSError:  # none, or another machine's
+    except OSError:  # There is no library, or it was built for another platform.
         return False
     return library_path(platform="wasm").exists()
 
 
 def link(target: Target, code: Path, library: Path) -> None:
-    """Link an object to a shared library by Zig, which links for every platform."""
+    """Link an object file to a shared library by Zig, which can link for every platform.
+
+    Args:
+        target: Platform of the library.
+        code: Path of the object file.
+        library: Path of the shared library.
+    """
     command = "-m", "ziglang", "cc", "-target", target.zig, "-nostdlib", *LINKED_AS[target.system]
     caches = dict.fromkeys(("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR"), str(code.parent))
     subprocess.run(

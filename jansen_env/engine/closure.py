@@ -1,7 +1,9 @@
-"""A leg closed: its joints, and the angles and centres of mass of its bodies, at crank angles.
+"""Closure of a leg: positions of its joints, and angles and centres of mass of its bodies.
 
-A body's joint is at its centre + c (cos, sin)(angle + o); ``corners`` (bodies, most joints, 2) has
-c, m, and o, rad. ``members`` (bodies, most joints) has the joints; -1 where a body has fewer.
+All of these are computed at given crank angles. If the angle of a body is a, each of its joints
+lies at the body's centre + c (cos, sin)(a + o). The array ``corners``, shape (bodies, most joints,
+2), holds c in m and o in rad. The array ``members``, shape (bodies, most joints), holds the joints
+of each body, and -1 where a body has fewer joints.
 """
 
 from __future__ import annotations
@@ -23,12 +25,12 @@ from jansen_env.engine.kernel import (
 from jansen_env.engine.link_shapes import edge_turn
 from jansen_env.engine.sums import pairwise_sum
 
-FRAME, CRANK = range(2)  # the bodies that all legs share
+FRAME, CRANK = range(2)  # positions of the two bodies that all legs share
 
 
 @kernel
 def put_turn_angles(begin: float, angles: Floats1) -> None:
-    """Put angles evenly over a turn, without its end.
+    """Distribute angles evenly over one turn, excluding its end.
 
     Args:
         begin: First angle, in rad.
@@ -40,7 +42,7 @@ def put_turn_angles(begin: float, angles: Floats1) -> None:
 
 @kernel
 def put_angles_to_end(end: float, angles: Floats1) -> None:
-    """Put angles evenly from 0 to ``end``, including ``end``, as ``numpy.linspace`` does.
+    """Distribute angles evenly from 0 to ``end``, including ``end``, as ``numpy.linspace`` does.
 
     Args:
         end: Last angle, in rad.
@@ -54,9 +56,15 @@ def put_angles_to_end(end: float, angles: Floats1) -> None:
 
 @kernel
 def put_joints(
-    psi: Floats1, frame_angle: float, members: Ints2, corners: Floats3, dyads: Ints2,
-    spans: Floats2, places: Floats3, fault: Floats1,
-) -> int:  # fmt: skip
+    psi: Floats1,
+    frame_angle: float,
+    members: Ints2,
+    corners: Floats3,
+    dyads: Ints2,
+    spans: Floats2,
+    places: Floats3,
+    fault: Floats1,
+) -> int:
     """Compute the positions of a fore leg's joints at crank angles.
 
     Args:
@@ -65,24 +73,24 @@ def put_joints(
         members: Joints of each body, shape (bodies, most joints); -1 where a body has fewer.
         corners: Joints of each body in polar coordinates, see
             :func:`jansen_env.engine.link_shapes.put_link_corners`, shape (bodies, most joints, 2).
-        dyads: Joint, start, end, branch, and the bodies from start and end to the joint, for each
-            dyad, shape (dyads, 6).
-        spans: Lengths of these bodies, in m, shape (dyads, 2).
-        places: Output, in m, shape (n, joints, 2).
+        dyads: Six integers for each dyad, shape (dyads, 6): joint, start, end, branch, and the two
+            bodies that connect start and end to the joint.
+        spans: Distances from start and from end to the joint, in m, shape (dyads, 2).
+        places: Output, positions of the joints in m, shape (n, joints, 2).
         fault: Output if a dyad does not close, shape (2,): index of the angle at which the gap is
-            worst, and the distance that the dyad cannot span there, in m.
+            largest, and the distance that the dyad cannot span there, in m.
 
     Returns:
-        The first dyad that does not close, or -1.
+        The index of the first dyad that does not close, or -1.
     """
     return close_leg(psi, frame_angle, members, corners, dyads, spans, places, fault)
 
 
 @stage(inline=False)
 def close_leg(psi, frame_angle, members, corners, dyads, spans, places, fault):
-    """Do the work of :func:`put_joints`, for other kernels, too."""
+    """Compute the positions of a fore leg's joints, see :func:`put_joints`."""
     for i in range(len(psi)):
-        places[i] = math.nan  # where a joint is not known yet
+        places[i] = math.nan  # NaN marks a joint whose position is not known yet.
         places[i, members[CRANK, 0]] = 0.0
         _add_joints(places[i], members[FRAME], corners[FRAME], frame_angle)
         _add_joints(places[i], members[CRANK], corners[CRANK], psi[i])
@@ -108,16 +116,32 @@ def close_leg(psi, frame_angle, members, corners, dyads, spans, places, fault):
 
 @kernel
 def put_open_joints(
-    psi: Floats1, frame_angle: float, members: Ints2, corners: Floats3, dyads: Ints2,
-    spans: Floats2, places: Floats3, open_dyads: Ints1, open_spans: Floats1, fault: Floats1,
-) -> int:  # fmt: skip
-    """Compute the joints as :func:`put_joints` does, at each angle as far as the leg closes there.
+    psi: Floats1,
+    frame_angle: float,
+    members: Ints2,
+    corners: Floats3,
+    dyads: Ints2,
+    spans: Floats2,
+    places: Floats3,
+    open_dyads: Ints1,
+    open_spans: Floats1,
+    fault: Floats1,
+) -> int:
+    """Compute the joints at each crank angle, up to the first dyad that does not close there.
 
-    Other arguments are as for :func:`put_joints`.
+    In contrast to :func:`put_joints`, the leg need not close at every angle.
 
     Args:
-        places: Output, in m, shape (n, joints, 2); NaN for joints that are not found.
-        open_dyads: Output, first dyad that does not close at each angle, or -1, shape (n,).
+        psi: Crank angles, in rad, shape (n,).
+        frame_angle: Angle of the frame in the chassis, in rad.
+        members: Joints of each body, see :func:`put_joints`.
+        corners: Joints of each body in polar coordinates, see :func:`put_joints`.
+        dyads: Dyads of the leg, see :func:`put_joints`.
+        spans: Distances within each dyad, in m, see :func:`put_joints`.
+        places: Output, positions of the joints in m, shape (n, joints, 2); NaN for joints that are
+            not found.
+        open_dyads: Output, index of the first dyad that does not close at each angle, or -1, shape
+            (n,).
         open_spans: Output, distance that this dyad cannot span, in m, shape (n,).
         fault: Work space, shape (2,).
 
@@ -140,25 +164,36 @@ def put_open_joints(
 
 @kernel
 def put_legs(
-    psi: Floats1, legs: Floats2, frame_angle: float, members: Ints2, corners: Floats3,
-    dyads: Ints2, spans: Floats2, angles: Floats2, places: Floats4, fault: Floats1,
-) -> int:  # fmt: skip
+    psi: Floats1,
+    legs: Floats2,
+    frame_angle: float,
+    members: Ints2,
+    corners: Floats3,
+    dyads: Ints2,
+    spans: Floats2,
+    angles: Floats2,
+    places: Floats4,
+    fault: Floats1,
+) -> int:
     """Compute the positions of the joints of all legs at crank angles.
-
-    Other arguments are as for :func:`put_joints`.
 
     Args:
         psi: Crank angles, in rad, shape (n,).
         legs: Side of each leg (1 for fore, -1 for back, its mirror image) and its phase in rad,
             shape (legs, 2).
+        frame_angle: Angle of the frame in the chassis, in rad.
+        members: Joints of each body, see :func:`put_joints`.
+        corners: Joints of each body in polar coordinates, see :func:`put_joints`.
+        dyads: Dyads of the leg, see :func:`put_joints`.
+        spans: Distances within each dyad, in m, see :func:`put_joints`.
         angles: Output, crank angles at which a fore leg has the same shape as each leg, in rad,
             shape (legs, n).
-        places: Output, in m, shape (legs, n, joints, 2).
-        fault: Output if a dyad does not close, shape (3,): as for :func:`put_joints`, and the leg.
-            Then ``angles`` is complete up to this leg.
+        places: Output, positions of the joints in m, shape (legs, n, joints, 2).
+        fault: Output if a dyad does not close, shape (3,): the two values of :func:`put_joints`,
+            and the index of the leg. In this case, ``angles`` is complete up to this leg.
 
     Returns:
-        The first dyad that does not close, or -1.
+        The index of the first dyad that does not close, or -1.
     """
     for leg in range(len(legs)):
         side, phase = legs[leg]
@@ -209,7 +244,7 @@ def put_lowest_toes(places: Floats4, toes: Ints1, heights: Floats1) -> None:
 
 @stage(inline=False)
 def put_heights(places, toes, heights):
-    """Do the work of :func:`put_lowest_toes`, for other kernels, too."""
+    """Compute the height of the lowest toe at each crank angle, see :func:`put_lowest_toes`."""
     for i in range(len(heights)):
         heights[i] = math.inf
         for leg in range(len(places)):
@@ -219,18 +254,22 @@ def put_heights(places, toes, heights):
 
 @kernel
 def mean(values: Floats1) -> float:
-    """Return the mean of numbers as ``numpy.mean`` computes it."""
+    """Return the mean of values as ``numpy.mean`` computes it.
+
+    Args:
+        values: The values, shape (n,).
+    """
     return pairwise_sum(values) / len(values)
 
 
 @kernel
 def advance_over_turn(places: Floats4, toes: Ints1, ways: Floats1) -> float:
-    """Return the advance of a level robot on its lowest toe in a turn of the crank, m.
+    """Return the advance of a level robot on its lowest toe per turn of the crank, in m.
 
     The crank turns counter-clockwise.
 
     Args:
-        places: Positions of the joints over a turn, including its end, in m, shape (legs, n + 1,
+        places: Positions of the joints over one turn, including its end, in m, shape (legs, n + 1,
             joints, 2).
         toes: Joints of a leg that are toes, shape (toes,).
         ways: Work space, shape (n,).
@@ -249,17 +288,17 @@ def advance_over_turn(places: Floats4, toes: Ints1, ways: Floats1) -> float:
 def measure_level(
     places: Floats4, toes: Ints1, near: float, heights: Floats1, grounded: Ints2, out: Floats1
 ) -> None:
-    """Measure a robot over a turn of its crank while it is kept level and stands on its lowest toe.
+    """Measure a robot over one turn of its crank, kept level and standing on its lowest toe.
 
     Args:
         places: Positions of the joints of all legs, in m, shape (legs, n, joints, 2).
         toes: Joints of a leg that are toes, shape (toes,).
-        near: Height above the ground up to which a toe is in stance, as a fraction of the standing
-            height.
+        near: Largest height above the ground at which a toe is in stance, as a fraction of the
+            standing height.
         heights: Work space, shape (n,).
         grounded: Output, whether each toe of the first leg is in stance, shape (toes, n).
         out: Output, shape (5,): mean height of the crank axis, in m; range of this height, in m;
-            largest height of a toe above the lowest toe, in m; advance in a counter-clockwise turn,
+            largest height of a toe above the lowest toe, in m; advance per counter-clockwise turn,
             in m; fraction of the turn in which a toe is in stance, averaged over all toes.
     """
     count, legs = len(heights), len(places)
@@ -289,16 +328,16 @@ def measure_level(
 
 @kernel
 def nearest_dead_point(places: Floats3, dyads: Ints2, out: Floats1) -> int:
-    """Find where two links that meet in a joint come nearest to being in line.
+    """Find the crank angle and the dyad whose two links come closest to being collinear.
 
     Args:
-        places: Positions of the joints of a fore leg over a turn, in m, shape (n, joints, 2).
+        places: Positions of the joints of a fore leg over one turn, in m, shape (n, joints, 2).
         dyads: Dyads of the leg, see :func:`put_joints`.
-        out: Output, shape (2,): sine of the angle between these links, and index of the crank
+        out: Output, shape (2,): sine of the angle between the two links, and index of the crank
             angle.
 
     Returns:
-        The dyad of these links.
+        The index of the dyad.
     """
     nearest = 0
     out[0] = math.inf
@@ -324,10 +363,11 @@ def nearest_dead_point(places: Floats3, dyads: Ints2, out: Floats1) -> int:
 
 @stage(inline=False)
 def _add_dyad(place, dyad, spans):
-    """Put a dyad's joint left (branch 1) or right (-1) of the way from start to end.
+    """Store the joint of a dyad, left (branch 1) or right (-1) of the line from start to end.
 
-    Returns the square of its distance from there, m^2: not above 0 where it does not close. And the
-    distance from start to end, m.
+    Returns:
+        The square of the joint's distance from this line, in m^2, which is not positive if the dyad
+        does not close; and the distance from start to end, in m.
     """
     a, b, from_a, from_b = place[dyad[1]], place[dyad[2]], spans[0], spans[1]
     dx, dy = b[0] - a[0], b[1] - a[1]
@@ -342,7 +382,7 @@ def _add_dyad(place, dyad, spans):
 
 @stage
 def _first_known(place, joints, k):
-    """The first of a body's joints from ``k`` on whose place is known, by its place in the body."""
+    """Return the first index from ``k`` on in ``joints`` whose joint has a known position."""
     while math.isnan(place[joints[k], 0]):
         k += 1
     return k
@@ -350,13 +390,13 @@ def _first_known(place, joints, k):
 
 @stage
 def _heading(place, a, b):
-    """Angle of the way from one joint to another, rad."""
+    """Return the direction from joint ``a`` to joint ``b``, in rad."""
     return mathematics.atan2(place[b, 1] - place[a, 1], place[b, 0] - place[a, 0])
 
 
 @stage(inline=False)
 def _add_joints(place, joints, corners, angle):
-    """Add all joints of a body whose angle is known, and one of its joints."""
+    """Store all joints of a body of which the angle and at least one joint are known."""
     k = _first_known(place, joints, 0)
     reach, heading = corners[k, 0], angle + corners[k, 1]
     x = place[joints[k], 0] - reach * mathematics.cos(heading)
@@ -370,14 +410,25 @@ def _add_joints(place, joints, corners, angle):
 
 @kernel
 def put_coordinates(
-    psi: Floats1, mirror: float, members: Ints2, corners: Floats3, bars: Bools1, places: Floats3,
+    psi: Floats1,
+    mirror: float,
+    members: Ints2,
+    corners: Floats3,
+    bars: Bools1,
+    places: Floats3,
     x: Floats3,
-) -> None:  # fmt: skip
-    """Put angle and centre of mass of each body of a leg into (n, bodies, 3), rad and m.
+) -> None:
+    """Compute the angle and the centre of mass of each body of a leg.
 
     Args:
-        mirror: 1 of a fore leg, -1 of a back leg. bars: (bodies,) whether each is one, with its
-            centre half way. places: (n, joints, 2) m.
+        psi: Crank angles, in rad, shape (n,).
+        mirror: 1 for a fore leg, -1 for a back leg.
+        members: Joints of each body, shape (bodies, most joints); -1 where a body has fewer.
+        corners: Joints of each body in polar coordinates, see :func:`put_joints`.
+        bars: Whether each body is a bar, whose centre lies halfway between its joints, shape
+            (bodies,).
+        places: Positions of the joints, in m, shape (n, joints, 2).
+        x: Output, shape (n, bodies, 3): angle in rad, and position of the centre of mass in m.
     """
     for k in range(len(members)):
         half, turn = edge_turn(corners[k, 0], corners[k, 1])

@@ -1,8 +1,19 @@
-"""Collision detection: a robot's contact planes on the stretch of a height line that it can reach.
+"""Collision detection: contact planes of a robot on the part of a height line that it can reach.
 
-See ``plants/grounds.py``. A pad's planes are those within its robot's speculative margin; a pad
-farther than that in the ground has the plane by which it comes out soonest. On a ground that is
-not a height line, pymunk lists the planes instead, see ``plants/shape_planes.py``.
+:mod:`jansen_env.plants.grounds` explains which ground a robot stands on. A pad has a plane for each
+face of the ground within the robot's speculative margin. A pad that lies deeper in the ground than
+this margin has only the plane through which it can leave the ground on the shortest way. If the
+ground is not a height line, pymunk lists the planes instead, see
+:mod:`jansen_env.plants.shape_planes`.
+
+Most stages share these arguments:
+
+- ``state``: state of the robot relative to the crank axis, shape (8,).
+- ``status``: record ``STATUS`` of the robot, see :mod:`jansen_env.engine.records`.
+- ``surface``: vertices of all height lines, in m, shape (vertices, 2). The vertices from ``start``
+  or ``begin`` to ``end``, excluding ``end``, are the part that the robot can reach.
+- ``sides``: pads at the ends of each side of a link, lower number first, shape (sides, 2).
+- ``planes``: records ``PLANE`` of the contact planes that are found.
 """
 
 from __future__ import annotations
@@ -15,20 +26,46 @@ from jansen_env.engine.kernel import Floats1, Floats2, Floats4, Ints2, kernel, s
 from jansen_env.engine.records import Layout, Planes, Robots, World
 from jansen_env.engine.tables import locate, pad_place
 
-SPECULATIVE_MARGIN = 0.05  # m within which a plane counts, or as far as a pad gets in a time step
-LARGEST_MARGIN = 0.2  # m, of the fastest robots
-MARGIN = 1.0  # m that a robot moves before its stretch is asked for again
-WAY_OUT = 0.35  # m within which a pad that is deep in the ground is looked for a way out
-LEAN = 0.1  # sine by which a side of a link may enter the ground beside a vertex that carries it
-FACE = 1e-6  # rad, how far a contact's normal may be off a segment's to be taken as the face's
-SAME = 1e-9  # difference of two planes' numbers below which they are one
+SPECULATIVE_MARGIN = 0.05
+"""Smallest speculative margin, in m.
+
+Faces of the ground within the speculative margin of a pad become contact planes. The margin grows
+with the distance that a pad can travel in a time step.
+"""
+LARGEST_MARGIN = 0.2
+"""Largest speculative margin, in m, which the fastest robots have."""
+MARGIN = 1.0
+"""Distance, in m, after which the part of the ground that a robot can reach is determined again."""
+WAY_OUT = 0.35
+"""Distance, in m, within which a pad that lies deep in the ground must find a way out."""
+LEAN = 0.1
+"""Sine of the largest angle at which a side of a link may enter the ground beside a vertex.
+
+The vertex carries the side only up to this angle.
+"""
+FACE = 1e-6
+"""Angle, in rad, between a contact's normal and a segment's below which they count as equal."""
+SAME = 1e-9
+"""Sum of the differences of two planes' values below which the planes count as the same plane."""
 
 
 @stage(inline=False)
 def detect(state, robot, model, ground, world, sides, planes):
-    """Find the planes near a robot's pads and sides; False where it has left its stretch of ground.
+    """Find the contact planes near a robot's pads and near the sides of its links.
 
-    Sets the robot's ``margin``, its ``planes`` and ``too_deep``; arguments: see ``records.py``.
+    The function sets the robot's ``margin``, its range of ``planes``, and ``too_deep``.
+
+    Args:
+        state: State of the robot relative to the crank axis, shape (8,).
+        robot: The robot's record.
+        model: Tables of the robot, a :class:`jansen_env.engine.records.Model`.
+        ground: The ground, a :class:`jansen_env.engine.records.Ground`.
+        world: Data that the robots have in common.
+        sides: Pads at the ends of each side of a link, shape (sides, 2).
+        planes: Output, contact planes.
+
+    Returns:
+        False if the robot has left the part of the ground that is known.
     """
     status = robot.status
     set_margin(state, robot, world.time_step)
@@ -49,9 +86,11 @@ def detect(state, robot, model, ground, world, sides, planes):
 
 @stage(inline=False)
 def _list_sides(state, cos, sin, near, status, model, surface, world, sides, planes):
-    """List the vertices that links' ``sides`` may touch, as planes of their second ends.
+    """List a contact plane for each vertex of the ground that the side of a link may touch.
 
-    Where one end of a side is below ``near``, of the pads that may be near the ground.
+    The plane belongs to the pad at the second end of the side, and ``far_pad`` is the pad at the
+    first end. Only sides whose first pad is below ``near``, the number of pads that may be near the
+    ground, are considered.
     """
     start, end, reach = status.first_near, status.end_near, status.pad_radius + status.margin
     for k in range(len(sides)):
@@ -66,7 +105,7 @@ def _list_sides(state, cos, sin, near, status, model, surface, world, sides, pla
             x, y = surface[vertex, 0], surface[vertex, 1]
             carries, nx, ny = _side_normal(surface, vertex, x - ax, y - ay, ex, ey)
             distance = nx * (ax - x) + ny * (ay - y)
-            if distance < 0.0:  # in the ground, or beyond a ridge
+            if distance < 0.0:  # The side is in the ground, or beyond a ridge.
                 foot_x, foot_y = x + distance * nx, y + distance * ny
                 carries = carries and foot_y < height_at(surface, start, end, foot_x)
             if carries and distance < reach:
@@ -76,11 +115,18 @@ def _list_sides(state, cos, sin, near, status, model, surface, world, sides, pla
 
 @stage(inline=False)
 def _side_normal(surface, k, x, y, ex, ey):
-    """Return whether vertex ``k`` can carry a side, and the side's normal, out of the ground.
+    """Return whether vertex ``k`` can carry a side, and the side's normal (x, y) out of the ground.
 
-    Only the vertex of a ridge can: in a valley the ground's own faces are in the way.
+    Only the vertex of a ridge can carry a side. In a valley, the faces of the ground are in the
+    way.
 
-    ``x, y``: m, of the vertex from the side's first end; ``ex, ey``: of its second end.
+    Args:
+        surface: Vertices of the ground, in m, shape (vertices, 2).
+        k: Index of the vertex.
+        x: Horizontal position of the vertex relative to the side's first end, in m.
+        y: Vertical position of the vertex relative to the side's first end, in m.
+        ex: Horizontal position of the side's second end relative to its first end, in m.
+        ey: Vertical position of the side's second end relative to its first end, in m.
     """
     square = ex * ex + ey * ey
     share, length = (ex * x + ey * y) / square, np.sqrt(square)
@@ -97,15 +143,19 @@ def _side_normal(surface, k, x, y, ex, ey):
 
 @stage
 def set_margin(state, robot, time_step):
-    """Set a robot's speculative margin to the way of its fastest pad in a time step."""
-    speed = abs(state[4]) + abs(state[5])  # no pad is faster
+    """Set a robot's speculative margin to the distance that its fastest pad covers in a time step.
+
+    The margin always lies between :data:`SPECULATIVE_MARGIN` and :data:`LARGEST_MARGIN`.
+    """
+    # An upper bound of the speed of all pads.
+    speed = abs(state[4]) + abs(state[5])
     speed += robot.params.pitch_arm * abs(state[6]) + robot.params.crank_arm * abs(state[7])
     robot.status.margin = min(max(SPECULATIVE_MARGIN, speed * time_step), LARGEST_MARGIN)
 
 
 @stage
 def _others_near(state, status, ground):
-    """Whether a pad that is no toe may be near the ground."""
+    """Return whether a pad that is not a toe may be near the ground."""
     depths = ground.depths
     pitches, farthest = len(depths) - 1, depths[-1]
     extra = status.pad_radius + status.margin - SPECULATIVE_MARGIN
@@ -116,7 +166,7 @@ def _others_near(state, status, ground):
 
 @stage
 def _rises_above(surface, status, left, right, height):
-    """Whether a robot's ground rises above a height between two x."""
+    """Return whether the ground rises above ``height`` anywhere between ``left`` and ``right``."""
     begin, end = status.first_near, status.end_near
     first, last = segment_at(surface, begin, end, left), segment_at(surface, begin, end, right)
     above = _height(surface, first, left) > height or _height(surface, last, right) > height
@@ -127,7 +177,7 @@ def _rises_above(surface, status, left, right, height):
 
 @stage
 def segment_at(surface, begin, end, x):
-    """Index of the segment of the ground surface[begin:end] above or below ``x``."""
+    """Return the index of the segment of the ground ``surface[begin:end]`` above or below ``x``."""
     low, high = begin, end - 1
     while high - low > 1:
         middle = (low + high) // 2
@@ -140,26 +190,36 @@ def segment_at(surface, begin, end, x):
 
 @stage
 def _height(surface, k, x):
-    """Height of segment ``k`` at ``x``."""
+    """Return the height of segment ``k`` at ``x``, in m."""
     slope = (surface[k + 1, 1] - surface[k, 1]) / (surface[k + 1, 0] - surface[k, 0])
     return surface[k, 1] + slope * (x - surface[k, 0])
 
 
 @stage(inline=False)
 def height_at(surface, begin, end, x):
-    """Height of the ground surface[begin:end] at ``x``, m; it goes on beyond its ends."""
+    """Return the height of the ground ``surface[begin:end]`` at ``x``, in m.
+
+    The first and the last segment continue beyond the ends of the ground.
+    """
     return _height(surface, segment_at(surface, begin, end, x), x)
 
 
 @kernel
 def pad_centres(state: Floats1, pads: Floats4, layout: Layout, out: Floats2) -> None:
-    """Centres (pads, 2) of a robot's pads, m, into ``out``; arguments: as of a Model."""
+    """Compute the centres of a robot's pads.
+
+    Args:
+        state: State of the robot relative to the crank axis, shape (8,).
+        pads: Tables of the pads, see :class:`jansen_env.engine.records.Model`.
+        layout: Records of the pads, shape (pads,).
+        out: Output, centres of the pads in m, shape (pads, 2).
+    """
     find_centres(state, pads, layout, out)
 
 
 @stage(inline=False)
 def find_centres(state, pads, layout, out):
-    """:func:`pad_centres`, within kernels."""
+    """Compute the centres of a robot's pads, see :func:`pad_centres`."""
     cos, sin = mathematics.cos(state[2]), mathematics.sin(state[2])
     for j in range(len(layout)):
         out[j, 0], out[j, 1] = _centre(state, cos, sin, pads, layout[j])
@@ -167,24 +227,32 @@ def find_centres(state, pads, layout, out):
 
 @stage
 def _centre(state, cos, sin, pads, pad):
-    """(x, y) of a pad's centre, m; ``cos``, ``sin``: of the pitch."""
+    """Return the centre (x, y) of a pad, in m; ``cos`` and ``sin`` are those of the pitch."""
     x, y = pad_place(pads, pad, state[3])
     return state[0] + cos * x - sin * y, state[1] + sin * x + cos * y
 
 
 @stage(inline=False)
 def links_in_ground(state, status, model, ground, toes, sides, places):
-    """How many of a robot's ``sides``, pairs (n, 2) of pads, are in the ground between their ends.
+    """Count the sides of a robot's links that pass through the ground between their ends.
 
-    Those with a toe come first, toe first. ``places`` is work space for two numbers a pad.
+    Args:
+        state: State of the robot relative to the crank axis, shape (8,).
+        status: The robot's status.
+        model: Tables of the robot, a :class:`jansen_env.engine.records.Model`.
+        ground: The ground, a :class:`jansen_env.engine.records.Ground`.
+        toes: Number of toes.
+        sides: Pads at the ends of each side, shape (sides, 2). Sides with a toe come first, and the
+            toe is their first pad.
+        places: Work space for two values per pad.
     """
     if status.end_near - status.first_near <= 2:
-        return 0  # no vertices
+        return 0  # The ground has no inner vertices.
     count, layout, pads = len(sides), model.layout, model.pads
     cos, sin = mathematics.cos(state[2]), mathematics.sin(state[2])
     near = len(layout) if _others_near(state, status, ground) else toes
     while near == toes and count > 0 and sides[count - 1, 0] >= toes:
-        count -= 1  # all ground is below the other sides
+        count -= 1  # Sides without a toe are above all of the ground.
     for j in range(near):
         places[2 * j], places[2 * j + 1] = _centre(state, cos, sin, pads, layout[j])
     for k in range(count):
@@ -197,13 +265,22 @@ def links_in_ground(state, status, model, ground, toes, sides, places):
 
 @kernel
 def sides_in_ground(places: Floats1, sides: Ints2, surface: Floats2) -> int:
-    """:func:`links_in_ground` of pads at places (2 pads,), x and y in turn, m, on one ground."""
+    """Count the sides of links that pass through the ground between their ends.
+
+    Args:
+        places: Centres of the pads, x and y alternating, in m, shape (2 pads,).
+        sides: Pads at the ends of each side, shape (sides, 2).
+        surface: Vertices of the ground, in m, shape (vertices, 2).
+    """
     return _count_sides(places, len(sides), sides, surface, 0, len(surface))
 
 
 @stage(inline=False)
 def _count_sides(places, first, sides, surface, begin, end):
-    """How many of the ``first`` sides pass below a vertex of the ground surface[begin:end]."""
+    """Count the sides, among the first ``first``, that pass below a vertex of the ground.
+
+    The ground is ``surface[begin:end]``.
+    """
     count = 0
     for k in range(first):
         a, b = 2 * sides[k, 0], 2 * sides[k, 1]
@@ -225,13 +302,22 @@ def _count_sides(places, first, sides, surface, begin, end):
 def planes_near(
     r: int, centres: Floats2, robots: Robots, surface: Floats2, world: World, planes: Planes
 ) -> None:
-    """Find the planes near points (pads, 2), m, that are taken for the pads of robot ``r``."""
+    """Find the contact planes near given points, as if the points were the pads of robot ``r``.
+
+    Args:
+        r: Index of the robot.
+        centres: The points, in m, shape (pads, 2).
+        robots: Records of the robots.
+        surface: Vertices of all height lines, in m, shape (vertices, 2).
+        world: Data that the robots have in common.
+        planes: Output, contact planes.
+    """
     find_planes(centres, robots[r].status, surface, world[0], planes)
 
 
 @stage(inline=False)
 def find_planes(centres, status, surface, world, planes):
-    """:func:`planes_near`, within kernels."""
+    """Find the contact planes near given points, see :func:`planes_near`."""
     begin_planes(status)
     for j in range(len(centres)):
         list_planes(centres[j, 0], centres[j, 1], j, status, surface, world, planes)
@@ -240,14 +326,14 @@ def find_planes(centres, status, surface, world, planes):
 
 @stage
 def begin_planes(status):
-    """Forget a robot's planes."""
+    """Remove all contact planes of a robot."""
     status.end_plane = status.first_plane
     status.too_deep = False
 
 
 @stage(inline=False)
 def list_planes(x, y, pad, status, surface, world, planes):
-    """List the planes of a pad at (x, y)."""
+    """List the contact planes of a pad at (x, y)."""
     start, end = status.first_near, status.end_near
     near = status.pad_radius + status.margin
     no_plane = True
@@ -279,9 +365,10 @@ def list_planes(x, y, pad, status, surface, world, planes):
 
 @stage(inline=False)
 def _list_near_side(x, y, pad, first, last, nearest, near, status, surface, world, planes):
-    """List the planes of a pad at (x, y), in the ground, but those on the far side of a ridge.
+    """List the contact planes of a pad in the ground, except those on the far side of a ridge.
 
-    Of the segments ``first`` to ``last`` it is the least deep behind ``nearest``.
+    The pad is at (x, y). Of the segments ``first`` to ``last``, the pad is least deep below the
+    segment ``nearest``.
     """
     start, end = status.first_near, status.end_near
     for k in range(first, last + 1):
@@ -297,7 +384,11 @@ def _list_near_side(x, y, pad, first, last, nearest, near, status, surface, worl
 
 @stage(inline=False)
 def _way_out(surface, start, end, x, y, reach):
-    """The nearest plane whose ground a point is in: (whether within ``reach``, normal, offset)."""
+    """Find the nearest plane through which a point in the ground can leave it.
+
+    Returns:
+        Whether there is such a plane within ``reach``, its normal (x, y), and its offset in m.
+    """
     highest, best_x, best_y, best_offset = -reach, 0.0, 0.0, 0.0
     first, last = (
         segment_at(surface, start, end, x - reach),
@@ -313,15 +404,18 @@ def _way_out(surface, start, end, x, y, reach):
 
 @stage(inline=False)
 def _plane(surface, start, end, k, x, y, near):
-    """Plane by which segment ``k`` of surface[start:end] faces a point (x, y).
+    """Compute the plane with which segment ``k`` of ``surface[start:end]`` faces a point (x, y).
 
-    Returns (whether it is nearer than ``near`` and no neighbour's task; normal x, y; offset).
+    Returns:
+        Whether the plane counts, its normal (x, y), and its offset in m. The plane counts if it is
+        nearer than ``near`` and does not belong to a neighbouring segment.
     """
     ax, ay = surface[k, 0], surface[k, 1]
     ex, ey = surface[k + 1, 0] - ax, surface[k + 1, 1] - ay
     length = mathematics.hypot(ex, ey)
     share = (ex * (x - ax) + ey * (y - ay)) / (ex * ex + ey * ey)
-    if k > start:  # beyond its ends the ground goes on
+    # The first and the last segment continue beyond the ends of the ground.
+    if k > start:
         share = max(0.0, share)
     if k < end - 2:
         share = min(share, 1.0)
@@ -335,27 +429,32 @@ def _plane(surface, start, end, k, x, y, near):
     nx, ny = -ey / length, ex / length
     offset = nx * ax + ny * ay
     sunk = nx * (x - ax) + ny * (y - ay) < 0.0
-    if (share == 0.0 or share == 1.0) and square > 0.0:  # a vertex
+    if (share == 0.0 or share == 1.0) and square > 0.0:  # The nearest point is a vertex.
         other = k - 1 if share == 0.0 else k + 2
-        if start <= other < end:  # the neighbour's, if the point is on its side
+        if start <= other < end:  # The vertex belongs to the neighbour if the point is beside it.
             side = away_x * (surface[other, 0] - px) + away_y * (surface[other, 1] - py)
             if side < 0.0:
                 return False, 0.0, 0.0, 0.0
         inverse = 1.0 / np.sqrt(square)
         vertex_x, vertex_y = -away_x * inverse, -away_y * inverse
         sunk = vertex_y < 0.0
-        # On a face, take the face's own normal: the direction to a point is rounded.
+        # Straight above a face, keep the face's own normal: the direction from the vertex to the
+        # point is subject to rounding.
         if abs(vertex_x * ex + vertex_y * ey) >= FACE * length:
             nx, ny = (-vertex_x, -vertex_y) if sunk else (vertex_x, vertex_y)
             offset = nx * px + ny * py
-    # Behind that segment, yet above the ground: it sees the far side of a ridge.
+    # A point that is behind the segment but above the ground is on the other side of a ridge.
     faces = not (sunk and y > height_at(surface, start, end, x))
     return faces, nx, ny, offset
 
 
 @stage(inline=False)
 def _list(pad, far_pad, vertex_x, vertex_y, status, nx, ny, offset, distance, capacity, planes):
-    """Add a plane to a robot's, unless it is there, or there are ``capacity`` nearer ones."""
+    """Add a plane to the planes of a robot.
+
+    The plane is not added if it is listed already. If ``capacity`` planes are listed, it replaces
+    the farthest one, or is not added if it is the farthest itself.
+    """
     begin, end = status.first_plane, status.end_plane
     for k in range(begin, end):
         other = planes[k]
@@ -364,7 +463,7 @@ def _list(pad, far_pad, vertex_x, vertex_y, status, nx, ny, offset, distance, ca
             apart += abs(other.normal_x - nx) + abs(other.normal_y - ny)
             apart += abs(other.offset - offset)
             if apart < SAME:
-                return  # a vertex is found from both its sides
+                return  # The segments on both sides of a vertex find the same plane.
     place = end
     if end - begin == capacity:
         place = begin
@@ -383,7 +482,7 @@ def _list(pad, far_pad, vertex_x, vertex_y, status, nx, ny, offset, distance, ca
 
 @stage(inline=False)
 def sort_planes(begin, end, planes):
-    """Insertion sort by pad, then distance."""
+    """Sort planes by pad and then by distance, using insertion sort."""
     for i in range(begin + 1, end):
         k = i
         while k > begin and _comes_before(planes[k], planes[k - 1]):
@@ -393,11 +492,13 @@ def sort_planes(begin, end, planes):
 
 @stage
 def _comes_before(a, b):
+    """Return whether plane ``a`` comes before plane ``b``."""
     return a.pad < b.pad or (a.pad == b.pad and a.distance < b.distance)
 
 
 @stage
 def _swap(a, b):
+    """Exchange the values of two planes."""
     a.normal_x, b.normal_x = b.normal_x, a.normal_x
     a.normal_y, b.normal_y = b.normal_y, a.normal_y
     a.offset, b.offset = b.offset, a.offset

@@ -1,27 +1,35 @@
-"""Pads that give: a spring and a damper along the normal, a bristle with both along the ground.
+"""Compliant pads: a spring and a damper along the normal, and a bristle with both along the ground.
 
-Kelvin and Voigt's force, which never pulls, and friction behind a spring (as Dahl has it, but exact
-at its threshold). For the normal, with g the gap at the middle of the step and u_0, u_1 the
-velocities before and after it (tangentially the bristle's bend in place of g),
+The normal force is that of a Kelvin-Voigt element, and it never pulls. Friction acts through a
+spring, as in Dahl's model, but with an exact threshold. For the normal direction, let g be the gap
+at the middle of the time step, and u_0 and u_1 the velocities before and after the step. In the
+tangential direction, the deflection of the bristle takes the place of g. The impulse is
 
     P = -h k (g + (1 - c) h (u_1 - u_0) / 4 + c h u_1) - h d ((1 - c) (u_0 + u_1) / 2 + c u_1)
 
-- c = 0 where the step resolves spring and damper: the trapezoidal rule, of second order; a spring
-  gives back what it took to the last bit (implicit Euler would damp it by about omega h / 2).
-- c towards 1 where it does not: implicit Euler in u and in g, which is where the pads are half a
-  step from u. That brakes a pad before it is in the ground, so that it neither bounces nor
-  rings however stiff spring or damper are: the limit is a rigid pad.
+- c = 0 if the time step resolves spring and damper. This is the trapezoidal rule, which is of
+  second order. A spring returns the energy that it stored to the last bit, whereas implicit Euler
+  would damp the motion by about omega h / 2.
+- c approaches 1 if the time step does not resolve them. This is implicit Euler in u and in g, where
+  g is evaluated half a time step after u_1. It slows a pad down before the pad enters the ground.
+  The pad therefore neither bounces nor rings, however stiff spring and damper are, and in the limit
+  it is rigid.
 
-With P = -B (u_1 + offset) a compliant contact is a rigid one with 1 / B more on W's diagonal and
-``offset`` in the free velocity: the complementarity problem, its solver and its guesses stay as
-they are. Its velocity is then the one at which the pad slides, or takes off. A touchdown
-counts only the way below the ground: never more energy comes back than went in.
+With P = -B (u_1 + offset), a compliant contact is a rigid contact with 1 / B added to the diagonal
+of W and ``offset`` added to the free velocity. The complementarity problem, its solver and its
+initial guesses stay the same. The velocity in this problem is the velocity at which the pad slides
+or lifts off. A touchdown counts only the distance below the ground, so a spring never returns more
+energy than it received.
 
-Near an edge of the ground, a pad that is deep in it may be far below a plane that is just found.
-Compression is therefore part of the state: a pad's springs on new planes together hold no more than
-its springs held on the old ones. Planes on which they would hold more are moved into the ground.
-Springs of a link's side that ends in the pad count with the pad's, which come first. A vertex may
-also come to lie under a side that is already below it: then the side's spring begins there.
+Near an edge of the ground, a pad that is deep in the ground may be far below a plane that has just
+been found. Compression is therefore part of the state: the springs of a pad on new planes together
+hold no more energy than its springs on the old planes did. Planes on which they would hold more are
+moved into the ground. The springs of link sides that end in a pad count together with the springs
+of the pad itself, which come first. A vertex may also appear under a side that is already below the
+vertex. The spring of the side then starts at this position.
+
+In this module, ``share`` is c where it is computed by :func:`_implicit_share`. Contact c of the
+arrays has rows 2 c (normal) and 2 c + 1 (tangential).
 """
 
 from __future__ import annotations
@@ -33,28 +41,48 @@ from jansen_env.engine.contact_solver import COMPLIANCE, OPEN, STICK
 from jansen_env.engine.contacts import rate
 from jansen_env.engine.kernel import stage
 
-RESOLVED = 2.0  # of a free pad's phase or decay in a time step: up to there c is 0
+RESOLVED = 2.0
+"""Largest phase (rad) or decay of a free pad's motion in a time step for which c is 0."""
 NORMAL, TANGENTIAL = 0, 1
 
 
 @stage
 def _implicit_share(h, k, d, weight):
-    """c, of a contact's row with ``weight`` on W's diagonal."""
-    phase, decay = h * np.sqrt(k * weight), h * d * weight  # of free motion, in a step
+    """Return c for a row of a contact whose entry on the diagonal of W is ``weight``, in 1/kg.
+
+    The spring has stiffness ``k`` in N/m, and the damper has damping ``d`` in N s/m.
+    """
+    # Phase and decay of the free motion in one time step.
+    phase, decay = h * np.sqrt(k * weight), h * d * weight
     return 1.0 - 1.0 / max(1.0, phase / RESOLVED, decay / RESOLVED)
 
 
 @stage
 def _start_length(h, middle, ahead, old):
-    """Length of a normal spring at the start of a step, m: negative, or 0 off the ground."""
+    """Return the length of a normal spring at the beginning of a time step, in m.
+
+    The length is negative if the spring is compressed, and 0 if the pad is above the ground.
+    """
     return min(middle - (h - ahead) * old, 0.0)
 
 
 @stage(inline=False)
 def limit_springs(h, count, velocity, params, planes, contacts, statistics):
-    """Limit the springs on planes just found to the energy that the pad's springs held before.
+    """Limit the springs on new planes to the energy that the springs of each pad held before.
 
-    Contacts are in the order of their pads. Sides that end in a pad share what it leaves.
+    Contacts are in the order of their pads. The springs of link sides that end in a pad share the
+    energy that the pad's own springs leave.
+
+    Args:
+        h: Time step, in s.
+        count: Number of contacts.
+        velocity: Generalised velocity at the beginning of the time step.
+        params: Parameters of the robot.
+        planes: Contact planes, changed in place.
+        contacts: The contacts, changed in place.
+        statistics: Sums and deflections of each pad, shape (pads,). An infinite normal deflection
+            means that the compression is unknown; the function replaces it by the present
+            compression.
     """
     first, last = 0, 0
     for j in range(len(statistics)):
@@ -82,7 +110,16 @@ def limit_springs(h, count, velocity, params, planes, contacts, statistics):
 
 @stage(inline=False)
 def begin_sides(h, count, velocity, params, planes, contacts):
-    """Let springs of sides begin where they are, if a vertex is under them that was not before."""
+    """Start the springs of link sides at their present length if the vertex under the side is new.
+
+    Args:
+        h: Time step, in s.
+        count: Number of contacts.
+        velocity: Generalised velocity at the beginning of the time step.
+        params: Parameters of the robot.
+        planes: Contact planes, changed in place.
+        contacts: The contacts, changed in place.
+    """
     for c in range(count):
         plane = planes[contacts.plane[c]]
         if plane.far_pad >= 0 and plane.compression == 0.0:
@@ -92,7 +129,11 @@ def begin_sides(h, count, velocity, params, planes, contacts):
 
 @stage
 def _start(h, c, velocity, params, contacts):
-    """Length of a contact's normal spring at the start of a step, m, and the share that counts."""
+    """Compute the normal spring of contact ``c`` at the beginning of a time step.
+
+    Returns:
+        The length of the spring, in m, and the fraction 1 - c of this length that counts as stored.
+    """
     weight = contacts.problem.W[2 * c, 2 * c]
     share = _implicit_share(h, params.stiffness[NORMAL], params.pad_damping[NORMAL], weight)
     old = rate(contacts.J, 2 * c, velocity)
@@ -101,7 +142,10 @@ def _start(h, c, velocity, params, contacts):
 
 @stage
 def _move_plane(c, share, plane, contacts):
-    """Move a contact's plane into the ground by a share of its spring, whose start is known."""
+    """Move a contact's plane into the ground by a fraction ``share`` of the spring's length.
+
+    The length at the beginning of the step must be in ``contacts.middle``.
+    """
     if share > 0.0:
         contacts.gap[c] -= share * contacts.middle[2 * c]
         plane.offset += share * contacts.middle[2 * c]
@@ -109,7 +153,20 @@ def _move_plane(c, share, plane, contacts):
 
 @stage(inline=False)
 def add_compliance(h, count, velocity, params, planes, contacts):
-    """Put springs and dampers into W's diagonal and into ``offset``, the path's curvature there."""
+    """Add springs and dampers to the diagonal of W and to ``offset`` of the contacts.
+
+    On input, ``offset`` holds the curvature of the pads' paths, see
+    :class:`jansen_env.engine.records.Contacts`. The fraction c of the curvature remains in
+    ``offset``.
+
+    Args:
+        h: Time step, in s.
+        count: Number of contacts.
+        velocity: Generalised velocity at the beginning of the time step.
+        params: Parameters of the robot.
+        planes: Contact planes.
+        contacts: The contacts, changed in place.
+    """
     W, offset = contacts.problem.W, contacts.offset
     for c in range(count):
         for side in (NORMAL, TANGENTIAL):
@@ -138,7 +195,13 @@ def add_compliance(h, count, velocity, params, planes, contacts):
 
 @stage
 def attach_bristles(status, planes, statistics):
-    """Put the bristles of pads on new planes: a pad's on its nearest one."""
+    """Attach the bristle of each pad to the nearest plane of the pad.
+
+    Args:
+        status: The robot's status.
+        planes: Contact planes, changed in place; those of a pad are sorted by distance.
+        statistics: Sums and deflections of each pad, shape (pads,).
+    """
     pad = -1
     for k in range(status.first_plane, status.end_plane):
         nearest, pad = planes[k].pad != pad, planes[k].pad
@@ -147,10 +210,17 @@ def attach_bristles(status, planes, statistics):
 
 @stage
 def keep_deflection(status, planes, statistics):
-    """Save pads' compression and bend while their planes are found again."""
+    """Save the compression and the bristle deflection of each pad while its planes are found again.
+
+    Args:
+        status: The robot's status.
+        planes: Contact planes.
+        statistics: Sums and deflections of each pad, changed in place, shape (pads,).
+    """
     for pad in statistics:
         pad.deflection[NORMAL] = pad.deflection[TANGENTIAL] = 0.0
-    for k in range(status.end_plane - 1, status.first_plane - 1, -1):  # a pad's nearest comes last
+    # In reverse order, the nearest plane of each pad comes last.
+    for k in range(status.end_plane - 1, status.first_plane - 1, -1):
         deflection = statistics[planes[k].pad].deflection
         deflection[NORMAL] = mathematics.hypot(deflection[NORMAL], planes[k].compression)
         deflection[TANGENTIAL] = planes[k].deflection
@@ -160,14 +230,29 @@ def keep_deflection(status, planes, statistics):
 def accumulate_compliant(
     h, renewed, count, velocity, after, params, contacts, planes, robot, statistics
 ):
-    """Add a time step's slip, impulses and losses of compliant pads; bend the bristles.
+    """Add the slip, impulses and losses of compliant pads in a time step, and deflect the bristles.
 
-    All that is not slip loss is impact loss: of dampers, of springs let go, and what springs hold
-    less on planes that were ``renewed`` than on the old ones, or lose with a plane that is gone.
-    Springs are as long as they are where the law looks, at the step's ends or up to half a step
-    ahead. Where c = 0, springs and dampers of a step lose h d times the mean velocity squared, so
-    no loss is negative. Of normal springs with c > 0 the share (1 - c)^2 of the energy counts as
-    stored, the rest as lost: what they hold is less than the place of the ground is known by.
+    All losses that are not slip losses count as impact losses: those of dampers, of springs that
+    are released, and of springs that hold less energy on renewed planes than on the old planes or
+    whose plane has disappeared.
+
+    The length of a spring is taken where the force law evaluates it: at the ends of the time step
+    or up to half a time step later. If c = 0, the springs and dampers together lose h d times the
+    square of the mean velocity in a time step, so no loss is negative. If c > 0, a fraction
+    (1 - c)^2 of a normal spring's energy counts as stored and the rest as lost. The compression of
+    such a spring is smaller than the uncertainty in the position of the ground.
+
+    Args:
+        h: Time step, in s.
+        renewed: Whether the planes have been found again since the last time step.
+        count: Number of contacts.
+        velocity: Generalised velocity at the beginning of the time step.
+        after: Generalised velocity at the end of the time step.
+        params: Parameters of the robot.
+        contacts: The contacts and their impulses.
+        planes: Contact planes, changed in place.
+        robot: The robot's record, whose sums are updated.
+        statistics: Sums and deflections of each pad, changed in place, shape (pads,).
     """
     J, P, mode = contacts.J, contacts.problem.P, contacts.problem.mode
     middle, ahead, curve = contacts.middle, contacts.ahead, contacts.curve
@@ -178,7 +263,8 @@ def accumulate_compliant(
             total.elastic_energy += 0.5 * k * pad.deflection[NORMAL] ** 2
             total.elastic_energy += 0.5 * kt * pad.deflection[TANGENTIAL] ** 2
         total.initial_energy += total.elastic_energy
-    before, stored, lost = 0.0, 0.0, 0.0  # J: in the springs, and what contacts took of the robot
+    # Energies in J: in the springs before and after the step, and taken from the robot by contacts.
+    before, stored, lost = 0.0, 0.0, 0.0
     slip_loss = 0.0
     if not renewed:
         lost += _released(0.5 * k, count, contacts, planes, status)
@@ -205,7 +291,7 @@ def accumulate_compliant(
         stored += 0.5 * kt * plane.deflection**2
         lost -= 0.5 * (P[i] * (old + new) + P[t] * (old_t + new_t))
         slip_loss -= P[t] * slid / h
-        if plane.far_pad >= 0:  # a link's side, not a pad
+        if plane.far_pad >= 0:  # The contact is on the side of a link, not on a pad.
             continue
         pad = statistics[plane.pad]
         pad.slip += abs(slid)
@@ -220,7 +306,7 @@ def accumulate_compliant(
 
 @stage
 def _released(half_stiffness, count, contacts, planes, status):
-    """Energy of the springs on planes that are no contacts any more, J."""
+    """Return the energy of the springs on planes that are no longer contacts, in J."""
     square = 0.0
     for j in range(status.first_plane, status.end_plane):
         square += planes[j].compression * planes[j].compression

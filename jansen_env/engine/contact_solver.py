@@ -1,17 +1,21 @@
-"""The contact impulses of one time step: planar Coulomb contacts solved exactly.
+"""Contact impulses of one time step: planar Coulomb contacts solved exactly.
 
-For contacts i with normal and tangential impulses P = (n_0, t_0, n_1, t_1, ...) and the velocities
-u = W P + v_free they leave behind (W the Delassus matrix J M^-1 J^T, v_free the velocities without
-contact, restitution included), find
+The contacts i have normal and tangential impulses P = (n_0, t_0, n_1, t_1, ...). After the
+impulses, the contacts have the velocities u = W P + v_free. W is the Delassus matrix J M^-1 J^T,
+and v_free contains the velocities without contact impulses, including restitution. The solver finds
 
     0 <= P_n  perpendicular to  u_n >= 0                          (Signorini)
     |P_t| <= mu P_n,   P_t = -mu P_n sign(u_t) where u_t != 0     (Coulomb, maximum dissipation)
 
-Each contact is open, sticks, or slides one way, and for given modes the problem is linear. Modes
-are guessed (the last step's), solved, checked and updated, which nearly always ends after one or
-two rounds. Where it does not, Lemke's method on the complementarity problem of Stewart and Trinkle
-(IJNME 39, 1996) gives a solution; Anitescu and Potra (Nonlinear Dynamics 14, 1997) prove that it
-exists and that Lemke finds it.
+Each contact is open, sticks, or slides in one of two directions. For given modes, the problem is
+linear. The solver guesses the modes (those of the last time step), solves the linear problem,
+checks the solution and updates the modes. This nearly always ends after one or two rounds. If it
+does not, the solver applies Lemke's method to the complementarity problem of Stewart and Trinkle
+(IJNME 39, 1996). Anitescu and Potra (Nonlinear Dynamics 14, 1997) prove that a solution exists and
+that Lemke's method finds it.
+
+In this module, ``problem`` is a :class:`jansen_env.engine.records.Problem`, and ``count`` is the
+number of contacts.
 """
 
 from __future__ import annotations
@@ -24,42 +28,78 @@ from jansen_env.engine.lemke import lemke
 from jansen_env.engine.records import Problem
 
 OPEN, STICK, SLIDE_FORWARD, SLIDE_BACKWARD = 0, 1, 2, 3
-"""Contact modes; forward: tangential velocity u_t > 0, so friction is negative."""
+"""Contact modes. "Forward" means a tangential velocity u_t > 0, so that friction is negative."""
 
-ACCURACY = 1e-11  # of the accepted solution's residual, relative to the largest impulse at play
-COMPLIANCE = 1e-11  # added to W, relative to its mean diagonal: redundant contacts share load
-WEDGE_COMPLIANCE = 1e-3  # the same where pads are wedged, which bounds the force they hold
-MODE_ROUNDS = 12  # guesses of the modes before Lemke's method is called
-LEMKE_COMPLIANCES = (1e-9, 1e-6, 1e-4)  # softer and softer, for its pivots' sake; modes are checked
-PROXIMITY = 1e-4  # of the last resort, relative to W's mean diagonal
+ACCURACY = 1e-11
+"""Largest residual of an accepted solution, relative to the largest impulse in the problem."""
+COMPLIANCE = 1e-11
+"""Value added to the diagonal of W, relative to the mean of the diagonal.
+
+It makes redundant contacts share their load.
+"""
+WEDGE_COMPLIANCE = 1e-3
+"""Value that replaces :data:`COMPLIANCE` if pads are wedged; it limits the force between them."""
+MODE_ROUNDS = 12
+"""Number of times that the modes are guessed before Lemke's method is applied."""
+LEMKE_COMPLIANCES = (1e-9, 1e-6, 1e-4)
+"""Increasing compliances that are tried with Lemke's method, because they improve its pivots.
+
+The modes that the method finds are checked without this compliance.
+"""
+PROXIMITY = 1e-4
+"""Step parameter of the proximal-point iteration, relative to the mean of the diagonal of W.
+
+This iteration is the last resort.
+"""
 PROXIMAL_ROUNDS = 200
+"""Largest number of proximal-point iterations."""
 
 
 def index_size(count: int) -> int:
-    """Integers that :func:`solve` needs as work space for ``count`` contacts."""
+    """Return the number of integers that :func:`solve` needs as work space.
+
+    Args:
+        count: Largest number of contacts.
+    """
     return 10 * count + 1
 
 
 def spare_space(count: int) -> NDArray[np.float64]:
-    """Work space to search for modes: four vectors, Lemke's tableau."""
+    """Return work space for the search for modes: four vectors, and the tableau of Lemke's method.
+
+    Args:
+        count: Largest number of contacts.
+    """
     return np.zeros((4 * count + 4, 8 * count + 2))
 
 
 def problem(count: int) -> Problem:
-    """Memory for the contact law of ``count`` contacts, all 0."""
+    """Return memory for the contact law of contacts, with all values 0.
+
+    Args:
+        count: Largest number of contacts.
+    """
     n = 2 * count
     return Problem(
-        W=np.zeros((n, n)), v_free=np.zeros(n), mu=np.zeros(count), mode=np.zeros(count, np.int64),
-        P=np.zeros(n), u=np.zeros(n), A=np.zeros((n, n)), rhs=np.zeros(n),
-        indices=np.zeros(index_size(count), np.int64), spare=spare_space(count),
-    )  # fmt: skip
+        W=np.zeros((n, n)),
+        v_free=np.zeros(n),
+        mu=np.zeros(count),
+        mode=np.zeros(count, np.int64),
+        P=np.zeros(n),
+        u=np.zeros(n),
+        A=np.zeros((n, n)),
+        rhs=np.zeros(n),
+        indices=np.zeros(index_size(count), np.int64),
+        spare=spare_space(count),
+    )
 
 
 @stage
 def residual(count, problem):
-    """Largest violation of the contact law, N s; fills ``u`` = W P + v_free.
+    """Return the largest violation of the contact law, in N s, and store u = W P + v_free.
 
-    The natural map of Alart and Curnier with W's diagonal as step: |P - proj(P - u / W_ii)|.
+    The violation is measured with the natural map of Alart and Curnier, whose step is the diagonal
+    of W: |P - proj(P - u / W_ii)|.
     """
     W, P, u = problem.W, problem.P, problem.u
     worst = 0.0
@@ -80,7 +120,7 @@ def residual(count, problem):
 
 @stage
 def _factored(count, problem):
-    """Whether A has the factors of these modes already, from the last call."""
+    """Return whether A already contains the factors for the present modes, from the last call."""
     same = problem.indices[5 * count] > 0
     for c in range(count):
         same = same and problem.indices[4 * count + c] == problem.mode[c]
@@ -89,7 +129,11 @@ def _factored(count, problem):
 
 @stage
 def _assemble(count, problem):
-    """The linear problem that the modes pose, into A; returns how many unknowns it has."""
+    """Store the matrix of the linear problem for the present modes in A.
+
+    Returns:
+        The number of unknowns.
+    """
     W, A, indices = problem.W, problem.A, problem.indices
     k = 0
     for c in range(count):
@@ -116,9 +160,13 @@ def _assemble(count, problem):
 
 @stage
 def _factor(count, problem):
-    """LU factors, into A, of the linear problem that the modes pose; False where it is singular.
+    """Store the LU factors of the linear problem for the present modes in A.
 
-    ``indices``: which unknowns take part, which rows change places, the modes, how many unknowns.
+    The work space ``indices`` then holds the unknowns of the problem, the exchanged rows, the
+    modes, and the number of unknowns.
+
+    Returns:
+        False if the linear problem is singular.
     """
     if _factored(count, problem):
         return True
@@ -147,7 +195,11 @@ def _factor(count, problem):
 
 @stage
 def _solve_modes(count, problem):
-    """Impulses for given modes by Gaussian elimination; False where the modes are singular."""
+    """Compute the impulses for the present modes by Gaussian elimination.
+
+    Returns:
+        False if the linear problem is singular.
+    """
     if not _factor(count, problem):
         return False
     P, A, rhs, indices = problem.P, problem.A, problem.rhs, problem.indices
@@ -180,7 +232,10 @@ def _solve_modes(count, problem):
 
 @stage
 def _update_modes(count, problem, one_only):
-    """Change the mode of every (or the first) contact whose impulse or velocity contradicts it."""
+    """Change the mode of each contact whose impulse or velocity contradicts it.
+
+    If ``one_only`` is true, only the first such contact changes.
+    """
     mu, mode, P, u = problem.mu, problem.mode, problem.P, problem.u
     for c in range(count):
         n, t = P[2 * c], P[2 * c + 1]
@@ -206,7 +261,13 @@ def _update_modes(count, problem, one_only):
 
 @stage
 def _solve_from_guess(count, problem, tolerance):
-    """Solve, check and update the modes; leaves the solution, or the least wrong try, in P."""
+    """Solve the problem, check the solution and update the modes, for several rounds.
+
+    P then holds the solution, or the result of the last round. If the modes are singular, P is 0.
+
+    Returns:
+        The residual for P, in N s.
+    """
     for attempt in range(MODE_ROUNDS):
         if not _solve_modes(count, problem):
             break
@@ -221,18 +282,23 @@ def _solve_from_guess(count, problem, tolerance):
 
 @stage(inline=False)
 def _solve_again(count, problem, tolerance):
-    """:func:`_solve_from_guess`, once in the machine code of what is rarely needed."""
+    """Call :func:`_solve_from_guess` in code that is rarely needed.
+
+    This function is not inlined, so the machine code for the rare cases contains the solver only
+    once.
+    """
     return _solve_from_guess(count, problem, tolerance)
 
 
 @stage
 def solve(count, problem):
-    """Solve the contact law for ``count`` contacts; returns the solution's :func:`residual`.
+    """Solve the contact law, and return the :func:`residual` of the solution, in N s.
 
     Args:
-        problem: W with :func:`regularise` applied, v_free, mu and mode; P, u and mode are filled.
-            With indices[5 count] = 0 nothing is kept from the call before; else W, mu and count
-            must be the same as there.
+        count: Number of contacts.
+        problem: Contact law: W after :func:`regularise`, v_free, mu, and a first guess of the
+            modes. The function stores P, u and mode. If indices[5 count] is 0, nothing is reused
+            from the last call. Otherwise, W, mu and ``count`` must be the same as in the last call.
     """
     scale = 0.0
     for i in range(2 * count):
@@ -246,13 +312,26 @@ def solve(count, problem):
 
 @stage(inline=False)
 def search(count, problem, tolerance, error):
-    """Solve by Lemke's method, then by the proximal-point iteration; P holds the best try."""
+    """Solve the contact law by Lemke's method, and then by the proximal-point iteration.
+
+    P then holds the best solution that was found.
+
+    Args:
+        count: Number of contacts.
+        problem: Contact law, see :func:`solve`.
+        tolerance: Largest residual of an accepted solution, in N s.
+        error: Residual of the present solution, in N s.
+
+    Returns:
+        The residual for P, in N s.
+    """
     kept, best, modes = problem.spare[0], problem.spare[1], problem.indices[5 * count + 1 :]
     _keep(count, problem.P, problem.mode, best, modes)
     for compliance in LEMKE_COMPLIANCES:
         if not lemke(count, problem, compliance, problem.spare[4:], modes[count:]):
             continue
-        last = _check(count, problem)  # itself a candidate, and so are the modes it points to
+        # Candidates are the solution itself and the solution for the modes that it suggests.
+        last = _check(count, problem)
         for i in range(2 * count):
             kept[i] = problem.P[i]
         _modes_of(count, problem)
@@ -271,13 +350,16 @@ def search(count, problem, tolerance, error):
 
 @stage(inline=False)
 def _check(count, problem):
-    """:func:`residual`, once in the machine code of what is rarely needed."""
+    """Call :func:`residual` in code that is rarely needed.
+
+    This function is not inlined, so the machine code for the rare cases contains it only once.
+    """
     return residual(count, problem)
 
 
 @stage(inline=False)
 def _keep(count, P, mode, kept_P, kept_mode):
-    """Copy impulses and modes."""
+    """Copy the impulses and modes of the contacts."""
     for i in range(2 * count):
         kept_P[i] = P[i]
     for c in range(count):
@@ -286,7 +368,7 @@ def _keep(count, P, mode, kept_P, kept_mode):
 
 @stage
 def _modes_of(count, problem):
-    """Modes that an approximate solution points to."""
+    """Store the modes that an approximate solution suggests."""
     P, mode = problem.P, problem.mode
     negligible = 0.0
     for i in range(2 * count):
@@ -304,7 +386,14 @@ def _modes_of(count, problem):
 
 @stage
 def _proximal_point(count, problem, tolerance, error):
-    """Last resort: solve W + rho 1 with v_free - rho P, from the last P on: better conditioned."""
+    """Solve the contact law by a proximal-point iteration, as a last resort.
+
+    Each iteration solves the better conditioned problem with W + rho 1 and v_free - rho P, where P
+    is the solution of the iteration before.
+
+    Returns:
+        The residual of the best solution, in N s.
+    """
     n, P, W, v_free = 2 * count, problem.P, problem.W, problem.v_free
     best, diagonal, free = problem.spare[1], problem.spare[2], problem.spare[3]
     modes = problem.indices[5 * count + 1 :]
@@ -313,7 +402,7 @@ def _proximal_point(count, problem, tolerance, error):
         diagonal[i], free[i] = W[i, i], v_free[i]
         trace += W[i, i]
     rho = PROXIMITY * trace / n
-    problem.indices[5 * count] = 0  # another W
+    problem.indices[5 * count] = 0  # W changes, so the factors in A are invalid.
     _keep(count, P, problem.mode, best, modes)
     for _ in range(PROXIMAL_ROUNDS):
         for i in range(n):
@@ -334,7 +423,13 @@ def _proximal_point(count, problem, tolerance, error):
 
 @stage
 def regularise(count, W, compliance):
-    """Add ``compliance`` to W's diagonal, relative to its mean: redundant contacts share load."""
+    """Add a compliance to the diagonal of W, so that redundant contacts share their load.
+
+    Args:
+        count: Number of contacts.
+        W: Delassus matrix, changed in place, shape (2 count, 2 count) or larger.
+        compliance: Value to add, relative to the mean of the diagonal.
+    """
     trace = 0.0
     for i in range(2 * count):
         trace += W[i, i]

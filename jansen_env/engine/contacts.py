@@ -1,4 +1,15 @@
-"""The pads that touch in a time step: their Jacobian, the Delassus matrix, and what penetrates."""
+"""Pads that touch the ground in a time step: Jacobian, Delassus matrix, and penetration.
+
+Most stages share these arguments:
+
+- ``h``: time step, in s.
+- ``count``: number of contacts. Contact c has rows 2 c (normal) and 2 c + 1 (tangential).
+- ``velocity``: generalised velocity, whose x and y are those of the centre of mass.
+- ``params``: parameters of the robot, see :data:`jansen_env.engine.records.PARAMS`.
+- ``planes``: records ``PLANE`` of the contact planes.
+- ``contacts``: a :class:`jansen_env.engine.records.Contacts`.
+- ``turn``: cosine and sine of the pitch.
+"""
 
 from __future__ import annotations
 
@@ -20,25 +31,44 @@ from jansen_env.engine.tables import (
     read_pad_motion,
 )
 
-PENETRATION_ALLOWED = 2e-5  # m, left uncorrected so that a resting contact does not flicker
-CORRECTION_RATE = 0.2  # share of the rest that is taken back in every step
+PENETRATION_ALLOWED = 2e-5
+"""Penetration, in m, that is not corrected, so that a resting contact does not flicker."""
+CORRECTION_RATE = 0.2
+"""Fraction of the remaining penetration that is corrected in each time step."""
 CORRECTION_SWEEPS = 4
-PUSH_OUT_SPEED = 1.0  # m/s, the fastest that a pad is taken out of the ground
-TRAVEL = 4  # where, after the last pose, a robot's travel is
+"""Number of Gauss-Seidel sweeps in a correction of the penetration."""
+PUSH_OUT_SPEED = 1.0
+"""Highest speed, in m/s, at which a pad is pushed out of the ground."""
+TRAVEL = 4
+"""Index in ``pose`` of the distance that the pads have travelled; the pose itself comes first."""
 
 
 @stage
 def find_contacts(h, middle, velocity, inertia, robot, model, planes, work):
-    """The pads that touch at the middle of a step: rows of J, curvature of their paths.
+    """Find the pads that touch the ground at the middle of a time step, and fill their rows.
 
-    But in an impact the contact law is asked of the velocity at the end of the step,
-    J v + (h / 2) J_dot v, which keeps a rolling or pivoting toe where it is to second order.
+    The rows hold the Jacobian J and the curvature of the pads' paths, (h / 2) J_dot v. Except in an
+    impact, the contact law applies to the velocity at the end of the step including this curvature,
+    J v + (h / 2) J_dot v. This keeps the position of a rolling or pivoting toe to second order.
 
-    A compliant pad touches if it does so where the step begins, or would in the middle of the next
-    one at this velocity: that far ahead its law may look.
+    A compliant pad touches the ground if it does so at the beginning of the step, or would do so in
+    the middle of the next step at this velocity. Its force law may look ahead up to this time.
 
-    Returns (contacts, whether one of them was open when the step began: an impact, whether one is
-    that of a link's side).
+    Args:
+        h: Time step, in s.
+        middle: Position (x, y) of the centre of mass in m, pitch and crank angle in rad, at the
+            middle of the step.
+        velocity: Generalised velocity at the beginning of the step.
+        inertia: Inertia at the middle of the step.
+        robot: The robot's record.
+        model: Tables of the robot, a :class:`jansen_env.engine.records.Model`.
+        planes: Contact planes of the robot.
+        work: Memory of the robot, a :class:`jansen_env.engine.records.Work`; its contacts are
+            filled.
+
+    Returns:
+        The number of contacts; whether a contact was open at the beginning of the step, which makes
+        the step an impact; and whether a contact is on the side of a link.
     """
     x, y, theta, psi = middle
     turn = mathematics.cos(theta), mathematics.sin(theta)
@@ -67,7 +97,7 @@ def find_contacts(h, middle, velocity, inertia, robot, model, planes, work):
         distance += plane.normal_y * (y + oy - plane.vertex_y)
         distance = distance - plane.offset - params.pad_radius
         work.bound[k - first] = travel + distance
-        mode, plane.mode = plane.mode, STICK  # the guess for a contact that closes
+        mode, plane.mode = plane.mode, STICK  # Guess that a contact which closes later will stick.
         if distance > reach:
             continue
         if plane.far_pad < 0:
@@ -88,10 +118,20 @@ def find_contacts(h, middle, velocity, inertia, robot, model, planes, work):
 
 @stage(inline=False)
 def _move_along_side(plane, turn, centroid, inertia, place, far):
-    """Move the reading ``place`` of a side's end to its point over the plane's vertex.
+    """Move a reading from the end of a side to the point of the side above the plane's vertex.
 
-    ``far`` is that of its other end. The plane's normal turns with the side. Returns whether the
-    point lies between the ends.
+    The normal of the plane turns with the side.
+
+    Args:
+        plane: Contact plane of the side, changed in place.
+        turn: Cosine and sine of the pitch.
+        centroid: Position (x, y) of the centre of mass, in m.
+        inertia: Inertia at the middle of the time step.
+        place: Reading of the pad at one end of the side, changed in place, shape (3, 6).
+        far: Reading of the pad at the other end, shape (3, 6).
+
+    Returns:
+        Whether the point lies between the ends of the side.
     """
     ex, ey = far[VALUE, PAD_X] - place[VALUE, PAD_X], far[VALUE, PAD_Y] - place[VALUE, PAD_Y]
     square = ex * ex + ey * ey
@@ -114,14 +154,20 @@ def _move_along_side(plane, turn, centroid, inertia, place, far):
 
 @stage
 def _turned(turn, x, y):
-    """A vector of the chassis frame in the world."""
+    """Return a vector of the chassis frame in the world frame."""
     cos, sin = turn
     return cos * x - sin * y, sin * x + cos * y
 
 
 @stage
 def farthest_way(h, velocity, params):
-    """Return the farthest that any pad gets in a step, m, at the centre of mass's velocity."""
+    """Return an upper bound, in m, of the distance that any pad travels in a time step.
+
+    Args:
+        h: Time step, in s.
+        velocity: Generalised velocity, whose x and y are those of the centre of mass.
+        params: Parameters of the robot.
+    """
     way = abs(velocity.x) + abs(velocity.y)
     way += params.pitch_arm * abs(velocity.pitch) + params.crank_arm * abs(velocity.crank)
     return (1.0 + 1e-6) * h * way
@@ -129,16 +175,21 @@ def farthest_way(h, velocity, params):
 
 @stage
 def rate(J, i, velocity):
-    """Row ``i`` of J v."""
+    """Return the velocity along row ``i`` of the Jacobian: entry ``i`` of J v, in m/s."""
     return (
-        J[i, 0] * velocity.x + J[i, 1] * velocity.y + J[i, 2] * velocity.pitch
+        J[i, 0] * velocity.x
+        + J[i, 1] * velocity.y
+        + J[i, 2] * velocity.pitch
         + J[i, 3] * velocity.crank
-    )  # fmt: skip
+    )
 
 
 @stage
 def _fill_rows(h, count, plane, turn, arm, velocity, inertia, radius, work):
-    """A contact's rows of J and (h / 2) J_dot v; ``arm`` points from centre of mass to pad."""
+    """Fill the rows of a contact in J and (h / 2) J_dot v.
+
+    ``arm`` is the vector from the centre of mass to the pad, in m.
+    """
     J, Jdot_v, place = work.contacts.J, work.contacts.offset, work.place
     ox, oy = arm
     w, n = velocity.pitch, velocity.crank
@@ -163,9 +214,10 @@ def _fill_rows(h, count, plane, turn, arm, velocity, inertia, radius, work):
 
 @stage
 def _travel(pose, middle, params):
-    """Return the farthest that any pad has come since ``pose``, m, and update ``pose``.
+    """Update ``pose``, and return an upper bound of the distance that any pad has travelled, in m.
 
-    Conservative advancement: a pad that was farther from its plane cannot touch it yet.
+    The distance counts from the first pose on. This is conservative advancement: a pad whose
+    distance from a plane was larger cannot touch the plane yet.
     """
     x, y, theta, psi = middle
     far = abs(x - pose[0]) + abs(y - pose[1])
@@ -177,10 +229,19 @@ def _travel(pose, middle, params):
 
 @stage
 def outruns(margin, h, state, params, model, work):
-    """Whether the next step's middle has a pad more than ``margin`` from where planes were found.
+    """Return whether a pad will be more than ``margin`` from where its planes were found.
 
-    The bound on what pads have travelled nearly always shows that none has. It leaves out how far a
-    step lifts sunken pads, at most PUSH_OUT_SPEED h.
+    The position at the middle of the next time step counts. In most cases, the upper bound of the
+    distance that the pads have travelled is sufficient to show that no pad is. The bound does
+    not include the distance by which a time step lifts sunken pads, at most PUSH_OUT_SPEED h.
+
+    Args:
+        margin: Distance, in m.
+        h: Time step, in s.
+        state: State of the robot relative to the centre of mass, shape (8,).
+        params: Parameters of the robot.
+        model: Tables of the robot, a :class:`jansen_env.engine.records.Model`.
+        work: Memory of the robot, a :class:`jansen_env.engine.records.Work`.
     """
     travel = work.pose[TRAVEL] + h * (abs(state[4]) + abs(state[5]))
     travel += h * (params.pitch_arm * abs(state[6]) + params.crank_arm * abs(state[7]))
@@ -206,10 +267,20 @@ def outruns(margin, h, state, params, model, work):
 
 @stage
 def assemble(count, sided, params, inertia, planes, contacts):
-    """J M^-1 and the Delassus matrix J M^-1 J^T, regularised; returns whether contacts are wedged.
+    """Compute J M^-1 and the Delassus matrix J M^-1 J^T, which is then regularised.
 
-    Pads that give are neither regularised nor wedged. ``sided``: whether a link's side touches,
-    whose normal may point any way.
+    Contacts of compliant pads are not regularised and never count as wedged.
+
+    Args:
+        count: Number of contacts.
+        sided: Whether a contact is on the side of a link, whose normal can have any direction.
+        params: Parameters of the robot.
+        inertia: Inertia at the middle of the time step.
+        planes: Contact planes.
+        contacts: The contacts, changed in place.
+
+    Returns:
+        Whether contacts are wedged, see :func:`_wedged`.
     """
     J, MJ, W = contacts.J, contacts.MJ, contacts.problem.W
     m = params.mass
@@ -227,16 +298,24 @@ def assemble(count, sided, params, inertia, planes, contacts):
         if sided or can_wedge(params):
             wedged = _wedged(count, contacts.plane, planes, params.friction)
         regularise(count, W, WEDGE_COMPLIANCE if wedged else COMPLIANCE)
-    contacts.problem.indices[5 * count] = 0  # W is new
+    contacts.problem.indices[5 * count] = 0  # W is new, so the factors in A are invalid.
     return wedged
 
 
 @stage
 def add_dry_friction(h, count, torque, inertia, contacts):
-    """Coulomb friction on the crank as one more contact, exact at standstill.
+    """Add the Coulomb friction on the crank as another contact, which is exact at standstill.
 
-    Its tangential velocity is the crank's speed, its friction 1, and its normal row says that the
-    normal impulse is ``h torque``, whatever else happens: u_n = W_nn (P_n - h torque) = 0.
+    The tangential velocity of this contact is the crank speed, and its friction coefficient is 1.
+    Its normal row makes the normal impulse ``h torque`` in any case: u_n = W_nn (P_n - h torque) =
+    0.
+
+    Args:
+        h: Time step, in s.
+        count: Number of contacts with the ground.
+        torque: Largest torque of the Coulomb friction, in N m.
+        inertia: Inertia at the middle of the time step.
+        contacts: The contacts, changed in place.
     """
     J, MJ, problem = contacts.J, contacts.MJ, contacts.problem
     n, t = 2 * count, 2 * count + 1
@@ -250,23 +329,28 @@ def add_dry_friction(h, count, torque, inertia, contacts):
     problem.W[n, t] = problem.W[t, n] = 0.0
     problem.v_free[n] = -inertia.m22 * h * torque
     problem.mu[count], problem.mode[count] = 1.0, STICK
-    problem.indices[5 * (count + 1)] = 0  # W is new
+    problem.indices[5 * (count + 1)] = 0  # W is new, so the factors in A are invalid.
 
 
 @stage
 def can_wedge(params):
-    """Whether slope + atan(friction) reaches 90 degrees somewhere."""
+    """Return whether slope + atan(friction) reaches 90 degrees anywhere on the terrain.
+
+    Args:
+        params: Parameters of the robot.
+    """
     return params.friction * params.steepest >= 1.0
 
 
 @stage
 def _wedged(count, plane, planes, friction):
-    """Whether two contacts' friction cones hold opposite forces: n . n' <= -cos(2 atan(friction)).
+    """Return whether the friction cones of two contacts contain opposite forces.
 
-    Then contacts can push on the ground with any force and no effect on the motion: bounces and
-    the path's curvature would make it as large as the arithmetic allows, so they are left out.
-    Contacts that hold opposite forces only through the linkage, or three at a time, are not seen
-    here but by :func:`impulse_share`.
+    This is the case if n . n' <= -cos(2 atan(friction)). Such contacts can push against the ground
+    with any force and without any effect on the motion. Bounces and the curvature of the path would
+    make this force as large as the arithmetic allows, so both are left out. Contacts that hold
+    opposite forces only through the linkage, or only three at a time, are not found here but by
+    :func:`impulse_share`.
     """
     limit = (friction * friction - 1.0) / (friction * friction + 1.0)
     for c in range(count):
@@ -279,16 +363,25 @@ def _wedged(count, plane, planes, friction):
 
 @stage
 def impulse_share(count, free, inertia, params, contacts):
-    """Return the contacts' impulses as a share of the largest that the step's motion explains.
+    """Return the contact impulses as a fraction of the largest that the motion can explain.
 
-    Impulses P of contacts that yield by a compliance s, and that neither bounce nor follow a curve,
-    cannot add energy: P (W P + s P + J v) <= 0, v the velocity without contacts. With G = J^T P
+    Consider impulses P of contacts that have a compliance s, do not bounce, and do not follow a
+    curve. They cannot add energy: P (W P + s P + J v) <= 0, where v is the velocity without
+    contacts. With G = J^T P, it follows that
 
         s |P|^2 <= -G v - G M^-1 G <= v M v / 4
 
-    for any P, any W and any friction. Here s is that of wedged contacts, WEDGE_COMPLIANCE of W's
-    mean diagonal; v holds the momentum before the step, weight and the motor's torque. The bound is
-    infinite where the crank's speed is prescribed, as that is an unlimited momentum.
+    for any P, any W and any friction. Here s is the compliance of wedged contacts, WEDGE_COMPLIANCE
+    times the mean of the diagonal of W. The velocity v contains the momentum before the step, the
+    weight, and the torque of the motor. If the crank speed is prescribed, the bound is infinite,
+    because the momentum is unlimited.
+
+    Args:
+        count: Number of contacts.
+        free: Generalised velocity at the end of the step without contact impulses.
+        inertia: Inertia at the middle of the time step.
+        params: Parameters of the robot.
+        contacts: The contacts and their impulses.
     """
     if count == 0 or params.prescribed_speed:
         return 0.0
@@ -307,12 +400,25 @@ def impulse_share(count, free, inertia, params, contacts):
 
 @stage
 def correct_penetration(h, count, state, velocity, contacts):
-    """Push penetrating pads out, moving positions only; returns the centre of mass's way (x, y).
+    """Push penetrating pads out of the ground by changing positions only.
 
-    The smallest move in the metric of M (a few Gauss-Seidel sweeps), so nothing is sped up.
+    The displacement is the smallest in the metric of M, found by a few Gauss-Seidel sweeps.
+    Velocities do not change.
+
+    Args:
+        h: Time step, in s.
+        count: Number of contacts.
+        state: State of the robot relative to the centre of mass, changed in place, shape (8,).
+        velocity: Generalised velocity at the end of the time step.
+        contacts: The contacts.
+
+    Returns:
+        The displacement (x, y) of the centre of mass, in m.
     """
     W, MJ, mode = contacts.problem.W, contacts.MJ, contacts.problem.mode
-    wanted, push = contacts.problem.v_free, contacts.problem.rhs  # m, kg m: as work space
+    # Two arrays of the contact law serve as work space: for displacements in m, and for
+    # displacements times mass in kg m.
+    wanted, push = contacts.problem.v_free, contacts.problem.rhs
     needed = False
     for c in range(count):
         i = 2 * c

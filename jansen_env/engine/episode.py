@@ -1,16 +1,17 @@
-"""Episodes of robots: parameters applied, an episode begun, a control step, and an observation.
+"""Episodes of robots: parameters, the beginning of an episode, control steps and observations.
 
-A control step of one robot, in this order:
+A control step of one robot consists of these parts, in this order:
 
-1. Its action is clipped, limited in its rate, and delayed (:func:`_begin_step`).
+1. Its action is clipped, limited in its rate of change, and delayed (:func:`_begin_step`).
 2. Pushes on the chassis are looked up or sampled.
 3. The robot moves (:func:`jansen_env.engine.integrator.take_steps`).
-4. The step is accounted for; the compiled task rewards it and decides whether the episode is over
-   (:func:`_finish_step`).
-5. The robot is observed: readings, errors of the sensors, onboard estimates (:func:`_observe`).
+4. The accounts of the step are updated. The compiled task computes the reward and decides whether
+   the episode is over (:func:`_finish_step`).
+5. The observation is filled: readings, errors of the sensors, and onboard estimates
+   (:func:`_observe`).
 
-With a task in NumPy, the kernel ends after 4, without a reward unless the task extends the compiled
-one; the task's own methods follow, and then :func:`observe`.
+If the task is written in NumPy, the kernel ends after part 4. It computes a reward only if the task
+extends the compiled task. The methods of the task itself follow, and then :func:`observe`.
 """
 
 from __future__ import annotations
@@ -65,13 +66,24 @@ from jansen_env.engine.walk_reward import (
     sample_command,
 )
 
-BOUND = 1.1  # what lies between the angles of the tables is less than so much larger
+BOUND = 1.1
+"""Factor by which values between tabulated crank angles exceed the tabulated values at most."""
 
 
 class Episodes(NamedTuple):
-    """What n robots do in their episodes: parts of their records, and settings they share."""
+    """Episodes of n robots: parts of their records, and settings that they share.
 
-    walks: Walks  # without rows unless the task is the compiled one
+    Attributes:
+        walks: Records of the walking task, shape (n,); without rows if the task does not use the
+            compiled one.
+        loads: Normal force on each toe divided by the weight, shape (n, toes).
+        torques: Commanded torques, latest first, in N m, shape (n, torques).
+        schedule: Scheduled pushes, shape (n, pushes, 3): start in s, and impulse in x and y in N s.
+        push: Settings of the pushes, shape (1,).
+        weights: Settings of the walking task's reward, shape (1,).
+    """
+
+    walks: Walks
     loads: FloatRows2
     torques: FloatRows2
     schedule: FloatRows3
@@ -80,46 +92,84 @@ class Episodes(NamedTuple):
 
 
 class Observing(NamedTuple):
-    """Observations of n robots, with d numbers each, and how they come about."""
+    """Observations of n robots, with d values each, and the data from which they are computed.
+
+    The arrays from ``deviation`` on describe noise, see :mod:`jansen_env.engine.sensors`. They have
+    no rows if there is no noise.
+
+    Attributes:
+        observation: Observations, shape (n, d).
+        scan: Positions, relative to the crank axis, at which the height of the ground is read, in
+            m.
+        columns: Column of each reading in the order of :func:`jansen_env.engine.readings.read`; -1
+            for a reading that is not observed.
+        task_columns: Columns of the speed command, the lag and the means, shape (6,).
+        onboard_columns: Columns of the onboard sensors, see
+            :mod:`jansen_env.engine.onboard_estimates`, shape (10,).
+        paths: Paths of the toes, in m, shape (n, SAMPLES + 1, toes, 2); without rows if onboard
+            sensors are not observed.
+        deviation: Standard deviations of noise and bias, shape (d, 2).
+        speeds: Columns of the velocity in x and of the crank speed, shape (2,); -1 for none.
+        angles: Columns of the cosine and sine of an angle, shape (d, 2); -1 for other readings.
+        low: Lower limits of the observation, shape (d,).
+        high: Upper limits of the observation, shape (d,).
+        known: Seed of the episode to which each row of ``bias`` belongs, shape (n,).
+        bias: Bias of each reading, shape (n, d).
+        error: Error of each reading in this step, shape (n, d).
+        mean_error: Errors of the mean velocity in m/s and of the mean crank speed in rad/s over the
+            last step, shape (n, 2).
+        truth: Observations without noise, shape (n, d).
+    """
 
     observation: Singles2
-    scan: Floats1  # m, places from the crank axis at which the height of the ground is read
-    columns: Ints1  # of each reading, see :func:`jansen_env.engine.readings.read`; -1 for none
-    task_columns: Ints1  # (6,) of command, lag and means
-    onboard_columns: Ints1  # (10,) see :mod:`jansen_env.engine.onboard_estimates`
-    paths: Singles4  # (n, SAMPLES + 1, toes, 2) m; without rows unless sensors are onboard
-    # Noise, see :mod:`jansen_env.engine.sensors`; without rows where there is none.
+    scan: Floats1
+    columns: Ints1
+    task_columns: Ints1
+    onboard_columns: Ints1
+    paths: Singles4
     deviation: Floats2
     speeds: Ints1
     angles: Ints2
     low: Singles1
     high: Singles1
-    known: Ints1  # (n,) seeds of the episodes whose biases are in ``bias``
+    known: Ints1
     bias: Floats2
     error: Floats2
-    mean_error: Floats2  # (n, 2) m/s and rad/s, of the mean speeds over the last step
-    truth: Singles2  # observations without noise
+    mean_error: Floats2
+    truth: Singles2
 
 
 @kernel(nogil=True)
 def control_step(
-    thread: int, shares: Ints2, most: int, rows: Ints1, actions: Floats2, trace: Floats2,
-    scratch: Scratch, designs: Designs, motions: Motions, episodes: Episodes, observing: Observing,
-) -> None:  # fmt: skip
-    """Let robots take a control step: a thread's share of them, then others'.
+    thread: int,
+    shares: Ints2,
+    most: int,
+    rows: Ints1,
+    actions: Floats2,
+    trace: Floats2,
+    scratch: Scratch,
+    designs: Designs,
+    motions: Motions,
+    episodes: Episodes,
+    observing: Observing,
+) -> None:
+    """Advance robots by one control step.
+
+    The thread first advances the robots of its own share, and then robots of other threads' shares.
 
     Args:
         thread: Number of the thread, see :func:`jansen_env.engine.integrator.advance`.
-        shares: Shape (threads + 1, 2), likewise.
-        most: Number of robots to move at most.
-        rows: Shape (k,), the robots.
-        actions: Shape (n, 1), finite where a robot moves.
-        trace: Trace of the first robot's time steps; without rows for none.
+        shares: Robots of each thread, shape (threads + 1, 2), see
+            :func:`jansen_env.engine.integrator.advance`.
+        most: Largest number of robots to move in this call.
+        rows: Indices of the robots, shape (k,).
+        actions: Actions, shape (n, 1), finite for each robot that moves.
+        trace: Trace of the time steps of robot 0; without rows if there is none.
         scratch: Memory of the thread.
-        designs: Tables and grounds.
+        designs: Tables of the designs, and grounds.
         motions: Records of the robots, changed in place.
-        episodes: Other parts of the same records.
-        observing: Observations.
+        episodes: Other parts of the same records, changed in place.
+        observing: Observations, changed in place.
     """
     world = designs.world[0]
     work = split(scratch)
@@ -154,8 +204,17 @@ def begin_step(
 ) -> bool:
     """Begin a control step of a robot that Python moves, see :func:`control_step`.
 
-    Such a robot consists of pymunk's rigid bodies, or walks on pymunk's shapes. ``pushes``
-    (steps, 2) gets the impulses on its chassis, N s. Returns whether there are any.
+    Such a robot consists of pymunk's rigid bodies, or walks on pymunk's shapes.
+
+    Args:
+        rows: Index of the robot, shape (1,).
+        actions: Actions, shape (n, 1).
+        pushes: Output, impulses on the chassis in N s, shape (steps, 2).
+        robots: Records of the robots, changed in place.
+        episodes: Other parts of the same records, changed in place.
+
+    Returns:
+        Whether any push acts in this control step.
     """
     pushed = False
     for r in rows:
@@ -167,31 +226,65 @@ def begin_step(
 def look_up_pushes(
     robots: Robots, schedule: FloatRows3, settings: PushSettings, pushes: Floats2
 ) -> bool:
-    """Fill the impulses (steps, 2) of the first robot's next control step, N s.
+    """Compute the pushes on robot 0 in its next control step.
 
-    Returns whether there are any.
+    Args:
+        robots: Records of the robots.
+        schedule: Scheduled pushes, see :class:`Episodes`.
+        settings: Settings of the pushes, shape (1,).
+        pushes: Output, impulses on the chassis in N s, shape (steps, 2).
+
+    Returns:
+        Whether any push acts in this control step.
     """
     return fill_pushes(robots[0], schedule[0], settings[0], pushes)
 
 
 @kernel
 def finish_step(
-    row: int, world_row: World, surface: Floats2, pressed: Floats1, motions: Motions,
-    episodes: Episodes, observing: Observing,
-) -> None:  # fmt: skip
+    row: int,
+    world_row: World,
+    surface: Floats2,
+    pressed: Floats1,
+    motions: Motions,
+    episodes: Episodes,
+    observing: Observing,
+) -> None:
     """Finish a control step of a robot that Python has moved, see :func:`control_step`.
 
-    ``pressed`` (steps,) has the total normal impulses on it in its time steps, N s.
+    Args:
+        row: Index of the robot.
+        world_row: Data that the robots have in common, shape (1,).
+        surface: Vertices of all height lines, in m, shape (vertices, 2).
+        pressed: Sum of the normal impulses on the robot in each time step, in N s, shape (steps,).
+        motions: Records of the robots, changed in place.
+        episodes: Other parts of the same records, changed in place.
+        observing: Observations, changed in place.
     """
     _finish_step(row, world_row[0], surface, pressed, motions, episodes, observing)
 
 
 @kernel
 def observe(
-    rows: Ints1, moved: bool, world_row: World, surface: Floats2, motions: Motions,
-    episodes: Episodes, observing: Observing,
-) -> None:  # fmt: skip
-    """Observe robots, after a control step if they have ``moved``, or as they stand."""
+    rows: Ints1,
+    moved: bool,
+    world_row: World,
+    surface: Floats2,
+    motions: Motions,
+    episodes: Episodes,
+    observing: Observing,
+) -> None:
+    """Observe robots, either after a control step or in their present state.
+
+    Args:
+        rows: Indices of the robots, shape (k,).
+        moved: Whether the robots have just completed a control step.
+        world_row: Data that the robots have in common, shape (1,).
+        surface: Vertices of all height lines, in m, shape (vertices, 2).
+        motions: Records of the robots, changed in place.
+        episodes: Other parts of the same records, changed in place.
+        observing: Observations, changed in place.
+    """
     for r in rows:
         robot, world = motions.robots[r], world_row[0]
         if world.noisy and not moved:
@@ -204,10 +297,18 @@ def observe(
 def begin_episode(
     rows: Ints1, world_row: World, machines: Machines, motions: Motions, episodes: Episodes
 ) -> None:
-    """Begin episodes of robots that stand where they start, with nothing left of the last ones.
+    """Begin an episode of robots in their initial states, and clear all data of the last episode.
 
-    Their sums are those of a look one time step ahead. The task's record must have what was
-    sampled for the episode.
+    The sums of the robots must be those of a look ahead by one time step (the argument ``ahead`` of
+    :func:`jansen_env.engine.integrator.advance`). The record of the task must already contain what
+    was sampled for the episode.
+
+    Args:
+        rows: Indices of the robots, shape (k,).
+        world_row: Data that the robots have in common, shape (1,).
+        machines: Properties of each robot before parameters are applied, shape (n,).
+        motions: Records of the robots, changed in place.
+        episodes: Other parts of the same records, changed in place.
     """
     world = world_row[0]
     for r in rows:
@@ -236,20 +337,27 @@ def begin_episode(
 
 @kernel
 def apply_parameters(
-    rows: Ints1, gravity_x: float, gravity_y: float, gravity: float, torque_rate: float,
-    world: World, machines: Machines, robots: Robots,
-) -> None:  # fmt: skip
-    """Apply the parameters of robots: derive from them and the machine what the kernels read.
+    rows: Ints1,
+    gravity_x: float,
+    gravity_y: float,
+    gravity: float,
+    torque_rate: float,
+    world: World,
+    machines: Machines,
+    robots: Robots,
+) -> None:
+    """Apply the parameters of robots: compute the values that the kernels use from them.
 
     Args:
-        rows: Shape (k,), the robots.
-        gravity_x: Gravity in x, m/s^2, before tilt and scale.
-        gravity_y: Gravity in y, m/s^2.
-        gravity: Gravity by which weights are counted, m/s^2.
-        torque_rate: Fastest change of the commanded torque, N m/s; infinite without a limit.
-        world: Data that the robots have in common.
-        machines: Shape (n,), the robots without parameters.
-        robots: Records of the robots.
+        rows: Indices of the robots, shape (k,).
+        gravity_x: Gravity in x before tilt and scale, in m/s^2.
+        gravity_y: Gravity in y before tilt and scale, in m/s^2.
+        gravity: Gravity with which weights are computed, in m/s^2.
+        torque_rate: Highest rate of change of the commanded torque, in N m/s; infinite if there is
+            no limit.
+        world: Data that the robots have in common, shape (1,).
+        machines: Properties of each robot before parameters are applied, shape (n,).
+        robots: Records of the robots, changed in place.
     """
     for r in rows:
         robot, machine, values = robots[r], machines[r], robots[r].parameters
@@ -270,7 +378,7 @@ def apply_parameters(
         params.stall_torque *= strength
         params.torque_slope *= strength
         params.most_torque *= strength
-        params.winding /= strength  # the no-load speed stays
+        params.winding /= strength  # This keeps the no-load speed.
         params.rotor_pitch *= values.rotor_inertia_scale
         params.rotor_coupling *= values.rotor_inertia_scale
         params.rotor_crank *= values.rotor_inertia_scale
@@ -293,9 +401,17 @@ def apply_parameters(
 
 @stage
 def _begin_step(r, action, robot, episodes, pushes):
-    """Command the torque of an action; ``pushes`` (steps, 2) gets the impulses on the chassis.
+    """Command the torque of an action, and compute the pushes in this control step.
 
-    Returns whether there are any.
+    Args:
+        r: Index of the robot.
+        action: The action, finite; the function clips it.
+        robot: The robot's record, changed in place.
+        episodes: Other parts of the same record, changed in place.
+        pushes: Output, impulses on the chassis in N s, shape (steps, 2).
+
+    Returns:
+        Whether any push acts in this control step.
     """
     pushed = fill_pushes(robot, episodes.schedule[r], episodes.push[0], pushes)
     last, torques = robot.action, episodes.torques[r]
@@ -315,7 +431,11 @@ def _begin_step(r, action, robot, episodes, pushes):
 
 @stage
 def _finish_step(r, world, surface, pressed, motions, episodes, observing):
-    """Account for a control step of robot ``r``; reward and observe it if the task is compiled."""
+    """Update the accounts of robot ``r`` after a control step.
+
+    If the task is, or extends, the compiled task, the step is also rewarded. If the whole control
+    step is compiled, the robot is also observed.
+    """
     robot = motions.robots[r]
     if world.noisy:
         _sample_errors(r, robot, observing)
@@ -335,19 +455,23 @@ def _finish_step(r, world, surface, pressed, motions, episodes, observing):
 
 @stage(inline=False)
 def _sample_errors(r, robot, observing):
-    """Sample the errors of a robot's sensors in this step."""
+    """Sample the errors of a robot's sensors in this control step."""
     is_new = observing.known[r] != robot.seed
     observing.known[r] = robot.seed
     error = observing.mean_error[r]
     error[0], error[1] = sample_errors(
-        robot, observing.deviation, observing.speeds, is_new, observing.bias[r],
+        robot,
+        observing.deviation,
+        observing.speeds,
+        is_new,
+        observing.bias[r],
         observing.error[r],
-    )  # fmt: skip
+    )
 
 
 @stage
 def _observe(r, moved, world, robot, surface, episodes, observing):
-    """Fill the observation of robot ``r``, after a step if it has ``moved``."""
+    """Fill the observation of robot ``r``, after a control step if it has ``moved``."""
     out, loads = observing.observation[r], episodes.loads[r]
     read(robot, loads, surface, observing.scan, observing.columns, out)
     if world.is_walk:
@@ -359,7 +483,7 @@ def _observe(r, moved, world, robot, surface, episodes, observing):
 
 @stage(inline=False)
 def _sense(r, moved, world, robot, episodes, observing):
-    """Turn the observation of robot ``r`` into what its sensors tell."""
+    """Replace the exact observation of robot ``r`` by the values that its sensors measure."""
     out, period, columns = observing.observation[r], world.period, observing.onboard_columns
     if world.onboard:
         read_onboard(period, moved, robot, columns, out)

@@ -8,7 +8,7 @@ from jansen_env.engine.closure import FRAME
 from jansen_env.engine.kernel import Floats2, Ints1, Ints2, kernel, stage
 from jansen_env.engine.records import Layout
 
-JOINT, BODY = range(2)  # columns of the array that lists the pads of a leg
+JOINT, BODY = range(2)  # columns of the array ``pads``, which lists the pads of a leg
 
 
 @kernel
@@ -71,8 +71,8 @@ def put_sides(
         legs: Side and phase of each leg, see :func:`put_layout`.
         members: Joints of each body, shape (bodies, most joints); -1 where a body has fewer.
         pads: Joint and body of each pad of a leg, shape (pads, 2).
-        layout: Output of :func:`put_layout`, shape (n,).
-        leg_of: Output of :func:`put_layout`, shape (n,).
+        layout: Records of all pads from :func:`put_layout`, shape (n,).
+        leg_of: Index of each pad's leg from :func:`put_layout`, shape (n,).
         sides: Output, pairs of pads, shape (legs * bodies * most joints, 2).
 
     Returns:
@@ -103,7 +103,7 @@ def _end(leg, joint, legs, members, pads, layout, leg_of):
 
 @stage(inline=False)
 def _insert(a, b, sides, count):
-    """Insert a pair into sorted pairs unless it is there already; return their new number."""
+    """Insert a pair into sorted pairs unless they contain it, and return the number of pairs."""
     place = count
     while place > 0 and (
         sides[place - 1, 0] > a or (sides[place - 1, 0] == a and sides[place - 1, 1] >= b)

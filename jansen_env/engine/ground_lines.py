@@ -1,9 +1,9 @@
-"""Ground profiles as points: waves, stairs, ramps and others, fixed or generated at random.
+"""Ground profiles as points: waves, stairs, ramps and others, user-specified or random.
 
-Each kind of ground has a number, its index in :data:`KINDS`, and parameters of shape (k,) in the
+Each kind of ground has a number, its index in :data:`KINDS`, and parameters, shape (k,), in the
 order of :data:`jansen_env.terrain.generators.LEVELS`. Every ground except a slope is level around x
-= 0. It begins at ``start`` and ends near ``reach``, both measured in m from the origin on either
-side, and is level beyond its end.
+= 0. It begins at ``start`` and ends near ``reach``, which are distances from the origin in m and
+the same on both sides. Beyond its end, it is level.
 """
 
 from __future__ import annotations
@@ -15,30 +15,50 @@ from jansen_env.engine.kernel import Bools1, Floats1, Floats2, kernel, stage
 
 KINDS = ("slope", "rough", "waves", "stairs", "steps", "stumps", "ramps")
 SLOPE, ROUGH, WAVES, STAIRS, STEPS, STUMPS, RAMPS = range(len(KINDS))
-START = 0.6  # distance from the origin to where a ground begins, m; the toes reach 0.55 m
-REACH = 9.0  # distance from the origin to where it ends, m: 10 s at 0.8 m/s, and the toes
-SHIFT = 0.4  # range of a random start, m; the robot walks 0.33 m in half a crank turn
-RISER_SLOPE = math.radians(75.0)  # slope of a step's face, rad; x must increase along it
-LEAST_RUN = 1e-3  # least horizontal length of a step's face, m
-PER_WAVE = 8  # number of vertices per wave
-EXTENT = 1000.0  # horizontal length by which the first and the last segment are extended, m
+START = 0.6
+"""Distance from the origin at which a ground begins, in m; the toes reach 0.55 m."""
+REACH = 9.0
+"""Distance from the origin at which a ground ends, in m.
+
+This is sufficient for 10 s at 0.8 m/s, plus the reach of the toes.
+"""
+SHIFT = 0.4
+"""Range of a random start, in m; the robot walks 0.33 m in half a turn of the crank."""
+RISER_SLOPE = math.radians(75.0)
+"""Slope of the face of a step, in rad; it is below 90 degrees, because x must increase."""
+LEAST_RUN = 1e-3
+"""Smallest horizontal length of the face of a step, in m."""
+PER_WAVE = 8
+"""Number of vertices per wave."""
+EXTENT = 1000.0
+"""Horizontal distance by which the first and the last segment are extended, in m."""
 
 
 @stage
 def face_run(height):
-    """Return the horizontal length of the face of a step, m."""
+    """Return the horizontal length of the face of a step, in m.
+
+    Args:
+        height: Height of the step, in m.
+    """
     return max(abs(height) / mathematics.tan(RISER_SLOPE), LEAST_RUN)
 
 
 @stage
 def count_periods(start, reach, period):
-    """Return the number of periods that fit between ``start`` and ``reach``, at least one."""
+    """Return the number of periods that fit between ``start`` and ``reach``, at least one.
+
+    Args:
+        start: Distance from the origin at which the ground begins, in m.
+        reach: Distance from the origin at which the ground ends, in m.
+        period: Length of a period, in m.
+    """
     return max(1, int((reach - start) / period))
 
 
 @stage
 def _period(kind, values):
-    """Return the length of one period of a ground, m."""
+    """Return the length of one period of a ground, in m."""
     if kind in (STAIRS, ROUGH, STEPS, WAVES):
         return values[1]  # tread, spacing or length
     if kind == STUMPS:
@@ -58,7 +78,14 @@ def _vertices(kind, count):
 
 @kernel
 def count_points(kind: int, values: Floats1, start: float, reach: float) -> int:
-    """Count the points of a ground."""
+    """Return the number of points of a ground.
+
+    Args:
+        kind: Number of the kind of ground.
+        values: Parameters of the ground, shape (k,).
+        start: Distance from the origin at which the ground begins, in m.
+        reach: Distance from the origin at which the ground ends, in m.
+    """
     if kind == SLOPE:
         return 2
     return 2 * _vertices(kind, count_periods(start, reach, _period(kind, values))) + 2
@@ -66,7 +93,14 @@ def count_points(kind: int, values: Floats1, start: float, reach: float) -> int:
 
 @kernel
 def count_draws(kind: int, values: Floats1, start: float, reach: float) -> int:
-    """Count the random numbers that generate a ground that begins at ``start``."""
+    """Return the number of random numbers that generate a ground.
+
+    Args:
+        kind: Number of the kind of ground.
+        values: Parameters of the ground, shape (k,).
+        start: Distance from the origin at which the ground begins, in m.
+        reach: Distance from the origin at which the ground ends, in m.
+    """
     if kind == SLOPE:
         return 0
     count = count_periods(start, reach, _period(kind, values))
@@ -75,17 +109,25 @@ def count_draws(kind: int, values: Floats1, start: float, reach: float) -> int:
 
 @kernel
 def draw_start(kind: int, draw: float) -> float:
-    """Return where a ground begins, m, for a random number from 0 to 1.
+    """Return the distance from the origin at which a ground begins, in m.
 
-    The start is random, because a policy could otherwise memorise the way to the first obstacle.
-    Slopes and steps have no random start.
+    The distance is random, because otherwise a policy could memorise the way to the first obstacle.
+    Slopes and steps always begin at :data:`START`.
+
+    Args:
+        kind: Number of the kind of ground.
+        draw: Random number from 0 to 1.
     """
     return START if kind in (SLOPE, STEPS) else START + ((START + SHIFT) - START) * draw
 
 
 @kernel
 def has_start(kind: int) -> bool:
-    """Return whether the start of a kind of ground is random."""
+    """Return whether a kind of ground begins at a random distance, see :func:`draw_start`.
+
+    Args:
+        kind: Number of the kind of ground.
+    """
     return kind != SLOPE and kind != STEPS
 
 

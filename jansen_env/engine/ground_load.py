@@ -1,9 +1,9 @@
-"""Load that the ground carries: time in which a robot is unsupported, and how hard it lands.
+"""Load on the ground: how long a robot is unsupported, and how hard it lands.
 
 The load is the sum of the normal impulses of all contacts over a window of :data:`WINDOW`, divided
-by the impulse of the weight over the same time. It is 1 for a robot that stands. An impact of a
-rigid foot takes no time, so its force is defined only as a mean over a time. The windows follow
-each other without a gap from the reset on and do not depend on the control period.
+by the impulse of the weight over the same time. A standing robot has a load of 1. An impact of a
+rigid foot takes no time, so its force is defined only as a mean over some time. The windows follow
+each other without a gap from the reset on, and they do not depend on the control period.
 """
 
 from __future__ import annotations
@@ -11,18 +11,20 @@ from __future__ import annotations
 from jansen_env.engine import mathematics
 from jansen_env.engine.kernel import stage
 
-WINDOW = 0.02  # duration of a window, in s
-UNSUPPORTED = 0.1  # fraction of the weight; a robot is unsupported if the ground carries less
+WINDOW = 0.02
+"""Duration of a window, in s."""
+UNSUPPORTED = 0.1
+"""Fraction of its weight below which the load on the ground makes a robot count as unsupported."""
 
 
 @stage
 def begin_ground_load(robot, loads):
-    """Clear the account of the load at the beginning of an episode.
+    """Reset the account of the load at the beginning of an episode.
 
     Args:
         robot: The robot's record.
-        loads: Shape (toes,), normal force on each toe divided by the weight. Their sum is the first
-            load.
+        loads: Normal force on each toe divided by the weight, shape (toes,). The sum over all toes
+            is the first load.
     """
     load = 0.0
     for j in range(len(loads)):
@@ -37,14 +39,19 @@ def begin_ground_load(robot, loads):
 def account_for_load(time_step, robot, pressed):
     """Update the load and the unsupported fraction after a control step.
 
+    The function changes three values of the robot's record:
+
+    - ``info.ground_load`` becomes the largest load of the windows that ended in this step. It does
+    not
+      change if no window ended.
+    - ``info.unsupported`` becomes the fraction of time steps in which the robot was unsupported.
+    - ``ground_load.unevenness`` becomes the mean of (load - 1)^2 over the windows that ended.
+
     Args:
         time_step: Time step of the integration, in s.
-        robot: The robot's record. Its ``info.ground_load`` becomes the largest load of the windows
-            that ended in this step, and stays as it is if none ended. Its ``info.unsupported``
-            becomes the fraction of time steps in which the robot was unsupported. Its
-            ``ground_load.unevenness`` becomes the mean of (load - 1)^2 over these windows.
-        pressed: Shape (steps,), sum of the normal impulses of all contacts in each time step, in
-            N s.
+        robot: The robot's record, changed in place.
+        pressed: Sum of the normal impulses of all contacts in each time step, in N s, shape
+            (steps,).
     """
     ground, info = robot.ground_load, robot.info
     window = max(1, int(mathematics.nearest(WINDOW / time_step)))

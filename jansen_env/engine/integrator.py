@@ -1,20 +1,24 @@
-"""The time step of the free robot, in stages. Numba, no allocation.
+"""Time step of a robot, divided into stages that Numba compiles and that allocate no memory.
 
-State: (x, y, theta, psi, x_dot, y_dot, theta_dot, psi_dot), x, y the crank axis. Inside a step the
-translation is the centre of mass's, Y = X + R s(psi) with s = c / m: then M is block diagonal,
+The state of a robot is (x, y, theta, psi, x_dot, y_dot, theta_dot, psi_dot), where x and y are the
+position of the crank axis. Within a time step, the position is that of the centre of mass,
+Y = X + R s(psi) with s = c / m. The mass matrix M is then block diagonal,
 
     kinetic energy = m |Y_dot|^2 / 2 + (I_s w^2 + 2 b_s w n + k_s n^2) / 2
     I_s = I - m |s|^2,  b_s = b - m s x s',  k_s = k - m |s'|^2         (w = theta_dot, n = psi_dot)
 
-gravity acts on Y alone, and momentum is conserved to the last bit in flight.
+gravity acts on Y only, and in flight momentum is conserved to the last bit.
 
-Time step (Moreau and Jean): everything is evaluated at the middle, q + h v / 2; the speed-dependent
-terms use the mean of the old and the new velocity (two passes), the viscous joint torque too
-(implicit midpoint); pads that touch at the middle get impulses P so that the velocity at the end of
-the step obeys Signorini's and Coulomb's laws. Second order while the contacts stay as they are.
+The time step is that of Moreau and Jean. All forces are evaluated at the middle of the step,
+q + h v / 2. The speed-dependent terms use the mean of the old and the new velocity, in two passes.
+The viscous joint torque uses this mean, too (implicit midpoint rule). Pads that touch the ground at
+the middle of the step receive impulses P, such that the velocity at the end of the step obeys the
+contact laws of Signorini and Coulomb. The method is of second order while the contacts do not
+change.
 
-Of a held chassis the crank's equation alone remains, equation (12) of the paper, about the crank
-axis: k psi'' + k' psi'^2 / 2 = torque - f psi' + gravity . R c'. Nothing touches it.
+If the chassis is fixed, only the equation of the crank remains, equation (12) of the paper, about
+the crank axis: k psi'' + k' psi'^2 / 2 = torque - f psi' + gravity . R c'. Such a robot touches
+nothing.
 """
 
 from __future__ import annotations
@@ -86,18 +90,19 @@ from jansen_env.engine.tables import (
     to_centroid,
 )
 
-DIVERGED = 1e4  # a speed (m/s, rad/s) beyond which a state has diverged
+DIVERGED = 1e4
+"""Speed, in m/s or rad/s, above which a state counts as diverged."""
 
 
 def work_space(capacity: int, pads: int, steps: int) -> Scratch:
-    """Return memory for one thread.
+    """Return the memory that one thread needs to move robots.
 
     Args:
-        capacity: Number of contacts that a robot may have at once.
-        pads: Number of a robot's pads.
+        capacity: Largest number of contacts that a robot may have at once.
+        pads: Number of pads of a robot.
         steps: Number of time steps in a control step.
     """
-    rows = capacity + 1  # the last one for the crank's Coulomb friction
+    rows = capacity + 1  # The last row is for the Coulomb friction on the crank.
     n = 2 * rows
     return Scratch(
         jacobians=np.zeros((2, n, 4)),
@@ -116,10 +121,15 @@ def work_space(capacity: int, pads: int, steps: int) -> Scratch:
 
 
 def trace_dtype(pads: int) -> np.dtype[np.void]:
-    """A time step as :func:`advance` traces it, numbers only.
+    """Return the record that :func:`advance` traces for each time step.
 
-    Pose at the middle of the step; velocities of the centre of mass; the motor's torque, N m, and
-    the Coulomb friction's on the crank; x, y and moment impulse on each pad about its centre.
+    The record consists of floats only. Its fields are the pose at the middle of the step; the
+    velocities of the centre of mass before and after the step; the torque of the motor in N m; the
+    torque of the Coulomb friction on the crank in N m; and, for each pad, the impulse in x and y
+    and the angular impulse about the centre of the pad.
+
+    Args:
+        pads: Number of pads of the robot.
     """
     return np.dtype(
         [
@@ -137,33 +147,48 @@ POSE, VELOCITY_BEFORE, VELOCITY_AFTER, TORQUE, DRY_TORQUE, IMPULSES = (
     trace_dtype(1).fields[name][1] // 8  # type: ignore[index]
     for name in ("pose", "velocity_before", "velocity_after", "torque", "dry_torque", "impulses")
 )
+"""Positions of the fields of :func:`trace_dtype` in a row of the trace, counted in values."""
 
 
 @kernel(nogil=True)
 def advance(
-    thread: int, shares: Ints2, most: int, rows: Ints1, steps: int, ahead: bool, torque: Floats1,
-    earlier: Floats1, switch: Ints1, pushes: Floats3, trace: Floats2, scratch: Scratch,
-    designs: Designs, motions: Motions,
-) -> None:  # fmt: skip
-    """Advance robots by some time steps, finding the ground as they go: a thread's, then others'.
+    thread: int,
+    shares: Ints2,
+    most: int,
+    rows: Ints1,
+    steps: int,
+    ahead: bool,
+    torque: Floats1,
+    earlier: Floats1,
+    switch: Ints1,
+    pushes: Floats3,
+    trace: Floats2,
+    scratch: Scratch,
+    designs: Designs,
+    motions: Motions,
+) -> None:
+    """Advance robots by some time steps, and find the ground below them on the way.
+
+    The thread first advances the robots of its own share, and then robots of other threads' shares.
 
     Args:
-        thread: Number of the thread that calls.
-        shares: Shape (threads + 1, 2), the next of ``rows`` in each thread's share, and its end;
-            the last one is for thread 0, when nothing else is left.
-        most: Number of robots to advance at most.
-        rows: Shape (k,), the robots.
+        thread: Number of the calling thread.
+        shares: Robots of each thread, shape (threads + 1, 2): position in ``rows`` of the next
+            robot, and of the end of the share. The last row is for thread 0, after all other
+            shares.
+        most: Largest number of robots to advance in this call.
+        rows: Indices of the robots, shape (k,).
         steps: Number of time steps.
-        ahead: Whether to look ahead only, and to restore the states afterwards.
-        torque: Shape (robots,), commanded crank torque in N m.
-        earlier: Shape (robots,), the torque that still holds in the first time steps, in N m.
-        switch: Shape (robots,), number of these time steps.
-        pushes: Shape (robots, steps, 2), impulses on the chassis at the crank axis in N s; without
-            rows for none.
-        trace: Shape (steps, numbers), :func:`trace_dtype` of the first robot; without rows for
-            none.
+        ahead: Whether to restore the states afterwards, so that the call only looks ahead.
+        torque: Commanded crank torque, in N m, shape (robots,).
+        earlier: Torque that still holds in the first time steps, in N m, shape (robots,).
+        switch: Number of these first time steps, shape (robots,).
+        pushes: Impulses on the chassis at the crank axis, in N s, shape (robots, steps, 2); without
+            rows if there are none.
+        trace: Trace of robot 0 with the values of :func:`trace_dtype`, shape (steps, values);
+            without rows if there is none.
         scratch: Memory of the thread.
-        designs: Tables and grounds.
+        designs: Tables of the designs, and grounds.
         motions: Records of the robots, changed in place.
     """
     work = split(scratch)
@@ -191,28 +216,46 @@ def advance(
 
 @stage
 def has_moved(robot):
-    """Whether a robot is as far as :data:`MARGIN` from where its ground was asked for."""
+    """Return whether a robot has moved by MARGIN since its part of the ground was determined.
+
+    Args:
+        robot: The robot's record.
+    """
     return not robot.params.held and not abs(robot.state[0] - robot.status.asked_x) <= MARGIN
 
 
 @stage
 def take_steps(r, steps, commanded, trace, work, scratch, designs, motions):
-    """Advance robot ``r`` by time steps under ``commanded``: torque, earlier, switch and pushes.
+    """Advance robot ``r`` by time steps under commanded torques and pushes.
 
-    A robot that becomes faster than :data:`DIVERGED` or not finite, leaves the stretch of ground
-    that is known, or gets too deep into the ground stays as it was, without sums, ``diverged``.
+    The robot keeps its state, is marked as ``diverged``, and has no sums if it becomes faster than
+    :data:`DIVERGED` or its state is no longer finite, if it leaves the part of the ground that is
+    known, or if it sinks too deep into the ground.
 
-    A robot on pymunk's shapes stops, and sets ``waits``, whenever its contact planes must be
-    listed. The caller lists the planes in ``planes`` of ``scratch``, and their range in the robot's
-    status; then the same call continues the step.
+    If the robot stands on shapes of pymunk, the function returns and sets ``waits`` whenever
+    contact planes must be listed. The caller lists the planes in ``scratch.planes`` and stores
+    their range in the status of the robot. The same call then continues the step.
+
+    Args:
+        r: Index of the robot.
+        steps: Number of time steps.
+        commanded: Torque, earlier torque, number of time steps with the earlier torque, and pushes;
+            see :func:`advance`.
+        trace: Trace, see :func:`advance`.
+        work: Memory of the robot, see :func:`split`.
+        scratch: Memory of the thread.
+        designs: Tables of the designs, and grounds.
+        motions: Records of the robots, changed in place.
     """
     robot, statistics, slip = motions.robots[r], motions.statistics[r], motions.slip[r]
     force, params, status, state = motions.contact_force[r], robot.params, robot.status, robot.state
     design, world, planes = params.design, designs.world[0], scratch.planes
     model = Model(
-        designs.body[design], designs.pads[design], designs.layout[design],
+        designs.body[design],
+        designs.pads[design],
+        designs.layout[design],
         designs.bearings[design],
-    )  # fmt: skip
+    )
     ground = Ground(designs.surface, designs.depths[design])
     if not status.waits:
         for i in range(8):
@@ -238,9 +281,18 @@ def take_steps(r, steps, commanded, trace, work, scratch, designs, motions):
             break
         to_centroid(model.body, params, state, 1.0, work.sums)
         _advance_robot(
-            world, steps, commanded, state, robot, model, planes, statistics, work, trace,
+            world,
+            steps,
+            commanded,
+            state,
+            robot,
+            model,
+            planes,
+            statistics,
+            work,
+            trace,
             scratch.pressed,
-        )  # fmt: skip
+        )
         to_centroid(model.body, params, state, -1.0, work.sums)
     robot.diverged = status.lost
     if status.lost:
@@ -255,7 +307,7 @@ def take_steps(r, steps, commanded, trace, work, scratch, designs, motions):
 
 @stage(inline=False)
 def _refuse(robot, statistics, slip, force, scratch):
-    """Leave a robot as it was before its step, without sums."""
+    """Restore a robot to its state before the control step, and clear its sums."""
     clear(robot.accumulators)
     _go_back(robot, statistics, scratch)
     for j in range(len(statistics)):
@@ -269,7 +321,7 @@ def _refuse(robot, statistics, slip, force, scratch):
 
 @stage(inline=False)
 def _go_back(robot, statistics, scratch):
-    """Restore the state that a robot had at the beginning of its step."""
+    """Restore the state that a robot had at the beginning of the control step."""
     for i in range(8):
         robot.state[i] = scratch.state[i]
     if robot.params.compliant:
@@ -280,18 +332,38 @@ def _go_back(robot, statistics, scratch):
 
 @stage
 def split(scratch):
-    """The arrays in the memory of :func:`work_space`."""
+    """Return the arrays of a :class:`jansen_env.engine.records.Work` within a thread's memory.
+
+    Args:
+        scratch: Memory of the thread from :func:`work_space`.
+    """
     jacobians, matrices, vectors = scratch.jacobians, scratch.matrices, scratch.vectors
     readings, spare, ints = scratch.readings, scratch.spare, scratch.ints
     n = vectors.shape[1] // 2
     problem = Problem(
-        matrices[0], vectors[0], vectors[1], ints[:n], vectors[2], vectors[3], matrices[1],
-        vectors[4], ints[2 * n :], spare,
-    )  # fmt: skip
+        matrices[0],
+        vectors[0],
+        vectors[1],
+        ints[:n],
+        vectors[2],
+        vectors[3],
+        matrices[1],
+        vectors[4],
+        ints[2 * n :],
+        spare,
+    )
     contacts = Contacts(
-        jacobians[0], jacobians[1], vectors[5], vectors[6], vectors[8], vectors[9], vectors[10],
-        vectors[11], ints[n : 2 * n], problem,
-    )  # fmt: skip
+        jacobians[0],
+        jacobians[1],
+        vectors[5],
+        vectors[6],
+        vectors[8],
+        vectors[9],
+        vectors[10],
+        vectors[11],
+        ints[n : 2 * n],
+        problem,
+    )
     poses = readings[2]
     return Work(contacts, vectors[7], readings[0], readings[1], poses[0], poses[1])
 
@@ -300,7 +372,21 @@ def split(scratch):
 def _advance_robot(
     world, steps, commanded, state, robot, model, planes, statistics, work, trace, pressed
 ):
-    """Take a robot's steps, as far as its planes go; ``state`` is that of the centre of mass."""
+    """Advance a robot by time steps for as long as its contact planes are valid.
+
+    Args:
+        world: Data that the robots have in common.
+        steps: Number of time steps in the control step.
+        commanded: Torques and pushes, see :func:`take_steps`.
+        state: State of the robot relative to the centre of mass, changed in place, shape (8,).
+        robot: The robot's record.
+        model: Tables of the robot.
+        planes: Contact planes.
+        statistics: Sums of each pad, shape (pads,).
+        work: Memory of the robot.
+        trace: Trace, see :func:`advance`.
+        pressed: Output, sum of the normal impulses of all contacts in each time step, in N s.
+    """
     torque, earlier, switch, pushes = commanded
     status, h = robot.status, world.time_step
     begun, k = status.step, status.step
@@ -326,7 +412,7 @@ def _advance_robot(
         if len(trace) > 0:
             trace[k, TORQUE], trace[k, DRY_TORQUE] = used, dry / h
             _trace(trace[k], state, robot.params.pad_radius, count, planes, work.contacts)
-        if k < len(pressed):  # a plant may be stepped for longer than a control step
+        if k < len(pressed):  # A backend may be stepped for longer than a control step.
             pressed[k] = normal_impulse(count, work.contacts.problem)
         k += 1
         status.step = k
@@ -339,7 +425,12 @@ def _advance_robot(
 
 @stage
 def normal_impulse(count, problem):
-    """The normal impulses of all contacts in a time step together, N s."""
+    """Return the sum of the normal impulses of all contacts in a time step, in N s.
+
+    Args:
+        count: Number of contacts.
+        problem: Solved contact law of the time step.
+    """
     total = 0.0
     for c in range(count):
         if problem.mode[c] != OPEN:
@@ -349,16 +440,31 @@ def normal_impulse(count, problem):
 
 @stage
 def _bounded(state):
-    """Whether all speeds of a state (8,) are below :data:`DIVERGED`, m/s and rad/s."""
+    """Return whether all speeds of a state, shape (8,), are below :data:`DIVERGED`."""
     slow = abs(state[4]) < DIVERGED and abs(state[5]) < DIVERGED
     return slow and abs(state[6]) < DIVERGED and abs(state[7]) < DIVERGED
 
 
 @stage
 def _time_step(h, asked, torque, pushes, renewed, state, robot, model, planes, statistics, work):
-    """One time step of one robot with a ``torque``, while ``asked`` is the latest.
+    """Advance one robot by one time step.
 
-    Returns (pads that touched, torque of the motor, impulse of the crank's dry friction, N m s).
+    Args:
+        h: Time step, in s.
+        asked: Commanded torque that holds at the end of the control step, in N m.
+        torque: Commanded torque that holds in this time step, in N m.
+        pushes: Impulses on the chassis, see :func:`advance`.
+        renewed: Whether the contact planes have been found again since the last time step.
+        state: State of the robot relative to the centre of mass, changed in place, shape (8,).
+        robot: The robot's record.
+        model: Tables of the robot.
+        planes: Contact planes.
+        statistics: Sums of each pad, shape (pads,).
+        work: Memory of the robot.
+
+    Returns:
+        The number of contacts, the torque of the motor in N m, and the impulse of the Coulomb
+        friction on the crank in N m s.
     """
     params, contacts = robot.params, work.contacts
     velocity = Velocity(state[4], state[5], state[6], state[7])
@@ -382,17 +488,38 @@ def _time_step(h, asked, torque, pushes, renewed, state, robot, model, planes, s
     if params.dry:
         friction = params.gear_friction + bearing_friction(model.bearings, psi)
     outcome = solve_velocities(
-        h, torque, friction, weight, push, velocity, inertia, params, count, impact, sided, wedged,
+        h,
+        torque,
+        friction,
+        weight,
+        push,
+        velocity,
+        inertia,
+        params,
+        count,
+        impact,
+        sided,
+        wedged,
         contacts,
-    )  # fmt: skip
+    )
     after, torque, dry = outcome.end, outcome.torque, outcome.dry
     if params.prescribed_speed:
         dry = -h * np.sign(velocity.crank) * friction
         torque = _crank_torque(h, weight, push, velocity, after, inertia, count, contacts) - dry / h
     accumulate_step(
-        h, torque, asked, dry, push, velocity, outcome, inertia, count, params, contacts,
+        h,
+        torque,
+        asked,
+        dry,
+        push,
+        velocity,
+        outcome,
+        inertia,
+        count,
+        params,
+        contacts,
         robot.accumulators,
-    )  # fmt: skip
+    )
     state[0], state[1] = x + 0.5 * h * after.x, y + 0.5 * h * after.y
     state[2], state[3] = theta + 0.5 * h * after.pitch, psi + 0.5 * h * after.crank
     state[4], state[5], state[6], state[7] = after
@@ -411,7 +538,7 @@ def _time_step(h, asked, torque, pushes, renewed, state, robot, model, planes, s
 
 @stage
 def _read_inertia(h, params, body, psi, sums):
-    """The inertia about the centre of mass, and its slopes, at a crank angle."""
+    """Return the inertia about the centre of mass, and its derivatives, at crank angle ``psi``."""
     read_sums(body, params, psi, sums)
     m, load, px, py = params.mass, params.load_mass, params.load_x, params.load_y
     sx, sy = (sums[VALUE, C_X] + load * px) / m, (sums[VALUE, C_Y] + load * py) / m
@@ -433,20 +560,31 @@ def _read_inertia(h, params, body, psi, sums):
     crank_implicit = crank + 0.5 * h * damping
     determinant = pitch * crank_implicit - coupling * coupling
     m11, m12, m22 = crank_implicit / determinant, -coupling / determinant, pitch / determinant
-    if params.prescribed_speed:  # nothing that acts on the robot changes the crank's speed
+    if params.prescribed_speed:  # No force changes the crank speed.
         m11, m12, m22 = 1.0 / pitch, 0.0, 0.0
-    if params.held:  # nothing changes the chassis' speed
+    if params.held:  # No force changes the velocity of the chassis.
         m11, m12 = 0.0, 0.0
         m22 = 0.0 if params.prescribed_speed else 1.0 / crank_implicit
     return Inertia(
-        (sx, sy), (dx, dy), (ddx, ddy), pitch, pitch_slope, coupling, coupling_slope, crank,
-        crank_slope, damping, m11, m12, m22,
-    )  # fmt: skip
+        (sx, sy),
+        (dx, dy),
+        (ddx, ddy),
+        pitch,
+        pitch_slope,
+        coupling,
+        coupling_slope,
+        crank,
+        crank_slope,
+        damping,
+        m11,
+        m12,
+        m22,
+    )
 
 
 @stage
 def _weight(theta, inertia, params):
-    """Gravity's force: on the centre of mass, or on the crank of a held chassis."""
+    """Return gravity as a force on the centre of mass, or on the crank if the chassis is fixed."""
     gx, gy = params.gravity_x, params.gravity_y
     if not params.held:
         return Push(gx, gy, 0.0, 0.0)
@@ -458,7 +596,10 @@ def _weight(theta, inertia, params):
 
 @stage
 def _push(h, impulse, theta, inertia, params):
-    """An impulse (2,), N s, on the crank axis, whose velocity is V - w S R s - n R s'."""
+    """Return the load of an impulse on the crank axis, in N s, shape (2,), during a time step.
+
+    The velocity of the crank axis is V - w S R s - n R s'.
+    """
     jx, jy = impulse[0] / h, impulse[1] / h
     cos, sin = mathematics.cos(theta), mathematics.sin(theta)
     (sx, sy), (dx, dy) = inertia.s, inertia.ds
@@ -470,7 +611,10 @@ def _push(h, impulse, theta, inertia, params):
 
 @stage
 def _crank_torque(h, weight, push, velocity, after, inertia, count, contacts):
-    """The torque that a prescribed crank speed takes: what is left over in the crank's equation."""
+    """Return the motor torque that a prescribed crank speed needs, in N m.
+
+    This is the residual of the equation of motion of the crank.
+    """
     mean, mw = 0.5 * (velocity.crank + after.crank), 0.5 * (velocity.pitch + after.pitch)
     coupled = inertia.coupling * (after.pitch - velocity.pitch)
     torque = (coupled + inertia.crank * (after.crank - velocity.crank)) / h
@@ -483,7 +627,7 @@ def _crank_torque(h, weight, push, velocity, after, inertia, count, contacts):
 
 @stage
 def _trace(row, state, radius, count, planes, contacts):
-    """Complete a row of the trace after a step."""
+    """Complete a row of the trace after a time step."""
     for i in range(4):
         row[VELOCITY_AFTER + i] = state[4 + i]
     for i in range(IMPULSES, len(row)):

@@ -1,12 +1,13 @@
 """Kernels: functions of this folder that are compiled when the package is built.
 
-Their Python is the source; :mod:`jansen_env.engine.build` lowers it to a shared library, which is
-called here. ``JANSEN_ENV_PYTHON=1`` runs the Python itself: slowly, for a debugger, with the same
-results bit for bit.
+Their Python code is the source. :mod:`jansen_env.engine.build` compiles it to a shared library,
+which this module calls. With ``JANSEN_ENV_PYTHON=1``, the Python code itself runs instead: slowly,
+but in a debugger, and with the same results bit for bit.
 
-The library has one entry point per kernel, whose only argument is the address of its slots: 8 bytes
-for each number; for each array its address and its lengths, and for an array whose rows lie apart
-(a field of the robots' records) also the distance between two rows in bytes.
+The library has one entry point per kernel. Its only argument is the address of the kernel's slots,
+which have 8 bytes each. A number takes one slot. An array takes one slot for its address and one
+for each of its lengths. An array whose rows lie apart (a field of the robots' records) takes
+another slot for the distance between two rows in bytes.
 """
 
 from __future__ import annotations
@@ -28,14 +29,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 PYTHON = os.environ.get("JANSEN_ENV_PYTHON", "") not in ("", "0")
+"""Whether kernels run as Python code instead of compiled code."""
 FOLDER = Path(__file__).parent
+"""Folder of the engine's sources and libraries."""
 ENDINGS = {"win32": "dll", "darwin": "dylib", "wasm": "wasm"}
+"""File name extension of the library on each platform; "so" on all others."""
 RESULTS: dict[type | None, type | None] = {
-    None: None, bool: ctypes.c_bool, int: ctypes.c_int64, float: ctypes.c_double,
-}  # fmt: skip
+    None: None,
+    bool: ctypes.c_bool,
+    int: ctypes.c_int64,
+    float: ctypes.c_double,
+}
+"""Type of ctypes for each type that a kernel may return."""
 BUILDERS = ("llvmlite", "numba", "ziglang")
+"""Packages that are needed to build the library."""
 
-# Arguments of kernels; the digit is the number of axes.
+# Types of the array arguments of kernels. The digit is the number of axes.
 Bools1 = Annotated[NDArray[np.bool_], np.dtype(bool), 1]
 Ints1 = Annotated[NDArray[np.int64], np.dtype("i8"), 1]
 Ints2 = Annotated[NDArray[np.int64], np.dtype("i8"), 2]
@@ -50,7 +59,7 @@ Floats4 = Annotated[NDArray[np.float64], np.dtype("f8"), 4]
 Floats5 = Annotated[NDArray[np.float64], np.dtype("f8"), 5]
 
 APART = "apart"
-"""Marks an array whose rows may lie apart, each of them contiguous: a field of records."""
+"""Mark of an array whose rows may lie apart, such as a field of records; each row is contiguous."""
 
 Function: TypeAlias = Callable[..., Any]
 
@@ -60,11 +69,11 @@ class Parameter(NamedTuple):
 
     Attributes:
         name: Name of the argument or entry.
-        slot: Number of the first of its slots.
-        dtype: Type of the number, or of the array's elements.
+        slot: Number of its first slot.
+        dtype: Type of the number, or of the elements of the array.
         ndim: Number of axes of the array; 0 for a number.
         apart: Whether the rows of the array may lie apart, see :data:`APART`.
-        group: Name of the argument that this is an entry of; "" for an argument itself.
+        group: Name of the argument to which the entry belongs; "" for an argument itself.
     """
 
     name: str
@@ -76,20 +85,27 @@ class Parameter(NamedTuple):
 
     @property
     def slots(self) -> int:
-        """Number of slots: value or address, lengths, and distance between rows."""
+        """Number of slots: for the value or address, the lengths, and the distance between rows."""
         return 1 + self.ndim + self.apart
 
 
 class Kernel:
-    """A compiled function, called like the Python function that it is made from.
+    """A compiled function, which is called like the Python function from which it is made.
 
-    It remembers the arguments of its last calls, as most are the same again.
+    A kernel stores the arguments of its last calls, because most arguments are the same in the next
+    call.
 
     Args:
-        function: Annotated with ``int``, ``float``, ``bool``, the arrays above, rows
-            ``Annotated[NDArray[np.void], DTYPE, ndim]``, the same with :data:`APART`, or a
-            ``NamedTuple`` class whose entries are annotated so. It returns a number or None.
-        nogil: whether other threads may run Python meanwhile.
+        function: Python function. Its arguments are annotated with ``int``, ``float``, ``bool``,
+            the array types of this module, ``Annotated[NDArray[np.void], DTYPE, ndim]`` for
+            records, the same with :data:`APART`, or a ``NamedTuple`` class whose entries have such
+            annotations. It returns a number or None.
+        nogil: Whether the kernel releases Python's global interpreter lock while it runs.
+
+    Attributes:
+        function: Python function from which the kernel is made.
+        nogil: Whether the kernel releases Python's global interpreter lock while it runs.
+        symbol: Name of the kernel's entry point in the library.
     """
 
     __name__: str
@@ -98,28 +114,29 @@ class Kernel:
         functools.update_wrapper(self, function)
         self.function, self.nogil = function, nogil
         self.symbol = f"{function.__module__.rpartition('.')[2]}_{function.__name__}"
-        # As many as calls have been under way at once: quicker than one for each thread.
+        # Pool of slots and their arguments, one entry per concurrent call. It is faster than
+        # thread-local storage.
         self._spare = list[tuple[Slots, tuple[object, ...]]]()
 
     @functools.cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The arguments, in their order."""
+        """Arguments of the kernel, in order."""
         return _parameters(self.function)
 
     @property
     def slots(self) -> int:
-        """How many slots the arguments take."""
+        """Number of slots that all arguments take together."""
         return sum(parameter.slots for parameter in self.parameters)
 
     @property
     def returns(self) -> type | None:
-        """``int``, ``float``, ``bool`` or None."""
+        """Type of the result: ``int``, ``float``, ``bool`` or None."""
         result = get_type_hints(self.function)["return"]
         return None if result is type(None) else result
 
     @functools.cached_property
     def entry(self) -> Function:
-        """The library's entry point."""
+        """Entry point of the kernel in the library."""
         library = _libraries()[0 if self.nogil else 1]
         entry = getattr(library, self.symbol)
         entry.argtypes = [ctypes.c_int64]
@@ -127,16 +144,25 @@ class Kernel:
         return entry
 
     def bound(self) -> Kernel:
-        """Return a copy that remembers its own arguments, for an object that calls it often."""
+        """Return a copy with its own stored arguments, for an object that calls it often."""
         return Kernel(self.function, self.nogil)
 
     def __call__(self, *arguments: object) -> Any:
-        """Run it; an argument may be a tuple of several, looked at again only if it is another.
+        """Run the kernel.
 
-        Raises TypeError: an argument is no such array or number.
+        Args:
+            *arguments: Arguments of the function. A tuple stands for several arguments. Its entries
+                are examined again only if the tuple is another object than in the last call.
+
+        Returns:
+            The result of the function.
+
+        Raises:
+            TypeError: If the number of arguments is wrong, or if an argument is not an array of the
+                required type.
         """
         if PYTHON:
-            with np.errstate(all="ignore"):  # a compiled kernel does not warn, either
+            with np.errstate(all="ignore"):  # A compiled kernel does not warn, either.
                 return self.function(*flat(arguments, named=False))
         try:
             last = self._spare.pop()
@@ -151,6 +177,7 @@ class Kernel:
         return result
 
     def __reduce__(self) -> str | tuple[Function, tuple[Kernel]]:
+        """Pickle the kernel by its name, or as a bound copy of the kernel of this name."""
         named: Kernel = getattr(sys.modules[self.function.__module__], self.__name__)
         return self.__name__ if named is self else (Kernel.bound, (named,))
 
@@ -175,16 +202,33 @@ def _parameters(function: Function) -> tuple[Parameter, ...]:
 
 
 class Slots:
-    """Memory of a kernel's arguments."""
+    """Memory for the arguments of a kernel.
+
+    Args:
+        kernel: The kernel.
+
+    Attributes:
+        words: The slots, shape (slots,).
+        address: Address of the slots.
+    """
 
     def __init__(self, kernel: Kernel) -> None:
         self._symbol, self._parameters = kernel.symbol, kernel.parameters
         self.words = np.zeros(kernel.slots, np.int64)
         self._known: list[object] = [self] * len(self._parameters)
-        self.address = ctypes.c_int64(self.words.ctypes.data)  # which is quicker than a number
+        # An object of ctypes is faster to pass than an int.
+        self.address = ctypes.c_int64(self.words.ctypes.data)
 
     def fill(self, arguments: list[object]) -> None:
-        """Put those arguments into their slots that are not there yet."""
+        """Write the arguments that differ from the last call into their slots.
+
+        Args:
+            arguments: All arguments, with tuples opened, see :func:`flat`.
+
+        Raises:
+            TypeError: If the number of arguments is wrong, or if an argument is not an array of the
+                required type.
+        """
         known, count = self._known, len(self._known)
         if len(arguments) != count:
             raise TypeError(f"{self._symbol} must have {count} arguments, got {len(arguments)}")
@@ -194,7 +238,7 @@ class Slots:
                 known[i] = argument
 
     def _put(self, parameter: Parameter, argument: Any) -> None:
-        """Put an argument into its slots."""
+        """Write an argument into its slots."""
         name, slot, dtype, ndim, apart, _ = parameter
         if ndim == 0:
             words = self.words.view(np.float64) if dtype.kind == "f" else self.words
@@ -209,9 +253,9 @@ class Slots:
             kind = getattr(argument, "dtype", type(argument).__name__)
             shape = getattr(argument, "shape", ())
             raise TypeError(f"{name} must be contiguous {dtype} of {ndim} axes, got {kind} {shape}")
-        try:  # the quickest way
+        try:  # This is the fastest way to get the address.
             address = ctypes.addressof(ctypes.c_char.from_buffer(argument))  # type: ignore[arg-type]
-        except (TypeError, ValueError, BufferError):  # read only, empty, or with rows apart
+        except (TypeError, ValueError, BufferError):  # Read-only, empty, or with rows apart.
             address = argument.ctypes.data
         self.words[slot] = address
         for axis in range(ndim):
@@ -221,10 +265,10 @@ class Slots:
 
 
 def flat(arguments: Iterable[object], named: bool = True) -> list[object]:
-    """Return the arguments, with the entries of tuples in their places.
+    """Return the arguments as a flat list in which the entries of tuples replace the tuples.
 
     Args:
-        arguments: Arrays, numbers and tuples of them.
+        arguments: Arrays, numbers, and tuples of these.
         named: Whether to open named tuples, too.
     """
     items = list[object]()
@@ -238,13 +282,21 @@ def flat(arguments: Iterable[object], named: bool = True) -> list[object]:
 
 
 lower: Callable[[Function, bool], Any] | None = None
-"""Makes a stage what numba compiles; set by :mod:`jansen_env.engine.build` alone."""
+"""Function that turns a stage into an object that Numba compiles.
+
+Only :mod:`jansen_env.engine.build` sets it. If it is None, stages stay Python functions.
+"""
 kernels: list[Kernel] = []
 """All kernels of the modules imported so far."""
 
 
 def kernel(function: Function | None = None, *, nogil: bool = False) -> Any:
-    """Decorator: make a function a :class:`Kernel`."""
+    """Turn a function into a :class:`Kernel`; for use as a decorator.
+
+    Args:
+        function: The function. If None, return a decorator.
+        nogil: Whether the kernel releases Python's global interpreter lock while it runs.
+    """
     if function is None:
         return lambda f: kernel(f, nogil=nogil)
     made = Kernel(function, nogil)
@@ -253,10 +305,13 @@ def kernel(function: Function | None = None, *, nogil: bool = False) -> Any:
 
 
 def stage(function: Function | None = None, *, inline: bool = True) -> Any:
-    """Decorator: part of kernels; called from Python it is plain Python.
+    """Declare a function as part of kernels; for use as a decorator.
+
+    If a stage is called from Python, it runs as plain Python.
 
     Args:
-        inline: whether it is put into their machine code wherever it is called.
+        function: The function. If None, return a decorator.
+        inline: Whether to insert the machine code of the stage wherever a kernel calls it.
     """
     if function is None:
         return lambda f: stage(f, inline=inline)
@@ -265,16 +320,27 @@ def stage(function: Function | None = None, *, inline: bool = True) -> Any:
 
 @stage
 def fetch_add(place: NDArray[np.int64]) -> int:
-    """Return ``place[0]``, of (1 or more,) int64, and add 1 to it.
+    """Return ``place[0]`` and add 1 to it.
 
-    Compiled, no other thread gets the same.
+    In compiled code this is atomic: no two threads get the same value.
+
+    Args:
+        place: Counter, an int64 array of shape (k,) with k >= 1.
     """
     place[0] += 1
     return place[0] - 1
 
 
 def library_path(folder: Path = FOLDER, platform: str = sys.platform) -> Path:
-    """The library of these sources: its name has their digest, so that no other one is loaded."""
+    """Return the path of the library that is built from the present sources.
+
+    The name of the library contains a digest of the sources, so that a library of other sources is
+    never loaded.
+
+    Args:
+        folder: Folder of the library.
+        platform: Platform as in ``sys.platform``, or "wasm".
+    """
     digest = hashlib.sha256()
     for path in sorted(FOLDER.glob("*.py")):
         digest.update(path.read_bytes())
@@ -282,10 +348,13 @@ def library_path(folder: Path = FOLDER, platform: str = sys.platform) -> Path:
 
 
 def built_library(platform: str = sys.platform) -> Path:
-    """:func:`library_path`, built first where it is missing; ``"wasm"`` is for browsers.
+    """Return the path of the library, and build the library first if it does not exist.
+
+    Args:
+        platform: Platform as in ``sys.platform``, or "wasm" for browsers.
 
     Raises:
-        ImportError: it is missing or older than its sources, and cannot be built here.
+        ImportError: If the library is missing or older than its sources, and cannot be built here.
     """
     path = library_path(platform=platform)
     if not path.exists():
@@ -305,6 +374,10 @@ def built_library(platform: str = sys.platform) -> Path:
 
 @functools.cache
 def _libraries() -> tuple[ctypes.CDLL, ctypes.PyDLL]:
-    """The library, called without and with Python's lock. Raises ImportError: there is none."""
+    """Return the library twice: to be called without and with Python's global interpreter lock.
+
+    Raises:
+        ImportError: If the library does not exist and cannot be built.
+    """
     path = str(built_library())
     return ctypes.CDLL(path), ctypes.PyDLL(path)

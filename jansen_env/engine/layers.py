@@ -1,4 +1,8 @@
-"""Layers of a policy's network: sums in the order of the inputs, one row at a time or many."""
+"""Layers of a policy's network.
+
+The sums are computed in the order of the inputs, so that a row of inputs gives the same result
+alone and among others.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,7 @@ LINEAR, TANH, RELU, ELU = range(4)
 
 @stage
 def _activate(values, count, activation):
-    """Put the function of each of ``count`` values in its place."""
+    """Apply an activation function to the first ``count`` values, in place."""
     if activation == TANH:
         for i in range(count):
             values[i] = tanh(values[i])
@@ -24,7 +28,10 @@ def _activate(values, count, activation):
 
 @stage
 def _limited(value, limit):
-    """Clip a value to -limit .. limit; NaN stays NaN, where min and max would give a limit."""
+    """Clip a value to the range from -limit to limit.
+
+    NaN stays NaN, whereas ``min`` and ``max`` would replace it by a limit.
+    """
     if value > limit:
         return limit
     if value < -limit:
@@ -34,17 +41,27 @@ def _limited(value, limit):
 
 @kernel
 def put_actions(
-    inputs: Floats2, layers: Ints2, weights: Floats1, limit: float, squash: int, work: Floats2,
+    inputs: Floats2,
+    layers: Ints2,
+    weights: Floats1,
+    limit: float,
+    squash: int,
+    work: Floats2,
     out: Floats2,
-) -> None:  # fmt: skip
-    """Put what a network makes of inputs (n, width) into (n, units of the last layer).
+) -> None:
+    """Compute the outputs of a network.
+
+    NaN stays NaN: it must not become the largest action.
 
     Args:
-        layers: (k, 3) inputs, units and activation of each. weights: for each layer (inputs, units)
-            weights, a row for each input, and (units,) of bias, one after the other.
-        limit: the most that the last layer may give. squash: activation of what is left.
-            NaN stays NaN: it must not become the largest action.
-        work: (2, width of the widest layer or more).
+        inputs: Inputs, shape (n, width).
+        layers: Number of inputs, number of units and activation of each layer, shape (k, 3).
+        weights: Weights and biases of all layers, one after the other. Each layer has its weights
+            of shape (inputs, units) in C order, followed by its biases of shape (units,).
+        limit: Largest magnitude of an output of the last layer; larger outputs are clipped.
+        squash: Activation that is applied to the clipped outputs.
+        work: Work space, shape (2, width of the widest layer or more).
+        out: Output, shape (n, units of the last layer).
     """
     for row in range(len(inputs)):
         start, values, sums = 0, work[0], work[1]
@@ -78,7 +95,13 @@ def put_actions(
 
 @kernel
 def put_harmonics(directions: Floats2, multiples: Ints1, out: Floats2) -> None:
-    """Put cos k a, sin k a of multiples k >= 0 into (n, 2 k) from (n, 2) cosines and sines of a."""
+    """Compute cosines and sines of multiples of angles.
+
+    Args:
+        directions: Cosine and sine of each angle a, shape (n, 2).
+        multiples: Factors k >= 0, shape (m,).
+        out: Output, cos(k a) and sin(k a) of each factor in turn, shape (n, 2 m).
+    """
     for row in range(len(directions)):
         for column in range(len(multiples)):
             x, y, c, s, left = 1.0, 0.0, directions[row, 0], directions[row, 1], multiples[column]

@@ -1,7 +1,7 @@
-"""Lemke's method on the contact law as a linear complementarity problem.
+"""Lemke's method for the contact law as a linear complementarity problem.
 
-Stewart and Trinkle's formulation (IJNME 39, 1996): unknowns (P_n, P_t+, P_t-, bound) of each
-contact, in a tableau w | z | artificial | right-hand side.
+The formulation is that of Stewart and Trinkle (IJNME 39, 1996). Each contact has the unknowns
+(P_n, P_t+, P_t-, bound). The columns of the tableau are w | z | artificial | right-hand side.
 """
 
 from __future__ import annotations
@@ -10,18 +10,28 @@ from jansen_env.engine.kernel import stage
 from jansen_env.engine.mathematics import floor
 
 PIVOT = 1e-11  # smallest pivot, after scaling
-PERTURBATION = 1e-9  # of the right-hand side, after scaling
+PERTURBATION = 1e-9  # perturbation of the right-hand side, after scaling
 
 
 @stage(inline=False)
 def lemke(count, problem, compliance, T, basis):
-    """Solve by Lemke's method; True where it ends.
+    """Solve the contact law by Lemke's method.
 
-    W's diagonal is taken (1 + compliance) times as large, and v_free is perturbed: good for the
-    modes. T (4 n, 8 n + 2) and basis (4 n,) are work space.
+    The diagonal of W is multiplied by 1 + ``compliance``, and v_free is perturbed. The solution is
+    therefore approximate, but good enough to determine the contact modes.
+
+    Args:
+        count: Number of contacts.
+        problem: Contact law, a :class:`jansen_env.engine.records.Problem`. Its P is the output.
+        compliance: Relative increase of the diagonal of W.
+        T: Work space for the tableau, shape (4 count, 8 count + 2).
+        basis: Work space for the variables in the basis, shape (4 count,).
+
+    Returns:
+        Whether the method found a solution.
     """
     size = 4 * count
-    mass, speed = 0.0, 0.0  # work in scaled, dimensionless numbers
+    mass, speed = 0.0, 0.0  # scales that make the numbers of the tableau dimensionless
     for i in range(2 * count):
         mass = max(mass, problem.W[i, i])
         speed = max(speed, abs(problem.v_free[i]))
@@ -50,7 +60,11 @@ def lemke(count, problem, compliance, T, basis):
 
 @stage
 def _fill(count, problem, compliance, mass, speed, T, basis):
-    """Lemke's tableau, w | z | artificial | right-hand side, and its first basis."""
+    """Fill Lemke's tableau, w | z | artificial | right-hand side, and its first basis.
+
+    ``mass`` and ``speed`` are the scales of the inertia and of the velocities. The other arguments
+    are those of :func:`lemke`.
+    """
     size, W = 4 * count, problem.W
     right = 2 * size + 1
     for r in range(size):
@@ -76,14 +90,14 @@ def _fill(count, problem, compliance, mass, speed, T, basis):
             T[row + k, right] = sign * problem.v_free[i] / speed
         T[row + 3, size + 4 * c] = -problem.mu[c]
         T[row + 3, size + 4 * c + 1] = T[row + 3, size + 4 * c + 2] = 1.0
-    for r in range(size):  # no two rows alike, so that no cycle can form
+    for r in range(size):  # perturb each row differently, so that no cycle can form
         turns = 0.618033988749895 * r
         T[r, right] += PERTURBATION * (1.0 + (turns - floor(turns)))
 
 
 @stage
 def _pivot(size, T, basis):
-    """Lemke's pivots; False where they end on a ray."""
+    """Pivot the tableau by Lemke's rule; return False if the pivots end on a ray."""
     right, entering, pivot_row = 2 * size + 1, 2 * size, basis[0]
     for r in range(1, size):
         if T[r, right] < T[pivot_row, right]:
@@ -111,7 +125,7 @@ def _pivot(size, T, basis):
 
 @stage
 def _eliminate(size, T, pivot_row, entering):
-    """Make column ``entering`` of the tableau a unit vector."""
+    """Make column ``entering`` of the tableau a unit vector, with its 1 in row ``pivot_row``."""
     pivot = T[pivot_row, entering]
     for j in range(2 * size + 2):
         T[pivot_row, j] /= pivot

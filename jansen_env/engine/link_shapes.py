@@ -1,4 +1,4 @@
-"""Links as arrays: the positions of their joints, their lengths, and links of other lengths.
+"""Links as arrays: positions of their joints, their lengths, and changes of these lengths.
 
 A row of :data:`LINK` holds the values of a :class:`jansen_env.robot.Bar`, ``Triangle`` or ``Plate``
 under their names in robot files. ``points`` holds the joints of plates in m, shape (bodies, most
@@ -55,13 +55,19 @@ Builds = Annotated[NDArray[np.void], BUILD, 1]
 
 @stage
 def opposite(a, b, angle):
-    """Return the side of a triangle opposite the angle between a and b, m (law of cosines)."""
+    """Return the side of a triangle opposite the angle between two sides, by the law of cosines.
+
+    Args:
+        a: First side, in m.
+        b: Second side, in m.
+        angle: Angle between the two sides, in rad.
+    """
     return math.sqrt(a * a + b * b - 2.0 * a * b * mathematics.cos(angle))
 
 
 @stage
 def triangle_sides(d, l, h, alpha, gamma):  # noqa: E741 - the paper's symbol
-    """Return the sides first-second, second-third and third-first of a triangle, m.
+    """Return the sides first-second, second-third and third-first of a triangle, in m.
 
     Args:
         d: Distance of the first corner from the centroid, in m.
@@ -76,16 +82,21 @@ def triangle_sides(d, l, h, alpha, gamma):  # noqa: E741 - the paper's symbol
 
 @stage
 def is_triangle(a, b, c):
-    """Return whether three lengths form a triangle."""
+    """Return whether three lengths are the sides of a triangle that is not degenerate."""
     return 2.0 * max(a, b, c) < a + b + c
 
 
 @stage
 def triangle_of_sides(a, b, c):
-    """Return (d, l, h, alpha, gamma) of a triangle with given sides, see :func:`triangle_sides`.
+    """Return (d, l, h, alpha, gamma) of a triangle with known sides.
 
-    The distances from the centroid are two thirds of the medians: 9 d^2 = 2 a^2 + 2 c^2 - b^2, and
-    likewise for l and h.
+    This is the inverse of :func:`triangle_sides`. The distances from the centroid are two thirds of
+    the medians: 9 d^2 = 2 a^2 + 2 c^2 - b^2, and likewise for l and h.
+
+    Args:
+        a: Side first-second, in m.
+        b: Side second-third, in m.
+        c: Side third-first, in m.
     """
     d = math.sqrt(2.0 * a * a + 2.0 * c * c - b * b) / 3.0
     l = math.sqrt(2.0 * a * a + 2.0 * b * b - c * c) / 3.0  # noqa: E741
@@ -97,7 +108,9 @@ def triangle_of_sides(a, b, c):
 
 @stage
 def flat_bar(length, width, end_mass, areal):
-    """Return (mass, inertia) of a flat bar with round ends about two pins, and a mass on each pin.
+    """Return (mass, inertia) of a flat bar with round ends about two pins and a mass on each pin.
+
+    The mass is in kg, and the inertia about the centre of mass in kg m^2.
 
     Args:
         length: Distance between the pins, in m.
@@ -108,7 +121,7 @@ def flat_bar(length, width, end_mass, areal):
     radius, span = 0.5 * width, length * length
     middle, rounds = areal * length * width, areal * math.pi * radius * radius
     inertia = middle * (span + width * width) / 12.0
-    # Two half discs, with their centroids 4 r / 3 pi beyond the pins.
+    # The two half discs have their centroids 4 r / (3 pi) beyond the pins.
     turning = 0.5 * radius * radius + 0.25 * span + length * 4.0 * radius / (3.0 * math.pi)
     inertia += rounds * turning
     return middle + rounds + 2.0 * end_mass, inertia + 0.5 * end_mass * span
@@ -137,9 +150,9 @@ def triangular_plate(a, b, c, end_mass, more, areal, outline, window):
     spread = (a * a + b * b + c * c) / 36.0  # inertia / mass of a uniform triangle
     outline, window = outline * outline, window * window
     inertia = areal * area * spread * (outline * outline - window * window)
-    # The pins: sum of |corner - centroid|^2 is (a^2 + b^2 + c^2) / 3.
+    # For the pins, the sum of |corner - centroid|^2 is (a^2 + b^2 + c^2) / 3.
     mass = areal * area * (outline - window)
-    # The distance of the third corner from the centroid.
+    # Distance of the third corner from the centroid
     reach = math.sqrt(2.0 * (b * b + c * c) - a * a) / 3.0
     moment, hole = more * reach, areal * area * window
     inertia += moment * reach - moment * moment / hole
@@ -148,7 +161,11 @@ def triangular_plate(a, b, c, end_mass, more, areal, outline, window):
 
 @stage(inline=False)
 def count_joints(joints):
-    """Return the number of joints of a body from its row of ``members``."""
+    """Return the number of joints of a body.
+
+    Args:
+        joints: Row of ``members`` of the body, see the module.
+    """
     count = 0
     for k in range(len(joints)):
         if joints[k] >= 0:
@@ -158,9 +175,15 @@ def count_joints(joints):
 
 @stage(inline=False)
 def put_link_corners(link, points, count, corners):
-    """Compute polar coordinates (c, o) of each joint of a link, shape (most joints, 2).
+    """Compute polar coordinates (c, o) of each joint of a link.
 
     If the angle of the link is a, the joint lies at the link's centre + c (cos, sin)(a + o).
+
+    Args:
+        link: Record of :data:`LINK`.
+        points: Joints of a plate, in m, shape (most joints, 2).
+        count: Number of joints.
+        corners: Output, coordinates in m and rad, shape (most joints, 2). It must be 0 before.
     """
     if link.kind == BAR:
         corners[0, 0], corners[1, 0] = -0.5 * link.length, 0.5 * link.length
@@ -177,9 +200,13 @@ def put_link_corners(link, points, count, corners):
 
 @stage(inline=False)
 def distance(link, points, i, k):
-    """Return the distance between two different joints of a link, m.
+    """Return the distance between two different joints of a link, in m.
 
-    ``i`` and ``k`` are the positions of the joints in the link.
+    Args:
+        link: Record of :data:`LINK`.
+        points: Joints of a plate, in m, shape (most joints, 2).
+        i: Index of the first joint in the link.
+        k: Index of the second joint in the link.
     """
     if link.kind == BAR:
         return link.length
@@ -191,7 +218,7 @@ def distance(link, points, i, k):
 
 @stage
 def _place_in(joints, joint):
-    """Return the position of a joint in a body, a row of ``members``, or -1 if it is not there."""
+    """Return the index of a joint in a body's row of ``members``, or -1 if it is not in the row."""
     for k in range(len(joints)):
         if joints[k] == joint:
             return k
@@ -234,7 +261,7 @@ def assemble(
                     spans[d, end] = distance(links[k], points[k], a, b)
 
 
-# Lengths.
+# Lengths of links
 
 
 @kernel
@@ -292,13 +319,13 @@ def put_lengths_between(kind: int, places: Floats2, lengths: Floats1) -> None:
 
 @stage
 def _between(a, b):
-    """Return the distance between two points, m."""
+    """Return the distance between two points, in m."""
     return mathematics.hypot(b[0] - a[0], b[1] - a[1])
 
 
 @kernel
 def frame_angle_of(places: Floats2, corners: Floats2) -> float:
-    """Return the angle of a frame in the chassis, rad.
+    """Return the angle of a frame in the chassis, in rad.
 
     Args:
         places: Positions of the frame's joints, in m, shape (joints, 2). Only the first two count.
@@ -310,14 +337,14 @@ def frame_angle_of(places: Floats2, corners: Floats2) -> float:
 
 @stage
 def edge_turn(first, second):
-    """Return the turn from the edge between two corners of a body to the body's angle, rad.
+    """Return the turn from the edge between two corners of a body to the body's angle, in rad.
 
     The turn is the sum of the two returned numbers. The first of them is half a turn or 0. If the
     body's angle points to the first corner, the edge is taken in the opposite direction.
 
     Args:
         first: First corner as (c, o), see :func:`put_link_corners`.
-        second: Second corner.
+        second: Second corner, likewise.
     """
     r, s, way = first[0], second[0], -1.0 if first[0] > 0.0 else 1.0
     x = way * (s * mathematics.cos(second[1]) - r * mathematics.cos(first[1]))
@@ -350,7 +377,7 @@ def resize(
 ) -> int:
     """Compute links with other lengths.
 
-    A body whose lengths do not change is copied as it is.
+    A body whose lengths do not change is copied without changes.
 
     Args:
         links: Links of a leg, shape (bodies,).
@@ -367,7 +394,7 @@ def resize(
         work: Work space, shape (2, most joints + 1, 2).
 
     Returns:
-        The first body whose sides form no triangle, or -1.
+        The index of the first body whose sides form no triangle, or -1 if there is none.
     """
     for k in range(len(links)):
         link, new, count = links[k], new_links[k], count_joints(members[k])
@@ -408,7 +435,7 @@ def _set_lengths(link, points, count, lengths, out):
         link.d, link.l, link.h, link.alpha, link.gamma = shape
         link.mass = link.inertia = 0.1
     else:
-        _, cos, sin = _way(points)  # keep the direction of its first two joints
+        _, cos, sin = _way(points)  # keep the direction from the first joint to the second
         for i in range(count):
             a = b = 0.0
             if i == 1:
@@ -489,7 +516,7 @@ def _square_from(place, x, y, total):
 
 @stage(inline=False)
 def _size(link, points, count, work):
-    """Return the sum of a link's sides, m."""
+    """Return the sum of a link's sides, in m."""
     sides = work[:, 0]
     for k in range(count - 1):
         sides[k] = distance(link, points, k, k + 1)
@@ -499,7 +526,7 @@ def _size(link, points, count, work):
 
 @stage(inline=False)
 def _spread(link, points, count, work):
-    """Return inertia divided by mass for a uniform rod or plate with the same joints, m^2."""
+    """Return inertia divided by mass for a uniform rod or plate with the same joints, in m^2."""
     corners, places = work[0], work[1]
     corners[:] = 0.0
     put_link_corners(link, points, count, corners)

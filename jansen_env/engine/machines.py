@@ -1,4 +1,4 @@
-"""Parameters that a robot has from its robot file, before those of an episode change them."""
+"""Parameters of a robot as its robot file defines them, before an episode changes them."""
 
 from __future__ import annotations
 
@@ -47,9 +47,10 @@ Chassis = Annotated[NDArray[np.void], CHASSIS, 1]
 def put_machine(
     links: Links, legs: int, chassis: Chassis, friction: Floats1, work: Floats2, machines: Machines
 ) -> None:
-    """Store the parameters of a robot with a free crank, weightless on level slippery ground.
+    """Store the parameters of a weightless robot on level ground without friction.
 
-    This function does not set the reach of the pads and the advance per turn of the crank.
+    The crank of the robot is free. This function does not set the reach of the pads or the advance
+    per turn of the crank.
 
     Args:
         links: Links of a leg, shape (bodies,).

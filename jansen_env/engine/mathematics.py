@@ -1,9 +1,10 @@
-"""Elementary functions of defined rounding: the same bits on every processor.
+"""Elementary functions with defined rounding, which return the same bits on every processor.
 
-Systems' libraries differ in their last digits, and so do their variants for processors. These use
-nothing but + - * / and sqrt, which IEEE 754 rounds, and integers that hold a number's bits. Methods
-and coefficients of sin, cos, atan2, log and exp are those of fdlibm (Sun Microsystems,
-1993, as in FreeBSD's msun and in musl). Errors are in units in the last place (ulp), see the tests.
+The mathematical libraries of operating systems differ in the last digits of their results, and so
+do their variants for different processors. The functions of this module use only + - * / and sqrt,
+whose rounding IEEE 754 defines, and integers that hold the bits of a number. The methods and
+coefficients of sin, cos, atan2, log and exp are those of fdlibm (Sun Microsystems, 1993), as in
+FreeBSD's msun and in musl. Errors are given in units in the last place (ulp); the tests check them.
 """
 
 from __future__ import annotations
@@ -18,11 +19,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.engine.kernel import Floats1, Floats2, Kernel, kernel, stage
 
-ROUNDER = 1.5 * 2.0**52  # added and taken away again, it rounds |x| < 2^51 to whole numbers
-SPLITTER = 2.0**27 + 1.0  # Veltkamp's, of a number into two halves whose products are exact
+ROUNDER = 1.5 * 2.0**52  # adding and subtracting this number rounds |x| < 2^51 to a whole number
+SPLITTER = 2.0**27 + 1.0  # Veltkamp's constant: splits numbers into halves with exact products
 
 TWO_OVER_PI = 6.36619772367581382433e-01
-# pi / 2 in parts of 33 bits, so that a multiple of them is exact; and what each leaves.
+# pi / 2 in parts of 33 bits, so that a multiple of each part is exact. The names that end with T
+# hold the remainder after this part.
 PIO2_1, PIO2_1T = 1.57079632673412561417e00, 6.07710050650619224932e-11
 PIO2_2 = 6.07710050630396597660e-11
 PIO2_3, PIO2_3T = 2.02226624871116645580e-21, 8.47842766036889956997e-32
@@ -32,11 +34,12 @@ S4, S5, S6 = 2.75573137070700676789e-06, -2.50507602534068634195e-08, 1.58969099
 C1, C2, C3 = 4.16666666666666019037e-02, -1.38888888888741095749e-03, 2.48015872894767294178e-05
 C4, C5, C6 = -2.75573143513906633035e-07, 2.08757232129817482790e-09, -1.13596475577881948265e-11
 
-PI_LOW = 1.2246467991473531772e-16  # of pi = math.pi + PI_LOW; the same of the four angles below
+# pi = math.pi + PI_LOW, and likewise atan(0.5), atan(1), atan(1.5) and atan(infinity) below.
+PI_LOW = 1.2246467991473531772e-16
 ATAN_HALF, ATAN_HALF_LOW = 4.63647609000806093515e-01, 2.26987774529616870924e-17
 ATAN_ONE, ATAN_ONE_LOW = 7.85398163397448278999e-01, 3.06161699786838301793e-17
-ATAN_MORE, ATAN_MORE_LOW = 9.82793723247329054082e-01, 1.39033110312309984516e-17  # of 1.5
-ATAN_ALL, ATAN_ALL_LOW = 1.57079632679489655800e00, 6.12323399573676603587e-17  # of infinity
+ATAN_MORE, ATAN_MORE_LOW = 9.82793723247329054082e-01, 1.39033110312309984516e-17
+ATAN_ALL, ATAN_ALL_LOW = 1.57079632679489655800e00, 6.12323399573676603587e-17
 A0, A1, A2 = 3.33333333333329318027e-01, -1.99999999998764832476e-01, 1.42857142725034663711e-01
 A3, A4, A5 = -1.11111104054623557880e-01, 9.09088713343650656196e-02, -7.69187620504482999495e-02
 A6, A7, A8 = 6.66107313738753120669e-02, -5.83357013379057348645e-02, 4.97687799461593236017e-02
@@ -50,43 +53,44 @@ L7 = 1.479819860511658591e-01
 P1, P2, P3 = 1.66666666666666019037e-01, -2.77777777770155933842e-03, 6.61375632143793436117e-05
 P4, P5 = -1.65339022054652515390e-06, 4.13813679705723846039e-08
 
-MANTISSA = 2**52 - 1  # the bits of a number's fraction
-BIAS = 1023  # of its exponent
-SQRT_HALF_BITS = 0x3FE6A09E << 32  # of about sqrt(1/2)
-LARGEST_EXPONENT = 800.0  # the exponential function of more is infinite
+MANTISSA = 2**52 - 1  # mask for the bits of the fraction of a float
+BIAS = 1023  # bias of the exponent of a float
+SQRT_HALF_BITS = 0x3FE6A09E << 32  # bits of approximately sqrt(1/2)
+LARGEST_EXPONENT = 800.0  # the exponential function of larger numbers is infinite
 
 
 @stage
 def nearest(x):
-    """Nearest whole number, the even one of two, of |x| < 2^51."""
+    """Return the whole number nearest to x, |x| < 2^51; halves are rounded to even numbers."""
     return (x + ROUNDER) - ROUNDER
 
 
 @stage
 def floor(x):
-    """Largest whole number that is not above x, of |x| < 2^51."""
+    """Return the largest whole number that is not above x, |x| < 2^51."""
     whole = (x + ROUNDER) - ROUNDER
     return whole - 1.0 if whole > x else whole
 
 
 @stage
 def hypot(x, y):
-    """sqrt(x^2 + y^2) of sizes whose squares do not overflow; 1 ulp."""
+    """Return sqrt(x^2 + y^2) with an error of 1 ulp; the squares must not overflow."""
     return math.sqrt(x * x + y * y)
 
 
 @stage
 def _reduced(x):
-    """(quadrant, angle, what its rounding left): x less whole quarters of a turn.
+    """Reduce an angle x (rad) by whole quarter turns.
 
-    The quadrant is one of -2, ..., 2.
+    Returns:
+        The quadrant, from -2 to 2; the reduced angle; and the rounding error of this angle.
     """
     count = nearest(x * TWO_OVER_PI)
     first = x - count * PIO2_1
     second = count * PIO2_1T
     angle = first - second
     rest = (first - angle) - second
-    if abs(angle) < 2e-5 * abs(x):  # so near a multiple of pi / 2 more of its digits are needed
+    if abs(angle) < 2e-5 * abs(x):  # so near a multiple of pi / 2, more digits of pi are needed
         second = count * PIO2_2
         both = first - second
         third = count * PIO2_3
@@ -100,7 +104,7 @@ def _reduced(x):
 
 @stage
 def _sine(x, rest):
-    """sin(x + rest) of |x| <= pi / 4."""
+    """Return sin(x + rest) for |x| <= pi / 4."""
     z = x * x
     w = z * z
     r = S2 + z * (S3 + z * S4) + z * w * (S5 + z * S6)
@@ -110,7 +114,7 @@ def _sine(x, rest):
 
 @stage
 def _cosine(x, rest):
-    """cos(x + rest) of |x| <= pi / 4."""
+    """Return cos(x + rest) for |x| <= pi / 4."""
     z = x * x
     w = z * z
     r = z * (C1 + z * (C2 + z * C3)) + w * w * (C4 + z * (C5 + z * C6))
@@ -121,7 +125,10 @@ def _cosine(x, rest):
 
 @stage
 def sin(x):
-    """Sine; 1 ulp of |x| <= 1e6 rad, beyond that less and less accurate."""
+    """Return the sine of x (rad) with an error of 1 ulp.
+
+    For |x| > 1e6 rad, the error grows with |x|.
+    """
     quadrant, angle, rest = _reduced(x)
     value = _cosine(angle, rest) if abs(quadrant) == 1.0 else _sine(angle, rest)
     return -value if quadrant == -1.0 or abs(quadrant) == 2.0 else value
@@ -129,7 +136,7 @@ def sin(x):
 
 @stage
 def cos(x):
-    """Cosine; as accurate as :func:`sin`."""
+    """Return the cosine of x (rad), as accurately as :func:`sin`."""
     quadrant, angle, rest = _reduced(x)
     value = _sine(angle, rest) if abs(quadrant) == 1.0 else _cosine(angle, rest)
     return -value if quadrant > 0.5 or quadrant == -2.0 else value
@@ -137,12 +144,13 @@ def cos(x):
 
 @stage
 def atan2(y, x):
-    """Angle of (x, y), rad, in (-pi, pi]: 0 of (0, 0), whatever the signs of zeros; 2 ulp.
+    """Return the angle of the vector (x, y), in rad, in (-pi, pi], with an error of 2 ulp.
 
-    Both are finite, and their squares do not overflow.
+    The angle of (0, 0) is 0, whatever the signs of the zeros are. Both x and y must be finite, and
+    their squares must not overflow.
     """
     up, side = abs(y), abs(x)
-    # The angle of a ray near by, and the tangent of the angle from there.
+    # Take the angle of the nearest of five rays, and the tangent t of the angle to this ray.
     if 16.0 * up < 7.0 * side or up + side == 0.0:
         high, low, t = 0.0, 0.0, up / side if side > 0.0 else 0.0
     elif 16.0 * up < 11.0 * side:
@@ -165,19 +173,22 @@ def atan2(y, x):
 
 @stage
 def acos(x):
-    """Angle whose cosine is x, rad, of |x| <= 1; 3 ulp."""
+    """Return the angle whose cosine is x, |x| <= 1, in rad, with an error of 3 ulp."""
     return atan2(math.sqrt((1.0 - x) * (1.0 + x)), x)
 
 
 @stage
 def tan(x):
-    """Tangent; 3 ulp of |x| <= 1e6 rad."""
+    """Return the tangent of x (rad), with an error of 3 ulp for |x| <= 1e6 rad."""
     return sin(x) / cos(x)
 
 
 @stage
 def _parts(x):
-    """(k, f): x = 2^k (1 + f), f in about [sqrt(1/2) - 1, sqrt(2) - 1], of 0 < x < infinity."""
+    """Split 0 < x < infinity into (k, f) with x = 2^k (1 + f).
+
+    f lies approximately in [sqrt(1/2) - 1, sqrt(2) - 1].
+    """
     down = 0
     if x < 2.0**-1022:
         x, down = x * 2.0**54, 54
@@ -188,14 +199,17 @@ def _parts(x):
 
 @stage
 def _two_to(k):
-    """2^k of a whole number -1022 <= k <= 1023, whose bits the sum has at its end."""
+    """Return 2^k for a whole number -1022 <= k <= 1023.
+
+    The sum of k and ``ROUNDER`` has the bits of k at its end. They are shifted to the exponent.
+    """
     bits = np.int64(np.float64(k + ROUNDER).view(np.int64)) << 52
     return float(np.int64(bits + (BIAS << 52)).view(np.float64))
 
 
 @stage
 def _log_rest(s):
-    """(log(1 + f) - 2 s) / s of s = f / (2 + f)."""
+    """Return (log(1 + f) - 2 s) / s for s = f / (2 + f)."""
     z = s * s
     w = z * z
     return w * (L2 + w * (L4 + w * L6)) + z * (L1 + w * (L3 + w * (L5 + w * L7)))
@@ -203,7 +217,7 @@ def _log_rest(s):
 
 @stage
 def log(x):
-    """Natural logarithm; 1 ulp."""
+    """Return the natural logarithm of x, with an error of 1 ulp."""
     if not 0.0 < x < math.inf:
         return -math.inf if x == 0.0 else math.nan if x < 0.0 else x
     k, f = _parts(x)
@@ -214,7 +228,7 @@ def log(x):
 
 @stage
 def _exp_parts(x, rest):
-    """(k, y): exp(x + rest) = 2^k (1 + y), of |rest| much smaller than 1."""
+    """Return (k, y) with exp(x + rest) = 2^k (1 + y); |rest| must be much smaller than 1."""
     k = nearest(x * ONE_OVER_LN2)
     high, low = x - k * LN2_HIGH, k * LN2_LOW - rest
     x = high - low
@@ -225,23 +239,23 @@ def _exp_parts(x, rest):
 
 @stage
 def _exp(x, rest):
-    """exp(x + rest)."""
+    """Return exp(x + rest)."""
     if not abs(x) < LARGEST_EXPONENT:
         return 0.0 if x < 0.0 else x
     k, y = _exp_parts(x, rest)
-    half = floor(0.5 * k)  # 2^k may be too large or too small
+    half = floor(0.5 * k)  # two factors, because 2^k alone may overflow or underflow
     return (1.0 + y) * _two_to(half) * _two_to(k - half)
 
 
 @stage
 def exp(x):
-    """Exponential function; 1 ulp."""
+    """Return the exponential function of x, with an error of 1 ulp."""
     return _exp(x, 0.0)
 
 
 @stage
 def _expm1(x):
-    """exp(x) - 1 of |x| <= 100."""
+    """Return exp(x) - 1 for |x| <= 100."""
     k, y = _exp_parts(x, 0.0)
     scale = _two_to(k)
     return scale * y + (scale - 1.0)
@@ -249,20 +263,20 @@ def _expm1(x):
 
 @stage
 def expm1(x):
-    """exp(x) - 1; 2 ulp."""
+    """Return exp(x) - 1, with an error of 2 ulp."""
     return _expm1(x) if abs(x) < 100.0 else _exp(x, 0.0) - 1.0
 
 
 @stage
 def tanh(x):
-    """Hyperbolic tangent; 3 ulp."""
+    """Return the hyperbolic tangent of x, with an error of 3 ulp."""
     t = _expm1(50.0 if abs(x) > 25.0 else 2.0 * abs(x))
     return -t / (t + 2.0) if x < 0.0 else t / (t + 2.0)
 
 
 @stage
 def _product(x, y):
-    """(x y rounded, what rounding left), by Dekker."""
+    """Return the rounded product x y and its rounding error, by Dekker's method."""
     product = x * y
     a, b = SPLITTER * x, SPLITTER * y
     x_high, y_high = a - (a - x), b - (b - y)
@@ -272,7 +286,7 @@ def _product(x, y):
 
 @stage
 def power(x, y):
-    """x^y of 0 < x < infinity; 2 ulp of results between 1e-9 and 1e9."""
+    """Return x^y for 0 < x < infinity, with an error of 2 ulp for results from 1e-9 to 1e9."""
     k, f = _parts(x)
     d = 2.0 + f
     s = f / d
@@ -304,7 +318,14 @@ def _bound(kernel: Kernel) -> Callable[..., Any]:
 
 
 def directions(angles: ArrayLike) -> NDArray[np.float64]:
-    """Unit vectors (..., 2), cosine and sine, at angles (...), rad: a NumPy array."""
+    """Return the unit vectors at angles.
+
+    Args:
+        angles: Angles, in rad, of any shape.
+
+    Returns:
+        Cosines and sines along an additional last axis of length 2, as a NumPy array.
+    """
     given = np.asarray(angles, np.float64)
     out = np.empty((given.size, 2))
     _bound(_put_directions)(given.ravel(), out)
@@ -312,7 +333,14 @@ def directions(angles: ArrayLike) -> NDArray[np.float64]:
 
 
 def angles_of(vectors: ArrayLike) -> NDArray[np.float64]:
-    """Angles (...) of vectors (..., 2), rad, in (-pi, pi]: a NumPy array."""
+    """Return the angles of vectors, in rad, in (-pi, pi].
+
+    Args:
+        vectors: Vectors, shape (..., 2).
+
+    Returns:
+        The angles as a NumPy array, in the shape of ``vectors`` without the last axis.
+    """
     given = np.asarray(vectors, np.float64)
     out = np.empty(given.size // 2)
     _bound(_put_angles)(given.reshape(-1, 2), out)
@@ -320,6 +348,13 @@ def angles_of(vectors: ArrayLike) -> NDArray[np.float64]:
 
 
 def lengths_of(vectors: ArrayLike) -> NDArray[np.float64]:
-    """Lengths (...) of vectors (..., 2): a NumPy array."""
+    """Return the lengths of vectors.
+
+    Args:
+        vectors: Vectors, shape (..., 2).
+
+    Returns:
+        The lengths as a NumPy array, in the shape of ``vectors`` without the last axis.
+    """
     x, y = np.moveaxis(np.asarray(vectors, np.float64), -1, 0)
     return np.asarray(np.sqrt(x * x + y * y))

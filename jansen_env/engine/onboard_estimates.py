@@ -1,13 +1,15 @@
-"""Onboard sensors of a robot: encoder, IMU and motor current, and what is estimated from them.
+"""Onboard sensors of a robot (encoder, IMU and motor current), and estimates from their readings.
 
-Crank speed is the change of the encoder's angle over the last step. The IMU is at the crank axis;
-its pitch rate and accelerations are means over the last step, these forwards and upwards along the
-chassis: at rest on level ground 0 and 9.81 m/s^2. The pitch is that to the vertical, also where
-gravity is tilted: the gyro turns it, the accelerometer's direction corrects it. The velocity is the
-accelerometer's, corrected by the lowest toe, which is taken to stand still while the machine is
-supported.
+The crank speed is the change of the encoder's angle over the last step. The IMU is at the crank
+axis. Its pitch rate and accelerations are means over the last step. The accelerations are those
+forwards and upwards along the chassis: at rest on level ground, they are 0 and 9.81 m/s^2.
 
-``agents/export/firmware.c.in`` does the same in C: change both.
+The pitch is the angle to the vertical, even if gravity is tilted. The estimate integrates the gyro
+and corrects the result by the direction of the measured acceleration. The estimate of the velocity
+integrates the accelerometer and corrects the result by the motion of the lowest toe, which is
+assumed to stand still while the robot is supported.
+
+``agents/export/firmware.c.in`` does the same in C, so change both.
 """
 
 from __future__ import annotations
@@ -21,22 +23,34 @@ from jansen_env.engine.kernel import stage
 from jansen_env.engine.readings import put
 
 STANDARD_GRAVITY = 9.81  # m/s^2
-CORRECTION_TIME = 2.0  # s, over which the accelerometer corrects the pitch that the gyro gives
-LEGS_TIME = 0.1  # s, over which the legs correct the velocity that the accelerometer gives
-SUPPORTED = 5.0  # m/s^2, acceleration upwards from which a leg stands on the ground
-SAMPLES = 128  # of a turn: crank angles at which the legs' paths are known
-# Entries of the estimates.
+CORRECTION_TIME = 2.0  # s, time constant with which the accelerometer corrects the gyro's pitch
+LEGS_TIME = 0.1  # s, time constant with which the legs correct the accelerometer's velocity
+SUPPORTED = 5.0  # m/s^2, upward acceleration above which the robot is taken to be supported
+SAMPLES = 128  # crank angles per turn at which the paths of the toes are known
+# Indices of the estimates.
 COS_PITCH, SIN_PITCH, ANGLE, SPEED, VELOCITY, RATE, FORWARDS, UPWARDS = range(8)
-# Columns of what is read and shown.
+# Indices into ``columns``, the columns of the observation for readings and estimates.
 (
-    COS_ANGLE_COLUMN, SIN_ANGLE_COLUMN, SPEED_COLUMN, SIN_PITCH_COLUMN, COS_PITCH_COLUMN,
-    RATE_COLUMN, VELOCITY_COLUMN, FORWARDS_COLUMN, UPWARDS_COLUMN, TORQUE_COLUMN,
-) = range(10)  # fmt: skip
+    COS_ANGLE_COLUMN,
+    SIN_ANGLE_COLUMN,
+    SPEED_COLUMN,
+    SIN_PITCH_COLUMN,
+    COS_PITCH_COLUMN,
+    RATE_COLUMN,
+    VELOCITY_COLUMN,
+    FORWARDS_COLUMN,
+    UPWARDS_COLUMN,
+    TORQUE_COLUMN,
+) = range(10)
 
 
 @stage
 def begin_onboard(robot):
-    """Begin without estimates, in a robot's state."""
+    """Reset the estimates at the beginning of an episode, and store the pitch and the velocity.
+
+    Args:
+        robot: The robot's record.
+    """
     memory, state = robot.onboard, robot.state
     memory.is_first = True
     memory.before[0], memory.before[1], memory.before[2] = state[2], state[4], state[5]
@@ -44,14 +58,14 @@ def begin_onboard(robot):
 
 @stage(inline=False)
 def read_onboard(period, moved, robot, columns, out):
-    """Put what IMU and motor current tell into an observation, without errors.
+    """Write the readings of the IMU and of the motor current into an observation, without errors.
 
     Args:
-        period: Time of a control step, s.
+        period: Duration of a control step, in s.
         moved: Whether the robot has just taken a step.
         robot: The robot's record.
-        columns: Shape (10,), columns of the sensors.
-        out: The observation.
+        columns: Columns of the readings and estimates, shape (10,); -1 for one not observed.
+        out: Output, the observation, shape (d,).
     """
     memory, state = robot.onboard, robot.state
     estimates, before = memory.estimates, memory.before
@@ -74,7 +88,15 @@ def read_onboard(period, moved, robot, columns, out):
 
 @stage
 def _toe(paths, toe, angle, cos, sin):
-    """How far ahead of and above the crank axis a toe is at a crank angle and pitch, m."""
+    """Return how far a toe is ahead of the crank axis and above it, in m.
+
+    Args:
+        paths: Positions of the toes, see :func:`estimate_onboard`.
+        toe: Index of the toe.
+        angle: Crank angle, in rad.
+        cos: Cosine of the pitch.
+        sin: Sine of the pitch.
+    """
     place = angle * (SAMPLES / (2.0 * math.pi))
     place -= SAMPLES * mathematics.floor(place / SAMPLES)
     low = min(int(place), SAMPLES - 1)
@@ -86,16 +108,17 @@ def _toe(paths, toe, angle, cos, sin):
 
 @stage(inline=False)
 def estimate_onboard(period, moved, robot, paths, columns, out):
-    """Estimate crank speed, pitch and velocity from readings that have errors, and show them.
+    """Estimate crank speed, pitch and velocity from readings with errors.
 
     Args:
-        period: Time of a control step, s.
+        period: Duration of a control step, in s.
         moved: Whether the robot has just taken a step.
         robot: The robot's record.
-        paths: Shape (SAMPLES + 1, toes, 2), places of the toes over a turn that walks towards +x,
-            chassis frame, m.
-        columns: Shape (10,), columns of the sensors.
-        out: The observation.
+        paths: Positions of the toes in the chassis frame over a turn that walks towards +x, in m,
+            shape (SAMPLES + 1, toes, 2).
+        columns: Columns of the readings and estimates, shape (10,).
+        out: The observation, shape (d,). It contains the readings, and the estimates are written
+            to it.
     """
     memory = robot.onboard
     estimates = memory.estimates

@@ -31,7 +31,7 @@ SPACING = 2.0**-53
 
 @stage
 def _product(a, b):
-    """Return (upper half, lower half) of the product of two 64-bit words."""
+    """Return the upper and the lower half of the product of two 64-bit words."""
     a_low, a_high, b_low, b_high = a & MASK, a >> W32, b & MASK, b >> W32
     low = a_low * b_low
     left, right = a_high * b_low, a_low * b_high
@@ -71,11 +71,13 @@ def _bits32(state):
 
 @stage
 def _shifted(value):
+    """Return a word combined with its upper half by exclusive or."""
     return value ^ (value >> W16)
 
 
 @stage
 def _mixed(x, y):
+    """Return the mix of two 32-bit words of a seed sequence."""
     return _shifted((((MIX_LEFT * x) & MASK) - ((MIX_RIGHT * y) & MASK)) & MASK)
 
 
@@ -85,8 +87,8 @@ def seed_generator(seed: int, state: Words1) -> None:
 
     Args:
         seed: The number.
-        state: Output, the generator, shape (6,). Meanwhile it serves as work space for the words of
-            the seed sequence and its hash.
+        state: Output, the generator, shape (6,). Before that, it serves as work space for the words
+            of the seed sequence and its hash.
     """
     whole = np.uint64(seed)
     factor = FIRST_HASH

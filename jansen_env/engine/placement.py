@@ -1,4 +1,4 @@
-"""Placing a robot on the ground: the heights by which its pads clear it, and the level pitch."""
+"""Placement of a robot on the ground: clearances of its pads, and the level pitch."""
 
 from __future__ import annotations
 
@@ -16,20 +16,25 @@ from jansen_env.engine.kernel import Floats1, Floats2, Ints1, kernel, stage
 from jansen_env.engine.records import Designs, Motions, Planes
 from jansen_env.engine.tables import centre_of_mass, pad_place
 
-GRADIENT_STEP = 1e-4  # m, to either side of where a slope is measured
-WIDEST_PITCH = 0.7  # rad, tried to either side
-TRIES, LEVELS = 33, 4  # pitches tried at once, and how often around the best of them
+GRADIENT_STEP = 1e-4  # m, distance to either side of a point at which a slope is measured
+WIDEST_PITCH = 0.7  # rad, largest magnitude of the pitches that are tried
+# Number of pitches that are tried between two limits, and number of times that these limits are
+# narrowed down.
+TRIES, LEVELS = 33, 4
 ROUNDS = 3  # Newton steps of lowering a robot onto the ground
-CLOSE = 1e-6  # m, how near they must come; near steep faces, and pads that are no toes, they do not
-# By which a robot is placed in the ground, m: within what is left uncorrected, and so deep that its
-# toes carry at once and stay down; at a nanometre they rattle.
+# Gap at which these steps have converged, in m. Near steep faces, and if pads other than toes are
+# the lowest, they do not converge; then the height is corrected once more.
+CLOSE = 1e-6
+# Depth by which a robot is placed in the ground, in m. It is within the penetration that is left
+# uncorrected, and so large that the toes carry the robot at once and stay on the ground. At a depth
+# of a nanometre, the toes rattle.
 PLACEMENT_DEPTH = 1e-5
-DEEPEST = 0.02  # largest static deflection of feet, m
+DEEPEST = 0.02  # largest static deflection of the feet, in m
 
 
 @stage
 def resting_depth(mass, stiffness, gravity):
-    """Return the static deflection of feet, m, if two feet carry a mass.
+    """Return the static deflection of the feet if two feet carry a mass, in m.
 
     Args:
         mass: Mass, in kg.
@@ -41,13 +46,19 @@ def resting_depth(mass, stiffness, gravity):
 
 @kernel
 def place(
-    rows: Ints1, crank_angles: Floats1, x: float, pitch: float, designs: Designs, motions: Motions,
-    centres: Floats2, planes: Planes,
-) -> int:  # fmt: skip
+    rows: Ints1,
+    crank_angles: Floats1,
+    x: float,
+    pitch: float,
+    designs: Designs,
+    motions: Motions,
+    centres: Floats2,
+    planes: Planes,
+) -> int:
     """Put robots at rest on their lowest toes, sunk by the static deflection of compliant feet.
 
-    If another pad, or a side of a link that collides, is lower, the robot stands on that. A robot
-    with a fixed chassis stays at y = 0.
+    If another pad, or a side of a link that collides, is lower, the robot stands on this pad or
+    side. A robot with a fixed chassis stays at y = 0.
 
     Args:
         rows: Indices of the robots, shape (k,).
@@ -55,14 +66,14 @@ def place(
         x: Position of the crank axis, in m.
         pitch: Pitch, in rad. NaN selects the pitch of :func:`_level_pitch`, or 0 for a fixed
             chassis.
-        designs: Tables and grounds.
+        designs: Tables of the designs, and terrains.
         motions: Records of the robots.
         centres: Work space, shape (toes + 1 or pads, 2).
         planes: Work space.
 
     Returns:
-        The first robot whose feet would deflect by more than :data:`DEEPEST`, or -1 if there is
-        none. If there is such a robot, no robot is placed.
+        The index of the first robot whose feet would deflect by more than :data:`DEEPEST`, or -1 if
+        there is none. If there is such a robot, no robot is placed.
     """
     for r in rows:
         params = motions.robots[r].params
@@ -76,7 +87,7 @@ def place(
         state[0], state[2], state[3] = x, pitch, crank_angles[r]
         for j in range(len(statistics)):
             deflection = statistics[j].deflection
-            deflection[0], deflection[1] = math.inf, 0.0  # unknown
+            deflection[0], deflection[1] = math.inf, 0.0  # UNKNOWN_DEFLECTION
         motions.robots[r].diverged = False
     _stand(rows, designs, motions.robots, centres, planes)
     return -1
@@ -97,7 +108,7 @@ def _stand(rows, designs, robots, centres, planes):
         design, radius = params.design, params.pad_radius
         body, pads, layout = designs.body[design], designs.pads[design], designs.layout[design]
         near = surface, status.first_near, status.end_near
-        # Where the lowest toes have no gap, as discs on their slope.
+        # Place the lowest toes so that they have no gap, as discs on the slope below them.
         for j in range(toes):
             centres[j, 0], centres[j, 1] = pad_place(pads, layout[j], state[3])
         centres[toes, 0], centres[toes, 1] = centre_of_mass(body, params, state[3])
@@ -106,7 +117,7 @@ def _stand(rows, designs, robots, centres, planes):
             state[2] = _level_pitch(*common)
         height, _, _ = _clearances(*common, state[2])
         state[1] = -height
-        # To the true gap, where the ground is not straight.
+        # Correct the height by the true gap, because the ground may not be straight.
         status.margin = SPECULATIVE_MARGIN
         for _ in range(ROUNDS):
             find_centres(state, pads, layout, centres)
@@ -131,7 +142,15 @@ def _stand(rows, designs, robots, centres, planes):
 
 @stage(inline=False)
 def _clearance(centres, surface, begin, end, radius):
-    """Height by which discs with ``centres`` (n, 2), m, clear the terrain surface[begin:end], m."""
+    """Return the height by which discs clear a terrain, in m.
+
+    Args:
+        centres: Centres of the discs, in m, shape (n, 2).
+        surface: Vertices of all terrains, in m, shape (vertices, 2).
+        begin: First vertex of the terrain.
+        end: End of the range of its vertices.
+        radius: Radius of the discs, in m.
+    """
     least = math.inf
     for j in range(len(centres)):
         x, y = centres[j, 0], centres[j, 1]
@@ -141,7 +160,8 @@ def _clearance(centres, surface, begin, end, radius):
         ):
             ax, ay = surface[k, 0], surface[k, 1]
             slope = (surface[k + 1, 1] - ay) / (surface[k + 1, 0] - ax)
-            # Where the disc touches the segment's line, or its end; the terrain goes on beyond its.
+            # Find where the disc touches the line of the segment, or the end of the segment. The
+            # terrain continues beyond its own ends.
             touched = x + radius * slope / math.sqrt(1.0 + slope * slope)
             if k > begin:
                 touched = max(touched, ax)
@@ -154,7 +174,16 @@ def _clearance(centres, surface, begin, end, radius):
 
 @stage(inline=False)
 def _side_clearance(centres, sides, surface, begin, end, radius):
-    """Height by which links' sides clear the vertices of the terrain surface[begin:end], m."""
+    """Return the height by which the sides of links clear the vertices of a terrain, in m.
+
+    Args:
+        centres: Centres of the pads, in m, shape (pads, 2).
+        sides: Pads at the ends of the sides, shape (sides, 2).
+        surface: Vertices of all terrains, in m, shape (vertices, 2).
+        begin: First vertex of the terrain.
+        end: End of the range of its vertices.
+        radius: Radius of the pads, in m.
+    """
     least = math.inf
     for k in range(len(sides)):
         a, b = sides[k, 0], sides[k, 1]
@@ -168,7 +197,7 @@ def _side_clearance(centres, sides, surface, begin, end, radius):
         vertex = max(segment_at(surface, begin, end, ax - radius), begin) + 1
         while vertex < end - 1 and surface[vertex, 0] < bx + radius:
             x, y = surface[vertex, 0], surface[vertex, 1]
-            if ax < x - radius * slope / length < bx:  # the point of the side that bears on it
+            if ax < x - radius * slope / length < bx:  # the point of the side that would touch
                 least = min(least, ay + slope * (x - ax) - radius * length - y)
             vertex += 1
     return least
@@ -176,14 +205,21 @@ def _side_clearance(centres, sides, surface, begin, end, radius):
 
 @stage(inline=False)
 def _clearances(toes, centre, surface, begin, end, x, radius, pitch):
-    """Heights by which the toes clear the terrain surface[begin:end] with the axis at (x, 0).
+    """Compute the heights by which the toes clear a terrain if the crank axis is at (x, 0).
 
     Args:
-        toes: (toes, 2) m, and centre: (2,) m, the centre of mass, in the chassis frame.
+        toes: Positions of the toes in the chassis frame, in m, shape (toes, 2).
+        centre: Centre of mass in the chassis frame, in m, shape (2,).
+        surface: Vertices of all terrains, in m, shape (vertices, 2).
+        begin: First vertex of the terrain.
+        end: End of the range of its vertices.
+        x: Position of the crank axis, in m.
+        radius: Radius of the toes, in m.
+        pitch: Pitch, in rad.
 
     Returns:
-        (of all toes the smallest, of those ahead of the centre of mass, and of the others), m; inf
-        where there are none.
+        The smallest heights of all toes, of the toes ahead of the centre of mass, and of the other
+        toes, in m. A height is infinite if there are no such toes.
     """
     cos, sin = mathematics.cos(pitch), mathematics.sin(pitch)
     centre_x = x + cos * centre[0] - sin * centre[1]
@@ -206,7 +242,11 @@ def _clearances(toes, centre, surface, begin, end, x, radius, pitch):
 
 @stage
 def _tip(toes, centre, surface, begin, end, x, radius, pitch):
-    """Return clearance of the front toes less that of the rear ones, m; +-inf for one side."""
+    """Return the clearance of the front toes minus that of the rear toes, in m.
+
+    The result is infinite if there are only rear toes, and minus infinity if there are no rear
+    toes. The arguments are those of :func:`_clearances`.
+    """
     _, front, rear = _clearances(toes, centre, surface, begin, end, x, radius, pitch)
     if front < math.inf and rear < math.inf:
         return front - rear
@@ -215,10 +255,10 @@ def _tip(toes, centre, surface, begin, end, x, radius, pitch):
 
 @stage(inline=False)
 def _level_pitch(toes, centre, surface, begin, end, x, radius):
-    """Return the most level pitch at which front and rear toes touch together, rad.
+    """Return the most level pitch at which front and rear toes touch the ground together, in rad.
 
     The search tries pitches from the most level one outwards. It then refines the first interval in
-    which the front toes take off.
+    which the front toes take off. The arguments are those of :func:`_clearances`.
     """
     low, high = -WIDEST_PITCH, WIDEST_PITCH
     pitch = 0.0
@@ -260,13 +300,13 @@ def _level_pitch(toes, centre, surface, begin, end, x, radius):
 
 @stage
 def _tried(low, high, i):
-    """Return pitch number ``i`` of the pitches that are tried between two limits, rad."""
+    """Return pitch number ``i`` of the pitches that are tried between two limits, in rad."""
     return high if i == TRIES - 1 else i * ((high - low) / (TRIES - 1)) + low
 
 
 @stage
 def _between(low, high, i):
-    """Return the magnitude of the sum of tried pitches ``i`` and ``i + 1``, rad."""
+    """Return the magnitude of the sum of tried pitches ``i`` and ``i + 1``, in rad."""
     return abs(_tried(low, high, i) + _tried(low, high, i + 1))
 
 

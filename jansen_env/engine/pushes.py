@@ -1,5 +1,7 @@
-"""Pushes in a control step of a robot; what they are is documented in
-:mod:`jansen_env.world.push`."""
+"""Impulses of the pushes in a control step of a robot.
+
+:mod:`jansen_env.world.push` documents the pushes.
+"""
 
 from __future__ import annotations
 
@@ -14,18 +16,19 @@ from jansen_env.engine.kernel import stage
 from jansen_env.engine.random import number, uniform
 from jansen_env.engine.records import row_dtype
 
-STREAM = 1  # of an episode's random numbers; sensors and commands have others
+STREAM = 1  # number of the random stream for pushes; sensors and commands use other streams
 
 PUSHES = row_dtype(
     [
-        ("impulse_x", "f8"),  # N s, the largest at random; both 0: there are none at random
+        # Largest components of random impulses, in N s. If both are 0, there are no random pushes.
+        ("impulse_x", "f8"),
         ("impulse_y", "f8"),
-        ("duration", "f8"),  # s
-        ("interval", "f8"),  # s
-        ("time_step", "f8"),  # s
+        ("duration", "f8"),  # duration of a push, in s
+        ("interval", "f8"),  # interval that contains one random push, in s
+        ("time_step", "f8"),  # time step of the integration, in s
     ]
 )
-
+"""Record of the settings of pushes."""
 
 Settings = Annotated[NDArray[np.void], PUSHES, 1]
 
@@ -36,9 +39,10 @@ def fill_pushes(robot, schedule, settings, out):
 
     Args:
         robot: The robot's record.
-        schedule: Shape (most, 3), times since the episode began, s, and impulses in x and y, N s.
+        schedule: Scheduled pushes, shape (most, 3): time since the beginning of the episode in s,
+            and impulses in x and y in N s.
         settings: Record of :data:`PUSHES`.
-        out: Shape (steps, 2), gets the impulses in N s.
+        out: Output, impulses in x and y in each time step, in N s, shape (steps, 2).
 
     Returns:
         Whether any push acts in this control step.
@@ -73,7 +77,19 @@ def fill_pushes(robot, schedule, settings, out):
 
 @stage
 def _push(start, x, y, begin, push, out):
-    """Add one push to a robot's time steps (steps, 2) from ``begin``; whether it is felt."""
+    """Add a push to the impulses in a robot's time steps.
+
+    Args:
+        start: Time at which the push starts, in s since the beginning of the episode.
+        x: Impulse in x, in N s.
+        y: Impulse in y, in N s.
+        begin: Number of time steps between the beginning of the episode and the control step.
+        push: Record of :data:`PUSHES`.
+        out: Impulses in each time step, in N s, shape (steps, 2), changed in place.
+
+    Returns:
+        Whether the push acts in this control step.
+    """
     steps, step = len(out), push.time_step
     if start >= (begin + steps) * step or start + push.duration <= begin * step:
         return False
@@ -88,5 +104,10 @@ def _push(start, x, y, begin, push, out):
 
 @stage
 def _share(time, duration):
-    """The share of its impulse that a push has given a time after its start, s."""
+    """Return the fraction of its impulse that a push has delivered.
+
+    Args:
+        time: Time since the start of the push, in s.
+        duration: Duration of the push, in s.
+    """
     return 0.5 - 0.5 * mathematics.cos(math.pi * min(1.0, max(0.0, time / duration)))

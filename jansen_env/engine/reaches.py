@@ -9,7 +9,7 @@ from jansen_env.engine.collision import SPECULATIVE_MARGIN
 from jansen_env.engine.kernel import Floats1, Floats2, Floats3, Floats4, kernel, stage
 
 SPARSE = 2  # table intervals between two crank angles at which pads other than toes are sampled
-BETWEEN = 1.01  # factor on sampled distances that covers all angles between the samples
+BETWEEN = 1.01  # factor on the sampled distances, which covers all angles between the samples
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""What is read of a robot after a control step, or as it stands: observations and information."""
+"""Observations of a robot, and information on its state and its last control step."""
 
 from __future__ import annotations
 
@@ -6,18 +6,30 @@ from jansen_env.engine import mathematics
 from jansen_env.engine.collision import height_at
 from jansen_env.engine.kernel import stage
 
-# What of the information is shown of a robot whose chassis is held.
+# Fields of the information that are reported for a robot with a fixed chassis.
 HELD_INFORMATION = "crank_angle", "crank_speed", "crank_torque", "diverged"
 HELD_ENERGIES = (
-    "motor_work", "electrical_work", "joint_loss", "mechanical_energy_change", "residual"
-)  # fmt: skip
+    "motor_work",
+    "electrical_work",
+    "joint_loss",
+    "mechanical_energy_change",
+    "residual",
+)
 
 
 @stage
 def account(period, robot, slip, force, loads):
-    """Account for the control step of ``period`` seconds that a robot has taken.
+    """Update the information on a robot after a control step.
 
-    Returns the path that all its toes slid while loaded, m.
+    Args:
+        period: Duration of the control step, in s.
+        robot: The robot's record.
+        slip: Path that each toe slid while loaded, in m, shape (toes,).
+        force: Tangential and normal force on each toe, in N, shape (toes, 2).
+        loads: Output, normal force on each toe divided by the weight, shape (toes,).
+
+    Returns:
+        The path that all toes together slid while loaded, in m.
     """
     info, total, x = robot.info, robot.accumulators, robot.state[0]
     info.crank_torque += total.torque_impulse / period
@@ -34,9 +46,16 @@ def account(period, robot, slip, force, loads):
 
 @stage
 def read(robot, loads, surface, scan, columns, out):
-    """Put a robot's readings into the columns of its observation.
+    """Write the readings of a robot into its observation.
 
-    ``columns``: of each reading, in the order below; -1 for a reading that is not observed.
+    Args:
+        robot: The robot's record.
+        loads: Normal force on each toe divided by the weight, shape (toes,).
+        surface: Vertices of all terrains, in m, shape (vertices, 2).
+        scan: Positions of the height scan relative to the crank axis, in m, shape (k,).
+        columns: Column of each reading, in the order in which this function writes them, shape
+            (10 + toes + k,); -1 for a reading that is not observed.
+        out: Output, the observation, shape (d,).
     """
     status, state, toes = robot.status, robot.state, len(loads)
     ground = height_at(surface, status.first_vertex, status.end_vertex, state[0])
@@ -61,14 +80,18 @@ def read(robot, loads, surface, scan, columns, out):
 
 @stage
 def put(out, column, value):
-    """Put a number into a column of a robot's observation, unless the column is -1."""
+    """Write a value into a column of a robot's observation, unless the column is -1."""
     if column >= 0:
         out[column] = value
 
 
 @stage
 def inform(robot):
-    """Fill the information on a robot's state and on the energies of its last step."""
+    """Update the information on the state of a robot and on the energies of its last step.
+
+    Args:
+        robot: The robot's record.
+    """
     info, energy = robot.info, robot.energy
     state, total = robot.state, robot.accumulators
     info.x_position, info.pitch = state[0], state[2]

@@ -1,4 +1,7 @@
-"""A leg's motion -> the periodic tables of a robot: see :mod:`jansen_env.dynamics.reduced`."""
+"""Computation of the periodic tables of a robot from the motion of a leg.
+
+:mod:`jansen_env.dynamics.reduced` explains the tables.
+"""
 
 from __future__ import annotations
 
@@ -11,23 +14,31 @@ from jansen_env.engine.series import analyse, expand, sample
 from jansen_env.engine.sums import pairwise_sum
 
 TURN = 2.0 * math.pi
-LAST = 7, 8  # share of the harmonics from which on they are the tail
-NEGLIGIBLE = 1e-3  # of the largest coefficient: a body that does not turn has nothing but rounding
-ONE, SLOPE, WORK = range(3)  # of the factors
+LAST = 7, 8  # fraction 7/8 of the harmonics, after which the tail begins
+# The tail of a function is relative to at least this fraction of the largest coefficient, because
+# the coefficients of a body that does not turn are only rounding errors.
+NEGLIGIBLE = 1e-3
+ONE, SLOPE, WORK = range(3)  # indices of the factors for :func:`sample` and :func:`expand`
 SAMPLES = 256  # crank angles at which the linkage is closed
-HARMONICS = SAMPLES // 2  # the paper's linkage needs about 40 for 1e-14
-INTERVALS = 384  # polynomials per turn; slopes of the holy numbers err by 1e-10 of the largest
-ORDER = 8  # coefficients of a polynomial; the engine's code is written out for eight
+HARMONICS = SAMPLES // 2  # the paper's linkage needs about 40 for an accuracy of 1e-14
+# Polynomials per turn. The slopes for the holy numbers have errors of 1e-10 of the largest slope.
+INTERVALS = 384
+ORDER = 8  # coefficients of a polynomial; the code of the engine is written out for eight
 BEARING_SAMPLES = 512  # crank angles at which the friction of bearings is sampled; it has kinks
 BODY_SUMS, PAD_FUNCTIONS = 8, 3  # numbers of functions in the tables of the body and of a pad
 
 
 @kernel
 def put_turn(out: Floats2) -> None:
-    """Put cosines and sines of the angles that divide a turn into (2, count)."""
+    """Compute the cosines and sines of the angles that divide a turn.
+
+    Args:
+        out: Output, shape (2, count).
+    """
     count = out.shape[1]
     for part in range(count):
-        quarter = mathematics.nearest(4.0 * part / count)  # from which angles are small
+        # Measure the angle from the nearest quarter turn, so that it is small.
+        quarter = mathematics.nearest(4.0 * part / count)
         angle = 0.5 * math.pi * (4.0 * part - quarter * count) / count
         cos, sin = mathematics.cos(angle), mathematics.sin(angle)
         for _ in range(int(quarter) % 4):
@@ -37,7 +48,7 @@ def put_turn(out: Floats2) -> None:
 
 @kernel
 def put_work_shapes(bodies: int, pads: int, bearings: int, shapes: Ints2) -> None:
-    """Compute the shapes of the work space of :func:`compile_tables`, in its order.
+    """Compute the shapes of the work space of :func:`compile_tables`, in argument order.
 
     Args:
         bodies: Number of bodies of a leg.
@@ -75,19 +86,46 @@ def _put_shape(first, second, third, shape):
 
 @kernel
 def compile_tables(
-    psi: Floats1, x: Floats3, places: Floats3, links: Links, damped: Ints2, damping: Floats1,
-    bearings: Ints2, friction: Floats1, legs: Floats2, pads: Ints2, weights: Floats2,
-    turn: Floats2, table_turn: Floats2, half_step: Floats2, bearing_turn: Floats2,
-    work: Floats2, factors: Floats3, turns: Floats1, motion: Floats2, motion_series: Floats3,
-    slope: Floats2, sums: Floats2, sum_series: Floats3, all_sums: Floats3, pad_motion: Floats2,
-    pad_series: Floats3, rates: Floats2, rate_series: Floats3, leg_rates: Floats3,
-    turning: Floats2, body: Floats4, pad_tables: Floats4, bearing_table: Floats1,
-) -> float:  # fmt: skip
-    """Compile the tables, and return their tail: the largest of the last harmonics.
+    psi: Floats1,
+    x: Floats3,
+    places: Floats3,
+    links: Links,
+    damped: Ints2,
+    damping: Floats1,
+    bearings: Ints2,
+    friction: Floats1,
+    legs: Floats2,
+    pads: Ints2,
+    weights: Floats2,
+    turn: Floats2,
+    table_turn: Floats2,
+    half_step: Floats2,
+    bearing_turn: Floats2,
+    work: Floats2,
+    factors: Floats3,
+    turns: Floats1,
+    motion: Floats2,
+    motion_series: Floats3,
+    slope: Floats2,
+    sums: Floats2,
+    sum_series: Floats3,
+    all_sums: Floats3,
+    pad_motion: Floats2,
+    pad_series: Floats3,
+    rates: Floats2,
+    rate_series: Floats3,
+    leg_rates: Floats3,
+    turning: Floats2,
+    body: Floats4,
+    pad_tables: Floats4,
+    bearing_table: Floats1,
+) -> float:
+    """Compile the tables of a robot.
 
     Args:
-        psi: Crank angles evenly over a turn, in rad, shape (n,).
-        x: Coordinates of the bodies of a fore leg, shape (n, bodies, 3).
+        psi: Crank angles, evenly spaced over a turn, in rad, shape (n,).
+        x: Coordinates of the bodies of a fore leg: angle in rad, and position of the centre of mass
+            in m, shape (n, bodies, 3).
         places: Positions of the joints of a fore leg, in m, shape (n, joints, 2).
         links: Links, of which only mass and inertia are used, shape (bodies,).
         damped: Pairs of bodies with viscous damping between them, shape (pairs, 2).
@@ -101,10 +139,30 @@ def compile_tables(
         table_turn: Output of :func:`put_turn` for the intervals.
         half_step: See :func:`jansen_env.engine.series.expand`.
         bearing_turn: Output of :func:`put_turn` for the samples of the bearings.
-        work, ..., turning: Work space, see :func:`put_work_shapes`.
+        work: Work space; :func:`put_work_shapes` computes the shapes of this and the following
+            arrays up to ``turning``.
+        factors: Work space for the factors of the coefficients.
+        turns: Work space for the number of turns of each body per turn of the crank.
+        motion: Work space for the angles and positions of the bodies.
+        motion_series: Work space for the series of these angles and positions.
+        slope: Work space for the derivatives of these angles and positions.
+        sums: Work space for the sums over the bodies of a fore leg.
+        sum_series: Work space for the series of these sums.
+        all_sums: Work space for the series of the sums over all legs.
+        pad_motion: Work space for the positions and angles of the pads.
+        pad_series: Work space for the series of these positions and angles.
+        rates: Work space for the relative rates of the bodies at the bearings.
+        rate_series: Work space for the series of these rates.
+        leg_rates: Work space for the series of the rates in one leg.
+        turning: Work space for the samples of these rates.
         body: Output, shape (1, intervals, order, functions).
         pad_tables: Output, shape (pads, intervals, order, functions).
-        bearing_table: Output, shape (samples,).
+        bearing_table: Output, Coulomb friction of all bearings on the crank, in N m, shape
+            (samples,).
+
+    Returns:
+        The tail of the series: the largest coefficient of the last harmonics, relative to the
+        largest coefficient of the same function (see :func:`_tail`).
     """
     count, bodies = len(psi), len(links)
     for k in range(bodies):
@@ -160,7 +218,11 @@ def compile_tables(
 
 @stage(inline=False)
 def _unwrap(psi, x, k, turns, motion):
-    """Body k's angle without jumps, as ``numpy.unwrap``, less its whole turns in one of psi."""
+    """Compute the periodic part of the angle of body ``k``, and the whole turns that it makes.
+
+    The angle is unwrapped as by ``numpy.unwrap``. ``turns[k]`` gets the number of whole turns of
+    the body per turn of the crank, and ``motion[:, k]`` the angle without these turns, in rad.
+    """
     correction = 0.0
     motion[0, k] = x[0, k, 0]
     for i in range(1, len(psi)):
@@ -181,7 +243,19 @@ def _unwrap(psi, x, k, turns, motion):
 
 @stage(inline=False)
 def _add_up(x, slope, links, inertia, damped, damping, sums):
-    """A fore leg's share of the sums over bodies at an angle: c_x, c_y, I, b, k, f, own b and k."""
+    """Compute the contribution of a fore leg to the sums over the bodies at a crank angle.
+
+    Args:
+        x: Coordinates of the bodies, shape (bodies, 3).
+        slope: Their derivatives with respect to the crank angle: all angles, then all x, then all
+            y, shape (3 * bodies,).
+        links: Links, of which only mass and inertia are used, shape (bodies,).
+        inertia: Sum of the inertias of the links, in kg m^2.
+        damped: Pairs of bodies with viscous damping between them, shape (pairs, 2).
+        damping: Damping between these bodies, in N m s, shape (pairs,).
+        sums: Output, shape (8,): c_x, c_y, I, b, k, f, and the parts of b and k that come from the
+            inertias of the links.
+    """
     bodies = len(links)
     sums[:] = 0.0
     for k in range(bodies):
@@ -206,8 +280,11 @@ def _add_up(x, slope, links, inertia, damped, damping, sums):
 
 @stage(inline=False)
 def _add_legs(series, legs, side, mirrored, total):
-    """Add the series of all legs on a side: from those of a fore leg of phase 0, g(psi + phase) or,
-    of a back leg, g(pi - psi - phase), where the first ``mirrored`` functions change their sign.
+    """Add the series of all legs on one side of the robot to a total.
+
+    If g(psi) is a function of a fore leg of phase 0, the function of any fore leg is
+    g(psi + phase), and that of a back leg g(pi - psi - phase). On back legs, the first ``mirrored``
+    functions also change their sign.
     """
     for n in range(series.shape[1]):
         cos = sin = 0.0
@@ -224,9 +301,10 @@ def _add_legs(series, legs, side, mirrored, total):
 
 @stage(inline=False)
 def _tail(series):
-    """Largest coefficient among the last harmonics, relative to the largest of its function.
+    """Return the largest coefficient among the last harmonics.
 
-    Or to a thousandth of the largest of all.
+    The coefficient is relative to the largest coefficient of the same function, or to a thousandth
+    of the largest coefficient of all functions if this is more.
     """
     last = series.shape[1] * LAST[0] // LAST[1]
     largest = tail = 0.0

@@ -1,7 +1,8 @@
-"""Velocities at the end of a time step: as much restitution as creates no energy.
+"""Velocities at the end of a time step, with as much restitution as creates no energy.
 
-Newton's law with friction may create energy (Kane and Levinson, J. Appl. Mech. 52, 1985): then the
-toes bounce as much as they can without that.
+Newton's law of restitution, combined with friction, may create energy (Kane and Levinson, J. Appl.
+Mech. 52, 1985). In this case the coefficient of restitution is reduced: the toes bounce as much as
+they can without creating energy.
 """
 
 from __future__ import annotations
@@ -16,49 +17,107 @@ from jansen_env.engine.kernel import stage
 from jansen_env.engine.records import Velocity
 
 PASSES = 2  # evaluations of the speed-dependent terms in a step
-BOUNCE_TRIES = 11  # of smaller coefficients of restitution, where it would create energy
-ROUNDING = 1e-9  # share of the energy that an impact brings by which it may seem to gain
+BOUNCE_TRIES = 11  # smaller coefficients of restitution to try if the full one creates energy
+ROUNDING = 1e-9  # energy gain that counts as rounding, relative to impulse times old velocity
 
-# Requests to a step's contacts, in turn, until they create no energy: the terrain's
-# restitution; none; as much again, if without it energy comes from other forces; the largest that
-# creates none, judged strictly or with these forces; neither bounce nor the path's curvature. Last,
-# and at once where impulses are larger than the motion explains: contacts that yield, as wedged.
+# Stages of the search for velocities at which the contacts create no energy. The search tries them
+# in this order, skips stages that do not apply, and ends with the first one that succeeds:
+#
+# - AS_ASKED: the restitution of the terrain.
+# - WITHOUT_BOUNCE: no restitution.
+# - LENIENT: the restitution of the terrain again, if energy comes from other forces even without
+#   restitution. Energy that these forces explain is then allowed.
+# - SEARCH, LENIENT_SEARCH: the largest restitution that creates no energy, either strictly or apart
+#   from the energy that other forces explain.
+# - WITHOUT_CURVATURE: neither restitution nor the curvature of the pads' paths.
+# - YIELDING: contacts that yield like wedged contacts. This stage is also entered at once if the
+#   impulses are larger than the motion explains.
 AS_ASKED, WITHOUT_BOUNCE, LENIENT, SEARCH, LENIENT_SEARCH, WITHOUT_CURVATURE, YIELDING = range(7)
 
 
 class Trial(NamedTuple):
-    """Velocities asked of the contacts, and the state of their search."""
+    """Requirements on the velocities of the contacts, and the state of the search for them.
+
+    Attributes:
+        stage: Stage of the search, ``AS_ASKED`` to ``YIELDING``.
+        bounce: Coefficient of restitution.
+        curved: Whether the curvature of the pads' paths is taken into account.
+        least: Largest coefficient of restitution known to create no energy.
+        most: Smallest coefficient of restitution known to create energy.
+        tries: Number of coefficients tried by bisection.
+        over: Whether the search is over, so that the last velocities are the result.
+    """
 
     stage: int
-    bounce: float  # coefficient of restitution
-    curved: bool  # whether the curvature of the pads' paths counts
-    least: float  # the largest bounce known to create no energy, and the smallest known to do
+    bounce: float
+    curved: bool
+    least: float
     most: float
     tries: int
-    over: bool  # whether the last answer stands
+    over: bool
 
 
 class Outcome(NamedTuple):
-    """The velocities that a step leads to."""
+    """Result of a time step.
+
+    Attributes:
+        end: Velocity at the end of the step.
+        free: Velocity at the end of the step without contact impulses.
+        torque: Torque of the motor, in N m.
+        dry: Impulse of the crank's Coulomb friction, in N m s.
+        residual: Residual of the contact law, in N s.
+        may_gain: Whether the contacts may have created energy, because this was not ruled out.
+        impulse_share: Impulses of the contacts, as a fraction of the largest possible ones.
+    """
 
     end: Velocity
-    free: Velocity  # without contact impulses
-    torque: float  # N m, of the motor
-    dry: float  # N m s, impulse of the crank's Coulomb friction
-    residual: float  # N s, of the contact law
-    may_gain: bool  # whether it was not made sure that the contacts create no energy
-    impulse_share: float  # of the contacts' largest possible impulses
+    free: Velocity
+    torque: float
+    dry: float
+    residual: float
+    may_gain: bool
+    impulse_share: float
 
 
 @stage
 def solve_velocities(
-    h, torque, friction, weight, push, velocity, inertia, params, count, impact, sided, wedged,
+    h,
+    torque,
+    friction,
+    weight,
+    push,
+    velocity,
+    inertia,
+    params,
+    count,
+    impact,
+    sided,
+    wedged,
     contacts,
-):  # fmt: skip
-    """The velocities at the end of a step; ``contacts`` gets its impulses and modes.
+):
+    """Compute the velocities at the end of a time step, and the impulses and modes of the contacts.
 
-    The crank's Coulomb friction, N m, is a known force while the crank goes on turning; where it
-    would stop or turn back, another row of the contact problem, see ``add_dry_friction``.
+    The crank's Coulomb friction is a known force while the crank keeps turning. If the crank would
+    stop or reverse, the friction becomes an additional contact of the contact problem, see
+    :func:`jansen_env.engine.contacts.add_dry_friction`.
+
+    Args:
+        h: Time step, in s.
+        torque: Commanded torque of the motor, in N m.
+        friction: Coulomb friction torque on the crank, in N m.
+        weight: Gravity as a generalised force, a :class:`jansen_env.engine.records.Push`.
+        push: Load on the chassis, likewise.
+        velocity: Velocity at the beginning of the step.
+        inertia: Inertia at the middle of the step.
+        params: Parameters of the robot.
+        count: Number of contacts.
+        impact: Whether a contact was open when the step began.
+        sided: Whether a side of a link touches the ground.
+        wedged: Whether contacts are wedged.
+        contacts: The contacts, whose impulses and modes are set.
+
+    Returns:
+        The :class:`Outcome` of the step.
     """
     sliding = friction * np.sign(velocity.crank)
     dry = friction > 0.0 and not params.prescribed_speed
@@ -70,9 +129,20 @@ def solve_velocities(
     while True:
         held = dry and sliding == 0.0
         end, free, residual, used = _solve_step(
-            h, torque, sliding, held, friction, weight, push, velocity, inertia, params, count,
-            trial, contacts,
-        )  # fmt: skip
+            h,
+            torque,
+            sliding,
+            held,
+            friction,
+            weight,
+            push,
+            velocity,
+            inertia,
+            params,
+            count,
+            trial,
+            contacts,
+        )
         if dry and not held and end.crank * velocity.crank <= 0.0:
             sliding = 0.0
             continue
@@ -81,13 +151,14 @@ def solve_velocities(
             break
         if share > 1.0:
             regularise(count, contacts.problem.W, WEDGE_COMPLIANCE)
-            contacts.problem.indices[5 * count] = 0  # W is new
+            contacts.problem.indices[5 * count] = 0  # W has changed, so its factors are invalid
             trial = Trial(YIELDING, 0.0, False, 0.0, 0.0, 0, False)
             continue
         if not checked or trial.stage == WITHOUT_CURVATURE:
             break
         creates = contact_gain(count, velocity, end, contacts) > 0.0
-        # More than the other forces alone would leave, too? If not, it is their doing.
+        # Compare with the energy that the other forces alone would leave. If there is no excess
+        # over it, these forces account for the gain.
         excess = creates and contact_gain(count, free, end, contacts) > 0.0
         trial = _next_trial(trial, asked, creates, excess)
         if trial.over:
@@ -99,12 +170,19 @@ def solve_velocities(
 
 @stage
 def _next_trial(trial, asked, creates, excess):
-    """Choose velocities after an answer that ``creates`` energy, in ``excess`` of others."""
+    """Choose the next stage of the search from the energy that the last velocities created.
+
+    Args:
+        trial: The last stage.
+        asked: Coefficient of restitution of the terrain, or 0 if contacts are wedged.
+        creates: Whether the contacts created energy.
+        excess: Whether they created more energy than the other forces account for.
+    """
     stage, bounce, curved, least, most, tries, _ = trial
     lenient = stage in (LENIENT, LENIENT_SEARCH)
     over = False
     if creates and excess and bounce == 0.0:
-        # Not the bounce's doing: what else asks for more is curvature.
+        # Restitution is not the cause, so it is the curvature of the pads' paths.
         return Trial(WITHOUT_CURVATURE, bounce, False, least, most, tries, not curved)
     if creates and lenient:
         creates = excess
@@ -116,7 +194,7 @@ def _next_trial(trial, asked, creates, excess):
         stage, bounce = LENIENT, asked
     elif stage == LENIENT and not creates:
         over = True
-    elif tries > BOUNCE_TRIES:  # that was the largest found
+    elif tries > BOUNCE_TRIES:  # the last coefficient was the largest one found
         over = not creates
         if not over:
             stage, bounce, curved = WITHOUT_CURVATURE, 0.0, False
@@ -133,12 +211,32 @@ def _next_trial(trial, asked, creates, excess):
 
 @stage
 def _solve_step(
-    h, torque, sliding, held, friction, weight, push, velocity, inertia, params, count, trial,
+    h,
+    torque,
+    sliding,
+    held,
+    friction,
+    weight,
+    push,
+    velocity,
+    inertia,
+    params,
+    count,
+    trial,
     contacts,
-):  # fmt: skip
-    """Velocities at the end of the step and without contacts, residual of the contact law, torque.
+):
+    """Solve a time step for the requirements of a trial.
 
     The speed-dependent terms use the mean of the old and the new velocity.
+
+    Most arguments are those of :func:`solve_velocities`. In addition, ``sliding`` is the Coulomb
+    friction torque on the crank with the sign of the crank speed, in N m. ``held`` tells whether
+    this friction is an additional contact instead. ``trial`` holds the requirements on the
+    velocities of the contacts.
+
+    Returns:
+        The velocity at the end of the step, the velocity without contacts, the residual of the
+        contact law in N s, and the torque of the motor in N m.
     """
     w, n = velocity.pitch, velocity.crank
     used = torque
@@ -178,18 +276,21 @@ def _solve_step(
             nw += MJ[i, 2] * problem.P[i]
             nn += MJ[i, 3] * problem.P[i]
         if held and problem.mode[count] == STICK:
-            nn = 0.0  # to the last bit
+            nn = 0.0  # exactly, without rounding errors
         from_contacts = nn - free.crank
     return Velocity(nx, ny, nw, nn), free, residual, used
 
 
 @stage
 def limited_torque(asked, lost, share, params):
-    """Return the torque that a motor gives of one asked for, N m.
+    """Limit a commanded torque to what the motor can deliver, in N m.
 
     Args:
-        lost: what its speed takes of the stall torque, N m. share: of the torque-speed line that
-            counts, where its own effect on the speed is solved for; else 1.
+        asked: Commanded torque, in N m.
+        lost: Torque by which the speed of the motor reduces the stall torque, in N m.
+        share: Factor on the torque-speed line. It is below 1 if the effect of the torque on the
+            speed within the time step is solved for (see :func:`motor_torque`), and otherwise 1.
+        params: Parameters of the robot.
     """
     most = params.most_torque
     high = max(min(share * (params.stall_torque - lost), most), -most)
@@ -199,17 +300,34 @@ def limited_torque(asked, lost, share, params):
 
 @stage
 def drawn_power(torque, speed, params):
-    """Return the power that a motor draws, W; nothing is fed back."""
+    """Return the electrical power that a motor draws, in W; a motor feeds no power back.
+
+    Args:
+        torque: Torque at the crank, in N m.
+        speed: Speed of the crank, in rad/s.
+        params: Parameters of the robot.
+    """
     inner = torque * (params.driving if torque * speed >= 0.0 else params.driven)
     return max(inner * (speed + params.winding * inner), 0.0)
 
 
 @stage
 def motor_torque(h, asked, n, from_contacts, pitch_force, crank_force, inertia, params):
-    """Return the motor's torque at the step's mean crank speed: implicit.
+    """Return the torque of the motor at the mean crank speed of the step, in N m.
 
-    Of contacts it knows how much crank speed they gave in the last pass, ``from_contacts``: they
-    only make the crank feel heavier, so this stays stable however steep the motor's line.
+    The mean speed depends on the torque, so the method is implicit. The contacts enter only through
+    the crank speed that they added in the last pass. They can only make the crank feel heavier, so
+    the method is stable however steep the torque-speed line of the motor is.
+
+    Args:
+        h: Time step, in s.
+        asked: Commanded torque, in N m.
+        n: Crank speed at the beginning of the step, in rad/s.
+        from_contacts: Crank speed that the contacts added in the last pass, in rad/s.
+        pitch_force: Generalised force on the pitch, in N m.
+        crank_force: Generalised force on the crank without motor and damping, in N m.
+        inertia: Inertia at the middle of the step.
+        params: Parameters of the robot.
     """
     crank_force -= inertia.damping * n
     rest = n + from_contacts + h * (inertia.m12 * pitch_force + inertia.m22 * crank_force)
@@ -220,7 +338,10 @@ def motor_torque(h, asked, n, from_contacts, pitch_force, crank_force, inertia, 
 
 @stage
 def _fill_velocities(count, velocity, free, trial, contacts):
-    """The contacts' velocities without impulses, bounce and curvature (or springs) included."""
+    """Set the velocities of the contacts without impulses.
+
+    They include restitution, and the curvature of the pads' paths or the springs of compliant pads.
+    """
     J, v_free = contacts.J, contacts.problem.v_free
     for i in range(2 * count):
         v_free[i] = rate(J, i, free)
@@ -232,9 +353,15 @@ def _fill_velocities(count, velocity, free, trial, contacts):
 
 @stage
 def contact_gain(count, before, after, contacts):
-    """Energy that the contacts' impulses add between two velocities, J; 0 within rounding.
+    """Return the energy that the impulses of the contacts add between two velocities, in J.
 
-    It is impulse times mean velocity.
+    The energy is impulse times mean velocity. Values within rounding errors are returned as 0.
+
+    Args:
+        count: Number of contacts.
+        before: Velocity before the impulses.
+        after: Velocity after the impulses.
+        contacts: The contacts.
     """
     J, P = contacts.J, contacts.problem.P
     gained, brought = 0.0, 0.0

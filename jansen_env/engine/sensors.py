@@ -1,4 +1,7 @@
-"""Noise of a robot's sensors; what it is is documented in :mod:`jansen_env.world.observations`."""
+"""Noise of a robot's sensors.
+
+:class:`jansen_env.world.observations.Noise` documents the noise.
+"""
 
 from __future__ import annotations
 
@@ -6,27 +9,31 @@ from jansen_env.engine import mathematics
 from jansen_env.engine.kernel import stage
 from jansen_env.engine.random import normal, number
 
-STREAM = 0  # of an episode's random numbers; pushes and commands have others
-BIAS = 0  # of the stream's keys; the others are those of the steps
+STREAM = 0  # number of the random stream for sensors; pushes and commands use other streams
+BIAS = 0  # number of the stream's key for the biases; the following keys are those of the steps
 
 
 @stage
 def sample_errors(robot, deviation, speeds, is_new, bias, error):
-    """Sample the errors of a robot's readings in this step, always the same for one step.
+    """Sample the errors of a robot's readings in this step.
 
-    Mean speeds over the step err by the errors of the readings and by second ones of the same size.
+    The errors depend only on the seed and the step, so sampling them again gives the same errors.
+    The error of a mean speed over the step is the sum of the error of the reading and of a second
+    error with the same standard deviation.
 
     Args:
         robot: The robot's record.
-        deviation: Shape (d, 2), standard deviations: of each step's own noise, and of the bias
-            that stays for the episode. Of an angle, rad, it is at the first of its sine and cosine.
-        speeds: Shape (2,), columns of the velocity in x and of the crank's speed; -1 for none.
-        is_new: Whether ``bias`` is that of another episode.
-        bias: Shape (d,), kept from step to step: sampling it takes as long as a step's noise.
-        error: Shape (d,), gets the errors of the readings.
+        deviation: Standard deviations, shape (d, 2): of the noise of each step, and of the bias
+            that is constant during the episode. The standard deviation of an angle, in rad, is in
+            the row of its sine or cosine, whichever comes first.
+        speeds: Columns of the velocity in x and of the crank speed, shape (2,); -1 for none.
+        is_new: Whether ``bias`` belongs to another episode and must be sampled again.
+        bias: Biases, shape (d,). They are stored between steps, because sampling them takes as long
+            as sampling the noise of a step.
+        error: Output, errors of the readings, shape (d,).
 
     Returns:
-        The errors of the mean speeds over the step, m/s and rad/s.
+        The errors of the mean velocity in m/s and of the mean crank speed in rad/s.
     """
     size, level = len(deviation), robot.parameters.noise_level
     stream = number(robot.seed, STREAM)
@@ -50,14 +57,15 @@ def sample_errors(robot, deviation, speeds, is_new, bias, error):
 
 @stage
 def add_errors(error, angles, low, high, out):
-    """Turn an observation ``out`` (d,) into what the sensors tell.
+    """Add the errors of the sensors to an observation.
 
     Args:
-        error: Shape (d,), see :func:`sample_errors`.
-        angles: Shape (d, 2), columns of cosine and sine, where an angle's error stands; else -1.
-        low: Shape (d,), lower limits of the observation.
-        high: Shape (d,), upper limits.
-        out: The observation.
+        error: Errors, shape (d,), see :func:`sample_errors`.
+        angles: Columns of the cosine and the sine of the angle whose error is in this row, shape
+            (d, 2); -1 if the error is not that of an angle.
+        low: Lower limits of the observation, shape (d,).
+        high: Upper limits of the observation, shape (d,).
+        out: The observation, shape (d,), changed in place.
     """
     for i in range(len(out)):
         if error[i] == 0.0:
@@ -70,7 +78,16 @@ def add_errors(error, angles, low, high, out):
 
 @stage
 def _turn(out, cos, sin, angle, low, high):
-    """Turn the angle whose cosine and sine are at two places of an observation."""
+    """Add to the angle whose cosine and sine are in two columns of an observation.
+
+    Args:
+        out: The observation, changed in place.
+        cos: Column of the cosine.
+        sin: Column of the sine.
+        angle: Angle to add, in rad.
+        low: Lower limits of the observation.
+        high: Upper limits of the observation.
+    """
     x, y = float(out[cos]), float(out[sin])
     c, s = mathematics.cos(angle), mathematics.sin(angle)
     out[cos] = _within(x * c - y * s, low[cos], high[cos])
@@ -79,5 +96,5 @@ def _turn(out, cos, sin, angle, low, high):
 
 @stage
 def _within(value, low, high):
-    """``value``, but no less than ``low`` and no more than ``high``."""
+    """Clip ``value`` to the range from ``low`` to ``high``."""
     return min(float(high), max(float(low), value))

@@ -1,8 +1,9 @@
 """Fourier series of periodic functions: from samples, back to samples, and to polynomials.
 
-A series is (2, harmonics, functions): real and imaginary parts of its coefficients c_n, n >= 0, of
-the real functions c_0 + 2 Re sum c_n exp(i n psi). Functions are transformed in pairs, as the real
-and the imaginary part of one; all sums have a fixed order.
+A series is an array of shape (2, harmonics, functions). It holds the real and imaginary parts of
+the coefficients c_n, n >= 0, of the real functions c_0 + 2 Re sum c_n exp(i n psi). Functions are
+transformed in pairs, as the real and the imaginary part of one complex function. All sums have a
+fixed order.
 """
 
 from __future__ import annotations
@@ -16,11 +17,20 @@ SQRT_3_OVER_4 = math.sqrt(0.75)
 
 @stage(inline=False)
 def _transform(count, columns, turn, work):
-    """Inverse discrete Fourier transform, without a factor, of complex columns.
+    """Compute the inverse discrete Fourier transform of complex columns, without a factor.
 
-    Stockham's, with radices 4, 3 and 2. ``work``: (4, count columns) or more; rows 0 and 1 are the
-    real and imaginary parts of (count, columns). ``turn``: (2, count) cos and sin of a turn's
-    parts. Returns which rows have the result: 0 or 2 and the next.
+    The method is that of Stockham, with radices 4, 3 and 2.
+
+    Args:
+        count: Number of samples.
+        columns: Number of complex columns.
+        turn: Cosines and sines of the angles that divide a turn, shape (2, count).
+        work: Input, output and work space, shape (4, count * columns or more). Rows 0 and 1 hold
+            the real and imaginary parts of the input, each of shape (count, columns).
+
+    Returns:
+        The row of ``work``, 0 or 2, that holds the real part of the result. The next row holds the
+        imaginary part.
     """
     left, width, source = count, columns, 0
     while left > 1:
@@ -73,10 +83,20 @@ def _transform(count, columns, turn, work):
 
 @stage(inline=False)
 def _sample(series, factor, odd, turn, work):
-    """Samples of a series whose coefficients are multiplied by factors (2, harmonics) and i^odd.
+    """Compute samples of a series whose coefficients are multiplied by factors.
 
-    Evenly over a turn, as many as ``turn`` has parts; functions f and f + pairs, with ``pairs`` the
-    rounded half of them, are the real and imaginary part of column f. Returns as _transform.
+    The samples are evenly spaced over a turn. With ``pairs`` half the number of functions, rounded
+    up, functions f and f + pairs are the real and the imaginary part of column f.
+
+    Args:
+        series: The series.
+        factor: Real and imaginary part of the factor of each harmonic, shape (2, harmonics).
+        odd: Whether the coefficients are also multiplied by i.
+        turn: Cosines and sines of the angles that divide a turn, shape (2, samples).
+        work: Work space and output, see :func:`_transform`.
+
+    Returns:
+        The row of ``work`` with the real part of the result, as :func:`_transform` does.
     """
     count, harmonics, functions = turn.shape[1], series.shape[1], series.shape[2]
     pairs = (functions + 1) // 2
@@ -96,7 +116,7 @@ def _sample(series, factor, odd, turn, work):
             if g < functions:
                 d, e = series[0, n, g], series[1, n, g]
                 d, e = c * d - s * e, s * d + c * e
-            if n == 0:  # that there is a constant's part alone
+            if n == 0:  # the constant has no conjugate harmonic
                 x[up + f], y[up + f] = a, d
             else:
                 x[up + f], y[up + f] = a - e, b + d
@@ -106,11 +126,14 @@ def _sample(series, factor, odd, turn, work):
 
 @stage(inline=False)
 def analyse(values, turn, work, series):
-    """Put the series of functions into (2, harmonics, functions).
+    """Compute the Fourier series of sampled functions.
 
     Args:
-        values: (count, functions) evenly over a turn. turn: (2, count) cos and sin of its parts.
-        work: (4, count times the rounded half of the functions) or more numbers.
+        values: Samples, evenly spaced over a turn, shape (count, functions).
+        turn: Cosines and sines of the angles that divide the turn, shape (2, count).
+        work: Work space, shape (4, count * pairs or more), where ``pairs`` is half the number of
+            functions, rounded up.
+        series: Output, shape (2, harmonics, functions).
     """
     count, functions, harmonics = values.shape[0], values.shape[1], series.shape[1]
     pairs = (functions + 1) // 2
@@ -132,10 +155,15 @@ def analyse(values, turn, work, series):
 
 @stage(inline=False)
 def sample(series, factor, turn, work, values):
-    """Put samples of a series into (count, functions), the opposite of :func:`analyse`.
+    """Compute samples of a series, the inverse of :func:`analyse`.
 
     Args:
-        factor: (2, harmonics) real and imaginary part of what the coefficients are multiplied by.
+        series: The series, shape (2, harmonics, functions).
+        factor: Real and imaginary part of the factor by which the coefficients of each harmonic are
+            multiplied, shape (2, harmonics).
+        turn: Cosines and sines of the angles that divide a turn, shape (2, count).
+        work: Work space, see :func:`analyse`.
+        values: Output, samples evenly spaced over a turn, shape (count, functions).
     """
     first = _sample(series, factor, False, turn, work)
     pairs = (series.shape[2] + 1) // 2
@@ -147,12 +175,20 @@ def sample(series, factor, turn, work, values):
 
 @stage(inline=False)
 def expand(series, weights, half_step, turn, work, factor, out):
-    """Put polynomials in intervals of a turn into (groups, intervals, order, group's functions).
+    """Compute the polynomials that approximate a series in the intervals of a turn.
+
+    The functions of the series are split into groups of equal size, one group after the other.
 
     Args:
-        weights: (order, harmonics); coefficient k of exp(i n psi) about 0 is i^k weights[k, n].
-        half_step: (2, harmonics) cos and sin of n times half an interval. turn, work: as for
-            :func:`analyse`, of the intervals. factor: (2, harmonics) of work space.
+        series: The series, shape (2, harmonics, functions).
+        weights: Coefficients of exp(i n psi) about 0, shape (order, harmonics): coefficient k is
+            i^k weights[k, n].
+        half_step: Cosine and sine of n times half an interval, shape (2, harmonics).
+        turn: Cosines and sines of the angles that divide a turn into the intervals, shape
+            (2, intervals).
+        work: Work space, see :func:`analyse`, for as many samples as there are intervals.
+        factor: Work space, shape (2, harmonics).
+        out: Output, shape (groups, intervals, order, functions of a group).
     """
     pairs, members = (series.shape[2] + 1) // 2, out.shape[3]
     for k in range(weights.shape[0]):

@@ -1,4 +1,4 @@
-"""Sums of numbers in a fixed order, with the rounding of Python's and NumPy's sums.
+"""Sums of numbers in a fixed order, with the same rounding as Python's and NumPy's sums.
 
 With these functions, a kernel returns the same bits as ``math.fsum`` and ``numpy.sum``.
 """

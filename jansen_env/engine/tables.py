@@ -1,7 +1,7 @@
-"""A compiled robot as the kernels see it: its tables, how they are read, and what a state means.
+"""Tables of a compiled robot: how they are read, and the centre of mass and energy of a state.
 
-The tables are those of :class:`jansen_env.dynamics.reduced.Tables`. All other numbers of a robot
-are its :data:`jansen_env.engine.records.PARAMS`.
+The tables are those of :class:`jansen_env.dynamics.reduced.Tables`. All other values of a robot are
+in its record :data:`jansen_env.engine.records.PARAMS`.
 """
 
 from __future__ import annotations
@@ -12,25 +12,38 @@ from jansen_env.engine import mathematics
 from jansen_env.engine.kernel import Floats2, Floats4, kernel, stage
 from jansen_env.engine.records import Robots
 
-# Rows of what :func:`read_body` and :func:`read_pad` fill: value, first and second derivative.
+# Rows of the arrays that :func:`read_body` and :func:`read_pad` fill: value, first and second
+# derivative with respect to the crank angle.
 VALUE, FIRST, SECOND = range(3)
-# Columns of the same: functions of the body's sums, and of a pad.
+# Columns of these arrays: the sums over the bodies, and the functions of a pad.
 C_X, C_Y, INERTIA, COUPLING, CRANK, DAMPING, OWN_COUPLING, OWN_CRANK = range(8)
 PAD_X, PAD_Y, PAD_ANGLE = range(3)
 
 
 @stage
 def locate(intervals, angle):
-    """Row of a table at ``angle``, and the distance from the middle of its interval, rad."""
+    """Find the interval of a table that contains an angle.
+
+    Args:
+        intervals: Number of intervals of the table.
+        angle: Angle, in rad.
+
+    Returns:
+        The row of the interval, and the distance of the angle from its middle in rad.
+    """
     width = 2.0 * np.pi / intervals
     reduced = angle - 2.0 * np.pi * mathematics.floor(angle / (2.0 * np.pi))
-    row = max(0, min(int(reduced / width), intervals - 1))  # a NaN would index anywhere
+    # The limits keep the index inside the table even if the angle is NaN.
+    row = max(0, min(int(reduced / width), intervals - 1))
     return row, reduced - (row + 0.5) * width
 
 
 @stage
 def _value(table, row, f, t):
-    """Taylor polynomial of function ``f`` of a table (intervals, 8, functions)."""
+    """Return the value of function ``f`` of a table of shape (intervals, 8, functions).
+
+    ``row`` and ``t`` are the results of :func:`locate`.
+    """
     c0, c1, c2, c3 = table[row, 0, f], table[row, 1, f], table[row, 2, f], table[row, 3, f]
     c4, c5, c6, c7 = table[row, 4, f], table[row, 5, f], table[row, 6, f], table[row, 7, f]
     return c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * (c5 + t * (c6 + t * c7))))))
@@ -38,7 +51,7 @@ def _value(table, row, f, t):
 
 @stage
 def _first_two(table, row, t):
-    """The first two functions of a table: x and y."""
+    """Return the values of the first two functions of a table, x and y."""
     x = y = 0.0
     for f in range(2):
         x, y = y, _value(table, row, f, t)
@@ -47,7 +60,7 @@ def _first_two(table, row, t):
 
 @stage
 def _first(table, row, f, t):
-    """Its first derivative."""
+    """Return the first derivative of function ``f`` of a table, see :func:`_value`."""
     c1, c2, c3 = table[row, 1, f], table[row, 2, f], table[row, 3, f]
     c4, c5, c6, c7 = table[row, 4, f], table[row, 5, f], table[row, 6, f], table[row, 7, f]
     return c1 + t * (
@@ -57,7 +70,7 @@ def _first(table, row, f, t):
 
 @stage
 def _second(table, row, f, t):
-    """Its second derivative."""
+    """Return the second derivative of function ``f`` of a table, see :func:`_value`."""
     c2, c3, c4 = table[row, 2, f], table[row, 3, f], table[row, 4, f]
     c5, c6, c7 = table[row, 5, f], table[row, 6, f], table[row, 7, f]
     return 2.0 * c2 + t * (
@@ -67,7 +80,14 @@ def _second(table, row, f, t):
 
 @stage(inline=False)
 def read_body(body, psi, out):
-    """Values, first and (of c alone) second derivatives of the sums at an angle, into (3, 6)."""
+    """Read the sums over the bodies and their derivatives at a crank angle.
+
+    Args:
+        body: Table of the body, shape (intervals, order, functions).
+        psi: Crank angle, in rad.
+        out: Output, shape (3, 6): values, first derivatives, and second derivatives. Only the
+            second derivatives of c are set.
+    """
     row, t = locate(body.shape[0], psi)
     for f in range(6):
         out[VALUE, f] = _value(body, row, f, t)
@@ -78,7 +98,14 @@ def read_body(body, psi, out):
 
 @stage
 def read_sums(body, params, psi, out):
-    """The body's sums at a crank angle, into (3, 6), as a robot's scales have them."""
+    """Read the sums over the bodies at a crank angle, scaled by the parameters of a robot.
+
+    Args:
+        body: Table of the body, shape (intervals, order, functions).
+        params: Parameters of the robot.
+        psi: Crank angle, in rad.
+        out: Output, shape (3, 6), see :func:`read_body`.
+    """
     read_body(body, psi, out)
     if params.inertia_scale != 1.0:
         row, t = locate(body.shape[0], psi)
@@ -100,7 +127,17 @@ def read_sums(body, params, psi, out):
 
 @stage
 def read_pad(pads, pad, psi, out):
-    """Place of a pad (chassis frame, m) into out[VALUE]; returns (row, t) for its motion."""
+    """Read the position of a pad in the chassis frame.
+
+    Args:
+        pads: Tables of the pads, shape (tables, intervals, order, 3).
+        pad: The pad, a record of :data:`jansen_env.engine.records.PAD`.
+        psi: Crank angle, in rad.
+        out: Output, whose row ``VALUE`` gets the position in m.
+
+    Returns:
+        Row and distance for :func:`read_pad_motion`.
+    """
     row, t = locate(pads.shape[1], pad.mirror * psi + pad.phase)
     for f in (PAD_X, PAD_Y):
         out[VALUE, f] = _value(pads[pad.table], row, f, t)
@@ -110,7 +147,15 @@ def read_pad(pads, pad, psi, out):
 
 @stage
 def read_pad_motion(pads, pad, row, t, out):
-    """Derivatives of a pad's place and angle where it was read, into out[FIRST], out[SECOND]."""
+    """Read the derivatives of the position and the angle of a pad.
+
+    Args:
+        pads: Tables of the pads, shape (tables, intervals, order, 3).
+        pad: The pad, a record of :data:`jansen_env.engine.records.PAD`.
+        row: Row that :func:`read_pad` returned.
+        t: Distance that :func:`read_pad` returned, in rad.
+        out: Output, whose rows ``FIRST`` and ``SECOND`` get the derivatives.
+    """
     for f in range(3):
         out[FIRST, f] = _first(pads[pad.table], row, f, t)
         out[SECOND, f] = _second(pads[pad.table], row, f, t)
@@ -121,7 +166,7 @@ def read_pad_motion(pads, pad, row, t, out):
 
 @stage(inline=False)
 def pad_place(pads, pad, psi):
-    """(x, y) of a pad in the chassis frame at a crank angle, m."""
+    """Return the position (x, y) of a pad in the chassis frame at a crank angle, in m."""
     row, t = locate(pads.shape[1], pad.mirror * psi + pad.phase)
     x, y = _first_two(pads[pad.table], row, t)
     return pad.mirror * x, y
@@ -129,7 +174,13 @@ def pad_place(pads, pad, psi):
 
 @stage
 def bearing_friction(bearings, psi):
-    """Coulomb friction torque of all bearings on the crank at a crank angle, N m, interpolated."""
+    """Return the Coulomb friction torque of all bearings on the crank, in N m.
+
+    Args:
+        bearings: Torque at crank angles evenly spaced over a turn, in N m, shape (samples,). Values
+            between the samples are interpolated linearly.
+        psi: Crank angle, in rad.
+    """
     count = len(bearings)
     place = psi / (2.0 * np.pi) * count
     whole = mathematics.floor(place)
@@ -141,7 +192,16 @@ def bearing_friction(bearings, psi):
 
 @stage
 def centre_of_mass(body, params, psi):
-    """(x, y) of the centre of mass in the chassis frame at a crank angle, m, load included."""
+    """Return the centre of mass (x, y) of a robot, including its load, in m.
+
+    Args:
+        body: Table of the body, shape (intervals, order, functions).
+        params: Parameters of the robot.
+        psi: Crank angle, in rad.
+
+    Returns:
+        The position in the chassis frame.
+    """
     row, t = locate(body.shape[0], psi)
     load, m = params.load_mass, params.mass
     x, y = _first_two(body, row, t)
@@ -151,9 +211,17 @@ def centre_of_mass(body, params, psi):
 
 @stage(inline=False)
 def to_centroid(body, params, state, sign, sums):
-    """Shift a state (8,) from the crank axis to the centre of mass (sign 1), or back (-1).
+    """Shift the reference point of a state between the crank axis and the centre of mass.
 
-    That of a held chassis stays: its equation is about the crank axis.
+    The state of a robot with a fixed chassis does not change, because its equation of motion is
+    about the crank axis.
+
+    Args:
+        body: Table of the body, shape (intervals, order, functions).
+        params: Parameters of the robot.
+        state: The state, shape (8,), changed in place.
+        sign: 1 to shift the state to the centre of mass, -1 to shift it back to the crank axis.
+        sums: Work space, shape (3, 6).
     """
     if params.held:
         return
@@ -173,7 +241,14 @@ def to_centroid(body, params, state, sign, sums):
 
 @stage(inline=False)
 def mechanical_energy(body, params, state, sums):
-    """Kinetic plus potential energy of a crank-axis state, J; potential is 0 at y = 0."""
+    """Return the sum of kinetic and potential energy, in J.
+
+    Args:
+        body: Table of the body, shape (intervals, order, functions).
+        params: Parameters of the robot.
+        state: State of the crank axis, shape (8,). The potential energy is 0 at y = 0.
+        sums: Work space, shape (3, 6).
+    """
     read_sums(body, params, state[3], sums)
     load, px, py = params.load_mass, params.load_x, params.load_y
     cx, cy = sums[VALUE, C_X] + load * px, sums[VALUE, C_Y] + load * py
@@ -195,6 +270,13 @@ def mechanical_energy(body, params, state, sums):
 
 @kernel
 def energy(r: int, robots: Robots, body: Floats4, sums: Floats2) -> float:
-    """:func:`mechanical_energy` of robot ``r``; ``sums`` (3, 6) is work space."""
+    """Return the sum of kinetic and potential energy of a robot, in J.
+
+    Args:
+        r: Index of the robot.
+        robots: Records of the robots.
+        body: Tables of the body, shape (designs, intervals, order, functions).
+        sums: Work space, shape (3, 6).
+    """
     robot = robots[r]
     return mechanical_energy(body[robot.params.design], robot.params, robot.state, sums)

@@ -1,4 +1,4 @@
-"""Walking task of one robot: commands, accounts, reward and termination.
+"""Walking task of a robot: commands, accounts, reward and termination.
 
 The reward is a product of factors. Each factor is 1 if the step is exactly as commanded, so a high
 value of one factor cannot make up for a low value of another.
@@ -22,8 +22,8 @@ from jansen_env.engine.records import floats, row_dtype
 STREAM = 2  # number of the random stream for commands; sensors and pushes use other streams
 FALLEN_PITCH = 1.2  # pitch beyond which the robot has fallen, in rad
 
-STEPS_PER_TURN = 4  # steps of the feet per turn of the crank; means are over a quarter turn
-FURTHEST_TARGET = 0.5  # largest distance of the target, in m; it waits when it is that far away
+STEPS_PER_TURN = 4  # steps of the feet per turn of the crank; means are taken over a quarter turn
+FURTHEST_TARGET = 0.5  # largest distance of the target, in m, at which the target waits
 LONGEST_MEAN = 3.4  # longest time constant of a mean, in s
 SHORTEST_MEAN = 0.2  # shortest time constant of a mean, in s
 FLOOR = 0.3  # lowest value of the tracking factor, which keeps a learning signal
@@ -33,25 +33,26 @@ SLOWEST = 0.05  # lowest speed by which slip and power are divided, in m/s
 
 # Values at which each factor is 0.5.
 HALF_LAG = 0.2  # lag, in m, for tracking without its floor
-HALF_SLIP = 0.2  # m slid by all toes per metre
+HALF_SLIP = 0.2  # distance that all toes together slide per metre, in m
 HALF_ENERGY = 4.0  # cost of transport: motor power / (weight * speed)
-HALF_EFFORT = 0.3  # m, RMS torque / weight
+HALF_EFFORT = 0.3  # RMS torque / weight, in m
 HALF_CHANGE = 0.8  # change of the action
-HALF_PITCH = 0.4  # rad
-HALF_LOAD = 0.8  # difference of the load from 1, in weights
+HALF_PITCH = 0.4  # pitch, in rad
+HALF_LOAD = 0.8  # difference of the load from 1, as a multiple of the weight
 
 ENOUGH = 0.8  # fraction of the commanded distance that is needed for a success
 
 MEANS = floats("mean_speed", "mean_slip", "mean_power", "rms_torque")
-# Factors of the reward. All factors but tracking and progress have a weight, their exponent.
+# Factors of the reward. All factors except tracking and progress have a weight, their exponent.
 WEIGHTED = floats("slip", "energy", "effort", "smoothness", "posture", "load")
 REWARD = row_dtype([*floats("tracking", "progress"), *WEIGHTED])
-# Weights of the factors; pitch (rad) beyond which the robot has fallen; whether a joint on the
-# ground is a fall; and whether a fall ends the episode.
+# Weights of the factors; pitch (rad) beyond which the robot has fallen; whether a joint that
+# touches the ground counts as a fall; and whether a fall ends the episode.
 SETTINGS = row_dtype(
     [*WEIGHTED, ("fall_pitch", float), ("fall_contact", bool), ("ends_episode", bool)]
 )
-# Accounts that every step updates: exact in ``info``, and in ``measured`` from noisy sensors.
+# Accounts that every step updates. They are exact in ``info``, and come from the noisy sensors in
+# ``measured``.
 ACCOUNTS = row_dtype([*floats("lag"), *MEANS])
 # Information on the task.
 INFORMATION = row_dtype(
@@ -60,12 +61,14 @@ INFORMATION = row_dtype(
 # The task's part of a robot's record.
 ROW = row_dtype(
     [
-        ("next_command", float),  # m/s, from the next step on
-        ("command", float),  # m/s, of the last step
-        ("command_range", float, 2),  # m/s, of the next commands
-        ("command_steps", "i8"),  # control steps after which the command changes; 0: never
-        ("mean_path", float),  # m, over which means are taken
-        ("covered", float, 2),  # m, walked in the commanded direction, and commanded distance
+        ("next_command", float),  # m/s, command from the next step on
+        ("command", float),  # m/s, command in the last step
+        ("command_range", float, 2),  # m/s, range of the following commands
+        # Number of control steps after which the command changes; 0 if it never changes.
+        ("command_steps", "i8"),
+        ("mean_path", float),  # m, distance over which means are taken
+        # Distance walked in the commanded direction, and commanded distance, in m.
+        ("covered", float, 2),
         ("measured", ACCOUNTS),  # accounts by odometry, with noisy or onboard sensors
         ("info", INFORMATION),
         ("reward", REWARD),
@@ -79,7 +82,7 @@ Walks = Annotated[NDArray[np.void], ROW, 1, APART]
 
 @stage
 def begin_walk(robot, walk, advance):
-    """Begin an episode of the task, whose command has been sampled.
+    """Begin an episode of the task; its first command must have been sampled.
 
     Args:
         robot: The robot's record.
@@ -100,13 +103,18 @@ def begin_walk(robot, walk, advance):
 
 @stage
 def _clear_accounts(kept):
-    """Set all accounts to 0."""
+    """Set all accounts of a record to 0."""
     kept.lag = kept.mean_speed = kept.mean_slip = kept.mean_power = kept.rms_torque = 0.0
 
 
 @stage
 def sample_command(robot, walk):
-    """Sample the command for the next step if the command interval ends with this step."""
+    """Sample the command for the next step if the command interval ends with this step.
+
+    Args:
+        robot: The robot's record.
+        walk: The task's part of the record.
+    """
     steps = walk.command_steps
     if steps > 0 and robot.elapsed % steps == 0:
         key = number(robot.seed, STREAM)
@@ -116,7 +124,7 @@ def sample_command(robot, walk):
 
 @stage
 def judge_walk(period, settings, robot, walk, way, slipped):
-    """Update the accounts, reward the step, and decide whether the episode is over.
+    """Update the accounts, compute the reward, and decide whether the episode is over.
 
     Args:
         period: Duration of the control step, in s.
@@ -193,8 +201,12 @@ def keep_accounts(velocity, slip_speed, power, torque, period, command, walk, ke
 def mean_time(command, path):
     """Return the time constant of the means, in s.
 
-    It is the time in which the robot walks ``path`` (m) at the commanded speed (m/s), but within
-    :data:`SHORTEST_MEAN` and :data:`LONGEST_MEAN`.
+    It is the time in which the robot walks a distance at the commanded speed, clipped to the range
+    from :data:`SHORTEST_MEAN` to :data:`LONGEST_MEAN`.
+
+    Args:
+        command: Commanded speed, in m/s.
+        path: Distance, in m.
     """
     return min(LONGEST_MEAN, max(SHORTEST_MEAN, path / max(abs(command), 1e-9)))
 
@@ -204,7 +216,7 @@ def compute_reward(pitch, settings, robot, walk):
     """Compute the factors of the reward, store them in the record, and return their product.
 
     Args:
-        pitch: Of the chassis, in rad.
+        pitch: Pitch of the chassis, in rad.
         settings: Record of :data:`SETTINGS`.
         robot: The robot's record.
         walk: The task's part of the record.
@@ -225,16 +237,28 @@ def compute_reward(pitch, settings, robot, walk):
 
 @stage
 def tracking(lag):
-    """Return 1 if the lag (m) is 0, and less, with a slope everywhere, if it is not."""
+    """Return the tracking factor, which is 1 if the lag is 0.
+
+    The factor decreases with the magnitude of the lag towards :data:`FLOOR`, and has a slope
+    everywhere else.
+
+    Args:
+        lag: Lag, in m.
+    """
     return FLOOR + (1.0 - FLOOR) / (1.0 + (lag / HALF_LAG) ** 2)
 
 
 @stage
 def progress(mean_speed, command):
-    """Return 1 if the mean speed is between the command and twice the command (m/s).
+    """Return the progress factor, which is 1 from the commanded speed to twice this speed.
 
-    The factor falls in proportion to lower speeds, and in inverse proportion to higher ones. If the
-    command is 0, it falls from 1 at standstill to 0 at :data:`STANDING`.
+    Below this range, the factor is proportional to the mean speed. Above it, the factor is
+    inversely proportional to the mean speed. If the command is 0, the factor falls from 1 at
+    standstill to 0 at :data:`STANDING`.
+
+    Args:
+        mean_speed: Mean speed, in m/s.
+        command: Commanded speed, in m/s.
     """
     if command == 0.0:
         return max(0.0, 1.0 - abs(mean_speed) / STANDING)
@@ -244,49 +268,89 @@ def progress(mean_speed, command):
 
 @stage
 def slip_cost(mean_slip, pace):
-    """Return the cost of slip: that of all toes per metre; both speeds in m/s."""
+    """Return the cost of the distance that all toes together slide per metre.
+
+    Args:
+        mean_slip: Mean slip speed of all toes together, in m/s.
+        pace: Speed by which the slip speed is divided, in m/s.
+    """
     return mean_slip / pace / HALF_SLIP
 
 
 @stage
 def energy_cost(mean_power, weight, pace):
-    """Return the cost of energy, a cost of transport; power in W, weight in N, pace in m/s."""
+    """Return the cost of energy, which is proportional to the cost of transport.
+
+    Args:
+        mean_power: Mean power of the motor, in W.
+        weight: Weight of the robot, in N.
+        pace: Speed of the robot, in m/s.
+    """
     return mean_power / (weight * pace) / HALF_ENERGY
 
 
 @stage
 def effort_cost(rms_torque, weight):
-    """Return the cost of the RMS torque (N m) per weight (N)."""
+    """Return the cost of the RMS torque per weight.
+
+    Args:
+        rms_torque: RMS torque on the crank, in N m.
+        weight: Weight of the robot, in N.
+    """
     return (rms_torque / weight / HALF_EFFORT) ** 2
 
 
 @stage
 def change_cost(change):
-    """Return the cost of the change of the action from step to step."""
+    """Return the cost of a change of the action.
+
+    Args:
+        change: Change of the action since the last step.
+    """
     return (change / HALF_CHANGE) ** 2
 
 
 @stage
 def pitch_cost(pitch):
-    """Return the cost of the pitch (rad)."""
+    """Return the cost of the pitch.
+
+    Args:
+        pitch: Pitch, in rad.
+    """
     return (pitch / HALF_PITCH) ** 2
 
 
 @stage
 def load_cost(unevenness):
-    """Return the cost of an uneven load, see :mod:`jansen_env.engine.ground_load`."""
+    """Return the cost of an uneven load on the ground.
+
+    Args:
+        unevenness: Mean of (load - 1)^2, see :mod:`jansen_env.engine.ground_load`.
+    """
     return unevenness / HALF_LOAD**2
 
 
 @stage
 def factor(cost, weight):
-    """Return 1 / (1 + cost) to the power of ``weight``."""
+    """Return a factor of the reward, 1 / (1 + cost) to the power of ``weight``.
+
+    Args:
+        cost: Cost, at least 0.
+        weight: Weight of the factor.
+    """
     return 1.0 / (1.0 + cost) if weight == 1.0 else mathematics.power(1.0 + cost, -weight)
 
 
 @stage
 def observe_walk(command, kept, columns, out):
-    """Write the command (m/s) and the accounts into an observation, at the ``columns`` (6,)."""
+    """Write the command and the accounts into an observation.
+
+    Args:
+        command: Commanded speed, in m/s.
+        kept: Record with the fields of :data:`ACCOUNTS`.
+        columns: Columns of the command and the accounts, shape (6,); -1 if not observed.
+        out: Output, the observation, shape (d,).
+    """
     put(out, columns[0], command)
     put(out, columns[1], kept.lag)
     put(out, columns[2], kept.mean_speed)

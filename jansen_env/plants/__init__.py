@@ -1,0 +1,1 @@
+"""Simulation backends: robots on their terrains, and how they move."""

@@ -1,4 +1,4 @@
-"""The result of a plant's step, and checks of what plants are given."""
+"""Result of a step of a simulation backend, and checks of the arguments of backends."""
 
 from __future__ import annotations
 
@@ -17,52 +17,83 @@ from jansen_env.engine.placement import DEEPEST
 from jansen_env.robot import Robot
 from jansen_env.terrain import Ground, Shapes
 
-SHORTEST_STEP, LONGEST_STEP = 1e-9, 1.0  # s, of the integration
-LARGEST = 1e12  # of a state's numbers, m, rad, m/s and rad/s
+SHORTEST_STEP, LONGEST_STEP = 1e-9, 1.0  # limits of the time step of the integration, in s
+LARGEST = 1e12  # largest magnitude of a value of a state, in m, rad, m/s and rad/s
 
 
 class StepResult(NamedTuple):
-    """Slip, forces and energies of one step; energies in J, what is not known NaN."""
+    """Slip, forces and energies of one step. Values that are not known are NaN.
 
-    slip: Array  #: (toes,) m, path each toe slid while loaded
-    contact_force: Array  #: (toes, 2) N, mean tangential and normal force on each toe
+    Attributes:
+        slip: Distance that each toe slid under load, in m, shape (toes,).
+        contact_force: Mean tangential and normal force on each toe, in N, shape (toes, 2).
+        motor_work: Work of the motor, in J.
+        joint_loss: Energy lost in joints, bearings and gear, in J.
+        slip_loss: Energy lost by friction of sliding pads, in J.
+        impact_loss: Energy lost at touchdowns and in the springs and dampers of compliant pads, in
+            J.
+        energy_change: Change of the kinetic and potential energy, compliant pads included, in J.
+        non_toe_contact: Whether a joint other than a toe pressed on the ground.
+        residual: Largest violation of the contact law, in N s.
+        contact_gain: Largest energy that the contact impulses of one time step added, in J. Rolling
+            contacts may add some energy, because the time step is finite. If pads can bounce or
+            wedge, the value is 0.
+        joint_gap: Widest gap of any joint, in m. It is 0 if joints cannot open.
+        electrical_work: Electrical energy that the motor drew, in J; see
+            :class:`jansen_env.robot.motor.Motor`.
+        torque: Mean torque of the motor, in N m.
+        push_work: Work of the pushes on the chassis, in J.
+        correction_work: Work of moving pads out of the ground, in J. Touchdowns cause little of it;
+            a robot that starts inside the ground causes much.
+    """
+
+    slip: Array
+    contact_force: Array
     motor_work: float
-    joint_loss: float  #: in joints, bearings and gear
+    joint_loss: float
     slip_loss: float
-    impact_loss: float  #: at touchdowns, and in springs and dampers of compliant pads
-    energy_change: float  #: kinetic and potential, that of compliant pads included
-    non_toe_contact: bool  #: whether a joint other than a toe was pressed on the ground
-    residual: float  #: N s, worst violation of the contact law
-    #: The most that contact impulses of one time step added. Rolling contacts may add some, as the
-    #: time step is finite; where pads can bounce or wedge it is 0.
+    impact_loss: float
+    energy_change: float
+    non_toe_contact: bool
+    residual: float
     contact_gain: float
-    joint_gap: float = 0.0  #: m, the widest of any joint; 0 where joints cannot open
-    electrical_work: float = 0.0  #: drawn by the motor, see :class:`jansen_env.robot.motor.Motor`
-    torque: float = math.nan  #: N m, mean, of the motor
-    push_work: float = 0.0  #: of pushes on the chassis
-    #: Of taking pads out of the ground: little from touchdowns, much where a robot began in it.
+    joint_gap: float = 0.0
+    electrical_work: float = 0.0
+    torque: float = math.nan
+    push_work: float = 0.0
     correction_work: float = 0.0
 
     @property
     def energy_residual(self) -> float:
-        """Work less losses and energy change, J: the time step's error."""
+        """Work minus losses and energy change, in J, which is the error of the integration."""
         losses = self.joint_loss + self.slip_loss + self.impact_loss
         work = self.motor_work + self.push_work + self.correction_work
         return work - losses - self.energy_change
 
 
 def static_deflection(robot: Robot, gravity: float) -> float:
-    """:func:`resting_depth` of a robot."""
+    """Return the static deflection of a robot's feet, in m; see :func:`resting_depth`.
+
+    Args:
+        robot: The robot.
+        gravity: Downward acceleration, in m/s^2.
+
+    Raises:
+        ValueError: If the feet are too soft to carry the robot.
+    """
     return resting_depth(robot.mass, robot.pad_compliance.stiffness, gravity)
 
 
 def resting_depth(mass: float, stiffness: float, gravity: float) -> float:
-    """Static deflection of feet, m: the weight of a mass, kg, on two of a stiffness, N/m.
+    """Return the static deflection of feet if two feet carry a mass, in m.
 
-    ``gravity``: m/s^2, downwards.
+    Args:
+        mass: Mass, in kg.
+        stiffness: Stiffness of a foot, in N/m.
+        gravity: Downward acceleration, in m/s^2.
 
     Raises:
-        ValueError: deeper than :data:`DEEPEST`: the feet are too soft.
+        ValueError: If the feet are so soft that the deflection exceeds :data:`DEEPEST`.
     """
     depth = placement.resting_depth(mass, stiffness, gravity)
     if depth > DEEPEST:
@@ -74,7 +105,15 @@ def resting_depth(mass: float, stiffness: float, gravity: float) -> float:
 
 
 def check_legs(robot: Robot, other: Robot) -> None:
-    """Raise ValueError unless a robot's legs are another's linkage, on its sides in its order."""
+    """Check that two robots have the same linkage, with legs on the same sides in the same order.
+
+    Args:
+        robot: Robot to check.
+        other: Robot with the required linkage and legs.
+
+    Raises:
+        ValueError: If the linkages or the sides of the legs differ.
+    """
     if robot.linkage != other.linkage:
         names, allowed = robot.linkage.names, other.linkage.names
         raise ValueError(f"a robot's linkage has the bodies {names}, must be that with {allowed}")
@@ -84,11 +123,16 @@ def check_legs(robot: Robot, other: Robot) -> None:
 
 
 def check_colliding(grounds: Iterable[Ground], links_collide: bool) -> None:
-    """Check that links need not collide with shapes.
+    """Check that links do not have to collide with shapes.
+
+    The sides of links collide only with the vertices of height lines.
+
+    Args:
+        grounds: Grounds of the robots.
+        links_collide: Whether the sides of links collide with the ground.
 
     Raises:
-        ValueError: If ``links_collide`` is True and a ground consists of shapes. Sides of links
-            collide only with the vertices of height lines.
+        ValueError: If ``links_collide`` is True and a ground consists of shapes.
     """
     if links_collide and any(isinstance(ground, Shapes) for ground in grounds):
         raise ValueError(
@@ -98,23 +142,51 @@ def check_colliding(grounds: Iterable[Ground], links_collide: bool) -> None:
 
 
 def check_time_step(value: object) -> float:
-    """Return a time step, s. Raises ValueError: out of range."""
+    """Return a time step, in s, as a float.
+
+    Raises:
+        ValueError: If it is not a number from :data:`SHORTEST_STEP` to :data:`LONGEST_STEP`.
+    """
     return within("time_step", value, SHORTEST_STEP, LONGEST_STEP)
 
 
 def check_state(value: object) -> Array:
-    """Return a plant's state. Raises ValueError unless it is 8 finite numbers."""
+    """Return the state of a robot as an array, shape (8,).
+
+    Raises:
+        ValueError: If it is not 8 finite numbers of at most :data:`LARGEST`.
+    """
     return finite_numbers("state", value, 8, LARGEST)
 
 
 def check_held(state: ArrayLike) -> None:
-    """Raise ValueError if the chassis of a state (8,) moves."""
+    """Check that the chassis does not move.
+
+    Args:
+        state: x, y, theta, psi and their rates, in m, rad and s, shape (8,).
+
+    Raises:
+        ValueError: If the chassis moves.
+    """
     if np.asarray(state)[4:7].any():
         raise ValueError(f"state is {shown(state)}, its chassis must not move: it is held")
 
 
 def check_deflection(value: object, pads: int) -> Array:
-    """Return pads' deflection (pads, 2), m, or raise ValueError: shape, compression, bend."""
+    """Return the deflection of compliant pads as an array.
+
+    Args:
+        value: Compression and bend of each pad, in m. An infinite compression stands for an unknown
+            compression.
+        pads: Number of pads.
+
+    Returns:
+        The same values, shape (pads, 2).
+
+    Raises:
+        ValueError: If the shape is different, a compression is negative, or a value is out of
+            range.
+    """
     deflection = numbers_of(value)
     if deflection.shape == (pads, 2):
         compression, bend = deflection.T
@@ -126,7 +198,15 @@ def check_deflection(value: object, pads: int) -> Array:
 
 
 def check_pushes(value: object, *shape: int) -> Array:
-    """Return impulses (..., 2), of any size. Raises ValueError: another shape."""
+    """Return impulses of pushes as an array. Their magnitudes are not checked.
+
+    Args:
+        value: Impulses in x and y, in N s.
+        *shape: Required shape without the last axis, whose length is 2.
+
+    Raises:
+        ValueError: If the shape is different.
+    """
     pushes = np.ascontiguousarray(value, dtype=float)
     if pushes.shape != (*shape, 2):
         raise ValueError(f"pushes have shape {pushes.shape}, must be {(*shape, 2)}")
@@ -134,7 +214,18 @@ def check_pushes(value: object, *shape: int) -> Array:
 
 
 def check_in_contact(value: object, pads: int) -> Bools | None:
-    """Return a copy of flags (pads,) or None. Raises ValueError: another shape."""
+    """Return a copy of the flags of the pads that are on the ground.
+
+    Args:
+        value: Whether each pad is on the ground, shape (pads,). None if that is not known.
+        pads: Number of pads.
+
+    Returns:
+        The flags, shape (pads,), or None.
+
+    Raises:
+        ValueError: If ``value`` is neither None nor a flag per pad.
+    """
     if value is None:
         return None
     flags = np.array(value, dtype=object)
@@ -144,7 +235,12 @@ def check_in_contact(value: object, pads: int) -> Bools | None:
 
 
 def divergence(state: Array, torque: float) -> FloatingPointError:
-    """The error of a step that is refused, with the state (8,) it began in."""
+    """Return the error of a step that was rejected because the simulation diverged.
+
+    Args:
+        state: State before the step, shape (8,).
+        torque: Commanded crank torque, in N m.
+    """
     return FloatingPointError(
         f"the simulation diverged from {state.tolist()} under a torque of {torque} N m: a speed "
         f"beyond {DIVERGED:g} m/s or rad/s, or a pad too deep in the ground to find its way out; "

@@ -45,8 +45,9 @@ from jansen_env.plants.trace import find_touchdowns, pads_in_contact, trace_forc
 from jansen_env.robot import Robot
 from jansen_env.terrain import Ground
 
-TIME_STEP = 1e-3  # s
-DETECTION_INTERVAL = 0.01  # s between two searches for contact planes, which are kept meanwhile
+TIME_STEP = 1e-3  # default time step of the integration, in s
+# Time between two searches for contact planes, in s. The planes are kept in between.
+DETECTION_INTERVAL = 0.01
 
 
 class Batch(BatchedPlant):
@@ -132,12 +133,12 @@ class Batch(BatchedPlant):
         self._control_step = episode.control_step.bound()
         self._make_scratch(threads)
         n = len(robots)
-        self._at_once = np.zeros(n), np.zeros(n, np.int64)  # no torque from before
-        self._ahead_torque = np.zeros(n)  # N m, of :meth:`lookahead`
+        self._at_once = np.zeros(n), np.zeros(n, np.int64)  # no earlier torque
+        self._ahead_torque = np.zeros(n)  # torque of :meth:`lookahead`, in N m
         self._no_pushes = np.zeros((0, 0, 2))
         self._no_trace: Rows = np.zeros(0, integrator.trace_dtype(self.pads))
         self._untraced = plain(self._no_trace)
-        self._planes = np.zeros(self.world["capacity"][0], PLANE)  # of :meth:`contact_planes`
+        self._planes = np.zeros(self.world["capacity"][0], PLANE)  # for contact_planes
         self._sums = np.empty((3, 6))
         self.tracing = False
         self.trace = self._no_trace
@@ -162,6 +163,14 @@ class Batch(BatchedPlant):
     def set_control(
         self, steps: int, period: float, torque_rate: float = math.inf, **flags: bool
     ) -> None:
+        """Define the control steps; see :meth:`BatchedPlant.set_control`.
+
+        Args:
+            steps: Number of time steps per control step.
+            period: Duration of a control step, in s.
+            torque_rate: Fastest change of commanded torques, in N m/s. Infinite for no limit.
+            **flags: Further fields of ``WORLD`` of :mod:`jansen_env.engine.records`.
+        """
         super().set_control(steps, period, torque_rate, **flags)
         self._make_scratch(self._arguments[2])
         self._reach(period)
@@ -563,14 +572,22 @@ class Batch(BatchedPlant):
             far, diverged = self._threads.move(len(rows), move, meanwhile)
         elif meanwhile is not None:
             meanwhile()
-        self.any_diverged = diverged  # only now, because placing robots also sets it
+        self.any_diverged = diverged  # set last, because placing robots changes it too
         if far:
             self._ask_ground(rows)
 
     def shapes(self, row: int) -> ShapePlanes | None:
+        """Return the shapes of a robot's ground in pymunk, or None for a height line."""
         return self._arrays.grounds.shapes[row]
 
     def look_down(self, rows: Ints, scan: Array) -> None:
+        """Measure the ground that robots on pymunk's shapes observe.
+
+        Args:
+            rows: Indices of the robots, shape (k,).
+            scan: Positions relative to the crank axis at which a robot observes the height of the
+                ground, in m, shape (points,).
+        """
         for row in self._arrays.split(rows)[1]:
             self._arrays.look_down(row, scan)
 
@@ -650,7 +667,9 @@ class Batch(BatchedPlant):
         tangents = np.tile([1.0, 0.0], (self.toes, 1))
         if self.held:
             return points, tangents
-        for plane in self.contact_planes(row, centres)[::-1]:  # a pad's nearest comes last
+        for plane in self.contact_planes(row, centres)[
+            ::-1
+        ]:  # ends with the nearest plane of a pad
             normal = np.array([plane.normal_x, plane.normal_y])
             points[plane.pad] = centres[plane.pad] - radius * normal
             tangents[plane.pad] = normal[1], -normal[0]

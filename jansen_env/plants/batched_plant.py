@@ -1,4 +1,4 @@
-"""The protocol of plants: robots as records, which a plant places and moves."""
+"""Base class of simulation backends, which keep robots as records, place them, and move them."""
 
 from __future__ import annotations
 
@@ -28,33 +28,46 @@ from jansen_env.robot.robot_arrays import machine_row
 from jansen_env.terrain import Ground
 
 GRAVITY_XY = ["gravity_x", "gravity_y"]  # fields of PARAMS
-PLANES_PER_PAD = 4  # kept of a robot, on average over its pads
-NOT_THE_ROBOT = (*GRAVITY_XY, "steepest", "held")  # fields of PARAMS that a robot does not have
+PLANES_PER_PAD = 4  # contact planes that are kept per pad, on average over the pads of a robot
+NOT_THE_ROBOT = (*GRAVITY_XY, "steepest", "held")  # fields of PARAMS that do not belong to a robot
 
 
 class BatchedPlant(ABC):
-    """n robots on their terrains, one record each. A derived class places and moves them.
+    """Batch of n robots on their terrains, with one record per robot.
+
+    Derived classes place the robots and move them.
 
     Args:
         robots: The robots.
-        terrains: The ground of each robot.
-        time_step: Time step of the integration in s.
-        gravity: In m/s^2 downwards, or a vector (x, y).
-        held: Whether all chassis stay where they are.
-        records: Records to use; None for new ones.
+        terrains: Ground of each robot.
+        time_step: Time step of the integration, in s.
+        gravity: Gravitational acceleration, in m/s^2: a number that acts downwards, or a vector
+            (x, y).
+        held: Whether all chassis are fixed.
+        records: Records to use. If None, the batch makes new ones.
 
     Attributes:
-        records: The robots, see :class:`RobotRecords`.
-        machines: Shape (n,), ``MACHINE`` of :mod:`jansen_env.engine.records`: the robots without
-            parameters.
-        world: Shape (1,), ``WORLD`` of the same: data that the robots have in common.
-        toes, pads: Number of toes, and of contact pads with them, of each robot.
-        any_diverged: Whether a robot's last step was refused.
-        joint_gap: Shape (n,), widest gap of any joint in the last step, in m.
-        knows_joint_forces: Whether :meth:`joint_forces` returns them.
-        joints_open: Whether joints can gap.
-        tracing: Whether the first robot's time steps are recorded, for :meth:`peak_loads`.
-        lookahead_steps: Number of time steps that placing looks ahead.
+        robots: The robots, without the parameters of an episode.
+        terrains: Ground of each robot, without the parameters of an episode.
+        held: Whether all chassis are fixed.
+        time_step: Time step of the integration, in s.
+        gravity: Gravitational acceleration (x, y), in m/s^2, before tilt and scale.
+        records: Records of the robots; see :class:`RobotRecords`.
+        machines: Robots without the parameters of an episode, ``MACHINE`` of
+            :mod:`jansen_env.engine.records`, shape (n,).
+        world: Data that the robots have in common, ``WORLD`` of :mod:`jansen_env.engine.records`,
+            shape (1,).
+        toes: Number of toes of each robot.
+        pads: Number of contact pads of each robot, toes included.
+        any_diverged: Whether the last step of any robot was rejected because the robot diverged.
+        joint_gap: Widest gap of any joint in the last step, in m, shape (n,).
+        knows_joint_forces: Whether :meth:`joint_forces` returns joint forces.
+        joints_open: Whether joints can have gaps.
+        tracing: Whether the time steps of the first robot are traced, for :meth:`peak_loads`.
+        lookahead_steps: Number of time steps that :meth:`lookahead` simulates.
+        in_contact: Whether each pad of the first robot is on the ground, shape (pads,), or None if
+            that is not known.
+        surface: Vertices of all terrains, in m, shape (vertices, 2).
     """
 
     knows_joint_forces: bool
@@ -106,13 +119,14 @@ class BatchedPlant(ABC):
     def set_control(
         self, steps: int, period: float, torque_rate: float = math.inf, **flags: bool
     ) -> None:
-        """Prepare for :meth:`control_step`.
+        """Define the control steps. Call this method before :meth:`control_step`.
 
         Args:
-            steps: Number of time steps of a control step.
-            period: Time of a control step in s.
-            torque_rate: Fastest change of commanded torques in N m/s; infinite without a limit.
-            flags: Fields of ``WORLD`` of :mod:`jansen_env.engine.records`: what kernels do.
+            steps: Number of time steps per control step.
+            period: Duration of a control step, in s.
+            torque_rate: Fastest change of commanded torques, in N m/s. Infinite for no limit.
+            **flags: Further fields of ``WORLD`` of :mod:`jansen_env.engine.records`, which select
+                what the kernels compute.
         """
         self.world["steps"] = steps
         self.world["period"] = period
@@ -122,7 +136,11 @@ class BatchedPlant(ABC):
         self._apply(self._every)
 
     def _set_machines(self, rows: Ints) -> None:
-        """Note robots (k,) as they are without parameters."""
+        """Store robots without the parameters of an episode in :attr:`machines`.
+
+        Args:
+            rows: Indices of the robots, shape (k,).
+        """
         noted = dict[int, Rows]()
         nominal_params: Any = self.machines["nominal"]
         for row in rows.tolist():
@@ -137,7 +155,11 @@ class BatchedPlant(ABC):
                 nominal_params[name][row] = value
 
     def _apply(self, rows: Ints) -> None:
-        """Derive what kernels read of robots (k,) from their parameters."""
+        """Compute the values that kernels read from the parameters of some robots.
+
+        Args:
+            rows: Indices of the robots, shape (k,).
+        """
         self._apply_parameters(
             rows,
             *self.gravity,
@@ -148,7 +170,7 @@ class BatchedPlant(ABC):
             self.records.robots,
         )
 
-    # What a plant does.
+    # Methods of a simulation backend.
 
     @abstractmethod
     def control_step(
@@ -159,14 +181,16 @@ class BatchedPlant(ABC):
         observing: Observing,
         meanwhile: Callable[[], None] | None = None,
     ) -> None:
-        """Let robots take a control step, see :mod:`jansen_env.engine.episode`.
+        """Simulate one control step of some robots; see :mod:`jansen_env.engine.episode`.
 
         Args:
-            rows: Shape (k,), the robots.
-            actions: Shape (n, 1), finite for each of them.
-            episodes: Other parts of their records.
-            observing: How they are observed.
-            meanwhile: Called while others move, to place robots that do not.
+            rows: Indices of the robots, shape (k,).
+            actions: Actions of all robots, as fractions of the torque limit, shape (n, 1). The
+                actions of the robots in ``rows`` must be finite.
+            episodes: Parts of the robots' records that belong to the episode and the task.
+            observing: Observations of the robots, and the settings that define them.
+            meanwhile: Function that is called while these robots move. It may place robots that are
+                not in ``rows``.
         """
 
     @abstractmethod
@@ -179,23 +203,26 @@ class BatchedPlant(ABC):
         rows: Ints | None = None,
         pushes: Array | None = None,
     ) -> None:
-        """Hold crank torques for some time steps, as far as the motors go.
+        """Hold crank torques for some time steps, within the limits of the motors.
 
-        A robot that becomes faster than :data:`jansen_env.engine.integrator.DIVERGED`, leaves the
-        ground that is known for the step or gets too deep into it stays as it was before, without
-        sums, and is named in :attr:`diverged`. The others continue.
+        The step of a robot is rejected if the robot becomes faster than
+        :data:`jansen_env.engine.integrator.DIVERGED`, leaves the stretch of ground that is known
+        for the step, or gets too deep into the ground. Such a robot keeps the state that it had
+        before the step, its sums are 0, and its entry in :attr:`diverged` is True. The other robots
+        continue.
 
         Args:
-            torque: Shape (n,), in N m.
+            torque: Commanded crank torque of each robot, in N m, shape (n,).
             steps: Number of time steps.
-            earlier: Shape (n,), torque held instead in the first ``switch`` time steps, in N m.
-            switch: Shape (n,), number of these time steps.
-            rows: Shape (k,), the robots that move; None for all.
-            pushes: Shape (n, steps, 2), impulse on each chassis at the crank axis in each time
-                step, world x and y, in N s; None for none.
+            earlier: Torque that is held instead in the first ``switch`` time steps, in N m, shape
+                (n,). If None, ``torque`` is held from the beginning.
+            switch: Number of time steps with the torque ``earlier``, shape (n,).
+            rows: Indices of the robots that move, shape (k,). None for all robots.
+            pushes: Impulse on each chassis at the crank axis in each time step, in the x and y
+                directions of the world, in N s, shape (n, steps, 2). None for no impulses.
 
         Raises:
-            ValueError: If ``pushes`` has another shape.
+            ValueError: If ``pushes`` has a different shape.
         """
 
     @abstractmethod
@@ -218,22 +245,27 @@ class BatchedPlant(ABC):
     def lookahead(
         self, torque: float = 0.0, rows: Ints | None = None, pushes: Array | None = None
     ) -> None:
-        """Fill sums with the next :attr:`lookahead_steps` time steps; states stay.
+        """Fill the sums with those of the next :attr:`lookahead_steps` time steps.
+
+        The states are restored afterwards.
 
         Args:
-            torque: In N m.
-            rows: Shape (k,), the robots; None for all.
-            pushes: Shape (n, 1, 2), impulses in the first time step in N s; None for none.
+            torque: Commanded crank torque of all these robots, in N m.
+            rows: Indices of the robots, shape (k,). None for all robots.
+            pushes: Impulse on each chassis in the first time step, in N s, shape (n, 1, 2). None
+                for no impulses.
         """
 
     @abstractmethod
     def place(self, rows: Ints, crank_angles: ArrayLike, crank_speeds: ArrayLike = 0.0) -> None:
-        """Place robots at x = 0, see :meth:`place_at`, with sums of a look ahead in time.
+        """Place robots at x = 0, look ahead in time, and set their crank speeds.
+
+        See :meth:`place_at` and :meth:`lookahead`.
 
         Args:
-            rows: Shape (k,), the robots.
-            crank_angles: Shape (k,), in rad.
-            crank_speeds: Shape (k,), with which they start, in rad/s.
+            rows: Indices of the robots, shape (k,).
+            crank_angles: Crank angle of each of these robots, in rad, shape (k,).
+            crank_speeds: Crank speed with which each of these robots starts, in rad/s, shape (k,).
         """
 
     @abstractmethod
@@ -243,34 +275,64 @@ class BatchedPlant(ABC):
         """Place robots at rest on their lowest toes.
 
         Args:
-            rows: Shape (k,), the robots.
-            crank_angles: Shape (k,), in rad.
-            x: Position of the crank axis in m.
-            pitch: In rad; None turns a robot until its fore and its back feet carry it.
+            rows: Indices of the robots, shape (k,).
+            crank_angles: Crank angle of each of these robots, in rad, shape (k,).
+            x: Position of the crank axis, in m.
+            pitch: Pitch of the chassis, in rad. None turns a robot until both its fore and its back
+                feet carry it.
         """
 
     @abstractmethod
     def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
-        """Put a robot into a state (8,), with ``deflection`` (pads, 2) in m if it is known."""
+        """Set the mechanical state of a robot.
+
+        Args:
+            row: Index of the robot.
+            state: x, y, theta, psi and their rates, in m, rad and s, shape (8,).
+            deflection: Compression and bend of compliant pads, in m, shape (pads, 2). None if they
+                are not known.
+        """
 
     @abstractmethod
     def set_parameters(self, rows: Ints, values: Rows) -> None:
-        """Apply parameters (k,), records of :data:`jansen_env.parameters.EPISODE`."""
+        """Apply the parameters of an episode.
+
+        Args:
+            rows: Indices of the robots, shape (k,).
+            values: Parameters of each of these robots, records of
+                :data:`jansen_env.parameters.EPISODE`, shape (k,).
+        """
 
     @abstractmethod
     def set_robots(self, rows: Ints, robots: Sequence[Robot]) -> None:
-        """Exchange robots (k,), with parameters that change nothing; they must be placed again."""
+        """Exchange robots and reset their parameters to the nominal values.
+
+        The robots must be placed again afterwards.
+
+        Args:
+            rows: Indices of the robots to exchange, shape (k,).
+            robots: New robots, k of them.
+        """
 
     @abstractmethod
     def set_terrain(self, row: int, terrain: Ground) -> None:
-        """Change a robot's ground; it must be placed again."""
+        """Replace a robot's ground. The robot must be placed again afterwards.
+
+        Args:
+            row: Index of the robot.
+            terrain: The new ground.
+        """
 
     @abstractmethod
     def check_feet(self, robot: Robot, values: np.void) -> None:
-        """Check that the time step is short enough for a robot's feet with these parameters.
+        """Check that the time step is short enough for a robot's compliant feet.
+
+        Args:
+            robot: The robot.
+            values: Parameters of its episode, a record of :data:`jansen_env.parameters.EPISODE`.
 
         Raises:
-            ValueError: If the time step is too long.
+            ValueError: If the time step is too long for the feet under these parameters.
         """
 
     @abstractmethod
@@ -279,78 +341,110 @@ class BatchedPlant(ABC):
 
     @abstractmethod
     def keep(self, rows: Ints) -> Callable[[], None]:
-        """Return a function that makes robots (k,), and their grounds, what they are now."""
+        """Save robots and their grounds.
+
+        Args:
+            rows: Indices of the robots, shape (k,).
+
+        Returns:
+            A function that restores these robots and grounds to what they were at this call.
+        """
 
     @abstractmethod
     def joint_forces(self, torque: float = 0.0, push: Array | None = None) -> JointForces:
-        """Return the forces in every joint of the first robot; ValueError: they are not known."""
+        """Return the forces in every joint of the first robot.
+
+        Args:
+            torque: Crank torque, in N m.
+            push: Impulse on the chassis in the next time step, in N s, shape (2,). None for no
+                impulse.
+
+        Raises:
+            ValueError: If the backend does not compute joint forces.
+        """
 
     @abstractmethod
     def peak_loads(self) -> tuple[float, float]:
-        """Return the largest force (N) and impulse (N s) on joints in the last step."""
+        """Return the largest loads on joints of the first robot in its last step.
+
+        Returns:
+            The largest force, in N, and the largest impulse, in N s.
+        """
 
     @abstractmethod
     def refusal(self, torque: float) -> FloatingPointError:
-        """Return the error of the first robot's last step, which was refused."""
+        """Return the error that describes why the last step of the first robot was rejected.
+
+        Args:
+            torque: Torque that was commanded in that step, in N m.
+        """
 
     @abstractmethod
     def energy(self, row: int) -> float:
-        """Return a robot's kinetic plus potential energy in J."""
+        """Return the kinetic plus potential energy of a robot, in J."""
 
     @abstractmethod
     def pad_centres(self, row: int) -> Array:
-        """Return the centres (pads, 2) of a robot's pads in m, toes first."""
+        """Return the centres of a robot's pads, toes first, in m, shape (pads, 2)."""
 
     @abstractmethod
     def contact_frames(self, row: int) -> tuple[Array, Array]:
-        """Return points (toes, 2) of the ground nearest to a robot's toes, and tangents there."""
+        """Return the point of the ground nearest to each toe of a robot, and the tangent there.
+
+        Returns:
+            The points, in m, shape (toes, 2), and the tangents of the ground at these points, shape
+            (toes, 2).
+        """
 
     @abstractmethod
     def close(self) -> None:
-        """Release threads."""
+        """Release the threads."""
 
     @abstractmethod
     def reconnect(self) -> None:
-        """Take other views of the records, which have been made anew."""
+        """Take new views of the records after they have been replaced by new arrays."""
 
-    # Views of the records.
+    # Views of the records. Treat them as read-only.
 
     @property
     def states(self) -> Array:
-        """(n, 8) x, y, theta, psi and rates, x, y the crank axis, m, rad, s; to be read."""
+        """State of each robot, shape (n, 8): x, y, theta, psi and their rates, in m, rad and s.
+
+        x and y are the position of the crank axis.
+        """
         return self.records.states
 
     @property
     def slip(self) -> Array:
-        """(n, toes) m, of the last step."""
+        """Distance that each toe slid under load in the last step, in m, shape (n, toes)."""
         return self.records.slip
 
     @property
     def contact_force(self) -> Array:
-        """(n, toes, 2) N, of the last step."""
+        """Mean tangential and normal force on each toe in the last step, in N, (n, toes, 2)."""
         return self.records.contact_force
 
     @property
     def accumulators(self) -> Rows:
-        """(n,) ACCUMULATORS, sums over the last step."""
+        """Sums over the last step, records ``ACCUMULATORS``, shape (n,)."""
         return self.records.accumulators
 
     @property
     def params(self) -> Rows:
-        """(n,) PARAMS, as kernels read them."""
+        """Values that kernels read, records ``PARAMS``, shape (n,)."""
         return self.records.params
 
     @property
     def parameters(self) -> Rows:
-        """(n,) EPISODE, the parameters that apply."""
+        """Parameters of the current episodes, records ``EPISODE``, shape (n,)."""
         return self.records.parameters
 
     @property
     def deflection(self) -> Array:
-        """(n, pads, 2) m, compression and bend of compliant pads; to be read."""
+        """Compression and bend of compliant pads, in m, shape (n, pads, 2)."""
         return self.records.deflection
 
     @property
     def diverged(self) -> Bools:
-        """(n,) whether the last step was refused."""
+        """Whether the last step of each robot was rejected, shape (n,)."""
         return self.records.diverged

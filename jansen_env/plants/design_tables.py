@@ -1,4 +1,4 @@
-"""Tables of the designs in a batch: each design once, however many robots are of it."""
+"""Tables of the designs in a batch. Robots of the same design share one set of tables."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class DesignTables:
     """The kernels' arrays of designs. A robot's design is a row of each array.
 
     Args:
-        robots: All robots; they have the same pads.
+        robots: All robots of the batch. All of them have the same pads.
 
     Attributes:
         number: Row of each robot, shape (robots,).
@@ -34,8 +34,8 @@ class DesignTables:
             |p'| of its pads, in m, shape (designs, 2, 2).
 
     Raises:
-        ValueError: If tables have not converged.
-        LinkageError: If a robot cannot turn its crank.
+        ValueError: If the tables of a design have not converged.
+        LinkageError: If a robot cannot turn its crank through a full revolution.
     """
 
     def __init__(self, robots: Sequence[Robot]) -> None:
@@ -50,10 +50,17 @@ class DesignTables:
         self.set(np.arange(len(robots)), robots)
 
     def set(self, rows: Ints, robots: Sequence[Robot]) -> None:
-        """Give robots (k,) their designs; where there is no room, all arrays are new ones.
+        """Set the designs of some robots. After an error, nothing has changed.
+
+        If there is too little room for new designs, all arrays are replaced by larger ones.
+
+        Args:
+            rows: Indices of the robots, shape (k,).
+            robots: Robots with the new designs, k of them.
 
         Raises:
-            As for the class; nothing has changed then.
+            ValueError: If the tables of a design have not converged.
+            LinkageError: If a robot cannot turn its crank through a full revolution.
         """
         designs = {id(robot): design_of(robot) for robot in {id(r): r for r in robots}.values()}
         each = [designs[id(robot)] for robot in robots]
@@ -70,10 +77,10 @@ class DesignTables:
         self.number[rows] = [self._rows[key] for key in each]
 
     def _grow(self, count: int) -> None:
-        """Make room for so many more designs."""
+        """Make room for ``count`` additional designs."""
 
         def longer(old: NDArray[Any]) -> NDArray[Any]:
-            # Zeros cost nothing until they are written to.
+            # Memory of zeros costs nothing until it is written to.
             grown = np.zeros((len(old) + count, *old.shape[1:]), old.dtype)
             grown[: len(old)] = old
             return grown
@@ -84,19 +91,33 @@ class DesignTables:
         self._designs += [None] * count
 
     def _put(self, row: int, design: Robot, tables: Tables) -> None:
-        """Let a row have a design in place of the one that no robot has."""
+        """Write the tables of a design into a row whose present design no robot uses.
+
+        Args:
+            row: The row.
+            design: The new design.
+            tables: Tables of the new design.
+        """
         if (old := self._designs[row]) is not None:
             del self._rows[old]
         self._designs[row], self._rows[design] = design, row
         for all_tables, table in zip(self.model, kernel_model(tables), strict=True):
             all_tables[row] = table[0]
         self.extent[row] = measure_reach(
-            tables.body, tables.pads, len(tables.robot.linkage.toes), leg_rows(tables.robot),
-            self.farthest[row], self.depths[row], np.empty(PITCHES),
-        )  # fmt: skip
+            tables.body,
+            tables.pads,
+            len(tables.robot.linkage.toes),
+            leg_rows(tables.robot),
+            self.farthest[row],
+            self.depths[row],
+            np.empty(PITCHES),
+        )
 
 
 def kernel_model(tables: Tables) -> Model:
-    """The kernels' view of one design, along a first axis of length 1."""
+    """Return the tables of one design in the form in which kernels take them.
+
+    The first axis of each array has length 1.
+    """
     views = tables.body, tables.pads, tables.layout.rows, tables.bearings
     return Model(*(np.array([table]) for table in views))

@@ -1,10 +1,11 @@
-"""The ground of each robot, as kernels and pymunk find it.
+"""Ground of each robot, in the forms in which kernels and pymunk use it.
 
-pymunk's shapes are the ground of every robot. Where they are one height line, a
-:class:`jansen_env.Terrain`, the kernels (:mod:`jansen_env.engine.collision`) derive the contact
-planes from the line: a robot's status says which stretch of it the robot can reach until it has
-moved by :data:`MARGIN` and one more step. On other :class:`jansen_env.terrain.Shapes`, pymunk lists
-the planes (:mod:`jansen_env.plants.shape_planes`).
+The ground of every robot consists of pymunk's shapes. If they are one height line
+(:class:`jansen_env.Terrain`), the kernels (:mod:`jansen_env.engine.collision`) derive the contact
+planes from the line. The status of a robot contains the stretch of the line that the robot can
+reach until it has moved by :data:`MARGIN` and one more step. On any other ground
+(:class:`jansen_env.terrain.Shapes`), pymunk lists the planes
+(:mod:`jansen_env.plants.shape_planes`).
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ from jansen_env.engine.collision import LARGEST_MARGIN, MARGIN, WAY_OUT
 from jansen_env.plants.shape_planes import ShapePlanes
 from jansen_env.terrain import Ground, Shapes
 
-LEAST_ROOM = 64  # vertices, for a ground that may be exchanged
-FASTEST = 200.0  # m/s along x: what is faster counts as diverged once it leaves its stretch
+LEAST_ROOM = 64  # smallest number of vertices that are reserved for a ground that is exchanged
+FASTEST = 200.0  # m/s in x; a faster robot counts as diverged once it leaves its stretch of ground
 
 
 class Grounds:
@@ -49,7 +50,8 @@ class Grounds:
         for key, line in lines.items():
             bounds[key] = end, end + len(line)
             end += len(line)
-        # First vertex and room of a robot's own ground: at first others may be on it.
+        # First vertex and room of the ground that belongs to a single robot. At first, several
+        # robots may share a ground, and no robot has one to itself.
         self._rooms, self._used = np.zeros((count, 2), np.int64), len(self.surface)
         self.shapes: list[ShapePlanes | None] = [None] * count
         self.any_shapes = False

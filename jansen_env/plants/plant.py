@@ -1,4 +1,4 @@
-"""The plants of one robot, views of a batch of one, and plants by name."""
+"""Simulation backends of a single robot, and backends by name."""
 
 from __future__ import annotations
 
@@ -24,7 +24,16 @@ FIRST = np.zeros(1, np.int64)
 
 
 class Plant:
-    """A robot on a terrain: reset, step(torque), state. It is a :attr:`batch` of one."""
+    """Single robot on a terrain, with the methods ``reset`` and ``step`` and a ``state``.
+
+    Args:
+        batch: Batch of one robot, which this object controls.
+
+    Attributes:
+        batch: The batch that was passed.
+        time_step: Time step of the integration, in s.
+        toes: Number of toes.
+    """
 
     batch: BatchedPlant
 
@@ -34,17 +43,20 @@ class Plant:
 
     @property
     def robot(self) -> Robot:
-        """The robot, without parameters."""
+        """The robot, without the parameters of an episode."""
         return self.batch.robots[0]
 
     @property
     def terrain(self) -> Ground:
-        """The terrain, without parameters."""
+        """The terrain, without the parameters of an episode."""
         return self.batch.terrains[0]
 
     @property
     def state(self) -> Array:
-        """(8,) x, y, theta, psi and their rates, a copy; x, y the crank axis, m, rad, s."""
+        """Copy of the state: x, y, theta, psi and their rates, in m, rad and s, shape (8,).
+
+        x and y are the position of the crank axis.
+        """
         return self.batch.states[0].copy()
 
     @state.setter
@@ -53,40 +65,61 @@ class Plant:
 
     @property
     def x(self) -> float:
-        """Position of the crank axis along the ground, m."""
+        """Horizontal position of the crank axis, in m."""
         return float(self.batch.states[0, 0])
 
     def set_parameters(self, values: np.void) -> None:
-        """Put parameters in force, see :meth:`Batch.set_parameters`."""
+        """Apply the parameters of an episode; see :meth:`Batch.set_parameters`.
+
+        Args:
+            values: Parameters, a record of :data:`jansen_env.parameters.EPISODE`.
+        """
         self.batch.set_parameters(FIRST, np.array([values], EPISODE))
 
     def reset(self, x: float = 0.0, crank_angle: float = 0.0, pitch: float | None = None) -> Array:
-        """Place the robot at rest, see :meth:`Batch.place_at`; returns the new state (8,)."""
+        """Place the robot at rest; see :meth:`Batch.place_at`.
+
+        Args:
+            x: Position of the crank axis, in m.
+            crank_angle: Crank angle, in rad.
+            pitch: Pitch of the chassis, in rad. None turns the robot until both its fore and its
+                back feet carry it.
+
+        Returns:
+            The new state, shape (8,).
+        """
         self.batch.place_at(FIRST, np.array([finite("crank_angle", crank_angle)]), x, pitch)
         return self.state
 
     def lookahead(self, torque: float = 0.0, push: Array | None = None) -> StepResult:
-        """Result of the next time step (rigid bodies: 10 ms); the state stays as it is.
+        """Return the result of the next time step without changing the state.
 
-        ``push``: (2,) N s, the impulse on the chassis in the first time step, None for none.
+        The rigid-body backend looks 10 ms ahead instead of one time step.
+
+        Args:
+            torque: Commanded crank torque, in N m.
+            push: Impulse on the chassis in the first time step, in N s, shape (2,). None for no
+                impulse.
         """
         pushes = None if push is None else check_pushes(push)[None, None]
         self.batch.lookahead(torque, pushes=pushes)
         return self._result(torque, self.batch.lookahead_steps)
 
     def step(self, torque: float, duration: float, pushes: Array | None = None) -> StepResult:
-        """Hold a crank torque for a while.
+        """Hold a crank torque for some time. After an error, the state has not changed.
 
         Args:
-            torque: N m on the crank, counter-clockwise positive (and its reaction on the chassis).
-            duration: s, rounded to whole time steps.
-            pushes: (steps, 2) as of one robot in :meth:`Batch.step`.
+            torque: Torque on the crank, in N m, positive counter-clockwise. Its reaction acts on
+                the chassis.
+            duration: Duration, in s, which is rounded to whole time steps.
+            pushes: Impulse on the chassis at the crank axis in each time step, in N s, shape
+                (steps, 2); see :meth:`Batch.step`. None for no impulses.
 
         Raises:
-            ValueError: a duration out of range, or pushes of another shape.
-            FloatingPointError: the simulation diverged: a speed that nothing has, a pad deep in the
-                ground; with rigid bodies also a joint that came apart, or a robot at the end of the
-                ground. The state is as it was before.
+            ValueError: If ``duration`` is out of range, or ``pushes`` has a different shape.
+            FloatingPointError: If the simulation diverges, that is, a speed becomes impossibly high
+                or a pad gets too deep into the ground. The rigid-body backend also raises it if a
+                joint comes apart or the robot reaches the end of the ground.
         """
         steps = max(1, round(positive("duration", duration) / self.time_step))
         impulses = None if pushes is None else check_pushes(pushes, steps)[None]
@@ -94,7 +127,15 @@ class Plant:
         return self._result(torque, steps)
 
     def _result(self, torque: float, steps: int) -> StepResult:
-        """Return the result of the batch's last step, of so many time steps."""
+        """Return the result of the last step of the batch.
+
+        Args:
+            torque: Torque that was commanded in that step, in N m.
+            steps: Number of time steps.
+
+        Raises:
+            FloatingPointError: If the step was rejected.
+        """
         batch = self.batch
         if batch.any_diverged:
             raise batch.refusal(torque)
@@ -111,33 +152,47 @@ class Plant:
         )
 
     def toe_positions(self) -> Array:
-        """(toes, 2) centres of the toe pads, m."""
+        """Return the centres of the toe pads, in m, shape (toes, 2)."""
         return self.batch.pad_centres(0)[: self.toes]
 
     def energy(self) -> float:
-        """Kinetic plus potential energy, J (potential 0 with the centre of mass at y = 0)."""
+        """Return the kinetic plus potential energy, in J.
+
+        The potential energy is 0 if the centre of mass is at y = 0.
+        """
         return self.batch.energy(0)
 
 
 class ProjectionPlant(Plant):
-    """A robot on a terrain, by the projected equations: arguments and errors of :class:`Batch`."""
+    """Single robot on a terrain, simulated by the projected equations.
+
+    The arguments and errors are those of :class:`jansen_env.plants.batch.Batch`.
+    """
 
     batch: Batch
 
     def __init__(
-        self, robot: Robot, terrain: Ground, time_step: float = TIME_STEP,
-        gravity: Gravity = GRAVITY, held: bool = False, links_collide: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        robot: Robot,
+        terrain: Ground,
+        time_step: float = TIME_STEP,
+        gravity: Gravity = GRAVITY,
+        held: bool = False,
+        links_collide: bool = False,
+    ) -> None:
         super().__init__(Batch([robot], [terrain], time_step, gravity, 1, held, links_collide))
 
     @property
     def tables(self) -> Tables:
-        """The compiled robot under its parameters."""
+        """Tables of the compiled robot, with the parameters of its episode applied."""
         return self.batch.tables_in_force(0)
 
     @property
     def prescribed_crank_speed(self) -> bool:
-        """Whether the crank keeps its speed whatever torque that takes: locked, if it stands."""
+        """Whether the crank keeps its speed, whatever torque that takes.
+
+        A crank at rest is locked in that case.
+        """
         return bool(self.batch.params["prescribed_speed"][0])
 
     @prescribed_crank_speed.setter
@@ -146,35 +201,69 @@ class ProjectionPlant(Plant):
 
 
 class RigidBodyPlant(Plant):
-    """A robot on a terrain, body by body: arguments and errors of :class:`RigidBodyBatch`."""
+    """Single robot on a terrain, simulated body by body.
+
+    The arguments and errors are those of
+    :class:`jansen_env.plants.rigid.rigid_batch.RigidBodyBatch`.
+    """
 
     batch: RigidBodyBatch
 
     def __init__(
-        self, robot: Robot, terrain: Ground, time_step: float = RIGID_TIME_STEP,
-        gravity: Gravity = GRAVITY, held: bool = False, links_collide: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        robot: Robot,
+        terrain: Ground,
+        time_step: float = RIGID_TIME_STEP,
+        gravity: Gravity = GRAVITY,
+        held: bool = False,
+        links_collide: bool = False,
+    ) -> None:
         super().__init__(RigidBodyBatch(robot, terrain, time_step, gravity, held, links_collide))
 
 
 PLANTS = {"projection": TIME_STEP, "rigid_body": RIGID_TIME_STEP}
-"""The plants' names, and their time steps, s."""
+"""Names of the simulation backends, and their default time steps, in s."""
 
 
 def plant_time_step(name: str, time_step: float | None = None) -> float:
-    """Return a plant's default time step, s, for None. Raises ValueError: not a plant's name."""
+    """Return a time step, or the default time step of a simulation backend.
+
+    Args:
+        name: Name of the backend.
+        time_step: Time step, in s. None for the default of the backend.
+
+    Raises:
+        ValueError: If there is no backend with this name.
+    """
     default = PLANTS[one_of("plant", name, sorted(PLANTS))]
     return default if time_step is None else time_step
 
 
 def make_batch(
-    name: str, robots: Sequence[Robot], terrains: Sequence[Ground], time_step: float,
-    threads: int | None, held: bool, links_collide: bool, records: RobotRecords,
-) -> BatchedPlant:  # fmt: skip
-    """Return robots on their terrains, or ``held``, moved by a plant of :data:`PLANTS`.
+    name: str,
+    robots: Sequence[Robot],
+    terrains: Sequence[Ground],
+    time_step: float,
+    threads: int | None,
+    held: bool,
+    links_collide: bool,
+    records: RobotRecords,
+) -> BatchedPlant:
+    """Return robots on their terrains, simulated by a backend of :data:`PLANTS`.
+
+    Args:
+        name: Name of the backend.
+        robots: The robots.
+        terrains: Ground of each robot.
+        time_step: Time step of the integration, in s.
+        threads: Largest number of threads. None to choose it from the batch size.
+        held: Whether all chassis are fixed.
+        links_collide: Whether the sides of links touch vertices of the ground.
+        records: Records to use.
 
     Raises:
-        ValueError: an argument out of range, or several robots of a plant that moves one.
+        ValueError: If an argument is out of range, or there are several robots and the backend can
+            simulate only one.
     """
     if name == "projection":
         threads = 1 if len(robots) == 1 else threads

@@ -1,10 +1,11 @@
-"""Parameters applied to robots, terrains and gravity, and the kernels' view of a robot.
+"""Application of episode parameters to robots, terrains and gravity, and their checks.
 
-A record of :data:`jansen_env.parameters.EPISODE` has friction, restitution and payload as they are,
-the others as scales of the robot's own values (1: as it is), so that a record never builds on the
-one before. The kernel :func:`jansen_env.engine.episode.apply_parameters` derives from a record what
-the dynamics read. Coulomb friction of bearings stays: it is data of the machine, by loads
-measured.
+A record of :data:`jansen_env.parameters.EPISODE` contains the friction, the restitution and the
+payload themselves. Most of its other values are factors on the robot's own values, where 1 changes
+nothing. A record is therefore independent of the records that were applied before it. The kernel
+:func:`jansen_env.engine.episode.apply_parameters` computes from a record the values that the
+dynamics read. No parameter changes the Coulomb friction of bearings, because it is data of the
+machine that follows from measured loads.
 """
 
 from __future__ import annotations
@@ -26,16 +27,22 @@ from jansen_env.terrain import Ground
 LONGEST_PHASE = 2.0 * RESOLVED
 """Largest phase h sqrt(k / m) and decay h d / m of a foot in a time step h.
 
-Beyond, :mod:`jansen_env.engine.compliance` counts a foot as a rigid pad rather than as a spring.
+Beyond this value, :mod:`jansen_env.engine.compliance` treats a foot as a rigid pad, not as a
+spring.
 """
 LIMITS = np.array([(row.least, row.most) for row in TABLE]).T
-"""The least and the most of each parameter."""
+"""Smallest and largest value of each parameter, shape (2, parameters)."""
 ON_TERRAINS = ("friction", "restitution")
-"""Fields of a terrain."""
+"""Parameters that are fields of a terrain."""
 
 
 def machine_of(robot: Robot, row: np.void) -> Robot:
-    """The robot with these parameters applied."""
+    """Return a robot with the parameters of an episode applied.
+
+    Args:
+        robot: The robot.
+        row: Parameters, a record of :data:`jansen_env.parameters.EPISODE`.
+    """
     values = dict(zip(row.dtype.names or (), row.item(), strict=True))
     mass, inertia = values["mass_scale"], values["inertia_scale"]
     strength, motor, pads = values["motor_strength"], robot.motor, robot.pad_compliance
@@ -64,23 +71,41 @@ def machine_of(robot: Robot, row: np.void) -> Robot:
 
 
 def terrain_of(terrain: Ground, row: np.void) -> Ground:
-    """The terrain with these parameters applied."""
+    """Return a terrain with the parameters of an episode applied.
+
+    Args:
+        terrain: The terrain.
+        row: Parameters, a record of :data:`jansen_env.parameters.EPISODE`.
+    """
     friction, restitution = (float(row[name]) for name in ON_TERRAINS)
     return replace(terrain, friction=friction, restitution=restitution)
 
 
 def gravity_of(gravity: tuple[float, float], row: np.void) -> tuple[float, float]:
-    """The gravity (x, y), m/s^2, with these parameters applied."""
+    """Return the gravitational acceleration with the parameters of an episode applied.
+
+    Args:
+        gravity: Gravitational acceleration (x, y), in m/s^2.
+        row: Parameters, a record of :data:`jansen_env.parameters.EPISODE`.
+
+    Returns:
+        Scaled and tilted gravitational acceleration (x, y), in m/s^2.
+    """
     x, y = (float(row["gravity_scale"]) * each for each in gravity)
     cos, sin = mathematics.cos(float(row["tilt"])), mathematics.sin(float(row["tilt"]))
     return cos * x + sin * y, cos * y - sin * x
 
 
 def check_values(values: Rows, compliant: Bools) -> None:
-    """Check parameters (k,) that are to be applied to robots whose pads give or not (k,).
+    """Check the parameters of episodes before they are applied to robots.
+
+    Args:
+        values: Parameters, records of :data:`jansen_env.parameters.EPISODE`, shape (k,).
+        compliant: Whether the pads of each robot are compliant, shape (k,).
 
     Raises:
-        ValueError: a number out of its limits, or restitution where pads give.
+        ValueError: If a value is out of its limits, or a robot with compliant pads gets a
+            restitution above 0.
     """
     numbers = plain(values)
     wrong = ~((numbers >= LIMITS[0]) & (numbers <= LIMITS[1]))
@@ -92,21 +117,20 @@ def check_values(values: Rows, compliant: Bools) -> None:
 
 
 def check_resolved(robot: Robot, values: np.void, time_step: float) -> None:
-    """Check that a time step, s, resolves the feet of a robot with parameters in force.
+    """Check that the time step is short enough for a robot's compliant feet.
 
     Args:
         robot: Robot with compliant pads.
-        values: Row with at least the numbers of ``ROBOT_PARAMETERS``.
+        values: Parameters of its episode, a record of :data:`jansen_env.parameters.EPISODE`.
         time_step: Time step of the integration, in s.
 
     Raises:
-        ValueError: If the feet are too stiff or too damped: the time step would take them for
-            rigid ones.
+        ValueError: If the feet are so stiff or so damped that they would be treated as rigid.
     """
     pads = robot.pad_compliance
     k = max(pads.stiffness, pads.tangential_stiffness or 0.0) * values["foot_stiffness_scale"]
     d = max(pads.damping, pads.tangential_damping or 0.0) * values["foot_damping_scale"]
-    # No load makes a foot lighter, no direction and no crank angle.
+    # The smallest effective mass of a foot, for any payload, direction and crank angle.
     scale = values["mass_scale"] * min(1.0, values["inertia_scale"])
     mass = float(scale) * lightest_mass(robot)
     longest = LONGEST_PHASE * math.sqrt(mass / k)
@@ -120,7 +144,15 @@ def check_resolved(robot: Robot, values: np.void, time_step: float) -> None:
 
 
 def check_restitution(compliant: Bools, restitution: Array) -> None:
-    """Raise ValueError where compliant pads (k,) are on ground with restitution (k,)."""
+    """Check that no compliant pads are on ground with a restitution above 0.
+
+    Args:
+        compliant: Whether the pads of each robot are compliant, shape (k,).
+        restitution: Restitution of each robot's ground, shape (k,).
+
+    Raises:
+        ValueError: If compliant pads are on ground with a restitution above 0.
+    """
     bounces = compliant & (restitution > 0.0)
     if bounces.any():
         allowed = "0 with compliant pads: their springs and dampers say how they bounce"

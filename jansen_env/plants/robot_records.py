@@ -1,4 +1,4 @@
-"""The records of n robots, one for each, and their parts as arrays."""
+"""Records of n robots, one per robot, and their parts as arrays."""
 
 from __future__ import annotations
 
@@ -11,10 +11,21 @@ from jansen_env.arrays import Array, Bools, Ints, Rows
 from jansen_env.engine.records import UNKNOWN_DEFLECTION, Motions, record_dtype
 
 OF_PROCESS = (
-    "first_plane", "end_plane", "first_vertex", "end_vertex", "first_near", "end_near", "asked_x",
-    "room", "on_shapes", "waits",
-)  # fmt: skip
-"""Fields of a robot's status that only this process understands: they are found again."""
+    "first_plane",
+    "end_plane",
+    "first_vertex",
+    "end_vertex",
+    "first_near",
+    "end_near",
+    "asked_x",
+    "room",
+    "on_shapes",
+    "waits",
+)
+"""Fields of a robot's status that are valid only in this process.
+
+They are not restored from a copy; the process computes them again.
+"""
 
 
 class RobotRecords:
@@ -26,28 +37,34 @@ class RobotRecords:
         count: Number of robots n.
         toes: Number of toes of each robot.
         pads: Number of contact pads of each robot, toes included.
-        delayed: Number of torques kept for the longest delay.
-        pushes: Number of pushes for which schedules have room at first.
-        task: Record of the task; None for none.
+        delayed: Number of torques that are kept for the longest delay.
+        pushes: Number of scheduled pushes for which the records have room at first.
+        task: Data type of the task's part of a record. None for no such part.
 
     Attributes:
-        data: Shape (n,), the records, see :func:`jansen_env.engine.records.record_dtype`.
-        robots: Shape (n,), ``ROBOT`` of :mod:`jansen_env.engine.records`.
-        states: Shape (n, 8), x, y, theta, psi and their rates in m, rad and s; x, y the crank axis.
-        params: Shape (n,), ``PARAMS``, derived from the robot and :attr:`parameters`.
-        parameters: Shape (n,), ``PARAMETERS`` of the present episodes.
-        status: Shape (n,), ``STATUS``.
-        accumulators: Shape (n,), ``ACCUMULATORS``, sums over the last control step.
-        statistics: Shape (n, pads), ``CONTACT_STATISTICS``, sums over the same step.
-        deflection: Shape (n, pads, 2), compression and bend of compliant pads in m.
-        slip: Shape (n, toes), path in m that each toe slid while loaded in the last step.
-        contact_force: Shape (n, toes, 2), mean tangential and normal forces in N.
-        loads: Shape (n, toes), normal forces divided by the weight.
-        torques: Shape (n, delayed), commanded torques in N m, latest first.
-        schedule: Shape (n, pushes, 3), start in s and impulse in N s.
-        task: Shape (n,), record of the task.
-        diverged: Shape (n,), whether the last step was refused.
-        motions: The parts that kernels of the dynamics take.
+        data: The records, shape (n,); see :func:`jansen_env.engine.records.record_dtype`.
+        robots: Parts whose size is the same for every robot, ``ROBOT`` of
+            :mod:`jansen_env.engine.records`, shape (n,).
+        states: x, y, theta, psi and their rates, in m, rad and s, shape (n, 8). x and y are the
+            position of the crank axis.
+        params: Values that kernels read, ``PARAMS``, computed from the robot and
+            :attr:`parameters`, shape (n,).
+        parameters: Parameters of the current episodes, ``PARAMETERS``, shape (n,).
+        status: Pose and contacts between collision detection and time steps, ``STATUS``, shape
+            (n,).
+        accumulators: Sums over the last control step, ``ACCUMULATORS``, shape (n,).
+        statistics: Sums over the last control step for each pad, ``CONTACT_STATISTICS``, shape
+            (n, pads).
+        deflection: Compression and bend of compliant pads, in m, shape (n, pads, 2).
+        slip: Distance that each toe slid under load in the last step, in m, shape (n, toes).
+        contact_force: Mean tangential and normal force on each toe in the last step, in N, shape
+            (n, toes, 2).
+        loads: Normal force on each toe divided by the weight, shape (n, toes).
+        torques: Commanded torques, in N m, latest first, shape (n, delayed).
+        schedule: Scheduled pushes: start in s, and impulse in x and y in N s, shape (n, pushes, 3).
+        task: Records of the task, shape (n,).
+        diverged: Whether the last step of each robot was rejected, shape (n,).
+        motions: Parts of the records that kernels of the dynamics take.
     """
 
     def __init__(
@@ -64,7 +81,7 @@ class RobotRecords:
         self.deflection[:] = UNKNOWN_DEFLECTION
 
     def _connect(self, data: Rows) -> None:
-        """Let the attributes be views of these records."""
+        """Make the attributes views of these records."""
         self.data = data
         self._bytes: NDArray[np.uint8] = data.view(np.uint8).reshape(len(data), -1)
         robots: Any = data["robot"]
@@ -86,11 +103,22 @@ class RobotRecords:
         self.motions = Motions(self.robots, self.statistics, self.slip, self.contact_force)
 
     def copy(self, rows: Ints) -> NDArray[np.uint8]:
-        """Return a copy of the records of robots (k,), for :meth:`restore`."""
-        return self._bytes.take(rows, axis=0)  # quicker than an index
+        """Return a copy of the records of some robots, for :meth:`restore`.
+
+        Args:
+            rows: Indices of the robots, shape (k,).
+        """
+        return self._bytes.take(rows, axis=0)  # faster than an index
 
     def restore(self, rows: Ints, saved: NDArray[np.uint8]) -> None:
-        """Make the records of robots (k,) what they were, but for what the process found."""
+        """Restore the records of some robots.
+
+        The fields :data:`OF_PROCESS` and the rows of the robots' designs keep their present values.
+
+        Args:
+            rows: Indices of the robots, shape (k,).
+            saved: Copy of their records that :meth:`copy` returned.
+        """
         found = self.status[[*OF_PROCESS]][rows]
         design = self.params["design"][rows]
         self._bytes[rows] = saved
@@ -98,7 +126,14 @@ class RobotRecords:
         self.params["design"][rows] = design
 
     def make_room(self, pushes: int) -> bool:
-        """Make room for a longer schedule; return whether all views are others now."""
+        """Make room for a longer schedule of pushes.
+
+        Args:
+            pushes: Number of pushes that the schedule has to hold.
+
+        Returns:
+            Whether the records, and therefore all views of them, have been replaced by new arrays.
+        """
         toes, pads, delayed, room, task = self._sizes
         if pushes <= room:
             return False

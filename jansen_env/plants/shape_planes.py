@@ -1,4 +1,4 @@
-"""Contact planes from pymunk's queries, for grounds of shapes and to check those of height lines.
+"""Contact planes from pymunk's queries, for grounds of shapes and to check height lines.
 
 ``Space.point_query`` returns every shape within reach of a pad, with its nearest point, distance
 and gradient, which define one plane per shape. Planes at points that another shape covers are left
@@ -24,7 +24,7 @@ TOUCHING = 1e-8  # largest distance of a point that lies on a shape, m
 BESIDE = 1e-7  # distance from a corner, to either side, at which a profile is sampled, m
 GAP = 1e-6  # least height of air between shapes that makes an overhang, m
 ARC = 24  # number of samples of a profile over a round shape
-EVERY = pymunk.ShapeFilter()
+EVERY = pymunk.ShapeFilter()  # filter that accepts every shape
 
 Face = tuple[float, float]
 

@@ -1,4 +1,4 @@
-"""Threads that share the robots of a batch, and forks that wait for them."""
+"""Threads that share the robots of a batch, and forks of the process that wait for them."""
 
 from __future__ import annotations
 
@@ -16,30 +16,37 @@ import numpy as np
 from jansen_env.arrays import Ints
 from jansen_env.checks import positive_integer
 
-ROBOTS_PER_THREAD = 16  # at least, or starting a thread takes longer than it saves
-FIRST = 16  # robots that are moved while the other threads start
-LAST = 4  # robots that the calling thread moves while the others come to an end
-FORK_PATIENCE = 10.0  # s for which a fork waits for steps of other threads
+ROBOTS_PER_THREAD = 16  # with fewer robots, starting a thread takes longer than it saves
+FIRST = 16  # number of robots that the calling thread moves while the other threads start
+LAST = 4  # number of robots that the calling thread moves while the other threads finish
+FORK_PATIENCE = 10.0  # longest time for which a fork waits for steps of other threads, in s
 
 Memory: TypeAlias = Any
-"""Arrays that one thread alone uses."""
+"""Arrays that only one thread uses."""
 Move: TypeAlias = Callable[[int, Ints, int, Memory], tuple[bool, bool]]
-"""Moves robots: a thread's number, all shares, the most robots, and memory; returns two flags."""
+"""Function that moves robots and returns two flags.
+
+Its arguments are the number of the thread, the shares of all threads, the largest number of robots
+to move, and the memory of the thread. The flags tell whether any robot has moved far, and whether
+any robot has diverged.
+"""
 
 
 class Threads:
-    """Number of threads that pays for some robots.
+    """Threads among which the robots of a batch are distributed.
 
     Args:
-        robots: how many. memory: makes the memory of one thread.
-        threads: at most, a whole number above 0; None for as many as there are cores, or
-            ``JANSEN_ENV_THREADS`` says, where that pays.
+        robots: Number of robots.
+        threads: Largest number of threads, a whole number above 0. If None, it is the number of
+            cores, or the value of the environment variable ``JANSEN_ENV_THREADS``, but no more than
+            pay off for this number of robots.
+        memory: Function that allocates the memory of one thread.
     """
 
     def __init__(self, robots: int, threads: int | None, memory: Callable[[], Memory]) -> None:
         self._robots, self._count = robots, count_threads(robots, threads)
         self._memory = [memory() for _ in range(self._count)]
-        # The same arrays each time, which kernels know.
+        # Kernels get the same arrays in every call, because they remember their arguments.
         self._shares = np.zeros((self._count + 1, 2), np.int64)
         self._alone, self._every = np.zeros((2, 2), np.int64), _alone(robots)
         self._others_move = False
@@ -48,11 +55,21 @@ class Threads:
     def move(
         self, robots: int, move: Move, meanwhile: Callable[[], None] | None
     ) -> tuple[bool, bool]:
-        """Share so many robots out, and call ``meanwhile``; whether any share set each flag.
+        """Distribute robots among the threads, and call ``meanwhile`` while they move.
 
-        An error in any thread is raised here, after all have ended.
+        If an error occurs in a thread, it is raised here after all threads have finished.
+
+        Args:
+            robots: Number of robots to move.
+            move: Function that moves the robots of one thread.
+            meanwhile: Function that is called while the other threads move robots. None for no such
+                function.
+
+        Returns:
+            Two flags: whether any robot has moved far, and whether any robot has diverged.
         """
-        # What ``meanwhile`` moves would wait for the other threads to end.
+        # Robots that ``meanwhile`` moves are moved on this thread alone. Otherwise they would wait
+        # until the other threads have finished.
         if meanwhile is None and (self._count == 1 or self._others_move):
             every = robots == self._robots
             self._alone[:] = self._every if every else _alone(robots)
@@ -67,47 +84,58 @@ class Threads:
         others = [self._threads().submit(work, thread) for thread in range(1, count)]
         first = False, False
         try:
-            if meanwhile is not None:  # Python's lock would keep the other threads from starting
+            if meanwhile is not None:
+                # While ``meanwhile`` runs, Python's global lock would keep the other threads from
+                # starting. ``move`` releases the lock, so that they can start beforehand.
                 first = work(0, FIRST)
                 self._others_move = True
                 meanwhile()
-        finally:  # whatever happens here, nothing goes on in the background
+        finally:  # whatever happens here, no thread keeps running in the background
             self._others_move = False
             try:
                 last = work(0)
             finally:
                 for other in others:
-                    other.exception()  # waits; quicker than concurrent.futures.wait
+                    other.exception()  # waits for the thread; faster than concurrent.futures.wait
         flags = [first, last, *(other.result() for other in others)]
         return any(far for far, _ in flags), any(diverged for _, diverged in flags)
 
     def _threads(self) -> ThreadPoolExecutor:
-        """Return the other threads of this process: a forked one starts its own."""
+        """Return the other threads of this process. A forked process starts its own threads."""
         if self._pool is None or self._pool[0] != os.getpid():
             self._pool = os.getpid(), ThreadPoolExecutor(self._count - 1, "jansen")
         return self._pool[1]
 
     def close(self) -> None:
-        """End the threads; a later :meth:`move` starts new ones."""
+        """End the threads. A later call of :meth:`move` starts new ones."""
         if self._pool is not None and self._pool[0] == os.getpid():
             self._pool[1].shutdown(wait=False)
         self._pool = None
 
 
 def _alone(robots: int) -> Ints:
-    """Return the shares of one thread that moves so many robots."""
+    """Return the shares of a single thread that moves all robots."""
     return np.array([[0, robots], [robots, robots]])
 
 
 def available_cores() -> int:
-    """Processor cores that this process may use."""
+    """Return the number of CPU cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def count_threads(robots: int, threads: int | None) -> int:
-    """Return how many threads move so many robots."""
+    """Return the number of threads for a number of robots.
+
+    Args:
+        robots: Number of robots.
+        threads: Largest number of threads. If None, it is the value of the environment variable
+            ``JANSEN_ENV_THREADS`` or, if that is not set, the number of available cores.
+
+    Raises:
+        ValueError: If ``threads`` or ``JANSEN_ENV_THREADS`` is not a whole number above 0.
+    """
     if threads is not None:
         return min(positive_integer("threads", threads), robots)
     limit = os.environ.get("JANSEN_ENV_THREADS")
@@ -118,11 +146,11 @@ def count_threads(robots: int, threads: int | None) -> int:
 
 
 def _split(robots: int, threads: int) -> tuple[list[tuple[int, int]], tuple[int, int]]:
-    """Return the first and the end of each thread's robots, and of the last ones.
+    """Return the first and the end index of each thread's robots, and of the last robots.
 
-    A thread takes its own robots first, the same ones in each step: they are in its core's cache.
-    Falling asleep until a thread ends takes as long as moving ten robots, so the calling thread
-    keeps the last robots and ends after the others.
+    A thread moves its own robots first. They are the same in each step, because their data is in
+    the cache of its core. Waiting for a thread to finish takes as long as moving ten robots.
+    Therefore the calling thread keeps the last robots to itself and finishes after the others.
     """
     shared = robots - LAST if threads > 1 else robots
     bounds = [shared * thread // threads for thread in range(threads + 1)]
@@ -136,12 +164,13 @@ class Locked(Protocol):
 
 
 class Forks:
-    """Forks of the process, which happen between steps.
+    """Guard that lets the process fork only between steps.
 
-    A child has one thread, the one that forked. A lock that another thread holds would never be
-    released there, and what that thread was changing would stay half changed. So a fork waits until
-    it holds the locks of all objects, for at most :data:`FORK_PATIENCE`. An object whose lock it
-    does not get by then has a new lock in the child.
+    A child process has only the thread that forked. A lock that another thread holds would never be
+    released in the child, and the data that this thread was changing would stay half changed.
+    Therefore a fork waits until it holds the locks of all objects, for at most
+    :data:`FORK_PATIENCE`. If it does not get the lock of an object in that time, the object gets a
+    new lock in the child.
     """
 
     def __init__(self) -> None:
@@ -154,17 +183,23 @@ class Forks:
             )
 
     def watch(self, locked: Locked) -> None:
-        """Let forks wait for an object as long as it lives."""
+        """Make forks wait for an object as long as the object exists.
+
+        Args:
+            locked: Object whose lock is held while it changes.
+        """
         self._objects.add(locked)
 
     def _living(self) -> list[Locked]:
+        """Return the watched objects that still exist."""
         while True:
             try:
                 return list(self._objects)
-            except RuntimeError:  # another thread has added one meanwhile
+            except RuntimeError:  # another thread has added an object in the meantime
                 continue
 
     def _hold(self) -> None:
+        """Acquire the locks of all objects before a fork."""
         self._one_at_a_time.acquire()
         until = time.monotonic() + FORK_PATIENCE
         for locked in self._living():
@@ -173,11 +208,13 @@ class Forks:
                 self._held.append(lock)
 
     def _release(self) -> None:
+        """Release the locks after a fork."""
         while self._held:
             self._held.pop().release()
         self._one_at_a_time.release()
 
     def _begin_child(self) -> None:
+        """Release the locks in the child, and replace those that could not be acquired."""
         held = {id(lock) for lock in self._held}
         for locked in self._living():
             if id(locked.lock) not in held:
@@ -186,4 +223,4 @@ class Forks:
 
 
 forks = Forks()
-"""The forks of this process."""
+"""Guard of the forks of this process."""

@@ -1,4 +1,4 @@
-"""Joint forces in every time step of a trace."""
+"""Joint forces and touchdowns in every time step of a trace."""
 
 from __future__ import annotations
 
@@ -13,13 +13,22 @@ from jansen_env.gravity import GRAVITY, Gravity
 def trace_forces(
     tables: Tables, trace: Rows, time_step: float, gravity: Gravity = GRAVITY
 ) -> JointForces:
-    """Mean joint forces of each time step in a trace (steps,) of the projection plant.
+    """Return the mean joint forces in each time step of a trace of the projection backend.
 
-    Positions are those of the middle of the step, accelerations the change of velocity over it,
-    contact forces its impulses / ``time_step``: what the time step itself balances.
+    They are computed from the quantities that the time step itself balances: the positions at the
+    middle of the time step, the change of the velocities over the time step, and the contact
+    impulses divided by ``time_step``.
+
+    Args:
+        tables: Tables of the robot.
+        trace: Traced time steps, shape (steps,); see
+            :func:`jansen_env.engine.integrator.trace_dtype`.
+        time_step: Time step of the integration, in s.
+        gravity: Gravitational acceleration, in m/s^2: a number that acts downwards, or a vector
+            (x, y).
 
     Raises:
-        ValueError: the trace has no rows.
+        ValueError: If the trace has no rows.
     """
     if len(trace) == 0:
         raise ValueError("the trace has no rows, set the plant's tracing before its step()")
@@ -28,7 +37,7 @@ def trace_forces(
     after = trace["velocity_after"]
     speed, acceleration = 0.5 * (before + after), (after - before) / time_step
     q, q_dot, q_ddot = pose.copy(), speed.copy(), acceleration.copy()
-    # From the centre of mass, Y, to the crank axis: Y = X + R s(psi), differentiated twice.
+    # Convert from the centre of mass Y to the crank axis X: Y = X + R s(psi), differentiated twice.
     sums, mass = body_sums(tables, pose[:, 3]), tables.robot.mass
     cos, sin = np.cos(pose[:, 2]), np.sin(pose[:, 2])
 
@@ -53,11 +62,18 @@ def trace_forces(
 
 
 def find_touchdowns(trace: Rows, in_contact: Bools | None) -> Bools:
-    """(steps,) whether a pad that was free one time step before is pressed on the ground.
+    """Return whether a pad touches down in each time step of a trace.
+
+    A pad touches down if it is on the ground and was not on the ground one time step before.
 
     Args:
-        trace: (steps,). in_contact: (pads,) the pads pressed just before it; None where that
-            is not known: then every pad pressed in the first time step counts as landing.
+        trace: Traced time steps, shape (steps,).
+        in_contact: Whether each pad was on the ground just before the trace, shape (pads,). If
+            None, that is not known, and every pad on the ground in the first time step counts as
+            touching down.
+
+    Returns:
+        The flags, shape (steps,).
     """
     now = pads_in_contact(trace)
     first = np.zeros_like(now[:1]) if in_contact is None else in_contact[None]
@@ -65,5 +81,9 @@ def find_touchdowns(trace: Rows, in_contact: Bools | None) -> Bools:
 
 
 def pads_in_contact(trace: Rows) -> Bools:
-    """(steps, pads) whether the ground pushed a pad."""
+    """Return whether the ground pushed each pad in each time step, shape (steps, pads).
+
+    Args:
+        trace: Traced time steps, shape (steps,).
+    """
     return np.asarray((trace["impulses"] != 0.0).any(axis=2))

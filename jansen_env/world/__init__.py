@@ -1,1 +1,1 @@
-"""Robots in their surroundings: plant, terrain, parameters, delay, pushes, sensors."""
+"""Simulation of robots: backend, terrain, episode parameters, delay, pushes, and sensor noise."""

@@ -1,4 +1,4 @@
-"""Lengths of n robots that hold for an episode: given at a reset, drawn, observed, saved."""
+"""Link lengths of each robot's episode: set or sampled at a reset, observed, and saved."""
 
 from __future__ import annotations
 
@@ -21,12 +21,18 @@ from jansen_env.robot.soundness import check_loaded, check_standing
 from jansen_env.world.observations import EXACT, Observed
 from jansen_env.world.settings import Values
 
-MARGIN = 0.12  # least sine of the angle between two links that meet in a drawn robot
-ATTEMPTS = 200  # draws of a robot's lengths: of 10 % each, six in ten will do
+MARGIN = 0.12  # smallest sine of the angle between two links that meet, for sampled lengths
+ATTEMPTS = 200  # most samples per robot; if lengths vary by 10 %, six in ten samples are valid
 
 
 class Build(NamedTuple):
-    """A robot of an episode to come: itself, and with those lengths that are not its own, m."""
+    """Robot of an episode that has not begun yet.
+
+    Attributes:
+        nominal: The robot with its nominal lengths.
+        changed: Lengths of the episode that differ from the nominal ones, by name, in m.
+        robot: The robot with the lengths of the episode.
+    """
 
     nominal: Robot
     changed: dict[str, float]
@@ -34,23 +40,28 @@ class Build(NamedTuple):
 
 
 class EpisodeLengths:
-    """Lengths of n robots in their present episodes.
+    """Link lengths of n robots in their current episodes.
 
     Args:
-        robots: with their own lengths. randomizations: of each; "lengths" counts.
-        observed: whether observations show the lengths.
-        standing: whether robots have to stand, as those do whose chassis is not held in the air.
+        robots: The robots with their nominal lengths.
+        randomizations: Randomised parameters of each robot. Only the entry "lengths" is used.
+        observed: Whether the lengths are part of the observation.
+        standing: Whether the robots must be able to stand. Robots with a fixed chassis in the air
+            need not.
 
     Attributes:
-        constructed: the robots at first. nominal: robots with their own lengths, as exchanged by
-            resets and changed since. changed: of each, lengths of this episode that are not its
-            own, m.
-            factors: of each, distributions of factors by length.
-        entries: numbers for observations. values: (n,) all lengths of this episode, m, by name;
-            None where they are neither drawn nor observed.
+        constructed: Robots with which the environment was created.
+        nominal: Present robots with their nominal lengths. Resets may exchange them, and changes of
+            parts apply to them.
+        changed: For each robot, lengths of the current episode that differ from the nominal ones,
+            by name, in m.
+        factors: For each robot, distributions of the factors on its lengths, by name.
+        entries: Descriptions of the observed lengths.
+        values: All lengths of the current episodes by name, in m, shape (n,). None if the lengths
+            are neither sampled nor observed.
 
     Raises:
-        ValueError: a name of a length that a robot does not have.
+        ValueError: If a robot has no length with the name of a randomised length.
     """
 
     def __init__(
@@ -77,7 +88,12 @@ class EpisodeLengths:
             self.entries = [Observed(f"length_{name}", "1", *limits, EXACT) for name in names]
 
     def connect(self, columns: Mapping[str, int], observation: NDArray[np.float32]) -> None:
-        """Take the array of observations (n, d), and its columns by name."""
+        """Store the array into which the observed lengths are written.
+
+        Args:
+            columns: Indices of the columns of the array, by name.
+            observation: Array of the observations, shape (n, d).
+        """
         self._columns = np.array([columns[entry.name] for entry in self.entries], np.int64)
         self._observation = observation
         self._note(range(len(self.nominal)))
@@ -85,14 +101,17 @@ class EpisodeLengths:
     def plan(
         self, i: int, given: Mapping[str, float], seed: int | None, robot: Robot | None = None
     ) -> Build | None:
-        """The robot of the next episode, or None if nothing changes.
+        """Return the robot of the next episode, or None if the robot does not change.
 
         Args:
-            given: lengths of that episode, m, by name. seed: of drawn ones, None for none.
-            robot: that comes in its place; None for none.
+            i: Index of the robot.
+            given: User-specified lengths of the next episode, by name, in m.
+            seed: Seed of the sampled lengths. If None, no lengths are sampled.
+            robot: Robot that replaces the present one. None to keep the present robot.
 
         Raises:
-            ValueError: an unknown name, a length out of range, or draws that nothing can turn.
+            ValueError: If a name is unknown, a length is out of range, or no sampled robot can turn
+                its crank.
         """
         drawn = {} if seed is None else self.factors[i]
         instance("lengths", given, Mapping)
@@ -101,17 +120,18 @@ class EpisodeLengths:
         nominal = robot or self.nominal[i]
         if self.values is not None and (*lengths(nominal),) != (names := self.values.dtype.names):
             raise ValueError(f"lengths of a robot are {[*lengths(nominal)]}, must be {names}")
-        if robot is not None:  # which later episodes have with its own lengths, or drawn ones
+        if robot is not None:  # later episodes use its nominal lengths or sampled lengths
             static_deflection(robot, GRAVITY)
             if drawn and given:
                 self._draw(robot, {}, drawn, np.random.default_rng((seed or 0, 0)))
         if not {*drawn} <= {*given}:
-            # Commands that change in an episode are drawn by its seed and a step, from 1 on.
+            # The second number of the seed is 0 here. Commands that change during an episode are
+            # sampled with the number of a control step, which is at least 1.
             return self._draw(nominal, given, drawn, np.random.default_rng((seed or 0, 0)))
         build = _build(nominal, given)
         if given:
             check_loaded("lengths", build.robot, self._standing)
-        static_deflection(build.robot, GRAVITY)  # or its feet are too soft
+        static_deflection(build.robot, GRAVITY)  # raises an error if the feet are too soft
         return build
 
     def _draw(
@@ -121,7 +141,17 @@ class EpisodeLengths:
         factors: Mapping[str, Distribution],
         rng: np.random.Generator,
     ) -> Build:
-        """Draw the lengths that are not given until the robot can turn, well off any dead point."""
+        """Sample lengths until the robot can turn its crank far from any dead point.
+
+        Args:
+            nominal: The robot with its nominal lengths.
+            given: User-specified lengths by name, in m, which are not sampled.
+            factors: Distributions of the factors on the nominal lengths, by name.
+            rng: Random number generator.
+
+        Raises:
+            ValueError: If none of :data:`ATTEMPTS` samples is valid.
+        """
         before, reason = lengths(nominal), ""
         for _ in range(ATTEMPTS):
             drawn = {name: before[name] * factor.sample(rng) for name, factor in factors.items()}
@@ -145,30 +175,50 @@ class EpisodeLengths:
         )
 
     def begin(self, builds: Mapping[int, Build]) -> None:
-        """Begin episodes with planned robots."""
+        """Begin episodes with planned robots.
+
+        Args:
+            builds: Robots that :meth:`plan` returned, by index.
+        """
         for i, build in builds.items():
             self.nominal[i], self.changed[i] = build.nominal, build.changed
         self._note(builds)
 
     def _note(self, which: Iterable[int]) -> None:
-        """Put the lengths of robots into information and observations."""
+        """Write the lengths of some robots into the information and the observations.
+
+        An observed length is the relative change of the nominal length.
+        """
         if self.values is None:
             return
         for i in which:
             nominal = lengths(self.nominal[i])
             now = {**nominal, **self.changed[i]}
             self.values[i] = tuple(now.values())
-            if len(self._columns) > 0:  # of a length of 0, such as an offset, the change itself
+            if len(self._columns) > 0:  # for a nominal length of 0, such as an offset: the change
                 shares = [(now[k] - nominal[k]) / (nominal[k] or 1.0) for k in nominal]
                 self._observation[i, self._columns] = shares
 
     def equipped(self, i: int, parts: Values) -> Build | None:
-        """Return a robot with other parts, such as its motor, its lengths as they are."""
+        """Return a robot with some of its parts replaced and its lengths unchanged.
+
+        Args:
+            i: Index of the robot.
+            parts: New parts by name, such as the motor. If it is empty, the method returns None.
+        """
         return _build(replace(self.nominal[i], **parts), self.changed[i]) if parts else None
 
 
 def _by_name(factors: dict[str, Distribution], names: Sequence[str]) -> dict[str, Distribution]:
-    """Return distributions of factors by lengths' names, in their order."""
+    """Return the distributions of factors by the names of lengths, in the order of the names.
+
+    Args:
+        factors: Distributions by name. The name :data:`EVERY` stands for all lengths.
+        names: Names of the lengths of a robot.
+
+    Raises:
+        ValueError: If a name is not the name of a length.
+    """
     every = dict.fromkeys(names, factors[EVERY]) if EVERY in factors else factors
     if unknown := [name for name in every if name not in names]:
         allowed = listed(names, unknown[0])
@@ -177,7 +227,7 @@ def _by_name(factors: dict[str, Distribution], names: Sequence[str]) -> dict[str
 
 
 def _build(nominal: Robot, given: Mapping[str, float]) -> Build:
-    """Return a robot with given lengths, m."""
+    """Return a robot with user-specified lengths, by name, in m."""
     robot, before = with_lengths(nominal, given) if given else nominal, lengths(nominal)
     changed = {name: float(value) for name, value in given.items() if value != before[name]}
     return Build(nominal, changed, robot)

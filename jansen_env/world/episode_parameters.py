@@ -1,4 +1,8 @@
-"""Parameters and terrains of n robots' episodes: planned at a reset, applied, and kept."""
+"""Episode parameters and terrain of each robot.
+
+They are sampled at a reset, applied to the simulation backend, and kept for ``info`` and saved
+states.
+"""
 
 from __future__ import annotations
 
@@ -34,11 +38,22 @@ from jansen_env.world.settings import Values, WorldSettings, contradiction
 DELAY = list(PARAMETERS).index("delay")
 
 Progress = Callable[[int], tuple[float, float]]
-"""A robot's progress in its last episode, m, and its mean commanded speed, m/s; 0 at first."""
+"""Function that returns a robot's progress in its last episode and its mean commanded speed.
+
+Its argument is the index of the robot. The progress is in m and the speed in m/s; both are 0 before
+the first episode.
+"""
 
 
 class Plan(NamedTuple):
-    """An episode to come: parameters (1,) of EPISODE; terrain and robot, None where it stays."""
+    """Plan of an episode that has not begun yet.
+
+    Attributes:
+        values: Parameters of the episode, a record of :data:`jansen_env.parameters.EPISODE`, shape
+            (1,).
+        terrain: Terrain of the episode. None to keep the present terrain.
+        build: Robot of the episode. None to keep the present robot.
+    """
 
     values: Rows
     terrain: Ground | None
@@ -49,17 +64,22 @@ class EpisodeParameters:
     """Parameters and terrains of the episodes of n robots.
 
     Args:
-        plant: of the robots, before randomisation. settings: the world's.
-        generators: of each robot's terrains, None where they are fixed.
-        has: "noise_level" and "push_strength", and whether the world has noise and pushes.
+        plant: Simulation backend with the robots, before randomisation.
+        settings: Settings of the world.
+        generators: Terrain generator of each robot. None for a robot on a user-specified terrain.
+        has: Whether the world has sensor noise (key "noise_level") and random pushes (key
+            "push_strength").
 
     Attributes:
-        level: (n,) of a curriculum.
-        levels: (n, 2) lowest and highest. varies: whether anything is drawn.
+        curriculum: Curriculum of the terrain levels. None for no curriculum.
+        level: Present level of each robot in the curriculum, shape (n,).
+        levels: Lowest and highest terrain level of each robot, shape (n, 2).
+        randomizations: Randomised parameters of each robot, without those that have no effect.
+        varies: Whether any parameter or terrain is sampled.
 
     Raises:
-        ValueError: a parameter is randomised in vain, or beyond what the feet can carry; or a
-            ground without levels has some.
+        ValueError: If a randomised parameter has no effect or exceeds what the feet can carry, or a
+            terrain without levels is given a level or a curriculum.
     """
 
     def __init__(
@@ -73,7 +93,7 @@ class EpisodeParameters:
         self._generators = generators
         self._has = dict(has)
         self.curriculum = settings.curriculum
-        self._fixed = {  # by an argument, whatever a drawn terrain has
+        self._fixed = {  # whether an argument overrides the value of generated terrains
             name: np.array([value is not None for value in getattr(settings, name)])
             for name in ("friction", "restitution")
         }
@@ -82,18 +102,23 @@ class EpisodeParameters:
         self._by_user = settings.by_user
         pairs = zip(plant.robots, plant.terrains, strict=True)
         nominal = np.array([parameters.nominal(*pair) for pair in pairs], EPISODE)
-        self._nominal = plain(nominal)  # numbers, which NumPy copies more quickly than records
+        self._nominal = plain(nominal)  # plain numbers, because NumPy copies them faster
         self._check_draws()
         self.level = self.levels[:, 0].astype(np.int64)
         self.varies = any(self.randomizations) or any(make is not None for make in generators)
 
     @property
     def nominal(self) -> Rows:
-        """(n,) :data:`jansen_env.parameters.EPISODE` where nothing is sampled."""
+        """Parameters without randomisation, :data:`jansen_env.parameters.EPISODE`, shape (n,)."""
         return self._nominal.view(EPISODE)[:, 0]
 
     def _check_draws(self) -> None:
-        """Raise ValueError where something is drawn in vain; leave it out if it is a preset's."""
+        """Check what the user randomises, and drop a preset's entries that have no effect.
+
+        Raises:
+            ValueError: If a parameter that the user randomises has no effect or exceeds what the
+                feet can carry, or a terrain without levels is given a level or a curriculum.
+        """
         has_levels = np.array([generator is not None for generator in self._generators])
         self.levels[~has_levels & ~self._by_user["terrain_level"]] = 0.0
         self.randomizations = [self.draws(i, robot) for i, robot in enumerate(self._plant.robots)]
@@ -109,14 +134,25 @@ class EpisodeParameters:
             raise ValueError("curriculum must be None on terrain that has no levels")
 
     def changed(self, i: int, numbers: Mapping[str, float], build: Build | None) -> Plan:
-        """Return the rest of a robot's episode with other numbers."""
+        """Return a plan for the rest of a robot's current episode.
+
+        Args:
+            i: Index of the robot.
+            numbers: New values of parameters, by name.
+            build: New robot. None to keep the present robot.
+        """
         values = _with(self._plant.parameters[[i]], numbers)
         given: Values = {name: numbers[name] for name in self._fixed if name in numbers}
         terrain = replace(self._plant.terrains[i], **given) if given else None
         return Plan(values, terrain, build)
 
     def set_nominal(self, i: int, numbers: Mapping[str, float]) -> None:
-        """Set numbers of a robot's later episodes, in place of a preset's draws."""
+        """Set parameters of a robot's later episodes, in place of a preset's randomisation.
+
+        Args:
+            i: Index of the robot.
+            numbers: New values of parameters, by name.
+        """
         self.replace_draws(i, numbers)
         for name, value in numbers.items():
             self.nominal[name][i] = value
@@ -124,19 +160,41 @@ class EpisodeParameters:
                 self._fixed[name][i] = True
 
     def replace_draws(self, i: int, names: Collection[str]) -> None:
-        """Stop a preset's draws of parameters that the user sets for a robot."""
+        """Stop the preset's randomisation of parameters that the user sets for a robot.
+
+        Args:
+            i: Index of the robot.
+            names: Names of the parameters.
+        """
         if self._by_user["randomize"][i]:
             return
         for draws in (self._given, self.randomizations):
             draws[i] = {name: draw for name, draw in draws[i].items() if name not in names}
 
     def check_not_drawn(self, i: int, name: str, value: object) -> None:
-        """Raise ValueError if the user draws a parameter, which a new value would not change."""
+        """Check that the user does not randomise a parameter, because a new value has no effect.
+
+        Args:
+            i: Index of the robot.
+            name: Name of the parameter.
+            value: New value of the parameter, for the error message.
+
+        Raises:
+            ValueError: If the user randomises the parameter.
+        """
         if self._by_user["randomize"][i] and name in self._given[i]:
             raise contradiction(name, value, name)
 
     def draws(self, i: int, robot: Robot) -> Randomization:
-        """Return what is randomised of a robot; ValueError: a parameter that would do nothing."""
+        """Return the randomised parameters of a robot.
+
+        Args:
+            i: Index of the robot.
+            robot: The robot, which may be one that is to replace the present robot.
+
+        Raises:
+            ValueError: If the user randomises a parameter that has no effect on the robot.
+        """
         given = self._given[i]
         if not self._by_user["randomize"][i]:
             useful = self._useful(i, robot)
@@ -145,13 +203,24 @@ class EpisodeParameters:
         return given
 
     def _useful(self, i: int, robot: Robot) -> set[str]:
+        """Return the names of the parameters that have an effect on a robot."""
         has = {**self._has, "delay": True, "terrain_level": self._generators[i] is not None}
         return {*parameters.effective(robot), *(name for name, present in has.items() if present)}
 
     def check_names(
         self, i: int, names: Sequence[str], label: str, robot: Robot | None = None
     ) -> None:
-        """Raise ValueError where a parameter would do nothing for a robot."""
+        """Check that all parameters have an effect on a robot.
+
+        Args:
+            i: Index of the robot.
+            names: Names of the parameters.
+            label: Source of the names, for the error message.
+            robot: Robot that is to replace the present one. None for the present robot.
+
+        Raises:
+            ValueError: If a parameter has no effect.
+        """
         useful = self._useful(i, robot or self._plant.robots[i]) if names else ()
         if idle := [name for name in names if name not in useful]:
             known = [name for name in PARAMETERS if name in useful]
@@ -160,7 +229,17 @@ class EpisodeParameters:
             )
 
     def check_change(self, i: int, pads: Compliance, numbers: Mapping[str, float]) -> None:
-        """Raise ValueError where a robot with ``pads`` cannot have these numbers from now on."""
+        """Check that a robot can have new pads and parameters from now on.
+
+        Args:
+            i: Index of the robot.
+            pads: Compliance of the pads after the change.
+            numbers: New values of parameters, by name.
+
+        Raises:
+            ValueError: If the pads contradict a restitution, or the feet cannot carry the robot in
+                this episode or in a later one.
+        """
         in_force = (of["restitution"][i] for of in (self._plant.parameters, self.nominal))
         restitution = numbers.get("restitution", max(map(float, in_force)))
         if not pads.rigid and "restitution" in self.randomizations[i]:
@@ -168,13 +247,21 @@ class EpisodeParameters:
         check_restitution(np.array([not pads.rigid]), np.array([restitution]))
         nominal = _with(self.nominal[i], numbers)
         robot = self._plant.robots[i]
-        # Of this episode, and others.
+        # Parameters of later episodes, in addition to those of this episode.
         later = [extreme(nominal, self.randomizations[i]) for extreme in (_heaviest, _stiffest)]
         for values in (_with(self._plant.parameters[i], numbers), *later):
             self._check_feet(replace(robot, pad_compliance=pads), values)
 
     def _check_robot(self, i: int, robot: Robot) -> Randomization:
-        """Return the draws of another robot; ValueError: its feet cannot bear later episodes."""
+        """Return the randomised parameters of a robot that is to replace the present one.
+
+        Args:
+            i: Index of the present robot.
+            robot: The new robot.
+
+        Raises:
+            ValueError: If the feet of the new robot cannot carry it in every later episode.
+        """
         nominal = self.nominal[i].copy()
         randomization = self.draws(i, robot)
         parameters.set_payload(nominal, robot.payload)
@@ -183,7 +270,16 @@ class EpisodeParameters:
         return randomization
 
     def _check_feet(self, robot: Robot, values: np.void) -> None:
-        """Raise ValueError where a robot's feet cannot bear a row of EPISODE, or are too stiff."""
+        """Check that the compliant feet of a robot can carry it and are not too stiff.
+
+        Args:
+            robot: The robot.
+            values: Parameters of its episode, a record of :data:`jansen_env.parameters.EPISODE`.
+
+        Raises:
+            ValueError: If the feet cannot carry the robot with these parameters, the restitution is
+                above 0, or the time step is too long for the feet.
+        """
         pads = robot.pad_compliance
         if pads.rigid:
             return
@@ -203,14 +299,20 @@ class EpisodeParameters:
         progress: Progress,
         build: Build | None = None,
     ) -> Plan:
-        """Return a robot's next episode; nothing changes yet but the generator's state.
+        """Return the plan of a robot's next episode. Only the state of the generator changes.
 
         Args:
-            options: of the reset, with numbers that are to be fixed. delay: s, as drawn.
-            build: that comes in its place; None for none.
+            i: Index of the robot.
+            rng: Random number generator of the robot.
+            options: Options of the reset. Parameters among them are not sampled.
+            delay: Sampled delay, in s.
+            progress: Function that returns the robot's progress in its last episode, for the
+                curriculum.
+            build: Robot that replaces the present one. None to keep the present robot.
 
         Raises:
-            ValueError: an option out of range or without effect, or no such ground.
+            ValueError: If an option is out of range or has no effect, or the terrain generator does
+                not return a valid terrain.
         """
         row = self._nominal[i].copy()
         row[DELAY] = delay
@@ -237,20 +339,23 @@ class EpisodeParameters:
         terrain = None
         if generator is not None:
             terrain = generator(rng, round(float(numbers["terrain_level"])))
-            if not isinstance(terrain, Terrain):  # levels are of height lines
+            if not isinstance(terrain, Terrain):  # only height lines have levels
                 raise invalid(f"the terrain of {shown(generator)}", terrain, "a Terrain")
             for name, fixed in self._fixed.items():
                 if not fixed[i] and name not in (*randomization, *given):
                     numbers[name] = getattr(terrain, name)
-            if terrain.restitution != numbers["restitution"]:  # compliant pads may exclude it
+            # Compliant pads may exclude the restitution that the generated terrain has.
+            if terrain.restitution != numbers["restitution"]:
                 terrain = replace(terrain, restitution=float(numbers["restitution"]))
         self._check_feet(robot or self._plant.robots[i], numbers)
         return Plan(values, terrain, build)
 
     def _next_level(self, i: int, rng: np.random.Generator, progress: Progress) -> float:
+        """Return the terrain level of a robot's next episode, by the curriculum or at random."""
         low, high = self.levels[i].tolist()
         if self.curriculum is not None:
-            separate = np.random.default_rng(draw_seed(rng))  # later draws stay the seed's
+            # With a separate generator, later samples do not depend on the curriculum.
+            separate = np.random.default_rng(draw_seed(rng))
             walked, command = progress(i)
             commanded = command * self.curriculum.horizon
             level = int(self.level[i])
@@ -258,10 +363,14 @@ class EpisodeParameters:
         return float(rng.integers(int(low), int(high), endpoint=True)) if high > low else low
 
     def apply(self, which: Ints, plans: Sequence[Plan]) -> None:
-        """Apply planned terrains and parameters; the robots must be placed again.
+        """Apply planned terrains and parameters. The robots must be placed again afterwards.
+
+        Args:
+            which: Indices of the robots, shape (k,).
+            plans: Plan of each of these robots.
 
         Raises:
-            ValueError: If feet are too stiff for the time step of ``"rigid_body"``.
+            ValueError: If feet are too stiff for the time step of the backend ``"rigid_body"``.
         """
         in_force = self._plant.parameters
         changed: list[int] = []
@@ -275,13 +384,22 @@ class EpisodeParameters:
             self._plant.set_parameters(np.array(changed), np.concatenate(values))
 
     def begin(self, draws: Mapping[int, Randomization]) -> None:
-        """Begin episodes of robots that were exchanged, with what is sampled of each."""
+        """Begin episodes of robots that have been exchanged.
+
+        Args:
+            draws: Randomised parameters of these robots, by index.
+        """
         for i, randomization in draws.items():
             parameters.set_payload(self.nominal[i], self._plant.robots[i].payload)
             self.randomizations[i] = randomization
 
     def shown_robot(self, i: int, robot: Robot) -> Robot:
-        """Return a robot with the payload that it has in this episode, for pictures."""
+        """Return a robot with the payload of its current episode, for pictures.
+
+        Args:
+            i: Index of the robot.
+            robot: The robot.
+        """
         mass, *place = (
             float(self._plant.parameters[i][f"payload{end}"]) for end in ("", "_x", "_y")
         )
@@ -290,7 +408,7 @@ class EpisodeParameters:
         return replace(robot, payload=Payload(mass, position=(place[0], place[1])))
 
     def state(self, i: int) -> Values:
-        """Return parameters and terrain of a robot's episode, in plain numbers."""
+        """Return the parameters and the terrain of a robot's episode as plain values."""
         state: Values = {
             "parameters": dict(zip(PARAMETERS, self._plant.parameters[i].item(), strict=True)),
             "level": int(self.level[i]),
@@ -302,11 +420,20 @@ class EpisodeParameters:
         return state
 
     def planned(self, i: int, state: Values, robot: Robot) -> tuple[Plan, int]:
-        """Return a ``robot``'s episode of a :meth:`state`, and the level; ValueError: no range."""
+        """Return the plan that restores an episode, and its terrain level.
+
+        Args:
+            i: Index of the robot.
+            state: State that :meth:`state` returned.
+            robot: Robot of the restored episode.
+
+        Raises:
+            ValueError: If a value of the state is out of range.
+        """
         given = state["parameters"]
         if not isinstance(given, Mapping) or not {*given} <= {*PARAMETERS}:
             raise ValueError(f"state['parameters'] must have {[*PARAMETERS]}, got {shown(given)}")
-        values = self.nominal[[i]]  # of parameters that the state does not have
+        values = self.nominal[[i]]  # for parameters that the state does not contain
         for name, value in given.items():
             values[name] = check(f"state['parameters'][{name!r}]", name, value)
         self._check_feet(robot, values[0])
@@ -321,7 +448,7 @@ class EpisodeParameters:
 
 
 def _with(values: Any, numbers: Mapping[str, float]) -> Any:
-    """Return a copy of rows of EPISODE, or of one, with other numbers."""
+    """Return a copy of one or several records of EPISODE, with new values of some parameters."""
     values = values.copy()
     for name, value in numbers.items():
         values[name] = value
@@ -329,7 +456,7 @@ def _with(values: Any, numbers: Mapping[str, float]) -> Any:
 
 
 def _heaviest(nominal: np.void, randomization: Randomization) -> np.void:
-    """The episode parameters with the highest foot load."""
+    """Return the episode parameters with the highest foot load."""
     values = nominal.copy()
     for name, drawn in randomization.items():
         if isinstance(drawn, Uniform):
@@ -340,7 +467,7 @@ def _heaviest(nominal: np.void, randomization: Randomization) -> np.void:
 
 
 def _stiffest(nominal: np.void, randomization: Randomization) -> np.void:
-    """The episode parameters with the stiffest and most damped feet under the lightest robot."""
+    """Return the parameters with the stiffest and most damped feet under the lightest robot."""
     values = nominal.copy()
     for name in ("foot_stiffness_scale", "foot_damping_scale"):
         if isinstance(drawn := randomization.get(name), Uniform):

@@ -1,4 +1,4 @@
-"""Observations: each with its name, unit, limits and noise; and the sensors that err."""
+"""Descriptions of the observed values (name, unit, limits, and noise), and sensor noise."""
 
 from __future__ import annotations
 
@@ -14,24 +14,34 @@ from jansen_env.arrays import Array
 from jansen_env.checks import invalid, listed, load_record, one_or_two, set_checked, shown
 
 Deviation: TypeAlias = float | tuple[float, float]
-"""Standard deviation of each step's noise, or that and the one of the episode's bias."""
+"""Standard deviation of the noise in each step, or a pair of standard deviations.
 
-_EVEN = math.sqrt(1.0 / 3.0)  # standard deviation of what is drawn evenly from -1 to 1
-EXACT = "exact"  # for Observed.noise: no sensor measures it, or others' errors are in it already
+The second one of a pair is that of the bias of an episode.
+"""
+
+_EVEN = math.sqrt(1.0 / 3.0)  # standard deviation of a uniform distribution from -1 to 1
+EXACT = "exact"
+"""Value of ``Observed.noise`` for an observation without errors of its own.
+
+No sensor measures it, or it already contains the errors of other observations.
+"""
 
 
 @dataclass(frozen=True)
 class Observed:
-    """A number of the observation.
+    """Description of one value of the observation.
 
     Args:
-        name: as in ``info`` if it is there too. unit: of it, "1" for none.
-        low, high: limits, which may be infinite.
-        noise: the field of :class:`Noise` whose errors it has in environments with noise, its own
-            standard deviation (or pair, see there), or :data:`EXACT`.
+        name: Name of the value. It is the same as in ``info``, if ``info`` contains the value.
+        unit: Unit of the value, "1" for a dimensionless value.
+        low: Lower limit, which may be infinite.
+        high: Upper limit, which may be infinite.
+        noise: Errors of the value in environments with noise: the name of a field of
+            :class:`Noise`, a standard deviation or a pair of them (see :data:`Deviation`), or
+            :data:`EXACT`.
 
     Raises:
-        ValueError: an argument is missing or wrong.
+        ValueError: If an argument is missing or invalid.
     """
 
     name: str
@@ -57,7 +67,14 @@ class Observed:
 
 
 def world_observations(toes: int, scanned: int) -> list[Observed]:
-    """Return the numbers of a robot in the order of :func:`jansen_env.engine.readings.read`."""
+    """Return descriptions of the values that the world can observe of a robot.
+
+    They have the order of :func:`jansen_env.engine.readings.read`.
+
+    Args:
+        toes: Number of toes.
+        scanned: Number of points of the height scan.
+    """
     inf = np.inf
     return [
         Observed("cos_crank_angle", "1", -1.0, 1.0, "encoder"),
@@ -79,36 +96,49 @@ def world_observations(toes: int, scanned: int) -> list[Observed]:
 class Noise:
     """Gaussian noise of a walking robot's sensors.
 
-    For each sensor the standard deviation of the noise of every control step, or a pair: that, and
-    the standard deviation of a bias that is drawn at each reset. Every observation of a sensor has
-    noise and bias of its own. An angle's error is the same in its sine and cosine. Observations
-    stay within the observation space: a load is never below 0.
+    Each argument is the standard deviation of the noise in every control step, or a pair. The
+    second number of a pair is the standard deviation of a bias that is sampled at each reset. Every
+    observation of a sensor has its own noise and its own bias. The sine and the cosine of an angle
+    contain the same error of the angle. Observations stay within the observation space; for
+    example, a load is never below 0.
 
-    Lag and means are observed by odometry. Lag and mean speed are of the measured velocity; mean
-    power is of the torque times the measured crank speed. Both speeds are means over a step: they
-    have the error of the reading and a second one of the same standard deviation, so lag and means
-    tell no more of a steady speed than the readings do. Mean slip is 0, because no sensor measures
-    it. RMS torque (a motor's current tells it), command and last action are exact. Reward, end of
-    episode and ``info``, with ``true_observation``, have the true lag and means.
+    The lag and the means are observed by odometry. The lag and the mean speed are computed from the
+    measured velocity, and the mean power is computed from the torque and the measured crank speed.
+    Both speeds are means over a step. They contain the error of the reading and a second error of
+    the same standard deviation, so that the lag and the means reveal no more about a steady speed
+    than the readings do. The mean slip is observed as 0, because no sensor measures it. The RMS
+    torque, which follows from the current of the motor, the command, and the last action are exact.
+    The reward, the end of the episode, and ``info``, including ``true_observation``, use the true
+    lag and means.
 
     Most defaults are those of published environments, whose uniform noise of +-a has the standard
-    deviation a / 3^0.5: legged_gym (Rudin et al. 2022, ``noise_scales``) and Isaac Lab's velocity
-    task have 0.01 rad of joint angles, 0.05 of gravity's direction, 0.2 rad/s of angular and
-    0.1 m/s of linear velocity. Crank speed is that of Isaac Lab's Spot, 0.5 rad/s, because the
-    others' 1.5 rad/s is more than this crank turns in a slow walk. Heights are 1 % of the 0.6 m at
-    which the axis is carried; loads some 5 % of a loaded toe's. Biases: of the encoder
-    +-0.015 rad as in mjlab's velocity task; of the gyro 1 degree/s, of the pitch 0.5 degrees, of
-    heights half their noise, of speeds and loads none.
+    deviation a / 3^0.5. In legged_gym (Rudin et al. 2022, ``noise_scales``) and in the velocity
+    task of Isaac Lab, the noise is 0.01 rad for joint angles, 0.05 for the direction of gravity,
+    0.2 rad/s for angular velocities, and 0.1 m/s for linear velocities. The noise of the crank
+    speed is that of Isaac Lab's Spot, 0.5 rad/s, because the 1.5 rad/s of the other environments is
+    faster than this crank turns in a slow walk. The noise of heights is 1 % of the 0.6 m at which
+    the crank axis is carried, and the noise of loads is about 5 % of the load of a loaded toe. The
+    bias of the encoder is +-0.015 rad, as in mjlab's velocity task. The biases of the gyro and of
+    the pitch are 1 degree/s and 0.5 degrees, and those of heights are half of their noise. Speeds
+    and loads have no bias.
 
     Args:
-        encoder: crank angle, rad. crank_speed: rad/s. pitch: rad. gyro: pitch rate, rad/s.
-        velocity: of the crank axis in x and in y, m/s. height: of the crank axis, m.
-        loads: of each toe, shares of the weight. height_scan: each of its heights, m.
-        accelerometer: each of its two, m/s^2. torque: of the motor, by its current, N m; both with
+        encoder: Noise of the crank angle, in rad.
+        crank_speed: Noise of the crank speed, in rad/s.
+        pitch: Noise of the pitch, in rad.
+        gyro: Noise of the pitch rate, in rad/s.
+        velocity: Noise of the velocity of the crank axis in x and in y, in m/s.
+        height: Noise of the height of the crank axis, in m.
+        loads: Noise of the load of each toe, as a fraction of the weight.
+        height_scan: Noise of each height of the height scan, in m.
+        accelerometer: Noise of each of the two accelerations, in m/s^2. Used only with
             ``observe="onboard"``.
+        torque: Noise of the motor torque, measured by the current of the motor, in N m. Used only
+            with ``observe="onboard"``.
 
     Raises:
-        ValueError: neither a number nor two, or one below 0.
+        ValueError: If an argument is neither a number nor a pair of numbers, or a number is below
+            0.
     """
 
     encoder: Deviation = (0.01 * _EVEN, 0.015 * _EVEN)
@@ -127,35 +157,52 @@ class Noise:
 
     @classmethod
     def only(cls, **sensors: Deviation) -> Noise:
-        """Return noise of some sensors, the others exact; ValueError: no such sensor."""
+        """Return noise of some sensors; all other sensors are exact.
+
+        Args:
+            **sensors: Noise of each noisy sensor, by the names of the arguments of this class.
+
+        Raises:
+            ValueError: If there is no sensor with such a name, or a value is invalid.
+        """
         return load_record(cls, "noise", {**dict.fromkeys(SENSORS, 0.0), **sensors})
 
     def deviations(self, observed: Sequence[Observed]) -> Array:
-        """Return the standard deviations (d, 2) of noise and bias."""
+        """Return the standard deviations of the noise and of the bias.
+
+        Args:
+            observed: Descriptions of the d observed values.
+
+        Returns:
+            Standard deviations of the noise in each step and of the bias, shape (d, 2).
+        """
         known = {EXACT: 0.0, **vars(self)}
         each = [known[o.noise] if isinstance(o.noise, str) else o.noise for o in observed]
         return np.array([one_or_two("noise", deviation) for deviation in each])
 
 
 SENSORS = tuple(field.name for field in fields(Noise))
+"""Names of all sensors."""
 
 ANGLES = (
     ("cos_crank_angle", "cos_crank_angle", "sin_crank_angle"),
     ("sin_pitch", "cos_pitch", "sin_pitch"),
 )
-"""Entries at which the error of an angle stands, with those of its cosine and sine."""
+"""For each angle: the observation that holds its error, then those of its cosine and its sine."""
 SPEEDS = ("crank_axis_x_velocity", "crank_speed")
-"""Entries whose sensors odometry goes by."""
+"""Observations whose sensors are used for odometry."""
 
 
 def sensor_errors(
     noise: Noise | None, observed: Sequence[Observed], count: int
 ) -> tuple[NDArray[Any], ...]:
-    """Return what the engine needs to disturb observations: the last entries of ``Observing``.
+    """Return the arrays with which the engine adds errors to the observations.
+
+    They are the last fields of :class:`jansen_env.engine.episode.Observing`, from ``deviation`` on.
 
     Args:
-        noise: Noise of the sensors; None for none.
-        observed: Columns of the observation.
+        noise: Noise of the sensors. None for no noise.
+        observed: Descriptions of the columns of the observation.
         count: Number of robots.
     """
     if noise is None:
@@ -172,6 +219,14 @@ def sensor_errors(
     speeds = np.array([names.index(speed) if speed in names else -1 for speed in SPEEDS])
     low, high = limits.T.copy()
     return (
-        deviation, speeds, angles, low, high, np.full(count, -1), np.zeros((count, size)),
-        np.zeros((count, size)), np.zeros((count, 2)), np.zeros((count, size), np.float32),
-    )  # fmt: skip
+        deviation,
+        speeds,
+        angles,
+        low,
+        high,
+        np.full(count, -1),
+        np.zeros((count, size)),
+        np.zeros((count, size)),
+        np.zeros((count, 2)),
+        np.zeros((count, size), np.float32),
+    )

@@ -1,6 +1,6 @@
-"""Observations of onboard sensors: encoder, IMU and motor current of a machine's own computer.
+"""Observations of the sensors on board a machine: encoder, IMU, and motor current.
 
-:mod:`jansen_env.engine.onboard_estimates` reads them, and estimates from them.
+:mod:`jansen_env.engine.onboard_estimates` reads these sensors and computes the estimates.
 """
 
 from __future__ import annotations
@@ -22,30 +22,52 @@ from jansen_env.world.observations import EXACT, Observed
 ONBOARD = (
     Observed("cos_crank_angle", "1", -1.0, 1.0, "encoder"),
     Observed("sin_crank_angle", "1", -1.0, 1.0, "encoder"),
-    Observed("crank_speed", "rad/s", -np.inf, np.inf, EXACT),  # of angles with errors
-    Observed("sin_pitch", "1", -1.0, 1.0, EXACT),  # of a gyro and accelerations with errors
+    Observed("crank_speed", "rad/s", -np.inf, np.inf, EXACT),  # from noisy angles
+    Observed("sin_pitch", "1", -1.0, 1.0, EXACT),  # from noisy IMU readings
     Observed("cos_pitch", "1", -1.0, 1.0, EXACT),
     Observed("pitch_rate", "rad/s", -np.inf, np.inf, "gyro"),
-    Observed("crank_axis_x_velocity", "m/s", -np.inf, np.inf, EXACT),  # as estimated
+    Observed("crank_axis_x_velocity", "m/s", -np.inf, np.inf, EXACT),  # estimate
     Observed("acceleration_x", "m/s^2", -np.inf, np.inf, "accelerometer"),
     Observed("acceleration_y", "m/s^2", -np.inf, np.inf, "accelerometer"),
     Observed("crank_torque", "N m", -np.inf, np.inf, "torque"),
     Observed("last_action", "1", -1.0, 1.0, EXACT),
 )
 COLUMNS = (
-    "cos_crank_angle", "sin_crank_angle", "crank_speed", "sin_pitch", "cos_pitch", "pitch_rate",
-    "crank_axis_x_velocity", "acceleration_x", "acceleration_y", "crank_torque",
-)  # fmt: skip
-"""Names of the columns that the engine reads and fills, in its order."""
+    "cos_crank_angle",
+    "sin_crank_angle",
+    "crank_speed",
+    "sin_pitch",
+    "cos_pitch",
+    "pitch_rate",
+    "crank_axis_x_velocity",
+    "acceleration_x",
+    "acceleration_y",
+    "crank_torque",
+)
+"""Names of the columns that the engine reads and fills, in the order that it uses."""
 
 
 def onboard_columns(columns: Mapping[str, int]) -> Ints:
-    """Return the columns of :data:`COLUMNS` in an observation; -1 for what is not observed."""
+    """Return the index of each column of :data:`COLUMNS` in an observation.
+
+    Args:
+        columns: Indices of the observed columns, by name.
+
+    Returns:
+        The indices, shape (10,), with -1 for columns that are not observed.
+    """
     return np.array([columns.get(name, -1) for name in COLUMNS], np.int64)
 
 
 @cache
 def toe_paths(robot: Robot) -> NDArray[np.float32]:
-    """Return places of toes (SAMPLES + 1, toes, 2), m, over a turn that walks towards +x."""
+    """Return the positions of the toes over a turn of the crank that walks towards +x.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        Positions in the chassis frame, in m, shape (SAMPLES + 1, toes, 2).
+    """
     angles = np.copysign(np.linspace(0.0, 2.0 * math.pi, SAMPLES + 1), advance_per_turn(robot))
     return toe_positions(robot, angles).astype(np.float32)

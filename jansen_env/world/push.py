@@ -1,12 +1,14 @@
-"""Pushes: forces on the chassis at the crank axis, at random times or at given ones.
+"""Pushes: forces on the chassis at the crank axis, at random or at scheduled times.
 
-The force of a push is a half sine of its duration T; of the impulse J, from t0 on:
+The force of a push is a half sine over the duration T of the push. A push with the impulse J that
+starts at the time t0 has
 
     F(t) = J pi / (2 T) sin(pi (t - t0) / T)
     impulse from t to t + h = J / 2 (cos(pi (t - t0) / T) - cos(pi (t + h - t0) / T))
 
-The impulses of the time steps are the second line, not a sum of forces, and so they add up to J.
-They are drawn from the episode's seed and counters (:mod:`jansen_env.engine.random`).
+The impulse in a time step is computed by the second equation, not as a sum of forces, so the
+impulses of all time steps add up to J. Random pushes are sampled from the seed of the episode and
+counters (:mod:`jansen_env.engine.random`).
 """
 
 from __future__ import annotations
@@ -20,25 +22,29 @@ from jansen_env import checks
 from jansen_env.arrays import Array, Rows
 from jansen_env.engine.pushes import PUSHES
 
-SHORTEST, LONGEST = 1e-3, 1e6  # s, of durations and intervals
-MOST_PUSHES = 1000  # of an episode's own
+SHORTEST, LONGEST = 1e-3, 1e6  # limits of durations and intervals, in s
+MOST_PUSHES = 1000  # largest number of scheduled pushes per episode
 
 
 @dataclass(frozen=True)
 class Push:
-    """Random pushes on the chassis: one in each interval.
+    """Random pushes on the chassis, one per interval.
 
-    A push begins at a time drawn so that it ends within its interval; each component of its impulse
-    is uniform from minus to plus the largest. By default that is half the fastest command, 0.4 m/s,
-    of a machine of 3.2 kg, as in Isaac Lab's velocity tasks (0.5 of 1 m/s every 10 to 15 s;
-    legged_gym, Rudin et al. 2022: up to 1 m/s every 15 s); episodes of 10 s have two of these.
+    The start of a push is sampled such that the push ends within its interval. Each component of
+    the impulse is uniform between minus and plus the largest impulse.
+
+    By default, the largest impulse changes the speed of a robot of 3.2 kg by 0.4 m/s, which is half
+    of the fastest command. The ratio is that of Isaac Lab's velocity tasks (0.5 m/s for commands up
+    to 1 m/s, every 10 to 15 s). In legged_gym (Rudin et al. 2022), pushes change the speed by up to
+    1 m/s every 15 s. An episode of 10 s has two pushes by default.
 
     Args:
-        impulse: the largest, N s: horizontal, or (horizontal, vertical).
-        duration: of a push, s, from 0.001 on. interval: s, as long or longer.
+        impulse: Largest impulse, in N s: horizontal, or a pair (horizontal, vertical).
+        duration: Duration of a push, in s, at least 0.001.
+        interval: Duration of an interval, in s, at least ``duration``.
 
     Raises:
-        ValueError: an argument out of range.
+        ValueError: If an argument is out of range.
     """
 
     impulse: float | tuple[float, float] = 1.3
@@ -53,7 +59,18 @@ class Push:
 
 
 def check_schedule(name: str, pushes: object) -> Array:
-    """Return an episode's own pushes (k, 3): start, s, and impulses in x and y, N s; ValueError."""
+    """Return the checked schedule of an episode's pushes.
+
+    Args:
+        name: Name of the argument, for error messages.
+        pushes: List of (t, Jx, Jy): start in s, and impulse in x and y in N s.
+
+    Returns:
+        The same values, shape (k, 3).
+
+    Raises:
+        ValueError: If there are more than :data:`MOST_PUSHES` pushes, or a value is out of range.
+    """
     allowed = f"a list of at most {MOST_PUSHES} (t, Jx, Jy)"
     rows = checks.entries(name, pushes, allowed)
     triples = [checks.entries(name, row, allowed, 3) for row in rows]
@@ -67,7 +84,15 @@ def check_schedule(name: str, pushes: object) -> Array:
 
 
 def push_settings(push: Push | None, time_step: float) -> Rows:
-    """Return the engine's settings (1,) of random pushes; None for none. ``time_step``: s."""
+    """Return the engine's settings of random pushes.
+
+    Args:
+        push: Random pushes. None for no random pushes.
+        time_step: Time step of the integration, in s.
+
+    Returns:
+        The settings, a record of :data:`jansen_env.engine.pushes.PUSHES`, shape (1,).
+    """
     settings = np.zeros(1, PUSHES)
     kind = push or Push(0.0)
     settings[0] = (*kind.impulse, kind.duration, kind.interval, time_step)  # type: ignore[misc]
@@ -75,15 +100,15 @@ def push_settings(push: Push | None, time_step: float) -> Rows:
 
 
 def add_push(pushes: Array, push: Array, duration: float) -> Array:
-    """Return pushes (k, 3) that are not over when another one (3,) begins, and that one.
+    """Return a schedule with one more push, without the pushes that are over when it starts.
 
     Args:
-        pushes: Schedule of an episode.
-        push: The other one.
-        duration: Time that a push takes, s.
+        pushes: Schedule of an episode, shape (k, 3); see :func:`check_schedule`.
+        push: The new push, shape (3,).
+        duration: Duration of a push, in s.
 
     Raises:
-        ValueError: If there are too many.
+        ValueError: If there are already :data:`MOST_PUSHES` pushes that are not over.
     """
     continuing = pushes[pushes[:, 0] + duration > push[0]]
     if len(continuing) == MOST_PUSHES:

@@ -1,6 +1,6 @@
-"""Settings of a world: checked arguments, and the robots and terrains that they give.
+"""Settings of a world: checks of its arguments, and the robots and terrains made from them.
 
-All functions raise ValueError for a value out of range.
+All functions that check a value raise ValueError if the value is out of range.
 """
 
 from __future__ import annotations
@@ -51,25 +51,42 @@ from jansen_env.terrain.shapes import ShapeSource, is_shapes
 from jansen_env.world.observations import Noise
 from jansen_env.world.push import Push
 
-Check: TypeAlias = Callable[[str, Any], Any]  # of an argument's name and value
+Check: TypeAlias = Callable[[str, Any], Any]
+"""Function that checks an argument: it takes the name and the value, and returns the result."""
 Values: TypeAlias = dict[str, Any]
-"""Values by name: options of a reset, changes, states, information."""
+"""Values by name, such as reset options, changes, saved states, or information."""
 Arguments: TypeAlias = tuple[Any, ...]
-"""Arguments of a kernel but the first."""
+"""Arguments of a kernel, except the first one."""
 
 T = TypeVar("T")
-Range = TypeAliasType("Range", float | Sequence[float])  # a number, or (low, high)
+Range = TypeAliasType("Range", float | Sequence[float])
+"""A number, or a range (low, high)."""
 PerRobot = TypeAliasType("PerRobot", T | Sequence[T | None] | NDArray[np.generic], type_params=(T,))
-"""One for all robots, or one for each; None in a sequence: see :class:`WorldSettings`."""
+"""One value for all robots, or a sequence with one value per robot.
 
-MOST_TIME_STEPS = 10_000  # time steps in a control period: seconds on the slowest plant
+:class:`WorldSettings` explains the meaning of None in a sequence.
+"""
+
+MOST_TIME_STEPS = 10_000  # most time steps per control step; takes seconds on the slowest backend
 RENDER_MODES = ["human", "rgb_array"]
-FLAT = Terrain.flat()  # where a robot stands before its ground is drawn
-FURTHEST_SCAN, MOST_SCANNED = 100.0, 1000  # m, and places, of a height scan
+FLAT = Terrain.flat()  # terrain of a robot until its first terrain is generated
+FURTHEST_SCAN, MOST_SCANNED = 100.0, 1000  # largest distance, in m, and most points of a scan
 
 
 def control_period(control_dt: object, time_step: object) -> tuple[float, float]:
-    """``control_dt`` and ``time_step``, s: the first 1 to ``MOST_TIME_STEPS`` times the second."""
+    """Return the checked duration of a control step and the checked time step.
+
+    Args:
+        control_dt: Duration of a control step, in s.
+        time_step: Time step of the integration, in s.
+
+    Returns:
+        Both arguments as floats, in s.
+
+    Raises:
+        ValueError: If ``control_dt`` is not a whole multiple of ``time_step``, from 1 to
+            :data:`MOST_TIME_STEPS`, or an argument is out of range.
+    """
     period = positive("control_dt", control_dt)
     step = check_time_step(time_step)
     steps = period / step
@@ -81,26 +98,53 @@ def control_period(control_dt: object, time_step: object) -> tuple[float, float]
 
 
 def flag(name: str, value: object) -> bool:
-    """A switch: True or False."""
+    """Return ``value`` as a bool.
+
+    Raises:
+        ValueError: If it is not True or False.
+    """
     if not isinstance(value, (bool, np.bool_)):
         raise invalid(name, value, "True or False")
     return bool(value)
 
 
 def optional(check: Check) -> Check:
-    """A check that also accepts None."""
+    """Return a check that also accepts None, and returns None in that case."""
     return lambda name, value: None if value is None else check(name, value)
 
 
 def option(
     options: Values, name: str, drawn: float, low: float = -np.inf, high: float = np.inf
 ) -> float:
-    """An option of ``reset``, or the number that was drawn in its place."""
+    """Return a reset option, or the sampled value if the option is not given.
+
+    Args:
+        options: Options of the reset.
+        name: Name of the option.
+        drawn: Sampled value.
+        low: Smallest allowed value of the option.
+        high: Largest allowed value of the option.
+
+    Raises:
+        ValueError: If the option is out of range.
+    """
     return within(f"options[{name!r}]", options[name], low, high) if name in options else drawn
 
 
 def entries_of(name: str, value: object, count: int) -> list[Any]:
-    """``count`` values: the entries of a sequence or array (count,), or one value repeated."""
+    """Return one value per robot.
+
+    Args:
+        name: Name of the argument, for the error message.
+        value: A single value, or a sequence or array of values, shape (count,).
+        count: Number of robots.
+
+    Returns:
+        The entries of the sequence, or the single value repeated ``count`` times.
+
+    Raises:
+        ValueError: If a sequence has a different number of entries.
+    """
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if not isinstance(value, (list, tuple)):
@@ -111,7 +155,13 @@ def entries_of(name: str, value: object, count: int) -> list[Any]:
 
 
 def contradiction(argument: str, value: object, name: str) -> ValueError:
-    """Return the error of an argument and a draw of ``randomize`` that exclude each other."""
+    """Return the error for an argument that contradicts an entry of ``randomize``.
+
+    Args:
+        argument: Name of the argument.
+        value: Value of the argument.
+        name: Name of the randomised parameter.
+    """
     return ValueError(
         f"{argument} is {shown(value)} and randomize has {name!r}: they contradict each other; "
         "give only one of them"
@@ -119,31 +169,39 @@ def contradiction(argument: str, value: object, name: str) -> ValueError:
 
 
 class Own(Enum):
-    """Marker in :class:`Each` for a robot whose value the user does not give."""
+    """Marker in :class:`Each` for a robot for which the user specifies no value."""
 
     VALUE = "the environment's own value"
 
 
 class Each(tuple[Any, ...]):
-    """One value for each robot, where a plain sequence could as well be one value for all.
+    """One value per robot, for arguments whose single value may itself be a sequence.
 
-    :attr:`Own.VALUE` leaves the environment's own value to a robot.
+    A robot whose entry is :attr:`Own.VALUE` keeps the environment's own value.
     """
 
 
 def shared(default: Any, check: Check, single_only: bool = False) -> Any:
-    """A field of settings with one value for all robots.
+    """Return a field of settings with one value for all robots.
 
-    ``single_only``: several robots at once must have the default.
+    Args:
+        default: Default of the argument.
+        check: Check of the argument.
+        single_only: Whether only an environment of one robot may have a value other than the
+            default.
     """
     return field(default=default, metadata={"check": check, "single_only": single_only})
 
 
 def each(default: Any, check: Check, several: Callable[[Any], bool] | None = None) -> Any:
-    """A field of settings that becomes a list with a value for each robot.
+    """Return a field of settings that becomes a list with one value per robot.
 
-    ``several``: whether an argument of many robots has one value for each, and not one for all;
-    by default sequences and arrays do.
+    Args:
+        default: Default of the argument.
+        check: Check of one robot's value.
+        several: Function that returns whether an argument contains one value per robot, rather than
+            one value for all robots. None treats every sequence and every array as one value per
+            robot.
     """
     several = several or (lambda value: isinstance(value, (list, tuple, np.ndarray)))
     return field(default=default, metadata={"check": check, "several": several})
@@ -152,9 +210,15 @@ def each(default: Any, check: Check, several: Callable[[Any], bool] | None = Non
 def range_each(
     default: Any, least: float, most: float, check: Callable[..., object] = number_range
 ) -> Any:
-    """A field that becomes a list of (low, high), one for each robot.
+    """Return a field of settings that becomes a list of ranges (low, high), one per robot.
 
-    Arrays, and lists with a range or None in them, have an entry for each robot.
+    An argument has one entry per robot if it is an array, or a list that contains a range or None.
+
+    Args:
+        default: Default of the argument.
+        least: Smallest allowed value.
+        most: Largest allowed value.
+        check: Check of one robot's range.
     """
 
     def several(value: object) -> bool:
@@ -167,7 +231,17 @@ def range_each(
 
 
 def _by_name(kind: type, known: Values, name: str, value: object) -> Any:
-    """Return a value of a type, or a known one by its name."""
+    """Return a value if it has a type, or the known value with that name.
+
+    Args:
+        kind: The type.
+        known: Known values, by name.
+        name: Name of the argument, for the error message.
+        value: The value, or its name.
+
+    Raises:
+        ValueError: If ``value`` is neither.
+    """
     if isinstance(value, kind):
         return value
     if not isinstance(value, str) or value not in known:
@@ -177,21 +251,26 @@ def _by_name(kind: type, known: Values, name: str, value: object) -> Any:
 
 
 def load_robot(name: str, value: object) -> Robot:
-    """Return a robot that can stand, also by the name of a design or the path of its file.
+    """Return a robot, after checking that it can turn its crank and stand.
+
+    Args:
+        name: Name of the argument, for error messages.
+        value: The robot, the name of a design, or the path of a robot file.
 
     Raises:
-        ValueError: If it is no robot, or its file cannot be read.
-        LinkageError: If it cannot turn its crank or cannot stand.
+        ValueError: If ``value`` is not a robot, or the file cannot be read.
+        LinkageError: If the robot cannot turn its crank or cannot stand.
     """
     return check_loaded(name, _robot_of(name, value))
 
 
 def load_held_robot(name: str, value: object) -> Robot:
-    """Return a robot as :func:`load_robot` does. If it cannot stand there is a warning only."""
+    """Return a robot as :func:`load_robot` does, but only warn if the robot cannot stand."""
     return check_loaded(name, _robot_of(name, value), standing=False)
 
 
 def _robot_of(name: str, value: object) -> Robot:
+    """Return a robot from a robot, the name of a design, or the path of a robot file."""
     if isinstance(value, Robot):
         return value
     if isinstance(value, (str, Path)) and str(value).endswith(".json"):
@@ -202,37 +281,62 @@ def _robot_of(name: str, value: object) -> Robot:
 
 
 def load_motor(name: str, value: object) -> Motor:
-    """A motor, also by its name, or of a dictionary of its arguments."""
+    """Return a motor.
+
+    Args:
+        name: Name of the argument, for error messages.
+        value: The motor, its name, or a dictionary of its arguments.
+    """
     of_record = isinstance(value, Mapping)
     motor = load_record(Motor, name, value) if of_record else _by_name(Motor, MOTORS, name, value)
     return cast("Motor", motor)
 
 
 def load_compliance(name: str, value: object) -> Compliance:
-    """The compliance of feet, also of a dictionary of its arguments."""
+    """Return the compliance of feet.
+
+    Args:
+        name: Name of the argument, for error messages.
+        value: The compliance, or a dictionary of its arguments.
+    """
     return cast("Compliance", instance(name, load_record(Compliance, name, value), Compliance))
 
 
 def load_payload(name: str, value: object) -> Payload:
-    """A payload, also by its mass at the crank axis, kg, or of a dictionary of its arguments."""
+    """Return a payload.
+
+    Args:
+        name: Name of the argument, for error messages.
+        value: The payload, a dictionary of its arguments, or a mass at the crank axis, in kg.
+    """
     if isinstance(value, (Payload, Mapping)):
         return cast("Payload", load_record(Payload, name, value))
     return Payload(non_negative(name, value))
 
 
 def load_curriculum(name: str, value: object) -> Curriculum | None:
-    """A curriculum; True stands for the default one, None and False for none."""
+    """Return a curriculum, or None for no curriculum.
+
+    Args:
+        name: Name of the argument, for error messages.
+        value: The curriculum, or a dictionary of its arguments. True selects the default
+            curriculum; False and None select none.
+    """
     if value is None or isinstance(value, (bool, np.bool_)):
         return Curriculum() if value else None
     return cast("Curriculum", load_record(Curriculum, name, value))
 
 
 def _load_ground(name: str, value: Any) -> Ground | Generator:
+    """Return the generator that ``value`` specifies, or else the terrain."""
     return make_generator(value) or make_ground(value)
 
 
 def _several_terrains(value: object) -> bool:
-    """Whether an argument has a ground for each robot: no list of shapes or of points."""
+    """Return whether an argument is a list of terrains, one per robot.
+
+    A list of shapes or of points is a single terrain.
+    """
     return isinstance(value, (list, tuple)) and all(
         terrain is None
         or isinstance(terrain, (Terrain, Shapes, str))
@@ -243,6 +347,7 @@ def _several_terrains(value: object) -> bool:
 
 
 def _levels(name: str, value: object, least: float, most: float) -> tuple[float, float]:
+    """Return the lowest and highest terrain level of a robot, both whole numbers."""
     low, high = number_range(name, value, least, most)
     if (low, high) != (round(low), round(high)):
         raise invalid(name, value, "whole numbers")
@@ -250,7 +355,17 @@ def _levels(name: str, value: object, least: float, most: float) -> tuple[float,
 
 
 def scanned_places(name: str, scan: object) -> Array:
-    """(count,) m, places from the crank axis, of (behind, ahead, count); none for None."""
+    """Return the positions at which a height scan measures the terrain.
+
+    Args:
+        name: Name of the argument, for error messages.
+        scan: Distance behind and distance ahead of the crank axis, in m, and number of positions:
+            (behind, ahead, count). None for no scan.
+
+    Returns:
+        Positions relative to the crank axis, in m, shape (count,). Without a scan, the array is
+        empty.
+    """
     if scan is None:
         return np.empty(0)
     values = checks.entries(name, scan, "None or (behind, ahead, count)", 3)
@@ -260,7 +375,7 @@ def scanned_places(name: str, scan: object) -> Array:
 
 
 class RobotArguments(TypedDict, total=False):
-    """Arguments of every environment; :class:`WorldSettings` has their defaults and checks."""
+    """Arguments of every environment; :class:`WorldSettings` defines their defaults and checks."""
 
     robot: PerRobot[Robot | str | Path]
     motor: PerRobot[Motor | str | None]
@@ -275,7 +390,7 @@ class RobotArguments(TypedDict, total=False):
 
 
 class WorldArguments(RobotArguments, total=False):
-    """Arguments of every environment of free robots, see :class:`WorldSettings`."""
+    """Arguments of every environment of walking robots; see :class:`WorldSettings`."""
 
     payload: PerRobot[Payload | float | None]
     pad_compliance: PerRobot[Compliance | None]
@@ -296,31 +411,34 @@ class WorldArguments(RobotArguments, total=False):
 
 @dataclass(frozen=True, kw_only=True)
 class WorldSettings:
-    """Arguments of an environment, checked: robots, ground, and what disturbs or is drawn.
+    """Checked arguments of an environment: robots, terrains, disturbances and randomisation.
 
-    Times in s. None stands for the robot's, the motor's or the terrain's own value. Lists have a
-    value for each robot; types are those of checked values. Where None is no value, as of
-    ``delay``, None in a list leaves the environment's own value to that robot.
+    All times are in s. None stands for the robot's, the motor's, or the terrain's own value. A list
+    contains one value per robot. The annotated types are the types after the checks. If None is not
+    a valid value of an argument, such as ``delay``, a robot whose entry in a list is None keeps the
+    environment's own value.
 
-    A preset may draw a parameter (``randomize``) that also has an argument, such as ``friction``.
-    The user's argument then replaces the preset's draw for every robot that it gives a value to.
+    A preset may randomise a parameter (``randomize``) that is also an argument, such as
+    ``friction``. In that case, an argument of the user replaces the preset's randomisation for
+    every robot for which the argument specifies a value.
 
     Attributes:
-        held: Whether chassis are held in the air.
-        FIXED: Names of the fields that are no arguments.
-        num_envs: Number of robots of a vector environment; None for an environment of one robot.
-        preset: Values that the environment chooses in place of the defaults below.
-        given: Names of the arguments that the user gives.
-        by_user: For each argument that may differ between robots, whether the user gives it to
+        held: Whether all chassis are fixed in the air.
+        ideal_torque: Torque limit of an ideal motor, in N m. None for the limit of the motor.
+        FIXED: Names of the fields that are not arguments.
+        num_envs: Number of robots of a vector environment. None for an environment of one robot.
+        preset: Values that the environment uses in place of the defaults below.
+        given: Names of the arguments that the user specifies.
+        by_user: For each argument that may differ between robots, whether the user specifies it for
             each robot, shape (n,).
 
     Raises:
-        ValueError: If a value is out of range, or if an argument and ``randomize``, both given by
-            the user, contradict each other.
+        ValueError: If a value is out of range, or an argument of the user contradicts the user's
+            ``randomize``.
     """
 
     held: ClassVar[bool] = False
-    ideal_torque: ClassVar[float | None] = None  # N m, limit of an ideal motor; None: its own
+    ideal_torque: ClassVar[float | None] = None
     FIXED: ClassVar[frozenset[str]] = frozenset({"num_envs", "preset", "given", "by_user"})
 
     num_envs: int | None = None
@@ -360,6 +478,7 @@ class WorldSettings:
         object.__setattr__(self, "randomize", [*map(self._draws, range(self.count))])
 
     def _checked(self, argument: Field[Any]) -> Any:
+        """Return the checked value of an argument, or a list with one value per robot."""
         name, value, marks = argument.name, getattr(self, argument.name), argument.metadata
         check = marks["check"]
         if "several" in marks:
@@ -371,7 +490,10 @@ class WorldSettings:
         return checked
 
     def _checked_each(self, argument: Field[Any], value: Any) -> list[Any]:
-        """Return the checked value of each robot, and note in :attr:`by_user` whose it is."""
+        """Return the checked value of each robot.
+
+        The method also notes in :attr:`by_user` for which robots the user specifies the value.
+        """
         name, marks = argument.name, argument.metadata
         check, several = marks["check"], marks["several"]
         self.by_user[name] = np.full(self.count, name in self.given)
@@ -387,10 +509,11 @@ class WorldSettings:
         return [checked[id(entry)] for entry in entries]
 
     def _draws(self, i: int) -> Values:
-        """Return a robot's ``randomize`` without the preset's draws that an argument replaces.
+        """Return a robot's ``randomize`` without the preset's entries that an argument replaces.
 
         Raises:
-            ValueError: If the user gives both an argument and another draw of the same parameter.
+            ValueError: If the user specifies both an argument and a different distribution of the
+                same parameter.
         """
         drawn: Values = self.randomize[i]
         if not drawn:
@@ -414,12 +537,18 @@ class WorldSettings:
 
     @property
     def count(self) -> int:
-        """The number of robots."""
+        """Number of robots."""
         return 1 if self.num_envs is None else self.num_envs
 
     @classmethod
     def defaults(cls, mark: str | None = None) -> Values:
-        """Return the defaults of the arguments by name, or of those "several" or "single_only"."""
+        """Return the defaults of the arguments, by name.
+
+        Args:
+            mark: ``"several"`` selects the arguments that may differ between robots, and
+                ``"single_only"`` those that only an environment of one robot may change. None
+                selects all arguments.
+        """
         arguments = [f for f in fields(cls) if f.name not in cls.FIXED]
         return {f.name: f.default for f in arguments if mark is None or f.metadata.get(mark)}
 
@@ -432,7 +561,16 @@ class WorldSettings:
         torque_limit: float | None = None,
         pad_compliance: Compliance | None = None,
     ) -> Robot:
-        """Return a robot with other parts, where they are not None."""
+        """Return a robot with some of its parts replaced.
+
+        Args:
+            robot: The robot.
+            payload: New payload. None keeps the payload.
+            motor: New motor. None keeps the motor.
+            torque_limit: New torque limit of the motor, in N m. None keeps the limit of the motor;
+                if the robot's own motor is ideal, None selects :attr:`ideal_torque`.
+            pad_compliance: New compliance of the feet. None keeps the compliance.
+        """
         given = {"payload": payload, "motor": motor, "pad_compliance": pad_compliance}
         parts: Values = {name: part for name, part in given.items() if part is not None}
         if motor is None and torque_limit is None and robot.motor == IDEAL:
@@ -442,13 +580,21 @@ class WorldSettings:
         return replace(equipped, motor=replace(equipped.motor, torque_limit=limit))
 
     def make_robots(self) -> list[Robot]:
-        """Return robots with their payloads, motors ...; those of the same parts are one object."""
+        """Return the robots with their payloads, motors, torque limits and compliances.
+
+        Robots with the same parts are the same object.
+        """
         parts = self.payload, self.motor, self.torque_limit, self.pad_compliance
         return [*map(cache(self.equip), self.robot, *parts)]
 
     def make_terrains(self) -> tuple[list[Ground], list[Generator | None]]:
-        """Return terrains, flat where a reset draws them, and the generators that draw."""
-        made: dict[object, Ground] = {}  # robots on the same ground share it
+        """Return the terrain and the terrain generator of each robot.
+
+        Returns:
+            The terrains, which are flat for robots whose terrain is generated at a reset, and the
+            generators, which are None for robots on a user-specified terrain.
+        """
+        made: dict[object, Ground] = {}  # robots on the same terrain share one object
         terrains = []
         for ground, *numbers in zip(self.terrain, self.friction, self.restitution, strict=True):
             key = (id(ground), *numbers)
@@ -461,7 +607,10 @@ class WorldSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class HeldSettings(WorldSettings):
-    """Robots whose chassis are held in the air: no ground, no disturbances."""
+    """Checked arguments of an environment whose robots have a fixed chassis in the air.
+
+    There is no ground and there are no disturbances.
+    """
 
     held: ClassVar[bool] = True
     ideal_torque: ClassVar[float | None] = 5.0

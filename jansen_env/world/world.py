@@ -1,4 +1,4 @@
-"""n robots in their surroundings: plant, terrain, parameters, delay, pushes, sensors."""
+"""Simulation of n robots with terrain, episode parameters, delays, pushes, and sensor noise."""
 
 from __future__ import annotations
 
@@ -66,73 +66,99 @@ from jansen_env.world.settings import (
 
 Numbers = dict[str, float]
 Draw = Callable[[int, np.random.Generator, Values], Numbers]
-"""Draws a task's numbers of a robot's episode, with the options of its reset."""
+"""Function that samples a task's values for one episode of a robot, such as the commanded speed.
 
-MOST_DELAYED = 10_000  # control periods in a delay: torques that are kept
-LARGEST_COUNT = 2**63 - 1  # of an episode; and the largest seed
-SLIPPING = 0.01  # m/s of mean slip speed from which a toe is drawn as slipping
-TOUCHING = 1e-6  # of the robot's weight: the normal force from which a toe is on the ground
-START_ANGLE = math.pi  # rad, of a held crank's reference at time 0, as in the paper
-LOST = math.pi  # rad, from the reference: where an episode of a held robot ends
+Its arguments are the index of the robot, the random number generator, and the reset options.
+"""
+
+MOST_DELAYED = 10_000  # longest delay in control steps, which is the number of torques to keep
+LARGEST_COUNT = 2**63 - 1  # largest number of control steps in an episode, and largest seed
+SLIPPING = 0.01  # mean slip speed, in m/s, above which a toe is drawn as slipping
+TOUCHING = 1e-6  # normal force, divided by the weight, above which a toe is drawn on the ground
+START_ANGLE = math.pi  # crank reference at time 0 with a fixed chassis, in rad, as in the paper
+LOST = math.pi  # deviation from the reference, in rad, that ends an episode with a fixed chassis
 NO_PUSHES = np.zeros((0, 3))
-FROM_RESETS = ("delay", "terrain_level")  # changes that apply from the next reset on
-PARTS = ("payload", "motor", "pad_compliance")  # of a robot, which changes replace
+FROM_RESETS = ("delay", "terrain_level")  # changes that take effect at the next reset
+PARTS = ("payload", "motor", "pad_compliance")  # parts of a robot that changes can replace
 KEPT = ("friction", "restitution", *CHANGES)
 
 
 class Start(NamedTuple):
-    """An episode to come."""
+    """Initial conditions of an episode that has not begun yet.
 
-    angle: float  # rad, of the crank
-    speed: float  # rad/s
+    Attributes:
+        angle: Crank angle, in rad.
+        speed: Crank speed, in rad/s.
+        plan: Parameters, terrain and robot of the episode.
+        seed: Seed of everything that is sampled during the episode.
+        pushes: Scheduled pushes: start in s, and impulse in x and y in N s, shape (k, 3).
+        random_pushes: Whether random pushes act in addition.
+        numbers: Values that the task sampled for the episode.
+    """
+
+    angle: float
+    speed: float
     plan: Plan
-    seed: int  # of what it draws later
-    pushes: Array  # (k, 3) its own
+    seed: int
+    pushes: Array
     random_pushes: bool
-    numbers: Numbers  # of the task
+    numbers: Numbers
 
 
 class World:
-    """n robots in their surroundings; it knows no commands, rewards or ends of episodes.
+    """Simulation of n robots together with everything that acts on them.
 
-    It answers named questions on all robots, by arrays (n,) and (n, toes) to be read.
+    A world combines the simulation backend with the terrain, the parameters of each episode, the
+    actuation delay, pushes, and sensor noise. Commands, rewards, and termination are not part of
+    it; they belong to the task (:class:`jansen_env.tasks.task.Task`).
+
+    The world exposes the state of the robots as arrays with one entry per robot, shape (n,), or one
+    entry per robot and toe, shape (n, toes). Treat these arrays as read-only.
 
     Args:
-        settings: Arguments.
-        threads: Number of cores to use; None: chosen by batch size.
-        task: Record of the task.
+        settings: Checked arguments of the environment.
+        threads: Number of CPU cores to use. If None, it is chosen from the batch size.
+        task: Data type of the task's part of a robot's record. None for no such part.
 
     Attributes:
-        OPTIONS: Names of reset options.
-        SETTABLE: Names that :meth:`change` takes.
-        records: The robots: everything that their future depends on.
-        plant: Moves the robots.
-        episodes: Samples their parameters and terrains.
-        lengths: Link lengths of the present episodes.
-        information, energies, arrays, groups: Information on robots, see
+        OPTIONS: Names of the options that :meth:`reset` accepts.
+        SETTABLE: Names of the values that :meth:`change` accepts.
+        records: Records of the robots, with everything that their future depends on.
+        plant: Simulation backend that moves the robots.
+        episodes: Parameters and terrain of each robot's current episode.
+        lengths: Link lengths of each robot's current episode.
+        information: Records of the values that become entries of ``info``, shape (n,); see
             :class:`jansen_env.tasks.information.InfoBuilder`.
-        observations: What the world can observe.
-        x_position: Shape (n,), position of the crank axis in m.
-        pitch: Shape (n,), of the chassis in rad.
-        pitch_rate: Shape (n,), in rad/s.
-        crank_angle: Shape (n,), relative to the chassis, counter-clockwise, not wrapped, in rad.
-        crank_speed: Shape (n,), counter-clockwise, in rad/s.
-        x_velocity: Shape (n,), mean velocity of the crank axis over the last step in m/s.
-        crank_torque: Shape (n,), mean torque of the motor over the last step in N m.
-        motor_work: Shape (n,), in the last step, in J.
-        action: Shape (n,), of the last step, clipped.
-        weight: Shape (n,), of robots and payloads in N.
-        slip: Shape (n, toes), path that each toe slid while loaded in the last step in m.
-        toe_load: Shape (n, toes), normal forces divided by the weight.
-        control_dt: Time for which an action is held in s.
-        elapsed: Shape (n,), control steps since the reset.
-        seeds: Shape (n,), seeds of everything sampled during the episodes.
-        delay_range: Shape (n, 2), delays of episodes to come in s.
-        truncated: Shape (n,), whether the simulation diverged.
+        energies: Records of the values that become ``info["energy"]``, shape (n,).
+        arrays: Further entries of ``info`` by name, each with shape (n,) or (n, ...).
+        groups: Further records by name, each with shape (n,), that become dictionaries in ``info``.
+        observations: Descriptions of all values that the world can put into an observation.
+        x_position: Horizontal position of the crank axis, in m, shape (n,).
+        pitch: Pitch of the chassis, in rad, shape (n,).
+        pitch_rate: Rate of change of ``pitch``, in rad/s, shape (n,).
+        crank_angle: Crank angle relative to the chassis, in rad, positive counter-clockwise, not
+            wrapped to one turn, shape (n,).
+        crank_speed: Rate of change of ``crank_angle``, in rad/s, shape (n,).
+        x_velocity: Horizontal velocity of the crank axis, averaged over the last control step, in
+            m/s, shape (n,).
+        crank_torque: Motor torque, averaged over the last control step, in N m, shape (n,).
+        motor_work: Work of the motor in the last control step, in J, shape (n,).
+        action: Action of the last control step after clipping and rate limiting, shape (n,).
+        weight: Weight of robot and payload, in N, shape (n,).
+        direction: Direction in which the crank turns to walk towards +x, 1 or -1, shape (n,).
+        full_torque: Signed torque that action 1 commands, in N m, shape (n,).
+        slip: Distance that each toe slid under load in the last control step, in m, shape
+            (n, toes).
+        toe_load: Normal force on each toe divided by the weight, shape (n, toes).
+        control_dt: Duration of a control step, for which an action is held, in s.
+        elapsed: Number of control steps since the last reset, shape (n,).
+        seeds: Seeds of everything that is sampled during the episodes, shape (n,).
+        delay_range: Lowest and highest delay of future episodes, in s, shape (n, 2).
+        truncated: Whether the simulation of each robot has diverged, shape (n,).
 
     Raises:
         ValueError: If an argument is out of range.
-        LinkageError: If a robot cannot turn its crank.
+        LinkageError: If a robot cannot turn its crank through a full revolution.
     """
 
     def __init__(
@@ -191,7 +217,7 @@ class World:
             scanned = self._readings[len(self._readings) - len(self.scan) :]
             self.observations = [*ONBOARD, *scanned]
         if self.held:
-            self.observations = self.observations[:3]  # of the crank
+            self.observations = self.observations[:3]  # only the crank is observed
             self.OPTIONS: tuple[str, ...] = ("crank_angle", "crank_speed", "delay", "lengths")
             self.SETTABLE: tuple[str, ...] = ("delay",)
         else:
@@ -213,12 +239,15 @@ class World:
         self._share_arrays()
 
     def _bind_kernels(self) -> None:
-        """Let each kernel remember the arguments of this world."""
+        """Create kernels with argument buffers that belong to this world."""
         self._begin_episode = episode.begin_episode.bound()
         self._observe = episode.observe.bound()
 
     def _longest_queue(self, randomize: Sequence[Values]) -> int:
-        """Return how many torques the longest delay of any episode takes.
+        """Return the number of torques that must be kept for the longest delay of any episode.
+
+        Args:
+            randomize: Randomised parameters of each robot.
 
         Raises:
             ValueError: If the delay is too long for this control period.
@@ -232,7 +261,11 @@ class World:
         return math.ceil(longest / self.control_dt) + 2
 
     def _note_paths(self, which: Ints) -> None:
-        """Note the paths of robots' toes, which onboard sensors know."""
+        """Store the paths of the toes, from which onboard sensors estimate the velocity.
+
+        Args:
+            which: Indices of the robots, shape (k,).
+        """
         if not self.is_onboard:
             return
         paths = np.array([toe_paths(self.robots[i]) for i in which.tolist()], np.float32, order="C")
@@ -242,7 +275,7 @@ class World:
             self._paths[which] = paths
 
     def _share_arrays(self) -> None:
-        """Let questions, information and kernels use the records."""
+        """Make the attributes, the information and the kernels' arguments views of the records."""
         records = self.records
         robots: Rows = records.robots
         states = records.states
@@ -294,11 +327,11 @@ class World:
         observation: NDArray[np.float32],
         task_names: Sequence[str],
     ) -> None:
-        """Take the array of observations.
+        """Store the array into which the world writes the observations.
 
         Args:
-            observed: Its columns.
-            observation: Shape (n, d).
+            observed: Description of each column of the array.
+            observation: Array of the observations, shape (n, d).
             task_names: Names of the columns that the compiled task fills, in its order.
         """
         columns = {entry.name: place for place, entry in enumerate(observed)}
@@ -320,32 +353,41 @@ class World:
 
     @property
     def robots(self) -> list[Robot]:
-        """The robots of these episodes, before parameters."""
+        """Robots of the current episodes, without the parameters of these episodes."""
         return self.plant.robots
 
     @property
     def torque(self) -> Array:
-        """(n,) N m, commanded torque with which the last step ended."""
+        """Commanded torque at the end of the last step, after the delay, in N m, shape (n,)."""
         return self.records.torques[self._every, self.records.robots["delay"][:, 0]]
 
-    # Named questions. What the engine says of the last step is exact, whatever sensors measure.
+    # Values of the last step. They are exact, even if the sensors are noisy.
 
     @property
     def motor_power(self) -> Array:
-        """(n,) W, the mean over the last step."""
+        """Mean power of the motor over the last step, in W, shape (n,)."""
         return self.motor_work / self.control_dt
 
     @property
     def non_toe_contact(self) -> Bools:
-        """(n,) whether a joint other than a toe was pressed on the ground in the last step."""
+        """Whether a joint other than a toe pressed on the ground in the last step, shape (n,)."""
         return self.records.accumulators["non_toe_impulse"] > 0.0
 
     def joint_forces(self) -> JointForces:
-        """Return a single robot's joint forces now; ValueError: the plant does not know them."""
+        """Return the present joint forces of the first robot.
+
+        Raises:
+            ValueError: If the simulation backend does not compute joint forces.
+        """
         return self.plant.joint_forces(float(self.torque[0]), self._next_push())
 
     def _next_push(self) -> Array | None:
-        """Return the impulse (2,) on the first robot's chassis in its next time step, N s."""
+        """Return the impulse on the first robot's chassis in its next time step.
+
+        Returns:
+            The impulse in x and y, in N s, shape (2,), or None if no push acts in the next control
+            step.
+        """
         impulses = np.zeros((self.steps, 2))
         robots = self.records.robots
         schedule = self.records.schedule
@@ -361,14 +403,26 @@ class World:
         draw: Draw,
         progress: Progress,
     ) -> list[Numbers]:
-        """Place robots (k,) for their next episodes, and return what ``draw`` gave for each.
+        """Place some of the robots for their next episodes.
 
-        The task puts these numbers into its records, and then calls :meth:`begin_episodes`.
+        The task puts the returned values into its records, and then calls :meth:`begin_episodes`.
+        After an error, the generators have advanced; nothing else has changed.
+
+        Args:
+            which: Indices of the robots, shape (k,).
+            generators: Random number generator of each of these robots.
+            options: Reset options of each of these robots; see :attr:`OPTIONS`.
+            draw: Function that samples the task's values for one robot.
+            progress: Function that returns how far a robot got in its last episode, in m, and its
+                mean commanded speed, in m/s. The curriculum uses both.
+
+        Returns:
+            The values that ``draw`` returned, one dictionary per robot.
 
         Raises:
             ValueError: If an option is out of range.
-            FloatingPointError: If a robot of the rigid-body plant diverges where it is placed.
-                Nothing has changed after an error but the generators.
+            FloatingPointError: If a robot of the rigid-body backend diverges at its initial
+                position.
         """
         robots = zip(which.tolist(), generators, options, strict=True)
         starts = [self._plan_start(*robot, draw, progress) for robot in robots]
@@ -386,7 +440,11 @@ class World:
         return [start.numbers for start in starts]
 
     def begin_episodes(self, which: Ints) -> None:
-        """Begin the episodes of robots (k,) that stand where they start."""
+        """Begin the episodes of robots that have been placed.
+
+        Args:
+            which: Indices of the robots, shape (k,).
+        """
         records = self.records
         plant = self.plant
         self._joint_loads[:] = 0.0
@@ -397,9 +455,12 @@ class World:
         )
 
     def observe(self, which: Ints | None, moved: bool) -> None:
-        """Fill observations and information of robots (k,), after a step or as they stand.
+        """Fill the observations and the information of some robots.
 
-        ``which``: None for all.
+        Args:
+            which: Indices of the robots, shape (k,). None for all robots.
+            moved: Whether these robots have just taken a control step. If False, they are observed
+                in their present state, for example after a reset.
         """
         plant = self.plant
         which = self._every if which is None else which
@@ -415,7 +476,13 @@ class World:
         )
 
     def _set_pushes(self, i: int, pushes: Array, random: bool) -> None:
-        """Give a robot's episode a schedule of pushes (k, 3), and random ones or not."""
+        """Set the pushes of a robot's episode.
+
+        Args:
+            i: Index of the robot.
+            pushes: Scheduled pushes: start in s, and impulse in x and y in N s, shape (k, 3).
+            random: Whether random pushes act in addition.
+        """
         records = self.records
         count = len(pushes)
         if count > 0:
@@ -427,15 +494,24 @@ class World:
         records.robots["random_pushes"][i] = random
 
     def scheduled(self, i: int) -> Array:
-        """Return a robot's own pushes (k, 3)."""
+        """Return the scheduled pushes of a robot.
+
+        Returns:
+            Start in s, and impulse in x and y in N s, of each push, shape (k, 3).
+        """
         count = int(self.records.robots["scheduled"][i])
         return self.records.schedule[i, :count].copy()
 
     def _plan_start(
         self, i: int, rng: np.random.Generator, options: Values, draw: Draw, progress: Progress
     ) -> Start:
-        """Draw how a robot's next episode starts; nothing changes yet but the generator's state."""
-        # Drawn in any case, so that fixing one leaves the others as they were.
+        """Sample the initial conditions of a robot's next episode.
+
+        Only the state of the generator changes. The arguments are those of :meth:`reset`, for a
+        single robot.
+        """
+        # All values are sampled even if an option replaces some of them, so that an option does not
+        # change the other values.
         noise = float(self.reset_noise_scale[i])
         if self.held:
             numbers = draw(i, rng, options)
@@ -454,12 +530,12 @@ class World:
             delay = option(options, "delay", delay, 0.0, self._longest_delay)
             angle = option(options, "crank_angle", angle, *limits)
             speed = option(options, "crank_speed", speed, -DIVERGED, DIVERGED)
-        seed = None  # a held robot without draws later in its episode needs none
+        seed = None  # a robot with a fixed chassis needs no seed unless its lengths are sampled
         if not self.held or self.lengths.factors[i]:
             seed = draw_seed(rng)
         if "robot" in options:
             robot = load_robot("options['robot']", options["robot"])
-            self.plant.check_robot(robot)  # with its own lengths, for later episodes
+            self.plant.check_robot(robot)  # with its nominal lengths, which later episodes may use
         build = self.lengths.plan(i, options.get("lengths", {}), seed, robot)
         plan = self.episodes.plan(i, rng, options, delay, progress, build)
         if options.get("pushes") is not None:
@@ -468,11 +544,17 @@ class World:
         return Start(angle, speed, plan, seed or 0, pushes, random, numbers)
 
     def _begin(self, which: Ints, plans: Sequence[Plan], place: Callable[[], None]) -> None:
-        """Begin planned episodes of robots (k,), which ``place`` puts where they start.
+        """Apply planned episodes and place the robots. After an error, nothing has changed.
+
+        Args:
+            which: Indices of the robots, shape (k,).
+            plans: Plan of each of these robots.
+            place: Function that places the robots.
 
         Raises:
-            ValueError, FloatingPointError: the plant refuses that, or a draw would do nothing for
-                a robot; nothing has changed then.
+            ValueError: If the simulation backend rejects a plan, or the user randomises a parameter
+                that has no effect on a new robot.
+            FloatingPointError: If the simulation diverges at the initial position of a robot.
         """
         builds = {i: p.build for i, p in zip(which.tolist(), plans, strict=True) if p.build}
         others: dict[int, Robot] = {}
@@ -498,10 +580,11 @@ class World:
 
     @property
     def _longest_delay(self) -> float:
+        """Longest delay for which the records have room, in s."""
         return (self.records.torques.shape[1] - 2) * self.control_dt
 
     def delay(self, i: int) -> float:
-        """Return the time by which a robot's torques come late in this episode, s."""
+        """Return the time by which a robot's torques are delayed in this episode, in s."""
         whole, rest = self.records.robots["delay"][i].tolist()
         return float(whole * self.control_dt + rest * self.time_step)
 
@@ -510,12 +593,15 @@ class World:
     def step(
         self, actions: Array, which: Ints | None, meanwhile: Callable[[], None] | None = None
     ) -> None:
-        """Hold actions of robots for ``control_dt`` seconds.
+        """Apply an action to each active robot and simulate ``control_dt`` seconds.
 
         Args:
-            actions: Shape (n, 1), finite for each of these robots.
-            which: Shape (k,), the robots; None for all.
-            meanwhile: Called while they move, to :meth:`reset` others.
+            actions: Crank torques as fractions of the torque limit, shape (n, 1). The actions of
+                active robots must be finite; values beyond [-1, 1] are clipped. The actions of
+                other robots are ignored.
+            which: Indices of the active robots, shape (k,). None for all robots.
+            meanwhile: Function that is called while the robots move. It may :meth:`reset` robots
+                that are not active.
         """
         plant = self.plant
         which = self._every if which is None else which
@@ -525,11 +611,15 @@ class World:
             self.records.robots["info"]["joint_gap"] = plant.joint_gap
         if plant.any_diverged or self._any_truncated:
             self._truncate(which)
-        if self.track_joint_forces and len(which) > 0:  # the single robot
+        if self.track_joint_forces and len(which) > 0:  # there is only one robot
             self._joint_loads[:] = self._find_joint_loads()
 
     def _truncate(self, which: Ints) -> None:
-        """End episodes of those robots (k,) whose simulation has just diverged."""
+        """End the episodes of robots whose simulation has just diverged.
+
+        Args:
+            which: Indices of the robots that have just moved, shape (k,).
+        """
         self.truncated[:] = False
         self.truncated[which] = self.plant.diverged[which]
         diverged = self.truncated
@@ -542,7 +632,7 @@ class World:
             )
 
     def _find_joint_loads(self) -> tuple[float, float]:
-        """Return the largest force on a joint, N, and the largest impulse, N s."""
+        """Return the largest force on a joint, in N, and the largest impulse, in N s."""
         if self.held:
             return self.plant.joint_forces(float(self.torque[0])).largest()[0], 0.0
         if self.plant.any_diverged:
@@ -552,11 +642,17 @@ class World:
     # Single robots.
 
     def push(self, i: int, impulse: object) -> None:
-        """Push a robot's chassis from now on, beside other pushes, for ``push.duration`` or 0.1 s.
+        """Push the chassis of a robot from now on, in addition to all other pushes.
+
+        The push lasts for ``push.duration``, or for 0.1 s if the environment has no ``push``.
+
+        Args:
+            i: Index of the robot.
+            impulse: Impulse in x and y, in N s.
 
         Raises:
-            ValueError: an impulse of no two finite numbers, N s, too many pushes at once, or a
-                robot that is held.
+            ValueError: If ``impulse`` is not two finite numbers, there are too many pushes at once,
+                or the chassis of the robot is fixed.
         """
         if self.held:
             raise ValueError("a robot whose chassis is fixed cannot be pushed")
@@ -566,7 +662,18 @@ class World:
         self._set_pushes(i, pushes, bool(self.records.robots["random_pushes"][i]))
 
     def checked(self, i: int, changes: Values) -> Values:
-        """Return changes for :meth:`change`; ValueError: out of range."""
+        """Check new values of a robot for :meth:`change`.
+
+        Args:
+            i: Index of the robot.
+            changes: New values, by name; see :attr:`SETTABLE`.
+
+        Returns:
+            The checked values, by name.
+
+        Raises:
+            ValueError: If a value is out of range.
+        """
         named: dict[str, Check] = {
             "payload": load_payload,
             "motor": load_motor,
@@ -585,7 +692,12 @@ class World:
         return checked
 
     def change(self, i: int, checked: Values) -> None:
-        """Apply changes that :meth:`checked` returned to a robot and its ground."""
+        """Apply new values to a robot and its terrain.
+
+        Args:
+            i: Index of the robot.
+            checked: Values that :meth:`checked` returned.
+        """
         plant = self.plant
         if {*checked} - {*FROM_RESETS}:
             state = plant.states[i].copy()
@@ -604,16 +716,20 @@ class World:
             self.episodes.level[i] = self.episodes.levels[i] = checked["terrain_level"]
 
     def terrain(self, i: int) -> Ground:
-        """Return a robot's ground, with friction and restitution of this episode."""
+        """Return the terrain of a robot, with the friction and restitution of this episode."""
         friction, bounce = self.records.parameters[["friction", "restitution"]][i].tolist()
         return replace(self.plant.terrains[i], friction=friction, restitution=bounce)
 
     def get_attr(self, name: str) -> list[object] | None:
-        """Return an attribute of each robot; None for a name that is none of these.
+        """Return an attribute of each robot.
 
-        Names: ``robot``, ``state``, ``delay`` (s, of this episode), ``terrain``, ``terrain_level``,
-        ``payload``, ``motor``, ``torque_limit``, ``pad_compliance``, ``weight``,
-        ``reset_noise_scale`` and :data:`KEPT`.
+        Args:
+            name: ``robot``, ``state``, ``delay`` (in s, of this episode), ``terrain``,
+                ``terrain_level``, ``payload``, ``motor``, ``torque_limit``, ``pad_compliance``,
+                ``weight``, ``reset_noise_scale``, or a name in :data:`KEPT`.
+
+        Returns:
+            The values, one per robot, or None if ``name`` is a different name.
         """
         numbers = self.records.parameters
         if name in PARTS:
@@ -633,7 +749,10 @@ class World:
         return list(values[name]) if name in values else None
 
     def get_state(self, i: int) -> Values:
-        """Return all that a robot's future depends on but the task and random numbers."""
+        """Return everything that the future of a robot depends on.
+
+        The values of the task and the state of the random number generator are not included.
+        """
         changed = self.lengths.changed[i]
         in_contact = self.plant.in_contact
         state: Values = {
@@ -660,7 +779,18 @@ class World:
         return state
 
     def checked_state(self, i: int, state: Values) -> Values:
-        """Return a state of :meth:`get_state` for :meth:`restore`; ValueError: out of range."""
+        """Check a state of :meth:`get_state` for :meth:`restore`.
+
+        Args:
+            i: Index of the robot.
+            state: The state.
+
+        Returns:
+            The checked values, by name.
+
+        Raises:
+            ValueError: If a value is out of range.
+        """
         sizes = {"asked": self.records.torques.shape[1], "loads": self.plant.toes}
         if self.is_onboard:
             sizes["onboard"] = ESTIMATES
@@ -692,7 +822,11 @@ class World:
         }
 
     def _checked_build(self, i: int, state: Values) -> Build | None:
-        """Return a state's robot, if it is another than now or has other lengths."""
+        """Return the robot of a state, or None if the present robot need not be replaced.
+
+        Raises:
+            ValueError: If the state contains a robot or lengths that this world cannot restore.
+        """
         robot: Robot = self.lengths.constructed[i]
         if "robot" in state:
             if self.held:
@@ -709,7 +843,12 @@ class World:
         return self.lengths.plan(i, state.get("lengths", {}), None, other)
 
     def restore(self, i: int, state: Values) -> None:
-        """Let a robot go on from a state of :meth:`checked_state`."""
+        """Restore a robot to a saved state.
+
+        Args:
+            i: Index of the robot.
+            state: State that :meth:`checked_state` returned.
+        """
         plant = self.plant
         which = np.array([i])
         where = state["plant"], state["deflection"]
@@ -748,7 +887,12 @@ class World:
         return {"robot": robot, "terrain_points": ground.polyline}
 
     def frame(self, i: int, command: float | None) -> Frame:
-        """Return the picture data of a robot as it is now."""
+        """Return the data from which a picture of a robot in its present state is drawn.
+
+        Args:
+            i: Index of the robot.
+            command: Commanded value that the picture shows. None for no command.
+        """
         plant = self.plant
         state = self.plant.states[i]
         weight = float(self.weight[i])
@@ -785,12 +929,12 @@ class World:
         self._share_arrays()
 
     def close(self) -> None:
-        """Let go of threads."""
+        """Release the threads of the simulation backend."""
         self.plant.close()
 
 
 def _parameters_of(changes: Values) -> Numbers:
-    """Return the parameters that checked changes set at once."""
+    """Return the parameters that checked changes set immediately, not only at the next reset."""
     numbers = {name: changes[name] for name in PARAMETERS if name in {*changes} - {*FROM_RESETS}}
     if "payload" in numbers:
         parameters.set_payload(numbers, numbers["payload"])

@@ -1,0 +1,1 @@
+"""Rigid-body backend, in which pymunk simulates every link as a body."""

@@ -1,6 +1,7 @@
-"""A robot as pymunk bodies: one for each link, a joint for each pin, a circle for each pad.
+"""A robot made of pymunk objects: a body per link, a joint per pin, and a circle per pad.
 
-All frames and the load are one body, all cranks another; every other link is one of its own.
+The frames of all legs and the payload form one body, the chassis. The cranks of all legs form
+another body, the shaft. Every other link is a separate body.
 """
 
 from __future__ import annotations
@@ -25,27 +26,35 @@ from jansen_env.terrain import Ground
 _Body = pymunk.batch.BodyFields
 _MOTION = _Body.POSITION | _Body.ANGLE | _Body.VELOCITY | _Body.ANGULAR_VELOCITY
 
-CHASSIS, SHAFT = 0, 1  # places of the bodies that all legs share; then those of each leg
+CHASSIS, SHAFT = 0, 1  # indices of the bodies that all legs share; the bodies of each leg follow
 X, Y, ANGLE, VX, VY, SPIN = range(6)  # columns of a motion
-SLOP = 1e-5  # m, how deep a resting toe may sink in
-GAP_LEFT = 0.5  # share of a joint's gap left after one second; the rest is pulled together
-INSET = 0.98  # radius of links' sides, of the pads', so that pads touch first at their ends
-TURN = 24  # crank angles at which a robot's lightest spots are looked for
+SLOP = 1e-5  # depth, in m, to which a resting toe may sink into the ground
+GAP_LEFT = 0.5  # fraction of a joint's gap that is left after one second of closing the gap
+INSET = 0.98  # radius of the sides of links divided by that of pads, so that pads touch first
+TURN = 24  # number of crank angles at which the smallest effective mass of a robot is searched
 
 
 def place_of(robot: Robot, leg: int, body: int) -> int:
-    """Index of body 1, 2, ... of a leg: frames are the chassis, cranks the shaft."""
+    """Return the index of a body of a leg.
+
+    The frame of each leg belongs to the chassis, and the crank of each leg belongs to the shaft.
+
+    Args:
+        robot: The robot.
+        leg: Index of the leg.
+        body: Number of the body in the linkage, counted from 1.
+    """
     return body - 1 + (body > CRANK) * leg * (len(robot.bodies) - CRANK)
 
 
 def count_bodies(robot: Robot) -> int:
-    """How many there are."""
+    """Return the number of bodies of a robot."""
     return place_of(robot, len(robot.legs), CRANK + 1)
 
 
 @functools.lru_cache(maxsize=8 * TURN)
 def _local_bodies(robot: Robot, crank_angle: float) -> Array:
-    """(legs, bodies, 3) angle, x, y of every link in the chassis frame."""
+    """Return angle, x and y of every link in the chassis frame, shape (legs, bodies, 3)."""
     legs = [coordinates(robot, leg.side, crank_angle + leg.phase) for leg in robot.legs]
     bodies = np.array(legs).reshape(len(legs), -1, 3)
     bodies.setflags(write=False)
@@ -53,7 +62,7 @@ def _local_bodies(robot: Robot, crank_angle: float) -> Array:
 
 
 def _lumps(robot: Robot) -> list[tuple[float, float, Array]]:
-    """Mass, inertia and centre (at crank angle 0) of the chassis and of the shaft."""
+    """Return mass, inertia and centre of mass of chassis and shaft, at crank angle 0."""
     home, lumps = _local_bodies(robot, 0.0), []
     for k in (CHASSIS, SHAFT):
         link = robot.bodies[k]
@@ -69,13 +78,25 @@ def _lumps(robot: Robot) -> list[tuple[float, float, Array]]:
 
 
 def inertias(robot: Robot) -> Array:
-    """(bodies, 2) mass, kg, and inertia about the centre of mass, kg m^2."""
+    """Return the mass and the inertia of every body.
+
+    Returns:
+        Mass, in kg, and inertia about the centre of mass, in kg m^2, shape (bodies, 2).
+    """
     links = [(link.mass, link.inertia) for link in robot.bodies[2:]]
     return np.array([*((m, j) for m, j, _ in _lumps(robot)), *links * len(robot.legs)])
 
 
 def poses(robot: Robot, q: Array) -> Array:
-    """(bodies, 3) angle, x, y of every body at q = (x, y, theta, psi); angles 0 at q = 0."""
+    """Return the pose of every body.
+
+    Args:
+        robot: The robot.
+        q: Generalised coordinates (x, y, theta, psi), in m and rad, shape (4,).
+
+    Returns:
+        Angle, x and y, in rad and m, shape (bodies, 3). All angles are 0 at q = 0.
+    """
     theta, psi = float(q[2]), float(q[3])
     home, links = _local_bodies(robot, 0.0), _local_bodies(robot, psi)
     cos, sin = math.cos(psi), math.sin(psi)
@@ -94,7 +115,18 @@ def poses(robot: Robot, q: Array) -> Array:
 
 
 def rates(robot: Robot, q: Array, v: Array) -> Array:
-    """(bodies, 3) rates of :func:`poses`: differences of closed forms, good to 1e-9."""
+    """Return the rates of change of :func:`poses`.
+
+    They are computed by differences of closed forms and are accurate to 1e-9.
+
+    Args:
+        robot: The robot.
+        q: Generalised coordinates (x, y, theta, psi), in m and rad, shape (4,).
+        v: Rates of the generalised coordinates, in m/s and rad/s, shape (4,).
+
+    Returns:
+        Rates of angle, x and y, in rad/s and m/s, shape (bodies, 3).
+    """
     step = 1e-6
     q = np.array([0.0, 0.0, *(math.remainder(angle, 2.0 * math.pi) for angle in q[2:])])
     change = poses(robot, q + step * v) - poses(robot, q - step * v)
@@ -103,14 +135,20 @@ def rates(robot: Robot, q: Array, v: Array) -> Array:
 
 
 def viscous_pairs(robot: Robot) -> dict[tuple[int, int], float]:
-    """Viscous friction between pairs of bodies, N m s/rad: joints and motor, without zeros."""
+    """Return the viscous friction of joints and motor for each pair of bodies, in N m s/rad.
+
+    Pairs without friction are left out.
+    """
     each = zip(robot.linkage.damped, robot.damping, strict=True)
     return _summed(robot, each, robot.motor.viscous_friction)
 
 
 def joint_friction(robot: Robot) -> Array:
-    """(bodies, bodies) K: the viscous torques of joints and motor on the bodies are -K times
-    their spins."""
+    """Return the matrix K of viscous friction, in N m s/rad, shape (bodies, bodies).
+
+    The viscous torques of joints and motor on the bodies are -K times the angular velocities of the
+    bodies.
+    """
     K = np.zeros((count_bodies(robot), count_bodies(robot)))
     for (a, b), coefficient in viscous_pairs(robot).items():
         K[a, a] += coefficient
@@ -121,7 +159,10 @@ def joint_friction(robot: Robot) -> Array:
 
 
 def dry_pairs(robot: Robot) -> dict[tuple[int, int], float]:
-    """Coulomb friction torque between pairs of bodies, N m: bearings and gear, without zeros."""
+    """Return the Coulomb friction torque of bearings and gear for each pair of bodies, in N m.
+
+    Pairs without friction are left out.
+    """
     each = zip(robot.linkage.bearings, robot.bearing_friction, strict=True)
     return _summed(robot, each, robot.motor.friction)
 
@@ -129,7 +170,16 @@ def dry_pairs(robot: Robot) -> dict[tuple[int, int], float]:
 def _summed(
     robot: Robot, of_a_leg: Iterable[tuple[tuple[int, int], float]], motor: float
 ) -> dict[tuple[int, int], float]:
-    """What each leg has between its bodies, and the motor, between the bodies that legs share."""
+    """Return values between pairs of bodies, summed over all legs and the motor.
+
+    Args:
+        robot: The robot.
+        of_a_leg: Pairs of bodies of a leg, counted from 1, each with its value.
+        motor: Value between the chassis and the shaft, which is added once.
+
+    Returns:
+        The sums by pair of bodies, without zeros.
+    """
     total: dict[tuple[int, int], float] = defaultdict(float)
     pairs = [*of_a_leg]
     for leg in range(len(robot.legs)):
@@ -140,17 +190,24 @@ def _summed(
 
 
 class TurnMotion(NamedTuple):
-    """A level robot at a crank angle: how its bodies move with each rate of q."""
+    """Motion of the bodies of a level robot at one crank angle.
 
-    poses: Array  # (bodies, 3), see :func:`poses`
-    rates: Array  # (4, bodies, 3) of these per rate of q
-    mass_matrix: Array  # (4, 4)
-    pads: Array  # (pads, 2) their centres, m
+    Attributes:
+        poses: Pose of every body, shape (bodies, 3); see :func:`poses`.
+        rates: Rates of the poses per rate of each generalised coordinate, shape (4, bodies, 3).
+        mass_matrix: Mass matrix in the generalised coordinates, shape (4, 4).
+        pads: Centres of the pads, in m, shape (pads, 2).
+    """
+
+    poses: Array
+    rates: Array
+    mass_matrix: Array
+    pads: Array
 
 
 @functools.lru_cache(maxsize=2)
 def turn_motions(robot: Robot) -> list[TurnMotion]:
-    """The robot at :data:`TURN` crank angles."""
+    """Return the motion of a robot's bodies at :data:`TURN` crank angles over a turn."""
     (mass, inertia), layout, motions = inertias(robot).T, pad_layout(robot), []
     joints = [robot.linkage.all_pads[k][0] for k in layout.joint]
     for psi in 2.0 * math.pi * np.arange(TURN) / TURN:
@@ -163,13 +220,23 @@ def turn_motions(robot: Robot) -> list[TurnMotion]:
 
 
 def pad_bodies(robot: Robot, layout: Pads) -> list[int]:
-    """Index of the body that each pad is part of."""
+    """Return the index of the body to which each pad belongs.
+
+    Args:
+        robot: The robot.
+        layout: Pads of the robot.
+    """
     pairs = zip(layout.leg.tolist(), layout.joint.tolist(), strict=True)
     return [place_of(robot, leg, robot.linkage.all_pads[k][1] + 1) for leg, k in pairs]
 
 
 def side_bodies(robot: Robot, sides: Ints) -> list[int]:
-    """Index of the body that each of links' ``sides`` (n, 2) is part of; pairs of pads."""
+    """Return the index of the body to which each side of a link belongs.
+
+    Args:
+        robot: The robot.
+        sides: Indices of the two pads at the ends of each side, shape (n, 2).
+    """
     layout, linkage, bodies = pad_layout(robot), robot.linkage, []
     for side in sides.tolist():
         pads = [(int(layout.leg[k]), *linkage.all_pads[layout.joint[k]]) for k in side]
@@ -181,27 +248,63 @@ def side_bodies(robot: Robot, sides: Ints) -> list[int]:
 
 
 class Snapshot(NamedTuple):
-    """Pose of all bodies at an instant."""
+    """Positions and velocities of all bodies at an instant.
 
-    motion: Array  # (bodies, 6)
-    pads: Array  # (pads, 2) centres, m
-    energy: float  # J, without what springs hold
-    joint_gap: float  # m, the widest
+    Attributes:
+        motion: x, y and angle of each body and their rates, in m, rad and s, shape (bodies, 6); see
+            :data:`X` and the following constants.
+        pads: Centres of the pads, in m, shape (pads, 2).
+        energy: Kinetic and potential energy, in J, without the energy in springs.
+        joint_gap: Widest gap of any joint, in m.
+    """
+
+    motion: Array
+    pads: Array
+    energy: float
+    joint_gap: float
 
     def speed_along(self, body: int, x: float, y: float, tx: float, ty: float) -> float:
-        """Velocity (m/s) along (tx, ty) of the point of a body that is at (x, y)."""
+        """Return the velocity of a point of a body along a direction, in m/s.
+
+        Args:
+            body: Index of the body.
+            x: Position of the point, in m.
+            y: Height of the point, in m.
+            tx: x component of the direction, a unit vector.
+            ty: y component of the direction.
+        """
         cx, cy, _, vx, vy, w = self.motion[body].tolist()
         return float((vx - w * (y - cy)) * tx + (vy + w * (x - cx)) * ty)
 
 
 class BodySpace:
-    """A new space with a robot in a state: nothing is left of what an older one cached.
+    """New pymunk space with a robot in a state.
+
+    A new space contains nothing that an older space has cached.
+
+    Args:
+        robot: The robot.
+        terrain: The ground.
+        gravity: Gravitational acceleration (x, y), in m/s^2.
+        state: x, y, theta, psi and their rates, in m, rad and s, shape (8,).
+        held: Whether the chassis is fixed in the air.
+        sides: Indices of the two pads at the ends of each side of a link that collides with the
+            ground, shape (n, 2).
 
     Attributes:
-        space: pymunk's. bodies, pins, pads, dry: of the robot in it. owners: the body of each pad.
-            index: of the bodies by pymunk's ids. radius: of the pads, m.
-        home: (bodies, 3) where bodies are on a chassis at 0. inertias: (bodies, 2) kg, kg m^2.
-        loads: (bodies, 3) force, N, and torque, N m, on each in the next time step.
+        space: The pymunk space.
+        bodies: Bodies of the robot.
+        pins: Joints of the robot's pins, that of the crank axis first.
+        pads: Circles of the robot's pads.
+        dry: Joints that exert the Coulomb friction of bearings and gear.
+        owners: Index of the body to which each pad belongs.
+        index: Indices of the bodies, by pymunk's ids.
+        radius: Radius of the pads, in m.
+        home: Angle, x and y of each body with the chassis and the crank at 0, in rad and m, shape
+            (bodies, 3).
+        inertias: Mass, in kg, and inertia, in kg m^2, of each body, shape (bodies, 2).
+        loads: Force in x and y, in N, and torque, in N m, on each body in the next time step, shape
+            (bodies, 3).
     """
 
     def __init__(
@@ -216,7 +319,7 @@ class BodySpace:
         self.space = space = pymunk.Space()
         self._gravity = space.gravity = gravity
         space.collision_slop = SLOP
-        space.collision_persistence = 1  # arbiters that touch, and no older ones
+        space.collision_persistence = 1  # keep only the contacts of the present time step
         terrain.add_to(space)
         layout = pad_layout(robot)
         self.owners = pad_bodies(robot, layout)
@@ -233,9 +336,9 @@ class BodySpace:
             joint.max_force = torque
             self.dry.append(joint)
         space.add(*self.bodies, *self.pins, *self.dry)
-        if robot.pad_compliance.rigid:  # those that give push by themselves
+        if robot.pad_compliance.rigid:  # the forces of compliant pads are part of the loads
             space.add(*self.pads, *self._make_sides(robot, sides))
-        # A row for every body of the space, the ground's (last) too: it stays 0.
+        # One row per body of the space. The last row belongs to the ground and stays 0.
         rows = np.zeros((self._list_bodies(), 3))
         self.loads = rows[: len(self.bodies)]
         self._set = pymunk.batch.Buffer()
@@ -247,7 +350,12 @@ class BodySpace:
             space.reindex_shapes_for_body(body)
 
     def _put(self, where: Array, speed: Array) -> None:
-        """Put bodies where ``where`` (n, 3) says (angle, x, y), moving at ``speed``."""
+        """Set the poses and velocities of the bodies.
+
+        Args:
+            where: Angle, x and y of each body, in rad and m, shape (bodies, 3).
+            speed: Rates of ``where``, in rad/s and m/s, shape (bodies, 3).
+        """
         for body, (angle, x, y), (spin, vx, vy) in zip(
             self.bodies, where.tolist(), speed.tolist(), strict=True
         ):
@@ -255,7 +363,10 @@ class BodySpace:
             body.angular_velocity, body.velocity = spin, (vx, vy)
 
     def _make_pins(self, robot: Robot) -> list[pymunk.PivotJoint]:
-        """One joint per pin, the crank's own first; made while the bodies are at home."""
+        """Return one joint per pin, that of the crank axis first.
+
+        The bodies must be at their positions :attr:`home`.
+        """
         pins = [pymunk.PivotJoint(self.bodies[CHASSIS], self.bodies[SHAFT], (0.0, 0.0))]
         for i, leg in enumerate(robot.legs):
             joints = joint_positions(robot, leg.side, leg.phase)
@@ -268,19 +379,25 @@ class BodySpace:
         return pins
 
     def _make_pads(self, robot: Robot, layout: Pads) -> list[pymunk.Circle]:
-        """Round pads in the order of the layout; made while the bodies are at home."""
+        """Return the circles of the pads, in the order of the layout.
+
+        The bodies must be at their positions :attr:`home`.
+        """
         pads = []
         for i, k, owner in zip(layout.leg, layout.joint, self.owners, strict=True):
             leg, body = robot.legs[i], self.bodies[owner]
             place = joint_positions(robot, leg.side, leg.phase)[robot.linkage.all_pads[k][0]]
             circle = pymunk.Circle(body, robot.pad_radius, tuple(place - np.array(body.position)))
-            circle.friction = circle.elasticity = 1.0  # pymunk multiplies them with the ground's
-            circle.filter = pymunk.ShapeFilter(group=1)  # legs never touch one another
+            circle.friction = circle.elasticity = 1.0  # pymunk multiplies by the ground's values
+            circle.filter = pymunk.ShapeFilter(group=1)  # legs do not collide with each other
             pads.append(circle)
         return pads
 
     def _make_sides(self, robot: Robot, sides: Ints) -> list[pymunk.Segment]:
-        """Links' ``sides`` (n, 2), pairs of pads; made while the bodies are at home."""
+        """Return the segments of the sides of links, each between two pads.
+
+        The bodies must be at their positions :attr:`home`.
+        """
         segments = []
         for pads, owner in zip(sides.tolist(), side_bodies(robot, sides), strict=True):
             body, ends = self.bodies[owner], (self.pads[k] for k in pads)
@@ -292,7 +409,11 @@ class BodySpace:
         return segments
 
     def _list_bodies(self) -> int:
-        """Note which body carries each end of a pin and each pad; how many bodies there are."""
+        """Store which body carries each end of a pin and each pad.
+
+        Returns:
+            The number of bodies of the space, including the body of the ground.
+        """
         self._got = pymunk.batch.Buffer()
         pymunk.batch.get_space_bodies(self.space, _Body.BODY_ID, self._got)
         rows = list(memoryview(self._got.int_buf()).cast("P"))
@@ -308,17 +429,25 @@ class BodySpace:
 
     @property
     def state(self) -> Array:
-        """(8,) x, y, theta, psi and their rates."""
+        """State of the robot: x, y, theta, psi and their rates, in m, rad and s, shape (8,)."""
         chassis, shaft = self.bodies[CHASSIS], self.bodies[SHAFT]
         axis = tuple(-self.home[CHASSIS, 1:])
         place, speed = chassis.local_to_world(axis), chassis.velocity_at_local_point(axis)
-        return np.array([
-            place.x, place.y, chassis.angle, shaft.angle - chassis.angle, speed.x, speed.y,
-            chassis.angular_velocity, shaft.angular_velocity - chassis.angular_velocity,
-        ])  # fmt: skip
+        return np.array(
+            [
+                place.x,
+                place.y,
+                chassis.angle,
+                shaft.angle - chassis.angle,
+                speed.x,
+                speed.y,
+                chassis.angular_velocity,
+                shaft.angular_velocity - chassis.angular_velocity,
+            ]
+        )
 
     def snapshot(self) -> Snapshot:
-        """Return where everything is now."""
+        """Return the present positions and velocities of all bodies."""
         self._got.clear()
         pymunk.batch.get_space_bodies(self.space, _MOTION, self._got)
         motion = np.frombuffer(self._got.float_buf()).reshape(-1, 6)[: len(self.bodies)].copy()
@@ -335,14 +464,26 @@ class BodySpace:
         return Snapshot(motion, points[2 * pins :], energy, math.sqrt((apart**2).sum(axis=1).max()))
 
     def advance(self, time_step: float, iterations: int) -> Snapshot:
-        """Let pymunk take a time step, s, under :attr:`loads`; returns where everything is then."""
+        """Simulate one time step under :attr:`loads`.
+
+        Args:
+            time_step: Time step, in s.
+            iterations: Number of iterations of pymunk's solver.
+
+        Returns:
+            Positions and velocities of all bodies after the time step.
+        """
         pymunk.batch.set_space_bodies(self.space, _Body.FORCE | _Body.TORQUE, self._set)
         self.space.iterations = iterations
         self.space.step(time_step)
         return self.snapshot()
 
     def dry_loss(self, mean: Array) -> float:
-        """Return the energy that dry friction took in a time step of mean spins (bodies,), J."""
+        """Return the energy that Coulomb friction dissipated in the last time step, in J.
+
+        Args:
+            mean: Mean angular velocity of each body over the time step, in rad/s, shape (bodies,).
+        """
         loss = 0.0
         for joint in self.dry:
             a, b = self.index[joint.a.id], self.index[joint.b.id]
@@ -350,7 +491,16 @@ class BodySpace:
         return loss
 
     def contact_frames(self, centres: Array) -> tuple[Array, Array]:
-        """(k, 2) points of the ground nearest to pads' ``centres`` (k, 2), and tangents there."""
+        """Return the point of the ground nearest to each pad, and the tangent there.
+
+        Args:
+            centres: Centres of the pads, in m, shape (k, 2).
+
+        Returns:
+            The points, in m, shape (k, 2), and the tangents of the ground at these points, shape
+            (k, 2). If no ground is near a pad, its point is the lowest point of the pad, and its
+            tangent points in the +x direction.
+        """
         points = centres - np.array([0.0, self.radius])
         tangents = np.tile([1.0, 0.0], (len(centres), 1))
         ours = pymunk.ShapeFilter(group=1)

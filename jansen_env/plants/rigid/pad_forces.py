@@ -252,9 +252,14 @@ class SpringPads:
     """
 
     def __init__(
-        self, robot: Robot, terrain: Ground, owners: list[int], time_step: float,
-        sides: Ints, shapes: ShapePlanes | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        robot: Robot,
+        terrain: Ground,
+        owners: list[int],
+        time_step: float,
+        sides: Ints,
+        shapes: ShapePlanes | None = None,
+    ) -> None:
         self._shapes = shapes
         self._sides, pads = sides, len(owners) - len(sides)
         check_stiffness(robot, time_step, owners[:pads])

@@ -57,7 +57,7 @@ from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import check_closure
 from jansen_env.terrain import Ground, Shapes
 
-TIME_STEP = 2.5e-4  # s
+TIME_STEP = 2.5e-4  # default time step of pymunk, in s
 # Iterations of pymunk's solver in a time step; they start from the impulses of the last time step.
 ITERATIONS = 200
 # Iterations in a time step in which a pad may touch down. There are no impulses to start from, and
@@ -249,9 +249,17 @@ class RigidBodyBatch(BatchedPlant):
         self.records.status["end_vertex"] = len(line)
 
     def shapes(self, row: int) -> ShapePlanes | None:
+        """Return the shapes of the ground in pymunk, or None for a height line."""
         return self._shapes
 
     def look_down(self, rows: Ints, scan: Array) -> None:
+        """Measure the ground that the robot observes, if it is on pymunk's shapes.
+
+        Args:
+            rows: Index of the robot, shape (1,). An empty array does nothing.
+            scan: Positions relative to the crank axis at which the robot observes the height of the
+                ground, in m, shape (points,).
+        """
         if self._shapes is not None and len(rows) > 0:
             x, y = self.states[0, :2].tolist()
             self._set_line(self._shapes.line_below(x, y, scan))
@@ -272,6 +280,17 @@ class RigidBodyBatch(BatchedPlant):
         self._go_on(self.robots[0], self.terrains[0], values[0])
 
     def set_terrain(self, row: int, terrain: Ground) -> None:
+        """Replace the ground, including its friction and restitution.
+
+        After an error, nothing has changed.
+
+        Args:
+            row: Index of the robot, which is 0.
+            terrain: The new ground.
+
+        Raises:
+            ValueError: If the ground consists of shapes and the links of the robot collide.
+        """
         check_colliding([terrain], self.links_collide)
         values = self.parameters[0].copy()
         values["friction"] = terrain.friction
@@ -279,6 +298,19 @@ class RigidBodyBatch(BatchedPlant):
         self._go_on(self.robots[0], terrain, values)
 
     def set_robots(self, rows: Ints, robots: Sequence[Robot]) -> None:
+        """Exchange the robot and reset its parameters to the nominal values.
+
+        After an error, nothing has changed.
+
+        Args:
+            rows: Index of the robot, shape (1,).
+            robots: The new robot, in a sequence of length 1.
+
+        Raises:
+            ValueError: If the legs of the new robot are on other sides than those of the present
+                one, or its pads are too stiff for the time step.
+            LinkageError: If the new robot cannot turn its crank through a full revolution.
+        """
         self.check_robot(robots[0])
         self._go_on(robots[0], self.terrains[0], nominal(robots[0], self.terrains[0]))
 
@@ -309,12 +341,30 @@ class RigidBodyBatch(BatchedPlant):
         """Do nothing: feet that are too stiff are rejected when their parameters are applied."""
 
     def check_robot(self, robot: Robot) -> None:
+        """Raise the errors that :meth:`set_robots` would raise for this robot.
+
+        Args:
+            robot: The robot.
+
+        Raises:
+            ValueError: If the legs of the robot are on other sides than those of the present one,
+                or its pads are too stiff for the time step.
+            LinkageError: If the robot cannot turn its crank through a full revolution.
+        """
         check_legs(robot, self.robots[0])
         check_closure(robot)
         if not robot.pad_compliance.rigid:
             check_stiffness(robot, self.time_step, self._owners)
 
     def keep(self, rows: Ints) -> Callable[[], None]:
+        """Save the robot and its ground.
+
+        Args:
+            rows: Index of the robot, shape (1,).
+
+        Returns:
+            A function that restores the robot and its ground to what they were at this call.
+        """
         before = self.__dict__.copy()  # a change builds a new pymunk space and keeps the old one
         saved = self.records.copy(rows)
         joint_gap = self.joint_gap.copy()
@@ -369,6 +419,10 @@ class RigidBodyBatch(BatchedPlant):
 
     @property
     def in_contact(self) -> Bools:
+        """Whether each pad is on the ground, shape (pads,).
+
+        Setting it to None marks every pad as off the ground.
+        """
         return self._contacts.pressed
 
     @in_contact.setter
@@ -376,6 +430,19 @@ class RigidBodyBatch(BatchedPlant):
         self._contacts.set_pressed(value)
 
     def place(self, rows: Ints, crank_angles: ArrayLike, crank_speeds: ArrayLike = 0.0) -> None:
+        """Place the robot at x = 0, look ahead in time, and set its crank speed.
+
+        See :meth:`place_at` and :meth:`lookahead`.
+
+        Args:
+            rows: Index of the robot, shape (1,).
+            crank_angles: Crank angle, in rad, shape (1,).
+            crank_speeds: Crank speed with which the robot starts, in rad/s, shape (1,).
+
+        Raises:
+            ValueError: If the robot cannot be placed at x = 0.
+            FloatingPointError: If the simulation diverges during the lookahead.
+        """
         self.place_at(rows, crank_angles)
         self.lookahead()
         if self.any_diverged:
@@ -691,6 +758,12 @@ class RigidBodyBatch(BatchedPlant):
         return self._space.snapshot().pads
 
     def contact_frames(self, row: int) -> tuple[Array, Array]:
+        """Return the point of the ground nearest to each toe, and the tangent there.
+
+        Returns:
+            The points, in m, shape (toes, 2), and the tangents of the ground at these points, shape
+            (toes, 2).
+        """
         return self._space.contact_frames(self.pad_centres(0)[: self.toes])
 
     def joint_forces(self, torque: float = 0.0, push: Array | None = None) -> JointForces:

@@ -34,12 +34,29 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
-    "MOTORS", "ROBOTS", "Bar", "Compliance", "Curriculum", "Leg", "LinkageError", "Motor", "Noise",
-    "Payload", "Push", "Robot", "Terrain", "Triangle", "built_robot", "evaluate",
-    "holy_numbers_robot", "paper_robot", "phased_legs", "robot_from_joints",
-]  # fmt: skip
+    "MOTORS",
+    "ROBOTS",
+    "Bar",
+    "Compliance",
+    "Curriculum",
+    "Leg",
+    "LinkageError",
+    "Motor",
+    "Noise",
+    "Payload",
+    "Push",
+    "Robot",
+    "Terrain",
+    "Triangle",
+    "built_robot",
+    "evaluate",
+    "holy_numbers_robot",
+    "paper_robot",
+    "phased_legs",
+    "robot_from_joints",
+]
 
-for _id, _environment, _steps, _solved in (  # docs/training.md says where thresholds come from
+for _id, _environment, _steps, _solved in (  # docs/training.md explains the reward thresholds
     ("JansenWalker-v0", "walking:JansenWalkerEnv", 500, 155.0),
     ("JansenWalkerBuilt-v0", "walking:JansenWalkerBuiltEnv", 500, 180.0),
     ("JansenWalkerRough-v0", "walking:JansenWalkerRoughEnv", 500, 240.0),
@@ -51,7 +68,7 @@ for _id, _environment, _steps, _solved in (  # docs/training.md says where thres
 
 
 def __getattr__(name: str) -> Any:
-    """Import on demand: :func:`jansen_env.scoring.evaluation.evaluate`."""
+    """Import :func:`jansen_env.scoring.evaluation.evaluate` on demand."""
     if name == "evaluate":
         from jansen_env.scoring.evaluation import evaluate
 

@@ -1,4 +1,4 @@
-"""The console script ``jansen-env``: what a user does with robots and policies that exist."""
+"""The console script ``jansen-env``, whose commands use existing robots and policies."""
 
 from __future__ import annotations
 
@@ -21,27 +21,34 @@ COMMANDS = {
     "paper": "run the paper's simulation, draw its figures, test its claims",
     "mjcf": "export a robot to MuJoCo",
 }
-"""Commands, each a module of :mod:`jansen_env.commands`, and what they do."""
+"""Descriptions of the commands by name. Each command is a module of :mod:`jansen_env.commands`."""
 EXTRAS = {"mujoco": "mujoco", "stable_baselines3": "train", "torch": "train"}
-"""Packages that the extra ``tools`` does not include, and the extra that does."""
+"""Packages that are not part of the extra ``tools``, and the extra that contains them."""
 CHECKOUT = Path(__file__).parents[1] / "pyproject.toml"
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Run a command.
 
-    Raises SystemExit: an argument is wrong, a package is missing, or the command is stopped.
+    Args:
+        arguments: Arguments of the command line, beginning with the name of the command. None for
+            those of the process.
+
+    Raises:
+        SystemExit: If an argument is wrong, a package is missing, or the command is stopped.
     """
     with guarded("jansen-env"):
         _run(sys.argv[1:] if arguments is None else arguments)
 
 
 def _run(arguments: list[str]) -> None:
+    """Parse the name of a command and run it."""
     table = "\n".join(f"  {name:<10} {does}" for name, does in COMMANDS.items())
     parser = argparse.ArgumentParser(
-        "jansen-env", epilog=f"commands:\n{table}",
+        "jansen-env",
+        epilog=f"commands:\n{table}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+    )
     add = parser.add_argument
     add("--version", action="version", version=__version__)
     add("command", metavar="COMMAND", help="one of those below")

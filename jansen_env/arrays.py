@@ -1,4 +1,4 @@
-"""Types of NumPy's arrays."""
+"""Type aliases for NumPy arrays."""
 
 from __future__ import annotations
 
@@ -9,4 +9,4 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 Rows = NDArray[np.void]
-"""Rows of a structured array."""
+"""Records of a structured array."""

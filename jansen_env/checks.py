@@ -1,4 +1,4 @@
-"""Checks of arguments: their errors name the argument, its value and the allowed values."""
+"""Checks of arguments, with errors that name the argument, its value and the allowed values."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ T = TypeVar("T")
 
 MAX_STEPS = 10**10  # largest number of environment steps of one run, which is months of training
 LONGEST = 200  # largest number of characters of a value in a message
+HINT = "; did you mean "  # beginning of a suggestion at the end of a message
 # Smallest and largest normal float32 number.
-HINT = "; did you mean "  # begins a suggestion at the end of a message
 LEAST_SINGLE, MOST_SINGLE = 2.0**-126, (2.0 - 2.0**-23) * 2.0**127
 
 
@@ -347,7 +347,7 @@ def limits_of(kind: type) -> dict[str, Limits]:
     """Return the limits of those fields of a dataclass that have limits, by name."""
     hints = get_type_hints(kind, include_extras=True)
     found = {
-        field.name: getattr(hints[field.name], "__metadata__", ())  # of an Annotated
+        field.name: getattr(hints[field.name], "__metadata__", ())  # arguments of Annotated
         for field in fields(kind)
     }
     return {name: parts[0] for name, parts in found.items() if parts}

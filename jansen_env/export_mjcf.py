@@ -1,10 +1,12 @@
 """Export any robot to MuJoCo (MJCF).
 
+The following command exports a built-in design:
+
     jansen-env mjcf klann --out klann.xml
 
-The plane of motion is MuJoCo's x-z plane, angles are counter-clockwise as seen from -y. A tree of
-hinges begins at the chassis; each of the other pins closes a loop by ``equality/connect``. What is
-approximate: ``docs/mjcf.md``.
+The plane of motion is MuJoCo's x-z plane, and angles are counter-clockwise as seen from -y. The
+bodies form a tree of hinges that begins at the chassis. Each remaining pin closes a loop by
+``equality/connect``. ``docs/mjcf.md`` lists the approximations.
 """
 
 import math
@@ -25,21 +27,31 @@ from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.linkage import CRANK
 from jansen_env.terrain import Terrain
 
-STIFF = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp of the largest impedance in MuJoCo
-SPRING = (1e-4, 1e-4, 0.001, 0.5, 2.0)  # of the smallest: such a contact is a spring and a damper
-THICKNESS = 0.004  # m, radius of the links as drawn
+STIFF = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp with the largest impedance in MuJoCo
+SPRING = (1e-4, 1e-4, 0.001, 0.5, 2.0)  # solimp with the smallest: a contact is a spring and damper
+THICKNESS = 0.004  # radius of the links as drawn, m
 
 
 class Tree(NamedTuple):
-    """The shallowest tree of bodies from the chassis on, and the pins that close loops."""
+    """The shallowest tree of bodies that begins at the chassis, and the pins that close loops.
 
-    parents: dict[int, int]  # of every body but the chassis, parents first
-    origins: dict[int, Array]  # (2,) of bodies: the pin on the parent, m, level at crank angle 0
-    loops: list[tuple[int, int, Array]]  # two bodies and their pin
+    All positions are those of a level robot at crank angle 0.
+
+    Attributes:
+        parents: Parent of every body except the chassis. Parents come before their children.
+        origins: Origin of each body, which is the pin that connects it to its parent, in m, shape
+            (2,).
+        loops: Two bodies and the position of the pin that connects them, in m, shape (2,), for each
+            loop.
+    """
+
+    parents: dict[int, int]
+    origins: dict[int, Array]
+    loops: list[tuple[int, int, Array]]
 
 
 def body_tree(robot: Robot) -> Tree:
-    """Find which pins are hinges of a tree, and which close loops."""
+    """Return a tree whose hinges are pins of the robot, and the pins that close loops."""
     linkage, pins = robot.linkage, [(CHASSIS, SHAFT, np.zeros(2))]
     for i, leg in enumerate(robot.legs):
         joints = joint_positions(robot, leg.side, leg.phase)
@@ -59,16 +71,26 @@ def body_tree(robot: Robot) -> Tree:
 
 
 def body_names(robot: Robot) -> list[str]:
-    """Name of every body and of the hinge it hangs on; the chassis' hinge is its pitch."""
+    """Return the names of all bodies.
+
+    The hinge of a body has the same name. The hinge of the chassis is its pitch.
+    """
     moving = robot.linkage.names[CRANK:]
     return ["chassis", "shaft", *(f"{leg}_{link}" for leg in robot.leg_names for link in moving)]
 
 
 def hinge_angles(robot: Robot, q: Array) -> dict[str, float]:
-    """Angle of every hinge (rad, by its name) at q = (x, y, theta, psi)."""
+    """Return the angles of all hinges by name, in rad.
+
+    Args:
+        robot: The robot.
+        q: Pose (x, y, theta, psi), in m and rad, shape (4,).
+    """
     angle, names = links.poses(robot, q)[:, 0], body_names(robot)
-    turned = {names[k]: math.remainder(angle[k] - angle[up], 2.0 * math.pi)
-              for k, up in body_tree(robot).parents.items()}  # fmt: skip
+    turned = {
+        names[k]: math.remainder(angle[k] - angle[up], 2.0 * math.pi)
+        for k, up in body_tree(robot).parents.items()
+    }
     return {**turned, "chassis": float(q[2]), "shaft": float(q[3])}
 
 
@@ -81,16 +103,25 @@ def to_mjcf(
     impratio: float = 10.0,
     gravity: float = GRAVITY,
 ) -> str:
-    """Return a robot as MJCF, level, at crank angle 0, its lowest pad on the ground.
+    """Return a robot as MJCF.
+
+    The robot is level at crank angle 0, and its lowest pad touches the ground.
 
     Args:
-        terrain: level or a slope, with its friction; None holds the chassis in the air.
-        time_step: s, well below 1 / sqrt(stiffness). loop_stiffness, contact_stiffness: of loops
-            and of rigid pads, by mass, 1/s^2, critically damped. Compliant pads have their own.
-        impratio: of friction's stiffness to that of the normal. gravity: m/s^2.
+        robot: The robot.
+        terrain: Level terrain or a slope, with its friction. None holds the chassis in the air.
+        time_step: Time step, in s. It must be well below 1 / sqrt(stiffness).
+        loop_stiffness: Stiffness of the constraints that close loops, divided by mass, in 1/s^2.
+            The constraints are critically damped.
+        contact_stiffness: Stiffness of the contacts of rigid pads, divided by mass, in 1/s^2. The
+            contacts are critically damped. Compliant pads have their own stiffness and damping.
+        impratio: Ratio of the stiffness of friction to that in the direction of the normal.
+        gravity: Acceleration of gravity, downwards, in m/s^2.
 
-    Raises ValueError: a number out of range, or a terrain with several slopes; LinkageError: a leg
-    that does not close; ImportError: compliant pads without MuJoCo.
+    Raises:
+        ValueError: If a number is out of range, or the terrain has several slopes.
+        LinkageError: If a leg does not close.
+        ImportError: If the robot has compliant pads and MuJoCo is not installed.
     """
     if terrain is not None and not isinstance(terrain, Terrain):
         raise ValueError(f"terrain must be level or a slope, got {shown(terrain)}")
@@ -101,9 +132,17 @@ def to_mjcf(
     root, tree = ET.Element("mujoco", model="jansen_env"), body_tree(robot)
     _add(root, "compiler", angle="radian")
     _add(
-        root, "option", timestep=time_step, gravity=(0.0, 0.0, -gravity), integrator="implicitfast",
-        cone="elliptic", impratio=impratio, solver="Newton", tolerance=1e-14, iterations="100",
-    )  # fmt: skip
+        root,
+        "option",
+        timestep=time_step,
+        gravity=(0.0, 0.0, -gravity),
+        integrator="implicitfast",
+        cone="elliptic",
+        impratio=impratio,
+        solver="Newton",
+        tolerance=1e-14,
+        iterations="100",
+    )
     world = _add(root, "worldbody")
     bodies = _add_bodies(world, robot, tree)
     if terrain is not None:
@@ -111,16 +150,31 @@ def to_mjcf(
     friction = 0.0 if terrain is None else terrain.friction
     for name, k, place in _pads(robot):
         _add(
-            bodies[k], "geom", name=name, type="sphere", size=robot.pad_radius, priority="1",
-            pos=_local(place, tree.origins[k]), contype="1", conaffinity="0", condim="3",
-            friction=(friction, 0.0, 0.0), solref=_critical(contact_stiffness), solimp=STIFF,
-        )  # fmt: skip
+            bodies[k],
+            "geom",
+            name=name,
+            type="sphere",
+            size=robot.pad_radius,
+            priority="1",
+            pos=_local(place, tree.origins[k]),
+            contype="1",
+            conaffinity="0",
+            condim="3",
+            friction=(friction, 0.0, 0.0),
+            solref=_critical(contact_stiffness),
+            solimp=STIFF,
+        )
     names, equality = body_names(robot), _add(root, "equality")
     for a, b, place in tree.loops:
         _add(
-            equality, "connect", body1=names[a], body2=names[b], solimp=STIFF,
-            anchor=_local(place, tree.origins[a]), solref=_critical(loop_stiffness),
-        )  # fmt: skip
+            equality,
+            "connect",
+            body1=names[a],
+            body2=names[b],
+            solimp=STIFF,
+            anchor=_local(place, tree.origins[a]),
+            solref=_critical(loop_stiffness),
+        )
     _add_friction(_add(root, "tendon"), bodies, robot, tree.parents, time_step)
     limit = robot.motor.most_torque
     bound = {} if math.isinf(limit) else {"forcerange": (-limit, limit)}
@@ -132,33 +186,35 @@ def to_mjcf(
 
 
 def _add(parent: ET.Element, tag: str, **attributes: str | float | Sequence[float]) -> ET.Element:
-    """Add an element; numbers are written in full."""
+    """Add an element to another element, and return it. Numbers are written in full precision."""
     return ET.SubElement(parent, tag, {name: _text(value) for name, value in attributes.items()})
 
 
 def _text(value: str | float | Sequence[float]) -> str:
+    """Return the text of an attribute."""
     return value if isinstance(value, str) else " ".join(map(repr, np.ravel(value).tolist()))
 
 
 def _local(place: Array, origin: Array) -> tuple[float, float, float]:
+    """Return a position in the plane of motion relative to an origin, as MuJoCo's (x, y, z)."""
     x, z = place - origin
     return x, 0.0, z
 
 
 def _critical(stiffness: float) -> tuple[float, float]:
-    """Solref of a critically damped constraint."""
+    """Return the solref of a critically damped constraint with a stiffness by mass in 1/s^2."""
     return -stiffness, -2.0 * math.sqrt(stiffness)
 
 
 def _add_bodies(world: ET.Element, robot: Robot, tree: Tree) -> dict[int, ET.Element]:
-    """Add the tree of bodies, with what they weigh and how they look."""
+    """Add the tree of bodies with their masses, inertias and shapes for drawing."""
     names, home, at = body_names(robot), links.poses(robot, np.zeros(4))[:, 1:], tree.origins
     bodies = {CHASSIS: _add(world, "body", name=names[CHASSIS])}
     for k, up in tree.parents.items():
         bodies[k] = _add(bodies[up], "body", name=names[k], pos=_local(at[k], at[up]))
         _add(bodies[k], "joint", name=names[k], type="hinge", axis="0 -1 0")
     for k, (mass, inertia) in enumerate(links.inertias(robot)):
-        about = [max(inertia, 1e-12)] * 3  # MuJoCo takes no point masses
+        about = [max(inertia, 1e-12)] * 3  # MuJoCo does not accept point masses
         _add(bodies[k], "inertial", pos=_local(home[k], at[k]), mass=mass, diaginertia=about)
     for i, leg in enumerate(robot.legs):
         joints = joint_positions(robot, leg.side, leg.phase)
@@ -166,13 +222,24 @@ def _add_bodies(world: ET.Element, robot: Robot, tree: Tree) -> dict[int, ET.Ele
             k = place_of(robot, i, body)
             for a, b in edges:
                 ends = (*_local(joints[a], at[k]), *_local(joints[b], at[k]))
-                _add(bodies[k], "geom", type="capsule", size=THICKNESS, fromto=ends,
-                     contype="0", conaffinity="0", group="1")  # fmt: skip
+                _add(
+                    bodies[k],
+                    "geom",
+                    type="capsule",
+                    size=THICKNESS,
+                    fromto=ends,
+                    contype="0",
+                    conaffinity="0",
+                    group="1",
+                )
     return bodies
 
 
 def _pads(robot: Robot) -> list[tuple[str, int, Array]]:
-    """Name, body and centre (level, crank angle 0) of every pad, toes first."""
+    """Return the name, the body and the centre of every pad, toes first.
+
+    The centres are those of a level robot at crank angle 0.
+    """
     layout, pads = pad_layout(robot), []
     owners = links.pad_bodies(robot, layout)
     for i, k, body in zip(layout.leg, layout.joint, owners, strict=True):
@@ -183,7 +250,7 @@ def _pads(robot: Robot) -> list[tuple[str, int, Array]]:
 
 
 def _stand_on(world: ET.Element, chassis: ET.Element, robot: Robot, terrain: Terrain) -> None:
-    """Free the chassis, and put it on the ground."""
+    """Add a plane as the ground, free the chassis, and place it on the ground."""
     (x, y), *_ = points = np.array(terrain.points)
     slopes = np.diff(points[:, 1]) / np.diff(points[:, 0])
     if np.ptp(slopes) > 1e-9:
@@ -195,8 +262,17 @@ def _stand_on(world: ET.Element, chassis: ET.Element, robot: Robot, terrain: Ter
     joints = ("chassis", "hinge", "0 -1 0"), ("z", "slide", "0 0 1"), ("x", "slide", "1 0 0")
     for name, kind, axis in joints:
         chassis.insert(0, ET.Element("joint", name=name, type=kind, axis=axis))
-    _add(world, "geom", name="ground", type="plane", size="0 0 1", pos=(x, 0.0, y),
-         zaxis=(-slope, 0.0, 1.0), contype="0", conaffinity="1")  # fmt: skip
+    _add(
+        world,
+        "geom",
+        name="ground",
+        type="plane",
+        size="0 0 1",
+        pos=(x, 0.0, y),
+        zaxis=(-slope, 0.0, 1.0),
+        contype="0",
+        conaffinity="1",
+    )
 
 
 def _add_friction(
@@ -206,7 +282,11 @@ def _add_friction(
     parents: dict[int, int],
     time_step: float,
 ) -> None:
-    """Add friction between bodies: in their hinge, or in a tendon over the hinges between them."""
+    """Add the friction between bodies, and the rotor of the motor.
+
+    The friction of two bodies belongs to the hinge that connects them. If there is no such hinge,
+    it belongs to a tendon over all hinges between them.
+    """
     names, motor = body_names(robot), robot.motor
     viscous, dry = links.viscous_pairs(robot), links.dry_pairs(robot)
     for a, b in dict.fromkeys([*viscous, *dry]):
@@ -222,7 +302,7 @@ def _add_friction(
             holder.set("frictionloss", _text(dry[a, b]))
             holder.set("solreffriction", _text((-1.0, -0.5 / time_step)))
             holder.set("solimpfriction", _text(STIFF))
-    if motor.rotor_inertia > 0.0:  # it turns with theta' + G psi'
+    if motor.rotor_inertia > 0.0:  # the speed of the rotor is theta' + G psi'
         rotor = _add(tendons, "fixed", name="rotor", armature=motor.rotor_inertia)
         _add(rotor, "joint", joint="shaft", coef=motor.gear_ratio)
         if bodies[CHASSIS].find("joint") is not None:
@@ -230,12 +310,15 @@ def _add_friction(
 
 
 def _way(body: int, parents: dict[int, int]) -> set[int]:
-    """A body and all it hangs on, without the chassis."""
+    """Return a body and all its ancestors in the tree, without the chassis."""
     return set() if body == CHASSIS else {body} | _way(parents[body], parents)
 
 
 def _set_springs(root: ET.Element, robot: Robot) -> None:
-    """Make pads springs and dampers, which MuJoCo divides by a mass that only it knows."""
+    """Make the pads springs and dampers.
+
+    MuJoCo divides the stiffness and the damping by an effective mass that only MuJoCo can compute.
+    """
     import mujoco
 
     model = mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"))

@@ -1,4 +1,4 @@
-"""Gravity: the earth's, and what may be given in its place."""
+"""Gravity of the earth, and user-specified gravity."""
 
 from __future__ import annotations
 
@@ -11,14 +11,21 @@ from jansen_env.checks import entries, finite, non_negative
 GRAVITY = 9.81  # m/s^2
 
 Gravity = float | tuple[float, float]
-"""A number, m/s^2 downwards, or a vector (x, y): sideways it pulls at the centre of mass."""
+"""Acceleration of gravity in m/s^2: a number (downwards), or a vector (x, y).
+
+The horizontal part of a vector acts at the centre of mass.
+"""
 
 
 def gravity_vector(gravity: Any) -> tuple[float, float]:
-    """:data:`Gravity` as a vector (x, y), m/s^2.
+    """Return gravity as a vector (x, y), in m/s^2.
+
+    Args:
+        gravity: Gravity in a form of :data:`Gravity`.
 
     Raises:
-        ValueError: neither a number, 0 or above, nor two finite numbers.
+        ValueError: If ``gravity`` is neither a finite number of at least 0 nor a pair of finite
+            numbers.
     """
     if not isinstance(gravity, (tuple, list, np.ndarray)):
         return 0.0, -non_negative("gravity", gravity)

@@ -1,16 +1,16 @@
-"""Ctrl-C while a command is loaded: it ends the process at once, without a traceback.
+"""Handling of Ctrl-C while a command is loaded: it ends the process at once, without a traceback.
 
-The package imports this module before any other, as most of a command's start is spent on imports.
-Programs that import the package keep their own handling of Ctrl-C.
+The package imports this module before any other module, because a command spends most of its start
+on imports. Other programs that import the package keep their own handling of Ctrl-C.
 """
 
 import os
 import sys
 
-# Not the module signal, which takes milliseconds to import.
+# The module ``signal`` would take milliseconds to import.
 from _signal import SIG_DFL, SIGINT, signal  # type: ignore[import-not-found]
 
-PACKAGES = ("jansen_env", "agents", "benchmarks")  # whose modules run by python -m
+PACKAGES = ("jansen_env", "agents", "benchmarks")  # packages with modules that python -m can run
 ROOT = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))
 
 
@@ -19,7 +19,7 @@ def runs_command() -> bool:
     program = sys.argv[0] if sys.argv else ""
     if os.path.basename(program).removesuffix(".exe") == "jansen-env":
         return True
-    if program != "-m":  # what it is while python -m imports a module's packages
+    if program != "-m":  # sys.argv[0] is "-m" while python -m imports the packages of a module
         return os.path.realpath(program) == os.path.join(ROOT, "train.py")
     started = sys.orig_argv
     name = started[started.index("-m") + 1].partition(".")[0] if "-m" in started[:-1] else ""
@@ -28,9 +28,9 @@ def runs_command() -> bool:
 
 
 def end_quietly_while_loading() -> None:
-    """Let Ctrl-C end a command by the signal itself until :func:`jansen_env.process.guarded`.
+    """Let the signal of Ctrl-C end a command until :func:`jansen_env.process.guarded` takes over.
 
-    Nothing has been written by then, so that the process may end at once.
+    The process may end at once, because it has not written anything before that.
     """
     if runs_command():
         signal(SIGINT, SIG_DFL)

@@ -1,7 +1,8 @@
-"""The table of parameters, numbers that may differ between robots and episodes, and their draws.
+"""Table of the parameters that may differ between robots and episodes, and their distributions.
 
 Types, checks, ``randomize``, reset options, ``set_parameters``, ``info["parameters"]`` and the
-documentation are made from it; :mod:`jansen_env.plants.robot_parameters` and the world apply it.
+documentation are made from the table. :mod:`jansen_env.plants.robot_parameters` and
+:mod:`jansen_env.world` apply the parameters.
 """
 
 from __future__ import annotations
@@ -19,26 +20,37 @@ from jansen_env.terrain import MAX_SLOPE, Ground
 from jansen_env.terrain.generators import HIGHEST
 from jansen_env.uniform import uniform
 
-LARGEST = 1e6  # of a coefficient of friction, a mass in kg, a place in m
-LONGEST_DELAY = 1.0  # s, of an action
-LOUDEST = 1e3  # times noise and pushes
-SCALE, FROM_0 = (0.01, 100.0), (0.0, 100.0)  # factors
+LARGEST = 1e6  # largest coefficient of friction, mass in kg and position in m
+LONGEST_DELAY = 1.0  # longest delay of an action, s
+LOUDEST = 1e3  # largest factor of noise and pushes
+SCALE, FROM_0 = (0.01, 100.0), (0.0, 100.0)  # limits of factors
 
 
 class Parameter(NamedTuple):
-    """A row of the table.
+    """A parameter, which is a row of the table.
 
     Attributes:
-        name, unit: of the number. least, most: its limits. meaning: what it does.
-        nominal: its value where nothing is drawn: a number, or the place of one, such as
-            ``"robot.payload.mass"`` or ``"terrain.friction"``.
-        idle: where it has no effect, in words, and is_idle: whether that holds for a robot.
-        zero_where: flag of ``PARAMS`` (:mod:`jansen_env.engine.records`) with which it must be 0.
-        of_robot: whether it changes robot or ground, not what surrounds them.
-        settable: whether ``set_parameters`` changes it by name.
-        argument: whether the constructor has an argument of its name. whole: no fractions.
-        slider: lowest and highest value of its slider on the page that walks; None for no slider.
-        label: beside the slider; empty for the name in words.
+        name: Name of the parameter.
+        unit: Unit of the parameter, "1" for a number without unit.
+        least: Lowest allowed value.
+        most: Highest allowed value.
+        meaning: Description of the parameter.
+        nominal: Value if the parameter is neither sampled nor specified by the user: a number, or
+            the attribute that contains it, such as ``"robot.payload.mass"`` or
+            ``"terrain.friction"``.
+        idle: Description of the robots, terrains or environments for which the parameter has no
+            effect.
+        is_idle: Function that returns whether the parameter has no effect for a robot.
+        zero_where: Name of a flag in ``PARAMS`` (:mod:`jansen_env.engine.records`). If the flag is
+            set, the parameter must be 0.
+        of_robot: Whether the parameter changes the robot or the terrain, rather than their
+            environment.
+        settable: Whether ``set_parameters`` can change the parameter by its name.
+        argument: Whether constructors have an argument of this name.
+        whole: Whether the value must be a whole number.
+        slider: Lowest and highest value of the slider on the interactive web page. None for no
+            slider.
+        label: Label of the slider. If it is empty, the label is made from the name.
     """
 
     name: str
@@ -106,36 +118,49 @@ TABLE = (
     Parameter("gravity_scale", "1", *SCALE, "times gravity, and so the weight",
               slider=(0.1, 2.0), label="gravity"),
 )  # fmt: skip
-"""All rows. Random numbers are drawn in this order: a new row goes to the end, so that seeds keep
-their meaning. Nothing else depends on it."""
+"""All parameters.
+
+Random values are sampled in this order. Add new rows at the end, so that each seed still produces
+the same values. Nothing else depends on the order.
+"""
 
 PARAMETERS = {row.name: row for row in TABLE}
-"""The rows by name."""
+"""The parameters by name."""
 EPISODE: np.dtype[np.void] = np.dtype(ENGINE_PARAMETERS)
-"""The parameters of one episode: part of a robot's record."""
+"""Data type of the values of all parameters in an episode, which are part of a robot's record."""
 if EPISODE.names != (*PARAMETERS,):
     raise TypeError(
         f"PARAMETERS of jansen_env/engine/records.py must name the parameters of TABLE in its "
         f"order, {[*PARAMETERS]}, got {EPISODE.names}"
     )
 OF_ROBOTS = tuple(row.name for row in TABLE if row.of_robot)
-"""Names of those that plants apply."""
+"""Names of the parameters that simulation backends apply."""
 SETTABLE = tuple(row.name for row in TABLE if row.settable)
-"""Names of those that ``set_parameters`` changes."""
+"""Names of the parameters that ``set_parameters`` can change."""
 CHANGES = tuple(name for name in SETTABLE if not PARAMETERS[name].argument)
-"""Names of those of them that no constructor has."""
+"""Names of the parameters in :data:`SETTABLE` that are not arguments of constructors."""
 ARGUMENTS = tuple(row.name for row in TABLE if row.argument)
-"""Names of those that are arguments of constructors."""
+"""Names of the parameters that are arguments of constructors."""
 
 
 def nominal(robot: Robot, terrain: Ground) -> np.void:
-    """Return the parameters, a record of :data:`EPISODE`, that change nothing."""
+    """Return the parameters with which a robot and a terrain are unchanged.
+
+    Returns:
+        Record of the type :data:`EPISODE`.
+    """
     values = tuple(_nominal_value(row.nominal, robot, terrain) for row in TABLE)
     return np.array([values], EPISODE)[0]
 
 
 def _nominal_value(value: float | str, robot: Robot, terrain: Ground) -> float:
-    """Return a nominal value, which may be a number or its place in a robot or a terrain."""
+    """Return a nominal value as a number.
+
+    Args:
+        value: The number, or the attribute of the robot or the terrain that contains it.
+        robot: The robot.
+        terrain: The terrain.
+    """
     if not isinstance(value, str):
         return value
     whole, *names = value.split(".")
@@ -146,7 +171,7 @@ def _nominal_value(value: float | str, robot: Robot, terrain: Ground) -> float:
 
 
 def set_payload(row: np.void | dict[str, Any], load: Payload) -> None:
-    """Put another payload into a record, or into values by name."""
+    """Store the mass and the position of a payload in a record, or in a dictionary by name."""
     row["payload"], (row["payload_x"], row["payload_y"]) = load.mass, load.position
 
 
@@ -155,7 +180,7 @@ def argument_values(name: str, value: Any) -> dict[str, tuple[float, float]]:
 
     Args:
         name: One of :data:`ARGUMENTS`.
-        value: A number, a range (low, high), or a payload, which also has a place.
+        value: A number, a range (low, high), or a payload, which also has a position.
     """
     if isinstance(value, Payload):
         row: dict[str, float] = {}
@@ -166,18 +191,30 @@ def argument_values(name: str, value: Any) -> dict[str, tuple[float, float]]:
 
 
 def plain(rows: Rows) -> Array:
-    """Return records (k,) of numbers as (k, numbers): a view unless their rows lie apart."""
+    """Return k records of numbers as an array of shape (k, numbers).
+
+    The array is a view, unless the records are not contiguous in memory.
+    """
     together = np.ascontiguousarray(rows)
     return together.view(float).reshape(len(rows), rows.dtype.itemsize // 8)
 
 
 def effective(robot: Robot) -> tuple[str, ...]:
-    """Return the names of the plants' parameters that change how a robot moves."""
+    """Return the names of the parameters in :data:`OF_ROBOTS` that affect how a robot moves."""
     return tuple(name for name in OF_ROBOTS if not PARAMETERS[name].is_idle(robot))
 
 
 def check(label: str, name: str, value: object) -> float:
-    """Return a parameter's value as a float; ValueError: out of its limits, called ``label``."""
+    """Return the value of a parameter as a float.
+
+    Args:
+        label: Name of the value, for the error message.
+        name: Name of the parameter.
+        value: The value.
+
+    Raises:
+        ValueError: If the value is not a number within the limits of the parameter.
+    """
     row = PARAMETERS[name]
     number = within(label, value, row.least, row.most)
     if row.whole and number != round(number):
@@ -187,22 +224,28 @@ def check(label: str, name: str, value: object) -> float:
 
 @runtime_checkable
 class Distribution(Protocol):
-    """Protocol of what draws a number."""
+    """Protocol of a distribution from which a number can be sampled."""
 
     def sample(self, rng: np.random.Generator) -> float:
-        """Draw a number with ``rng`` alone."""
+        """Return a sample, for which ``rng`` is the only source of random numbers."""
         ...
 
 
 class Uniform(NamedTuple):
-    """A uniform distribution from ``low`` to ``high``, ``whole``: of whole numbers, with both."""
+    """A uniform distribution.
+
+    Attributes:
+        low: Lower limit.
+        high: Upper limit.
+        whole: Whether the samples are whole numbers, including both limits.
+    """
 
     low: float
     high: float
     whole: bool = False
 
     def sample(self, rng: np.random.Generator) -> float:
-        """Draw a number."""
+        """Return a sample."""
         if self.whole:
             return float(rng.integers(int(self.low), int(self.high), endpoint=True))
         return float(uniform(rng, self.low, self.high))
@@ -211,21 +254,30 @@ class Uniform(NamedTuple):
 Randomization: TypeAlias = dict[str, Distribution]
 """Distributions of parameters by name, in the order of :data:`TABLE`."""
 
-EVERY = "*"  # stands for all lengths
-WIDEST = 0.9  # by which a length may be shorter
+EVERY = "*"  # key that stands for all lengths
+WIDEST = 0.9  # largest fraction by which a length may be shorter
 
 
 def load_randomization(
     name: str, value: object, parameters: Iterable[str] | None = None
 ) -> dict[str, Any]:
-    """Return the distributions of ``randomize``: a :data:`Randomization`, and "lengths".
+    """Return the distributions that the argument ``randomize`` describes.
 
-    ``value``: by name a number, (low, high) for a uniform draw (of whole numbers where the
-    parameter is one), or a :class:`Distribution`; None for none. "lengths" are factors by length,
-    or of all; a number s stands for (1 - s, 1 + s). ``parameters``: allowed names; None for all.
+    Args:
+        name: Name of the argument, for error messages.
+        value: Distributions by the name of the parameter: a number, a pair (low, high) for a
+            uniform distribution, or a :class:`Distribution`. The uniform distribution is one of
+            whole numbers if the parameter is a whole number. The key "lengths" contains factors of
+            link lengths: a dictionary by the name of the length, or a single entry for all lengths.
+            There, a number s stands for (1 - s, 1 + s). None for no distributions.
+        parameters: Allowed names of parameters. None for all.
+
+    Returns:
+        A :data:`Randomization`, and "lengths" with a distribution for each length if ``value`` has
+        this key.
 
     Raises:
-        ValueError: an unknown name or invalid range.
+        ValueError: If a name is unknown or a range is not valid.
     """
     given = {} if value is None else value
     if not isinstance(given, Mapping):
@@ -243,6 +295,7 @@ def load_randomization(
 
 
 def _factor(name: str, value: object) -> Distribution:
+    """Return the distribution of the factor of a length, or of all lengths (:data:`EVERY`)."""
     if isinstance(value, Distribution):
         return value
     label = "randomize['lengths']" + ("" if name == EVERY else f"[{name!r}]")
@@ -253,6 +306,7 @@ def _factor(name: str, value: object) -> Distribution:
 
 
 def _distribution(name: str, value: object) -> Distribution:
+    """Return the distribution of a parameter."""
     if isinstance(value, Distribution):
         return value
     row, label = PARAMETERS[name], f"randomize[{name!r}]"

@@ -1,5 +1,8 @@
-"""YAML read as plain data by PyYAML's safe loader, without aliases or repeated keys, bounded; and
-rules for its values."""
+"""Reading of YAML as plain data, and rules for the values.
+
+The safe loader of PyYAML reads the files. Aliases and repeated keys are rejected, and the size of a
+file is limited.
+"""
 
 from __future__ import annotations
 
@@ -16,15 +19,22 @@ import yaml
 from jansen_env.checks import LONGEST, invalid
 from jansen_env.files import read_bounded
 
-MAX_BYTES = 65_536  # of a file, some 30 times a training configuration
+MAX_BYTES = 65_536  # largest size of a file, about 30 times that of a training configuration
 TINY, HUGE = 1e-30, 1e30
-IN_WORDS = {bool: "true or false", NoneType: "null", dict: "a mapping, such as {}",
-            list: "a list", str: "text"}  # fmt: skip
+IN_WORDS = {
+    bool: "true or false",
+    NoneType: "null",
+    dict: "a mapping, such as {}",
+    list: "a list",
+    str: "text",
+}
 
 
 class _Loader(yaml.SafeLoader):
+    """Safe loader that rejects aliases, and keys that are repeated or not text."""
+
     def compose_node(self, parent: Any, index: int) -> Any:
-        if self.check_event(yaml.AliasEvent):  # a few of them may make gigabytes
+        if self.check_event(yaml.AliasEvent):  # a few aliases can expand to gigabytes
             mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
             raise yaml.MarkedYAMLError(problem="aliases are not allowed", problem_mark=mark)
         return super().compose_node(parent, index)
@@ -38,15 +48,23 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-# YAML 1.1 takes 1e-4 and 1.5e3 for text.
+# YAML 1.1 treats 1e-4 and 1.5e3 as text.
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float", re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+$"), list("-+0123456789")
 )
 
 
 def parse_yaml(text: str, name: str) -> Any:
-    """Parse text as plain data; a ValueError begins with the ``name`` of its source, and the line
-    where there is one."""
+    """Return the data in a YAML text.
+
+    Args:
+        text: The text.
+        name: Name of the source of the text, for error messages.
+
+    Raises:
+        ValueError: If the text is not valid. The message begins with the name of the source, and
+            with the line if it is known.
+    """
     try:
         return yaml.load(text, _Loader)
     except yaml.MarkedYAMLError as error:
@@ -57,7 +75,12 @@ def parse_yaml(text: str, name: str) -> Any:
 
 
 def read_yaml(path: str | Path) -> Any:
-    """Parse a file; a ValueError names it where it is missing, too large, no UTF-8 or no YAML."""
+    """Return the data in a YAML file.
+
+    Raises:
+        ValueError: If the file is missing, too large, or not valid UTF-8 or YAML. The message names
+            the file.
+    """
     try:
         return parse_yaml(read_bounded(path, MAX_BYTES).decode("utf-8-sig"), str(path))
     except UnicodeDecodeError as error:
@@ -65,7 +88,15 @@ def read_yaml(path: str | Path) -> Any:
 
 
 class Rule(NamedTuple):
-    """Allowed values: of some types, numbers within limits, words, or a prefix and a number."""
+    """Rule for a value: allowed types, limits of numbers, words, and a prefix with a number.
+
+    Attributes:
+        types: Allowed types.
+        low: Smallest allowed number.
+        high: Largest allowed number.
+        words: Allowed texts.
+        prefix: Text that may precede a number in a text. It is empty if there is none.
+    """
 
     types: tuple[type, ...] = ()
     low: float = -HUGE
@@ -74,7 +105,15 @@ class Rule(NamedTuple):
     prefix: str = ""
 
     def check(self, name: str, value: object) -> None:
-        """Raise a ValueError that says what is allowed unless ``value`` is."""
+        """Check that a value follows the rule.
+
+        Args:
+            name: Name of the value, for the error message.
+            value: The value.
+
+        Raises:
+            ValueError: If the value is not allowed. The message describes the allowed values.
+        """
         number: object = value
         low = self.low
         if self.prefix and isinstance(value, str) and value.startswith(self.prefix):
@@ -99,7 +138,17 @@ class Rule(NamedTuple):
 
 
 def check_keys(part: str, values: dict[str, object], table: dict[str, Rule]) -> None:
-    """Check each value against the rule for its key; raise ValueError with the values allowed."""
+    """Check that all keys are known, and that each value follows the rule for its key.
+
+    Args:
+        part: Name of the part of the file that contains the values, for error messages.
+        values: The values by key.
+        table: The rules by key.
+
+    Raises:
+        ValueError: If a key is unknown, or a value is not allowed. The message describes what is
+            allowed.
+    """
     for name, value in values.items():
         if name not in table:
             where = f" of {part}" if part else ""

@@ -1,7 +1,7 @@
-"""How the project's commands end when something outside stops them: one place for all of them.
+"""Handling of external events that end a command, for all commands of the project.
 
-A command that is interrupted, terminated, out of memory or unable to write its output ends with at
-most one line and the exit status that shells expect.
+A command that is interrupted or terminated, runs out of memory or cannot write its output ends with
+at most one line and with the exit status that shells expect.
 """
 
 from __future__ import annotations
@@ -17,38 +17,39 @@ from types import FrameType
 from typing import NoReturn
 
 STOPPED = {name: getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)}
-"""Signals that ask a process to end; Windows has no SIGHUP."""
+"""Signals that ask a process to end. Windows has no SIGHUP."""
 
 
 @contextlib.contextmanager
 def guarded(program: str) -> Iterator[None]:
-    """Run a command; end it cleanly if something outside stops it.
+    """Run a command within a context that ends it cleanly if an external event stops it.
 
-    Ctrl-C, SIGTERM and SIGHUP unwind the stack, so that files that are half written are removed.
+    Ctrl-C, SIGTERM and SIGHUP unwind the stack, so that incomplete files are removed.
 
     Args:
-        program: The command's name, as it stands at the beginning of error messages.
+        program: Name of the command, with which error messages begin.
 
     Raises:
-        SystemExit: With status 130 after Ctrl-C, 128 and the signal's number after another signal,
-            1 if a pipe was closed, the output or a file cannot be written, or memory is short.
+        SystemExit: If the command is stopped. The status is 130 after Ctrl-C, and 128 plus the
+            number of the signal after another signal. It is 1 if a pipe was closed, the output or a
+            file cannot be written, or there is not enough memory.
     """
     with _handlers() as came:
         try:
             try:
                 yield
-            finally:  # here, not when the interpreter ends, which would print a traceback
+            finally:  # an error when the interpreter flushes the output would print a traceback
                 if sys.stdout is not None:
                     sys.stdout.flush()
         except KeyboardInterrupt:
             raise SystemExit(130) from None
-        except BrokenPipeError:  # whoever read the output has ended
+        except BrokenPipeError:  # the program that read the output has ended
             _forget(sys.stdout)
             raise SystemExit(1) from None
         except MemoryError:
             _fail(program, "not enough memory; ask for less")
         except Exception as error:
-            if came:  # a library may have turned the signal into another error, as in imports
+            if came:  # a library may have turned the signal into another error, e.g. in an import
                 raise SystemExit(128 + came[-1]) from None
             if not isinstance(error, OSError):
                 raise
@@ -58,9 +59,12 @@ def guarded(program: str) -> Iterator[None]:
 
 
 def run(program: str, main: Callable[[], object]) -> NoReturn:
-    """Run the main function of a command, :func:`guarded`, and end the process.
+    """Run the main function of a command within :func:`guarded`, and end the process.
 
-    An integer that the function returns is the exit status; any other value means success.
+    Args:
+        program: Name of the command, with which error messages begin.
+        main: Main function. If it returns an integer, this is the exit status. Any other value
+            means success.
     """
     with guarded(program):
         status = main()
@@ -69,7 +73,11 @@ def run(program: str, main: Callable[[], object]) -> NoReturn:
 
 @contextlib.contextmanager
 def _handlers() -> Iterator[list[int]]:
-    """Turn signals into exceptions, restore what was there before; yield the signals that came."""
+    """Turn signals into exceptions, and restore the previous handlers at the end of the context.
+
+    Yields:
+        List of the numbers of the signals received so far.
+    """
     came: list[int] = []
 
     def stop(number: int, frame: FrameType | None) -> NoReturn:
@@ -79,16 +87,16 @@ def _handlers() -> Iterator[list[int]]:
         raise SystemExit(128 + number)
 
     if threading.current_thread() is not threading.main_thread():
-        yield came  # signals go to the main thread
+        yield came  # only the main thread receives signals
         return
     before = {number: signal.getsignal(number) for number in STOPPED.values()}
     interrupt = signal.getsignal(signal.SIGINT)
     unraisable = sys.unraisablehook
     sys.unraisablehook = functools.partial(_stop_again, came, unraisable)
     for number in STOPPED.values():
-        if before[number] is signal.SIG_DFL:  # not where nohup ignores it
+        if before[number] is signal.SIG_DFL:  # nohup, for example, ignores the signal
             signal.signal(number, stop)
-    if interrupt in (signal.SIG_DFL, signal.default_int_handler):  # not where a shell ignores it
+    if interrupt in (signal.SIG_DFL, signal.default_int_handler):  # a shell may ignore the signal
         signal.signal(signal.SIGINT, stop)
     try:
         yield came
@@ -110,7 +118,8 @@ def _stop_again(
     shapes.
     """
     if came and isinstance(ignored.exc_value, (SystemExit, KeyboardInterrupt)):
-        again = threading.Timer(0.01, _signal_main_thread, [came[-1]])  # after that place
+        # The delay lets the main thread leave the code in which exceptions are ignored.
+        again = threading.Timer(0.01, _signal_main_thread, [came[-1]])
         again.daemon = True
         again.start()
     else:
@@ -118,7 +127,7 @@ def _stop_again(
 
 
 def _signal_main_thread(number: int) -> None:
-    """Send a signal to the main thread, which runs the command and may sleep or wait."""
+    """Send a signal to the main thread, which runs the command and may be sleeping or waiting."""
     if hasattr(signal, "pthread_kill"):
         signal.pthread_kill(threading.main_thread().ident or 0, number)
     else:  # Windows
@@ -126,14 +135,14 @@ def _signal_main_thread(number: int) -> None:
 
 
 def _fail(program: str, reason: str) -> NoReturn:
-    """End with one line, if it can be written."""
+    """End the process with status 1, after printing an error message of one line if possible."""
     with contextlib.suppress(OSError):
         print(f"{program}: error: {reason}", file=sys.stderr, flush=True)
     raise SystemExit(1) from None
 
 
 def _forget(stream: object) -> None:
-    """Send what a stream still holds to nowhere, so that the interpreter does not try again."""
+    """Discard the buffered data of a stream, so that the interpreter does not try to write them."""
     with contextlib.suppress(AttributeError, OSError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())  # type: ignore[attr-defined]

@@ -1,10 +1,10 @@
-"""Registration of environments, with Gymnasium and with the commands of this package."""
+"""Registration of environments with Gymnasium and with the commands of this package."""
 
 from __future__ import annotations
 
 from gymnasium.envs import registration
 
-IDS: list[str] = []  # registered here: what commands, train.py and tests find
+IDS: list[str] = []  # ids of all environments registered here, for commands, train.py and tests
 
 
 def register(
@@ -13,14 +13,19 @@ def register(
     max_episode_steps: int | None = None,
     reward_threshold: float | None = None,
 ) -> None:
-    """Register an environment of one robot, and that of many.
+    """Register an environment of one robot, and the vector environment of several robots.
+
+    The training configurations of the environment are ``training/ID/ALGORITHM.yml`` in the folder
+    of its module.
 
     Args:
-        env_id: such as "JansenWalker-v0". environment: "module:NameEnv"; that of many is
-            "module:NameVectorEnv". In the module's folder training configurations are
-            ``training/ID/ALGORITHM.yml``.
-        max_episode_steps: of ``gym.make``; None for no limit.
-        reward_threshold: mean return from which it counts as solved; None if not known.
+        env_id: Id of the environment, such as "JansenWalker-v0".
+        environment: Class of the environment of one robot, as "module:NameEnv". The class of the
+            vector environment is "module:NameVectorEnv".
+        max_episode_steps: Number of steps after which ``gym.make`` truncates episodes. None for no
+            limit.
+        reward_threshold: Mean return from which the environment counts as solved. None if this is
+            not known.
     """
     registration.register(
         id=env_id,

@@ -1,11 +1,13 @@
-"""Pictures of the walker: a side view that follows it, with its contact forces and two gauges.
+"""Pictures of a walking robot: a side view that follows it, with contact forces and gauges.
 
-All is painted on a canvas three times as large and scaled down, which smooths edges and text.
-Pygame is imported when it is first needed. "Units" below are pixels of the picture.
+Everything is painted on a canvas that is three times as large as the picture. The canvas is then
+scaled down, which smooths edges and text. Pygame is imported when it is first needed. In this
+module, "units" are pixels of the picture.
 
-Robots, states and payloads may come from files of anybody, and pygame takes time and memory for
-what lies outside its canvas, too. So every shape is clipped to the canvas before it is painted, and
-the number of marks, points and characters is bounded: a picture takes as long whatever it shows.
+Robots, states and payloads may come from untrusted files, and pygame also needs time and memory for
+shapes outside its canvas. Therefore every shape is clipped to the canvas before it is painted, and
+the numbers of marks, points and characters are limited. The time for a picture does not depend on
+its content.
 """
 
 import itertools
@@ -27,65 +29,85 @@ from jansen_env.terrain import Piece, heights_of
 
 Picture = NDArray[np.uint8]
 Point = Array | tuple[float, float]
-Corners = Array | Sequence[Point]  # (n, 2)
+Corners = Array | Sequence[Point]  # shape (n, 2)
 Color = tuple[int, int, int]
 
-ARROW_PER_WEIGHT = 0.25  # m of arrow for a contact force equal to the robot's weight
-ARROW_PER_REACH = 0.1, 0.35  # least and most of that, in shares of the robot's reach
-LONGEST_ARROW = 2.4  # times that, so that an impact does not cross the whole picture
-LARGEST_PAYLOAD = 0.25  # of the reach: half of the side of the box that is drawn for a payload
-TICK_SPACING = 0.5  # m between the marks on the ground, times 2, 5, 10 ... where there are too many
-MOST_MARKS = 40
-LOAD_RANGE = 5.0  # weights, at the end of the load's gauge
-REACHES = 1e-6, 1e6  # m: a robot's reach beyond them is drawn as if it were this
-FARTHEST = 1e12  # m, of a pose, and canvas pixels, of a shape's corners
-MOST_DIGITS = 1e6  # numbers from here on are written with an exponent
-SIZE = (960, 540)  # pixels of the picture: width and height
+ARROW_PER_WEIGHT = 0.25  # length of the arrow of a force equal to the robot's weight, m
+ARROW_PER_REACH = 0.1, 0.35  # limits of this length, as fractions of the robot's reach
+LONGEST_ARROW = 2.4  # longest arrow divided by this length, so that impacts stay in the picture
+LARGEST_PAYLOAD = 0.25  # largest half side of the box of a payload, as a fraction of the reach
+TICK_SPACING = 0.5  # distance between marks on the ground, m; times 2, 5, 10 ... if too many
+MOST_MARKS = 40  # largest number of marks
+LOAD_RANGE = 5.0  # load at the end of the load gauge, as a multiple of the weight
+REACHES = 1e-6, 1e6  # limits of a robot's reach, m; a reach beyond them is clipped
+FARTHEST = 1e12  # largest coordinate of a pose (m) and of a shape's corner (canvas pixels)
+MOST_DIGITS = 1e6  # numbers of this magnitude or larger are written with an exponent
+SIZE = (960, 540)  # width and height of the picture, pixels
 UNIT = 3  # canvas pixels per picture pixel
-WIDTH, HEIGHT = UNIT * SIZE[0], UNIT * SIZE[1]  # of the canvas
-AROUND = 60 * UNIT  # pixels around the canvas to which shapes are clipped: no edge can be seen
-MANY = 16  # points from which on NumPy is quicker
-ROUND = 4096  # pixels, radius up to which pygame paints a disc
+WIDTH, HEIGHT = UNIT * SIZE[0], UNIT * SIZE[1]  # size of the canvas, canvas pixels
+AROUND = 60 * UNIT  # margin around the canvas within which shapes are kept, canvas pixels
+MANY = 16  # number of points above which NumPy is faster than a loop
+ROUND = 4096  # largest radius of a disc that pygame paints, canvas pixels
 
 SKY, GRID = (241, 246, 251), (222, 231, 240)
 GROUND, SURFACE, GROUND_TEXT = (234, 223, 202), (150, 128, 94), (104, 86, 58)
 INK, MUTED, TRACK, WHITE = (38, 50, 66), (100, 112, 128), (220, 227, 235), (255, 255, 255)
 LINK, CRANK, FORCE = (58, 124, 190), (240, 140, 16), (124, 58, 190)
 GREEN, RED = (0, 140, 122), (220, 38, 38)
-AIR, GRIP, SLIP = 0, 1, 2  # a toe is lifted, holds, slides while it is loaded
+AIR, GRIP, SLIP = 0, 1, 2  # a toe is lifted, sticks to the ground, or slides under load
 LEGEND = {"gripping toe": GRIP, "slipping toe": SLIP, "lifted toe": AIR, "contact force": None}
 CIRCLE = np.array([(math.cos(a), math.sin(a)) for a in np.linspace(0.0, 2.0 * math.pi, 32)])
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """Content of one picture; toes in the order of ``robot.toes``."""
+    """Content of one picture, with toes in the order of ``robot.toes``.
 
-    q: Array  # (4,) crank axis x and y (m), chassis pitch theta and crank angle psi (rad)
-    contact: NDArray[np.int_]  # (toes,) what each toe does: AIR, GRIP or SLIP
-    contact_point: Array  # (toes, 2) m, where each toe touches, world frame
-    contact_force: Array  # (toes, 2) N, of the ground on each toe, world frame
-    weight: float  # N, of robot and payload
-    command: float | None  # speed, or None, in the renderer's unit
-    speed: float  # likewise
-    torque: float  # N m, of the crank
-    torque_limit: float  # N m, its largest magnitude
-    time: float  # s
-    goal: float | None = None  # m, place to walk to
-    load: float | None = None  # load that the ground carries, in weights; None without a ground
+    Attributes:
+        q: Position x, y of the crank axis (m), chassis pitch theta and crank angle psi (rad), shape
+            (4,).
+        contact: State of each toe, ``AIR``, ``GRIP`` or ``SLIP``, shape (toes,).
+        contact_point: Point at which each toe touches the ground, in the world frame, in m, shape
+            (toes, 2).
+        contact_force: Force of the ground on each toe, in the world frame, in N, shape (toes, 2).
+        weight: Weight of robot and payload, in N.
+        command: Commanded speed, in the unit of the renderer. None for no command.
+        speed: Speed, in the unit of the renderer.
+        torque: Crank torque, in N m.
+        torque_limit: Largest magnitude of the crank torque, in N m.
+        time: Time, in s.
+        goal: Position x of the goal, in m. None for no goal.
+        load: Load that the ground carries, as a multiple of the weight. None without ground.
+    """
+
+    q: Array
+    contact: NDArray[np.int_]
+    contact_point: Array
+    contact_force: Array
+    weight: float
+    command: float | None
+    speed: float
+    torque: float
+    torque_limit: float
+    time: float
+    goal: float | None = None
+    load: float | None = None
 
 
 class Renderer:
-    """Paints frames, off-screen or in a window.
+    """A painter of frames, off-screen or in a window.
 
     Args:
-        robot: the machine to draw.
-        terrain_points: (n, 2) the ground's surface from left to right, m; None for a machine
-            whose chassis is held in the air.
-        mode: ``"rgb_array"`` returns pictures and needs no display, ``"human"`` shows a window.
-        fps: pictures per second of the window.
-        speed_range: speed at either end of the speed gauge. speed_unit: of that gauge.
-        shapes: of a ground that is no height line; ``terrain_points`` is its upper side then.
+        robot: Robot to draw.
+        terrain_points: Points on the surface of the terrain from left to right, in m, shape (n, 2).
+            None for a robot whose chassis is held in the air.
+        mode: ``"rgb_array"`` to return pictures, which needs no display, or ``"human"`` to show a
+            window.
+        fps: Pictures per second in the window.
+        speed_range: Speed at each end of the speed gauge.
+        speed_unit: Unit of the speed gauge.
+        shapes: Shapes of a terrain that is not a height line. ``terrain_points`` then describes the
+            upper side of the shapes.
     """
 
     def __init__(
@@ -107,7 +129,7 @@ class Renderer:
         self._pg: Any = pygame
         self._canvas: Any = None
         self._screen: Any = None
-        self.dismissed = False  # the user closed the window, or there is no display
+        self.dismissed = False  # whether the user closed the window, or there is no display
         self._fonts: dict[int, Any] = {}
 
     def show(
@@ -117,7 +139,13 @@ class Renderer:
         shapes: Sequence[Piece] = (),
         **_: object,
     ) -> None:
-        """Draw this robot and this ground from now on."""
+        """Use another robot and another terrain in the following pictures.
+
+        Args:
+            robot: Robot to draw.
+            terrain_points: See the class.
+            shapes: See the class.
+        """
         self.robot, self._terrain = robot, terrain_points
         self._shapes = shapes
         self._reach = reach = min(max(reach_of(robot), REACHES[0]), REACHES[1])
@@ -127,13 +155,20 @@ class Renderer:
         self._depth = depths_of(robot)
 
     def draw(self, frame: Frame) -> Picture | None:
-        """Paint ``frame``; returns a new array (height, width, 3) uint8.
+        """Paint a frame.
 
-        Mode ``"human"`` shows it, waits for its turn at ``fps`` and returns None. A window closed
-        by its user is not opened again. Without a display there is a warning, and no window.
+        In the mode ``"human"``, show the picture in the window and wait so long that the rate is
+        ``fps``. A window that the user has closed is not opened again. If there is no display, the
+        method issues a warning and opens no window.
+
+        Args:
+            frame: Content of the picture.
+
+        Returns:
+            A new array of type uint8, shape (height, width, 3), or None in the mode ``"human"``.
         """
         pg, human = self._pg, self.mode == "human"
-        # Anyone in the process may quit pygame, which takes the window along.
+        # Other code in the process may quit pygame, which closes the window.
         if human and not self.dismissed and not (self._screen and pg.display.get_init()):
             self._open_window()
         if human and self._screen and any(event.type == pg.QUIT for event in pg.event.get()):
@@ -150,26 +185,28 @@ class Renderer:
             pg.display.flip()
             self._clock.tick(self.fps)
             return None
-        # A bytearray, unlike bytes, makes an array that may be written to.
+        # From a bytearray, unlike from bytes, NumPy makes an array that can be written to.
         data = bytearray(pg.image.tobytes(picture, "RGB"))
         return np.frombuffer(data, np.uint8).reshape(*SIZE[::-1], 3)
 
     def close(self) -> None:
-        """Close the window and free the canvas. Harmless when repeated."""
+        """Close the window and free the canvas. Further calls have no effect."""
         if self._screen is not None:
             self._pg.display.quit()
         self._screen = self._canvas = None
 
     def _open_window(self) -> None:
+        """Open the window, or issue a warning if there is no display."""
         pg = self._pg
         try:
             pg.display.init()
-            # Without a display SDL quietly opens a window nobody sees, unless told which to use.
+            # Without a display, SDL silently opens an invisible window, unless the user has chosen
+            # a video driver.
             if pg.display.get_driver() == "offscreen" and "SDL_VIDEODRIVER" not in os.environ:
                 pg.display.quit()
                 raise pg.error("no display found")
             self._screen = pg.display.set_mode(SIZE)
-        except pg.error as error:  # environments go on, as Gymnasium's checker wants
+        except pg.error as error:  # Gymnasium's checker requires that the environment continues
             warn(f"no window: {error}; mode 'rgb_array' needs no display", stacklevel=2)
             self.dismissed = True
             return
@@ -177,10 +214,11 @@ class Renderer:
         self._clock = pg.time.Clock()
 
     def _paint(self, frame: Frame) -> None:
+        """Paint a frame on the canvas."""
         q = np.clip(np.asarray(frame.q, dtype=float), -FARTHEST, FARTHEST)
         level = q[1] - 0.85 * self._reach
         if self._terrain is not None:
-            # The mean height nearby keeps the picture steady where the ground is rough.
+            # Following the mean height nearby keeps the picture steady on rough terrain.
             near = self._surface(q[0] + self._reach * np.linspace(-0.7, 0.7, 15))
             level = min(max(float(near[:, 1].mean()), q[1] - self._reach), q[1])
         bottom = level - 0.24 * self._reach
@@ -210,6 +248,7 @@ class Renderer:
             self._paint_legend()
 
     def _paint_ground(self, terrain: Array) -> None:
+        """Paint the ground below its surface points, with marks that show positions."""
         u, left = UNIT, self._corner[0]
         right = left + WIDTH / self._scale
         inside = terrain[(terrain[:, 0] > left) & (terrain[:, 0] < right)]
@@ -236,7 +275,7 @@ class Renderer:
             self._polyline(surface, SURFACE, 3 * u)
 
     def _paint_shapes(self) -> None:
-        """Paint convex shapes as one: first what is seen of their outlines, then their insides."""
+        """Paint convex shapes as one: all outlines, then all insides, which cover the seams."""
         for color, width in ((SURFACE, 1.5), (GROUND, 0.0)):
             for piece in self._shapes:
                 points = self._pixels(np.array(piece.points))
@@ -247,6 +286,7 @@ class Renderer:
                 self._polygon(points, color)
 
     def _paint_flag(self, x: float) -> None:
+        """Paint a flag at a position x in m."""
         foot = self._pixels(self._surface(np.array([x])))[0]
         height, side = 0.6 * self._reach * self._scale, 24.0 * UNIT
         flag = np.array([[0.0, height], [0.0, height - side], [1.5 * side, height - 0.5 * side]])
@@ -255,6 +295,12 @@ class Renderer:
         self._polygon(points, CRANK)
 
     def _paint_leg(self, joints: Array, depth: float) -> None:
+        """Paint a leg without its frame.
+
+        Args:
+            joints: Positions of the joints on the canvas, shape (joints, 2).
+            depth: Depth from 0, the nearest, to 1, the farthest, by which the colors fade.
+        """
         fade = 0.58 * math.sqrt(depth)
         ink, fill, crank = (_mix(color, SKY, fade) for color in (INK, LINK, CRANK))
         _, cranks, *others = self.robot.linkage.edges  # the frame is the chassis
@@ -271,6 +317,7 @@ class Renderer:
             self._disc(joint, 2.3 - 0.4 * depth, WHITE)
 
     def _paint_chassis(self, legs: Array, q: Array) -> None:
+        """Paint the frames of all legs, which form the chassis, and the payload."""
         load = self.robot.payload
         if load.mass > 0.0:
             turn = np.array([directions(q[2]), directions(q[2] + 0.5 * math.pi)])
@@ -289,6 +336,7 @@ class Renderer:
                     self._line(joints[start], joints[end], width, color)
 
     def _paint_gauges(self, frame: Frame) -> None:
+        """Paint the card with the time and the gauges of speed, torque and load."""
         u = UNIT
         self._card(14, 236, 180 if frame.load is None else 228)
         self._text(f"{_number(frame.time)} s", 28 * u, 38 * u, 30, INK, 0.0)
@@ -309,7 +357,16 @@ class Renderer:
     def _gauge(
         self, name: str, y: float, value: float, limit: float, color: Color, mark: float | None
     ) -> None:
-        """A bar from zero in the middle to ``value`` of +-``limit``, with a tick at ``mark``."""
+        """Paint a bar from zero, in the middle, to a value.
+
+        Args:
+            name: Name of the gauge.
+            y: Vertical position, in units.
+            value: The value.
+            limit: Magnitude of the values at both ends of the gauge.
+            color: Color of the bar.
+            mark: Value that a tick marks. None for no tick.
+        """
         u, middle, half = UNIT, 132.0, 104.0
         self._text(name, 28 * u, y * u, 23, MUTED, 0.0)
         end, tick = (
@@ -325,6 +382,7 @@ class Renderer:
             self._line((tick * u, (y + 9) * u), (tick * u, (y + 23) * u), 3.0, CRANK)
 
     def _paint_legend(self) -> None:
+        """Paint the card that explains the toes and arrows."""
         u = UNIT
         left = SIZE[0] - 194
         self._card(left, 180, 136)
@@ -337,26 +395,27 @@ class Renderer:
                 self._arrow(np.array([x - 9 * u, y]), np.array([length, 0.0]))
             self._text(label, (left + 42) * u, y, 23, INK, 0.0)
 
-    # Primitives: positions in canvas pixels, widths, radii and cards in units.
+    # The following primitives expect positions in canvas pixels, but widths, radii and cards in
+    # units.
 
     def _surface(self, x: Array) -> Array:
-        """Surface points (n, 2) above the positions ``x`` (n,), m."""
+        """Return the points of the surface at positions ``x`` in m, shape (n,); shape (n, 2)."""
         assert self._terrain is not None
         return np.stack([x, heights_of(self._terrain, x)], axis=-1)
 
     def _pixels(self, points: ArrayLike) -> Array:
-        """World positions (..., 2) in m to canvas positions (..., 2)."""
+        """Convert positions in the world, in m, to positions on the canvas, shape (..., 2)."""
         moved: Array = (np.asarray(points) - self._corner) * (self._scale, -self._scale)
         return moved
 
     def _polygon(self, points: Corners, color: Color, width: int = 0) -> None:
-        """A filled polygon, or its outline of a width in canvas pixels."""
+        """Paint a filled polygon, or its outline if it has a width in canvas pixels."""
         seen = points if _is_seen(points) else clip_polygon(points, *CLIP)
         if len(seen) > 2:
             self._pg.draw.polygon(self._canvas, color, seen, width)
 
     def _polyline(self, points: Array, color: Color, width: int) -> None:
-        """Lines from each point to the next, of a width in canvas pixels."""
+        """Paint lines from each point to the next, with a width in canvas pixels."""
         if _is_seen(points):
             self._pg.draw.lines(self._canvas, color, False, points, width)
             return
@@ -364,7 +423,7 @@ class Renderer:
             self._pg.draw.line(self._canvas, color, start, end, width)
 
     def _line(self, start: Point, end: Point, width: float, color: Color) -> None:
-        """A bar, with round ends if it is wide enough for them to show."""
+        """Paint a bar, whose ends are round if it is wide enough for this to be visible."""
         ends = (start, end)
         (x, y), (u, v) = ends if _is_seen(ends) else _bounded(ends)
         share = 0.5 * width * UNIT / max(math.hypot(u - x, v - y), 1e-9)
@@ -377,6 +436,7 @@ class Renderer:
             self._disc((u, v), 0.5 * width, color)
 
     def _disc(self, center: Point, radius: float, color: Color) -> None:
+        """Paint a disc."""
         size = radius * UNIT
         if size > ROUND:
             self._polygon(circle(np.asarray(center), size), color)
@@ -384,19 +444,19 @@ class Renderer:
             self._pg.draw.circle(self._canvas, color, center, size)
 
     def _toe(self, center: Array, radius: float, contact: int) -> None:
-        """A toe pad: hollow in the air, else solid with a halo."""
+        """Paint a toe pad, hollow if it is lifted, or solid with a halo if it has contact."""
         if contact == AIR:
             self._disc(center, radius, INK)
             self._disc(center, radius - 1.8, WHITE)
             return
         color = RED if contact == SLIP else GREEN
-        if (halo := 2.1 * radius * UNIT) < HEIGHT:  # a larger one would be the background
+        if (halo := 2.1 * radius * UNIT) < HEIGHT:  # a larger halo would fill the background
             self._blend(circle(center, halo), color, 85)
         self._disc(center, radius + 1.0, WHITE)
         self._disc(center, radius, color)
 
     def _card(self, x: int, width: int, height: int) -> None:
-        """A translucent panel at the top of the picture."""
+        """Paint a translucent panel at the top of the picture."""
         u = UNIT
         card = self._pg.Surface((width * u, height * u), self._pg.SRCALPHA)
         for color, border in (((*WHITE, 215), 0), (TRACK, u)):
@@ -404,7 +464,7 @@ class Renderer:
         self._canvas.blit(card, (x * u, 14 * u))
 
     def _blend(self, points: Array, color: Color, alpha: int) -> None:
-        """A translucent polygon; pygame's own are opaque."""
+        """Paint a translucent polygon, because polygons of pygame are opaque."""
         seen: Array = points if _is_seen(points) else clip_polygon(points, *CLIP)
         if len(seen) < 3:
             return
@@ -414,7 +474,12 @@ class Renderer:
         self._canvas.blit(patch, low)
 
     def _arrow(self, start: Array, force: Array) -> None:
-        """A force in robot weights, y downwards; none if it is too short to show."""
+        """Paint the arrow of a force, unless it is too short to be visible.
+
+        Args:
+            start: Start of the arrow, in canvas pixels.
+            force: Force as a multiple of the robot's weight, with y downwards, shape (2,).
+        """
         size = float(np.hypot(*force))
         length = min(size, LONGEST_ARROW) * self._arrow_per_weight * self._scale
         if length < 4.0 * UNIT:
@@ -426,12 +491,16 @@ class Renderer:
         self._polygon([tip, neck + across, neck - across], FORCE)
 
     def _text(self, text: str, x: float, y: float, size: int, color: Color, align: float) -> None:
-        """One line centred on ``y``, starting (align 0), centred (0.5) or ending (1) at ``x``."""
+        """Paint a line of text that is vertically centred at ``y``.
+
+        The line starts at ``x`` if ``align`` is 0, is centred at ``x`` if it is 0.5, and ends at
+        ``x`` if it is 1.
+        """
         if not _is_seen(((x, y),)):
             return
         try:
             image = self._fonts[size].render(text, True, color)
-        except (KeyError, self._pg.error):  # the first of its size, or somebody has quit pygame
+        except (KeyError, self._pg.error):  # first text of this size, or other code quit pygame
             self._pg.font.init()
             self._fonts[size] = self._pg.font.Font(None, size * UNIT)
             image = self._fonts[size].render(text, True, color)
@@ -440,23 +509,32 @@ class Renderer:
 
 
 CLIP = np.full(2, -float(AROUND)), np.array([WIDTH, HEIGHT], float) + AROUND
-"""The corners with the least and the most x and y to which shapes are clipped, canvas pixels."""
+"""Corners with the least and the largest x and y to which shapes are clipped, in canvas pixels."""
 
 
 def _is_seen(points: Corners, margin: float = 0.0) -> bool:
-    """Return whether all points (n, 2) lie in the clipping rectangle, or so near it."""
+    """Return whether all points lie in the clipping rectangle, or at most ``margin`` outside it."""
     least, right, low = -AROUND - margin, WIDTH + AROUND + margin, HEIGHT + AROUND + margin
     if len(points) > MANY:
         array = np.asarray(points)
         return bool((array >= least).all() and (array <= (right, low)).all())
-    # Not by NumPy, which takes longer for a few numbers.
+    # A loop takes less time than NumPy for a few points.
     return all(least <= x <= right and least <= y <= low for x, y in points)
 
 
 def clip_polygon(points: Corners, low: Array, high: Array) -> Array:
-    """Return the corners (m, 2) of a polygon (n, 2) within a rectangle; none where it is outside.
+    """Clip a polygon to a rectangle.
 
-    Sutherland and Hodgman (1974), one side of the rectangle after the other.
+    The method of Sutherland and Hodgman (1974) clips the polygon at one side of the rectangle after
+    the other.
+
+    Args:
+        points: Corners of the polygon, shape (n, 2).
+        low: Corner of the rectangle with the least x and y, shape (2,).
+        high: Corner of the rectangle with the largest x and y, shape (2,).
+
+    Returns:
+        Corners of the clipped polygon, shape (m, 2). There are none if the polygon is outside.
     """
     seen = _bounded(points)
     for axis in (0, 1):
@@ -476,12 +554,18 @@ def clip_polygon(points: Corners, low: Array, high: Array) -> Array:
 
 
 def clip_lines(points: Corners, low: Array, high: Array) -> Array:
-    """Return what is within a rectangle of the lines from each point (n, 2) to the next.
+    """Clip the lines from each point to the next to a rectangle.
 
-    Liang and Barsky (1984).
+    The method is that of Liang and Barsky (1984).
+
+    Args:
+        points: The points, shape (n, 2).
+        low: Corner of the rectangle with the least x and y, shape (2,).
+        high: Corner of the rectangle with the largest x and y, shape (2,).
 
     Returns:
-        (m, 2, 2) start and end of each line of which something is inside.
+        Start and end of each clipped line, without lines that are completely outside, shape (m, 2,
+        2).
     """
     line = _bounded(points)
     start, way = line[:-1], np.diff(line, axis=0)
@@ -497,9 +581,10 @@ def clip_lines(points: Corners, low: Array, high: Array) -> Array:
 
 
 def circle(center: Array, radius: float) -> Array:
-    """Return the outline (n, 2) of a disc, canvas pixels: of a large one, what is near the canvas.
+    """Return the outline of a disc as a polygon, in canvas pixels, shape (n, 2).
 
-    A large one is sampled at columns of the canvas, as a polygon of few corners would not be round.
+    The outline of a large disc contains only the part near the canvas. It has a corner at each of
+    many columns of the canvas, because a polygon with few corners would not look round.
     """
     if radius <= ROUND:
         return np.asarray(center + radius * CIRCLE)
@@ -513,12 +598,12 @@ def circle(center: Array, radius: float) -> Array:
 
 
 def _bounded(points: Corners) -> Array:
-    """Points (n, 2) within FARTHEST; what is no number is 0."""
+    """Return points whose coordinates are clipped to FARTHEST, with 0 in place of NaN."""
     return np.clip(np.nan_to_num(np.asarray(points, dtype=float)), -FARTHEST, FARTHEST)
 
 
 def _tick_spacing(width: float) -> float:
-    """Metres between the marks on so many metres of ground."""
+    """Return the distance between marks in m, for a visible part of the ground in m."""
     spacing = TICK_SPACING
     for factor in itertools.cycle((2.0, 2.5, 2.0)):  # 1, 2.5, 5, 10 ... m
         if width <= MOST_MARKS * spacing:
@@ -528,7 +613,7 @@ def _tick_spacing(width: float) -> float:
 
 
 def _mark_label(mark: float, spacing: float) -> str:
-    """Place of a mark on the ground, m; the unit stands at every other one."""
+    """Return the label of a mark, its position in m. Every other label contains the unit."""
     place = mark * spacing
     if spacing > TICK_SPACING or abs(place) > MOST_DIGITS:
         return f"{place:.7g}" if mark % 2 else f"{place:.7g} m"
@@ -536,24 +621,24 @@ def _mark_label(mark: float, spacing: float) -> str:
 
 
 def _number(value: float, digits: str = ".2f") -> str:
-    """A number with so many digits, or with an exponent where it is large."""
+    """Return a number as text in a format, or with an exponent if it is large."""
     return format(value, digits if abs(value) < MOST_DIGITS else digits[:-3] + ".3g")
 
 
 def reach_of(robot: Robot) -> float:
-    """Distance of a robot's farthest joint from the crank axis over a turn, m."""
+    """Return the largest distance of a joint from the crank axis over a turn, in m."""
     turn = joint_positions(robot, "fore", np.linspace(-math.pi, math.pi, 180))
     return float(np.hypot(turn[..., 0], turn[..., 1]).max())
 
 
 def depths_of(robot: Robot) -> list[float]:
-    """Depth of each leg in a picture, from 0, the nearest, to 1, the farthest."""
+    """Return the depth of each leg in a picture, from 0 (the nearest) to 1 (the farthest)."""
     phases = [leg.phase % (2.0 * math.pi) for leg in robot.legs]
-    layers = sorted(set(phases))  # 0, the first leg's, is the nearest
+    layers = sorted(set(phases))  # phase 0, that of the first leg, is the nearest layer
     return [layers.index(phase) / max(1, len(layers) - 1) for phase in phases]
 
 
 def _mix(color: Color, other: Color, share: float) -> Color:
-    """``color`` with ``share`` of it (0 to 1) replaced by ``other``."""
+    """Return a mixture of two colors, with a fraction ``share`` (0 to 1) of the second color."""
     r, g, b = (round(c + share * (o - c)) for c, o in zip(color, other, strict=True))
     return (r, g, b)

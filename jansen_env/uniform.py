@@ -1,4 +1,4 @@
-"""Uniform random numbers with the same bits on every processor."""
+"""Uniform random numbers that are the same, bit for bit, on every processor."""
 
 from __future__ import annotations
 
@@ -8,19 +8,24 @@ import numpy as np
 
 
 def uniform(rng: np.random.Generator, low: float, high: float, size: Any = None) -> Any:
-    """Draw numbers from ``low`` to ``high``, as ``rng.uniform`` does on x86-64.
+    """Sample numbers uniformly between two limits, as ``rng.uniform`` does on x86-64.
 
-    On some processors NumPy's own fuses the multiplication and the addition, and so rounds once.
+    On some processors, NumPy's own function fuses the multiplication and the addition. It then
+    rounds only once, and the result differs.
 
     Args:
-        size: shape of the array to return; None for a float.
+        rng: Random number generator.
+        low: Lower limit.
+        high: Upper limit.
+        size: Shape of the returned array. None for a single float.
     """
     return low + (high - low) * rng.random(size)
 
 
 def draw_seed(rng: np.random.Generator) -> int:
-    """Draw a whole number below 2^63: what ``rng.integers(2**63)`` draws with Gymnasium's PCG64.
+    """Sample a whole number below 2^63, as ``rng.integers(2**63)`` does with Gymnasium's PCG64.
 
-    Those are the upper bits of its next 64; NumPy takes six times as long to check the range.
+    The number consists of the upper 63 bits of the generator's next 64. NumPy's function takes six
+    times as long, because it checks the range.
     """
     return int(rng.bit_generator.random_raw()) >> 1

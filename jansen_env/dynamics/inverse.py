@@ -1,4 +1,4 @@
-"""Inverse dynamics: the crank torque that a prescribed crank motion takes on a fixed base."""
+"""Inverse dynamics: the crank torque for a prescribed crank motion with a fixed chassis."""
 
 from __future__ import annotations
 
@@ -15,15 +15,23 @@ from jansen_env.robot import Robot
 
 @dataclass(frozen=True)
 class CrankTorque:
-    """A crank torque by cause, each (...), N m."""
+    """Contributions to a crank torque, in N m, of any shape (...).
 
-    gravity: Array  #: g c_y'
-    inertia: Array  #: k psi'' + k' psi'^2 / 2
-    friction: Array  #: f psi'
+    The symbols c, k and f are those of :mod:`jansen_env.dynamics.reduced`.
+
+    Attributes:
+        gravity: Contribution of gravity, g c_y'.
+        inertia: Contribution of inertia, k psi'' + k' psi'^2 / 2.
+        friction: Contribution of viscous friction, f psi'.
+    """
+
+    gravity: Array
+    inertia: Array
+    friction: Array
 
     @property
     def total(self) -> Array:
-        """Their sum (...), N m."""
+        """Sum of all contributions, in N m."""
         return self.gravity + self.inertia + self.friction
 
 
@@ -34,9 +42,17 @@ def crank_torque(
     acceleration: ArrayLike = 0.0,
     gravity: float = GRAVITY,
 ) -> CrankTorque:
-    """The torque for a prescribed crank motion on a fixed base: (12) solved for tau.
+    """Return the crank torque for a prescribed crank motion with a fixed chassis.
 
-    ``angle`` (rad), ``speed`` and ``acceleration`` broadcast against one another.
+    The function solves equation (12) of the paper for tau. The arrays of angles, speeds and
+    accelerations are broadcast against each other.
+
+    Args:
+        robot: The robot.
+        angle: Crank angle, in rad.
+        speed: Crank speed, in rad/s.
+        acceleration: Crank acceleration, in rad/s^2.
+        gravity: Acceleration of gravity, downwards, in m/s^2.
     """
     given = (np.asarray(value, float) for value in (angle, speed, acceleration))
     psi, n, n_dot = np.broadcast_arrays(*given)

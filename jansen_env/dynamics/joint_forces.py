@@ -1,18 +1,20 @@
-"""Constraint forces as forces: what every pin of every leg carries, to size links and joints.
+"""Forces in the pins of all legs, from which links and joints can be sized.
 
-The paper's (4) adds C^T lambda to each body. Every pair of rows of C is one pin (Phi_hf, Phi_hb),
-so its two multipliers are the force in that pin, x and y in the world frame. The rows of x_2, y_2
-and of the bodies after it hold as many equations as a leg has multipliers (Jansen's: twenty),
+Equation (4) of the paper adds C^T lambda to each body. Each pair of rows of C belongs to one pin
+(Phi_hf, Phi_hb). Its two multipliers are therefore the force in this pin, x and y in the world
+frame. The rows of x_2, y_2 and of the following bodies contain as many equations as a leg has
+multipliers (twenty for Jansen's leg):
 
-    C_2^T lambda = (M x_ddot - h - contact forces) without the rows of theta_1, x_1, y_1, theta_2,
+    C_2^T lambda = (M x_ddot - h - contact forces) without the rows of theta_1, x_1, y_1, theta_2
 
-and what those four rows still miss is what the leg gets from the rest of the machine: the chassis
-holds its frame, the shaft turns its crank. Works for any number of instants at once, and for any
-linkage: shapes with 24 and 20 are those of Jansen's leg.
+The remainder in the four other rows is the load that the leg receives from the rest of the robot:
+the chassis holds the frame of the leg, and the shaft turns its crank. The functions accept any
+number of instants at once, and any linkage. Shapes with 24 and 20 are those of Jansen's leg.
 
-Dry bearings are torques between two bodies each, tau_i while the bearing turns. At a standstill
-they are less; then the crank's dry friction torque is shared out to bearings and gear in proportion
-to tau_i |a_j' - a_i'|, and the gear's to 1, which is what each can hold.
+The friction of a dry bearing is a torque between two bodies, with the magnitude tau_i while the
+bearing turns. At a standstill the torques are smaller. The dry friction torque of the crank is then
+distributed to the bearings and the gear in proportion to the largest torque that each can hold at
+the crank: tau_i |a_j' - a_i'| for a bearing, and the friction torque of the gear for the gear.
 """
 
 from __future__ import annotations
@@ -43,7 +45,11 @@ from jansen_env.robot.kinematics import world_joints
 
 @functools.lru_cache(maxsize=16)
 def pin_signs(linkage: Linkage) -> Array:
-    """(corners, pins) what each corner's link gets of each pin's force: 1, -1 or 0 of it."""
+    """Return the factors by which the force of each pin acts on the link at each corner.
+
+    Returns:
+        Factors 1, -1 or 0, shape (corners, pins).
+    """
     signs = np.array([
         [(pin.joint == joint) * (float(pin.body == body) - float(pin.other == body))
          for pin in linkage.pins]
@@ -54,39 +60,60 @@ def pin_signs(linkage: Linkage) -> Array:
 
 
 def corner_name(linkage: Linkage, index: int) -> str:
-    """Such as ``"link 1 at P"``, for one of ``linkage.holes``."""
+    """Return the name of a corner, such as ``"link 1 at P"``.
+
+    Args:
+        linkage: The linkage.
+        index: Index of the corner in ``linkage.holes``.
+    """
     body, joint = linkage.holes[index]
     return f"link {body} at {joint}"
 
 
 @dataclass(frozen=True)
 class JointForces:
-    """Forces in the joints of all legs at one instant or several (...), world frame, N and N m."""
+    """Forces in the joints of all legs at one or several instants (...), in the world frame.
+
+    Attributes:
+        robot: The robot.
+        pin: Force in each of ``linkage.pins``, in N, shape (..., legs, pins, 2).
+        frame: Force x, y (N) and moment about the crank axis (N m) with which the chassis holds the
+            leg's frame, shape (..., legs, 3). A fixed chassis transmits them to its support.
+        shaft: Torque with which the shaft turns the leg's crank, in N m, shape (..., legs).
+        gear: Part of the motor's torque that is lost to the inertia of the rotor and the friction
+            of the gear, in N m, shape (...).
+        toe: Contact force on each toe, in N, shape (..., toes, 2).
+        body: Moment about the centre of mass (N m) and force x, y (N) that all constraints together
+            exert on each body, M x_ddot - h of equation (4), shape (..., legs, bodies, 3). Weight,
+            contacts, joint friction and motor (on the first leg) are applied forces and not part of
+            it.
+        joints: Positions of the joints, in m, shape (..., legs, joints, 2).
+        centres: Positions of the centres of mass, in m, shape (..., legs, bodies, 2).
+        q_ddot: Accelerations of (x, y, theta, psi), in m/s^2 and rad/s^2, shape (..., 4).
+    """
 
     robot: Robot
-    pin: Array  #: (..., legs, pins, 2) force in each of ``linkage.pins``
-    #: (..., legs, 3) force x, y and moment about the crank axis with which the chassis holds the
-    #: leg's frame; with a fixed base it passes on to the support.
+    pin: Array
     frame: Array
-    shaft: Array  #: (..., legs) torque with which the shaft turns the leg's crank
-    gear: Array  #: (...) what the motor's torque loses to rotor's inertia and gear's friction
-    toe: Array  #: (..., toes, 2) contact force on each toe
-    #: (..., legs, bodies, 3) moment (about its centre of mass) and force x, y with which all
-    #: constraints together act on each body, M x_ddot - h of (4); weight, contacts, joint friction
-    #: and motor (on the first leg) are forces applied.
+    shaft: Array
+    gear: Array
+    toe: Array
     body: Array
-    joints: Array  #: (..., legs, joints, 2) joint positions, m
-    centres: Array  #: (..., legs, bodies, 2) centres of mass, m
-    q_ddot: Array  #: (..., 4) accelerations of (x, y, theta, psi)
+    joints: Array
+    centres: Array
+    q_ddot: Array
 
     @property
     def magnitude(self) -> Array:
-        """(..., legs, pins) size of each pin's force, N, between the pairs that the paper pins."""
+        """Magnitude of the force in each of ``linkage.pins``, in N, shape (..., legs, pins).
+
+        For Jansen's leg, the pins connect the same pairs of bodies as in the paper.
+        """
         return np.hypot(self.pin[..., 0], self.pin[..., 1])
 
     @property
     def bearing(self) -> Array:
-        """(..., legs, holes) force on each of ``linkage.holes``, N."""
+        """Magnitude of the force on each of ``linkage.holes``, in N, shape (..., legs, holes)."""
         linkage = self.robot.linkage
         held = [linkage.corners.index(hole) for hole in linkage.holes]
         force = (pin_signs(linkage) @ self.pin)[..., held, :]
@@ -94,27 +121,40 @@ class JointForces:
 
     @property
     def torque(self) -> Array:
-        """(...) the motor's torque, N m."""
+        """Torque of the motor, in N m, shape (...)."""
         return np.asarray(self.shaft.sum(axis=-1) + self.gear)
 
     def at(self, index: int) -> JointForces:
-        """Those of one instant, counted along the first axis; there must be several."""
+        """Return the forces at one of several instants.
+
+        Args:
+            index: Index of the instant along the first axis.
+
+        Raises:
+            ValueError: If these are the forces at a single instant.
+        """
         if self.shaft.ndim < 2:
             raise ValueError("JointForces.at: these are the forces of a single instant")
         arrays = {name: value[index] for name, value in vars(self).items() if name != "robot"}
         return JointForces(robot=self.robot, **arrays)
 
     def largest(self) -> tuple[float, str, str]:
-        """The largest bearing force (N), its leg and place, such as ``("rf", "link 1 at P")``."""
+        """Return the largest bearing force in N, its leg, and its corner.
+
+        The leg and the corner are names such as ``"rf"`` and ``"link 1 at P"``.
+        """
         size = self.bearing
         *_, leg, corner = np.unravel_index(np.argmax(size), size.shape)
         place = corner_name(self.robot.linkage, int(corner))
         return float(size.max()), self.robot.leg_names[leg], place
 
     def corner_forces(self) -> Array:
-        """(..., legs, corners, 2) force of links and ground on each of ``linkage.corners``, N.
+        """Return the force of links and ground on each of ``linkage.corners``.
 
-        In the world frame. Non-toe contact is not in it.
+        Contact forces on pads other than toes are not included.
+
+        Returns:
+            Forces in the world frame, in N, shape (..., legs, corners, 2).
         """
         linkage = self.robot.linkage
         corner = pin_signs(linkage) @ self.pin
@@ -126,11 +166,15 @@ class JointForces:
         return corner
 
     def link_loads(self) -> Array:
-        """(..., legs, corners, 2) axial and shear load at each of ``linkage.corners``, N.
+        """Return the axial and the shear load at each of ``linkage.corners``.
 
-        Axial is along the line from the link's centre of mass to the corner, tension positive (for
-        a bar: along the bar); shear is 90 degrees counter-clockwise from it. For a corner at the
-        centre of mass the line is the x axis.
+        The axial load is along the line from the centre of mass of the link to the corner, that is,
+        along the bar if the link is a bar. Tension is positive. The direction of the shear load is
+        90 degrees counter-clockwise from this line. For a corner at the centre of mass, the line is
+        the x axis.
+
+        Returns:
+            Loads in N, shape (..., legs, corners, 2).
         """
         linkage = self.robot.linkage
         bodies = np.array([body - 1 for body, _ in linkage.corners])
@@ -157,29 +201,37 @@ def joint_forces(
     dry: Array | float | None = None,
     gravity: Gravity = GRAVITY,
 ) -> JointForces:
-    """Return the forces in all joints from a state, the crank's torque and forces on the toes.
+    """Return the forces in all joints from a state, the crank torque and the contact forces.
 
     Args:
-        q, q_dot: (..., 4) crank axis x, y (m), pitch theta, crank angle psi (rad), and rates.
-        torque: (...) or a number, of the crank, N m. Not used if ``q_ddot`` is given.
-        contact: (..., k, 3) on the first k pads (toes first, in the order of the legs): force x, y
-            in the world frame (N) and moment about the pad's centre (N m); None for none.
-        fixed_base: the chassis is held still; the first three of q_dot and q_ddot must be 0.
-        q_ddot: (..., 4) accelerations, where they are known; None to work them out.
-        dry: (...) or a number, what the dry friction of all bearings and of the gear comes to on
-            the crank, N m; None for as much as there is at the crank's speed, none at a standstill.
-        gravity: m/s^2, downwards, or a vector (x, y).
+        robot: The robot.
+        q: Position x, y of the crank axis (m), pitch theta and crank angle psi (rad), shape (...,
+            4).
+        q_dot: Rates of ``q``, in m/s and rad/s, shape (..., 4).
+        torque: Torque on the crank, in N m, a number or an array of shape (...). It is not used if
+            ``q_ddot`` is given.
+        contact: Contact forces on the first k pads (toes first, in the order of the legs), shape
+            (..., k, 3): force x, y in the world frame (N), and moment about the centre of the pad
+            (N m). None for no contact.
+        fixed_base: Whether the chassis is fixed. The first three entries of ``q_dot`` and
+            ``q_ddot`` must then be 0.
+        q_ddot: Accelerations, in m/s^2 and rad/s^2, shape (..., 4). None to compute them.
+        dry: Total torque of the dry friction of all bearings and the gear on the crank, in N m, a
+            number or an array of shape (...). None for the friction at the present crank speed,
+            which is 0 at a standstill.
+        gravity: Acceleration of gravity, in m/s^2: a number (downwards) or a vector (x, y).
 
     Raises:
-        ValueError: shapes that do not fit, or a fixed base that moves.
+        ValueError: If the shapes do not match, or a fixed chassis moves.
     """
     q, q_dot = np.asarray(q, dtype=float), np.asarray(q_dot, dtype=float)
     _check_arguments(q, q_dot, torque, fixed_base, q_ddot, dry)
     X, joints = system_coordinates(robot, q), world_joints(robot, q)
     T, M = tangent_matrix(robot, q), masses(robot)
     x_dot, D, bias = leg_motion(robot, leg_sides(robot), X, times(T, q_dot[..., None, :]))
-    D_q, bias = D @ T, bias + times(D, tangent_bias(robot, q, q_dot))  # of x_ddot, with q_ddot
-    h = forces(robot, x_dot, 0.0, gravity)  # the motor comes in through the shaft, below
+    # x_ddot = D_q q_ddot + bias
+    D_q, bias = D @ T, bias + times(D, tangent_bias(robot, q, q_dot))
+    h = forces(robot, x_dot, 0.0, gravity)  # the torque of the motor is added at the shaft, below
     bearings, gear = _dry_friction(robot, D_q, q_dot[..., 3], dry)
     h += bearings
     gear = gear - robot.motor.viscous_friction * q_dot[..., 3]
@@ -196,10 +248,11 @@ def joint_forces(
     multipliers = np.asarray(solved, np.float64)
     rest = missing[..., :DOF] - (C_T[..., :DOF, :] @ multipliers)[..., 0]
     body = missing.copy()
-    body[..., 0, 0] += rest[..., 3].sum(axis=-1) + rotor  # h has -tau on the first leg's frame ...
-    body[..., 0, 3] -= rest[..., 3].sum(axis=-1)  # ... and +tau on its crank
+    # The paper's h contains -tau on the frame of the first leg, and +tau on its crank.
+    body[..., 0, 0] += rest[..., 3].sum(axis=-1) + rotor
+    body[..., 0, 3] -= rest[..., 3].sum(axis=-1)
     centres = X.reshape(*X.shape[:-1], -1, 3)[..., 1:]
-    arm = centres[..., 0, :] - q[..., None, :2]  # from the crank axis
+    arm = centres[..., 0, :] - q[..., None, :2]  # from the crank axis to the centre of mass
     moment = rest[..., 0] + arm[..., 0] * rest[..., 2] - arm[..., 1] * rest[..., 1]
     return JointForces(
         robot=robot,
@@ -216,10 +269,14 @@ def joint_forces(
 
 
 def _check_arguments(
-    q: Array, q_dot: Array, torque: Array | float, fixed_base: bool, q_ddot: Array | None,
+    q: Array,
+    q_dot: Array,
+    torque: Array | float,
+    fixed_base: bool,
+    q_ddot: Array | None,
     dry: Array | float | None,
-) -> None:  # fmt: skip
-    """Raise ValueError for shapes that do not fit, or a fixed base that moves."""
+) -> None:
+    """Raise ValueError if the shapes do not match, or a fixed chassis moves."""
     if q.shape[-1:] != (4,) or q_dot.shape != q.shape:
         raise ValueError(f"q and q_dot have shapes {q.shape}, {q_dot.shape}, must be (..., 4) both")
     if not (np.isfinite(q).all() and np.isfinite(q_dot).all()):
@@ -237,7 +294,12 @@ def _check_arguments(
 def _contact_forces(
     robot: Robot, X: Array, joints: Array, contact: Array | None
 ) -> tuple[Array, Array]:
-    """Contact forces in the legs' coordinates (..., legs, 24), and on the toes (..., toes, 2)."""
+    """Return the contact forces in the legs' coordinates, and those on the toes.
+
+    Returns:
+        Generalised forces, shape (..., legs, 24), and forces on the toes in N, shape (..., toes,
+        2).
+    """
     f, toe = np.zeros(X.shape), np.zeros((*X.shape[:-2], len(robot.toes), 2))
     if contact is None:
         return f, toe
@@ -262,9 +324,14 @@ def _contact_forces(
 def _dry_friction(
     robot: Robot, D_q: Array, speed: Array, dry: Array | float | None
 ) -> tuple[Array, Array]:
-    """Dry bearings in the legs' coordinates (..., legs, 24), and the gear's share (...), N m."""
+    """Return the dry friction of the bearings and of the gear.
+
+    Returns:
+        Generalised forces of the bearings in the legs' coordinates, shape (..., legs, 24), and the
+        friction torque of the gear on the crank in N m, shape (...).
+    """
     h, size = np.zeros(D_q.shape[:-1]), np.array(robot.bearing_friction)
-    first, second = 3 * (np.array(robot.linkage.bearings).T - 1)  # rows of their angles
+    first, second = 3 * (np.array(robot.linkage.bearings).T - 1)  # rows of the bodies' angles
     turning = D_q[..., second, 3] - D_q[..., first, 3]
     most = robot.motor.friction + (size * np.abs(turning)).sum(axis=(-2, -1))
     if dry is None:
@@ -279,10 +346,21 @@ def _dry_friction(
 
 
 def _acceleration(
-    robot: Robot, q: Array, q_dot: Array, D: Array, bias: Array, M: Array, h: Array,
-    torque: Array | float, fixed_base: bool, gravity: Gravity,
-) -> Array:  # fmt: skip
-    """(..., 4) accelerations of (x, y, theta, psi): (12), payload and contact forces included."""
+    robot: Robot,
+    q: Array,
+    q_dot: Array,
+    D: Array,
+    bias: Array,
+    M: Array,
+    h: Array,
+    torque: Array | float,
+    fixed_base: bool,
+    gravity: Gravity,
+) -> Array:
+    """Return the accelerations of (x, y, theta, psi), shape (..., 4).
+
+    They are the solution of equation (12), including the payload and the contact forces.
+    """
     mass = np.einsum("...lij,i,...lik->...jk", D, M, D)
     force = np.einsum("...lij,...li->...j", D, h - M * bias)
     force[..., 3] += torque
@@ -291,7 +369,7 @@ def _acceleration(
         cos, sin = np.cos(q[..., 2]), np.sin(q[..., 2])
         px, py = load.position
         arm = np.stack([cos * px - sin * py, sin * px + cos * py], axis=-1)
-        J = np.zeros((*q.shape[:-1], 3, 4))  # to the load's theta, x, y
+        J = np.zeros((*q.shape[:-1], 3, 4))  # Jacobian of the payload's theta, x and y
         J[..., 0, 2] = J[..., 1, 0] = J[..., 2, 1] = 1.0
         J[..., 1, 2], J[..., 2, 2] = -arm[..., 1], arm[..., 0]
         M_load = np.array([load.inertia, load.mass, load.mass])

@@ -1,4 +1,4 @@
-"""Pads with which a robot touches the ground: round, at every toe and at other joints."""
+"""Round contact pads of a robot, at every toe and at other joints."""
 
 from __future__ import annotations
 
@@ -15,16 +15,27 @@ from jansen_env.robot.robot_arrays import leg_links, leg_rows
 
 @dataclass(frozen=True)
 class Pads:
-    """The round pads by which a robot can touch the ground, toes first (in the order of legs)."""
+    """The n round contact pads of a robot, those of the toes first, in the order of the legs.
 
-    leg: Ints  #: (n,) index of the leg
-    joint: Ints  #: (n,) index into ``linkage.all_pads``
-    toes: int  #: how many of them are toes
-    rows: Rows  #: (n,) records ``PAD`` of the pads, which kernels read
+    Attributes:
+        leg: Index of the leg of each pad, shape (n,).
+        joint: Index of each pad in ``linkage.all_pads``, shape (n,).
+        toes: Number of pads that are toes.
+        rows: Records of type ``PAD``, which kernels read, shape (n,).
+    """
+
+    leg: Ints
+    joint: Ints
+    toes: int
+    rows: Rows
 
 
 def pad_layout(robot: Robot) -> Pads:
-    """Toes of all legs first; then the other pads leg by leg, the frame's once for each side."""
+    """Return the contact pads of a robot.
+
+    The toes of all legs come first. The other pads follow leg by leg. The pads of the frame occur
+    once for each side.
+    """
     legs, pads = leg_rows(robot), np.array(robot.linkage.all_pads)
     rows, leg = np.zeros(len(legs) * len(pads), PAD), np.empty(len(legs) * len(pads), np.int64)
     count = put_layout(legs, pads, len(robot.linkage.toes), rows, leg)
@@ -32,9 +43,12 @@ def pad_layout(robot: Robot) -> Pads:
 
 
 def pad_sides(robot: Robot) -> Ints:
-    """Straight sides of links as pairs (n, 2) of pads: those with a pad's joint at both ends.
+    """Return the straight sides of links that have a pad at both ends.
 
-    In order, so that those of toes come first. Rods that end at a crank pin have none.
+    A rod that ends at a crank pin has no such side, because a crank pin has no pad.
+
+    Returns:
+        Sorted pairs of indices of pads, so that the sides at toes come first, shape (n, 2).
     """
     layout, legs, members = pad_layout(robot), leg_rows(robot), leg_links(robot).members
     sides = np.empty((len(legs) * members.size, 2), np.int64)

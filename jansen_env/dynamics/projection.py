@@ -1,13 +1,15 @@
-"""The paper's dynamics, dense and equation by equation: the reference everything else is held to.
+"""The paper's dynamics, equation by equation: the reference for all other implementations.
 
-*Dynamic Analysis and Modeling of Jansen Mechanism* (projection method). Equation numbers are the
-paper's; where its print cannot be meant, the reading is the one of ``docs/paper.md``. A leg has 24
-coordinates (1), three a body: theta_i, x_i, y_i. Subscripts: f forepaw, b backpaw; the backpaw's
-equations differ from the forepaw's in the sign of alpha_4, gamma_4 and alpha_8 alone.
+The paper is *Dynamic Analysis and Modeling of Jansen Mechanism*, which uses the projection method.
+Equation numbers are those of the paper. Where the printed equations cannot be meant, they are read
+as explained in ``docs/paper.md``. A leg has 24 coordinates (1), three per body: theta_i, x_i and
+y_i. The subscript f stands for the forepaw and b for the backpaw. The equations of the backpaw
+differ from those of the forepaw only in the signs of alpha_4, gamma_4 and alpha_8.
 
-Shapes, of Jansen's leg (another linkage has three coordinates a body and two constraints a pin):
-x, x_dot (24,); Phi (20,); C (20, 24); D (24, 4), all with any number of leading axes (legs,
-instants); n legs stacked: X (..., 24 n).
+The shapes for Jansen's leg are x and x_dot (24,), Phi (20,), C (20, 24) and D (24, 4). Another
+linkage has three coordinates per body and two constraints per pin. All arrays may have any number
+of leading axes, such as legs and instants. The coordinates of n legs are stacked to X, shape
+(..., 24 n).
 """
 
 from __future__ import annotations
@@ -26,31 +28,41 @@ from jansen_env.robot import Robot, Side
 from jansen_env.robot.kinematics import coordinates
 from jansen_env.robot.linkage import FRAME, INDEPENDENT
 
-DOF = INDEPENDENT  # theta_1, x_1, y_1, theta_2: the tangent speed of (5)
-PINNING_ROWS = [1, 2, 0]  # of the first leg: axis x, axis y, theta_1, in the paper's order
+DOF = INDEPENDENT  # number of tangent speeds in (5): those of theta_1, x_1, y_1 and theta_2
+PINNING_ROWS = [1, 2, 0]  # axis x, axis y and theta_1 of the first leg, in the paper's order
 
 
 Sides = Side | tuple[Side, ...]
-"""One side for all legs, or one for each along the last axis but one of x (..., legs, 24)."""
+"""One side for all legs, or a tuple with one side per leg of x, shape (..., legs, 24)."""
 
 
 class _Rows(NamedTuple):
-    """The vector equations of Phi_hf (forepaw) or Phi_hb (backpaw), one a pin, in its order.
+    """The vector equations of Phi_hf (forepaw) or Phi_hb (backpaw), one per pin, in their order.
 
-    A pin is where its joint is by either body: x_body + c (cos, sin)(theta_body + o), see
-    :data:`jansen_env.robot.links.Corners`, less the same of the other. Each of a leg's terms (m,)
-    is in two rows, that of y being ``row + 1``.
+    The equation of a pin states that its joint has the same position on both bodies. The position
+    on a body is x_body + c (cos, sin)(theta_body + o); see :data:`jansen_env.robot.links.Corners`.
+    The equation is the position on one body minus that on the other. Each of the m terms of a leg
+    occurs in two rows, ``row`` for x and ``row + 1`` for y.
+
+    Attributes:
+        row: Row of each term, shape (m,).
+        column: Column of the angle of each term, shape (m,).
+        coefficient: Distance c of each term with the sign of the term, in m, shape (m,).
+        offset: Angle o of each term, in rad, shape (m,) or (legs, m). It is the only difference
+            between the two sides.
+        translations: Constant part of C, shape (20, 24).
     """
 
     row: Ints
     column: Ints
     coefficient: Array
-    offset: Array  # (m,), or (legs, m): the only thing in which the sides differ
-    translations: Array  # (20, 24) the constant part of C
+    offset: Array
+    translations: Array
 
 
 @functools.lru_cache(maxsize=64)
 def _rows(robot: Robot, side: Sides) -> _Rows:
+    """Return the vector equations of the constraints of a leg, or of several legs."""
     if isinstance(side, tuple):
         legs = [_rows(robot, each) for each in side]
         return legs[0]._replace(offset=np.stack([leg.offset for leg in legs]))
@@ -69,7 +81,16 @@ def _rows(robot: Robot, side: Sides) -> _Rows:
 
 
 def constraints(robot: Robot, side: Sides, x: Array) -> Array:
-    """Phi_hf or Phi_hb (..., 20), m: the holonomic constraints before (3), of x (..., 24)."""
+    """Return the holonomic constraints Phi_hf or Phi_hb, which precede equation (3).
+
+    Args:
+        robot: The robot.
+        side: Side of the legs.
+        x: Coordinates (1), in rad and m, shape (..., 24).
+
+    Returns:
+        Residuals of the constraints in m, shape (..., 20).
+    """
     rows = _rows(robot, side)
     angle = x[..., rows.column] + rows.offset
     turning = np.zeros((len(rows.row), len(rows.translations) // 2))
@@ -81,7 +102,18 @@ def constraints(robot: Robot, side: Sides, x: Array) -> Array:
 
 
 def constraint_matrix(robot: Robot, side: Sides, x: Array) -> Array:
-    """C = dPhi/dx (..., 20, 24), eq. (3); printed with d x_dot, which C x_dot = 0 rules out."""
+    """Return C = dPhi/dx of equation (3).
+
+    The paper prints the derivative with respect to x_dot, which contradicts C x_dot = 0.
+
+    Args:
+        robot: The robot.
+        side: Side of the legs.
+        x: Coordinates (1), in rad and m, shape (..., 24).
+
+    Returns:
+        Constraint matrix, shape (..., 20, 24).
+    """
     rows = _rows(robot, side)
     angle = x[..., rows.column] + rows.offset
     C = np.empty((*x.shape[:-1], *rows.translations.shape))
@@ -92,7 +124,17 @@ def constraint_matrix(robot: Robot, side: Sides, x: Array) -> Array:
 
 
 def constraint_matrix_rate(robot: Robot, side: Sides, x: Array, x_dot: Array) -> Array:
-    """C_dot (..., 20, 24): the time derivative of :func:`constraint_matrix` along x_dot."""
+    """Return C_dot, the time derivative of :func:`constraint_matrix`.
+
+    Args:
+        robot: The robot.
+        side: Side of the legs.
+        x: Coordinates (1), in rad and m, shape (..., 24).
+        x_dot: Rates of the coordinates, in rad/s and m/s, shape (..., 24).
+
+    Returns:
+        Matrix of shape (..., 20, 24).
+    """
     rows = _rows(robot, side)
     angle, rate = x[..., rows.column] + rows.offset, x_dot[..., rows.column]
     C_dot = np.zeros((*x.shape[:-1], *rows.translations.shape))
@@ -102,35 +144,69 @@ def constraint_matrix_rate(robot: Robot, side: Sides, x: Array, x_dot: Array) ->
 
 
 def orthogonal_complement(C: Array, dof: int) -> Array:
-    """D = [1; -C_2^-1 C_1] (..., n, dof) of C (..., r, n): the paper's partition before (5)."""
+    """Return D = [1; -C_2^-1 C_1], with the paper's partition of C before equation (5).
+
+    Args:
+        C: Constraint matrix, shape (..., r, n).
+        dof: Number of independent coordinates, which come first.
+
+    Returns:
+        Orthogonal complement, shape (..., n, dof).
+    """
     return _below(np.eye(dof), -np.linalg.solve(C[..., dof:], C[..., :dof]))
 
 
 def orthogonal_complement_rate(C: Array, C_dot: Array, D: Array) -> Array:
-    """D_dot (..., n, dof), from C_dot D + C D_dot = 0; its independent rows are constant."""
+    """Return D_dot from C_dot D + C D_dot = 0. Its independent rows are 0.
+
+    Args:
+        C: Constraint matrix, shape (..., r, n).
+        C_dot: Time derivative of ``C``, shape (..., r, n).
+        D: Orthogonal complement, shape (..., n, dof).
+
+    Returns:
+        Time derivative of ``D``, shape (..., n, dof).
+    """
     dof = D.shape[-1]
     return _below(np.zeros((dof, dof)), -np.linalg.solve(C[..., dof:], C_dot @ D))
 
 
 def _below(head: Array, lower: NDArray[Any]) -> Array:
-    """The rows of ``head`` over those of each matrix ``lower``."""
+    """Return matrices that consist of the rows of ``head`` above those of each matrix ``lower``."""
     return np.concatenate([np.broadcast_to(head, (*lower.shape[:-2], *head.shape)), lower], axis=-2)
 
 
 def times(A: Array, v: Array) -> Array:
-    """A v for matrices (..., m, n) and vectors (..., n)."""
+    """Return the products A v.
+
+    Args:
+        A: Matrices, shape (..., m, n).
+        v: Vectors, shape (..., n).
+
+    Returns:
+        Vectors, shape (..., m).
+    """
     return (A @ v[..., None])[..., 0]
 
 
 def masses(robot: Robot) -> Array:
-    """The diagonal of M_f: J_1, m_1, m_1, ... (24,), eq. (2)."""
+    """Return the diagonal of M_f of equation (2): J_1, m_1, m_1, ..., shape (24,)."""
     return np.array([v for body in robot.bodies for v in (body.inertia, body.mass, body.mass)])
 
 
 def forces(robot: Robot, x_dot: Array, torque: float | Array, gravity: Gravity = GRAVITY) -> Array:
-    """h_f (..., 24), eq. (2): motor torque (crank +, frame -), weights, viscous joint torques.
+    """Return h_f of equation (2): motor torque, weights and viscous torques of the joints.
 
-    ``torque`` (N m, a number or (...)): one motor drives the shaft, so it enters one leg only.
+    Args:
+        robot: The robot.
+        x_dot: Rates of the coordinates, in rad/s and m/s, shape (..., 24).
+        torque: Torque of the motor, positive on the crank and negative on the frame, in N m, a
+            number or an array of shape (...). As one motor drives the shaft, it must act on one leg
+            only.
+        gravity: Acceleration of gravity, in m/s^2: a number (downwards) or a vector (x, y).
+
+    Returns:
+        Forces in N m and N, shape (..., 24).
     """
     h = np.zeros(x_dot.shape)
     for axis, pull in enumerate(gravity_vector(gravity), start=1):
@@ -144,16 +220,26 @@ def forces(robot: Robot, x_dot: Array, torque: float | Array, gravity: Gravity =
     return h
 
 
-# The system: n legs on one crank shaft. Coordinates Q (..., 4 n): theta_1, x_1, y_1, theta_2 a leg.
-# By each leg the chassis has the pose g = (theta_1 - its level value, crank axis x, y, theta_2 -
-# its phase). The tying rows demand the same g of all legs, the pinning rows g = (0, 0, 0, any).
+# The system consists of n legs on one crank shaft. Its coordinates Q, shape (..., 4 n), are
+# theta_1, x_1, y_1 and theta_2 of each leg. From the coordinates of each leg follows a pose of the
+# chassis, g = (theta_1 - its value with a level chassis, crank axis x, y, theta_2 - phase of the
+# leg). The tying rows require the same g for all legs. The pinning rows require g = (0, 0, 0, any).
 
 
 def system_constraints(robot: Robot, Q: Array, fixed_base: bool = True) -> Array:
-    """System Phi_h: 3 rows that pin the first frame (if ``fixed_base``), 4 that tie each other leg.
+    """Return the constraints Phi_h of the system.
 
-    Every leg is tied to the first one; the paper ties lb to lf, which spans the same rows. Rows 9
-    and 10 are read as rf against lf (``docs/paper.md``).
+    If the chassis is fixed, three rows pin the frame of the first leg. Four rows tie each other leg
+    to the first leg. The paper ties lb to lf instead, which spans the same rows. Rows 9 and 10 of
+    the paper are read as rf relative to lf (``docs/paper.md``).
+
+    Args:
+        robot: The robot.
+        Q: Coordinates of the system, in rad and m, shape (..., 4 n).
+        fixed_base: Whether the chassis is fixed.
+
+    Returns:
+        Residuals in rad and m, shape (..., 4 n - 1) with a fixed chassis, else (..., 4 n - 4).
     """
     q = _by_leg(Q)
     g = q.copy()
@@ -166,7 +252,16 @@ def system_constraints(robot: Robot, Q: Array, fixed_base: bool = True) -> Array
 
 
 def system_constraint_matrix(robot: Robot, Q: Array, fixed_base: bool = True) -> Array:
-    """C of the system: (..., 4 n - 1, 4 n) with a fixed base, (..., 4 n - 4, 4 n) free."""
+    """Return C of the system.
+
+    Args:
+        robot: The robot.
+        Q: Coordinates of the system, in rad and m, shape (..., 4 n).
+        fixed_base: Whether the chassis is fixed.
+
+    Returns:
+        Matrix of shape (..., 4 n - 1, 4 n) with a fixed chassis, else (..., 4 n - 4, 4 n).
+    """
     q = _by_leg(Q)
     G = np.zeros((*q.shape, DOF))  # dg/dq of each leg
     G[...] = np.eye(DOF)
@@ -178,7 +273,17 @@ def system_constraint_matrix(robot: Robot, Q: Array, fixed_base: bool = True) ->
 def system_constraint_matrix_rate(
     robot: Robot, Q: Array, Q_dot: Array, fixed_base: bool = True
 ) -> Array:
-    """C_dot of the system, shaped like :func:`system_constraint_matrix`."""
+    """Return C_dot of the system.
+
+    Args:
+        robot: The robot.
+        Q: Coordinates of the system, in rad and m, shape (..., 4 n).
+        Q_dot: Rates of the coordinates, in rad/s and m/s, shape (..., 4 n).
+        fixed_base: Whether the chassis is fixed.
+
+    Returns:
+        Matrix of the same shape as the result of :func:`system_constraint_matrix`.
+    """
     q, q_dot = _by_leg(Q), _by_leg(Q_dot)
     G_dot = np.zeros((*q.shape, DOF))
     reach, turn = axis_on_frame(robot)
@@ -187,12 +292,12 @@ def system_constraint_matrix_rate(
 
 
 def _by_leg(Q: Array) -> Array:
-    """(..., legs, 4) of (..., 4 n)."""
+    """Return the coordinates of the system leg by leg, shape (..., legs, 4)."""
     return Q.reshape(*Q.shape[:-1], -1, DOF)
 
 
 def _system_rows(G: Array, fixed_base: bool) -> Array:
-    """C from G = dg/dq (..., legs, 4, 4) of each leg, or C_dot from its rate."""
+    """Return C from G = dg/dq of each leg, shape (..., legs, 4, 4), or C_dot from the rate of G."""
     *shape, legs, _, _ = G.shape
     rows = np.zeros((*shape, legs, DOF, legs, DOF))
     rows[..., 0, :, 0, :] = first = G[..., 0, :, :]
@@ -205,21 +310,33 @@ def _system_rows(G: Array, fixed_base: bool) -> Array:
 
 
 def frame_angle(robot: Robot, side: Side) -> float:
-    """theta_1 with the chassis level: atan(h_0/l_0), and pi minus that for a back leg."""
+    """Return theta_1 of a level chassis, in rad: atan(h_0/l_0), or pi minus that for a back leg."""
     return robot.frame_angle if side == "fore" else np.pi - robot.frame_angle
 
 
 def axis_on_frame(robot: Robot) -> tuple[float, Array]:
-    """Where the crank axis is on each leg's frame: c, and o (legs,), of its corner there."""
+    """Return the polar coordinates of the crank axis on the frame of each leg.
+
+    See :data:`jansen_env.robot.links.Corners`.
+
+    Returns:
+        Distance c in m, and angles o in rad, shape (legs,).
+    """
     linkage = robot.linkage
     reach, offset = robot.bodies[FRAME - 1].corners[linkage.members[FRAME - 1].index(linkage.axis)]
     return reach, np.array([offset if leg.side == "fore" else -offset for leg in robot.legs])
 
 
 def system_coordinates(robot: Robot, q: Array) -> Array:
-    """x of every leg (..., legs, 24) from q (..., 4) = (x, y, theta, psi), rad and m.
+    """Return the coordinates (1) of every leg from the pose of the robot.
 
-    x, y is the crank axis, theta the chassis pitch, psi the crank angle relative to the chassis.
+    Args:
+        robot: The robot.
+        q: Position x, y of the crank axis (m), chassis pitch theta, and crank angle psi relative to
+            the chassis (rad), shape (..., 4).
+
+    Returns:
+        Coordinates in rad and m, shape (..., legs, 24).
     """
     q = np.asarray(q, dtype=float)
     x = np.empty((*q.shape[:-1], len(robot.legs), len(robot.bodies), 3))
@@ -240,23 +357,43 @@ def system_coordinates(robot: Robot, q: Array) -> Array:
 
 @dataclass(frozen=True)
 class Projection:
-    """The system projected to its independent speeds, at one state or several (...)."""
+    """The system projected to its k independent speeds, at one or several states (...).
 
-    D: Array  #: (..., 24 n, k) from independent speeds to X_dot; k is 1 with a fixed base, else 4
-    bias: Array  #: (..., 24 n) D_dot times the independent speeds: accelerations at zero q_ddot
-    mass: Array  #: (..., k, k) D^T M D, eq. (12)
-    velocity_terms: Array  #: (..., k) D^T M D_dot q_dot
-    generalised_forces: Array  #: (..., k) D^T h
-    M: Array  #: (24 n,) diagonal of the mass matrix
-    h: Array  #: (..., 24 n) forces
+    With a fixed chassis k is 1, and otherwise it is 4.
+
+    Attributes:
+        D: Matrix from the independent speeds to X_dot, shape (..., 24 n, k).
+        bias: D_dot times the independent speeds, that is, the accelerations if the independent
+            accelerations are 0, shape (..., 24 n).
+        mass: Mass matrix D^T M D of equation (12), shape (..., k, k).
+        velocity_terms: D^T M D_dot q_dot, shape (..., k).
+        generalised_forces: D^T h, shape (..., k).
+        M: Diagonal of the mass matrix of all bodies, shape (24 n,).
+        h: Forces on all bodies, shape (..., 24 n).
+    """
+
+    D: Array
+    bias: Array
+    mass: Array
+    velocity_terms: Array
+    generalised_forces: Array
+    M: Array
+    h: Array
 
     def acceleration(self) -> Array:
-        """Independent accelerations (..., k), eq. (12)."""
+        """Return the independent accelerations of equation (12), shape (..., k)."""
         force = self.generalised_forces - self.velocity_terms
         return np.asarray(np.linalg.solve(self.mass, force[..., None])[..., 0], np.float64)
 
     def constraint_forces(self, q_ddot: Array | None = None) -> Array:
-        """C^T lambda = M x_ddot - h (..., 24 n), eq. (4): what the joints add to each body."""
+        """Return the forces of the joints on each body, C^T lambda = M x_ddot - h of equation (4).
+
+        Args:
+            q_ddot: Independent accelerations, shape (..., k). None for :meth:`acceleration`.
+
+        Returns:
+            Forces in N m and N, shape (..., 24 n).
+        """
         q_ddot = self.acceleration() if q_ddot is None else q_ddot
         return self.M * (times(self.D, q_ddot) + self.bias) - self.h
 
@@ -269,23 +406,31 @@ def project(
     fixed_base: bool = False,
     gravity: Gravity = GRAVITY,
 ) -> Projection:
-    """Equations (2)-(12) at one state or several; the payload is no part of the paper and left out.
+    """Evaluate equations (2) to (12) at one or several states.
+
+    The payload is ignored, because it is not part of the paper.
 
     Args:
-        q, q_dot: (..., 4) crank axis x, y (m), pitch theta, crank angle psi (rad), and their rates.
-        torque: (...) or a number, of the crank, N m.
-        fixed_base: hold the chassis (the first three of q_dot must then be 0).
+        robot: The robot.
+        q: Position x, y of the crank axis (m), pitch theta and crank angle psi (rad), shape (...,
+            4).
+        q_dot: Rates of ``q``, in m/s and rad/s, shape (..., 4).
+        torque: Torque on the crank, in N m, a number or an array of shape (...).
+        fixed_base: Whether the chassis is fixed. The first three entries of ``q_dot`` must then be
+            0.
+        gravity: Acceleration of gravity, in m/s^2: a number (downwards) or a vector (x, y).
 
     Returns:
-        :class:`Projection` in the paper's independent speeds: the first leg's (theta_1, x_1, y_1,
-        theta_2), or its theta_2 alone with a fixed base.
+        The projection to the paper's independent speeds, which are those of theta_1, x_1, y_1 and
+        theta_2 of the first leg, or of theta_2 alone with a fixed chassis.
     """
     legs = len(robot.legs)
     X = system_coordinates(robot, q)
     shape = X.shape[:-2]
     Q = X[..., :DOF].reshape(*shape, -1)
-    speeds = times(tangent_matrix(robot, q)[..., 0, :, :], q_dot)  # of the first leg
-    # The tangent speed is theta_2 alone with a fixed base (after (11)): bring it to the front.
+    speeds = times(tangent_matrix(robot, q)[..., 0, :, :], q_dot)  # those of the first leg
+    # With a fixed chassis the only tangent speed is that of theta_2 (after (11)). Move it to the
+    # front.
     order = np.arange(DOF * legs)
     if fixed_base:
         order[:DOF] = [3, 0, 1, 2]
@@ -296,7 +441,7 @@ def project(
     Q_dot = times(D, speeds)[..., back]
     C_dot = system_constraint_matrix_rate(robot, Q, Q_dot, fixed_base)[..., order]
     D_dot = orthogonal_complement_rate(C, C_dot, D)
-    # From the system's coordinates to those of each leg, (11).
+    # Convert from the coordinates of the system to those of each leg, equation (11).
     x_dot, D_leg, bias = leg_motion(robot, leg_sides(robot), X, _by_leg(Q_dot))
     D_all = (D_leg @ D[..., back, :].reshape(*shape, legs, DOF, k)).reshape(*shape, -1, k)
     bias = bias + times(D_leg, _by_leg(times(D_dot, speeds)[..., back]))
@@ -312,15 +457,21 @@ def project(
 
 
 def leg_sides(robot: Robot) -> tuple[Side, ...]:
-    """The side of each leg."""
+    """Return the side of each leg."""
     return tuple(leg.side for leg in robot.legs)
 
 
 def leg_motion(robot: Robot, side: Sides, x: Array, q_dot: Array) -> tuple[Array, Array, Array]:
-    """x_dot = D q_dot (..., 24), D (..., 24, 4) and D_dot q_dot (..., 24) of legs, before (5).
+    """Return x_dot, D and D_dot q_dot of legs, which precede equation (5).
 
     Args:
-        x: (..., 24) coordinates (1). q_dot: (..., 4) tangent speeds theta_1, x_1, y_1, theta_2.
+        robot: The robot.
+        side: Side of the legs.
+        x: Coordinates (1), in rad and m, shape (..., 24).
+        q_dot: Tangent speeds, which are the rates of theta_1, x_1, y_1 and theta_2, shape (..., 4).
+
+    Returns:
+        x_dot = D q_dot, shape (..., 24); D, shape (..., 24, 4); and D_dot q_dot, shape (..., 24).
     """
     C = constraint_matrix(robot, side, x)
     D = orthogonal_complement(C, DOF)
@@ -331,7 +482,17 @@ def leg_motion(robot: Robot, side: Sides, x: Array, q_dot: Array) -> tuple[Array
 
 
 def tangent_matrix(robot: Robot, q: Array) -> Array:
-    """T (..., legs, 4, 4): a leg's tangent speeds theta_1, x_1, y_1, theta_2 = T q_dot."""
+    """Return the matrix T from the rates of the robot's pose to the tangent speeds of each leg.
+
+    The tangent speeds T q_dot are the rates of theta_1, x_1, y_1 and theta_2.
+
+    Args:
+        robot: The robot.
+        q: Pose (x, y, theta, psi), in m and rad, shape (..., 4).
+
+    Returns:
+        Matrix T of each leg, shape (..., legs, 4, 4).
+    """
     angle = q[..., None, 2] + np.array([frame_angle(robot, side) for side in leg_sides(robot)])
     T = np.zeros((*angle.shape, DOF, 4))
     T[..., 0, 2] = T[..., 1, 0] = T[..., 2, 1] = T[..., 3, 2] = T[..., 3, 3] = 1.0
@@ -342,7 +503,16 @@ def tangent_matrix(robot: Robot, q: Array) -> Array:
 
 
 def tangent_bias(robot: Robot, q: Array, q_dot: Array) -> Array:
-    """T_dot q_dot (..., legs, 4) of :func:`tangent_matrix`."""
+    """Return T_dot q_dot, where T is :func:`tangent_matrix`.
+
+    Args:
+        robot: The robot.
+        q: Pose (x, y, theta, psi), in m and rad, shape (..., 4).
+        q_dot: Rates of ``q``, in m/s and rad/s, shape (..., 4).
+
+    Returns:
+        Accelerations in rad/s^2 and m/s^2, shape (..., legs, 4).
+    """
     angle = q[..., None, 2] + np.array([frame_angle(robot, side) for side in leg_sides(robot)])
     bias = np.zeros((*angle.shape, DOF))
     reach, turn = axis_on_frame(robot)

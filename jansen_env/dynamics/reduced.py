@@ -1,29 +1,34 @@
-"""Robot -> periodic tables: the projected equations as functions of the crank angle alone.
+"""Compile a robot to periodic tables: the projected equations as functions of the crank angle.
 
-The mechanism has one internal degree of freedom, the crank angle psi, so all that the projected
-equations need is periodic in psi. :func:`compile_robot` closes the linkage over one turn of a fore
-leg, takes Fourier series, sums them over the legs with their phases and sides, and cuts them into
-short polynomials that the engine reads.
+The mechanism has one internal degree of freedom, the crank angle psi. All functions in the
+projected equations are therefore periodic in psi. :func:`compile_robot` closes the linkage over one
+turn of a fore leg, computes Fourier series, sums them over the legs with their phases and sides,
+and converts them to short polynomials that the engine reads.
 
-The series converge geometrically, the more slowly the nearer the linkage comes to a dead point,
-where two links that meet in a joint lie in one line: there the joint's position has a branch point
-(a square root), at a complex crank angle whose imaginary part d makes harmonic n as large as
-exp(-n d). The joints' speeds grow as the sine s of the angle between the links falls, so that k, in
-which they are squared, converges last. The holy numbers (s = 0.150) have a tail of 1e-13. With a
-level frame, l = 0 in place of 7.8, they come to s = 0.087: their tail is 1e-6, k is within 5e-7 of
-its largest value, and the pads are within 1e-9 m. Up to :data:`TAIL_TOLERANCE` k is within
-1e-5 and the pads are within 1e-8 m (``tests/dynamics/test_reduced.py``). Energy is conserved all
-the same: the equations of motion are those of the tables.
+The series converge geometrically. The convergence is the slower, the nearer the linkage comes to a
+dead point, where two links that meet in a joint lie on one line. There the position of the joint
+has a branch point (a square root) at a complex crank angle with the imaginary part d, and the
+magnitude of harmonic n is proportional to exp(-n d). The speeds of the joints grow as the sine s of
+the angle between the links decreases. The function k contains the squares of these speeds, and so
+converges last.
 
-Chassis frame, crank axis at the origin, r_i(psi) centre of mass and a_i(psi) angle of body i,
-' = d/dpsi, sums over all bodies of all legs:
+The holy numbers (s = 0.150) have a tail of 1e-13. With a level frame (l = 0 instead of 7.8) they
+reach s = 0.087. Their tail is then 1e-6, the error of k is below 5e-7 of its largest value, and the
+error of the pads' positions is below 1e-9 m. For any tail up to :data:`TAIL_TOLERANCE`, the error
+of k is below 1e-5 and that of the pads is below 1e-8 m (``tests/dynamics/test_reduced.py``). Energy
+is conserved in any case, because the equations of motion are those of the tables.
+
+In the chassis frame, with the crank axis at the origin, let r_i(psi) be the centre of mass and
+a_i(psi) the angle of body i, and let ' denote d/dpsi. The sums over all bodies of all legs are:
 
     c = sum m r        I = sum (m |r|^2 + J)      b = sum (m r x r' + J a')
     k = sum (m |r'|^2 + J a'^2)                   f = sum over joint pairs of C (a_j' - a_i')^2
 
-r' and a' are the last column of the projection's D (the paper, before (5)), with the frame at rest.
+With the frame at rest, r' and a' are the last column of the projection's D (before equation (5) of
+the paper).
 
-With q = (x, y, theta, psi), R = R(theta), S = 90 degrees counter-clockwise, m the total mass:
+With q = (x, y, theta, psi), the rotation R = R(theta), the rotation S by 90 degrees
+counter-clockwise, and the total mass m, the equations of motion are:
 
     M(q) = [ m 1,  S R c,  R c' ;  .,  I,  b ;  .,  .,  k ]
     M(q) q_ddot + velocity terms = (0, -m g, -g e_y.SRc, -g e_y.Rc' + tau - f psi_dot)
@@ -58,48 +63,64 @@ from jansen_env.robot.kinematics import coordinates, joint_positions, nearest_de
 from jansen_env.robot.motor import IDEAL
 from jansen_env.robot.robot_arrays import leg_links, leg_rows
 
-TAIL_TOLERANCE = 1e-5  # largest coefficient allowed in the last eighth, relative to the largest
-CONVERGED = 1e-10  # below which the tables are as exact as those of the built-in robots in practice
-TERMS = 12  # of the Taylor polynomials from which they are made
+TAIL_TOLERANCE = 1e-5  # largest tail (see Tables) with which a robot is accepted
+CONVERGED = 1e-10  # tail below which the tables are in practice as exact as for built-in robots
+TERMS = 12  # number of terms of the Taylor polynomials from which the tables are made
 ECONOMY = np.array([-0.0078125, 0.0, 0.25, 0.0, -1.25, 0.0, 2.0, 0.0])  # t^8 - T_8(t) / 128
-MASS_SAMPLES = 32  # crank angles at which pads' effective masses are looked at
+MASS_SAMPLES = 32  # number of crank angles at which effective masses of pads are computed
 WORK_ARRAYS = 15
 
-# The last two are what the links' own inertias J are of b and k; of I that is constant.
+# The last two functions are the contributions of the links' own inertias J to b and k. Their
+# contribution to I is constant.
 BODY_FUNCTIONS = ("c_x", "c_y", "I", "b", "k", "f", "own_b", "own_k")
 PAD_FUNCTIONS = ("p_x", "p_y", "a")
 
 
 @dataclass(frozen=True)
 class Tables:
-    """A compiled robot."""
+    """Tables of a compiled robot.
+
+    Attributes:
+        robot: The robot.
+        body: Coefficients of :data:`BODY_FUNCTIONS`, without the payload, shape (INTERVALS, ORDER,
+            8). In each interval, the functions are polynomials in the distance from the middle of
+            the interval, in rad.
+        pads: Coefficients of :data:`PAD_FUNCTIONS` for the pads of a fore leg of phase 0, shape
+            (pads of a leg, INTERVALS, ORDER, 3). For a back leg, the functions are evaluated at
+            pi - psi, and x and a are mirrored. The angle a is known up to a constant.
+        layout: Pads of all legs.
+        bearings: Coulomb friction torque of all bearings on the crank, the sum of
+            tau_i |a_j' - a_i'|, in N m, at evenly spaced crank angles, shape (BEARING_SAMPLES,).
+        tail: Largest Fourier coefficient among the last eighth of the harmonics, relative to the
+            largest of all coefficients.
+    """
 
     robot: Robot
-    #: (INTERVALS, ORDER, 8) coefficients of :data:`BODY_FUNCTIONS` as polynomials in the distance
-    #: from the middle of each interval, rad; without the payload.
     body: Array
-    #: (pads of a leg, INTERVALS, ORDER, 3) :data:`PAD_FUNCTIONS` of a fore leg of phase 0; of a
-    #: back leg x and a are mirrored, at pi - psi. The angle a is known up to a constant.
     pads: Array
     layout: Pads
-    #: (BEARING_SAMPLES,) Coulomb friction torque of all bearings on the crank, N m, at crank angles
-    #: evenly over a turn: sum of tau_i |a_j' - a_i'|.
     bearings: Array
-    tail: float  #: largest Fourier coefficient of the last eighth, relative to the largest
+    tail: float
 
 
 def compile_robot(robot: Robot) -> Tables:
-    """Compile a robot to periodic tables; equal robots are compiled once.
+    """Compile a robot to periodic tables.
+
+    Results are cached, so that equal robots are compiled only once.
 
     Raises:
-        LinkageError: the linkage does not close all the way round.
-        ValueError: the tables have not converged (the linkage passes too near a dead point).
+        LinkageError: If the linkage does not close at every crank angle.
+        ValueError: If the tables have not converged, because the linkage passes too near a dead
+            point.
     """
     return replace(_compile(design_of(robot)), robot=robot)
 
 
 def design_of(robot: Robot) -> Robot:
-    """Return what the tables of a robot are of: no load, ideal motor, rigid pads of 1 m."""
+    """Return the robot for which the tables of a robot are compiled.
+
+    It has no payload, an ideal motor, and rigid pads with a radius of 1 m.
+    """
     return replace(robot, payload=Payload(), pad_radius=1.0, motor=IDEAL, pad_compliance=RIGID)
 
 
@@ -131,7 +152,10 @@ def _compile(robot: Robot) -> Tables:
 
 
 def leg_data(robot: Robot) -> dict[str, NDArray[Any]]:
-    """Return what :func:`jansen_env.engine.reduction.compile_tables` has of a robot, by name."""
+    """Return the arrays of a robot that the kernel ``compile_tables`` reads, by name.
+
+    See :func:`jansen_env.engine.reduction.compile_tables`.
+    """
     linkage = robot.linkage
     return {
         "links": leg_links(robot).links,
@@ -145,7 +169,11 @@ def leg_data(robot: Robot) -> dict[str, NDArray[Any]]:
 
 
 def work_shapes(leg: dict[str, NDArray[Any]]) -> list[tuple[int, ...]]:
-    """Return the shapes of the work space of ``compile_tables``, in its order."""
+    """Return the shapes of the work arrays of ``compile_tables``, in their order.
+
+    Args:
+        leg: Result of :func:`leg_data`.
+    """
     counts = (len(leg[name]) for name in ("links", "pads", "bearings"))
     shapes = np.empty((WORK_ARRAYS, 3), np.int64)
     put_work_shapes(*counts, shapes)
@@ -154,7 +182,7 @@ def work_shapes(leg: dict[str, NDArray[Any]]) -> list[tuple[int, ...]]:
 
 @functools.cache
 def _turn(count: int) -> Array:
-    """(2, count) cosines and sines of the angles that divide a turn."""
+    """Return cosines and sines of the angles that divide a turn evenly, shape (2, count)."""
     turn = np.empty((2, count))
     put_turn(turn)
     return turn
@@ -162,21 +190,24 @@ def _turn(count: int) -> Array:
 
 @functools.cache
 def _half_step() -> Array:
-    """(2, HARMONICS) cosines and sines of multiples of half an interval."""
+    """Return cosines and sines of multiples of half an interval, shape (2, HARMONICS)."""
     return np.ascontiguousarray(_turn(2 * INTERVALS)[:, :HARMONICS])
 
 
 @functools.cache
 def _expansion() -> Array:
-    """(ORDER, HARMONICS) economised coefficients of exp(i n t), |t| <= pi / INTERVALS, over i^k."""
+    """Return the economised polynomial coefficients of exp(i n t) for |t| <= pi / INTERVALS.
+
+    The coefficient of t^k is divided by i^k, so that it is real. The shape is (ORDER, HARMONICS).
+    """
     half, n = math.pi / INTERVALS, np.arange(HARMONICS)
     term, weights = np.ones(HARMONICS), np.zeros((ORDER, HARMONICS))
-    order, economy = np.arange(ORDER), ECONOMY  # of t^k at Chebyshev's nodes, in units of half
+    order, economy = np.arange(ORDER), ECONOMY  # t^k at Chebyshev's nodes, with t in units of half
     for k in range(TERMS):
         if k < ORDER:
             weights[k] += term
         else:
-            sign = np.where((k - order) % 4 < 2, 1.0, -1.0)  # of i^k beside those of i^order
+            sign = np.where((k - order) % 4 < 2, 1.0, -1.0)  # sign of i^k relative to i^order
             weights += (economy * sign)[:, None] * term
             economy = np.append(0.0, economy[:-1]) + economy[-1] * ECONOMY
         term = term * (n * half) / (k + 1)
@@ -185,12 +216,27 @@ def _expansion() -> Array:
 
 @dataclass(frozen=True)
 class BodySums:
-    """The sums c (..., 2), I, b, k, f (...) at crank angles (...), and derivatives by the angle."""
+    """Sums over all bodies at crank angles, and their derivatives with respect to the crank angle.
+
+    The module defines the sums. The crank angles have any shape (...).
+
+    Attributes:
+        c: Sum c, shape (..., 2).
+        dc: First derivative of c, shape (..., 2).
+        ddc: Second derivative of c, shape (..., 2).
+        I: Sum I, shape (...).
+        dI: First derivative of I, shape (...).
+        b: Sum b, shape (...).
+        db: First derivative of b, shape (...).
+        k: Sum k, shape (...).
+        dk: First derivative of k, shape (...).
+        f: Sum f, shape (...).
+    """
 
     c: Array
     dc: Array
     ddc: Array
-    I: Array  # noqa: E741 - the sum's symbol
+    I: Array  # noqa: E741 - the symbol of the sum
     dI: Array
     b: Array
     db: Array
@@ -200,23 +246,41 @@ class BodySums:
 
 
 def body_sums(tables: Tables, psi: ArrayLike) -> BodySums:
-    """The body sums at crank angles ``psi`` (...), rad, payload and motor included."""
+    """Return the sums over all bodies, including the payload and the motor.
+
+    Args:
+        tables: Tables of the robot.
+        psi: Crank angles, in rad, any shape.
+    """
     value, slope, curve = _evaluate(tables.body, np.asarray(psi, dtype=float))
     load: Payload = tables.robot.payload
     place = np.array(load.position)
     motor = tables.robot.motor
-    J, G = motor.rotor_inertia, motor.gear_ratio  # the rotor spins with theta' + G psi'
+    J, G = motor.rotor_inertia, motor.gear_ratio  # the speed of the rotor is theta' + G psi'
     return BodySums(
-        c=value[..., :2] + load.mass * place, dc=slope[..., :2], ddc=curve[..., :2],
-        I=value[..., 2] + load.mass * place @ place + load.inertia + J, dI=slope[..., 2],
-        b=value[..., 3] + G * J, db=slope[..., 3],
-        k=value[..., 4] + G * G * J, dk=slope[..., 4],
+        c=value[..., :2] + load.mass * place,
+        dc=slope[..., :2],
+        ddc=curve[..., :2],
+        I=value[..., 2] + load.mass * place @ place + load.inertia + J,
+        dI=slope[..., 2],
+        b=value[..., 3] + G * J,
+        db=slope[..., 3],
+        k=value[..., 4] + G * G * J,
+        dk=slope[..., 4],
         f=value[..., 5] + motor.viscous_friction,
-    )  # fmt: skip
+    )
 
 
 def _evaluate(table: Array, psi: Array) -> tuple[Array, Array, Array]:
-    """Value, first and second derivative (..., functions) of a table's functions at ``psi``."""
+    """Return values, first and second derivatives of the functions of a table.
+
+    Args:
+        table: Coefficients, shape (INTERVALS, ORDER, functions).
+        psi: Crank angles, in rad, any shape.
+
+    Returns:
+        Three arrays, shape (..., functions).
+    """
     width = 2.0 * math.pi / INTERVALS
     angle = psi % (2.0 * math.pi)
     row = np.minimum((angle / width).astype(int), INTERVALS - 1)
@@ -234,7 +298,15 @@ def _evaluate(table: Array, psi: Array) -> tuple[Array, Array, Array]:
 
 
 def mass_matrix(tables: Tables, q: Array) -> Array:
-    """M(q) (4, 4) in q = (x, y, theta, psi): the paper's D^T M D (12) with the frame let go."""
+    """Return the mass matrix M(q), the paper's D^T M D of equation (12) with a free frame.
+
+    Args:
+        tables: Tables of the robot.
+        q: Coordinates (x, y, theta, psi), in m and rad, shape (4,).
+
+    Returns:
+        Mass matrix in SI units, shape (4, 4).
+    """
     s = body_sums(tables, q[3])
     R = _rotation(q[2])
     M = np.diag([tables.robot.mass, tables.robot.mass, s.I, s.k])
@@ -246,13 +318,15 @@ def mass_matrix(tables: Tables, q: Array) -> Array:
 
 @functools.lru_cache(maxsize=128)
 def lightest_mass(robot: Robot) -> float:
-    """Return the smallest effective mass at a pad, kg: over a turn, all pads and all directions.
+    """Return the smallest effective mass at a pad over a turn, in kg.
 
-    Of the robot without payload and rotor, which only make it larger.
+    It is the minimum over all pads and all directions, for the robot without payload and rotor,
+    which can only increase it.
     """
     tables, legs = compile_robot(design_of(robot)), robot.legs
     layout, turn = tables.layout, 2.0 * math.pi * np.arange(MASS_SAMPLES) / MASS_SAMPLES
-    # Crank angles at which the tables of each leg's pads, a fore leg's, are read at the same ones.
+    # For each leg, the crank angles of the robot at which its pads are those of the tables, which
+    # are the pads of a fore leg of phase 0, at the angles ``turn``.
     angles = [
         turn - leg.phase if leg.side == "fore" else math.pi - turn - leg.phase for leg in legs
     ]
@@ -269,7 +343,7 @@ def lightest_mass(robot: Robot) -> float:
     dx, dy, turned = np.moveaxis(slope, -1, 0)
     dy, turned = (np.where(fore, each, -each) for each in (dy, turned))
     turned = np.where(fore, turned, -turned)
-    J = np.zeros((*x.shape, 2, 4))  # of the point that touches level ground
+    J = np.zeros((*x.shape, 2, 4))  # Jacobian of the point that touches level ground
     J[..., 0, 0] = J[..., 1, 1] = 1.0
     J[..., 0, 2], J[..., 1, 2] = robot.pad_radius - value[..., 1], x
     J[..., 0, 3], J[..., 1, 3] = dx + robot.pad_radius * turned, dy
@@ -279,7 +353,16 @@ def lightest_mass(robot: Robot) -> float:
 
 
 def velocity_terms(tables: Tables, q: Array, v: Array) -> Array:
-    """(4,) the paper's D^T M D_dot q_dot (12) in q = (x, y, theta, psi), N and N m."""
+    """Return the velocity terms, the paper's D^T M D_dot q_dot of equation (12).
+
+    Args:
+        tables: Tables of the robot.
+        q: Coordinates (x, y, theta, psi), in m and rad, shape (4,).
+        v: Rates of the coordinates, in m/s and rad/s, shape (4,).
+
+    Returns:
+        Generalised forces in N and N m, shape (4,).
+    """
     s = body_sums(tables, q[3])
     R = _rotation(q[2])
     w, n = v[2], v[3]
@@ -293,7 +376,18 @@ def velocity_terms(tables: Tables, q: Array, v: Array) -> Array:
 def generalised_forces(
     tables: Tables, q: Array, v: Array, torque: float, gravity: float = GRAVITY
 ) -> Array:
-    """(4,) the paper's D^T h (12): weight, motor and viscous joints, N and N m."""
+    """Return the forces of weight, motor and viscous joints, the paper's D^T h of equation (12).
+
+    Args:
+        tables: Tables of the robot.
+        q: Coordinates (x, y, theta, psi), in m and rad, shape (4,).
+        v: Rates of the coordinates, in m/s and rad/s, shape (4,).
+        torque: Torque of the motor, in N m.
+        gravity: Acceleration of gravity, downwards, in m/s^2.
+
+    Returns:
+        Generalised forces in N and N m, shape (4,).
+    """
     s = body_sums(tables, q[3])
     R = _rotation(q[2])
     pitch, crank = -gravity * _left(R @ s.c)[1], -gravity * (R @ s.dc)[1]
@@ -301,15 +395,26 @@ def generalised_forces(
 
 
 def energy(tables: Tables, q: Array, v: Array, gravity: float = GRAVITY) -> float:
-    """Kinetic plus potential energy (zero with the centre of mass at y = 0), J."""
+    """Return the sum of kinetic and potential energy, in J.
+
+    The potential energy is 0 if the centre of mass is at y = 0.
+
+    Args:
+        tables: Tables of the robot.
+        q: Coordinates (x, y, theta, psi), in m and rad, shape (4,).
+        v: Rates of the coordinates, in m/s and rad/s, shape (4,).
+        gravity: Acceleration of gravity, downwards, in m/s^2.
+    """
     s = body_sums(tables, q[3])
     height = tables.robot.mass * q[1] + (_rotation(q[2]) @ s.c)[1]
     return float(0.5 * v @ mass_matrix(tables, q) @ v + gravity * height)
 
 
 def _rotation(angle: float) -> Array:
+    """Return the matrix of a counter-clockwise rotation by an angle in rad, shape (2, 2)."""
     return np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
 
 
 def _left(vector: Array) -> Array:
+    """Return a vector turned by 90 degrees counter-clockwise, shape (2,)."""
     return np.array([-vector[1], vector[0]])

@@ -1,5 +1,5 @@
-"""*Dynamic Analysis and Modeling of Jansen Mechanism*, sections 3 and 4, reproduced.
+"""Reproduction of sections 3 and 4 of *Dynamic Analysis and Modeling of Jansen Mechanism*.
 
-``jansen-env paper --out DIR`` draws its figures and writes down, claim by claim, what the paper
-says and what comes out here. Reasons, interpretations and errata: ``docs/paper.md``.
+``jansen-env paper --out DIR`` draws the figures of the paper and writes a table that compares each
+claim of the paper with our result. ``docs/paper.md`` contains reasons, interpretations and errata.
 """

@@ -1,7 +1,7 @@
-"""The paper's claims beside our results, each with a verdict.
+"""The claims of the paper compared with our results, with a verdict on each claim.
 
-Verdicts follow from the numbers by the criterion in each function, none is set by hand. Why a claim
-holds or does not: ``docs/paper.md``.
+The function for a claim contains the criterion by which the verdict follows from the results. No
+verdict is set by hand. ``docs/paper.md`` explains why a claim holds or does not hold.
 """
 
 from collections.abc import Iterable
@@ -21,23 +21,33 @@ from jansen_env.plain_yaml import read_yaml
 from jansen_env.robot import paper_robot
 
 HOLDS, CONDITION, FAILS = "holds", "holds with a condition", "does not hold"
-PRINTED_LEVEL, NEAR = -0.9, 0.1  # N m, "almost constant at around", and what counts as near
-CLOSE = 0.05  # relative: what still counts as "constant" or "around"
-ROUGHLY = 0.25  # relative: what still counts as "roughly constant"
-CLEARLY = 0.9  # of another heave: what counts as less
-NONE = 1e-6  # m of slip per metre: what counts as none
-SINGULAR = 1e-9  # singular values below count as 0
-ROUNDING = 1e-15  # m, below which the digits are the processor's
+# Torque that is "almost constant at around" this level in the paper, and the largest difference
+# from this level that counts as near, in N m
+PRINTED_LEVEL, NEAR = -0.9, 0.1
+CLOSE = 0.05  # largest relative difference that counts as "constant" or "around"
+ROUGHLY = 0.25  # largest relative difference that counts as "roughly constant"
+CLEARLY = 0.9  # largest ratio of two heaves for which the first counts as clearly smaller
+NONE = 1e-6  # largest slip per metre walked that counts as none, m
+SINGULAR = 1e-9  # largest singular value that counts as 0
+ROUNDING = 1e-15  # distance below which the digits depend on the processor, m
 
 
 class Claim(NamedTuple):
-    """One claim of the paper, as in ``claims.yml``, and our answer."""
+    """A claim of the paper, as in ``claims.yml``, and our answer.
+
+    Attributes:
+        key: Name of the claim.
+        where: Place of the claim in the paper.
+        says: The claim.
+        computed: Our result, as text.
+        verdict: ``HOLDS``, ``CONDITION`` or ``FAILS``.
+    """
 
     key: str
-    where: str  # in the paper
+    where: str
     says: str
-    computed: str  # here
-    verdict: str  # HOLDS, CONDITION or FAILS
+    computed: str
+    verdict: str
 
 
 Answer: TypeAlias = tuple[str, str]
@@ -45,12 +55,22 @@ Answer: TypeAlias = tuple[str, str]
 
 
 def check_claims(results: Results) -> list[Claim]:
-    """All claims in the order of the paper."""
+    """Return all claims with our answers, in the order of the paper."""
     checks = (
-        leg_degrees_of_freedom, system_degrees_of_freedom, torque_is_periodic, torque_level,
-        constant_torque, toe_paths, stable_walking, toe_speeds, no_walking_without_slip, heave,
-        more_legs, rotation, translation,
-    )  # fmt: skip
+        leg_degrees_of_freedom,
+        system_degrees_of_freedom,
+        torque_is_periodic,
+        torque_level,
+        constant_torque,
+        toe_paths,
+        stable_walking,
+        toe_speeds,
+        no_walking_without_slip,
+        heave,
+        more_legs,
+        rotation,
+        translation,
+    )
     paper = read_yaml(Path(__file__).with_name("claims.yml"))
     claims = []
     for check in checks:
@@ -60,11 +80,12 @@ def check_claims(results: Results) -> list[Claim]:
 
 
 def _verdict(holds: bool, with_condition: bool = False) -> str:
+    """Return the verdict on a claim that holds, holds only with a condition, or does not hold."""
     return HOLDS if holds else CONDITION if with_condition else FAILS
 
 
 def leg_degrees_of_freedom(_: Results) -> Answer:
-    """Rank of C over a turn, all four legs."""
+    """Compare the claim with the rank of C of all four legs over a turn."""
     robot = paper_robot()
     x = projection.system_coordinates(robot, crank_only(toes.turn(360)))
     C = projection.constraint_matrix(robot, projection.leg_sides(robot), x)
@@ -79,7 +100,7 @@ def leg_degrees_of_freedom(_: Results) -> Answer:
 
 
 def system_degrees_of_freedom(_: Results) -> Answer:
-    """Ranks of the system's C with the frame pinned and let go."""
+    """Compare the claim with the ranks of the system's C with a pinned and with a free frame."""
     robot = paper_robot()
     x = projection.system_coordinates(robot, crank_only(toes.turn(60)))
     Q = x[..., : projection.DOF].reshape(60, -1)
@@ -94,7 +115,10 @@ def system_degrees_of_freedom(_: Results) -> Answer:
 
 
 def torque_is_periodic(r: Results) -> Answer:
-    """The torque one turn apart, and its maxima in a turn, once the start has died out."""
+    """Compare torques that are one turn apart, and count the maxima in a turn.
+
+    The torques are taken from the end of a long run, when the effects of the start have died out.
+    """
     time, torque = r.long.time[:-1], r.long.torque
     turn = 2.0 * np.pi
     last = time >= time[-1] - turn
@@ -112,7 +136,10 @@ def torque_is_periodic(r: Results) -> Answer:
 
 
 def torque_level(r: Results) -> Answer:
-    """The mean torque, and the PID's with another reference or two motors, at the printed level."""
+    """Compare the printed torque with the mean torque and with the torques of PID runs.
+
+    In two of the PID runs, the crank turns the other way, or two motors turn it.
+    """
     settled = r.run.settled
     mean, back, two = (run.torque[settled] for run in (r.run, r.backwards, r.two_motors))
     near = float((np.abs(two - abs(PRINTED_LEVEL)) <= NEAR).mean())
@@ -126,7 +153,10 @@ def torque_level(r: Results) -> Answer:
 
 
 def constant_torque(r: Results) -> Answer:
-    """Speed ripple at constant torques: fixed base, with slender links, walking."""
+    """Compute the ripple of the crank speed at constant torques.
+
+    The robot has a fixed chassis, a fixed chassis and slender links, or walks.
+    """
     fixed = [ripple.ripple for ripple in r.ripples.values()]
     slender = r.slender_ripple.ripple
     walking = {t: ripple.ripple for t, ripple in r.walking_ripples.items() if not ripple.fell}
@@ -142,14 +172,14 @@ def constant_torque(r: Results) -> Answer:
 
 
 def toe_paths(_: Results) -> Answer:
-    """The back leg's constraints at the mirrored fore leg."""
+    """Check that the mirror image of a fore leg fulfils the constraints of a back leg."""
     error = toes.mirror_error(paper_robot())
     size = f"less than {ROUNDING:g}" if error < ROUNDING else f"{error:.0e}"
     return f"mirror images to {size} m", _verdict(error < 1e-12)
 
 
 def stable_walking(r: Results) -> Answer:
-    """Walks at constant crank speeds."""
+    """Report at which constant crank speeds the robot walks, and at which it falls."""
     fallen = [walk.speed for walk in r.walks if walk.fell]
     standing = [walk.speed for walk in r.walks if not walk.fell]
     return (
@@ -160,7 +190,7 @@ def stable_walking(r: Results) -> Answer:
 
 
 def toe_speeds(r: Results) -> Answer:
-    """The speed at which two standing toes part, and a slow walk's slip."""
+    """Report the speed at which two standing toes move apart, and the slip of a slow walk."""
     support = r.support
     zeros = np.sort(support.zeros()) / np.pi
     part = np.abs(support.slip)
@@ -177,7 +207,7 @@ def toe_speeds(r: Results) -> Answer:
 
 
 def no_walking_without_slip(r: Results) -> Answer:
-    """Slip per metre over friction and crank speed, and a walk without any."""
+    """Report the slip by friction and by crank speed, and a walk without slip."""
     walks = [walk for walk in r.walks if not walk.fell]
     slow, fast = walks[0], min(walks, key=lambda walk: walk.slip_per_metre)
     grip, loose = r.slow[FRICTIONS[-1]], r.slow[FRICTIONS[0]]
@@ -194,7 +224,7 @@ def no_walking_without_slip(r: Results) -> Answer:
 
 
 def heave(r: Results) -> Answer:
-    """Heave with four legs, and with their lengths read otherwise."""
+    """Report the heave of four legs, also with other interpretations of their lengths."""
     four = r.heaves[1]
     near = [abs(height - 0.03) < CLOSE * 0.03 for height in (four.level, *r.other_heaves.values())]
     shown = ", ".join(f"{1e3 * h:.1f} mm with {name}" for name, h in r.other_heaves.items())
@@ -206,7 +236,7 @@ def heave(r: Results) -> Answer:
 
 
 def more_legs(r: Results) -> Answer:
-    """Heave with 2 to 24 legs, odd numbers of phases against even ones."""
+    """Compare the heave of 2 to 24 legs, with odd and with even numbers of phases."""
     level = {heave.legs: heave.level for heave in r.heaves}
     standing = {heave.legs: heave.standing for heave in r.heaves}
     better, better_standing = (
@@ -224,15 +254,16 @@ def more_legs(r: Results) -> Answer:
 
 
 def rotation(r: Results) -> Answer:
-    """The largest constraint moment by body, on a fixed base and walking."""
+    """Find the body with the largest constraint moment, with a fixed chassis and walking."""
     fixed = np.abs(r.forces[r.run.settled][..., 0]).max(axis=0)
     leading = {at: int(loads.moment.argmax()) + 1 for at, loads in r.walking_loads.items()}
     others = {at: link for at, link in leading.items() if link != 1}
     first = int(fixed.argmax()) == 0
     shown = ", ".join(
         f"{r.walking_loads[at].moment.max():.1f} N m on link {link} at {at[0]:g} rad/s, friction "
-        f"{at[1]}" for at, link in others.items()
-    )  # fmt: skip
+        f"{at[1]}"
+        for at, link in others.items()
+    )
     return (
         f"fixed base: link {fixed.argmax() + 1} ({fixed.max():.2f} N m; link 2 {fixed[1]:.2f}, the "
         f"others at most {fixed[2:].max():.2f}). Walking: link 1 in {len(leading) - len(others)} "
@@ -242,7 +273,7 @@ def rotation(r: Results) -> Answer:
 
 
 def translation(r: Results) -> Answer:
-    """The largest constraint force by body, and what the joints carry."""
+    """Find the body with the largest constraint force, and report the forces on the joints."""
     force = np.hypot(r.forces[..., 1], r.forces[..., 2])[r.run.settled].max(axis=0)
     pins, walks = r.fixed_loads, r.walking_loads
     weight = float(paper_robot().bodies[6].mass) * GRAVITY
@@ -264,6 +295,7 @@ def translation(r: Results) -> Answer:
 
 
 def _list(values: Iterable[float]) -> str:
+    """Return numbers as text, such as "1, 2 and 3", or "none"."""
     *most, last = [f"{value:g}" for value in values] or ["none"]
     return f"{', '.join(most)} and {last}" if most else last
 
@@ -271,13 +303,16 @@ def _list(values: Iterable[float]) -> str:
 def table(claims: Iterable[Claim]) -> str:
     """Return the claims as a table in Markdown."""
     rows = [(f"{c.key} ({c.where})", c.says, c.computed, f"**{c.verdict}**") for c in claims]
-    # Cells of whole sentences: not padded to one width.
+    # The cells contain whole sentences, so that they are not padded to a common width.
     heads = "claim", "says", "computed", "verdict"
     return tabulate(rows, heads, "github", disable_numparse=True, stralign=None) + "\n"
 
 
 def as_lines(claims: list[Claim]) -> str:
-    """Return the verdicts, one a line within 80 columns, and the number of claims that hold."""
+    """Return a line with the verdict on each claim, and a line with the number of claims that hold.
+
+    The lines fit into 80 columns.
+    """
     lines = [f"{c.verdict:<24}{c.key.replace('_', ' ')} ({c.where})" for c in claims]
     held = sum(c.verdict == HOLDS for c in claims)
     return "\n".join([*lines, f"{held} of {len(claims)} claims hold without a condition"])

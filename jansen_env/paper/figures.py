@@ -1,4 +1,4 @@
-"""The paper's Figs. 4 to 9 reproduced; the mechanism, heave and slip."""
+"""Reproductions of Figs. 4 to 9 of the paper, and figures of the mechanism, heave and slip."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -22,38 +22,61 @@ from jansen_env.robot import JANSEN, paper_robot
 from jansen_env.robot.kinematics import O, P, T, toe_positions, world_joints
 
 DPI = 130
-FLOOR = 1e-4  # m of slip per metre, the lower edge of a logarithmic axis
+FLOOR = 1e-4  # slip per metre at which a walk without slip is drawn on a logarithmic axis, m
 LEG_COLORS = {"rf": "#c2410c", "lf": "#f59e0b", "rb": "#1d4ed8", "lb": "#38bdf8"}
-LINK_COLORS = {f"link {body}": matplotlib.colormaps["turbo"](0.08 + 0.12 * (body - 1))
-               for body in range(1, 9)}  # fmt: skip
+LINK_COLORS = {
+    f"link {body}": matplotlib.colormaps["turbo"](0.08 + 0.12 * (body - 1)) for body in range(1, 9)
+}
 INK, MUTED, ACCENT = "#1f2937", "#9ca3af", "#7c3aed"
 STYLE = Path(__file__).with_name("figures.mplstyle")
 
 
 def draw(results: Results, folder: Path) -> list[Path]:
-    """Draw all figures into ``folder``; returns their paths."""
+    """Draw all figures into a folder.
+
+    Args:
+        results: Results that the figures show.
+        folder: Folder for the figures.
+
+    Returns:
+        Paths of the figures.
+    """
     figures: dict[str, Callable[[Results], Figure]] = {
-        "fig4_torque": torque, "fig5_toe_paths": toe_paths, "fig6_toe_x": toe_x,
-        "fig7_toe_y": toe_y, "fig8_rotation": rotation, "fig9_translation": translation,
-        "mechanism": mechanism, "heave": heave, "slip": slip,
-    }  # fmt: skip
+        "fig4_torque": torque,
+        "fig5_toe_paths": toe_paths,
+        "fig6_toe_x": toe_x,
+        "fig7_toe_y": toe_y,
+        "fig8_rotation": rotation,
+        "fig9_translation": translation,
+        "mechanism": mechanism,
+        "heave": heave,
+        "slip": slip,
+    }
     with matplotlib.style.context(["default", STYLE]):
         save: dict[str, Any] = {"dpi": DPI, "metadata": {"Software": None}}
-        return [write_whole(folder / f"{name}.png", partial(make(results).savefig, **save))
-                for name, make in figures.items()]  # fmt: skip
+        return [
+            write_whole(folder / f"{name}.png", partial(make(results).savefig, **save))
+            for name, make in figures.items()
+        ]
 
 
 def _figure(width: float, height: float) -> tuple[Figure, Axes]:
+    """Return a new figure of a size in inches, and its axes."""
     figure = Figure(figsize=(width, height), layout="constrained")
     return figure, figure.subplots()
 
 
 def torque(r: Results) -> Figure:
-    """Fig. 4: the PID's torque against time."""
+    """Draw Fig. 4: the torque of the PID controller against time."""
     figure, axes = _figure(7.2, 3.4)
     axes.plot(r.run.time[:-1], r.run.torque, color=INK, label="PID (13), crank speed about 1 rad/s")
-    axes.plot(r.two_motors.time[:-1], -r.two_motors.torque, color="#c2410c", lw=1.2,
-              label="two motors, each one's, counted the other way round")  # fmt: skip
+    axes.plot(
+        r.two_motors.time[:-1],
+        -r.two_motors.torque,
+        color="#c2410c",
+        lw=1.2,
+        label="two motors, each one's, counted the other way round",
+    )
     mean = r.mean_torque
     axes.axhline(mean, color=ACCENT, ls="--", lw=1.1)
     axes.axhline(PRINTED_LEVEL, color=MUTED, ls=":", lw=1.3)
@@ -67,19 +90,31 @@ def torque(r: Results) -> Figure:
 
 
 def _toes(r: Results) -> Array:
+    """Return the positions of the toes during the PID run, in m, shape (samples, toes, 2)."""
     return toe_positions(paper_robot(), r.run.angle)
 
 
 def toe_paths(r: Results) -> Figure:
-    """Fig. 5: toe paths of the four legs."""
+    """Draw Fig. 5: toe paths of the four legs."""
     figure, axes = _figure(7.2, 2.4)
     path = _toes(r)
     for i, (name, color) in enumerate(LEG_COLORS.items()):
         behind = name in ("lf", "lb")
-        axes.plot(*path[:, i].T, color=color, lw=1.2 if behind else 3.0, label=name,
-                  zorder=3 if behind else 2, ls="--" if behind else "-")  # fmt: skip
-    axes.set(title="Toe paths, fixed base, crank axis at the origin (Fig. 5)",
-             xlabel="x (m)", ylabel="y (m)", aspect="equal", ylim=(-0.66, -0.42))  # fmt: skip
+        axes.plot(
+            *path[:, i].T,
+            color=color,
+            lw=1.2 if behind else 3.0,
+            label=name,
+            zorder=3 if behind else 2,
+            ls="--" if behind else "-",
+        )
+    axes.set(
+        title="Toe paths, fixed base, crank axis at the origin (Fig. 5)",
+        xlabel="x (m)",
+        ylabel="y (m)",
+        aspect="equal",
+        ylim=(-0.66, -0.42),
+    )
     axes.legend(ncols=4, loc="upper center")
     return figure
 
@@ -87,7 +122,15 @@ def toe_paths(r: Results) -> Figure:
 def _in_time(
     r: Results, values: Array, colors: Mapping[str, object], title: str, label: str
 ) -> tuple[Figure, Axes]:
-    """A curve for each column of ``values``, named and coloured, over the PID's run."""
+    """Draw curves over the time of the PID run.
+
+    Args:
+        r: Results with the PID run.
+        values: Values of the curves, shape (samples, curves).
+        colors: Color of each curve by its name.
+        title: Title of the figure.
+        label: Label of the vertical axis.
+    """
     figure, axes = _figure(7.2, 3.4 if len(colors) == 4 else 3.8)
     for column, (name, color) in zip(values.T, colors.items(), strict=True):
         axes.plot(r.run.time[: len(values)], column, color=color, label=name)
@@ -101,12 +144,12 @@ def _in_time(
 
 
 def toe_x(r: Results) -> Figure:
-    """Fig. 6: toe x against time."""
+    """Draw Fig. 6: toe x against time."""
     return _in_time(r, _toes(r)[..., 0], LEG_COLORS, "Toe x (Fig. 6)", "x (m)")[0]
 
 
 def toe_y(r: Results) -> Figure:
-    """Fig. 7: toe y against time."""
+    """Draw Fig. 7: toe y against time."""
     title = f"Toe y (Fig. 7): the lowest toe moves by {r.heaves[1].level:.3f} m"
     figure, axes = _in_time(r, height := _toes(r)[..., 1], LEG_COLORS, title, "y (m)")
     lowest = height.min(axis=1)
@@ -117,25 +160,30 @@ def toe_y(r: Results) -> Figure:
 
 
 def rotation(r: Results) -> Figure:
-    """Fig. 8: constraint moment on every link of the right forepaw."""
+    """Draw Fig. 8: the constraint moment on every link of the right forepaw."""
     title = "Constraint moment, right forepaw (Fig. 8)"
     return _in_time(r, r.forces[..., 0], LINK_COLORS, title, "moment (N m)")[0]
 
 
 def translation(r: Results) -> Figure:
-    """Fig. 9: norm of the constraint force on every link of the right forepaw."""
+    """Draw Fig. 9: the norm of the constraint force on every link of the right forepaw."""
     force = np.hypot(r.forces[..., 1], r.forces[..., 2])
     title = "Norm of the constraint force, right forepaw (Fig. 9)"
     figure, axes = _in_time(r, force, LINK_COLORS, title, "force (N)")
     weight = paper_robot().bodies[6].mass * GRAVITY
     axes.annotate(
-        "weight of a link (link 1 rests)", (3.4, weight), (2.0, 1.01), fontsize=8.5, color=INK,
+        "weight of a link (link 1 rests)",
+        (3.4, weight),
+        (2.0, 1.01),
+        fontsize=8.5,
+        color=INK,
         arrowprops={"arrowstyle": "-", "color": MUTED},
-    )  # fmt: skip
+    )
     return figure
 
 
 def _angle_axis(axes: Axes) -> None:
+    """Make the horizontal axis one turn of the crank, with ticks at multiples of pi/2."""
     axes.set_xlabel("crank angle (rad)")
     labels = ["0", r"$\pi/2$", r"$\pi$", r"$3\pi/2$", r"$2\pi$"]
     axes.set_xticks(np.pi / 2.0 * np.arange(5), labels)
@@ -143,7 +191,7 @@ def _angle_axis(axes: Axes) -> None:
 
 
 def mechanism(_: Results) -> Figure:
-    """The mechanism at eight crank angles, right pair of legs in front."""
+    """Draw the mechanism at eight crank angles, with the right pair of legs in front."""
     robot = paper_robot()
     figure = Figure(figsize=(11.0, 4.5), layout="constrained")
     grid = figure.subplots(2, 4, sharex=True, sharey=True)
@@ -158,8 +206,12 @@ def mechanism(_: Results) -> Figure:
             color = LEG_COLORS[name] if front else "#cbd5e1"
             for a, b in JANSEN.skeleton:
                 width = 3.0 if (a, b) in ((P, O), (O, P)) else 1.6 if front else 1.0
-                axes.plot(*joints[i, [a, b]].T, color=INK if (a, b) == (P, O) else color, lw=width,
-                          solid_capstyle="round")  # fmt: skip
+                axes.plot(
+                    *joints[i, [a, b]].T,
+                    color=INK if (a, b) == (P, O) else color,
+                    lw=width,
+                    solid_capstyle="round",
+                )
             if front:
                 axes.plot(*joints[i, :T].T, "o", color=color, ms=2.2)
                 axes.plot(*joints[i, T], "o", color=color, ms=5)
@@ -170,7 +222,7 @@ def mechanism(_: Results) -> Figure:
 
 
 def heave(r: Results) -> Figure:
-    """Heave against the number of legs, and why odd numbers of phases differ."""
+    """Draw the heave by number of legs, and the reason why odd numbers of phases differ."""
     figure = Figure(figsize=(11.0, 3.6), layout="constrained")
     left, *right = figure.subplots(1, 3, width_ratios=(1.5, 1, 1))
     legs = np.array([h.legs for h in r.heaves])
@@ -181,16 +233,26 @@ def heave(r: Results) -> Figure:
     left.semilogy(legs[odd], level[odd], "o", color="#c2410c", label="level, odd number of phases")
     left.semilogy(legs[~odd], level[~odd], "s", color="#1d4ed8", label="level, even")
     left.semilogy(legs, standing, "x--", color=INK, lw=0.9, ms=5, label="standing on both sides")
-    left.set(title="Heave by number of legs", xlabel="legs", ylabel="peak to peak (mm)",
-             xticks=legs[1::2])  # fmt: skip
+    left.set(
+        title="Heave by number of legs",
+        xlabel="legs",
+        ylabel="peak to peak (mm)",
+        xticks=legs[1::2],
+    )
     left.legend(loc="upper right")
     for axes, phases in zip(right, (3, 4), strict=True):
         angle = toes.turn(720)
         fore, back = toes.lowest_toes(paper_robot(phases), angle)
         axes.plot(angle, 1e3 * fore, color=LEG_COLORS["rf"], lw=1.3, label="lowest fore toe")
         axes.plot(angle, 1e3 * back, color=LEG_COLORS["rb"], lw=1.3, label="lowest back toe")
-        axes.plot(angle, 1e3 * np.minimum(fore, back), color=INK, lw=2.4, alpha=0.75,
-                  label="the one that carries")  # fmt: skip
+        axes.plot(
+            angle,
+            1e3 * np.minimum(fore, back),
+            color=INK,
+            lw=2.4,
+            alpha=0.75,
+            label="the one that carries",
+        )
         kind = "interleaved" if phases % 2 else "in step"
         axes.set(title=f"{2 * phases} legs: {kind}", ylim=(-622, -603))
         _angle_axis(axes)
@@ -200,7 +262,7 @@ def heave(r: Results) -> Figure:
 
 
 def slip(r: Results) -> Figure:
-    """Draw the speed at which two standing toes part; slip by friction and crank speed."""
+    """Draw the speed at which two standing toes move apart, and the slip by friction and speed."""
     figure = Figure(figsize=(11.5, 3.6), layout="constrained")
     left, middle, right = figure.subplots(1, 3)
     support = r.support
@@ -211,12 +273,17 @@ def slip(r: Results) -> Figure:
     left.set(title="Standing toes part", ylabel="parting speed (m per rad of crank)")
     _angle_axis(left)
     slow = [r.slow[mu].slip for mu in FRICTIONS]
-    middle.axhline(support.per_turn, color="#c2410c", ls="--", lw=1.2,
-                   label="both toes down: certain")  # fmt: skip
+    middle.axhline(
+        support.per_turn, color="#c2410c", ls="--", lw=1.2, label="both toes down: certain"
+    )
     middle.axhline(0.5 * support.per_turn, color=MUTED, ls=":", lw=1.2, label="half of it")
     middle.plot(FRICTIONS, slow, "o-", color=INK, label=f"walk at {SLOW} rad/s")
-    middle.set(title="A slow walk's slip", xlabel="coefficient of friction",
-               ylabel="slip (m per turn)", ylim=(0.0, 0.85))  # fmt: skip
+    middle.set(
+        title="A slow walk's slip",
+        xlabel="coefficient of friction",
+        ylabel="slip (m per turn)",
+        ylim=(0.0, 0.85),
+    )
     middle.legend(loc="lower left")
     speed = np.array([w.speed for w in r.walks])
     ratio = np.array([np.nan if w.fell else w.slip_per_metre for w in r.walks])
@@ -224,8 +291,11 @@ def slip(r: Results) -> Figure:
     for walk in r.walks:
         if walk.fell:
             right.axvspan(walk.speed - 0.25, walk.speed + 0.25, color="#fecaca", lw=0)
-    right.set(title="Slip by crank speed, friction 0.8", xlabel="crank speed (rad/s)",
-              ylabel="slip (m per m walked)")  # fmt: skip
+    right.set(
+        title="Slip by crank speed, friction 0.8",
+        xlabel="crank speed (rad/s)",
+        ylabel="slip (m per m walked)",
+    )
     right.plot([], [], lw=8, color="#fecaca", label="falls within 75 s")
     right.plot(r.no_slip.speed, FLOOR, "v", color="#059669", label="no slip, from another start")
     right.set_ylim(0.05 * FLOOR, 1.5)

@@ -1,4 +1,7 @@
-"""The paper's simulation: the fixed model (12) under the PID (13), 10 s from crank angle pi."""
+"""The paper's simulation: 10 s of the fixed model (12) with the PID controller (13).
+
+The simulation begins at crank angle pi. Equation numbers are those of the paper.
+"""
 
 import math
 from collections.abc import Callable
@@ -13,33 +16,40 @@ from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 
-START = math.pi  # rad, crank angle and reference at time 0
+START = math.pi  # crank angle and reference at time 0, rad
 DURATION = 10.0  # s
-SAMPLING = 0.01  # s, of the controller; the torque is held in between
-TIME_STEP = 1e-4  # s, of the integration; divides SAMPLING
-SETTLED = 3.0  # s, from where on the motion is taken to be periodic
+SAMPLING = 0.01  # sampling time of the controller, which holds the torque in between, s
+TIME_STEP = 1e-4  # time step of the integration, which divides SAMPLING, s
+SETTLED = 3.0  # time from which on the motion is treated as periodic, s
 
 
 class Run(NamedTuple):
-    """A simulation, sampled as the controller sees it: (n + 1,) each, torque (n,)."""
+    """A simulation at the n + 1 sampling times of the controller.
 
-    time: Array  # s
-    angle: Array  # of the crank, rad
-    speed: Array  # rad/s
-    torque: Array  # N m, held after each sample but the last
+    Attributes:
+        time: Time, in s, shape (n + 1,).
+        angle: Crank angle, in rad, shape (n + 1,).
+        speed: Crank speed, in rad/s, shape (n + 1,).
+        torque: Torque that is held after each sample except the last one, in N m, shape (n,).
+    """
+
+    time: Array
+    angle: Array
+    speed: Array
+    torque: Array
 
     @property
     def settled(self) -> Bools:
-        """(n,) the samples whose torque is counted as periodic."""
+        """Flags of the samples whose torque is treated as periodic, shape (n,)."""
         return self.time[:-1] >= SETTLED
 
 
 Advance = Callable[[float, float, float], tuple[float, float]]
-"""(angle, speed, torque) at a sample -> (angle, speed) at the next."""
+"""Function (angle, speed, torque) -> (angle, speed) from one sample to the next."""
 
 
 def tables_advance(robot: Robot) -> Advance:
-    """The projection plant with its chassis held."""
+    """Return a function that advances a robot with a fixed chassis, by the projection backend."""
     plant = ProjectionPlant(robot, Terrain.flat(), TIME_STEP, held=True)
 
     def advance(angle: float, speed: float, torque: float) -> tuple[float, float]:
@@ -51,13 +61,26 @@ def tables_advance(robot: Robot) -> Advance:
 
 
 def crank_only(value: ArrayLike) -> Array:
-    """q or q_dot (..., 4) of a chassis at rest from the crank's angle or speed (...)."""
+    """Return q or q_dot of a chassis at rest.
+
+    Args:
+        value: Crank angle in rad or crank speed in rad/s, any shape.
+
+    Returns:
+        Array of shape (..., 4) whose first three entries are 0.
+    """
     psi = np.asarray(value, dtype=float)
     return np.stack([np.zeros(psi.shape)] * 3 + [psi], axis=-1)
 
 
 def simulate_pid(advance: Advance, direction: float = 1.0, duration: float = DURATION) -> Run:
-    """PID (13) on e = r - theta_rf2, r = t + pi (or pi - t, ``direction`` -1), for a while (s)."""
+    """Simulate the PID controller (13) with the error e = r - theta_rf2.
+
+    Args:
+        advance: Function that advances the mechanism by one sample.
+        direction: 1 for the reference r = pi + t, or -1 for r = pi - t.
+        duration: Duration, in s.
+    """
     pid, integral = PID(), np.zeros(())
 
     def controller(time: float, angle: float, speed: float) -> float:
@@ -70,13 +93,25 @@ def simulate_pid(advance: Advance, direction: float = 1.0, duration: float = DUR
 
 
 def pid_run(robot: Robot, motors: int = 1, direction: float = 1.0) -> Run:
-    """The PID's 10 s, with its torque on the shaft ``motors`` times; its torque is one motor's."""
+    """Simulate 10 s with the PID controller.
+
+    Args:
+        robot: The robot.
+        motors: Number of motors on the shaft. The torque of the controller is that of one motor.
+        direction: 1 for the reference r = pi + t, or -1 for r = pi - t.
+    """
     advance = tables_advance(robot)
     return simulate_pid(lambda angle, speed, tau: advance(angle, speed, motors * tau), direction)
 
 
 def simulate(advance: Advance, controller: Callable[..., float], duration: float) -> Run:
-    """A controller (time, angle, speed) -> torque on the mechanism for a while (s), from rest."""
+    """Simulate a controller that drives the mechanism from rest.
+
+    Args:
+        advance: Function that advances the mechanism by one sample.
+        controller: Function ``(time, angle, speed) -> torque``, in s, rad, rad/s and N m.
+        duration: Duration, in s.
+    """
     time = SAMPLING * np.arange(round(duration / SAMPLING) + 1, dtype=np.float64)
     states, torques = [(START, 0.0)], []
     for now in time[:-1]:

@@ -1,4 +1,4 @@
-"""Motion of the toes: symmetry, heave with any number of legs, why two standing toes must slip."""
+"""Motion of the toes: symmetry, heave of any number of legs, and slip of two standing toes."""
 
 import math
 from typing import NamedTuple
@@ -15,20 +15,20 @@ from jansen_env.robot import Robot, paper_robot
 from jansen_env.robot.kinematics import C, E, T, coordinates, toe_positions, world_joints
 from jansen_env.terrain import Terrain
 
-PHASES = tuple(range(1, 13))  # 2 to 24 legs
-STEP = 1e-5  # rad, of central differences of closed forms: good to 1e-10
+PHASES = tuple(range(1, 13))  # numbers of phases, for 2 to 24 legs
+STEP = 1e-5  # step of central differences of closed forms, rad; their error is 1e-10
 
 
 def turn(samples: int) -> Array:
-    """Crank angles of one turn (samples,), rad."""
+    """Return evenly spaced crank angles of one turn, in rad, shape (samples,)."""
     return 2.0 * math.pi * np.arange(samples) / samples
 
 
 def mirror_error(robot: Robot) -> float:
-    """Largest residual (m) of the paper's back leg constraints at a mirrored fore leg, over a turn.
+    """Return the largest residual of a back leg's constraints at the mirror image of a fore leg.
 
-    0 says that the back leg at crank angle psi is the mirror image of the fore leg at pi - psi, and
-    its toe path that of the fore toe.
+    The residual is the largest over a turn, in m. If it is 0, the back leg at crank angle psi is
+    the mirror image of the fore leg at pi - psi, and so is the path of its toe.
     """
     x = coordinates(robot, "fore", math.pi - turn(720)).reshape(720, -1, 3)
     x[..., 0] = math.pi - x[..., 0]
@@ -37,19 +37,31 @@ def mirror_error(robot: Robot) -> float:
 
 
 class Heave(NamedTuple):
-    """Up-and-down motion of the crank axis over a turn, peak to peak."""
+    """Up-and-down motion of the crank axis over a turn, peak to peak.
+
+    Attributes:
+        legs: Number of legs.
+        level: Heave of a robot whose chassis is kept level, so that the lowest toe carries it, in
+            m.
+        standing: Heave of a robot that stands on a toe on each side, so that the chassis pitches,
+            in m.
+        pitch: Range of this pitch, in rad.
+    """
 
     legs: int
-    level: float  # m, with the chassis kept level: the lowest toe carries
-    standing: float  # m, where a toe on either side carries and the chassis pitches
-    pitch: float  # rad, of that pitching
+    level: float
+    standing: float
+    pitch: float
 
 
 def heave(phases: int) -> Heave:
-    """Heave of the paper's linkage with two legs on each of ``phases`` evenly spaced crank pins.
+    """Return the heave of a robot with the paper's linkage and two legs on each crank pin.
 
-    All repeats ``phases`` times a turn: 1440 crank angles in such a period, and 48 at which the
-    robot is placed on the ground.
+    The motion repeats ``phases`` times per turn. Each such period is sampled at 1440 crank angles
+    for a level chassis, and at 48 for a robot that stands on the ground.
+
+    Args:
+        phases: Number of evenly spaced crank pins.
     """
     robot = paper_robot(phases)
     fore, back = lowest_toes(robot, turn(1440) / phases)
@@ -59,46 +71,70 @@ def heave(phases: int) -> Heave:
 
 
 def lowest_toes(robot: Robot, angle: Array) -> tuple[Array, Array]:
-    """Height (n,) of the lowest fore and of the lowest back toe with the chassis level, m."""
+    """Return the heights of the lowest fore toe and of the lowest back toe with a level chassis.
+
+    Args:
+        robot: The robot.
+        angle: Crank angles, in rad, shape (n,).
+
+    Returns:
+        Two arrays of heights relative to the crank axis, in m, shape (n,).
+    """
     height = toe_positions(robot, angle)[..., 1]
     fore = np.array([leg.side == "fore" for leg in robot.legs])
     return height[:, fore].min(axis=1), height[:, ~fore].min(axis=1)
 
 
 def standing_poses(robot: Robot, angle: Array) -> Array:
-    """(n, 2) height (m) and pitch (rad) of the chassis standing on flat ground at crank angles."""
+    """Return the height and the pitch of the chassis of a robot that stands on flat ground.
+
+    Args:
+        robot: The robot.
+        angle: Crank angles, in rad, shape (n,).
+
+    Returns:
+        Heights in m and pitch angles in rad, shape (n, 2).
+    """
     batch = Batch([robot] * len(angle), [Terrain.flat()] * len(angle), threads=1)
     batch.place_at(np.arange(len(angle)), angle)
     return batch.states[:, 1:3]
 
 
 class DoubleSupport(NamedTuple):
-    """A slowly walking robot over a turn: its two standing toes, and how fast they part, m/rad.
+    """The two standing toes of a slowly walking robot over a turn, and how fast they move apart.
 
-    ``x_speed`` is the paper's argument (Fig. 6): the difference of their x velocities with the
-    chassis fixed and level. ``slip`` is the speed at which their contact points part along the
-    ground with the chassis free to heave and pitch and the pads rolling: 0 would let both stick.
+    Attributes:
+        angle: Crank angles, in rad, shape (n,).
+        front: Index of the leg with the front standing toe, shape (n,).
+        rear: Index of the leg with the rear standing toe, shape (n,).
+        x_speed: Difference of the x velocities of the two toes with a fixed, level chassis, in
+            m/rad, shape (n,). This is the argument of the paper (Fig. 6).
+        slip: Speed at which the two contact points move apart along the ground if the chassis can
+            heave and pitch and the pads roll, in m/rad, shape (n,). Only if it is 0 can both toes
+            stick.
+        rolling: Part of ``slip`` that is due to the rolling of the pads, in m/rad, shape (n,).
+            Toes that are points do not roll.
     """
 
-    angle: Array  # (n,) of the crank, rad
-    front: Ints  # (n,) leg whose toe carries
+    angle: Array
+    front: Ints
     rear: Ints
     x_speed: Array
     slip: Array
-    rolling: Array  # the part of it that is the pads' rolling; points do not roll
+    rolling: Array
 
     @property
     def per_turn(self) -> float:
-        """The least total slip of both toes in a turn, m."""
+        """Smallest possible total slip of both toes in a turn, in m."""
         return float(2.0 * math.pi * np.abs(self.slip).mean())
 
     @property
     def per_turn_of_points(self) -> float:
-        """The same for toes without pads, m."""
+        """Smallest possible total slip in a turn for toes without pads, in m."""
         return float(2.0 * math.pi * np.abs(self.slip - self.rolling).mean())
 
     def zeros(self) -> Array:
-        """Crank angles (rad) at which the parting speed passes through 0 within a pair of toes."""
+        """Return the crank angles in rad at which ``slip`` passes through 0 for a pair of toes."""
         after = np.roll(self.slip, -1)
         same = (self.front == np.roll(self.front, -1)) & (self.rear == np.roll(self.rear, -1))
         k = np.flatnonzero(same & (self.slip * after <= 0.0) & (self.slip != after))
@@ -107,15 +143,23 @@ class DoubleSupport(NamedTuple):
 
 
 def double_support(robot: Robot, samples: int = 1440) -> DoubleSupport:
-    """Slow walking on flat ground: a toe before and one behind the centre of mass carry."""
-    angle = turn(samples) + math.pi / samples  # off the symmetric positions
+    """Return the motion of the two standing toes of a robot that walks slowly on flat ground.
+
+    The robot stands on one toe ahead of its centre of mass and one toe behind it.
+
+    Args:
+        robot: The robot.
+        samples: Number of crank angles in the turn.
+    """
+    angle = turn(samples) + math.pi / samples  # avoids the symmetric positions
 
     def joints(shift: float) -> NDArray[np.complex128]:
-        """x + i y (n, legs, joints) in the chassis."""
+        """Return joint positions x + i y in the chassis frame, in m, shape (n, legs, joints)."""
         return world_joints(robot, crank_only(angle + shift)) @ np.array([1.0, 1j])
 
-    place, rate = joints(0.0), (joints(STEP) - joints(-STEP)) / (2.0 * STEP)  # per rad of crank
-    spin = ((rate[..., E] - rate[..., C]) / (place[..., E] - place[..., C])).imag  # of the feet
+    place, rate = joints(0.0), (joints(STEP) - joints(-STEP)) / (2.0 * STEP)  # per rad of the crank
+    # Angular speed of the feet
+    spin = ((rate[..., E] - rate[..., C]) / (place[..., E] - place[..., C])).imag
     upright = np.exp(1j * standing_poses(robot, angle)[:, 1])
     toe = upright[:, None] * place[..., T]
     centre = upright * (body_sums(compile_robot(robot), angle).c @ [1.0, 1j]) / robot.mass

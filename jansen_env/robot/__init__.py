@@ -1,4 +1,4 @@
-"""Robots: links, legs, motor, feet, built-in designs; where the joints are."""
+"""Robots: links, legs, motors, feet, built-in designs, and the positions of the joints."""
 
 from jansen_env.robot.designs import (
     BEARING_LOADS,
@@ -25,7 +25,26 @@ from jansen_env.robot.robot import Robot
 from jansen_env.robot.zoo import robot_from_joints
 
 __all__ = [
-    "BEARING_LOADS", "JANSEN", "RIGID", "ROBOTS", "Bar", "Compliance", "Dyad", "Leg", "Link",
-    "Linkage", "Payload", "Pin", "Plate", "Robot", "Side", "Triangle", "built_robot",
-    "holy_numbers_robot", "named_robot", "paper_robot", "phased_legs", "robot_from_joints",
-]  # fmt: skip
+    "BEARING_LOADS",
+    "JANSEN",
+    "RIGID",
+    "ROBOTS",
+    "Bar",
+    "Compliance",
+    "Dyad",
+    "Leg",
+    "Link",
+    "Linkage",
+    "Payload",
+    "Pin",
+    "Plate",
+    "Robot",
+    "Side",
+    "Triangle",
+    "built_robot",
+    "holy_numbers_robot",
+    "named_robot",
+    "paper_robot",
+    "phased_legs",
+    "robot_from_joints",
+]

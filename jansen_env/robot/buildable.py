@@ -1,10 +1,10 @@
-"""Parts of machines that could be built: flat bars, plates, pins, feet; their masses.
+"""Parts of robots that can be built (flat bars, plates, pins and feet), and their masses.
 
-Constants are of the built robot; :data:`PLYWOOD` has those of the weekend robot. Bars and plates
-are of aluminium EN AW-6060 T66. Every end of a link carries its share of a pin:
-half of a shoulder screw with nut, washers and a spacer, and a plain bearing of iglidur J200. A foot
-is a half-round tread of rubber on a shoe. ``docs/built_robot.md`` has the bill of materials and the
-sources of all numbers.
+The constants of this module describe the robot ``built``; :data:`PLYWOOD` contains those of the
+robot ``weekend``. Bars and plates are made of aluminium EN AW-6060 T66. Each end of a link carries
+its share of a pin: half of a shoulder screw with nut, washers and a spacer, and a plain bearing of
+iglidur J200. A foot is a half-round rubber tread on a shoe. ``docs/built_robot.md`` contains the
+bill of materials and the sources of all numbers.
 """
 
 from __future__ import annotations
@@ -18,39 +18,67 @@ from jansen_env.arrays import Rows
 from jansen_env.engine import link_shapes
 
 DENSITY = 2700.0  # kg/m^3, EN AW-6060
-STIFFNESS = 69e9  # Pa, its modulus of elasticity
+STIFFNESS = 69e9  # modulus of elasticity of EN AW-6060, Pa
 BAR_THICKNESS, LOWER_ROD_THICKNESS, PLATE_THICKNESS = 5e-3, 6e-3, 4e-3  # m
-WIDTH, FRAME_WIDTH = 15e-3, 30e-3  # m, of a link's flat bar and of the frame's
-OUTLINE, WINDOW = 1.1, 0.9  # of a triangular plate and the hole in it, to the pins' triangle
-PIN_SHARE = 8e-3  # kg, of a pin, its bearing and spacer, on every end of a link
+WIDTH, FRAME_WIDTH = 15e-3, 30e-3  # widths of the flat bars of a link and of the frame, m
+OUTLINE, WINDOW = 1.1, 0.9  # sizes of a plate's outline and of its hole, relative to its pins
+PIN_SHARE = 8e-3  # mass at each end of a link: its share of a pin, bearing and spacer, kg
 PIN_RADIUS = 3e-3  # m
-BEARING_FRICTION = 0.11  # coefficient, of iglidur J200
+BEARING_FRICTION = 0.11  # friction coefficient of iglidur J200
 
-# At O and at P, as point masses; the battery is as heavy as makes both alike.
-MOTOR_MASS = 0.485  # kg, of the T-Motor AK80-6
-MOTOR_PLATE_MASS = 0.077  # kg, 100 x 100 x 4 mm with a hole of 60 mm
-CRANKSHAFT_MASS = 0.183  # kg, 160 mm of steel, 12 mm, and four hubs, 25 x 10 mm
-CROSS_MEMBER_MASS = 0.061  # kg, a tube of 20 x 2 mm, 200 mm, at either P
+# Point masses at the joints O and P. The mass of the battery is such that both joints carry the
+# same mass.
+MOTOR_MASS = 0.485  # T-Motor AK80-6, kg
+MOTOR_PLATE_MASS = 0.077  # plate of 100 x 100 x 4 mm with a hole of 60 mm, kg
+CRANKSHAFT_MASS = 0.183  # 160 mm of 12 mm steel and four hubs of 25 x 10 mm, kg
+CROSS_MEMBER_MASS = 0.061  # tube of 20 x 2 mm, 200 mm long, at each of the two joints P, kg
 AXIS_MASS = MOTOR_MASS + MOTOR_PLATE_MASS + CRANKSHAFT_MASS
-BATTERY_MASS = AXIS_MASS - 2.0 * CROSS_MEMBER_MASS  # with controller and cables
+BATTERY_MASS = AXIS_MASS - 2.0 * CROSS_MEMBER_MASS  # includes the controller and the cables
 
-FOOT_RADIUS, FOOT_WIDTH = 20e-3, 30e-3  # m, of a half-round tread, its flat side bonded
+FOOT_RADIUS, FOOT_WIDTH = 20e-3, 30e-3  # half-round tread, bonded at its flat side, m
 RUBBER_DENSITY = 1000.0  # kg/m^3
 RUBBER_HARDNESS = 60.0  # Shore A
-FOOT_STIFFNESS = 1.28e5, 5.1e4  # N/m, normal and tangential: a secant at 530 N
+FOOT_STIFFNESS = 1.28e5, 5.1e4  # normal and tangential secant stiffness at 530 N, N/m
 FOOT_LOSS_FACTOR = 0.1  # tan delta of natural rubber
 TREAD_MASS = 0.5 * math.pi * FOOT_RADIUS * FOOT_RADIUS * FOOT_WIDTH * RUBBER_DENSITY
-SHOE_MASS = 13e-3  # kg, a plate of 40 x 30 x 3 mm and two screws, M4
+SHOE_MASS = 13e-3  # plate of 40 x 30 x 3 mm and two M4 screws, kg
 FOOT_MASS = TREAD_MASS + SHOE_MASS
 
 
 class Build(NamedTuple):
-    """Sizes and materials of a machine's parts; SI units. Default: the built robot's.
+    """Sizes and materials of a robot's parts, in SI units.
 
-    ``screw``: thread of the screws of feet, motor and brace. ``bush``: radius of a turning link's
-    hole less the pin's. ``hub_screws``: from the axis to either screw. ``cross_member_mass``,
-    ``battery_mass``: at the pivots P. ``tread_layers``: beside a link, covered by half of its
-    tread's width. ``cells``: of the battery.
+    The defaults are those of the robot ``built``.
+
+    Attributes:
+        material: Name of the material of bars and plates.
+        density: Density of the material, in kg/m^3.
+        bar_thickness: Thickness of a bar, in m.
+        lower_rod_thickness: Thickness of the bar ``lower_rod``, in m.
+        plate_thickness: Thickness of a triangular plate, in m.
+        width: Width of a link's bar, in m.
+        frame_width: Width of the frame's bar, in m.
+        pin_share: Mass of the share of a pin at each end of a link, in kg.
+        pin_radius: Radius of a pin, in m.
+        screw: Thread of the screws of the feet, the motor and the brace.
+        bush: Radius of the hole in a turning link minus the radius of the pin, in m.
+        bearing_friction: Friction coefficient of the plain bearings.
+        shaft_radius: Radius of the crankshaft, in m.
+        hub_radius: Radius of a hub on the crankshaft, in m.
+        hub_length: Length of a hub, in m.
+        hub_screws: Distance from the axis of a hub to each of its screws, in m.
+        spacer_radius: Radius of a spacer, in m.
+        tube_radius: Radius of the tube of a cross-member, in m.
+        axis_mass: Mass of the motor, its plate and the crankshaft at the crank axis O, in kg.
+        cross_member_mass: Mass of a cross-member at a pivot P, in kg.
+        battery_mass: Mass of the battery at the pivots P, in kg.
+        foot_radius: Radius of a half-round tread, in m.
+        foot_width: Width of a tread, in m.
+        tread_layers: Number of layers beside a link that half the width of its tread covers.
+        foot_mass: Mass of a foot, in kg.
+        foot_stiffness: Normal and tangential stiffness of a foot, in N/m.
+        motor: Name of the motor, a key of :data:`jansen_env.robot.motor.MOTORS`.
+        cells: Number of cells of the battery.
     """
 
     material: str = "EN AW-6060"
@@ -93,13 +121,17 @@ PLYWOOD = Build(
     foot_radius=7e-3, foot_width=9e-3, tread_layers=1, foot_mass=2.9e-3,
     foot_stiffness=(6e4, 1.5e4), motor="lp_25d_75", cells=3,
 )  # fmt: skip
-"""The weekend robot's: M3 screws turn in plain holes of plywood."""
+"""Parts of the robot ``weekend``, whose pins are M3 screws that turn in plain holes in plywood."""
 BUILDS = {"aluminium": ALUMINIUM, "plywood": PLYWOOD}
-"""By :attr:`jansen_env.Robot.material`."""
+"""Sizes and materials of parts by the value of :attr:`jansen_env.Robot.material`."""
 
 
 def build_row() -> Rows:
-    """Return the constants of the built robot's parts, ``BUILD``, shape (1,)."""
+    """Return the constants of the parts of the robot ``built``.
+
+    Returns:
+        Record of type ``BUILD``, shape (1,).
+    """
     row = np.zeros(1, link_shapes.BUILD)
     for name in link_shapes.BUILD.names or ():
         row[name] = globals()[name.upper()]
@@ -107,35 +139,50 @@ def build_row() -> Rows:
 
 
 class Inertial(NamedTuple):
-    """Mass, kg, and inertia about the centre of mass, kg m^2."""
+    """Mass and inertia of a part.
+
+    Attributes:
+        mass: Mass, in kg.
+        inertia: Moment of inertia about the centre of mass, in kg m^2.
+    """
 
     mass: float
     inertia: float
 
 
 def bar_thickness(name: str) -> float:
-    """Return the thickness of a link's bar, m, by the link's name."""
+    """Return the thickness of the bar of the link with this name, in m."""
     return LOWER_ROD_THICKNESS if name == "lower_rod" else BAR_THICKNESS
 
 
 def flat_bar(
     length: float, width: float, end_mass: float = PIN_SHARE, thickness: float = BAR_THICKNESS
 ) -> Inertial:
-    """A flat bar with round ends about two pins ``length`` m apart, and ``end_mass`` on each."""
+    """Return the mass and inertia of a flat bar whose round ends are centred on its two pins.
+
+    Args:
+        length: Distance between the pins, in m.
+        width: Width of the bar, in m.
+        end_mass: Point mass on each pin, in kg.
+        thickness: Thickness of the bar, in m.
+    """
     return Inertial(*link_shapes.flat_bar(length, width, end_mass, DENSITY * thickness))
 
 
 def triangular_plate(
     sides: tuple[float, float, float], end_mass: float = PIN_SHARE, third_mass: float | None = None
 ) -> Inertial:
-    """A plate about the triangle of its pins, a hole of the same shape, and masses on the pins.
+    """Return the mass and inertia of a triangular plate with a triangular hole.
 
-    Outline, hole and pins are similar triangles about one centroid, which is the centre of mass.
-    A heavier third corner draws the hole towards it, as far as leaves the centre of mass there.
+    The outline, the hole and the pins form similar triangles about the same centroid, which is the
+    centre of mass. If the third corner is heavier, the hole is shifted towards it just so far that
+    the centre of mass stays at the centroid.
 
     Args:
-        sides: of the pins' triangle, first-second, second-third, third-first, m.
-        end_mass: kg, on each pin. third_mass: kg, on the third corner instead, None for as much.
+        sides: Distances between the first and second, the second and third, and the third and first
+            pin, in m.
+        end_mass: Point mass on each pin, in kg.
+        third_mass: Point mass on the third pin, in kg. None for ``end_mass``.
     """
     more = 0.0 if third_mass is None else third_mass - end_mass
     areal = DENSITY * PLATE_THICKNESS
@@ -144,16 +191,37 @@ def triangular_plate(
 
 
 def dry_torque(load: float, build: Build = ALUMINIUM) -> float:
-    """Coulomb friction torque of a pin's plain bearing under a load (N), N m."""
+    """Return the Coulomb friction torque of a plain bearing, in N m.
+
+    Args:
+        load: Force on the bearing, in N.
+        build: Sizes and materials of the parts.
+    """
     return build.bearing_friction * build.pin_radius * load
 
 
 def foot_damping(stiffness: float, mass: float, build: Build = ALUMINIUM) -> float:
-    """N s/m of a foot whose rubber loses as much at the frequency of a robot (kg) on two feet."""
+    """Return the damping coefficient of a foot, in N s/m.
+
+    With this coefficient, a damper loses as much energy as the rubber does at the frequency at
+    which a robot bounces on two feet.
+
+    Args:
+        stiffness: Stiffness of the foot in the direction of the damping, in N/m.
+        mass: Mass of the robot, in kg.
+        build: Sizes and materials of the parts.
+    """
     return FOOT_LOSS_FACTOR * stiffness / math.sqrt(2.0 * build.foot_stiffness[0] / mass)
 
 
 def buckling_load(length: float, thickness: float) -> float:
-    """Euler's load of a flat bar between two pins (across its thickness, pinned ends), N."""
+    """Return Euler's buckling load of a flat bar with pinned ends, in N.
+
+    The bar buckles in the direction of its thickness.
+
+    Args:
+        length: Distance between the pins, in m.
+        thickness: Thickness of the bar, in m.
+    """
     stiffness = STIFFNESS * WIDTH * thickness * thickness * thickness / 12.0
     return math.pi * math.pi * stiffness / (length * length)

@@ -1,4 +1,4 @@
-"""Built-in designs: the paper's, the holy numbers', one that could be built."""
+"""Built-in designs: the paper's robot, the "holy numbers", and robots that can be built."""
 
 from __future__ import annotations
 
@@ -39,28 +39,46 @@ from jansen_env.robot.zoo import ZOO
 
 
 def paper_robot(phases: int = 2) -> Robot:
-    """The paper's machine with ``phases`` crank pins, two legs on each (2 gives its four legs)."""
+    """Return the paper's robot.
+
+    Args:
+        phases: Number of crank pins, each of which drives two legs. The paper's robot has 2 crank
+            pins and four legs.
+    """
     return Robot(legs=phased_legs(phases))
 
 
 def holy_numbers_robot(phases: int = 2) -> Robot:
-    """Theo Jansen's eleven "holy numbers", scaled so that the crank is as long as the paper's.
+    """Return a robot with Theo Jansen's "holy numbers", scaled to the crank length of the paper.
 
     Source: T. Jansen, *The Great Pretender* (2007): a 38, b 41.5, c 39.3, d 40.1, e 55.8, f 39.4,
     g 36.7, h 65.7, i 49, j 50, k 61.9, l 7.8, m 15.
+
+    Args:
+        phases: Number of crank pins, each of which drives two legs.
     """
     s = CRANK_RADIUS / 15.0
     bodies: dict[str, Link] = {
-        "frame": Bar(s * hypot(38.0, 7.8)), "crank": Bar(CRANK_RADIUS), "upper_rod": Bar(s * 50.0),
+        "frame": Bar(s * hypot(38.0, 7.8)),
+        "crank": Bar(CRANK_RADIUS),
+        "upper_rod": Bar(s * 50.0),
         "upper_triangle": Triangle.from_sides(s * 41.5, s * 55.8, s * 40.1),
-        "rocker": Bar(s * 39.3), "lower_rod": Bar(s * 61.9), "coupler": Bar(s * 39.4),
+        "rocker": Bar(s * 39.3),
+        "lower_rod": Bar(s * 61.9),
+        "coupler": Bar(s * 39.4),
         "foot": Triangle.from_sides(s * 36.7, s * 65.7, s * 49.0, outward=True),
-    }  # fmt: skip
+    }
     return _with_links(atan2(7.8, 38.0), bodies, phases)
 
 
 def _with_links(frame_angle: float, bodies: dict[str, Link], phases: int) -> Robot:
-    """Return Jansen's linkage with other links, and the paper's masses."""
+    """Return a robot with Jansen's linkage, and with other links than the paper's.
+
+    Args:
+        frame_angle: Angle of the frame, in rad.
+        bodies: The new links, by name.
+        phases: Number of crank pins.
+    """
     return Robot(frame_angle=frame_angle, legs=phased_legs(phases)).with_bodies(**bodies)
 
 
@@ -90,8 +108,11 @@ FOUND: dict[str, tuple[float, dict[str, Link]]] = {
         "foot": Triangle.from_sides(0.1846, 0.3979, 0.3701, outward=True),
     }),
 }  # fmt: skip
-"""Frame angles, rad, and links that searches found: for little work at 0.5 m/s, high steps, rough
-ground, and little work at 0.3 m/s."""
+"""Frame angle in rad and links of the robots whose lengths were found by searches.
+
+The searches optimised for little work at 0.5 m/s (``economy``), for high steps (``climber``), for
+rough terrain (``hiker``), and for little work at 0.3 m/s (``stroller``).
+"""
 
 WEEKEND = {
     "frame": Plate(((-0.0496789, 0.0), (0.0392211, 0.0)), 7.0014e-02, 1.3364e-04),
@@ -105,9 +126,11 @@ WEEKEND = {
     "foot": Plate(((0.0423264, 0.0087808), (0.0087867, 0.054),
                    (-0.0287008, -0.0364384)), 1.0061e-02, 1.7474e-05),
 }  # fmt: skip
-"""Links of plywood, a quarter of the economy robot's, with the parts fixed to them: masses and
-inertias of :func:`jansen_env.drawings.materials.machine`."""
+"""Plywood links of the robot ``weekend``, a quarter of the size of those of ``economy``.
 
+Each link includes the parts that are fixed to it. The masses and inertias are those of
+:func:`jansen_env.drawings.materials.machine`.
+"""
 
 BEARING_LOADS = {
     "built": (17.0, 13.0, 11.0, 14.0, 23.0, 14.0, 11.0, 20.0, 11.0, 10.0),
@@ -117,28 +140,45 @@ BEARING_LOADS = {
     "stroller": (16.1, 10.8, 8.8, 11.2, 25.3, 18.5, 8.5, 22.7, 14.1, 13.6),
     "weekend": (1.09, 0.77, 0.73, 0.78, 1.53, 1.05, 0.73, 1.44, 0.89, 0.88),
 }
-"""N, mean load of each of the bearings of the machines that could be built, in walks at 2 rad/s;
-of the weekend robot at 4."""
+"""Mean load of each bearing of the robots that can be built, in N, by name.
+
+The loads are those of walking at a crank speed of 2 rad/s, or 4 rad/s for the robot ``weekend``.
+"""
 
 
 def built_robot(phases: int = 2) -> Robot:
-    """A machine that could be built: the paper's linkage of aluminium, with a gearmotor.
+    """Return a robot that can be built: the paper's linkage in aluminium, with a gearmotor.
 
-    Flat bars and windowed plates, pins in dry plain bearings (Coulomb friction alone, by their mean
-    load), feet of rubber: see :mod:`jansen_env.robot.buildable`.
+    The robot has flat bars, plates with windows, pins in dry plain bearings, and rubber feet; see
+    :mod:`jansen_env.robot.buildable`. The bearings have only Coulomb friction, which follows from
+    their mean loads.
+
+    Args:
+        phases: Number of crank pins, each of which drives two legs.
     """
     return _with_hardware(paper_robot(phases), BEARING_LOADS["built"])
 
 
 def found_robot(name: str, phases: int = 2) -> Robot:
-    """The built robot with the links :data:`FOUND` under a name."""
+    """Return a robot that is built like :func:`built_robot`, with links from :data:`FOUND`.
+
+    Args:
+        name: Key of :data:`FOUND`.
+        phases: Number of crank pins, each of which drives two legs.
+    """
     return _with_hardware(_with_links(*FOUND[name], phases), BEARING_LOADS[name])
 
 
 def weekend_robot(phases: int = 2) -> Robot:
-    """A quarter of the economy machine, of plywood and M3 screws, with a hobby gearmotor."""
+    """Return a quarter-size ``economy`` robot of plywood and M3 screws, with a hobby gearmotor.
+
+    Args:
+        phases: Number of crank pins, each of which drives two legs.
+    """
     frame, legs = WEEKEND["frame"], len(phased_legs(phases))
-    share = 4.0 / legs  # of motor and battery; a frame of plywood is 7 % of it
+    # Each leg carries a fraction of the motor and battery. The plywood of the frame is only 7 % of
+    # the frame's mass, so that the whole mass is scaled.
+    share = 4.0 / legs
     frame = replace(frame, mass=share * frame.mass, inertia=share * frame.inertia)
     robot = _with_links(0.1301, {**WEEKEND, "frame": frame}, phases)
     robot = replace(robot, material="plywood")
@@ -148,14 +188,19 @@ def weekend_robot(phases: int = 2) -> Robot:
 
 
 def _with_hardware(robot: Robot, bearing_loads: tuple[float, ...]) -> Robot:
-    """Return the robot with built parts, dry bearings alone, built feet and the gearmotor."""
+    """Return a copy of the robot with built parts, dry bearings, built feet and the gearmotor.
+
+    Args:
+        robot: The robot.
+        bearing_loads: Mean load of each bearing, in N.
+    """
     robot = with_built_feet(with_built_parts(robot))
     friction = tuple(round(built.dry_torque(load), 4) for load in bearing_loads)
     return replace(robot, damping=(0.0,) * len(JANSEN.damped), bearing_friction=friction)
 
 
 def with_built_feet(robot: Robot) -> Robot:
-    """Return the robot with the feet of rubber and the motor that go with its material."""
+    """Return a copy of the robot with the rubber feet and the motor that belong to its material."""
     build = robot.build
     normal, tangential = build.foot_stiffness
     damping = [round(built.foot_damping(k, robot.mass, build), 1) for k in build.foot_stiffness]
@@ -166,10 +211,10 @@ def with_built_feet(robot: Robot) -> Robot:
 
 
 def with_built_parts(robot: Robot) -> Robot:
-    """Return the robot with the masses and inertias of aluminium bars and plates, by its lengths.
+    """Return a copy of the robot with the masses and inertias of aluminium parts of its lengths.
 
-    Plates are triangular, with the foot's rubber on the third joint of the body ``foot``; the frame
-    carries motor, crankshaft, battery and cross-members.
+    The parts are flat bars and triangular plates. The rubber foot is at the third joint of the body
+    ``foot``. The frame carries the motor, the crankshaft, the battery and the cross-members.
     """
     links, points, _ = leg_links(robot)
     put_built_parts(links, points, built_parts_of(robot), len(robot.legs), built.build_row())
@@ -179,16 +224,20 @@ def with_built_parts(robot: Robot) -> Robot:
 
 
 def built_parts_of(robot: Robot) -> Ints:
-    """Return which built part each body is, shape (bodies,).
+    """Return the kind of built part for each body, shape (bodies,).
 
-    The numbers are those of :func:`jansen_env.engine.link_shapes.put_built_parts`.
+    The numbers of the kinds are those of
+    :func:`jansen_env.engine.link_shapes.put_built_parts`.
     """
     bars = {"frame": FRAME_BAR, "lower_rod": LOWER_ROD}
-    return np.array([
-        (FOOT_PLATE if name == "foot" else TRIANGULAR) if isinstance(link, Triangle)
-        else bars.get(name, ROD)
-        for name, link in zip(robot.linkage.names, robot.bodies, strict=True)
-    ])  # fmt: skip
+    return np.array(
+        [
+            (FOOT_PLATE if name == "foot" else TRIANGULAR)
+            if isinstance(link, Triangle)
+            else bars.get(name, ROD)
+            for name, link in zip(robot.linkage.names, robot.bodies, strict=True)
+        ]
+    )
 
 
 def is_of_built_parts(robot: Robot) -> bool:
@@ -207,7 +256,10 @@ ROBOTS: dict[str, Callable[..., Robot]] = {
     "weekend": weekend_robot,
     **ZOO,
 }
-"""Built-in designs by name. Each function takes the number of crank pins, with two toes on each."""
+"""Functions that return built-in designs, by name.
+
+The argument of each function is the number of crank pins. Each crank pin drives two toes.
+"""
 
 
 @cache

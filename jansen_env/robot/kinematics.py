@@ -1,7 +1,8 @@
-"""Positions of the joints from the crank angle: the linkage closed by intersecting circles.
+"""Positions of the joints as functions of the crank angle, by intersecting circles.
 
-Everything is in the chassis frame: crank axis O at the origin, +x the walking direction. A back
-leg is the mirror image of a fore leg: x -> -x and crank angle psi -> pi - psi.
+Unless stated otherwise, positions are in the chassis frame. Its origin is the crank axis O, and +x
+is the walking direction. A back leg is the mirror image of a fore leg: x becomes -x, and the crank
+angle psi becomes pi - psi.
 """
 
 from __future__ import annotations
@@ -28,28 +29,31 @@ from jansen_env.robot.robot import Robot
 from jansen_env.robot.robot_arrays import Closing, closing_of, leg_rows, toe_joints
 
 P, O, A, B, C, D, E, T = range(len(JANSEN.joints))  # noqa: E741 - the joints' names
-"""Indices of the joints of Jansen's leg; T is the toe's centre."""
+"""Indices of the joints of Jansen's leg. T is the centre of the toe."""
 
 TURN_SAMPLES = 720  # number of crank angles per turn
-TINY_TURN = 1e-6  # rad, of the crank, for slopes
+TINY_TURN = 1e-6  # change of the crank angle for difference quotients, rad
 
 
 class LinkageError(ValueError):
-    """A design that cannot turn a full revolution."""
+    """Error for a robot that cannot turn its crank through a full turn, or cannot stand."""
 
 
 def joint_positions(robot: Robot, side: Side, psi: ArrayLike) -> Array:
-    """Joint positions of a leg whose own crank stands at ``psi``.
+    """Return the positions of the joints of one leg.
 
     Args:
-        robot: its links are used, its legs are not.
-        psi: crank angle relative to the chassis, rad, any shape (...).
+        robot: Robot with the links of the leg. Its legs are not used.
+        side: Side of the leg, ``"fore"`` or ``"back"``.
+        psi: Angle of the leg's crank relative to the chassis, in rad, any shape.
 
     Returns:
-        Places in the order of ``robot.linkage.joints``, (..., joints, 2), m, chassis frame.
+        Positions in the chassis frame, in m, in the order of ``robot.linkage.joints``, shape (...,
+        joints, 2).
 
     Raises:
-        LinkageError: the linkage does not close; names the joint and the crank angle.
+        LinkageError: If the linkage does not close. The message names the joint and the crank
+            angle.
     """
     angle = np.asarray(psi, dtype=float)
     if side == "back":
@@ -71,7 +75,7 @@ def _open_joint(
 
     Args:
         robot: The robot.
-        closing: Arrays with which its leg is closed.
+        closing: Arrays from which the positions of its joints are computed.
         dyad: Index of the dyad.
         angle: Crank angle, in rad.
         span: Distance that the dyad cannot span, in m.
@@ -86,13 +90,20 @@ def _open_joint(
 
 
 def coordinates(robot: Robot, side: Side, psi: ArrayLike, joints: Array | None = None) -> Array:
-    """Generalised coordinates (1) of a leg with the chassis at rest in its own frame.
+    """Return the generalised coordinates of a leg in the chassis frame, equation (1) of the paper.
 
-    Args and errors as for :func:`joint_positions`; joints: what that gives, where it is known.
+    Args:
+        robot: Robot with the links of the leg. Its legs are not used.
+        side: Side of the leg, ``"fore"`` or ``"back"``.
+        psi: Angle of the leg's crank relative to the chassis, in rad, any shape.
+        joints: Result of :func:`joint_positions` for the same arguments. None to compute it.
 
     Returns:
-        (..., 3 bodies): theta_1, x_1, y_1, ... in rad and m. theta_2 is ``psi``, not wrapped; the
-        other angles lie in (-pi, pi].
+        theta_1, x_1, y_1, theta_2, ... in rad and m, shape (..., 3 bodies). theta_2 is ``psi``
+        and is not wrapped. All other angles are in (-pi, pi].
+
+    Raises:
+        LinkageError: If the linkage does not close.
     """
     place = joint_positions(robot, side, psi) if joints is None else joints
     mirror = 1.0 if side == "fore" else -1.0
@@ -105,12 +116,18 @@ def coordinates(robot: Robot, side: Side, psi: ArrayLike, joints: Array | None =
 
 
 def turning(robot: Robot, angles: ArrayLike, pairs: Sequence[tuple[int, int]]) -> Array:
-    """Return relative angular speeds of pairs of bodies per crank speed (..., legs, pairs), >= 0.
+    """Return the magnitudes of relative angular speeds of pairs of bodies, per crank speed.
 
     Args:
-        angles: of the robot's crank (...), rad. pairs: numbers of two bodies each, from 1.
+        robot: The robot.
+        angles: Crank angles of the robot, in rad, any shape.
+        pairs: Pairs of numbers of bodies, from 1.
 
-    Raises LinkageError: the linkage does not close.
+    Returns:
+        Relative angular speeds divided by the crank speed, at least 0, shape (..., legs, pairs).
+
+    Raises:
+        LinkageError: If the linkage does not close.
     """
     angle, rates = np.asarray(angles, float), []
     for leg in robot.legs:
@@ -126,18 +143,30 @@ def turning(robot: Robot, angles: ArrayLike, pairs: Sequence[tuple[int, int]]) -
 
 
 def check_closure(robot: Robot) -> None:
-    """Raise LinkageError for a design that cannot turn a full revolution: says where."""
+    """Check that the crank can turn through a full turn.
+
+    Raises:
+        LinkageError: If the linkage does not close. The message names the joint and the crank
+            angle.
+    """
     joint_positions(robot, "fore", np.linspace(-math.pi, math.pi, TURN_SAMPLES, endpoint=False))
 
 
 def nearest_dead_point(robot: Robot, samples: int = TURN_SAMPLES) -> tuple[float, str, float]:
-    """Return the crank angle nearest to a dead point: two links that meet in a joint are in line.
+    """Find the crank angle at which the linkage is nearest to a dead point.
+
+    At a dead point, two links that meet in a joint are in line.
+
+    Args:
+        robot: The robot.
+        samples: Number of crank angles in the turn.
 
     Returns:
-        Sine of the angle between the links there; the joint; the leg's crank angle, rad.
+        Sine of the angle between the two links, the name of the joint, and the angle of the leg's
+        crank in rad.
 
     Raises:
-        LinkageError: the linkage does not close.
+        LinkageError: If the linkage does not close.
     """
     psi, out = np.linspace(-math.pi, math.pi, samples, endpoint=False), np.empty(2)
     places, (closing, _) = joint_positions(robot, "fore", psi), closing_of(robot)
@@ -146,10 +175,18 @@ def nearest_dead_point(robot: Robot, samples: int = TURN_SAMPLES) -> tuple[float
 
 
 def advance_per_turn(robot: Robot, samples: int = TURN_SAMPLES) -> float:
-    """Advance in one counter-clockwise turn of the crank, m; negative: towards -x.
+    """Return the advance of the robot in one counter-clockwise turn of its crank, in m.
 
-    As if it stood level on its lowest toe: good for the sign and the order of magnitude.
-    Raises LinkageError: the linkage does not close.
+    The advance is negative if the robot walks towards -x. It is computed for a robot that stays
+    level and stands on its lowest toe. It therefore gives only the sign and the order of magnitude
+    of the actual advance.
+
+    Args:
+        robot: The robot.
+        samples: Number of steps into which the turn is divided.
+
+    Raises:
+        LinkageError: If the linkage does not close.
     """
     psi = np.empty(samples + 1)
     put_angles_to_end(2.0 * math.pi, psi)
@@ -159,9 +196,17 @@ def advance_per_turn(robot: Robot, samples: int = TURN_SAMPLES) -> float:
 
 
 def toe_positions(robot: Robot, psi: ArrayLike) -> Array:
-    """Positions of all toes (..., toes, 2) at crank angles (...), m, chassis frame.
+    """Return the positions of all toes in the chassis frame.
 
-    Raises LinkageError: the linkage does not close.
+    Args:
+        robot: The robot.
+        psi: Crank angles, in rad, any shape.
+
+    Returns:
+        Positions in m, shape (..., toes, 2).
+
+    Raises:
+        LinkageError: If the linkage does not close.
     """
     joints = _joints_at(robot, np.asarray(psi, dtype=float))
     leg, joint = np.array(robot.toes).T
@@ -206,10 +251,18 @@ def _joints_at(robot: Robot, psi: Array) -> Array:
 
 
 def world_joints(robot: Robot, q: ArrayLike) -> Array:
-    """Joint positions of all legs (..., legs, joints, 2), m, in the order of the linkage.
+    """Return the positions of the joints of all legs in the world frame.
 
     Args:
-        q: (..., 4) crank axis x, y (m), chassis pitch theta and crank angle psi (rad).
+        robot: The robot.
+        q: Position x, y of the crank axis (m), chassis pitch theta and crank angle psi (rad), shape
+            (..., 4).
+
+    Returns:
+        Positions in m, in the order of ``robot.linkage.joints``, shape (..., legs, joints, 2).
+
+    Raises:
+        LinkageError: If the linkage does not close.
     """
     pose = np.asarray(q, dtype=float)
     joints = _joints_at(robot, pose[..., 3])

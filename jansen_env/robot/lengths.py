@@ -1,9 +1,15 @@
-"""Lengths of a robot by name, and the same robot with others.
+"""Link lengths of a robot by name, and copies of a robot with other link lengths.
 
-Names are those of the bodies: ``upper_rod`` for a bar's length; ``foot_CE`` for a side of a
-triangle, by its joints; of a plate ``foot_FJ`` between its first two joints, and ``foot_T_along``
-and ``foot_T_across``, where another joint lies from the first, along that line and to its left.
-``frame_angle`` turns the frame in the chassis, rad; all others are in m.
+The names begin with the name of the body:
+
+- ``upper_rod`` is the length of a bar.
+- ``foot_CE`` is the side of a triangle between the joints C and E.
+- ``foot_FJ`` is the distance between the first two joints of a plate. ``foot_T_along`` and
+  ``foot_T_across`` are the coordinates of another joint relative to the first joint, along the line
+  to the second joint and to the left of this line.
+
+All lengths are in m. The angle of the frame in the chassis, ``frame_angle`` in rad, counts as a
+length, too.
 """
 
 from __future__ import annotations
@@ -24,7 +30,7 @@ from jansen_env.robot.robot_arrays import NUMBERS, leg_links
 
 
 def lengths(robot: Robot) -> dict[str, float]:
-    """Return all lengths of a robot by name, m; ``frame_angle`` in rad."""
+    """Return all lengths of a robot by name, in m, and ``frame_angle`` in rad."""
     known: dict[str, float] = {}
     most = max(len(joints) for _, joints in robot.linkage.bodies)
     values = np.zeros((len(robot.bodies), max(3, 2 * most - 3)))
@@ -37,28 +43,31 @@ def lengths(robot: Robot) -> dict[str, float]:
 
 
 def is_signed(name: str) -> bool:
-    """Return whether a length may be below 0: it is an angle or a coordinate."""
+    """Return whether a length may be negative, because it is an angle or a coordinate."""
     return name == "frame_angle" or name.endswith(("_along", "_across"))
 
 
 def length_names(robot: Robot) -> list[list[str]]:
-    """Return the names of the lengths of each body."""
+    """Return a list of the names of its lengths for each body."""
     bodies = zip(robot.linkage.bodies, robot.bodies, strict=True)
     return [_names(*body, link) for body, link in bodies]
 
 
 def with_lengths(robot: Robot, changed: Mapping[str, float]) -> Robot:
-    """Return the same robot with some other lengths, m, in the same material.
+    """Return a copy of the robot with some other lengths, in the same material.
 
-    A robot of the built robot's parts gets such parts of the new lengths. Of any other a link is as
-    heavy per metre of its sides as before, and its mass is spread in the same way. Whether the
-    linkage closes is found when the robot is compiled.
+    If the robot consists of the parts of the robot ``built``, the copy consists of such parts with
+    the new lengths. Otherwise each changed link keeps its mass per metre of its sides, and the way
+    in which this mass is distributed. The function does not check whether the linkage closes. That
+    is checked when the robot is compiled.
 
     Args:
-        changed: by the names of :func:`lengths`.
+        robot: The robot.
+        changed: New lengths in m, and ``frame_angle`` in rad, by the names of :func:`lengths`.
 
     Raises:
-        ValueError: another name, a length out of range, or three that form no triangle.
+        ValueError: If a name is unknown, a length is out of range, or three lengths do not form a
+            triangle.
     """
     known = lengths(robot)
     if not isinstance(changed, Mapping):
@@ -83,12 +92,12 @@ def with_lengths(robot: Robot, changed: Mapping[str, float]) -> Robot:
 
 
 def _resized(robot: Robot, known: Mapping[str, float], new: Mapping[str, float]) -> Robot:
-    """Return a robot whose links have other lengths.
+    """Return a copy of the robot whose links have other lengths.
 
     Args:
         robot: The robot.
-        known: Its present lengths by name, in m.
-        new: Its new lengths by name, in m.
+        known: Present lengths of the robot by name, in m.
+        new: New lengths by name, in m.
     """
     rows, built = leg_links(robot), is_of_built_parts(robot)
     before, after = (_length_rows(robot, each) for each in (known, new))
@@ -118,8 +127,8 @@ def _link_of(link: Link, row: np.void, points: Array) -> Link:
 
     Args:
         link: The link.
-        row: The new values, a row of ``LINK``.
-        points: The new joints of a plate, in m, shape (joints, 2).
+        row: New values, a record of type ``LINK``.
+        points: New positions of the joints, used only for a plate, in m, shape (joints, 2).
     """
     if isinstance(link, Plate):
         places = tuple((x, y) for x, y in points.tolist())
@@ -129,7 +138,7 @@ def _link_of(link: Link, row: np.void, points: Array) -> Link:
 
 
 def _length_rows(robot: Robot, named: Mapping[str, float]) -> Array:
-    """Return lengths given by name as an array, shape (bodies, most lengths of a body)."""
+    """Return lengths by name as an array, shape (bodies, most lengths of a body)."""
     bodies = zip(robot.linkage.bodies, robot.bodies, strict=True)
     values = [[named[key] for key in _names(*body, link)] for body, link in bodies]
     rows = np.zeros((len(values), max(map(len, values))))
@@ -139,6 +148,7 @@ def _length_rows(robot: Robot, named: Mapping[str, float]) -> Array:
 
 
 def _names(name: str, joints: str, link: Link) -> list[str]:
+    """Return the names of a link's lengths from the name and the joints of its body."""
     if isinstance(link, Bar):
         return [name]
     if isinstance(link, Triangle):

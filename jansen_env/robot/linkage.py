@@ -1,6 +1,7 @@
-"""Linkages as data: the bodies of a leg, the joints that they share, and how they are found.
+"""Linkages as data: the bodies of a leg, their joints, and the order in which joints are computed.
 
-Nothing here has a length. The lengths, masses and inertias of the bodies are the robot's.
+A linkage contains no lengths. The lengths, masses and inertias of the bodies belong to the robot
+(:class:`jansen_env.Robot`).
 """
 
 from __future__ import annotations
@@ -14,12 +15,18 @@ from typing import NamedTuple
 from jansen_env.checks import entries, instance, invalid, shown
 
 FRAME, CRANK = 1, 2  # numbers of the bodies that all legs share
-LONGEST_NAME = 60  # bytes, of a body
-INDEPENDENT = 4  # coordinates: the frame's three and the crank's angle
+LONGEST_NAME = 60  # largest length of a body's name, in bytes
+INDEPENDENT = 4  # number of independent coordinates: three of the frame, and the crank angle
 
 
 class Pin(NamedTuple):
-    """A pin: the joint it sits in, and the force it carries is that on ``body`` from ``other``."""
+    """A pin that connects two bodies at a joint.
+
+    Attributes:
+        joint: Joint in which the pin sits.
+        body: Number of the body on which the force of the pin acts, from 1.
+        other: Number of the body that exerts this force, from 1.
+    """
 
     joint: str
     body: int
@@ -30,9 +37,14 @@ class Pin(NamedTuple):
 
 
 class Dyad(NamedTuple):
-    """A joint where two bodies meet, each of which has a joint that is known already.
+    """A joint of two bodies, whose position follows from one known joint of each body.
 
-    It lies on the left (``branch`` 1) or on the right (-1) of the way from ``start`` to ``end``.
+    Attributes:
+        joint: The joint.
+        start: Known joint of the first body.
+        end: Known joint of the second body.
+        branch: 1 if the joint lies on the left of the line from ``start`` to ``end``, or -1 if it
+            lies on the right.
     """
 
     joint: str
@@ -43,24 +55,29 @@ class Dyad(NamedTuple):
 
 @dataclass(frozen=True)
 class Linkage:
-    """The topology of a leg that one crank moves. A joint is a letter.
+    """The topology of a leg that one crank moves.
+
+    A joint is a single letter, and bodies are numbered from 1.
 
     Args:
-        bodies: name and joints of each; the frame with all fixed pivots first, the crank second,
-            which begins with its axis.
-        dyads: in the order in which joints are found; (joint, start, end, branch), see
+        bodies: Name and joints of each body. The first body is the frame with all fixed pivots. The
+            second body is the crank, whose first joint is the crank axis.
+        dyads: Tuples (joint, start, end, branch) in the order in which the joints are computed; see
             :class:`Dyad`.
-        toes: joints that walk, one or more.
-        joints: all of them in the order of arrays; empty for that of the bodies.
-        pins: all of them in the order of constraints; empty for that of the bodies.
-        damped: pairs of bodies with viscous friction between them; empty for those of the pins.
-        bearings: pairs of bodies with dry friction, the one that holds the pin first; likewise.
-        pads: (joint, body) of other joints that can touch the ground, and the body each is rounded
-            on; empty for all but the crank's: on the frame, or on the last body that has it.
+        toes: Joints on which the robot walks, at least one.
+        joints: All joints, in the order of arrays. If empty, they have the order of the bodies.
+        pins: All pins, in the order of constraints. If empty, they have the order of the bodies.
+        damped: Pairs of bodies with viscous friction between them. If empty, they are the bodies of
+            each pin.
+        bearings: Pairs of bodies with dry friction between them. The first body of a pair holds the
+            pin. If empty, they are the bodies of each pin.
+        pads: Joints other than toes that can touch the ground, as pairs (joint, body), where the
+            contact pad belongs to ``body``. If empty, they are all joints other than toes and
+            the crank's joints. The body is then the frame, or else the last body with this joint.
 
     Raises:
-        ValueError: a row of another kind, joints that the dyads do not find, pins that do not hold
-            all bodies together, or a leg with other than one degree of freedom.
+        ValueError: If a row has the wrong form, the dyads do not determine all joints, the pins do
+            not hold all bodies together, or the leg does not have one degree of freedom.
     """
 
     bodies: tuple[tuple[str, str], ...]
@@ -104,10 +121,20 @@ class Linkage:
             )
 
     def _set_rows(
-        self, name: str, allowed: str, kinds: tuple[type, ...],
+        self,
+        name: str,
+        allowed: str,
+        kinds: tuple[type, ...],
         make: Callable[..., tuple[object, ...]] = lambda *row: row,
-    ) -> None:  # fmt: skip
-        """Make a field a tuple of rows whose entries are of some types."""
+    ) -> None:
+        """Convert a field to a tuple of rows, and check the types of their entries.
+
+        Args:
+            name: Name of the field.
+            allowed: Description of a row, for error messages.
+            kinds: Type of each entry of a row.
+            make: Function that returns a row from its entries.
+        """
         rows = []
         for row in entries(f"Linkage.{name}", getattr(self, name), f"rows {allowed}"):
             cells = entries(f"Linkage.{name}", row, f"rows {allowed}")
@@ -117,7 +144,7 @@ class Linkage:
         object.__setattr__(self, name, tuple(rows))
 
     def _check_names(self) -> None:
-        """Check that names are names, and numbers those of bodies."""
+        """Check the names of bodies and joints, and that all numbers are those of bodies."""
         if len(self.bodies) < 2:
             raise ValueError(f"Linkage.bodies must have at least 2 bodies, got {len(self.bodies)}")
         known = {*"".join(joints for _, joints in self.bodies)}
@@ -158,7 +185,7 @@ class Linkage:
                 )
 
     def _check_closing(self) -> None:
-        """Check that the dyads find every joint."""
+        """Check that the dyads determine every joint."""
         (_, frame), (_, crank) = self.bodies[:2]
         if crank[0] not in frame:
             raise ValueError(
@@ -183,7 +210,7 @@ class Linkage:
             raise ValueError(f"Linkage's joints {lost} are not found by its dyads {self.dyads}")
 
     def _check_pins(self) -> None:
-        """Check that the pins hold all bodies together at each joint, once."""
+        """Check that the pins hold all bodies together at each joint without redundant pins."""
 
         def meeting(pins: tuple[Pin, ...]) -> tuple[list[str], set[tuple[str, int]]]:
             bodies = {(pin.joint, body) for pin in pins for body in pin[1:]}
@@ -197,7 +224,7 @@ class Linkage:
             )
 
     def _pins(self) -> tuple[Pin, ...]:
-        """A pin for each body at each joint but for the first body there."""
+        """Return a pin for each body at each joint, except for the first body at a joint."""
         first: dict[str, int] = {}
         pins = []
         for k, (_, joints) in enumerate(self.bodies, start=1):
@@ -206,7 +233,11 @@ class Linkage:
         return tuple(pins)
 
     def body_between(self, a: str, b: str) -> int:
-        """Index of the body that has two joints. Raises ValueError: there is none."""
+        """Return the index of the body that contains both of two joints.
+
+        Raises:
+            ValueError: If there is no such body.
+        """
         for index, (_, joints) in enumerate(self.bodies):
             if a in joints and b in joints:
                 return index
@@ -214,7 +245,7 @@ class Linkage:
 
     @property
     def moving_pins(self) -> tuple[Pin, ...]:
-        """Pins without the crank's own, which all legs share."""
+        """All pins except the pin of the crank axis, which all legs share."""
         return tuple(pin for pin in self.pins if {pin.body, pin.other} != {FRAME, CRANK})
 
     @cached_property
@@ -234,23 +265,25 @@ class Linkage:
 
     @cached_property
     def _last_bodies(self) -> dict[str, int]:
+        """Number of the last body that contains each joint."""
         return {joint: k for k, (_, joints) in enumerate(self.bodies, start=1) for joint in joints}
 
     @cached_property
     def all_pads(self) -> tuple[tuple[int, int], ...]:
-        """(joint, body) of every pad as indices, toes first."""
+        """Pair of indices (joint, body) of every pad, toes first."""
         pads = (*((toe, self._last_bodies[toe]) for toe in self.toes), *self.pads)
         return tuple((self.joints.index(joint), k - 1) for joint, k in pads)
 
     @cached_property
     def corners(self) -> tuple[tuple[int, str], ...]:
-        """(body, joint) of every end of a bar and corner of a plate."""
-        return tuple((k, joint) for k, (_, joints) in enumerate(self.bodies, start=1)
-                     for joint in joints)  # fmt: skip
+        """Pair (body, joint) for every end of a bar and every corner of a plate."""
+        return tuple(
+            (k, joint) for k, (_, joints) in enumerate(self.bodies, start=1) for joint in joints
+        )
 
     @cached_property
     def holes(self) -> tuple[tuple[int, str], ...]:
-        """Corners that have a pin; see :attr:`corners`."""
+        """Those entries of :attr:`corners` whose joint has a pin."""
         pinned = {pin.joint for pin in self.pins}
         return tuple(corner for corner in self.corners if corner[1] in pinned)
 
@@ -262,7 +295,7 @@ class Linkage:
 
     @property
     def skeleton(self) -> tuple[tuple[int, int], ...]:
-        """Edges of all bodies."""
+        """Straight edges of all bodies, as pairs of joints."""
         return tuple(edge for edges in self.edges for edge in edges)
 
 
@@ -274,14 +307,15 @@ JANSEN = Linkage(
     ),
     dyads=(Dyad("B", "A", "P", -1), Dyad("C", "A", "P", 1), Dyad("E", "D", "C", -1)),
     toes="T",
-    # In the paper's order of Phi_hf.
+    # The order is that of the paper's Phi_hf.
     pins=(
         Pin("O", 2, 1), Pin("A", 3, 2), Pin("B", 4, 3), Pin("P", 4, 1), Pin("P", 5, 1),
         Pin("C", 6, 5), Pin("A", 6, 2), Pin("D", 7, 4), Pin("C", 8, 5), Pin("E", 8, 7),
     ),
-    # The paper's h_f, which leaves the frame's at P out.
+    # The pairs are those of the paper's h_f, which omits the friction between the frame and the
+    # other bodies at P.
     damped=((1, 2), (2, 3), (3, 4), (3, 6), (4, 5), (5, 6), (5, 8), (4, 7), (6, 8), (7, 8)),
     bearings=((1, 2), (2, 3), (2, 6), (3, 4), (1, 4), (1, 5), (5, 6), (5, 8), (4, 7), (7, 8)),
     pads=(("C", 8), ("E", 8), ("D", 4), ("B", 4), ("P", 1)),
 )  # fmt: skip
-"""Theo Jansen's leg, with the names, numbers and order of the paper (section 2.1)."""
+"""Theo Jansen's leg, with the names, numbers and order of section 2.1 of the paper."""

@@ -1,6 +1,7 @@
-"""Parts of a machine: links, legs, payload, pads. Data only, checked when it is made.
+"""Parts of a robot: links, legs, payload and contact pads.
 
-Numbers are SI: metres, kilograms, radians, counter-clockwise positive.
+The classes contain only data, which their constructors check. All values are in SI units. Angles
+are in radians and positive counter-clockwise.
 """
 
 from __future__ import annotations
@@ -29,11 +30,10 @@ from jansen_env.engine.link_shapes import (
 
 Side = Literal["fore", "back"]
 
-CRANK_RADIUS = 0.10834  # m, the paper's L2; every built-in design turns this crank
-MOST_PHASES = 100  # of crank pins
-LARGEST = 1e6  # of a mass, an inertia, a friction, a gear, an angle, SI: beyond any machine
-STIFFEST = 1e20  # N/m and N s/m, of a compliant pad: beyond, it is rigid
-
+CRANK_RADIUS = 0.10834  # the paper's L2, in m
+MOST_PHASES = 100  # largest number of crank pins
+LARGEST = 1e6  # largest mass, inertia, friction, gear ratio and angle, SI units; beyond any robot
+STIFFEST = 1e20  # largest stiffness (N/m) and damping (N s/m) of a compliant pad
 
 ANGLE = Limits(-2.0 * math.pi, 2.0 * math.pi, note="angles are in radians")
 LESS_THAN_A_TURN = Limits(0.0, math.nextafter(ANGLE.most, 0.0), note=ANGLE.note)
@@ -50,13 +50,22 @@ Point: TypeAlias = tuple[Annotated[float, COORDINATE], Annotated[float, COORDINA
 
 
 def point(name: str, value: object) -> tuple[float, float]:
-    """Return a point as floats. Raises ValueError unless it is two numbers up to LARGEST."""
+    """Return a point as two floats.
+
+    Raises:
+        ValueError: If the value is not a pair of numbers whose magnitudes are at most
+            :data:`LARGEST`.
+    """
     x, y = checks.entries(name, value, "two numbers (x, y)", 2)
     return COORDINATE.check(name, x), COORDINATE.check(name, y)
 
 
 def within_a_turn(name: str, value: object) -> float:
-    """Return an angle in rad as a float. Raises ValueError if it is more than a whole turn."""
+    """Return an angle in rad as a float.
+
+    Raises:
+        ValueError: If the magnitude of the angle is more than a whole turn.
+    """
     angle = checks.finite(name, value)
     if abs(angle) > ANGLE.most:
         raise ValueError(
@@ -67,10 +76,10 @@ def within_a_turn(name: str, value: object) -> float:
 
 
 class RigidLink:
-    """What bars, triangles and plates have in common: where their joints are."""
+    """Base class of bars, triangles and plates, which knows the positions of their joints."""
 
     kind: ClassVar[int]
-    """Number of the kind in :data:`jansen_env.engine.link_shapes.KINDS`."""
+    """Index of the class in :data:`jansen_env.engine.link_shapes.KINDS`."""
     JOINTS: ClassVar[int]
     """Number of joints of a bar or a triangle."""
 
@@ -81,28 +90,46 @@ class RigidLink:
 
     @property
     def places(self) -> Array:
-        """(joints, 2) of a plate: its joints in its own axes, m; 0 of other links."""
+        """Positions of a plate's joints in the axes of the plate, in m, shape (joints, 2).
+
+        The positions are 0 for other links.
+        """
         return np.zeros((self.joints, 2))
 
     @property
     def corners(self) -> Corners:
-        """(c, o) of each joint, m and rad: it is at the centre + c (cos, sin)(theta + o)."""
+        """Polar coordinates (c, o) of each joint, in m and rad.
+
+        The joint is at the centre of mass + c (cos, sin)(theta + o), where theta is the angle of
+        the link.
+        """
         corners = np.zeros((self.joints, 2))
         put_link_corners(self, self.places, self.joints, corners)
         return tuple((reach, turn) for reach, turn in corners.tolist())
 
     def distance(self, i: int, k: int) -> float:
-        """Distance between two different joints, m."""
+        """Return the distance between two different joints, in m.
+
+        Args:
+            i: Index of the first joint.
+            k: Index of the second joint.
+        """
         return float(distance(self, self.places, i, k))
 
 
 @dataclass(frozen=True)
 class Bar(RigidLink):
-    """A straight link with its centre of mass half way.
+    """A straight link whose centre of mass is halfway between its two pins.
+
+    The default mass and inertia are those of the paper's Table 1.
 
     Args:
-        length: distance between its two pins, m.
-        mass, inertia: kg, and about the centre of mass, kg m^2 (paper, Table 1: 0.1 both).
+        length: Distance between the two pins, in m.
+        mass: Mass, in kg.
+        inertia: Moment of inertia about the centre of mass, in kg m^2.
+
+    Raises:
+        ValueError: If a value is out of range.
     """
 
     length: Positive
@@ -116,21 +143,28 @@ class Bar(RigidLink):
         check_limits(self)
 
     def slender(self) -> Bar:
-        """Return the bar with the inertia of a slender rod, m L^2 / 12."""
+        """Return a copy of the bar with the inertia of a slender rod, m L^2 / 12."""
         return replace(self, inertia=self.mass * self.length * self.length / 12.0)
 
 
 @dataclass(frozen=True)
 class Triangle(RigidLink):
-    """A rigid triangle, given as the paper gives it: its corners seen from the centroid.
+    """A rigid triangle, described as in the paper by its corners as seen from the centroid.
 
     Args:
-        d, l, h: centroid to the first, second and third corner, m (d4, l4, h4 or d8, l8, h8).
-        alpha, gamma: angles at the centroid from the first corner to the second, and to the third
-            on the other side, rad.
-        mass: kg. inertia: about the centroid, kg m^2.
-        outward: the body's angle is the direction from the centroid to the first corner (triangle
-            8), not from the first corner to the centroid (triangle 4).
+        d: Distance from the centroid to the first corner, in m (the paper's d4 or d8).
+        l: Distance from the centroid to the second corner, in m (the paper's l4 or l8).
+        h: Distance from the centroid to the third corner, in m (the paper's h4 or h8).
+        alpha: Angle at the centroid from the first corner to the second, in rad.
+        gamma: Angle at the centroid from the first corner to the third, on the other side, in rad.
+        mass: Mass, in kg.
+        inertia: Moment of inertia about the centroid, in kg m^2.
+        outward: Direction that defines the angle of the body. If True (as for the paper's triangle
+            8), it is the direction from the centroid to the first corner. If False (as for triangle
+            4), it is the direction from the first corner to the centroid.
+
+    Raises:
+        ValueError: If a value is out of range.
     """
 
     d: Positive
@@ -152,13 +186,29 @@ class Triangle(RigidLink):
 
     @classmethod
     def from_sides(
-        cls, first_second: float, second_third: float, third_first: float, *, mass: float = 0.1,
-        inertia: float = 0.1, outward: bool = False,
-    ) -> Triangle:  # fmt: skip
-        """Build a triangle from its three side lengths (m), with the centroid's law of cosines.
+        cls,
+        first_second: float,
+        second_third: float,
+        third_first: float,
+        *,
+        mass: float = 0.1,
+        inertia: float = 0.1,
+        outward: bool = False,
+    ) -> Triangle:
+        """Return the triangle with three side lengths.
+
+        The distances and angles at the centroid follow from the law of cosines.
+
+        Args:
+            first_second: Distance between the first and the second corner, in m.
+            second_third: Distance between the second and the third corner, in m.
+            third_first: Distance between the third and the first corner, in m.
+            mass: Mass, in kg.
+            inertia: Moment of inertia about the centroid, in kg m^2.
+            outward: See the class.
 
         Raises:
-            ValueError: the three lengths form no triangle.
+            ValueError: If the three lengths do not form a triangle, or a value is out of range.
         """
         a = checks.positive("Triangle.from_sides: first_second", first_second)
         b = checks.positive("Triangle.from_sides: second_third", second_third)
@@ -170,26 +220,28 @@ class Triangle(RigidLink):
 
     @property
     def sides(self) -> tuple[float, float, float]:
-        """Lengths first-second, second-third, third-first, m."""
+        """Side lengths first-second, second-third and third-first, in m."""
         return triangle_sides(self.d, self.l, self.h, self.alpha, self.gamma)
 
     def slender(self) -> Triangle:
-        """Return the triangle with a uniform plate's inertia, m (a^2 + b^2 + c^2) / 36."""
+        """Return a copy with the inertia of a uniform plate, m (a^2 + b^2 + c^2) / 36."""
         a, b, c = self.sides
         return replace(self, inertia=self.mass * (a * a + b * b + c * c) / 36.0)
 
 
 @dataclass(frozen=True)
 class Plate(RigidLink):
-    """A rigid link of any shape with two joints or more.
+    """A rigid link of any shape with at least two joints.
 
     Args:
-        points: (x, y) of each joint in axes that turn with the link, its centre of mass at the
-            origin, m. The body's angle is that of these axes.
-        mass, inertia: kg, and about the centre of mass, kg m^2.
+        points: Position (x, y) of each joint, in m, in axes that turn with the link and whose
+            origin is the centre of mass. The angle of the body is the angle of these axes.
+        mass: Mass, in kg.
+        inertia: Moment of inertia about the centre of mass, in kg m^2.
 
     Raises:
-        ValueError: fewer than two points, two in one place, or a number out of range.
+        ValueError: If there are fewer than two points, two points coincide, or a value is out of
+            range.
     """
 
     points: tuple[Point, ...]
@@ -208,13 +260,17 @@ class Plate(RigidLink):
 
     @classmethod
     def uniform(cls, points: Sequence[tuple[float, float]], mass: float = 0.1) -> Plate:
-        """A uniform plate over the largest triangle of its joints, or a rod if they are in line.
+        """Return a plate with a uniformly distributed mass.
+
+        The mass is distributed over the largest triangle of the joints, or along a rod if all
+        joints are on one line.
 
         Args:
-            points: (x, y) of each joint in any axes, m. mass: kg.
+            points: Position (x, y) of each joint in any axes, in m.
+            mass: Mass, in kg.
 
         Raises:
-            ValueError: as for the class.
+            ValueError: If the class raises it for these points and this mass.
         """
         places = cls(tuple(points), mass).points
         x, y, inertia = uniform_plate(np.array(places), len(places), mass)
@@ -222,30 +278,39 @@ class Plate(RigidLink):
 
     @property
     def joints(self) -> int:
+        """Number of joints."""
         return len(self.points)
 
     @property
     def places(self) -> Array:
+        """Positions of the joints in the axes of the plate, in m, shape (joints, 2)."""
         return np.array(self.points)
 
     def slender(self) -> Plate:
-        """Return the plate with its mass spread as :meth:`uniform` spreads it."""
+        """Return a copy of the plate whose mass is distributed as in :meth:`uniform`."""
         return Plate.uniform(self.points, self.mass)
 
 
 Link = Bar | Triangle | Plate
 Corners = tuple[tuple[float, float], ...]
-"""(c, o) of each joint of a link: it is at the centre of mass + c (cos, sin)(theta + o), m, rad."""
+"""Polar coordinates (c, o) of each joint of a link, in m and rad.
+
+The joint is at the centre of mass + c (cos, sin)(theta + o), where theta is the angle of the link.
+"""
 
 
 @dataclass(frozen=True)
 class Leg:
-    """One leg: which way it faces, and the angle of its crank ahead of the first crank.
+    """The direction in which a leg faces, and the phase of its crank.
 
     Args:
-        side: ``"fore"`` is the leg as its linkage has it (the paper's frame reaches to -x),
-            ``"back"`` its mirror image.
-        phase: crank angle of this leg minus the robot's crank angle, rad, at most one turn.
+        side: ``"fore"`` for the leg as its linkage describes it (the paper's frame extends towards
+            -x), or ``"back"`` for its mirror image.
+        phase: Crank angle of this leg minus the robot's crank angle, in rad. Its magnitude is at
+            most one turn.
+
+    Raises:
+        ValueError: If ``side`` is a different text, or ``phase`` is out of range.
     """
 
     side: Side
@@ -261,8 +326,13 @@ class Payload:
     """A rigid load on the chassis.
 
     Args:
-        mass: kg. inertia: about its own centre, kg m^2.
-        position: of its centre in the chassis frame (crank axis at the origin), m.
+        mass: Mass, in kg.
+        inertia: Moment of inertia about the centre of mass of the load, in kg m^2.
+        position: Position (x, y) of the centre of mass in the chassis frame, whose origin is the
+            crank axis, in m.
+
+    Raises:
+        ValueError: If a value is out of range.
     """
 
     mass: Size = 0.0
@@ -276,18 +346,21 @@ class Payload:
 
 @dataclass(frozen=True)
 class Compliance:
-    """Compliance of a pad: spring and damper along the ground's normal, a bristle along the ground.
+    """The compliance of a contact pad.
 
-    A rigid pad's impact ends at once, by the ground's restitution; for a compliant one that must
-    be 0.
+    A compliant pad has a spring and a damper in the direction of the terrain's normal, and a
+    bristle along the surface. An impact of a rigid pad ends at once and depends on the restitution
+    of the terrain. For compliant pads, this restitution must be 0.
 
     Args:
-        stiffness: N/m, inf for a rigid pad. damping: N s/m.
-        tangential_stiffness: N/m, of the bristle that sticks before it slides; None for as much as
-            ``stiffness``. tangential_damping: N s/m, None for as much as ``damping``.
+        stiffness: Normal stiffness, in N/m. Infinity stands for a rigid pad.
+        damping: Normal damping, in N s/m.
+        tangential_stiffness: Stiffness of the bristle, which sticks before it slides, in N/m. None
+            for the value of ``stiffness``.
+        tangential_damping: Damping of the bristle, in N s/m. None for the value of ``damping``.
 
     Raises:
-        ValueError: an argument out of range, or only one of the stiffnesses infinite.
+        ValueError: If a value is out of range, or only one of the stiffnesses is infinite.
     """
 
     stiffness: Annotated[float, STIFFNESS] = math.inf
@@ -314,7 +387,7 @@ class Compliance:
 
     @property
     def rigid(self) -> bool:
-        """Return whether the pad is rigid."""
+        """Whether the pad is rigid."""
         return self.stiffness == math.inf
 
 
@@ -322,9 +395,16 @@ RIGID = Compliance()
 
 
 def phased_legs(phases: int) -> tuple[Leg, ...]:
-    """A fore and a back leg for each of 1 to ``MOST_PHASES`` evenly spaced crank pins: fore first.
+    """Return a fore leg and a back leg for each of several evenly spaced crank pins.
 
-    Raises ValueError: another number of pins.
+    Args:
+        phases: Number of crank pins, from 1 to :data:`MOST_PHASES`.
+
+    Returns:
+        All fore legs, followed by all back legs.
+
+    Raises:
+        ValueError: If ``phases`` is out of range.
     """
     phases = checks.positive_integer("phases", phases, MOST_PHASES)
     angles = [2.0 * math.pi * k / phases for k in range(phases)]

@@ -1,14 +1,15 @@
-"""The motor: a direct-current gearmotor, as its data sheet has it; ideal by default.
+"""Motor model: a direct-current gearmotor with the values of its data sheet, ideal by default.
 
-Of the armature, seen at the output shaft (torque tau_e before the gear's loss, speed n; efficiency
-eta; stall torque and no-load speed as sheets give them, at the shaft):
+All quantities are those at the output shaft: the torque tau, the torque tau_e before the loss of
+the gear, the speed n, the efficiency eta, and the stall torque and the no-load speed n0, which data
+sheets give for the output shaft. The model is:
 
     torque-speed line   tau <= stall (1 - n / n0), and likewise backwards
     winding loss        n0 eta tau_e^2 / stall,  tau_e = tau / eta driving, tau eta driven
 
-See J. J. Craig, *Introduction to Robotics*, 3rd ed. (2005), chapter 9: a rotor of inertia J behind
-a gear of ratio G feels like G^2 J at the shaft. The rotor spins with theta' + G psi' (it turns
-the way the crank does), so that its inertia couples to the chassis, too.
+A rotor of inertia J behind a gear of ratio G has the inertia G^2 J at the shaft; see J. J. Craig,
+*Introduction to Robotics*, 3rd ed. (2005), chapter 9. The rotor turns in the same direction as the
+crank, at the speed theta' + G psi'. Its inertia therefore couples to the chassis, too.
 """
 
 from __future__ import annotations
@@ -37,27 +38,31 @@ OR_INFINITE = Limits(0.0, above=True, infinite=True)
 
 @dataclass(frozen=True)
 class Motor:
-    """A motor with its gear, as seen at the output shaft: the crank. Default: ideal, 20 N m.
+    """A motor with its gear, described at the output shaft, which is the crank.
+
+    The default is an ideal motor with a torque limit of 20 N m.
 
     Args:
-        stall_torque: at the nominal voltage, N m; inf for no such limit.
-        no_load_speed: at the nominal voltage, rad/s; inf for none.
-        torque_limit: N m, an action of 1. With a stall torque also what driver and gear allow at
-            any speed; a plant gives whatever torque an ideal motor is asked for.
-        gear_ratio: turns of the rotor per turn of the crank.
-        rotor_inertia: about the rotor's own axis, kg m^2.
-        friction: Coulomb friction of gear and motor, N m; at standstill it holds as much.
-        viscous_friction: N m s / rad.
-        efficiency: share of the motor's power that passes the gear, above 0; counted in the
-            electrical power alone.
+        stall_torque: Stall torque at the nominal voltage, in N m. Infinity for no limit.
+        no_load_speed: No-load speed at the nominal voltage, in rad/s. Infinity for no limit.
+        torque_limit: Torque that an action of 1 commands, in N m. If ``stall_torque`` is finite, it
+            is also the largest torque that the driver and the gear allow at any speed. A simulation
+            backend applies any torque that is commanded from an ideal motor.
+        gear_ratio: Turns of the rotor per turn of the crank.
+        rotor_inertia: Moment of inertia of the rotor about its own axis, in kg m^2.
+        friction: Coulomb friction torque of gear and motor, in N m. At standstill, the friction
+            resists torques up to this value.
+        viscous_friction: Viscous friction coefficient, in N m s/rad.
+        efficiency: Fraction of the motor's power that passes through the gear, above 0. It affects
+            only the electrical power.
 
     Raises:
-        ValueError: an argument out of range.
+        ValueError: If an argument is out of range.
     """
 
     stall_torque: Annotated[float, OR_INFINITE] = math.inf
     no_load_speed: Annotated[float, OR_INFINITE] = math.inf
-    # Of float32, as observations have torques.
+    # The limits are those of float32, because observations contain torques.
     torque_limit: Annotated[float, Limits(LEAST_SINGLE, MOST_SINGLE)] = 20.0
     gear_ratio: Annotated[float, Limits(LEAST_SINGLE, LARGEST)] = 1.0
     rotor_inertia: Size = 0.0
@@ -67,7 +72,7 @@ class Motor:
 
     RULES: ClassVar[tuple[Rule, ...]] = (
         FiniteWith("no_load_speed", "stall_torque"),
-        # The rotor's inertia at the crank, kg m^2.
+        # The product is the rotor's inertia at the crank, in kg m^2.
         Combination(("gear_ratio", "gear_ratio", "rotor_inertia"), "product", SIZE),
     )
 
@@ -76,28 +81,44 @@ class Motor:
 
     @property
     def slope(self) -> float:
-        """Torque lost per crank speed, N m s / rad; 0 without a no-load speed."""
+        """Torque lost per crank speed, in N m s/rad. It is 0 if the no-load speed is infinite."""
         return self.stall_torque / self.no_load_speed if self.no_load_speed < math.inf else 0.0
 
     @property
     def most_torque(self) -> float:
-        """N m at any speed; inf of an ideal motor."""
+        """Largest torque at any speed, in N m. It is infinite for an ideal motor."""
         return self.torque_limit if self.stall_torque < math.inf else math.inf
 
     @property
     def winding(self) -> float:
-        """Winding loss per torque squared (before the gear's loss), W / (N m)^2."""
+        """Winding loss per square of the torque before the loss of the gear, in W/(N m)^2."""
         return self.efficiency / self.slope if self.slope > 0.0 else 0.0
 
     def torque(self, asked: ArrayLike, speed: ArrayLike) -> Array:
-        """Return the torque (...), N m, for an asked one (...) at crank speeds (...), rad/s."""
+        """Return the torque that the motor applies for a commanded torque.
+
+        Args:
+            asked: Commanded torque, in N m, any shape.
+            speed: Crank speed, in rad/s, a shape that broadcasts with that of ``asked``.
+
+        Returns:
+            Torque in N m, in the broadcast shape.
+        """
         lost = self.slope * np.asarray(speed, dtype=float)
         high = np.clip(self.stall_torque - lost, -self.most_torque, self.most_torque)
         low = np.clip(-self.stall_torque - lost, -self.most_torque, self.most_torque)
         return np.minimum(high, np.maximum(low, np.asarray(asked, dtype=float)))
 
     def electrical_power(self, torque: ArrayLike, speed: ArrayLike) -> Array:
-        """Drawn at torques (...), N m, and speeds (...), rad/s: W; nothing is fed back."""
+        """Return the electrical power that the motor draws. The motor feeds no power back.
+
+        Args:
+            torque: Torque of the motor, in N m, any shape.
+            speed: Crank speed, in rad/s, a shape that broadcasts with that of ``torque``.
+
+        Returns:
+            Power in W, at least 0, in the broadcast shape.
+        """
         torque, speed = np.asarray(torque, dtype=float), np.asarray(speed, dtype=float)
         driving = torque * speed >= 0.0
         inner = np.where(driving, torque / self.efficiency, torque * self.efficiency)
@@ -124,4 +145,8 @@ MOTORS: dict[str, Motor] = {
         rotor_inertia=8e-7, friction=0.046, viscous_friction=0.0, efficiency=0.578,
     ),
 }  # fmt: skip
-"""Motors by name, from data sheets and as identified: ``docs/built_robot.md`` has all sources."""
+"""Motors by name.
+
+Their values come from data sheets and from identification. ``docs/built_robot.md`` contains all
+sources.
+"""

@@ -1,4 +1,4 @@
-"""A robot: every leg the same linkage, all cranks on one shaft."""
+"""A robot whose legs are all the same linkage and whose cranks are all on one shaft."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from jansen_env.robot.links import (
 )
 from jansen_env.robot.motor import IDEAL, Motor
 
-LONGEST = 1e3  # m, of a length
+LONGEST = 1e3  # largest length, in m
 REACH = Limits(-LONGEST, LONGEST, note="lengths are in metres")
-MOST_PADS = 1200  # of all legs: the contact problem of as many reserves 1.5 GB
+MOST_PADS = 1200  # largest number of pads of all legs; their contact problem reserves 1.5 GB
 
 PAPER_BODIES = (
     Bar(0.32436),
@@ -42,28 +42,35 @@ PAPER_BODIES = (
     Bar(0.23934),
     Triangle(d=0.147877, l=0.205316, h=0.252632, alpha=1.57408, gamma=2.19281, outward=True),
 )
-"""Bodies 1 to 8, with the masses and inertias of Table 1."""
+"""Bodies 1 to 8 of the paper, with the masses and inertias of its Table 1."""
 
 
 @dataclass(frozen=True)
 class Robot:
-    """A walker: every leg the same linkage, all cranks on one shaft. Default: the paper's.
+    """A walking robot whose legs are all the same linkage and whose cranks are all on one shaft.
+
+    The defaults are those of the paper's robot. The constructor does not check whether the robot
+    can turn its crank and stand. That is checked when the robot is loaded; see
+    :mod:`jansen_env.robot.soundness`.
 
     Args:
-        linkage: the topology of a leg. bodies: its links, in the order of ``linkage.bodies``.
-        frame_angle: angle of the frame in the chassis frame (fore legs), rad, at most one turn.
-        damping: viscous coefficient of each of ``linkage.damped``, N m s / rad.
-        legs: at least one; the first one's crank defines the crank angle, so its phase is 0.
-        pad_radius: radius of the round pads at toes and outer joints, m.
-        payload: extra rigid load on the chassis.
-        motor: what turns the crank; pad_compliance: how the pads give.
-        bearing_friction: Coulomb friction torque of each of ``linkage.bearings``, N m.
-        material: of the parts that are drawn and cut, one of :data:`.buildable.BUILDS`; the masses
-            are those of ``bodies``.
+        linkage: Topology of a leg.
+        bodies: Links of a leg, in the order of ``linkage.bodies``.
+        frame_angle: Angle of the frame in the chassis frame, for a fore leg, in rad. Its magnitude
+            is at most one turn.
+        damping: Viscous coefficient of each pair in ``linkage.damped``, in N m s/rad.
+        legs: The legs, at least one. The crank of the first leg defines the crank angle, so its
+            phase must be 0.
+        pad_radius: Radius of the round contact pads at toes and outer joints, in m.
+        payload: Additional rigid load on the chassis.
+        motor: Motor that turns the crank.
+        pad_compliance: Compliance of the contact pads.
+        bearing_friction: Coulomb friction torque of each pair in ``linkage.bearings``, in N m.
+        material: Material of the parts that are drawn and cut, a key of :data:`.buildable.BUILDS`.
+            It does not affect the masses, which are those of ``bodies``.
 
     Raises:
-        ValueError: an argument of another kind or out of range. Whether the robot can turn its
-            crank and stand is checked when it is loaded, see :mod:`jansen_env.robot.soundness`.
+        ValueError: If an argument has the wrong type or is out of range.
     """
 
     linkage: Linkage = JANSEN
@@ -103,7 +110,7 @@ class Robot:
             raise invalid("Robot.legs[0].phase", self.legs[0].phase, allowed)
 
     def _set_bodies(self) -> None:
-        """Check that each body is a link with as many joints as its linkage says."""
+        """Check that each body is a link with the number of joints that the linkage requires."""
         named = self.linkage.bodies
         bodies = entries("Robot.bodies", self.bodies, f"a link for each of {self.linkage.names}")
         if len(bodies) != len(named):
@@ -119,7 +126,13 @@ class Robot:
         object.__setattr__(self, "bodies", tuple(bodies))
 
     def _set_pairs(self, name: str, label: str, pairs: tuple[tuple[int, int], ...]) -> None:
-        """Check a field with one number for each of some pairs of bodies."""
+        """Check a field that has one number for each pair of bodies.
+
+        Args:
+            name: Name of the field.
+            label: Name of the pairs, for error messages.
+            pairs: The pairs of bodies.
+        """
         each = f"one number for each of the {len(pairs)} {label} {pairs}"
         values = entries(f"Robot.{name}", getattr(self, name), each)
         if len(values) != len(pairs):
@@ -128,12 +141,23 @@ class Robot:
         object.__setattr__(self, name, checked)
 
     def body(self, name: str) -> Any:
-        """The link with a name of ``linkage.names``. Raises ValueError: another name."""
+        """Return the link with a name of ``linkage.names``.
+
+        Raises:
+            ValueError: If there is no link with this name.
+        """
         one_of("body", name, self.linkage.names)
         return self.bodies[self.linkage.names.index(name)]
 
     def with_bodies(self, **links: Link) -> Robot:
-        """Return the robot with other links, by their names. Raises ValueError: another name."""
+        """Return a copy of the robot in which some links are replaced.
+
+        Args:
+            links: The new links, by their names in ``linkage.names``.
+
+        Raises:
+            ValueError: If there is no link with one of these names.
+        """
         for name in links:
             one_of("body", name, self.linkage.names)
         pairs = zip(self.linkage.names, self.bodies, strict=True)
@@ -141,29 +165,33 @@ class Robot:
 
     @property
     def build(self) -> Build:
-        """Sizes and materials of the parts to be cut and ordered."""
+        """Sizes and materials of the parts that have to be cut or ordered."""
         return BUILDS[self.material]
 
     @property
     def toes(self) -> tuple[tuple[int, int], ...]:
-        """(leg, joint) of each toe as indices, leg by leg."""
+        """Pair of indices (leg, joint) of each toe, leg by leg."""
         count = len(self.linkage.toes)
         joints = [joint for joint, _ in self.linkage.all_pads[:count]]
         return tuple((leg, joint) for leg in range(len(self.legs)) for joint in joints)
 
     @property
     def links_mass(self) -> float:
-        """Mass of every body of every leg, kg."""
+        """Total mass of all bodies of all legs, in kg."""
         return len(self.legs) * math.fsum(body.mass for body in self.bodies)
 
     @property
     def mass(self) -> float:
-        """Total mass, kg: that of the links and the payload."""
+        """Total mass of the links and the payload, in kg."""
         return self.links_mass + self.payload.mass
 
     @property
     def leg_names(self) -> tuple[str, ...]:
-        """``rf``, ``lf``, ``rb``, ``lb`` for the paper's four, else ``f1``.. and ``b1``.."""
+        """Names of the legs.
+
+        The names are ``rf``, ``lf``, ``rb`` and ``lb`` for the paper's four legs. For all other
+        robots they are ``f1``, ``f2``, ... for fore legs and ``b1``, ``b2``, ... for back legs.
+        """
         if self.legs == phased_legs(2):
             return ("rf", "lf", "rb", "lb")
         count = {"fore": 0, "back": 0}
@@ -174,5 +202,8 @@ class Robot:
         return tuple(names)
 
     def with_slender_inertias(self) -> Robot:
-        """Return the robot with rods of inertia m L^2 / 12 and triangles as uniform plates."""
+        """Return a copy of the robot whose links have the inertias of slender links.
+
+        Bars become slender rods with an inertia of m L^2 / 12, and triangles become uniform plates.
+        """
         return replace(self, bodies=tuple(body.slender() for body in self.bodies))

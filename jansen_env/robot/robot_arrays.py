@@ -1,4 +1,7 @@
-"""Arrays of a robot's leg that kernels read; a page makes the same arrays from a robot file."""
+"""Arrays of a robot's leg for the compiled kernels.
+
+The web page makes the same arrays from a robot file.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +21,14 @@ NUMBERS = (LINK.names or ())[1:]
 
 
 class LegLinks(NamedTuple):
-    """Links of a leg, see :mod:`jansen_env.engine.link_shapes`.
+    """Links of a leg, in the form of :mod:`jansen_env.engine.link_shapes`.
 
     Attributes:
-        links: Records ``LINK``, shape (bodies,).
-        points: Joints of plates, in m, shape (bodies, most joints, 2).
-        members: Joints of each body, shape (bodies, most joints).
+        links: Records of type ``LINK``, shape (bodies,).
+        points: Positions of the joints of plates, in m, shape (bodies, most joints, 2). The values
+            of other links are 0.
+        members: Indices of the joints of each body, shape (bodies, most joints). An entry of -1
+            stands for no joint.
     """
 
     links: Rows
@@ -32,13 +37,17 @@ class LegLinks(NamedTuple):
 
 
 class Closing(NamedTuple):
-    """Arrays with which a leg is closed, see :mod:`jansen_env.engine.closure`.
+    """Arrays from which the positions of a leg's joints are computed.
+
+    See :mod:`jansen_env.engine.closure`.
 
     Attributes:
         frame_angle: Angle of the frame in the chassis, in rad.
-        members: Joints of each body, shape (bodies, most joints).
-        corners: Joints of each body in polar coordinates, shape (bodies, most joints, 2).
-        dyads: Joints, branch and bodies of each dyad, shape (dyads, 6).
+        members: Indices of the joints of each body, shape (bodies, most joints). An entry of -1
+            stands for no joint.
+        corners: Joints of each body in polar coordinates, in m and rad, shape (bodies, most joints,
+            2).
+        dyads: Three joints, branch and two bodies of each dyad, shape (dyads, 6).
         spans: Lengths of the two links of each dyad, in m, shape (dyads, 2).
     """
 
@@ -62,13 +71,17 @@ def leg_links(robot: Robot) -> LegLinks:
 
 
 def _row(link: Link) -> tuple[float, ...]:
-    """Return the values of a link as a row of ``LINK``."""
+    """Return the values of a link as a record of type ``LINK``."""
     numbers = (getattr(link, name, 0.0) for name in NUMBERS)
     return (KINDS.index(type(link).__name__), *numbers)
 
 
 def closing_of(robot: Robot) -> tuple[Closing, Bools]:
-    """Return the arrays with which a leg is closed, and whether each of its bodies is a bar."""
+    """Return the arrays from which a leg's joints are computed, and which of its bodies are bars.
+
+    Returns:
+        The arrays, and a flag for each body that tells whether it is a bar, shape (bodies,).
+    """
     linkage = robot.linkage
     links, points, members = leg_links(robot)
     dyads = np.zeros((len(linkage.dyads), 6), np.int64)
@@ -83,7 +96,7 @@ def closing_of(robot: Robot) -> tuple[Closing, Bools]:
 
 
 def leg_rows(robot: Robot) -> Array:
-    """Return side (1 for fore, -1 for back) and phase in rad of each leg, shape (legs, 2)."""
+    """Return side (1 for fore, -1 for back) and phase (rad) of each leg, shape (legs, 2)."""
     return np.array([(1.0 if leg.side == "fore" else -1.0, leg.phase) for leg in robot.legs])
 
 
@@ -93,7 +106,11 @@ def toe_joints(robot: Robot) -> Ints:
 
 
 def chassis_row(robot: Robot) -> Rows:
-    """Return the values of a robot other than those of links and legs, ``CHASSIS``, shape (1,)."""
+    """Return the values of a robot that do not belong to its links or legs.
+
+    Returns:
+        Record of type ``CHASSIS``, shape (1,).
+    """
     row = np.zeros(1, CHASSIS)
     row["frame_angle"], row["pad_radius"] = robot.frame_angle, robot.pad_radius
     for name in ("payload", "motor", "pad_compliance"):
@@ -104,10 +121,13 @@ def chassis_row(robot: Robot) -> Rows:
 
 
 def machine_row(robot: Robot) -> Rows:
-    """Return a robot without the parameters of an episode, ``MACHINE``, shape (1,).
+    """Return the record of a robot without the parameters of an episode.
 
-    The crank is free, and the robot is weightless on level slippery ground. The reach of its pads
-    and its advance per turn of the crank are not set.
+    In this record the crank is free, and the robot is weightless on level ground without friction.
+    The reach of its pads and its advance per turn of the crank are not set.
+
+    Returns:
+        Record of type ``MACHINE``, shape (1,).
     """
     row, links = np.zeros(1, MACHINE), leg_links(robot).links
     friction, work = np.array(robot.bearing_friction), np.empty((2, len(links) + 1))

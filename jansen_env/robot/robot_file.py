@@ -1,7 +1,8 @@
-"""Robot files: all fields of a :class:`jansen_env.Robot` as JSON, checked completely when read.
+"""Robot files, which contain all fields of a :class:`jansen_env.Robot` as JSON.
 
-A robot file may instead contain a built-in design with other link lengths, as the bench writes it:
-``"design": "paper", "lengths": {"rocker": 0.24}`` in addition to the format; see
+Robot files are checked completely when they are read. Instead of all fields, a robot file may
+contain a built-in design with other link lengths, as the bench (``docs/bench.md``) writes it:
+``"design": "paper", "lengths": {"rocker": 0.24}`` in addition to the format. See
 :func:`jansen_env.robot.lengths.with_lengths`.
 """
 
@@ -32,7 +33,7 @@ PARTS: dict[str, type] = {
     kind.__name__: kind
     for kind in (Robot, Linkage, Bar, Triangle, Plate, Leg, Payload, Motor, Compliance)
 }
-"""Parts that a file may contain, by the name in their entry ``"is"``."""
+"""Classes of the parts that a file may contain, by the name in the entry ``"is"`` of a part."""
 
 
 def robot_to_json(robot: Robot) -> dict[str, object]:
@@ -108,18 +109,25 @@ def read_robot(path: str | Path) -> Robot:
 
 
 def _part_to_json(part: object) -> dict[str, object]:
+    """Return a part of a robot as a mapping that can be written as JSON."""
     values = {field.name: getattr(part, field.name) for field in fields(part)}  # type: ignore[arg-type]
     kept = {name: _to_json(value) for name, value in values.items() if value != math.inf}
     return {"is": type(part).__name__, **kept}
 
 
 def _to_json(value: object) -> object:
+    """Return the value of a field in the form in which it is written as JSON."""
     if is_dataclass(value):
         return _part_to_json(value)
     return [_to_json(entry) for entry in value] if isinstance(value, tuple) else value
 
 
 def _from_json(value: object) -> object:
+    """Return the value of a field, or a part, from its form in JSON.
+
+    Raises:
+        ValueError: If a part is not valid.
+    """
     if isinstance(value, list):
         return tuple(_from_json(entry) for entry in value)
     if not isinstance(value, Mapping):

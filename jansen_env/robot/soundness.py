@@ -1,6 +1,7 @@
-"""The check of every robot that is loaded: it turns its crank, it can stand, its units are SI.
+"""Checks that a robot can turn its crank and stand, and that its values are in SI units.
 
-:func:`jansen_env.world.settings.load_robot` runs it on every robot, whatever will be done with it.
+:func:`jansen_env.world.settings.load_robot` applies these checks to every robot, whatever the robot
+is used for.
 """
 
 from __future__ import annotations
@@ -17,26 +18,26 @@ from jansen_env.arrays import Array
 from jansen_env.robot.kinematics import LinkageError, joint_positions, toe_positions
 from jansen_env.robot.robot import Robot
 
-SAMPLES = 180  # crank angles over a turn
-CHECKED = 1024  # robots whose result is remembered
-HEIGHTS = 0.05, 5.0  # m, of a crank axis above the ground: a tenth of 0.5 m and ten times as much
-DENSITIES = 0.2, 2000.0  # kg/m^3: mass of one leg per cube of that height
-FARTHEST_PAYLOAD = 10.0  # times that height, from the crank axis
-LARGEST_PAD = 0.5  # of that height, a pad's radius
+SAMPLES = 180  # number of crank angles per turn
+CHECKED = 1024  # number of robots whose results are cached
+HEIGHTS = 0.05, 5.0  # plausible heights of a crank axis: from a tenth to ten times 0.5 m
+DENSITIES = 0.2, 2000.0  # plausible mass of a leg divided by the cube of that height, kg/m^3
+FARTHEST_PAYLOAD = 10.0  # plausible distance of a payload from the crank axis, divided by height
+LARGEST_PAD = 0.5  # plausible radius of a pad, divided by height
 UNITS = {"millimetres": 1e-3, "centimetres": 1e-2, "inches": 0.0254}  # m
-"""Units in which builders write tables of lengths."""
+"""Units in which tables of lengths are often written, and their sizes in m."""
 
 
 def check_standing(robot: Robot) -> float:
-    """Raise LinkageError unless the lowest toe lies below the crank axis at every crank angle.
-
-    The message says where it does not, and which dyads to assemble on their other side.
+    """Check that the lowest toe is below the crank axis at every crank angle.
 
     Returns:
-        Mean height of the crank axis above the lowest toe over a turn, m.
+        Mean height of the crank axis above the lowest toe over a turn, in m.
 
     Raises:
-        LinkageError: the robot cannot stand, or its linkage does not close.
+        LinkageError: If the robot cannot stand, or its linkage does not close. The message contains
+            a crank angle at which the robot cannot stand, and the dyads that should be assembled on
+            their other side.
     """
     psi = _turn()
     heights = lowest_toes(robot)
@@ -51,30 +52,37 @@ def check_standing(robot: Robot) -> float:
 
 
 def lowest_toes(robot: Robot) -> Array:
-    """Height of the lowest toe above the crank axis (SAMPLES,), m, over a turn, kept level.
+    """Return the height of the lowest toe above the crank axis over a turn.
+
+    The chassis is kept level during the turn.
+
+    Returns:
+        Heights in m, shape (SAMPLES,). They are negative where the toe is below the axis.
 
     Raises:
-        LinkageError: the linkage does not close.
+        LinkageError: If the linkage does not close.
     """
     heights: Array = toe_positions(robot, _turn())[..., 1].min(axis=-1)
     return heights
 
 
 def check_loaded(name: str, robot: Robot, standing: bool = True) -> Robot:
-    """Return a robot after checking that it turns its crank and can stand, and what its units are.
+    """Return a robot after checking that it can turn its crank and stand.
+
+    The function issues a warning if a length or mass is far from that of a robot of human scale, by
+    more than a factor of ten in height. The warning names the unit.
 
     Args:
-        name: The argument that holds the robot, for messages.
-        robot: The robot to check.
-        standing: Whether it has to stand. Where it need not, because its chassis is held in the
-            air, there is a warning instead of an error.
+        name: Name of the argument that contains the robot, for messages.
+        robot: The robot.
+        standing: Whether the robot must be able to stand. If False, because its chassis is held in
+            the air, a robot that cannot stand causes a warning instead of an error.
 
     Returns:
-        The same robot. Lengths and masses that a factor of ten around human scale does not explain
-        cause a warning that names the unit.
+        The same robot.
 
     Raises:
-        LinkageError: the robot cannot turn its crank all the way round, or cannot stand.
+        LinkageError: If the robot cannot turn its crank through a full turn, or cannot stand.
     """
     try:
         found = _findings(robot, standing)
@@ -87,11 +95,15 @@ def check_loaded(name: str, robot: Robot, standing: bool = True) -> Robot:
 
 @functools.lru_cache(maxsize=CHECKED)
 def _findings(robot: Robot, standing: bool) -> tuple[str, ...]:
-    """Return the warnings about a robot. Raises LinkageError as :func:`check_loaded` does."""
+    """Return the warnings about a robot.
+
+    Raises:
+        LinkageError: If :func:`check_loaded` has to raise it.
+    """
     try:
         height = check_standing(robot)
     except LinkageError as error:
-        joint_positions(robot, "fore", _turn())  # or its linkage does not close
+        joint_positions(robot, "fore", _turn())  # raises if the linkage does not close
         if standing:
             raise
         return (f"{error}. This is allowed here, as the chassis is held in the air",)
@@ -99,7 +111,7 @@ def _findings(robot: Robot, standing: bool) -> tuple[str, ...]:
 
 
 def _unit_warnings(robot: Robot, height: float) -> Iterator[str]:
-    """Describe lengths and masses that a factor of ten around human scale does not explain."""
+    """Yield a warning for each length or mass that is far from that of a robot of human scale."""
     if not HEIGHTS[0] <= height <= HEIGHTS[1]:
         yield _wrong_height(height)
         return
@@ -125,6 +137,7 @@ def _unit_warnings(robot: Robot, height: float) -> Iterator[str]:
 
 
 def _wrong_height(height: float) -> str:
+    """Return the warning about a height of the crank axis (in m), with the likely unit."""
     low, high = HEIGHTS
     text = (
         f"its crank axis is {height:.3g} m above the ground, expected {low:g} to {high:g} m; "
@@ -137,7 +150,7 @@ def _wrong_height(height: float) -> str:
 
 
 def _usual_cause(robot: Robot) -> str:
-    """Say which dyads let the robot stand when they are assembled on their other side."""
+    """Return a text that names the dyads whose branch must be reversed for the robot to stand."""
     dyads = robot.linkage.dyads
     standing = []
     for place, dyad in enumerate(dyads):
@@ -145,7 +158,7 @@ def _usual_cause(robot: Robot) -> str:
         linkage = replace(robot.linkage, dyads=(*dyads[:place], other, *dyads[place + 1 :]))
         try:
             heights = lowest_toes(replace(robot, linkage=linkage))
-        except LinkageError:  # with this dyad on its other side it does not even close
+        except LinkageError:  # the linkage does not close with this dyad on its other side
             continue
         if heights.max() < 0.0:
             height = -float(heights.mean())
@@ -164,4 +177,5 @@ def _usual_cause(robot: Robot) -> str:
 
 @functools.cache
 def _turn() -> Array:
+    """Return the crank angles of a turn, in rad, shape (SAMPLES,)."""
     return 2.0 * math.pi / SAMPLES * np.arange(SAMPLES, dtype=float)

@@ -1,7 +1,8 @@
-"""Other one-crank legs, as their authors published them, made as tall and heavy as the paper's.
+"""Other legs with one crank, scaled to the height and mass of the paper's robot.
 
-A leg is written as it is drawn: the joints of each body with their places in axes of the body's
-own, in the unit of the source. Links are slender rods and uniform plates, all equally heavy.
+The link lengths are those that the authors of the legs published. A leg is described as it is
+drawn: each body lists its joints and their positions in axes that belong to the body, in the length
+unit of the source. All links are slender rods or uniform plates of equal mass.
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ from jansen_env.robot.robot_arrays import toe_joints
 
 Place = tuple[float, float]
 Body = dict[str, Place]
-"""Joints of a body and their places."""
+"""Names and positions of the joints of a body."""
 
-DAMPING = 0.1  # N m s/rad, of every pin, as in Table 1
+DAMPING = 0.1  # viscous coefficient of every pin, as in the paper's Table 1, N m s/rad
 
 
 def robot_from_joints(
@@ -35,22 +36,31 @@ def robot_from_joints(
     mass: float = 3.2,
     height: float | None = None,
 ) -> Robot:
-    """A robot of any one-crank leg, its links slender rods and uniform plates of equal mass.
+    """Return a robot whose legs are any linkage with one crank.
+
+    Links with two joints are slender rods, and all other links are uniform plates. All links have
+    the same mass.
 
     Args:
-        bodies: joints of each body, a letter each, and their places, m: of the frame in the axes of
-            the chassis, the crank's axis at the origin; of the crank, which begins with that axis,
-            and of the others in any axes of their own, along which their angles are counted; that
-            of a body with two joints is counted along it.
-        dyads: (joint, start, end, branch) in the order in which joints are found, see
-            :class:`jansen_env.robot.Dyad`. toes: joints that walk.
-        legs: their sides and crank phases.
-        mass: of the robot, kg. height: all lengths are scaled so that the crank's axis stands as
-            high, m; None for the lengths as they are.
+        bodies: The bodies of a leg by name, the frame first and the crank second. Each body maps
+            its joints, which are single letters, to their positions in m. The positions of the
+            frame's joints are in the axes of the chassis, with the crank axis at the origin. The
+            first joint of the crank is the crank axis. The positions of the joints of the crank and
+            of all other bodies are in any axes that are fixed to the body. The angle of a body is
+            that of its axes, or, for a body with two joints, that of the line from the first joint
+            to the second.
+        dyads: Tuples (joint, start, end, branch) in the order in which the joints are computed; see
+            :class:`jansen_env.robot.Dyad`.
+        toes: Joints that touch the ground.
+        legs: Side and crank phase of each leg.
+        mass: Mass of the robot, in kg.
+        height: Mean height of the crank axis above the lowest toe over a turn, in m. All lengths
+            are scaled so that the robot has this height. None keeps the lengths.
 
     Raises:
-        ValueError: joints that do not make a leg with one degree of freedom.
-        LinkageError: with ``height``, a linkage that does not close.
+        ValueError: If the joints do not form a leg with one degree of freedom, or ``height`` is
+            given and the toes are above the crank axis.
+        LinkageError: If ``height`` is given and the linkage does not close.
     """
     named = []
     for name, body in instance("bodies", bodies, dict).items():
@@ -70,9 +80,13 @@ def robot_from_joints(
         links = [_link(places, scale, each) for places in others]
         chassis = Plate.uniform([(scale * x, scale * y) for x, y in frame], each)
         return Robot(
-            linkage=linkage, bodies=(chassis, *links), frame_angle=0.0, legs=legs,
-            damping=(DAMPING,) * pins, bearing_friction=(0.0,) * pins,
-        )  # fmt: skip
+            linkage=linkage,
+            bodies=(chassis, *links),
+            frame_angle=0.0,
+            legs=legs,
+            damping=(DAMPING,) * pins,
+            bearing_friction=(0.0,) * pins,
+        )
 
     unscaled = of_scale(1.0)
     if height is None:
@@ -86,7 +100,7 @@ def robot_from_joints(
 def _as_the_paper(
     bodies: dict[str, Body], dyads: list[Dyad], toes: str, legs: tuple[Leg, ...]
 ) -> Robot:
-    """A robot as high and heavy as the paper's of four legs."""
+    """Return a robot with the height and mass of the paper's four-legged robot."""
     paper = Robot()
     return robot_from_joints(
         bodies, dyads, toes, legs, mass=paper.mass, height=standing_height(paper)
@@ -104,7 +118,17 @@ HEIGHT_SAMPLES = 360  # number of crank angles per turn
 
 
 def standing_height(robot: Robot, samples: int = HEIGHT_SAMPLES) -> float:
-    """Mean height of the crank axis above the lowest toe over a turn, kept level, m."""
+    """Return the mean height of the crank axis above the lowest toe over a turn, in m.
+
+    The chassis is kept level during the turn.
+
+    Args:
+        robot: The robot.
+        samples: Number of crank angles in the turn.
+
+    Raises:
+        LinkageError: If the linkage does not close.
+    """
     psi, heights = np.empty(samples), np.empty(samples)
     put_turn_angles(0.0, psi)
     put_lowest_toes(joints_of_legs(robot, psi), toe_joints(robot), heights)
@@ -112,10 +136,11 @@ def standing_height(robot: Robot, samples: int = HEIGHT_SAMPLES) -> float:
 
 
 def klann_robot(phases: int = 2) -> Robot:
-    """Joe Klann's leg, of six bodies.
+    """Return a robot with Joe Klann's leg of six bodies.
 
-    Source: J. Klann, US patent 6,260,862 (2001), coordinates of its example leg; T is its foot 33,
-    with the crank axis 15, crank pin 29, pivots 11 and 9, elbow 27, knee 35 and hip 37.
+    Source: J. Klann, US patent 6,260,862 (2001), coordinates of the example leg. In the patent, the
+    toe T is the foot 33, the crank axis is 15, the crank pin 29, the pivots are 11 and 9, the elbow
+    is 27, the knee 35 and the hip 37.
     """
     bodies = {
         "frame": {"O": (0.0, 0.0), "B": (-0.590, -0.176), "C": (-0.233, 0.616)},
@@ -130,12 +155,13 @@ def klann_robot(phases: int = 2) -> Robot:
 
 
 def chebyshev_robot(phases: int = 2) -> Robot:
-    """Pafnuty Chebyshev's lambda linkage, whose foot is carried parallel.
+    """Return a robot with Pafnuty Chebyshev's lambda linkage, whose foot stays parallel.
 
-    Source of crank, coupler, rocker and frame, 1 : 5 : 2.5 : 2: Chebyshev's plantigrade machine
-    (1878). The straight part of the path is its side towards the frame, so the linkage stands
-    upright and its point F moves a foot below. The second rocker G-H, the tie B-H and the link H-J
-    that keep the foot parallel, and its depth of 7, are this project's.
+    The lengths of crank, coupler, rocker and frame (1 : 5 : 2.5 : 2) are those of Chebyshev's
+    plantigrade machine (1878). The straight part of the path faces the frame. Therefore the linkage
+    stands upright, and its point F moves a foot that is below it. The depth of the foot (7), and
+    the links that keep it parallel (the second rocker G-H, the tie B-H and the link H-J), are this
+    project's own design.
     """
     bodies = {
         "frame": {"O": (0.0, 0.0), "Q": (2.0, 0.0), "G": (4.0, 0.0)},
@@ -152,10 +178,10 @@ def chebyshev_robot(phases: int = 2) -> Robot:
 
 
 def trotbot_robot(phases: int = 2) -> Robot:
-    """Wade Vagle's TrotBot, of eight bodies, without the links of heel and toe.
+    """Return a robot with Wade Vagle's TrotBot leg of eight bodies, without heel and toe links.
 
-    Source: diywalkers.com, TrotBot's plans and the linkage simulator of their author, in LEGO
-    units. Its rear legs stand on an axis of their own there; here they are on the same one.
+    Source: the plans of TrotBot and the author's linkage simulator at diywalkers.com, in LEGO
+    units. In the original, the rear legs have their own crank axis. Here all legs share one axis.
     """
     bodies = {
         "frame": {"O": (0.0, 0.0), "P": (-7.0, 6.0)},
@@ -173,10 +199,12 @@ def trotbot_robot(phases: int = 2) -> Robot:
 
 
 def strider_robot(phases: int = 2) -> Robot:
-    """Wade Vagle's Strider: ten bodies, two toes, its own mirror image; a unit on each crank pin.
+    """Return a robot with Wade Vagle's Strider unit of ten bodies and two toes on each crank pin.
 
-    Source: diywalkers.com, Strider's plans and the linkage simulator of their author, in LEGO
-    units, without toe extensions. The rod of either side carries the other side's foot.
+    The unit is its own mirror image. The rod of each side carries the foot of the other side.
+
+    Source: the plans of Strider and the author's linkage simulator at diywalkers.com, in LEGO
+    units, without toe extensions.
     """
     bodies = {
         "frame": {"O": (0.0, 0.0), "P": (-11.0, 8.0), "Q": (11.0, 8.0)},
@@ -204,4 +232,7 @@ ZOO = {
     "trotbot": trotbot_robot,
     "strider": strider_robot,
 }
-"""Other linkages by name; each takes the number of crank pins, with two toes on each of them."""
+"""Functions that return robots with other linkages, by name.
+
+The argument of each function is the number of crank pins. Each crank pin drives two toes.
+"""

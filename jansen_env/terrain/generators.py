@@ -1,7 +1,8 @@
-"""Terrains that are drawn at each reset, by name, parameters and level: 0 easy to 9 hard, and a
-curriculum of levels.
+"""Generators of random terrains, which are sampled at each reset, and a curriculum of levels.
 
-``"stairs"`` has all its parameters from the level, ``"stairs:rise=0.02"`` its tread alone.
+A generator is described by its name, its parameters and a level from 0 (easy) to 9 (hard). The
+level determines all parameters of ``"stairs"``. For ``"stairs:rise=0.02"`` it determines only the
+tread.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from jansen_env.terrain.ground import TALLEST, Terrain, check_room, profile
 Random: TypeAlias = np.random.Generator
 Generator: TypeAlias = Callable[[Random, int], Terrain]
 
-HIGHEST = 9  # of the levels, from 0
+HIGHEST = 9  # highest level; the lowest is 0
 
 LEVELS: dict[str, dict[str, tuple[float, float]]] = {
     "slope": {"angle": (0.01, 0.28)},
@@ -38,24 +39,35 @@ LEVELS: dict[str, dict[str, tuple[float, float]]] = {
     "stumps": {"height": (0.02, 0.11), "width": (0.2, 0.2), "spacing": (1.0, 1.0)},
     "ramps": {"angle": (0.045, 0.36), "length": (0.8, 0.8)},
 }
-"""Parameters of each generator at level 0 and level 9, evenly spaced between; m and rad."""
+"""Parameters of each generator at level 0 and level 9, in m and rad.
+
+The parameters of the levels in between are evenly spaced.
+"""
 if (*LEVELS,) != KINDS:
     raise TypeError(
         "LEVELS must name the same terrains as KINDS in jansen_env/engine/ground_lines.py, in the "
         f"same order, {[*KINDS]}, got {[*LEVELS]}"
     )
 MIXTURE = ("slope", "rough", "waves", "stairs", "steps", "stumps", "ramps")
-"""Kinds of terrain that ``"mixed"``, the terrain of the benchmarks, chooses from at a reset.
+"""Kinds of terrain from which ``"mixed"``, the terrain of the benchmarks, chooses at a reset.
 
-A terrain added to :data:`LEVELS` stays out of it: it would change what every seed of
-``JansenWalkerRough-v0`` and ``JansenWalkerHardcore-v0`` means.
+Do not add new kinds of :data:`LEVELS` to this tuple. They would change the terrain of every seed of
+``JansenWalkerRough-v0`` and ``JansenWalkerHardcore-v0``.
 """
 GENERATORS = (*LEVELS, "mixed")
-"""Their names."""
+"""Names of all generators."""
 
 
 def at_level(name: str, level: int) -> dict[str, float]:
-    """A generator's parameters at a level, by name. Raises ValueError: no such name or level."""
+    """Return the parameters of a generator at a level, by name.
+
+    Args:
+        name: Name of the generator, one of :data:`GENERATORS`.
+        level: Level from 0 to 9.
+
+    Raises:
+        ValueError: If there is no such generator or level.
+    """
     checks.one_of("generator", name, GENERATORS)
     share = checks.whole_number("level", level, HIGHEST) / HIGHEST
     return {key: low + share * (high - low) for key, (low, high) in LEVELS.get(name, {}).items()}
@@ -63,17 +75,18 @@ def at_level(name: str, level: int) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class NamedGenerator:
-    """A ground of one kind, or of any for "mixed", drawn at each call: ``(rng, level) -> Terrain``.
+    """A callable ``(rng, level) -> Terrain`` that samples a terrain of one kind at each call.
 
-    Slopes and stairs go up or down at random unless that is given. With default friction and
-    restitution.
+    For the name "mixed", each call also samples the kind of the terrain. Slopes and stairs go up or
+    down at random, unless the user specifies the parameter that determines the direction. Friction
+    and restitution have their default values.
 
     Args:
-        name: one of :data:`GENERATORS`.
-        given: (parameter, value) that do not change with the level.
+        name: Name of the generator, one of :data:`GENERATORS`.
+        given: User-specified parameters as pairs (name, value). They do not change with the level.
 
     Raises:
-        ValueError: no such name or parameter, or no such ground with these values.
+        ValueError: If there is no such generator or parameter, or no terrain with these values.
     """
 
     name: str
@@ -86,19 +99,28 @@ class NamedGenerator:
                 raise ValueError(f"a parameter of {self.name!r} must be in {known}, got {key!r}")
             checks.finite(f"{key} of {self.name!r}", value)
         object.__setattr__(self, "given", tuple((key, float(v)) for key, v in self.given))
-        for level in (0, HIGHEST):  # or a reset would be refused
+        for level in (0, HIGHEST):  # otherwise a reset could fail later
             with checks.named_errors(f"{str(self)!r} makes no ground at level {level}"):
                 self._check(level)
 
     def __call__(self, rng: Random, level: int) -> Terrain:
-        """A ground. Raises ValueError: no such level."""
+        """Return a random terrain.
+
+        Args:
+            rng: Random number generator.
+            level: Level from 0 to 9.
+
+        Raises:
+            ValueError: If there is no such level.
+        """
         name = self.name
         if name == "mixed":
             name = MIXTURE[rng.integers(len(MIXTURE))]
         kind, given = KINDS.index(name), dict(self.given)
         named = at_level(name, level) | given
         values, fixed = np.array([*named.values()]), np.array([name in given for name in named])
-        # Sample the direction in any case: a fixed one must not change the other samples.
+        # Sample a direction even if the user has specified it, so that the other samples stay the
+        # same.
         choose_direction(kind, rng.random(), fixed, values)
         start = draw_start(kind, rng.random() if has_start(kind) else 0.0)
         return Terrain(profile(name, values, start, REACH, rng))
@@ -107,7 +129,7 @@ class NamedGenerator:
         """Check the parameters at a level.
 
         Raises:
-            ValueError: If there is no ground with these parameters.
+            ValueError: If there is no terrain with these parameters.
         """
         values = at_level(self.name, level) | dict(self.given)
         if self.name == "rough":
@@ -120,27 +142,28 @@ class NamedGenerator:
         self(np.random.default_rng(0), level)
 
     def __str__(self) -> str:
-        """Specification as text: ``"stairs:rise=0.02"``."""
+        """Return the specification as text, such as ``"stairs:rise=0.02"``."""
         given = ",".join(f"{key}={value:g}" for key, value in self.given)
         return f"{self.name}:{given}" if given else self.name
 
 
 def make_generator(spec: object) -> Generator | None:
-    """Return a generator ``(rng, level) -> Terrain``, or None for a fixed ground.
+    """Return a generator ``(rng, level) -> Terrain``, or None if the terrain is fixed.
 
     Args:
-        spec: a name of :data:`GENERATORS`, alone or with parameters that are to stay as they are,
-            ``"stairs:rise=0.02,tread=0.3"``, or a callable ``(rng, level) -> Terrain``; else fixed:
-            a :class:`Terrain`, ``"flat"``, ``"slope:0.1"`` or points.
+        spec: For a generator, a name in :data:`GENERATORS`, alone or with user-specified parameters
+            (``"stairs:rise=0.02,tread=0.3"``), or a callable ``(rng, level) -> Terrain``. For a
+            fixed terrain, a :class:`Terrain`, ``"flat"``, ``"slope:0.1"`` or points.
 
     Raises:
-        ValueError: a text that is neither, with what is allowed.
+        ValueError: If ``spec`` is a text that describes neither a generator nor a fixed terrain.
+            The message lists the allowed values.
     """
     if not isinstance(spec, str):
         return spec if callable(spec) and not isinstance(spec, type) else None
     name, colon, text = spec.partition(":")
     if name == "flat" or (name == "slope" and colon and "=" not in text):
-        return None  # make_terrain's
+        return None  # make_terrain makes this terrain
     if name not in GENERATORS:
         drawn = "with parameters as in 'stairs:rise=0.02,tread=0.3' or without, one of"
         allowed = f"'flat', 'slope:ANGLE' or, {drawn} {checks.listed(GENERATORS, name)}"
@@ -149,6 +172,16 @@ def make_generator(spec: object) -> Generator | None:
 
 
 def _parameters(spec: str, name: str, text: str) -> tuple[tuple[str, float], ...]:
+    """Return the parameters in a text such as ``"rise=0.02,tread=0.3"``.
+
+    Args:
+        spec: Complete specification of the terrain, for error messages.
+        name: Name of the generator, for error messages.
+        text: The parameters.
+
+    Raises:
+        ValueError: If a parameter does not have the form NAME=NUMBER.
+    """
     given: dict[str, float] = {}
     for part in text.split(","):
         key, _, number = part.partition("=")
@@ -163,20 +196,26 @@ def _parameters(spec: str, name: str, text: str) -> tuple[tuple[str, float], ...
 
 @dataclass(frozen=True)
 class Curriculum:
-    """Up after a long walk, down after a short one, and past the top to any level.
+    """A curriculum of terrain levels.
 
-    Rudin, Hoeller, Reist and Hutter, "Learning to Walk in Minutes Using Massively Parallel Deep
-    Reinforcement Learning", CoRL 2021 (2022), section 2.2; ``_update_terrain_curriculum`` of
-    legged_gym. Levels drawn at the top keep the easy ones from being forgotten.
+    The level rises after an episode in which the robot walks far, and falls after an episode in
+    which it does not. When the level would rise beyond the highest one, the next level is sampled
+    from all levels. This keeps a policy from forgetting the easy levels.
+
+    Source: Rudin, Hoeller, Reist and Hutter, "Learning to Walk in Minutes Using Massively Parallel
+    Deep Reinforcement Learning", CoRL 2021 (2022), section 2.2, and
+    ``_update_terrain_curriculum`` of legged_gym.
 
     Args:
-        up: goes up beyond this share of the commanded distance. down: goes down below this one.
-        highest: level; beyond it, any from 0 to it.
-        horizon: s, that an episode is planned to last: the commanded distance is the mean size of
-            its commands times this, so that falling early is no success.
+        up: Fraction of the commanded distance above which the level rises.
+        down: Fraction of the commanded distance below which the level falls.
+        highest: Highest level. Beyond it, a level from 0 to ``highest`` is sampled.
+        horizon: Planned duration of an episode, in s. The commanded distance is the mean magnitude
+            of the episode's commands times ``horizon``, so that an early fall does not count as a
+            success.
 
     Raises:
-        ValueError: an argument out of range, or ``down`` above ``up``.
+        ValueError: If an argument is out of range, or ``down`` is larger than ``up``.
     """
 
     up: float = 0.5
@@ -194,11 +233,17 @@ class Curriculum:
     def next_level(
         self, level: int, walked: float, commanded: float, rng: np.random.Generator
     ) -> int:
-        """The level of the next episode. Raises ValueError: an argument out of range.
+        """Return the level of the next episode.
 
         Args:
-            level: of this one. walked: m, towards the command. commanded: m, see ``horizon``; after
-                0 m the level stays. rng: draws the level beyond the highest.
+            level: Level of the present episode.
+            walked: Distance walked in the commanded direction, in m.
+            commanded: Commanded distance, in m; see ``horizon``. If it is 0, the level does not
+                change.
+            rng: Random number generator that samples a level beyond the highest one.
+
+        Raises:
+            ValueError: If an argument is out of range.
         """
         level = checks.whole_number("level", level, HIGHEST)
         walked = checks.finite("walked", walked)

@@ -1,4 +1,4 @@
-"""The ground: a polyline with friction and restitution, as heights and as pymunk shapes."""
+"""Terrain as a height line with friction and restitution, and its conversion to pymunk shapes."""
 
 from __future__ import annotations
 
@@ -32,15 +32,23 @@ Random: TypeAlias = np.random.Generator
 Points: TypeAlias = tuple[tuple[float, float], ...]
 
 MAX_SLOPE = math.radians(80.0)
-MOST_POINTS = 100_000  # of a ground
-TALLEST = 100.0  # m, of a step or wave
-STEEPEST = (1.0 + 1e-12) * tan(MAX_SLOPE)  # slopes of MAX_SLOPE are rounded
-GRADIENT_STEP = 1e-4  # m, to either side
-FARTHEST = 1e6  # m, largest coordinate of a point: beyond, a toe's grip drowns in rounding
+MOST_POINTS = 100_000  # largest number of points of a terrain
+TALLEST = 100.0  # largest height of a step or wave, m
+STEEPEST = (1.0 + 1e-12) * tan(MAX_SLOPE)  # largest dy/dx, with a margin for rounding
+GRADIENT_STEP = 1e-4  # step to either side in a difference quotient, m
+FARTHEST = 1e6  # largest coordinate of a point, m; beyond it, rounding errors disturb the contacts
 
 
 def heights_of(line: Array, x: ArrayLike) -> Array:
-    """Heights, m, of a polyline (n, 2) at ``x`` (any shape); it goes on beyond its ends."""
+    """Return the heights of a polyline, which continues with its slope beyond its ends.
+
+    Args:
+        line: Points of the polyline, in m, shape (n, 2).
+        x: Horizontal positions, in m, any shape.
+
+    Returns:
+        Heights in m, in the shape of ``x``.
+    """
     x, first, last = np.asarray(x, float), line[1] - line[0], line[-1] - line[-2]
     before, after = np.minimum(x - line[0, 0], 0.0), np.maximum(x - line[-1, 0], 0.0)
     heights: Array = np.interp(x, *line.T)
@@ -48,11 +56,11 @@ def heights_of(line: Array, x: ArrayLike) -> Array:
 
 
 def check_room(start: float, reach: float, period: float) -> None:
-    """Check where a ground begins and ends, and how many periods fit in between.
+    """Check where the features of a terrain begin and end, and how many periods fit in between.
 
     Args:
-        start: Distance from the origin at which the ground begins, in m.
-        reach: Distance from the origin at which the ground ends, in m.
+        start: Distance from the origin at which the features begin, in m.
+        reach: Distance from the origin at which the features end, in m.
         period: Length of a period, in m.
 
     Raises:
@@ -75,14 +83,14 @@ def profile(
     reach: float = REACH,
     rng: Random | None = None,
 ) -> Points:
-    """Return the points (x, y) of a ground, in m.
+    """Return the points (x, y) of a terrain, in m.
 
     Args:
-        name: One of :data:`jansen_env.engine.ground_lines.KINDS`.
-        values: Parameters of the ground, in the order of that module, shape (k,).
-        start: Distance from the origin at which the ground begins, in m.
-        reach: Distance from the origin at which the ground ends, in m.
-        rng: Random number generator. None is possible for a ground without random numbers.
+        name: Kind of the terrain, one of :data:`jansen_env.engine.ground_lines.KINDS`.
+        values: Parameters of the terrain, in the order of that module, shape (k,).
+        start: Distance from the origin at which the features begin, in m.
+        reach: Distance from the origin at which the features end, in m.
+        rng: Random number generator. It may be None for a terrain without random numbers.
     """
     kind, given = KINDS.index(name), np.array(values, float)
     points = np.empty((count_points(kind, given, start, reach), 2))
@@ -92,7 +100,16 @@ def profile(
 
 
 def _room(name: str, value: float, face: float) -> float:
-    """A tread's length, m, with room for the face of a step of height ``face``."""
+    """Return the length of a tread after checking that it has room for the face of a step.
+
+    Args:
+        name: Name of the argument.
+        value: Length of the tread, in m.
+        face: Height of the step, in m.
+
+    Raises:
+        ValueError: If the tread is too short.
+    """
     value = checks.positive(name, value)
     least = face_run(face)
     if value <= least:
@@ -102,25 +119,29 @@ def _room(name: str, value: float, face: float) -> float:
 
 @dataclass(frozen=True)
 class Terrain:
-    """A ground profile y(x), the same across the whole width of the robot.
+    """A terrain with the height profile y(x), which is the same across the width of the robot.
 
-    ``waves``, ``stairs``, ``steps``, ``stumps`` and ``ramps`` are level around x = 0, where a
-    robot is placed, and mirrored or drawn on both sides of it, as commands may be negative. Their
-    vertices are few: in a batch, robots exchange their terrains at resets. They begin at ``start``
-    and end about at ``reach``, m from the origin on either side; the ground is level before and
-    beyond. For other friction and restitution there is ``dataclasses.replace``.
+    The terrains of ``waves``, ``stairs``, ``steps``, ``stumps`` and ``ramps`` are level around
+    x = 0, where a robot is placed. Because commands may be negative, they have features on both
+    sides of the origin, which are mirrored or random. The features begin at the distance ``start``
+    from the origin and end near the distance ``reach``, and the terrain is level before and beyond
+    them. These terrains have few vertices, because the robots of a batch get new terrains at
+    resets. To change the friction or restitution of a terrain, use ``dataclasses.replace``.
 
     Args:
-        points: at least two (x, y) vertices, m, x increasing. The first and the last segment go on
-            with their slope without end (under the rigid-body plant for ``EXTENT`` metres).
-        friction: Coulomb coefficient between toe and ground.
-        restitution: Newton's coefficient of restitution, 0 to 1; where an impact with friction
-            would gain energy by it, it bounces less.
+        points: At least two vertices (x, y), in m, with increasing x. The first and the last
+            segment continue endlessly with their slope. In the rigid-body backend they continue for
+            :data:`jansen_env.engine.ground_lines.EXTENT` metres.
+        friction: Coulomb friction coefficient between toe and ground.
+        restitution: Newton's coefficient of restitution, from 0 to 1. If an impact with friction
+            would gain energy, the restitution of this impact is smaller.
 
     Raises:
-        ValueError: fewer than two points, one farther than ``FARTHEST``, x not increasing, a
-            slope beyond 80 degrees, or a coefficient out of range. Constructors: an argument out of
-            range, or more than ``MOST_POINTS`` vertices, waves, steps, blocks or ramps.
+        ValueError: If there are fewer than two points, a coordinate is larger than
+            :data:`FARTHEST`, x does not increase, a slope is steeper than 80 degrees, or a
+            coefficient is out of range. The class methods raise it, too, if an argument is out of
+            range, or there are more than :data:`MOST_POINTS` vertices, waves, steps, blocks or
+            ramps.
     """
 
     points: tuple[tuple[float, float], ...] = ((-1.0, 0.0), (1.0, 0.0))
@@ -157,12 +178,23 @@ class Terrain:
 
     @classmethod
     def flat(cls, friction: float = 0.8, restitution: float = 0.0) -> Terrain:
-        """Level ground at y = 0."""
+        """Return level terrain at y = 0.
+
+        Args:
+            friction: Coulomb friction coefficient.
+            restitution: Coefficient of restitution, from 0 to 1.
+        """
         return cls(friction=friction, restitution=restitution)
 
     @classmethod
     def slope(cls, angle: float, friction: float = 0.8, restitution: float = 0.0) -> Terrain:
-        """A constant slope through the origin, rising towards +x for ``angle`` > 0 (rad)."""
+        """Return a constant slope through the origin.
+
+        Args:
+            angle: Angle of the slope, in rad. If it is positive, the terrain rises towards +x.
+            friction: Coulomb friction coefficient.
+            restitution: Coefficient of restitution, from 0 to 1.
+        """
         angle = checks.within("angle", angle, -MAX_SLOPE, MAX_SLOPE)
         return cls(profile("slope", (angle,)), friction, restitution)
 
@@ -175,7 +207,15 @@ class Terrain:
         length: float = 40.0,
         start: float = 1.0,
     ) -> Terrain:
-        """Random vertices from ``start`` on, level before: heights uniform in +- ``height``, m."""
+        """Return terrain with vertices of random heights, level before ``start``.
+
+        Args:
+            rng: Random number generator.
+            height: Largest height, in m. Heights are uniform between ``-height`` and ``height``.
+            spacing: Horizontal distance between vertices, in m.
+            length: Length of the part with random heights, in m.
+            start: Position x at which this part begins, in m.
+        """
         checks.instance("rng", rng, np.random.Generator)
         height = checks.within("height", height, 0.0, FARTHEST)
         spacing, length = checks.positive("spacing", spacing), checks.positive("length", length)
@@ -193,11 +233,16 @@ class Terrain:
     def waves(
         cls, height: float = 0.03, length: float = 1.0, start: float = START, reach: float = REACH
     ) -> Terrain:
-        """Cosine waves on both sides of the origin, of eight segments each.
+        """Return terrain with cosine waves on both sides of the origin.
+
+        Each wave consists of eight segments.
 
         Args:
-            height: m, from trough to crest; below 0 they begin with a trough. length: of a wave, m.
-            reach: m, within which they end, with the last that has room.
+            height: Height from trough to crest, in m. If it is negative, the waves begin with a
+                trough.
+            length: Length of a wave, in m.
+            start: Distance from the origin at which the waves begin, in m.
+            reach: Distance from the origin within which the last complete wave ends, in m.
         """
         height = checks.within("height", height, -TALLEST, TALLEST)
         length = checks.positive("length", length)
@@ -208,13 +253,16 @@ class Terrain:
     def stairs(
         cls, rise: float = 0.03, tread: float = 0.4, start: float = START, reach: float = REACH
     ) -> Terrain:
-        """Stairs that rise towards +x for ``rise`` > 0, with a landing around the origin.
+        """Return stairs with a landing around the origin.
 
-        The faces of all steps are 75 degrees steep, as x must increase: see ``docs/terrain.md``.
+        The faces of all steps have a slope of 75 degrees, because x must increase along them; see
+        ``docs/terrain.md``.
 
         Args:
-            rise: m, of each step. tread: m, from step to step.
-            start: m, half the landing but for half a tread.
+            rise: Height of each step, in m. If it is positive, the stairs rise towards +x.
+            tread: Distance from step to step, in m.
+            start: Half the length of the landing minus half a tread, in m.
+            reach: Distance from the origin near which the stairs end, in m.
         """
         rise = checks.within("rise", rise, -TALLEST, TALLEST)
         tread = _room("tread", tread, rise)
@@ -230,12 +278,16 @@ class Terrain:
         start: float = START,
         reach: float = REACH,
     ) -> Terrain:
-        """Level pieces of random heights and lengths, with steps between them.
+        """Return level pieces of random heights and lengths, with steps between them.
 
         Args:
-            rng: the generator that they are drawn from.
-            height: m; the pieces' are uniform in +- height / 2, so that no step is higher.
-            spacing: m, the mean length of a piece; lengths are uniform in 0.5 to 1.5 times that.
+            rng: Random number generator.
+            height: Largest height of a step, in m. The heights of the pieces are uniform between
+                ``-height / 2`` and ``height / 2``.
+            spacing: Mean length of a piece, in m. The lengths are uniform between 0.5 and 1.5 times
+                this value.
+            start: Distance from the origin at which the first piece begins, in m.
+            reach: Distance from the origin near which the pieces end, in m.
         """
         checks.instance("rng", rng, np.random.Generator)
         height = checks.within("height", height, 0.0, TALLEST)
@@ -252,11 +304,14 @@ class Terrain:
         start: float = START,
         reach: float = REACH,
     ) -> Terrain:
-        """Blocks on level ground on both sides of the origin, or ditches for ``height`` < 0.
+        """Return level terrain with blocks or ditches on both sides of the origin.
 
         Args:
-            height, width: m, of a block. spacing: m, from one to the next.
-            start: m, half a gap before the first block.
+            height: Height of a block, in m. If it is negative, it is the depth of a ditch.
+            width: Width of a block, in m.
+            spacing: Distance from one block to the next, in m.
+            start: Distance from the origin to half a gap before the first block, in m.
+            reach: Distance from the origin near which the blocks end, in m.
         """
         height = checks.within("height", height, -TALLEST, TALLEST)
         width = _room("width", width, height)
@@ -268,10 +323,13 @@ class Terrain:
     def ramps(
         cls, angle: float = 0.1, length: float = 0.8, start: float = START, reach: float = REACH
     ) -> Terrain:
-        """Ramps up and down with level pieces between them, on both sides of the origin.
+        """Return ramps up and down with level pieces between them, on both sides of the origin.
 
         Args:
-            angle: rad; below 0 they go down first. length: m in x, of a ramp and a level piece.
+            angle: Angle of the ramps, in rad. If it is negative, the first ramp goes down.
+            length: Horizontal length of each ramp and of each level piece, in m.
+            start: Distance from the origin at which the ramps begin, in m.
+            reach: Distance from the origin near which the ramps end, in m.
         """
         angle = checks.within("angle", angle, -MAX_SLOPE, MAX_SLOPE)
         length = checks.positive("length", length)
@@ -280,10 +338,10 @@ class Terrain:
 
     @functools.cached_property
     def _extended(self) -> tuple[Array, float]:
-        """The points with both ends extended, and the largest slope.
+        """Points with both ends extended, and the largest slope.
 
-        They are computed at the first use, so that an import of the package, which makes grounds,
-        needs no kernel.
+        They are computed at the first use. The import of the package, which creates terrains,
+        therefore needs no kernel.
         """
         points = np.array(self.points)
         line = np.empty_like(points)
@@ -293,28 +351,35 @@ class Terrain:
 
     @property
     def polyline(self) -> Array:
-        """(n, 2) surface vertices with both ends extended, m."""
+        """Vertices of the surface with both ends extended, in m, shape (n, 2)."""
         return self._extended[0]
 
     @property
     def steepest(self) -> float:
-        """The largest |dy/dx| of all segments."""
+        """Largest |dy/dx| of all segments."""
         return self._extended[1]
 
     def height(self, x: ArrayLike) -> Array:
-        """Surface height at ``x`` (any shape), m."""
+        """Return the height of the surface in m at positions ``x`` in m, of any shape."""
         return heights_of(self.polyline, x)
 
     def gradient(self, x: ArrayLike) -> Array:
-        """Slope dy/dx at ``x`` (any shape); at a vertex the mean of both sides'."""
+        """Return the slope dy/dx at positions ``x`` in m, of any shape.
+
+        At a vertex it is the mean of the slopes on both sides.
+        """
         x = np.asarray(x, float)
         rise: Array = self.height(x + GRADIENT_STEP) - self.height(x - GRADIENT_STEP)
         return rise / (2.0 * GRADIENT_STEP)
 
     def add_to(self, space: pymunk.Space) -> list[pymunk.Shape]:
-        """Add the ground to a pymunk space as segments on a new static body; return them in order.
+        """Add the terrain to a pymunk space as segments on a new static body.
 
-        The segments know their neighbours, so that no toe trips at a joint between them.
+        The segments have references to their neighbours, so that no toe trips where two segments
+        meet.
+
+        Returns:
+            The segments, in their order.
         """
         ground = pymunk.Body(body_type=pymunk.Body.STATIC)
         points = self.polyline.tolist()
@@ -329,7 +394,13 @@ class Terrain:
 
 
 def one_step(at: float, height: float) -> Terrain:
-    """Return level ground with a step up, m, at ``at``, m, as one comes from the origin."""
+    """Return level terrain with a single step, seen from the origin.
+
+    Args:
+        at: Position x of the step, in m. It may be negative.
+        height: Height of the step, in m. If it is positive, a robot that comes from the origin
+            climbs it.
+    """
     half = 0.5 * face_run(height)
     face = [(abs(at) - half, 0.0), (abs(at) + half, height)]
     points = (-1.0, 0.0), *face, (abs(at) + half + 1.0, height)
@@ -337,10 +408,14 @@ def one_step(at: float, height: float) -> Terrain:
 
 
 def _numbers(name: str, value: object) -> Array:
-    """An array of floats from numbers nested in any way."""
+    """Return numbers in nested sequences as an array of floats.
+
+    Raises:
+        ValueError: If an entry is not a number, or the sequences do not form an array.
+    """
     try:
         table = np.array(value)
-        if table.dtype.kind not in "iufO":  # text and flags are no numbers
+        if table.dtype.kind not in "iufO":  # texts and bools do not count as numbers
             raise TypeError
         return table.astype(float)
     except (TypeError, ValueError, OverflowError):
@@ -358,10 +433,19 @@ def make_terrain(
     friction: float | None = None,
     restitution: float | None = None,
 ) -> Terrain:
-    """Return a terrain from a user's argument.
+    """Return the terrain that a user's argument describes.
 
-    ``friction`` and ``restitution`` replace the terrain's own where given. Raises ValueError for
-    anything but :data:`jansen_env.terrain.ground.ALLOWED`.
+    Args:
+        terrain: A terrain, ``"flat"``, ``"slope:ANGLE"`` with an angle in rad, or points (x, y) in
+            m.
+        friction: Coulomb friction coefficient that replaces that of the terrain. None keeps the
+            latter.
+        restitution: Coefficient of restitution that replaces that of the terrain. None keeps the
+            latter.
+
+    Raises:
+        ValueError: If ``terrain`` is something else, or a coefficient is out of range. The message
+            lists the allowed values.
     """
     if isinstance(terrain, Terrain):
         made = terrain

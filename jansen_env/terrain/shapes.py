@@ -1,4 +1,4 @@
-"""The ground as pymunk's static shapes: boxes, walls, overhangs, and all that is no height line."""
+"""Terrain of static pymunk shapes: boxes, walls, overhangs, and all that is not a height line."""
 
 from __future__ import annotations
 
@@ -54,14 +54,15 @@ class Piece(NamedTuple):
 
 @dataclass(frozen=True)
 class Shapes:
-    """A ground of static shapes, with one friction and one restitution.
+    """A terrain of static shapes, with one friction and one restitution for all of them.
 
-    The ground keeps copies of a user's shapes. It never changes the originals, and later changes of
-    the originals do not affect it.
+    The terrain contains copies of a user's shapes. It never changes the originals, and later
+    changes of the originals do not affect it.
 
-    Where shapes meet, let them overlap if pads may sink as deep as their radius. A pad that deep
-    leaves a shape by its nearest side. Where shapes merely abut, that side may be the seam between
-    them, which pushes the pad along the floor. A side inside another shape is left out.
+    Where shapes meet, let them overlap if pads may sink in as deep as their radius. A pad that is
+    so deep leaves a shape through its nearest side. If shapes merely abut, this side may be the
+    seam between them, and the pad is pushed along the floor. A side that lies inside another shape
+    is ignored.
 
     Attributes:
         pieces: The shapes. At least one of them is above or below x = 0, where robots are placed.
@@ -135,7 +136,7 @@ class Shapes:
 
 
 Ground: TypeAlias = Terrain | Shapes
-"""Ground on which robots walk."""
+"""Type of a terrain on which robots walk."""
 
 
 def _checked(name: str, piece: Piece) -> Piece:

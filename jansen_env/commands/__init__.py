@@ -1,1 +1,1 @@
-"""Commands of the console script ``jansen-env``, a module each."""
+"""Commands of the console script ``jansen-env``, one module per command."""

@@ -1,8 +1,8 @@
-"""Write drawings of a robot's parts, sheets to cut, instructions and its bill of materials.
+"""Write drawings of a robot's parts, sheets to cut, instructions and a bill of materials.
 
     jansen-env drawings built --out built
 
-ROBOT is the name of a design or the path of a robot file. See ``docs/drawings.md``.
+ROBOT is the name of a design or the path of a robot file. ``docs/drawings.md`` has the details.
 """
 
 import argparse
@@ -20,12 +20,12 @@ from jansen_env.robot.robot_file import write_robot
 from jansen_env.world.settings import load_robot
 
 SHEET = "2000x1000"  # mm, a common stock size
-WIDEST_KERF = 2.0  # mm: the smallest holes are 3.2
-WIDEST_FIT = 0.5  # mm, of a diameter: the smallest pins are 3
+WIDEST_KERF = 2.0  # mm; the smallest holes have a diameter of 3.2 mm
+WIDEST_FIT = 0.5  # mm on a diameter; the smallest pins have a diameter of 3 mm
 
 
 def _sheet(text: str) -> complex:
-    """Size of a sheet, mm."""
+    """Parse the size of a sheet, in mm."""
     match = re.fullmatch(r"(\d{1,5}(?:\.\d+)?)x(\d{1,5}(?:\.\d+)?)", text)
     size = complex(*map(float, match.groups())) if match else 0j
     if not size.real * size.imag:
@@ -34,7 +34,7 @@ def _sheet(text: str) -> complex:
 
 
 def _fit(text: str) -> tuple[float, ...]:
-    """Allowances of a process, or three of a builder's own, mm."""
+    """Parse fit allowances in mm: the name of a process, or three numbers chosen by the builder."""
     try:
         fit = FITS.get(text) or tuple(map(float, text.split(",")))
     except ValueError:
@@ -48,22 +48,47 @@ def _fit(text: str) -> tuple[float, ...]:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Command line."""
+    """Write the drawings.
+
+    Args:
+        arguments: Arguments of the command. If None, those of the process.
+    """
     parser = robot_parser(
-        "jansen-env drawings", __doc__, "FOLDER", "the robot's name",
+        "jansen-env drawings",
+        __doc__,
+        "FOLDER",
+        "the robot's name",
         "jansen-env drawings built --sheet 1000x500",
         "jansen-env drawings klann --out klann --as-robot-file klann.json",
-    )  # fmt: skip
-    parser.add_argument("--sheet", type=_sheet, default=SHEET, metavar="WIDTHxHEIGHT",
-                        help="mm; default: %(default)s")  # fmt: skip
-    parser.add_argument("--kerf", type=float, default=0.0, metavar="MM",
-                        help="width of the cut, that lines make room for; default: 0")  # fmt: skip
-    parser.add_argument("--fit", type=_fit, default=(0.0, 0.0, 0.0), metavar="PROCESS",
-                        help=f"{', '.join(FITS)}; or PRESS,SLIDE,CLEAR, mm that holes are larger "
-                        "in diameter; default: 0,0,0")  # fmt: skip
-    parser.add_argument("--as-robot-file", type=robot_file, metavar="FILE",
-                        help="also write the machine that would be cut, to simulate it"
-                        )  # fmt: skip
+    )
+    parser.add_argument(
+        "--sheet",
+        type=_sheet,
+        default=SHEET,
+        metavar="WIDTHxHEIGHT",
+        help="mm; default: %(default)s",
+    )
+    parser.add_argument(
+        "--kerf",
+        type=float,
+        default=0.0,
+        metavar="MM",
+        help="width of the cut, that lines make room for; default: 0",
+    )
+    parser.add_argument(
+        "--fit",
+        type=_fit,
+        default=(0.0, 0.0, 0.0),
+        metavar="PROCESS",
+        help=f"{', '.join(FITS)}; or PRESS,SLIDE,CLEAR, mm that holes are larger "
+        "in diameter; default: 0,0,0",
+    )
+    parser.add_argument(
+        "--as-robot-file",
+        type=robot_file,
+        metavar="FILE",
+        help="also write the machine that would be cut, to simulate it",
+    )
     args = parser.parse_args(arguments)
     name = Path(args.robot).stem
     out = args.out or Path(name)

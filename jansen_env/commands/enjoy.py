@@ -1,4 +1,4 @@
-"""Show a policy in a window, or film it as GIF or MP4: ``jansen-env enjoy``."""
+"""Show a policy in a window, or record a video as GIF or MP4: ``jansen-env enjoy``."""
 
 import argparse
 import os
@@ -30,16 +30,24 @@ from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.metrics import Env
 from jansen_env.scoring.rollout import Advance, make_env
 
-INVISIBLE = ("dummy", "offscreen")  # SDL's drivers of invisible windows
-FRAME_TIME = {".gif": 0.08, ".mp4": 0.02}  # s from one frame to the next
+INVISIBLE = ("dummy", "offscreen")  # SDL drivers whose windows are invisible
+FRAME_TIME = {".gif": 0.08, ".mp4": 0.02}  # time between frames, in s
 GIF_WIDTH, GIF_COLOURS = 480, 32
-TITLE_SIZE, TITLE_MARGIN, TITLE_HEIGHT = 30, 24, 42  # pixels: letters, beside and above them
-WRITERS = {".gif": ("PIL",), ".mp4": ("PIL", "imageio_ffmpeg")}  # packages
+# Font size, margin at the sides, and height of the line of a title, in pixels.
+TITLE_SIZE, TITLE_MARGIN, TITLE_HEIGHT = 30, 24, 42
+WRITERS = {".gif": ("PIL",), ".mp4": ("PIL", "imageio_ffmpeg")}  # packages that write each format
 
 
 class Progress(NamedTuple):
-    """Steps and return of an episode so far, and whether it ended early; of a walker also the
-    distance walked and the slip of all toes together, m."""
+    """Progress of an episode.
+
+    Attributes:
+        steps: Number of steps so far.
+        returned: Return so far.
+        failed: Whether the episode has been terminated.
+        walked: Distance walked, in m; None for a robot that does not walk.
+        slipped: Total slip of all toes, in m; None for a robot that does not walk.
+    """
 
     steps: int
     returned: float
@@ -49,7 +57,17 @@ class Progress(NamedTuple):
 
 
 def play(policy: Policy, env: Env, command: float, seed: int) -> Iterator[Progress]:
-    """Play an episode of one robot with a command; yield its start and each step."""
+    """Run an episode of one robot.
+
+    Args:
+        policy: Policy that acts.
+        env: Environment of one robot.
+        command: Command for the robot, such as a speed.
+        seed: Seed of the episode.
+
+    Yields:
+        Progress after the reset and after each step.
+    """
     benchmark = find_benchmark(env.get_wrapper_attr("spec").id)
     observation, _ = env.reset(seed=seed, options=benchmark.options(command))
     moment, state, truncated = Progress(0, 0.0, False), None, False
@@ -59,15 +77,30 @@ def play(policy: Policy, env: Env, command: float, seed: int) -> Iterator[Progre
         actions, state = policy.predict(observation[None], state, starts, True)
         observation, reward, terminated, truncated, info = env.step(actions[0])
         slipped = (moment.slipped or 0.0) + info["slip"].sum() if "slip" in info else None
-        moment = Progress(moment.steps + 1, moment.returned + float(reward), terminated,
-                          info.get("x_position"), slipped)  # fmt: skip
+        moment = Progress(
+            moment.steps + 1,
+            moment.returned + float(reward),
+            terminated,
+            info.get("x_position"),
+            slipped,
+        )
         yield moment
 
 
 def film(
     env: Env, moments: Iterable[Progress], every: int, title: str | None = None
 ) -> Iterator[Picture]:
-    """Give a frame of one in ``every`` moments, and of a failure, with a title if there is one."""
+    """Render frames of an episode.
+
+    Args:
+        env: Environment that renders the frames.
+        moments: Progress of the episode, from :func:`play`.
+        every: Number of steps per frame.
+        title: Title that is drawn into the frames; None for no title.
+
+    Yields:
+        A frame every ``every`` steps, and a frame at a failure.
+    """
     for moment in moments:
         if moment.steps % every == 0 or moment.failed:
             frame = np.asarray(env.render())
@@ -75,13 +108,13 @@ def film(
 
 
 def _titled(frame: Picture, title: str, moment: Progress) -> Picture:
-    """A frame with a title, and with how far a walker has come and its toes have slid."""
+    """Draw a title into a frame, and for a walker the distance walked and the slip of its toes."""
     from PIL import Image, ImageDraw, ImageFont
 
     image = Image.fromarray(frame)
     draw, font = ImageDraw.Draw(image), ImageFont.load_default(TITLE_SIZE)
     y = image.height - TITLE_HEIGHT
-    draw.rectangle((0, y + 2, *image.size), GROUND)  # over the marks of the ground
+    draw.rectangle((0, y + 2, *image.size), GROUND)  # covers the marks on the ground
     draw.text((TITLE_MARGIN, y), title, GROUND_TEXT, font)
     if moment.slipped is not None and moment.walked is not None:
         end = "then fell" if moment.failed else f"toes slid {1e3 * moment.slipped:.0f} mm"
@@ -91,7 +124,13 @@ def _titled(frame: Picture, title: str, moment: Progress) -> Picture:
 
 
 def stack(films: Sequence[Iterable[Picture]]) -> Iterator[Picture]:
-    """Put films one above the other; the last frame of one that ends stays until all have ended."""
+    """Combine videos into one, one above the other.
+
+    If a video ends, its last frame remains until all videos have ended.
+
+    Args:
+        films: Frames of each video. All frames have the same width.
+    """
     last: list[Picture] = []
     for frames in zip_longest(*films):
         last = [last[i] if frame is None else frame for i, frame in enumerate(frames)]
@@ -99,32 +138,50 @@ def stack(films: Sequence[Iterable[Picture]]) -> Iterator[Picture]:
 
 
 def check_suffix(path: str | Path) -> str:
-    """Return the suffix of a video's file. Raises ValueError: no video has it."""
+    """Return the suffix of the file of a video.
+
+    Args:
+        path: Path of the file.
+
+    Raises:
+        ValueError: If the suffix is not one of :data:`FRAME_TIME`.
+    """
     if (suffix := Path(path).suffix) not in FRAME_TIME:
         raise ValueError(f"{path} ends in {suffix!r}, must end in one of {list(FRAME_TIME)}")
     return suffix
 
 
 def save_video(frames: Iterable[Picture], path: str | Path, frame_time: float) -> None:
-    """Write frames (height, width, 3), of one even size, as they come, as an endless .gif or .mp4.
-    Raises ValueError: another suffix."""
+    """Write frames to a ``.gif``, which repeats endlessly, or to an ``.mp4`` file.
+
+    Args:
+        frames: Frames of shape (height, width, 3). All have the same size, and height and width are
+            even. Each frame is written as soon as it is available.
+        path: Path of the file.
+        frame_time: Time between frames, in s.
+
+    Raises:
+        ValueError: If the path has another suffix.
+    """
     write = _write_mp4 if check_suffix(path) == ".mp4" else _write_gif
     write_whole(path, lambda name: write(iter(frames), name, frame_time))
 
 
 def _write_mp4(frames: Iterator[Picture], name: str, frame_time: float) -> None:
+    """Write frames to an MP4 file."""
     import imageio_ffmpeg
 
     first = next(frames)
     height, width, _ = first.shape
     size, rate = (width, height), 1.0 / frame_time
     with closing(imageio_ffmpeg.write_frames(name, size, fps=rate, macro_block_size=2)) as writer:
-        writer.send(None)  # which starts it
+        writer.send(None)  # starts the writer
         for frame in chain([first], frames):
             writer.send(np.ascontiguousarray(frame))
 
 
 def _write_gif(frames: Iterator[Picture], name: str, frame_time: float) -> None:
+    """Write frames to a GIF file, scaled to the width :data:`GIF_WIDTH`."""
     from PIL import Image
 
     def small(frame: Picture) -> Image.Image:
@@ -132,7 +189,7 @@ def _write_gif(frames: Iterator[Picture], name: str, frame_time: float) -> None:
         return Image.fromarray(frame).resize(size, Image.Resampling.LANCZOS)
 
     first = small(next(frames))
-    # One palette for all keeps still parts from flickering; this one keeps a toe's few red pixels.
+    # A common palette prevents flicker. MAXCOVERAGE preserves the few red pixels of a toe.
     palette = first.quantize(GIF_COLOURS, Image.Quantize.MAXCOVERAGE, kmeans=3)
     pictures = (
         image.quantize(palette=palette, dither=Image.Dither.NONE)
@@ -144,7 +201,7 @@ def _write_gif(frames: Iterator[Picture], name: str, frame_time: float) -> None:
 
 
 def display() -> bool:
-    """Return whether the environment variables name a visible display."""
+    """Return whether a visible display is available, according to the environment variables."""
     if os.environ.get("SDL_VIDEODRIVER") in INVISIBLE:
         return False
     return sys.platform != "linux" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
@@ -153,7 +210,18 @@ def display() -> bool:
 def episode(
     policy: Policy, env: Env, args: argparse.Namespace, number: int, title: str | None = None
 ) -> Iterator[Progress]:
-    """Play one episode with its command; print its outcome."""
+    """Run one episode and print its outcome.
+
+    Args:
+        policy: Policy that acts.
+        env: Environment of one robot.
+        args: Parsed command line.
+        number: Index of the episode, which selects its command and seed.
+        title: Title that is printed before the outcome; None for no title.
+
+    Yields:
+        Progress after the reset and after each step.
+    """
     command = args.command[number % len(args.command)]
     for moment in play(policy, env, command, args.seed + number):
         yield moment
@@ -162,12 +230,23 @@ def episode(
     how = "failed" if moment.failed else "ended"
     seconds = moment.steps * env.get_wrapper_attr("control_dt")
     unit = find_benchmark(args.env).command_unit
-    print(f"{title + ': ' if title else ''}command {command:g} {unit}: return "
-          f"{moment.returned:.1f}, {how} after {seconds:.2f} s")  # fmt: skip
+    print(
+        f"{title + ': ' if title else ''}command {command:g} {unit}: return "
+        f"{moment.returned:.1f}, {how} after {seconds:.2f} s"
+    )
 
 
 def show(policy: Policy, env: Env, args: argparse.Namespace) -> bool:
-    """Play in a window until it is closed; return False at once if there is no display."""
+    """Show episodes in a window until the user closes it.
+
+    Args:
+        policy: Policy that acts.
+        env: Environment of one robot that shows a window.
+        args: Parsed command line.
+
+    Returns:
+        False if no window could be opened, True otherwise.
+    """
     for number in range(args.episodes):
         for moment in episode(policy, env, args, number):
             if number == moment.steps == 0:
@@ -181,7 +260,16 @@ def show(policy: Policy, env: Env, args: argparse.Namespace) -> bool:
 
 
 def watched(moments: Iterable[Progress], most: int, advance: Advance) -> Iterator[Progress]:
-    """Pass an episode's moments on, and report parts of it; ``most``: steps that it may have."""
+    """Pass on the progress of an episode, and report the fraction that is done.
+
+    Args:
+        moments: Progress of the episode, from :func:`play`.
+        most: Largest number of steps of the episode.
+        advance: Function that is called with the fraction of the episode done since its last call.
+
+    Yields:
+        The progress, unchanged.
+    """
     left = 1.0
     for moment in moments:
         yield moment
@@ -191,7 +279,15 @@ def watched(moments: Iterable[Progress], most: int, advance: Advance) -> Iterato
 
 
 def record(policies: dict[str, Policy], args: argparse.Namespace, path: Path) -> None:
-    """Film the episodes; policies, by title, one above the other from the same starts."""
+    """Record a video of the episodes.
+
+    Several policies are shown one above the other, from the same initial states.
+
+    Args:
+        policies: Policies by title.
+        args: Parsed command line.
+        path: Path of the video.
+    """
     titles = policies if len(policies) > 1 else [None]
     with ExitStack() as opened:
         made = (make_env(args.env, args.env_kwargs, render_mode="rgb_array") for _ in policies)
@@ -202,16 +298,29 @@ def record(policies: dict[str, Policy], args: argparse.Namespace, path: Path) ->
         each = min(args.steps or MAX_STEPS, envs[0].get_wrapper_attr("spec").max_episode_steps)
         with progress("filming", len(shown) * args.episodes) as advance:
             films = (
-                stack([film(env, watched(episode(policy, env, args, number, title), each, advance),
-                            every, title) for env, policy, title in shown])
+                stack(
+                    [
+                        film(
+                            env,
+                            watched(episode(policy, env, args, number, title), each, advance),
+                            every,
+                            title,
+                        )
+                        for env, policy, title in shown
+                    ]
+                )
                 for number in range(args.episodes)
-            )  # fmt: skip
+            )
             save_video(chain.from_iterable(films), path, every * dt)
     print(f"written: {path}")
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
-    """Parse the command line."""
+    """Parse the command line.
+
+    Args:
+        arguments: Arguments of the command. If None, those of the process.
+    """
     parser = policy_parser(
         "jansen-env enjoy",
         "Show a policy in a window, or film policies one above the other.",
@@ -219,8 +328,13 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         "jansen-env enjoy --policy pretrained --policy pid --video both.mp4",
     )
     add = parser.add_argument
-    add("--command", type=float, nargs="+", metavar="V",
-        help="speed or goal of each episode in turn; default: the grid's middle")  # fmt: skip
+    add(
+        "--command",
+        type=float,
+        nargs="+",
+        metavar="V",
+        help="speed or goal of each episode in turn; default: the grid's middle",
+    )
     add("--episodes", type=episode_count, help="number of episodes; default: one for each command")
     add("--steps", type=positive_int, help="most steps of an episode; default: the environment's")
     add(
@@ -234,7 +348,11 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Show a policy, or film it."""
+    """Show a policy in a window, or record a video of it.
+
+    Args:
+        arguments: Arguments of the command. If None, those of the process.
+    """
     args = parse(arguments)
     window = args.video is None and len(args.policy) == 1 and display()
     with args.parser.refusing():

@@ -1,8 +1,8 @@
-"""Score policies side by side: ``jansen-env evaluate --policy pid --policy constant``.
+"""Compare the scores of policies: ``jansen-env evaluate --policy pid --policy constant``.
 
-With ``--robustness`` all policies have the same starts and the same commands, drawn from the
-environment's range, under each friction and foot stiffness, or with ``--levels`` at each terrain
-level. None is tuned again.
+With ``--robustness``, the policies are scored for each friction and each foot stiffness. With
+``--levels``, they are scored at each terrain level. All policies then have the same initial states
+and the same commands, which are sampled from the environment's range. No policy is tuned again.
 """
 
 import argparse
@@ -37,36 +37,75 @@ WRITTEN_NOWHERE = "--all prints them, --out DIR writes them"
 FRICTIONS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 STIFFNESSES = (10, 20, 50, 100, 200, 500, math.inf)  # kN/m
 FRICTION, FEET, LEVEL = "friction", "foot stiffness (kN/m)", "terrain level"  # names of the sweeps
-METRICS = ("return", "steady_slip_per_metre", "steady_speed_error", "falls")  # of the figure
+# Metrics in the figure of --robustness.
+METRICS = ("return", "steady_slip_per_metre", "steady_speed_error", "falls")
+# Metrics in the figure of --levels.
 LEVEL_METRICS = ("success", "return", "falls", "slip_per_metre", "cost_of_transport")
-FEWER = {"rigid_body": 10}  # by plant: a 10 s episode takes it some 15 s
+# Divisor of the number of episodes, by simulation backend. An episode of 10 s takes about 15 s.
+FEWER = {"rigid_body": 10}
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
-    """Parse the command line; incompatible options are refused."""
+    """Parse the command line, and reject incompatible options.
+
+    Args:
+        arguments: Arguments of the command. If None, those of the process.
+    """
     parser = policy_parser(
-        "jansen-env evaluate", "Score policies side by side.",
+        "jansen-env evaluate",
+        "Score policies side by side.",
         "jansen-env evaluate --policy pretrained --policy pid",
         "jansen-env evaluate --env JansenWalkerRough-v0 --policy pretrained --all --out scores",
         required=True,
-    )  # fmt: skip
+    )
     add = parser.add_argument
-    add("--plant", action="append", default=[], choices=sorted(PLANTS),
-        help="plant of the walkers; repeat to compare; default: the environment's")  # fmt: skip
-    add("--commands", type=float, nargs="+", metavar="V",
-        help="speeds or goals; default: the benchmark's grid")  # fmt: skip
-    add("--episodes", type=episode_count, default=10,
-        help="per command, or per condition of --robustness and --levels; default: 10")  # fmt: skip
-    add("--random-commands", type=episode_count, metavar="N",
-        help="also N episodes with commands drawn from the environment's range")  # fmt: skip
-    add("--robustness", action="store_true",
+    add(
+        "--plant",
+        action="append",
+        default=[],
+        choices=sorted(PLANTS),
+        help="plant of the walkers; repeat to compare; default: the environment's",
+    )
+    add(
+        "--commands",
+        type=float,
+        nargs="+",
+        metavar="V",
+        help="speeds or goals; default: the benchmark's grid",
+    )
+    add(
+        "--episodes",
+        type=episode_count,
+        default=10,
+        help="per command, or per condition of --robustness and --levels; default: 10",
+    )
+    add(
+        "--random-commands",
+        type=episode_count,
+        metavar="N",
+        help="also N episodes with commands drawn from the environment's range",
+    )
+    add(
+        "--robustness",
+        action="store_true",
         help="scores over friction and foot stiffness with random commands, in place of those by "
-        "command; a tenth of the episodes on 'rigid_body'")  # fmt: skip
-    add("--levels", type=non_negative_int, nargs="+", default=[], metavar="L",
-        help="the same over terrain levels, of 0 to 9")  # fmt: skip
+        "command; a tenth of the episodes on 'rigid_body'",
+    )
+    add(
+        "--levels",
+        type=non_negative_int,
+        nargs="+",
+        default=[],
+        metavar="L",
+        help="the same over terrain levels, of 0 to 9",
+    )
     add("--all", action="store_true", help="print all metrics with their 95 %% intervals")
-    add("--out", type=path_flag, metavar="DIR",
-        help="write all scores: scores.json, .md and .png, or robustness.*, levels.*")  # fmt: skip
+    add(
+        "--out",
+        type=path_flag,
+        metavar="DIR",
+        help="write all scores: scores.json, .md and .png, or robustness.*, levels.*",
+    )
     args = parse_policies(parser, arguments, "--commands")
     if args.plant and args.env not in WALKERS:
         parser.error(f"--plant is {args.plant}, but {args.env} has one plant only")
@@ -82,14 +121,20 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Score, draw, print; nothing is written before all arguments are checked."""
+    """Score the policies, print a table, and write files.
+
+    All arguments are checked before anything is written.
+
+    Args:
+        arguments: Arguments of the command. If None, those of the process.
+    """
     args = parse(arguments)
     out: Path | None = args.out
     name = args.sweep or "scores"
     with args.parser.refusing():
         loaded = load_all(args, args.commands)
         if out:
-            check_writable("--out", out)  # before the work
+            check_writable("--out", out)  # checked before the long computation
         text = _sweep(args, loaded) if args.sweep else _scores(args, loaded)
     intervals = f"{fill(INTERVALS, 80)}\n" if args.all else ""
     where = f"{out}/{name}.md, {name}.json, {name}.png" if out else WRITTEN_NOWHERE
@@ -97,34 +142,55 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _scores(args: argparse.Namespace, loaded: Loaded) -> str:
-    """Score by command, and with drawn commands."""
+    """Return the scores by command, and those for sampled commands, as text."""
     scores, drawn = Scores(args.env), Scores(args.env)
     count = args.random_commands or 0
     each = len(args.commands) * args.episodes + count
     total = each * sum(len(policies) for policies, _ in loaded)
     with progress("scoring", total) as advance:
         for policies, env_kwargs in loaded:
-            scores |= evaluate(policies, args.env, env_kwargs, args.commands, args.episodes,
-                               args.seed, advance=advance)  # fmt: skip
+            scores |= evaluate(
+                policies,
+                args.env,
+                env_kwargs,
+                args.commands,
+                args.episodes,
+                args.seed,
+                advance=advance,
+            )
             if count:
-                drawn |= evaluate(policies, args.env, env_kwargs, None, count, args.seed,
-                                  drawn=True, advance=advance)  # fmt: skip
+                drawn |= evaluate(
+                    policies,
+                    args.env,
+                    env_kwargs,
+                    None,
+                    count,
+                    args.seed,
+                    drawn=True,
+                    advance=advance,
+                )
     if args.out:
         write_scores(scores, args.out, drawn)
     grid, unit = " ".join(f"{c:g}" for c in args.commands), find_benchmark(args.env).command_unit
-    text = (f"commands {grid} {unit}, episodes at each {args.episodes}, seed {args.seed}\n\n"
-            f"{scores.table(args.all)}")  # fmt: skip
+    text = (
+        f"commands {grid} {unit}, episodes at each {args.episodes}, seed {args.seed}\n\n"
+        f"{scores.table(args.all)}"
+    )
     if drawn:
-        text += (f"\n\n{count} episodes with commands drawn from the environment's range:\n\n"
-                 f"{drawn.table(args.all)}")  # fmt: skip
+        text += (
+            f"\n\n{count} episodes with commands drawn from the environment's range:\n\n"
+            f"{drawn.table(args.all)}"
+        )
     return text
 
 
 def _sweep(args: argparse.Namespace, loaded: Loaded) -> str:
-    """Score over friction and foot stiffness, or over terrain levels."""
+    """Return the scores over friction and foot stiffness, or over terrain levels, as text."""
     conditions = len(args.levels) or len(FRICTIONS) + len(STIFFNESSES)
-    each = [len(policies) * episodes_on(env_kwargs.get("plant", ""), args.episodes)
-            for policies, env_kwargs in loaded]  # fmt: skip
+    each = [
+        len(policies) * episodes_on(env_kwargs.get("plant", ""), args.episodes)
+        for policies, env_kwargs in loaded
+    ]
     with progress("scoring", conditions * sum(each)) as advance:
         sweeps = score_conditions(loaded, args.env, args.episodes, args.seed, args.levels, advance)
     known, names = find_benchmark(args.env).metrics, LEVEL_METRICS if args.levels else METRICS
@@ -135,38 +201,66 @@ def _sweep(args: argparse.Namespace, loaded: Loaded) -> str:
     slow = {plant: n for plant, n in FEWER.items() if plant in args.plant}
     fewer = "".join(f" (on {plant} 1/{n} of that)" for plant, n in slow.items())
     shown = table if args.all else sweep_table(sweeps, next(iter(metrics)))
-    return (f"{args.episodes} episodes under each condition{fewer}, commands drawn from the "
-            f"environment's range, seed {args.seed}\n\n{shown}")  # fmt: skip
+    return (
+        f"{args.episodes} episodes under each condition{fewer}, commands drawn from the "
+        f"environment's range, seed {args.seed}\n\n{shown}"
+    )
 
 
 def episodes_on(plant: str, episodes: int) -> int:
-    """Return the episodes that run under each condition on a plant, fewer on a slow one."""
+    """Return the number of episodes per condition, which is lower for a slow backend.
+
+    Args:
+        plant: Name of the simulation backend.
+        episodes: Number of episodes on a fast backend.
+    """
     return math.ceil(episodes / FEWER.get(plant, 1))
 
 
 def feet(robot: Robot, stiffness: float) -> Compliance:
-    """Return feet of a stiffness, N/m: the robot's scaled, or the built one's if those are rigid.
+    """Return the compliance of feet with a stiffness.
 
-    An infinite one is rigid. Damping is scaled by the root, as of a rubber of the same loss factor
-    at the lower frequency (:func:`jansen_env.robot.buildable.foot_damping`).
+    The compliance of the robot's feet is scaled, or that of the built robot's feet if the robot has
+    rigid feet. The damping is scaled by the square root of the factor, as for a rubber with the
+    same loss factor at the lower frequency (:func:`jansen_env.robot.buildable.foot_damping`).
+
+    Args:
+        robot: Robot whose feet are scaled.
+        stiffness: Normal stiffness, in N/m. Feet with an infinite stiffness are rigid.
     """
     if stiffness == math.inf:
         return RIGID
     nominal = (built_robot() if robot.pad_compliance.rigid else robot).pad_compliance
-    powers = np.array((1.0, 0.5, 1.0, 0.5))  # of stiffness and damping, normal and tangential
+    powers = np.array((1.0, 0.5, 1.0, 0.5))  # for stiffness and damping, normal and tangential
     scale = (stiffness / nominal.stiffness) ** powers
     return Compliance(*(np.array(astuple(nominal)) * scale).tolist())
 
 
 def score_conditions(
-    loaded: Loaded, env_id: str, episodes: int, seed: int, levels: Sequence[int] = (),
+    loaded: Loaded,
+    env_id: str,
+    episodes: int,
+    seed: int,
+    levels: Sequence[int] = (),
     advance: Advance = no_progress,
-) -> Sweeps:  # fmt: skip
-    """Score policies under each condition on so many episodes, fewer on a plant in :data:`FEWER`.
+) -> Sweeps:
+    """Score policies under each condition.
 
-    The conditions are terrain ``levels``, or each friction and each foot stiffness without any.
+    Args:
+        loaded: Policies by label and arguments of the environment, for each simulation backend.
+        env_id: Id of the environment.
+        episodes: Number of episodes per condition. It is lower for a backend in :data:`FEWER`.
+        seed: Seed of the episodes.
+        levels: Terrain levels. If there are none, the conditions are each friction in
+            :data:`FRICTIONS` and each foot stiffness in :data:`STIFFNESSES`.
+        advance: Function that is called with the number of episodes done since its last call.
 
-    Raises ValueError: an argument out of range, or feet that give and a restitution above 0.
+    Returns:
+        Scores by sweep, condition and policy.
+
+    Raises:
+        ValueError: If an argument is out of range, or if the feet are compliant and the restitution
+            is above 0.
     """
     sweeps: Sweeps = {LEVEL: {}} if levels else {FRICTION: {}, FEET: {}}
     for policies, env_kwargs in loaded:
@@ -176,24 +270,41 @@ def score_conditions(
         conditions: list[tuple[str, float, EnvKwargs, Options]] = [
             (LEVEL, level, {}, {"terrain_level": np.full(count, level)}) for level in levels
         ] or [
-            # Friction is set at the reset, as the environment may draw its own.
+            # Friction is set at the reset, because the environment may sample the friction itself.
             *((FRICTION, mu, {}, {"friction": np.full(count, mu)}) for mu in FRICTIONS),
             *((FEET, k, {"pad_compliance": feet(robot, 1e3 * k)}, {}) for k in STIFFNESSES),
         ]
         for sweep, value, changes, options in conditions:
-            scores = evaluate(policies, env_id, {**env_kwargs, **changes}, None, count, seed,
-                              drawn=True, options=options, advance=advance)  # fmt: skip
+            scores = evaluate(
+                policies,
+                env_id,
+                {**env_kwargs, **changes},
+                None,
+                count,
+                seed,
+                drawn=True,
+                options=options,
+                advance=advance,
+            )
             name = "rigid" if value == math.inf else f"{value:g}"
             sweeps[sweep].setdefault(name, {}).update(scores)
     return sweeps
 
 
 def sweep_table(sweeps: Sweeps, metric: str) -> str:
-    """Return a metric under each condition, a column per policy."""
+    """Return a table of a metric, with one row per condition and one column per policy.
+
+    Args:
+        sweeps: Scores by sweep, condition and policy.
+        metric: Name of the metric.
+    """
     cells = [
-        [f"{sweep} {condition}",
-         *(interval_text(summary["overall"][metric][:1]) for summary in policies.values())]
-        for sweep, conditions in sweeps.items() for condition, policies in conditions.items()
-    ]  # fmt: skip
+        [
+            f"{sweep} {condition}",
+            *(interval_text(summary["overall"][metric][:1]) for summary in policies.values()),
+        ]
+        for sweep, conditions in sweeps.items()
+        for condition, policies in conditions.items()
+    ]
     first = next(iter(sweeps.values()))
     return screen_table([[metric, *next(iter(first.values()))], *cells])

@@ -1,4 +1,4 @@
-"""Write a robot as MJCF, the format of MuJoCo, on level ground."""
+"""Write a robot on level ground as MJCF, the format of MuJoCo."""
 
 from jansen_env.commands.flags import robot_parser
 from jansen_env.export_mjcf import to_mjcf
@@ -8,11 +8,19 @@ from jansen_env.world.settings import load_robot
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Command line."""
+    """Write the robot to a file, or print it.
+
+    Args:
+        arguments: Arguments of the command. If None, those of the process.
+    """
     parser = robot_parser(
-        "jansen-env mjcf", __doc__, "FILE", "standard output",
-        "jansen-env mjcf built --out built.xml", "jansen-env mjcf robot.json",
-    )  # fmt: skip
+        "jansen-env mjcf",
+        __doc__,
+        "FILE",
+        "standard output",
+        "jansen-env mjcf built --out built.xml",
+        "jansen-env mjcf robot.json",
+    )
     args = parser.parse_args(arguments)
     with parser.refusing():
         text = to_mjcf(load_robot("ROBOT", args.robot), Terrain.flat())

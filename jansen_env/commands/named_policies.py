@@ -1,4 +1,4 @@
-"""Policies by the names and files that commands are given."""
+"""Policies by the names and files that users pass to commands."""
 
 import argparse
 import os
@@ -14,20 +14,32 @@ from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.rollout import EnvKwargs, make_env
 from jansen_env.tasks.walking.profile import load_profile
 
-SEARCHED = "profile:"  # before the file of a profile that a search has found
+SEARCHED = "profile:"  # prefix of the file of a profile that a search has found
 
 Loaded: TypeAlias = list[tuple[dict[str, Policy], EnvKwargs]]
-"""Policies by label, and the environment's arguments, for each plant."""
+"""Policies by label and arguments of the environment, for each simulation backend."""
 
 
 def default_policy(env_id: str) -> str:
-    """Return the name of an environment's trained policy, or else of its first baseline."""
+    """Return the name of an environment's pretrained policy, or of its first baseline.
+
+    Args:
+        env_id: Id of the environment.
+    """
     trained = pretrained.names(env_id)
     return "pretrained" if trained else next(iter(find_benchmark(env_id).baselines))
 
 
 def shipped_file(name: str, env_id: str) -> Path | None:
-    """Return the file of ``"pretrained"`` or ``"pretrained:NAME"``; None for another name."""
+    """Return the file of a pretrained policy.
+
+    Args:
+        name: ``"pretrained"`` or ``"pretrained:NAME"``.
+        env_id: Id of the environment.
+
+    Returns:
+        Path of the file, or None if ``name`` has another form.
+    """
     word, _, policy = name.partition(":")
     return (
         pretrained.shipped(env_id, policy or pretrained.DEFAULT) if word == "pretrained" else None
@@ -35,12 +47,15 @@ def shipped_file(name: str, env_id: str) -> Path | None:
 
 
 def load_named(name: str, env: Any) -> Policy:
-    """Load a policy for ``env``.
+    """Load a policy for an environment.
 
-    ``name``: a baseline, ``"pretrained"``, ``"pretrained:NAME"``, a searched profile
-    ``"profile:FILE"``, a run's folder, or the file of a model or policy.
+    Args:
+        name: Name of a baseline, ``"pretrained"``, ``"pretrained:NAME"``, ``"profile:FILE"`` for a
+            profile that a search has found, the folder of a run, or the file of a model or policy.
+        env: Environment in which the policy acts.
 
-    Raises ValueError: there is none of this name, or it does not fit the environment.
+    Raises:
+        ValueError: If there is no such policy, or if it does not fit the environment.
     """
     env_id = env.spec.id
     baselines, path = find_benchmark(env_id).baselines, shipped_file(name, env_id) or Path(name)
@@ -57,20 +72,30 @@ def load_named(name: str, env: Any) -> Policy:
         packed = pretrained.load_file(path)
         with named_errors(f"policy {name!r} does not fit {env_id}"):
             return packed.on(env)
-    os.environ.setdefault("OMP_NUM_THREADS", "1")  # more would change the last bits of the actions
-    from jansen_env.sb3 import load_policy  # only now: torch is slow to import
+    # More threads would change the last bits of the actions.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    from jansen_env.sb3 import load_policy  # imported late, because torch is slow to import
 
     policy: Any = load_policy(name)
     for space in ("observation_space", "action_space"):
         trained, needed = getattr(policy, space), getattr(env, space)
         if trained.shape != needed.shape:
-            raise ValueError(f"policy {name!r} has an {space} of shape {trained.shape}, must be "
-                             f"{needed.shape} for {env_id}")  # fmt: skip
+            raise ValueError(
+                f"policy {name!r} has an {space} of shape {trained.shape}, must be "
+                f"{needed.shape} for {env_id}"
+            )
     return policy
 
 
 def model_file(name: str) -> Path | None:
-    """Return the file of a policy; None for a baseline."""
+    """Return the file of a policy.
+
+    Args:
+        name: Name, folder or file of the policy.
+
+    Returns:
+        Path of the file, or None for a baseline.
+    """
     path = Path(name).resolve()
     if not path.exists():
         return None
@@ -78,7 +103,13 @@ def model_file(name: str) -> Path | None:
 
 
 def label(name: str) -> str:
-    """Return a policy's name in tables; a model or profile has that of its folder."""
+    """Return the name of a policy in tables.
+
+    A model or profile is called by the name of its folder.
+
+    Args:
+        name: Name, folder or file of the policy.
+    """
     if name.startswith(SEARCHED):
         return "/".join(Path(name.removeprefix(SEARCHED)).resolve().parts[-3:-1])
     file = model_file(name)
@@ -89,8 +120,16 @@ def label(name: str) -> str:
 
 
 def labels(names: list[str]) -> list[str]:
-    """Return :func:`label` of each policy, or the given names where two would share one. Raises
-    ValueError: a policy is given twice."""
+    """Return the label of each policy.
+
+    Policies whose labels would be equal keep the names that the user has passed.
+
+    Args:
+        names: Names, folders or files of the policies.
+
+    Raises:
+        ValueError: If a policy occurs twice.
+    """
     policies = [model_file(name) or name for name in names]
     for policy, name in zip(policies, names, strict=True):
         if (times := policies.count(policy)) > 1:
@@ -100,8 +139,15 @@ def labels(names: list[str]) -> list[str]:
 
 
 def load_all(args: argparse.Namespace, commands: Sequence[float] = ()) -> Loaded:
-    """Return for each plant the policies by label, and the environment's arguments. Raises
-    ValueError: a policy, an argument or one of the commands is not allowed."""
+    """Load all policies of a command line, for each simulation backend.
+
+    Args:
+        args: Parsed command line.
+        commands: Commands for the robot, such as speeds, that are checked.
+
+    Raises:
+        ValueError: If a policy, an argument or a command is not allowed.
+    """
     names = dict(zip(labels(args.policy), args.policy, strict=True))
     loaded: Loaded = []
     for plant in dict.fromkeys(getattr(args, "plant", ())) or [None]:

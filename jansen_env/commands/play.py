@@ -29,14 +29,25 @@ FLAT = "flat"
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
-    """Parse the command line."""
+    """Parse the command line.
+
+    Args:
+        arguments: Arguments of the command. If None, those of the process.
+    """
     policies = sorted({name for env_id in ENVIRONMENTS for name in page_policies(env_id)})
-    parser = Parser("jansen-env play", "Write the page on which robots walk, and open it.",
-                    "jansen-env play --env JansenWalkerRough-v0 --level 4",
-                    "jansen-env play --robot klann --policy hand --terrain stairs")  # fmt: skip
+    parser = Parser(
+        "jansen-env play",
+        "Write the page on which robots walk, and open it.",
+        "jansen-env play --env JansenWalkerRough-v0 --level 4",
+        "jansen-env play --robot klann --policy hand --terrain stairs",
+    )
     add = parser.add_argument
-    add("--env", default=ENVIRONMENTS[0], choices=ENVIRONMENTS,
-        help=f"whose robot, terrain and policy it is; default: {ENVIRONMENTS[0]}")  # fmt: skip
+    add(
+        "--env",
+        default=ENVIRONMENTS[0],
+        choices=ENVIRONMENTS,
+        help=f"whose robot, terrain and policy it is; default: {ENVIRONMENTS[0]}",
+    )
     add(
         "--robot",
         metavar="NAME|FILE",
@@ -45,9 +56,12 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     )
     add("--terrain", choices=(FLAT, *GENERATORS), help="default: the environment's")
     add("--level", type=int, default=0, help=f"of the terrain, 0 (default) to {HIGHEST}")
-    add("--policy", choices=(*policies, *CONTROLLERS),
+    add(
+        "--policy",
+        choices=(*policies, *CONTROLLERS),
         help=f"walks at your speed command; default: the environment's {pretrained.DEFAULT}, with "
-        "--robot that of the robot, or a constant speed; hand: you turn the crank")  # fmt: skip
+        "--robot that of the robot, or a constant speed; hand: you turn the crank",
+    )
     add("--seed", type=int, default=0, help="another number, another start and ground")
     add(
         "--out",
@@ -63,10 +77,15 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 
 
 def robot_of(name: str | None) -> tuple[str | None, dict[str, Robot]]:
-    """Return a robot's name on the page, and robots of the page by name with the one of a file.
+    """Return the name of a robot on the page, and all robots of the page by name.
+
+    The robots are the built-in designs and, if ``name`` is not one of these, the robot it selects.
+
+    Args:
+        name: Name of a robot, or path of a robot file. None selects the robot of the environment.
 
     Raises:
-        ValueError: If it is neither a name nor a robot file, or if the robot cannot walk.
+        ValueError: If ``name`` is neither a name nor a robot file, or if the robot cannot walk.
     """
     robots = {known: make() for known, make in ROBOTS.items()}
     if name is None or name in robots:
@@ -80,7 +99,15 @@ def robot_of(name: str | None) -> tuple[str | None, dict[str, Robot]]:
 
 
 def start_of(args: argparse.Namespace, robot: str | None = None) -> dict[str, object]:
-    """The choices with which the page starts. Raises ValueError: they do not go together."""
+    """Return the initial choices on the page.
+
+    Args:
+        args: Parsed command line.
+        robot: Name of the robot on the page. None selects the robot of the environment.
+
+    Raises:
+        ValueError: If a choice is out of range, or if two choices are incompatible.
+    """
     defaults = pretrained.arguments_of(args.env)
     terrain = args.terrain or defaults["terrain"]
     if terrain == FLAT and args.level:
@@ -100,7 +127,11 @@ def start_of(args: argparse.Namespace, robot: str | None = None) -> dict[str, ob
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Write both pages, and open one."""
+    """Write the walking page and the bench, and open one of them.
+
+    Args:
+        arguments: Arguments of the command. If None, those of the process.
+    """
     args = parse(arguments)
     with args.parser.refusing():
         name, robots = robot_of(args.robot)

@@ -1,4 +1,4 @@
-"""Figures and files of scores."""
+"""Figures and files that present scores."""
 
 from itertools import product
 from pathlib import Path
@@ -16,14 +16,21 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-LEAST = 1e-4  # shown for all that is less on a logarithmic axis: rigid feet may not slip at all
+# Lower values are drawn as this value on a logarithmic axis. Rigid feet may not slip at all.
+LEAST = 1e-4
 
 Sweeps: TypeAlias = dict[str, dict[str, dict[str, Summary]]]
-"""Result of :func:`jansen_env.scoring.metrics.pooled` by sweep, condition and policy."""
+"""Results of :func:`jansen_env.scoring.metrics.pooled` by sweep, condition and policy."""
 
 
 def write_scores(scores: Scores, folder: Path, drawn: Scores | None = None) -> None:
-    """Write scores.json, .md and .png; ``drawn``: those of drawn commands, if any."""
+    """Write ``scores.json``, ``scores.md`` and ``scores.png``.
+
+    Args:
+        scores: Scores for the commands of the benchmark's grid.
+        folder: Folder of the files.
+        drawn: Scores for sampled commands; None or empty if there are none.
+    """
     benchmark = find_benchmark(scores.env_id)
     text = score_table(benchmark.metrics, scores, "metric")
     if drawn:
@@ -37,27 +44,48 @@ def write_scores(scores: Scores, folder: Path, drawn: Scores | None = None) -> N
 def write_files(
     stem: Path, scores: object, table: str, sweeps: Sweeps, metrics: dict[str, Metric]
 ) -> None:
-    """Write scores as JSON, their table as Markdown and their figure, named ``stem``."""
+    """Write scores as JSON, a table of them as Markdown, and a figure of them as PNG.
+
+    Args:
+        stem: Path of the files without suffix.
+        scores: Scores to write as JSON.
+        table: Table of the scores.
+        sweeps: Scores to plot.
+        metrics: Metrics to plot, by name.
+    """
     write_text(stem.with_suffix(".md"), f"{table}\n\n{INTERVALS}\n")
     plot_sweeps(sweeps, metrics, stem.with_suffix(".png"))
-    write_json(stem.with_suffix(".json"), scores)  # last: where it is, the others are
+    # This file is written last: if it exists, the other files exist.
+    write_json(stem.with_suffix(".json"), scores)
 
 
 def by_command(scores: Scores) -> dict[str, dict[str, Summary]]:
-    """Return scores as a sweep over the commands."""
+    """Return scores as a sweep over the commands.
+
+    Args:
+        scores: Scores of all policies.
+    """
     commands = next(iter(scores.values()))["by_command"]["return"]["command"]
     return {
         f"{command:g}": {
-            policy: {"overall": {name: [row["value"][k], row["low"][k], row["high"][k]]
-                                 for name, row in summary["by_command"].items()}}
+            policy: {
+                "overall": {
+                    name: [row["value"][k], row["low"][k], row["high"][k]]
+                    for name, row in summary["by_command"].items()
+                }
+            }
             for policy, summary in scores.items()
         }
         for k, command in enumerate(commands)
-    }  # fmt: skip
+    }
 
 
 def by_condition(sweeps: Sweeps) -> dict[str, Summary]:
-    """Return sweeps as scores by condition and policy, such as "friction 0.3, pid"."""
+    """Return the scores of sweeps by condition and policy, such as "friction 0.3, pid".
+
+    Args:
+        sweeps: Scores by sweep, condition and policy.
+    """
     return {
         f"{sweep} {condition}, {policy}": summary
         for sweep, conditions in sweeps.items()
@@ -67,7 +95,16 @@ def by_condition(sweeps: Sweeps) -> dict[str, Summary]:
 
 
 def plot_sweeps(sweeps: Sweeps, metrics: dict[str, Metric], path: Path) -> Path:
-    """Draw a panel per metric and sweep, a line per policy with 95 % intervals."""
+    """Draw one panel per metric and sweep, with one line per policy and its 95 % intervals.
+
+    Args:
+        sweeps: Scores by sweep, condition and policy.
+        metrics: Metrics to draw, by name.
+        path: Path of the figure.
+
+    Returns:
+        The path of the figure.
+    """
     from matplotlib.figure import Figure
 
     rows, columns = len(metrics), len(sweeps)
@@ -93,7 +130,15 @@ def plot_sweeps(sweeps: Sweeps, metrics: dict[str, Metric], path: Path) -> Path:
 
 
 def _draw_curve(axis: "Axes", metric: Metric, x: Array, intervals: Array, label: str) -> None:
-    """Draw a metric over ``x`` (n,): ``intervals`` (3, n) are values, lower and upper ends."""
+    """Draw the curve of a metric with its intervals.
+
+    Args:
+        axis: Axes to draw on.
+        metric: Metric that is drawn.
+        x: Positions on the horizontal axis, shape (n,).
+        intervals: Values, lower ends and upper ends of the intervals, shape (3, n).
+        label: Label of the curve.
+    """
     from matplotlib.ticker import LogLocator
 
     if metric.axis == "log":
@@ -110,5 +155,13 @@ def _draw_curve(axis: "Axes", metric: Metric, x: Array, intervals: Array, label:
 
 
 def save(figure: "Figure", path: str | Path) -> Path:
-    """Write a figure whole; returns ``path``."""
+    """Write a figure to a file, atomically.
+
+    Args:
+        figure: Figure to write.
+        path: Path of the file.
+
+    Returns:
+        The path of the file.
+    """
     return write_whole(path, lambda name: figure.savefig(name, dpi=120))

@@ -1,8 +1,8 @@
-"""Predict what a machine that is built would measure, with its uncertainty: ``jansen-env predict``.
+"""Predict measurements on a real machine, with their uncertainty: ``jansen-env predict``.
 
-Many copies of a robot walk at once; what is not known of the real one differs from copy to copy, by
-Latin hypercube sampling. The crank turns at a constant speed under the robot's own PID, from
-rest, and is stopped in the end.
+Many copies of a robot walk at the same time. The parameters that are not known exactly for the real
+machine differ from copy to copy, by Latin hypercube sampling. The robot's own PID controller turns
+the crank at a constant speed, starting from rest, and stops it at the end.
 """
 
 import json
@@ -36,52 +36,75 @@ from jansen_env.terrain.ground import Terrain, one_step
 from jansen_env.world.settings import load_robot
 
 ENV = "JansenWalkerBuilt-v0"
-WALKED, STOPPED = 8.0, 2.0  # s, about, that are measured; and with the crank stopped
+WALKED, STOPPED = 8.0, 2.0  # s, approximate measured time, and time with the crank stopped
 WITHIN = {
-    "friction": (0.5, 1.0),  # of feet on the ground
-    "mass": (0.97, 1.03),  # times all links'
-    "lengths": (-3e-4, 3e-4),  # m, each for itself
-    "bearings": (0.5, 1.5),  # times their friction
-    "feet": (0.5, 1.5),  # times their stiffness
-    "battery": (0.9, 1.1),  # times its voltage
-    "start": (0.0, math.pi),  # rad, of the crank: after half a turn the legs have swapped
+    "friction": (0.5, 1.0),  # of the feet on the ground
+    "mass": (0.97, 1.03),  # factor on the masses of all links
+    "lengths": (-3e-4, 3e-4),  # m, error of each length, independent of the others
+    "bearings": (0.5, 1.5),  # factor on the friction of the bearings
+    "feet": (0.5, 1.5),  # factor on the stiffness of the feet
+    "battery": (0.9, 1.1),  # factor on the voltage of the battery
+    "start": (0.0, math.pi),  # rad, crank angle; after half a turn the legs have swapped roles
 }
-"""Limits between which each uncertain number is taken to be uniform."""
+"""Limits of the uniform distribution of each uncertain parameter."""
 UNITS = {
     "speed": "m/s", "cost_of_transport": "1", "slip": "m/m", "mean_torque": "N m",
     "peak_torque": "N m", "electrical_power": "W", "duty_factor": "1", "foot_load": "N",
     "pitch_range": "rad", "heave": "m", "start_distance": "m", "stop_distance": "m",
     "falls": "fraction", "step_climbed": "m",
 }  # fmt: skip
-"""Predicted quantities and their units. Torques are magnitudes; peaks of torque and load are
-exceeded in 1 % of the steps of 20 ms; the duty factor is the share of these in which a foot bears
-load. The start is the first 2 s."""
-STEPS = tuple(np.round(np.arange(0.02, 0.161, 0.02), 2).tolist())  # m, heights that are climbed
-STEP_AT, BEYOND, FAR = 0.7, 1.3, 2.0  # m: the step; where it is climbed; way without slip
+"""Predicted quantities and their units.
+
+Torques are magnitudes. The peaks of torque and load are exceeded in 1 % of the control steps, which
+last 20 ms. The duty factor is the fraction of these steps in which a foot carries load. The start
+consists of the first 2 s.
+"""
+STEPS = tuple(np.round(np.arange(0.02, 0.161, 0.02), 2).tolist())  # m, heights of steps to climb
+# Position of the step, position from which on it counts as climbed, and distance that a robot which
+# does not slip walks, in m.
+STEP_AT, BEYOND, FAR = 0.7, 1.3, 2.0
 INFO = "x_position", "crank_angle", "crank_torque", "pitch", "fallen"
 SLOWEST, FASTEST = 0.5, 10.0  # rad/s
 MOST_COPIES = 10_000
-SPAN = 5.0, 95.0  # per cent of the copies, below and above which others lie
+SPAN = 5.0, 95.0  # percentiles of the copies that limit the 90 % band
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Predict, print a table, write JSON."""
+    """Predict the quantities, print a table of them, and write them as JSON.
+
+    Args:
+        arguments: Arguments of the command. If None, those of the process.
+    """
     parser = robot_parser(
-        "jansen-env predict", __doc__, "FILE", "nothing is written",
-        "jansen-env predict built", "jansen-env predict economy --speeds 1 2 --out economy.json",
-    )  # fmt: skip
+        "jansen-env predict",
+        __doc__,
+        "FILE",
+        "nothing is written",
+        "jansen-env predict built",
+        "jansen-env predict economy --speeds 1 2 --out economy.json",
+    )
     add = parser.add_argument
-    add("--speeds", type=float, nargs="+", default=[1.0, 2.0, 4.0], metavar="RAD_PER_S",
-        help="of the crank; default: 1 2 4")  # fmt: skip
-    add("--copies", type=whole(most=MOST_COPIES), default=256,
-        help=f"of the machine, at most {MOST_COPIES}; default: 256")  # fmt: skip
+    add(
+        "--speeds",
+        type=float,
+        nargs="+",
+        default=[1.0, 2.0, 4.0],
+        metavar="RAD_PER_S",
+        help="of the crank; default: 1 2 4",
+    )
+    add(
+        "--copies",
+        type=whole(most=MOST_COPIES),
+        default=256,
+        help=f"of the machine, at most {MOST_COPIES}; default: 256",
+    )
     args = parser.parse_args(arguments)
     with parser.refusing():
         robot = load_robot("ROBOT", args.robot)
         if advance_per_turn(robot) == 0.0:
             raise ValueError(f"ROBOT is {args.robot}, must advance as its crank turns")
         if args.out is not None:
-            check_writable("--out's folder", args.out.parent)  # before the work
+            check_writable("--out's folder", args.out.parent)  # checked before the long computation
         for speed in args.speeds:
             within("--speeds", abs(speed), SLOWEST, FASTEST)
         seconds = sum(map(simulated_time, [robot] * len(args.speeds), args.speeds))
@@ -91,8 +114,12 @@ def main(arguments: list[str] | None = None) -> None:
             }
         gains = [*astuple(gains_of(robot, "steady"))]
         if args.out is not None:
-            known = {"robot": args.robot, "version": __version__, "copies": args.copies,
-                     "gains": gains}  # fmt: skip
+            known = {
+                "robot": args.robot,
+                "version": __version__,
+                "copies": args.copies,
+                "gains": gains,
+            }
             content = {"format": "jansen_env predictions 1", **known, "within": WITHIN}
             write_text(args.out, json.dumps({**content, "crank_speed": made}, indent=1) + "\n")
     kp, ki, kd = gains
@@ -102,7 +129,11 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def table(quantities: dict[str, Any]) -> str:
-    """A Markdown table of predictions."""
+    """Return a Markdown table of predictions.
+
+    Args:
+        quantities: Predictions by quantity, as returned by :func:`predict`.
+    """
     rows = []
     for name, row in quantities.items():
         most = max(row["sources"], key=row["sources"].get, default="")
@@ -114,7 +145,12 @@ def table(quantities: dict[str, Any]) -> str:
 
 
 def simulated_time(robot: Robot, speed: float) -> float:
-    """Return the seconds that each copy walks in :func:`predict`."""
+    """Return the time that each copy walks in :func:`predict`, in s.
+
+    Args:
+        robot: Robot that walks.
+        speed: Crank speed, in rad/s.
+    """
     times = [SETTLING + measured_time(speed), *[climbing_time(robot, speed)] * len(STEPS)]
     return sum(times) + STOPPED * len(times)
 
@@ -122,14 +158,26 @@ def simulated_time(robot: Robot, speed: float) -> float:
 def predict(
     robot: Robot, speed: float, copies: int, advance: Advance = no_progress
 ) -> dict[str, Any]:
-    """Predictions at a crank speed, rad/s: {quantity: {median, low, high, sources}}.
+    """Predict all quantities in :data:`UNITS` at a crank speed.
 
-    ``low`` and ``high``: 90 % of the copies are between them. ``sources``: shares of the variance
-    by linear regression; what is left to 1 is not linear, as the walk is chaotic. ``advance`` is
-    called with the seconds that the copies have walked.
+    Args:
+        robot: Robot whose copies walk.
+        speed: Crank speed, in rad/s.
+        copies: Number of copies.
+        advance: Function that is called with the time, in s, that the copies have walked since its
+            last call.
+
+    Returns:
+        For each quantity a dictionary with the keys "median", "low", "high" and "sources". 90 % of
+        the copies lie between ``low`` and ``high``. ``sources`` has the fraction of the variance
+        that a linear regression attributes to each uncertain parameter. The remainder to 1 is not
+        linear, because walking is chaotic.
+
+    Raises:
+        ValueError: If copies of the robot stand still.
     """
     robots, known, errors = draw_copies(robot, WITHIN, copies)
-    pid = gains_of(robot, "steady")  # not those of a copy, whose links no design has
+    pid = gains_of(robot, "steady")  # gains of the nominal robot; a copy matches no design
     measured = measure(robots, known, speed, pid, advance)
     measured["step_climbed"] = climb(robots, known, speed, pid, advance)
     inputs = {name: values[:, None] for name, values in known.items() if name != "start"}
@@ -141,41 +189,70 @@ def predict(
 def draw_copies(
     robot: Robot, limits: Mapping[str, tuple[float, float]], copies: int
 ) -> tuple[list[Robot], dict[str, Array], Array]:
-    """Draw copies of a robot: them, their numbers (copies,) by name, errors of lengths, m."""
+    """Sample copies of a robot.
+
+    Args:
+        robot: Robot to copy.
+        limits: Limits of each uncertain parameter, as in :data:`WITHIN`.
+        copies: Number of copies.
+
+    Returns:
+        The copies, the sampled values by name, each of shape (copies,), and the errors of the link
+        lengths in m, shape (copies, lengths).
+    """
     sizes = [name for name in lengths(robot) if name != "frame_angle"]
     names = [name for name in limits if name != "lengths"]
     least, most = np.array([limits[name] for name in [*names, *["lengths"] * len(sizes)]]).T
     drawn = least + (most - least) * qmc.LatinHypercube(len(least), rng=0).random(copies)
     known, errors = dict(zip(names, drawn.T, strict=False)), drawn[:, len(names) :]
-    robots = [copy_of(robot, {name: float(known[name][i]) for name in names},
-                      dict(zip(sizes, errors[i].tolist(), strict=True)))
-              for i in range(copies)]  # fmt: skip
+    robots = [
+        copy_of(
+            robot,
+            {name: float(known[name][i]) for name in names},
+            dict(zip(sizes, errors[i].tolist(), strict=True)),
+        )
+        for i in range(copies)
+    ]
     return robots, known, errors
 
 
 def copy_of(robot: Robot, numbers: dict[str, float], errors: dict[str, float]) -> Robot:
-    """The robot with one draw of what is uncertain; errors: m, by length.
+    """Return a robot with one sample of the uncertain parameters.
 
-    A ``payload``, kg, and ``damping`` of the crank, N m s/rad, are added to the robot's.
+    Args:
+        robot: Robot to copy.
+        numbers: Sampled values by name, as in :data:`WITHIN`. They may also have a ``payload`` in
+            kg, and a ``damping`` of the crank in N m s/rad, which are added to those of the robot.
+        errors: Error of each link length by name, in m.
     """
     known = lengths(robot)
     wrong = with_lengths(robot, {name: known[name] + error for name, error in errors.items()})
     motor, feet = wrong.motor, wrong.pad_compliance
     volts, stiff = numbers["battery"], numbers["feet"]
-    motor = replace(motor, stall_torque=volts * motor.stall_torque,
-                    no_load_speed=volts * motor.no_load_speed,
-                    viscous_friction=motor.viscous_friction + numbers.get("damping", 0.0)
-                    )  # fmt: skip
+    motor = replace(
+        motor,
+        stall_torque=volts * motor.stall_torque,
+        no_load_speed=volts * motor.no_load_speed,
+        viscous_friction=motor.viscous_friction + numbers.get("damping", 0.0),
+    )
     load = replace(wrong.payload, mass=wrong.payload.mass + numbers.get("payload", 0.0))
     if not feet.rigid:
-        feet = replace(feet, stiffness=stiff * feet.stiffness,
-                       tangential_stiffness=stiff * (feet.tangential_stiffness or 0.0))  # fmt: skip
+        feet = replace(
+            feet,
+            stiffness=stiff * feet.stiffness,
+            tangential_stiffness=stiff * (feet.tangential_stiffness or 0.0),
+        )
     return replace(
-        wrong, motor=motor, pad_compliance=feet, payload=load,
-        bodies=tuple(replace(b, mass=numbers["mass"] * b.mass, inertia=numbers["mass"] * b.inertia)
-                     for b in wrong.bodies),
+        wrong,
+        motor=motor,
+        pad_compliance=feet,
+        payload=load,
+        bodies=tuple(
+            replace(b, mass=numbers["mass"] * b.mass, inertia=numbers["mass"] * b.inertia)
+            for b in wrong.bodies
+        ),
         bearing_friction=tuple(numbers["bearings"] * each for each in robot.bearing_friction),
-    )  # fmt: skip
+    )
 
 
 def walk(
@@ -187,14 +264,35 @@ def walk(
     pid: PID,
     advance: Advance = no_progress,
 ) -> tuple[dict[str, Array], float]:
-    """Walk robots whose cranks turn for ``seconds`` and then stop; return arrays (steps, n), and
-    the duration of a step, s. The ground rises by ``known["slope"]``, rad, towards +x if given."""
+    """Simulate robots whose cranks turn for a time and then stop.
+
+    Args:
+        robots: Robots that walk, n in number.
+        known: Sampled values by name, each of shape (n,). If they include a ``slope``, in rad, the
+            terrain rises towards +x by this angle.
+        speed: Crank speed, in rad/s.
+        ground: Terrain on which all robots walk.
+        seconds: Time for which the cranks turn, in s.
+        pid: Gains of the controller.
+        advance: Function that is called with the time, in s, that the robots have walked since its
+            last call.
+
+    Returns:
+        Recorded quantities by name, each of shape (steps, n, ...), and the duration of a control
+        step, in s.
+    """
     single = cast(JansenWalkerEnv, make_env(ENV, {"robot": robots[0]}).unwrapped)
     dt = single.control_dt
     envs: Any = gym.make_vec(
-        ENV, len(robots), robot=robots, terrain=ground, friction=known["friction"].tolist(),
-        terminate_when_fallen=False, reset_noise_scale=0.0, max_episode_steps=-1,
-    )  # fmt: skip
+        ENV,
+        len(robots),
+        robot=robots,
+        terrain=ground,
+        friction=known["friction"].tolist(),
+        terminate_when_fallen=False,
+        reset_noise_scale=0.0,
+        max_episode_steps=-1,
+    )
     now = speed
     policy = walking_pid(lambda command: np.full(len(command), now), single, pid)
     options = {"crank_angle": known["start"]}
@@ -216,16 +314,42 @@ def walk(
 
 
 def measured_time(speed: float) -> float:
-    """Seconds of a walk that are measured: whole half turns in about :data:`WALKED`."""
+    """Return the time for which a rollout is measured, in s.
+
+    It is the time of as many half turns of the crank as fit into :data:`WALKED`, at least one.
+
+    Args:
+        speed: Crank speed, in rad/s.
+    """
     half_turn = math.pi / abs(speed)
     return half_turn * max(1, math.floor(WALKED / half_turn))
 
 
 def measure(
-    robots: list[Robot], known: dict[str, Array], speed: float, pid: PID,
+    robots: list[Robot],
+    known: dict[str, Array],
+    speed: float,
+    pid: PID,
     advance: Advance = no_progress,
-) -> dict[str, Array]:  # fmt: skip
-    """Numbers (n,) of a walk on level ground, most of whole half turns of the crank after 2 s."""
+) -> dict[str, Array]:
+    """Measure quantities of robots that walk on level ground.
+
+    Most quantities refer to whole half turns of the crank after the first 2 s.
+
+    Args:
+        robots: Robots that walk, n in number.
+        known: Sampled values by name, each of shape (n,).
+        speed: Crank speed, in rad/s.
+        pid: Gains of the controller.
+        advance: Function that is called with the time, in s, that the robots have walked since its
+            last call.
+
+    Returns:
+        Quantities by name, each of shape (n,).
+
+    Raises:
+        ValueError: If a robot stands still, because work and slip are measured per metre.
+    """
     time = measured_time(speed)
     run, dt = walk(robots, known, speed, Terrain.flat(), SETTLING + time, pid, advance)
     begin, end = round(SETTLING / dt), round((SETTLING + time) / dt)
@@ -256,15 +380,35 @@ def measure(
 
 
 def climbing_time(robot: Robot, speed: float) -> float:
-    """Seconds in which a robot that does not slip walks :data:`FAR`."""
+    """Return the time in which a robot that does not slip walks :data:`FAR`, in s.
+
+    Args:
+        robot: Robot that walks.
+        speed: Crank speed, in rad/s.
+    """
     return 2.0 * math.pi * FAR / abs(advance_per_turn(robot) * speed)
 
 
 def climb(
-    robots: list[Robot], known: dict[str, Array], speed: float, pid: PID,
+    robots: list[Robot],
+    known: dict[str, Array],
+    speed: float,
+    pid: PID,
     advance: Advance = no_progress,
-) -> Array:  # fmt: skip
-    """The highest of :data:`STEPS` (n,) up to which robots get over all, m."""
+) -> Array:
+    """Return the height up to which each robot climbs all steps.
+
+    Args:
+        robots: Robots that climb, n in number.
+        known: Sampled values by name, each of shape (n,).
+        speed: Crank speed, in rad/s.
+        pid: Gains of the controller.
+        advance: Function that is called with the time, in s, that the robots have walked since its
+            last call.
+
+    Returns:
+        Heights of :data:`STEPS` in m, shape (n,); 0 for a robot that does not climb the lowest.
+    """
     seconds = climbing_time(robots[0], speed)
     climbed = []
     for height in STEPS:
@@ -275,25 +419,30 @@ def climb(
 
 
 def summary(values: Array, inputs: dict[str, Array]) -> dict[str, Any]:
-    """Median, 90 % band, and shares of the variance by groups of inputs.
+    """Return the median, the 90 % band, and the sources of the variance of a quantity.
 
-    The shares sum to the adjusted R^2: what as many random columns would explain is taken off. A
-    small share can be negative. There are none with fewer copies than the regression needs.
+    The fraction of the variance of all groups together is the adjusted R^2: the fraction that the
+    same number of random columns would explain is subtracted. A small fraction can be negative.
+    The sources are empty if there are fewer copies than the regression needs.
+
+    Args:
+        values: Values of the quantity, shape (copies,).
+        inputs: Groups of inputs by name, each of shape (copies, columns).
     """
     low, high = np.percentile(values, SPAN).tolist()
     columns = np.concatenate([*inputs.values()], axis=1)
     spread = values - values.mean()
     sources = {}
-    free = len(values) - 1 - columns.shape[1]  # degrees of freedom that are left
+    free = len(values) - 1 - columns.shape[1]  # remaining degrees of freedom
     if free > 0 and values.std() > 1e-9 * max(1.0, abs(values.mean())):
         columns = (columns - columns.mean(axis=0)) / columns.std(axis=0)
         slopes = np.linalg.lstsq(columns, spread, rcond=None)[0]
-        shares = slopes * (spread @ columns) / (spread @ spread)  # whose sum is R^2
-        shares -= (1.0 - shares.sum()) / free  # by chance
+        shares = slopes * (spread @ columns) / (spread @ spread)  # their sum is R^2
+        shares -= (1.0 - shares.sum()) / free  # subtract what is explained by chance
         ends = np.cumsum([part.shape[1] for part in inputs.values()])
         parts = [float(part.sum()) for part in np.split(shares, ends[:-1])]
         sources = {name: round(part, 3) for name, part in zip(inputs, parts, strict=True)}
     median = float(np.median(values))
-    if set(np.unique(values)) <= {0.0, 1.0}:  # of what happens or not, its share
+    if set(np.unique(values)) <= {0.0, 1.0}:  # report events by their frequency
         median = low = high = float(values.mean())
     return {"median": median, "low": low, "high": high, "sources": sources}

@@ -1,10 +1,12 @@
-"""A machine as solids: every part, screw, nut, washer, spacer, bush, shaft, motor; and its check.
+"""Solid model of a machine, with every part and fastener, and a check that it can be built.
 
-Each solid is a convex outline, made larger by a radius, between two heights along the shaft, less
-cavities of the same kind. It moves with a part of a leg, or stands still in the chassis. All
-lengths are in mm. :func:`faults` turns the crank and lists what cannot be built: solids that
-overlap, screws without an aligned hole of their size, screws that do not reach their nut or enter
-their thread far enough, and threads in anything but metal.
+Each solid is a convex outline, enlarged by a radius, between two heights along the shaft. Cavities
+of the same kind are removed from it. A solid moves with a part of a leg, or is fixed in the
+chassis. All lengths are in mm.
+
+:func:`faults` turns the crank and lists what cannot be built: solids that overlap, screws without
+an aligned hole of their size, screws that do not reach their nut or do not enter their thread far
+enough, and threads in materials other than metal.
 """
 
 from __future__ import annotations
@@ -50,46 +52,58 @@ from jansen_env.robot.buildable import ALUMINIUM
 from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.linkage import CRANK, FRAME
 
-STEEL, ALLOY, POM, IGLIDUR, RUBBER = 7850.0, 2700.0, 1410.0, 1490.0, 1000.0  # kg/m^3
-METAL = 2500.0  # kg/m^3, least density of a metal
+STEEL, ALLOY, POM, IGLIDUR, RUBBER = 7850.0, 2700.0, 1410.0, 1490.0, 1000.0  # densities, kg/m^3
+METAL = 2500.0  # kg/m^3, lowest density of a metal
 THREADED, SOCKET, HEXAGON = 0.79 * STEEL, 0.75 * STEEL, 0.6 * STEEL
-"""Mass per volume of the cylinders that stand for threads, heads with a socket, and nuts."""
-TURN = 180  # places of the crank that the check looks at
-TOUCH = 1e-3  # what rounding makes of two faces that touch
-ALIGNED = 0.02  # between the axes of a screw and of its hole
-LOOSE = 0.4  # most that a hole's radius exceeds its screw's
-OPEN = 1.0  # least about a screw in an opening that is not its hole
-SHAFT_OUT = 3.0  # of the shaft beyond the last frame
-SHOE_PROFILE, SHOE_LENGTH, SHOE_WALL = 15.0, 40.0, 2.0  # level leg, length, and wall of the angle
-PADDED = 10.0  # from a frame to what is tied to it: room for axles' ends, filled by foam
-MAGNET = 4.0, 2.0  # diameter and thickness
-SPOT = 0.05  # corners' radius of a box
-ARC = 8  # pieces of a tread of strip
+"""Mass per volume of the cylinders that represent threads, socket heads and nuts, in kg/m^3."""
+TURN = 180  # number of crank angles at which the check is made
+TOUCH = 1e-3  # largest overlap that rounding causes between two faces that touch
+ALIGNED = 0.02  # largest distance between the axes of a screw and its hole
+LOOSE = 0.4  # largest difference between the radii of a hole and its screw
+OPEN = 1.0  # least clearance around a screw in an opening that is not its hole
+SHAFT_OUT = 3.0  # length of the shaft beyond the last frame
+# Horizontal leg, length and wall thickness of the angle profile of a shoe.
+SHOE_PROFILE, SHOE_LENGTH, SHOE_WALL = 15.0, 40.0, 2.0
+# Distance from a frame to the components tied to it: foam fills it and leaves room for axle ends.
+PADDED = 10.0
+MAGNET = 4.0, 2.0  # diameter and thickness of the magnet
+SPOT = 0.05  # radius of the corners of a box
+ARC = 8  # number of solids that represent the rubber strip of a foot
 
 
 class Cavity(NamedTuple):
-    """What is missing of a solid: a hole, countersink or thread."""
+    """Cavity in a solid: a hole, a countersink or a thread.
+
+    Attributes:
+        outline: Outline of the cavity, in the axes of the solid.
+        low: Lower end along the shaft.
+        high: Upper end along the shaft.
+        thread: Whether the cavity is a thread.
+        bushed: Whether a bush fills the cavity. The hole for the screw is then in the bush.
+    """
 
     outline: Round
     low: float
     high: float
     thread: bool = False
-    bushed: bool = False  # filled by a bush, which has the screw's hole
+    bushed: bool = False
 
 
 class Solid(NamedTuple):
-    """A piece's body, or one of several.
+    """Solid that represents a piece, or a portion of a piece.
 
     Attributes:
-        piece: its number in :attr:`Assembly.pieces`.
-        leg: the leg whose part carries it; -1 in the chassis.
-        body: the carrying part's body, from 1 on.
-        outline: in the axes of the carrying part, or of the chassis with the crank axis at 0.
-        low: lower face, from the machine's first frame on.
-        high: upper face.
-        cavities: what is missing.
-        density: kg/m^3; 0 for something bought, whose mass is known.
-        drilled: names of pieces that are drilled together with it, so that it may cross them.
+        piece: Index of the piece in :attr:`Assembly.pieces`.
+        leg: Index of the leg whose part carries the solid; -1 if it is fixed in the chassis.
+        body: Number of the body that carries the solid, from 1 on; 0 in the chassis.
+        outline: Outline in the axes of the carrying part, or in those of the chassis with the crank
+            axis at the origin.
+        low: Position of the lower face along the shaft, from the machine's first frame on.
+        high: Position of the upper face along the shaft.
+        cavities: Cavities that are removed from the solid.
+        density: Density in kg/m^3; 0 for a bought component, whose mass is known.
+        drilled: Names of the pieces that are drilled together with the solid, so that it may cross
+            them.
     """
 
     piece: int
@@ -104,7 +118,10 @@ class Solid(NamedTuple):
 
     @property
     def mass(self) -> float:
-        """Mass by its volume, kg; overlapping cavities count once as the larger."""
+        """Mass computed from the volume, in kg.
+
+        Where one cavity lies inside another, only the larger cavity is counted.
+        """
         volume = self.outline.area * (self.high - self.low)
         for k, cavity in enumerate(self.cavities):
             tall = min(cavity.high, self.high) - max(cavity.low, self.low)
@@ -123,15 +140,17 @@ class Solid(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """Something that is cut, sawn or bought.
+    """Piece that is cut, sawn or bought.
 
     Attributes:
-        name, size: of its line in the bill of materials.
-        stage: page of the instructions on which it is put on.
-        unit: its crank pin, -1 for the whole machine.
-        leg: its leg, -1 if it belongs to none or to several.
-        joint: name of its pin, if any.
-        body: the body that it is or is pressed into, from 1 on; 0 for others.
+        name: Name in the bill of materials.
+        size: Size in the bill of materials.
+        stage: Name of the page of the instructions on which the piece is assembled.
+        unit: Index of its unit; -1 for the whole machine.
+        leg: Index of its leg; -1 if it belongs to no leg, or to several.
+        joint: Name of the joint of its pin; empty if there is none.
+        body: Number of the body that the piece is, or that it is pressed into, from 1 on; 0 for
+            other pieces.
     """
 
     name: str
@@ -144,7 +163,15 @@ class Piece(NamedTuple):
 
 
 class Screw(NamedTuple):
-    """A screw's shank: its solid, its radius, and the solid of the nut or thread that it needs."""
+    """Shank of a screw.
+
+    Attributes:
+        shank: Index of the shank's solid.
+        radius: Radius of the shank.
+        into: Index of the solid whose thread the shank must enter; ``shank`` itself if there is
+            none.
+        nut: Whether this solid is a nut, which the shank must pass through completely.
+    """
 
     shank: int
     radius: float
@@ -153,11 +180,12 @@ class Screw(NamedTuple):
 
 
 class Assembly:
-    """All solids of a robot's machine, made from the places of its parts on the shaft.
+    """All solids of a machine, made from the positions of its parts along the shaft.
 
     Args:
-        robot: the robot.
-        placed: its parts along the shaft, of :func:`jansen_env.drawings.shaft_order.layers`.
+        robot: Robot that the machine is built from.
+        placed: Parts of the robot along the shaft, as returned by
+            :func:`jansen_env.drawings.shaft_order.layers`.
     """
 
     def __init__(self, robot: Robot, placed: Sequence[Placed]) -> None:
@@ -170,9 +198,9 @@ class Assembly:
         self.parts = [link_part(robot, body) for body in range(1, len(robot.bodies) + 1)]
         self.ways = frame_ways(robot)
         self.thickness = self.parts[FRAME - 1].thickness
-        self.outside = -self.mount.doublers * self.thickness  # outer face on the motor's side
+        self.outside = -self.mount.doublers * self.thickness  # outer face, on the motor's side
         self.end = placed[-1].top
-        self.frames: list[int] = []  # solids of the frames, in order
+        self.frames: list[int] = []  # indices of the frames' solids, in order
         self.webs: list[int] = []
         self._links()
         self._feet()
@@ -183,23 +211,25 @@ class Assembly:
         self._motor()
         self._bought()
 
-    # Elements
+    # Single pieces and solids
 
     def _piece(self, name: str, size: str, stage: str, **where: Any) -> int:
+        """Add a piece and return its index."""
         self.pieces.append(Piece(name, size, stage, **where))
         return len(self.pieces) - 1
 
     def _add(self, solid: Solid) -> int:
+        """Add a solid and return its index."""
         self.solids.append(solid)
         return len(self.solids) - 1
 
     def _sink(self, solid: int, cavity: Cavity) -> None:
-        """Take a cavity out of a solid."""
+        """Remove a cavity from a solid."""
         whole = self.solids[solid]
         self.solids[solid] = whole._replace(cavities=(*whole.cavities, cavity))
 
     def _chassis(self, piece: int, outline: Round, low: float, high: float, **more: Any) -> int:
-        """Add a solid that stands still in the chassis."""
+        """Add a solid that is fixed in the chassis."""
         return self._add(Solid(piece, -1, 0, outline, low, high, **more))
 
     def _screw(
@@ -217,9 +247,21 @@ class Assembly:
         nut: bool = False,
         sunk: int | None = None,
     ) -> int:
-        """Add a screw whose head sits at ``seat`` and whose shank points along ``way`` (1 or -1).
+        """Add a screw and return the index of its shank's solid.
 
-        A countersunk head lies in the solid ``sunk``, flush with its face.
+        Args:
+            piece: Index of the screw's piece.
+            carrier: Leg and body that carry the screw.
+            centre: Position of the screw's axis.
+            seat: Position along the shaft at which the head is seated.
+            way: Direction of the shank along the shaft, 1 or -1.
+            radius: Radius of the shank.
+            length: Length of the screw.
+            head: Radius and height of the head.
+            into: Index of the solid whose thread the screw enters.
+            nut: Whether this solid is a nut.
+            sunk: Index of the solid in which a countersunk head lies, flush with its face. None for
+                a screw with a socket head.
         """
         wide, high = head
         top = seat - way * high if sunk is None else seat
@@ -236,10 +278,16 @@ class Assembly:
         return solid
 
     def _nut(
-        self, piece: int, carrier: tuple[int, int], centre: complex, seat: float, way: int,
-        size: tuple[float, float], radius: float,
-    ) -> int:  # fmt: skip
-        """Add a nut that sits at ``seat`` and reaches along ``way``."""
+        self,
+        piece: int,
+        carrier: tuple[int, int],
+        centre: complex,
+        seat: float,
+        way: int,
+        size: tuple[float, float],
+        radius: float,
+    ) -> int:
+        """Add a nut that is seated at ``seat`` and extends along ``way`` (1 or -1)."""
         wide, high = size
         low, top = min(seat, seat + way * high), max(seat, seat + way * high)
         thread = Cavity(Round((centre,), radius), low, top, thread=True)
@@ -247,10 +295,16 @@ class Assembly:
         return self._add(Solid(piece, *carrier, shape, low, top, (thread,), HEXAGON))
 
     def _ring(
-        self, piece: int, carrier: tuple[int, int], centre: complex, radii_: tuple[float, float],
-        low: float, high: float, density: float,
-    ) -> int:  # fmt: skip
-        """Add a washer, spacer, bush or hub: a disc with a bore."""
+        self,
+        piece: int,
+        carrier: tuple[int, int],
+        centre: complex,
+        radii_: tuple[float, float],
+        low: float,
+        high: float,
+        density: float,
+    ) -> int:
+        """Add a disc with a bore: a washer, spacer, bush or hub."""
         outer, bore = radii_
         hole = Cavity(Round((centre,), bore), low, high)
         return self._add(
@@ -275,10 +329,15 @@ class Assembly:
             carrier = item.leg, item.body
             solid = self._add(
                 Solid(
-                    piece, *carrier, item.part.outline, item.z, item.top, cavities,
+                    piece,
+                    *carrier,
+                    item.part.outline,
+                    item.z,
+                    item.top,
+                    cavities,
                     item.part.density,
                 )
-            )  # fmt: skip
+            )
             if item.body == FRAME:
                 self.frames.append(solid)
             elif item.body == CRANK:
@@ -289,12 +348,17 @@ class Assembly:
                     size = f"{2 * bore:g} x {2 * hole.radius:g} x {item.part.thickness:g} mm"
                     ring = self._piece("bush", size, stage, **where)
                     self._ring(
-                        ring, carrier, hole.corners[0], (hole.radius, bore), item.z, item.top,
+                        ring,
+                        carrier,
+                        hole.corners[0],
+                        (hole.radius, bore),
+                        item.z,
+                        item.top,
                         IGLIDUR,
-                    )  # fmt: skip
+                    )
 
     def _feet(self) -> None:
-        """Add shoes, treads and their screws."""
+        """Add the shoes or discs, the treads and their screws to all feet."""
         for item in self.placed:
             for toe in feet_of(self.robot, item.body):
                 way = toe_way(item.part, toe)
@@ -304,7 +368,7 @@ class Assembly:
                     self._strip(item, toe, way)
 
     def _shoe(self, item: Placed, toe: str, way: complex) -> None:
-        """Add two angles, back to back about a foot, each with half of the tread."""
+        """Add two angle profiles, back to back around a foot, each with half of the tread."""
         where = {"unit": item.unit, "leg": item.leg, "joint": toe}
         carrier = item.leg, item.body
         z = item.part.joints[toe]
@@ -353,7 +417,7 @@ class Assembly:
             )
 
     def _strip(self, item: Placed, toe: str, way: complex) -> None:
-        """Add a disc on either side of a toe, a screw through all, and a strip about the rims."""
+        """Add a disc on either side of a toe, a screw through both, and a strip around the rims."""
         where = {"unit": item.unit, "leg": item.leg, "joint": toe}
         carrier = item.leg, item.body
         z, size = item.part.joints[toe], SIZES["M3"]
@@ -362,9 +426,14 @@ class Assembly:
         for bottom in (low, item.top):
             piece = self._piece("foot-disc", "", "foot", **where)
             self._ring(
-                piece, carrier, z, (disc, size.clearance), bottom, bottom + thick,
+                piece,
+                carrier,
+                z,
+                (disc, size.clearance),
+                bottom,
+                bottom + thick,
                 self.build.density,
-            )  # fmt: skip
+            )
         nut = self._piece("thin nut DIN 439", "M3", "foot", **where)
         into = self._nut(nut, carrier, z, low, -1, size.thin_nut, size.radius)
         length = standard(3.0 * thick + size.thin_nut[1])
@@ -377,7 +446,7 @@ class Assembly:
         turns = way * np.exp(1j * np.linspace(-half, half, ARC + 1))
         middle = 0.5 * (low + high)
         for start, stop in pairwise(turns.tolist()):
-            inner = disc / abs(0.5 * (start + stop))  # the chord clears the rim
+            inner = disc / abs(0.5 * (start + stop))  # so that the chord clears the rim
             shape = _box([z + inner * start, z + outer * start, z + outer * stop, z + inner * stop])
             ends = middle - 0.5 * wide, middle + 0.5 * wide
             self._add(Solid(strip, *carrier, shape, *ends, (), RUBBER))
@@ -387,7 +456,7 @@ class Assembly:
     def _rows(
         self, stack: Stack, stage: str, carrier: tuple[int, int], centre: complex, start: float
     ) -> float:
-        """Add washers, spacers and rings of a stack from a height on; return where they end."""
+        """Add the washers, spacers and rings of a stack from ``start`` on; return their end."""
         pin, tube = 1e3 * self.build.pin_radius, 1e3 * self.build.tube_radius
         flat = 1e3 * self.build.spacer_radius
         where = {"unit": stack.unit, "leg": stack.leg, "joint": stack.joint}
@@ -403,7 +472,7 @@ class Assembly:
                     z += row.height
                     continue
                 piece = self._piece(row.name, row.size, stage, **where)
-                if row.name == "ring":  # in both ends of the spacer before it
+                if row.name == "ring":  # rings sit in both ends of the previous spacer
                     continue
                 if row.name == "spacer" and stack.axle and self.metal:
                     self._ring(piece, carrier, centre, (tube, tube - 2.0), z, z + row.height, ALLOY)
@@ -420,7 +489,7 @@ class Assembly:
         return z
 
     def _doubler(self, piece: int, z: float) -> None:
-        """Add a frame's copy in front of the first frame."""
+        """Add a copy of the first frame in front of it."""
         first = self.placed[0]
         holes = tuple(Cavity(hole, z, z + self.thickness) for hole in first.part.holes)
         shape, density = first.part.outline, first.part.density
@@ -459,12 +528,12 @@ class Assembly:
         else:
             size = SIZES["M3"]
             into = self._nut(nut, carrier, centre, end, 1, size.lock_nut, pin)
-            flush = end + size.lock_nut[1] - start  # what stands out is sawn off
+            flush = end + size.lock_nut[1] - start  # the protruding end is sawn off
             assert bolt.height >= flush - 1e-6
             self._screw(piece, carrier, centre, start, 1, pin, flush, size.socket, into, nut=True)
 
     def _axle(self, stack: Stack) -> None:
-        """Add an axle through the machine with what sits on it and holds its ends."""
+        """Add an axle through the machine, the pieces on it, and the fasteners at its ends."""
         joints = self.robot.linkage.joints
         at = joint_positions(self.robot, stack.side, 0.0) @ np.array([1e3, 1e3j])  # type: ignore[arg-type]
         centre = complex(at[joints.index(stack.joint)] - at[self.robot.linkage.axis])
@@ -494,7 +563,7 @@ class Assembly:
     # Shaft
 
     def _hubs(self) -> None:
-        """Add hubs with their screws, and the pieces of the shaft."""
+        """Add the hubs with their screws, and the pieces of the shaft."""
         pin, _, shaft, radius = radii(self.build)
         length, three = 1e3 * self.build.hub_length, SIZES["M3"]
         screws = [hole.corners[0] for hole in self.parts[CRANK - 1].holes[-2:]]
@@ -504,7 +573,7 @@ class Assembly:
         for k, web in enumerate(self.webs):
             plate = self.solids[web]
             carrier, unit = (plate.leg, plate.body), self.pieces[plate.piece].unit
-            out = 1 if k % 2 else -1  # the side of the hub
+            out = 1 if k % 2 else -1  # direction from the web to the hub
             face, inner = (plate.high, plate.low) if k % 2 else (plate.low, plate.high)
             low, high = min(face, face + out * length), max(face, face + out * length)
             piece = self._piece("hub", size, "crank", unit=unit)
@@ -520,9 +589,17 @@ class Assembly:
                 name = f"M3 x {long:g} mm"
                 screw = self._piece("countersunk screw ISO 10642", name, "crank", unit=unit)
                 self._screw(
-                    screw, carrier, spot, inner, out, three.radius, long, three.countersunk, hub,
+                    screw,
+                    carrier,
+                    spot,
+                    inner,
+                    out,
+                    three.radius,
+                    long,
+                    three.countersunk,
+                    hub,
                     sunk=web,
-                )  # fmt: skip
+                )
             if self.metal:
                 name = f"3 x {2.0 * radius - 1.0:g} mm"
                 piece = self._piece("spring pin ISO 8752", name, "phases", unit=unit)
@@ -540,17 +617,17 @@ class Assembly:
 
     @property
     def plate(self) -> tuple[float, float]:
-        """Lower and upper face of the motor plate."""
+        """Positions of the lower and upper faces of the motor plate along the shaft, in mm."""
         inner = self.outside - self.mount.standoff
         return inner - 1e3 * self.build.plate_thickness, inner
 
     @property
     def shaft_end(self) -> float:
-        """End of the shaft on the motor's side: 1 mm before the motor's shaft or flange."""
+        """End of the shaft on the motor's side, 1 mm from the motor's shaft or flange, in mm."""
         return self.plate[0] + self.mount.motor_shaft[1] + 1.0
 
     def _ties(self) -> None:
-        """Add the brace between each pair of neighbouring units whose frames face two ways."""
+        """Add a brace between neighbouring units whose adjacent frames face opposite ways."""
         part = brace(self.robot)
         size = SIZES[self.build.screw]
         for last, first in zip(self.frames[1:-1:2], self.frames[2::2], strict=True):
@@ -571,8 +648,9 @@ class Assembly:
             length = standard(self.thickness + BRACE + size.thin_nut[1])
             name = f"{self.build.screw} x {length:g} mm"
             for solid, side, seat, nut_seat, way in (
-                (last, sides[0], pair[0].low, high, 1), (first, sides[1], pair[1].high, low, -1),
-            ):  # fmt: skip
+                (last, sides[0], pair[0].low, high, 1),
+                (first, sides[1], pair[1].high, low, -1),
+            ):
                 for reach in self.mount.screws:
                     centre = reach * self.ways[side]
                     nut = self._piece("thin nut DIN 439", self.build.screw, "ties")
@@ -581,15 +659,23 @@ class Assembly:
                     )
                     piece = self._piece("countersunk screw ISO 10642", name, "ties")
                     self._screw(
-                        piece, (-1, 0), centre, seat, way, size.radius, length,
-                        size.countersunk, into, nut=True,
-                    )  # fmt: skip
+                        piece,
+                        (-1, 0),
+                        centre,
+                        seat,
+                        way,
+                        size.radius,
+                        length,
+                        size.countersunk,
+                        into,
+                        nut=True,
+                    )
                     self._countersink(solid, reach, seat, way, size.countersunk)
 
     def _countersink(
         self, frame: int, reach: float, seat: float, way: int, head: tuple[float, float]
     ) -> None:
-        """Take the head of a screw out of a frame, at a distance from the crank axis."""
+        """Remove a screw's head from a frame, at the distance ``reach`` from the crank axis."""
         joints = self.parts[FRAME - 1].joints
         axis = joints[self.robot.linkage.joints[self.robot.linkage.axis]]
         pivot = next(z for z in joints.values() if z != axis)
@@ -600,7 +686,7 @@ class Assembly:
     # Motor
 
     def _motor(self) -> None:
-        """Add the motor, its plate on standoffs, and what couples it to the shaft."""
+        """Add the motor, its plate on standoffs, and the coupling or hub that drives the shaft."""
         mount, size = self.mount, SIZES[self.build.screw]
         side = self.robot.legs[self.placed[0].leg].side
         turn = self.ways[side]
@@ -621,9 +707,16 @@ class Assembly:
             long = max(mm for mm in LENGTHS if mm <= thick + 2.0 * 2.0 * size.radius)
             inner = self._piece("countersunk screw ISO 10642", f"{name} x {long:g} mm", "ties")
             self._screw(
-                inner, (-1, 0), centre, self.thickness, -1, size.radius, long, size.countersunk,
+                inner,
+                (-1, 0),
+                centre,
+                self.thickness,
+                -1,
+                size.radius,
+                long,
+                size.countersunk,
                 into,
-            )  # fmt: skip
+            )
             self._countersink(self.frames[0], reach, self.thickness, -1, size.countersunk)
             long = standard(high - low + 2.0 * size.radius + 1.0)
             outer = self._piece("socket screw ISO 4762", f"{name} x {long:g} mm", "motor")
@@ -631,7 +724,7 @@ class Assembly:
         self._motor_itself(turn, low, high)
 
     def _motor_itself(self, turn: complex, low: float, high: float) -> None:
-        """Add the motor with its shaft, its screws, and the coupling or the hub on its flange."""
+        """Add the motor with its shaft and screws, and the coupling or the hub on its flange."""
         mount, size, name = self.mount, SIZES[self.build.screw], self.build.screw
         radius, long = mount.motor
         shaft = 1e3 * self.build.shaft_radius
@@ -676,9 +769,9 @@ class Assembly:
             self._screw(screw, (-1, 0), z, top, -1, size.radius, thick + deep, size.socket, body)
 
     def _bought(self) -> None:
-        """Add what is bought, with the room that batteries, boards and sensors take.
+        """Add the bought components, with the space that batteries, boards and sensors occupy.
 
-        All of it is outside of the outer frames, where nothing moves.
+        All of them are outside of the outer frames, where nothing moves.
         """
         for stage, name, _, size, number, _, _, place, room in bought_parts()[self.robot.material]:
             if name == "gearmotor":
@@ -694,7 +787,16 @@ class Assembly:
     def _room(
         self, piece: int, place: str, along: float, across: float, deep: float, shift: float
     ) -> None:
-        """Add a box at a place outside of the frames, on top of what is there already."""
+        """Add a box for a bought component, on top of the components that are already there.
+
+        Args:
+            piece: Index of the component's piece.
+            place: Place of the component, as explained in ``parts.yml``.
+            along: Length of the box along the frame's bar.
+            across: Width of the box across the bar.
+            deep: Depth of the box along the shaft.
+            shift: Displacement of the box along the bar.
+        """
         first = place in ("first", "plate")
         frame = self.placed[0] if first else self.placed[-1]
         turn = self.ways[self.robot.legs[frame.leg].side]
@@ -717,7 +819,7 @@ class Assembly:
             for solid in self.solids
             if solid.density == 0.0 and solid.leg < 0 and (solid.low - seat) * way >= 0.0
         ]
-        for solid in below:  # boards lie on one another
+        for solid in below:  # boards are stacked on one another
             if solid.piece != piece and _apart(solid.outline, shape) < 0.0:
                 top = solid.high if way > 0 else solid.low
                 seat = max(seat * way, top * way) * way
@@ -725,37 +827,57 @@ class Assembly:
         self._chassis(piece, shape, *ends, density=0.0)
 
     def _magnet(self, piece: int) -> None:
-        """Add the magnet on the coupling, as the ring that it sweeps."""
+        """Add the magnet on the coupling, represented by the ring that it sweeps."""
         outer = self.mount.coupling[0]
-        low = self.plate[1] + SIZES[self.build.screw].socket[1] + 1.0  # beyond the motor's screws
+        # The magnet is beyond the heads of the motor's screws.
+        low = self.plate[1] + SIZES[self.build.screw].socket[1] + 1.0
         rim = outer + MAGNET[1], outer
         self._ring(piece, (-1, 0), 0j, rim, low, low + MAGNET[0], 0.0)
 
-    # What follows from the solids
+    # Quantities computed from the solids
 
     @property
     def count(self) -> Counter[tuple[str, str]]:
-        """Number of pieces by name and size."""
+        """Number of pieces of each name and size."""
         return Counter((piece.name, piece.size) for piece in self.pieces)
 
     @property
     def extent(self) -> tuple[float, float]:
-        """Lowest and highest face of all solids along the shaft, mm."""
+        """Positions of the lowest and highest faces of all solids along the shaft, in mm."""
         return min(solid.low for solid in self.solids), max(solid.high for solid in self.solids)
 
     def masses(self) -> list[float]:
-        """Mass of each piece by its volume, kg; 0 for something bought."""
+        """Return the mass of each piece by its volume, in kg; 0 for a bought component."""
         masses = [0.0] * len(self.pieces)
         for solid in self.solids:
             masses[solid.piece] += solid.mass
         return masses
 
     def places(self, solid: Solid, psi: NDArray[np.float64]) -> Points:
-        """Places of a solid's corners in the chassis at crank angles, (angles or 1, corners)."""
+        """Return the positions of a solid's corners in the axes of the chassis.
+
+        Args:
+            solid: Solid whose corners are located.
+            psi: Crank angles, in rad, shape (angles,).
+
+        Returns:
+            Positions in mm, shape (angles, corners), or (1, corners) for a solid that is fixed in
+            the chassis.
+        """
         return self.at(solid, solid.outline.corners, psi)
 
     def at(self, solid: Solid, points: Sequence[complex], psi: NDArray[np.float64]) -> Points:
-        """Places in the chassis of points of a solid's own axes, (angles or 1, points)."""
+        """Return the positions in the chassis of points that are given in the axes of a solid.
+
+        Args:
+            solid: Solid that carries the points.
+            points: Points in the axes of the solid, in mm.
+            psi: Crank angles, in rad, shape (angles,).
+
+        Returns:
+            Positions in mm, shape (angles, points), or (1, points) for a solid that is fixed in the
+            chassis.
+        """
         if solid.leg < 0:
             return np.array([points])
         leg, linkage = self.robot.legs[solid.leg], self.robot.linkage
@@ -767,25 +889,30 @@ class Assembly:
 
 
 def bought_parts() -> dict[str, Any]:
-    """Return what is bought, and materials and prices of what joins the parts."""
+    """Return the bought components, and the materials and prices of the joining parts."""
     return read_yaml(Path(__file__).with_name("parts.yml"))
 
 
 def _apart(outline: Round, other: Round) -> float:
-    """Distance of two outlines, mm; below 0 where they overlap."""
+    """Return the distance of two outlines, in mm; negative where they overlap."""
     room = gap(np.array(outline.corners), np.array(other.corners))
     return float(room) - outline.radius - other.radius
 
 
 def tread_arc(part: CutPart, toe: str) -> float:
-    """Return half of the angle about a toe that a strip on a foot's rim covers, rad."""
+    """Return half of the angle around a toe that the strip on the foot's rim covers, in rad.
+
+    Args:
+        part: Part that carries the foot.
+        toe: Name of the toe.
+    """
     z, way = part.joints[toe], toe_way(part, toe)
     others = [other - z for name, other in part.joints.items() if name != toe]
     return 0.5 * math.pi - max(abs(float(np.angle(other / -way))) for other in others)
 
 
 def _box(corners: Sequence[complex]) -> Round:
-    """A convex polygon, whose corners are rounded a little so that distances are signed."""
+    """Return a convex polygon with slightly rounded corners, so that distances are signed."""
     shape = np.array(hull(corners))
     before, after = np.roll(shape, 1), np.roll(shape, -1)
     into = (shape - before) / abs(shape - before)
@@ -797,16 +924,25 @@ def _box(corners: Sequence[complex]) -> Round:
 
 
 def _inside(place: Points, radius: float, hole: Points, room: float) -> bool:
-    """Whether outlines lie within round holes at all times."""
+    """Return whether an outline lies within a round hole at all crank angles."""
     return bool((abs(place - hole[..., :1]).max() + radius) <= room + TOUCH)
 
 
 def faults(assembly: Assembly, angles: int = TURN) -> list[str]:
-    """Return what cannot be built of a machine, a sentence each; none if all is well."""
+    """Return the reasons why a machine cannot be built.
+
+    Args:
+        assembly: Solids of the machine.
+        angles: Number of crank angles at which overlaps are checked.
+
+    Returns:
+        One sentence per fault. The list is empty if there are no faults.
+    """
     return [*_overlaps(assembly, angles), *_misfits(assembly)]
 
 
 def _overlaps(assembly: Assembly, angles: int) -> Iterator[str]:
+    """Yield a description of each pair of solids that overlap at some crank angle."""
     psi = np.linspace(0.0, 2.0 * math.pi, angles, endpoint=False)
     solids = assembly.solids
     places = [assembly.places(solid, psi) for solid in solids]
@@ -848,7 +984,7 @@ def _depth(
     ends: tuple[float, float],
     psi: NDArray[np.float64],
 ) -> float:
-    """Return how far two solids overlap in the plane, mm; 0 where one lies in the other's hole."""
+    """Return how far two solids overlap in the plane, in mm; 0 if one is in a hole of the other."""
     a, b = places
     times = max(len(a), len(b))
     a = np.broadcast_to(a, (times, a.shape[1]))
@@ -867,7 +1003,7 @@ def _depth(
 
 
 def _misfits(assembly: Assembly) -> Iterator[str]:
-    """Screws whose holes are not aligned or not of their size, and threads that do not hold."""
+    """Yield screws without an aligned hole of their size, and threads that do not hold."""
     psi = np.array([0.0, 1.0, 2.5, 4.0])
     solids, pieces = assembly.solids, assembly.pieces
     for solid in solids:

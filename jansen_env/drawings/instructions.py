@@ -1,6 +1,6 @@
-"""Instructions to build a machine from its drawings: a PDF to print, with a page for each step.
+"""Instructions to build a machine from its drawings, as a PDF to print with one page per step.
 
-``instructions.yml`` has their text.
+The file ``instructions.yml`` contains the text.
 """
 
 from __future__ import annotations
@@ -31,17 +31,25 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-PAGE = (11.69, 8.27)  # inches, A4
-ANGLE = 1.0  # rad, of the crank in pictures
-LINES, COLUMN, LABEL = 50, 48, 36  # rows of a list on a page, letters of a line and of a label
-TILT = (0.6 - 0.12j, 1j, 0.9 + 0.25j)  # where x, y and z point where parts are drawn apart
-HALF = np.exp(1j * np.linspace(-0.5 * math.pi, 0.5 * math.pi, 30))  # of a circle
+PAGE = (11.69, 8.27)  # inches, size of an A4 page
+ANGLE = 1.0  # rad, crank angle in pictures
+LINES, COLUMN, LABEL = 50, 48, 36  # rows of a list per page, characters per line and per label
+TILT = (0.6 - 0.12j, 1j, 0.9 + 0.25j)  # directions of x, y and z in exploded views
+HALF = np.exp(1j * np.linspace(-0.5 * math.pi, 0.5 * math.pi, 30))  # points of a half circle
 HOLES = {"press": "#d62728", "slide": "#1f77b4", "clear": "#7f7f7f"}
 Picture = Callable[["Axes"], object]
 
 
 class Step(NamedTuple):
-    """A page: instructions, a line each; pictures side by side; what to weigh, and its mass."""
+    """Page of the instructions.
+
+    Attributes:
+        title: Title of the page.
+        text: Instructions, one per line.
+        pictures: Functions that draw the pictures, which are placed side by side.
+        weighed: Name of the assembly to weigh.
+        mass: Mass of this assembly; None if nothing is weighed.
+    """
 
     title: str
     text: list[str]
@@ -51,12 +59,12 @@ class Step(NamedTuple):
 
 
 class Manual:
-    """Pages and pictures of a machine.
+    """Pages and pictures that explain how to build a machine.
 
     Args:
-        order: its bill of materials, which numbers all parts, and its solids.
-        flat: every flat part, laid out.
-        first: pieces of the coupon.
+        order: Bill of materials, which numbers all parts, with the solids of the machine.
+        flat: Every flat part, laid out on one sheet.
+        first: Pieces of the coupon.
     """
 
     def __init__(self, order: Order, flat: Sequence[CutPart], first: Sequence[CutPart]) -> None:
@@ -73,13 +81,17 @@ class Manual:
         self.turns = [phase % (2.0 * math.pi) for phase in phases]
 
     def label(self, row: Row) -> str:
-        """Number, name and size of an entry of a stack."""
+        """Return the number, name and size of an entry of a stack.
+
+        Args:
+            row: Entry of the stack.
+        """
         many = f"{row.number} x " if row.number > 1 else ""
         number = row.item.body if row.item else self.order.numbers[row.name, row.size]
         return f"{many}no. {number}: {row.name} {row.size}".strip()
 
     def _listed(self, name: str, pieces: Sequence[Piece]) -> list[str]:
-        """Lines of those pieces of a page that have a name, with how many of them it takes."""
+        """Return a line for each size of the pieces called ``name``, with count and number."""
         found = Counter((piece.name, piece.size) for piece in pieces if piece.name == name)
         lines = []
         for (_, size), number in sorted(found.items()):
@@ -96,14 +108,14 @@ class Manual:
         put_on: Sequence[Piece] = (),
         **fields: object,
     ) -> Step:
-        """Return a page of ``instructions.yml``, whose head explains its marks.
+        """Return a page of ``instructions.yml``; the head of that file explains its markup.
 
         Args:
-            name: of the page.
-            pictures: side by side.
-            weighed: pieces that weigh what the page's box has.
-            put_on: pieces that the page may list, as many as it takes.
-            fields: values for names in braces.
+            name: Name of the page.
+            pictures: Functions that draw the pictures, which are placed side by side.
+            weighed: Pieces whose total mass is shown in the page's box.
+            put_on: Pieces that are added on the page, which the page may list.
+            **fields: Values for the names in braces.
         """
         words, text = self.words[name], []
         names = {part.name for part in self.bill}
@@ -121,16 +133,20 @@ class Manual:
         return Step(title, text, pictures, words.get("weighed", ""), mass)
 
     def _of_stages(self, *stages: str) -> list[Piece]:
+        """Return the pieces that are assembled in any of the stages."""
         return [piece for piece in self.assembly.pieces if piece.stage in stages]
 
     def steps(self) -> list[Step]:
-        """Return all steps in order; the last one's mass is the machine's."""
+        """Return all steps in order.
+
+        The last step that has a mass has that of the whole machine.
+        """
         robot = self.robot
         cut = counts(robot)
         flat = [piece for piece in self.assembly.pieces if piece.name in cut]
         bushes = [piece for piece in self.assembly.pieces if piece.name == "bush"]
         found = [self._page("flat", [partial(draw_flat, self.flat)], flat, bushes)]
-        kinds: dict[tuple[str, ...], list[int]] = {}  # units that are alike
+        kinds: dict[tuple[str, ...], list[int]] = {}  # equal units, by the sides of their legs
         for unit, on in enumerate(self.units):
             kinds.setdefault(tuple(robot.legs[leg].side for leg in on), []).append(unit)
         for alike in kinds.values():
@@ -176,7 +192,7 @@ class Manual:
         return found
 
     def _brace(self) -> dict[str, object]:
-        """Return angle between fore and back frames, degrees, and distance of their pivots, mm."""
+        """Return fields of the brace: angle between frames in degrees, distance of pivots in mm."""
         ways = [*self.assembly.ways.values()]
         angle = abs(np.angle(ways[0] / ways[-1]))
         reach = 1e3 * self.robot.bodies[FRAME - 1].distance(0, 1)
@@ -192,7 +208,15 @@ class Manual:
         }
 
     def _unit(self, unit: int, number: int, which: str) -> list[Step]:
-        """Steps to a unit: a leg, pin by pin from its foot, then the crank pin with its links."""
+        """Return the steps that build a unit.
+
+        They build one leg, pin by pin from its foot on, and then the crank pin with its links.
+
+        Args:
+            unit: Index of the unit.
+            number: Number of equal units.
+            which: Text added to the titles to tell different units apart.
+        """
         on, linkage = self.units[unit], self.robot.linkage
         every = [item for item in self.placed if item.unit == unit]
         mine = [item for item in every if item.leg == on[0]]
@@ -218,7 +242,7 @@ class Manual:
         picture = partial(self.draw_apart, links)
         found = [self._page("foot", [picture], so_far(), feet, which=which, many=many)]
         pins = [s for s in self.stacks if not s.axle and (s.unit, s.leg) == (unit, on[0])]
-        pins.sort(key=lambda stack: stack.joint == self.pin)  # the crank pin last
+        pins.sort(key=lambda stack: stack.joint == self.pin)  # the crank pin is last
         while pins:
             stack = next((s for s in pins[:-1] if joined & s.bodies), pins[0])
             pins.remove(stack)
@@ -227,7 +251,7 @@ class Manual:
             done.add(stack.joint)
             items = [item for item in mine if item.body in joined]
             weighed, put_on = so_far(), list[Piece]()
-            if not pins:  # all legs, and two cranks with their hubs
+            if not pins:  # the unit is complete: all legs, and two cranks with their hubs
                 name, fresh, many = "crank", stack.bodies, f"{number} of them"
                 weighed = [
                     piece for piece in pieces if piece.stage in ("foot", "links", "pin", "crank")
@@ -252,7 +276,13 @@ class Manual:
         return found
 
     def to_pdf(self, title: str) -> bytes:
-        """Cover, list of parts, coupon and steps on pages of A4; the same bytes every time."""
+        """Return the instructions as a PDF on A4 pages: cover, list of parts, coupon and steps.
+
+        The bytes are the same every time.
+
+        Args:
+            title: Title on the cover.
+        """
         from matplotlib.backends.backend_pdf import PdfPages
 
         steps, robot, out = self.steps(), self.robot, io.BytesIO()
@@ -295,29 +325,44 @@ class Manual:
         figures = [_figure(page) for page in pages]
         for start in range(0, len(rows), LINES):
             figures.insert(1 + start // LINES, figure := _figure(Step("Parts and fasteners", [])))
-            figure.text(0.04, 0.9, "\n".join(rows[start : start + LINES]), fontsize=7.5,
-                        family="monospace", va="top", linespacing=1.35)  # fmt: skip
+            figure.text(
+                0.04,
+                0.9,
+                "\n".join(rows[start : start + LINES]),
+                fontsize=7.5,
+                family="monospace",
+                va="top",
+                linespacing=1.35,
+            )
         with PdfPages(out, metadata={"CreationDate": None}) as pdf:
             for figure in figures:
                 pdf.savefig(figure)
         return out.getvalue()
 
     def _joints(self, item: Placed) -> Points:
-        """Places of a part's joints in pictures, mm."""
+        """Return the positions of a part's joints in pictures, in mm."""
         joints, side = self.robot.linkage.joints, self.robot.legs[item.leg].side
         place = joint_positions(self.robot, side, ANGLE) @ np.array([1e3, 1e3j])
         return place[[joints.index(joint) for joint in item.part.joints]]
 
     def _side(self, item: Placed) -> str:
+        """Return the side of a part's leg."""
         return self.robot.legs[item.leg].side
 
     def _rims(self, item: Placed) -> list[Points]:
-        """Rim, windows and holes of a part in pictures, mm."""
+        """Return the rim, windows and holes of a part in pictures, in mm."""
         at, side = self._joints(item), self.robot.legs[item.leg].side
         return [carried(item.part, shape.polygon, at, side) for shape in item.part.lines]
 
     def draw_side(self, items: Sequence[Placed], fresh: set[int], joint: str, axes: Axes) -> None:
-        """Parts from the side, the first on top; new ones in colour, a pin in a circle."""
+        """Draw parts as seen from the side, with new parts in colour.
+
+        Args:
+            items: Parts to draw. The first part is on top.
+            fresh: Numbers of the bodies that are new in this step.
+            joint: Name of the joint that is marked by a circle; empty for none.
+            axes: Axes to draw on.
+        """
         for item in reversed(items):
             at = dict(zip(item.part.joints, self._joints(item), strict=True))
             rims = self._rims(item)
@@ -338,12 +383,17 @@ class Manual:
         _bare(axes)
 
     def draw_machine(self, axes: Axes) -> None:
-        """The first crank pin with its legs and frames."""
+        """Draw the first crank pin with its legs and frames."""
         items = [item for item in self.placed if item.unit == 0]
         self.draw_side(items, {item.body for item in items}, "", axes)
 
     def draw_apart(self, items: Sequence[Placed], axes: Axes) -> None:
-        """Parts drawn apart along the shaft, and lines through their pins."""
+        """Draw an exploded view of parts along the shaft, with lines through their pins.
+
+        Args:
+            items: Parts to draw.
+            axes: Axes to draw on.
+        """
         spread = 2.0 * max(np.ptp(self._rims(item)[0].real) for item in items) / len(items)
         centres: dict[str, list[complex]] = {}
         for k, item in reversed([*enumerate(sorted(items, key=lambda item: item.z))]):
@@ -354,12 +404,23 @@ class Manual:
             _name(axes, at[0] + (0.7, 0.3)[k % 2] * (at[1] - at[0]), item.part.title)
         for joint, ends in centres.items():
             axes.plot(np.real(ends), np.imag(ends), "k--", lw=0.8, zorder=5)
-            axes.annotate(joint, (ends[-1].real, ends[-1].imag), (-12, -4), zorder=6,
-                          textcoords="offset points", fontweight="bold")  # fmt: skip
+            axes.annotate(
+                joint,
+                (ends[-1].real, ends[-1].imag),
+                (-12, -4),
+                zorder=6,
+                textcoords="offset points",
+                fontweight="bold",
+            )
         _bare(axes)
 
     def draw_stack(self, stack: Stack, axes: Axes) -> None:
-        """Draw the stack on a pin, its head on top, with part numbers and sizes."""
+        """Draw the stack on a pin, with part numbers and sizes.
+
+        Args:
+            stack: Stack to draw. The head of its screw is on top.
+            axes: Axes to draw on.
+        """
         held = next((pin.other for pin in self.robot.linkage.pins if pin.joint == stack.joint), 0)
         bolt = [(self.label(row._replace(number=1)), "0.4", 0.55) for row in stack.bolt]
         blocks, title = [bolt[stack.axle]], f"Pin {stack.joint}"
@@ -376,7 +437,7 @@ class Manual:
         _column(axes, title, [*blocks, bolt[1]])
 
     def draw_phases(self, axes: Axes) -> None:
-        """Crank pins about the shaft, seen from the first frame."""
+        """Draw the crank pins around the shaft, as seen from the first frame."""
         for k, turn in enumerate(self.turns, 1):
             z = np.exp(1j * turn)
             axes.plot((0.0, z.real), (0.0, z.imag), "o-", lw=14, color=f"C{k}")
@@ -385,7 +446,7 @@ class Manual:
         _bare(axes)
 
     def draw_section(self, axes: Axes) -> None:
-        """Draw a section along the shaft and the frame's bar at the motor, with numbers."""
+        """Draw a numbered section along the shaft and the frame's bar, at the motor."""
         mount = self.assembly.mount
         turn = self.assembly.ways[self.robot.legs[self.placed[0].leg].side]
         edge = mount.screws[1] + 15.0
@@ -405,9 +466,15 @@ class Manual:
             spans = _spans(solid, turn, low, high)
             for start, end in spans:
                 axes.bar(
-                    solid.low, end - start, width, start, align="edge", color=color, ec="black",
+                    solid.low,
+                    end - start,
+                    width,
+                    start,
+                    align="edge",
+                    color=color,
+                    ec="black",
                     lw=0.6,
-                )  # fmt: skip
+                )
             if spans:
                 middle = solid.low + 0.5 * width, 0.5 * (spans[-1][0] + spans[-1][1])
                 seen.setdefault(number, middle)
@@ -426,18 +493,20 @@ class Manual:
         axes.set(xlabel="mm along the shaft from the first frame; upwards along its bar from O")
 
     def _number_of(self, solid: Solid) -> int:
+        """Return the number of a solid's piece in the bill of materials."""
         piece = self.assembly.pieces[solid.piece]
         return self.order.numbers[piece.name, piece.size]
 
     def _name_of(self, solid: Solid) -> str:
+        """Return the name of a solid's piece."""
         return self.assembly.pieces[solid.piece].name
 
     def _is_flat(self, solid: Solid) -> tuple[bool, float]:
-        """Sort parts before what goes through them."""
+        """Return a key that sorts parts before the thin solids that pass through them."""
         return solid.outline.radius < 3.5, solid.low
 
     def _cut(self, solid: Solid, turn: complex) -> tuple[float, float] | None:
-        """Return where the line from O along a direction crosses a solid, mm, if it does."""
+        """Return where the line through O along a direction crosses a solid, in mm, or None."""
         place = self.assembly.places(solid, np.array([0.0]))[0] / turn
         outline = Round(tuple(place.tolist()), solid.outline.radius)
         return _crossing(outline)
@@ -473,11 +542,11 @@ class Manual:
         self._draw_solids(axes, top=False)
 
     def draw_top_view(self, axes: Axes) -> None:
-        """Draw all solids as seen from above: the motor's end is below."""
+        """Draw all solids as seen from above, with the motor's end at the bottom."""
         self._draw_solids(axes, top=True)
 
     def _draw_solids(self, axes: Axes, *, top: bool) -> None:
-        """Draw outlines of all solids, the farthest first, with a bar for the scale."""
+        """Draw the outlines of all solids, the farthest first, and a scale bar."""
         psi = np.array([ANGLE])
         drawn = []
         for k, solid in enumerate(self.assembly.solids):
@@ -500,7 +569,7 @@ class Manual:
         _bare(axes)
 
     def draw_wiring(self, axes: Axes) -> None:
-        """Draw components as boxes, with labelled wires."""
+        """Draw the electrical components as boxes, with labelled wires."""
         for name, x, y, other, u, v, wire in self.words["wires"]:
             axes.plot((x, u), (y, v), "k", lw=1.5)
             _name(axes, complex(x + u, y + v) / 2, wire)
@@ -511,7 +580,14 @@ class Manual:
 
 
 def draw_flat(parts: Sequence[CutPart], axes: Axes) -> None:
-    """Flat parts with their engravings, and holes in the colours of their classes."""
+    """Draw flat parts with their engravings.
+
+    Holes have the colours of their classes.
+
+    Args:
+        parts: Parts to draw.
+        axes: Axes to draw on.
+    """
     width = max(part.outline.box[1].real for part in parts)
     for part in parts:
         _fill(axes, [np.array(shape.polygon) for shape in (part.outline, *part.windows)], "0.9")
@@ -521,17 +597,31 @@ def draw_flat(parts: Sequence[CutPart], axes: Axes) -> None:
         for text, start, end in ((part.title, *part.text), *part.labels):
             z, turn = (start + end) / 2.0, math.degrees(np.angle(end - start))
             room = 750.0 * abs(end - start) / width / len(text)
-            axes.text(z.real, z.imag, text, ha="center", va="center", zorder=5,
-                      fontsize=min(8.0, room), rotation=(turn + 90.0) % 180.0 - 90.0)  # fmt: skip
+            axes.text(
+                z.real,
+                z.imag,
+                text,
+                ha="center",
+                va="center",
+                zorder=5,
+                fontsize=min(8.0, room),
+                rotation=(turn + 90.0) % 180.0 - 90.0,
+            )
     _bare(axes)
 
 
 def _column(axes: Axes, title: str, blocks: Sequence[tuple[str, str, float]]) -> None:
-    """Blocks under one another, each with its text, its colour and its width."""
+    """Draw a column of blocks, each with its text, colour and width."""
     for y, (text, color, wide) in enumerate(blocks):
         axes.bar(0.0, 0.7, wide, y - 0.35, color=color, ec="black", zorder=2)
-        axes.text(0.65, y, "\n".join(_wrapped(text, LABEL)), va="center", zorder=3,
-                  fontsize=min(9.0, 200.0 / len(blocks)))  # fmt: skip
+        axes.text(
+            0.65,
+            y,
+            "\n".join(_wrapped(text, LABEL)),
+            va="center",
+            zorder=3,
+            fontsize=min(9.0, 200.0 / len(blocks)),
+        )
     axes.plot((0.0, 0.0), (0.0, len(blocks) - 1.0), "k", lw=5, zorder=1)
     axes.set_title(title, fontsize=10, loc="left")
     axes.set(xlim=(-0.6, 4.4), ylim=(max(len(blocks), 9.0), -1.0))
@@ -539,18 +629,19 @@ def _column(axes: Axes, title: str, blocks: Sequence[tuple[str, str, float]]) ->
 
 
 def _bare(axes: Axes) -> None:
+    """Draw axes to scale and hide their frame."""
     axes.set_aspect("equal")
     axes.axis("off")
 
 
 def _tilted(flat: Points, depth: float) -> Points:
-    """Where points are seen that lie at a depth, of parts drawn apart."""
+    """Return the positions in an exploded view of points at a depth along the shaft."""
     x, y, z = TILT
     return flat.real * x + flat.imag * y + depth * z
 
 
 def _fill(axes: Axes, rims: Sequence[Points], color: str) -> None:
-    """A part: the inside of its first rim without that of the others."""
+    """Fill the area inside the first rim, without the areas inside the other rims."""
     closed = [np.append(rim, rim[:1]) for rim in rims]
     inner = [z for rim in closed[1:] for z in (rim[::-1], rims[0][:1])]
     whole = np.concatenate([closed[0], *inner])
@@ -560,26 +651,27 @@ def _fill(axes: Axes, rims: Sequence[Points], color: str) -> None:
 
 
 def _name(axes: Axes, z: complex, text: str, size: float = 8.0, color: str = "white") -> None:
+    """Write a text in a box centred at a point."""
     box = {"boxstyle": "round,pad=0.25", "fc": color, "ec": "0.4", "alpha": 0.9}
     if text:
         axes.text(z.real, z.imag, text, ha="center", va="center", fontsize=size, bbox=box, zorder=7)
 
 
 def _wrapped(text: str, width: int) -> list[str]:
-    """Lines of a text, in which a unit stays with its number."""
+    """Return the lines of a wrapped text, in which no unit is separated from its number."""
     bound = re.sub(r" (?=(?:k?g|mm|\d+$)\b|x )|(?<= x) ", "\u00a0", text)
     return textwrap.wrap(bound, width, subsequent_indent="  ")
 
 
 def _grams(mass: Mass) -> str:
-    """A mass and what is all right, in g."""
+    """Return a text with a mass and its acceptable range, in g."""
     digits = int(mass.nominal < 0.1)
     nominal, least, most = (f"{1e3 * kilograms:.{digits}f}" for kilograms in mass)
     return f"{nominal} g ({least} to {most})"
 
 
 def _crossing(outline: Round) -> tuple[float, float] | None:
-    """Return where the x axis crosses an outline; None where it passes by."""
+    """Return where the x axis crosses an outline, or None if it does not cross the outline."""
     points = np.array(outline.polygon)
     after = np.roll(points, -1)
     cross = (points.imag <= 0.0) != (after.imag <= 0.0)
@@ -591,7 +683,16 @@ def _crossing(outline: Round) -> tuple[float, float] | None:
 
 
 def _spans(solid: Solid, turn: complex, low: float, high: float) -> list[tuple[float, float]]:
-    """Return what a line from O along a direction has of a solid in the chassis less its holes."""
+    """Return the intervals of a line through O that lie in a solid but not in its holes.
+
+    Holes are taken into account only for a solid that is fixed in the chassis.
+
+    Args:
+        solid: Solid that the line crosses.
+        turn: Direction of the line, as a complex number of magnitude 1.
+        low: Start of the line in the solid, in mm from O.
+        high: End of the line in the solid, in mm from O.
+    """
     spans = [(low, high)]
     if solid.leg >= 0:
         return spans
@@ -607,7 +708,7 @@ def _spans(solid: Solid, turn: complex, low: float, high: float) -> list[tuple[f
 
 
 def _figure(step: Step) -> Figure:
-    """A page with pictures on its left, text on its right and the mass below."""
+    """Return a page with pictures on the left, text on the right, and the mass below the text."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=PAGE)

@@ -1,4 +1,4 @@
-"""Masses of the simulated robot by part, stacks on its pins, and its machine as a robot."""
+"""Masses of a simulated robot's parts, stacks on its pins, and the machine as a robot."""
 
 import csv
 import io
@@ -22,10 +22,13 @@ from jansen_env.robot.designs import with_built_feet
 from jansen_env.robot.linkage import CRANK, FRAME
 
 BAR, SHEET = "EN AW-6060 T66 flat bar", "EN AW-6060 T66 sheet, laser cut"
-WASHERS = 3.0  # mm, the widest gap that has no spacer
-PLAY, NUT, COLLAR = 0.1, 5.0, 9.0  # mm: least of a pin; for a lock nut; for a collar
-SPARE, MOST_SPARE = 3.0, 4.0  # mm: most that washers fill under a thin nut; there and at the head
-LENGTHS = (6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0)  # mm, of screws
+WASHERS = 3.0  # mm, widest gap that is filled by washers instead of a spacer
+# Least play along a pin, and length of thread for a lock nut and of axle for a collar, in mm.
+PLAY, NUT, COLLAR = 0.1, 5.0, 9.0
+# Most that washers fill under a thin nut, and under the nut and the head together, in mm.
+SPARE, MOST_SPARE = 3.0, 4.0
+# Standard lengths of screws, in mm.
+LENGTHS = (6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0)
 COLUMNS = (
     "part",
     "name",
@@ -40,9 +43,17 @@ COLUMNS = (
 
 
 class Part(NamedTuple):
-    """A line of the bill of materials.
+    """Line of the bill of materials.
 
-    ``each`` is in kg, ``thickness`` in mm, 0 for what is not flat, ``price`` in EUR each.
+    Attributes:
+        name: Name of the part.
+        material: Material of the part.
+        dimensions: Sizes of the part.
+        number: Number of such parts.
+        each: Mass of one part, in kg.
+        thickness: Thickness of a flat part, in mm; 0 for other parts.
+        note: Remark.
+        price: Price of one part, in EUR.
     """
 
     name: str
@@ -56,12 +67,17 @@ class Part(NamedTuple):
 
     @property
     def mass(self) -> float:
-        """Mass of all of them, kg."""
+        """Mass of all parts of this line, in kg."""
         return self.number * self.each
 
 
 def flat_size(robot: Robot, part: CutPart) -> str:
-    """Return the size of a flat part as its line of the bill of materials has it."""
+    """Return the size of a flat part as written in its line of the bill of materials.
+
+    Args:
+        robot: Robot that the part belongs to.
+        part: Flat part.
+    """
     thick = part.thickness
     if robot.build is ALUMINIUM and len(part.outline.corners) == 2 and part.joints:
         length = max(abs(p - q) for p, q in combinations(part.joints.values(), 2))
@@ -71,7 +87,10 @@ def flat_size(robot: Robot, part: CutPart) -> str:
 
 
 def counts(robot: Robot) -> dict[str, int]:
-    """Number of each flat part: on each crank pin two cranks as its webs, and two frames."""
+    """Return the number of each flat part by name.
+
+    Each crank pin has two cranks, which are its webs, and two frames.
+    """
     legs, names = len(robot.legs), robot.linkage.names
     number = dict.fromkeys(names, legs)
     for body in (FRAME, CRANK):
@@ -90,12 +109,13 @@ def counts(robot: Robot) -> dict[str, int]:
 
 
 def bill_of_materials(robot: Robot) -> list[Part]:
-    """Return what the simulated robot consists of: its links, and shares of what joins them.
+    """Return the parts of the simulated robot: its links, and its shares of the joining parts.
 
-    Masses of the built and of the weekend robot's add up to its mass. What is cut and bought is in
-    :class:`jansen_env.drawings.order.Order`.
+    For the built robot and the weekend robot, the masses add up to the mass of the robot. The parts
+    to cut and to buy are listed by :class:`jansen_env.drawings.order.Order`.
 
-    Raises ValueError: a link that cannot be made.
+    Raises:
+        ValueError: If a link cannot be made.
     """
     legs, toes, links = len(robot.legs), len(robot.legs) * len(robot.linkage.toes), []
     build = robot.build
@@ -124,46 +144,87 @@ def bill_of_materials(robot: Robot) -> list[Part]:
         tread = "discs, M3 screw and nut, strip of rubber"
         return [
             *links,
-            Part("pin, a link's share", "M3 screw in plain holes, lock nut, washers",
-                 "half a joint", ends, build.pin_share),
+            Part(
+                "pin, a link's share",
+                "M3 screw in plain holes, lock nut, washers",
+                "half a joint",
+                ends,
+                build.pin_share,
+            ),
             Part("foot's tread", tread, "a share", toes, build.foot_mass),
             Part("shaft, hubs, gearmotor and its plate, at O", "", "a share", 1, build.axis_mass),
             Part("cross-members, battery, boards, at P", "", "a share", 1, build.battery_mass),
-        ]  # fmt: skip
+        ]
     pivots = len({leg.side for leg in robot.legs}) * (len(robot.linkage.bodies[0][1]) - 1)
     return [
         *links,
         Part("foot's shoe", "EN AW-6060, two M4 screws", "a share", toes, built.SHOE_MASS),
         Part("motor's plate", "EN AW-6060", "a share, at O", 1, built.MOTOR_PLATE_MASS),
-        Part("pin and bush, a link's share", "shoulder screw, nut, washers, spacer; iglidur J200 "
-             "bush, 6 mm", "half a joint", ends, built.PIN_SHARE),
-        Part("foot's tread", tread, f"half-round, radius {radius:g} mm, {wide:g} mm wide", toes,
-             built.TREAD_MASS),
-        Part("crankshaft, at O", "steel; hubs and coupling of EN AW-6060", "a share", 1,
-             built.CRANKSHAFT_MASS),
-        Part("cross-member, at P", "axle; tube of EN AW-6060 T66", "a share", pivots,
-             built.CROSS_MEMBER_MASS),
+        Part(
+            "pin and bush, a link's share",
+            "shoulder screw, nut, washers, spacer; iglidur J200 bush, 6 mm",
+            "half a joint",
+            ends,
+            built.PIN_SHARE,
+        ),
+        Part(
+            "foot's tread",
+            tread,
+            f"half-round, radius {radius:g} mm, {wide:g} mm wide",
+            toes,
+            built.TREAD_MASS,
+        ),
+        Part(
+            "crankshaft, at O",
+            "steel; hubs and coupling of EN AW-6060",
+            "a share",
+            1,
+            built.CRANKSHAFT_MASS,
+        ),
+        Part(
+            "cross-member, at P",
+            "axle; tube of EN AW-6060 T66",
+            "a share",
+            pivots,
+            built.CROSS_MEMBER_MASS,
+        ),
         Part("gearmotor, at O", "T-Motor AK80-6", "98 x 38.5 mm", 1, built.MOTOR_MASS),
-        Part("battery, controller, cables", "LiPo 6S", "in two halves, at P", 1,
-             built.BATTERY_MASS),
-    ]  # fmt: skip
+        Part(
+            "battery, controller, cables", "LiPo 6S", "in two halves, at P", 1, built.BATTERY_MASS
+        ),
+    ]
 
 
 class Row(NamedTuple):
-    """An entry of a pin's stack: a link, or a spacer or fastener."""
+    """Entry of a pin's stack: a link, a spacer or a fastener.
+
+    Attributes:
+        number: Number of equal pieces.
+        name: Name of the piece.
+        size: Size of the piece; empty for a link.
+        item: Placed part of a link; None for other pieces.
+        height: Height of one piece along the pin, in mm; 0 for a link.
+    """
 
     number: int
     name: str
     size: str = ""
     item: Placed | None = None
-    height: float = 0.0  # mm, of one of them along the pin
+    height: float = 0.0
 
 
 class Stack(NamedTuple):
-    """A pin of a leg, or an axle through the machine.
+    """Pin of a leg, or axle through the machine, with everything on it.
 
-    ``rows`` are in order along the shaft, from the screw's head or the axle's first end. ``bolt``
-    is the screw or axle through them, and its nut or collars.
+    Attributes:
+        joint: Name of the joint.
+        unit: Index of the unit.
+        leg: Index of the leg.
+        side: Side of the leg.
+        axle: Whether this is an axle through the machine.
+        rows: Entries in order along the shaft, from the head of the screw or from the first end of
+            the axle.
+        bolt: Screw or axle through the entries, and its nut or collars.
     """
 
     joint: str
@@ -176,12 +237,17 @@ class Stack(NamedTuple):
 
     @property
     def bodies(self) -> set[int]:
-        """Numbers of the bodies on it."""
+        """Numbers of the bodies on the pin, from 1 on."""
         return {row.item.body for row in self.rows if row.item}
 
 
 def stacks(robot: Robot, placed: Sequence[Placed]) -> list[Stack]:
-    """Pins and axles of a machine, with washers, spacers and screws for the stack on each."""
+    """Return the pins and axles of a machine, with the washers, spacers and screws of each.
+
+    Args:
+        robot: Robot that the machine is built from.
+        placed: Parts of the robot along the shaft.
+    """
     build = robot.build
     metal = build is ALUMINIUM
     axis, crank_pin, *_ = [*robot.linkage.bodies[CRANK - 1][1]]
@@ -202,7 +268,7 @@ def stacks(robot: Robot, placed: Sequence[Placed]) -> list[Stack]:
         for top, item in zip(tops, items, strict=False):
             rows += [*_between(build, item.z - top, axle), Row(1, item.part.name, "", item)]
         rows += _between(build, end - tops[-1], axle)
-        if axle and items[0] is placed[0]:  # what is glued to the first frame
+        if axle and items[0] is placed[0]:  # doublers are glued to the first frame
             thick = items[0].part.thickness
             size = flat_size(robot, items[0].part)
             doublers = mount_of(build).doublers
@@ -225,7 +291,7 @@ def stacks(robot: Robot, placed: Sequence[Placed]) -> list[Stack]:
 
 
 def _axle(build: Build, length: float) -> tuple[Row, Row]:
-    """Return an axle through frames so far apart, mm, and what holds its ends."""
+    """Return an axle for a stack of a length (mm), and the collars or nuts at its ends."""
     size = f"{2e3 * build.pin_radius:g}"
     if build is ALUMINIUM:
         long = length + 2.0 * COLLAR
@@ -237,7 +303,7 @@ def _axle(build: Build, length: float) -> tuple[Row, Row]:
 
 
 def _plain_screw(build: Build, length: float) -> tuple[Row, Row]:
-    """Return the screw and the lock nut of links so thick, mm, that turn on its thread."""
+    """Return a screw and its lock nut for links that turn on its thread; ``length`` is in mm."""
     size = f"M{2e3 * build.pin_radius:g}"
     long = standard(length + NUT)
     screw = Row(1, "socket screw ISO 4762", f"{size} x {long:g} mm", height=long)
@@ -245,7 +311,10 @@ def _plain_screw(build: Build, length: float) -> tuple[Row, Row]:
 
 
 def _between(build: Build, gap: float, axle: bool = False) -> list[Row]:
-    """Washers that fill a gap, mm, to half a millimetre, or a spacer; none for no gap."""
+    """Return what fills a gap (mm): washers, rounded down to half a millimetre, or a spacer.
+
+    A spacer on an axle of the aluminium build comes with two rings.
+    """
     pin, spacer, tube = 2e3 * build.pin_radius, 2e3 * build.spacer_radius, 2e3 * build.tube_radius
     if gap > WASHERS and axle and build is ALUMINIUM:
         ends = f"{tube - 4:g} x {pin:g} x 3 mm, in a spacer's ends"
@@ -262,12 +331,19 @@ def _between(build: Build, gap: float, axle: bool = False) -> list[Row]:
 
 
 def standard(length: float) -> float:
-    """Return the next length of screws, mm."""
+    """Return the shortest standard screw length that is at least a given length.
+
+    Args:
+        length: Least length, in mm.
+    """
     return next((x for x in LENGTHS if x >= length - 1e-6), 10.0 * math.ceil(0.1 * length))
 
 
 def to_csv(parts: Sequence[Part]) -> str:
-    """The bill of materials as CSV, numbered; parts that are counted in others have no mass."""
+    """Return the bill of materials as CSV, with numbered lines.
+
+    The mass is left empty for parts whose mass is counted in other parts.
+    """
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(COLUMNS)
@@ -279,29 +355,41 @@ def to_csv(parts: Sequence[Part]) -> str:
 
 
 def machine(robot: Robot) -> Robot:
-    """Return a robot as it would be cut: its parts, with its build's feet and motor.
+    """Return the robot that simulates the machine as it would be cut.
 
-    Joints keep their places and their friction.
+    The robot has the masses of the cut parts, and the feet and motor of its build. The joints keep
+    their positions and their friction.
 
-    Raises ValueError: a part cannot be made; names it.
+    Raises:
+        ValueError: If a part cannot be made. The message names the part.
     """
     masses = {part.name: part.mass for part in bill_of_materials(robot)}
-    links = (_link(robot, k, masses[name] / len(robot.legs))
-             for k, name in enumerate(robot.linkage.names, 1))  # fmt: skip
+    links = (
+        _link(robot, k, masses[name] / len(robot.legs))
+        for k, name in enumerate(robot.linkage.names, 1)
+    )
     return with_built_feet(replace(robot, bodies=tuple(links)))
 
 
 def _link(robot: Robot, body: int, mass: float) -> Plate:
-    """Return a body of a leg: its flat parts of a mass, kg, and pins, feet, motor and battery as
-    point masses."""
+    """Return a body of a leg, with pins, feet, motor and battery as point masses.
+
+    Args:
+        robot: Robot that the body belongs to.
+        body: Number of the body, from 1 on.
+        mass: Mass of the body's flat parts per leg, in kg.
+    """
     part, legs, build = link_part(robot, body), len(robot.legs), robot.build
     signed = [(1.0, part.outline), *((-1.0, shape) for shape in (*part.windows, *part.holes))]
     moments = np.array([sign * about_origin(shape) for sign, shape in signed]).sum(axis=0)
     area, centre = float(moments[0].real), complex(moments[1] / moments[0])
     inertia = float(moments[2].real) - area * abs(centre) ** 2
     points = [(mass, centre)]
-    points += [(build.pin_share, part.joints[joint])
-               for index, joint in robot.linkage.holes if index == body]  # fmt: skip
+    points += [
+        (build.pin_share, part.joints[joint])
+        for index, joint in robot.linkage.holes
+        if index == body
+    ]
     points += [(build.foot_mass, part.joints[toe]) for toe in feet_of(robot, body)]
     if body == FRAME:
         axis = part.joints[robot.linkage.bodies[CRANK - 1][1][0]]
@@ -318,7 +406,7 @@ def _link(robot: Robot, body: int, mass: float) -> Plate:
 
 
 def about_origin(shape: Round) -> NDArray[np.complex128]:
-    """Return area, first and second moment about the origin of a polygon with round corners."""
+    """Return the area, and the first and second moments about the origin, of a rounded polygon."""
     p = np.array(shape.polygon)
     q = np.roll(p, -1)
     cross = (p.conj() * q).imag

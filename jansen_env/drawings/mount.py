@@ -1,7 +1,7 @@
-"""How the motor is mounted and the frames are tied, in mm: screws, standoffs, coupling, motor.
+"""Sizes, in mm, of the parts that mount the motor and tie the frames to one another.
 
-The motor sits on a plate that two standoffs hold in front of the first frame. The same two holes of
-a frame take the screws of the brace, which ties a fore frame to a back frame.
+The motor sits on a plate that two standoffs hold in front of the first frame. In the other frames,
+the same two holes take the screws of the brace, which ties a fore frame to a back frame.
 """
 
 from __future__ import annotations
@@ -15,48 +15,61 @@ from jansen_env.robot.buildable import ALUMINIUM, Build
 
 
 class Size(NamedTuple):
-    """Sizes of a metric screw and of what goes with it, mm; radii are half of a diameter.
+    """Sizes of a metric screw, its clearance hole, its heads and its nuts, in mm.
 
-    Heads and nuts are as large as their standards allow; a nut's radius reaches to its corners.
+    Heads and nuts have the largest size that their standards allow. The radius of a nut reaches to
+    its corners.
+
+    Attributes:
+        radius: Radius of the screw's shank.
+        clearance: Radius of a hole through which the screw passes.
+        socket: Radius and height of a socket head, ISO 4762.
+        countersunk: Radius and height of a countersunk head, ISO 10642.
+        lock_nut: Radius and height of a lock nut, DIN 985.
+        thin_nut: Radius and height of a thin nut, DIN 439.
     """
 
     radius: float
-    clearance: float  # radius of a hole that it goes through
-    socket: tuple[float, float]  # radius and height of the head, ISO 4762
-    countersunk: tuple[float, float]  # ISO 10642
-    lock_nut: tuple[float, float]  # DIN 985
-    thin_nut: tuple[float, float]  # DIN 439
+    clearance: float
+    socket: tuple[float, float]
+    countersunk: tuple[float, float]
+    lock_nut: tuple[float, float]
+    thin_nut: tuple[float, float]
 
 
 SIZES = {
     "M3": Size(1.5, 1.6, (2.75, 3.0), (3.0, 1.7), (3.18, 4.0), (3.18, 1.8)),
     "M4": Size(2.0, 2.25, (3.5, 4.0), (4.0, 2.3), (4.04, 5.0), (4.04, 2.2)),
 }
-SHOULDER_HEAD = 5.0, 4.5  # radius and height, of a shoulder screw of 6 mm, ISO 7379
-SHOULDER_NUT = 4.62, 2.7  # of its thin nut M5
-COLLAR = 6.0, 8.0  # radius and length, of a shaft collar of 6 mm, DIN 705
+SHOULDER_HEAD = 5.0, 4.5  # radius and height of the head of a 6 mm shoulder screw, ISO 7379
+SHOULDER_NUT = 4.62, 2.7  # radius and height of its thin nut, M5
+COLLAR = 6.0, 8.0  # radius and length of a 6 mm shaft collar, DIN 705
 
 
 class Mount(NamedTuple):
-    """Sizes about a build's motor, mm.
+    """Sizes of the motor and its mounting in one build, in mm.
+
+    Points are complex numbers x + i y. Their origin is the crank axis, and x points along the bar
+    of the frame.
 
     Attributes:
-        screws: distance of the two holes of a frame from the crank axis, along its bar.
-        standoff: length of the standoffs between frame and motor plate.
-        standoff_radius: to the corners of a standoff's hexagon.
-        doublers: further frames that are glued to the first one, on the motor's side.
-        motor: radius and length of the motor.
-        motor_shaft: radius and length of the motor's shaft; length 0 for a flange.
-        coupling: radius and length of the coupling of the two shafts, or of the hub on the motor's
-            flange without the flange.
-        flange: radius and thickness of that hub's flange, and radius of its circle of screws;
-            zeros for a coupling.
-        plate: corners of the motor plate, the crank axis at the origin and the frame's bar along x.
-        plate_margin: what the plate reaches beyond these corners.
-        plate_hole: radius of the hole about the crank axis.
-        plate_text: ends of the line that has the plate's name.
-        motor_screws: places of the screws into the motor.
-        into_motor: length of the screws in the motor's threads.
+        screws: Distances of a frame's two mounting holes from the crank axis, along its bar.
+        standoff: Length of the standoffs between the first frame and the motor plate.
+        standoff_radius: Radius to the corners of a standoff's hexagon.
+        doublers: Number of additional frames glued to the first frame, on the motor's side.
+        motor: Radius and length of the motor.
+        motor_shaft: Radius and length of the motor's shaft. The length is 0 for a motor with a
+            flange.
+        coupling: Radius and length of the coupling between the two shafts. For a motor with a
+            flange, radius and length of the boss of the hub on that flange.
+        flange: Radius and thickness of this hub's flange, and radius of its circle of screws. All
+            are zero for a coupling.
+        plate: Corners of the motor plate.
+        plate_margin: Distance by which the plate extends beyond these corners.
+        plate_hole: Radius of the plate's hole around the crank axis.
+        plate_text: Ends of the line on which the plate's name is engraved.
+        motor_screws: Positions of the screws that enter the motor.
+        into_motor: Length of these screws inside the motor's threads.
     """
 
     screws: tuple[float, float]
@@ -110,12 +123,16 @@ PLYWOOD_MOUNT = Mount(
 
 
 def mount_of(build: Build) -> Mount:
-    """Return the sizes about a build's motor."""
+    """Return the sizes of the motor and its mounting for a build."""
     return ALUMINIUM_MOUNT if build is ALUMINIUM else PLYWOOD_MOUNT
 
 
 def units(robot: Robot) -> list[tuple[int, ...]]:
-    """Legs on each crank pin, one of either side at most."""
+    """Return the indices of the legs on each crank pin.
+
+    A crank pin carries at most one fore leg and one back leg. Two legs share a pin if they are on
+    different sides and their phases are equal.
+    """
     pins: list[tuple[int, ...]] = []
     for i, leg in enumerate(robot.legs):
         for k, (other, *more) in enumerate(pins):
@@ -129,7 +146,10 @@ def units(robot: Robot) -> list[tuple[int, ...]]:
 
 
 def ties(robot: Robot) -> int:
-    """Number of neighbouring frames of two units that face two ways, each tied by a brace."""
+    """Return the number of places where a brace ties two neighbouring frames.
+
+    A brace ties the frames of two neighbouring units whose legs at that place face opposite ways.
+    """
     return sum(
         robot.legs[before[-1]].side != robot.legs[after[0]].side
         for before, after in pairwise(units(robot))

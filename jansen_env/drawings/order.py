@@ -1,4 +1,4 @@
-"""What is cut, sawn and bought for a machine: its bill of materials, made from its solids."""
+"""Bill of materials of a machine, made from its solids: every part to cut, to saw, or to buy."""
 
 from __future__ import annotations
 
@@ -15,12 +15,21 @@ from jansen_env.robot import Robot
 from jansen_env.robot.buildable import ALUMINIUM
 
 PLYWOOD_SPREAD = -0.10, 0.13
-"""Share by which the mass of a plywood part may be off: 2.9 to 3.2 mm thick, 640 to 720 kg/m^3."""
-SPREAD = -0.03, 0.03  # of all else
+"""Lowest and highest relative deviation of a plywood part's mass from its nominal mass.
+
+The limits allow for plywood that is 2.9 to 3.2 mm thick and has a density of 640 to 720 kg/m^3.
+"""
+SPREAD = -0.03, 0.03  # relative deviation of the mass of any other part
 
 
 class Mass(NamedTuple):
-    """Mass of an assembly by its drawing, kg, and the least and most that is all right."""
+    """Mass of an assembly, in kg.
+
+    Attributes:
+        nominal: Mass according to the drawings.
+        least: Lowest acceptable mass.
+        most: Highest acceptable mass.
+    """
 
     nominal: float
     least: float
@@ -28,7 +37,16 @@ class Mass(NamedTuple):
 
 
 def flat_rows(robot: Robot, prices: dict[str, Any]) -> list[Part]:
-    """Return the lines of what is cut, by number, with the masses of the drawing."""
+    """Return the lines of the parts to cut, in the order of their numbers.
+
+    Args:
+        robot: Robot whose parts are cut.
+        prices: Prices as in ``parts.yml``. ``prices["flat"]`` has the price of flat parts by the
+            robot's material, in EUR/kg.
+
+    Returns:
+        One line per flat part, with its mass as drawn.
+    """
     number, metal = counts(robot), robot.build is ALUMINIUM
     rows = []
     for part in cut_parts(robot):
@@ -40,20 +58,26 @@ def flat_rows(robot: Robot, prices: dict[str, Any]) -> list[Part]:
         size = flat_size(robot, part)
         rows.append(
             Part(
-                part.name, material, size, number[part.name], part.mass, part.thickness,
+                part.name,
+                material,
+                size,
+                number[part.name],
+                part.mass,
+                part.thickness,
                 price=price,
             )
-        )  # fmt: skip
+        )
     return rows
 
 
 class Order:
-    """The bill of materials of a machine, from its solids, with masses and prices.
+    """Bill of materials of a machine, with masses and prices.
 
     Args:
-        robot: the robot.
-        placed: its parts along the shaft; None where links collide, so that the bill has only what
-            is cut and what has a maker.
+        robot: Robot that the machine is built from.
+        placed: Parts of the robot along the shaft. If None, because the links collide, there is
+            no solid model. The bill then lists the parts to cut, the bought components, and the
+            simulated robot's shares of pins and feet.
     """
 
     def __init__(self, robot: Robot, placed: Sequence[Placed] | None) -> None:
@@ -62,7 +86,11 @@ class Order:
 
     @cached_property
     def parts(self) -> list[Part]:
-        """All lines: what is cut, by number; what has a maker; what joins all, by name and size."""
+        """All lines of the bill.
+
+        First come the parts to cut, in the order of their numbers. Then come the bought components
+        of ``parts.yml``, and last the fasteners and other joining parts, sorted by name and size.
+        """
         words = bought_parts()
         prices, material = words["prices"], self.robot.material
         rows = flat_rows(self.robot, prices)
@@ -73,7 +101,9 @@ class Order:
         ]
         known = {part.name for part in bought}
         joining = []
-        if self.assembly is None:  # shares of the model, as nobody knows how long the screws are
+        if (
+            self.assembly is None
+        ):  # the lengths of the screws are unknown, so use the model's shares
             joining = [
                 part._replace(note="a share of the simulated robot")
                 for part in bill_of_materials(self.robot)[len(self.robot.bodies) :]
@@ -83,7 +113,8 @@ class Order:
             masses: dict[tuple[str, str], float] = {}
             count = self.assembly.count
             for piece, mass in zip(self.assembly.pieces, self.assembly.masses(), strict=True):
-                key = piece.name, piece.size  # sawn off to different lengths: their mean
+                # Pieces that are sawn to different lengths have their mean mass.
+                key = piece.name, piece.size
                 masses[key] = masses.get(key, 0.0) + mass / count[key]
             for (name, size), number in sorted(count.items(), key=_by_size):
                 if name in cut or name in known:
@@ -96,27 +127,33 @@ class Order:
 
     @cached_property
     def numbers(self) -> dict[tuple[str, str], int]:
-        """Number of each line by name and size, and of a flat part by its name alone."""
+        """Number of each line of the bill, by name and size.
+
+        A flat part is also listed by its name and an empty size.
+        """
         numbers = {(part.name, part.dimensions): k for k, part in enumerate(self.parts, 1)}
         flat = {(part.name, ""): k for k, part in enumerate(self.parts, 1) if part.thickness}
         return numbers | flat
 
     @property
     def mass(self) -> float:
-        """Mass of everything, kg."""
+        """Mass of all parts, in kg."""
         return sum(part.mass for part in self.parts)
 
     @property
     def price(self) -> float:
-        """Price of everything, EUR."""
+        """Price of all parts, in EUR."""
         return sum(part.number * part.price for part in self.parts)
 
     def line(self, piece: Piece) -> Part:
-        """Return the line of a piece."""
+        """Return the line of the bill that lists a piece."""
         return self.parts[self.numbers[piece.name, piece.size] - 1]
 
     def weigh(self, pieces: Sequence[Piece]) -> Mass:
-        """Return the mass of some pieces, with what plywood and all else may differ by."""
+        """Return the mass of pieces, with its lowest and highest acceptable value.
+
+        :data:`PLYWOOD_SPREAD` applies to plywood parts, and :data:`SPREAD` to all other parts.
+        """
         low = high = nominal = 0.0
         for piece in pieces:
             part = self.line(piece)
@@ -129,5 +166,6 @@ class Order:
 
 
 def _by_size(piece: tuple[tuple[str, str], int]) -> tuple[str, list[float]]:
+    """Return a key that sorts pieces by name, then by the numbers in their size."""
     (name, size), _ = piece
     return name, [*map(float, re.findall(r"\d+\.?\d*", size))]

@@ -1,7 +1,8 @@
-"""Flat parts at 1:1 in mm: outline, window, holes and engraved name of each plate and bar.
+"""Flat parts at 1:1, in mm: outline, window, holes and engraved name of each plate and bar.
 
-Points are complex numbers x + i y. Every line that is cut is a convex polygon made larger by a
-radius all round: a hole has one corner, a bar two, a triangular plate and its window three.
+Points are complex numbers x + i y. Every line to cut is a convex polygon that is enlarged by a
+radius on all sides. The polygon of a hole has one corner, that of a bar has two, and those of a
+triangular plate and its window have three.
 """
 
 from __future__ import annotations
@@ -23,28 +24,37 @@ from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.linkage import CRANK, FRAME
 
 Points = NDArray[np.complex128]
-MARGIN = 5.0  # mm, between parts, and to the edge of a sheet
+MARGIN = 5.0  # mm, distance between parts, and from a part to the edge of a sheet
 T = TypeVar("T")
 
 CIRCLE = np.exp(2j * np.pi * np.arange(64) / 64)
-M3 = 1.6  # radius of a hole
-SHOE_SCREW = 2.25  # radius for M4
-BRACE = 6.0  # thickness, which fills the room between neighbouring units
-WALL = 1.5  # least material between two holes; twice as much to a window
-PARALLEL = math.pi / 6.0  # rad between two sides: a tread's screws are behind one another below it
+M3 = 1.6  # radius of a hole for an M3 screw
+SHOE_SCREW = 2.25  # radius of a hole for an M4 screw
+BRACE = 6.0  # thickness of the brace, which fills the gap between neighbouring units
+WALL = 1.5  # least width of material between two holes; a window needs twice this width
+PARALLEL = math.pi / 6.0  # rad; if two sides enclose less, a shoe's screws lie behind one another
 FILLET = 4.0  # radius of a window's corners
-CLASSES = ("press", "slide", "clear")  # of holes: for a bush, for a pin that is held, for a screw
+# Classes of holes: for a bush, for a fixed pin, and for a screw.
+CLASSES = ("press", "slide", "clear")
 FITS = {"laser": (-0.05, 0.1, 0.2), "water_jet": (-0.05, 0.15, 0.3), "print": (0.1, 0.3, 0.5)}
-"""Estimates to begin with: mm by which diameters of each class are larger."""
-STEPS = [round(0.1 * k, 1) for k in range(-4, 5)]  # mm, of the coupon's holes and pegs
+"""Initial estimates of the fit allowances of each process.
+
+An entry has one value for each class of holes in :data:`CLASSES`: by how much the diameter of the
+hole is enlarged, in mm.
+"""
+# Added to the diameters of the coupon's holes and to the radii of its pegs, in mm.
+STEPS = [round(0.1 * k, 1) for k in range(-4, 5)]
 SHOE_SCREWS = (15.0, 15.0), (14.0, 28.0)  # mm from the toe: on two sides; behind one another
-STRAIGHT = 1e-6  # height over length of a link whose joints are in line
+STRAIGHT = 1e-6  # a link's joints count as in line if its height / length is lower
 
 
 class Round(NamedTuple):
-    """A convex polygon, its corners counter-clockwise, made larger by a radius all round.
+    """Convex polygon that is enlarged by a radius on all sides.
 
-    ``fit`` is the class of a hole.
+    Attributes:
+        corners: Corners of the polygon, counter-clockwise, in mm.
+        radius: Radius by which the polygon is enlarged, in mm.
+        fit: Class of a hole, one of :data:`CLASSES`.
     """
 
     corners: tuple[complex, ...]
@@ -53,30 +63,33 @@ class Round(NamedTuple):
 
     @property
     def box(self) -> tuple[complex, complex]:
-        """Lower left and upper right corner of the bounding box."""
+        """Lower left and upper right corners of the bounding box, in mm."""
         xs, ys = [z.real for z in self.corners], [z.imag for z in self.corners]
         out = complex(self.radius, self.radius)
         return complex(min(xs), min(ys)) - out, complex(max(xs), max(ys)) + out
 
     @property
     def closed(self) -> bool:
-        """Return whether its line has an inside; a line between two points has none."""
+        """Whether the line encloses an area; a line between two points does not."""
         return self.radius > 0.0 or len(self.corners) > 2
 
     @property
     def around(self) -> float:
-        """Length of the polygon's sides, mm."""
+        """Total length of the polygon's sides, before the enlargement, in mm."""
         return sum(abs(q - p) for p, q in sides(self.corners))
 
     @property
     def area(self) -> float:
-        """mm^2."""
+        """Area of the enlarged polygon, in mm^2."""
         inner = sum(0.5 * (p.conjugate() * q).imag for p, q in sides(self.corners))
         return inner + self.around * self.radius + math.pi * self.radius**2
 
     @property
     def path(self) -> list[tuple[complex, float]]:
-        """Its corners, each with the bulge of the edge that follows, as in DXF; not of a circle."""
+        """Corners of the line, each with the bulge of the edge that follows, as in a DXF polyline.
+
+        A circle, which has one corner, has no path.
+        """
         if not self.radius:
             return [(z, 0.0) for z in self.corners]
         points = []
@@ -88,21 +101,35 @@ class Round(NamedTuple):
 
     @property
     def polygon(self) -> tuple[complex, ...]:
-        """Its line as corners, 64 to a turn."""
+        """Corners of a polygon that approximates the line, with 64 corners per full turn."""
         if not self.radius:
             return self.corners
         return hull(z + self.radius * turn for z in self.corners for turn in CIRCLE)
 
     def moved(self, turn: complex, shift: complex) -> Round:
-        """Turned about the origin by a unit, then shifted."""
+        """Return the polygon turned about the origin, then shifted.
+
+        Args:
+            turn: Complex number of magnitude 1 by which the corners are multiplied.
+            shift: Displacement in mm.
+        """
         return self._replace(corners=tuple(turn * z + shift for z in self.corners))
 
 
 class CutPart(NamedTuple):
-    """A flat part; thickness in mm.
+    """Flat part to cut.
 
-    Its number in the bill of materials and its name are engraved half way between the ends of
-    ``text``, and each of the ``labels`` likewise.
+    Attributes:
+        name: Name of the part.
+        thickness: Thickness of the part, in mm.
+        outline: Outline of the part.
+        windows: Large openings that make the part lighter.
+        holes: Holes of the part.
+        joints: Position of each joint by name, in mm.
+        text: Two points, in mm. The part's number and name are engraved half way between them.
+        number: Number in the bill of materials; 0 if the part has none.
+        labels: Further texts to engrave, each with two points as in ``text``.
+        density: Density of the material, in kg/m^3.
     """
 
     name: str
@@ -114,20 +141,25 @@ class CutPart(NamedTuple):
     text: tuple[complex, complex]
     number: int = 0
     labels: tuple[tuple[str, complex, complex], ...] = ()
-    density: float = built.DENSITY  # kg/m^3
+    density: float = built.DENSITY
 
     @property
     def title(self) -> str:
-        """Its number, if any, and its name."""
+        """Number of the part, if it has one, and its name."""
         return f"{self.number} {self.name}" if self.number else self.name
 
     @property
     def lines(self) -> tuple[Round, ...]:
-        """All that is cut, its outline first."""
+        """All lines to cut, the outline first."""
         return (self.outline, *self.windows, *self.holes)
 
     def moved(self, turn: complex, shift: complex) -> CutPart:
-        """The part turned about the origin by a unit, then shifted."""
+        """Return the part turned about the origin, then shifted.
+
+        Args:
+            turn: Complex number of magnitude 1 by which all points are multiplied.
+            shift: Displacement in mm.
+        """
         return self._replace(
             outline=self.outline.moved(turn, shift),
             windows=tuple(shape.moved(turn, shift) for shape in self.windows),
@@ -138,13 +170,26 @@ class CutPart(NamedTuple):
         )
 
     def with_fit(self, fit: Sequence[float]) -> CutPart:
-        """The part with holes larger in diameter by the allowance of their class, mm."""
-        holes = (hole._replace(radius=hole.radius + 0.5 * fit[CLASSES.index(hole.fit)])
-                 for hole in self.holes)  # fmt: skip
+        """Return the part with holes enlarged by the allowance of their class.
+
+        Args:
+            fit: Increase of the diameter for each class in :data:`CLASSES`, in mm.
+        """
+        holes = (
+            hole._replace(radius=hole.radius + 0.5 * fit[CLASSES.index(hole.fit)])
+            for hole in self.holes
+        )
         return self._replace(holes=tuple(holes))
 
     def with_kerf(self, kerf: float) -> CutPart:
-        """The part whose lines are the middle of a cut so wide, mm, so that it has its size."""
+        """Offset all lines by half the kerf, so that the cut part has its nominal size.
+
+        Args:
+            kerf: Width of the cut, in mm.
+
+        Returns:
+            The part whose lines are the centre lines of the cuts.
+        """
         half = 0.5 * kerf
         windows, holes = (
             tuple(shape._replace(radius=shape.radius - half) for shape in shapes)
@@ -155,7 +200,11 @@ class CutPart(NamedTuple):
         return part.moved(1 + 0j, complex(half, half))
 
     def lying(self) -> CutPart:
-        """The part turned so that it is as low as it can lie, the corner of its box at 0."""
+        """Return the part turned so that its bounding box is as low as possible.
+
+        One side of the outline is then horizontal, and the lower left corner of the box is at the
+        origin.
+        """
         turns = [abs(q - p) / (q - p) for p, q in sides(self.outline.corners)]
         boxes = [(self.outline.moved(turn, 0j).box, turn) for turn in turns]
         (low, _), turn = min(boxes, key=lambda box: round((box[0][1] - box[0][0]).imag, 6))
@@ -163,24 +212,27 @@ class CutPart(NamedTuple):
 
     @property
     def mass(self) -> float:
-        """Mass as drawn, kg."""
+        """Mass of the part as drawn, in kg."""
         area = self.outline.area - sum(shape.area for shape in (*self.windows, *self.holes))
         return 1e-9 * self.density * self.thickness * area
 
 
 def radii(build: Build) -> tuple[float, float, float, float]:
-    """Radii of a pin, of the hole of a body that turns on it, of shaft and hub, mm."""
+    """Return the radii of a pin, a hole that turns on the pin, the shaft and a hub, in mm."""
     pin = 1e3 * build.pin_radius
     return pin, pin + 1e3 * build.bush, 1e3 * build.shaft_radius, 1e3 * build.hub_radius
 
 
 def sides(corners: Sequence[T]) -> list[tuple[T, T]]:
-    """Start and end of each side of a polygon."""
+    """Return the start and end of each side of a polygon."""
     return [*zip(corners, [*corners[1:], *corners[:1]], strict=True)]
 
 
 def hull(points: Iterable[complex]) -> tuple[complex, ...]:
-    """Corners of the convex hull, counter-clockwise; both ends of points in line."""
+    """Return the corners of the convex hull of points, counter-clockwise.
+
+    If all points are in line, the corners are the two ends.
+    """
     ordered = sorted(points, key=lambda z: (z.real, z.imag))
     corners: list[complex] = []
     for row in (ordered, ordered[::-1]):
@@ -197,7 +249,15 @@ def hull(points: Iterable[complex]) -> tuple[complex, ...]:
 
 
 def gap(polygon: Points, other: Points) -> NDArray[np.float64]:
-    """Least distances between convex polygons (..., corners), 0 where they meet."""
+    """Return the least distances between convex polygons.
+
+    Args:
+        polygon: Corners of the first polygons, shape (..., corners).
+        other: Corners of the second polygons, shape (..., corners).
+
+    Returns:
+        Distances, shape (...), which are 0 where two polygons meet.
+    """
     least = np.full(polygon.shape[:-1], np.inf)
     signs = []
     for a, b in ((polygon, other), (other, polygon)):
@@ -205,7 +265,8 @@ def gap(polygon: Points, other: Points) -> NDArray[np.float64]:
         way, z = np.roll(p, -1, axis=-1) - p, a[..., :, None] - p
         along = (z * way.conj()).real / np.maximum(abs(way) ** 2, 1e-12)
         least = np.minimum(least, abs(z - np.clip(along, 0.0, 1.0) * way).min(axis=(-2, -1)))
-        left = np.sign((way.conj() * z).imag)  # of each side of b, by corners of a
+        # Whether each corner of a is on the left of each side of b.
+        left = np.sign((way.conj() * z).imag)
         within = abs(left.sum(axis=-1)) == max(3, b.shape[-1])
         least = np.where(within.any(axis=-1), 0.0, least)
         signs.append(left * np.roll(left, -1, axis=-2) < 0.0)
@@ -214,9 +275,14 @@ def gap(polygon: Points, other: Points) -> NDArray[np.float64]:
 
 
 def link_part(robot: Robot, body: int) -> CutPart:
-    """The part of a body of every leg, by its number from 1 on, in the body's own axes.
+    """Return the part that is cut for one body of every leg, in the axes of the body.
 
-    Raises ValueError: holes are too near to one another; names them.
+    Args:
+        robot: Robot whose part is returned.
+        body: Number of the body, from 1 on.
+
+    Raises:
+        ValueError: If two holes are too close to one another. The message names the part.
     """
     build, (name, joints) = robot.build, robot.linkage.bodies[body - 1]
     corners = [cmath.rect(1e3 * reach, turn) for reach, turn in robot.bodies[body - 1].corners]
@@ -226,7 +292,7 @@ def link_part(robot: Robot, body: int) -> CutPart:
     feet = [at[toe] for toe in feet_of(robot, body)]
     for toe in feet:
         holes += _shoe_holes(toe, flat.corners) if build is ALUMINIUM else [Round((toe,), M3)]
-    if body == CRANK:  # room for the hub's second screw
+    if body == CRANK:  # extend the crank beyond the axis for the hub's second screw
         axis = at[joints[0]]
         screw = 1e3 * build.hub_screws * (at[joints[1]] - axis) / abs(at[joints[1]] - axis)
         holes += [Round((axis + way * screw,), M3) for way in (1, -1)]
@@ -249,7 +315,7 @@ def link_part(robot: Robot, body: int) -> CutPart:
     spots = sorted(corners, key=lambda z: (z / (flat.corners[1] - flat.corners[0])).real)
     lines = sides(flat.corners) if len(flat.corners) > 2 else [*pairwise(spots)]
     text = max(lines, key=lambda line: (not {*line} & {*feet}, abs(line[1] - line[0])))
-    if body == FRAME:  # beyond the holes of brace and standoffs
+    if body == FRAME:  # beyond the mounting holes
         axis = at[robot.linkage.joints[robot.linkage.axis]]
         pivot = next(z for z in corners if z != axis)
         text = pivot, holes[-1].corners[0]
@@ -260,29 +326,35 @@ def link_part(robot: Robot, body: int) -> CutPart:
 
 
 def pin_hole_radii(robot: Robot, body: int) -> dict[str, float]:
-    """Return the radius of each joint's hole in a body, mm.
+    """Return the radius of each joint's hole in a body, in mm.
 
-    A hole is for a pin in the body that holds it, and for a bush in the others.
+    The body that holds the pin has a hole for the pin. Every other body has a hole for a bush.
+
+    Args:
+        robot: Robot whose body has the holes.
+        body: Number of the body, from 1 on.
     """
     build, holders = robot.build, {pin.joint: pin.other for pin in reversed(robot.linkage.pins)}
     pin, bush, shaft, _ = radii(build)
     joints = robot.linkage.bodies[body - 1][1]
     holes = {joint: pin if holders[joint] == body else bush for joint in joints if joint in holders}
-    if body in (FRAME, CRANK):  # for the shaft's bush, and for the hub's spigot
+    if body in (FRAME, CRANK):  # holes for the shaft's bush, or for the hub's spigot
         axis, spigot = robot.linkage.bodies[CRANK - 1][1][0], build is ALUMINIUM and body == CRANK
         holes[axis] = pin if spigot else shaft + bush - pin
     return holes
 
 
 def _pin_holes(robot: Robot, body: int, at: dict[str, complex]) -> list[Round]:
-    """Holes of the joints."""
+    """Return the holes of a body's joints, at the points ``at``."""
     pin, *_ = radii(robot.build)
-    return [Round((at[joint],), radius, "slide" if radius == pin else "press")
-            for joint, radius in pin_hole_radii(robot, body).items()]  # fmt: skip
+    return [
+        Round((at[joint],), radius, "slide" if radius == pin else "press")
+        for joint, radius in pin_hole_radii(robot, body).items()
+    ]
 
 
 def _mount_holes(robot: Robot, at: dict[str, complex]) -> list[Round]:
-    """Two holes of a frame for the motor plate's standoffs or for the brace.
+    """Return a frame's two holes for the standoffs of the motor plate, or for the brace.
 
     They lie on the line from the crank axis to the frame's first pivot.
     """
@@ -294,7 +366,11 @@ def _mount_holes(robot: Robot, at: dict[str, complex]) -> list[Round]:
 
 
 def _shoe_holes(toe: complex, corners: Sequence[complex]) -> list[Round]:
-    """Two holes on the lines from a toe to its neighbours, behind one another if these are near."""
+    """Return the two holes for the screws of a shoe.
+
+    The holes lie on the lines from the toe to the neighbouring corners. If the angle between these
+    lines is at most :data:`PARALLEL`, the holes lie behind one another.
+    """
     near = [q if p == toe else p for p, q in sides(corners) if toe in (p, q)]
     ways = [z - toe for z in near or corners[:2]]
     apart = abs(cmath.phase(ways[0] / ways[1])) > PARALLEL
@@ -306,16 +382,19 @@ def _shoe_holes(toe: complex, corners: Sequence[complex]) -> list[Round]:
 def _windows(
     plate: Round, margin: float, holes: Sequence[Round], feet: Sequence[complex]
 ) -> tuple[Round, ...]:
-    """A triangle's largest window that leaves walls about all holes, if any, as the model has it.
+    """Return the largest window of a triangular plate that leaves walls around all holes.
 
-    A foot draws it to its toe.
+    In a plate with one foot, the window is shifted towards the toe, as in the simulated robot. The
+    result is empty for other shapes, and for a plate that has no room for a window.
     """
     if len(plate.corners) != 3:
         return ()
     corners, inradius = np.array(plate.corners), 2.0 * plate.area / plate.around
-    middle = (abs(np.roll(corners, -1) - np.roll(corners, 1)) @ corners) / plate.around  # incentre
+    middle = (
+        abs(np.roll(corners, -1) - np.roll(corners, 1)) @ corners
+    ) / plate.around  # incentre of the triangle
     shift = 0j
-    if len(feet) == 1:  # see ``buildable.triangular_plate``
+    if len(feet) == 1:  # as in ``buildable.triangular_plate``
         hole = 1e-6 * built.PLATE_THICKNESS * built.DENSITY * plate.area * built.WINDOW**2
         shift = (feet[0] - corners.mean()) * (built.FOOT_MASS - built.PIN_SHARE) / hole
     for rim in np.arange(margin + FILLET, inradius - FILLET):
@@ -328,33 +407,49 @@ def _windows(
 
 
 def toe_way(part: CutPart, toe: str) -> complex:
-    """Return the direction in which a tread points: away from the part, between its two edges."""
+    """Return the direction in which a tread points, as a complex number of magnitude 1.
+
+    The direction bisects the two edges at the toe and points away from the part.
+
+    Args:
+        part: Part that carries the tread.
+        toe: Name of the toe.
+    """
     z = part.joints[toe]
     ways = [(other - z) / abs(other - z) for name, other in part.joints.items() if name != toe]
     inwards = sum(ways, 0j)
-    if abs(inwards) < 0.1:  # a toe between two other joints in line
+    if abs(inwards) < 0.1:  # the toe lies between two other joints, in line with them
         inwards = 1j * ways[0]
     return -inwards / abs(inwards)
 
 
 def feet_of(robot: Robot, body: int) -> list[str]:
-    """Toes whose treads a body carries."""
+    """Return the names of the toes whose treads a body carries.
+
+    Args:
+        robot: Robot that the body belongs to.
+        body: Number of the body, from 1 on.
+    """
     toes = robot.linkage.all_pads[: len(robot.linkage.toes)]
     return [robot.linkage.joints[joint] for joint, index in toes if index == body - 1]
 
 
 def rectangle(size: complex) -> Round:
-    """From the origin on."""
+    """Return a rectangle whose lower left corner is the origin.
+
+    Args:
+        size: Width and height, in mm, as a complex number.
+    """
     return Round((0j, complex(size.real), size, complex(0.0, size.imag)))
 
 
 def frame_ways(robot: Robot) -> dict[str, complex]:
-    """Return the direction from the crank axis to a frame's first pivot in the chassis, by side."""
+    """Return the direction from the crank axis to the first pivot of a frame, for each side."""
     linkage = robot.linkage
     axis = linkage.joints[linkage.axis]
     pivot = next(joint for joint in linkage.bodies[FRAME - 1][1] if joint != axis)
     ways: dict[str, complex] = {}
-    for side in sorted({leg.side for leg in robot.legs}, reverse=True):  # the fore legs first
+    for side in sorted({leg.side for leg in robot.legs}, reverse=True):  # fore legs first
         at = joint_positions(robot, side, 0.0) @ np.array([1.0, 1j])
         way = complex(at[linkage.joints.index(pivot)] - at[linkage.axis])
         ways[side] = way / abs(way)
@@ -362,9 +457,9 @@ def frame_ways(robot: Robot) -> dict[str, complex]:
 
 
 def brace(robot: Robot) -> CutPart | None:
-    """Return the plate that ties a fore frame to a back frame, in the chassis' axes.
+    """Return the plate that ties a fore frame to a back frame, in the axes of the chassis.
 
-    A robot of one crank pin, or whose legs face one way, has none.
+    Return None if the robot has a single crank pin, or if all its legs face the same way.
     """
     build, ways = robot.build, [*frame_ways(robot).values()]
     if not ties(robot):
@@ -384,7 +479,7 @@ def brace(robot: Robot) -> CutPart | None:
 
 
 def motor_plate(robot: Robot) -> CutPart:
-    """Return the plate that holds the motor; the crank axis is 0, the frame's bar along x."""
+    """Return the plate that holds the motor; x points from the crank axis along the frame's bar."""
     build, mount = robot.build, mount_of(robot.build)
     radius = SIZES[build.screw].clearance
     holes = [Round((0j,), mount.plate_hole)]
@@ -405,13 +500,16 @@ def motor_plate(robot: Robot) -> CutPart:
 
 
 def cut_parts(robot: Robot) -> list[CutPart]:
-    """Every flat part, lying, by number: the links', then those of feet, frames and motor.
+    """Return every flat part, turned to lie as low as possible, in the order of their numbers.
 
-    Raises ValueError: a part cannot be made; names it.
+    The links come first, then the parts of the feet, the motor and the frames.
+
+    Raises:
+        ValueError: If a part cannot be made. The message names the part.
     """
     parts = [link_part(robot, body) for body in range(1, len(robot.bodies) + 1)]
     build, thick = robot.build, 1e3 * robot.build.plate_thickness
-    if build is not ALUMINIUM:  # a disc that is glued to either side of a toe
+    if build is not ALUMINIUM:  # a disc is glued to either side of each toe
         centre = complex(500.0 * build.width, 500.0 * build.width)
         hole = Round((centre,), M3)
         disc = Round((centre,), centre.real)
@@ -429,10 +527,15 @@ def cut_parts(robot: Robot) -> list[CutPart]:
 
 
 def coupon(thickness: float, build: Build = ALUMINIUM) -> list[CutPart]:
-    """The pieces to cut first, mm: a plate with holes for a pin and a bush and a slot; nine pegs.
+    """Return the coupon: the pieces to cut first, to find the kerf and the fits.
 
-    A hole's mark is its clearance. The mark of the widest peg that goes into the slot is the kerf
-    that the drawing makes no room for.
+    The coupon is a plate with a slot, a row of holes for a pin and a row of holes for a bush, and
+    nine pegs. The mark at a hole is its clearance, in mm. The mark of the widest peg that fits into
+    the slot is the part of the kerf, in mm, for which the drawing does not compensate.
+
+    Args:
+        thickness: Thickness of the material, in mm.
+        build: Sizes and materials of the parts.
     """
     pin, bush, *_ = radii(build)
     pitch, slot, holes, labels = 18.0, Round((15 + 12j, 45 + 12j), 4.0), [], []
@@ -444,8 +547,20 @@ def coupon(thickness: float, build: Build = ALUMINIUM) -> list[CutPart]:
             labels.append((f"{step:+.1f}", z - pitch / 2 - 1j * below, z + pitch / 2 - 1j * below))
     size = complex(pitch * (len(STEPS) + 2.0), 68.0)
     text = 55 + 12j, complex(size.real - 5.0, 12.0)
-    plate = CutPart("slot: widest peg that fits is your kerf", thickness, rectangle(size), (slot,),
-                    tuple(holes), {}, text, labels=tuple(labels))  # fmt: skip
-    pegs = (CutPart(f"{step:+.1f}", thickness, Round((0j, 30 + 0j), 4.0 + step), (), (), {},
-                    (0j, 30 + 0j)) for step in STEPS)  # fmt: skip
+    plate = CutPart(
+        "slot: widest peg that fits is your kerf",
+        thickness,
+        rectangle(size),
+        (slot,),
+        tuple(holes),
+        {},
+        text,
+        labels=tuple(labels),
+    )
+    pegs = (
+        CutPart(
+            f"{step:+.1f}", thickness, Round((0j, 30 + 0j), 4.0 + step), (), (), {}, (0j, 30 + 0j)
+        )
+        for step in STEPS
+    )
     return [plate, *(peg.lying() for peg in pegs)]

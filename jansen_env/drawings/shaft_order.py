@@ -1,9 +1,10 @@
-"""Order of the parts along the shaft, in which nothing that moves meets anything else.
+"""Order of the parts along the shaft in which no moving part collides with another part.
 
-A crank pin carries a unit: a fore and a back leg, or one leg. From end to end a unit is a frame, a
-hub, a web (the crank), links, and again web, hub and frame. The shaft ends at either web, because
-links sweep over its axis between them; the crank pin joins the webs. Every link lies in a layer. A
-unit of two legs is its own image when it is turned about the vertical, so both legs are alike.
+A crank pin carries a unit: a fore and a back leg, or a single leg. From end to end, a unit consists
+of a frame, a hub, a web (the crank), the links, and again a web, a hub and a frame. The shaft ends
+at either web, because links sweep over its axis between the webs. The crank pin joins the webs.
+Every link lies in a layer. A unit of two legs coincides with itself when it is turned about the
+vertical, so both legs are alike.
 """
 
 import math
@@ -19,25 +20,33 @@ from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.linkage import CRANK, FRAME
 
-Order = tuple[float, list[int]]  # the length of all discs in layers, the layers of bodies as bits
+# Total length of all discs, in layers, and the layers of each body as bits.
+Order = tuple[float, list[int]]
 
-CLEARANCE = 1.0  # mm, between parts of a layer
-GAP, UNIT_GAP = 1.0, 6.0  # mm, between layers (a washer), and between units (heads of pins)
-EMPTY = 5.0  # mm, height of a layer that has no link but heads of pins or treads
-SAMPLES = 720  # of a turn
-WEB = 2  # layers from a unit's end to a web
-MOST_LAYERS, MOST_TRIES = 24, 400_000  # of the search; it takes half a minute at most
+CLEARANCE = 1.0  # mm, least distance between parts in the same layer
+GAP, UNIT_GAP = 1.0, 6.0  # mm, between layers (a washer), between units (heads of pins)
+EMPTY = 5.0  # mm, height of a layer without links, which has heads of pins or treads
+SAMPLES = 720  # number of crank angles per turn at which collisions are checked
+WEB = 2  # number of layers from a unit's end to a web
+MOST_LAYERS, MOST_TRIES = 24, 400_000  # limits of the search, which takes at most 30 s
 
 
 class CollisionError(ValueError):
-    """The links of a unit collide in any order."""
+    """Error raised if the links of a unit collide in every order."""
 
 
 class Placed(NamedTuple):
-    """A part on the shaft: its unit, its leg, its body from 1 on, its layer in the unit.
+    """Part at its position along the shaft.
 
-    Its lower face is ``z`` mm from the machine's first one; axles through the whole machine bear
-    its joints ``through``.
+    Attributes:
+        unit: Index of the part's unit.
+        leg: Index of the part's leg.
+        body: Number of the part's body, from 1 on.
+        layer: Index of the part's layer in the unit.
+        z: Position of the part's lower face along the shaft, in mm from the lower face of the first
+            part of the machine.
+        part: Flat part that is placed.
+        through: Names of those joints of the part that turn on axles through the whole machine.
     """
 
     unit: int
@@ -50,15 +59,23 @@ class Placed(NamedTuple):
 
     @property
     def top(self) -> float:
-        """Its upper face, mm."""
+        """Position of the part's upper face along the shaft, in mm."""
         return self.z + self.part.thickness
 
 
 class Solid(NamedTuple):
-    """A body, or a disc about a joint: a pin with its head and nut, a tread, the shaft with a hub.
+    """Body, or disc around a joint.
 
-    ``places`` are (SAMPLES, corners) mm. A disc takes the layers of the solids numbered in ``on``,
-    those between them, and ``beyond`` more on either side.
+    A disc stands for a pin with its head and nut, for a tread, or for the shaft with a hub.
+
+    Attributes:
+        leg: Index of the leg.
+        joints: Names of the body's joints, or of the joint at the centre of the disc.
+        places: Positions of the corners at each crank angle, in mm, shape (SAMPLES, corners).
+        radius: Radius by which the polygon of the corners is enlarged, in mm.
+        on: Indices of the bodies on a disc. The disc occupies their layers and all layers between
+            them.
+        beyond: Number of layers that the disc occupies in addition on either side.
     """
 
     leg: int
@@ -70,9 +87,16 @@ class Solid(NamedTuple):
 
 
 def carried(part: CutPart, points: Sequence[complex], joints: Points, side: str) -> Points:
-    """Places of points of a part (..., points), from those of its joints (..., joints), mm.
+    """Return the positions of points of a part, from the positions of its joints.
 
-    A back leg's part is seen from behind.
+    Args:
+        part: Part that carries the points.
+        points: Points in the axes of the part, in mm.
+        joints: Positions of the part's joints, in mm, shape (..., joints).
+        side: Side of the leg. A part of a "back" leg is seen from behind, so it is mirrored.
+
+    Returns:
+        Positions in mm, shape (..., points).
     """
     drawn, on = np.array([*part.joints.values()]), np.array(points)
     if side == "back":
@@ -82,14 +106,18 @@ def carried(part: CutPart, points: Sequence[complex], joints: Points, side: str)
 
 
 def _meet(solid: Solid, other: Solid) -> bool:
+    """Return whether two solids come closer than :data:`CLEARANCE` during a turn."""
     return bool(gap(solid.places, other.places).min() < solid.radius + other.radius + CLEARANCE)
 
 
 def _solids(robot: Robot, legs: Sequence[int]) -> list[Solid]:
-    """Bodies of the legs, leg by leg, then all discs but those of axles that nothing meets."""
+    """Return the bodies of the legs, leg by leg, followed by the discs.
+
+    A fixed pivot has no disc if no body sweeps over it: an axle through the machine bears it.
+    """
     build, linkage = robot.build, robot.linkage
     spacer, psi = 1e3 * build.spacer_radius, 2.0 * math.pi / SAMPLES * np.arange(SAMPLES)
-    axis, pin, *_ = [*linkage.bodies[CRANK - 1][1]]  # of all legs
+    axis, pin, *_ = [*linkage.bodies[CRANK - 1][1]]  # shared by all legs
     bodies: list[Solid] = []
     discs: list[Solid] = []
     for leg in legs:
@@ -116,7 +144,10 @@ def _solids(robot: Robot, legs: Sequence[int]) -> list[Solid]:
 
 
 def _swept(robot: Robot, pivot: Solid, bodies: Sequence[Solid]) -> bool:
-    """Whether bodies of a leg sweep over the tube about a fixed pivot of either side."""
+    """Return whether a body of a leg sweeps over the tube around a fixed pivot.
+
+    The pivots of both sides are checked if the robot has legs on both sides.
+    """
     tube = pivot._replace(radius=1e3 * robot.build.tube_radius)
     tubes = [tube, tube._replace(places=-tube.places.conj())]
     del tubes[len({leg.side for leg in robot.legs}) :]
@@ -124,7 +155,22 @@ def _swept(robot: Robot, pivot: Solid, bodies: Sequence[Solid]) -> bool:
 
 
 class Unit:
-    """Legs on one crank pin: what meets what in a turn, and the layers in which nothing meets."""
+    """Legs on one crank pin, for which an order without collisions is searched.
+
+    Args:
+        robot: Robot that the legs belong to.
+        legs: Indices of the legs on the crank pin.
+
+    Attributes:
+        linkage: Linkage of the robot.
+        count: Number of bodies per leg.
+        axis: Name of the joint at the crank axis.
+        pin: Name of the joint at the crank pin.
+        solids: Bodies of the legs, followed by the discs.
+        bodies: Number of bodies among the solids.
+        tries: Number of orders that the search may still try.
+        pairs: Pairs of indices of solids that meet during a turn.
+    """
 
     def __init__(self, robot: Robot, legs: Sequence[int]) -> None:
         self.linkage, self.count = robot.linkage, len(robot.bodies)
@@ -136,16 +182,21 @@ class Unit:
             shared = {*solid.joints} & {*other.joints}
             return bool(shared if solid.leg == other.leg else shared & {self.axis, self.pin})
 
+        # A disc always meets the bodies that it joins, so these pairs are left out.
         self.pairs = [
             (i, k)
             for (i, solid), (k, other) in combinations(enumerate(self.solids), 2)
             if (k < self.bodies or not joined(solid, other)) and _meet(solid, other)
-        ]  # a disc is meant to be where its bodies are
+        ]
 
     def order(self) -> list[int]:
-        """Layers of each body as bits, as few as possible, then with the shortest pins.
+        """Return the layers of each body as bits.
 
-        Raises CollisionError: there is no such order; says why.
+        The order has as few layers as possible and, among such orders, the shortest pins.
+
+        Raises:
+            CollisionError: If the links collide in every order that was tried. The message states
+                the reason.
         """
         discs = [k for k in range(self.bodies, len(self.solids)) if not self.solids[k].on]
         for body, name in enumerate(self.linkage.names):
@@ -154,7 +205,7 @@ class Unit:
         for count in range(2 * WEB + 3, MOST_LAYERS):
             layers, last = [0] * self.bodies, self.bodies - self.count
             for body, edge in ((FRAME - 1, 0), (CRANK - 1, WEB)):
-                layers[body] |= 1 << edge  # of the first leg at one end, of the last at the other
+                layers[body] |= 1 << edge  # first leg at one end, last leg at the other end
                 layers[last + body] |= 1 << count - 1 - edge
             length, best = self._search(count, layers, (math.inf, []))
             if length < math.inf:
@@ -162,7 +213,7 @@ class Unit:
         raise CollisionError(f"{MOST_TRIES - max(self.tries, 0)} orders of the links collide")
 
     def _search(self, count: int, layers: list[int], best: Order) -> Order:
-        """Place the bodies without a layer so that the length is less than that of the best."""
+        """Place the bodies without a layer; return the shortest order found, or ``best``."""
         length = self._length(count, layers)
         left = [body for body in range(self.count) if not layers[body]]
         if length >= best[0] or not left:
@@ -178,7 +229,11 @@ class Unit:
         return best
 
     def _length(self, count: int, layers: list[int]) -> float:
-        """Layers that all discs go through; infinite if things meet. Bodies may have no layer."""
+        """Return the number of layers that all discs occupy together.
+
+        The number is infinite if solids collide, or if no tries are left. Bodies without a layer
+        are ignored.
+        """
         self.tries -= 1
         if self.tries < 0 or any(layers[i] & layers[k] for i, k in self.pairs if k < self.bodies):
             return math.inf
@@ -189,7 +244,7 @@ class Unit:
         return sum(span.bit_count() for span in spans)
 
     def _span(self, count: int, layers: list[int], disc: Solid) -> int:
-        """Layers of a disc as bits, negative if it reaches out of the unit."""
+        """Return the layers of a disc as bits; -1 if the disc extends beyond the unit."""
         every = (1 << count) - 1
         if disc.joints == self.pin:
             return every >> WEB - 1 & every << WEB - 1
@@ -206,10 +261,12 @@ class Unit:
 
 
 def layers(robot: Robot) -> list[Placed]:
-    """Every part of every leg in its place along the shaft, unit by unit.
+    """Return every part of every leg at its position along the shaft, unit by unit.
 
-    Raises CollisionError: links collide in any order; ValueError: a part cannot be made;
-    LinkageError: a leg does not close.
+    Raises:
+        CollisionError: If the links of a unit collide in every order.
+        ValueError: If a part cannot be made.
+        LinkageError: If the linkage of a leg does not close.
     """
     known: dict[tuple[str, ...], tuple[list[tuple[int, int]], set[str]]] = {}
     parts = [link_part(robot, body) for body in range(1, len(robot.bodies) + 1)]
@@ -219,8 +276,12 @@ def layers(robot: Robot) -> list[Placed]:
         if sides not in known:
             unit = Unit(robot, legs)
             order = unit.order()
-            spots = [(layer, k) for layer in range(MOST_LAYERS)
-                     for k, bits in enumerate(order) if bits >> layer & 1]  # fmt: skip
+            spots = [
+                (layer, k)
+                for layer in range(MOST_LAYERS)
+                for k, bits in enumerate(order)
+                if bits >> layer & 1
+            ]
             short = {disc.joints for disc in unit.solids[unit.bodies :]}
             known[sides] = spots, {*robot.linkage.bodies[0][1]} - short
         spots, through = known[sides]

@@ -1,4 +1,4 @@
-"""Parts laid on sheets, as DXF and SVG, and all files of a robot's drawings."""
+"""Layout of parts on sheets, their DXF, SVG and STL files, and all files of a robot's drawings."""
 
 import io
 import math
@@ -15,25 +15,35 @@ from jansen_env.drawings.outlines import MARGIN, CutPart, Round, coupon, cut_par
 from jansen_env.drawings.shaft_order import CollisionError, layers
 from jansen_env.robot import Robot
 
-COUPON = 215 + 125j  # mm, of the sheet that the coupon lies on
-CROSS = 3.0  # mm, half a line of a mark
-SCALE = 100.0  # mm, the bar that every sheet has in its lower margin
-SCALE_LETTERS = 2.5  # mm
+COUPON = 215 + 125j  # mm, width and height of the sheet for the coupon
+CROSS = 3.0  # mm, half the length of a mark's line
+SCALE = 100.0  # mm, length of the scale bar in the lower margin of every sheet
+SCALE_LETTERS = 2.5  # mm, font size at the scale bar
 COLORS = {"CUT": (1, "#d00000"), "ENGRAVE": (5, "#0000d0"), "MARK": (3, "#00a000")}
-"""Colours of the layers: AutoCAD's number, and SVG's."""
-ALIKE = 0.02  # of the mass: difference of machine and robot that is no warning
-MOST_FAULTS = 3  # of an assembly, that the summary has in full
-LETTERS, ROOM = 5.0, 0.7  # mm, height of a font's square; of the length that a name may take
+"""Colour of each layer: its AutoCAD colour number and its SVG colour."""
+ALIKE = 0.02  # relative difference of the masses of machine and robot that causes no warning
+MOST_FAULTS = 3  # number of faults of an assembly that the summary describes
+LETTERS, ROOM = 5.0, 0.7  # font size, mm; fraction of its line that a name may take
 
 
 def nest(parts: Sequence[CutPart], sheet: complex) -> list[list[CutPart]]:
-    """Lay parts on sheets (width and height, mm) in rows, the highest first, where they fit first.
+    """Lay parts on sheets in rows.
 
-    Raises ValueError: a part is larger than a sheet; names it.
+    The highest part comes first. Each part goes into the first row in which it fits.
+
+    Args:
+        parts: Parts to lay on sheets.
+        sheet: Width and height of a sheet, in mm.
+
+    Returns:
+        The parts on each sheet, at their positions.
+
+    Raises:
+        ValueError: If a part is larger than a sheet. The message names the part.
     """
     sheets: list[list[CutPart]] = []
-    rows: list[tuple[list[CutPart], complex]] = []  # sheet, corner where the next part goes
-    top = math.inf  # of the last row
+    rows: list[tuple[list[CutPart], complex]] = []  # sheet, and corner of the next part
+    top = math.inf  # upper edge of the last row
     for part in sorted(parts, key=lambda part: -part.outline.box[1].imag):
         size = part.outline.box[1] + complex(MARGIN, MARGIN)
         if size.real + MARGIN > sheet.real or size.imag + MARGIN > sheet.imag:
@@ -55,7 +65,12 @@ def nest(parts: Sequence[CutPart], sheet: complex) -> list[list[CutPart]]:
 
 
 def lines(parts: Sequence[CutPart], sheet: complex | None) -> Iterator[tuple[str, Round]]:
-    """All that is drawn of parts, and the edge of a sheet, each with its layer."""
+    """Yield every line of the parts, and the marks of the sheet, each with its layer.
+
+    Args:
+        parts: Parts to draw.
+        sheet: Width and height of the sheet, in mm. If None, its edge and scale bar are left out.
+    """
     if sheet:
         yield "MARK", rectangle(sheet)
         yield from (("MARK", shape) for shape in _scale_bar(sheet))
@@ -71,7 +86,7 @@ def lines(parts: Sequence[CutPart], sheet: complex | None) -> Iterator[tuple[str
 
 
 def _scale_bar(sheet: complex) -> list[Round]:
-    """Lines and letters of a bar in the lower margin of a sheet, by which its scale is checked."""
+    """Return the lines and letters of the bar in a sheet's lower margin that shows its scale."""
     size = 1.5 * MARGIN
     length = SCALE if sheet.real > 2.0 * SCALE else 10.0 * math.floor((sheet.real - size) / 20.0)
     start = complex(size, MARGIN / 2.0)
@@ -83,7 +98,7 @@ def _scale_bar(sheet: complex) -> list[Round]:
 
 
 def _engraving(text: str, start: complex, end: complex, height: float = LETTERS) -> list[Round]:
-    """Outlines of letters half way from start to end, in a font that comes with matplotlib."""
+    """Return the outlines of a text half way from start to end, in a font of matplotlib."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextPath
 
@@ -96,13 +111,19 @@ def _engraving(text: str, start: complex, end: complex, height: float = LETTERS)
 
 
 def _need_home() -> None:
-    """Set a home, without which ezdxf cannot be imported."""
+    """Set HOME if there is no home folder, because ezdxf cannot be imported without one."""
     if os.path.expanduser("~") == "~":
         os.environ["HOME"] = os.devnull
 
 
 def to_stl(parts: Sequence[CutPart]) -> bytes:
-    """Parts as plates of their thickness, in mm: closed surfaces of triangles, binary STL."""
+    """Return parts as a binary STL file, in mm.
+
+    Each part is a plate of its thickness, bounded by a closed surface of triangles.
+
+    Args:
+        parts: Parts in the file.
+    """
     _need_home()
     from ezdxf.math.triangulation import mapbox_earcut_2d
 
@@ -125,12 +146,19 @@ def to_stl(parts: Sequence[CutPart]) -> bytes:
 
 
 def to_dxf(parts: Sequence[CutPart], sheet: complex | None = None) -> str:
-    """Parts, and the edge of a sheet, as DXF R2010 in mm; the same text every time."""
+    """Return parts as a DXF R2010 file, in mm.
+
+    The text is the same every time.
+
+    Args:
+        parts: Parts to draw.
+        sheet: Width and height of the sheet, in mm. If None, its edge and scale bar are left out.
+    """
     _need_home()
     import ezdxf
 
     fixed = ezdxf.options.write_fixed_meta_data_for_testing
-    ezdxf.options.write_fixed_meta_data_for_testing = True  # dates and identifiers
+    ezdxf.options.write_fixed_meta_data_for_testing = True  # fixes dates and identifiers
     try:
         drawing = ezdxf.new("R2010", units=ezdxf.units.MM)
         space = drawing.modelspace()
@@ -151,7 +179,14 @@ def to_dxf(parts: Sequence[CutPart], sheet: complex | None = None) -> str:
 
 
 def to_svg(parts: Sequence[CutPart], sheet: complex | None = None) -> str:
-    """Parts, and the edge of a sheet, as SVG in mm, y downwards; a group for each layer."""
+    """Return parts as an SVG file, in mm, with one group per layer.
+
+    The y axis of SVG points downwards.
+
+    Args:
+        parts: Parts to draw.
+        sheet: Width and height of the sheet, in mm. If None, its edge and scale bar are left out.
+    """
     size = sheet or max((part.outline.box[1] for part in parts), key=abs)
     width, height = f"{size.real:.3f}", f"{size.imag:.3f}"
     groups = {name: [f'<g id="{name}" stroke="{color}">'] for name, (_, color) in COLORS.items()}
@@ -166,7 +201,7 @@ def to_svg(parts: Sequence[CutPart], sheet: complex | None = None) -> str:
                 f"A{radius} {radius} 0 0 0 {end}" if bulge else f"L{end}"
                 for (_, bulge), (end, _) in edges
             ]
-            if shape.closed:  # the last edge, which is straight
+            if shape.closed:  # the last edge is straight
                 words[-1] = "Z"
             text = f'path d="M{path[0][0]} {" ".join(words)}"'
         groups[layer].append(f"<{text}/>")
@@ -183,14 +218,20 @@ def drawings(
 ) -> tuple[dict[str, str | bytes], str]:
     """Return the contents of every file by its name, and the summary for the user.
 
-    Without instructions and hardware where links collide in any order.
+    If the links collide in every order along the shaft, there are no instructions and the bill of
+    materials has no list of fasteners.
 
     Args:
-        sheet: width and height, mm. kerf: width of a cut, mm, that lines make room for.
-        fit: mm by which holes to press, to slide and to clear are larger in diameter.
+        robot: Robot to draw.
+        title: Title of the instructions.
+        sheet: Width and height of a sheet, in mm.
+        kerf: Width of a cut, in mm, for which the lines compensate.
+        fit: Increase of the diameter of press, slide and clear holes, in mm.
 
-    Raises ValueError: a part is larger than the sheet, or cannot be made; names it; LinkageError: a
-    leg does not close.
+    Raises:
+        ValueError: If a part is larger than the sheet, or cannot be made. The message names the
+            part.
+        LinkageError: If the linkage of a leg does not close.
     """
     exact = [part.with_fit(fit) for part in cut_parts(robot)]
     parts = [part.with_kerf(kerf) for part in exact]

@@ -1,1 +1,1 @@
-"""Show robots: pictures, recordings, web pages."""
+"""Recordings of robots, and web pages that show robots."""

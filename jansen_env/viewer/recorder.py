@@ -1,4 +1,4 @@
-"""Recorder of the episodes that any policy walks: a wrapper that changes nothing."""
+"""Recorder: a wrapper that records episodes of any policy without changing the environment."""
 
 import json
 from collections.abc import Mapping
@@ -19,28 +19,36 @@ from jansen_env.terrain import Shapes
 from jansen_env.viewer.recording import MAX_TEXT, MAX_UNPACKED, MOST_RECORDED, Recording
 from jansen_env.world.settings import Values
 
-Observation: TypeAlias = Any  # those of any wrappers
+Observation: TypeAlias = Any  # wrappers may change observations and actions
 Action: TypeAlias = Any
 
 
 class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordConstructorArgs):
-    """Records the episode that any policy walks in an environment.
+    """Wrapper that records the current episode of an environment.
 
-    ``env = Recorder(gym.make("JansenWalker-v0"))``; then, at any time after a step,
-    ``env.recording``. The environment goes on as it would without, bit for bit.
+    Make the environment with ``env = Recorder(gym.make("JansenWalker-v0"))``. At any time after a
+    step, ``env.recording`` is the recording. The environment behaves exactly as without the
+    wrapper, bit for bit.
 
-    One episode is kept. A reset begins a new one, and so does a step at which time went back or
-    the robot was exchanged (``Autoreset`` below, ``set_state``). Observations and actions are those
-    at this place among the wrappers; the robot and its ground are those at the reset. Only the
-    first ``MOST_RECORDED`` steps of an episode are kept, with a warning; fewer if the file would
-    have more than ``MAX_UNPACKED`` bytes, as with a hundred legs.
+    The wrapper keeps one episode. A reset begins a new recording. So does a step after which the
+    time has gone back or the robot has been exchanged, as happens with an ``Autoreset`` wrapper
+    below this one and after ``set_state``. Observations and actions are recorded as they pass
+    through this wrapper. The robot and its terrain are recorded at the reset.
+
+    Only the first ``MOST_RECORDED`` steps of an episode are kept, with a warning. Fewer steps are
+    kept if the file would otherwise have more than ``MAX_UNPACKED`` bytes, as with a hundred legs.
 
     Args:
-        env: one robot's, of any task of this package, under any wrappers.
-        label: of its recordings, such as a policy's name; may be changed.
+        env: Environment of one robot, for any task of this package, with any wrappers.
+        label: Label of the recordings, such as the name of the policy.
 
-    Raises ValueError: another environment, one whose observations or actions are no arrays, or one
-    on a ground of pymunk shapes.
+    Attributes:
+        inner: Environment below all wrappers.
+        label: Label of the recordings. It may be changed.
+
+    Raises:
+        ValueError: If ``env`` is not an environment of this package for one robot, if its
+            observations or actions are not arrays, or if its terrain consists of pymunk shapes.
     """
 
     def __init__(self, env: gym.Env[Observation, Action], label: str = "") -> None:
@@ -51,7 +59,7 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
         for name in ("observation_space", "action_space"):
             if not getattr(env, name).is_np_flattenable:
                 raise ValueError(f"env has {name} {getattr(env, name)}, must be of arrays")
-        self.inner: SingleEnv[Task] = inner  # below all wrappers
+        self.inner: SingleEnv[Task] = inner
         if not inner.task.world.held and isinstance(inner.task.world.terrain(0), Shapes):
             raise ValueError(
                 "env must walk on a height line to be recorded, got a ground of pymunk shapes, "
@@ -59,17 +67,18 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
             )
         self.label = label
         self._frames: dict[str, list[Any]] = {}
-        self._episode: Values = {}  # what does not change during it
+        self._episode: Values = {}  # values that do not change during the episode
         self._shape: tuple[object, ...] = ()
-        self._time = 0.0  # s, at the end of the last step, recorded or not
-        self._most: int | None = None  # steps that are recorded, known after the first
+        self._time = 0.0  # s, at the end of the last step, even if it is not recorded
+        self._most: int | None = None  # number of steps to record, known after the first step
 
     @property
     def recording(self) -> Recording:
-        """The episode as far as it has been walked, the last one when it is over.
+        """Recording of the current episode up to now, or of the last episode once it is over.
 
-        Raises gymnasium.error.ResetNeeded: before the first step of an episode; ValueError: a
-        wrapper has made a number of it that is not finite.
+        Raises:
+            gymnasium.error.ResetNeeded: If the episode has no step yet.
+            ValueError: If a wrapper has made a value that is not finite.
         """
         if not self._frames.get("reward"):
             raise gym.error.ResetNeeded("reset() and then step() must be called first")
@@ -78,15 +87,24 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
     def reset(
         self, *, seed: int | None = None, options: Values | None = None
     ) -> tuple[Observation, Values]:
-        """Reset the environment and begin another recording."""
-        self._frames = {}  # also where the reset fails
+        """Reset the environment and begin a new recording.
+
+        Args:
+            seed: Seed of the environment, as for ``env.reset``.
+            options: Reset options, as for ``env.reset``.
+        """
+        self._frames = {}  # even if the reset fails
         observation, info = self.env.reset(seed=seed, options=options)
         self._begin(observation, info, seed, options)
         return observation, info
 
     def step(self, action: Action) -> tuple[Observation, SupportsFloat, bool, bool, Values]:
-        """Step the environment and record what happens."""
-        if self._frames:  # set_parameters may have given another command
+        """Step the environment and record the step.
+
+        Args:
+            action: Action for the environment.
+        """
+        if self._frames:  # set_parameters may have changed the command
             self._frames["command"][-1] = self.inner.task.frame(0).command or 0.0
         results = self.env.step(action)
         observation, reward, terminated, truncated, info = results
@@ -110,7 +128,7 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
         return results
 
     def _most_steps(self) -> int:
-        """Number of steps of this episode that are recorded."""
+        """Return the number of steps of this episode that are recorded at most."""
         if not self._frames["reward"]:
             return MOST_RECORDED
         if self._most is None:
@@ -122,6 +140,7 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
     def _begin(
         self, observation: Observation, info: Values, seed: int | None, options: Values | None
     ) -> None:
+        """Begin a recording with the current state of the environment as its first frame."""
         scene, spec, state = self.inner.task.scene(0), self.env.spec, self.inner.get_state()
         ground, observed = scene["terrain_points"], self.inner.observed
         named = len(observed) == spaces.flatdim(self.observation_space)
@@ -146,6 +165,7 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
         self._add_frame(self.inner.task.frame(0), observation, info)
 
     def _add_frame(self, frame: Frame, observation: Observation, info: Values) -> None:
+        """Append the values of one frame."""
         flat = flatten(self.observation_space, observation)
         self._add(
             time=frame.time,
@@ -153,7 +173,7 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
             pose=frame.q,
             command=frame.command or 0.0,
             speed=frame.speed,
-            torque=info.get("crank_torque", frame.torque),  # the mean of the step
+            torque=info.get("crank_torque", frame.torque),  # mean over the step
             weight=frame.weight,
             contact=frame.contact,
             contact_point=frame.contact_point,
@@ -162,17 +182,24 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
         )
 
     def _add(self, **values: object) -> None:
+        """Append values to the recorded arrays."""
         for name, value in values.items():
             self._frames.setdefault(name, []).append(value)
 
 
 def _shape_of(robot: Robot) -> tuple[object, ...]:
-    """Parts of a robot that cannot change within an episode."""
+    """Return the properties of a robot that cannot change within an episode."""
     return robot.bodies, robot.legs, robot.frame_angle
 
 
 def as_json(values: Mapping[str, object]) -> dict[str, object]:
-    """Arguments as JSON knows them: numbers, texts, lists; anything else as its ``repr``."""
+    """Return values as types that JSON supports: numbers, texts, lists and dictionaries.
+
+    Any other value is replaced by its shortened ``repr``.
+
+    Args:
+        values: Values by name.
+    """
 
     def known(value: object) -> object:
         if isinstance(value, np.ndarray | np.generic):

@@ -1,7 +1,7 @@
-"""A recorded episode: arrays in one ``.npz`` file, read without pickle and checked whole.
+"""Recorded episode: arrays in one ``.npz`` file, which is read without pickle and fully checked.
 
-``docs/replay.md`` has the table of the arrays; :class:`jansen_env.viewer.recorder.Recorder`
-records.
+``docs/replay.md`` has a table of the arrays. :class:`jansen_env.viewer.recorder.Recorder` makes
+recordings.
 """
 
 import io
@@ -24,37 +24,80 @@ from jansen_env.robot.robot_file import robot_from_json, robot_to_json
 from jansen_env.world.settings import Values
 
 FORMAT = "jansen_env recording 4"
-MOST_RECORDED = 20_000  # of a recording
-LARGEST = 1e12  # of any number in it
-SHORTEST = 1e-9  # s, of a step: the page's float32 numbers include power, energy over time
-FARTHEST = 1e9  # times the robot's reach from the origin: the page counts marks on the ground
-MAX_BYTES = 2**26  # of a file
-MAX_UNPACKED = 2**27  # bytes of all its arrays
-MAX_MEMBERS = 64  # of an archive; one byte of a directory becomes ten in memory
-MAX_TEXT = 2**20  # bytes of the JSON text in it
+MOST_RECORDED = 20_000  # largest number of steps in a recording
+LARGEST = 1e12  # largest magnitude of any value in a recording
+# Shortest step, in s. The page's float32 values include the power, which is energy over time.
+SHORTEST = 1e-9
+# Largest distance from the origin, in multiples of the robot's reach. The page counts the marks on
+# the ground.
+FARTHEST = 1e9
+MAX_BYTES = 2**26  # largest size of a file
+MAX_UNPACKED = 2**27  # largest size of all arrays in a file, in bytes
+# Largest number of members in a file's archive. Each byte of the archive's directory takes about
+# ten bytes in memory.
+MAX_MEMBERS = 64
+MAX_TEXT = 2**20  # largest size of the JSON text in a file, in bytes
 DIRECTORY_ENTRY = b"PK\x01\x02"
-# zipfile unpacks other kinds, such as bzip2, without a limit on the result.
+# zipfile unpacks other kinds of compression, such as bzip2, without limiting the result's size.
 PACKED = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}
 
 Array32 = NDArray[np.float32]
 
 
 def shaped(*dimensions: str | int, dtype: str = "<f8") -> dict[str, object]:
-    """Metadata of an array: its type and the names or numbers of its dimensions."""
+    """Return the metadata of an array field.
+
+    Args:
+        *dimensions: Name or length of each axis.
+        dtype: Type of the array.
+    """
     return {"dtype": np.dtype(dtype), "dimensions": dimensions}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording:
-    """An episode of n control steps: n + 1 frames, the start and the end of each step.
+    """Episode of n control steps, with n + 1 frames: the initial state and the end of each step.
 
-    Arrays are read-only, in SI units, places and forces in the world frame. Contact, forces and
-    torque of a frame are those of the step that ends there, the last two its means; the command is
-    that of the step that begins there. ``observed``, the names and units of the observation, is ()
-    if a wrapper has changed it; ``energies`` names the columns of ``energy``.
+    All arrays are read-only and in SI units. Positions and forces refer to the world frame. The
+    contacts, forces and torque of a frame belong to the step that ends there; forces and torque are
+    averages over this step. The command of a frame belongs to the step that begins there.
 
-    Raises ValueError: an array of another shape, a number that is not finite or out of range, no
-    motor work among the energies, or an entry of another kind.
+    Attributes:
+        time: Time of each frame, in s, shape (n + 1,).
+        state: Position of the crank axis, pitch and crank angle, followed by their rates, shape
+            (n + 1, 8).
+        pose: x and y of the crank axis in m, pitch and crank angle in rad, shape (n + 1, 4).
+        command: Commanded speed, in ``speed_unit``, shape (n + 1,).
+        speed: Speed, in ``speed_unit``, shape (n + 1,).
+        torque: Motor torque, in N m, shape (n + 1,).
+        weight: Weight of robot and payload, in N, shape (n + 1,).
+        contact: State of each toe: 0 in the air, 1 gripping, 2 slipping, shape (n + 1, toes).
+        contact_point: Contact point of each toe, in m, shape (n + 1, toes, 2).
+        contact_force: Force of the ground on each toe, in N, shape (n + 1, toes, 2).
+        observation: Observation that the policy received, shape (n + 1, observed).
+        action: Action that the policy returned, shape (n, actions).
+        reward: Reward of each step, shape (n,).
+        slip: Distance that each toe slid under load in each step, in m, shape (n, toes).
+        energy: Energies of each step, in J, shape (n, energies).
+        terrain: Vertices of the ground, in m, shape (vertices, 2). There are none for a fixed
+            chassis.
+        robot: Robot that was recorded.
+        energies: Names of the columns of ``energy``. They include "motor_work".
+        speed_unit: Unit of ``command`` and ``speed``, "m/s" or "rad/s".
+        observed: Name and unit of each value of the observation; empty if a wrapper has changed
+            the observation.
+        parameters: Parameters of the episode by name.
+        env_id: Id of the environment.
+        env_kwargs: Arguments of the environment.
+        options: Reset options of the episode.
+        seed: Seed of the episode; None if the reset had none.
+        label: Label of the recording, such as the name of the policy.
+        terminated: Whether the episode was terminated.
+        truncated: Whether the episode was truncated.
+
+    Raises:
+        ValueError: If an array has the wrong shape, if a value is not finite or is out of range,
+            if the energies do not include the motor work, or if an entry has the wrong type.
     """
 
     time: Array = field(metadata=shaped("frames"))
@@ -120,14 +163,18 @@ class Recording:
             instance("seed", self.seed, int)
 
     def _check_arrays(self) -> None:
-        """Make the arrays read-only, of their types, after checking shapes and numbers."""
+        """Check the shapes and values of the arrays, convert their types, and freeze them."""
         frames = len(self.time)
         if not 2 <= frames <= MOST_RECORDED + 1:
             raise ValueError(f"time must have 2 to {MOST_RECORDED + 1} frames, got {frames}")
         sizes: dict[str | int, int] = {
-            "frames": frames, "steps": frames - 1, "toes": len(self.robot.toes),
-            "energies": len(self.energies), 2: 2, 4: 4,
-        }  # fmt: skip
+            "frames": frames,
+            "steps": frames - 1,
+            "toes": len(self.robot.toes),
+            "energies": len(self.energies),
+            2: 2,
+            4: 4,
+        }
         for name, (dtype, dimensions) in ARRAYS.items():
             array = np.array(getattr(self, name), dtype=dtype)
             for dimension, size in zip(dimensions, array.shape, strict=False):
@@ -152,25 +199,38 @@ class Recording:
 
     @property
     def joints(self) -> Array:
-        """(n + 1, legs, joints, 2) m, world frame, in the order of ``robot.linkage.joints``."""
+        """Positions of the joints in the world frame, in m, shape (n + 1, legs, joints, 2).
+
+        The joints are in the order of ``robot.linkage.joints``.
+        """
         return world_joints(self.robot, self.pose)
 
     @property
     def crank_speed(self) -> Array:
-        """(n + 1,) rad/s."""
+        """Crank speed, in rad/s, shape (n + 1,)."""
         return self.state[:, -1]
 
     @property
     def power(self) -> Array:
-        """(n,) W, the motor's mean in each step; negative where it brakes."""
+        """Mean motor power in each step, in W, shape (n,); negative where the motor brakes."""
         return self.energy_of("motor_work") / np.diff(self.time)
 
     def energy_of(self, name: str) -> Array:
-        """(n,) J, one of the energies. Raises ValueError if there is none of this name."""
+        """Return one of the energies of each step, in J, shape (n,).
+
+        Args:
+            name: Name of the energy, one of ``energies``.
+
+        Raises:
+            ValueError: If there is no energy of this name.
+        """
         return self.energy[:, self.energies.index(one_of("energy", name, self.energies))]
 
     def to_bytes(self) -> bytes:
-        """The file's content: compressed arrays, the rest as JSON in ``description``."""
+        """Return the content of a file of this recording.
+
+        The file contains the compressed arrays, and all other fields as JSON in ``description``.
+        """
         arrays = {name: getattr(self, name) for name in ARRAYS}
         others = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         others = {name: value for name, value in others.items() if name not in arrays}
@@ -180,21 +240,44 @@ class Recording:
         return file.getvalue()
 
     def save(self, path: str | Path) -> Path:
-        """Write a ``.npz`` file atomically. Raises OSError if it cannot be written."""
+        """Write the recording to a ``.npz`` file atomically.
+
+        Args:
+            path: Path of the file.
+
+        Returns:
+            The path.
+
+        Raises:
+            OSError: If the file cannot be written.
+        """
         return write_bytes(path, self.to_bytes())
 
     @staticmethod
     def load(path: str | Path) -> "Recording":
-        """Read a file of :meth:`save`, from any source: it is checked, and no code in it runs.
+        """Read a file that :meth:`save` has written.
 
-        Raises ValueError: it is missing, no recording, damaged or too large.
+        The file may come from any source: its content is checked, and no code in it is run.
+
+        Args:
+            path: Path of the file.
+
+        Raises:
+            ValueError: If the file is missing, damaged or too large, or is not a recording.
         """
         with named_errors(f"{path} is no recording"):
             return Recording.from_bytes(read_bounded(path, MAX_BYTES))
 
     @staticmethod
     def from_bytes(data: bytes) -> "Recording":
-        """A recording from a file's content. Raises ValueError as :meth:`load` does."""
+        """Return the recording in the content of a file.
+
+        Args:
+            data: Content of the file.
+
+        Raises:
+            ValueError: If the content is damaged or too large, or is not a recording.
+        """
         content: Values = {**_read_archive(data)}
         text = content.pop("description").tobytes()
         if len(text) > MAX_TEXT:
@@ -213,18 +296,22 @@ class Recording:
             raise ValueError(f"its description is wrong: {one_line(error)}") from error
 
     def _repr_html_(self) -> str:
-        from jansen_env.viewer.web.page import frame_of  # the page is made of recordings
+        # Import it here, because the module of the page imports this module.
+        from jansen_env.viewer.web.page import frame_of
 
         return frame_of(self)
 
 
-ARRAYS = {entry.name: (entry.metadata["dtype"], entry.metadata["dimensions"])
-          for entry in fields(Recording) if entry.metadata}  # fmt: skip
-"""Type and dimensions of each array; other fields are kept as JSON."""
+ARRAYS = {
+    entry.name: (entry.metadata["dtype"], entry.metadata["dimensions"])
+    for entry in fields(Recording)
+    if entry.metadata
+}
+"""Type and dimensions of each array field. All other fields are stored as JSON."""
 
 
 def _read_archive(data: bytes) -> dict[str, NDArray[np.generic]]:
-    """The arrays of a file; their number and sizes are checked before they are unpacked."""
+    """Return the arrays of a file, after checking their number and sizes without unpacking them."""
     if not zipfile.is_zipfile(io.BytesIO(data)):
         raise ValueError("it is no .npz file")
     if data.count(DIRECTORY_ENTRY) > MAX_MEMBERS:

@@ -1,4 +1,4 @@
-"""Walks that a page has saved: what was done in each step, to be simulated again."""
+"""Rollouts saved by the walking page, which are simulated again from the input of each step."""
 
 import json
 from contextlib import closing
@@ -19,16 +19,22 @@ from jansen_env.world.observations import Noise
 from jansen_env.world.settings import Values
 
 FORMAT = "jansen_env walk 1"
-MAX_BYTES = 2**24  # of a file
-OF_ROBOT = {"format", "is", *(field.name for field in fields(Robot))}  # a page has more of it
+MAX_BYTES = 2**24  # largest size of a file
+# Entries of a robot in a robot file. A page stores additional entries.
+OF_ROBOT = {"format", "is", *(field.name for field in fields(Robot))}
 
 
 def walk_again(path: str | Path) -> Recording:
-    """Simulate a walk of a file that ``walk.html`` saved: the same bit for bit.
+    """Simulate a rollout that ``walk.html`` has saved to a file.
+
+    The result is bit-identical to the rollout on the page.
+
+    Args:
+        path: Path of the file.
 
     Raises:
-        ValueError: If it is missing, is no walk, is larger than a page, or asks for what the
-            environment refuses.
+        ValueError: If the file is missing, is not a saved rollout, is too large for a page, or
+            contains values that the environment rejects.
     """
     kinds = AttributeError, KeyError, RecursionError, TypeError
     with named_errors(f"{path} is no walk", *kinds):
@@ -39,17 +45,21 @@ def walk_again(path: str | Path) -> Recording:
 
 
 def _simulated(content: Values) -> Recording:
+    """Simulate and record a rollout from the content of its file."""
     start, steps = content["start"], entries("steps", content["steps"], "a list")
     if not 0 < len(steps) <= MOST_RECORDED:
         raise ValueError(f"it must have 1 to {MOST_RECORDED} steps, got {len(steps)}")
     parts = {name: value for name, value in content["robot"].items() if name in OF_ROBOT}
     robot = robot_from_json(parts)
-    check_size([(robot, len(steps))])  # before it is simulated for a page that would be refused
+    check_size([(robot, len(steps))])  # do not simulate what a page would reject
     noisy = any("noise_level" in step.get("changes", ()) for step in (start, *steps))
     env = JansenWalkerEnv(
-        robot=robot, terrain=content["ground"], reset_noise_scale=0.0,
-        terminate_when_fallen=False, noise=Noise() if noisy else None,
-    )  # fmt: skip
+        robot=robot,
+        terrain=content["ground"],
+        reset_noise_scale=0.0,
+        terminate_when_fallen=False,
+        noise=Noise() if noisy else None,
+    )
     with closing(Recorder(env, instance("label", content["label"], str))) as recorder:
         env.reset(seed=0)
         env.set_parameters(**{**({"noise_level": 0.0} if noisy else {}), **start["changes"]})

@@ -1,4 +1,5 @@
-"""Robots in browsers: their geometry in numbers, and the scripts that draw it.
+"""Robots in web browsers: their geometry as numbers, and the scripts that draw it.
 
-Joints are computed here, in Python; the scripts draw and know no physics.
+The positions of the joints are computed in Python. The scripts only draw them and contain no
+physics.
 """

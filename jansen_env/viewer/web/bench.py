@@ -1,6 +1,6 @@
-"""The bench, a page to design legs on, as one file.
+"""The bench, a page on which users design legs, as one HTML file.
 
-The script ``linkage.js`` closes the linkages with the engine's kernels.
+The script ``linkage.js`` closes the linkages with the kernels of the engine.
 """
 
 from collections.abc import Mapping
@@ -17,7 +17,8 @@ from jansen_env.robot.robot_file import robot_to_json
 from jansen_env.viewer.web.engine_data import RUNS, engine_of_page
 from jansen_env.viewer.web.page import page_of
 
-SHEETS = {"aluminium": (2.0, 1.0), "plywood": (0.6, 0.3)}  # m, by a robot's material
+# Size of a sheet, in m, by the material of the robot.
+SHEETS = {"aluminium": (2.0, 1.0), "plywood": (0.6, 0.3)}
 
 
 def write_bench(path: str | Path, robots: Mapping[str, Robot] | None = None) -> Path:
@@ -49,7 +50,14 @@ def bench_designs(robots: Mapping[str, Robot] | None = None) -> dict[str, dict[s
 
 
 def cutting_of(robot: Robot) -> dict[str, object]:
-    """Return a robot's material and the sizes of its parts' holes, m; see ``cutting.js``."""
+    """Return the data with which ``cutting.js`` checks whether a robot's parts can be cut.
+
+    Args:
+        robot: Robot whose parts are cut.
+
+    Returns:
+        The material of the robot, and sizes of its parts and their holes, in m.
+    """
     build, bodies = robot.build, range(1, len(robot.bodies) + 1)
     shoe = build is ALUMINIUM
     return {
@@ -65,7 +73,8 @@ def cutting_of(robot: Robot) -> dict[str, object]:
             "away": [[1e-3 * x for x in pair] for pair in outlines.SHOE_SCREWS] if shoe else [],
             "parallel": outlines.PARALLEL,
         },
-        "rim": (OUTLINE - 1.0) / 2.0,  # an inscribed circle is at most half as large as the plate
+        # The radius of a plate's inscribed circle is at most half of the plate's height.
+        "rim": (OUTLINE - 1.0) / 2.0,
         "wall": 1e-3 * outlines.WALL,
         "sheet": [side - 2e-3 * MARGIN for side in SHEETS[robot.material]],
         "widths": [build.frame_width, build.width],
@@ -73,9 +82,15 @@ def cutting_of(robot: Robot) -> dict[str, object]:
 
 
 def design_of(robot: Robot) -> dict[str, object]:
-    """Return a robot's lengths by name, which may be below 0, and which built part each body is.
+    """Return the link lengths of a robot, and the built part of each of its bodies.
 
-    The parts are None for a robot that does not consist of built parts.
+    Args:
+        robot: Robot to describe.
+
+    Returns:
+        The names of the lengths, their values in m, the names of those lengths that may be
+        negative, and the kind of built part of each body. The parts are None for a robot that does
+        not consist of built parts.
     """
     return {
         "names": length_names(robot),

@@ -1,4 +1,4 @@
-"""Data with which pages call the engine: its module, kernels, records and constants."""
+"""Data that web pages need to call the engine: its module, kernels, records and constants."""
 
 import base64
 import math
@@ -26,7 +26,10 @@ from jansen_env.world import push, world
 
 Json = dict[str, Any]
 RUNS = "'wasm-unsafe-eval'"
-"""Source that the content security policy of a page with the engine allows besides its script."""
+"""Source that a page with the engine allows in its content security policy.
+
+It is allowed in addition to the page's own script.
+"""
 RECORDS = {
     "ROBOT": records.ROBOT,
     "STATISTICS": records.CONTACT_STATISTICS,
@@ -54,16 +57,16 @@ NUMBERS = {
     robot: "LONGEST MOST_PADS",
 }
 OF_PAGES = (pcg64,)
-"""Modules of the engine that only pages call; importing a module registers its kernels."""
+"""Modules of the engine that only pages use. Importing a module registers its kernels."""
 
 
 def engine_of_page() -> Json:
-    """Return the module and the layout with which a page loads the engine."""
+    """Return the module and the layout of the engine, which a page needs to load it."""
     return {"engine": engine_module(), "layout": engine_layout()}
 
 
 def engine_module() -> str:
-    """Return the engine's module in base64."""
+    """Return the WebAssembly module of the engine, encoded in base64."""
     module = kernel.built_library("wasm").read_bytes()
     return packed(np.frombuffer(module, np.uint8), "u1")
 
@@ -84,17 +87,29 @@ def engine_layout() -> Json:
 
 
 def packed(values: ArrayLike, dtype: str) -> str:
-    """Return numbers as an array of a dtype, encoded in base64."""
+    """Return the bytes of an array, encoded in base64.
+
+    Args:
+        values: Values of the array.
+        dtype: Type to which the values are converted.
+    """
     return base64.b64encode(np.ascontiguousarray(values, dtype).tobytes()).decode()
 
 
 def values_of(row: np.void) -> Json:
-    """Return the values of a record by name."""
+    """Return the values of a record by name.
+
+    Args:
+        row: Record, an element of a structured array.
+    """
     return dict(zip(row.dtype.names or (), row.item(), strict=True))
 
 
 def _arguments(made: kernel.Kernel) -> list[tuple[str, str, int, bool]]:
-    """Return name, type and number of axes of each argument, and whether its rows may lie apart."""
+    """Return the name, type and number of axes of each argument of a kernel.
+
+    The last entry of an argument is True if the rows of the array may lie apart in memory.
+    """
     named: dict[Any, str] = {dtype: name for name, dtype in RECORDS.items()}
     return [
         (p.name, named.get(p.dtype) or p.dtype.str[1:], p.ndim, p.apart) for p in made.parameters

@@ -1,6 +1,6 @@
-"""Geometry of a robot as plain numbers, ready for JSON: ``scene.js`` draws them.
+"""Geometry of a robot as numbers for JSON, which ``scene.js`` draws.
 
-Colours, widths and meaning are those of :mod:`jansen_env.rendering`.
+Colours, widths and meaning are the same as in :mod:`jansen_env.rendering`.
 """
 
 from jansen_env import rendering
@@ -13,24 +13,29 @@ STYLE = {
     "longestArrow": rendering.LONGEST_ARROW,
     "largestPayload": rendering.LARGEST_PAYLOAD,
 }
-"""Sizes of what is drawn beside the links."""
+"""Sizes of the arrows and of the payload in a picture."""
 
 
 def scene_of_robot(robot: Robot, weight: float) -> dict[str, object]:
-    """Scene of a robot of a ``weight``, N: what does not change while it moves.
+    """Return the scene of a robot: everything that does not change while the robot moves.
+
+    Args:
+        robot: Robot to draw.
+        weight: Weight of robot and payload, in N.
 
     Returns:
-        A dictionary with these entries.
+        A dictionary with these entries:
 
         - ``style``: :data:`STYLE`.
         - ``joints``: Names of a leg's joints.
-        - ``bodies``: Joints of each body as indices, the frame's and the crank's first.
+        - ``bodies``: Indices of the joints of each body, the frame first and the crank second.
         - ``phases``: Phase of each leg, in rad.
-        - ``toes``: Leg and joint of each toe.
-        - ``padRadius``: Radius of the pads, in m.
+        - ``toes``: Indices of the leg and the joint of each toe.
+        - ``padRadius``: Radius of the contact pads, in m.
         - ``reach``: Distance of the farthest joint from the crank axis, in m.
-        - ``weight``: In N.
-        - ``payload``: ``mass`` in kg, and ``x`` and ``y`` in m in the chassis frame, or None.
+        - ``weight``: Weight of robot and payload, in N.
+        - ``payload``: ``mass`` in kg, and ``x`` and ``y`` in m in the chassis frame. None if there
+          is no payload.
     """
     linkage, load, payload = robot.linkage, robot.payload, None
     if load.mass > 0.0:

@@ -1,7 +1,7 @@
-"""Recordings as one HTML file that plays them: no server, no network, nothing else to install.
+"""Recordings as one HTML file that plays them, without a server, a network or other software.
 
-``docs/replay.md`` says how exact they are. :func:`page_of` makes the pages to walk and to design,
-too.
+``docs/replay.md`` describes how accurate the replay is. :func:`page_of` also makes the walking page
+and the bench.
 """
 
 import base64
@@ -23,20 +23,23 @@ from jansen_env.viewer.web.geometry import scene_of_robot
 
 FOLDER = Path(__file__).parent
 MOST_RECORDINGS = 2
-MAX_BYTES = 2**26  # of the recordings in a page: browsers take long to open more
-SINGLE_NUMBERS = 16  # of a frame: time, pose, speeds ...; without those of joints and toes
-VERTEX_BYTES = 52  # of a vertex of the ground as JSON, at most
-SEEN = 30.0  # m of ground beyond either end of the walk
-LONGEST_TEXT = 500  # characters of the line under the title
-FRAME_HEIGHT = 760  # pixels in a notebook
+MAX_BYTES = 2**26  # largest size of the recordings in a page; browsers open larger pages slowly
+SINGLE_NUMBERS = 16  # values per frame besides joints and toes: time, pose, speeds, ...
+VERTEX_BYTES = 52  # largest size of a vertex of the terrain as JSON
+SEEN = 30.0  # m, length of terrain included beyond either end of the rollout
+LONGEST_TEXT = 500  # largest number of characters in the line under the title
+FRAME_HEIGHT = 760  # height of a page in a notebook, in pixels
 
 
 def page(*recordings: Recording) -> str:
-    """The page of one recording, or of two side by side.
+    """Return the page of one recording, or of two recordings side by side.
+
+    Args:
+        *recordings: One or two recordings.
 
     Raises:
-        ValueError: If there is another number of recordings, if one is of walking and one of the
-            crank alone, or if they need more than ``MAX_BYTES``.
+        ValueError: If there are no recordings or more than two, if one is of walking and the other
+            of the crank alone, or if they need more than ``MAX_BYTES``.
     """
     if not 1 <= len(recordings) <= MOST_RECORDINGS:
         raise ValueError(f"there are {len(recordings)} recordings, must be 1 or 2")
@@ -49,7 +52,7 @@ def page(*recordings: Recording) -> str:
     data = {
         "title": " and ".join(labels),
         "subtitle": _subtitle(recordings),
-        # Two robots in one picture stand on the same ground.
+        # Two robots in one picture need the same terrain.
         "comparable": all(np.array_equal(r.terrain, recordings[0].terrain) for r in recordings),
         "recordings": [
             {"label": label, **_packed(recording, ground)}
@@ -61,11 +64,14 @@ def page(*recordings: Recording) -> str:
 
 
 def check_size(walks: Sequence[tuple[Robot, int]], vertices: int = 0) -> None:
-    """Raise ValueError if walks need more than ``MAX_BYTES`` of a page.
+    """Check that rollouts need at most ``MAX_BYTES`` of a page.
 
     Args:
-        walks: The robot and the number of steps of each walk.
-        vertices: Number of vertices of the grounds that come into the pictures.
+        walks: Robot and number of steps of each rollout.
+        vertices: Total number of vertices of the terrains that can come into view.
+
+    Raises:
+        ValueError: If the rollouts need more than ``MAX_BYTES``.
     """
     sizes = [_numbers_per_frame(robot) * (steps + 1) * 16 // 3 for robot, steps in walks]  # base64
     size = sum(sizes) + VERTEX_BYTES * vertices
@@ -81,17 +87,24 @@ def check_size(walks: Sequence[tuple[Robot, int]], vertices: int = 0) -> None:
 
 
 def _numbers_per_frame(robot: Robot) -> int:
-    """How many float32 numbers :func:`_packed` has of a frame."""
+    """Return the number of float32 values per frame in the result of :func:`_packed`."""
     joints = len(robot.legs) * len(robot.linkage.joints)
     return SINGLE_NUMBERS + 2 * joints + 5 * len(robot.toes)
 
 
 def page_of(name: str, data: object, parts: Mapping[str, str] = {}, runs: str = "") -> str:
-    """A page as one file, which may ask for nothing, and run nothing else but what ``runs`` allows.
+    """Return a page as one HTML file.
 
-    It is the file of this folder that is called ``name``.html, with ``theme.css``, its own styles
-    and script, what that imports, and ``data`` as JSON put in. parts: other texts of the file and
-    what replaces them. runs: a source of scripts as its content security policy names it.
+    The page is the file ``name``.html of this folder. Inserted into it are ``theme.css``, the
+    page's own styles and script, all modules that the script imports, and ``data`` as JSON. The
+    content security policy of the page forbids all requests, and all scripts except its own and
+    those that ``runs`` allows.
+
+    Args:
+        name: Name of the page.
+        data: Data for the script of the page.
+        parts: Other texts of the file, and their replacements.
+        runs: Source of further scripts, as written in a content security policy.
     """
     style, script = _read("theme.css") + _read(f"{name}.css"), _script(name)
     policy = (
@@ -105,17 +118,34 @@ def page_of(name: str, data: object, parts: Mapping[str, str] = {}, runs: str = 
         "<!-- script -->": f"<script>{script}</script>",
         **parts,
     }
-    pattern = "|".join(map(re.escape, filling))  # all at once: what is put in stays as it is
+    # All texts are replaced at once, so that inserted texts stay unchanged.
+    pattern = "|".join(map(re.escape, filling))
     return re.sub(pattern, lambda match: filling[match[0]], _read(f"{name}.html"))
 
 
 def write_page(path: str | Path, *recordings: Recording) -> Path:
-    """Write :func:`page` atomically. Raises OSError if it cannot be written."""
+    """Write the result of :func:`page` to a file, atomically.
+
+    Args:
+        path: Path of the file.
+        *recordings: One or two recordings.
+
+    Returns:
+        The path of the file.
+
+    Raises:
+        OSError: If the file cannot be written.
+        ValueError: If :func:`page` rejects the recordings.
+    """
     return write_text(path, page(*recordings))
 
 
 def frame_of(*recordings: Recording) -> str:
-    """:func:`page` as a sandboxed frame within another page, such as a notebook's."""
+    """Return the result of :func:`page` as a sandboxed frame for another page, such as a notebook.
+
+    Args:
+        *recordings: One or two recordings.
+    """
     return (
         f'<iframe srcdoc="{html.escape(page(*recordings))}" sandbox="allow-scripts" '
         f'title="Replay" width="100%" height="{FRAME_HEIGHT}" style="border:0"></iframe>'
@@ -123,11 +153,15 @@ def frame_of(*recordings: Recording) -> str:
 
 
 def _read(name: str) -> str:
+    """Return the text of a file in this folder."""
     return (FOLDER / name).read_text(encoding="utf-8")
 
 
 def _script(name: str) -> str:
-    """A script and all that it imports as one: each module a function that returns its exports."""
+    """Return a script and all modules that it imports as one script.
+
+    Each module becomes a function that returns the module's exports.
+    """
     modules: dict[str, str] = {}
 
     def add(module: str) -> None:
@@ -140,9 +174,11 @@ def _script(name: str) -> str:
         )
         source = re.sub(r"^export (?=async|function|class|const)", "", source, flags=re.MULTILINE)
         source = re.sub(
-            r'^import (?:\* as )?(\w+|\{[^}]*\}) from "\./(\w+)\.js";', r"const \1 = \2_js;",
-            source, flags=re.MULTILINE,
-        )  # fmt: skip
+            r'^import (?:\* as )?(\w+|\{[^}]*\}) from "\./(\w+)\.js";',
+            r"const \1 = \2_js;",
+            source,
+            flags=re.MULTILINE,
+        )
         if match := re.search(r"^(?:import|export)\b.*|</script|<!--", source, re.MULTILINE):
             raise ValueError(f"{module}.js has {match[0]!r}, which cannot be put into a page")
         result = f"return {{ {', '.join(exported)} }};"
@@ -153,17 +189,18 @@ def _script(name: str) -> str:
 
 
 def _hash_of(text: str) -> str:
-    """Hash by which a content security policy names an inline style or script."""
+    """Return the hash that identifies an inline style or script in a content security policy."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 
 def _json(value: object) -> str:
-    """JSON that ends no script element, whatever texts are in it."""
+    """Return a value as JSON in which no text can end a script element."""
     text = json.dumps(value, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
 def _labels(recordings: tuple[Recording, ...]) -> list[str]:
+    """Return the labels of recordings, numbered if they are not unique."""
     labels = [recording.label or recording.env_id or "recording" for recording in recordings]
     if len({*labels}) < len(labels):
         labels = [f"{label} ({i})" for i, label in enumerate(labels, start=1)]
@@ -171,7 +208,7 @@ def _labels(recordings: tuple[Recording, ...]) -> list[str]:
 
 
 def _subtitle(recordings: tuple[Recording, ...]) -> str:
-    """Events of a recording, each kind once."""
+    """Return the environments, commands and seeds of recordings as text, equal entries once."""
     events = []
     for recording in recordings:
         least, most = recording.command.min(), recording.command.max()
@@ -179,23 +216,28 @@ def _subtitle(recordings: tuple[Recording, ...]) -> str:
         given = [f"{name}={shown(value)}" for name, value in recording.env_kwargs.items()]
         arguments = f" with {', '.join(given)}" if given else ""
         seed = "" if recording.seed is None else f", seed {recording.seed}"
-        events.append(f"{recording.env_id}{arguments}, commanded speed {command} "
-                      f"{recording.speed_unit}{seed}")  # fmt: skip
+        events.append(
+            f"{recording.env_id}{arguments}, commanded speed {command} {recording.speed_unit}{seed}"
+        )
     text = "; ".join(dict.fromkeys(events))
     return text if len(text) <= LONGEST_TEXT else f"{text[:LONGEST_TEXT]}..."
 
 
 def _packed(recording: Recording, ground: list[list[float]] | None) -> dict[str, object]:
-    """A recording's content for ``track.js``: arrays are of all frames, as float32 in base64.
+    """Return the content of a recording for ``track.js``.
 
-    ``ground``: what may come into the picture. Numbers of a step are 0 at the start. Points are
-    relative to the crank axis.
+    The arrays have a value for every frame, and are encoded as float32 in base64. Values that
+    belong to a step are 0 in the first frame. Points are relative to the crank axis.
+
+    Args:
+        recording: Recording to encode.
+        ground: Vertices of the terrain that can come into view; None if there is no terrain.
     """
     axis, slip = recording.pose[:, :2], recording.slip.sum(axis=1)
-    # Of each step in the direction commanded in it; forwards where nothing ever is.
+    # Direction commanded in each step; forwards if all commands are zero.
     command = recording.command[:-1]
     directions = np.sign(command) if command.any() else np.ones(recording.steps)
-    # Heights to which the work would lift the robot.
+    # Heights to which the motor work would lift the robot.
     lifts = np.abs(recording.energy_of("motor_work")) / recording.weight[1:]
     arrays = {
         "time": recording.time - recording.time[0],
@@ -229,17 +271,20 @@ def _packed(recording: Recording, ground: list[list[float]] | None) -> dict[str,
 
 
 def _after_start(values: Array) -> Array:
-    """(n + 1, ...) numbers of steps (n, ...), 0 at the start."""
+    """Prepend a 0 for the first frame to values of steps, shape (n, ...)."""
     return np.concatenate([np.zeros_like(values[:1]), values])
 
 
 def _turned(angles: Array) -> Array:
-    """Angles (n, 2), rad, by whole turns nearer to 0: small numbers are exact as float32."""
+    """Shift angles (rad, shape (n, 2)) by whole turns, so that the first ones are near 0.
+
+    Small values lose less precision when they are converted to float32.
+    """
     return np.asarray(angles - 2.0 * np.pi * np.rint(angles[0] / (2.0 * np.pi)))
 
 
 def _seen(recording: Recording) -> list[list[float]] | None:
-    """The ground that may come into the picture."""
+    """Return the vertices of the terrain that can come into view; None if there is no terrain."""
     ground, x = recording.terrain, recording.pose[:, 0]
     if not len(ground):
         return None

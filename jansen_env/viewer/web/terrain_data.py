@@ -1,4 +1,4 @@
-"""Data from which ``ground.js`` generates grounds with the engine's kernels."""
+"""Data from which ``ground.js`` generates terrains with the kernels of the engine."""
 
 from jansen_env.engine.ground_lines import KINDS, REACH
 from jansen_env.terrain import Terrain
@@ -6,7 +6,7 @@ from jansen_env.terrain.generators import HIGHEST, MIXTURE, at_level
 
 
 def terrain_data() -> dict[str, object]:
-    """Return the parameters of each kind of ground and level, in m and rad, and level ground."""
+    """Return the parameters of each kind and level of terrain, in m and rad, and flat terrain."""
     levels = range(HIGHEST + 1)
     return {
         "kinds": KINDS,

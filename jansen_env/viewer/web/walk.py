@@ -1,4 +1,4 @@
-"""The page on which robots walk, by the compiled engine in the browser."""
+"""The page on which robots walk, simulated by the compiled engine in the browser."""
 
 import hashlib
 import json
@@ -11,7 +11,8 @@ from jansen_env.viewer.web.engine_data import RUNS, Json
 from jansen_env.viewer.web.page import page_of
 from jansen_env.viewer.web.walk_data import walk_data
 
-LARGE = 200_000  # characters of a network's weights in base64, from which on it has its own file
+# Networks whose weights have more characters in base64 can be stored in separate files.
+LARGE = 200_000
 
 
 def write_walk(
@@ -20,14 +21,18 @@ def write_walk(
     apart: bool = False,
     robots: Mapping[str, Robot] | None = None,
 ) -> Path:
-    """Write the page as one HTML file, with engine, robots, policies and grounds in it.
+    """Write the page as one HTML file that contains the engine, robots, policies and terrains.
 
     Args:
-        path: The file.
-        start: First choices, as they stand in the page's links.
-        apart: Whether large networks stand in files beside the page, which loads a network when it
-            is chosen. For a page on a server: it is then half as large.
+        path: Path of the file.
+        start: Initial choices on the page, in the form of the page's links.
+        apart: Whether large networks are stored in separate files in the same folder. The page then
+            loads a network when the user chooses it. Use this for a page on a server: the page
+            becomes half as large.
         robots: Robots on the page, by name. None selects the built-in designs.
+
+    Returns:
+        The path of the file.
     """
     data = {**walk_data(robots), "start": start}
     runs = RUNS
@@ -40,7 +45,7 @@ def write_walk(
 
 
 def _write_weights(folder: Path, weights: str) -> Json:
-    """Write weights as a script, named by its content so that it cannot be another page's."""
+    """Write weights as a script, named by the hash of its content so that pages never mix files."""
     name = f"network-{hashlib.sha256(weights.encode()).hexdigest()[:16]}.js"
     script = f"(globalThis.jansenNetworks ??= {{}})[{json.dumps(name)}] = {json.dumps(weights)};\n"
     write_text(folder / name, script)

@@ -35,19 +35,25 @@ from jansen_env.world.observations import Noise
 MOST_TOES = 24
 """Largest number of toes of a robot on the page."""
 ENVIRONMENTS = (
-    "JansenWalkerBuilt-v0", "JansenWalker-v0", "JansenWalkerRough-v0", "JansenWalkerHardcore-v0",
-)  # fmt: skip
-EXACT = {"noise_level": 0.0}  # sensors measure without errors until a user wants some
-CONTROLLERS = ("hand", "constant speed", "pid")  # those that are no policies
+    "JansenWalkerBuilt-v0",
+    "JansenWalker-v0",
+    "JansenWalkerRough-v0",
+    "JansenWalkerHardcore-v0",
+)
+EXACT = {"noise_level": 0.0}  # sensors are exact until the user adds noise
+CONTROLLERS = ("hand", "constant speed", "pid")  # controllers that are not trained policies
 MOST_SEED = 2**32 - 1
-FEATURE = ("clip", "multiples")  # of a policy's features, where they have it
+FEATURE = ("clip", "multiples")  # attributes that a feature of a policy may have
 
 
 def check_page_robot(robot: Robot) -> Robot:
-    """Return a robot after checking that the page has observations for it.
+    """Check that the page has observations for a robot, and return the robot.
+
+    Args:
+        robot: Robot to check.
 
     Raises:
-        ValueError: If it has too many toes.
+        ValueError: If the robot has more than :data:`MOST_TOES` toes.
     """
     if len(robot.toes) > MOST_TOES:
         raise ValueError(
@@ -57,7 +63,7 @@ def check_page_robot(robot: Robot) -> Robot:
 
 
 def walk_data(robots: Mapping[str, Robot] | None = None) -> Json:
-    """Return all data that a page needs, ready for JSON; ``machine.js`` documents them.
+    """Return all data that the page needs, ready for JSON; ``machine.js`` documents them.
 
     Args:
         robots: Robots on the page, by name. None selects the built-in designs.
@@ -107,7 +113,7 @@ def walk_data(robots: Mapping[str, Robot] | None = None) -> Json:
 
 
 def _measured(robot: Robot) -> Json | None:
-    """Return the numbers of a robot's baselines as found for its design; None for no design."""
+    """Return the tuned parameters of a robot's baselines, or None if its design has none."""
     pid, steady = (tuned.measured(name, robot) for name in ("pid", "steady"))
     return None if pid is None or steady is None else {**pid, "steady": steady["gains"]}
 
@@ -115,7 +121,12 @@ def _measured(robot: Robot) -> Json | None:
 def controller_name(env_id: str, name: str) -> str:
     """Return the name that a policy of an environment has on the page.
 
-    Where several environments have a policy of a name, the first one's is called by it alone.
+    If several environments have a policy of the same name, only the policy of the first environment
+    is shown without the name of its environment.
+
+    Args:
+        env_id: Id of the environment.
+        name: Name of the policy in that environment.
     """
     preset = env_id.removeprefix("JansenWalker").removesuffix("-v0").lower() or "paper"
     if name == pretrained.DEFAULT:
@@ -125,7 +136,13 @@ def controller_name(env_id: str, name: str) -> str:
 
 
 def page_policies(env_id: str) -> list[str]:
-    """Return the names of an environment's policies whose observations the page has."""
+    """Return the names of those policies that can run on the page.
+
+    The page must provide all observations of a policy.
+
+    Args:
+        env_id: Id of the environment that the policies belong to.
+    """
     policies = {name: pretrained.load(env_id, name) for name in pretrained.names(env_id)}
     return [
         name
@@ -137,12 +154,17 @@ def page_policies(env_id: str) -> list[str]:
 
 @cache
 def _page_observations() -> frozenset[str]:
-    """Return the names of all observations that a page has."""
+    """Return the names of all observations that the page provides."""
     return frozenset(task_data(_of_toes(MOST_TOES))["observed"])
 
 
 def policy_data(env_id: str, name: str) -> tuple[str, Json]:
-    """Return a policy's name on the page, and its network, observations and fastest command."""
+    """Return the name of a policy on the page, and its network, observations and fastest command.
+
+    Args:
+        env_id: Id of the environment that the policy belongs to.
+        name: Name of the policy in that environment.
+    """
     policy = pretrained.load(env_id, name)
     arguments = {**pretrained.arguments_of(env_id), **policy.env_kwargs}
     mean, deviation = policy.scale
@@ -164,7 +186,7 @@ def policy_data(env_id: str, name: str) -> tuple[str, Json]:
 
 
 def engine_data() -> Json:
-    """Return arguments of the kernels, layouts of records, and numbers of plant, world and task."""
+    """Return the layout of the engine, and values of the simulation backend, world and task."""
     env = walker_env.JansenWalkerEnv(
         height_scan=ROUGH["height_scan"], terminate_when_fallen=False, push=push.Push(0.0)
     )
@@ -179,7 +201,8 @@ def engine_data() -> Json:
         "period": env.control_dt,
         "gravity": [*task.world.plant.gravity, GRAVITY],
         "room": collision.MARGIN + grounds.FASTEST * env.control_dt,
-        "world": values_of(task.world.plant.world[0]) | {"is_whole": True},  # kernels do it all
+        # The kernels do the whole step.
+        "world": values_of(task.world.plant.world[0]) | {"is_whole": True},
         "delayed": task.world.records.torques.shape[1],
         "capacity": [0, batched_plant.PLANES_PER_PAD],
         "workSpace": _work_space(steps),
@@ -189,7 +212,7 @@ def engine_data() -> Json:
 
 
 def _limits(row: Parameter) -> Json:
-    """Return the limits of a parameter, and the values of others that a change of it sets."""
+    """Return the limits of a parameter, and the other parameters that change with it."""
     sets = argument_values(row.name, Payload()) if row.name == "payload" else {}
     return {
         "least": row.least,
@@ -207,10 +230,15 @@ def _of_toes(count: int) -> Robot:
 
 
 def task_data(robot: Robot) -> Json:
-    """Return the columns of a robot's observation, and its sensors' noise."""
+    """Return the columns of a robot's observation, and the noise of its sensors.
+
+    Args:
+        robot: Robot that is observed.
+    """
     env = walker_env.JansenWalkerEnv(robot=robot, height_scan=ROUGH["height_scan"], noise=Noise())
     task, observing = env.task, env.task.world._observing
-    filled = {each.name for each in task.world.observations} | {*task.COMPILED}  # by kernels
+    # Observations that the kernels compute.
+    filled = {each.name for each in task.world.observations} | {*task.COMPILED}
     return {
         "observed": [each.name if each.name in filled else "" for each in task.observed],
         "observing": {name: _array(values) for name, values in observing._asdict().items()},
@@ -218,16 +246,16 @@ def task_data(robot: Robot) -> Json:
 
 
 def _array(values: np.ndarray) -> Json:
-    """Return type, shape and values of an array; None for zeros."""
-    # Of what has no limits the largest number stands for infinity.
+    """Return the type, shape and values of an array; the values are None if all are zero."""
+    # JSON has no infinity: the largest float represents a missing limit.
     listed = np.nan_to_num(values).ravel().tolist() if values.any() else None
     return {"type": values.dtype.str[1:], "shape": values.shape, "values": listed}
 
 
 def _work_space(steps: int) -> list[Json]:
-    """Return type and shape of each array of a thread's memory but the flags.
+    """Return the type and shape of each array of a thread's memory, except the flags.
 
-    A length is a number, and what it grows by per contact pad.
+    A length in a shape is a pair: a constant, and its increase per contact pad.
     """
     capacities = (pads * batched_plant.PLANES_PER_PAD for pads in (0, 1))
     spaces = [integrator.work_space(each, pads, steps) for pads, each in enumerate(capacities)]

@@ -1,1 +1,1 @@
-"""Controllers to compare policies with."""
+"""Baseline controllers that policies are compared with."""

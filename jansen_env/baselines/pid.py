@@ -1,4 +1,4 @@
-"""The paper's controller of the crank, equation (13), for one robot or many."""
+"""The PID controller of the crank from the paper, equation (13), for one robot or many."""
 
 import math
 from dataclasses import dataclass
@@ -11,12 +11,17 @@ from jansen_env.arrays import Array
 
 @dataclass(frozen=True)
 class PID:
-    """Equation (13): tau = kp e + ki int e dt + kd de/dt, with e = reference - crank angle.
+    """PID controller of the crank angle, equation (13).
 
-    It keeps no state: the integral goes in and comes out, so one controller serves n robots.
+    The torque is tau = kp e + ki int e dt + kd de/dt, with e = reference - crank angle.
+
+    The controller keeps no state. The caller passes the integral in and gets the new integral back,
+    so one controller serves n robots.
 
     Attributes:
-        kp: N m / rad. ki: N m / (rad s). kd: N m s / rad. Default: the paper's gains.
+        kp: Proportional gain, in N m/rad. The default is the gain of the paper.
+        ki: Integral gain, in N m/(rad s). The default is the gain of the paper.
+        kd: Derivative gain, in N m s/rad. The default is the gain of the paper.
     """
 
     kp: float = 10.0
@@ -31,14 +36,22 @@ class PID:
         control_dt: float,
         torque_limit: float = math.inf,
     ) -> tuple[Array, Array]:
-        """The torque (...), N m, not clipped, and the integral (...), rad s, to pass next.
+        """Return the torque of the controller and the integral for the next control step.
+
+        The torque is not clipped. The arrays all have the same shape (...).
 
         Args:
-            error: (...) e, rad. error_rate: (...) de/dt, rad/s.
-            integral: (...) sum of e dt before this control step, rad s; 0 at the start.
-            control_dt: control period, s.
-            torque_limit: N m; where the torque reaches it the integral stays as it was
-                (conditional integration, against wind-up).
+            error: Angle error e, in rad, shape (...).
+            error_rate: Rate of the error de/dt, in rad/s, shape (...).
+            integral: Sum of e dt before this control step, in rad s, shape (...). It is 0 at the
+                start.
+            control_dt: Control period, in s.
+            torque_limit: Torque limit, in N m. Where the torque reaches this limit, the integral
+                keeps its value (conditional integration, which prevents wind-up).
+
+        Returns:
+            The torque, in N m, and the integral to pass at the next control step, in rad s. Both
+                have shape (...).
         """
         before = np.asarray(integral, dtype=float)
         summed = before + np.asarray(error, dtype=float) * control_dt

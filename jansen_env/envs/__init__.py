@@ -1,0 +1,1 @@
+"""Gymnasium environments of one robot and of many robots, for every task."""

@@ -1,6 +1,6 @@
-"""Arguments of Gymnasium's environments, checked in one place.
+"""Checks of the arguments of Gymnasium environments, collected in one place.
 
-All functions raise ValueError for anything else than they describe.
+All functions raise ValueError for values that are not as described, unless stated otherwise.
 """
 
 from __future__ import annotations
@@ -20,19 +20,26 @@ from jansen_env.arrays import Array, Bools
 from jansen_env.rendering import Renderer
 from jansen_env.world.settings import Values, entries_of
 
-MOST_ROBOTS = 1_000_000  # of a vector environment: gigabytes
-MOST_EPISODE_STEPS = 2**53  # the largest number up to which floats count one by one
+MOST_ROBOTS = 1_000_000  # largest number of robots of a vector environment, which take gigabytes
+MOST_EPISODE_STEPS = 2**53  # largest number up to which floats represent every integer
 OF_BATCHES = ("num_envs", "max_episode_steps", "autoreset_mode", "threads", "info_keys")
-"""Arguments of vector environments alone."""
+"""Arguments that only vector environments have."""
 
 
 def make_settings(env: object, single: Any, arguments: Values, num_envs: int | None = None) -> Any:
-    """Return the settings of ``env``'s task, with what is not given from the preset.
+    """Return the checked settings of an environment's task.
 
-    ``single``: the environment of one robot with that task and preset.
+    Values that the user does not specify come from the preset.
+
+    Args:
+        env: The environment.
+        single: Class of the environment of one robot with the same task and preset.
+        arguments: Arguments that the user specifies.
+        num_envs: Number of robots of a vector environment. None for an environment of one robot.
 
     Raises:
-        TypeError: an argument that the settings do not have; ValueError: a wrong one.
+        TypeError: If the settings do not have an argument of this name.
+        ValueError: If the value of an argument is not allowed.
     """
     settings = single.TASK.SETTINGS
     known = {*settings.defaults(), *(OF_BATCHES if num_envs is not None else ())}
@@ -45,14 +52,31 @@ def make_settings(env: object, single: Any, arguments: Values, num_envs: int | N
 
 
 def time_limit(name: str, limit: object) -> float:
-    """Steps after which an episode is truncated; inf for None and ``gym.make``'s -1."""
+    """Return the number of steps after which an episode is truncated.
+
+    Args:
+        name: Name of the argument, for the error message.
+        limit: Number of steps. None, and the -1 of ``gym.make``, stand for no limit.
+
+    Returns:
+        The number of steps, or inf for no limit.
+    """
     if limit is None or (isinstance(limit, Integral) and limit == -1):
         return math.inf
     return checks.positive_integer(name, limit, MOST_EPISODE_STEPS)
 
 
 def broadcast_seeds(count: int, seed: object) -> list[int | None]:
-    """``count`` seeds: seed, seed + 1, ..., those of a sequence, or None."""
+    """Return one seed per robot.
+
+    Args:
+        count: Number of robots.
+        seed: From an integer, the seeds are seed, seed + 1, ... From a sequence, they are its
+            entries. None stands for no seeds.
+
+    Returns:
+        A list of ``count`` seeds, or None where there is no seed.
+    """
     if seed is None:
         return [None] * count
     allowed = f"a whole number, or {count} of them"
@@ -64,7 +88,12 @@ def broadcast_seeds(count: int, seed: object) -> list[int | None]:
 
 
 def autoreset_mode(name: str, mode: object) -> AutoresetMode:
-    """Gymnasium's :class:`AutoresetMode`, also by its value."""
+    """Return an :class:`AutoresetMode` of Gymnasium.
+
+    Args:
+        name: Name of the argument, for the error message.
+        mode: The mode, or the value of the mode.
+    """
     try:
         return AutoresetMode(mode)
     except ValueError:
@@ -73,7 +102,16 @@ def autoreset_mode(name: str, mode: object) -> AutoresetMode:
 
 
 def reset_mask(count: int, mask: object) -> Bools:
-    """Which robots to reset (count,), all for None; TypeError for no array of bools."""
+    """Return which robots to reset, shape (count,).
+
+    Args:
+        count: Number of robots.
+        mask: Whether to reset each robot, shape (count,). None for all robots.
+
+    Raises:
+        TypeError: If ``mask`` is not an array of bools.
+        ValueError: If ``mask`` has another shape or selects no robot.
+    """
     if mask is None:
         return np.ones(count, bool)
     if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
@@ -86,12 +124,18 @@ def reset_mask(count: int, mask: object) -> Bools:
 
 
 def reset_options(options: object) -> Values:
-    """The options of ``reset``, a copy; none for None. Raises ValueError for anything else."""
+    """Return a copy of the options of ``reset``, which is empty for None."""
     return {} if options is None else dict(checks.instance("options", options, dict))
 
 
 def broadcast_options(count: int, options: Values) -> list[Values]:
-    """The options of ``reset`` for each robot: arrays and lists have one entry for each."""
+    """Return the options of ``reset`` for each robot.
+
+    Args:
+        count: Number of robots.
+        options: Options by name: one value for all robots, or an array or list with one entry per
+            robot.
+    """
     columns = {
         name: entries_of(f"options[{name!r}]", value, count) for name, value in options.items()
     }
@@ -99,8 +143,11 @@ def broadcast_options(count: int, options: Values) -> list[Values]:
 
 
 def single_action(action: object) -> Array:
-    """The action (1,) of one robot as (1, 1); the number 0 stands for no torque."""
-    if type(action) is int and action == 0:  # what gymnasium.utils.play does without a key
+    """Return the action of one robot, shape (1,), as an array of shape (1, 1).
+
+    The integer 0 stands for no torque.
+    """
+    if type(action) is int and action == 0:  # gymnasium.utils.play sends it if no key is pressed
         return np.zeros((1, 1))
     values = checks.numbers_of(action)
     if values.shape != (1,) or not math.isfinite(values.item()):
@@ -109,14 +156,15 @@ def single_action(action: object) -> Array:
 
 
 def vector_actions(actions: object, active: Bools) -> Array:
-    """Return actions (n, 1) as numbers.
+    """Return the actions of n robots as an array of numbers, shape (n, 1).
 
     Args:
-        actions: One for each robot.
-        active: Shape (n,), whether the robot's action must be finite.
+        actions: One action per robot, shape (n, 1).
+        active: Whether the action of each robot must be finite, shape (n,).
 
     Raises:
-        ValueError: If they are not one finite number for each active robot.
+        ValueError: If the actions are not one number per robot, or if the action of an active robot
+            is not finite.
     """
     count = len(active)
     values = checks.numbers_of(actions)
@@ -133,7 +181,12 @@ def vector_actions(actions: object, active: Bools) -> Array:
 
 
 def info_keys(value: object, known: Sequence[str]) -> tuple[str, ...] | None:
-    """Keys of the information that is wanted; None: all."""
+    """Return the requested keys of the information, or None for all keys.
+
+    Args:
+        value: The requested keys. None for all keys.
+        known: Keys that the environment provides.
+    """
     if value is None:
         return None
     if not (isinstance(value, (list, tuple)) and all(isinstance(key, str) for key in value)):
@@ -145,24 +198,41 @@ def info_keys(value: object, known: Sequence[str]) -> tuple[str, ...] | None:
 
 
 def complete_state(state: Values, example: Values) -> None:
-    """Raises ValueError unless a state to go on from has all that ``example`` has, and random
-    numbers."""
+    """Check that a state is complete, so that a robot can be restored to it.
+
+    Args:
+        state: State to check. The entries "robot" and "lengths" may be missing.
+        example: A complete state of the same environment.
+
+    Raises:
+        ValueError: If the state lacks an entry of ``example``, or its state of the random number
+            generator is not valid.
+    """
     if not isinstance(state, Mapping):
         raise ValueError(f"state is {checks.shown(state)}, must come from get_state()")
-    if missing := sorted({*example} - {*state, "robot", "lengths"}):  # without: a robot's own
+    # Without "robot" and "lengths", the robot keeps its own.
+    if missing := sorted({*example} - {*state, "robot", "lengths"}):
         raise ValueError(f"state lacks {missing}, must come from get_state()")
     try:
         np.random.PCG64(0).state = state["generator"]
-    except Exception as error:  # of many types
+    except Exception as error:  # NumPy raises errors of many types
         given = checks.shown(state["generator"])
         raise ValueError(f"state['generator'] is {given}, must come from get_state()") from error
 
 
 class Renderers(dict[int, Renderer]):
-    """Renderers of the robots of an environment, by number; made when first needed."""
+    """Renderers of the robots of an environment, by index; created when they are first needed."""
 
     def draw(self, env: Any, i: int) -> NDArray[np.uint8] | None:
-        """Draw a robot; (H, W, 3) uint8, None in a window or without a ``render_mode``."""
+        """Draw a robot.
+
+        Args:
+            env: The environment.
+            i: Index of the robot.
+
+        Returns:
+            The picture, uint8, shape (H, W, 3). None in a window or without a ``render_mode``.
+        """
         if env.render_mode is None:
             modes = env.metadata["render_modes"]
             gym.logger.warn(f"render() was called without a render_mode; pass one of {modes}")
@@ -172,14 +242,14 @@ class Renderers(dict[int, Renderer]):
         if i not in self:
             fps = env.metadata["render_fps"]
             self[i] = Renderer(**scene, mode=env.render_mode, fps=fps)
-        self[i].show(**scene)  # which a reset may change
+        self[i].show(**scene)  # a reset may have changed the scene
         return self[i].draw(frame)
 
     def close(self) -> None:
-        """Close windows."""
+        """Close all windows and forget the renderers."""
         for renderer in self.values():
             renderer.close()
         self.clear()
 
     def __reduce__(self) -> tuple[type[Renderers], tuple[()]]:
-        return Renderers, ()  # a copy draws with its own
+        return Renderers, ()  # a copy of an environment creates renderers of its own

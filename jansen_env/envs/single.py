@@ -1,4 +1,4 @@
-"""Gymnasium's environment of one robot, of any task."""
+"""Gymnasium environment of one robot, for any task."""
 
 from __future__ import annotations
 
@@ -24,21 +24,26 @@ from jansen_env.world.settings import RENDER_MODES, Values
 Observation = NDArray[np.float32]
 ATask = TypeVar("ATask", bound=Task)
 
-ROBOT = np.zeros(1, np.int64)
+ROBOT = np.zeros(1, np.int64)  # index of the only robot
 RIGHT, LEFT = 1073741903, 1073741904  # pygame's K_RIGHT and K_LEFT
 
 
 class SingleEnv(WholeCopies, gym.Env[Observation, NDArray[np.float32]], Generic[ATask]):
-    """One robot that does a task.
+    """Environment of one robot that performs a task.
 
     Args:
-        arguments: of the task's ``SETTINGS``, in place of their defaults and of :attr:`PRESET`.
+        arguments: Arguments of the task's ``SETTINGS``. They replace the defaults and the values of
+            :attr:`PRESET`.
 
     Attributes:
-        TASK: the task's class. PRESET: values of arguments in place of the settings' defaults.
-        BENCHMARK: "module:NAME" of the rules by which policies are scored; "" for the return alone.
-        task: the task of this one robot. dt, control_dt: s for which an action is held.
-        observed: name, unit, limits and noise of each number of the observation.
+        TASK: Class of the task.
+        PRESET: Argument values that replace the defaults of the settings.
+        BENCHMARK: Rules by which policies are scored, as "module:NAME". If it is "", policies are
+            scored by their return alone.
+        task: Task of this robot.
+        dt: Duration for which an action is held, in s.
+        control_dt: Same as ``dt``.
+        observed: Name, unit, limits and noise of each number of the observation.
     """
 
     metadata: Values = {"render_modes": RENDER_MODES, "render_fps": 50}
@@ -59,7 +64,7 @@ class SingleEnv(WholeCopies, gym.Env[Observation, NDArray[np.float32]], Generic[
 
     @classmethod
     def defaults(cls) -> Values:
-        """Return all arguments by name, with their defaults."""
+        """Return the default values of all arguments, by name."""
         return {**cls.TASK.SETTINGS.defaults(), **cls.PRESET}
 
     @property
@@ -69,30 +74,37 @@ class SingleEnv(WholeCopies, gym.Env[Observation, NDArray[np.float32]], Generic[
 
     @property
     def plant(self) -> Plant:
-        """The plant that moves it."""
+        """The simulation backend that moves the robot."""
         return Plant(self.task.world.plant)
 
     @property
     def torque_limit(self) -> float:
-        """Torque of action 1, N m."""
+        """Torque of the action 1, in N m."""
         return self.robot.motor.torque_limit
 
     @property
     def window_closed(self) -> bool:
-        """Whether the window was closed, or could not be opened for want of a display."""
+        """Whether the window was closed, or could not be opened because there is no display."""
         return 0 in self._renderers and self._renderers[0].dismissed
 
     def reset(
         self, *, seed: int | None = None, options: Values | None = None
     ) -> tuple[Observation, Values]:
-        """Start an episode; Starting State lists the ``options``.
+        """Start an episode.
 
-        ``docs/life_of_a_step.md`` lists the functions that a reset passes through.
+        ``docs/life_of_a_step.md`` lists the functions that a reset calls. After an error, nothing
+        has changed.
+
+        Args:
+            seed: Seed of the random number generator. None to continue with the present generator.
+            options: Options by name. The section Starting State of each environment lists them.
+
+        Returns:
+            The first observation and the information.
 
         Raises:
             ValueError: If an option is unknown or its value is out of range.
-            FloatingPointError: If a robot of the rigid-body plant diverges where it is placed.
-                Nothing has changed after an error.
+            FloatingPointError: If a robot of the rigid-body plant diverges at its initial position.
         """
         options = reset_options(options)
         task = self.task
@@ -113,13 +125,20 @@ class SingleEnv(WholeCopies, gym.Env[Observation, NDArray[np.float32]], Generic[
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, Values]:
         """Hold an action for ``control_dt`` seconds.
 
-        ``docs/life_of_a_step.md`` lists the functions that a step passes through. The kernel
-        :func:`jansen_env.engine.episode.control_step` does most of it; with the environment
-        variable ``JANSEN_ENV_PYTHON=1`` it runs as plain Python, for a debugger.
+        ``docs/life_of_a_step.md`` lists the functions that a step calls. The kernel
+        :func:`jansen_env.engine.episode.control_step` does most of the work. With the environment
+        variable ``JANSEN_ENV_PYTHON=1`` it runs as plain Python, so that you can use a debugger.
+
+        Args:
+            action: Torque as a fraction of the torque limit, shape (1,).
+
+        Returns:
+            The observation, the reward, whether the episode is terminated, whether it is truncated,
+                and the information.
 
         Raises:
-            ValueError: the action is not one finite number.
-            gymnasium.error.ResetNeeded: before the first :meth:`reset`.
+            ValueError: If the action is not one finite number.
+            gymnasium.error.ResetNeeded: If :meth:`reset` has not been called yet.
         """
         task = self.task
         with task.lock:
@@ -137,36 +156,52 @@ class SingleEnv(WholeCopies, gym.Env[Observation, NDArray[np.float32]], Generic[
             raise gym.error.ResetNeeded("reset() must be called first")
 
     def set_parameters(self, **changes: object) -> None:
-        """Change the robot from now on, see :meth:`jansen_env.tasks.task.Task.set_parameters`."""
+        """Change parameters of the robot from now on.
+
+        See :meth:`jansen_env.tasks.task.Task.set_parameters`.
+
+        Args:
+            changes: New values, by name.
+        """
         self.task.set_parameters(0, **changes)
 
     @exclusive
     def push(self, impulse: object) -> None:
-        """Push the robot from now on, see :meth:`jansen_env.world.world.World.push`.
+        """Push the robot from now on.
+
+        See :meth:`jansen_env.world.world.World.push`.
+
+        Args:
+            impulse: Impulse in x and y, in N s.
 
         Raises:
-            gymnasium.error.ResetNeeded: before the first :meth:`reset`.
+            gymnasium.error.ResetNeeded: If :meth:`reset` has not been called yet.
         """
         self._check_begun()
         self.task.push(0, impulse)
 
     @exclusive
     def get_state(self) -> Values:
-        """Return all that the future of this robot depends on; :meth:`set_state` continues bit for
-        bit.
+        """Return everything that the future of this robot depends on.
 
-        With ``plant="rigid_body"`` only nearly: it closes gaps and restarts the solver.
+        After :meth:`set_state` with this state, the robot continues bit for bit as before. With
+        ``plant="rigid_body"`` it continues only approximately, because that plant closes the gaps
+        of the joints and restarts its solver.
         """
         return {**self.task.get_state(0), "generator": self.np_random.bit_generator.state}
 
     @exclusive
     def set_state(self, state: Values) -> Observation:
-        """Go on from a state of :meth:`get_state`; returns its observation.
+        """Restore a state saved by :meth:`get_state`, and return its observation.
 
-        A time limit outside the environment (``TimeLimit``) keeps its own count.
+        A time limit outside the environment (the wrapper ``TimeLimit``) keeps its own count of
+        steps.
+
+        Args:
+            state: The complete state.
 
         Raises:
-            ValueError: an entry is missing, or out of range.
+            ValueError: If an entry is missing or out of range.
         """
         complete_state(state, self.get_state())
         self.task.set_state(0, state)
@@ -175,12 +210,16 @@ class SingleEnv(WholeCopies, gym.Env[Observation, NDArray[np.float32]], Generic[
         return self.task.observation[0].copy()
 
     def get_keys_to_action(self) -> dict[tuple[int, ...], NDArray[np.float32]]:
-        """Return :func:`gymnasium.utils.play.play`'s keys: the arrow keys turn the crank."""
+        """Return the keys of :func:`gymnasium.utils.play.play`: the arrow keys turn the crank."""
         torques = {(RIGHT,): 1.0, (LEFT,): -1.0, (RIGHT, LEFT): 0.0}
         return {keys: np.full(1, torque, np.float32) for keys, torque in torques.items()}
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Draw the robot as it stands; (H, W, 3) uint8 in ``rgb_array`` mode, else None."""
+        """Draw the robot in its present state.
+
+        Returns:
+            The picture, uint8, shape (H, W, 3), in the mode ``rgb_array``; otherwise None.
+        """
         return self._renderers.draw(self, 0)
 
     def close(self) -> None:

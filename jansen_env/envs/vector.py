@@ -1,4 +1,4 @@
-"""Gymnasium's vector environment of many robots, of any task."""
+"""Gymnasium vector environment of many robots, for any task."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from jansen_env.world.settings import Values, entries_of, optional
 
 Observations = NDArray[np.float32]
 METHODS = ("get_state", "push", "render", "set_parameters", "set_state")
-"""Methods of single robots, see :meth:`TaskVectorEnv.call_one`."""
+"""Methods for one robot that :meth:`TaskVectorEnv.call_one` can call."""
 
 
 class VectorArguments(TypedDict, total=False):
-    """Arguments of all vector environments by keyword, see :class:`TaskVectorEnv`."""
+    """Keyword arguments of all vector environments; see :class:`TaskVectorEnv`."""
 
     max_episode_steps: int | Sequence[int | None] | None
     autoreset_mode: AutoresetMode | str
@@ -40,33 +40,40 @@ class VectorArguments(TypedDict, total=False):
 class TaskVectorEnv(
     WholeCopies, VectorEnv[Observations, NDArray[np.float32], NDArray[Any]], Generic[ATask]
 ):
-    """``num_envs`` robots that do a task together.
+    """Vector environment whose robots perform the same task and are simulated together.
 
-    Trajectories are those of the single environment, bit for bit: robot i of ``reset(seed=s)`` does
-    what the single environment does after ``reset(seed=s + i)``. A robot whose simulation diverges
-    ends its own episode, no other's.
+    Trajectories are those of the single environment, bit for bit: after ``reset(seed=s)``, robot i
+    moves as the robot of the single environment does after ``reset(seed=s + i)``. If the simulation
+    of a robot diverges, only the episode of this robot ends.
 
-    Methods for one robot take its index i, a whole number from 0 to ``num_envs`` - 1 of Python or
-    NumPy. They raise ValueError for anything else, before anything changes.
+    Methods for one robot take its index i, an integer of Python or NumPy from 0 to
+    ``num_envs - 1``. For any other index they raise ValueError before anything changes.
 
     Args:
-        num_envs: robots. max_episode_steps: after which an episode is truncated, one number or one
-            for each robot; None for never.
-        autoreset_mode: ``NEXT_STEP`` (Gymnasium's default: the step after an episode's last one
-            resets and ignores the action), ``SAME_STEP`` (that very step returns the next
-            episode's first observation; ``infos["final_obs"]`` has the last one) or ``DISABLED``.
-        threads: cores to use; None: chosen by batch size. render_mode: None or ``"rgb_array"``.
-        info_keys: keys of ``infos``, such as ``("slip",)``; None for all, which takes some per cent
-            of a step.
-        Others: as for one robot; those that are ``PerRobot`` may be one for each.
+        num_envs: Number of robots.
+        max_episode_steps: Number of steps after which an episode is truncated: one number, or one
+            number per robot. None for no limit.
+        autoreset_mode: ``NEXT_STEP`` (the default of Gymnasium), ``SAME_STEP`` or ``DISABLED``.
+            With ``NEXT_STEP``, the step after the last step of an episode resets the robot and
+            ignores its action. With ``SAME_STEP``, the last step itself returns the first
+            observation of the next episode, and ``infos["final_obs"]`` contains the last
+            observation. With ``DISABLED``, you reset the robots yourself.
+        threads: Number of CPU cores to use. If None, it is chosen from the batch size.
+        info_keys: Keys of ``infos``, such as ``("slip",)``. None for all keys, which takes some per
+            cent of the time of a step.
+        arguments: Other arguments, which are those of the environment of one robot. ``render_mode``
+            is None or ``"rgb_array"``. Arguments of the type ``PerRobot`` may have one value per
+            robot.
 
     Attributes:
-        SINGLE: the environment of one robot, whose task and preset are used.
-        task: the task of all robots. dt, control_dt: s for which an action is held.
-        observed: name, unit, limits and noise of each number of an observation.
+        SINGLE: Environment of one robot, whose task and preset are used.
+        task: Task of all robots.
+        dt: Duration for which an action is held, in s.
+        control_dt: Same as ``dt``.
+        observed: Name, unit, limits and noise of each number of an observation.
 
     Raises:
-        ValueError: an argument out of range, or not one for each robot.
+        ValueError: If an argument is out of range, or does not have one value per robot.
     """
 
     metadata: Values = {"render_modes": ["rgb_array"], "render_fps": 50}
@@ -104,7 +111,7 @@ class TaskVectorEnv(
         self.observation_space = batch_space(self.single_observation_space, n)
         self.action_space = batch_space(self.single_action_space, n)
         self._elapsed = np.zeros(n, np.int64)  # steps of each episode
-        self._done = np.ones(n, bool)  # must be reset before it goes on
+        self._done = np.ones(n, bool)  # whether a robot must be reset before it continues
         self._begun = np.zeros(n, bool)
         self._generators: list[np.random.Generator | None] = [None] * n
         self._seeds = [-1] * n
@@ -116,21 +123,29 @@ class TaskVectorEnv(
 
     @property
     def torque_limit(self) -> float:
-        """Torque of action 1 of the first robot, N m."""
+        """Torque of the action 1 of the first robot, in N m."""
         return self.robot.motor.torque_limit
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Values | None = None
     ) -> tuple[Observations, Values]:
-        """Start episodes: of all robots, or of those in ``options["reset_mask"]`` (num_envs,).
+        """Start new episodes of all robots, or of some robots.
+
+        After an error, nothing has changed.
 
         Args:
-            seed: robot i gets seed + i, or entry i. options: of the single environment, for all or
-                one for each.
+            seed: Seed of the random numbers. From one number, robot i gets seed + i; from a
+                sequence, it gets entry i. None to continue with the present generators.
+            options: Options of the single environment: one value for all robots, or one value per
+                robot. ``options["reset_mask"]``, shape (num_envs,), selects the robots to reset;
+                without it, all robots are reset.
+
+        Returns:
+            The observations, shape (num_envs, d), and the information.
 
         Raises:
-            ValueError: a seed or option out of range. TypeError: a mask that is no array of bools.
-                Nothing has changed then.
+            ValueError: If a seed or an option is out of range.
+            TypeError: If the mask is not an array of bools.
         """
         options = checks.reset_options(options)
         mask = checks.reset_mask(self.num_envs, options.pop("reset_mask", None))
@@ -141,7 +156,16 @@ class TaskVectorEnv(
     def reset_each(
         self, seeds: Sequence[int | None], options: Sequence[Values], mask: Bools | None = None
     ) -> tuple[Observations, Values]:
-        """:meth:`reset` with a seed and options for each robot; ``mask`` (num_envs,) names some."""
+        """Reset robots with a seed and options for each; see :meth:`reset`.
+
+        Args:
+            seeds: Seed of each robot. None to continue with its present generator.
+            options: Options of each robot, by name.
+            mask: Whether to reset each robot, shape (num_envs,). None for all robots.
+
+        Returns:
+            The observations, shape (num_envs, d), and the information.
+        """
         n = self.num_envs
         mask = checks.reset_mask(n, mask)
         for name, values in (("seeds", seeds), ("options", options)):
@@ -161,7 +185,12 @@ class TaskVectorEnv(
 
     @exclusive
     def restart(self, which: Ints, options: Sequence[Values] | None = None) -> None:
-        """Start the next episodes of some robots."""
+        """Start the next episodes of some robots.
+
+        Args:
+            which: Indices of the robots, shape (k,).
+            options: Reset options of each of these robots. None for no options.
+        """
         self.task.reset(which, [self._generator(i) for i in which.tolist()], options)
         self._elapsed[which] = 0
         self._done[which] = False
@@ -170,12 +199,19 @@ class TaskVectorEnv(
     def step(
         self, actions: NDArray[np.float32]
     ) -> tuple[Observations, Array, Bools, Bools, Values]:
-        """Hold each robot's action for ``control_dt`` seconds.
+        """Hold the action of each robot for ``control_dt`` seconds.
+
+        Args:
+            actions: Torques as fractions of the torque limit, shape (num_envs, 1).
+
+        Returns:
+            The observations, the rewards, whether each episode is terminated, whether it is
+                truncated, and the information.
 
         Raises:
-            ValueError: the actions are not one finite number for each robot.
-            gymnasium.error.ResetNeeded: before the first :meth:`reset`, and with
-                ``AutoresetMode.DISABLED`` while an episode is over.
+            ValueError: If the actions are not one finite number per robot.
+            gymnasium.error.ResetNeeded: If :meth:`reset` has not been called yet. With
+                ``AutoresetMode.DISABLED``, also if the episode of a robot is over.
         """
         terminated, truncated = self.advance(actions)
         rewards = self.task.rewards.copy()
@@ -187,7 +223,15 @@ class TaskVectorEnv(
 
     @exclusive
     def advance(self, actions: NDArray[np.float32]) -> tuple[Bools, Bools]:
-        """Step without starting episodes of ``SAME_STEP``; returns (terminated, truncated)."""
+        """Simulate a step, but do not start the new episodes of ``SAME_STEP``.
+
+        Args:
+            actions: Torques as fractions of the torque limit, shape (num_envs, 1).
+
+        Returns:
+            Whether each episode is terminated, and whether it is truncated. Both have shape
+                (num_envs,).
+        """
         if (waiting := self._awaiting_reset()).any():
             late = np.flatnonzero(waiting).tolist()
             raise gym.error.ResetNeeded(f"robots {late} must be reset before the next step()")
@@ -195,7 +239,7 @@ class TaskVectorEnv(
         values = checks.vector_actions(actions, active)
         if len(over) == 0:
             task.step(values, None)
-        else:  # NEXT_STEP: those whose episode is over only start again
+        else:  # NEXT_STEP: robots whose episode is over are reset and do not move
             task.step(values, active.nonzero()[0], partial(self.restart, over))
         self._elapsed += active
         terminated = task.ended.copy()
@@ -204,7 +248,10 @@ class TaskVectorEnv(
         return terminated, truncated
 
     def _restart_in_step(self, done: Bools) -> Values:
-        """Start the next episodes where ``done``; the information has the last observations."""
+        """Start the next episodes of the robots that are ``done``.
+
+        The returned information contains the last observations and the last information.
+        """
         final = np.full(self.num_envs, None, object)
         for i in np.flatnonzero(done).tolist():
             final[i] = self.task.observation[i].copy()
@@ -219,23 +266,35 @@ class TaskVectorEnv(
         return self.task.information.batched(known, self.info_keys)
 
     def _awaiting_reset(self) -> Bools:
-        """Return which robots (num_envs,) cannot take a step before :meth:`reset`."""
+        """Return which robots cannot take a step before :meth:`reset`, shape (num_envs,)."""
         disabled = self.autoreset_mode == AutoresetMode.DISABLED
         return ~self._begun | self._done if disabled else ~self._begun
 
     def set_parameters(self, i: int, **changes: object) -> None:
-        """Change robot ``i`` from now on, see :meth:`jansen_env.tasks.task.Task.set_parameters`."""
+        """Change parameters of a robot from now on.
+
+        See :meth:`jansen_env.tasks.task.Task.set_parameters`.
+
+        Args:
+            i: Index of the robot.
+            changes: New values, by name.
+        """
         self.task.set_parameters(i, **changes)
 
     @exclusive
     def push(self, i: int, impulse: object) -> None:
-        """Push robot ``i`` from now on, see :meth:`jansen_env.world.world.World.push`.
+        """Push a robot from now on.
 
-        With ``NEXT_STEP`` a robot whose episode is over is not pushed: its next step resets it.
+        See :meth:`jansen_env.world.world.World.push`. With ``NEXT_STEP``, a robot whose episode is
+        over is not pushed, because its next step resets it.
+
+        Args:
+            i: Index of the robot.
+            impulse: Impulse in x and y, in N s.
 
         Raises:
-            gymnasium.error.ResetNeeded: before the robot's first :meth:`reset`, and with
-                ``AutoresetMode.DISABLED`` while its episode is over.
+            gymnasium.error.ResetNeeded: If the robot has not been reset yet. With
+                ``AutoresetMode.DISABLED``, also if its episode is over.
         """
         i = robot_index(i, self.num_envs)
         if self._awaiting_reset()[i]:
@@ -244,16 +303,24 @@ class TaskVectorEnv(
 
     @exclusive
     def get_state(self, i: int) -> Values:
-        """Return all that the future of robot ``i`` depends on, as of the single environment."""
+        """Return everything that the future of a robot depends on, as the single environment does.
+
+        Args:
+            i: Index of the robot.
+        """
         i = robot_index(i, self.num_envs)
         generator = self._generator(i).bit_generator.state
         return {**self.task.get_state(i), "generator": generator}
 
     @exclusive
     def set_state(self, i: int, state: Values) -> Observations:
-        """Let robot ``i`` go on from a state of :meth:`get_state`; returns its observation.
+        """Restore a robot to a state saved by :meth:`get_state`, and return its observation.
 
-        Its count towards ``max_episode_steps`` stays.
+        The number of steps that count towards ``max_episode_steps`` does not change.
+
+        Args:
+            i: Index of the robot.
+            state: The complete state.
         """
         i = robot_index(i, self.num_envs)
         checks.complete_state(state, self.get_state(i))
@@ -263,7 +330,10 @@ class TaskVectorEnv(
         return self.task.observation[i].copy()
 
     def _generator(self, i: int) -> np.random.Generator:
-        """Return a robot's generator, seeded by the system where :meth:`reset` got no seed."""
+        """Return the random number generator of a robot.
+
+        If :meth:`reset` got no seed, the operating system provides the seed.
+        """
         generator = self._generators[i]
         if generator is None:
             generator, self._seeds[i] = seeding.np_random()
@@ -272,16 +342,23 @@ class TaskVectorEnv(
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
-        """Every robot's random numbers."""
+        """The random number generator of each robot."""
         return tuple(self._generator(i) for i in range(self.num_envs))
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
-        """Every robot's seed; -1 where it has none yet."""
+        """The seed of each robot; -1 for a robot without a seed."""
         return tuple(self._seeds)
 
     def call_one(self, i: int, name: str, *args: object, **kwargs: object) -> Any:
-        """Call one of :data:`METHODS` of robot ``i``."""
+        """Call a method of one robot.
+
+        Args:
+            i: Index of the robot.
+            name: Name of the method, in :data:`METHODS`.
+            args: Positional arguments of the method.
+            kwargs: Keyword arguments of the method.
+        """
         if name not in METHODS:
             raise AttributeError(f"a method of one robot must be in {METHODS}, got {name!r}")
         i = robot_index(i, self.num_envs)
@@ -290,14 +367,26 @@ class TaskVectorEnv(
         return getattr(self, name)(i, *args, **kwargs)
 
     def call(self, name: str, *args: object, **kwargs: object) -> tuple[Any, ...]:
-        """Call one of :data:`METHODS` of each robot, or return its attribute of that name."""
+        """Call a method of each robot, or return an attribute of each robot.
+
+        Args:
+            name: Name of a method in :data:`METHODS`, or of an attribute.
+            args: Positional arguments of the method.
+            kwargs: Keyword arguments of the method.
+        """
         if name in METHODS:
             return tuple(self.call_one(i, name, *args, **kwargs) for i in range(self.num_envs))
         return self.get_attr(name)
 
     @exclusive
     def get_attr(self, name: str) -> tuple[Any, ...]:
-        """Return an attribute of each robot: its own, or the common one."""
+        """Return an attribute of each robot.
+
+        If robots have no individual values, the value of the environment is repeated.
+
+        Args:
+            name: Name of the attribute.
+        """
         values = self.task.world.get_attr(name)
         if name in self.task.SETTABLE:
             each = getattr(self.task, name).tolist()
@@ -314,22 +403,35 @@ class TaskVectorEnv(
 
     @exclusive
     def set_attr(self, name: str, values: object) -> None:
-        """Set a parameter of all robots: to one value, or to the entries of a list."""
+        """Set a parameter of all robots.
+
+        If a value is not allowed, no robot changes.
+
+        Args:
+            name: Name of the parameter.
+            values: One value for all robots, or a list or tuple with one value per robot.
+        """
         values = values if isinstance(values, (list, tuple)) else [values] * self.num_envs
         if len(values) != self.num_envs:
             raise ValueError(f"values must have {self.num_envs} entries, got {len(values)}")
         for change in [self.task.checked(i, **{name: value}) for i, value in enumerate(values)]:
-            change()  # all or nothing
+            change()  # only after all values have been checked
 
     def render(self) -> tuple[Any, ...] | None:
-        """Return a picture (H, W, 3) of each robot; None without a ``render_mode``."""
+        """Return a picture of each robot, shape (H, W, 3), or None without a ``render_mode``."""
         pictures = [self._renderers.draw(self, 0)]
         if self.render_mode is None:
             return None
         return (*pictures, *(self._renderers.draw(self, i) for i in range(1, self.num_envs)))
 
     def close_extras(self, **kwargs: object) -> None:
-        """Let go of pictures and threads."""
-        if hasattr(self, "task"):  # Gymnasium closes what was refused, too
+        """Close the renderers and stop the threads.
+
+        Args:
+            kwargs: Have no effect.
+        """
+        if hasattr(
+            self, "task"
+        ):  # Gymnasium also closes environments whose arguments were rejected
             self._renderers.close()
             self.task.world.close()

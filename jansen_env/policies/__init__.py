@@ -1,1 +1,1 @@
-"""Policies that come with the package, read and run with NumPy."""
+"""Pretrained policies, which are read and run with NumPy."""

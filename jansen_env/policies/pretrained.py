@@ -1,8 +1,8 @@
-"""Trained policies that come with the package: run with NumPy, nothing else.
+"""Pretrained policies that come with the package. They need only NumPy to run.
 
-A policy is two files without code: ``ENV_ID/NAME.json`` says what it observes, how its network is
-built and trained, and what it scores; ``NAME.safetensors`` has the weights. ``docs/policies.md``
-describes the format; ``python -m agents.pack`` writes it.
+A policy consists of two files that contain no code. ``ENV_ID/NAME.json`` describes what the policy
+observes, how its network is built and was trained, and its scores. ``NAME.safetensors`` contains
+the weights. ``docs/policies.md`` describes the format, and ``python -m agents.pack`` writes it.
 """
 
 import hashlib
@@ -37,16 +37,24 @@ from jansen_env.world.settings import control_period
 
 FORMAT = "jansen_env policy 1"
 ENTRIES = (
-    "format", "env", "observation", "action", "network", "training", "versions", "scores", "sha256",
-)  # fmt: skip
+    "format",
+    "env",
+    "observation",
+    "action",
+    "network",
+    "training",
+    "versions",
+    "scores",
+    "sha256",
+)
 POLICIES = Path(__file__).parent
-DEFAULT = "ppo"  # of the names of an environment's policies
-MAX_BYTES = 2**20  # of a file; those of the package have less than 650 kB
-SHORTEST_PERIOD, LONGEST_PERIOD = 1e-4, 1.0  # s, for which an action is held
-MOST_TIME_STEPS = 200_000  # of an episode; walkers have 10,000 by default
+DEFAULT = "ppo"  # name of the policy that is used if the user names none
+MAX_BYTES = 2**20  # largest size of a file; the files of the package are smaller than 650 kB
+SHORTEST_PERIOD, LONGEST_PERIOD = 1e-4, 1.0  # limits of the control period, in s
+MOST_TIME_STEPS = 200_000  # largest number of time steps of an episode; walkers have 10,000
 
 Tensors = dict[str, NDArray[Any]]
-Json = dict[str, Any]  # an object
+Json = dict[str, Any]  # a JSON object
 
 CRANK_ANGLE = ("cos_crank_angle", "sin_crank_angle")
 
@@ -55,16 +63,27 @@ SQUASH = {"clip": LINEAR, "tanh": TANH}
 
 
 class Plain(NamedTuple):
-    """Observations as they are; ``size``: how many numbers."""
+    """Features that are the observations themselves.
+
+    Attributes:
+        size: Number of observations.
+    """
 
     size: int
 
     def __call__(self, seen: Array) -> Array:
+        """Return the observations, shape (n, size)."""
         return seen
 
 
 class Normalized(NamedTuple):
-    """clip((observation - mean) / deviation, -clip, clip) with mean, deviation (size,)."""
+    """Normalised observations: clip((observation - mean) / deviation, -clip, clip).
+
+    Attributes:
+        mean: Mean of each observation, shape (size,).
+        deviation: Standard deviation of each observation, shape (size,).
+        clip: Largest magnitude of a feature.
+    """
 
     mean: Array
     deviation: Array
@@ -72,23 +91,32 @@ class Normalized(NamedTuple):
 
     @property
     def size(self) -> int:
+        """Number of features."""
         return len(self.mean)
 
     def __call__(self, seen: Array) -> Array:
+        """Return the features of observations, both with shape (n, size)."""
         return np.clip((seen - self.mean) / self.deviation, -self.clip, self.clip)
 
 
 class Harmonics(NamedTuple):
-    """cos k psi, sin k psi of each k of ``multiples``; psi is the crank angle, whose cosine and
-    sine are the first two observations."""
+    """Harmonics of the crank angle: cos k psi and sin k psi for each multiple k.
+
+    The first two observations are the cosine and the sine of the crank angle psi.
+
+    Attributes:
+        multiples: The multiples k.
+    """
 
     multiples: tuple[int, ...]
 
     @property
     def size(self) -> int:
+        """Number of features."""
         return 2 * len(self.multiples)
 
     def __call__(self, seen: Array) -> Array:
+        """Return the features, shape (n, size), of observations, shape (n, d)."""
         out = np.empty((len(seen), self.size))
         put_harmonics(np.ascontiguousarray(seen[:, :2]), np.array(self.multiples, np.int64), out)
         return out
@@ -98,20 +126,32 @@ Features: TypeAlias = Plain | Normalized | Harmonics
 
 
 class Layer(NamedTuple):
-    """activation(weight x + bias)."""
+    """Layer of a network, which computes activation(weight x + bias).
 
-    weight: Array  # (units, inputs)
-    bias: Array  # (units,)
-    activation: str | None  # in ACTIVATIONS
+    Attributes:
+        weight: Weights, shape (units, inputs).
+        bias: Biases, shape (units,).
+        activation: Name of the activation function in ``ACTIVATIONS``. None for a linear layer.
+    """
+
+    weight: Array
+    bias: Array
+    activation: str | None
 
 
 class Network:
-    """Layers as one function of inputs (n, width), the same alone and among others.
+    """Function of inputs, shape (n, width), that applies all layers of a network.
+
+    The result of a row does not depend on the other rows.
 
     Args:
-        layers: at least one; as an attribute, and ``weights``, as
-            :func:`jansen_env.engine.layers.put_actions` takes them.
-        limit: the most that the last may give. squash: one of :data:`SQUASH`.
+        layers: At least one layer.
+        limit: Largest magnitude of the output of the last layer.
+        squash: Name of the function that is applied to the limited output, in :data:`SQUASH`.
+
+    Attributes:
+        layers: The layers in the format of :func:`jansen_env.engine.layers.put_actions`.
+        weights: The weights in the format of :func:`jansen_env.engine.layers.put_actions`.
     """
 
     def __init__(self, layers: Sequence[Layer], limit: float, squash: str) -> None:
@@ -121,28 +161,40 @@ class Network:
         self._limit, self._squash, self._widest = limit, SQUASH[squash], self.layers[:, :2].max()
 
     def __call__(self, inputs: Array) -> Array:
+        """Return the outputs, shape (n, units of the last layer), of inputs, shape (n, width)."""
         out, work = np.empty((len(inputs), self.layers[-1, 1])), np.empty((2, self._widest))
         put_actions(inputs, self.layers, self.weights, self._limit, self._squash, work, out)
         return out
 
 
 class PretrainedPolicy:
-    """A trained policy; its actions are those of the network it was trained as, without noise.
+    """Pretrained policy, whose actions are those of the trained network without noise.
+
+    The network applies its features side by side, the layers, the limit and ``squash``, in this
+    order. Its output is clipped to -1 .. 1. It is the torque as a fraction of the torque limit.
 
     Args:
-        description: content of the JSON file. tensors: content of the other one.
+        description: Content of the JSON file.
+        tensors: Content of the file of tensors.
 
     Attributes:
-        env_id, env_kwargs: what it was trained on. observed, units: names and units of what it
-            observes, in order. torque_limit: N m, of action 1. control_dt: s for which an action
-            is held. scale: mean and standard deviation of each observation in training, 0 and 1
-            where they are not kept.
-        features, layers, limit, squash: the network, in this order: features side by side; layers;
-            the most that their output may be; the function of that.
-            Clipped to -1 .. 1: share of the torque limit.
+        env_id: Id of the environment on which the policy was trained.
+        env_kwargs: Arguments of this environment.
+        observed: Names of the numbers that the policy observes, in order.
+        units: Units of these numbers.
+        torque_limit: Torque of the action 1, in N m.
+        control_dt: Duration for which an action is held, in s.
+        scale: Mean and standard deviation of each observation in training. They are 0 and 1 if the
+            policy does not contain them.
+        features: Functions that compute the inputs of the network from the observations.
+        layers: Layers of the network.
+        limit: Largest magnitude of the output of the layers.
+        squash: Name of the function that is applied to the limited output.
 
-    Raises ValueError: something in the description is missing or not allowed, does not fit the
-    tensors or the environment, or is beyond float32, in which C may compute.
+    Raises:
+        ValueError: If an entry of the description is missing or not allowed, does not fit the
+            tensors or the environment, or is outside the range of float32, in which C code may
+            compute.
     """
 
     def __init__(self, description: Json, tensors: Tensors) -> None:
@@ -184,7 +236,11 @@ class PretrainedPolicy:
         self.network = Network(self.layers, self.limit, self.squash)
 
     def _feature(self, block: Json) -> Features:
-        """Return a part of the network's input as a function of observations (n, d)."""
+        """Return a function that computes a part of the network's inputs from observations.
+
+        Args:
+            block: Description of this part.
+        """
         instance("a block of features", block, dict)
         size, kinds = len(self.observed), ("observation", "normalized", "harmonics")
         kind = one_of("kind of features", block.get("kind"), kinds)
@@ -203,7 +259,7 @@ class PretrainedPolicy:
         return Normalized(*self.scale, clip)
 
     def _tensor(self, part: Json, key: str, shape: tuple[int, ...]) -> Array:
-        """Return the tensor that ``part`` names, of this shape."""
+        """Return the tensor that ``part[key]`` names, after checking its shape."""
         name = _entry(part, key, str)
         if name not in self.tensors:
             raise ValueError(f"there is no tensor {shown(name)}")
@@ -212,11 +268,16 @@ class PretrainedPolicy:
         return self.tensors[name].astype(np.float64)
 
     def on(self, env: Any) -> "PretrainedPolicy":
-        """Return this policy for an environment, of one robot or many, that may show more; columns
-        are found by name.
+        """Return this policy for an environment, whose observation may contain further numbers.
 
-        Raises ValueError: the environment does not show all that the policy observes, or its robot
-        has another number of toes.
+        The numbers that the policy observes are found by name.
+
+        Args:
+            env: Environment of one robot or of many robots.
+
+        Raises:
+            ValueError: If the observation lacks a number that the policy observes, or if the robot
+                has another number of toes.
         """
         names = [entry.name for entry in env.unwrapped.observed]
         if missing := [name for name in self.observed if name not in names]:
@@ -240,14 +301,25 @@ class PretrainedPolicy:
         episode_start: ArrayLike | None = None,
         deterministic: bool = False,
     ) -> tuple[NDArray[np.float32], Any]:
-        """Return actions (n, 1) or (1,) for observations (n, d) or (d,), and the state as given.
+        """Return the actions for observations, and the unchanged state.
 
-        d: as many as are :attr:`observed`, or as the environment shows that was given to
-        :meth:`on`. Computed in float64, the same on every processor, alone and among others;
-        without noise, whatever ``deterministic`` says.
+        A row of an observation contains the d numbers in :attr:`observed`. For a policy that
+        :meth:`on` returns, it contains the d numbers that the environment observes. The actions are
+        computed in float64. They are the same on every processor, and do not depend on the other
+        rows.
 
-        Raises ValueError: observations of another size, or an observation that the network observes
-        is not a finite float32 number, or no finite action follows from it.
+        Args:
+            observation: Observations of n robots, shape (n, d), or of one robot, shape (d,).
+            state: Returned unchanged.
+            episode_start: Has no effect.
+            deterministic: Has no effect: the actions never contain noise.
+
+        Returns:
+            The actions, shape (n, 1) or (1,), and the state.
+
+        Raises:
+            ValueError: If the observations have another shape, if a number that the network
+                observes is not a finite float32 number, or if an action is not finite.
         """
         x, size = np.asarray(observation, dtype=np.float64), self._shown
         if x.ndim not in (1, 2) or x.shape[-1] != size:
@@ -263,7 +335,10 @@ class PretrainedPolicy:
         return (actions if x.ndim == 2 else actions[0]), state
 
     def _unusable(self, batch: Array) -> ValueError:
-        """Return the error for observations (n, d) with a number that is not finite."""
+        """Return the error for observations, shape (n, d), with a number that is not usable.
+
+        Such a number is not finite, or outside the range of float32.
+        """
         row, column = np.argwhere(~(np.abs(batch) <= MOST_SINGLE))[0].tolist()
         place = f" of row {row}" if len(batch) > 1 else ""
         return ValueError(
@@ -275,7 +350,11 @@ class PretrainedPolicy:
 def arguments_of(env_id: str) -> Json:
     """Return the default arguments of an environment of this package, and its time limit.
 
-    Raises ValueError: the package has no environment of this id.
+    Args:
+        env_id: Id of the environment.
+
+    Raises:
+        ValueError: If the package has no environment with this id.
     """
     spec = gym.spec(one_of("env.id", env_id, sorted(IDS)))
     env: Any = load_env_creator(str(spec.entry_point))
@@ -285,16 +364,24 @@ def arguments_of(env_id: str) -> Json:
 def check_action(
     env_id: str, env_kwargs: Mapping[str, object], torque_limit: float, control_dt: float
 ) -> None:
-    """Check a policy's torque limit (N m) and control period (s) against its environment.
+    """Check that the torque limit and the control period of a policy fit its environment.
 
-    Raises ValueError: they differ; there is no such environment; the period is out of range; or an
-    episode has no end, or more than :data:`MOST_TIME_STEPS` time steps.
+    Args:
+        env_id: Id of the environment.
+        env_kwargs: Arguments of the environment.
+        torque_limit: Torque limit of the policy, in N m.
+        control_dt: Control period of the policy, in s.
+
+    Raises:
+        ValueError: If they differ from those of the environment, if there is no such environment,
+            if the period is out of range, or if an episode has no time limit or more than
+            :data:`MOST_TIME_STEPS` time steps.
     """
     given = {**arguments_of(env_id), **env_kwargs}
     env: Any = load_env_creator(str(gym.registry[env_id].entry_point))
     driven = {name: given[name] for name in ("robot", "motor", "torque_limit")}
     robot = env.TASK.SETTINGS(**driven).make_robots()[0]
-    plant = given.get("plant", "projection")  # the crank has none to choose
+    plant = given.get("plant", "projection")  # the crank task has no choice
     period, step = control_period(given["control_dt"], plant_time_step(plant, given["time_step"]))
     for name, value, needed in (
         ("torque_limit", torque_limit, robot.motor.torque_limit),
@@ -311,17 +398,26 @@ def check_action(
 
 
 def names(env_id: str) -> list[str]:
-    """Return the names of the policies that come with the package for an environment."""
-    known = {folder.name for folder in POLICIES.iterdir()}  # or an id could lead anywhere
+    """Return the names of the policies that come with the package for an environment.
+
+    Args:
+        env_id: Id of the environment.
+    """
+    known = {folder.name for folder in POLICIES.iterdir()}  # an id must not lead to other folders
     if not isinstance(env_id, str) or env_id not in known:
         return []
     return sorted(path.stem for path in (POLICIES / env_id).glob("*.json"))
 
 
 def shipped(env_id: str, name: str = DEFAULT) -> Path:
-    """Return the path of the JSON file of a policy of the package.
+    """Return the path of the JSON file of a pretrained policy.
 
-    Raises ValueError: there is none of this name for the environment.
+    Args:
+        env_id: Id of the environment.
+        name: Name of the policy, one of :func:`names`.
+
+    Raises:
+        ValueError: If the environment has no policy of this name.
     """
     one_of("env_id", env_id, sorted(path.name for path in POLICIES.iterdir() if names(path.name)))
     one_of("policy", name, names(env_id))
@@ -329,17 +425,27 @@ def shipped(env_id: str, name: str = DEFAULT) -> Path:
 
 
 def load(env_id: str, name: str = DEFAULT) -> PretrainedPolicy:
-    """Load a policy that comes with the package; ``name``: one of :func:`names`.
+    """Load a pretrained policy that comes with the package.
 
-    Raises ValueError: there is none of this name for the environment.
+    Args:
+        env_id: Id of the environment.
+        name: Name of the policy, one of :func:`names`.
+
+    Raises:
+        ValueError: If the environment has no policy of this name.
     """
     return load_file(shipped(env_id, name))
 
 
 def load_file(path: str | Path) -> PretrainedPolicy:
-    """Load a policy from its JSON file and the .safetensors file beside it. No code in them runs.
+    """Load a policy from its JSON file and the .safetensors file beside it, without running code.
 
-    Raises ValueError: one of them is missing, too large or damaged, or they are not of one policy.
+    Args:
+        path: Path of the JSON file.
+
+    Raises:
+        ValueError: If one of the files is missing, too large or damaged, or if they do not belong
+            to the same policy.
     """
     path = Path(path)
     weights = path.with_suffix(".safetensors")
@@ -348,7 +454,7 @@ def load_file(path: str | Path) -> PretrainedPolicy:
         content = read_bounded(weights, MAX_BYTES)
         try:
             tensors = read_tensors(content)
-        except Exception as error:  # SafetensorError, and NumPy's of types that it does not have
+        except Exception as error:  # SafetensorError, or an error of NumPy about an unknown type
             raise ValueError(f"{weights} is no file of tensors: {error}") from error
         policy = PretrainedPolicy(description, tensors)
         if description.get("sha256") != checksum(content):
@@ -360,10 +466,10 @@ def load_file(path: str | Path) -> PretrainedPolicy:
 
 
 def checksum(data: bytes) -> str:
-    """Return the SHA-256, which tells whether two files belong together."""
+    """Return the SHA-256 checksum, which tells whether two files belong together."""
     return hashlib.sha256(data).hexdigest()
 
 
 def _entry(part: object, name: str, kind: type) -> Any:
-    """Return ``part[name]``, which must be of a type."""
+    """Return ``part[name]``, after checking its type."""
     return instance(name, instance("an entry", part, dict).get(name), kind)

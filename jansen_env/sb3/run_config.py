@@ -1,4 +1,4 @@
-"""Configurations of training runs: read from YAML, each name looked up in a table."""
+"""Configurations of training runs, read from YAML; every name in them is looked up in a table."""
 
 import inspect
 from collections.abc import Callable
@@ -22,11 +22,14 @@ Arguments: TypeAlias = dict[str, Any]
 """Arguments by name, for environments, algorithms and networks."""
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC, "td3": TD3}
-with suppress(ImportError):  # the extra "train" installs it
+with suppress(ImportError):  # the extra "train" installs sb3_contrib
     from sb3_contrib import ARS, TQC, CrossQ, RecurrentPPO
 
     class CountingARS(ARS):
-        """ARS that counts each robot's step once; it counts one of all robots for each."""
+        """ARS that counts the step of each robot once.
+
+        The original counts a step of all robots once per robot.
+        """
 
         def _trigger_callback(
             self, _locals: Any, _globals: Any, callback: BaseCallback, n_envs: int
@@ -34,9 +37,9 @@ with suppress(ImportError):  # the extra "train" installs it
             super()._trigger_callback(_locals, _globals, callback, 1)
 
     ALGORITHMS |= {"tqc": TQC, "crossq": CrossQ, "ars": CountingARS, "ppo_lstm": RecurrentPPO}
-POLICIES = ("MlpPolicy", "MlpLstmPolicy")  # of one of them an algorithm has
-MOST_ENVS = 10_000  # of a run
-MAX_UNITS, MAX_LAYERS = 1024, 8  # of a network
+POLICIES = ("MlpPolicy", "MlpLstmPolicy")  # kinds of policies; each algorithm has one of them
+MOST_ENVS = 10_000  # largest number of environments of a run
+MAX_UNITS, MAX_LAYERS = 1024, 8  # largest number of units per layer, and of layers, of a network
 KEYS = {
     "algo": Rule(words=tuple(ALGORITHMS)), "env": Rule(words=IDS),
     "policy": Rule((str,)), "timesteps": Rule((int,), 1, MAX_STEPS),
@@ -58,33 +61,47 @@ LIMITS: dict[str, tuple[float, float]] = {
     "top_quantiles_to_drop_per_net": (0, 1000), "renorm_warmup_steps": (0, MAX_STEPS),
     "lstm_hidden_size": (1, MAX_UNITS), "n_lstm_layers": (1, MAX_LAYERS),
 }  # fmt: skip
-"""Ranges of Stable-Baselines3's numbers; those not named range from TINY to HUGE."""
+"""Ranges of the numeric arguments of Stable-Baselines3.
+
+Arguments that are not in this table range from TINY to HUGE.
+"""
+# Arguments of Stable-Baselines3 that hyperparameters and policy_kwargs must not contain.
 SET_HERE = ("seed", "_init_setup_model", "optimize_memory_usage", "normalize_images")
-NETWORK = {"activation": Rule(words=("tanh", "relu", "elu")), "normalize": Rule((bool,)),
-           "harmonics": Rule((int,), 0, 32), "half_turn": Rule((bool,))}  # fmt: skip
-"""Rules of ``policy_kwargs``, beside those of the policy's class."""
+NETWORK = {
+    "activation": Rule(words=("tanh", "relu", "elu")),
+    "normalize": Rule((bool,)),
+    "harmonics": Rule((int,), 0, 32),
+    "half_turn": Rule((bool,)),
+}
+"""Rules of ``policy_kwargs``, in addition to the arguments of the policy's class."""
 
 
 @dataclass(frozen=True)
 class RunConfig:
-    """Configuration of a training run, as in its config.yml.
+    """Configuration of a training run, with the entries of its config.yml.
 
     Attributes:
-        algo, env, policy: names of the algorithm, the environment and the kind of policy.
-        timesteps, n_envs, seed: environment steps in all; environments side by side; seed of
-            networks and environments.
-        reward_scale, fall_cost: factor of the training reward, and what a fall costs before it.
-        env_kwargs: arguments of the environment, for training and evaluation.
-        training_variants: further arguments, for training alone: environment i takes number
-            i modulo their number; ``max_episode_steps`` is allowed too.
-        hyperparameters: the algorithm's arguments; ``learning_rate``, ``clip_range`` and
-            ``delta_std`` may be "linear_X", falling from X to 0 over the run; ``action_noise`` is
-            the standard deviation of Gaussian noise.
-        policy_kwargs: the policy's arguments; ``activation`` is a name, ``normalize`` scales
-            observations, and with it ``harmonics`` appends so many of the crank angle and
-            ``half_turn`` lets all repeat after half a turn of the crank, if the robot does.
+        algo: Name of the algorithm.
+        env: Id of the environment.
+        policy: Name of the kind of policy.
+        timesteps: Total number of environment steps.
+        n_envs: Number of environments that run side by side.
+        seed: Seed of the networks and the environments.
+        reward_scale: Factor by which the training reward is multiplied.
+        fall_cost: Cost of a fall, which is subtracted from the training reward before it is scaled.
+        env_kwargs: Arguments of the environment, for training and evaluation.
+        training_variants: Further arguments of the environment, for training alone. Environment i
+            uses variant i modulo the number of variants. ``max_episode_steps`` is also allowed.
+        hyperparameters: Arguments of the algorithm. ``learning_rate``, ``clip_range`` and
+            ``delta_std`` may be "linear_X", which decreases from X to 0 over the run.
+            ``action_noise`` is the standard deviation of Gaussian noise.
+        policy_kwargs: Arguments of the policy. ``activation`` is a name. ``normalize`` scales the
+            observations. With ``normalize``, ``harmonics`` appends this number of harmonics of the
+            crank angle, and ``half_turn`` makes all features repeat after half a turn of the crank,
+            if the robot repeats, too.
 
-    Raises ValueError: a value that is not allowed.
+    Raises:
+        ValueError: If a value is not allowed.
     """
 
     algo: str = "ppo"
@@ -120,11 +137,16 @@ class RunConfig:
 
 
 def load_config(path: str | Path, **values: str | None) -> RunConfig:
-    """Read a run's configuration from YAML; ``algo`` and ``env`` of ``values`` take the place of
-    the file's, but None.
+    """Read the configuration of a run from a YAML file.
 
-    Raises ValueError: no such file, no YAML, an unknown key or a value that is not allowed; it
-    names the file.
+    Args:
+        path: Path of the file.
+        values: Entries such as ``algo`` and ``env`` that replace those of the file. Entries that
+            are None have no effect.
+
+    Raises:
+        ValueError: If there is no such file, if it is not YAML, if a key is unknown, or if a value
+            is not allowed. The message names the file.
     """
     entries = read_yaml(path)
     with named_errors(path):
@@ -132,7 +154,15 @@ def load_config(path: str | Path, **values: str | None) -> RunConfig:
 
 
 def make_config(entries: Any, **values: str | None) -> RunConfig:
-    """Return the configuration with these entries; errors are :func:`load_config`'s."""
+    """Return the configuration with these entries.
+
+    Args:
+        entries: Entries of a configuration file.
+        values: Entries that replace those of ``entries``. Entries that are None have no effect.
+
+    Raises:
+        ValueError: If a key is unknown or a value is not allowed.
+    """
     Rule((dict,)).check("configuration", entries)
     entries = {**entries, **{name: value for name, value in values.items() if value is not None}}
     known = rules(*_kind(entries))
@@ -145,7 +175,10 @@ def make_config(entries: Any, **values: str | None) -> RunConfig:
 
 
 def _kind(entries: Arguments) -> tuple[str, str]:
-    """Return algorithm and kind of policy of entries; those of PPO where they are not known."""
+    """Return the algorithm and the kind of policy of a configuration.
+
+    If they are not known or do not fit each other, return those of PPO.
+    """
     algo = entries.get("algo", "ppo")
     policy = entries.get("policy", "MlpPolicy")
     known = isinstance(algo, str) and algo in ALGORITHMS and policy in POLICIES
@@ -157,7 +190,14 @@ def _kind(entries: Arguments) -> tuple[str, str]:
 
 
 def _rules(function: Callable[..., object], *without: str) -> dict[str, Rule]:
-    """Return a rule for each argument that is a number or a bool: no classes, files, devices."""
+    """Return a rule for each argument of a function that is a number or a bool.
+
+    Arguments that are classes, files or devices get no rule.
+
+    Args:
+        function: The function.
+        without: Names of arguments that get no rule.
+    """
     rules = {}
     for name, parameter in inspect.signature(function).parameters.items():
         types = get_args(parameter.annotation) or (parameter.annotation,)
@@ -173,19 +213,32 @@ def _rules(function: Callable[..., object], *without: str) -> dict[str, Rule]:
 
 @cache
 def rules(algo: str, policy: str) -> dict[str, dict[str, Rule]]:
-    """Return the rules of ``hyperparameters`` and ``policy_kwargs`` by name."""
+    """Return the rules of ``hyperparameters`` and ``policy_kwargs``, by name.
+
+    Args:
+        algo: Name of the algorithm.
+        policy: Name of the kind of policy.
+    """
     library = ALGORITHMS[algo]
     make = library.policy_aliases[policy].__init__
     of_policy, hyperparameters = _rules(make, "use_sde", "lr_schedule"), _rules(library.__init__)
     if "action_noise" in inspect.signature(library.__init__).parameters:
         hyperparameters["action_noise"] = Rule((float,), TINY)
-    extracts = "features_extractor_class" in inspect.signature(make).parameters  # not ARS
+    extracts = "features_extractor_class" in inspect.signature(make).parameters  # False for ARS
     network = NETWORK if extracts else {"activation": NETWORK["activation"]}
     return {"hyperparameters": hyperparameters, "policy_kwargs": {**of_policy, **network}}
 
 
 def _check_layers(value: Any, networks: list[str]) -> None:
-    """Check the units of each layer of all networks together, or of each."""
+    """Check the units of the layers of ``net_arch``.
+
+    Args:
+        value: Units of each layer, or a mapping from each network to such a list.
+        networks: Names of the networks.
+
+    Raises:
+        ValueError: If ``value`` has another form, or too many layers or units.
+    """
     several = isinstance(value, dict) and {*value} == {*networks}
     for layers in value.values() if several else [value]:
         fits = isinstance(layers, list) and len(layers) <= MAX_LAYERS
@@ -197,7 +250,14 @@ def _check_layers(value: Any, networks: list[str]) -> None:
 
 
 def find_config(model: str | Path) -> Path:
-    """Return the config.yml in a model's folder or the one above; a ValueError without one."""
+    """Return the path of the config.yml of a model.
+
+    Args:
+        model: Path of the model. The file is in its folder or in the folder above.
+
+    Raises:
+        ValueError: If there is no such file.
+    """
     folder = Path(model).resolve().parent
     for place in (folder, folder.parent):
         if (place / "config.yml").is_file():

@@ -1,4 +1,7 @@
-"""Trained policies: built from a configuration; a model's file gives them tensors and no code."""
+"""Trained policies, built from a configuration.
+
+The file of a model only provides tensors; no code in it is run.
+"""
 
 import inspect
 import json
@@ -23,16 +26,25 @@ from jansen_env.sb3.run_config import ALGORITHMS, Arguments, RunConfig, find_con
 from jansen_env.scoring.rollout import make_env
 
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU, "elu": torch.nn.ELU}
-MAX_BYTES = 2**28  # of a model's file unpacked; those of the shipped configurations have 0.2 MB
-MAX_STEPS = 10**12  # of a model's training
-CLIP = 10.0  # standard deviations
-MIN_DEVIATION = 1e-3  # or what hardly varies would be blown up: to the clip, and by rounding
-NOTES = "notes.json"  # a member of a model's file beside Stable-Baselines3's own
+# Largest size of an unpacked model file. Models of the configurations in this package have 0.2 MB.
+MAX_BYTES = 2**28
+MAX_STEPS = 10**12  # largest number of time steps of a model's training
+CLIP = 10.0  # largest magnitude of a normalised observation, in standard deviations
+# Smallest standard deviation by which observations are divided. A smaller one would amplify
+# observations that hardly vary, and their rounding errors, up to the clip.
+MIN_DEVIATION = 1e-3
+NOTES = "notes.json"  # member of a model file that this package adds to those of Stable-Baselines3
 
 
 class SavedModel(NamedTuple):
-    """Content of a model's file: the state dicts of its modules and optimisers by name, tensors
-    beside them such as SAC's entropy coefficient, time steps trained, and what was noted."""
+    """Content of a model file.
+
+    Attributes:
+        parameters: State dicts of the modules and optimisers, by name.
+        variables: Other tensors, such as the entropy coefficient of SAC, by name.
+        steps: Number of time steps of the training.
+        notes: Notes that ``train.py`` added to the file, by name.
+    """
 
     parameters: Arguments
     variables: Arguments
@@ -41,11 +53,17 @@ class SavedModel(NamedTuple):
 
 
 def read_model(path: str | Path) -> SavedModel:
-    """Read a zip file of Stable-Baselines3: tensors by ``torch.load(weights_only=True)`` and JSON.
+    """Read a model from a zip file of Stable-Baselines3.
 
-    The pickles that Stable-Baselines3 writes beside them stay unread.
+    Tensors are read by ``torch.load(weights_only=True)``, and all other data as JSON. The pickles
+    that Stable-Baselines3 also writes are not read.
 
-    Raises ValueError: no such file, it is damaged or unpacks to more than :data:`MAX_BYTES`.
+    Args:
+        path: Path of the zip file.
+
+    Raises:
+        ValueError: If there is no such file, if it is damaged, or if it unpacks to more than
+            :data:`MAX_BYTES`.
     """
     try:
         with open_regular(path) as file, zipfile.ZipFile(file) as archive:
@@ -57,21 +75,26 @@ def read_model(path: str | Path) -> SavedModel:
             steps = whole_number("num_timesteps", data["num_timesteps"], MAX_STEPS)
             notes = json.loads(archive.read(NOTES)) if NOTES in archive.namelist() else {}
             return SavedModel({**parameters}, {**(variables or {})}, steps, {**notes})
-    except pickle.UnpicklingError:  # whose text advises to load without this safety
+    except pickle.UnpicklingError:  # its message advises to load the file without this protection
         raise ValueError(f"{path} is no Stable-Baselines3 model: it holds no tensors") from None
-    except Exception as error:  # of a damaged file the parsers raise nearly every kind there is
+    except Exception as error:  # a damaged file can make the parsers raise nearly any exception
         raise ValueError(f"{path} is no Stable-Baselines3 model: {one_line(error)}") from error
 
 
 def load_policy(path: str | Path) -> BasePolicy:
-    """Load a trained policy from a run's folder or a model's zip file, without running its code.
+    """Load a trained policy, without running code from its file.
 
-    A model that Stable-Baselines3 trained elsewhere takes a config.yml beside it that says how the
-    policy is built: algo, env and policy, with hyperparameters' use_sde and policy_kwargs where
-    they are not the library's own.
+    A model that was trained elsewhere with Stable-Baselines3 needs a config.yml beside it that
+    describes how the policy is built: algo, env and policy. Where they differ from the defaults of
+    the library, it also contains use_sde (in hyperparameters) and policy_kwargs.
 
-    Raises ValueError: no such model or a damaged one, or no config.yml, or one that is not allowed
-    (see :class:`jansen_env.sb3.run_config.RunConfig`) or describes other weights.
+    Args:
+        path: Folder of a training run, or zip file of a model.
+
+    Raises:
+        ValueError: If there is no such model or it is damaged, or if there is no config.yml, its
+            content is not allowed (see :class:`jansen_env.sb3.run_config.RunConfig`), or it
+            describes other weights.
     """
     path = Path(path)
     if path.is_dir():
@@ -81,20 +104,22 @@ def load_policy(path: str | Path) -> BasePolicy:
     source = find_config(path)
     config = load_config(source)
     make: Any = ALGORITHMS[config.algo].policy_aliases[config.policy]
-    arguments = {"use_sde": config.hyperparameters.get("use_sde", False),
-                 "lr_schedule": lambda _: 0.0}  # fmt: skip # not used
+    arguments = {
+        "use_sde": config.hyperparameters.get("use_sde", False),
+        "lr_schedule": lambda _: 0.0,  # required, but only used for training
+    }
     known = {k: v for k, v in arguments.items() if k in inspect.signature(make).parameters}
-    fitting = named_errors(source, AssertionError, TypeError)  # of arguments to one another
+    fitting = named_errors(source, AssertionError, TypeError)  # if arguments do not fit together
     with fitting, closing(make_env(config.env, config.env_kwargs)) as env:
         policy: BasePolicy = make(
             env.observation_space, env.action_space, **known, **policy_kwargs_of(config)
         )
     policy.set_training_mode(False)
     model = read_model(path)
-    if not model.notes:  # those of train.py have some
+    if not model.notes:  # models of train.py have notes, and are never trained with VecNormalize
         check_not_normalized(path)
     weights = model.parameters.get("policy", {})
-    with named_errors(f"{path} does not fit {source}", Exception):  # torch raises most kinds
+    with named_errors(f"{path} does not fit {source}", Exception):  # torch raises many types
         check_shapes(policy.state_dict(), weights)
         policy.load_state_dict(weights)
     if not all(tensor.isfinite().all() for tensor in policy.state_dict().values()):
@@ -103,9 +128,15 @@ def load_policy(path: str | Path) -> BasePolicy:
 
 
 def check_shapes(needed: Arguments, found: Arguments) -> None:
-    """Check that a model's file has the tensors that its configuration builds.
+    """Check that a model file contains the tensors that its configuration describes.
 
-    Raises ValueError: it has others; names the first one, and the units of the layers it found.
+    Args:
+        needed: Tensors of the policy that the configuration builds, by name.
+        found: Tensors of the model file, by name.
+
+    Raises:
+        ValueError: If the tensors differ. The message names the first tensor that differs. If its
+            shape differs, the message also contains the units of the hidden layers in the file.
     """
     absent, more = sorted(needed.keys() - found.keys()), sorted(found.keys() - needed.keys())
     if absent or more:
@@ -124,7 +155,7 @@ def check_shapes(needed: Arguments, found: Arguments) -> None:
 
 
 def _hidden_units(weights: Arguments) -> list[int]:
-    """Return the units of the hidden layers of a policy's network."""
+    """Return the number of units of each hidden layer of a policy network."""
     hidden = ("mlp_extractor.policy_net.", "actor.latent_pi.")
     return [
         tensor.shape[0]
@@ -134,16 +165,24 @@ def _hidden_units(weights: Arguments) -> list[int]:
 
 
 def check_not_normalized(path: Path) -> None:
-    """Check that a model was not trained under Stable-Baselines3's VecNormalize.
+    """Check that a model was not trained with ``VecNormalize`` of Stable-Baselines3.
 
-    A model's file has no statistics of observations, so that its policy would see numbers of
-    another size. They lie beside it as a pickle, which is not read here: it could run code.
+    The file of such a model does not contain the statistics of the observations, so its policy
+    would get observations of a different magnitude. The statistics are in a pickle beside the
+    model. It is not read here, because a pickle can run code.
 
-    Raises ValueError: a file of such statistics lies beside the model or in the folder above, or
-    the model's file has kept observations that were not normalised.
+    Args:
+        path: Path of the model file.
+
+    Raises:
+        ValueError: If there is a file of such statistics beside the model or in the folder above,
+            or if the model file contains observations from before a normalisation.
     """
-    places = [place for folder in (path.parent, path.parent.parent)
-              for place in sorted(folder.glob("*normalize*.pkl"))]  # fmt: skip
+    places = [
+        place
+        for folder in (path.parent, path.parent.parent)
+        for place in sorted(folder.glob("*normalize*.pkl"))
+    ]
     with zipfile.ZipFile(path) as archive, suppress(KeyError, ValueError, RecursionError):
         data = json.loads(archive.read("data"))
         kept = data.get("_last_original_obs") if isinstance(data, dict) else None
@@ -157,7 +196,7 @@ def check_not_normalized(path: Path) -> None:
 
 
 def policy_kwargs_of(config: RunConfig) -> Arguments:
-    """Return ``policy_kwargs`` with names turned into classes."""
+    """Return the ``policy_kwargs`` of a configuration, with classes in place of their names."""
     arguments = dict(config.policy_kwargs)
     if "activation" in arguments:
         arguments["activation_fn"] = ACTIVATIONS[arguments.pop("activation")]
@@ -170,9 +209,18 @@ def policy_kwargs_of(config: RunConfig) -> Arguments:
 
 
 def half_turn_image(config: RunConfig) -> Array:
-    """Matrix (d, d) that turns the crank of an observation (d,) by half a turn and exchanges the
-    toes of the two crank pins: the machine is the same, so that the same torque is due. The
-    identity for a robot with a leg that has no other half a turn on.
+    """Return the matrix that maps an observation to the one after half a turn of the crank.
+
+    The matrix reverses the direction of the crank in an observation, shape (d,), and exchanges the
+    toes of the two crank pins. The robot is then in the same configuration as before, so the same
+    torque is required.
+
+    Args:
+        config: Configuration of a training run, which names the environment.
+
+    Returns:
+        The matrix, shape (d, d). It is the identity if a leg of the robot has no counterpart half a
+            turn away.
     """
     with closing(make_env(config.env, config.env_kwargs)) as made:
         env: Any = made.unwrapped
@@ -183,10 +231,12 @@ def half_turn_image(config: RunConfig) -> Array:
         image[places[name], places[name]] = -1.0
     for toe, (leg, joint) in enumerate(robot.toes):
         others = [
-            other for other, (of, at) in enumerate(robot.toes)
-            if at == joint and robot.legs[of].side == robot.legs[leg].side
+            other
+            for other, (of, at) in enumerate(robot.toes)
+            if at == joint
+            and robot.legs[of].side == robot.legs[leg].side
             and math.isclose(math.cos(robot.legs[of].phase - robot.legs[leg].phase), -1.0)
-        ]  # fmt: skip
+        ]
         if not others:
             return np.eye(len(places))
         if (row := places.get(f"toe_load_{toe}")) is not None:
@@ -195,12 +245,21 @@ def half_turn_image(config: RunConfig) -> Array:
 
 
 class NormalizedObservation(BaseFeaturesExtractor):
-    """(observation - mean) / standard deviation, clipped; statistics are part of the state dict,
-    and change only in :meth:`update`.
+    """Features extractor that normalises observations and can add harmonics of the crank angle.
 
-    Of observations that begin with cos and sin of the crank angle psi, ``harmonics`` many cos 2 k
-    psi, sin 2 k psi are appended: the torque that is due repeats after half a turn of the crank.
-    With the ``image`` of :func:`half_turn_image` all features repeat, exactly.
+    A normalised observation is (observation - mean) / standard deviation, clipped. The statistics
+    are part of the state dict, and change only in :meth:`update`.
+
+    If ``harmonics`` is above 0, cos 2 k psi and sin 2 k psi are appended for k = 1 ..
+    ``harmonics``, because the required torque repeats after half a turn of the crank. The
+    observation must then begin with the cosine and sine of the crank angle psi. With the matrix of
+    :func:`half_turn_image`, all features repeat exactly.
+
+    Args:
+        observation_space: Space of the observations.
+        harmonics: Number of harmonics.
+        image: Matrix of :func:`half_turn_image`, shape (d, d). None to leave the normalised
+            observations as they are.
     """
 
     mean: torch.Tensor
@@ -221,22 +280,33 @@ class NormalizedObservation(BaseFeaturesExtractor):
         self.register_buffer("image", matrix, persistent=False)
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """Return features (n, d + 2 m) of observations (n, d)."""
+        """Return the features of observations.
+
+        Args:
+            observation: Observations, shape (n, d).
+
+        Returns:
+            The features, shape (n, d + 2 m), with m harmonics.
+        """
         observation = observation.flatten(1)
         deviation = torch.sqrt(self.variance).clamp(min=MIN_DEVIATION)
         scaled = torch.clamp((observation - self.mean) / deviation, -CLIP, CLIP)
         features = [scaled if self.image is None else 0.5 * (scaled + scaled @ self.image)]
-        cos, sin = observation[:, 0:1], observation[:, 1:2]  # of psi
+        cos, sin = observation[:, 0:1], observation[:, 1:2]  # of the angle psi
         cos_2, sin_2 = cos**2 - sin**2, 2.0 * sin * cos
         cos, sin = torch.ones_like(cos), torch.zeros_like(sin)
-        for _ in range(self.harmonics):  # by adding angles
+        for _ in range(self.harmonics):  # add 2 psi to the angle in each pass
             cos, sin = cos * cos_2 - sin * sin_2, sin * cos_2 + cos * sin_2
             features += [cos, sin]
         return torch.cat(features, dim=1)
 
     @torch.no_grad()
     def update(self, observations: torch.Tensor) -> None:
-        """Take (n, d) more observations into account (Chan's parallel variance)."""
+        """Update the statistics with further observations (Chan's parallel variance).
+
+        Args:
+            observations: The observations, shape (n, d).
+        """
         if self.image is not None:
             observations = torch.cat([observations, observations @ self.image])
         n = float(len(observations))

@@ -1,4 +1,4 @@
-"""Stable-Baselines3's ``VecEnv`` over robots that are simulated together."""
+"""A ``VecEnv`` of Stable-Baselines3 whose robots are simulated together."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -23,9 +23,9 @@ from jansen_env.scoring.rollout import EnvKwargs, make_env
 from jansen_env.world.settings import Each, Own
 
 MONITOR = ("allow_early_resets", "reset_keywords", "info_keywords", "override_existing")
-"""Names of ``monitor_kwargs``."""
+"""Allowed names in ``monitor_kwargs``."""
 BATCH_MONITOR = ("info_keywords", "override_existing")
-"""Names of ``monitor_kwargs`` for environments that are simulated together."""
+"""Allowed names in ``monitor_kwargs`` for environments that are simulated together."""
 
 
 def make_vec_env(
@@ -47,38 +47,44 @@ def make_vec_env(
 ) -> VecEnv:
     """Make environments for Stable-Baselines3, simulated together where that is possible.
 
-    The arguments before ``variants`` are those of Stable-Baselines3's own ``make_vec_env``. As
-    there, the environments are monitored: the information of an episode's last step has its return,
-    length and time under ``"episode"``, from which Stable-Baselines3 logs ``ep_rew_mean``.
-    Environments that are simulated together have one ``VecMonitor`` (``BatchVecEnv`` is its
-    ``unwrapped``), others a ``Monitor`` each, inside of ``wrapper_class``.
+    The arguments before ``variants`` are those of ``make_vec_env`` of Stable-Baselines3. As with
+    that function, the environments are monitored: at the last step of an episode, the information
+    contains its return, length and time under ``"episode"``, from which Stable-Baselines3 logs
+    ``ep_rew_mean``. Environments that are simulated together have one ``VecMonitor``, whose
+    ``unwrapped`` is a ``BatchVecEnv``. Other environments have a ``Monitor`` each, inside of
+    ``wrapper_class``.
 
     Args:
         env_id: One of :data:`jansen_env.registration.IDS`.
         n_envs: Number of environments.
-        seed: Seed of the starts and of the action space; environment i has ``seed`` + i. None for a
-            random one.
-        start_index: Index of the first environment, in the seed of the action space and in the
-            names of monitor files.
-        monitor_dir: Folder of files with the returns and lengths of episodes. Environments that are
-            simulated together write one, ``monitor.csv`` (``5.monitor.csv`` with the
-            ``start_index`` 5), others one each, ``0.monitor.csv`` ... None for no files.
+        seed: Seed of the initial states and of the action space. Environment i uses ``seed`` + i.
+            None for random seeds.
+        start_index: Index of the first environment, which is added to the seed of the action space
+            and appears in the names of monitor files.
+        monitor_dir: Folder for files with the returns and lengths of episodes. Environments that
+            are simulated together write one file, ``monitor.csv`` (``5.monitor.csv`` if
+            ``start_index`` is 5). Other environments write one file each, ``0.monitor.csv`` and so
+            on. None for no files.
         wrapper_class: Wrapper of each environment. Wrapped environments are simulated one by one.
         env_kwargs: Arguments of all environments.
-        vec_env_cls: Class that holds the environments one by one, such as ``SubprocVecEnv``; None
-            for one batch, or ``DummyVecEnv`` where they cannot be simulated together.
+        vec_env_cls: Class that holds environments that are simulated one by one, such as
+            ``SubprocVecEnv``. None for one batch, or for ``DummyVecEnv`` if the environments cannot
+            be simulated together.
         vec_env_kwargs: Arguments of ``vec_env_cls``.
-        monitor_kwargs: Arguments of ``Monitor``. Environments that are simulated together take
-            ``info_keywords`` and ``override_existing``.
+        monitor_kwargs: Arguments of ``Monitor``. Environments that are simulated together accept
+            only ``info_keywords`` and ``override_existing``.
         wrapper_kwargs: Arguments of ``wrapper_class``.
-        variants: Further arguments; environment i takes entry i modulo their number.
-        info_keys: As of :class:`BatchVecEnv`; single environments give all of their information.
+        variants: Further arguments of the environments. Environment i uses entry i modulo the
+            number of entries.
+        info_keys: Keys of the information, see :class:`BatchVecEnv`. Environments that are
+            simulated one by one always return their complete information.
         kwargs: Further arguments of all environments.
 
     Raises:
-        ValueError: If an argument is out of range, or has no effect or no meaning with the others.
+        ValueError: If an argument is out of range, or has no effect or no meaning with the other
+            arguments.
     """
-    find_benchmark(env_id)  # no other id is known here
+    find_benchmark(env_id)  # raises an error if the id is unknown
     n_envs = positive_integer("n_envs", n_envs)
     start_index = whole_number("start_index", start_index)
     if seed is not None:
@@ -117,17 +123,38 @@ def make_vec_env(
 
 
 def _check_names(argument: str, given: EnvKwargs, allowed: Sequence[str], remedy: str = "") -> None:
-    """Raise a ValueError for a name that is not allowed."""
+    """Check that all names are allowed.
+
+    Args:
+        argument: Name of the argument, for the error message.
+        given: Mapping whose names are checked.
+        allowed: Allowed names.
+        remedy: Text at the end of the error message.
+
+    Raises:
+        ValueError: If a name is not allowed.
+    """
     if unknown := [name for name in given if name not in allowed]:
         known = listed(allowed, unknown[0])
         raise ValueError(f"{invalid(argument, unknown[0], f'among {known}')}{remedy}")
 
 
 def _batch(
-    env_id: str, common: EnvKwargs, variants: Sequence[EnvKwargs], each: Sequence[EnvKwargs],
+    env_id: str,
+    common: EnvKwargs,
+    variants: Sequence[EnvKwargs],
+    each: Sequence[EnvKwargs],
     info_keys: Sequence[str] | None,
-) -> "BatchVecEnv":  # fmt: skip
-    """Return environments with the arguments ``each`` as one batch."""
+) -> "BatchVecEnv":
+    """Return one batch of environments.
+
+    Args:
+        env_id: Id of the environments.
+        common: Arguments of all environments.
+        variants: Arguments that may differ between environments.
+        each: All arguments of each environment.
+        info_keys: Keys of the information, see :class:`BatchVecEnv`.
+    """
     varied = {name for variant in variants for name in variant}
     own: dict[str, object] = dict.fromkeys(varied, Own.VALUE)
     own["max_episode_steps"] = gym.spec(env_id).max_episode_steps
@@ -146,10 +173,19 @@ def _monitored(
     info_keywords: tuple[str, ...] = (),
     override_existing: bool = True,
 ) -> VecMonitor:
-    """Return a batch that says what its episodes returned, in ``folder`` too."""
+    """Return a batch whose information contains the return of each finished episode.
+
+    Args:
+        venv: The batch.
+        env_id: Id of the environments.
+        folder: Folder of the monitor file. None for no file.
+        start_index: Index of the first environment.
+        info_keywords: Keys of the information that are also recorded.
+        override_existing: Whether to overwrite an existing monitor file.
+    """
     _check_names("info_keywords", dict.fromkeys(info_keywords), venv.env.task.information.keys)
     monitored = VecMonitor(venv, info_keywords=tuple(info_keywords))
-    monitored.reset_infos = venv.reset_infos  # VecEnvWrapper has its own, which stay empty
+    monitored.reset_infos = venv.reset_infos  # the list of VecEnvWrapper stays empty
     if folder is not None:
         Path(folder).mkdir(parents=True, exist_ok=True)
         name = f"{start_index}.{Monitor.EXT}" if start_index else Monitor.EXT
@@ -161,16 +197,19 @@ def _monitored(
 
 
 class BatchVecEnv(WholeCopies, VecEnv):
-    """Robots that are simulated together, as Stable-Baselines3 wants its environments.
+    """Robots that are simulated together, as a ``VecEnv`` of Stable-Baselines3.
 
-    An episode that ends is followed by the next one's first observation in the same step. Its last
-    step's information has all keys, ``terminal_observation`` and ``TimeLimit.truncated``.
+    When an episode ends, the same step returns the first observation of the next episode. The
+    information of the last step of an episode contains all keys, ``terminal_observation`` and
+    ``TimeLimit.truncated``.
 
     Args:
-        env: the robots, with ``AutoresetMode.DISABLED``: episodes are started here.
-        info_keys: of the other steps' information, such as ``"slip"``; None for all.
+        env: The robots, with ``AutoresetMode.DISABLED``, because this class starts the episodes.
+        info_keys: Keys of the information of all other steps, such as ``"slip"``. None for all
+            keys.
 
-    Raises ValueError: an unknown key, or another autoreset mode.
+    Raises:
+        ValueError: If a key is unknown, or if ``env`` has another autoreset mode.
     """
 
     def __init__(self, env: TaskVectorEnv[Any], info_keys: Sequence[str] | None = ()) -> None:
@@ -178,7 +217,7 @@ class BatchVecEnv(WholeCopies, VecEnv):
             raise ValueError(f"autoreset_mode must be DISABLED, got {env.autoreset_mode}")
         self.env, self.info_keys = env, arguments.info_keys(info_keys, env.task.information.keys)
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
-        self.metadata = dict(env.metadata)  # with the frames per second of films
+        self.metadata = dict(env.metadata)  # a copy with the frames per second of videos
         self._actions: NDArray[np.float32] = np.zeros((env.num_envs, 1), np.float32)
 
     @property
@@ -188,6 +227,7 @@ class BatchVecEnv(WholeCopies, VecEnv):
 
     @exclusive
     def reset(self) -> NDArray[np.float32]:
+        """Start new episodes of all robots, and return their observations, shape (n, d)."""
         seeds, options = self._seeds, self._options
         self._reset_seeds()
         self._reset_options()
@@ -196,12 +236,23 @@ class BatchVecEnv(WholeCopies, VecEnv):
         return observations
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
+        """Store the actions for :meth:`step_wait`.
+
+        Args:
+            actions: Torques as fractions of the torque limit, shape (n, 1).
+        """
         self._actions = actions
 
     @exclusive
     def step_wait(
         self,
     ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], list[Infos]]:
+        """Simulate one control step, and start a new episode of each robot whose episode is over.
+
+        Returns:
+            The observations, the rewards, whether each episode is over, and the information of each
+                robot.
+        """
         task = self.env.task
         terminated, truncated = self.env.advance(self._actions)
         rewards, dones = task.rewards.copy(), terminated | truncated
@@ -222,15 +273,23 @@ class BatchVecEnv(WholeCopies, VecEnv):
 
     @exclusive
     def get_states(self) -> list[Infos]:
-        """All that each robot's future depends on: its state, and the steps of its episode."""
+        """Return everything that the future of each robot depends on.
+
+        A state also contains the number of steps of the present episode.
+        """
         elapsed = self.env._elapsed.tolist()
         return [{**self.env.get_state(i), "elapsed": elapsed[i]} for i in range(self.num_envs)]
 
     @exclusive
     def set_states(self, states: Sequence[Infos]) -> None:
-        """Let each robot go on from its state of :meth:`get_states`.
+        """Restore each robot to a state saved by :meth:`get_states`.
 
-        Raises ValueError: another number of states, or an entry is missing or out of range.
+        Args:
+            states: State of each robot.
+
+        Raises:
+            ValueError: If the number of states is not the number of robots, or if an entry is
+                missing or out of range.
         """
         if len(states) != self.num_envs:
             raise ValueError(f"states must have {self.num_envs} entries, got {len(states)}")
@@ -240,30 +299,57 @@ class BatchVecEnv(WholeCopies, VecEnv):
         self.env._elapsed[:] = elapsed
 
     def close(self) -> None:
+        """Close the robots' environment."""
         self.env.close()
 
     def _get_indices(self, indices: object) -> list[int]:
-        """Return the positions of robots: all for None, one, or a list of different ones."""
+        """Return indices of robots.
+
+        Args:
+            indices: None for all robots, the index of one robot, or a list of different indices.
+        """
         return robot_indices(indices, self.num_envs)
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
+        """Return a picture of each robot, shape (H, W, 3), or None without a ``render_mode``."""
         return self.env.render() or [None] * self.num_envs
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[object]:
+        """Return an attribute of each selected robot.
+
+        Args:
+            attr_name: Name of the attribute.
+            indices: Indices of the robots. None for all robots.
+        """
         values = self.env.get_attr(attr_name)
         return [values[i] for i in self._get_indices(indices)]
 
     @exclusive
     def set_attr(self, attr_name: str, value: object, indices: VecEnvIndices = None) -> None:
-        """Change a parameter of robots; a new command counts from the next episode on."""
+        """Change a parameter of robots. A new speed command applies from the next episode on.
+
+        If the value is not allowed, no robot changes.
+
+        Args:
+            attr_name: Name of the parameter.
+            value: New value.
+            indices: Indices of the robots. None for all robots.
+        """
         robots, checked = self._get_indices(indices), self.env.task.checked
         for change in [checked(i, **{attr_name: value}) for i in robots]:
-            change()  # all or nothing
+            change()  # only after the value has been checked for all robots
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **kwargs: object
     ) -> list[object]:
-        """Call a method of each robot; ``get_wrapper_attr`` asks for an attribute."""
+        """Call a method of each robot; the method ``get_wrapper_attr`` returns an attribute.
+
+        Args:
+            method_name: Name of the method.
+            method_args: Positional arguments of the method.
+            indices: Indices of the robots. None for all robots.
+            kwargs: Keyword arguments of the method.
+        """
         if method_name == "get_wrapper_attr":
             return self.get_attr(method_args[0], indices)
         robots = self._get_indices(indices)
@@ -272,4 +358,10 @@ class BatchVecEnv(WholeCopies, VecEnv):
     def env_is_wrapped(
         self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None
     ) -> list[bool]:
+        """Return False for each selected robot, because none is wrapped.
+
+        Args:
+            wrapper_class: Class of the wrapper.
+            indices: Indices of the robots. None for all robots.
+        """
         return [False for _ in self._get_indices(indices)]

@@ -1,1 +1,1 @@
-"""Score anything that has ``predict``: rollout, metrics, statistics."""
+"""Scores of anything that has ``predict``: rollouts, metrics and statistics."""

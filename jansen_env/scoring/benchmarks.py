@@ -1,4 +1,4 @@
-"""The benchmarks of registered environments, and their arguments, checked."""
+"""Benchmarks of the registered environments, and checks of the environments' arguments."""
 
 from __future__ import annotations
 
@@ -19,19 +19,27 @@ from jansen_env.tasks.task import Task
 from jansen_env.world.settings import Values, load_robot
 
 RETURN_ALONE = Benchmark()
-DEFAULT = "JansenWalkerBuilt-v0"  # of the commands, where no other is named
+DEFAULT = "JansenWalkerBuilt-v0"  # environment of commands if the user names none
 WALKERS = [name for name in IDS if name.startswith("JansenWalker")]
 
 
 def single_env(env_id: str) -> type[SingleEnv[Task]]:
-    """The environment of one robot."""
+    """Return the class of the environment of one robot.
+
+    Args:
+        env_id: Id of the environment.
+    """
     return cast("type[SingleEnv[Task]]", load_env_creator(str(gym.spec(env_id).entry_point)))
 
 
 def find_benchmark(env_id: str) -> Benchmark:
-    """Return the benchmark of an environment, by default one of the return alone.
+    """Return the benchmark of an environment.
 
-    No other id may reach ``gym.make``, which imports "MODULE:ID".
+    Without a benchmark of its own, an environment is scored by the return alone. The id is checked
+    here because ``gym.make`` would import the module of an id "MODULE:ID".
+
+    Args:
+        env_id: Id of the environment.
 
     Raises:
         ValueError: If no environment of this package has this id.
@@ -45,7 +53,13 @@ def find_benchmark(env_id: str) -> Benchmark:
 
 
 def can_be_batched(env_id: str, env_kwargs: Values, variants: Sequence[Values] = ({},)) -> bool:
-    """Whether one batch can hold environments with these arguments."""
+    """Return whether one batch can contain environments with these arguments.
+
+    Args:
+        env_id: Id of the environments.
+        env_kwargs: Arguments of all environments.
+        variants: Further arguments that differ between the environments.
+    """
     settings = single_env(env_id).TASK.SETTINGS
     together, alone = settings.defaults("several"), settings.defaults("single_only")
     given = [variant.get("robot", env_kwargs.get("robot", "paper")) for variant in variants]
@@ -60,18 +74,28 @@ def can_be_batched(env_id: str, env_kwargs: Values, variants: Sequence[Values] =
 
 
 def vector_env(env_id: str) -> type[TaskVectorEnv[Task]]:
-    """The environment of many robots."""
+    """Return the class of the environment of many robots.
+
+    Args:
+        env_id: Id of the environment.
+    """
     entry = str(gym.spec(env_id).vector_entry_point)
     return cast("type[TaskVectorEnv[Task]]", load_env_creator(entry))
 
 
 def check_env_kwargs(env_id: str, env_kwargs: Values) -> None:
-    """Check the names of an environment's arguments, and its time limit; it checks the rest itself.
+    """Check the names of an environment's arguments, and its time limit.
 
-    Gymnasium's own arguments, with which other code could be made to run, are refused.
+    The environment itself checks the values of its other arguments. Gymnasium's own arguments are
+    rejected, because they could make other code run.
+
+    Args:
+        env_id: Id of the environment.
+        env_kwargs: Arguments of the environment.
 
     Raises:
-        ValueError: an unknown id or argument, no time limit, or a ``render_mode`` with windows.
+        ValueError: If the id or an argument is unknown, if there is no time limit, or if the
+            ``render_mode`` opens windows.
     """
     find_benchmark(env_id)
     allowed = {*single_env(env_id).defaults(), "max_episode_steps"}
@@ -81,5 +105,5 @@ def check_env_kwargs(env_id: str, env_kwargs: Values) -> None:
         if name not in allowed:
             known = listed(sorted(allowed), name)
             raise invalid(f"an argument of {env_id}", name, f"in {known}")
-    if "max_episode_steps" in env_kwargs:  # -1, no limit, would be an episode without an end
+    if "max_episode_steps" in env_kwargs:  # -1 (no limit) would allow an episode without an end
         positive_integer("max_episode_steps", env_kwargs["max_episode_steps"])

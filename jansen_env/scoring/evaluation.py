@@ -1,4 +1,4 @@
-"""Scores of policies on the same episodes."""
+"""Evaluation of policies on the same episodes."""
 
 from __future__ import annotations
 
@@ -28,19 +28,33 @@ from jansen_env.scoring.rollout import (
     run_episodes,
 )
 
-MOST_EPISODES = 100_000  # per command
-FIRST_SEED = 40_000  # of scored episodes; training, tuning and selection use others
+MOST_EPISODES = 100_000  # largest number of episodes per command
+# First seed of scored episodes. Training, tuning and selection use other seeds.
+FIRST_SEED = 40_000
 
 
 class Scores(dict[str, Summary]):
-    """Summary of :func:`evaluate` by policy, on the environment ``env_id``."""
+    """Summaries of :func:`evaluate`, by name of the policy.
+
+    Args:
+        env_id: Id of the environment on which the policies were scored.
+        summaries: The summaries. None for no summaries.
+
+    Attributes:
+        env_id: Id of the environment on which the policies were scored.
+    """
 
     def __init__(self, env_id: str, summaries: Mapping[str, Summary] | None = None) -> None:
         super().__init__(summaries or {})
         self.env_id = env_id
 
     def table(self, all_metrics: bool = False) -> str:
-        """Return a table of the main metrics, or of all with their 95 % intervals."""
+        """Return a table of the scores.
+
+        Args:
+            all_metrics: Whether to include all metrics with their 95 % intervals, in place of the
+                values of the main metrics.
+        """
         metrics = find_benchmark(self.env_id).metrics
         shown, parts = (tabled(metrics), 3) if all_metrics else (main_metrics(metrics), 1)
         cells = score_cells(shown, self, parts)
@@ -50,30 +64,42 @@ class Scores(dict[str, Summary]):
 
 
 def evaluate(
-    policies: Mapping[str, Policy], env_id: str = DEFAULT,
+    policies: Mapping[str, Policy],
+    env_id: str = DEFAULT,
     env_kwargs: EnvKwargs | None = None,
-    commands: Sequence[float] | None = None, episodes: int = 10, seed: int = 0,
-    drawn: bool = False, options: Options | None = None, advance: Advance = no_progress,
-) -> Scores:  # fmt: skip
-    """Score policies, by name, on the same episodes, each with a different start.
+    commands: Sequence[float] | None = None,
+    episodes: int = 10,
+    seed: int = 0,
+    drawn: bool = False,
+    options: Options | None = None,
+    advance: Advance = no_progress,
+) -> Scores:
+    """Score policies on the same episodes, each of which has a different initial state.
+
+    ``print(scores.table())`` shows the scores.
 
     Args:
-        policies: anything with ``predict``, as a model of Stable-Baselines3 has it.
-        env_id, env_kwargs: environment, and its arguments.
-        commands: speeds or goals; None for the benchmark's own grid. drawn: whether they are drawn
-            from the environment's whole range instead.
-        episodes: per command, or of ``drawn`` ones in all. seed: of commands and starts.
-        options: of each episode's reset, (n,) by name.
-        advance: called with the number of episodes that ran since its last call, also with parts
-            of them.
+        policies: Policies, by name: objects with the method ``predict``, such as models of
+            Stable-Baselines3.
+        env_id: Id of the environment.
+        env_kwargs: Arguments of the environment. None for no arguments.
+        commands: Commands at which the policies are scored, such as speeds or positions of goals.
+            None for the commands of the benchmark.
+        episodes: Number of episodes per command; with ``drawn``, the total number of episodes.
+        seed: Seed of the commands and the initial states.
+        drawn: Whether to sample the commands from the whole range of the environment. ``commands``
+            must then be None.
+        options: Reset options of each episode, by name, each with shape (n,).
+        advance: Function that is called with the number of episodes that ran since its last call.
+            The number may contain fractions of episodes.
 
     Returns:
-        For each policy :func:`jansen_env.scoring.metrics.summarise`, or with ``drawn``
-        :func:`jansen_env.scoring.metrics.pooled`, and its episodes under ``"raw"``;
-        ``print(scores.table())`` shows them.
+        For each policy the result of :func:`jansen_env.scoring.metrics.summarise`, or with
+            ``drawn`` of :func:`jansen_env.scoring.metrics.pooled`. In addition, ``"raw"`` contains
+            the values of the policy's episodes.
 
     Raises:
-        ValueError: an argument, also of the environment, or a command is not allowed.
+        ValueError: If an argument (also of the environment) or a command is not allowed.
     """
     for name, value in (("policies", policies), ("env_kwargs", env_kwargs), ("options", options)):
         instance(name, {} if value is None else value, Mapping)
@@ -94,8 +120,9 @@ def evaluate(
         seeds = FIRST_SEED + seed * len(command) + np.arange(len(command))
     summary = pooled if drawn else summarise
     for name, policy in policies.items():
-        run = run_episodes(policy, env_id, env_kwargs, command, seeds, options=options,
-                           advance=advance)  # fmt: skip
+        run = run_episodes(
+            policy, env_id, env_kwargs, command, seeds, options=options, advance=advance
+        )
         raw = {key: values.tolist() for key, values in run.items()}
         scores[name] = {**summary(benchmark.metrics, run, env, seed), "raw": raw}
     env.close()

@@ -29,7 +29,8 @@ Summary: TypeAlias = dict[str, Any]
 """Scores of a policy, as :func:`summarise` returns them."""
 
 Env: TypeAlias = gym.Env[Any, Any]
-Pick: TypeAlias = Ints | slice  # indices of episodes
+Pick: TypeAlias = Ints | slice
+"""Indices of episodes."""
 
 Interval: TypeAlias = tuple[float, float, float]
 """Value, lower and upper end of its 95 % interval; NaN for ends that are not known."""
@@ -145,8 +146,8 @@ def horizon(env: Env) -> float:
 def per_weight(name: str) -> Callable[[Episodes, Env], Array]:
     """Return the function of a metric that is an amount of work divided by the weight, in m.
 
-    The function uses the values "weight" of the episodes, in N, if there are any. Otherwise it uses
-    the weight of the robot in the environment.
+    If the episodes have values "weight", in N, the function divides by these. Otherwise it divides
+    by the weight of the robot in the environment.
 
     Args:
         name: Name of the aggregate that contains the work, in J.
@@ -192,12 +193,20 @@ def point_estimates(metrics: dict[str, Metric], run: Episodes, env: Env) -> dict
 
 
 def tabled(metrics: dict[str, Metric]) -> dict[str, Metric]:
-    """Return the metrics of tables and figures: those without a ``steady_`` counterpart."""
+    """Return the metrics of tables and figures: those without a ``steady_`` counterpart.
+
+    Args:
+        metrics: The metrics, by name.
+    """
     return {name: metric for name, metric in metrics.items() if f"steady_{name}" not in metrics}
 
 
 def main_metrics(metrics: dict[str, Metric]) -> dict[str, Metric]:
-    """Return the metrics of short tables: the return, then fractions, then others with an axis."""
+    """Return the metrics of short tables: the return, then fractions, then others with an axis.
+
+    Args:
+        metrics: The metrics, by name.
+    """
     drawn = {name: metric for name, metric in tabled(metrics).items() if metric.axis}
     first = sorted(drawn, key=lambda name: (name != "return", drawn[name].unit != "fraction"))
     return {name: drawn[name] for name in first[:MAIN]}
@@ -228,7 +237,7 @@ def summarise(metrics: dict[str, Metric], run: Episodes, env: Env, seed: int = 0
 
     The interval of a fraction is that of :func:`proportion_with_interval`. The interval of any
     other metric is a percentile bootstrap (Efron and Tibshirani 1993), for which episodes are
-    resampled within each command. Resamples in which no robot walked do not count. With a single
+    resampled within each command. Resamples in which no robot walked are ignored. With a single
     episode per command, there is no bootstrap interval.
 
     Args:
@@ -238,8 +247,8 @@ def summarise(metrics: dict[str, Metric], run: Episodes, env: Env, seed: int = 0
         seed: Seed of the resampling.
 
     Returns:
-        {"overall": {metric: [value, low, high]}, "by_command": {metric: {"command": [...],
-        "value": [...], "low": [...], "high": [...]}}, "episodes": n}; NaN is None.
+        {"overall": {metric: [value, low, high]}, "by_command": {metric: {"command": [...], "value":
+            [...], "low": [...], "high": [...]}}, "episodes": n}. None replaces NaN.
     """
     commands = np.unique(run["command"])
     groups = [np.flatnonzero(run["command"] == command) for command in commands]
@@ -275,7 +284,7 @@ def pooled(
 def _interval(
     metric: Metric, run: Episodes, env: Env, groups: Sequence[Ints], seed: int
 ) -> list[float | None]:
-    """Return a metric over all groups' episodes: value, lower and upper end of its interval."""
+    """Return a metric over all episodes: its value, and lower and upper end of its interval."""
     estimator, episodes = _estimator(metric, run, env), np.concatenate(groups)
     value = estimator(episodes)
     if metric.unit == "fraction":
@@ -285,16 +294,21 @@ def _interval(
     from scipy.stats import DegenerateDataWarning, bootstrap
 
     with catch_warnings():
-        simplefilter("ignore", DegenerateDataWarning)  # warns of its own interval if a value is NaN
+        simplefilter("ignore", DegenerateDataWarning)  # issued if a value is NaN
         resampled = bootstrap(
-            groups, lambda *picks, axis: estimator(np.concatenate(picks, axis)), vectorized=True,
-            n_resamples=RESAMPLES, method="percentile", rng=seed,
-        ).bootstrap_distribution  # fmt: skip
+            groups,
+            lambda *picks, axis: estimator(np.concatenate(picks, axis)),
+            vectorized=True,
+            n_resamples=RESAMPLES,
+            method="percentile",
+            rng=seed,
+        ).bootstrap_distribution
     low, high = np.nanpercentile(resampled, ENDS)
     return [_number(value), _number(low), _number(high)]
 
 
 def _number(value: float | Array) -> float | None:
+    """Return a number as a float, or None if it is not finite."""
     return float(value) if np.isfinite(value) else None
 
 
@@ -338,10 +352,15 @@ def score_cells(
         The rows of the table. The first row is its head.
     """
     rows = [
-        [policy, *(interval_text(summary["overall"][name][:parts], metric.digits)
-                   for name, metric in metrics.items())]
+        [
+            policy,
+            *(
+                interval_text(summary["overall"][name][:parts], metric.digits)
+                for name, metric in metrics.items()
+            ),
+        ]
         for policy, summary in scores.items()
-    ]  # fmt: skip
+    ]
     return [["", *(metric.heading for metric in metrics.values())], *rows]
 
 

@@ -28,6 +28,7 @@ Advance: TypeAlias = Callable[[float], None]
 """Function that is called with the amount of work, such as episodes, done since its last call."""
 
 VectorEnv: TypeAlias = gym.vector.VectorEnv[Any, Any, Any]
+"""Vector environment of Gymnasium."""
 
 REDUCTIONS: dict[str, Callable[..., Array]] = {
     "sum": lambda total, value, **_: total + value,
@@ -46,7 +47,11 @@ REDUCTIONS: dict[str, Callable[..., Array]] = {
 
 
 def no_progress(amount: float) -> None:
-    """Ignore the progress."""
+    """Ignore the progress of a computation.
+
+    Args:
+        amount: Amount of work done.
+    """
 
 
 def make_env(env_id: str, env_kwargs: EnvKwargs, **more: object) -> Env:
@@ -102,9 +107,12 @@ def make_envs(env_id: str, env_kwargs: EnvKwargs, count: int) -> VectorEnv:
     check_env_kwargs(env_id, env_kwargs)
     together = can_be_batched(env_id, env_kwargs)
     return gym.make_vec(
-        env_id, count, None if together else "sync",
-        {} if together else {"autoreset_mode": AutoresetMode.NEXT_STEP}, **env_kwargs,
-    )  # fmt: skip
+        env_id,
+        count,
+        None if together else "sync",
+        {} if together else {"autoreset_mode": AutoresetMode.NEXT_STEP},
+        **env_kwargs,
+    )
 
 
 def run_episodes(
@@ -163,9 +171,28 @@ def run_episodes(
 
 
 def _run_side_by_side(
-    policy: Policy, envs: VectorEnv, benchmark: Benchmark, options: Options, seeds: Ints,
-    longest: int, advance: Advance,
-) -> Episodes:  # fmt: skip
+    policy: Policy,
+    envs: VectorEnv,
+    benchmark: Benchmark,
+    options: Options,
+    seeds: Ints,
+    longest: int,
+    advance: Advance,
+) -> Episodes:
+    """Run one episode on each robot of a vector environment.
+
+    Args:
+        policy: The policy.
+        envs: Vector environment with one robot per episode.
+        benchmark: Benchmark whose aggregates are computed.
+        options: Options of the reset of each episode, by name, each with shape (n,).
+        seeds: Seed of the reset of each episode, shape (n,).
+        longest: Largest number of steps of an episode, by which the progress is computed.
+        advance: Function that is called with the progress, in episodes.
+
+    Returns:
+        Values of each episode, by name, each with shape (n,).
+    """
     n, dt = len(seeds), envs.get_attr("control_dt")[0]  # type: ignore[attr-defined]
     totals: Episodes = {}
     ranked = {name: a for name, a in benchmark.aggregates.items() if a.reduction == "p99"}

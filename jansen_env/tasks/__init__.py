@@ -1,1 +1,1 @@
-"""Tasks: observation, reward and end of episode of robots in their world."""
+"""Tasks: observation, reward and end of episode of simulated robots."""

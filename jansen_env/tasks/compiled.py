@@ -1,4 +1,4 @@
-"""Base of tasks that kernels reward and observe."""
+"""Base class of tasks whose reward, end of episode and observation are computed by kernels."""
 
 from __future__ import annotations
 
@@ -12,17 +12,22 @@ from jansen_env.tasks.task import CommandedTask
 
 
 class CompiledTask(CommandedTask):
-    """A task that the engine rewards, ends and observes within a control step.
+    """Task whose reward, end of episode and observation the engine computes within a control step.
 
-    A derived class may extend it in NumPy: it overrides :meth:`reward`, :meth:`terminated` or
-    :meth:`observe`, and declares the observations that :meth:`observe` returns. The kernel has
-    filled :attr:`rewards` and :attr:`ended` before these methods are called.
+    A derived class may extend the task in NumPy. It then overrides :meth:`reward`,
+    :meth:`terminated` or :meth:`observe`, and declares the observations that :meth:`observe`
+    returns. The kernel has filled :attr:`rewards` and :attr:`ended` before these methods are
+    called.
+
+    Args:
+        settings: Validated arguments of the environment.
+        threads: Number of CPU cores to use. If None, it is chosen from the batch size.
 
     Attributes:
         ROW: Record of the task.
-        COMPILED: Names of the observations that the kernel fills, in its order.
-        is_whole: Whether the kernel does everything, so that no method is called after a step:
-            no derived class overrides one.
+        COMPILED: Names of the observations that the kernel fills, in their order.
+        is_whole: Whether the kernel computes everything, so that no method is called after a step.
+            This is the case if no derived class overrides one of the three methods.
     """
 
     ROW: ClassVar[np.dtype[np.void]]
@@ -35,13 +40,13 @@ class CompiledTask(CommandedTask):
         self.world.plant.world["is_whole"] = self.is_whole
 
     def observe(self) -> Mapping[str, Array]:
-        """Return what the kernel does not fill: nothing."""
+        """Return the observations that the kernel does not fill. By default there are none."""
         return {}
 
     def reward(self) -> Array:
-        """Return the kernel's rewards (n,)."""
+        """Return the rewards that the kernel has computed, shape (n,)."""
         return self.rewards
 
     def terminated(self) -> Bools:
-        """Return whether episodes (n,) are over, as the kernel says."""
+        """Return whether each episode is over according to the kernel, shape (n,)."""
         return self.ended

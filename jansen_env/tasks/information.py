@@ -1,4 +1,4 @@
-"""The ``info`` of environments, made of structured arrays of n robots."""
+"""The ``info`` of environments, built from structured arrays of n robots."""
 
 from __future__ import annotations
 
@@ -26,26 +26,27 @@ FORMATS = {
     "f4": "f",
     "f8": "d",
 }
-"""Letters of :mod:`struct` by NumPy's types."""
+"""Format characters of :mod:`struct`, by NumPy type."""
 
 
 class InfoBuilder:
-    """Information on n robots: parts of their records, put into dictionaries.
+    """Builder of the information on n robots, which reads parts of their records.
 
     Args:
-        records: Shape (n,), the records.
-        world: Shape (n,), part of the records whose fields become entries.
-        energy: Shape (n,), part of the records that becomes a dictionary.
-        task: Shape (n,), part of the records: the fields of ``info`` become entries, and those of
-            ``reward`` the reward's terms, which are 0 at a reset.
-        arrays: More entries, each of shape (n,) or (n, ...).
-        groups: More records, each of shape (n,), that become dictionaries.
+        records: Records of the robots, shape (n,).
+        world: Part of the records whose fields become entries, shape (n,).
+        energy: Part of the records that becomes a dictionary, shape (n,).
+        task: Part of the records that belongs to the task, shape (n,). The fields of its ``info``
+            become entries, and the fields of its ``reward`` become the terms of the reward, which
+            are 0 at a reset.
+        arrays: Further entries, each with shape (n,) or (n, ...).
+        groups: Further records that become dictionaries, each with shape (n,).
 
     Attributes:
         keys: Keys of the information of every reset and step.
 
     Raises:
-        ValueError: If two entries have one name.
+        ValueError: If two entries have the same name.
     """
 
     def __init__(
@@ -76,7 +77,11 @@ class InfoBuilder:
             self._group_readers[group] = Reader(owner, {name: rows[name] for name in fields})
 
     def single(self, i: int) -> Values:
-        """Return the information on one robot, in Python's own types."""
+        """Return the information on one robot as values of Python types.
+
+        Args:
+            i: Index of the robot.
+        """
         info = self._reader.read(i)
         for group, reader in self._group_readers.items():
             info[group] = reader.read(i)
@@ -85,9 +90,12 @@ class InfoBuilder:
         return info
 
     def batched(self, known: Bools, keys: Sequence[str] | None = None) -> Values:
-        """Return Gymnasium's vector information: arrays, 0 where not ``known``, each with a mask.
+        """Return the information of a Gymnasium vector environment: arrays, each with a mask.
 
-        ``keys``: those wanted, None for all.
+        Args:
+            known: Whether a robot has information, shape (n,). The other entries of the arrays are
+                0.
+            keys: Keys to return. None for all keys.
         """
         wanted = self.keys if keys is None else keys
         if not wanted:
@@ -101,11 +109,11 @@ class InfoBuilder:
 
 
 class Reader:
-    """Reads numbers of one record as Python's own types, which takes NumPy much longer.
+    """Reader that returns the numbers of one record as Python types, much faster than NumPy does.
 
     Args:
-        records: Shape (n,), the records of the robots.
-        columns: Fields of these records by name.
+        records: Records of the robots, shape (n,).
+        columns: Fields of these records, by name.
     """
 
     def __init__(self, records: Rows, columns: Mapping[str, NDArray[Any]]) -> None:
@@ -125,13 +133,17 @@ class Reader:
         self._size = records.dtype.itemsize
 
     def read(self, i: int) -> Values:
-        """Return the numbers of a record by name."""
+        """Return the numbers of a record, by name.
+
+        Args:
+            i: Index of the record.
+        """
         numbers = self._struct.unpack_from(self._bytes, i * self._size)
         return dict(zip(self._names, numbers))  # noqa: B905 - strict costs time
 
 
 def _masked(arrays: Values, wanted: Sequence[str], known: Bools) -> Values:
-    """Return copies of those wanted, 0 where not ``known``, each with its mask."""
+    """Return copies of the wanted arrays, with 0 where not ``known``, and a mask for each."""
     every = bool(known.all())
     infos: Values = {}
     for name in wanted:

@@ -74,8 +74,8 @@ class Task(ABC):
     TERMS: ClassVar[tuple[str, ...]] = ()
     OPTIONS: ClassVar[tuple[str, ...]] = ()
     SETTABLE: ClassVar[tuple[str, ...]] = ()
-    # Record of a compiled task, in place of INFO and TERMS, and the names of the observations that
-    # kernels fill.
+    # ROW is the record of a compiled task, which replaces INFO and TERMS. COMPILED contains the
+    # names of the observations that kernels fill.
     ROW: ClassVar[np.dtype[np.void] | None] = None
     COMPILED: ClassVar[tuple[str, ...]] = ()
     is_whole = False  # whether kernels do everything, so that no method is called after a step
@@ -103,10 +103,10 @@ class Task(ABC):
             self._observed()  # raises an error if a declared observation is not filled
 
     def _check_declarations(self, settings: WorldSettings) -> None:
-        """Check that the class does not ignore any setting or declared name.
+        """Check that no setting and no declared name is ignored.
 
         Raises:
-            ValueError: If it ignores one.
+            ValueError: If a setting or a name is ignored, or if INFO and TERMS share a name.
         """
         if settings.curriculum is not None and type(self).progress is Task.progress:
             raise ValueError("curriculum must be None for a task that defines no progress()")
@@ -191,7 +191,7 @@ class Task(ABC):
             self.data[kept][name][which] = value[which]
 
     def progress(self, i: int) -> tuple[float, float]:
-        """Return how far a robot got in its last episode, for a curriculum.
+        """Return how far a robot walked in its last episode, for a curriculum.
 
         Args:
             i: Index of the robot.
@@ -245,6 +245,9 @@ class Task(ABC):
 
     def _check_options(self, given: Values) -> None:
         """Check the names of reset options.
+
+        Args:
+            given: Options of a robot, by name.
 
         Raises:
             ValueError: If a name is unknown.
@@ -377,22 +380,34 @@ class Task(ABC):
         return change
 
     def frame(self, i: int) -> Frame:
-        """Return the picture data of a robot as it is now."""
+        """Return the picture data of a robot in its present state.
+
+        Args:
+            i: Index of the robot.
+        """
         return self.world.frame(i, None if self.command is None else self.command[i])
 
     def scene(self, i: int) -> Values:
-        """Return the arguments of :class:`jansen_env.rendering.Renderer` to draw a robot."""
+        """Return the arguments of :class:`jansen_env.rendering.Renderer` to draw a robot.
+
+        Args:
+            i: Index of the robot.
+        """
         return self.world.scene(i)
 
     def get_state(self, i: int) -> Values:
-        """Return everything that the future of a robot depends on, except its random generator."""
+        """Return everything that the future of a robot depends on, except its random generator.
+
+        Args:
+            i: Index of the robot.
+        """
         i = robot_index(i, self.num_envs)
         with self.lock:
             numbers = {name: self.info[name][i].item() for name in self._kept}
             return {**self.world.get_state(i), **numbers}
 
     def set_state(self, i: int, state: Values) -> None:
-        """Restore a robot to a state of :meth:`get_state`.
+        """Restore a robot to a state saved by :meth:`get_state`.
 
         Args:
             i: Index of the robot.
@@ -426,19 +441,19 @@ class Task(ABC):
         if name in self._kept and self.info[name].dtype == np.bool_:
             return flag(f"{label}[{name!r}]", value)
         limits = {entry.name: (entry.low, entry.high) for entry in self.observed}
-        low, high = limits.get(name, (-MOST_SINGLE, MOST_SINGLE))  # as it will be observed
+        low, high = limits.get(name, (-MOST_SINGLE, MOST_SINGLE))  # limits of the observation
         return within(f"{label}[{name!r}]", value, max(low, -MOST_SINGLE), min(high, MOST_SINGLE))
 
     # Methods that tasks with settable attributes, and compiled tasks, override.
 
     def _order(self, world: Sequence[Observed]) -> tuple[Observed, ...]:
-        """Return all observations in their order: by default those of the world come first."""
+        """Return all observations in their order. By default, those of the world come first."""
         return (*world, *self.OBSERVED)
 
     def _change(self, i: int, changes: Values) -> Callable[[], None]:
-        """Check changes of :attr:`SETTABLE`; return a function that applies them.
+        """Check changes of :attr:`SETTABLE`, and return a function that applies them.
 
-        A derived task passes the changes that it does not know on to its base class.
+        A derived task passes the changes that it does not know to its base class.
 
         Args:
             i: Index of the robot.
@@ -499,9 +514,9 @@ class CommandedTask(Task):
         return {"speed_command": command}
 
     def _change(self, i: int, changes: Values) -> Callable[[], None]:
-        """Check a new range of commands; return a function that applies it.
+        """Check a new range of commands, and return a function that applies it.
 
-        Commands are sampled from the new range from then on.
+        Afterwards, commands are sampled from the new range.
         """
         others = {name: value for name, value in changes.items() if name != "speed_command"}
         apply_others = super()._change(i, others)

@@ -1,4 +1,4 @@
-"""Follow a turning reference with the crank of a held robot: ``JansenCrank-v0``."""
+"""Turn the crank of a robot with a fixed chassis along a reference: ``JansenCrank-v0``."""
 
 from jansen_env.tasks.crank.crank_env import JansenCrankEnv, JansenCrankVectorEnv
 

@@ -1,6 +1,7 @@
-"""How policies are scored on ``JansenCrank-v0``, and its baselines; they read observations only.
+"""Benchmark and baselines of ``JansenCrank-v0``.
 
-The paper's PID, constant torque, and inverse dynamics; each is made for an unwrapped environment.
+The baselines are the PID controller of the paper, a constant torque, and inverse dynamics. They
+read only the observation, and are made for an unwrapped environment.
 """
 
 from __future__ import annotations
@@ -24,13 +25,19 @@ from jansen_env.scoring.metrics import TORQUE, Aggregate, Benchmark, Metric, mea
 from jansen_env.tasks.walking.tuned import gains_of
 from jansen_env.world.world import LOST
 
-# Beside the joints' friction, 1.6 N m s / rad, it damps the crank (0.73 kg m^2) nearly critically.
+# Together with the friction of the joints, 1.6 N m s/rad, this feedback damps the crank
+# (0.73 kg m^2) nearly critically.
 FEEDBACK = PID(kp=5.0, ki=0.0, kd=2.0)
 
 
 def paper_pid(env: Controlled) -> Policy:
-    """The PID (13), with the robot's own gains, behind the environment's own reference, whose
-    error the observation has."""
+    """Return the PID controller (13) with the gains of the robot.
+
+    It follows the reference of the environment, whose tracking error is part of the observation.
+
+    Args:
+        env: Unwrapped environment.
+    """
     rate, lacking, command = columns(env, "crank_speed", "tracking_error", "speed_command")
 
     def reference(seen: Array, memory: None, starts: Bools) -> tuple[Array, Array, None]:
@@ -40,7 +47,14 @@ def paper_pid(env: Controlled) -> Policy:
 
 
 def constant_torque(env: Controlled) -> Policy:
-    """The torque whose power feeds the joints' mean friction over a turn at the commanded speed."""
+    """Return a policy with one constant torque for each commanded speed.
+
+    The power of this torque equals the mean friction power of the joints over a turn of the crank
+    at the commanded speed.
+
+    Args:
+        env: Unwrapped environment.
+    """
     (command,) = columns(env, "speed_command")
     turn = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
     friction = float(crank_torque(env.robot, turn).friction.mean())  # N m s / rad
@@ -48,9 +62,15 @@ def constant_torque(env: Controlled) -> Policy:
 
 
 def inverse_dynamics(env: Controlled, feedback: PID | None = None) -> Policy:
-    """Computed torque: what the commanded speed takes at this crank angle, plus kp e + kd de/dt.
+    """Return a policy that computes the torque by inverse dynamics with feedback (computed torque).
 
-    ``feedback``: None for :data:`FEEDBACK`, in proportion to the gains of the robot's own PID.
+    The torque is what the commanded speed requires at the present crank angle, plus kp e + kd
+    de/dt.
+
+    Args:
+        env: Unwrapped environment.
+        feedback: Gains kp and kd of the feedback. None for :data:`FEEDBACK`, multiplied by the
+            ratio of the robot's own PID gains to those of the paper.
     """
     share = gains_of(env.robot, "steady").kp / PAPER_PID.kp
     own = PID(share * FEEDBACK.kp, share * FEEDBACK.ki, share * FEEDBACK.kd)
@@ -68,9 +88,11 @@ def inverse_dynamics(env: Controlled, feedback: PID | None = None) -> Policy:
 
 
 BASELINES: dict[str, Callable[[Controlled], Policy]] = {
-    "pid": paper_pid, "constant": constant_torque, "inverse": inverse_dynamics,
-}  # fmt: skip
-
+    "pid": paper_pid,
+    "constant": constant_torque,
+    "inverse": inverse_dynamics,
+}
+"""Functions that make a baseline for an unwrapped environment, by name."""
 
 CRANK = Benchmark(
     commands=(1.0,),
@@ -88,7 +110,8 @@ CRANK = Benchmark(
         "return": Metric("return", "", mean_of("returns")),
         "rms_error": Metric("RMS tracking error", "rad", mean_of("rms_error")),
         "peak_error": Metric("peak tracking error", "rad", mean_of("peak_error")),
-        # All controllers feed the same friction: they differ in the last digits.
+        # All controllers overcome the same friction, so their RMS torques differ only in the last
+        # digits.
         "rms_torque": Metric("RMS torque", "N m", mean_of("rms_torque"), digits=4),
         "peak_torque": Metric("peak torque", "N m", mean_of("peak_torque")),
         "power": Metric("mean motor power", "W", lambda run, _: run["work"] / run["duration"]),

@@ -1,4 +1,4 @@
-"""``JansenCrank-v0``: the paper's fixed model; follow a turning reference with the crank."""
+"""``JansenCrank-v0``: follow a turning reference with the crank of the paper's fixed model."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from jansen_env.world.settings import (
 )
 from jansen_env.world.world import LOST, START_ANGLE
 
-FASTEST_COMMAND = 10.0  # rad/s
-CLOSE = 0.2  # rad, RMS tracking error up to which an episode is a success
-TRACKING_WIDTH = 0.8  # rad, tracking error at which half of the tracking reward is left
+FASTEST_COMMAND = 10.0  # largest commanded crank speed, in rad/s
+CLOSE = 0.2  # largest RMS tracking error of a successful episode, in rad
+TRACKING_WIDTH = 0.8  # tracking error at which the tracking reward is halved, in rad
 
 
 class CrankArguments(RobotArguments, total=False):
@@ -42,7 +42,10 @@ class CrankArguments(RobotArguments, total=False):
 
 @dataclass(frozen=True, kw_only=True)
 class CrankSettings(HeldSettings):
-    """Arguments of ``JansenCrank-v0``; commands in rad/s, by default the paper's."""
+    """Checked arguments of ``JansenCrank-v0``.
+
+    Commands are in rad/s. The default command is that of the paper.
+    """
 
     speed_command: list[tuple[float, float]] = range_each(1.0, -FASTEST_COMMAND, FASTEST_COMMAND)
     tracking_weight: float = shared(1.0, non_negative)
@@ -50,17 +53,29 @@ class CrankSettings(HeldSettings):
 
 
 def tracking(error: Array, weight: float) -> Array:
-    """The weight without an error (rad), half of it at :data:`TRACKING_WIDTH`."""
+    """Return the tracking reward of tracking errors.
+
+    It is ``weight`` for an error of 0, and half of it at :data:`TRACKING_WIDTH`.
+
+    Args:
+        error: Tracking errors, in rad, shape (n,).
+        weight: Reward for an error of 0.
+    """
     return weight / (1.0 + (error / TRACKING_WIDTH) ** 2)
 
 
 def torque_cost(action: Array, weight: float) -> Array:
-    """Minus the square of the torque, as a share of its limit."""
+    """Return the torque term of the reward: minus the weighted square of the action.
+
+    Args:
+        action: Torques as fractions of the torque limit, shape (n,).
+        weight: Cost of the torque limit.
+    """
     return -weight * action**2
 
 
 class CrankTask(CommandedTask):
-    """Turn the crank along a reference; see :class:`JansenCrankEnv`."""
+    """Task of turning the crank along a reference; see :class:`JansenCrankEnv`."""
 
     SETTINGS = CrankSettings
     OBSERVED = (
@@ -82,23 +97,23 @@ class CrankTask(CommandedTask):
 
     @property
     def reference(self) -> Array:
-        """(n,) r(t) = w t + pi, rad: where the cranks should be now."""
+        """Reference r(t) = w t + pi of each crank angle now, in rad, shape (n,)."""
         elapsed = self.world.elapsed.astype(float)
         return self.info["speed_command"] * elapsed * self.control_dt + START_ANGLE
 
     @property
     def tracking_error(self) -> Array:
-        """(n,) reference less crank angle, rad."""
+        """Reference minus crank angle of each robot, in rad, shape (n,)."""
         return self.reference - self.world.crank_angle
 
     def observe(self) -> Mapping[str, Array]:
-        """Show the tracking error and the command."""
+        """Return the tracking error and the command of each robot."""
         error = self.tracking_error
         self.keep(tracking_error=error)
         return {"tracking_error": error, "speed_command": self.info["speed_command"]}
 
     def reward(self) -> Array:
-        """Pay for following the reference, at little torque."""
+        """Return the reward for following the reference with a small torque."""
         close = tracking(self.tracking_error, self._weights[0])
         cost = torque_cost(self.world.action, self._weights[1])
         self.keep(tracking=close, torque=cost)
@@ -106,7 +121,7 @@ class CrankTask(CommandedTask):
         return close + cost
 
     def _keep_success(self) -> None:
-        """Keep the RMS tracking error of the episode so far, and whether that is a success."""
+        """Store the RMS tracking error of the episode so far, and whether it is a success."""
         mean_square = np.square(self.info["rms_error"])
         mean_square += (np.square(self.tracking_error) - mean_square) / np.maximum(
             1, self.world.elapsed
@@ -116,30 +131,35 @@ class CrankTask(CommandedTask):
         self.keep(rms_error=rms, is_success=(rms <= CLOSE) & ~lost)
 
     def terminated(self) -> Bools:
-        """A lost reference ends the episode."""
+        """Return whether each robot has lost its reference, which ends the episode."""
         return np.abs(self.tracking_error) > LOST
 
     def scene(self, i: int) -> Values:
-        """Return the arguments of the renderer."""
+        """Return the arguments of the renderer for a robot.
+
+        Args:
+            i: Index of the robot.
+        """
         speed_range = 2.0 * max(1e-3, *map(abs, self.speed_command[i].tolist()))
         return {**super().scene(i), "speed_range": speed_range}
 
 
 class JansenCrankEnv(SingleEnv[CrankTask]):
-    """Turn the crank of a Jansen linkage along a reference; the chassis is held in the air.
+    """Turn the crank of a Jansen linkage along a reference; the chassis is fixed in the air.
 
     ## Description
-    The experiment of *Dynamic Analysis and Modeling of Jansen Mechanism*, section 3: four legs on one
-    crank shaft, the frame pinned, one degree of freedom (16 - 15), equation (12). The crank is to
-    follow r(t) = w t + pi. The torque needed for it swings between 1 and 2 N m twice a turn. The
-    paper's PID (13) lags behind; a controller that knows the machine need not.
+    This is the experiment of *Dynamic Analysis and Modeling of Jansen Mechanism*, section 3. Four
+    legs share one crank shaft and the frame is pinned, which leaves one degree of freedom
+    (16 - 15), equation (12). The crank must follow r(t) = w t + pi. The torque that this requires
+    oscillates between 1 and 2 N m twice per turn. The PID controller of the paper (13) lags behind
+    the reference; a controller that knows the dynamics of the robot can avoid this lag.
 
     ## Action Space
     | Num | Action | Min | Max | Unit |
     |-----|--------|-----|-----|------|
-    | 0 | crank torque, as a share of ``torque_limit`` (5 N m) | -1 | 1 | 1 |
+    | 0 | crank torque, as a fraction of ``torque_limit`` (5 N m) | -1 | 1 | 1 |
 
-    Positive torque turns the crank counter-clockwise. Actions beyond the limits are clipped.
+    A positive torque turns the crank counter-clockwise. Actions beyond the limits are clipped.
 
     ## Observation Space
     | Num | Observation | Min | Max | Unit |
@@ -147,55 +167,63 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
     | 0 | cosine of the crank angle | -1 | 1 | 1 |
     | 1 | sine of the crank angle | -1 | 1 | 1 |
     | 2 | crank speed | -Inf | Inf | rad/s |
-    | 3 | tracking error, reference less crank angle | -Inf | Inf | rad |
+    | 3 | tracking error: reference minus crank angle | -Inf | Inf | rad |
     | 4 | commanded crank speed w | -10 | 10 | rad/s |
-    | last | with ``observe_lengths``: as of ``JansenWalker-v0`` | -Inf | Inf | 1 |
+    | last | with ``observe_lengths``: as in ``JansenWalker-v0`` | -Inf | Inf | 1 |
 
     ## Rewards
-    The sum of two terms, each in ``info``:
+    The reward is the sum of two terms, which ``info`` contains:
 
     | Term | Value |
     |------|-------|
-    | ``reward/tracking`` | ``tracking_weight`` / (1 + (e / 0.8 rad)^2), e the tracking error after the step |
+    | ``reward/tracking`` | ``tracking_weight`` / (1 + (e / 0.8 rad)^2), where e is the tracking error after the step |
     | ``reward/torque`` | -``torque_weight`` * (torque / ``torque_limit``)^2 |
 
-    The default weights ask for a compromise: the best control follows at some 0.04 rad RMS and takes
-    slightly less RMS torque than the paper's PID, which lags 0.12 rad RMS.
+    The default weights require a compromise. The best controller follows the reference with an RMS
+    error of about 0.04 rad and needs a slightly smaller RMS torque than the PID controller of the
+    paper, whose RMS error is 0.12 rad.
 
     ## Starting State
-    Crank angle pi and crank speed 0, each with an error uniform in +- ``reset_noise_scale``; command
-    uniform in ``speed_command``. ``reset(options={"speed_command": 2.0, "crank_angle": 3.0,
-    "crank_speed": 0.0})`` fixes any of them; the reference starts at pi in any case. Lengths are given or
-    drawn as of ``JansenWalker-v0``.
+    The crank starts at the angle pi with the speed 0, each with an error that is uniform in
+    +- ``reset_noise_scale``. The command is uniform in ``speed_command``. The options
+    ``reset(options={"speed_command": 2.0, "crank_angle": 3.0, "crank_speed": 0.0})`` set any of
+    these values. The reference always starts at pi. Link lengths are specified or sampled as in
+    ``JansenWalker-v0``.
 
     ## Episode End
-    Terminated when the tracking error exceeds pi. Truncated after 1,000 steps (10 s) when made with
-    ``gym.make``.
+    An episode is terminated when the tracking error exceeds pi. It is truncated after 1,000 steps
+    (10 s) if the environment was made with ``gym.make``.
 
     ## Information
-    ``crank_angle`` rad (not wrapped), ``crank_speed`` rad/s, ``crank_torque`` N m,
-    ``tracking_error`` rad, ``rms_error`` rad (of the episode so far), ``is_success`` (whether that
-    is at most 0.2 rad), ``speed_command`` rad/s, and ``energy``, J in this step: ``motor_work``,
-    ``joint_loss``, ``mechanical_energy_change``, ``residual``; the first is the sum of the others;
-    ``electrical_work`` is what the motor drew. At a reset these and the terms of the reward are 0.
-    With ``track_joint_forces``: ``joint_force_max`` N, the largest force with which a link bears
-    on any of its joints at the end of the step. ``joint_forces()`` has all of them.
+    ``info`` contains ``crank_angle`` in rad (not wrapped), ``crank_speed`` in rad/s,
+    ``crank_torque`` in N m, ``tracking_error`` in rad, ``rms_error`` in rad (over the episode so
+    far), ``is_success`` (whether ``rms_error`` is at most 0.2 rad and the reference is not lost),
+    and ``speed_command`` in rad/s.
+
+    ``energy`` contains the energies of this step, in J: ``motor_work``, ``joint_loss``,
+    ``mechanical_energy_change`` and ``residual``, of which the first is the sum of the others, and
+    ``electrical_work``, which the motor consumed. At a reset, the energies and the terms of the
+    reward are 0.
+
+    With ``track_joint_forces``, ``info`` also contains ``joint_force_max`` in N, the largest force
+    that a link exerts on any of its joints at the end of the step. ``joint_forces()`` returns all
+    joint forces.
 
     ## Arguments
     | Argument | Default | Meaning |
     |----------|---------|---------|
-    | ``robot`` | ``"paper"`` | a :class:`jansen_env.Robot`, or the name of a built-in design; one that cannot stand on its toes is accepted with a warning, as the chassis is held |
-    | ``speed_command`` | 1 | rad/s, a number or a range |
-    | ``motor`` | robot's (ideal) | a :class:`jansen_env.Motor`, or the name of one |
-    | ``torque_limit`` | motor's (ideal: 5) | N m, in place of the motor's own |
-    | ``delay`` | 0 | s by which torques come late, at most 1; or a range, drawn at each reset |
-    | ``control_dt`` | 0.01 | s for which an action is held (the paper's); a multiple of ``time_step``, at most 10,000 times as long |
-    | ``time_step`` | 0.001 | s, of the integration, 1e-9 to 1 |
+    | ``robot`` | ``"paper"`` | a :class:`jansen_env.Robot`, or the name of a built-in design; a robot that cannot stand on its toes is accepted with a warning, because the chassis is fixed |
+    | ``speed_command`` | 1 | commanded crank speed in rad/s, a number or a range |
+    | ``motor`` | robot's (ideal) | a :class:`jansen_env.Motor`, or the name of a motor |
+    | ``torque_limit`` | motor's (ideal: 5) | torque limit in N m, which replaces that of the motor |
+    | ``delay`` | 0 | time in s by which torques are delayed, at most 1; or a range, sampled at each reset |
+    | ``control_dt`` | 0.01 | time in s for which an action is held (the default is that of the paper); a multiple of ``time_step``, at most 10,000 times as long |
+    | ``time_step`` | 0.001 | time step of the integration in s, 1e-9 to 1 |
     | ``tracking_weight``, ``torque_weight`` | 1, 1 | see Rewards |
-    | ``reset_noise_scale`` | 0.1 | rad and rad/s, of the start |
-    | ``randomize`` | None | ``{"lengths": 0.1}``, as of ``JansenWalker-v0`` |
-    | ``observe_lengths`` | False | whether observations end with the lengths of the episode |
-    | ``track_joint_forces`` | False | adds the largest one to ``info``; a step then takes 1 ms more |
+    | ``reset_noise_scale`` | 0.1 | largest error of the initial state, in rad and rad/s |
+    | ``randomize`` | None | ``{"lengths": 0.1}``, as in ``JansenWalker-v0`` |
+    | ``observe_lengths`` | False | whether observations end with the link lengths of the episode |
+    | ``track_joint_forces`` | False | whether ``info`` contains the largest joint force; a step then takes 1 ms longer |
     | ``render_mode`` | None | ``"human"`` or ``"rgb_array"`` |
 
     ## Version History
@@ -210,11 +238,11 @@ class JansenCrankEnv(SingleEnv[CrankTask]):
 
     @property
     def reference(self) -> float:
-        """r(t) = w t + pi, rad: where the crank should be now."""
+        """Reference r(t) = w t + pi of the crank angle now, in rad."""
         return float(self.task.reference[0])
 
     def joint_forces(self) -> JointForces:
-        """Return the forces in every joint now, under the last action's torque."""
+        """Return the present forces in all joints, under the torque of the last action."""
         return self.task.world.joint_forces()
 
 
@@ -223,7 +251,7 @@ class CrankVectorArguments(VectorArguments, CrankArguments, total=False):
 
 
 class JansenCrankVectorEnv(TaskVectorEnv[CrankTask]):
-    """:class:`JansenCrankEnv` for many robots at once: what ``gym.make_vec`` makes."""
+    """Vector environment of many :class:`JansenCrankEnv` robots, made by ``gym.make_vec``."""
 
     SINGLE = JansenCrankEnv
 

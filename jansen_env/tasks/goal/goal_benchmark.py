@@ -1,6 +1,6 @@
-"""How policies are scored on ``JansenGoal-v0``, and its baseline.
+"""Benchmark of ``JansenGoal-v0``, and its baseline.
 
-It goes from the distance to a speed, and from the speed to a torque.
+The baseline computes a speed from the distance to the goal, and a torque from the speed.
 """
 
 from __future__ import annotations
@@ -24,15 +24,21 @@ from jansen_env.scoring.metrics import (
 )
 from jansen_env.tasks.goal.goal_env import FARTHEST
 
-GAIN, FASTEST, RAMP = 1.3, 0.42, 0.3  # 1/s of the distance; m/s; m/s^2: faster starts make it fall
-PROPORTIONAL, INTEGRAL = 0.16, 1.2  # action per rad/s of crank speed, and per rad
-MOST_INTEGRAL = 0.6  # of the action
+# Speed per distance to the goal in 1/s, largest speed in m/s, and largest acceleration in m/s^2.
+# With larger accelerations, the robot falls.
+GAIN, FASTEST, RAMP = 1.3, 0.42, 0.3
+PROPORTIONAL, INTEGRAL = 0.16, 1.2  # action per rad/s of crank speed error, and per rad
+MOST_INTEGRAL = 0.6  # largest magnitude of the integral part of the action
 
 
 def goal_pid(env: Controlled) -> TorquePolicy:
-    """Return PI control of the crank's speed, which is asked for in proportion to the distance."""
+    """Return PI control of the crank speed, with a set point that is proportional to the distance.
+
+    Args:
+        env: Unwrapped environment.
+    """
     read, dt = columns(env, "goal_distance", "crank_speed"), env.control_dt
-    per_radian = abs(advance_per_turn(env.robot)) / (2.0 * math.pi)  # m
+    per_radian = abs(advance_per_turn(env.robot)) / (2.0 * math.pi)  # in m
 
     def controller(seen: Array, memory: Memory, starts: Bools) -> tuple[Array, Memory]:
         distance, crank_speed = seen[:, read].T
@@ -44,11 +50,11 @@ def goal_pid(env: Controlled) -> TorquePolicy:
         integral = np.clip(integral + INTEGRAL * dt * error, -MOST_INTEGRAL, MOST_INTEGRAL)
         return PROPORTIONAL * error + integral, (speed, integral)
 
-    return TorquePolicy(controller, torque_limit=1.0)  # of the action
+    return TorquePolicy(controller, torque_limit=1.0)  # the controller returns actions
 
 
 def _time_to_success(run: Episodes, env: Env) -> Array:
-    """Return s; of an episode without success its time limit."""
+    """Return the time to success of each episode, in s, or the time limit if it has no success."""
     return np.where(run["success"], run["steps"] * env.get_wrapper_attr("control_dt"), horizon(env))
 
 

@@ -1,4 +1,4 @@
-"""``JansenGoal-v0``: walk to a goal and stand there; plain NumPy over n robots."""
+"""``JansenGoal-v0``: walk to a goal and stand there. The task is plain NumPy over n robots."""
 
 from __future__ import annotations
 
@@ -19,12 +19,14 @@ from jansen_env.world.observations import EXACT, Observed
 from jansen_env.world.settings import Values, WorldArguments, WorldSettings, option, shared
 from jansen_env.world.world import Numbers
 
-FARTHEST = 3.0  # m, a goal on either side
-NEAR, HOLD = 0.02, 1.0  # m from the goal, where arrival is a half, and s there, that are a success
-HALF_DISTANCE = 0.3  # m, at which closeness has fallen to a half
-HALF_POWER = 0.5  # m/s: motor power / weight at which energy has fallen to a half
-FALLEN_PITCH = 1.2  # rad
-UP_TO = 1e-9  # of HOLD: periods do not add up to it exactly
+FARTHEST = 3.0  # largest distance of a goal on either side, in m
+# Distance from the goal, in m, at which the arrival reward is halved. A robot that stays within this
+# distance for the time HOLD, in s, succeeds.
+NEAR, HOLD = 0.02, 1.0
+HALF_DISTANCE = 0.3  # distance at which closeness is 0.5, in m
+HALF_POWER = 0.5  # motor power / weight at which the energy factor is 0.5, in m/s
+FALLEN_PITCH = 1.2  # pitch beyond which the robot has fallen, in rad
+UP_TO = 1e-9  # tolerance of HOLD in s, because control periods do not add up to it exactly
 
 
 class GoalArguments(WorldArguments, total=False):
@@ -36,29 +38,48 @@ class GoalArguments(WorldArguments, total=False):
 
 @dataclass(frozen=True, kw_only=True)
 class GoalSettings(WorldSettings):
-    """Arguments of ``JansenGoal-v0``: those of the world, and the reward's weights."""
+    """Arguments of ``JansenGoal-v0``: those of the world, and the weights of the reward."""
 
-    energy_weight: float = shared(1.0, non_negative)  # exponent of the energy's factor
-    arrival_weight: float = shared(6.0, positive)  # with 1, closeness alone pays nearly as well
+    energy_weight: float = shared(1.0, non_negative)  # exponent of the energy factor
+    # With a weight of 1, closeness alone would give nearly the same reward.
+    arrival_weight: float = shared(6.0, positive)
 
 
 def closeness(distance: Array) -> Array:
-    """1 at the goal, a half at :data:`HALF_DISTANCE`; distance: (n,) m, without its sign."""
+    """Return 1 at the goal, and 0.5 at :data:`HALF_DISTANCE`.
+
+    Args:
+        distance: Absolute distances to the goals, in m, shape (n,).
+    """
     return 1.0 / (1.0 + distance / HALF_DISTANCE)
 
 
 def arrived(distance: Array, worth: float) -> Array:
-    """``worth`` at the goal, half of it at :data:`NEAR`; distance: (n,) m, without its sign."""
+    """Return ``worth`` at the goal, and half of it at :data:`NEAR`.
+
+    Args:
+        distance: Absolute distances to the goals, in m, shape (n,).
+        worth: Value at the goal.
+    """
     return worth / (1.0 + (distance / NEAR) ** 2)
 
 
 def energy(power: Array, weight: Array, exponent: float) -> Array:
-    """1 without power; power: (n,) W, weight: (n,) N."""
+    """Return the energy factor of the reward, which is 1 without motor power.
+
+    Args:
+        power: Absolute motor powers, in W, shape (n,).
+        weight: Weights of the robots, in N, shape (n,).
+        exponent: Exponent of the factor; 0 makes it 1.
+    """
     return (1.0 + power / weight / HALF_POWER) ** -exponent
 
 
 class GoalTask(Task):
-    """Walk to a goal and stand there; see :class:`jansen_env.tasks.goal.goal_env.JansenGoalEnv`."""
+    """Task of walking to a goal and standing there.
+
+    See :class:`jansen_env.tasks.goal.goal_env.JansenGoalEnv`.
+    """
 
     SETTINGS = GoalSettings
     OBSERVED = (Observed("goal_distance", "m", -np.inf, np.inf, EXACT),)
@@ -71,12 +92,20 @@ class GoalTask(Task):
         super().__init__(settings, threads)
 
     def draw(self, i: int, rng: np.random.Generator, options: Values) -> Numbers:
-        """Draw a goal, m."""
+        """Sample the position of the goal, in m, unless an option of the reset sets it."""
         goal = uniform(rng, -FARTHEST, FARTHEST)
         return {"goal": option(options, "goal", goal, -FARTHEST, FARTHEST)}
 
     def set_state(self, i: int, state: Values) -> None:
-        """Go on from a complete state of ``get_state``; ValueError: an entry out of range."""
+        """Restore a robot to a complete state saved by ``get_state``.
+
+        Args:
+            i: Index of the robot.
+            state: The complete state.
+
+        Raises:
+            ValueError: If an entry is out of range.
+        """
         within("state['goal']", state["goal"], -FARTHEST, FARTHEST)
         within("state['held']", state["held"], 0.0, MOST_SINGLE)
         super().set_state(i, state)
@@ -87,17 +116,17 @@ class GoalTask(Task):
 
     @property
     def distance(self) -> Array:
-        """(n,) m, how far ahead the goals are."""
+        """Signed distance from each robot to its goal, in m, shape (n,); positive towards +x."""
         return self.info["goal"] - self.world.x_position
 
     def observe(self) -> Mapping[str, Array]:
-        """Show how far ahead the goal is."""
+        """Return the signed distance from each robot to its goal."""
         distance = self.distance
         self.keep(distance=distance)
         return {"goal_distance": distance}
 
     def reward(self) -> Array:
-        """Pay for being near, and for standing at the goal, at little power."""
+        """Return the reward for being near and standing at the goal, with little motor power."""
         distance, world = np.abs(self.distance), self.world
         near = distance <= NEAR
         held = np.where(near, self.info["held"] + self.control_dt, 0.0)
@@ -108,7 +137,7 @@ class GoalTask(Task):
         return (close + arrival) * saving
 
     def terminated(self) -> Bools:
-        """A fall ends the episode."""
+        """Return whether each robot has fallen, which ends the episode."""
         tipped = np.abs(self.world.pitch) > FALLEN_PITCH
         fallen = self.info["fallen"] | tipped | self.world.non_toe_contact
         self.keep(fallen=fallen)
@@ -116,54 +145,60 @@ class GoalTask(Task):
 
 
 class JansenGoalEnv(SingleEnv[GoalTask]):
-    """Walk to a goal by the torque on one crank, and stand there.
+    r"""Walk to a goal by the torque on one crank, and stand there.
 
     ## Description
-    The machine and the world of ``JansenWalkerBuilt-v0``. A goal lies up to 3 m away on either side;
-    the robot is to walk there and to stand within 2 cm of it. Legs carry it unevenly: to stand, the
-    motor must hold the crank at an angle at which it does not want to be.
+    The robot and its surroundings are those of ``JansenWalkerBuilt-v0``. A goal lies up to 3 m away
+    on either side. The robot must walk to the goal and stand within 2 cm of it. Legs carry the
+    chassis unevenly: to stand at the goal, the motor must hold the crank at an angle from which the
+    crank would turn away by itself.
 
     ## Action Space
     | Num | Action | Min | Max | Unit |
     |-----|--------|-----|-----|------|
-    | 0 | crank torque, as a share of ``torque_limit`` (12 N m); positive walks towards +x | -1 | 1 | 1 |
+    | 0 | crank torque, as a fraction of ``torque_limit`` (12 N m); a positive torque walks towards +x | -1 | 1 | 1 |
 
     ## Observation Space
     | Num | Observation | Min | Max | Unit |
     |-----|-------------|-----|-----|------|
-    | 0 .. 8 | crank, pitch, velocity and height of the crank axis as of ``JansenWalker-v0`` | | | |
+    | 0 .. 8 | crank, pitch, velocity and height of the crank axis, as in ``JansenWalker-v0`` | | | |
     | 9 | last action | -1 | 1 | 1 |
     | 10 .. 13 | normal load of each toe / weight | 0 | Inf | 1 |
-    | 14 .. | with ``height_scan``: as of ``JansenWalker-v0`` | -Inf | Inf | m |
-    | then | how far ahead the goal is, without error even with ``noise`` | -Inf | Inf | m |
-    | last | with ``observe_lengths``: as of ``JansenWalker-v0`` | -Inf | Inf | 1 |
+    | 14 .. | with ``height_scan``: as in ``JansenWalker-v0`` | -Inf | Inf | m |
+    | then | signed distance to the goal, positive towards +x; exact even with ``noise`` | -Inf | Inf | m |
+    | last | with ``observe_lengths``: as in ``JansenWalker-v0`` | -Inf | Inf | 1 |
 
-    By name: ``env.unwrapped.observed``.
+    ``env.unwrapped.observed`` contains the names of the numbers.
 
     ## Rewards
-    (closeness + arrival) * energy, each in ``info``:
+    The reward is (closeness + arrival) * energy. ``info`` contains each term:
 
     | Term | Value |
     |------|-------|
-    | ``reward/closeness`` | 1 / (1 + \\|distance\\| / 0.3 m) |
+    | ``reward/closeness`` | 1 / (1 + \|distance\| / 0.3 m) |
     | ``reward/arrival`` | ``arrival_weight`` / (1 + (distance / 2 cm)^2) |
-    | ``reward/energy`` | (1 + \\|motor power\\| / (weight * 0.5 m/s)) to the power -``energy_weight`` |
+    | ``reward/energy`` | (1 + \|motor power\| / (weight * 0.5 m/s)) to the power -``energy_weight`` |
 
     ## Starting State
-    As of ``JansenWalkerBuilt-v0``; the goal is uniform in +-3 m, or ``reset(options={"goal": 1.5})``.
+    The robot starts as in ``JansenWalkerBuilt-v0``. The position of the goal is uniform in +-3 m,
+    unless you set it by ``reset(options={"goal": 1.5})``.
 
     ## Episode End
-    Terminated by a fall: \\|pitch\\| > 1.2 rad, or a joint other than a toe on the ground. Truncated
-    after 750 steps (15 s) when made with ``gym.make``.
+    An episode is terminated when the robot falls: \|pitch\| exceeds 1.2 rad, or a joint other than
+    a toe touches the ground. It is truncated after 750 steps (15 s) if the environment was made
+    with ``gym.make``.
 
     ## Information
-    ``goal`` and ``distance`` m, ``held`` s near the goal without a break, ``is_success``: for the last
-    second, ``fallen``; positions, torque, ``slip``, ``contact_force``, ``energy``, ``parameters`` ... as
-    of ``JansenWalker-v0``. At a reset the terms of the reward are 0.
+    ``info`` contains ``goal`` and ``distance`` in m, ``held`` (the time in s for which the robot
+    has been near the goal without interruption), ``is_success`` (whether this time is at least one
+    second) and ``fallen``. Positions, torque, ``slip``, ``contact_force``, ``energy``,
+    ``parameters`` and so on are those of ``JansenWalker-v0``. At a reset, the terms of the reward
+    are 0.
 
     ## Arguments
-    ``energy_weight`` (1), ``arrival_weight`` (6), and those of ``JansenWalker-v0`` that are not about commands,
-    its reward and falls. ``curriculum`` must be None.
+    The arguments are ``energy_weight`` (1), ``arrival_weight`` (6), and those arguments of
+    ``JansenWalker-v0`` that do not concern commands, its reward or falls. ``curriculum`` must be
+    None.
 
     ## Version History
     * v0: first release.
@@ -182,7 +217,7 @@ class GoalVectorArguments(VectorArguments, GoalArguments, total=False):
 
 
 class JansenGoalVectorEnv(TaskVectorEnv[GoalTask]):
-    """:class:`JansenGoalEnv` for many robots at once: what ``gym.make_vec`` makes."""
+    """Vector environment of many :class:`JansenGoalEnv` robots, made by ``gym.make_vec``."""
 
     SINGLE = JansenGoalEnv
 

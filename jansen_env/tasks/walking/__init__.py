@@ -11,7 +11,12 @@ from jansen_env.tasks.walking.presets import (
 from jansen_env.tasks.walking.walker_env import JansenWalkerEnv, JansenWalkerVectorEnv
 
 __all__ = [
-    "JansenWalkerBuiltEnv", "JansenWalkerBuiltVectorEnv", "JansenWalkerEnv",
-    "JansenWalkerHardcoreEnv", "JansenWalkerHardcoreVectorEnv", "JansenWalkerRoughEnv",
-    "JansenWalkerRoughVectorEnv", "JansenWalkerVectorEnv",
-]  # fmt: skip
+    "JansenWalkerBuiltEnv",
+    "JansenWalkerBuiltVectorEnv",
+    "JansenWalkerEnv",
+    "JansenWalkerHardcoreEnv",
+    "JansenWalkerHardcoreVectorEnv",
+    "JansenWalkerRoughEnv",
+    "JansenWalkerRoughVectorEnv",
+    "JansenWalkerVectorEnv",
+]

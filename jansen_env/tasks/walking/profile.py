@@ -1,11 +1,12 @@
-"""The crank-speed profile: how fast the crank is to turn at each of its angles, as a controller.
+"""The crank-speed profile: a controller that sets the crank speed as a function of the crank angle.
 
     n_ref(psi) = n0 exp(g lag + sum over k = 1 .. K of a_k cos 2 k psi + b_k sin 2 k psi)
     torque     = kp (n_ref - crank speed) + tau0
 
-Even harmonics, as both pairs of legs are on crank pins half a turn apart: all repeats twice a turn.
-The lag is the target's distance ahead of the robot: with it the mean speed is held. How the
-numbers were found: ``docs/profile.md``.
+The profile contains only even harmonics: the two pairs of legs are on crank pins half a turn apart,
+so all motions repeat twice per turn. The lag is the distance by which the target is ahead of the
+robot. With the lag, the controller holds the mean speed. ``docs/profile.md`` describes how the
+parameters were found.
 """
 
 from __future__ import annotations
@@ -25,17 +26,26 @@ from jansen_env.files import read_bounded
 
 DATA = Path(__file__).parent / "data" / "profile.json"
 
-MAX_BYTES = 2**20  # of a file
+MAX_BYTES = 2**20  # largest size of a file
 NUMBERS = ("n0", "kp", "tau0", "g")
-"""The first numbers of a profile, in rad/s, N m s/rad, N m, 1/m; then a_1 .. a_K, b_1 .. b_K."""
+"""The first parameters of a profile, in rad/s, N m s/rad, N m and 1/m.
+
+The parameters a_1 .. a_K and b_1 .. b_K follow them.
+"""
 READ = ("cos_crank_angle", "sin_crank_angle", "crank_speed", "speed_command", "lag")
 """The observations that a profile reads."""
 
 
 def profile_torque(numbers: Array, observation: Array, read: Sequence[int]) -> Array:
-    """Torques (n,), N m, of profiles (n, 4 + 2 K) for observations (n, d), columns ``read``.
+    """Return the torques of profiles for observations, in N m, shape (n,).
 
-    A negative command walks the mirror image: crank angle pi - psi, speed, torque and lag reversed.
+    For a negative command, the robot walks as the mirror image: the crank angle is pi - psi, and
+    the crank speed, the torque and the lag are reversed.
+
+    Args:
+        numbers: Parameters of the profile of each robot, shape (n, 4 + 2 K).
+        observation: Observations, shape (n, d).
+        read: Indices of the observations in :data:`READ`.
     """
     cos, sin, rate, command, lag = (observation[:, column] for column in read)
     sign = np.where(command < 0.0, -1.0, 1.0)
@@ -50,16 +60,19 @@ def profile_torque(numbers: Array, observation: Array, read: Sequence[int]) -> A
 
 @dataclass(frozen=True)
 class Profile:
-    """Profiles at a grid of commands, interpolated linearly in between.
+    """Crank-speed profiles for a grid of commands, with linear interpolation between them.
 
-    Below the slowest, n0 and tau0 fall in proportion to the command; beyond the fastest, n0 rises.
+    Below the slowest command, n0 and tau0 decrease in proportion to the command. Above the fastest
+    command, n0 increases in proportion to it.
 
     Args:
-        commands: (m,) m/s, above 0, increasing.
-        numbers: (m, 4 + 2 K), in the order of :data:`NUMBERS` and the harmonics.
+        commands: Commands of the grid, in m/s, above 0 and increasing, shape (m,).
+        numbers: Parameters of each command in the order of :data:`NUMBERS` and the harmonics, shape
+            (m, 4 + 2 K).
 
     Raises:
-        ValueError: the shapes do not fit, or the commands do not increase from above 0.
+        ValueError: If the shapes do not fit, if the commands are not above 0 and increasing, or if
+            a parameter is not finite.
     """
 
     commands: Array
@@ -80,13 +93,20 @@ class Profile:
 
     @cached_property
     def nodes(self) -> tuple[Array, Array]:
-        """Commands (m + 1,) and numbers (m + 1, 4 + 2 K), with those at 0."""
+        """Commands and parameters of the grid, including those of the command 0.
+
+        The commands have shape (m + 1,), the parameters have shape (m + 1, 4 + 2 K).
+        """
         at_rest = self.numbers[0].copy()
         at_rest[[0, 2]] = 0.0
         return np.append(0.0, self.commands), np.vstack([at_rest, self.numbers])
 
     def at(self, command: Array) -> Array:
-        """The numbers (n, 4 + 2 K) for commands (n,), m/s, of either sign."""
+        """Return the interpolated parameters for commands, shape (n, 4 + 2 K).
+
+        Args:
+            command: Commands of either sign, in m/s, shape (n,).
+        """
         commands, numbers = self.nodes
         size = np.abs(command)
         inside = np.minimum(size, commands[-1])
@@ -98,21 +118,34 @@ class Profile:
         return between
 
     def torque(self, observation: Array, read: Sequence[int]) -> Array:
-        """Torques (n,), N m, for observations (n, d) of a walker; before any limit."""
+        """Return the torques for observations of walkers, in N m, shape (n,), before any limit.
+
+        Args:
+            observation: Observations, shape (n, d).
+            read: Indices of the observations in :data:`READ`.
+        """
         command = observation[:, read[READ.index("speed_command")]]
         return profile_torque(self.at(command), observation, read)
 
     def policy(self, env: Controlled) -> TorquePolicy:
-        """Return its stateless policy for an unwrapped walker."""
+        """Return the profile as a policy for an unwrapped walker. The policy has no state.
+
+        Args:
+            env: The walker.
+        """
         read = columns(env, *READ)
         return TorquePolicy(lambda seen, *_: (self.torque(seen, read), None), env.torque_limit)
 
 
 def load_profile(path: str | Path = DATA, robot: str = "paper") -> Profile:
-    """The profile found for a design, in a file of a search; default: the shipped one.
+    """Load the profile that a search has found for a design.
+
+    Args:
+        path: File with the results of a search. The default is the file of this package.
+        robot: Name of the design.
 
     Raises:
-        ValueError: the file cannot be read, or has no such profile.
+        ValueError: If the file cannot be read, or does not contain such a profile.
     """
     with named_errors(f"no profile of {robot!r}", TypeError, KeyError, RecursionError):
         entry = json.loads(read_bounded(path, MAX_BYTES))[robot]

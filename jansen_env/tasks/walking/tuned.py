@@ -1,12 +1,13 @@
-"""Numbers of the baselines that belong to a robot: found for designs, by a rule for others.
+"""Parameters of the baselines for each robot: measured for designs, and scaled for other robots.
 
-``data/baselines.json`` has, for each built-in design, two sets of gains, the crank speed and the
-constant torque for a commanded speed, and the command that found each; ``data/profile.json`` has
-its crank-speed profile. The gains of "pid" return most in walks at a commanded speed. Those of
-"steady" hold the crank at a constant speed, for predictions and measurements.
+For each built-in design, ``data/baselines.json`` contains two sets of PID gains, the crank speed
+and the constant torque for commanded speeds, and the command line that found each of them.
+``data/profile.json`` contains the crank-speed profile of each design. The gains "pid" achieve the
+highest return when walking at a commanded speed. The gains "steady" hold the crank at a constant
+speed, for predictions and measurements.
 
-Links decide which design a robot is. A robot with other links gets the paper's numbers, scaled to
-its size, weight and motor (:func:`scale_of`).
+A robot belongs to a design if it has the same links. A robot with other links gets the parameters
+of the paper's robot, scaled to its size, weight and motor (:func:`scale_of`).
 """
 
 from __future__ import annotations
@@ -31,15 +32,26 @@ from jansen_env.tasks.walking.profile import Profile
 from jansen_env.world.settings import Values
 
 DATA = Path(__file__).parent / "data" / "baselines.json"
-MOST_LAG = 2.0  # rad, at which the proportional gain of the rule asks for the torque limit
-SHORTEST_TURN = 0.05  # m, of advance in a turn of the crank, by which crank speeds are found
+# Lag of the crank at which a scaled proportional gain commands the torque limit, in rad.
+MOST_LAG = 2.0
+# Smallest advance per turn of the crank from which a crank speed is computed, in m.
+SHORTEST_TURN = 0.05
 
 Setting: TypeAlias = Callable[[Array], Array]
-"""Commands (n,), m/s, to crank speeds (n,), rad/s, or torques (n,), N m, that walk at them."""
+"""Function that returns crank speeds in rad/s, or torques in N m, for walking at commanded speeds.
+
+Its argument is commanded speeds in m/s. The argument and the result have shape (n,).
+"""
 
 
 class Scale(NamedTuple):
-    """A robot's torques, times and lengths as multiples of those of the paper's robot."""
+    """Torques, times and lengths of a robot as multiples of those of the paper's robot.
+
+    Attributes:
+        torque: Ratio of the torques.
+        time: Ratio of the times.
+        length: Ratio of the lengths.
+    """
 
     torque: float
     time: float
@@ -47,28 +59,38 @@ class Scale(NamedTuple):
 
     @property
     def speed(self) -> float:
-        """Walking speed at the same Froude number."""
+        """Ratio of the walking speeds at the same Froude number."""
         return self.length / self.time
 
 
 def scale_of(robot: Robot, most_lag: float = MOST_LAG) -> Scale:
-    """Return the scale by which a robot's numbers differ from those of the paper's robot.
+    """Return the scale of a robot relative to the paper's robot.
 
-    Lengths scale with the standing height h, times with the root of h, torques with the weight
-    times h: two machines of the same shape then walk alike (the same Froude number). The torque
-    is less where the motor is too weak for it: a crank that lags by ``most_lag`` (rad) asks for the
-    motor's torque limit, as on the paper's robot, so that a weak motor does not switch between its
-    limits.
+    Lengths scale with the standing height h, times with the square root of h, and torques with the
+    weight times h. Two robots of the same shape then walk in the same way (at the same Froude
+    number). The torque scale is smaller if the motor is too weak for it: a crank that lags by
+    ``most_lag`` then commands the torque limit of the motor, as on the paper's robot. Without this
+    limit, a weak motor would switch between its two torque limits.
+
+    Args:
+        robot: The robot.
+        most_lag: Lag of the crank at which the proportional gain commands the torque limit, in rad.
     """
     paper = named_robot("paper")
     length = max(standing_height(robot) / standing_height(paper), 1e-3)
-    torque = min(robot.links_mass / paper.links_mass * length,
-                 robot.motor.torque_limit / (PAPER_PID.kp * most_lag))  # fmt: skip
+    torque = min(
+        robot.links_mass / paper.links_mass * length,
+        robot.motor.torque_limit / (PAPER_PID.kp * most_lag),
+    )
     return Scale(torque, math.sqrt(length), length)
 
 
 def scaled_gains(scale: Scale) -> PID:
-    """Return the paper's gains for a robot of a scale."""
+    """Return the gains of the paper, scaled to a robot.
+
+    Args:
+        scale: Scale of the robot.
+    """
     return PID(
         PAPER_PID.kp * scale.torque,
         PAPER_PID.ki * scale.torque / scale.time,
@@ -77,7 +99,15 @@ def scaled_gains(scale: Scale) -> PID:
 
 
 def design_of(robot: Robot, known: Iterable[str] = tuple(ROBOTS)) -> str | None:
-    """Return the name of the design that has a robot's links, of those in ``known``."""
+    """Return the name of the design that has the same links as a robot.
+
+    Args:
+        robot: The robot.
+        known: Names of the designs to compare with.
+
+    Returns:
+        The name, or None if no design has the same links.
+    """
     for name in known:
         design = named_robot(name)
         if (design.linkage, design.bodies) == (robot.linkage, robot.bodies):
@@ -87,29 +117,42 @@ def design_of(robot: Robot, known: Iterable[str] = tuple(ROBOTS)) -> str | None:
 
 @cache
 def _read() -> dict[str, Values]:
+    """Return the content of ``data/baselines.json``."""
     return json.loads(DATA.read_text(encoding="utf-8"))
 
 
 def measured(name: str, robot: Robot) -> Values | None:
-    """Return the entry "pid", "steady" or "constant" of a robot's design; None for no design."""
+    """Return measured parameters of a robot's design, or None if it belongs to no design.
+
+    Args:
+        name: Name of the entry: "pid", "steady" or "constant".
+        robot: The robot.
+    """
     numbers = _read()
     design = design_of(robot, numbers)
     return None if design is None else numbers[design][name]
 
 
 def gains_of(robot: Robot, kind: str = "pid") -> PID:
-    """Return the gains of a robot's own PID: found for its design, or scaled from the paper's.
+    """Return the PID gains of a robot, measured for its design or scaled from those of the paper.
 
-    ``kind``: "pid" for those that return most, "steady" for those that hold the crank's speed.
+    Args:
+        robot: The robot.
+        kind: "pid" for the gains with the highest return, "steady" for the gains that hold the
+            crank speed.
     """
     entry = measured(kind, robot)
     return scaled_gains(scale_of(robot)) if entry is None else PID(*entry["gains"])
 
 
 def nearest_setting(settings: Array, speeds: Array) -> Setting:
-    """The measured setting (m,) whose episodes' speeds (m, episodes) came closest to a command.
+    """Return a function that selects the measured setting with the speed nearest to a command.
 
-    A negative command turns the crank backwards: the machine is its own mirror image.
+    A negative command turns the crank backwards, because the robot is its own mirror image.
+
+    Args:
+        settings: Measured settings, shape (m,).
+        speeds: Speeds of the episodes with each setting, in m/s, shape (m, episodes).
     """
 
     def setting(command: Array) -> Array:
@@ -120,16 +163,25 @@ def nearest_setting(settings: Array, speeds: Array) -> Setting:
 
 
 def rolling(robot: Robot) -> Setting:
-    """Return the crank speed at which a robot that does not slip walks at a command."""
+    """Return the function from commands to the crank speeds that follow them without slip.
+
+    Args:
+        robot: The robot.
+    """
     turn = max(abs(advance_per_turn(robot)), SHORTEST_TURN)
     return lambda command: 2.0 * math.pi / turn * command
 
 
 def setting_of(name: str, robot: Robot) -> Setting:
-    """Return the settings of "pid" (crank speeds) or "constant" (torques) for a robot.
+    """Return the function from commands to the settings of a baseline for a robot.
 
-    Those that were measured on its design; of another robot the crank speed of :func:`rolling`, or
-    the paper's torque at the same Froude number, scaled.
+    For a robot of a known design, the settings are those that were measured. For another robot, the
+    crank speed is that of :func:`rolling`, and the torque is that of the paper's robot at the same
+    Froude number, scaled to the robot.
+
+    Args:
+        name: "pid" for crank speeds, "constant" for torques.
+        robot: The robot.
     """
     entry = measured(name, robot)
     if entry is not None:
@@ -141,7 +193,11 @@ def setting_of(name: str, robot: Robot) -> Setting:
 
 
 def profile_of(robot: Robot) -> Profile:
-    """Return the crank-speed profile of a robot: its design's, or the paper's, scaled."""
+    """Return the crank-speed profile of a robot: that of its design, or else the paper's, scaled.
+
+    Args:
+        robot: The robot.
+    """
     profiles = json.loads(profile.DATA.read_text(encoding="utf-8"))
     design = design_of(robot, profiles)
     if design is not None:
@@ -150,7 +206,14 @@ def profile_of(robot: Robot) -> Profile:
 
 
 def scaled_profile(paper: Profile, scale: Scale) -> Profile:
-    """Return the paper's profile for a robot of a scale; the harmonics are the same."""
+    """Return the profile of the paper's robot, scaled to another robot.
+
+    The harmonics do not change.
+
+    Args:
+        paper: Profile of the paper's robot.
+        scale: Scale of the other robot.
+    """
     units = np.ones(paper.numbers.shape[1])
     units[:4] = 1.0 / scale.time, scale.torque * scale.time, scale.torque, 1.0 / scale.length
     return Profile(scale.speed * paper.commands, units * paper.numbers)

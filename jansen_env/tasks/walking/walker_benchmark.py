@@ -1,6 +1,6 @@
 """Benchmark and baselines of ``JansenWalker-v0`` and its presets.
 
-The baselines are a PID, a constant torque, and a crank-speed profile. They read only the
+The baselines are a PID controller, a constant torque, and a crank-speed profile. They read only the
 observation. Their parameters depend on the robot; see :mod:`jansen_env.tasks.walking.tuned`.
 """
 
@@ -38,9 +38,9 @@ from jansen_env.tasks.walking.tuned import Setting, gains_of, profile_of, settin
 
 
 def walking_pid(crank_speed: Setting, env: Controlled, pid: PID | None = None) -> Policy:
-    """Return a policy in which the PID of equation (13) follows a turning reference.
+    """Return a policy in which the PID controller (13) follows a turning reference.
 
-    The reference turns with the crank speed that belongs to the commanded speed. It starts at the
+    The reference turns at the crank speed that corresponds to the commanded speed. It starts at the
     initial crank angle of the episode (pi in the paper).
 
     Args:
@@ -68,7 +68,7 @@ def walking_pid(crank_speed: Setting, env: Controlled, pid: PID | None = None) -
 
 
 def constant_torque(torque: Setting, env: Controlled) -> Policy:
-    """Return a policy with one constant torque for each command, the conclusion of the paper.
+    """Return a policy with one constant torque per command, which is the conclusion of the paper.
 
     Args:
         torque: Function that returns torques in N m, shape (n,), for commanded speeds in m/s, shape
@@ -87,6 +87,7 @@ BASELINES: dict[str, Callable[[Controlled], Policy]] = {
 """Functions that make a baseline for an unwrapped environment, by name."""
 
 
+# Parts of the labels of metrics.
 LATER, FIRST = f"after {SETTLING:g} s", f"in the first {SETTLING:g} s"
 COST = "mechanical cost of transport"
 
@@ -109,7 +110,7 @@ def _steady_speed_error(run: Episodes, env: Env) -> Array:
 
 
 def _torque_change(run: Episodes, env: Env) -> Array:
-    """Return the mean change of the torque from step to step, in N m."""
+    """Return the mean absolute change of the torque from step to step, in N m."""
     return run["torque_change"] * env.get_wrapper_attr("control_dt") / run["duration"]
 
 
@@ -191,5 +192,7 @@ WALKER = Benchmark(
     },
     baselines=BASELINES,
 )
+"""Benchmark of ``JansenWalker-v0`` and ``JansenWalkerBuilt-v0``."""
 
 WORLD = replace(WALKER, commands=(0.1, 0.2, 0.3, 0.4, 0.5), chosen_by="success", variety=8)
+"""Benchmark of ``JansenWalkerRough-v0`` and ``JansenWalkerHardcore-v0``."""

@@ -1,6 +1,6 @@
 """``JansenWalker-v0``: walk at a commanded speed by the torque on one crank.
 
-Numbers: :mod:`jansen_env.engine.walk_reward`.
+:mod:`jansen_env.engine.walk_reward` contains the constants of the reward.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ from jansen_env.world.settings import (
     shared,
 )
 
-SPEED_COMMAND = (0.05, 0.8)  # m/s, the default range of commanded speeds
-FASTEST_COMMAND = 2.0  # m/s, beyond it no command makes sense for this machine
-ACCOUNTS: tuple[str, ...] = walk_reward.ACCOUNTS.names or ()  # lag and means
+SPEED_COMMAND = (0.05, 0.8)  # default range of commanded speeds, in m/s
+FASTEST_COMMAND = 2.0  # largest commanded speed that makes sense for this robot, in m/s
+ACCOUNTS: tuple[str, ...] = walk_reward.ACCOUNTS.names or ()  # names of the lag and the means
 COMMANDED = ("speed_command", *ACCOUNTS)  # in the order of ``walk_reward.observe_walk``
-ODOMETRY = ("lag", "mean_speed")  # of them, those that are observed onboard
+ODOMETRY = ("lag", "mean_speed")  # accounts that are observed with ``observe="onboard"``
 FURTHEST = walk_reward.FURTHEST_TARGET
 
 
@@ -60,9 +60,10 @@ class WalkerArguments(WorldArguments, total=False):
 
 @dataclass(frozen=True, kw_only=True)
 class WalkerSettings(WorldSettings):
-    """Arguments of ``JansenWalker-v0`` and its presets: those of the world, and of its task.
+    """Arguments of ``JansenWalker-v0`` and its presets: those of the world and of the task.
 
-    Commands in m/s, their interval in s, pitch in rad; weights are exponents of the reward.
+    Commands are in m/s, their interval is in s, and the pitch is in rad. Weights are exponents of
+    the factors of the reward.
     """
 
     speed_command: list[tuple[float, float]] = range_each(
@@ -81,16 +82,17 @@ class WalkerSettings(WorldSettings):
 
 
 class WalkerTask(CompiledTask):
-    """Walk at a commanded speed, m/s.
+    """Task of walking at a commanded speed, in m/s.
 
-    See :class:`jansen_env.tasks.walking.walker_env.JansenWalkerEnv`.
-    One kernel rewards, ends and observes a step; a derived task may do more in NumPy.
+    See :class:`jansen_env.tasks.walking.walker_env.JansenWalkerEnv`. One kernel computes the
+    reward, the end of the episode and the observation of a step. A derived task may extend it in
+    NumPy.
     """
 
     SETTINGS = WalkerSettings
     OBSERVED = (
         Observed("speed_command", "m/s", -FASTEST_COMMAND, FASTEST_COMMAND, EXACT),
-        # Noisy and onboard sensors measure these:
+        # Accounts, which are computed from measurements if sensors are noisy or onboard.
         Observed("lag", "m", -FURTHEST, FURTHEST, EXACT),
         Observed("mean_speed", "m/s", -np.inf, np.inf, EXACT),
         Observed("mean_slip", "m/s", 0.0, np.inf, EXACT),
@@ -113,12 +115,13 @@ class WalkerTask(CompiledTask):
         self.data["command_range"] = settings.speed_command
 
     def _connect(self) -> None:
+        """Get views of the arrays in the records."""
         super()._connect()
         self.speed_command = self.data["command_range"]
         self._is_measured = bool(self.world.plant.world[["noisy", "onboard"]].item() != (0, 0))
 
     def _order(self, world: Sequence[Observed]) -> tuple[Observed, ...]:
-        """Return all observations in the documented order; a derived task's come last."""
+        """Return all observations in the documented order; those of a derived task come last."""
         places = {"speed_command": 1, "toe_load": 2, "last_action": 3, "height_scan": 5}
         places |= dict.fromkeys(ACCOUNTS, 4)
         every = [*world, *self.OBSERVED]
@@ -126,18 +129,25 @@ class WalkerTask(CompiledTask):
             every = [e for e in every if e.name in ODOMETRY or e.name not in ACCOUNTS]
 
         def place(entry: Observed) -> int:
-            kind = entry.name.rstrip("_0123456789")  # of numbered toes and heights
+            kind = entry.name.rstrip("_0123456789")  # without numbers of toes and heights
             return places.get(kind, 0 if entry in world else 6)
 
         return tuple(sorted(every, key=place))
 
     def progress(self, i: int) -> tuple[float, float]:
-        """Return how far a robot got towards its commands, m, and their mean size, m/s."""
+        """Return how far a robot walked in the direction of its commands.
+
+        Args:
+            i: Index of the robot.
+
+        Returns:
+            The distance, in m, and the mean magnitude of the commands, in m/s.
+        """
         walked, commanded = self.data["covered"][i].tolist()
         return walked, commanded / (max(1, int(self.world.elapsed[i])) * self.control_dt)
 
     def _change(self, i: int, changes: Values) -> Callable[[], None]:
-        """Check another range of commands, and a command that holds from the next step on."""
+        """Check a new range of commands, and a command that applies from the next step on."""
         others = {name: value for name, value in changes.items() if name != "command"}
         apply_range = super()._change(i, others)
         if "command" not in changes:
@@ -152,7 +162,11 @@ class WalkerTask(CompiledTask):
         return apply
 
     def get_state(self, i: int) -> Values:
-        """Return all that a robot's future depends on but its random numbers."""
+        """Return everything that the future of a robot depends on, except its random generator.
+
+        Args:
+            i: Index of the robot.
+        """
         state = {**super().get_state(i), "covered": self.data["covered"][i].copy()}
         if self._is_measured:
             measured = self.data["measured"][i].item()
@@ -160,7 +174,15 @@ class WalkerTask(CompiledTask):
         return state
 
     def set_state(self, i: int, state: Values) -> None:
-        """Continue from a complete state of :meth:`get_state`; ValueError: an entry out of range."""
+        """Restore a robot to a complete state saved by :meth:`get_state`.
+
+        Args:
+            i: Index of the robot.
+            state: The complete state.
+
+        Raises:
+            ValueError: If an entry is out of range.
+        """
         covered = finite_numbers("state['covered']", state["covered"], 2)
         measured: tuple[float, ...] = ()
         if self._is_measured:
@@ -177,23 +199,24 @@ class WalkerTask(CompiledTask):
 
 
 class JansenWalkerEnv(SingleEnv[WalkerTask]):
-    """Walk at a commanded speed by the torque on one crank.
+    r"""Walk at a commanded speed by the torque on one crank.
 
     ## Description
-    A planar Theo Jansen linkage walks on the ground: by default the four-legged machine of
-    *Dynamic Analysis and Modeling of Jansen Mechanism*, 32 bodies on one crank shaft, 3.2 kg. Its
-    dynamics are the paper's projected equations with the chassis free (4 degrees of freedom);
-    its toes stick and slip by Coulomb's law. At constant crank speed its toes must slip, and at
-    some speeds it falls over; the task is to do better with the torque.
+    A planar Theo Jansen linkage walks on the ground. By default it is the four-legged robot of
+    *Dynamic Analysis and Modeling of Jansen Mechanism*: 32 bodies on one crank shaft, 3.2 kg. Its
+    dynamics are the projected equations of the paper with a free chassis (4 degrees of freedom),
+    and its toes stick and slip by Coulomb's law. At a constant crank speed its toes must slip, and
+    at some speeds it falls over. The task is to control the torque so that the robot walks better
+    than that.
 
     ## Action Space
     | Num | Action | Min | Max | Unit |
     |-----|--------|-----|-----|------|
-    | 0 | crank torque, as a share of ``torque_limit`` (20 N m) | -1 | 1 | 1 |
+    | 0 | crank torque, as a fraction of ``torque_limit`` (20 N m) | -1 | 1 | 1 |
 
-    A positive action walks towards +x, whatever the robot: it turns the crank of the paper's machine
-    counter-clockwise, that of the holy designs clockwise. Its reaction acts on the chassis. Actions
-    beyond the limits are clipped.
+    A positive action makes every robot walk towards +x: it turns the crank of the paper's robot
+    counter-clockwise, and that of the holy designs clockwise. The reaction torque acts on the
+    chassis. Actions beyond the limits are clipped.
 
     ## Observation Space
     | Num | Observation | Min | Max | Unit |
@@ -210,159 +233,189 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     | 9 | commanded speed | -2 | 2 | m/s |
     | 10 .. 9 + n | normal load of each toe / weight, mean over the last step | 0 | Inf | 1 |
     | 10 + n | last action | -1 | 1 | 1 |
-    | 11 + n | lag: how far the target is ahead | -0.5 | 0.5 | m |
+    | 11 + n | lag: distance by which the target is ahead of the robot | -0.5 | 0.5 | m |
     | 12 + n | mean speed | -Inf | Inf | m/s |
-    | 13 + n | mean slip speed of all toes together | 0 | Inf | m/s |
-    | 14 + n | mean motor power, without its sign | 0 | Inf | W |
+    | 13 + n | mean of the sum of the slip speeds of all toes | 0 | Inf | m/s |
+    | 14 + n | mean absolute motor power | 0 | Inf | W |
     | 15 + n | RMS torque | 0 | Inf | N m |
-    | 16 + n .. | with ``height_scan``: height of the crank axis over the ground at each place | -Inf | Inf | m |
-    | last | with ``observe_lengths``: each length / the robot's own, less 1 (``docs/worlds.md``) | -Inf | Inf | 1 |
+    | 16 + n .. | with ``height_scan``: height of the crank axis over the ground at each scanned position | -Inf | Inf | m |
+    | last | with ``observe_lengths``: each link length / the robot's own length, minus 1 (``docs/worlds.md``) | -Inf | Inf | 1 |
 
-    n is the number of toes (4: rf, lf, rb, lb). At reset the loads are those at rest. The crank's
-    angle and speed are counted as the action is: positive speed walks towards +x. (In ``info`` they
-    have their physical signs.) Lag, means and RMS torque are what the reward goes by;
-    with ``noise`` they are as measured, and mean slip is 0.
+    n is the number of toes (4: rf, lf, rb, lb). At a reset, the loads are those at rest. The crank
+    angle and the crank speed have the sign of the action: with a positive speed, the robot walks
+    towards +x. (In ``info`` they have their physical signs.) The reward is computed from the lag,
+    the means and the RMS torque. With ``noise``, the observed lag and means are computed from
+    measurements, and the mean slip is 0.
 
-    ``height_scan=(behind, ahead, count)`` looks at ``count`` places, evenly from x - behind to
-    x + ahead (m; of one, x - behind), x the crank axis', whatever the pitch and the command: for a
-    robot that walks towards -x those ahead come first. With ``noise`` all sensors err, as
-    :class:`jansen_env.Noise` documents.
+    With ``height_scan=(behind, ahead, count)``, the terrain is scanned at ``count`` positions,
+    evenly spaced from x - behind to x + ahead (in m; a single position is at x - behind). x is the
+    position of the crank axis. The positions do not depend on the pitch or the command: for a robot
+    that walks towards -x, the positions ahead of it come first. With ``noise``, all sensors have
+    errors, as :class:`jansen_env.Noise` documents.
 
-    ``observe="onboard"`` shows what a machine's own computer has: crank angle and speed by an
-    encoder, pitch and its rate, the velocity in x and the accelerations of the crank axis by an IMU
-    and the legs (:mod:`jansen_env.engine.onboard_estimates`), crank torque by the motor's
-    current (N m), command, last action, lag and mean speed by odometry; no height, loads or slip.
+    ``observe="onboard"`` provides what the onboard computer of a real machine can measure: the
+    crank angle and speed from an encoder, the pitch, the pitch rate, the velocity in x and the
+    accelerations of the crank axis from an IMU and the leg kinematics
+    (:mod:`jansen_env.engine.onboard_estimates`), the crank torque from the motor current (in N m),
+    the command, the last action, and the lag and the mean speed from odometry. It provides no
+    height, loads or slip.
 
     ## Rewards
-    A target starts where the robot does and moves at the commanded speed; it waits while the robot
-    is 0.5 m away from it. Walking at the mean speed asked for, however unevenly, is to stay with it.
-    The other costs are rated over a stride too, by exponential means over the time T that a quarter
-    turn of the crank takes at the commanded speed: what it advances the robot
-    (:func:`jansen_env.robot.kinematics.advance_per_turn`; 0.16 m) / \\|command\\|, 0.2 to 3.4 s; 0 at
-    first. The reward is the product of these factors, each from 0 to 1 and in ``info``:
+    A target starts at the position of the robot and moves at the commanded speed. It waits while
+    the robot is 0.5 m away from it. A robot that walks at the commanded mean speed, however
+    unevenly, stays with the target. The other costs are also averaged over a stride, by exponential
+    means with the time constant T. T is the time that a quarter turn of the crank takes at the
+    commanded speed: the advance of the robot in a quarter turn
+    (:func:`jansen_env.robot.kinematics.advance_per_turn`; 0.16 m) / \|command\|, limited to 0.2 to
+    3.4 s. The means are 0 at first. The reward is the product of the following factors. Each factor
+    is between 0 and 1, and ``info`` contains it:
 
     | Factor | Value |
     |--------|-------|
     | ``reward/tracking`` | 0.3 + 0.7 / (1 + (lag / 0.2 m)^2) |
-    | ``reward/progress`` | r = mean speed / command, but 0 below 0, 1 from 1 to 2 (the robot may catch up) and 2 / r above; for the command 0 1 - \\|mean speed\\| / 0.05 m/s, at least 0 |
-    | ``reward/slip`` | 1 / (1 + s / 0.2), s the mean slip speed of all toes / v |
-    | ``reward/energy`` | 1 / (1 + c / 4), c = mean motor power / (weight v), a cost of transport |
+    | ``reward/progress`` | with r = mean speed / command: 0 if r is below 0, r up to 1, 1 from 1 to 2 (the robot may catch up), and 2 / r above 2; for the command 0: 1 - \|mean speed\| / 0.05 m/s, at least 0 |
+    | ``reward/slip`` | 1 / (1 + s / 0.2), where s is the mean slip speed of all toes together / v |
+    | ``reward/energy`` | 1 / (1 + c / 4), where c = mean motor power / (weight v) is a cost of transport |
     | ``reward/effort`` | 1 / (1 + (RMS torque / (weight * 0.3 m))^2) |
     | ``reward/smoothness`` | 1 / (1 + (change of the action / 0.8)^2) |
     | ``reward/posture`` | 1 / (1 + (pitch / 0.4 rad)^2) |
-    | ``reward/load`` | 1 / (1 + ((ground load - 1) / 0.8)^2), the mean of the square over the windows that end in the step, see Information |
+    | ``reward/load`` | 1 / (1 + ((ground load - 1) / 0.8)^2), with the mean of the square over the windows that end in the step, see Information |
 
-    with v = max(\\|command\\|, 0.05 m/s), and the last six to the powers ``slip_weight`` ...
-    ``load_weight``, which are 1 by default; 0 leaves a factor out. Standing still earns nothing at any
-    command but 0, and a fall costs what the rest of the episode would have earned.
+    Here v = max(\|command\|, 0.05 m/s). The last six factors are raised to the powers
+    ``slip_weight`` ... ``load_weight``, which are 1 by default; an exponent of 0 leaves a factor
+    out. A robot that stands still earns nothing unless the command is 0. A fall costs what the rest
+    of the episode would have earned.
 
     ## Starting State
-    Crank angle uniform over a turn, placed at rest at x = 0 on the lowest toe before and the
-    lowest toe behind its centre of mass; crank speed uniform in +- ``reset_noise_scale`` rad/s;
-    command uniform in ``speed_command``, or as given by
-    ``reset(options={"speed_command": 0.3, "crank_angle": 0.0})``.
+    The crank angle is uniform over a turn. The robot is placed at rest at x = 0, on the lowest toe
+    in front of its centre of mass and the lowest toe behind it. The crank speed is uniform in +-
+    ``reset_noise_scale`` rad/s, and the command is uniform in ``speed_command``. The options
+    ``reset(options={"speed_command": 0.3, "crank_angle": 0.0})`` set these values.
 
-    ``reset(options={"pushes": [(t, Jx, Jy), ...]})`` pushes the chassis at these times of the
-    episode, s, with these impulses, N s, and at no others; at most 1000, each as long as ``push``
-    has it, without that 0.1 s. Of many robots the option is a list of such lists, one for each,
-    None for a robot whose pushes are random. ``push((Jx, Jy))`` is one more, from now on.
+    ``reset(options={"pushes": [(t, Jx, Jy), ...]})`` pushes the chassis at the times t of the
+    episode, in s, with the impulses Jx and Jy, in N s. It replaces the random pushes in this
+    episode. At most 1000 pushes are allowed. Each lasts as long as the argument ``push`` specifies,
+    or 0.1 s without this argument. In a vector environment, the option is a list with one such list
+    per robot, or None for a robot whose pushes are random. ``push((Jx, Jy))`` adds a push that
+    starts now.
 
-    Everything comes from the generator that ``reset(seed=...)`` seeds, in this order: crank angle,
-    command, crank speed, ``delay`` if it is a range, a seed for lengths, noise and pushes,
-    ``terrain_level`` if it is a range, the parameters that ``randomize`` names (in the order of the
-    table in ``docs/worlds.md``), and the terrain.
-    ``reset(options={"friction": 0.5, "terrain_level": 3})`` fixes any of the parameters for one
-    episode; the others are what they would have been.
+    All random numbers come from the generator that ``reset(seed=...)`` seeds. They are sampled in
+    this order: crank angle, command, crank speed, ``delay`` if it is a range, a seed for lengths,
+    noise and pushes, ``terrain_level`` if it is a range, the parameters that ``randomize`` names
+    (in the order of the table in ``docs/worlds.md``), and the terrain. ``reset(options={"friction":
+    0.5, "terrain_level": 3})`` sets any of the parameters for one episode. The other parameters do
+    not change because of such an option.
 
-    ``reset(options={"robot": ...})`` exchanges the robot for good, with its motor, pads and payload,
-    for one of the same linkage with legs on the same sides; of many robots the option is one for all or one for
-    each. Nothing is compiled to machine code for it: 3 ms a robot of other lengths.
+    ``reset(options={"robot": ...})`` replaces the robot permanently, including its motor, pads and
+    payload. The new robot must have the same linkage and legs on the same sides. In a vector
+    environment, the option is one robot for all, or one per robot. No machine code is compiled for
+    the new robot; a robot with other lengths takes 3 ms.
 
-    ``reset(options={"lengths": {"crank": 0.1, "foot_CE": 0.26}})`` gives the robot other lengths for one
-    episode, m, by the names of :func:`jansen_env.robot.lengths.lengths`; masses and inertias follow. The
-    next reset without has the robot's own again. Of many robots the option is one for all or a list. With
-    ``randomize={"lengths": 0.1}`` each length is multiplied by a factor of its own, uniform in 0.9 to 1.1,
-    until the linkage closes off any dead point; an option then fixes those that it names.
+    ``reset(options={"lengths": {"crank": 0.1, "foot_CE": 0.26}})`` gives the robot other link
+    lengths for one episode, in m. :func:`jansen_env.robot.lengths.lengths` returns their names.
+    Masses and inertias change accordingly. The next reset without this option restores the robot's
+    own lengths. In a vector environment, the option is one mapping for all robots, or a list. With
+    ``randomize={"lengths": 0.1}``, each length is multiplied by its own factor, uniform in 0.9 to
+    1.1. The factors are sampled until the linkage closes at a distance from any dead point. An
+    option then sets only the lengths that it names.
 
-    A command may be negative (walk towards -x) or 0 (stand). It stays for the episode, but for
-    ``command_interval`` and ``set_parameters(command=...)``.
+    A command may be negative (walk towards -x) or 0 (stand). It stays the same during the episode
+    unless ``command_interval`` or ``set_parameters(command=...)`` changes it.
 
     ## Episode End
-    Terminated when the robot has fallen: \\|pitch\\| > ``fall_pitch``, or, if ``fall_contact``, a
-    joint other than a toe (knee, ankle, hip, frame pivot) is pressed on the ground. Of 60 falls the
-    paper's robot gets up after 6 on flat and 4 on rough ground, the holy one on rough ground after
-    36.
+    An episode is terminated when the robot has fallen: \|pitch\| exceeds ``fall_pitch``, or, with
+    ``fall_contact``, a joint other than a toe (knee, ankle, hip, frame pivot) is pressed on the
+    ground. Out of 60 falls, the paper's robot gets up after 6 on flat ground and after 4 on rough
+    ground, and the holy robot after 36 on rough ground.
 
-    Truncated after 500 steps (10 s) when made with ``gym.make``, and where the simulation diverges
-    (absurd torques, time steps or terrains): that step does nothing, says so in ``info`` and in a
-    warning.
+    An episode is truncated after 500 steps (10 s) if the environment was made with ``gym.make``. It
+    is also truncated if the simulation diverges (because of extreme torques, time steps or
+    terrains). That step then has no effect, and ``info`` and a warning report it.
 
     ## Information
-    ``x_position`` m, ``x_velocity`` m/s, ``pitch`` rad, ``crank_angle`` rad (not wrapped),
-    ``crank_speed`` rad/s, ``crank_torque`` N m, ``speed_command`` m/s, ``lag`` m, ``mean_speed``
-    and ``mean_slip`` m/s, ``mean_power`` W, ``rms_torque`` N m (see Rewards), ``slip`` (n,) m slid by each
-    toe while loaded in this step, ``contact_force`` (n, 2) mean tangential and normal force on each
-    toe in N, ``ground_load`` (the normal forces of all contacts together, mean over 20 ms, divided by
-    the weight; the largest of the windows of 20 ms that ended in this step), ``unsupported`` (the share of
-    this step's time in which these forces are below a tenth of the weight), ``is_success`` (whether the
-    episode is a success so far: no fall, and at least 0.8 of the commanded distance), ``links_in_ground`` (how many sides of links, lines between two joints with pads, pass below a vertex of the ground at the
-    end of this step; rods to a crank pin are not looked at), ``fallen`` (since the last reset), and ``energy``, J in this step: ``motor_work``, ``push_work``,
-    ``correction_work`` (what taking sunken pads out of the ground adds), ``joint_loss``, ``slip_loss``, ``impact_loss``,
-    ``mechanical_energy_change``, ``residual``; the first three are the sum of the others, and no loss is negative (``docs/theory.md``, Energy);
-    ``electrical_work`` is what the motor drew; ``joint_gap`` m, the widest gap of any joint in this step (0 on the projection
-    plant). With ``track_joint_forces``: ``joint_force_max`` N, the largest force with which a
-    link bears on any of its joints in this step, but for the time steps in which a toe lands, and
-    ``joint_impulse_max`` N s, the largest impulse in those (0 if there were none). ``joint_forces()`` has all of them.
-    ``diverged``: whether this step was refused, see Episode End. At a reset the terms of the reward and
-    the loads of joints are 0, and ``energy`` is that of a look one time step ahead. With ``noise``:
-    ``true_observation``, as it would be without. Where terrain or parameters are drawn:
-    ``parameters``, the numbers of the episode by name (``env.unwrapped.parameters``: as a vector).
+    ``info`` contains:
+
+    * ``x_position`` in m, ``x_velocity`` in m/s, ``pitch`` in rad, ``crank_angle`` in rad (not
+      wrapped), ``crank_speed`` in rad/s, ``crank_torque`` in N m.
+    * ``speed_command`` in m/s, ``lag`` in m, ``mean_speed`` and ``mean_slip`` in m/s,
+      ``mean_power`` in W, ``rms_torque`` in N m (see Rewards).
+    * ``slip``, shape (n,): distance in m that each toe slid while it was loaded in this step.
+    * ``contact_force``, shape (n, 2): mean tangential and normal force on each toe, in N.
+    * ``ground_load``: the sum of the normal forces of all contacts, averaged over 20 ms and divided
+      by the weight. It is the largest value of the windows of 20 ms that ended in this step.
+    * ``unsupported``: the fraction of this step's time in which the sum of the normal forces is
+      below a tenth of the weight.
+    * ``is_success``: whether the episode is a success so far, which means no fall and at least 0.8
+      of the commanded distance.
+    * ``links_in_ground``: number of sides of links (lines between two joints with pads) that pass
+      below a vertex of the ground at the end of this step. Rods that end at a crank pin are not
+      counted.
+    * ``fallen``: whether the robot has fallen since the last reset.
+    * ``energy``: energies of this step, in J: ``motor_work``, ``push_work``, ``correction_work``
+      (energy added by lifting sunken pads out of the ground), ``joint_loss``, ``slip_loss``,
+      ``impact_loss``, ``mechanical_energy_change`` and ``residual``. The sum of the first three
+      equals the sum of the others, and no loss is negative (``docs/theory.md``, Energy).
+      ``electrical_work`` is the energy that the motor consumed.
+    * ``joint_gap``: the widest gap of any joint in this step, in m (0 on the projection plant).
+    * ``joint_force_max`` in N, with ``track_joint_forces``: the largest force that a link exerts on
+      any of its joints in this step, without the time steps in which a toe lands.
+      ``joint_impulse_max`` in N s is the largest impulse in those time steps (0 if there were
+      none). ``joint_forces()`` returns all joint forces.
+    * ``diverged``: whether the simulation diverged in this step, see Episode End.
+    * ``true_observation``, with ``noise``: the observation without noise.
+    * ``parameters``, if the terrain or parameters are sampled: the parameters of the episode, by
+      name. (``env.unwrapped.parameters`` is the same as a vector.)
+
+    At a reset, the terms of the reward and the joint loads are 0, and ``energy`` contains the
+    energies of a simulated look ahead of one time step.
 
     ## Arguments
     | Argument | Default | Meaning |
     |----------|---------|---------|
-    | ``robot`` | ``"paper"`` | a :class:`jansen_env.Robot`, or the name of a built-in design; of many robots also a list |
-    | ``terrain`` | ``"flat"`` | a :class:`jansen_env.Terrain`, ``"flat"``, ``"slope:ANGLE"`` (rad), (x, y) points, or a ``pymunk.Space`` or list of static shapes; or what draws a new one at each reset, ``"rough"``, ``"stairs"``, ``"mixed"`` ... or a callable (``docs/terrain.md``) |
-    | ``terrain_level`` | 0 | of a terrain that is drawn, 0 to 9, or (low, high), drawn at each reset |
-    | ``curriculum`` | None | a :class:`jansen_env.Curriculum` that sets the level, True for the default one |
-    | ``randomize`` | None | what is drawn at each reset, by name: ranges or distributions (``docs/worlds.md``) |
-    | ``friction`` | terrain's (0.8) | Coulomb coefficient |
-    | ``restitution`` | terrain's (0) | Newton's coefficient, 0 to 1 |
-    | ``speed_command`` | (0.05, 0.8) | m/s, a number or a range |
-    | ``command_interval`` | None | s, after which another command is drawn from ``speed_command``; None for never |
+    | ``robot`` | ``"paper"`` | a :class:`jansen_env.Robot`, or the name of a built-in design; for many robots also a list |
+    | ``terrain`` | ``"flat"`` | a :class:`jansen_env.Terrain`, ``"flat"``, ``"slope:ANGLE"`` (rad), (x, y) points, or a ``pymunk.Space`` or list of static shapes; or a generator that creates new terrain at each reset: ``"rough"``, ``"stairs"``, ``"mixed"`` ... or a callable (``docs/terrain.md``) |
+    | ``terrain_level`` | 0 | level of a generated terrain, 0 to 9, or (low, high), sampled at each reset |
+    | ``curriculum`` | None | a :class:`jansen_env.Curriculum` that sets the level; True for the default curriculum |
+    | ``randomize`` | None | parameters that are sampled at each reset, by name: ranges or distributions (``docs/worlds.md``) |
+    | ``friction`` | terrain's (0.8) | Coulomb friction coefficient |
+    | ``restitution`` | terrain's (0) | Newton's coefficient of restitution, 0 to 1 |
+    | ``speed_command`` | (0.05, 0.8) | commanded speed in m/s, a number or a range |
+    | ``command_interval`` | None | time in s after which a new command is sampled from ``speed_command``; None for never |
     | ``payload`` | robot's (none) | a :class:`jansen_env.Payload`, or a mass in kg at the crank axis |
-    | ``motor`` | robot's (ideal) | a :class:`jansen_env.Motor`, or the name of one |
-    | ``torque_limit`` | motor's (20) | N m, in place of the motor's own |
-    | ``pad_compliance`` | robot's (rigid) | a :class:`jansen_env.Compliance`: how the feet give |
-    | ``delay`` | 0 | s by which torques come late, at most 1; or a range, drawn at each reset |
-    | ``control_dt`` | 0.02 | s for which an action is held; a multiple of ``time_step``, at most 10,000 times as long |
-    | ``time_step`` | the plant's | s, of the integration, 1e-9 to 1: 0.001, ``"rigid_body"`` 0.00025; short enough for compliant feet |
-    | ``plant`` | ``"projection"`` | what moves the robot, see Plants |
+    | ``motor`` | robot's (ideal) | a :class:`jansen_env.Motor`, or the name of a motor |
+    | ``torque_limit`` | motor's (20) | torque limit in N m, which replaces that of the motor |
+    | ``pad_compliance`` | robot's (rigid) | a :class:`jansen_env.Compliance`: the compliance of the feet |
+    | ``delay`` | 0 | time in s by which torques are delayed, at most 1; or a range, sampled at each reset |
+    | ``control_dt`` | 0.02 | time in s for which an action is held; a multiple of ``time_step``, at most 10,000 times as long |
+    | ``time_step`` | the plant's | time step of the integration in s, 1e-9 to 1: 0.001, or 0.00025 for ``"rigid_body"``; must be short enough for compliant feet |
+    | ``plant`` | ``"projection"`` | simulation backend that moves the robot, see Plants |
     | ``links_collide`` | False | whether sides of links touch vertices of the ground, see Plants |
-    | ``slip_weight``, ``energy_weight``, ``effort_weight``, ``smoothness_weight``, ``posture_weight``, ``load_weight`` | 1 | see Rewards |
-    | ``reset_noise_scale`` | 0.1 | rad/s, of the starting crank speed |
-    | ``fall_pitch`` | 1.2 | rad, beyond which the robot has fallen |
+    | ``slip_weight``, ``energy_weight``, ``effort_weight``, ``smoothness_weight``, ``posture_weight``, ``load_weight`` | 1 | exponents of the factors, see Rewards |
+    | ``reset_noise_scale`` | 0.1 | largest initial crank speed, in rad/s |
+    | ``fall_pitch`` | 1.2 | pitch in rad beyond which the robot has fallen |
     | ``fall_contact`` | True | whether a joint on the ground is a fall |
     | ``terminate_when_fallen`` | True | whether a fall ends the episode |
-    | ``track_joint_forces`` | False | adds them to ``info``; a step then takes some 10 ms more |
-    | ``torque_rate`` | None | N m/s at most by which the torque asked for changes: at an action that is 1 off, else in proportion |
-    | ``observe`` | ``"all"`` | or ``"onboard"``, see Observation Space |
-    | ``height_scan`` | None | (behind, ahead, count), m: places at which the ground is looked at |
-    | ``noise`` | None | a :class:`jansen_env.Noise` of the sensors, or a dictionary of its arguments |
-    | ``observe_lengths`` | False | whether observations end with the lengths of the episode |
+    | ``track_joint_forces`` | False | whether ``info`` contains the largest joint force; a step then takes about 10 ms longer |
+    | ``torque_rate`` | None | fastest change of the commanded torque in N m/s, reached if the action differs by 1 from the present one; for smaller differences the rate is proportional to the difference |
+    | ``observe`` | ``"all"`` | ``"all"`` or ``"onboard"``, see Observation Space |
+    | ``height_scan`` | None | (behind, ahead, count), in m: positions at which the terrain is scanned |
+    | ``noise`` | None | the :class:`jansen_env.Noise` of the sensors, or a dictionary of its arguments |
+    | ``observe_lengths`` | False | whether observations end with the link lengths of the episode |
     | ``push`` | None | a :class:`jansen_env.Push`: random pushes on the chassis; or a dictionary of its arguments |
     | ``render_mode`` | None | ``"human"`` or ``"rgb_array"`` |
 
     ## Plants
-    The same task runs on two plants that share the robot's data, the ground, the contact laws and the
-    motor, but not equations and solvers. ``"projection"`` integrates the paper's projected equations
-    with exact contacts, fast enough to train on. ``"rigid_body"`` is built of pymunk's bodies, joints
-    and contacts, some hundred times slower; its joints gap a little (``info["joint_gap"]``). A policy
-    that walks on both does not exploit numerical error.
+    The same task runs on two plants (simulation backends). They share the data of the robot, the
+    ground, the contact laws and the motor, but not the equations and solvers. ``"projection"``
+    integrates the projected equations of the paper with exact contacts, and is fast enough for
+    training. ``"rigid_body"`` consists of the bodies, joints and contacts of pymunk, and is some
+    hundred times slower. Its joints have small gaps (``info["joint_gap"]``). A policy that walks on
+    both plants does not exploit numerical errors.
 
-    With ``links_collide=True`` sides of links touch vertices of the ground by the pads' law, as capsules
-    of the pads' radius, if the vertices are those of ridges. Their touch is no fall. Robots are placed
-    so that no side is in the ground. Rods that end at the crank's pin, and the crank, pass through.
+    With ``links_collide=True``, sides of links touch vertices of the ground by the contact law of
+    the pads, as capsules with the radius of the pads, if the vertices are those of ridges. Such a
+    contact is not a fall. Robots are placed so that no side is in the ground. The crank, and rods
+    that end at the crank pin, pass through the ground.
 
     ## Version History
     * v0: first release.
@@ -381,23 +434,26 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
 
     @property
     def weight(self) -> float:
-        """Weight of robot and payload, N."""
+        """Weight of the robot and its payload, in N."""
         return float(self.task.world.weight[0])
 
     @property
     def parameters(self) -> Array:
-        """(18,) the numbers of this episode in the order of
-        :data:`jansen_env.parameters.PARAMETERS`, which has their names and units."""
+        """Parameters of this episode, shape (18,).
+
+        Their order, names and units are those of :data:`jansen_env.parameters.PARAMETERS`.
+        """
         return plain(self.task.world.records.parameters)[0].copy()
 
     def joint_forces(self) -> JointForces:
-        """Return the forces in every joint now, under the last action's torque and the push.
+        """Return the present forces in all joints, under the last torque and the push.
 
-        Means over the next time step, with the impulse / time step of a toe that touches down.
+        The forces are means over the next time step. If a toe touches down in it, its impulse
+        divided by the time step is included.
 
         Raises:
-            ValueError: the plant is another than ``"projection"``.
-            gymnasium.error.ResetNeeded: before the first :meth:`reset`.
+            ValueError: If the plant is not ``"projection"``.
+            gymnasium.error.ResetNeeded: If :meth:`reset` has not been called yet.
         """
         self._check_begun()
         return self.task.world.joint_forces()
@@ -408,7 +464,7 @@ class WalkerVectorArguments(VectorArguments, WalkerArguments, total=False):
 
 
 class JansenWalkerVectorEnv(TaskVectorEnv[WalkerTask]):
-    """:class:`JansenWalkerEnv` for many robots at once: what ``gym.make_vec`` makes."""
+    """Vector environment of many :class:`JansenWalkerEnv` robots, made by ``gym.make_vec``."""
 
     SINGLE = JansenWalkerEnv
 

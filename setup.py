@@ -1,4 +1,8 @@
-"""Builds the engine into the wheel, for the platform JANSEN_ENV_TARGET, a variable, or this one."""
+"""Build the package with its compiled engine.
+
+The engine is built for the platform in the environment variable JANSEN_ENV_TARGET, or for this
+machine if the variable is not set.
+"""
 
 import os
 import subprocess
@@ -13,7 +17,14 @@ ENGINE = Path(__file__).parent / "jansen_env" / "engine"
 
 
 def build(*options: str) -> str:
-    """Run the build for the target; return the last line that it prints."""
+    """Run the build script of the engine for the target platform.
+
+    Args:
+        *options: Options of the build script.
+
+    Returns:
+        The last line that the script prints.
+    """
     target = os.environ.get("JANSEN_ENV_TARGET", "")
     command = [sys.executable, str(ENGINE / "build.py"), *options, *target.split()]
     printed = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
@@ -21,12 +32,14 @@ def build(*options: str) -> str:
 
 
 class BuildEngine(build_py):
-    """Builds the library beside its sources, if it is missing there; a wheel gets a copy.
+    """Build step that compiles the engine.
 
-    For another platform than this one it is built into the wheel alone.
+    The library is built next to its sources if it is missing there, and a wheel receives a copy.
+    For another platform, the library is built only into the wheel.
     """
 
     def run(self) -> None:
+        """Copy the Python files and build the engine."""
         super().run()
         wheel = Path(self.build_lib, "jansen_env", "engine")
         if "JANSEN_ENV_TARGET" in os.environ and not self.editable_mode:
@@ -39,9 +52,10 @@ class BuildEngine(build_py):
 
 
 class PlatformWheel(bdist_wheel):
-    """A wheel for every Python, but one platform."""
+    """Wheel that works with every version of Python 3, but only on one platform."""
 
     def get_tag(self) -> tuple[str, str, str]:
+        """Return the Python, ABI and platform tags of the wheel."""
         return "py3", "none", build("--tag")
 
 

@@ -1,8 +1,8 @@
-"""Train a policy, score it against the baselines and draw the scores: ``python train.py``."""
+"""Train a policy, compare it with the baselines and plot the scores: ``python train.py``."""
 
-import agents  # isort: skip  # first: reports a missing extra
+import agents  # isort: skip  # first, because it reports a missing extra
 
-agents.set_openmp()  # before torch is loaded
+agents.set_openmp()  # must be called before torch is loaded
 
 import argparse
 import shlex
@@ -30,20 +30,36 @@ from jansen_env.scoring.benchmarks import DEFAULT, find_benchmark
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
-    """Parse the command line, with flags named as in RL Baselines3 Zoo."""
-    parser = Parser("train.py", "Train a policy, score it beside the baselines, draw the scores.",
-                    "python train.py --env JansenWalkerRough-v0 --seed 1",
-                    "python train.py --resume logs/ppo/JansenWalkerBuilt-v0_1")  # fmt: skip
+    """Parse the command line; the flags have the same names as in RL Baselines3 Zoo.
+
+    Args:
+        arguments: Arguments to parse. None selects those of the process.
+    """
+    parser = Parser(
+        "train.py",
+        "Train a policy, score it beside the baselines, draw the scores.",
+        "python train.py --env JansenWalkerRough-v0 --seed 1",
+        "python train.py --resume logs/ppo/JansenWalkerBuilt-v0_1",
+    )
     add_run_flags(parser)
     add = parser.add_argument
     add("--algo", choices=sorted(ALGORITHMS), help="algorithm; default: --config's, or ppo")
-    add("--config", metavar="FILE",
-        help="hyperparameters, or a folder of ALGO.yml; default: the one of ENV and ALGO"
-        )  # fmt: skip
-    add("--env", type=imported_env_id, metavar="ID",
-        help=f"environment id, or MODULE:ID; default: --config's, or {DEFAULT}")  # fmt: skip
-    add("--seed", type=non_negative_int,
-        help="seed of networks and environments; default: --config's, or 0")  # fmt: skip
+    add(
+        "--config",
+        metavar="FILE",
+        help="hyperparameters, or a folder of ALGO.yml; default: the one of ENV and ALGO",
+    )
+    add(
+        "--env",
+        type=imported_env_id,
+        metavar="ID",
+        help=f"environment id, or MODULE:ID; default: --config's, or {DEFAULT}",
+    )
+    add(
+        "--seed",
+        type=non_negative_int,
+        help="seed of networks and environments; default: --config's, or 0",
+    )
     add(
         "--log-folder",
         type=path_flag,
@@ -51,22 +67,39 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         metavar="DIR",
         help="parent folder of runs, DIR/ALGO/ENV_N",
     )
-    add("--tensorboard-log", metavar="DIR",
-        help="folder of TensorBoard's log, '' for none; default: the run's")  # fmt: skip
-    add("--start", metavar="MODEL",
+    add(
+        "--tensorboard-log",
+        metavar="DIR",
+        help="folder of TensorBoard's log, '' for none; default: the run's",
+    )
+    add(
+        "--start",
+        metavar="MODEL",
         help="weights to begin with: a run's folder, a model's zip, a policy's json file, "
-        "'pretrained' or 'pretrained:NAME'"
-        )  # fmt: skip
-    add("--device", type=torch_device, default="cpu", metavar="NAME",
+        "'pretrained' or 'pretrained:NAME'",
+    )
+    add(
+        "--device",
+        type=torch_device,
+        default="cpu",
+        metavar="NAME",
         help="PyTorch's device of the networks, such as cuda, which pays for large ones; the same "
-        "seed gives the same run on cpu alone; default: cpu")  # fmt: skip
+        "seed gives the same run on cpu alone; default: cpu",
+    )
     add("--resume", metavar="RUN", help="run folder to continue from its last checkpoint")
     add("--no-progress", action="store_true", help="no progress bar")
     return parser.parse_args(arguments)
 
 
 def torch_device(text: str) -> str:
-    """Return the name of a device that PyTorch can use here."""
+    """Return the name of a PyTorch device after checking that it is available.
+
+    Args:
+        text: Name of the device.
+
+    Raises:
+        ArgumentTypeError: If PyTorch cannot use the device.
+    """
     try:
         torch.zeros((), device=text).item()
     except (AssertionError, RuntimeError) as error:
@@ -76,7 +109,17 @@ def torch_device(text: str) -> str:
 
 
 def main(arguments: list[str] | None = None) -> Path:
-    """Train, score and draw; return the run's folder."""
+    """Train a policy, score it and plot the scores.
+
+    Args:
+        arguments: Arguments of the command. None selects those of the process.
+
+    Returns:
+        Folder of the run.
+
+    Raises:
+        SystemExit: If an argument or a file is invalid.
+    """
     args = parse(arguments)
     given = sys.argv[1:] if arguments is None else arguments
     torch.set_num_threads(1)
@@ -87,7 +130,7 @@ def main(arguments: list[str] | None = None) -> Path:
                 folder = Path(args.resume)
                 stack.enter_context(locked(folder))
                 resume = last_state(folder)
-            model = prepare(config, resume, args.device)  # nothing is written before this is good
+            model = prepare(config, resume, args.device)  # nothing is written before this succeeds
             if args.start:
                 start_from(model, shipped_file(args.start, config.env) or args.start)
             if args.tensorboard_log:
@@ -103,9 +146,14 @@ def main(arguments: list[str] | None = None) -> Path:
 
 
 def _run(
-    args: argparse.Namespace, config: RunConfig, model: BaseAlgorithm, folder: Path,
-    resume: Path | None, command: str,
-) -> None:  # fmt: skip
+    args: argparse.Namespace,
+    config: RunConfig,
+    model: BaseAlgorithm,
+    folder: Path,
+    resume: Path | None,
+    command: str,
+) -> None:
+    """Train the model unless the run is finished, then score its best model and print a summary."""
     start, target = time.perf_counter(), config.timesteps
     if args.resume and resume is None:
         print(f"no checkpoint in {folder} yet: the run starts from its beginning")
@@ -115,14 +163,21 @@ def _run(
         record_run(folder, config, command)
         if resume is not None:
             print(f"resuming from {resume} at {model.num_timesteps} steps")
-        print(f"training: {config.algo.upper()} on {config.env}, {target} steps -> {folder}",
-              flush=True)  # fmt: skip
+        print(
+            f"training: {config.algo.upper()} on {config.env}, {target} steps -> {folder}",
+            flush=True,
+        )
         tensorboard = args.tensorboard_log
         train(
-            model, config, folder, eval_every=args.eval_freq, save_every=args.save_freq,
+            model,
+            config,
+            folder,
+            eval_every=args.eval_freq,
+            save_every=args.save_freq,
             tensorboard=str(folder / "tensorboard") if tensorboard is None else tensorboard or None,
-            resume=resume, progress=not args.no_progress and sys.stderr.isatty(),
-        )  # fmt: skip
+            resume=resume,
+            progress=not args.no_progress and sys.stderr.isatty(),
+        )
     baselines = ", ".join(find_benchmark(config.env).baselines)
     seconds = time.perf_counter() - start
     print(f"scoring: the best model against {baselines}, after {seconds:.0f} s", flush=True)
@@ -130,7 +185,7 @@ def _run(
 
 
 def _configure(args: argparse.Namespace) -> RunConfig:
-    """Return the run's configuration; a ValueError where a file is missing or invalid."""
+    """Return the configuration of the run, or raise ValueError if a file is missing or invalid."""
     if args.resume:
         fixed = ("algo", "n_envs", "seed", "env_kwargs", "config", "start")
         given = [f"--{name.replace('_', '-')}" for name in fixed if getattr(args, name) is not None]
@@ -141,9 +196,14 @@ def _configure(args: argparse.Namespace) -> RunConfig:
             raise ValueError(f"--env must be {config.env}, that of the run, got {args.env}")
         return replace(config, timesteps=args.timesteps or config.timesteps)
     return new_config(
-        args.config, args.algo, args.env, args.env_kwargs,
-        timesteps=args.timesteps, n_envs=args.n_envs, seed=args.seed,
-    )  # fmt: skip
+        args.config,
+        args.algo,
+        args.env,
+        args.env_kwargs,
+        timesteps=args.timesteps,
+        n_envs=args.n_envs,
+        seed=args.seed,
+    )
 
 
 if __name__ == "__main__":

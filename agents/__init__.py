@@ -1,17 +1,26 @@
-"""Training, tuning, searches and export of policies; needs the packages of the extra ``train``."""
+"""Training, tuning, search and export of policies; requires the packages of the extra ``train``."""
 
-import jansen_env  # noqa: F401  # isort: skip  # first: Ctrl-C ends a command that is loaded
+import jansen_env  # noqa: F401  # isort: skip  # first, so that Ctrl-C ends a command while it is loading
 
 import os
 from importlib.util import find_spec
 
 WAITING = ("OMP_WAIT_POLICY", "GOMP_SPINCOUNT", "KMP_BLOCKTIME")
-"""Environment variables that say how OpenMP's threads wait."""
-SPINS = "2000"  # of a thread that waits, before it sleeps
+"""Environment variables that determine how the threads of OpenMP wait."""
+SPINS = "2000"  # number of spins of a waiting thread before it sleeps
 
 
 def need(extra: str, *names: str, who: str = "agents") -> None:
-    """Raise SystemExit, with the extra that brings them, where packages are missing."""
+    """Check that packages are installed.
+
+    Args:
+        extra: Extra of this package that installs them.
+        *names: Names of the packages.
+        who: Program that needs the packages.
+
+    Raises:
+        SystemExit: If a package is missing. The message names the extra.
+    """
     if missing := [name for name in names if find_spec(name) is None]:
         raise SystemExit(
             f"{who} needs {', '.join(missing)}, which the extra {extra!r} installs: "
@@ -19,19 +28,32 @@ def need(extra: str, *names: str, who: str = "agents") -> None:
         )
 
 
-NEEDED = ("PIL", "cma", "imageio_ffmpeg", "jinja2", "matplotlib",
-          "rich", "scipy", "stable_baselines3", "tabulate", "tensorboard", "torch",
-          "tqdm", "yaml")  # fmt: skip
+NEEDED = (
+    "PIL",
+    "cma",
+    "imageio_ffmpeg",
+    "jinja2",
+    "matplotlib",
+    "rich",
+    "scipy",
+    "stable_baselines3",
+    "tabulate",
+    "tensorboard",
+    "torch",
+    "tqdm",
+    "yaml",
+)
 need("train", *NEEDED)
 
 
 def set_openmp() -> None:
     """Set OpenMP's environment variables for training, unless the user has set them.
 
-    Call it before torch is loaded. One thread acts for the robots: more slow down a step, and
-    change the rounding of initial weights and so the run of a seed. An update takes more threads,
-    which spin by default where they wait for one another. Beside other processes they take the
-    processor from the very thread that they wait for, so they sleep soon.
+    Call this function before torch is loaded. A single thread computes the actions of the robots.
+    More threads would slow down a step, and they would change the rounding of the initial weights
+    and therefore the result of a seed. An update uses more threads. By default, these threads spin
+    while they wait for one another. If other processes are running, spinning threads can take the
+    processor from the very thread that they wait for. They are therefore set to sleep soon.
     """
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     if not any(name in os.environ for name in WAITING):

@@ -1,10 +1,11 @@
-"""Identify what is not known of a machine, by logs of its walks: ``python -m agents.identify``.
+"""Identify unknown parameters of a machine from logs of its walks: ``python -m agents.identify``.
 
-Copies of the robot walk as the machine did. Their numbers are drawn, and so are errors of the
-measurement: zeros of the crank and the IMU, the torque constant, filters, the floor. A ridge
-regression on summary measures of their walks estimates each number (M. A. Beaumont et al.,
-*Genetics* 162 (2002) 2025, of all copies with equal weights). Its errors on copies that it leaves
-out are the intervals. A log that no copy explains is refused (:mod:`agents.likeness`).
+Simulated copies of the robot repeat the walks of the machine. The parameters of the copies are
+sampled, and so are errors of the measurement: the zeros of the crank angle and of the IMU, the
+torque constant, filters, and the slope of the floor. A ridge regression on summary measures of the
+walks estimates each parameter (M. A. Beaumont et al., *Genetics* 162 (2002) 2025, here with equal
+weights for all copies). The errors of the regression on copies that are left out of it yield the
+intervals. If no copy explains a log, the log is rejected (:mod:`agents.likeness`).
 """
 
 import json
@@ -40,11 +41,13 @@ from jansen_env.world.settings import load_robot
 
 Limits: TypeAlias = dict[str, tuple[float, float]]
 NAMES = {
-    "friction": "of the feet on the ground", "bearings": "times the bearings' friction",
-    "damping": "N m s/rad more, of the crank", "payload": "kg more, at the crank's axis",
+    "friction": "of the feet on the ground",
+    "bearings": "times the bearings' friction",
+    "damping": "N m s/rad more, of the crank",
+    "payload": "kg more, at the crank's axis",
     "feet": "times the feet's stiffness",
-}  # fmt: skip
-"""Numbers of the machine that are identified."""
+}
+"""Parameters of the machine that are identified, with their meanings in the report."""
 SETUP = {
     "crank_zero": "rad, in the angle of the crank",
     "pitch_zero": "rad, in pitch: the IMU's zero and how it is mounted",
@@ -53,7 +56,7 @@ SETUP = {
     "pitch_delay": "s, by which pitch is later than the crank's angle",
     "slope": "rad, of the floor, which rises towards +x",
 }
-"""Numbers of the measurement that are identified, too: errors of set-up."""
+"""Errors of the measurement set-up that are identified as well."""
 SETUP_LIMITS: Limits = {
     "crank_zero": (-0.12, 0.12),
     "pitch_zero": (-0.03, 0.03),
@@ -62,15 +65,18 @@ SETUP_LIMITS: Limits = {
     "pitch_delay": (-0.02, 0.04),
     "slope": (-0.005, 0.005),
 }
-FILTERED = 0.7  # of the copies' torques are filtered
-FROM_ZERO = "bearings", "damping", "payload", "torque_filter"  # that are never below 0
-INTERVAL = 2.5, 97.5  # per cent of the errors
-TELLS = 0.7  # of the limits: an interval that is wider tells nothing
-ORDERS, LAGS = 4, (2, 3, 5)  # harmonics of a step; steps of 20 ms, over which noise is not alike
-MODEL = 0.01  # of torque and pitch, that a model's harmonics are off
-SCALE = 0.003  # of the mass, that a scale is off
-RIDGE = 3.0  # of the regression, on columns of variance 1
-FEWEST = 256  # copies
+FILTERED = 0.7  # fraction of the copies whose torque is filtered
+FROM_ZERO = "bearings", "damping", "payload", "torque_filter"  # parameters that are at least 0
+INTERVAL = 2.5, 97.5  # percentiles of the errors
+# An interval that is wider than this fraction of the sampled range counts as not identifiable.
+TELLS = 0.7
+# Number of harmonics of a step, and lags of the autocovariances in control steps of 20 ms. Noise is
+# not correlated over these lags.
+ORDERS, LAGS = 4, (2, 3, 5)
+MODEL = 0.01  # error of the model's harmonics, as a fraction of torque and pitch
+SCALE = 0.003  # error of the scale, as a fraction of the mass
+RIDGE = 3.0  # regularisation of the regression, for columns of variance 1
+FEWEST = 256  # smallest number of copies
 CAUSES = (
     "usual causes are a reversed sign or a wrong unit of pitch, torque or current, a filtered "
     "current, a wrong zero of the crank, another robot or other gains than the log's comments "
@@ -79,7 +85,13 @@ CAUSES = (
 
 
 class Estimate(NamedTuple):
-    """An estimate and its interval of 95 %; None, and all that was drawn, if logs do not tell."""
+    """An estimate of a parameter with its 95 % interval.
+
+    Attributes:
+        value: The estimate. None if the logs do not determine the parameter.
+        low: Lower end of the interval, or of the sampled range if ``value`` is None.
+        high: Upper end of the interval, or of the sampled range if ``value`` is None.
+    """
 
     value: float | None
     low: float
@@ -87,12 +99,12 @@ class Estimate(NamedTuple):
 
 
 class Copies(NamedTuple):
-    """Copies that walked as logs did, measured by sensors with errors of set-up.
+    """Simulated copies that repeated the walks of the logs, measured with errors of the set-up.
 
     Attributes:
-        known: Numbers of the copies by name, shape (n,) each.
-        walks: Walks of the copies for each log, shape (n, steps), with the log's noise.
-        mass: Masses of the copies in kg, shape (n,).
+        known: Parameters of the copies by name, shape (n,) each.
+        walks: For each log, the walks of the copies, shape (n, steps), with the noise of the log.
+        mass: Masses of the copies, in kg, shape (n,).
     """
 
     known: dict[str, Array]
@@ -101,21 +113,44 @@ class Copies(NamedTuple):
 
 
 def limits(robot: Robot) -> Limits:
-    """Return the range of each drawn number: that of predictions, or wider if it is identified."""
+    """Return the range from which each parameter is sampled.
+
+    The ranges are those of the predictions. Parameters that are identified have wider ranges.
+
+    Args:
+        robot: The robot as designed.
+    """
     torque = GRAVITY * robot.mass * abs(advance_per_turn(robot)) / (2.0 * math.pi)
     return {
-        **WITHIN, "friction": (0.1, 1.4), "bearings": (0.0, 3.0), "damping": (0.0, 0.04 * torque),
-        "payload": (0.0, 0.4 * robot.mass), "feet": (0.3, 2.5), **SETUP_LIMITS,
-    }  # fmt: skip
+        **WITHIN,
+        "friction": (0.1, 1.4),
+        "bearings": (0.0, 3.0),
+        "damping": (0.0, 0.04 * torque),
+        "payload": (0.0, 0.4 * robot.mass),
+        "feet": (0.3, 2.5),
+        **SETUP_LIMITS,
+    }
 
 
 def noise(series: Array) -> float:
-    """Standard deviation of the white noise of a series, by the median of its third differences."""
+    """Return the standard deviation of the white noise of a series.
+
+    The median of the third differences of the series yields the estimate.
+
+    Args:
+        series: Values at equal intervals, shape (steps,).
+    """
     return float(np.median(np.abs(np.diff(series, 3)))) / (0.6745 * math.sqrt(20.0))
 
 
 def filtered(series: Array, constants: Array, dt: float) -> Array:
-    """Low-pass filter series, shape (steps, n), of first order with time constants (n,) in s."""
+    """Apply a first-order low-pass filter to each series.
+
+    Args:
+        series: The series, shape (steps, n).
+        constants: Time constants, in s, shape (n,).
+        dt: Time between two values of a series, in s.
+    """
     decay = np.exp(-dt / np.maximum(constants, 1e-9))
     out = series.copy()
     for step in range(1, len(series)):
@@ -124,7 +159,13 @@ def filtered(series: Array, constants: Array, dt: float) -> Array:
 
 
 def delayed(series: Array, delays: Array, dt: float) -> Array:
-    """Delay series, shape (steps, n), by times (n,) in s, which may be below 0."""
+    """Shift each series in time by its own delay.
+
+    Args:
+        series: The series, shape (steps, n).
+        delays: Delays, in s, shape (n,). They may be negative.
+        dt: Time between two values of a series, in s.
+    """
     steps = np.arange(len(series), dtype=float)
     pairs = zip(delays.tolist(), series.T, strict=True)
     return np.stack([np.interp(steps - delay / dt, steps, column) for delay, column in pairs], 1)
@@ -133,12 +174,20 @@ def delayed(series: Array, delays: Array, dt: float) -> Array:
 def walk_copies(
     robot: Robot, logs: Sequence[Log], within: Limits, copies: int, advance: Advance = no_progress
 ) -> Copies:
-    """Draw copies within limits, and walk them as logs did; those that fell are left out.
+    """Sample copies of a robot and simulate the walks of the logs with them.
 
-    A share of the torques is not filtered if 0 is within the limits of the filter.
+    Copies that fall are left out. If the range of the torque filter includes 0, a fraction of the
+    copies has no filter.
+
+    Args:
+        robot: The robot as designed.
+        logs: Logs of the machine.
+        within: Range from which each parameter is sampled.
+        copies: Number of copies.
+        advance: Function that reports the progress of the simulation.
 
     Raises:
-        ValueError: If fewer than half of the copies stand.
+        ValueError: If fewer than half of the copies remain standing.
     """
     least, most = within["torque_filter"]
     spread = {**within, "torque_filter": (most - (most - least) / FILTERED, most)}
@@ -174,9 +223,17 @@ def walk_copies(
 
 
 def measures(walk: Walk, phases: int) -> Array:
-    """Summary measures (n, m) of walks (n, steps) of a machine with so many crank pins.
+    """Return summary measures of walks.
 
-    Harmonics of torque and pitch in the angle between steps; roots of the rest's autocovariances.
+    For torque and for pitch, the measures are the harmonics in the crank angle and the signed
+    square roots of the autocovariances of the remainder.
+
+    Args:
+        walk: Walks, shape (n, steps).
+        phases: Number of crank pins. A walk repeats this many times per turn of the crank.
+
+    Returns:
+        The measures, shape (n, m).
     """
     turned = phases * walk.crank[..., None] * np.arange(1, ORDERS + 1)
     ones = np.ones((*walk.crank.shape, 1))
@@ -191,12 +248,22 @@ def measures(walk: Walk, phases: int) -> Array:
 
 
 def estimate(walked: Array, numbers: Array, measured: Array) -> Array:
-    """Value, low and high (k, 3) of numbers (n, k) by measures (n, m) of walks and of logs (m,)."""
+    """Estimate parameters by a ridge regression on the summary measures of copies.
+
+    Args:
+        walked: Measures of the copies, shape (n, m).
+        numbers: Parameters of the copies, shape (n, k).
+        measured: Measures of the logs, shape (m,).
+
+    Returns:
+        Estimate and lower and upper end of the interval of each parameter, shape (k, 3).
+    """
     middle, spread, mean = walked.mean(axis=0), walked.std(axis=0) + 1e-12, numbers.mean(axis=0)
     X = (walked - middle) / spread
     weights = np.linalg.solve(X.T @ X + RIDGE * np.eye(X.shape[1]), X.T)
     slopes = weights @ (numbers - mean)
-    leverage = np.einsum("nk,kn->n", X, weights) + 1.0 / len(X)  # of a copy on its estimate
+    # The leverage is the influence of a copy on its own estimate.
+    leverage = np.einsum("nk,kn->n", X, weights) + 1.0 / len(X)
     errors = (numbers - mean - X @ slopes) / (1.0 - leverage)[:, None]
     value = mean + (measured - middle) / spread @ slopes
     return np.stack([value, *(value + np.percentile(errors, INTERVAL, axis=0))], axis=1)
@@ -205,9 +272,18 @@ def estimate(walked: Array, numbers: Array, measured: Array) -> Array:
 def compared_measures(
     robot: Robot, logs: Sequence[Log], copies: Copies
 ) -> tuple[Array, Callable[[Sequence[Walk]], Array]]:
-    """Return the copies' measures (n, m), with model errors, and a function for those of walks.
+    """Return the measures of the copies and a function that computes the measures of walks.
 
-    A mass that a log's comments give is a measure.
+    If the comments of a log contain a mass, the mass is a measure as well.
+
+    Args:
+        robot: The robot as designed.
+        logs: Logs of the machine.
+        copies: Copies that repeated the walks of the logs.
+
+    Returns:
+        The measures of the copies with model errors, shape (n, m), and a function that takes one
+        walk per log and returns their measures, shape (m,).
     """
     phases, rng = len({leg.phase for leg in robot.legs}), np.random.default_rng(0)
     walked = []
@@ -228,10 +304,18 @@ def compared_measures(
 
 
 def identify(robot: Robot, logs: Sequence[Log], copies: Copies) -> dict[str, Estimate]:
-    """Estimate the numbers :data:`NAMES` and :data:`SETUP` from logs and from copies' walks.
+    """Estimate the parameters in :data:`NAMES` and :data:`SETUP`.
 
-    An interval that reaches beyond the limits of what was drawn, or is nearly as wide, tells
-    nothing. But one of :data:`FROM_ZERO` that reaches below 0 begins at 0.
+    A parameter is not identifiable if its interval reaches beyond the sampled range or is nearly as
+    wide as this range. The interval of a parameter in :data:`FROM_ZERO` is cut off at 0.
+
+    Args:
+        robot: The robot as designed.
+        logs: Logs of the machine.
+        copies: Copies that repeated the walks of the logs.
+
+    Returns:
+        The estimates by name.
     """
     walked, measured = compared_measures(robot, logs, copies)
     names = [*NAMES, *SETUP]
@@ -249,11 +333,21 @@ def identify(robot: Robot, logs: Sequence[Log], copies: Copies) -> dict[str, Est
 
 
 def check_explained(robot: Robot, logs: Sequence[Log], copies: Copies) -> tuple[float, float]:
-    """Return the distance of logs from the copies, and the largest of copies that were left out.
+    """Check that the copies explain the logs.
+
+    Args:
+        robot: The robot as designed.
+        logs: Logs of the machine.
+        copies: Copies that repeated the walks of the logs.
+
+    Returns:
+        The distance of the logs from the copies, and the largest distance among copies that the
+        fit has not seen.
 
     Raises:
-        ValueError: If no copy explains the logs: they are farther, or an error of set-up is
-            estimated beyond its limits. Names usual mistakes without which they would be explained.
+        ValueError: If no copy explains the logs: either the logs are farther away than the copies,
+            or the estimate of a set-up error is out of its range. The message names common mistakes
+            that would explain the logs.
     """
     walked, measured = compared_measures(robot, logs, copies)
     names = [*NAMES, *SETUP]
@@ -262,7 +356,7 @@ def check_explained(robot: Robot, logs: Sequence[Log], copies: Copies) -> tuple[
     surface = Surface(walked, numbers, np.array([within[name] for name in names]))
 
     def refusal(walks: Sequence[Walk]) -> tuple[float, str]:
-        """The distance of walks, and why no copy explains them; empty if one does."""
+        """Return the distance of walks and the reason why no copy explains them, "" if one does."""
         row = measured(walks)
         distance = surface.distance(row)
         if not distance <= surface.farthest:
@@ -297,9 +391,13 @@ def report(
     distances: tuple[float, float],
     copies: Copies,
 ) -> str:
-    """Return what was identified, and the logs compared with copies that have these numbers.
+    """Return a report of the estimates, which also compares the logs with matching copies.
 
-    ``distances``: of the logs from the copies that explain them, and the largest of such copies.
+    Args:
+        logs: Logs of the machine.
+        estimates: Estimates by name.
+        distances: Distances that :func:`check_explained` returned.
+        copies: Copies whose parameters were sampled from the estimated intervals.
     """
 
     def numbers(meanings: dict[str, str], head: str) -> str:
@@ -325,32 +423,55 @@ def report(
 
 
 def randomize(robot: Robot, estimates: dict[str, Estimate]) -> dict[str, object]:
-    """The argument ``randomize`` of environments that covers what is left uncertain."""
+    """Return the argument ``randomize`` of environments that covers the remaining uncertainty.
+
+    Args:
+        robot: The robot as designed.
+        estimates: Estimates by name.
+    """
     spans = {name: [round(row.low, 4), round(row.high, 4)] for name, row in estimates.items()}
     shortest = min(size for name, size in lengths(robot).items() if name != "frame_angle")
     drawn: dict[str, object] = {
-        "friction": spans["friction"], "mass_scale": [*WITHIN["mass"]],
+        "friction": spans["friction"],
+        "mass_scale": [*WITHIN["mass"]],
         "payload": [robot.payload.mass + mass for mass in spans["payload"]],
         "motor_strength": [*WITHIN["battery"]],
         "lengths": round(WITHIN["lengths"][1] / shortest, 4),
-    }  # fmt: skip
+    }
     return drawn if robot.pad_compliance.rigid else {**drawn, "foot_stiffness_scale": spans["feet"]}
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Identify, print a report, write the machine."""
-    parser = Parser("python -m agents.identify", __doc__,
-                    "python -m agents.identify slow.csv fast.csv --robot economy")  # fmt: skip
+    """Identify a machine, print the report and write the robot file of the machine."""
+    parser = Parser(
+        "python -m agents.identify",
+        __doc__,
+        "python -m agents.identify slow.csv fast.csv --robot economy",
+    )
     add = parser.add_argument
     add("logs", nargs="+", metavar="LOG.csv", help="of one machine, at different speeds")
     add("--robot", help="a design or a robot file; default: the one that the first log names")
-    add("--copies", type=whole(FEWEST, predict.MOST_COPIES), default=512,
-        help="that walk; default: %(default)s")  # fmt: skip
-    add("--out", type=robot_file, default=Path("identified.json"), metavar="FILE",
-        help="robot file of the machine; default: %(default)s")  # fmt: skip
-    add("--train", nargs="?", const=0, type=positive_int, metavar="STEPS",
-        help="then train a policy over the identified ranges; default STEPS: the configuration's"
-        )  # fmt: skip
+    add(
+        "--copies",
+        type=whole(FEWEST, predict.MOST_COPIES),
+        default=512,
+        help="that walk; default: %(default)s",
+    )
+    add(
+        "--out",
+        type=robot_file,
+        default=Path("identified.json"),
+        metavar="FILE",
+        help="robot file of the machine; default: %(default)s",
+    )
+    add(
+        "--train",
+        nargs="?",
+        const=0,
+        type=positive_int,
+        metavar="STEPS",
+        help="then train a policy over the identified ranges; default STEPS: the configuration's",
+    )
     args = parser.parse_args(arguments)
     with parser.refusing():
         logs = [read_log(path) for path in args.logs]
@@ -367,14 +488,19 @@ def main(arguments: list[str] | None = None) -> None:
             like = walk_copies(robot, logs, known, args.copies // 4, advance)
         print(report(logs, estimates, distances, like))
         numbers = dict.fromkeys(("mass", "battery", "feet", "bearings"), 1.0) | {
-            name: row.value for name, row in estimates.items()
+            name: row.value
+            for name, row in estimates.items()
             if row.value is not None and name in ("bearings", "damping")
-        }  # fmt: skip
+        }
         write_robot(args.out, predict.copy_of(robot, numbers, {}))
     drawn = randomize(robot, estimates)
     config = {"aluminium": "onboard.yml", "plywood": "weekend.yml"}[robot.material]
-    run = ["--config", str(training_folder(ENV) / config),
-           "--env-kwargs", json.dumps({"robot": str(args.out), "randomize": drawn})]  # fmt: skip
+    run = [
+        "--config",
+        str(training_folder(ENV) / config),
+        "--env-kwargs",
+        json.dumps({"robot": str(args.out), "randomize": drawn}),
+    ]
     print(f"\nrandomize={json.dumps(drawn)}\n")
     print(f"The friction of bearings and crank is in {args.out}.")
     print(f"To train:\n\n{shlex.join(['python', 'train.py', *run])}", flush=True)

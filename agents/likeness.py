@@ -1,9 +1,9 @@
-"""Does any simulated copy of a robot explain a log? If not, would a usual mistake explain it?
+"""Check whether simulated copies of a robot explain a log, or a common mistake does.
 
-The copies' summary measures are fitted by a quadratic surface over the unknown numbers. The
-distance of a log is that to the nearest point of the surface, in standard deviations of what the
-surface leaves (chaos, sensor noise, link lengths). Copies that the fit has not seen show which
-distances are usual.
+A quadratic surface over the unknown parameters is fitted to the summary measures of the copies. The
+distance of a log is the distance to the nearest point of this surface, in standard deviations of
+the residuals of the fit (chaos, sensor noise, link lengths). Copies that the fit has not seen show
+which distances are usual.
 """
 
 import math
@@ -18,18 +18,18 @@ from agents.measurements import CONTROL_DT, Log, Walk
 from jansen_env.arrays import Array
 from jansen_env.robot import Robot
 
-LEFT_OUT = 8  # of so many copies, one is left out of the fit
-RIDGE = 0.03  # added to variances of 1
-FILTERS = 0.1, 0.15, 0.2, 0.3, 0.5, 1.0  # s, time constants of a sensor's low-pass filter
-DELAYS = tuple(range(3, 26))  # steps of 20 ms
-ZERO_STEP = 0.1  # rad, between zeros of the crank that are tried
+LEFT_OUT = 8  # one in this many copies is left out of the fit
+RIDGE = 0.03  # regularisation, added to variances of 1
+FILTERS = 0.1, 0.15, 0.2, 0.3, 0.5, 1.0  # time constants of the low-pass filter of a sensor, in s
+DELAYS = tuple(range(3, 26))  # delays in control steps of 20 ms
+ZERO_STEP = 0.1  # distance between the zeros of the crank angle that are tried, in rad
 
 
 class Surface:
-    """A quadratic fit of summary measures over unknown numbers.
+    """Quadratic fit of summary measures as functions of the unknown parameters.
 
     Attributes:
-        farthest: The largest distance from the surface among copies that the fit has not seen.
+        farthest: Largest distance from the surface among copies that the fit has not seen.
     """
 
     def __init__(self, walked: Array, numbers: Array, ends: Array) -> None:
@@ -37,8 +37,8 @@ class Surface:
 
         Args:
             walked: Measures of the copies, shape (n, m).
-            numbers: Unknown numbers of the copies, shape (n, k).
-            ends: Limits within which the numbers were drawn, shape (k, 2).
+            numbers: Unknown parameters of the copies, shape (n, k).
+            ends: Ranges from which the parameters were sampled, shape (k, 2).
         """
         count = numbers.shape[1]
         scaled = 2.0 * (numbers - ends[:, 0]) / np.ptp(ends, axis=1) - 1.0
@@ -61,7 +61,11 @@ class Surface:
         self.farthest = max(self.distance(row) for row in walked[seen:])
 
     def distance(self, measured: Array) -> float:
-        """Return the root mean square distance of measures, shape (m,), from the surface."""
+        """Return the root mean square distance of measures from the surface.
+
+        Args:
+            measured: Measures, shape (m,).
+        """
 
         def errors(scaled: Array) -> Array:
             bend = np.einsum("k,klm->lm", scaled, self._bend)
@@ -77,12 +81,12 @@ class Surface:
 
 
 class Cure(NamedTuple):
-    """A change of a log that undoes a usual mistake.
+    """Correction that undoes a common mistake in a log.
 
     Attributes:
-        change: What is changed, a clause.
+        change: Description of the correction, a clause.
         cause: The mistake.
-        apply: Function that returns the changed walk.
+        apply: Function that returns the corrected walk.
     """
 
     change: str
@@ -91,34 +95,61 @@ class Cure(NamedTuple):
 
 
 def unfiltered(series: Array, constant: float) -> Array:
-    """Undo a low-pass filter of first order with a time constant in s."""
+    """Undo a first-order low-pass filter.
+
+    Args:
+        series: Filtered values at the control steps, shape (steps,).
+        constant: Time constant, in s.
+    """
     decay = math.exp(-CONTROL_DT / constant)
     return np.append(series[0], (series[1:] - decay * series[:-1]) / (1.0 - decay))
 
 
 def scale(walk: Walk, name: str, factor: float) -> Walk:
-    """Multiply a series of a walk."""
+    """Multiply a series of a walk by a factor.
+
+    Args:
+        walk: The walk.
+        name: Name of the series.
+        factor: The factor.
+    """
     return walk._replace(**{name: factor * getattr(walk, name)})
 
 
 def shift(walk: Walk, name: str, offset: float) -> Walk:
-    """Add a constant to a series of a walk."""
+    """Add a constant to a series of a walk.
+
+    Args:
+        walk: The walk.
+        name: Name of the series.
+        offset: The constant, in the unit of the series.
+    """
     return walk._replace(**{name: getattr(walk, name) + offset})
 
 
 def take_off_filter(walk: Walk, constant: float) -> Walk:
-    """Undo a low-pass filter of torque with a time constant in s."""
+    """Undo a first-order low-pass filter of the torque.
+
+    Args:
+        walk: The walk.
+        constant: Time constant, in s.
+    """
     return walk._replace(torque=unfiltered(walk.torque, constant))
 
 
 def advance_pitch(walk: Walk, steps: int) -> Walk:
-    """Take pitch some steps of 20 ms earlier; the walk is shorter by these."""
+    """Shift the pitch to earlier times; the walk becomes shorter by the same number of steps.
+
+    Args:
+        walk: The walk.
+        steps: Number of control steps of 20 ms.
+    """
     cut = Walk(*(series[:-steps] for series in walk))
     return cut._replace(pitch=walk.pitch[steps:])
 
 
 def cures(robot: Robot, logs: Sequence[Log], walks: Sequence[Walk]) -> Iterator[Cure]:
-    """Yield changes that undo the usual mistakes of logs of one machine.
+    """Yield corrections that undo common mistakes in the logs of one machine.
 
     Args:
         robot: The robot as designed.
@@ -127,7 +158,7 @@ def cures(robot: Robot, logs: Sequence[Log], walks: Sequence[Walk]) -> Iterator[
     """
 
     def variation_ratio(name: str) -> float:
-        """Variation of a series in the median copy, in multiples of that in the logs."""
+        """Return the variation of a series in the median copy, divided by that in the logs."""
         copies = sum(float(np.median(getattr(walk, name).std(axis=1))) for walk in walks)
         return copies / max(1e-12, sum(float(getattr(log.walk, name).std()) for log in logs))
 
@@ -154,7 +185,7 @@ def cures(robot: Robot, logs: Sequence[Log], walks: Sequence[Walk]) -> Iterator[
         "the IMU was not zeroed",
         partial(shift, name="pitch", offset=offset),
     )
-    phases = len({leg.phase for leg in robot.legs})  # a walk repeats so often in a turn
+    phases = len({leg.phase for leg in robot.legs})  # a walk repeats this often per turn
     most = math.ceil(math.pi / phases / ZERO_STEP)
     for count in range(-most, most + 1):
         offset = ZERO_STEP * count

@@ -1,7 +1,8 @@
-"""Read the comments and columns of a log, a CSV file as loggers and spreadsheets write it.
+"""Read the comments and columns of a log, a CSV file as written by data loggers and spreadsheets.
 
-Text may be UTF-8 or UTF-16, cells may be quoted, and commas, semicolons, tabs, bars or spaces may
-separate them. Decimals may have a comma. Each error begins with the number of its line.
+The text may be UTF-8 or UTF-16. Cells may be quoted and may be separated by commas, semicolons,
+tabs, vertical bars or spaces. The decimal separator may be a comma. Every error message begins with
+the number of the line.
 """
 
 import codecs
@@ -17,13 +18,13 @@ import numpy as np
 from jansen_env.arrays import Array, Ints
 from jansen_env.checks import LONGEST, listed, shown
 
-DELIMITERS = ";\t,| "  # the first of these that the row of heads has separates cells
-BLANK = {"", "nan", "na", "n/a", "null", "none", "-"}  # cells without a value, in any case
+DELIMITERS = ";\t,| "  # the first of these characters in the header row separates the cells
+BLANK = {"", "nan", "na", "n/a", "null", "none", "-"}  # cells without a value, in lower case
 NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 COMMENT = re.compile(r"(\w+)\s*[:=]\s*(.*)", re.ASCII)
 UNICODE_MARKS = {
     codecs.BOM_UTF8: "utf-8",
-    codecs.BOM_UTF16_LE: "utf-16-le",  # PowerShell's redirections
+    codecs.BOM_UTF16_LE: "utf-16-le",  # written by redirections in PowerShell
     codecs.BOM_UTF16_BE: "utf-16-be",
 }
 
@@ -32,9 +33,9 @@ class Column(NamedTuple):
     """A column that a log may have.
 
     Attributes:
-        quantity: What it holds; a log has one column of a quantity.
-        factor: Its unit in SI.
-        most: The largest magnitude in SI.
+        quantity: Quantity in the column; a log has one column per quantity.
+        factor: Factor that converts the unit of the column to SI units.
+        most: Largest allowed magnitude, in SI units.
         optional: Whether cells may be blank.
     """
 
@@ -58,13 +59,13 @@ NEEDED = "time_s", "crank_rad or crank_deg", "torque_Nm or current_A", "pitch_ra
 
 
 class LogTable(NamedTuple):
-    """What a log's file says.
+    """Contents of a log.
 
     Attributes:
-        comments: Line and text of each comment ``name: value``, by name.
-        columns: Columns in SI by quantity, shape (n,); NaN where a cell is blank.
-        head: The line of the heads.
-        lines: The line of each row, shape (n,).
+        comments: Line number and text of each comment ``name: value``, by name.
+        columns: Columns in SI units by quantity, shape (n,); NaN where a cell is blank.
+        head: Line number of the header row.
+        lines: Line number of each row, shape (n,).
     """
 
     comments: dict[str, tuple[int, str]]
@@ -74,15 +75,23 @@ class LogTable(NamedTuple):
 
 
 def at_line(line: int, text: str) -> ValueError:
-    """Return the error of a line."""
+    """Return a ValueError whose message begins with a line number.
+
+    Args:
+        line: Number of the line.
+        text: The message.
+    """
     return ValueError(f"line {line}: {text}")
 
 
 def decoded(data: bytes) -> str:
-    """Decode a file as UTF-16, if it begins with its mark, or as UTF-8.
+    """Decode a file as UTF-16 if it begins with a UTF-16 byte order mark, otherwise as UTF-8.
+
+    Args:
+        data: Contents of the file.
 
     Raises:
-        ValueError: If it is neither.
+        ValueError: If the text is in another encoding or contains null characters.
     """
     encoding = "utf-8"
     for mark, name in UNICODE_MARKS.items():
@@ -102,12 +111,21 @@ def decoded(data: bytes) -> str:
 
 
 def split_lines(text: str) -> list[str]:
-    """Split text at the ends of lines that editors count."""
+    """Split text into the lines that an editor would count.
+
+    Args:
+        text: The text.
+    """
     return [line.strip() for line in io.StringIO(text, newline=None)]
 
 
 def split_cells(line: int, text: str, delimiter: str) -> list[str]:
     """Split a line into its cells.
+
+    Args:
+        line: Number of the line, for error messages.
+        text: Text of the line.
+        delimiter: Character that separates cells.
 
     Raises:
         ValueError: If quotation marks do not match or a cell is far too long.
@@ -121,14 +139,15 @@ def split_cells(line: int, text: str, delimiter: str) -> list[str]:
 
 
 def read_table(data: bytes, once: Sequence[str] = ()) -> LogTable:
-    """Read the bytes of a log.
+    """Read the comments and columns of a log.
 
     Args:
-        data: The file's bytes.
-        once: Names of comments that a log may have only once; others are free remarks.
+        data: Contents of the file.
+        once: Names of comments that may appear only once; other comments are free remarks.
 
     Raises:
-        ValueError: If the log cannot be read. Names the line, what is wrong and what is allowed.
+        ValueError: If the log cannot be read. The message names the line, the problem and what is
+            allowed.
     """
     comments: dict[str, tuple[int, str]] = {}
     rows = []
@@ -162,7 +181,7 @@ def read_table(data: bytes, once: Sequence[str] = ()) -> LogTable:
 
 
 def _heads(line: int, cells: list[str]) -> list[str]:
-    """Return the names of the columns."""
+    """Return the names of the columns, or raise ValueError if a column is unknown or missing."""
     while cells and not cells[-1]:
         cells.pop()
     names = {name.casefold(): name for name in COLUMNS}
@@ -184,7 +203,7 @@ def _heads(line: int, cells: list[str]) -> list[str]:
 
 
 def _numbers(line: int, cells: list[str], heads: Sequence[str], delimiter: str) -> list[float]:
-    """Return the numbers of a row in SI."""
+    """Return the numbers of a row in SI units."""
     needless = {"current_A"} if "torque_Nm" in heads else set()
     optional = {name for name in heads if COLUMNS[name].optional} | needless
     missing = heads[len(cells) :]
@@ -201,7 +220,7 @@ def _numbers(line: int, cells: list[str], heads: Sequence[str], delimiter: str) 
 
 
 def _number(line: int, cell: str, name: str, optional: bool) -> float:
-    """Return the number of a cell in SI; NaN where it is blank."""
+    """Return the number in a cell in SI units; NaN if the cell is blank."""
     column = COLUMNS[name]
     if cell.casefold() in BLANK:
         if not optional:

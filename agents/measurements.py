@@ -1,6 +1,6 @@
-"""Logs of a machine's walk: read, checked, and compared with what was predicted of the machine.
+"""Read and check logs of a machine's walks, and compare them with the published predictions.
 
-``measurements/README.md`` has the format of a log.
+``measurements/README.md`` describes the format of a log.
 """
 
 import json
@@ -30,40 +30,60 @@ from jansen_env.scoring.metrics import SETTLING
 from jansen_env.tasks.walking.tuned import gains_of
 
 COMMENTS = "crank_speed", "robot", "gains", "torque_constant", "mass"
-"""Names of comments that are read; others are remarks."""
-CONTROL_DT = 0.02  # s, of predicted walks
-LONGEST_GAP, LONGEST_PERIOD = 0.1, 0.05  # s, without samples, and between most of them
-DRIFT, SMALL = 0.03, 0.01  # of the crank's speed: that a clock may be off, and that is left
-FILMED = 1.0  # s, at most between places that are known
+"""Names of the comments that are evaluated; all other comments are remarks."""
+CONTROL_DT = 0.02  # control step of the predicted walks, in s
+LONGEST_GAP, LONGEST_PERIOD = 0.1, 0.05  # largest gap and largest median sampling interval, in s
+# Largest error of the clock as a fraction of the crank speed, and largest error that is left
+# uncorrected.
+DRIFT, SMALL = 0.03, 0.01
+FILMED = 1.0  # longest time between two known positions of the crank axis, in s
 MAX_BYTES = 50_000_000
 PREDICTIONS = Path(__file__).parents[1] / "docs" / "predictions"
 
 
 class Walk(NamedTuple):
-    """A walk (..., steps) every 20 ms after the first 2 s, or several."""
+    """One walk or several walks, sampled every 20 ms after the first 2 s, shape (..., steps).
 
-    crank: Array  # rad, not wrapped
-    torque: Array  # at the crank, N m, mean of 20 ms
-    pitch: Array  # rad
-    x: Array  # m, of the crank's axis; NaN where it is not known
+    Attributes:
+        crank: Crank angle, in rad, not wrapped to one turn.
+        torque: Torque at the crank, averaged over 20 ms, in N m.
+        pitch: Pitch of the chassis, in rad.
+        x: Position of the crank axis, in m; NaN if it is not known.
+    """
+
+    crank: Array
+    torque: Array
+    pitch: Array
+    x: Array
 
 
 class Log(NamedTuple):
-    """A machine's walk at a constant crank speed; ``about``: its comments by name."""
+    """A machine's walk at a constant crank speed.
+
+    Attributes:
+        about: Comments of the log by name.
+        speed: Commanded crank speed, in rad/s.
+        gains: Gains of the PID that held the crank speed.
+        walk: The walk.
+        notes: Notes on what was corrected in the log.
+    """
 
     about: dict[str, Any]
-    speed: float  # commanded, rad/s
+    speed: float
     gains: PID
     walk: Walk
-    notes: list[str]  # what was mended
+    notes: list[str]
 
 
 def read_log(path: str | Path) -> Log:
-    """Read a log.
+    """Read and check a log.
+
+    Args:
+        path: CSV file.
 
     Raises:
-        ValueError: If it cannot be read, or a column, a unit, a gap, a clock or numbers cannot be
-            right. Names the file and the line.
+        ValueError: If the log cannot be read, or if a column, a unit, a gap, the clock or a value
+            is implausible. The message names the file and the line.
     """
     with named_errors(path):
         table = read_table(read_bounded(path, MAX_BYTES), COMMENTS)
@@ -84,7 +104,7 @@ def read_log(path: str | Path) -> Log:
 
 
 def _comments(table: LogTable) -> dict[str, Any]:
-    """Return the comments of a log by name: values of those that are read, text of others."""
+    """Return the comments of a log by name: values of evaluated comments, and texts of remarks."""
     about: dict[str, Any] = {}
     for name, (line, text) in table.comments.items():
         about[name] = text
@@ -107,10 +127,13 @@ def _comments(table: LogTable) -> dict[str, Any]:
 
 
 def default_gains(robot: object) -> PID:
-    """Return the gains of the PID with which a log was made that names none.
+    """Return the PID gains of a log whose comments contain none.
 
-    Those of the design that the log names; of a robot of the builder's own the paper's, as nothing
-    is known of it here.
+    If the log names a design of this package, the gains are those of the design. Otherwise nothing
+    is known of the robot, and the gains are those of the paper.
+
+    Args:
+        robot: Robot that the log names.
     """
     if isinstance(robot, str) and robot in ROBOTS:
         return gains_of(ROBOTS[robot](), "steady")
@@ -118,10 +141,10 @@ def default_gains(robot: object) -> PID:
 
 
 def _mend(columns: dict[str, Array], speed: float, lines: list[int], head: int) -> list[str]:
-    """Unwrap the crank, set the clock right, fill blanks; return notes on what was mended.
+    """Unwrap the crank angle, correct the clock and fill blanks; return notes on the corrections.
 
     Raises:
-        ValueError: If the clock, a gap or the crank's speed cannot be right.
+        ValueError: If the clock, a gap or the crank speed is implausible.
     """
     if len(lines) < 3:
         raise at_line(lines[-1] if lines else head, f"3 rows must follow or more, got {len(lines)}")
@@ -141,7 +164,8 @@ def _mend(columns: dict[str, Array], speed: float, lines: list[int], head: int) 
     if longest > 1.5 * usual:
         notes.append(f"{(periods > 1.5 * usual).sum()} short gaps are filled by straight lines")
     crank, walking = np.unwrap(columns["crank"]), time >= SETTLING
-    waves = [wave(order * crank) for order in (1, 2, 4) for wave in (np.cos, np.sin)]  # of steps
+    # The steps of the walk make the crank angle oscillate about its mean rise.
+    waves = [wave(order * crank) for order in (1, 2, 4) for wave in (np.cos, np.sin)]
     drawn = np.stack([time, np.ones(len(time)), *waves], axis=1)[walking]
     turned = float(np.linalg.lstsq(drawn, crank[walking])[0][0])
     drift = turned / speed - 1.0
@@ -162,7 +186,7 @@ def _mend(columns: dict[str, Array], speed: float, lines: list[int], head: int) 
 
 
 def _check_length(time: Array, speed: float, lines: list[int]) -> None:
-    """Raise ValueError if a log ends before what is measured does."""
+    """Raise ValueError if a log ends before the measured part of the walk ends."""
     needed = SETTLING + CONTROL_DT * round(measured_time(speed) / CONTROL_DT)
     if time[-1] < needed:
         raise at_line(
@@ -171,7 +195,10 @@ def _check_length(time: Array, speed: float, lines: list[int]) -> None:
 
 
 def _filled(time: Array, x: Array, end: float) -> tuple[Array, list[str]]:
-    """Fill blanks of a film's places by straight lines; no places, and a note, if they are few."""
+    """Fill blank positions by linear interpolation.
+
+    If too few positions are known, return NaN for all of them and a note.
+    """
     known = np.isfinite(x)
     seen = np.concatenate([[SETTLING - FILMED], time[known], [end + FILMED]])
     seen = seen[(seen >= SETTLING - FILMED) & (seen <= end + FILMED)]
@@ -183,9 +210,9 @@ def _filled(time: Array, x: Array, end: float) -> tuple[Array, list[str]]:
 
 
 def _walk(columns: dict[str, Array], speed: float, lines: list[int]) -> Walk:
-    """Resample columns as walks are predicted."""
+    """Resample the columns of a log at the control steps of the predicted walks."""
     time, torque = columns["time"], columns["torque"]
-    _check_length(time, speed, lines)  # of the clock that was set right
+    _check_length(time, speed, lines)  # again, because the clock may have been corrected
     grid = SETTLING + CONTROL_DT * np.arange(round(measured_time(speed) / CONTROL_DT) + 1)
     work = np.append(0.0, np.cumsum(torque[1:] * np.diff(time)))
     mean = np.diff(np.interp(grid, time, work)) / CONTROL_DT
@@ -200,18 +227,33 @@ def _walk(columns: dict[str, Array], speed: float, lines: list[int]) -> Walk:
 
 
 def quantities(walk: Walk) -> dict[str, Array]:
-    """Return the predicted quantities, measured on walks (n, steps), by name: (n,), in SI."""
+    """Measure the predicted quantities on walks.
+
+    Args:
+        walk: Walks, shape (n, steps), or one walk, shape (steps,).
+
+    Returns:
+        The quantities by name, in SI units, shape (n,) each. A quantity that is not known is
+        missing.
+    """
     torque, seconds = np.abs(walk.torque), CONTROL_DT * (walk.x.shape[-1] - 1)
     measured = {
-        "mean_torque": torque.mean(axis=-1), "peak_torque": np.percentile(torque, 99, axis=-1),
+        "mean_torque": torque.mean(axis=-1),
+        "peak_torque": np.percentile(torque, 99, axis=-1),
         "pitch_range": np.ptp(walk.pitch, axis=-1),
         "speed": (walk.x[..., -1] - walk.x[..., 0]) / seconds,
-    }  # fmt: skip
+    }
     return {name: np.asarray(v) for name, v in measured.items() if not np.isnan(v).any()}
 
 
 def compared(name: str, log: Log, bands: Mapping[str, Sequence[float]]) -> list[list[str]]:
-    """Rows of :func:`table`: what a log measured, beside bands (low, high) by quantity."""
+    """Return rows of :func:`table` that compare the quantities of a log with predicted ranges.
+
+    Args:
+        name: Name of the walk.
+        log: The log.
+        bands: Predicted range (low, high) by quantity.
+    """
     rows = []
     for quantity, value in quantities(log.walk).items():
         low, high = bands[quantity]
@@ -222,14 +264,25 @@ def compared(name: str, log: Log, bands: Mapping[str, Sequence[float]]) -> list[
 
 
 def table(rows: list[list[str]]) -> str:
-    """Rows of :func:`compared` as Markdown."""
+    """Return rows of :func:`compared` as a Markdown table.
+
+    Args:
+        rows: The rows.
+    """
     heads = ("walk", "quantity", "measured", "5 %", "95 %", "verdict")
     return tabulate(rows, heads, "github", disable_numparse=True)
 
 
 def published(path: Path) -> list[list[str]]:
-    """Rows of :func:`table`: a log beside the predictions of its robot at its crank speed. Raises
-    ValueError: there are none; says of which robots and speeds there are."""
+    """Return rows of :func:`table` that compare a log with the published predictions.
+
+    Args:
+        path: File of the log.
+
+    Raises:
+        ValueError: If there are no predictions for the robot and the crank speed of the log. The
+            message lists the available ones.
+    """
     log, names = read_log(path), sorted(file.stem for file in PREDICTIONS.glob("*.json"))
     with named_errors(path):
         robot = one_of("robot", log.about.get("robot"), names)
@@ -246,9 +299,10 @@ def published(path: Path) -> list[list[str]]:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Compare logs with the published predictions of their machines."""
-    parser = Parser("python -m agents.measurements", __doc__,
-                    "python -m agents.measurements measurements/*.csv")  # fmt: skip
+    """Compare logs with the published predictions and print the table."""
+    parser = Parser(
+        "python -m agents.measurements", __doc__, "python -m agents.measurements measurements/*.csv"
+    )
     parser.add_argument("logs", nargs="+", type=Path, metavar="LOG.csv")
     args = parser.parse_args(arguments)
     with parser.refusing():

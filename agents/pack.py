@@ -1,7 +1,7 @@
-"""Pack a trained policy as two small files that need no torch: ``python -m agents.pack RUN``.
+"""Pack a trained policy into two small files that need no torch: ``python -m agents.pack RUN``.
 
-It writes ``ENV_ID/NAME.json``, with the policy's scores, and ``NAME.safetensors``, which
-:mod:`jansen_env.policies.pretrained` reads.
+The command writes ``ENV_ID/NAME.json``, which includes the scores of the policy, and
+``ENV_ID/NAME.safetensors``. :mod:`jansen_env.policies.pretrained` reads these files.
 """
 
 import platform
@@ -41,16 +41,23 @@ from jansen_env.scoring.evaluation import evaluate
 from jansen_env.scoring.rollout import make_env
 
 Description: TypeAlias = dict[str, Any]
-"""A part of a policy's JSON file."""
+"""Part of the JSON file of a policy."""
 
 LIBRARIES = ("gymnasium", "numpy", "stable-baselines3", "torch")
-COPY = "critic_target."  # SAC's, of the critic: it need not be kept
-TOLERANCE = 1e-6  # of an action, between the network in torch and in NumPy
+COPY = "critic_target."  # SAC's copy of the critic, which need not be stored
+TOLERANCE = 1e-6  # largest difference between the actions in torch and in NumPy
 
 
 def describe_network(config: RunConfig, tensors: pretrained.Tensors) -> Description:
-    """Describe how a policy gets from an observation to its action without noise; a ValueError for
-    another algorithm than PPO, SAC and TQC."""
+    """Describe how a policy computes its deterministic action from an observation.
+
+    Args:
+        config: Configuration of the run.
+        tensors: Weights of the policy.
+
+    Raises:
+        ValueError: If the algorithm is not PPO, SAC or TQC.
+    """
     one_of("algo", config.algo, ["ppo", "sac", "tqc"])
     given, sac = config.policy_kwargs, config.algo != "ppo"
     hidden, last = (
@@ -59,43 +66,66 @@ def describe_network(config: RunConfig, tensors: pretrained.Tensors) -> Descript
     activation = given.get("activation", "relu" if sac else "tanh")
     weights = [name for name in tensors if name.startswith((f"{hidden}.", f"{last}."))]
     layers = [
-        {"units": len(tensors[name]), "activation": None if name.startswith(last) else activation,
-         "weight": name, "bias": f"{name.removesuffix('weight')}bias"}
-        for name in weights if name.endswith(".weight")
-    ]  # fmt: skip
+        {
+            "units": len(tensors[name]),
+            "activation": None if name.startswith(last) else activation,
+            "weight": name,
+            "bias": f"{name.removesuffix('weight')}bias",
+        }
+        for name in weights
+        if name.endswith(".weight")
+    ]
     features: list[Description] = [{"kind": "observation"}]
     if given.get("normalize"):
         path = "actor.features_extractor" if sac else "pi_features_extractor"
-        features = [{"kind": "normalized", "mean": f"{path}.mean", "variance": f"{path}.variance",
-                     "floor": MIN_DEVIATION, "clip": CLIP}]  # fmt: skip
+        features = [
+            {
+                "kind": "normalized",
+                "mean": f"{path}.mean",
+                "variance": f"{path}.variance",
+                "floor": MIN_DEVIATION,
+                "clip": CLIP,
+            }
+        ]
     if count := given.get("harmonics"):
         features.append({"kind": "harmonics", "multiples": [2 * k for k in range(1, count + 1)]})
     limit = None
-    if sac and config.hyperparameters.get("use_sde"):  # of the mean
+    if sac and config.hyperparameters.get("use_sde"):  # the mean is clipped before squashing
         limit = given.get("clip_mean", 2.0) or None
     squash = "tanh" if sac or given.get("squash_output") else "clip"
     return {"features": features, "layers": layers, "limit": limit, "squash": squash}
 
 
 def pack(
-    run: str | Path, name: str | None = None, out: str | Path = "policies", episodes: int = 10,
+    run: str | Path,
+    name: str | None = None,
+    out: str | Path = "policies",
+    episodes: int = 10,
     seed: int = 0,
-) -> Path:  # fmt: skip
-    """Write a run's best model, or a model's file, as ``out``/ENV_ID/NAME.json and .safetensors.
+) -> Path:
+    """Write the best model of a run, or a single model, as ENV_ID/NAME.json and .safetensors.
 
     Args:
-        run: folder or file; a policy's JSON file has its scores made again, in place.
-        name: of the policy; None for that of its algorithm.
-        episodes, seed: of the scores, as of :func:`jansen_env.scoring.evaluation.evaluate`.
+        run: Folder of a run, or file of a model. If it is the JSON file of a packed policy, the
+            policy is scored again and its files are rewritten in place.
+        name: Name of the policy. None selects the name of its algorithm.
+        out: Folder to write to.
+        episodes: Number of episodes per command for the scores; see
+            :func:`jansen_env.scoring.evaluation.evaluate`.
+        seed: Seed of the scores.
 
-    Raises ValueError: there is no such model, or it has a part that cannot be packed.
+    Returns:
+        The JSON file.
+
+    Raises:
+        ValueError: If there is no such model, or a part of it cannot be packed.
     """
     if name is not None and Path(name).name != name:
         raise ValueError(f"name must be the name of a file without a folder, got {shown(name)}")
     policy, short = read(run)
     again = Path(run).suffix == ".json"
     path = Path(run) if again else Path(out) / policy.env_id / f"{name or short}.json"
-    check_writable("out", path.parent)  # before the work
+    check_writable("out", path.parent)  # checked before the expensive work
     policy.description["scores"] = scores_of(policy, episodes, seed)
     weights = save(policy.tensors)
     write_bytes(path.with_suffix(".safetensors"), weights)
@@ -103,21 +133,38 @@ def pack(
 
 
 def scores_of(policy: PretrainedPolicy, episodes: int, seed: int = 0) -> Description:
-    """Return the scores of :func:`jansen_env.evaluate`, and how to have them again."""
+    """Score a policy with :func:`jansen_env.evaluate`.
+
+    Args:
+        policy: The policy.
+        episodes: Number of episodes per command.
+        seed: Seed of the episodes.
+
+    Returns:
+        The scores, and the arguments that reproduce them.
+    """
     env = make_env(policy.env_id, policy.env_kwargs)
-    policy = policy.on(env)  # which may show more than the policy observes
+    policy = policy.on(env)  # the environment may show more observations than the policy uses
     env.close()
     total = len(find_benchmark(policy.env_id).commands) * episodes
     with progress("scoring", total) as advance:
         scores = evaluate(
             {"it": policy}, policy.env_id, policy.env_kwargs, None, episodes, seed, advance=advance
         )["it"]
-    return {"episodes_per_command": episodes, "seed": seed, "overall": scores["overall"],
-            "by_command": scores["by_command"]}  # fmt: skip
+    return {
+        "episodes_per_command": episodes,
+        "seed": seed,
+        "overall": scores["overall"],
+        "by_command": scores["by_command"],
+    }
 
 
 def read(run: str | Path) -> tuple[PretrainedPolicy, str]:
-    """Return a policy and its name, of its JSON file or as :func:`from_run`."""
+    """Return a policy and its name.
+
+    Args:
+        run: JSON file of a packed policy, or an argument of :func:`from_run`.
+    """
     if Path(run).suffix == ".json":
         return pretrained.load_file(run), Path(run).stem
     policy = from_run(run)
@@ -125,18 +172,27 @@ def read(run: str | Path) -> tuple[PretrainedPolicy, str]:
 
 
 def from_run(run: str | Path) -> PretrainedPolicy:
-    """Return a run's best model, or a model's file, as :func:`pack` does, but without scores."""
+    """Return the best model of a run, or a single model, as a packed policy without scores.
+
+    Args:
+        run: Folder of a run, or file of a model.
+
+    Raises:
+        ValueError: If there is no such model, or a part of it cannot be packed.
+    """
     model = model_file(str(run)) or Path(run)
     policy, source = load_policy(model), find_config(model)
     config, commands = load_config(source), source.parent / "command.txt"
     tensors = {
-        key: np.ascontiguousarray(tensor.float().numpy())  # counts of steps, too
+        key: np.ascontiguousarray(tensor.float().numpy())  # this includes step counters
         for key, tensor in policy.state_dict().items()
         if not key.startswith(COPY)
     }
     lines = commands.read_text("utf-8", "replace").splitlines() if commands.is_file() else []
     network = describe_network(config, tensors)
-    if config.policy_kwargs.get("half_turn"):  # the mean of features and image, by the weights
+    if config.policy_kwargs.get("half_turn"):
+        # The network averages the features of an observation and its image. Changed weights do the
+        # same for a single observation.
         image = half_turn_image(config).astype(np.float32)
         of_observation = tensors[network["layers"][0]["weight"]][:, : len(image)]
         of_observation[:] = 0.5 * (of_observation + of_observation @ image.T)
@@ -145,14 +201,21 @@ def from_run(run: str | Path) -> PretrainedPolicy:
         "format": pretrained.FORMAT,
         "env": {"id": config.env, "kwargs": config.env_kwargs},
         "observation": [{"name": row.name, "unit": row.unit} for row in env.observed],
-        # The unit is a share of the limit, N m; the time is in s.
-        "action": {"name": "crank_torque", "unit": "torque_limit",
-                   "torque_limit": env.torque_limit, "control_dt": env.control_dt},
+        # An action is a fraction of torque_limit, which is in N m; control_dt is in s.
+        "action": {
+            "name": "crank_torque",
+            "unit": "torque_limit",
+            "torque_limit": env.torque_limit,
+            "control_dt": env.control_dt,
+        },
         "network": network,
         "training": {"command": lines, "steps": read_model(model).steps, "config": asdict(config)},
-        "versions": {"jansen_env": jansen_env.__version__, "python": platform.python_version(),
-                     **{name: version(name) for name in LIBRARIES}},
-    }  # fmt: skip
+        "versions": {
+            "jansen_env": jansen_env.__version__,
+            "python": platform.python_version(),
+            **{name: version(name) for name in LIBRARIES},
+        },
+    }
     env.close()
     packed = PretrainedPolicy(description, tensors)
     check_equal(packed, policy)
@@ -160,16 +223,26 @@ def from_run(run: str | Path) -> PretrainedPolicy:
 
 
 def load_sb3(env_id: str, name: str = pretrained.DEFAULT) -> BaseAlgorithm:
-    """Load a policy that comes with the package as a model, see :func:`to_sb3`."""
+    """Load a pretrained policy as a model of Stable-Baselines3; see :func:`to_sb3`.
+
+    Args:
+        env_id: Id of the environment.
+        name: Name of the policy.
+    """
     return to_sb3(pretrained.load(env_id, name))
 
 
 def to_sb3(packed: PretrainedPolicy) -> BaseAlgorithm:
-    """Return a policy as the model that it was trained as, on the environments of its training; the
-    optimiser starts again.
+    """Return a policy as a Stable-Baselines3 model on the environments of its training.
 
-    Raises ValueError: its training's configuration is not allowed, or of another environment or
-    network.
+    The state of the optimiser is not stored in a packed policy, so the optimiser starts afresh.
+
+    Args:
+        packed: The policy.
+
+    Raises:
+        ValueError: If the stored training configuration is invalid, or if it belongs to another
+            environment or another network.
     """
     training = packed.description.get("training")
     config = make_config(training.get("config") if isinstance(training, dict) else None)
@@ -182,15 +255,31 @@ def to_sb3(packed: PretrainedPolicy) -> BaseAlgorithm:
 
 
 def start_from(model: BaseAlgorithm, run: str | Path) -> None:
-    """Give a new model the weights of a policy, as :func:`read` takes it, to train on from there;
-    the noise of its actions stays the model's own. ValueError: no such policy, or it does not fit.
+    """Load the weights of a policy into a new model, so that training starts from them.
+
+    The model keeps its own action noise.
+
+    Args:
+        model: The new model.
+        run: Argument of :func:`read` that names the policy.
+
+    Raises:
+        ValueError: If there is no such policy, or its weights do not fit the model.
     """
     noise = {k: v.cpu().numpy() for k, v in model.policy.state_dict().items() if k == "log_std"}
     load_weights(model, {**read(run)[0].tensors, **noise})
 
 
 def load_weights(model: BaseAlgorithm, tensors: pretrained.Tensors) -> None:
-    """Give a model the weights of a packed policy; ValueError: they do not fit."""
+    """Load the weights of a packed policy into a model.
+
+    Args:
+        model: The model.
+        tensors: The weights.
+
+    Raises:
+        ValueError: If the weights do not fit the model.
+    """
     state = {name: torch.from_numpy(array.copy()) for name, array in tensors.items()}
     for name in model.policy.state_dict():
         if name.startswith(COPY):
@@ -200,10 +289,21 @@ def load_weights(model: BaseAlgorithm, tensors: pretrained.Tensors) -> None:
 
 
 def check_equal(packed: PretrainedPolicy, policy: BasePolicy, count: int = 10_000) -> float:
-    """Return the largest difference of two policies' actions on ``count`` random observations.
+    """Check that a packed policy computes the same actions as the original.
 
-    Torch's error in float32 depends on how many observations it is given at once; so ``policy`` is
-    turned to float64. A ValueError says where it is more than :data:`TOLERANCE`.
+    The rounding error of torch in float32 depends on the size of the batch, so ``policy`` is
+    converted to float64.
+
+    Args:
+        packed: The packed policy.
+        policy: The original policy, which computes in float64 afterwards.
+        count: Number of random observations.
+
+    Returns:
+        The largest difference between the actions.
+
+    Raises:
+        ValueError: If the difference exceeds :data:`TOLERANCE`.
     """
     rng = np.random.default_rng(0)
     in_float64(policy)
@@ -216,8 +316,19 @@ def check_equal(packed: PretrainedPolicy, policy: BasePolicy, count: int = 10_00
 
 
 def random_observations(policy: PretrainedPolicy, spread: Array, rng: np.random.Generator) -> Array:
-    """Return observations (n, d), ``spread`` (n, d) standard deviations off their mean in training;
-    cosines and sines of an angle are those of a random one."""
+    """Return random observations for a policy.
+
+    The cosine and the sine of an angle always belong to the same random angle.
+
+    Args:
+        policy: The policy.
+        spread: Distance of each value from its mean in training, in standard deviations, shape
+            (n, d).
+        rng: Generator of the random angles.
+
+    Returns:
+        The observations, shape (n, d).
+    """
     mean, deviation = policy.scale
     seen = mean + deviation * spread
     for cos, name in enumerate(policy.observed):
@@ -229,24 +340,39 @@ def random_observations(policy: PretrainedPolicy, spread: Array, rng: np.random.
 
 
 def in_float64(policy: BasePolicy) -> BasePolicy:
-    """Let a policy of PyTorch compute in float64; its weights stay those of float32."""
+    """Convert a PyTorch policy to float64 and return it; the values of its weights do not change.
+
+    Args:
+        policy: The policy.
+    """
     for module in policy.double().modules():
-        if isinstance(module, BaseFeaturesExtractor):  # observations come to it as float32
+        if isinstance(module, BaseFeaturesExtractor):  # it receives observations in float32
             module.register_forward_pre_hook(lambda _, inputs: (inputs[0].double(),))
     return policy
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Pack a policy; print where it is."""
-    parser = Parser("python -m agents.pack", __doc__,
-                    "python -m agents.pack logs/ppo/JansenWalkerBuilt-v0_1",
-                    "python -m agents.pack model.zip --name mine --out policies")  # fmt: skip
+    """Pack a policy and print the names of its files."""
+    parser = Parser(
+        "python -m agents.pack",
+        __doc__,
+        "python -m agents.pack logs/ppo/JansenWalkerBuilt-v0_1",
+        "python -m agents.pack model.zip --name mine --out policies",
+    )
     add = parser.add_argument
-    add("run", help="a run's folder, a model's zip file with config.yml beside it, or the json "
-        "file of a policy whose scores are to be made again")  # fmt: skip
+    add(
+        "run",
+        help="a run's folder, a model's zip file with config.yml beside it, or the json "
+        "file of a policy whose scores are to be made again",
+    )
     add("--name", help="of the policy; default: that of its algorithm")
-    add("--out", type=path_flag, default="policies", metavar="DIR",
-        help="files go to DIR/ENV_ID; default: policies")  # fmt: skip
+    add(
+        "--out",
+        type=path_flag,
+        default="policies",
+        metavar="DIR",
+        help="files go to DIR/ENV_ID; default: policies",
+    )
     add(
         "--episodes", type=episode_count, default=10, help="per command, of the scores; default: 10"
     )

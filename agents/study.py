@@ -4,8 +4,8 @@ import os
 
 import agents
 
-# Before torch and Ray are loaded. Ray listens on all network interfaces, so it obeys only those who
-# know its token.
+# Set these variables before torch and Ray are loaded. Ray listens on all network interfaces, so it
+# must accept commands only from clients that know its token.
 agents.set_openmp()
 os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
 os.environ.setdefault("RAY_AUTH_MODE", "token")
@@ -55,11 +55,22 @@ from ray import tune
 from scipy.stats import bootstrap, trim_mean
 from tabulate import tabulate
 
-MOST_SEEDS = 10_000  # of a study
-PLAN = "study.yml"  # in a study's folder: the flags that say what its runs are
-SCORES = "scores.json"  # in a run's, which it ends with
-PLANNED = ("seeds", "first_seed", "env", "algo", "timesteps", "n_envs", "env_kwargs", "config",
-           "eval_freq", "save_freq", "eval_episodes")  # fmt: skip
+MOST_SEEDS = 10_000  # largest number of seeds in a study
+PLAN = "study.yml"  # file in the folder of a study: the flags that define its runs
+SCORES = "scores.json"  # file in the folder of a run: written last, when the run is finished
+PLANNED = (
+    "seeds",
+    "first_seed",
+    "env",
+    "algo",
+    "timesteps",
+    "n_envs",
+    "env_kwargs",
+    "config",
+    "eval_freq",
+    "save_freq",
+    "eval_episodes",
+)
 KEYS, POINTS = ["group", "env", "seed", "policy"], ["steps", "cpu_seconds", "return"]
 NOTES = """\
 A run's score is the mean return of its best model over the commands. IQM is the interquartile mean,
@@ -70,22 +81,43 @@ the run's processor time."""
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
-    """Parse flags; those of a run are named as in train.py. A YAML file may hold them, too."""
-    parser = Parser("python -m agents.study", "Train many runs and compare them over seeds.",
-                    "python -m agents.study --seeds 10",
-                    "python -m agents.study agents/studies/ten_seeds.yml --cores 2")  # fmt: skip
-    parser.allow_abbrev = False  # of a file's keys
+    """Parse the command line and, if a YAML file is named, the flags in this file.
+
+    The flags of a run have the same names as in train.py. Flags on the command line take precedence
+    over flags in the file.
+
+    Args:
+        arguments: Arguments to parse. None selects those of the process.
+    """
+    parser = Parser(
+        "python -m agents.study",
+        "Train many runs and compare them over seeds.",
+        "python -m agents.study --seeds 10",
+        "python -m agents.study agents/studies/ten_seeds.yml --cores 2",
+    )
+    parser.allow_abbrev = False  # the keys of a file must not be abbreviated
     add_run_flags(parser)
     add, count = parser.add_argument, positive_int
     add("file", nargs="?", metavar="FILE", help="YAML of flags; those given here come first")
     add("--seeds", type=whole(most=MOST_SEEDS), default=10, help="runs of each kind; default: 10")
     add("--first-seed", type=non_negative_int, default=0, help="of these runs; default: 0")
-    add("--env", nargs="+", type=env_id, default=[DEFAULT], metavar="ID",
-        help=f"environment ids; default: {DEFAULT}")  # fmt: skip
+    add(
+        "--env",
+        nargs="+",
+        type=env_id,
+        default=[DEFAULT],
+        metavar="ID",
+        help=f"environment ids; default: {DEFAULT}",
+    )
     add("--algo", nargs="+", choices=sorted(ALGORITHMS), default=["ppo"], help="default: ppo")
-    add("--config", nargs="+", default=[SHIPPED], metavar="FILE",
+    add(
+        "--config",
+        nargs="+",
+        default=[SHIPPED],
+        metavar="FILE",
         help="hyperparameters: a file, a folder of ALGO.yml, or 'shipped', the default; of several "
-        "each is a group, 'shipped' where there is one")  # fmt: skip
+        "each is a group, 'shipped' where there is one",
+    )
     add("--name", help="of the study; default: the file's, or else 'study'")
     add(
         "--log-folder",
@@ -102,7 +134,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     if args.file:
         with parser.refusing():
             entries = instance(args.file, read_yaml(args.file), dict)
-        words = [args.file]  # first, so that a value too many is no file
+        words = [args.file]  # first, so that a surplus value is not taken for the file
         for name, value in entries.items():
             values = value if isinstance(value, list) else [value]
             texts = (v if isinstance(v, str) else json.dumps(v) for v in values)
@@ -113,23 +145,46 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 
 
 def planned_runs(args: argparse.Namespace) -> list[Arguments]:
-    """Return name and configuration of each run; a ValueError where there is none or it is bad."""
+    """Return the name and the configuration of each run of a study.
+
+    Args:
+        args: Parsed flags.
+
+    Raises:
+        ValueError: If a configuration is missing or invalid.
+    """
     several, groups = len(args.config) > 1, {}
     for env, algo, source in product(args.env, args.algo, args.config):
         if several and source == SHIPPED and not (training_folder(env) / f"{algo}.yml").is_file():
             continue
         name = f"{env}_{algo}" + f"_{Path(source).stem}" * several
-        groups[name] = new_config(source, algo, env, args.env_kwargs,
-                                  timesteps=args.timesteps, n_envs=args.n_envs)  # fmt: skip
+        groups[name] = new_config(
+            source, algo, env, args.env_kwargs, timesteps=args.timesteps, n_envs=args.n_envs
+        )
     seeds = range(args.first_seed, args.first_seed + args.seeds)
-    return [{"name": f"{name}-seed_{seed}", "config": asdict(replace(config, seed=seed))}
-            for seed in seeds for name, config in groups.items()]  # fmt: skip
+    return [
+        {"name": f"{name}-seed_{seed}", "config": asdict(replace(config, seed=seed))}
+        for seed in seeds
+        for name, config in groups.items()
+    ]
 
 
 def run_trial(parameters: dict[str, Arguments], plan: Arguments, root: Path) -> None:
-    """Train and score one of :func:`planned_runs` in ``root/NAME``, from its last checkpoint, which
-    is none of Ray's: one that it removes may be what its state still names."""
-    torch.set_num_threads(1)  # whatever the cores: the run that a seed gives depends on the number
+    """Train and score one run in the folder ``root/NAME``, starting from its last checkpoint.
+
+    The checkpoints are not those of Ray, because Ray may remove a checkpoint to which its state
+    still refers.
+
+    Args:
+        parameters: Parameters of the trial. The entry ``run`` is one of :func:`planned_runs`.
+        plan: Flags that define the runs of the study.
+        root: Folder of the study.
+
+    Raises:
+        RuntimeError: If training diverges or a file cannot be written.
+    """
+    # Always use one thread, whatever the number of cores: the result of a seed depends on it.
+    torch.set_num_threads(1)
     run = parameters["run"]
     config, folder = make_config(run["config"]), root / run["name"]
     folder.mkdir(exist_ok=True)
@@ -139,19 +194,32 @@ def run_trial(parameters: dict[str, Arguments], plan: Arguments, root: Path) -> 
             model = prepare(config, resume)
             record_run(folder, config, "python -m agents.study")
             try:
-                train(model, config, folder, eval_every=plan["eval_freq"], resume=resume,
-                      save_every=plan["save_freq"], tensorboard=str(folder / "tensorboard"),
-                      progress=False)  # fmt: skip
-            except SystemExit as error:  # it diverged, or the disk is full
+                train(
+                    model,
+                    config,
+                    folder,
+                    eval_every=plan["eval_freq"],
+                    resume=resume,
+                    save_every=plan["save_freq"],
+                    tensorboard=str(folder / "tensorboard"),
+                    progress=False,
+                )
+            except SystemExit as error:  # training diverged, or the disk is full
                 raise RuntimeError(error.code) from error
         score_run(folder, config, plan["eval_episodes"])
 
 
 def check_address(address: str) -> None:
-    """Raise a ValueError if no Ray cluster answers at an address.
+    """Check that a Ray cluster answers at an address.
 
-    Ray itself would try for minutes. Addresses with a scheme, as in ``ray://``, and names, as
-    ``auto``, are left to it.
+    Ray itself would keep trying for minutes. Addresses with a scheme, such as ``ray://``, and
+    names, such as ``auto``, are not checked.
+
+    Args:
+        address: Address of a cluster.
+
+    Raises:
+        ValueError: If no cluster answers.
     """
     if ":" not in address or "/" in address:
         return
@@ -164,8 +232,20 @@ def check_address(address: str) -> None:
 
 
 def run_study(args: argparse.Namespace, folder: Path) -> bool:
-    """Execute those runs of a study on Ray that the folder has no scores of; return whether all
-    have finished. A ValueError where the folder holds another study, or other configurations."""
+    """Execute the unfinished runs of a study on Ray.
+
+    A run is finished if its folder contains scores.
+
+    Args:
+        args: Parsed flags.
+        folder: Folder of the study.
+
+    Returns:
+        Whether all runs have finished.
+
+    Raises:
+        ValueError: If the folder holds another study or runs with other configurations.
+    """
     runs, plan = planned_runs(args), {name: getattr(args, name) for name in PLANNED}
     file, text = folder / PLAN, yaml.safe_dump(plan, sort_keys=False)
     if file.is_file() and file.read_text("utf-8") != text:
@@ -179,33 +259,53 @@ def run_study(args: argparse.Namespace, folder: Path) -> bool:
     threads = {"OMP_NUM_THREADS": "1", "JANSEN_ENV_THREADS": str(args.cores)}
     threads |= {name: os.environ[name] for name in agents.WAITING if name in os.environ}
     if args.address is None:
-        os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))  # of this cluster alone
+        # The token is valid for this cluster only.
+        os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))
         cpus = args.workers * args.cores if args.workers else available_cores()
-        ray.init("local", num_cpus=cpus, include_dashboard=False, log_to_driver=False,
-                 runtime_env={"env_vars": threads})  # fmt: skip
+        ray.init(
+            "local",
+            num_cpus=cpus,
+            include_dashboard=False,
+            log_to_driver=False,
+            runtime_env={"env_vars": threads},
+        )
     else:
         check_address(args.address)
         modules = [str(Path(__file__).parent)]
         ray.init(args.address, runtime_env={"env_vars": threads, "py_modules": modules})
     write_text(file, text)
     results = tune.run(
-        tune.with_parameters(run_trial, plan=plan, root=folder), name=folder.name,
-        storage_path=str(folder.parent), config={"run": tune.grid_search(missing)},
-        resources_per_trial={"cpu": args.cores}, max_failures=3,  # of each run
+        tune.with_parameters(run_trial, plan=plan, root=folder),
+        name=folder.name,
+        storage_path=str(folder.parent),
+        config={"run": tune.grid_search(missing)},
+        resources_per_trial={"cpu": args.cores},
+        max_failures=3,  # per run
         trial_dirname_creator=lambda trial: trial.config["run"]["name"],
-        raise_on_failed_trial=False, verbose=1,
-    )  # fmt: skip
+        raise_on_failed_trial=False,
+        verbose=1,
+    )
     return all(trial.status == "TERMINATED" for trial in results.trials)
 
 
 def write_report(folder: Path) -> str:
-    """Write report.md, runs.csv, returns.csv (see ``docs/studies.md``) and figures of the runs that
-    are finished, or of returns.csv where there is no run; return the report's table. A ValueError
-    where there is neither."""
+    """Write report.md, runs.csv, returns.csv and figures (see ``docs/studies.md``).
+
+    The report covers the finished runs. If there are none, it is made from an existing returns.csv.
+
+    Args:
+        folder: Folder of the study.
+
+    Returns:
+        The table of the report.
+
+    Raises:
+        ValueError: If there is neither a finished run nor a file returns.csv.
+    """
     rows, curves, path = [], [], folder / "returns.csv"
     for file in sorted(folder.glob(f"*-seed_*/{SCORES}")):
         group, _, seed = file.parent.name.rpartition("-seed_")
-        if not seed.isdecimal():  # somebody's own folder
+        if not seed.isdecimal():  # the folder was not made by this program
             continue
         key = {"group": group, "env": group.split("_")[0], "seed": int(seed)}
         *baselines, (_, run) = json.loads(file.read_text("utf-8")).items()
@@ -220,7 +320,8 @@ def write_report(folder: Path) -> str:
         scores = pd.concat(rows, ignore_index=True)
         scores.to_csv(folder / "runs.csv", index=False)
         returns = pd.concat([scores[[*KEYS, "command", "return"]], *curves]).round(3)
-        returns.loc[returns.policy != "run", ["group", "seed"]] = None  # beside all runs the same
+        # The baselines are the same for all runs.
+        returns.loc[returns.policy != "run", ["group", "seed"]] = None
         returns["threshold"] = returns.env.map(threshold_of)
         columns = [*KEYS, "command", *POINTS, "threshold"]
         returns[columns].drop_duplicates().to_csv(path, index=False)
@@ -239,14 +340,24 @@ def write_report(folder: Path) -> str:
 
 
 def threshold_of(env_id: str) -> float | None:
-    """Return the reward threshold of an environment; None if it has none."""
+    """Return the reward threshold of an environment; None if it has none.
+
+    Args:
+        env_id: Id of the environment.
+    """
     return gym.spec(env_id).reward_threshold
 
 
 def groups_table(returns: pd.DataFrame) -> str:
-    """Return a Markdown table: a row for each group's runs; where there are several environments,
-    for the returns of alike groups over all, of seeds that all have, divided by the thresholds; for
-    each baseline."""
+    """Return a Markdown table with one row per group of runs and one row per baseline.
+
+    If the study has several environments, further rows combine the groups that differ only in the
+    environment. Their returns are divided by the reward thresholds, and only seeds that are
+    finished in all environments count.
+
+    Args:
+        returns: Contents of returns.csv, with a column ``threshold``.
+    """
     rows, overall = [], returns[returns.command.isna() & returns.steps.isna()]
     runs = overall[overall.policy == "run"]
     if runs.env.nunique() > 1:
@@ -259,21 +370,31 @@ def groups_table(returns: pd.DataFrame) -> str:
         strata = [of_env for _, of_env in scores.groupby("env")["return"]]
         values = scores.set_index("seed")["return"]
         steps, seconds = returns[returns.group == group].groupby("seed")[POINTS[:2]].max().mean()
-        rows.append({
-            "group": group, "runs": len(values), "steps": f"{steps:,.0f}".replace("nan", ""),
-            "core s": f"{seconds:.0f}".replace("nan", ""),
-            "IQM": interval_text(interquartile_mean(*strata)),
-            "mean return": f"{values.mean():.3g}",
-            "worst run": f"{values.min():.3g} (seed {values.idxmin():.0f})",
-        })  # fmt: skip
+        rows.append(
+            {
+                "group": group,
+                "runs": len(values),
+                "steps": f"{steps:,.0f}".replace("nan", ""),
+                "core s": f"{seconds:.0f}".replace("nan", ""),
+                "IQM": interval_text(interquartile_mean(*strata)),
+                "mean return": f"{values.mean():.3g}",
+                "worst run": f"{values.min():.3g} (seed {values.idxmin():.0f})",
+            }
+        )
     for (env, policy), scores in overall[overall.policy != "run"].groupby(["env", "policy"]):
         rows.append({"group": f"{env}: {policy}", "mean return": f"{scores['return'].mean():.3g}"})
     return tabulate(rows, "keys", "github", disable_numparse=True)
 
 
 def interquartile_mean(*strata: Array) -> Interval:
-    """Return the mean of the middle half of all runs, with its percentile interval from a bootstrap
-    that draws runs within each environment (n,); NaN where one has a single run."""
+    """Return the mean of the middle half of all runs and its bootstrap percentile interval.
+
+    The bootstrap resamples runs within each environment. The interval is NaN if an environment has
+    a single run.
+
+    Args:
+        *strata: Returns of the runs on each environment, shape (n,) each.
+    """
 
     def mean(*samples: Array, axis: int = -1) -> Array:
         return np.asarray(trim_mean(np.concatenate(samples, axis=axis), 0.25, axis=axis))
@@ -286,19 +407,26 @@ def interquartile_mean(*strata: Array) -> Interval:
 
 
 def plot(returns: pd.DataFrame, path: Path) -> None:
-    """Draw an environment's learning curves against steps and against core-seconds, and its
-    performance profile: the share of (run, command) whose return is above each value."""
+    """Draw the learning curves and the performance profile of an environment.
+
+    The learning curves are drawn against steps and against core-seconds. The performance profile is
+    the fraction of pairs of a run and a command whose return is above each value.
+
+    Args:
+        returns: Rows of returns.csv for this environment.
+        path: Image file to write.
+    """
     figure = Figure((15.0, 4.6), layout="constrained")
     by_steps, by_time, profile = figure.subplots(1, 3)
     is_run = returns.policy == "run"
     groups = returns[is_run].group.drop_duplicates()
     names = groups.str.partition("_")[2]
-    kinds = names.str.partition("_")  # algorithm, and of several configurations which
+    kinds = names.str.partition("_")  # the algorithm, and the configuration if there are several
     (colours, _), (styles, _) = pd.factorize(kinds[0]), pd.factorize(kinds[2])
     for group, name, colour, style in zip(groups, names, colours, styles, strict=True):
         runs = returns[is_run & (returns.group == group)]
         look = {"color": f"C{colour}", "linestyle": ("-", ":", "-.")[style % 3]}
-        curves = runs.pivot_table(POINTS[1:], "steps", "seed").dropna()  # at the steps of all runs
+        curves = runs.pivot_table(POINTS[1:], "steps", "seed").dropna()  # steps that all runs share
         if len(curves):
             values = curves["return"]
             low, high = values.min(axis=1), values.max(axis=1)
@@ -321,7 +449,14 @@ def plot(returns: pd.DataFrame, path: Path) -> None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run all that is not finished, report; returns the exit status: 1 where runs are missing."""
+    """Execute the unfinished runs and write the report; return the exit status.
+
+    Args:
+        arguments: Arguments of the command. None selects those of the process.
+
+    Returns:
+        0 if all runs have finished, else 1.
+    """
     args = parse(arguments)
     folder = Path(args.log_folder, args.name).resolve()
     with args.parser.refusing():

@@ -1,8 +1,9 @@
-"""Measure the baselines' numbers of robots: ``python -m agents.tune pid constant steady profile``.
+"""Tune the baselines for a robot: ``python -m agents.tune pid constant steady profile``.
 
-``pid``: walking speeds at many crank speeds, and the gains that return most. ``steady``: the gains
-that hold the crank at a constant speed. ``constant``: walking
-speeds at many torques. ``profile``: a crank-speed profile for each command, by CMA-ES.
+- ``pid``: measure walking speeds at many crank speeds, and find the gains with the highest return.
+- ``constant``: measure walking speeds at many constant torques.
+- ``steady``: find the gains that hold the crank at a constant speed.
+- ``profile``: search a crank-speed profile for each command with CMA-ES.
 """
 
 import json
@@ -29,28 +30,41 @@ from jansen_env.tasks.walking import profile, tuned
 from jansen_env.tasks.walking import walker_benchmark as walker
 
 Entry: TypeAlias = dict[str, Any]
-"""Of a file of tuned numbers, without the command."""
+"""Entry of a file of tuned parameters, without the command that produced it."""
 
-ENV = "JansenWalker-v0"  # harder worlds take the numbers of their robot
+ENV = "JansenWalker-v0"  # harder environments use the parameters of their robot
 CRANK_SPEEDS = np.round(np.concatenate([np.arange(0.2, 3.0, 0.1), np.arange(3.0, 8.1, 0.25)]), 3)
 TORQUES = np.round(np.concatenate([np.arange(0.5, 6.0, 0.25), np.arange(6.0, 15.1, 0.5)]), 3)
-PAPER = (10.0, 1.0, 1.0)  # kp, ki, kd of the paper's PID
-GAINS = (PAPER, *((kp, ki, kd) for kp in (1.0, 2.0, 3.0, 5.0, 10.0) for ki in (0.5, 2.0)
-                  for kd in (0.2, 0.5, 1.0)))  # fmt: skip
-COARSE, FINALISTS = 4, 2  # every fourth crank speed first, and gains that are measured in full
-FIRST_SEED = 10_000  # apart from all others
-HORIZON = 10.0  # s, the time limit of an episode
-CHATTER = 0.25  # of the torque limit, in a step
-HARMONICS = 4  # of a profile
-SPREAD = 0.3  # standard deviation with which the search for a profile begins, of scaled numbers
-FALL = 200.0  # return that a fall costs in the search for a profile
-GROUND = (0.4, 1.0)  # friction in the search for a profile
+PAPER = (10.0, 1.0, 1.0)  # gains kp, ki, kd of the PID in the paper
+GAINS = (
+    PAPER,
+    *(
+        (kp, ki, kd)
+        for kp in (1.0, 2.0, 3.0, 5.0, 10.0)
+        for ki in (0.5, 2.0)
+        for kd in (0.2, 0.5, 1.0)
+    ),
+)
+# A coarse measurement uses every fourth crank speed. It selects two sets of gains for the full
+# measurement.
+COARSE, FINALISTS = 4, 2
+FIRST_SEED = 10_000  # no other part of the project uses these seeds
+HORIZON = 10.0  # time limit of an episode, in s
+CHATTER = 0.25  # largest mean change of the torque per step, as a fraction of the torque limit
+HARMONICS = 4  # number of harmonics of a profile
+SPREAD = 0.3  # initial standard deviation of the search for a profile, for scaled parameters
+FALL = 200.0  # penalty for a fall in the search for a profile, in units of the return
+GROUND = (0.4, 1.0)  # range of the friction coefficient in the search for a profile
 
 
 def decades(robot: str) -> list[float]:
-    """Return the powers of ten by which a robot's gains and torques are below the paper's.
+    """Return powers of ten by which gains and torques of a robot may differ from the paper's.
 
-    1 for robots of the paper's size; the two about the robot's scale for much smaller ones.
+    For robots of the paper's size, the only factor is 1. For much smaller robots, there are two
+    factors, the powers of ten just below and above the torque scale of the robot.
+
+    Args:
+        robot: Name of the robot.
     """
     exponent = math.log10(tuned.scale_of(named_robot(robot)).torque)
     low = math.floor(exponent)
@@ -58,34 +72,66 @@ def decades(robot: str) -> list[float]:
 
 
 def walker_of(robot: str) -> Controlled:
-    """Return an unwrapped walker with a robot."""
+    """Return an unwrapped walker environment.
+
+    Args:
+        robot: Name of the robot.
+    """
     return cast("Controlled", make_env(ENV, {"robot": robot}).unwrapped)
 
 
 def commands_of(robot: str) -> Array:
-    """Return the benchmark's commands, m/s, for a smaller robot at the same Froude numbers."""
+    """Return the commanded speeds of the benchmark, in m/s.
+
+    For a smaller robot, they are scaled to the same Froude numbers.
+
+    Args:
+        robot: Name of the robot.
+    """
     scale = tuned.scale_of(named_robot(robot))
     factor = 1.0 if scale.length > 0.5 else scale.speed
     return np.round(factor * np.array(find_benchmark(ENV).commands), 3)
 
 
 def measure(
-    name: str, settings: Array, episodes: int, robot: str = "paper",
+    name: str,
+    settings: Array,
+    episodes: int,
+    robot: str = "paper",
     gains: tuple[float, ...] = PAPER,
-) -> Entry:  # fmt: skip
-    """Measure walking speeds, m/s, of each crank speed ("pid") or torque ("constant")."""
+) -> Entry:
+    """Measure the walking speed, in m/s, at each crank speed or at each torque.
+
+    Args:
+        name: ``"pid"`` or ``"constant"``.
+        settings: Crank speeds, in rad/s, for ``"pid"``; torques, in N m, for ``"constant"``.
+        episodes: Number of episodes per setting.
+        robot: Name of the robot.
+        gains: Gains kp, ki and kd of the PID.
+    """
     env = walker_of(robot)
     each = np.repeat(settings, episodes)
     commands, seeds = np.full(len(each), 0.3), FIRST_SEED + np.arange(len(each)) % episodes
-    policy = (walker.walking_pid(lambda _: each, env, PID(*gains)) if name == "pid"
-              else walker.constant_torque(lambda _: each, env))  # fmt: skip
+    policy = (
+        walker.walking_pid(lambda _: each, env, PID(*gains))
+        if name == "pid"
+        else walker.constant_torque(lambda _: each, env)
+    )
     run = run_episodes(policy, ENV, {"robot": robot}, commands, seeds, at_once=len(each))
     speeds = (run["distance"] / HORIZON).reshape(-1, episodes)
     return {"settings": settings.tolist(), "speeds": speeds.round(4).tolist()}
 
 
 def return_of(entry: Entry, robot: str, episodes: int) -> float:
-    """Return the mean return of a PID over the commands, on starts other than those measured."""
+    """Return the mean return of a PID over the commands.
+
+    The episodes have other seeds than those of the measurement.
+
+    Args:
+        entry: Measurement of the PID.
+        robot: Name of the robot.
+        episodes: Number of episodes per command.
+    """
     numbers = (np.array(entry[name]) for name in ("settings", "speeds"))
     setting, gains = tuned.nearest_setting(*numbers), PID(*entry["gains"])
     policy = walker.walking_pid(setting, walker_of(robot), gains)
@@ -95,10 +141,15 @@ def return_of(entry: Entry, robot: str, episodes: int) -> float:
 
 
 def measure_pid(robot: str, episodes: int) -> Entry:
-    """Measure the PID at :data:`CRANK_SPEEDS` with the paper's gains on the paper's robot.
+    """Measure the walking speeds of a PID at :data:`CRANK_SPEEDS`.
 
-    On another robot every one of :data:`GAINS` is measured coarsely, and the :data:`FINALISTS` that
-    return most in full; the one that returns most is kept.
+    The robot of the paper has the gains of the paper. For any other robot, all :data:`GAINS` are
+    measured coarsely. The :data:`FINALISTS` gains with the highest returns are then measured
+    completely, and the best of them is kept.
+
+    Args:
+        robot: Name of the robot.
+        episodes: Number of episodes per crank speed.
     """
 
     def tried(gains: tuple[float, ...], settings: Array, count: int) -> tuple[float, Entry]:
@@ -108,10 +159,13 @@ def measure_pid(robot: str, episodes: int) -> Entry:
         return mean, entry
 
     multiples = (PAPER,) if robot == "paper" else GAINS
-    every = list(dict.fromkeys(
-        tuple(round(factor * gain, 12) for gain in each)
-        for factor in decades(robot) for each in multiples
-    ))  # fmt: skip
+    every = list(
+        dict.fromkeys(
+            tuple(round(factor * gain, 12) for gain in each)
+            for factor in decades(robot)
+            for each in multiples
+        )
+    )
     if len(every) > FINALISTS:
         coarse = {gains: tried(gains, CRANK_SPEEDS[::COARSE], 2)[0] for gains in every}
         every = sorted(coarse, key=coarse.__getitem__)[-FINALISTS:]
@@ -119,15 +173,28 @@ def measure_pid(robot: str, episodes: int) -> Entry:
 
 
 def measure_constant(robot: str, episodes: int) -> Entry:
-    """Measure constant torques."""
+    """Measure the walking speeds at constant torques.
+
+    Args:
+        robot: Name of the robot.
+        episodes: Number of episodes per torque.
+    """
     return measure("constant", np.round(decades(robot)[0] * TORQUES, 6), episodes, robot)
 
 
 def find_steady(robot: str, episodes: int) -> Entry:
     """Find the stiffest gains at which the motor does not switch between its limits.
 
-    They are the paper's, times a power of ten. The mean change of the torque in a step must stay
-    below :data:`CHATTER` of the motor's limit, in walks at a third of the fastest command.
+    The gains are those of the paper, divided by a power of ten. In walks at the fourth command of
+    the benchmark (0.3 m/s for robots of the paper's size), the mean change of the torque per step
+    must stay below :data:`CHATTER` times the torque limit of the motor.
+
+    Args:
+        robot: Name of the robot.
+        episodes: Number of episodes.
+
+    Raises:
+        ValueError: If no gains satisfy the condition.
     """
     env = walker_of(robot)
     command = commands_of(robot)[3]
@@ -148,23 +215,37 @@ def find_steady(robot: str, episodes: int) -> Entry:
 
 
 def objective(run: Episodes, episodes: int) -> Array:
-    """Return the loss of each candidate, shape (candidates,): minus the return, plus the falls."""
+    """Return the loss of each candidate: the mean penalty for falls minus the mean return.
+
+    Args:
+        run: Episodes of all candidates, one candidate after the other.
+        episodes: Number of episodes per candidate.
+
+    Returns:
+        The losses, shape (candidates,).
+    """
     lost = FALL * run["fell"] - run["returns"]
     return np.asarray(lost.reshape(-1, episodes).mean(axis=1))
 
 
 def search_profile(robot: str, episodes: int, generations: int = 30, population: int = 16) -> Entry:
-    """Search a profile for each command, upwards and then downwards through the commands.
+    """Search a crank-speed profile for each command, first upwards and then downwards in speed.
 
-    On the way up, each search begins with the numbers that the search before it found. The first
-    search begins with the crank speed of the robot's PID, which is constant over the turn. On the
-    way down, one search begins with the numbers of the next faster command, and another search
-    begins with the command's own numbers. The best of these two results and of the command's own
-    numbers is kept.
+    On the way up, each search begins with the parameters that the previous search found. The first
+    search begins with the crank speed of the robot's PID, which is constant over a turn. On the
+    way down, there are two searches per command. One begins with the parameters of the next faster
+    command, and the other begins with the present parameters of the command. The best of the two
+    results and the present parameters is kept.
+
+    Args:
+        robot: Name of the robot.
+        episodes: Number of episodes per candidate.
+        generations: Number of generations per search.
+        population: Number of candidates per generation.
     """
     env, design = walker_of(robot), named_robot(robot)
     scale = tuned.scale_of(design, most_lag=1.0)
-    units = np.ones(4 + 2 * HARMONICS)  # of the scaled numbers that are searched
+    units = np.ones(4 + 2 * HARMONICS)  # units of the scaled parameters that are searched
     units[:4] = 1.0 / scale.time, 5.0 * scale.torque * scale.time, scale.torque, 1.0 / scale.length
     units[4:] = 0.3
     read, setting = columns(env, *profile.READ), tuned.setting_of("pid", design)
@@ -234,9 +315,10 @@ MEASURED = {
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Measure the named baselines' numbers."""
-    parser = Parser("python -m agents.tune", "Make the baselines' data.",
-                    "python -m agents.tune pid constant")  # fmt: skip
+    """Tune the named baselines and write their parameters."""
+    parser = Parser(
+        "python -m agents.tune", "Make the baselines' data.", "python -m agents.tune pid constant"
+    )
     add = parser.add_argument
     add(
         "baselines",
@@ -270,7 +352,7 @@ def main(arguments: list[str] | None = None) -> None:
         entry = {"command": command, **made}
         if name != "profile":
             entry = {**kept.get(args.robot, {}), name: entry}
-        write_json(path, {**kept, args.robot: entry})  # other robots' numbers stay
+        write_json(path, {**kept, args.robot: entry})  # keeps the entries of other robots
         print(f"written: {path}")
 
 

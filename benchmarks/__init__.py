@@ -1,1 +1,1 @@
-"""Measurements of speed; run one with ``python -m benchmarks.NAME``."""
+"""Speed benchmarks; run one of them with ``python -m benchmarks.NAME``."""

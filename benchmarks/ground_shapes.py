@@ -1,6 +1,7 @@
-"""Compare the time of a control step on pymunk's shapes and on the same ground as a height line.
+"""Compare the time of a control step on pymunk shapes and on the same ground as a height line.
 
-Single environments walk in turns. The table lists the shortest round of each, in process time.
+Single environments walk in turns. The table lists the shortest round of each environment, in
+process time.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ RESETS = 20
 
 
 def make_grounds() -> dict[str, Terrain]:
-    """Return height lines by name: level ground, and ground that is rough below the start."""
+    """Return height lines by name: level ground, and ground that is rough at the starting point."""
     terrain = make_generator("rough")
     assert terrain is not None
     points = terrain(np.random.default_rng(5), 3).points
@@ -31,7 +32,14 @@ def make_grounds() -> dict[str, Terrain]:
 
 
 def play(env: gym.Env[np.ndarray, np.ndarray]) -> tuple[float, float]:
-    """Return the time of a reset and the time of a control step, in us."""
+    """Measure the time of a reset and the time of a control step.
+
+    Args:
+        env: Environment to measure.
+
+    Returns:
+        Both times, in us.
+    """
     action = np.array([0.5], np.float32)
     begin = time.process_time()
     for seed in range(RESETS):

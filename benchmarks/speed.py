@@ -1,8 +1,11 @@
-"""Speed of the environments beside their peers: one, many, harder ones.
+"""Measure the speed of the environments and compare it with other environments.
+
+Run the benchmark as follows. It writes ``speed.md``.
 
     python -m benchmarks.speed [--only PART ...] [--rounds 7] [--out logs/speed] [--quick]
 
-Writes ``speed.md``.
+There are three parts: ``one`` measures single environments, ``many`` measures batches, and
+``worlds`` measures batches of harder environments.
 """
 
 import importlib.util
@@ -33,12 +36,14 @@ from jansen_env.terrain.generators import make_generator
 PACKAGES = "box2d", "envpool", "gymnasium", "mujoco", "numpy", "pymunk"
 OURS, MUJOCO, BOX2D = "JansenWalker-v0", "Walker2d-v5", "BipedalWalker-v3"
 REAL = "motor, bearings, feet"
-SEGMENTS = 100  # of the rough ground, 20 cm each
-AT_ONCE, LEVEL = 256, 3  # robots that are compared; of the rough ground that is exchanged
+SEGMENTS = 100  # number of segments of the rough ground, each 20 cm long
+# Number of robots in the comparisons, and terrain level of the rough ground.
+AT_ONCE, LEVEL = 256, 3
 COUNTS = (1, 4, 16, 64, AT_ONCE, 1024, 4096, 16_384)
 ROUNDS = 7
-FEWEST, MOST = 16, 5000  # vector steps of a round
-LIMITS = 250, 750  # steps of an episode of a batch, differing by robot; 500 in the mean
+FEWEST, MOST = 16, 5000  # smallest and largest number of vector steps per round
+# Shortest and longest time limit of the robots in a batch, in control steps; the mean is 500.
+LIMITS = 250, 750
 SCALES = ("mass_scale", "inertia_scale", "damping_scale", "motor_strength")
 RANDOMISED: dict[str, tuple[float, float]] = {
     "friction": (0.4, 1.0), "restitution": (0.0, 0.3), "payload": (0.0, 0.5),
@@ -47,11 +52,21 @@ RANDOMISED: dict[str, tuple[float, float]] = {
 }  # fmt: skip
 
 Play: TypeAlias = Callable[[], float]
-"""Takes all actions of a round; returns environment steps/s, in which a reset counts as a step."""
+"""Function that takes all actions of a round and returns the rate in environment steps per second.
+
+A reset of a robot in a batch counts as a step."""
 
 
 def single(env_id: str, steps: int, **arguments: Any) -> Play:
-    """One environment under random actions, from the same start every round."""
+    """Return a function that takes random actions in a single environment; see :data:`Play`.
+
+    Every round begins with the same initial state.
+
+    Args:
+        env_id: Id of the environment.
+        steps: Number of steps per round.
+        **arguments: Arguments of the environment.
+    """
     env = gym.make(env_id, **arguments)
     env.action_space.seed(0)
     actions = [env.action_space.sample() for _ in range(steps)]
@@ -69,7 +84,17 @@ def single(env_id: str, steps: int, **arguments: Any) -> Play:
 
 
 def many(venv: Any, count: int, space: Box, steps: int, first: int = 0) -> Play:
-    """A vector environment, reset, under random actions, after ``first`` of them; rounds go on."""
+    """Return a function that takes random actions in a vector environment; see :data:`Play`.
+
+    Each round continues where the previous round ended.
+
+    Args:
+        venv: Vector environment that has been reset.
+        count: Number of environments in it.
+        space: Action space of one environment.
+        steps: Number of vector steps per round.
+        first: Number of vector steps to take before the first round.
+    """
     shape = steps, count, *space.shape
     drawn = np.random.default_rng(0).uniform(space.low, space.high, shape)
     actions = list(drawn.astype(space.low.dtype))
@@ -86,7 +111,17 @@ def many(venv: Any, count: int, space: Box, steps: int, first: int = 0) -> Play:
 
 
 def robots(count: int, robot_steps: int, env_id: str = OURS, **arguments: Any) -> Play:
-    """``gym.make_vec``'s robots, whose episodes end as evenly spread in time as in a long run."""
+    """Return a function that takes random actions in a batch of robots; see :data:`Play`.
+
+    ``gym.make_vec`` makes the batch. The time limits differ between the robots, so that the ends of
+    the episodes are spread evenly over time, as in a long run.
+
+    Args:
+        count: Number of robots.
+        robot_steps: Number of steps per round, summed over all robots.
+        env_id: Id of the environment.
+        **arguments: Arguments of the environment.
+    """
     first, last = LIMITS
     limits = [first + round((last - first) * (i + 0.5) / count) for i in range(count)]
     venv = gym.make_vec(env_id, num_envs=count, max_episode_steps=limits, **arguments)
@@ -96,7 +131,15 @@ def robots(count: int, robot_steps: int, env_id: str = OURS, **arguments: Any) -
 
 
 def envpool(count: int, threads: int, steps: int) -> Play:
-    """envpool's ``Walker2d-v5`` on so many threads; its episodes last some 25 steps."""
+    """Return a function that takes random actions in envpool's ``Walker2d-v5``; see :data:`Play`.
+
+    The episodes last about 25 steps.
+
+    Args:
+        count: Number of environments.
+        threads: Number of threads.
+        steps: Number of vector steps per round.
+    """
     from envpool import make_gymnasium
 
     venv = make_gymnasium(MUJOCO, num_envs=count, num_threads=threads, seed=0)
@@ -105,20 +148,26 @@ def envpool(count: int, threads: int, steps: int) -> Play:
 
 
 def rough_ground() -> Terrain:
-    """Rough ground around x = 0 whose slopes are 10 % at most."""
+    """Return rough ground around x = 0 with slopes of at most 10 %."""
     length = 0.2 * (SEGMENTS - 2.5)
     return Terrain.rough(np.random.default_rng(0), 0.02, 0.2, length, -0.5 * length)
 
 
 def real_robot() -> Robot:
-    """The paper's links with the built robot's motor, dry bearings and feet that give."""
+    """Return the paper's links with the motor, dry bearings and compliant feet of ``built``."""
     built = ROBOTS["built"]()
     names = ("motor", "bearing_friction", "pad_compliance")
     return replace(paper_robot(), **{name: getattr(built, name) for name in names})
 
 
 def one_environment(quick: bool) -> dict[str, Play]:
-    """``gym.make`` beside its peers: random actions, wrappers and resets included."""
+    """Return the contestants of the comparison of ``gym.make`` with other environments.
+
+    The rates include wrappers and resets. The actions are random.
+
+    Args:
+        quick: Whether to take only a few steps.
+    """
     steps = 200 if quick else 5000
     return {
         MUJOCO: single(MUJOCO, steps),
@@ -130,7 +179,13 @@ def one_environment(quick: bool) -> dict[str, Play]:
 
 
 def many_environments(quick: bool) -> dict[str, Play]:
-    """``gym.make_vec`` beside a single peer and, where there is envpool, many."""
+    """Return the contestants of the comparison of ``gym.make_vec`` with other environments.
+
+    The others are a single environment and, if envpool is installed, a batch of environments.
+
+    Args:
+        quick: Whether to take only a few steps.
+    """
     counts, count, steps = ((1, 2, 4), 4, 100) if quick else (COUNTS, AT_ONCE, 60_000)
     plays = {f"1, {MUJOCO}": single(MUJOCO, 200 if quick else 5000)}
     compared: list[tuple[int, str, dict[str, Any]]] = [
@@ -148,7 +203,13 @@ def many_environments(quick: bool) -> dict[str, Play]:
 
 
 def harder_environments(quick: bool) -> dict[str, Play]:
-    """Harder environments beside as many robots on flat ground."""
+    """Return the contestants of the comparison of harder environments with flat ground.
+
+    All batches have the same number of robots.
+
+    Args:
+        quick: Whether to take only a few steps.
+    """
     draw = make_generator("rough")
     assert draw is not None
     hardcore, rough = "JansenWalkerHardcore-v0", "JansenWalkerRough-v0"
@@ -170,7 +231,17 @@ PARTS = {"one": one_environment, "many": many_environments, "worlds": harder_env
 
 
 def take_turns(plays: dict[str, Play], rounds: int) -> dict[str, list[float]]:
-    """Return rates of each contestant by round, after a warm-up; every other round reversed."""
+    """Measure all contestants in turns, after a warm-up.
+
+    Every second round has the reverse order.
+
+    Args:
+        plays: Contestants by name.
+        rounds: Number of rounds.
+
+    Returns:
+        Rates of each contestant, in steps per second, one per round.
+    """
     rates: dict[str, list[float]] = {name: [] for name in plays}
     for play in plays.values():
         play()
@@ -181,21 +252,30 @@ def take_turns(plays: dict[str, Play], rounds: int) -> dict[str, list[float]]:
 
 
 def rate_table(rates: Mapping[str, Sequence[float]]) -> str:
-    """Medians, lowest and highest of rates by contestant, and medians over that of the first."""
+    """Return a table of the median, lowest and highest rate of each contestant.
+
+    The last column is the median divided by the median of the first contestant.
+
+    Args:
+        rates: Rates by contestant.
+    """
     middle = {name: median(series) for name, series in rates.items()}
     first = next(iter(middle))
     rows = [
-        (name, *(f"{rate:,.0f}" for rate in (middle[name], min(series), max(series))),
-         f"{middle[name] / middle[first]:.2f}")
+        (
+            name,
+            *(f"{rate:,.0f}" for rate in (middle[name], min(series), max(series))),
+            f"{middle[name] / middle[first]:.2f}",
+        )
         for name, series in rates.items()
-    ]  # fmt: skip
+    ]
     head = ("", "steps/s", "lowest", "highest", f"/ {first}")
     align = ("left", *["right"] * 4)
     return tabulate(rows, head, tablefmt="pipe", disable_numparse=True, colalign=align)
 
 
 def machine() -> str:
-    """Processor, cores, load, and the versions of all that is measured."""
+    """Return a description of the processor, its cores, the load and the versions of packages."""
     listing = Path("/proc/cpuinfo")
     lines = listing.read_text(encoding="utf-8").splitlines() if listing.exists() else []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
@@ -209,15 +289,27 @@ def machine() -> str:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Command line."""
-    parser = Parser("python -m benchmarks.speed", __doc__,
-                    "python -m benchmarks.speed --quick --out logs/tried")  # fmt: skip
+    """Measure the speeds and write the tables."""
+    parser = Parser(
+        "python -m benchmarks.speed", __doc__, "python -m benchmarks.speed --quick --out logs/tried"
+    )
     add = parser.add_argument
-    add("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART",
-        help=f"of {', '.join(PARTS)}; all without it")  # fmt: skip
+    add(
+        "--only",
+        nargs="+",
+        choices=PARTS,
+        default=list(PARTS),
+        metavar="PART",
+        help=f"of {', '.join(PARTS)}; all without it",
+    )
     add("--rounds", type=whole(most=1000), default=ROUNDS, metavar="N", help=f"({ROUNDS})")
-    add("--out", type=path_flag, default=Path("logs/speed"), metavar="DIR",
-        help="folder for the table (logs/speed)")  # fmt: skip
+    add(
+        "--out",
+        type=path_flag,
+        default=Path("logs/speed"),
+        metavar="DIR",
+        help="folder for the table (logs/speed)",
+    )
     add("--quick", action="store_true", help="try the program; proves nothing")
     args = parser.parse_args(arguments)
     with parser.refusing():

@@ -1,11 +1,13 @@
-"""Speed of this checkout beside an earlier commit, in one run.
+"""Compare the speed of this checkout with that of an earlier commit, in one run.
+
+Run the benchmark as follows. It writes ``two_commits.md``.
 
     python -m benchmarks.two_commits COMMIT [--rounds 5] [--out logs/two_commits]
 
-The commit is checked out into a temporary folder, where its engine is built. Both versions run in
-processes of their own, which take turns. Each figure is the shortest of many short stretches over
-all rounds, because a shared processor may be slow for seconds at a time. The table shows the
-figures of both versions and their ratio. Writes ``two_commits.md``.
+The commit is checked out into a temporary folder, where its engine is built. Each version runs in
+its own process, and the two processes take turns. Each figure is the shortest time of many short
+stretches over all rounds, because a shared processor may be slow for seconds at a time. The table
+shows the figures of both versions and their ratio.
 """
 
 import json
@@ -25,13 +27,18 @@ from jansen_env.commands.flags import Parser, positive_int
 from jansen_env.files import check_writable, write_text
 
 ENVIRONMENTS = ("JansenWalkerBuilt-v0", "JansenWalkerRough-v0", "JansenWalkerHardcore-v0")
-STRETCHES, STEPS = 200, 25  # of a round, and steps in each of them
+STRETCHES, STEPS = 200, 25  # stretches per round, and steps per stretch
 ROBOTS = 256
 ROOT = Path(__file__).parents[1]
 
 
 def shortest(count: int, run: Callable[[], object]) -> float:
-    """Return the shortest time of ``count`` calls, s."""
+    """Call a function several times and return the shortest time, in s.
+
+    Args:
+        count: Number of calls.
+        run: The function.
+    """
     times = list[float]()
     for _ in range(count):
         start = time.perf_counter()
@@ -41,7 +48,7 @@ def shortest(count: int, run: Callable[[], object]) -> float:
 
 
 def measure() -> dict[str, float]:
-    """Return times of steps and resets, us, of the version that is imported."""
+    """Measure the times of steps and resets, in us, of the version of the package on the path."""
     import jansen_env  # noqa: F401 - registers the environments
 
     times = dict[str, float]()
@@ -71,7 +78,11 @@ def measure() -> dict[str, float]:
 
 
 def run(folder: Path) -> dict[str, float]:
-    """Return what :func:`measure` finds with the package in a folder."""
+    """Return the result of :func:`measure` for the package in a folder.
+
+    Args:
+        folder: Folder that contains the package.
+    """
     command = [sys.executable, str(Path(__file__)), "--measure"]
     environment = {**os.environ, "PYTHONPATH": f"{folder}{os.pathsep}{ROOT}"}
     done = subprocess.run(command, env=environment, check=True, stdout=subprocess.PIPE, text=True)
@@ -80,7 +91,7 @@ def run(folder: Path) -> dict[str, float]:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Measure both versions, and write the table."""
+    """Measure both versions and write the table."""
     parser = Parser(
         "python -m benchmarks.two_commits", __doc__, "python -m benchmarks.two_commits HEAD~1"
     )

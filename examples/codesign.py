@@ -1,11 +1,17 @@
-"""Co-design in the loop: a search that scores lengths by policies that are trained on them.
+"""Co-design: search link lengths and score every design by a policy that is trained on it.
 
-python examples/codesign.py train STEPS PARENT ROBOT ...   policies; scores.json, scores.png
-python examples/codesign.py search STEPS PARENT ROBOT DESIGNS   lengths, scored by policies
+The example has two modes:
 
-PARENT is a model whose weights a training begins with, or `new`. `search` is CMA-ES from a robot
-on, under the geometric limits of the plan `cost`, until so many designs are trained; each begins
-with the weights of the best so far. The score is the policy's cost of transport at 0.3 m/s.
+    python examples/codesign.py train STEPS PARENT ROBOT ...
+    python examples/codesign.py search STEPS PARENT ROBOT DESIGNS
+
+`train` trains a policy for each robot and writes scores.json and scores.png. `search` runs CMA-ES
+on the link lengths, starting from ROBOT, under the geometric limits of the plan `cost`. The search
+ends when DESIGNS designs have been trained. The score of a design is the cost of transport of its
+policy at 0.3 m/s.
+
+STEPS is the number of training steps per policy. PARENT is a model with whose weights the training
+begins, or `new`. In a search, later trainings begin with the weights of the best policy so far.
 """
 
 import json
@@ -30,11 +36,11 @@ from jansen_env.terrain.ground import one_step
 
 SHAPE, PLANES = GROUPS["shape"], GROUPS["planes"]
 ENV = "JansenWalkerBuilt-v0"
-HEIGHTS = np.round(np.arange(0.02, 0.321, 0.02), 2).tolist()  # m, of steps
+HEIGHTS = np.round(np.arange(0.02, 0.321, 0.02), 2).tolist()  # heights of steps, in m
 
 
 def train(robot, steps, parent, seed=0):
-    """Return a model that is trained on a robot, from a parent's weights."""
+    """Train a model on a robot, starting with the weights of a parent, and return it."""
     model = prepare(new_config(env_id=ENV, env_kwargs={"robot": robot}, timesteps=steps, seed=seed))
     if parent != "new":
         model.set_parameters(parent)
@@ -44,7 +50,7 @@ def train(robot, steps, parent, seed=0):
 
 
 def score(model, robot):
-    """Return cost, slip and speed error at 0.3 m/s, and the return over all speeds."""
+    """Return the cost, slip, speed error and falls at 0.3 m/s, and the return over all speeds."""
     at = evaluate({"": model}, ENV, {"robot": robot}, [0.3], episodes=16)[""]["overall"]
     every = evaluate({"": model}, ENV, {"robot": robot}, episodes=4)[""]["overall"]
     names = "steady_cost_of_transport", "steady_slip_per_metre", "steady_speed_error", "falls"
@@ -52,7 +58,10 @@ def score(model, robot):
 
 
 def climbed(model, robot):
-    """Return the highest step that half of 16 starts get over at 0.4 m/s; links collide."""
+    """Return the highest step that the robot climbs in half of 16 attempts at 0.4 m/s.
+
+    The links collide with the step.
+    """
     highest = 0.0
     for height in HEIGHTS:
         world = {"robot": robot, "terrain": one_step(1.0, height), "links_collide": True}
@@ -65,7 +74,7 @@ def climbed(model, robot):
 
 
 def train_all(steps, parent, robots):
-    """Train a policy for each robot, and write what it scores."""
+    """Train a policy for each robot that has no scores yet, and write the scores and a figure."""
     path = Path("scores.json")
     scores = json.loads(path.read_text()) if path.exists() else {}
     for robot in robots:
@@ -77,10 +86,11 @@ def train_all(steps, parent, robots):
             path.write_text(json.dumps(scores, indent=1))
     figure = Figure((7.0, 4.4), layout="constrained")
     axis = figure.subplots()
+    # The cost is NaN for a robot that does not walk.
     places = {
         Path(robot).stem: (score_["step"], score_["steady_cost_of_transport"] or math.nan)
         for robot, score_ in scores.items()
-    }  # NaN: not walking
+    }
     for k, (name, place) in enumerate(sorted(places.items(), key=lambda item: item[1][1])):
         axis.plot(*place, "C0o")
         axis.annotate(name, place, (4, -9 if k % 2 else 3), textcoords="offset points", fontsize=8)
@@ -90,13 +100,17 @@ def train_all(steps, parent, robots):
 
 
 def search(steps, parent, robot, designs):
-    """Search lengths for the least cost of a trained policy; prints each design's scores."""
+    """Search the link lengths whose trained policy has the lowest cost; print all scores."""
     plan = read_plan("cost")
     limits = {name: ends for name, ends in plan.limits.items() if name in {**SHAPE, **PLANES}}
     plan = replace(
-        plan, robot=robot, variables={"lengths": 0.3}, population=8,
-        objectives={"mass": "min"}, limits=limits,
-    )  # fmt: skip
+        plan,
+        robot=robot,
+        variables={"lengths": 0.3},
+        population=8,
+        objectives={"mass": "min"},
+        limits=limits,
+    )
     space, walker, least, trained = plan.space(), make_walker(plan), math.inf, 0
     cma = Cma(space.start, plan.population, 0)
     while trained < designs:

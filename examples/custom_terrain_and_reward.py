@@ -1,6 +1,10 @@
-"""Up a flight of low stairs, rewarded for the distance and charged for the work.
+"""Climb a flight of low stairs with a reward that weighs distance against motor work.
 
-python examples/custom_terrain_and_reward.py [STEPS]   (1,000 steps of 20 ms by default)
+Run the example as follows:
+
+    python examples/custom_terrain_and_reward.py [STEPS]
+
+STEPS is the number of control steps of 20 ms, 1,000 by default.
 """
 
 import sys
@@ -10,7 +14,7 @@ import gymnasium as gym
 from jansen_env import Terrain
 
 steps = int(sys.argv[1]) if len(sys.argv) > 1 else 1000
-risers = [0.3 + 0.4 * k for k in range(20)]  # m
+risers = [0.3 + 0.4 * k for k in range(20)]  # positions of the risers, in m
 points = [(-1.0, 0.0)]
 for k, x in enumerate(risers):
     points += [(x, 0.005 * k), (x + 0.01, 0.005 * (k + 1))]
@@ -18,9 +22,10 @@ stairs = Terrain((*points, (risers[-1] + 1.0, points[-1][1])), friction=0.9)
 
 
 class Distance(gym.Wrapper):
-    """1 per metre walked, less 1 per 100 J of motor work, less 1 for a fall."""
+    """Wrapper that rewards 1 per metre and charges 1 per 100 J of motor work and 1 per fall."""
 
     def step(self, action):
+        """Take a step and return the new reward in place of the reward of the environment."""
         observation, _, terminated, truncated, info = self.env.step(action)
         reward = info["x_velocity"] * self.unwrapped.control_dt
         reward -= 0.01 * abs(info["energy"]["motor_work"]) + float(terminated)

@@ -1,10 +1,16 @@
-"""Cost against climbing: a table, and robot files, of known linkages and of the map.
+"""Compare known linkages and linkages of the map: cost of transport against climbing.
 
-python examples/front.py [STARTS] [MACHINES]   (16 starts; 12 machines of the map)
+Run the example as follows. It prints a table and writes a robot file for every machine.
 
-At 0.3 m/s, each by the best of six speed controllers. Cost on level ground; climb as in
-../docs/design.md, with links that collide. Linkages other than Jansen's are as tall and heavy as
-the built robot and have its feet, motor and mean bearing.
+    python examples/front.py [STARTS] [MACHINES]
+
+STARTS is the number of initial states per walk, 16 by default. MACHINES is the number of machines
+from the map, 12 by default.
+
+Every machine walks at 0.3 m/s under the best of six speed controllers. The cost is measured on
+level ground. The measure `climb` is that of ../docs/design.md, with links that collide. Linkages
+other than Jansen's are as tall and heavy as the built robot and have its feet, motor and mean
+bearing friction.
 """
 
 import sys
@@ -24,7 +30,7 @@ count = int(sys.argv[2]) if len(sys.argv) > 2 else 12
 
 
 def as_built(name):
-    """Return another linkage with the mass, feet, motor and mean bearing of the built robot."""
+    """Return a linkage with the mass, feet, motor and mean bearing friction of the built robot."""
     robot = load_robot("robot", name)
     if robot.linkage == BASE.linkage:
         return with_lengths(BASE, lengths(robot))
@@ -36,12 +42,12 @@ def as_built(name):
 
 
 def rank(walk):
-    """Return the cost, behind all others where it falls or is late."""
+    """Return a sort key: the cost of a walk, after all others if the robot falls or is too slow."""
     late = not walk["steady_speed_error"] < 0.02 or walk["falls"] > 0
     return late, walk["steady_cost_of_transport"]
 
 
-GAINS = [(gain, bias) for gain in (1.0, 3.0, 9.0) for bias in (0.0, 2.0)]  # N m s/rad, N m
+GAINS = [(gain, bias) for gain in (1.0, 3.0, 9.0) for bias in (0.0, 2.0)]  # in N m s/rad and N m
 data = load()
 cost = np.where(data["slip"] < 0.2, data["cost"], np.inf)
 ranges = np.linspace(0.04, 0.28, count + 1)[:count]
@@ -55,7 +61,7 @@ machines = {
 print("| machine | cost | slip (m/m) | speed error (m/s) | falls | climb (m) | opening (m) |")
 print("| --- |" + 6 * " ---: |")
 for name, robot in machines.items():
-    write_robot(f"{name.replace(' ', '_')}.json", robot)  # for codesign.py
+    write_robot(f"{name.replace(' ', '_')}.json", robot)  # input of codesign.py
     shape = geometry_measures(robot)
     world = {"robot": robot, "links_collide": True}
     walker = Walker("JansenWalkerBuilt-v0", world, SPEED, starts, 1)

@@ -1,12 +1,17 @@
-"""How much return does the shipped policy leave at each command? A search about it.
+"""How much more return is possible than the pretrained policy achieves at each command?
 
-python examples/headroom.py [ENV] [COMMANDS] [GENERATIONS] [STARTS]
-    (JansenWalkerBuilt-v0, all of its benchmark, 30 generations of 16 candidates, 12 starts each)
+Run the example as follows:
 
-CMA-ES searches, for each command alone, a torque that is added to the policy's: a constant, four
-even harmonics of the crank angle, and feedback of crank speed, pitch, pitch rate and lag. The best
-of it is then scored beside the policy on other starts. It is a torque that can be had, so the most
-that could be had is at least as much; a reward is at most 1, so it is at most the number of steps.
+    python examples/headroom.py [ENV] [COMMANDS] [GENERATIONS] [STARTS]
+
+The defaults are JansenWalkerBuilt-v0, all commands of its benchmark, 30 generations of 16
+candidates, and 12 starts per candidate.
+
+For each command separately, CMA-ES searches a torque that is added to the torque of the policy. It
+consists of a constant, four even harmonics of the crank angle, and feedback of the crank speed,
+pitch, pitch rate and lag. The best candidate is then compared with the policy on other starts. Its
+return is achievable, so the highest possible return is at least as large. A reward is at most 1, so
+the highest possible return is at most the number of steps.
 """
 
 import sys
@@ -26,21 +31,27 @@ grid = ",".join(map(str, find_benchmark(ENV).commands))
 text, *numbers = sys.argv[2:] + [grid, "30", "12"][max(0, len(sys.argv) - 2) :]
 GENERATIONS, STARTS = (int(number) for number in numbers)
 POPULATION, SPREAD, HARMONICS, SEED, OTHERS = 16, 0.02, 4, 140_000, 48
-SCALES = np.array([0.1, 1.0, 0.2, 1.0])  # typical sizes of the signals fed back
+SCALES = np.array([0.1, 1.0, 0.2, 1.0])  # scales of the feedback terms
 policy, env = pretrained.load(ENV), gym.make(ENV)
 COS, SIN, *FED = columns(
-    env.unwrapped, "cos_crank_angle", "sin_crank_angle", "crank_speed", "sin_pitch", "pitch_rate",
+    env.unwrapped,
+    "cos_crank_angle",
+    "sin_crank_angle",
+    "crank_speed",
+    "sin_pitch",
+    "pitch_rate",
     "lag",
-)  # fmt: skip
+)
 
 
 class Corrected:
-    """The policy, and the torque of a row of numbers (n, 13) for each of n robots."""
+    """Policy with an additional torque: one row of 13 parameters per robot, shape (n, 13)."""
 
     def __init__(self, numbers):
         self.numbers = numbers
 
     def predict(self, seen, state=None, episode_start=None, deterministic=False):
+        """Return the corrected actions and the unchanged state."""
         turn = ((seen[:, COS] + 1j * seen[:, SIN]) ** 2)[:, None] ** np.arange(1, HARMONICS + 1)
         terms = [np.ones((len(seen), 1)), turn.real, turn.imag, SCALES * seen[:, FED]]
         added = (self.numbers * np.concatenate(terms, axis=1)).sum(axis=1, keepdims=True)
@@ -49,12 +60,17 @@ class Corrected:
 
 
 def returns(candidates, command, seeds, envs=None):
-    """Mean return of each candidate over the starts of these seeds."""
+    """Return the mean return of each candidate over the initial states of the seeds."""
     n = len(candidates) * len(seeds)
     run = run_episodes(
-        Corrected(np.repeat(candidates, len(seeds), axis=0)), ENV, {}, np.full(n, command),
-        np.tile(seeds, len(candidates)), at_once=n, envs=envs,
-    )  # fmt: skip
+        Corrected(np.repeat(candidates, len(seeds), axis=0)),
+        ENV,
+        {},
+        np.full(n, command),
+        np.tile(seeds, len(candidates)),
+        at_once=n,
+        envs=envs,
+    )
     return run["returns"].reshape(len(candidates), -1).mean(axis=1)
 
 
@@ -63,8 +79,13 @@ totals = []
 with_envs = make_envs(ENV, {}, POPULATION * STARTS)
 for command in (float(word) for word in text.split(",")):
     rng = np.random.default_rng(0)
-    options = {"popsize": POPULATION, "verbose": -9, "seed": np.nan, "CMA_elitist": True,
-               "randn": lambda *shape, rng=rng: rng.standard_normal(shape)}  # fmt: skip
+    options = {
+        "popsize": POPULATION,
+        "verbose": -9,
+        "seed": np.nan,
+        "CMA_elitist": True,
+        "randn": lambda *shape, rng=rng: rng.standard_normal(shape),
+    }
     nothing = np.zeros(1 + 2 * HARMONICS + len(FED))
     search = cma.CMAEvolutionStrategy(nothing, SPREAD, options)
     search.inject([nothing], force=True)

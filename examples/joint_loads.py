@@ -1,6 +1,10 @@
-"""Loads on the joints of a walking robot; writes joint_loads.png.
+"""Plot the loads on the joints of a walking robot.
 
-python examples/joint_loads.py [STEPS]   (250 steps of 20 ms by default)
+Run the example as follows. It writes joint_loads.png.
+
+    python examples/joint_loads.py [STEPS]
+
+STEPS is the number of control steps of 20 ms, 250 by default.
 """
 
 import sys
@@ -20,8 +24,9 @@ bearing, largest = [], []
 for _ in range(steps):
     torque = 20.0 * (1.0 - observation[2]) + 2.0
     observation, *_, info = env.step([torque / 20.0])
-    bearing.append(env.unwrapped.joint_forces().bearing)  # (legs, 17) N, at the end of the step
-    largest.append(info["joint_force_max"])  # N, within the step
+    # The forces at the end of the step, in N, shape (legs, 17), and the largest force within it.
+    bearing.append(env.unwrapped.joint_forces().bearing)
+    largest.append(info["joint_force_max"])
 time = 0.02 * np.arange(1, steps + 1)
 loads = np.array(bearing)
 worst = np.argsort(loads.max(axis=(0, 1)))[::-1][:3]

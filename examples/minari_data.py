@@ -1,9 +1,17 @@
-"""Datasets for offline learning, in Minari's format: random, medium, expert and by the PID.
+"""Record datasets for offline learning in the format of Minari.
 
-python examples/minari_data.py [EPISODES] [STEPS] [ENV ...]   (100 of each kind, three environments)
+Run the example as follows:
 
-`medium` is what `train.py` has learnt after STEPS, an eighth of its time steps by default.
-The datasets are called jansen/ENV/KIND-v0, in Minari's folder. Needs minari[hdf5]: docs/data.md.
+    python examples/minari_data.py [EPISODES] [STEPS] [ENV ...]
+
+Each environment has four datasets: random, medium, expert and pid. `medium` is the policy that
+`train.py` has learnt after STEPS steps.
+
+EPISODES is the number of episodes per dataset, 100 by default. STEPS is an eighth of the usual
+training steps by default. Without ENV, datasets are recorded on three environments.
+
+The datasets are stored in Minari's folder as jansen/ENV/KIND-v0. The example requires
+minari[hdf5]; see docs/data.md.
 """
 
 import os
@@ -27,7 +35,7 @@ names = sys.argv[3:] or ["JansenWalkerBuilt-v0", "JansenWalkerRough-v0", "Jansen
 
 
 def medium(name):
-    """Return the policy of a short run of train.py; one that is finished is used again."""
+    """Return the policy of a short run of train.py; reuse a finished run if there is one."""
     timesteps = steps or new_config(env_id=name).timesteps // 8
     folder, scores = Path(f"medium/{timesteps}"), f"ppo/{name}_*/scores.md"
     if not any(folder.glob(scores)):

@@ -1,8 +1,11 @@
-"""Walk over a box and a ball, below a roof and up to a wall; the ground is a pymunk space.
+"""Walk over a box and a ball, below a roof and up to a wall, on terrain defined as a pymunk space.
 
-python examples/obstacle_course.py [STEPS]   (350 steps of 20 ms by default)
+Run the example as follows:
 
-Draw the space with pymunk's debug options, add the robot every 1.5 s, and save course.png.
+    python examples/obstacle_course.py [STEPS]
+
+STEPS is the number of control steps of 20 ms, 350 by default. The example draws the space with
+pymunk's debug options, adds the robot every 1.5 s, and saves course.png.
 """
 
 import sys
@@ -24,6 +27,7 @@ ground = space.static_body
 
 
 def box(left: float, bottom: float, right: float, top: float) -> pymunk.Poly:
+    """Return a rectangle of the ground."""
     return pymunk.Poly(ground, [(left, bottom), (right, bottom), (right, top), (left, top)])
 
 

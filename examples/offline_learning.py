@@ -1,8 +1,13 @@
-"""Learn from a dataset alone: behaviour cloning, and implicit Q-learning (arXiv 2110.06169).
+"""Learn from a dataset without simulation: behaviour cloning and implicit Q-learning.
 
-python examples/offline_learning.py [UPDATES] [DATASET ...]   (20,000; jansen/JansenWalkerBuilt/...)
+Run the example as follows:
 
-The datasets are those of minari_data.py: docs/data.md. Prints the return of each policy.
+    python examples/offline_learning.py [UPDATES] [DATASET ...]
+
+UPDATES is the number of updates, 20,000 by default. The default datasets are
+jansen/JansenWalkerBuilt/..., which minari_data.py records; see docs/data.md.
+
+The example prints the return of each policy. Implicit Q-learning is described in arXiv 2110.06169.
 """
 
 import sys
@@ -15,7 +20,7 @@ from torch.nn.functional import mse_loss
 
 import jansen_env
 
-torch.set_num_threads(1)  # networks this small gain nothing by more
+torch.set_num_threads(1)  # such small networks do not benefit from more threads
 BATCH, DISCOUNT, EXPECTILE, TEMPERATURE, TARGET_RATE = 256, 0.995, 0.7, 3.0, 0.005
 updates = int(sys.argv[1]) if len(sys.argv) > 1 else 20_000
 kinds = ("random", "medium", "expert", "pid")
@@ -23,24 +28,36 @@ dataset_ids = sys.argv[2:] or [f"jansen/JansenWalkerBuilt/{kind}-v0" for kind in
 
 
 def network(inputs):
+    """Return a network with one output."""
     layers = [nn.Linear(inputs, 128), nn.ReLU(), nn.Linear(128, 128), nn.ReLU(), nn.Linear(128, 1)]
     return nn.Sequential(*layers)
 
 
 class OfflinePolicy:
-    """A network's action within -1 and 1, for observations scaled by their mean and deviation."""
+    """Policy of a network whose observations are scaled by their mean and standard deviation.
+
+    Actions are limited to [-1, 1].
+    """
 
     def __init__(self, actor, mean, deviation):
         self.actor, self.mean, self.deviation = actor, mean, deviation
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        """Return the actions and the unchanged state."""
         scaled = (np.asarray(observation, np.float32) - self.mean) / self.deviation
         with torch.no_grad():
             return self.actor(torch.from_numpy(scaled)).clamp(-1, 1).numpy(), state
 
 
 def learn(dataset, implicit_q):
-    """Return the policy of implicit Q-learning, or with equal weights that of cloning."""
+    """Learn a policy by implicit Q-learning or by behaviour cloning.
+
+    Behaviour cloning gives the same weight to all actions of the dataset.
+
+    Args:
+        dataset: Minari dataset.
+        implicit_q: Whether to use implicit Q-learning.
+    """
     torch.manual_seed(0)
     episodes = list(dataset)
     seen = np.concatenate([episode.observations for episode in episodes]).astype(np.float32)

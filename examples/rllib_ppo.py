@@ -1,10 +1,12 @@
-"""PPO of RLlib's new API stack: one policy, trained by as many processes and machines as you like.
+"""Train one policy with RLlib's PPO (new API stack) in several processes or on several machines.
 
-python examples/rllib_ppo.py [--steps 400000] [--envs 48] [--runners 2] [--learners 2]
-    [--address auto] [--env JansenCrank-v0] [--checkpoint FOLDER]
+Run the example as follows:
 
-Env runners step the robots, learners average their gradients. Env runners that die are replaced.
-Needs the extra `distributed`: docs/frameworks.md.
+    python examples/rllib_ppo.py [--steps 400000] [--envs 48] [--runners 2] [--learners 2]
+        [--address auto] [--env JansenCrank-v0] [--checkpoint FOLDER]
+
+Env runners step the robots, and learners average their gradients. If an env runner dies, it is
+replaced. The example requires the extra `distributed`; see docs/frameworks.md.
 """
 
 import argparse
@@ -13,8 +15,8 @@ import os
 from pathlib import Path
 from types import SimpleNamespace
 
-os.environ.setdefault("RAY_AUTH_MODE", "token")  # no cluster that anybody may use
-os.environ.setdefault("OMP_NUM_THREADS", "1")  # of each process: the networks are small
+os.environ.setdefault("RAY_AUTH_MODE", "token")  # keeps strangers off the cluster
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # per process, because the networks are small
 
 import gymnasium as gym
 import numpy as np
@@ -40,8 +42,9 @@ args = parser.parse_args()
 
 training_robots = {}
 if args.env == "JansenWalker-v0":
-    # Episodes begin with the crank turning: robots that stand do not find out that walking pays. A
-    # third of them practises slow walking and a third fast, or one is given up for the other.
+    # Episodes begin with a turning crank, because robots that stand do not discover that walking is
+    # rewarded. One third of the robots practises slow walking and one third fast walking.
+    # Otherwise, the policy would give up one of them for the other.
     third = np.arange(args.envs) % 3
     training_robots = {
         "reset_noise_scale": np.array([4.0, 2.0, 6.0])[third],
@@ -50,12 +53,12 @@ if args.env == "JansenWalker-v0":
 robots, learners = args.envs * max(1, args.runners), max(1, args.learners)
 config = (
     PPOConfig()
-    # The part before the colon is imported where the robots are made, in other processes too.
+    # The module before the colon is imported in every process that creates robots.
     .environment(f"jansen_env:{args.env}", env_config=training_robots)
     .env_runners(
         num_env_runners=args.runners,
         num_envs_per_env_runner=args.envs,
-        gym_env_vectorize_mode="vector_entry_point",  # one batch; "sync" would be one by one
+        gym_env_vectorize_mode="vector_entry_point",  # one batch; "sync" simulates one by one
         rollout_fragment_length=128,
     )
     .learners(num_learners=args.learners)
@@ -67,18 +70,18 @@ config = (
     )
     .training(
         train_batch_size_per_learner=128 * robots // learners,
-        minibatch_size=512 // learners,  # of each: their gradients are averaged
+        minibatch_size=512 // learners,  # per learner; gradients are averaged
         num_epochs=8,
-        lr=[[0, 6e-4], [args.steps, 0.0]],  # by steps taken
+        lr=[[0, 6e-4], [args.steps, 0.0]],  # schedule over the steps
         gamma=0.99,
         lambda_=0.98,
         clip_param=0.2,
         use_kl_loss=False,
-        vf_clip_param=math.inf,  # returns are far above the default's 10
+        vf_clip_param=math.inf,  # returns are far above the default of 10
     )
     .debugging(seed=args.seed)
 )
-# Processes of a cluster on this machine may be more than its cores.
+# A cluster on this machine may have more processes than cores.
 cores = {"num_cpus": 1 + args.runners + args.learners} if args.address == "local" else {}
 ray.init(args.address, **cores)
 algorithm = config.build_algo()
@@ -91,7 +94,7 @@ while steps < args.steps:
     result = algorithm.train()
     found, seconds = result["env_runners"], result["time_total_s"]
     steps = int(found["num_env_steps_sampled_lifetime"])
-    noisy = found.get("episode_return_mean", math.nan)  # nan where no episode has ended
+    noisy = found.get("episode_return_mean", math.nan)  # nan if no episode has ended
     print(f"{steps:,} steps, {steps / seconds:,.0f} steps/s, return {noisy:.0f}", flush=True)
 if folder:
     print(f"saved: {algorithm.save_to_path(folder)}")
@@ -101,7 +104,7 @@ ray.shutdown()
 
 
 def predict(observation, state=None, episode_start=None, deterministic=True):
-    """Return the mean action, as :class:`jansen_env.baselines.policy.Policy` has it."""
+    """Return the mean action, with the signature of :class:`jansen_env.baselines.policy.Policy`."""
     with torch.no_grad():
         batch = {"obs": torch.as_tensor(observation, dtype=torch.float32)}
         mean = module.forward_inference(batch)["action_dist_inputs"][:, :1]

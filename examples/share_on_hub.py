@@ -1,9 +1,12 @@
-"""A trained policy as a repository of the Hugging Face Hub: its files, as ONNX too, and its card.
+"""Share a trained policy on the Hugging Face Hub: its files, an ONNX model and a model card.
 
-python examples/share_on_hub.py [REPOSITORY]
+Run the example as follows:
 
-Without a name, such as me/jansen-walker, it stays in the folder `hub` and needs no account. Needs
-huggingface_hub and the extra `export`: docs/frameworks.md.
+    python examples/share_on_hub.py [REPOSITORY]
+
+REPOSITORY is a name such as me/jansen-walker. Without it, the files stay in the folder `hub`, and
+you need no account. The example requires huggingface_hub and the extra `export`; see
+docs/frameworks.md.
 """
 
 import json

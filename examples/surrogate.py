@@ -1,8 +1,14 @@
-"""A network that predicts cost of transport and slip from lengths, from the map of linkages.
+"""Train a network on the map of linkages that predicts cost of transport and slip from lengths.
 
-python examples/surrogate.py [EPOCHS]   (30 by default)
+Run the example as follows:
 
-Prints its scores on the map's test split, and those of the nearest linkage of the other split.
+    python examples/surrogate.py [EPOCHS]
+
+EPOCHS is the number of epochs, 30 by default.
+
+The example prints the scores of the network on the test split of the map. For comparison, it also
+prints the scores of a predictor that returns the values of the nearest linkage in the training
+split.
 """
 
 import sys
@@ -22,8 +28,13 @@ x = (x - x[~test].mean(0)) / x[~test].std(0)
 middle, spread = y[~test].mean(0), y[~test].std(0)
 train_x, train_y = x[~test], (y[~test] - middle) / spread
 
-net = nn.Sequential(nn.Linear(x.shape[1], 256), nn.SiLU(), nn.Linear(256, 256), nn.SiLU(),
-                    nn.Linear(256, y.shape[1]))  # fmt: skip
+net = nn.Sequential(
+    nn.Linear(x.shape[1], 256),
+    nn.SiLU(),
+    nn.Linear(256, 256),
+    nn.SiLU(),
+    nn.Linear(256, y.shape[1]),
+)
 optimizer = torch.optim.Adam(net.parameters(), 2e-3)
 steps = epochs * (-(-len(train_x) // 512))
 schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
@@ -42,5 +53,7 @@ for name, guess in guesses.items():
     error = guess - y[test]
     r2 = 1.0 - (error**2).mean(0) / y[test].var(0)
     off = 100.0 * (error.abs().median(0).values.exp() - 1.0)
-    print(f"{name}: R2 of log cost {r2[0]:.3f}, of log slip {r2[1]:.3f}; "
-          f"median error of cost {off[0]:.1f} %, of slip {off[1]:.1f} %")  # fmt: skip
+    print(
+        f"{name}: R2 of log cost {r2[0]:.3f}, of log slip {r2[1]:.3f}; "
+        f"median error of cost {off[0]:.1f} %, of slip {off[1]:.1f} %"
+    )

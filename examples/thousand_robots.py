@@ -1,6 +1,10 @@
-"""A batch of robots under random torques, each with a friction of its own; prints its speed.
+"""Simulate a batch of robots with random torques and different friction; print the speed.
 
-python examples/thousand_robots.py [ROBOTS]   (1,000 by default)
+Run the example as follows:
+
+    python examples/thousand_robots.py [ROBOTS]
+
+ROBOTS is the number of robots, 1,000 by default.
 """
 
 import sys
@@ -20,7 +24,7 @@ observations, infos = envs.reset(seed=0)
 falls = 0
 start = time.perf_counter()
 for _ in range(steps):
-    # An episode that has ended starts again in the next step.
+    # After an episode has ended, the next step resets the robot.
     observations, rewards, terminated, truncated, infos = envs.step(envs.action_space.sample())
     falls += terminated.sum()
 seconds = time.perf_counter() - start

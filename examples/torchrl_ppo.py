@@ -1,8 +1,12 @@
-"""PPO of TorchRL: loss and advantages from its building blocks, the loop written out.
+"""Train PPO with the building blocks of TorchRL in an explicit training loop.
 
-python examples/torchrl_ppo.py [STEPS]   (200,000 by default: some ten minutes)
+Run the example as follows:
 
-Needs torchrl and tensordict: docs/frameworks.md.
+    python examples/torchrl_ppo.py [STEPS]
+
+STEPS is the number of training steps. The default of 200,000 steps takes about ten minutes. The
+example uses the loss and the advantages of TorchRL. It requires torchrl and tensordict; see
+docs/frameworks.md.
 """
 
 import sys
@@ -19,18 +23,19 @@ from torchrl.objectives.value import GAE
 
 import jansen_env  # noqa: F401  # registers the environments
 
-BATCH = 5_000  # steps of an iteration
+BATCH = 5_000  # steps per iteration
 total = int(sys.argv[1]) if len(sys.argv) > 1 else 200_000
 torch.set_num_threads(1)
 torch.manual_seed(0)
 
-# Not GymEnv("JansenWalker-v0"): it passes arguments that the environment does not have.
+# GymEnv("JansenWalker-v0") does not work: it passes arguments that the environment does not have.
 env = TransformedEnv(GymWrapper(gym.make("JansenWalkerBuilt-v0", reset_noise_scale=3.0)))
 env.append_transform(RewardSum())
 env.append_transform(StepCounter())
 
 
 def network(outputs: int) -> nn.Sequential:
+    """Return a network that adapts to the size of the observation."""
     return nn.Sequential(
         nn.LazyLinear(64), nn.Tanh(), nn.Linear(64, 64), nn.Tanh(), nn.Linear(64, outputs)
     )
@@ -45,7 +50,7 @@ actor = ProbabilisticActor(
     return_log_prob=True,
 )
 critic = ValueOperator(network(1), ["observation"])
-rollout = env.rollout(3, actor)  # sets the sizes of the networks
+rollout = env.rollout(3, actor)  # initialises the lazy layers of the actor
 critic(rollout)
 
 advantage = GAE(gamma=0.995, lmbda=0.98, value_network=critic)

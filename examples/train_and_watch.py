@@ -1,6 +1,10 @@
 """Train PPO from scratch, then watch what it has learnt.
 
-python examples/train_and_watch.py [STEPS]   (1,000,000 by default: a minute)
+Run the example as follows. It writes walker.gif.
+
+    python examples/train_and_watch.py [STEPS]
+
+STEPS is the number of training steps. The default of 1,000,000 steps takes a minute.
 """
 
 import sys
@@ -30,7 +34,7 @@ for step in range(1, 301):
     action, _ = policy.predict(observation, deterministic=True)
     observation, reward, terminated, truncated, info = env.step(action)
     total += reward
-    if step % 3 == 0:  # of 20 ms
+    if step % 3 == 0:  # one frame every 60 ms
         frames.append(env.render())
     if terminated or truncated:
         break

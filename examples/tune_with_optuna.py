@@ -1,7 +1,13 @@
-"""Search hyperparameters with Optuna, of the extra `tune`, which ends poor trials early.
+"""Search hyperparameters with Optuna, which ends poor trials early.
 
-python examples/tune_with_optuna.py [ALGO] [TRIALS] [STEPS]   (ppo, 16 of 800,000 by default: half
-an hour; the shipped configurations of the others are of 12 trials, docs/studies.md)
+Run the example as follows. It writes best.yml.
+
+    python examples/tune_with_optuna.py [ALGO] [TRIALS] [STEPS]
+
+The defaults are ppo and 16 trials of 800,000 steps, which take half an hour. For the other
+algorithms, the configurations in the package were found with 12 trials; see docs/studies.md.
+
+The example requires the extra `tune`, which installs Optuna.
 """
 
 import sys
@@ -20,6 +26,8 @@ algo, trials, steps = (sys.argv[1:] + ["ppo", "16", "800000"][len(sys.argv) - 1 
 
 
 class Pruning(BaseCallback):
+    """Callback that reports each evaluation to Optuna and ends a poor trial."""
+
     def __init__(self, trial: optuna.Trial, folder: Path) -> None:
         super().__init__()
         self.trial, self.folder, self.seen = trial, folder, 0
@@ -29,7 +37,7 @@ class Pruning(BaseCallback):
         if len(rows) > self.seen:
             self.seen = len(rows)
             self.trial.report(max(row["return"] for row in rows), self.seen)
-            if self.trial.should_prune():  # below the median of the trials before
+            if self.trial.should_prune():  # below the median of the previous trials
                 raise optuna.TrialPruned
 
     def _on_step(self) -> bool:
@@ -37,7 +45,7 @@ class Pruning(BaseCallback):
 
 
 def searched(trial: optuna.Trial) -> tuple[dict, dict, dict]:
-    """Hyperparameters, arguments of the policy and further entries of a trial's configuration."""
+    """Return hyperparameters, policy arguments and further configuration entries of a trial."""
     pick, real = trial.suggest_categorical, trial.suggest_float
     lowest, highest = (5e-3, 0.1) if algo == "ars" else (1e-4, 3e-3)
     found = {"learning_rate": f"linear_{real('learning_rate', lowest, highest, log=True):.3g}"}
@@ -60,15 +68,25 @@ def searched(trial: optuna.Trial) -> tuple[dict, dict, dict]:
 
 
 def objective(trial: optuna.Trial) -> float:
+    """Train the configuration of a trial and return the best return of its evaluations."""
     folder = Path("tune") / algo / str(trial.number)
     hyperparameters, network, entries = searched(trial)
-    config = new_config(None, algo, timesteps=int(steps), hyperparameters=hyperparameters,
-                        policy_kwargs=network)  # fmt: skip
+    config = new_config(
+        None, algo, timesteps=int(steps), hyperparameters=hyperparameters, policy_kwargs=network
+    )
     config = replace(config, **entries)
     record_run(folder, config, "tune_with_optuna.py")
-    rollout = config.n_envs * config.hyperparameters.get("n_steps", 1)  # no use looking more often
-    train(prepare(config), config, folder, eval_every=max(int(steps) // 8, rollout), save_every=0,
-          progress=False, more_callbacks=[Pruning(trial, folder)])  # fmt: skip
+    # Evaluations that are more frequent than rollouts are useless.
+    rollout = config.n_envs * config.hyperparameters.get("n_steps", 1)
+    train(
+        prepare(config),
+        config,
+        folder,
+        eval_every=max(int(steps) // 8, rollout),
+        save_every=0,
+        progress=False,
+        more_callbacks=[Pruning(trial, folder)],
+    )
     trial.set_user_attr("config", asdict(config))
     return max(row["return"] for row in read_evaluations(folder))
 

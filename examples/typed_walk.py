@@ -1,6 +1,11 @@
-"""Robots one by one, together and for Stable-Baselines3, by constructors that type checkers know.
+"""Create single robots, batches and Stable-Baselines3 environments with full type annotations.
 
-python examples/typed_walk.py [STEPS]   (300 steps of 20 ms by default)
+Run the example as follows:
+
+    python examples/typed_walk.py [STEPS]
+
+STEPS is the number of control steps of 20 ms, 300 by default. The example calls the constructors of
+the environments directly, so that type checkers know their arguments.
 """
 
 import sys
@@ -18,7 +23,7 @@ from jansen_env.viewer.recording import Recording
 
 
 def walk(robot: Robot, terrain: Terrain, steps: int) -> Recording:
-    """Walk under a constant torque for some steps."""
+    """Walk with a constant torque and return the recording."""
     env = Recorder(JansenWalkerEnv(robot=robot, terrain=terrain, friction=0.7, speed_command=0.3))
     env.reset(seed=0)
     for _ in range(steps):
@@ -29,7 +34,7 @@ def walk(robot: Robot, terrain: Terrain, steps: int) -> Recording:
 
 
 def slide(frictions: NDArray[np.float64], steps: int) -> float:
-    """Let robots walk on floors from slippery to rough together; returns m slid by the first."""
+    """Simulate robots with different friction; return how far the first one slid, in m."""
     envs = JansenWalkerVectorEnv(len(frictions), friction=frictions, info_keys=("slip",))
     envs.reset(seed=0)
     slid = 0.0

@@ -1,6 +1,10 @@
-"""The paper's PID walks at a commanded speed; writes walk.gif.
+"""Walk at a commanded speed with the PID controller of the paper.
 
-python examples/walk_with_pid.py [STEPS]   (300 steps of 20 ms by default)
+Run the example as follows. It writes walk.gif.
+
+    python examples/walk_with_pid.py [STEPS]
+
+STEPS is the number of control steps of 20 ms, 300 by default.
 """
 
 import sys

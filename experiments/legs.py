@@ -1,6 +1,8 @@
 """How smoothly do four, six, eight and twelve legs walk?
 
-python experiments/legs.py [EPISODES] [FOLDER]   (64 episodes per command; docs/legs)
+Run the experiment as follows. The defaults are 64 episodes per command and the folder docs/legs.
+
+    python experiments/legs.py [EPISODES] [FOLDER]
 
 Robots with the parts of ``built`` and four to twelve legs walk at five commands, each under its
 pretrained policy and under a PID. The script prints a table and writes ``legs.json`` and

@@ -1,1 +1,1 @@
-"""The search for walking linkages; ``python -m agents.design`` begins one."""
+"""Search for walking linkages; start a search with ``python -m agents.design``."""

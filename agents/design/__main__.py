@@ -1,7 +1,7 @@
 """Search for a walking linkage: ``python -m agents.design cost``.
 
-The plan is a YAML file, or the name of one that is shipped. Given again after it was stopped or
-killed, the same command goes on where it was.
+The plan is a YAML file, or the name of a plan that comes with the package. If a search was stopped
+or killed, repeat the same command: the search continues where it stopped.
 """
 
 import argparse
@@ -28,8 +28,12 @@ PLAN = "plan.yml"
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line."""
     shipped = ", ".join(sorted(path.stem for path in PLANS.glob("*.yml")))
-    parser = Parser("python -m agents.design", __doc__, "python -m agents.design cost",
-                    "python -m agents.design cost --speed 0.5 --seeds 3 --name fast")  # fmt: skip
+    parser = Parser(
+        "python -m agents.design",
+        __doc__,
+        "python -m agents.design cost",
+        "python -m agents.design cost --speed 0.5 --seeds 3 --name fast",
+    )
     add = parser.add_argument
     add("plan", metavar="PLAN", help=f"a file, or one of: {shipped}")
     add("--name", help="of the search; default: the plan's")
@@ -43,18 +47,25 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--seeds", type=positive_int, help="searches with seeds from 0; default: the plan's")
     add("--generations", type=positive_int, help="in place of the plan's")
     add("--speed", type=float, help="m/s, in place of the plan's")
-    add("--variables", type=mapping, metavar="YAML",
-        help="in place of the plan's, e.g. '{harmonics: 4}': the robot keeps its lengths"
-        )  # fmt: skip
-    add("--limits", type=mapping, metavar="YAML",
-        help="beside the plan's, or in their place, e.g. '{lift: [0.1, null]}'")  # fmt: skip
+    add(
+        "--variables",
+        type=mapping,
+        metavar="YAML",
+        help="in place of the plan's, e.g. '{harmonics: 4}': the robot keeps its lengths",
+    )
+    add(
+        "--limits",
+        type=mapping,
+        metavar="YAML",
+        help="beside the plan's, or in their place, e.g. '{lift: [0.1, null]}'",
+    )
     args = parser.parse_args(arguments)
     args.parser = parser
     return args
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Search, and report; returns the exit status."""
+    """Run the search and write its report; return the exit status."""
     args = parse(arguments)
     with args.parser.refusing():
         plan = read_plan(args.plan)
@@ -67,23 +78,35 @@ def main(arguments: list[str] | None = None) -> int:
         try:
             short = write_report(plan, folder, search_all(plan, folder))
         except KeyboardInterrupt:
-            print(f"\nstopped; the same command goes on: python -m agents.design "
-                  f"{shlex.join(sys.argv[1:] if arguments is None else arguments)}")  # fmt: skip
+            print(
+                f"\nstopped; the same command goes on: python -m agents.design "
+                f"{shlex.join(sys.argv[1:] if arguments is None else arguments)}"
+            )
             return 130
     print(f"\n{short}\n\nall: {folder / REPORT}")
     return 0
 
 
 def enter(folder: Path, plan: Plan) -> None:
-    """Make a search's folder, or check that it is this one's, but for generations and seeds. Raises
-    ValueError: it holds another search; says what differs."""
+    """Create the folder of a search, or check that an existing folder belongs to this search.
+
+    The number of generations and the number of seeds may differ from those of the existing search.
+
+    Args:
+        folder: Folder of the search.
+        plan: Plan of the search.
+
+    Raises:
+        ValueError: If the folder holds another search. The message names the entries that differ.
+    """
     path, begin = folder / PLAN, folder / ROBOT
     robot, entries = plan.space().base, asdict(plan)
     if path.is_file():
         there = asdict(make_plan(read_yaml(path)))
         may_differ = {"generations", "seeds"}
         differ = [name for name in entries if there[name] != entries[name]]
-        if begin.exists() and read_robot(begin) != robot:  # or the file of that name has changed
+        # The name of the robot may be the same although its file has changed.
+        if begin.exists() and read_robot(begin) != robot:
             differ.append("robot")
         if differ := sorted({*differ} - may_differ):
             raise ValueError(f"{folder} holds another search: {differ} differ; take another name")
@@ -92,7 +115,15 @@ def enter(folder: Path, plan: Plan) -> None:
 
 
 def search_all(plan: Plan, folder: Path) -> dict[str, Journal]:
-    """Run all seeds, with a bar of the generations; returns what each has measured, by name."""
+    """Run the search for every seed and show a progress bar that counts generations.
+
+    Args:
+        plan: Plan of the search.
+        folder: Folder of the search. The search with seed N writes into the subfolder ``seed_N``.
+
+    Returns:
+        The journal of each seed, keyed by ``seed_N``.
+    """
     name = next(iter(plan.objectives))
 
     def show(journal: Journal) -> None:

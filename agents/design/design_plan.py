@@ -1,4 +1,4 @@
-"""Plan of a search, as YAML, checked whole."""
+"""Plan of a search, read from YAML and validated completely before the search begins."""
 
 import math
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from jansen_env.scoring.rollout import EnvKwargs
 
 PLANS = Path(__file__).parent / "plans"
 OBJECTIVES = {"cma": (1,), "nsga2": (2, 3)}
-"""Numbers of objectives that each method takes."""
+"""Numbers of objectives that each search method accepts."""
 KEYS: dict[str, Rule] = {
     "env": Rule(words=tuple(WALKERS)), "env_kwargs": Rule((dict,)), "robot": Rule((str,)),
     "profile": Rule((str, NoneType)), "speed": Rule((float,), 0.01, 2.0),
@@ -28,8 +28,28 @@ KEYS: dict[str, Rule] = {
 
 @dataclass(frozen=True)
 class Plan:
-    """A search; ``docs/design.md`` has what each entry means. Raises ValueError: an entry is not
-    allowed."""
+    """Settings of a search; ``docs/design.md`` explains every entry.
+
+    Attributes:
+        speed: Commanded speed, in m/s.
+        generations: Number of generations.
+        variables: What the search varies; see :class:`agents.design.variables.Space`.
+        objectives: ``"min"`` or ``"max"`` by the name of the measure to optimise.
+        env: Id of the environment on which candidates walk.
+        env_kwargs: Arguments of the environment, without those that the search sets.
+        robot: Name or file of the design that the search starts from.
+        profile: File of a crank-speed profile to start from. None selects the tuned profile of the
+            robot's design.
+        method: ``"cma"`` for one objective, or ``"nsga2"`` for two or three.
+        population: Number of candidates per generation.
+        starts: Number of crank angles from which each candidate walks.
+        limits: Lowest and highest allowed value by the name of the measure. None means that this
+            side has no limit.
+        seeds: Number of searches, with seeds from 0.
+
+    Raises:
+        ValueError: If an entry is not allowed.
+    """
 
     speed: float
     generations: int
@@ -69,17 +89,24 @@ class Plan:
 
     @property
     def measured(self) -> list[str]:
-        """Names of all measures that the search needs."""
+        """Names of all measures that the objectives and limits use."""
         return [*dict.fromkeys([*self.objectives, *self.limits])]
 
     def space(self) -> Space:
-        """Return the variables."""
+        """Return the search space."""
         return Space(self.robot, self.speed, self.variables, self.profile)
 
 
 def read_plan(path: str | Path) -> Plan:
-    """Read a plan from a file, or a shipped plan by its name. Raises ValueError: it cannot be read,
-    or an entry is not allowed; names the file."""
+    """Read a plan from a file, or a plan that comes with the package by its name.
+
+    Args:
+        path: YAML file, or the name of a plan in :data:`PLANS`.
+
+    Raises:
+        ValueError: If the plan cannot be read or an entry is not allowed. The message names the
+            file.
+    """
     if not Path(path).exists() and not str(path).endswith((".yml", ".yaml")):
         shipped = [file.stem for file in sorted(PLANS.glob("*.yml"))]
         path = PLANS / f"{one_of('plan', str(path), shipped)}.yml"
@@ -89,7 +116,14 @@ def read_plan(path: str | Path) -> Plan:
 
 
 def make_plan(content: Mapping[str, object]) -> Plan:
-    """Return the plan that a mapping describes. Raises ValueError: an entry is not allowed."""
+    """Return the plan that a mapping describes.
+
+    Args:
+        content: Entries of the plan by name.
+
+    Raises:
+        ValueError: If an entry is missing, unknown or not allowed.
+    """
     Rule((dict,)).check("plan", content)
     check_keys("", dict(content), KEYS)
     needed = [f.name for f in fields(Plan) if MISSING is f.default is f.default_factory]
@@ -99,7 +133,7 @@ def make_plan(content: Mapping[str, object]) -> Plan:
 
 
 def _check_ends(name: str, ends: object) -> None:
-    """Check a pair of a least and a largest value, each of which may be null."""
+    """Check that a limit is a pair of a lowest and a highest value, at most one of them null."""
     if isinstance(ends, list) and len(ends) == 2 and ends != [None, None]:
         given = [end for end in ends if end is not None]
         numbers = all(type(end) in (int, float) and math.isfinite(end) for end in given)

@@ -1,4 +1,4 @@
-"""Report of a search: a table, pictures, robot files and profiles."""
+"""Report of a search: a table, figures, robot files and crank-speed profiles."""
 
 from contextlib import suppress
 from pathlib import Path
@@ -21,13 +21,22 @@ from jansen_env.scoring.metrics import screen_table
 
 ROBOT, PROFILE, REPORT = "robot.json", "profile.json", "report.md"
 OTHER_STARTS = "other starts"
-FRESH = 16  # crank angles, others than those of the search
-MOST_OF_FRONT = 20  # designs of a front that are written
+FRESH = 16  # number of starting crank angles, which differ from those of the search
+MOST_OF_FRONT = 20  # approximate number of designs of a Pareto front that are written to files
 
 
 def write_report(plan: Plan, folder: Path, results: dict[str, Journal]) -> str:
-    """Write robot files, profiles, pictures and the report of searches, by name; return a short
-    table: the start and the best design, walked from other starts than the search's."""
+    """Write the robot files, profiles, figures and the report of the searches of a plan.
+
+    Args:
+        plan: Plan of the searches.
+        folder: Folder to write to.
+        results: Journal of each search by name.
+
+    Returns:
+        A short table that compares the initial design with the best design. Both walk from crank
+        angles that the search has not used.
+    """
     space, best = plan.space(), {name: best_of(plan, rows) for name, rows in results.items()}
     designs = {"start": space.candidate(space.start)}
     for name, result in results.items():
@@ -39,9 +48,10 @@ def write_report(plan: Plan, folder: Path, results: dict[str, Journal]) -> str:
             write_design(folder / name / f"front_{number}", plan, candidate)
     half = 0.5 * float(plan.env_kwargs.get("time_step", 1e-3))
     walkers = {
-        "search": make_walker(plan), OTHER_STARTS: make_walker(plan, FRESH),
+        "search": make_walker(plan),
+        OTHER_STARTS: make_walker(plan, FRESH),
         "half the time step": make_walker(plan, FRESH, time_step=half),
-    }  # fmt: skip
+    }
     assembled = {name: assembles(design.robot) for name, design in designs.items()}
     table, walked = [], {}
     for where, walker in walkers.items():
@@ -68,15 +78,21 @@ def write_report(plan: Plan, folder: Path, results: dict[str, Journal]) -> str:
     draw_search(plan, results, folder / "search.png")
     write_text(folder / REPORT, text)
 
-    ranks = {name: (short_of[name], float(objectives_of(plan, result)[best[name], 0]))
-             for name, result in results.items()}  # fmt: skip
+    ranks = {
+        name: (short_of[name], float(objectives_of(plan, result)[best[name], 0]))
+        for name, result in results.items()
+    }
     winner = min(ranks, key=lambda name: ranks[name])
     columns = [[name, *walked[name, OTHER_STARTS]] for name in ("start", winner)]
     return screen_table([*zip([OTHER_STARTS, *head], *columns, strict=True)])
 
 
 def assembles(robot: Robot) -> str:
-    """Return whether the workshop drawings find an order of links in which nothing collides."""
+    """Return "yes" if the workshop drawings find an order of links without collisions, else "no".
+
+    Args:
+        robot: Robot to assemble.
+    """
     with suppress(ValueError):
         layers(robot)
         return "yes"
@@ -84,14 +100,25 @@ def assembles(robot: Robot) -> str:
 
 
 def write_design(folder: Path, plan: Plan, candidate: Candidate) -> None:
-    """Write a design's robot file and the profile that walks it."""
+    """Write the robot file of a design and the crank-speed profile with which it walks.
+
+    Args:
+        folder: Folder to write to.
+        plan: Plan of the search.
+        candidate: The design.
+    """
     write_robot(folder / ROBOT, candidate.robot)
     numbers = [candidate.numbers.tolist()]
     write_json(folder / PROFILE, {"found": {"commands": [plan.speed], "numbers": numbers}})
 
 
 def draw_designs(robots: dict[str, Robot], path: Path) -> None:
-    """Draw each robot with the paths of its toes, all legs but the first pale."""
+    """Draw each robot and the paths of its toes; all legs except the first are pale.
+
+    Args:
+        robots: Robots by name.
+        path: Image file to write.
+    """
     columns = min(len(robots), 5)
     rows = -(-len(robots) // columns)
     figure = Figure((3.6 * columns, 3.0 * rows), layout="constrained")
@@ -113,7 +140,13 @@ def draw_designs(robots: dict[str, Robot], path: Path) -> None:
 
 
 def draw_search(plan: Plan, results: dict[str, Journal], path: Path) -> None:
-    """Draw the front of several objectives, or the best so far of one."""
+    """Draw the Pareto front of several objectives, or the progress of a single objective.
+
+    Args:
+        plan: Plan of the searches.
+        results: Journal of each search by name.
+        path: Image file to write.
+    """
     figure = Figure((7.0, 4.6), layout="constrained")
     axis, names = figure.subplots(), [*plan.objectives]
     best = np.fmin if plan.objectives[names[0]] == "min" else np.fmax

@@ -1,4 +1,4 @@
-"""Measures of a search's candidates: on the ground, in the pins, on steps, of the shape."""
+"""Measures of candidates: walking, pin forces, climbing of steps, and geometry."""
 
 import itertools
 import math
@@ -34,20 +34,22 @@ from jansen_env.tasks.walking.walker_env import JansenWalkerEnv
 from jansen_env.terrain.ground import Terrain, one_step
 from jansen_env.world.settings import load_robot
 
-SEED = 130_000  # of resets, apart from all others
-STEPS = tuple(np.round(np.arange(0.04, 0.321, 0.04), 3).tolist())  # m, heights that are climbed
-STEP_AT = 1.0  # m, where the step is
-LEAST_BEYOND = 0.5  # m, to walk after it
-TRACED = 8  # time steps from one to the next in which pin forces are worked out
-PEAKS = 64  # time steps in which the ground pushes most, for the largest forces
+SEED = 130_000  # first seed of the resets; no other part of the project uses these seeds
+STEPS = tuple(np.round(np.arange(0.04, 0.321, 0.04), 3).tolist())  # heights of steps, in m
+STEP_AT = 1.0  # position of the step, in m
+LEAST_BEYOND = 0.5  # smallest distance to walk after the step, in m
+TRACED = 8  # pin forces for the wear are computed in every eighth time step
+PEAKS = 64  # number of time steps with the largest ground impulses, for the largest forces
 OF_PATHS = "height", "width", "lift", "opening", "heave", "stance", "advance"
-PLANE = np.array([1.0, 1.0j])  # a point as a complex number
-SAMPLES = 180  # crank angles of a turn
-PATH_POINTS = 64  # of a toe's path
-NEAR = 0.01  # of the standing height: a toe so far above the lowest one counts as on the ground
+PLANE = np.array([1.0, 1.0j])  # converts a point (x, y) to a complex number
+SAMPLES = 180  # number of crank angles per turn
+PATH_POINTS = 64  # number of points on the path of a toe
+# A toe counts as on the ground if it is at most this fraction of the standing height above the
+# lowest toe.
+NEAR = 0.01
 
 Part = tuple[int, int]
-"""A leg and a body, as indices."""
+"""Indices of a leg and of a body in it."""
 
 
 GROUPS: dict[str, dict[str, str]] = {
@@ -61,13 +63,19 @@ GROUPS: dict[str, dict[str, str]] = {
     "climb": {"climb": "m", "links_in_ground": "fraction"},
     "loads": {"wear": "J/m", "pin_force": "N", "rod_safety": "1"},
 }  # fmt: skip
-"""Units of measures by the group that gives them, the cheapest first; ``docs/design.md`` says what
-each is. Walks have the metrics of the benchmark."""
+"""Units of the measures, grouped by the computation that yields them, the cheapest group first.
+
+``docs/design.md`` defines each measure. The group ``walk`` has the metrics of the benchmark."""
 MEASURES = {name: unit for units in GROUPS.values() for name, unit in units.items()}
 
 
 def profiles(numbers: Array, env: Env) -> TorquePolicy:
-    """Return a policy for n walkers, each with its row of a profile's numbers (n, 4 + 2 K)."""
+    """Return a policy that applies one crank-speed profile per walker.
+
+    Args:
+        numbers: Parameters of the profiles with K harmonics, shape (n, 4 + 2 K).
+        env: Environment of one walker, which determines observations and torque limit.
+    """
     walker = cast(JansenWalkerEnv, env.unwrapped)
     read = columns(walker, *READ)
     return TorquePolicy(
@@ -76,12 +84,19 @@ def profiles(numbers: Array, env: Env) -> TorquePolicy:
 
 
 class Walker:
-    """Measures candidates, and walks them on an environment at one commanded speed.
+    """Measurement of candidates, which includes walks at one commanded speed.
 
     Args:
-        env_id, env_kwargs: of a walker, with its "robot". speed: m/s.
-        starts: crank angles to start from, evenly over half a turn: after that the legs have
-            swapped. count: of candidates at once.
+        env_id: Id of a walker environment.
+        env_kwargs: Arguments of the environment, including ``robot``, the initial design.
+        speed: Commanded speed, in m/s.
+        starts: Number of starting crank angles, evenly spaced over half a turn. After half a turn,
+            the legs have swapped their roles.
+        count: Number of candidates that walk at once.
+
+    Attributes:
+        angles: Starting crank angles, in rad, shape (starts,).
+        time_limit: Time limit of an episode, in s.
     """
 
     def __init__(
@@ -92,20 +107,28 @@ class Walker:
         self._start = load_robot("robot", env_kwargs["robot"])
         self._env = rollout.make_env(env_id, env_kwargs)
         self._envs: dict[tuple[object, ...], rollout.VectorEnv] = {}
-        self.time_limit = horizon(self._env)  # s
+        self.time_limit = horizon(self._env)
 
     @cached_property
     def _shared(self) -> list[tuple[Part, Part]]:
-        """Links in one layer of the robot that the search began with."""
+        """Pairs of links that lie in the same layer of the initial design."""
         return shared_planes(self._start)
 
     @cached_property
     def _path(self) -> NDArray[np.complex128]:
-        """Path of a toe of the robot that the search began with."""
+        """Path of the first toe of the initial design."""
         return toe_path(self._start)
 
     def measure(self, group: str, candidates: Sequence[Candidate]) -> dict[str, Array]:
-        """Return a group's measures (n,) of candidates by name; NaN for what is not known."""
+        """Return one group of measures.
+
+        Args:
+            group: Name of the group, a key of :data:`GROUPS`.
+            candidates: The n candidates.
+
+        Returns:
+            The measures by name, shape (n,) each. NaN marks a value that is not known.
+        """
         robots = [candidate.robot for candidate in candidates]
         values = {
             "shape": lambda: [geometry_measures(robot) for robot in robots],
@@ -118,7 +141,14 @@ class Walker:
         return {name: np.array([each[name] for each in values], float) for name in values[0]}
 
     def walk(self, candidates: Sequence[Candidate]) -> list[dict[str, float]]:
-        """Score every candidate's walks from all starts."""
+        """Let every candidate walk from all starting crank angles and score it.
+
+        Args:
+            candidates: The candidates.
+
+        Returns:
+            The metrics of each candidate by name.
+        """
         scores = []
         for run in self._run(candidates, self.angles):
             estimates = point_estimates(WORLD.metrics, run, self._env)
@@ -129,15 +159,20 @@ class Walker:
     def _run(
         self, candidates: Sequence[Candidate], angles: Array, grounds: Sequence[Terrain] = ()
     ) -> list[Episodes]:
-        """Return each candidate's episodes, one from each crank angle, on its ground or level."""
+        """Return the episodes of each candidate, one per crank angle.
+
+        ``grounds`` has one terrain per crank angle. Without it, the terrain is that of the
+        environment.
+        """
         parts = [candidates[i : i + self.count] for i in range(0, len(candidates), self.count)]
         return [run for part in parts for run in self._batch(part, angles, grounds)]
 
     def _batch(
         self, candidates: Sequence[Candidate], angles: Array, grounds: Sequence[Terrain]
     ) -> list[Episodes]:
-        """:meth:`_run` of up to ``count`` candidates."""
-        # Batches have few sizes, and are kept: places to spare walk the last candidate again.
+        """Run the episodes of up to ``count`` candidates; see :meth:`_run`."""
+        # Round the batch size up to a power of two, so that few environments have to be created
+        # and kept. Spare robots repeat the last candidate.
         count = min(self.count, 1 << (len(candidates) - 1).bit_length())
         n, each = count * len(angles), len(angles)
         padded = [*candidates, *[candidates[-1]] * (count - len(candidates))]
@@ -152,10 +187,15 @@ class Walker:
             self._envs[key] = rollout.make_envs(self.env_id, kwargs, n)
         numbers = np.repeat([candidate.numbers for candidate in padded], each, axis=0)
         run = rollout.run_episodes(
-            profiles(numbers, self._env), self.env_id, kwargs,
-            np.full(n, self.speed), SEED + np.arange(n) % each,
-            at_once=n, options=options, envs=self._envs[key],
-        )  # fmt: skip
+            profiles(numbers, self._env),
+            self.env_id,
+            kwargs,
+            np.full(n, self.speed),
+            SEED + np.arange(n) % each,
+            at_once=n,
+            options=options,
+            envs=self._envs[key],
+        )
         run["weight"] = np.array([GRAVITY * robot.mass for robot in robots])
         return [
             {name: values[k * each : (k + 1) * each] for name, values in run.items()}
@@ -163,10 +203,15 @@ class Walker:
         ]
 
     def _climb(self, candidates: Sequence[Candidate]) -> list[dict[str, float]]:
-        """Sum over :data:`STEPS`: their differences, times the share of the way beyond the step
-        that is walked, 0 after a fall, mean of all starts.
+        """Return the measures ``climb`` and ``links_in_ground`` of each candidate.
 
-        And of the walks that count in it, the share of time in which a link is in the ground."""
+        ``climb``, in m, is a sum over the heights in :data:`STEPS`. Each term is the difference
+        from the previous height, multiplied by the fraction of the distance beyond the step that
+        the robot walks. This fraction is 0 after a fall and is averaged over all starts.
+
+        ``links_in_ground`` is the fraction of time in which a link is in the ground, averaged over
+        the walks whose fraction is above 0.
+        """
         beyond = ENOUGH * self.speed * self.time_limit - STEP_AT
         if beyond < LEAST_BEYOND:
             raise ValueError(
@@ -186,7 +231,11 @@ class Walker:
         return climbed
 
     def _loads(self, candidate: Candidate) -> dict[str, float]:
-        """Pin forces of a walk after :data:`SETTLING` s: wear, the largest, buckling."""
+        """Return the wear, the largest pin force and the safety against buckling of one walk.
+
+        The first :data:`SETTLING` seconds of the walk do not count. The measures are NaN if the
+        robot falls before.
+        """
         kwargs = {**self.env_kwargs, "speed_command": self.speed, "robot": candidate.robot}
         env = gym.make(self.env_id, **kwargs)
         unwrapped = cast(JansenWalkerEnv, env.unwrapped)
@@ -205,28 +254,37 @@ class Walker:
         if len(traces) <= begin + 1:
             return {"wear": math.nan, "pin_force": math.nan, "rod_safety": math.nan}
         trace = np.concatenate(traces[begin:])
-        least = 0.5 * self.speed * plant.time_step * len(trace)  # or it does not walk
+        # A robot that covers less than half of the commanded distance does not walk.
+        least = 0.5 * self.speed * plant.time_step * len(trace)
         return loads_of_walk(candidate.robot, trace, plant.time_step, least)
 
 
 def loads_of_walk(
     robot: Robot, trace: NDArray[np.void], time_step: float, least: float
 ) -> dict[str, float]:
-    """Return wear (J/m), the largest pin force (N) and the least safety of a bar against buckling.
+    """Return the wear, the largest pin force and the smallest safety of a bar against buckling.
 
-    Wear is by Archard (1953): force times sliding at the bush's radius, summed over all pins, per
-    metre walked; times Archard's coefficient it is the volume worn.
+    The wear follows Archard (1953): the pin force times the sliding distance at the radius of the
+    bush, summed over all pins, per metre walked. Multiplied by Archard's coefficient, it is the
+    worn volume per metre.
 
     Args:
-        trace: (steps,) of a walk, see :mod:`jansen_env.plants.trace`. time_step: s. least: m, to be
-            walked, or the wear is NaN.
+        robot: The robot that walked.
+        trace: Trace of the walk, shape (steps,); see :mod:`jansen_env.plants.trace`.
+        time_step: Duration of a time step, in s.
+        least: Distance that the robot has to walk, in m. If it walks less, the wear is NaN.
+
+    Returns:
+        ``wear`` in J/m, ``pin_force`` in N, and ``rod_safety``, the buckling load divided by the
+        largest compression.
     """
     pushed = np.abs(trace["impulses"]).sum(axis=(1, 2))
     every, hardest = trace[::TRACED], trace[np.argsort(pushed)[-PEAKS:]]
     tables = compile_robot(robot)
     force = trace_forces(tables, every, time_step).magnitude
     pairs = [(pin.other, pin.body) for pin in robot.linkage.pins]
-    rate = kinematics.turning(robot, every["pose"][:, 3], pairs)  # of pins, per rad of the crank
+    # The rotation of the pins per rad of the crank, and then per second.
+    rate = kinematics.turning(robot, every["pose"][:, 3], pairs)
     rate *= np.abs(every["velocity_after"][:, 3, None, None])
     work = float((force * rate).sum()) * built.PIN_RADIUS * time_step * TRACED
     walked = float(trace["pose"][-1, 0] - trace["pose"][0, 0])
@@ -246,9 +304,13 @@ def loads_of_walk(
 
 
 def geometry_measures(robot: Robot) -> dict[str, float]:
-    """Return the geometry's measures by name.
+    """Return the measures of the group ``shape`` by name.
 
-    NaN for most, and a closure of -1, where it cannot turn or stand.
+    If the robot cannot turn its crank or cannot stand, ``closure`` is -1 and every measure except
+    ``mass`` and ``longest`` is NaN.
+
+    Args:
+        robot: Robot to measure.
     """
     sizes = {name: abs(value) for name, value in lengths(robot).items() if name != "frame_angle"}
     known = {"mass": robot.mass, "longest": max(sizes.values())}
@@ -257,26 +319,34 @@ def geometry_measures(robot: Robot) -> dict[str, float]:
         check_standing(robot)
         converged = compile_robot(robot).tail <= CONVERGED
         static_deflection(robot, GRAVITY)
-    except ValueError:  # it does not close or stand, or is too heavy for its feet
+    except ValueError:
+        # The linkage does not close, or the robot cannot stand or is too heavy for its feet.
         converged = False
-    if not converged:  # or it all but does not close
+    if not converged:  # this includes linkages that almost fail to close
         return known | {"closure": -1.0, **dict.fromkeys(OF_PATHS, math.nan)}
     angles = np.linspace(0.0, 2.0 * math.pi, SAMPLES, endpoint=False)
     place = kinematics.joint_positions(robot, "fore", angles)
     toes = kinematics.toe_positions(robot, angles)
     heights = toes[..., 1]
-    lowest = heights.min(axis=1)  # on which it stands, level
+    lowest = heights.min(axis=1)  # height of the level ground on which the robot stands
     above, height = heights - lowest[:, None], -float(lowest.mean())
     paths = (
-        height, 2.0 * np.abs(place[..., 0]).max(), above.max(),
-        min(map(_opening, toes.swapaxes(0, 1))), np.ptp(lowest),
-        (above <= NEAR * height).mean(), abs(kinematics.advance_per_turn(robot, SAMPLES)),
-    )  # fmt: skip
+        height,
+        2.0 * np.abs(place[..., 0]).max(),
+        above.max(),
+        min(map(_opening, toes.swapaxes(0, 1))),
+        np.ptp(lowest),
+        (above <= NEAR * height).mean(),
+        abs(kinematics.advance_per_turn(robot, SAMPLES)),
+    )
     return known | {"closure": closure, **dict(zip(OF_PATHS, map(float, paths), strict=True))}
 
 
 def _opening(path: Array) -> float:
-    """Return the gap (m) between a toe's way out and back (n, 2), in the middle of its stride."""
+    """Return the vertical opening of a toe path at the middle of the stride, in m.
+
+    ``path`` has shape (n, 2). The opening is the distance between the forward and return strokes.
+    """
     x = path[:, 0] - 0.5 * (path[:, 0].min() + path[:, 0].max())
     after = np.roll(path[:, 1], -1), np.roll(x, -1)
     crossing = x * after[1] <= 0.0
@@ -285,7 +355,14 @@ def _opening(path: Array) -> float:
 
 
 def evenly(path: Array) -> NDArray[np.complex128]:
-    """Return :data:`PATH_POINTS` points evenly along a closed path (n, 2), about their mean."""
+    """Return :data:`PATH_POINTS` points, evenly spaced along a closed path, relative to their mean.
+
+    Args:
+        path: Points of the path, in m, shape (n, 2).
+
+    Returns:
+        The points as complex numbers, in m.
+    """
     closed = np.append(path, path[:1], axis=0) @ PLANE
     way = np.append(0.0, np.abs(np.diff(closed)).cumsum())
     points = np.interp(np.linspace(0.0, way[-1], PATH_POINTS, endpoint=False), way, closed)
@@ -293,15 +370,27 @@ def evenly(path: Array) -> NDArray[np.complex128]:
 
 
 def toe_path(robot: Robot) -> NDArray[np.complex128]:
-    """Return the path of the first toe, as :func:`evenly` does; LinkageError: it is not closed."""
+    """Return the path of the first toe, in the format of :func:`evenly`.
+
+    Args:
+        robot: The robot.
+
+    Raises:
+        LinkageError: If the linkage cannot turn its crank through a full revolution.
+    """
     angles = np.linspace(0.0, 2.0 * math.pi, PATH_POINTS, endpoint=False)
     return evenly(kinematics.toe_positions(robot, angles)[:, 0])
 
 
 def path_error(path: NDArray[np.complex128], target: NDArray[np.complex128]) -> float:
-    """Root mean square distance of points from those of a target / its size, begun anywhere.
+    """Return the root mean square distance between the points of two paths, relative to their size.
 
-    Both paths are those of :func:`evenly`, and at their own size.
+    Each path is divided by its own size (the root mean square distance of its points from their
+    mean). The smallest distance over all starting points and both directions counts.
+
+    Args:
+        path: Path in the format of :func:`evenly`.
+        target: Path to compare it with, in the same format.
     """
     path, target = (each / np.sqrt((np.abs(each) ** 2).mean()) for each in (path, target))
     turned = [np.roll(way, k) for way in (path, path[::-1]) for k in range(PATH_POINTS)]
@@ -309,17 +398,34 @@ def path_error(path: NDArray[np.complex128], target: NDArray[np.complex128]) -> 
 
 
 def shared_planes(robot: Robot) -> list[tuple[Part, Part]]:
-    """Return the links that lie in one layer of a unit of legs, as the workshop drawings have it.
-    Raises ValueError: its links collide in any order."""
+    """Return the pairs of links that lie in the same layer of the first unit of legs.
+
+    The layers are those of the workshop drawings.
+
+    Args:
+        robot: The robot.
+
+    Raises:
+        ValueError: If links collide in every order of layers.
+    """
     first = [placed for placed in layers(robot) if placed.unit == 0]
     return [
         ((a.leg, a.body - 1), (b.leg, b.body - 1))
-        for a, b in itertools.combinations(first, 2) if a.layer == b.layer
-    ]  # fmt: skip
+        for a, b in itertools.combinations(first, 2)
+        if a.layer == b.layer
+    ]
 
 
 def clearance(robot: Robot, planes: Sequence[tuple[Part, Part]]) -> float:
-    """Least gap between links that lie in one plane, over a turn, m; below 0: they meet."""
+    """Return the smallest gap between links that lie in the same plane, over one turn of the crank.
+
+    Args:
+        robot: The robot.
+        planes: Pairs of links that lie in the same plane.
+
+    Returns:
+        The gap in m; negative if links overlap.
+    """
     turn = np.linspace(0.0, 2.0 * math.pi, SAMPLES // 2, endpoint=False)
     at = {
         k: kinematics.joint_positions(robot, robot.legs[k].side, turn + robot.legs[k].phase) @ PLANE

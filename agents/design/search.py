@@ -1,7 +1,8 @@
-"""A search: generations asked for, measured and told, all kept in a journal in its folder.
+"""Search loop: propose a generation, measure it, and report the results to the optimiser.
 
-The journal is the whole state: the same seed and answers give the same questions, so a search that
-was killed asks again, tells what it had measured, and goes on where it was, bit for bit.
+A journal in the folder of the search records everything that was measured, and it is the only state
+on disk. With the same seed and the same results, the optimiser proposes the same candidates. A
+search that was killed therefore replays its journal and continues where it stopped, bit for bit.
 """
 
 import io
@@ -23,21 +24,41 @@ from jansen_env.checks import named_errors
 from jansen_env.files import open_regular, write_bytes
 
 JOURNAL = "journal.npy"
-SPREAD = 0.03  # standard deviation of the first generation: farther from the start few close
+# Standard deviation of the first generation. Farther from the initial design, few linkages can turn
+# their crank through a full revolution.
+SPREAD = 0.03
 
 Measured: TypeAlias = dict[str, Array]
 Journal: TypeAlias = NDArray[np.void]
-"""All that a search has measured (n,): "unit", variables (d,) from 0 to 1; each measure by name;
-"violation" of its limits, 0 where all are kept."""
+"""Everything that a search has measured: a structured array with one record per candidate.
+
+Its fields are ``unit``, the variables of the candidate, each from 0 to 1, shape (d,); every measure
+under its name; and ``violation``, by how much limits are violated, 0 if the candidate keeps all."""
 
 
 def best_of(plan: Plan, journal: Journal) -> int:
-    """Return the index of the best of those that keep all limits, else of the nearest to it."""
+    """Return the index of the best candidate.
+
+    Among the candidates that keep all limits, the first objective decides. If no candidate keeps
+    all limits, the one with the smallest violation is the best.
+
+    Args:
+        plan: Plan of the search.
+        journal: Journal of the search.
+    """
     return int(np.lexsort((objectives_of(plan, journal)[:, 0], journal["violation"]))[0])
 
 
 def front_of(plan: Plan, journal: Journal) -> list[int]:
-    """Return indices of those that keep all limits and that no other is better than in all."""
+    """Return the indices of the Pareto front of the candidates that keep all limits.
+
+    Args:
+        plan: Plan of the search.
+        journal: Journal of the search.
+
+    Returns:
+        Indices into the journal, sorted by the first objective.
+    """
     from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 
     objectives, kept = objectives_of(plan, journal), np.flatnonzero(journal["violation"] == 0.0)
@@ -46,34 +67,57 @@ def front_of(plan: Plan, journal: Journal) -> list[int]:
 
 
 class Cma:
-    """CMA-ES (Hansen 2016) for the first objective; what breaks limits ranks behind, by how far."""
+    """CMA-ES (Hansen 2016) for one objective.
+
+    Candidates that violate limits rank behind all others, in the order of their violation.
+
+    Args:
+        start: Initial design, variables from 0 to 1, shape (d,).
+        population: Number of candidates per generation.
+        seed: Seed of the search.
+    """
 
     def __init__(self, start: Array, population: int, seed: int) -> None:
         rng = np.random.default_rng(seed)
         options = {
-            "bounds": [0.0, 1.0], "popsize": population, "seed": np.nan, "verbose": -9,
-            "CMA_elitist": True,  # or it loses a start that keeps narrow limits
+            "bounds": [0.0, 1.0],
+            "popsize": population,
+            "seed": np.nan,
+            "verbose": -9,
+            "CMA_elitist": True,  # otherwise an initial design within narrow limits is lost
             "randn": lambda *shape: rng.standard_normal(shape),
-        }  # fmt: skip
+        }
         inside = np.clip(start, 0.02, 0.98)
         self._search = cma.CMAEvolutionStrategy(inside, SPREAD, options)
         self._search.inject([inside], force=True)
         self._asked: list[Array] = []
 
     def ask(self) -> Array:
-        """Return the next generation (n, d), from 0 to 1."""
+        """Return the variables of the next generation, from 0 to 1, shape (n, d)."""
         self._asked = self._search.ask()
         return np.array(self._asked)
 
     def tell(self, objectives: Array, violation: Array) -> None:
-        """Take its objectives (n, k), to be small, and how far it breaks the limits (n,)."""
+        """Report the results of the generation that :meth:`ask` returned.
+
+        Args:
+            objectives: Objectives, where smaller is better, shape (n, k).
+            violation: Violation of the limits, shape (n,).
+        """
         rank = np.empty(len(violation))
         rank[np.lexsort((objectives[:, 0], violation))] = np.arange(len(violation))
         self._search.tell(self._asked, rank.tolist())
 
 
 class Nsga2:
-    """NSGA-II (Deb et al. 2002) for several objectives."""
+    """NSGA-II (Deb et al. 2002) for several objectives.
+
+    Args:
+        start: Initial design, variables from 0 to 1, shape (d,).
+        population: Number of candidates per generation.
+        seed: Seed of the search.
+        objectives: Number of objectives.
+    """
 
     def __init__(self, start: Array, population: int, seed: int, objectives: int) -> None:
         need("design", "pymoo", who="nsga2")
@@ -89,31 +133,48 @@ class Nsga2:
         self._asked: Any = None
 
     def ask(self) -> Array:
-        """Return the next generation (n, d), from 0 to 1."""
+        """Return the variables of the next generation, from 0 to 1, shape (n, d)."""
         self._asked = self._search.ask()
         return np.array(self._asked.get("X"), float)
 
     def tell(self, objectives: Array, violation: Array) -> None:
-        """Take its objectives (n, k), to be small, and how far it breaks the limits (n,)."""
+        """Report the results of the generation that :meth:`ask` returned.
+
+        Args:
+            objectives: Objectives, where smaller is better, shape (n, k).
+            violation: Violation of the limits, shape (n,).
+        """
         from pymoo.core.evaluator import Evaluator
         from pymoo.problems.static import StaticProblem
 
-        values = np.nan_to_num(objectives)  # unknown ones break a limit, and do not count
+        # A candidate with an unknown objective violates a limit, so this value does not matter.
+        values = np.nan_to_num(objectives)
         evaluated = StaticProblem(self._problem, F=values, G=violation[:, None])
         Evaluator().eval(evaluated, self._asked)
         self._search.tell(infills=self._asked)
 
 
 def objectives_of(plan: Plan, measured: Measured | Journal) -> Array:
-    """(n, k) the plan's objectives, to be small."""
+    """Return the objectives of a plan with signs such that smaller values are better.
+
+    Args:
+        plan: Plan of the search.
+        measured: Measures of n candidates.
+
+    Returns:
+        Objectives, shape (n, k).
+    """
     ways = [(name, 1.0 if way == "min" else -1.0) for name, way in plan.objectives.items()]
     return np.stack([sign * measured[name] for name, sign in ways], axis=1)
 
 
 def make_walker(plan: Plan, starts: int | None = None, **changes: object) -> Walker:
-    """Return what measures a plan's candidates.
+    """Return the walker that measures the candidates of a plan.
 
-    ``starts``: in place of the plan's. ``changes``: of its environment's arguments.
+    Args:
+        plan: Plan of the search.
+        starts: Number of starting crank angles. None selects the number in the plan.
+        **changes: Arguments of the environment that replace those of the plan.
     """
     kwargs = {"robot": plan.robot, **plan.env_kwargs, **changes}
     return Walker(plan.env, kwargs, plan.speed, starts or plan.starts, plan.population)
@@ -122,11 +183,20 @@ def make_walker(plan: Plan, starts: int | None = None, **changes: object) -> Wal
 def measure(
     plan: Plan, walker: Walker, candidates: Sequence[Candidate | None]
 ) -> tuple[Measured, Array]:
-    """Return measures (n,) by name, and violations (n,) of the limits.
+    """Measure candidates, the cheapest measures first.
 
-    What breaks a limit is not measured further: NaN. An objective that is not known counts as a
-    limit broken. None is a candidate whose lengths form no triangle; it breaks all limits, as one
-    does whose linkage cannot turn.
+    A candidate that violates a limit is not measured any further, and its remaining measures are
+    NaN. An objective that is not known counts as one violated limit. A candidate whose linkage
+    cannot turn violates all limits.
+
+    Args:
+        plan: Plan of the search.
+        walker: Walker that measures the candidates.
+        candidates: Candidates. None stands for link lengths that form no triangle; it violates all
+            limits.
+
+    Returns:
+        The measures by name, shape (n,) each, and the violations of the limits, shape (n,).
     """
     n, wanted = len(candidates), plan.measured
     measured = {name: np.full(n, np.nan) for name in [*wanted, "closure"]}
@@ -144,10 +214,19 @@ def measure(
 
 
 def broken(plan: Plan, measured: Measured, names: Collection[str]) -> Array:
-    """(n,) how far the limits on some measures are broken, in all.
+    """Return by how much candidates violate the limits on some measures.
 
-    1 - 1 / (1 + x) for each of them, x in shares of the bound: below 1, so that what got far enough
-    to be measured is nearer than what did not, which counts 1.
+    A limit that is exceeded by x, as a fraction of its bound, contributes 1 - 1 / (1 + x). This is
+    below 1, and a measure that is not known contributes 1. A candidate that was measured is
+    therefore always closer to the limit than a candidate that was not.
+
+    Args:
+        plan: Plan of the search.
+        measured: Measures of n candidates.
+        names: Names of the measures whose limits count.
+
+    Returns:
+        Sum of the violations, shape (n,).
     """
     total = np.zeros(len(measured["closure"]))
     for name, (least, most) in plan.limits.items():
@@ -163,16 +242,29 @@ def broken(plan: Plan, measured: Measured, names: Collection[str]) -> Array:
 def run_search(
     plan: Plan, seed: int, folder: Path, progress: Callable[[Journal], object] = lambda _: None
 ) -> Journal:
-    """Search, from where the folder's journal ends; returns all that was measured. After each
-    generation ``progress`` is called with the journal so far.
+    """Run one search, or continue it where the journal in its folder ends.
 
-    Raises ValueError: the journal is damaged, of another search, or another process writes it.
+    Args:
+        plan: Plan of the search.
+        seed: Seed of the search.
+        folder: Folder of this search; it is created if it does not exist.
+        progress: Function that is called after each generation, with the journal so far.
+
+    Returns:
+        The complete journal.
+
+    Raises:
+        ValueError: If the journal is damaged or belongs to another search, or if another process
+            uses the folder.
     """
     folder.mkdir(parents=True, exist_ok=True)
     space, path, n, end = plan.space(), folder / JOURNAL, plan.population, 0
     walker = make_walker(plan)
-    search = (Cma(space.start, n, seed) if plan.method == "cma"
-              else Nsga2(space.start, n, seed, len(plan.objectives)))  # fmt: skip
+    search = (
+        Cma(space.start, n, seed)
+        if plan.method == "cma"
+        else Nsga2(space.start, n, seed, len(plan.objectives))
+    )
     with locked(folder):
         journal = read_journal(path, plan)
         for end in range(n, n * plan.generations + 1, n):
@@ -183,7 +275,7 @@ def run_search(
                 for name, values in {**measured, "unit": unit, "violation": violation}.items():
                     part[name] = values
                 journal = np.concatenate([journal, part])
-                data = io.BytesIO()  # into a file NumPy does not notice that the disk is full
+                data = io.BytesIO()  # NumPy does not notice a full disk when it writes to a file
                 np.save(data, journal)
                 write_bytes(path, data.getvalue())
             part = journal[end - n : end]
@@ -198,7 +290,12 @@ def run_search(
 
 
 def candidates(space: Space, unit: Array) -> list[Candidate | None]:
-    """Return the candidates of numbers (n, d); None for lengths that form no triangle."""
+    """Return the candidates that variables stand for; None if link lengths form no triangle.
+
+    Args:
+        space: Search space.
+        unit: Variables from 0 to 1, shape (n, d).
+    """
     made: list[Candidate | None] = []
     for numbers in unit:
         try:
@@ -209,12 +306,20 @@ def candidates(space: Space, unit: Array) -> list[Candidate | None]:
 
 
 def read_journal(path: Path, plan: Plan) -> Journal:
-    """Return all that a plan's journal has; nothing without one. Raises ValueError: damaged."""
+    """Read a journal; return an empty journal if there is no file.
+
+    Args:
+        path: File of the journal.
+        plan: Plan of the search, which determines the fields.
+
+    Raises:
+        ValueError: If the file is damaged or has other fields.
+    """
     names = dict.fromkeys([*plan.measured, "closure", "violation"])
     row = np.dtype([("unit", float, len(plan.space().start)), *((name, float) for name in names)])
     if not path.exists():
         return np.empty(0, row)
-    with named_errors(f"{path} is damaged", Exception):  # NumPy raises many kinds
+    with named_errors(f"{path} is damaged", Exception):  # NumPy raises many types
         with open_regular(path) as file:
             journal: Journal = np.load(file, allow_pickle=False)
         if journal.dtype != row or journal.ndim != 1:

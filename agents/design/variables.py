@@ -1,4 +1,4 @@
-"""Variables of a search: lengths, and the numbers of a crank-speed profile."""
+"""Variables of a search: link lengths and the parameters of a crank-speed profile."""
 
 import math
 from typing import Any, NamedTuple
@@ -15,16 +15,26 @@ from jansen_env.tasks.walking.tuned import design_of
 from jansen_env.world.settings import load_robot
 
 KINDS: dict[str, Rule] = {
-    "lengths": Rule((float, dict), 1e-4, 0.9), "harmonics": Rule((int,), 0, 8),
-}  # fmt: skip
+    "lengths": Rule((float, dict), 1e-4, 0.9),
+    "harmonics": Rule((int,), 0, 8),
+}
 TUNED = "built", "paper"
-"""Designs whose profiles a search may begin with, the nearer kind of machine first."""
-# Ranges of a profile's numbers about where it begins: factors, N m, and of the harmonics.
+"""Designs whose tuned profiles a search may start from; the more similar kind of robot is first."""
+# Ranges of the profile parameters: factor on the initial crank speed n0; gain kp, in N m s/rad;
+# distance from the initial bias torque tau0, in N m; feedback g, in 1/m; distance of the first
+# harmonics from their initial values.
 SPEED_RANGE, GAIN_RANGE, BIAS_RANGE, FEEDBACKS, SHAPE_RANGE = 2.5, (1.0, 30.0), 4.0, (0.0, 4.0), 0.8
 
 
 class Variable(NamedTuple):
-    """A number from ``low`` to ``high``; the search begins at ``start``."""
+    """A number that a search varies.
+
+    Attributes:
+        name: Name of the variable.
+        low: Lowest value.
+        high: Highest value.
+        start: Value at which the search begins.
+    """
 
     name: str
     low: float
@@ -33,22 +43,36 @@ class Variable(NamedTuple):
 
 
 class Candidate(NamedTuple):
-    """A robot, and numbers (4 + 2 K,) of the profile that turns its crank."""
+    """A robot and the crank-speed profile with which it walks.
+
+    Attributes:
+        robot: The robot.
+        numbers: Parameters of the profile with K harmonics, shape (4 + 2 K,).
+    """
 
     robot: Robot
     numbers: Array
 
 
 class Space:
-    """The variables of a search, each from 0 to 1, and the candidates they stand for.
+    """Search space: variables, each scaled to [0, 1], and the candidates that they stand for.
 
     Args:
-        robot: name or file of the design to begin with. speed: m/s, of the profile.
-        profile: file of a search's to begin with; None for that of the robot's design.
-        wanted: "lengths": share by which each may change, or shares by name; "harmonics": K of the
-            profile, without which it is no variable.
+        robot: Name or file of the design that the search starts from.
+        speed: Commanded speed of the profile, in m/s.
+        wanted: What the search varies. ``"lengths"`` is the fraction by which every link length may
+            change, or such fractions by name. ``"harmonics"`` is the number K of harmonics of the
+            profile; without this entry, the search does not vary the profile.
+        profile: File of a profile that an earlier search wrote, to start from. None selects the
+            tuned profile of the robot's design.
 
-    Raises ValueError: an unknown name, or a value that is not allowed.
+    Attributes:
+        base: Robot that the search starts from.
+        variables: Variables in the order of the search.
+        start: Scaled variables at which the search begins, shape (d,).
+
+    Raises:
+        ValueError: If a name is unknown or a value is not allowed.
     """
 
     def __init__(
@@ -69,8 +93,14 @@ class Space:
         self.start: Array = (start - self._low) / (self._high - self._low)
 
     def candidate(self, unit: Array) -> Candidate:
-        """Return what numbers (d,) from 0 to 1 stand for. Raises ValueError: lengths that form no
-        triangle."""
+        """Return the candidate that scaled variables stand for.
+
+        Args:
+            unit: Variables, shape (d,). Values beyond [0, 1] are clipped.
+
+        Raises:
+            ValueError: If the link lengths form no triangle.
+        """
         numbers = self._low + np.clip(unit, 0.0, 1.0) * (self._high - self._low)
         values = dict(zip((v.name for v in self.variables), numbers.tolist(), strict=True))
         robot = with_lengths(self.base, {v.name: values[v.name] for v in self._lengths})
@@ -80,7 +110,7 @@ class Space:
 
 
 def _length_variables(robot: Robot, shares: float | dict[str, float]) -> list[Variable]:
-    """Lengths within a share of those that a robot has."""
+    """Return the link lengths as variables, each within a fraction of the robot's own length."""
     known = lengths(robot)
     if not isinstance(shares, dict):
         shares = {name: shares for name, length in known.items() if abs(length) > 1e-9}
@@ -95,7 +125,7 @@ def _length_variables(robot: Robot, shares: float | dict[str, float]) -> list[Va
 
 
 def _profile_variables(numbers: Array, harmonics: int) -> list[Variable]:
-    """A profile's numbers, the first two as logarithms."""
+    """Return the profile parameters as variables, the first two of them as logarithms."""
     speed, gain = np.log(numbers[:2]).tolist()
     bias, feedback = numbers[2:4].tolist()
     least, most = np.log(GAIN_RANGE).tolist()

@@ -1,5 +1,8 @@
-"""Take a policy along: ``python -m agents.export RUN --to onnx --to c`` writes it for onnxruntime
-and as C99 source for a microcontroller; ``--to firmware`` with sensors and safety functions."""
+"""Export a policy, for example: ``python -m agents.export RUN --to onnx --to c``.
+
+``--to onnx`` writes a model for onnxruntime, ``--to c`` writes C99 source code for a
+microcontroller, and ``--to firmware`` writes C99 source code with sensors and safety functions.
+"""
 
 import re
 from collections.abc import Sequence
@@ -17,19 +20,29 @@ KINDS = ("onnx", "c", "firmware")
 
 
 def export(
-    run: str, kinds: Sequence[str], out: str | Path = "exports", name: str | None = None,
+    run: str,
+    kinds: Sequence[str],
+    out: str | Path = "exports",
+    name: str | None = None,
     env_id: str | None = None,
-) -> list[Path]:  # fmt: skip
-    """Write a policy into a folder; returns the files.
+) -> list[Path]:
+    """Export a policy into a folder.
 
     Args:
-        run: a run's folder, a model's zip file, a policy's json file, ``"pretrained"`` or
-            ``"pretrained:NAME"``. env_id: of the last two; None for the default.
-        kinds: of :data:`KINDS`. out: the folder.
-        name: of the files, and of functions in C; None for one such as jansen_walker_v0_ppo.
+        run: Folder of a run, zip file of a model, JSON file of a policy, ``"pretrained"`` or
+            ``"pretrained:NAME"``.
+        kinds: What to write, any of :data:`KINDS`.
+        out: Folder to write to.
+        name: Name of the files and of the functions in C. None selects a name such as
+            jansen_walker_v0_ppo.
+        env_id: Environment of a pretrained policy. None selects the default environment.
 
-    Raises ValueError: there is no such policy, it is damaged, or it has a part that cannot be
-    packed; the name is none for C, or the policy none for firmware.
+    Returns:
+        The files.
+
+    Raises:
+        ValueError: If there is no such policy, if it is damaged, or if a part of it cannot be
+            packed; if the name is not valid in C; or if the policy is not suitable for firmware.
     """
     if (file := shipped_file(run, env_id or DEFAULT)) is None and env_id is not None:
         raise ValueError(f"--env is {env_id}, but {run} says itself what it was trained on")
@@ -47,16 +60,27 @@ def export(
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Export a policy, and say what was written."""
-    parser = Parser("python -m agents.export", __doc__,
-                    "python -m agents.export pretrained --to c",
-                    "python -m agents.export logs/ppo/JansenWalkerBuilt-v0_1 --to onnx --out robot"
-                    )  # fmt: skip
+    """Export a policy and print the names and sizes of the files."""
+    parser = Parser(
+        "python -m agents.export",
+        __doc__,
+        "python -m agents.export pretrained --to c",
+        "python -m agents.export logs/ppo/JansenWalkerBuilt-v0_1 --to onnx --out robot",
+    )
     add = parser.add_argument
-    add("run", metavar="RUN", help="a run's folder, a model's zip file with config.yml beside it, "
-        "a policy's json file, 'pretrained' or 'pretrained:NAME'")  # fmt: skip
-    add("--to", action="append", required=True, choices=KINDS,
-        help="what to write; given again, several of them")  # fmt: skip
+    add(
+        "run",
+        metavar="RUN",
+        help="a run's folder, a model's zip file with config.yml beside it, "
+        "a policy's json file, 'pretrained' or 'pretrained:NAME'",
+    )
+    add(
+        "--to",
+        action="append",
+        required=True,
+        choices=KINDS,
+        help="what to write; given again, several of them",
+    )
     add("--env", type=env_id, metavar="ID", help=f"of 'pretrained'; default: {DEFAULT}")
     add(
         "--out",

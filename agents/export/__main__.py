@@ -1,4 +1,4 @@
-"""The command ``python -m agents.export``."""
+"""Entry point of the command ``python -m agents.export``."""
 
 from agents.export import main
 from jansen_env.process import run

@@ -1,8 +1,8 @@
-"""A policy as C99 source for a microcontroller: no allocation, nothing needed but math.h.
+"""C99 source code of a policy for a microcontroller; it allocates no memory and needs only math.h.
 
-Templates are ``policy.c.in``, and ``firmware.c.in``, which reads sensors and stops safely. Texts of
-a policy's file come into comments and identifiers after :func:`comment` and :func:`places`, which
-leave nothing of them that C could take for code.
+There are two templates: ``policy.c.in``, and ``firmware.c.in``, which also reads sensors and stops
+the robot safely. Texts from the file of a policy appear in comments and identifiers only after
+:func:`comment` and :func:`places` have removed everything that C could interpret as code.
 """
 
 import re
@@ -21,8 +21,8 @@ from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.world import onboard
 from jansen_env.world.settings import Values, load_robot
 
-TAKEN = ("main", "math", "stdio")  # files which NAME.c and NAME.h must not be taken for
-PARTS = {"{}.h": "h", "{}.c": "c", "{}_main.c": "main.c"}  # of the template, by file
+TAKEN = ("main", "math", "stdio")  # names of other files, with which NAME.c or NAME.h would collide
+PARTS = {"{}.h": "h", "{}.c": "c", "{}_main.c": "main.c"}  # part of the template by file name
 FIRMWARE = {"{}.h": "h", "{}.c": "c"}
 SENSED = {
     "cos_crank_angle": "cosf(j->crank_angle)", "sin_crank_angle": "sinf(j->crank_angle)",
@@ -32,18 +32,32 @@ SENSED = {
     "crank_axis_x_velocity": "j->velocity", "lag": "j->lag", "mean_speed": "j->mean_speed",
     "speed_command": "j->command", "last_action": "j->action",
 }  # fmt: skip
-"""The C expression of each observation that firmware knows."""
-UNSAFE = re.compile(r"[^A-Za-z0-9 .,:;=+\-_()\[\]{}'/%^<>]")  # in a comment
-PER_LINE = 6  # numbers of an array
+"""C expression of each observation that the firmware can measure or estimate."""
+UNSAFE = re.compile(r"[^A-Za-z0-9 .,:;=+\-_()\[\]{}'/%^<>]")  # characters not allowed in comments
+PER_LINE = 6  # numbers per line of an array
 
 
 def comment(text: object, longest: int = 200) -> str:
-    """Return text for a C comment: letters, digits and what can neither end it nor begin one."""
+    """Return text that is safe within a C comment.
+
+    Characters that could end the comment or begin another one are replaced by underscores.
+
+    Args:
+        text: Text, or another object to convert to text.
+        longest: Length at which the text is cut off.
+    """
     return UNSAFE.sub("_", " ".join(str(text).split()))[:longest]
 
 
 def check_name(name: str) -> str:
-    """Return ``name``, if it is an identifier of C and no other file has it; or ValueError."""
+    """Return a name after checking that it is a C identifier and collides with no other file.
+
+    Args:
+        name: The name.
+
+    Raises:
+        ValueError: If the name is not allowed.
+    """
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,62}", name, re.ASCII) or name in TAKEN:
         raise ValueError(
             f"name must be a letter and up to 62 letters, digits and _, and none of {list(TAKEN)}, "
@@ -53,7 +67,15 @@ def check_name(name: str) -> str:
 
 
 def places(policy: PretrainedPolicy, name: str) -> list[str]:
-    """Return the names of an observation's numbers in C; two of the same are a ValueError."""
+    """Return the C names of the indices of the values in an observation.
+
+    Args:
+        policy: The policy.
+        name: Name of the policy in C, with which the names begin.
+
+    Raises:
+        ValueError: If several values would have the same name.
+    """
     words = [re.sub(r"[^A-Z0-9]+", "_", seen.upper()).strip("_") for seen in policy.observed]
     names = [f"{name.upper()}_OBS_{word or '_'}" for word in words]
     if twice := sorted({place for place in names if names.count(place) > 1}):
@@ -62,18 +84,36 @@ def places(policy: PretrainedPolicy, name: str) -> list[str]:
 
 
 def sources(policy: PretrainedPolicy, name: str) -> dict[str, str]:
-    """Return the text of each file by its name; a ValueError where C does not allow a name.
+    """Return the C source files of a policy.
 
-    The last one is a program that reads observations and prints actions.
+    The last file is a program that reads observations and prints actions.
+
+    Args:
+        policy: The policy.
+        name: Name of the files and of the functions in C.
+
+    Returns:
+        The text of each file by its name.
+
+    Raises:
+        ValueError: If a name is not valid in C.
     """
     return _render("policy.c.in", PARTS, policy, name, {"places": places(policy, check_name(name))})
 
 
 def firmware(policy: PretrainedPolicy, name: str) -> dict[str, str]:
-    """Return header and source of firmware: from sensors to a torque, and when to stop.
+    """Return the C source files of firmware that reads sensors, computes a torque and stops safely.
 
-    Raises ValueError: the policy observes what no onboard sensor gives, has no limit of its
-    torque's rate, or walks backwards.
+    Args:
+        policy: The policy.
+        name: Name of the policy in C; the files are called NAME_firmware.
+
+    Returns:
+        The text of the header and the source file by file name.
+
+    Raises:
+        ValueError: If the policy has an observation that no onboard sensor provides, if its torque
+            rate is not limited, or if it walks backwards.
     """
     if unknown := [seen for seen in policy.observed if seen not in SENSED]:
         allowed = f"must be of {[*SENSED]}, as of environments with observe='onboard'"
@@ -85,48 +125,60 @@ def firmware(policy: PretrainedPolicy, name: str) -> dict[str, str]:
             raise ValueError(f"{key} of the policy must be above 0 for firmware, got {value}")
     robot = load_robot("robot", arguments["robot"])
     values = {
-        "paths": onboard.toe_paths(robot), "onboard": onboard_estimates, "rewards": walk_reward,
-        "mean_path": abs(advance_per_turn(robot)) / STEPS_PER_TURN, "gravity": GRAVITY,
-        "sensed": SENSED, "slowest": slowest, "fastest": fastest, "rate": arguments["torque_rate"],
+        "paths": onboard.toe_paths(robot),
+        "onboard": onboard_estimates,
+        "rewards": walk_reward,
+        "mean_path": abs(advance_per_turn(robot)) / STEPS_PER_TURN,
+        "gravity": GRAVITY,
+        "sensed": SENSED,
+        "slowest": slowest,
+        "fastest": fastest,
+        "rate": arguments["torque_rate"],
         "cells": robot.build.cells,
-    }  # fmt: skip
+    }
     return _render("firmware.c.in", FIRMWARE, policy, check_name(f"{name}_firmware"), values)
 
 
 def _render(
     template: str, files: dict[str, str], policy: PretrainedPolicy, name: str, values: Values
 ) -> dict[str, str]:
-    """Return the text of a template's files by name."""
+    """Render a template; return the text of each file by its name."""
     env = Environment(
-        loader=PackageLoader("agents.export", ""), undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True, keep_trailing_newline=True,
-    )  # fmt: skip
+        loader=PackageLoader("agents.export", ""),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
     env.filters |= {"comment": comment, "single": _single, "real": _real, "array": _array}
     blocks = [block for block in policy.features if block.size]
     sizes = [block.size for block in blocks]
     values = values | {
-        "name": name, "policy": policy, "version": jansen_env.__version__,
-        # Of each block its kind and where its features begin.
+        "name": name,
+        "policy": policy,
+        "version": jansen_env.__version__,
+        # The kind of each block, the block, and the index of its first feature.
         "blocks": [(type(block).__name__, block, sum(sizes[:k])) for k, block in enumerate(blocks)],
         "harmonics": any(isinstance(block, Harmonics) for block in blocks),
         "limited": bool(np.isfinite(policy.limit)),
         "width": max(sum(sizes), *(len(layer.bias) for layer in policy.layers)),
-    }  # fmt: skip
+    }
     made = env.get_template(template)
     return {file.format(name): made.render(values, part=part) for file, part in files.items()}
 
 
 def _single(value: float) -> str:
+    """Return a C constant of type float."""
     return f"{np.float32(value)!s}f"
 
 
 def _real(value: float) -> str:
-    """Return a number of the precision in which is computed."""
+    """Return a C constant in the precision of the computation."""
     return f"R({float(value)!r})"
 
 
 def _array(values: Array, name: str) -> str:
-    """Return a constant array: float where that has all of the numbers exactly."""
+    """Return the C code of a constant array; its type is float if this represents it exactly."""
     flat = np.ravel(values)
     exact = np.array_equal(flat.astype(np.float32).astype(float), flat)
     texts = [_single(value) if exact else _real(value) for value in flat]

@@ -1,4 +1,4 @@
-"""Callbacks of a training run: checkpoints, evaluations, observation statistics."""
+"""Callbacks of a training run for checkpoints, evaluations, observation statistics and threads."""
 
 import time
 from pathlib import Path
@@ -21,42 +21,57 @@ from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.metrics import point_estimates
 from jansen_env.scoring.rollout import make_env, run_episodes
 
-EPISODES = 8  # per command, of each evaluation, times the benchmark's variety
-SELECTION_SEED = 30_000  # of the episodes that choose the best model, apart from all others
-TIMES = {"seconds": time.perf_counter, "cpu_seconds": time.process_time}  # of training so far
+EPISODES = 8  # episodes per command and evaluation, multiplied by the variety of the benchmark
+# First seed of the episodes that select the best model; no other part of the project uses these
+# seeds.
+SELECTION_SEED = 30_000
+TIMES = {"seconds": time.perf_counter, "cpu_seconds": time.process_time}
+"""Clocks that measure the duration of the training so far."""
 
 
 class Saver(BaseCallback):
-    """Save checkpoints, and evaluate now and then to keep the best model.
+    """Callback that saves checkpoints, evaluates the policy regularly and keeps the best model.
 
-    A checkpoint is taken where a rollout begins, behind all callbacks that change the model there.
+    A checkpoint is saved at the beginning of a rollout, after all callbacks that change the model
+    at this point.
 
     Args:
-        folder, config: of the run. save_every, eval_every: environment steps; 0 for never.
-        done: steps trained before. state: to resume from, of these steps.
+        folder: Folder of the run.
+        config: Configuration of the run.
+        save_every: Number of environment steps between checkpoints; 0 for no checkpoints.
+        eval_every: Number of environment steps between evaluations; 0 for no evaluations.
+        done: Number of steps for which the model has already been trained.
+        state: State of the training after these steps, from which to resume. None for a new run.
     """
 
     def __init__(
-        self, folder: Path, config: RunConfig, save_every: int, eval_every: int, done: int = 0,
+        self,
+        folder: Path,
+        config: RunConfig,
+        save_every: int,
+        eval_every: int,
+        done: int = 0,
         state: Arguments | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         super().__init__()
         self.folder, self.config = folder, config
         self.save_every, self.eval_every, self._state = save_every, eval_every, state
         self.benchmark = find_benchmark(config.env)
         self.commands = np.repeat(self.benchmark.commands, EPISODES * self.benchmark.variety)
-        # After a kill the last evaluations may be of steps that are now trained again. The best
-        # model may be of one of them, so the score to beat is the one saved with the model.
+        # If the process was killed, the last evaluations may belong to steps that are now trained
+        # again. The best model may come from one of these evaluations. The score to beat is
+        # therefore the score that was saved with the model.
         before = read_evaluations(folder) if done else []
         self.history = [row for row in before if row["steps"] <= done]
         self.best = best_score(folder)
-        # By the steps alone, so that a resumed run saves and evaluates at the same steps.
+        # These depend only on the number of steps, so that a resumed run saves and evaluates at the
+        # same steps.
         self._next_save, self._next_eval = (
             (done // every + 1) * every if every else 0 for every in (save_every, eval_every)
         )
         last = self.history[-1] if self.history else {}
         self._begun = {name: clock() - last.get(name, 0.0) for name, clock in TIMES.items()}
-        self._replay_buffer = replay_path(folder, done)  # of the last complete checkpoint
+        self._replay_buffer = replay_path(folder, done)  # file of the last complete checkpoint
 
     def _on_rollout_start(self) -> None:
         if self._state is not None:
@@ -74,12 +89,16 @@ class Saver(BaseCallback):
         return True
 
     def save(self, path: Path) -> None:
-        """Save the replay buffer, then the model with its state.
+        """Save the replay buffer, and then the model with the state of the training.
 
-        Whenever a kill comes, the last model has its buffer: this one and the one before stay.
+        The previous replay buffer is kept as well. The last saved model therefore has its buffer
+        even if the process is killed at any time.
+
+        Args:
+            path: File of the model.
         """
         file = replay_path(self.folder, self.model.num_timesteps)
-        replay_buffer = getattr(self.model, "replay_buffer", None)  # of an off-policy algorithm
+        replay_buffer = getattr(self.model, "replay_buffer", None)  # off-policy algorithms have one
         if replay_buffer is not None:
             for old in {*self.folder.glob("replay_buffer*.npz")} - {file, self._replay_buffer}:
                 old.unlink()
@@ -89,7 +108,7 @@ class Saver(BaseCallback):
         self._replay_buffer = file
 
     def evaluate(self) -> None:
-        """Score the present policy; keep it if it is the best so far."""
+        """Evaluate the current policy, and save it if it is the best so far."""
         env_id, env_kwargs = self.config.env, self.config.env_kwargs
         seeds = SELECTION_SEED + np.arange(len(self.commands))
         self.model.policy.set_training_mode(False)
@@ -104,21 +123,28 @@ class Saver(BaseCallback):
         row = {"steps": self.num_timesteps, **times, **scored, "score": score}
         names = dict.fromkeys(("return", self.benchmark.chosen_by))
         text = ", ".join(f"{name} {scored[name]:.3g}" for name in names)
-        better = score > self.best  # of equal ones the first is kept
+        better = score > self.best  # if scores are equal, the earlier model is kept
         if not self.history or {**self.history[-1], **times} != row:
-            print(f"evaluation: {self.num_timesteps} steps, {times['seconds']:.0f} s, {text}"
-                  f"{' (the best so far)' * better}", flush=True)  # fmt: skip
+            print(
+                f"evaluation: {self.num_timesteps} steps, {times['seconds']:.0f} s, {text}"
+                f"{' (the best so far)' * better}",
+                flush=True,
+            )
         if better:
             self.best = score
-            # Its score in the same file: no kill can part the two.
+            # The score is in the same file, so that a killed process cannot separate the two.
             training_state.save_model(self.model, self.folder / BEST, row)
         self.history.append(row)
         write_json(self.folder / "evaluations.json", self.history)
 
 
 class NormalizerUpdate(BaseCallback):
-    """Update the policy's normalizer with the last rollout before the next one begins: the update
-    compares with probabilities that the rollout's policy gave."""
+    """Callback that updates the observation normalizer of the policy between two rollouts.
+
+    The normalizer must not change between a rollout and the following update of the policy, because
+    the update compares with action probabilities from the rollout. The callback therefore applies
+    the observations of a rollout just before the next rollout begins.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -134,13 +160,14 @@ class NormalizerUpdate(BaseCallback):
         self._observations = None
 
     def _on_rollout_end(self) -> None:
-        # Now, not when the next rollout begins: Stable-Baselines3 has emptied the buffer by then.
+        # Copy the observations now. When the next rollout begins, Stable-Baselines3 has already
+        # emptied the buffer.
         model = self.model
         if isinstance(model, OnPolicyAlgorithm):
             observations = model.rollout_buffer.observations
-        elif not isinstance(model, OffPolicyAlgorithm):  # ARS, whose policies have no normalizer
+        elif not isinstance(model, OffPolicyAlgorithm):  # the policies of ARS have no normalizer
             return
-        else:  # of the replay buffer, what is new in it
+        else:  # take the new part of the replay buffer
             buffer = model.replay_buffer
             assert buffer is not None
             count = min((model.num_timesteps - self._begun) // buffer.n_envs, buffer.size())
@@ -153,8 +180,12 @@ class NormalizerUpdate(BaseCallback):
 
 
 class UpdateThreads(BaseCallback):
-    """Let torch update with as many threads as move the robots, and act with one: more slow a small
-    batch down. With MKL the number changes no bit of an update."""
+    """Callback that sets the number of torch threads: one for actions, more for updates.
+
+    An update uses as many threads as the simulation of the robots. Actions use a single thread,
+    because more threads slow down small batches. With MKL, the number of threads does not change a
+    single bit of an update.
+    """
 
     def _on_rollout_start(self) -> None:
         torch.set_num_threads(1)

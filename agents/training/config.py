@@ -1,4 +1,4 @@
-"""Training configurations: those that are shipped, and a new run's; its flags."""
+"""Training configurations: files in the package, configurations of new runs, and their flags."""
 
 import argparse
 from dataclasses import replace
@@ -18,11 +18,15 @@ from jansen_env.registration import IDS
 from jansen_env.sb3.run_config import MOST_ENVS, Arguments, RunConfig, load_config
 from jansen_env.scoring.benchmarks import DEFAULT
 
-SHIPPED = "shipped"  # in place of a configuration's path
+SHIPPED = "shipped"  # stands for the configuration in the package, instead of a path
 
 
 def training_folder(env_id: str) -> Path:
-    """Return the folder of an environment's training configurations, beside its module."""
+    """Return the folder of an environment's training configurations, which is next to its module.
+
+    Args:
+        env_id: Id of the environment.
+    """
     module = str(gym.spec(env_id).entry_point).partition(":")[0]
     return Path(str(import_module(module).__file__)).parent / "training" / env_id
 
@@ -33,7 +37,15 @@ def shipped_configs() -> list[Path]:
 
 
 def shipped_config(env_id: str, algo: str) -> Path:
-    """Return an environment's configuration file for an algorithm; ValueError: there is none."""
+    """Return the configuration file of the package for an environment and an algorithm.
+
+    Args:
+        env_id: Id of the environment.
+        algo: Name of the algorithm.
+
+    Raises:
+        ValueError: If there is no such file.
+    """
     path = training_folder(env_id) / f"{algo}.yml"
     if not path.is_file():
         known = [f"{file.parent.name}/{file.stem}" for file in shipped_configs()]
@@ -42,20 +54,28 @@ def shipped_config(env_id: str, algo: str) -> Path:
 
 
 def new_config(
-    path: str | Path | None = None, algo: str | None = None, env_id: str | None = None,
-    env_kwargs: Arguments | None = None, **values: object,
-) -> RunConfig:  # fmt: skip
-    """Return a new run's configuration: a file's, with what is given in its place.
+    path: str | Path | None = None,
+    algo: str | None = None,
+    env_id: str | None = None,
+    env_kwargs: Arguments | None = None,
+    **values: object,
+) -> RunConfig:
+    """Return the configuration of a new run: that of a file, with some entries replaced.
 
     Args:
-        path: of the file, or of a folder that has it as ALGO.yml; None or :data:`SHIPPED` for the
-            one shipped for ``env_id`` and ``algo``.
-        algo, env_id: None for the file's own, or else ppo and the default environment.
-        env_kwargs: on top of the file's, in training as well. values: further entries, such as
-            ``timesteps``; None for the file's. ``hyperparameters`` and ``policy_kwargs`` come on
-            top of its own.
+        path: Configuration file, or folder that contains it as ALGO.yml. None or :data:`SHIPPED`
+            selects the file in the package for ``env_id`` and ``algo``.
+        algo: Name of the algorithm. None selects that of the file, or ppo without a file.
+        env_id: Id of the environment. None selects that of the file, or the default environment
+            without a file.
+        env_kwargs: Arguments of the environment, merged into those of the file. They also replace
+            the arguments of the training variants.
+        **values: Further entries that replace those of the file, such as ``timesteps``. None keeps
+            the entry of the file. ``hyperparameters`` and ``policy_kwargs`` are merged into those
+            of the file.
 
-    Raises ValueError: the file is missing or invalid, or a value is not allowed.
+    Raises:
+        ValueError: If the file is missing or invalid, or a value is not allowed.
     """
     if path is None or str(path) == SHIPPED:
         algo, env_id = algo or "ppo", env_id or DEFAULT
@@ -75,29 +95,59 @@ def new_config(
 
 
 def add_run_flags(parser: argparse.ArgumentParser) -> None:
-    """Add the flags of a training run, named as in RL Baselines3 Zoo."""
+    """Add the flags of a training run, which have the same names as in RL Baselines3 Zoo.
+
+    Args:
+        parser: Parser to add the flags to.
+    """
     add = parser.add_argument
-    add("-n", "--timesteps", type=positive_int,
-        help="environment steps of a run, in place of the configuration's")  # fmt: skip
+    add(
+        "-n",
+        "--timesteps",
+        type=positive_int,
+        help="environment steps of a run, in place of the configuration's",
+    )
     add(
         "--n-envs",
         type=whole(most=MOST_ENVS),
         help="parallel environments of a run, in place of its",
     )
-    add("--env-kwargs", type=mapping, metavar="YAML",
-        help="arguments of the environment, e.g. '{friction: 0.5}'")  # fmt: skip
-    add("--eval-freq", type=non_negative_int,
-        help="steps between evaluations, 0 for none; default: an 8th of the timesteps")  # fmt: skip
-    add("--save-freq", type=non_negative_int, default=100_000,
-        help="steps between checkpoints, 0 for none; default: 100000")  # fmt: skip
-    add("--eval-episodes", type=episode_count, default=10,
-        help="episodes per command of the scores; default: 10")  # fmt: skip
+    add(
+        "--env-kwargs",
+        type=mapping,
+        metavar="YAML",
+        help="arguments of the environment, e.g. '{friction: 0.5}'",
+    )
+    add(
+        "--eval-freq",
+        type=non_negative_int,
+        help="steps between evaluations, 0 for none; default: an 8th of the timesteps",
+    )
+    add(
+        "--save-freq",
+        type=non_negative_int,
+        default=100_000,
+        help="steps between checkpoints, 0 for none; default: 100000",
+    )
+    add(
+        "--eval-episodes",
+        type=episode_count,
+        default=10,
+        help="episodes per command of the scores; default: 10",
+    )
 
 
 def training_envs(config: RunConfig) -> tuple[Arguments, list[Arguments]]:
-    """Return the arguments of all training environments, and the variants that they take in turn.
+    """Return the arguments of the training environments.
 
-    What all variants have alike is among the former: a batch has one set of reward weights.
+    Arguments that are equal in all variants become common arguments, because a batch has a single
+    set of reward weights.
+
+    Args:
+        config: Configuration of the run.
+
+    Returns:
+        The common arguments, and the variants, which the environments use in turn.
     """
     first, *others = config.training_variants
     common = {k: v for k, v in first.items() if all(k in each and each[k] == v for each in others)}

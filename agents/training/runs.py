@@ -1,5 +1,9 @@
-"""Run folders: config.yml, command.txt, best_model.zip, final_model.zip, evaluations.json,
-checkpoints/model_STEPS_steps.zip, tensorboard/ and, of SAC, replay_buffer_STEPS.npz."""
+"""Run folders: their names, locks, configurations and evaluations.
+
+The folder of a run contains config.yml, command.txt, best_model.zip, final_model.zip,
+evaluations.json, checkpoints/model_STEPS_steps.zip, tensorboard/ and, for SAC,
+replay_buffer_STEPS.npz.
+"""
 
 import itertools
 import json
@@ -19,12 +23,18 @@ from jansen_env.files import PART, write_text
 from jansen_env.sb3.run_config import RunConfig
 from jansen_env.sb3.trained import read_model
 
-CHECKPOINT = re.compile(r"model_([0-9]{1,18})_steps\.zip")  # others are not the run's
+CHECKPOINT = re.compile(r"model_([0-9]{1,18})_steps\.zip")  # other files do not belong to the run
 FINAL, BEST = "final_model.zip", "best_model.zip"
 
 
 def new_run_folder(root: str | Path, algo: str, env_id: str) -> Path:
-    """Make ``root/ALGO/ENV_N``, N one above the last."""
+    """Create the folder ``root/ALGO/ENV_N``, where N is one more than the last number.
+
+    Args:
+        root: Parent folder of all runs.
+        algo: Name of the algorithm.
+        env_id: Id of the environment.
+    """
     parent = Path(root) / algo
     parent.mkdir(parents=True, exist_ok=True)
     for number in itertools.count(get_latest_run_id(str(parent), env_id) + 1):
@@ -37,8 +47,17 @@ def new_run_folder(root: str | Path, algo: str, env_id: str) -> Path:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Keep other processes from a run's folder, and remove what a killed one had half written; a
-    ValueError where another process has it, an OSError where it cannot be written to."""
+    """Lock the folder of a run against other processes while the context is active.
+
+    On entry, files that a killed process has left half written are removed.
+
+    Args:
+        folder: Folder of the run.
+
+    Raises:
+        ValueError: If another process uses the folder.
+        OSError: If the folder is not writable.
+    """
     with (folder / ".lock").open("w") as file:
         with suppress(ImportError):  # Windows has no such locks
             import fcntl
@@ -54,30 +73,56 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def last_state(folder: Path) -> Path | None:
-    """Return the model with the most steps in a run's folder, None without one; a ValueError where
-    the final model is damaged."""
+    """Return the model with the most steps in the folder of a run; None if there is no model.
+
+    Args:
+        folder: Folder of the run.
+
+    Raises:
+        ValueError: If the final model is damaged.
+    """
     paths = (folder / "checkpoints").glob("model_*_steps.zip")
     named = [(CHECKPOINT.fullmatch(path.name), path) for path in paths]
     known = [(int(match[1]), False, path) for match, path in named if match]
-    if (final := folder / FINAL).is_file():  # after the update that a checkpoint comes before
+    # At the same number of steps, the final model is newer: it is saved after the update, and a
+    # checkpoint is saved before it.
+    if (final := folder / FINAL).is_file():
         known.append((read_model(final).steps, True, final))
     return max(known)[2] if known else None
 
 
 def replay_path(folder: Path, steps: int) -> Path:
-    """Return where the replay buffer of a model of so many steps lies."""
+    """Return the file of the replay buffer of a model.
+
+    Args:
+        folder: Folder of the run.
+        steps: Number of steps for which the model has been trained.
+    """
     return folder / f"replay_buffer_{steps}.npz"
 
 
 def record_run(folder: Path, config: RunConfig, command: str) -> None:
-    """Write config.yml, and add a line to command.txt."""
+    """Write config.yml, and append the command to command.txt.
+
+    Args:
+        folder: Folder of the run.
+        config: Configuration of the run.
+        command: Command that starts or continues the run.
+    """
     write_text(folder / "config.yml", yaml.safe_dump(asdict(config), sort_keys=False))
     with (folder / "command.txt").open("a", encoding="utf-8") as file:
         file.write(f"{command}\n")
 
 
 def read_evaluations(folder: Path) -> list[dict[str, Any]]:
-    """Return the rows of evaluations.json, none without it; a ValueError where it is damaged."""
+    """Return the records in evaluations.json; an empty list if there is no file.
+
+    Args:
+        folder: Folder of the run.
+
+    Raises:
+        ValueError: If the file is damaged.
+    """
     path = folder / "evaluations.json"
     needed = "a list of evaluations, each with 'steps' and 'return'"
     with named_errors(f"{path} must be {needed}", OSError, RecursionError):
@@ -89,6 +134,10 @@ def read_evaluations(folder: Path) -> list[dict[str, Any]]:
 
 
 def best_score(folder: Path) -> float:
-    """Return the score of best_model.zip at its evaluation; -inf where there is none."""
+    """Return the score that best_model.zip achieved in its evaluation; -inf if there is none.
+
+    Args:
+        folder: Folder of the run.
+    """
     notes = read_model(folder / BEST).notes if (folder / BEST).is_file() else {}
     return finite(f"score in {folder / BEST}", notes["score"]) if "score" in notes else -math.inf

@@ -1,4 +1,4 @@
-"""Scores of a run's best model beside the baselines: files in its folder, and the final summary."""
+"""Comparison of a run's best model with the baselines: score files and the final summary."""
 
 import json
 import shlex
@@ -16,8 +16,16 @@ from jansen_env.scoring.rollout import make_env
 
 
 def score_run(folder: Path, config: RunConfig, episodes: int) -> Scores:
-    """Score the best model in a run's folder and the baselines, with so many ``episodes`` per
-    command; writes scores.json, .md and .png. A ValueError names a damaged file."""
+    """Score the best model of a run and the baselines; write scores.json, scores.md and scores.png.
+
+    Args:
+        folder: Folder of the run.
+        config: Configuration of the run.
+        episodes: Number of episodes per command.
+
+    Raises:
+        ValueError: If a file is damaged. The message names the file.
+    """
     model = folder / BEST if (folder / BEST).is_file() else folder / FINAL
     env_id, env_kwargs = config.env, config.env_kwargs
     benchmark, env = find_benchmark(env_id), make_env(env_id, env_kwargs)
@@ -32,8 +40,16 @@ def score_run(folder: Path, config: RunConfig, episodes: int) -> Scores:
 
 
 def outcome(folder: Path, config: RunConfig, scores: Scores) -> str:
-    """Return the summary printed at the end of a run: its :func:`score_run` in the main metrics,
-    beside the baselines', and whether it beats them."""
+    """Return the summary that is printed at the end of a run.
+
+    The summary compares the main metrics of the run with those of the baselines and tells whether
+    the run beats them.
+
+    Args:
+        folder: Folder of the run.
+        config: Configuration of the run.
+        scores: Scores that :func:`score_run` returned.
+    """
     *baselines, run = scores
     shown = {"this run": scores[run], **{name: scores[name] for name in baselines}}
     ours, *others = (scores[policy]["overall"]["return"] for policy in (run, *baselines))
@@ -46,10 +62,12 @@ def outcome(folder: Path, config: RunConfig, scores: Scores) -> str:
     if config.env_kwargs:
         watch += ["--env-kwargs", json.dumps(config.env_kwargs)]
     here, best_return = interval_text(ours), interval_text(most)
-    return "\n".join([
-        Scores(scores.env_id, shown).table(),
-        f"return {here} {way} the best baseline, {best}'s {best_return}{since}",
-        f"brackets: 95 % intervals; episodes: {scores[run]['episodes']}; all scores: "
-        f"{folder}/scores.md, scores.png",
-        f"watch it: {shlex.join(watch)}",
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            Scores(scores.env_id, shown).table(),
+            f"return {here} {way} the best baseline, {best}'s {best_return}{since}",
+            f"brackets: 95 % intervals; episodes: {scores[run]['episodes']}; all scores: "
+            f"{folder}/scores.md, scores.png",
+            f"watch it: {shlex.join(watch)}",
+        ]
+    )

@@ -1,4 +1,4 @@
-"""Training with Stable-Baselines3: a model on its environments, from start or checkpoint."""
+"""Training with Stable-Baselines3: build a model or resume it from a checkpoint, and train it."""
 
 import shlex
 from collections.abc import Iterator, Sequence
@@ -24,20 +24,28 @@ from jansen_env.sb3.run_config import ALGORITHMS, RunConfig, find_config
 from jansen_env.sb3.trained import policy_kwargs_of, read_model
 from jansen_env.scoring.metrics import Env
 
-EVALUATIONS = 8  # of a run, by default
+EVALUATIONS = 8  # default number of evaluations per run
 
 
 class TrainingReward(VecEnvWrapper):
-    """Rewards less ``fall_cost`` where an episode ends before its time limit, times ``scale``."""
+    """Wrapper that subtracts a cost for falls from the rewards and scales the result.
+
+    Args:
+        venv: Environments to wrap.
+        scale: Factor of the rewards.
+        fall_cost: Cost of an episode that ends before its time limit.
+    """
 
     def __init__(self, venv: VecEnv, scale: float, fall_cost: float) -> None:
         super().__init__(venv)
         self.scale, self.fall_cost = scale, fall_cost
 
     def reset(self) -> VecEnvObs:
+        """Reset all environments; return the observations."""
         return self.venv.reset()
 
     def step_wait(self) -> VecEnvStepReturn:
+        """Return the results of a step, with changed rewards."""
         observations, rewards, dones, infos = self.venv.step_wait()
         fallen = dones & ~np.array([info.get("TimeLimit.truncated", False) for info in infos])
         rewards = self.scale * (rewards - self.fall_cost * fallen)
@@ -45,10 +53,17 @@ class TrainingReward(VecEnvWrapper):
 
 
 def prepare(config: RunConfig, resume: Path | None = None, device: str = "cpu") -> BaseAlgorithm:
-    """Build the model that a configuration describes, on its environments, or resume from a
-    checkpoint; writes nothing. ``device``: torch's, of the networks.
+    """Build the model of a configuration with its environments, or resume it from a checkpoint.
 
-    Raises ValueError: something in the configuration or the files is wrong.
+    This function writes no files.
+
+    Args:
+        config: Configuration of the run.
+        resume: Checkpoint from which to resume. None builds a new model.
+        device: PyTorch device of the networks.
+
+    Raises:
+        ValueError: If the configuration or a file is invalid.
     """
     kwargs, variants = training_envs(config)
     venv = make_vec_env(config.env, config.n_envs, env_kwargs=kwargs, variants=variants)
@@ -65,7 +80,13 @@ def prepare(config: RunConfig, resume: Path | None = None, device: str = "cpu") 
 
 
 def build_model(config: RunConfig, env: VecEnv | Env, device: str = "cpu") -> BaseAlgorithm:
-    """Build the new model of a configuration for an environment."""
+    """Build a new model.
+
+    Args:
+        config: Configuration of the run.
+        env: Environments on which the model is trained.
+        device: PyTorch device of the networks.
+    """
     arguments = dict(config.hyperparameters)
     for name in ("learning_rate", "clip_range", "clip_range_vf", "delta_std"):
         if isinstance(value := arguments.get(name), str):
@@ -74,20 +95,29 @@ def build_model(config: RunConfig, env: VecEnv | Env, device: str = "cpu") -> Ba
         deviation = np.full(env.action_space.shape or (), arguments["action_noise"])
         arguments["action_noise"] = NormalActionNoise(np.zeros_like(deviation), deviation)
     return ALGORITHMS[config.algo](
-        config.policy, env, device=device, seed=config.seed, **arguments,
+        config.policy,
+        env,
+        device=device,
+        seed=config.seed,
+        **arguments,
         policy_kwargs=policy_kwargs_of(config),
-    )  # fmt: skip
+    )
 
 
 def linear_schedule(text: str) -> LinearSchedule:
-    """Return ``"linear_X"``: from X at the start to 0 at the end, and 0 past it, where a run's last
-    rollout may end."""
+    """Return a schedule that falls linearly from a value at the start of a run to 0 at its end.
+
+    After the end, where the last rollout of a run may end, the schedule stays at 0.
+
+    Args:
+        text: ``"linear_X"``, where X is the initial value.
+    """
     return LinearSchedule(float(text.removeprefix("linear_")), 0.0, end_fraction=1.0)
 
 
 @contextmanager
 def _failures_explained(model: BaseAlgorithm, go_on: str) -> Iterator[None]:
-    """Turn a full disk, a policy that is NaN and Ctrl-C into a SystemExit that says so."""
+    """Convert a file error, diverged training or Ctrl-C into a SystemExit with an explanation."""
     try:
         yield
     except KeyboardInterrupt:
@@ -97,7 +127,8 @@ def _failures_explained(model: BaseAlgorithm, go_on: str) -> Iterator[None]:
         reason = f"stopped at {model.num_timesteps} steps: {error}; {go_on}"
         raise SystemExit(f"training {reason}") from error
     except ValueError as error:
-        if "to satisfy the constraint" not in str(error):  # torch's, of a policy that is NaN
+        # PyTorch raises an error with this text if actions are NaN.
+        if "to satisfy the constraint" not in str(error):
             raise
         raise SystemExit(
             f"training diverged at {model.num_timesteps} steps: the policy's actions are no "
@@ -106,21 +137,35 @@ def _failures_explained(model: BaseAlgorithm, go_on: str) -> Iterator[None]:
 
 
 def train(
-    model: BaseAlgorithm, config: RunConfig, folder: Path, *, eval_every: int | None,
-    save_every: int, tensorboard: str | None = None, resume: Path | None = None,
-    progress: bool = True, more_callbacks: Sequence[BaseCallback] = (),
-) -> None:  # fmt: skip
-    """Train until ``config.timesteps``; leaves final_model.zip and best_model.zip in a folder.
+    model: BaseAlgorithm,
+    config: RunConfig,
+    folder: Path,
+    *,
+    eval_every: int | None,
+    save_every: int,
+    tensorboard: str | None = None,
+    resume: Path | None = None,
+    progress: bool = True,
+    more_callbacks: Sequence[BaseCallback] = (),
+) -> None:
+    """Train a model for ``config.timesteps`` steps; write final_model.zip and best_model.zip.
 
     Args:
-        model, config, resume: as of :func:`prepare`. folder: the run's.
-        eval_every, save_every: steps between evaluations and between checkpoints, 0 for none;
-            ``eval_every`` is None for :data:`EVALUATIONS` in all.
-        tensorboard: folder of its log, None for none. progress: whether to show a bar.
-        more_callbacks: of Stable-Baselines3, called after an evaluation at the same step.
+        model: Model that :func:`prepare` returned.
+        config: Configuration of the run.
+        folder: Folder of the run.
+        eval_every: Number of steps between evaluations; 0 for no evaluations. None selects
+            :data:`EVALUATIONS` evaluations in total.
+        save_every: Number of steps between checkpoints; 0 for no checkpoints.
+        tensorboard: Folder of the TensorBoard log. None writes no log.
+        resume: Checkpoint from which :func:`prepare` resumed. None for a new run.
+        progress: Whether to show a progress bar.
+        more_callbacks: Further callbacks of Stable-Baselines3. If there is an evaluation at the
+            same step, they are called after it.
 
-    Raises SystemExit: Ctrl-C (status 130), the policy's actions are no longer finite, or a file
-    cannot be written: what was saved before stays good.
+    Raises:
+        SystemExit: If Ctrl-C is pressed (exit status 130), if the actions of the policy are no
+            longer finite, or if a file cannot be written. Files that were saved before stay valid.
     """
     venv = model.get_env()
     assert venv is not None
@@ -131,14 +176,15 @@ def train(
     saver.init_callback(model)
     model.tensorboard_log = tensorboard
     callbacks = [NormalizerUpdate(), saver, *more_callbacks]
-    if isinstance(model, OnPolicyAlgorithm):  # others update with small batches
+    if isinstance(model, OnPolicyAlgorithm):  # off-policy algorithms update with small batches
         callbacks.append(UpdateThreads())
     if progress:
         callbacks.append(ProgressBarCallback())
     go_on = f"python train.py --resume {shlex.quote(str(folder))} goes on from the last checkpoint"
     with _failures_explained(model, go_on), closing(venv):
         if (remaining := steps - model.num_timesteps) > 0:
-            model.learn(remaining, callback=callbacks, reset_num_timesteps=False,
-                        tb_log_name=folder.name)  # fmt: skip
+            model.learn(
+                remaining, callback=callbacks, reset_num_timesteps=False, tb_log_name=folder.name
+            )
             saver.evaluate()
         saver.save(folder / FINAL)

@@ -1,9 +1,10 @@
-"""Models saved with the state of training besides their parameters, to resume exactly from.
+"""Save a model together with the state of its training, so that training can resume exactly.
 
-The state is each robot's state and generator, the observations the next rollout begins with, a
-recurrent policy's memory, the global generators, the exploration noise where rollouts keep it, and
-the replay buffer. Taken when a rollout begins, it leaves nothing out. All of it is numbers, read
-without running code.
+The state consists of the state and the random number generator of each robot, the observations with
+which the next rollout begins, the memory of a recurrent policy, the global random number
+generators, the exploration noise if it lasts for a whole rollout, and the replay buffer. At the
+beginning of a rollout, this state is complete. It contains only numbers, and reading it does not
+execute any code.
 """
 
 import io
@@ -25,12 +26,18 @@ from jansen_env.sb3 import BatchVecEnv
 from jansen_env.sb3.run_config import Arguments
 from jansen_env.sb3.trained import NOTES, SavedModel
 
-MATRICES = ("exploration_mat", "exploration_matrices")  # of state-dependent exploration
+MATRICES = ("exploration_mat", "exploration_matrices")  # noise of state-dependent exploration
 ARRAYS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
 
 def save_model(model: BaseAlgorithm, path: Path, notes: Arguments) -> None:
-    """Save as Stable-Baselines3 does, with ``notes`` as JSON in the same file; atomic."""
+    """Save a model atomically in the format of Stable-Baselines3, with notes in the same file.
+
+    Args:
+        model: Model to save.
+        path: File to write.
+        notes: Values that are stored as JSON.
+    """
     buffer = io.BytesIO()
     model.save(buffer)
     with zipfile.ZipFile(buffer, "a") as archive:
@@ -39,43 +46,65 @@ def save_model(model: BaseAlgorithm, path: Path, notes: Arguments) -> None:
 
 
 def restore(model: BaseAlgorithm, saved: SavedModel) -> None:
-    """Set all parameters of a model, its optimisers' too; a ValueError where they do not fit."""
+    """Restore all parameters of a model, including those of its optimisers.
+
+    Args:
+        model: Model to change.
+        saved: Contents of a saved model.
+
+    Raises:
+        ValueError: If the saved parameters do not fit the model.
+    """
     with named_errors("the saved model does not fit its configuration", Exception):
         model.set_parameters(saved.parameters, exact_match=True)
-        for name in model._get_torch_save_params()[1]:  # such as SAC's entropy coefficient
+        for name in model._get_torch_save_params()[1]:  # for example the entropy coefficient of SAC
             variable = getattr(model, name)
             variable.data.copy_(saved.variables[name].reshape(variable.shape))
         model.num_timesteps = saved.steps
-        if hasattr(model, "weights"):  # ARS, which loads them into its policy
+        if hasattr(model, "weights"):  # ARS, which copies these weights into its policy
             model.weights = torch.nn.utils.parameters_to_vector(model.policy.parameters()).detach()
 
 
 def read_state(model: BaseAlgorithm) -> Arguments:
-    """Return the state of a model whose next rollout begins now, in types that JSON knows.
+    """Return the state of the training, in types that JSON supports.
 
-    Environments that are simulated one by one have no state in it.
+    Call this function at the beginning of a rollout. The state of environments that are simulated
+    one by one is not included.
+
+    Args:
+        model: Model whose next rollout is about to begin.
     """
     venv, monitor = _envs(model)
     states = venv.get_states() if isinstance(venv, BatchVecEnv) else []
     return {
-        "updates": model._n_updates, "episodes": model._episode_num,
-        "observations": plain(model._last_obs), "starts": plain(model._last_episode_starts),
+        "updates": model._n_updates,
+        "episodes": model._episode_num,
+        "observations": plain(model._last_obs),
+        "starts": plain(model._last_episode_starts),
         "returns": plain(monitor.episode_returns) if monitor else [],
         "lengths": plain(monitor.episode_lengths) if monitor else [],
-        "robots": [plain(state) for state in states], "generators": _read_generators(model),
+        "robots": [plain(state) for state in states],
+        "generators": _read_generators(model),
         "memory": [part.tolist() for part in _memory(model)],
-    }  # fmt: skip
+    }
 
 
 def restore_state(model: BaseAlgorithm, state: Arguments) -> None:
-    """Let a model go on from a state of :func:`read_state`; a ValueError where it does not fit.
+    """Restore the state of the training that :func:`read_state` returned.
 
-    Stable-Baselines3 draws exploration noise between here and the next rollout's beginning, where
-    :func:`restore_generators` is due once more.
+    Before the next rollout begins, Stable-Baselines3 samples exploration noise. Therefore call
+    :func:`restore_generators` again at the beginning of the rollout.
+
+    Args:
+        model: Model to change.
+        state: State to restore.
+
+    Raises:
+        ValueError: If the state does not fit the model.
     """
     venv, monitor = _envs(model)
     n = venv.num_envs
-    with named_errors("the training state does not fit", Exception):  # of whatever kind
+    with named_errors("the training state does not fit", Exception):  # any type of error
         model._n_updates, model._episode_num = int(state["updates"]), int(state["episodes"])
         if isinstance(venv, BatchVecEnv) and monitor:
             observations = np.array(state["observations"], np.float32)
@@ -89,15 +118,17 @@ def restore_state(model: BaseAlgorithm, state: Arguments) -> None:
             for part, values in zip(_memory(model), state.get("memory", []), strict=True):
                 part.copy_(torch.tensor(values))
         else:
-            print("environments simulated one by one begin new episodes: the run goes on nearly, "
-                  "but not exactly, as it would have")  # fmt: skip
+            print(
+                "environments simulated one by one begin new episodes: the run goes on nearly, "
+                "but not exactly, as it would have"
+            )
         restore_generators(model, state)
     model.ep_info_buffer = deque(maxlen=model._stats_window_size)
     model.ep_success_buffer = deque(maxlen=model._stats_window_size)
 
 
 def _envs(model: BaseAlgorithm) -> tuple[VecEnv, VecMonitor | None]:
-    """Return a model's environments and the monitor of a batch; None for single environments."""
+    """Return the environments of a model, and the monitor if they are a batch, else None."""
     venv = model.get_env()
     assert venv is not None
     monitor = unwrap_vec_wrapper(venv, VecMonitor)
@@ -106,19 +137,23 @@ def _envs(model: BaseAlgorithm) -> tuple[VecEnv, VecMonitor | None]:
 
 
 def _memory(model: BaseAlgorithm) -> list[torch.Tensor]:
-    """Return what a recurrent policy and its critic remember; nothing of another policy."""
+    """Return the memory of a recurrent policy and its critic; empty for other policies."""
     return [part for pair in getattr(model, "_last_lstm_states", ()) for part in pair]
 
 
 def plain(value: object) -> object:
-    """Return a value in types that JSON knows, no digit lost."""
+    """Convert a value to types that JSON supports, without loss of precision.
+
+    Args:
+        value: Value to convert.
+    """
     if isinstance(value, dict):
         return {name: plain(entry) for name, entry in value.items()}
     return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
 
 
 def _read_generators(model: BaseAlgorithm) -> Arguments:
-    """Return the generators of torch, NumPy and the action space, and the noise that is kept."""
+    """Return the state of all random number generators and of exploration noise that is kept."""
     noise = _kept_noise(model)
     return {
         "torch": torch.get_rng_state().tolist(),
@@ -129,7 +164,12 @@ def _read_generators(model: BaseAlgorithm) -> Arguments:
 
 
 def restore_generators(model: BaseAlgorithm, state: Arguments) -> None:
-    """Set what rollouts and updates draw from next, but for the robots."""
+    """Restore the random number generators of rollouts and updates, except those of the robots.
+
+    Args:
+        model: Model to change.
+        state: State that :func:`read_state` returned.
+    """
     saved = state["generators"]
     twister = saved["numpy"]["state"]
     words, place = np.array(twister["key"], np.uint32), whole_number("pos", twister["pos"], 624)
@@ -142,7 +182,7 @@ def restore_generators(model: BaseAlgorithm, state: Arguments) -> None:
 
 
 def _kept_noise(model: BaseAlgorithm) -> StateDependentNoiseDistribution | None:
-    """Return the distribution whose noise lasts for a whole rollout; None without one."""
+    """Return the distribution whose noise lasts for a whole rollout; None if there is none."""
     noise = getattr(getattr(model, "actor", model.policy), "action_dist", None)
     if isinstance(noise, StateDependentNoiseDistribution) and model.sde_sample_freq <= 0:
         return noise
@@ -150,18 +190,31 @@ def _kept_noise(model: BaseAlgorithm) -> StateDependentNoiseDistribution | None:
 
 
 def save_replay_buffer(buffer: ReplayBuffer, path: Path) -> None:
-    """Write what the buffer holds as .npz, atomically."""
+    """Write the contents of a replay buffer to an .npz file, atomically.
+
+    Args:
+        buffer: Buffer to save.
+        path: File to write.
+    """
     arrays = {name: getattr(buffer, name)[: _used(buffer)] for name in ARRAYS}
     write_whole(path, lambda part: np.savez(part, pos=buffer.pos, full=buffer.full, **arrays))
 
 
 def load_replay_buffer(buffer: ReplayBuffer, path: Path) -> None:
-    """Fill a new buffer with what :func:`save_replay_buffer` has written. Raises ValueError: not
-    such a file, or one of a buffer of another size or other environments."""
-    valid = named_errors(f"{path} is no replay buffer", Exception)  # NumPy raises nearly every kind
+    """Fill a new replay buffer from a file that :func:`save_replay_buffer` has written.
+
+    Args:
+        buffer: Buffer to fill.
+        path: File to read.
+
+    Raises:
+        ValueError: If the file is not a replay buffer, or if the buffer in it has another size or
+            belongs to other environments.
+    """
+    valid = named_errors(f"{path} is no replay buffer", Exception)  # NumPy raises nearly every type
     with valid, open_regular(path) as file, np.load(file, allow_pickle=False) as archive:
         size = sum(member.file_size for member in archive.zip.infolist())
-        most = sum(getattr(buffer, name).nbytes for name in ARRAYS) + 10_000  # for headers
+        most = sum(getattr(buffer, name).nbytes for name in ARRAYS) + 10_000  # including headers
         if size > most:
             raise ValueError(f"it unpacks to {size} bytes, must be {most} at most")
         buffer.pos = whole_number("pos", archive["pos"].item(), buffer.buffer_size - 1)
@@ -171,6 +224,9 @@ def load_replay_buffer(buffer: ReplayBuffer, path: Path) -> None:
 
 
 def _used(buffer: ReplayBuffer) -> int:
-    """Return how many steps a file has; one past ``pos`` where a buffer that saves memory has the
-    last next observation."""
+    """Return the number of steps to save.
+
+    If the buffer is not full, this is one more than ``pos``, because a memory-efficient buffer
+    stores the last next observation there.
+    """
     return int(buffer.buffer_size) if buffer.full else buffer.pos + 1

@@ -134,7 +134,7 @@ def test_no_line_is_a_comment_of_myst(page: Path) -> None:
     assert not re.findall(r"^\s*%.*", page.read_text(encoding="utf-8"), re.MULTILINE)
 
 
-FOLDERS = ("agents", "benchmarks", "docs", "examples", "jansen_env", "tests")
+FOLDERS = ("agents", "benchmarks", "docs", "examples", "experiments", "jansen_env", "tests")
 ELSEWHERE = (
     "docs/EXPERIMENTS.md",
     "docs/datasets/community",

@@ -57,7 +57,7 @@ def test_limits_hold_everywhere():
             lambda: env.reset(options={row.name: beyond}),  # noqa: B023
             lambda: gym.make("JansenWalker-v0", randomize={row.name: (row.least, beyond)}),  # noqa: B023
         ):
-            message = rf"\['{row.name}'\] is .*{beyond}.* must be between"
+            message = rf"\['{row.name}'\] must be between .*{beyond}"
             with pytest.raises(ValueError, match=message):
                 refused()
     with pytest.raises(ValueError, match=r"randomize has .'gravity'., must be of"):

@@ -138,7 +138,8 @@ def controller_name(env_id: str, name: str) -> str:
 def page_policies(env_id: str) -> list[str]:
     """Return the names of those policies that can run on the page.
 
-    The page must provide all observations of a policy.
+    The page must provide all observations of a policy, and its robot must be a built-in design: the
+    page has no robots with other numbers of legs.
 
     Args:
         env_id: Id of the environment that the policies belong to.
@@ -148,6 +149,7 @@ def page_policies(env_id: str) -> list[str]:
         name
         for name, policy in policies.items()
         if policy.env_kwargs.get("observe", "all") == "all"
+        and policy.env_kwargs.get("robot", "built") in ROBOTS
         and _page_observations().issuperset(policy.observed)
     ]
 

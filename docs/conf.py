@@ -91,9 +91,12 @@ def environment_page(env_id: str) -> str:
 
 
 def replace_comments(app: Sphinx, page: str, source: list[str]) -> None:
-    """Replace a page's comments ``<!-- environment ID -->`` by :func:`environment_page`, ``<!-- try
-    NAME -->`` by a link to what is written for it, ``<!-- numbers -->`` by the table of ``pytest
-    --numbers``."""
+    """Replace the comments of a page that stand for generated text.
+
+    ``<!-- environment ID -->`` becomes :func:`environment_page`, ``<!-- try NAME -->`` becomes a
+    link to the page that is generated for it, and ``<!-- numbers -->`` becomes the table of
+    ``pytest --numbers``.
+    """
     link = '<p><a href="try/{}.html"><strong>Try it here</strong></a>, with nothing to install.</p>'
     file = Path(app.srcdir) / "_build" / "numbers.md"
     numbers = (
@@ -141,7 +144,7 @@ def find_reference(app: Sphinx, env: Any, node: Any, content: Any) -> Any:
 
 
 def setup(app: Sphinx) -> None:
-    """Called by Sphinx."""
+    """Connect the functions of this file to the events of Sphinx."""
     app.connect("source-read", replace_comments)
     app.connect("build-finished", write_pages)
     app.connect("missing-reference", find_reference)

@@ -49,7 +49,7 @@ def skip_member(app: Sphinx, what: str, name: str, member: Any, skip: bool, opti
 
 
 def setup(app: Sphinx) -> None:
-    """Called by Sphinx."""
+    """Connect the functions of this file to the events of Sphinx."""
     app.connect("autodoc-process-docstring", adapt_docstring, priority=400)
     app.connect("autodoc-process-docstring", join_names, priority=600)  # napoleon's is 500
     app.connect("autodoc-skip-member", skip_member)

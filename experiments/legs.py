@@ -38,7 +38,7 @@ def measure(episodes: int) -> dict[str, dict[str, dict[str, list[float]]]]:
     results: dict[str, dict[str, dict[str, list[float]]]] = {"policy": {}, "pid": {}}
     for legs, name in POLICIES.items():
         robot = {"robot": f"built:{legs}"}
-        env = gym.make(ENV, **robot)
+        env = gym.make(ENV, robot=robot["robot"])
         controllers = {
             "policy": pretrained.load(ENV, name),
             "pid": find_benchmark(ENV).baselines["pid"](env.unwrapped),

@@ -398,7 +398,7 @@ def phased_legs(phases: int) -> tuple[Leg, ...]:
     """Return a fore leg and a back leg for each of several evenly spaced crank pins.
 
     Args:
-        phases: Number of crank pins, from 1 to :data:`MOST_PHASES`.
+        phases: Number of crank pins, from 1 to ``MOST_PHASES``.
 
     Returns:
         All fore legs, followed by all back legs.

@@ -138,9 +138,9 @@ class Terrain:
 
     Raises:
         ValueError: If there are fewer than two points, a coordinate is larger than
-            :data:`FARTHEST`, x does not increase, a slope is steeper than 80 degrees, or a
+            ``FARTHEST``, x does not increase, a slope is steeper than 80 degrees, or a
             coefficient is out of range. The class methods raise it, too, if an argument is out of
-            range, or there are more than :data:`MOST_POINTS` vertices, waves, steps, blocks or
+            range, or there are more than ``MOST_POINTS`` vertices, waves, steps, blocks or
             ramps.
     """
 

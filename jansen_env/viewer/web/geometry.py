@@ -24,7 +24,7 @@ def scene_of_robot(robot: Robot, weight: float) -> dict[str, object]:
         weight: Weight of robot and payload, in N.
 
     Returns:
-        A dictionary with these entries:
+        A dictionary with the following entries.
 
         - ``style``: :data:`STYLE`.
         - ``joints``: Names of a leg's joints.

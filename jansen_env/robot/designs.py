@@ -276,7 +276,8 @@ def named_robot(name: str, argument: str = "robot") -> Robot:
     """
     design, colon, legs = name.partition(":")
     if design not in ROBOTS:
-        raise invalid(argument, name, f"one of {listed(sorted(ROBOTS), design)}")
+        known = listed(sorted(ROBOTS), design)
+        raise invalid(argument, name, f"a robot file (.json) or one of {known}")
     if not colon:
         return ROBOTS[design]()
     if not legs.isdecimal() or int(legs) % 2 or not 1 <= int(legs) // 2 <= MOST_PHASES:

@@ -44,7 +44,7 @@ REFUSED = {
         (["--rounds", "0"], "0"), (["--only", "x"], "x"), (["--out", f"{__file__}/out"], "out"),
     ],
     (drawings,): [
-        (["nobody"], "ROBOT must be one of"),
+        (["nobody"], "ROBOT must be a robot file (.json) or one of"),
         ([str(HASHES)], "walk_hashes.json is no robot file"),
         (["built", "--sheet", "400x300"], "--sheet is 400x300, must hold foot of 453x226 mm"),
         (["built", "--sheet", "wide"], "--sheet: must be WIDTHxHEIGHT in mm"),
@@ -60,7 +60,7 @@ REFUSED = {
         (["--command", "99"], "must be between"),
         (["--env-kwargs", "{speed_command: 2}"], "speed_command in --env-kwargs has no effect"),
         (["--env-kwargs", "{render_mode: human}"], "render_mode must be None or 'rgb_array'"),
-        (["--env-kwargs", "{robot: none}"], "robot must be one of"),
+        (["--env-kwargs", "{robot: none}"], "robot must be a robot file (.json) or one of"),
         (["--video", "a.avi"], "a.avi ends in '.avi', must end in one of ['.gif', '.mp4']"),
         (["--video", f"{__file__}/a.gif"], "a.gif"),
     ],

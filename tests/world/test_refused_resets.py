@@ -176,7 +176,7 @@ def test_a_state_whose_robot_could_have_no_later_episode_changes_nothing(robot, 
     [
         (OPEN, LinkageError, "does not close"),
         (paper_robot(3), ValueError, "must be on"),
-        ("hopper", ValueError, r"options\['robot'\] must be one of \['built',.*, got 'hopper'"),
+        ("hopper", ValueError, r"options\['robot'\] must be .*, got 'hopper'"),
         ("klann", ValueError, "a robot's linkage has the bodies"),
     ],
 )

@@ -31,5 +31,7 @@ def test_the_page_about_legs_shows_its_data(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.syspath_prepend(str(ROOT / "experiments"))
     results = json.loads((ROOT / "docs" / "legs" / "legs.json").read_text(encoding="utf-8"))
     page = (ROOT / "docs" / "legs.md").read_text(encoding="utf-8")
-    table = import_module("legs").table({name: results[name] for name in ("policy", "pid")})
-    assert table in page
+    legs = import_module("legs")
+    controllers = {name: results[name] for name in ("policy", "pid")}
+    for metric in legs.METRICS:
+        assert legs.table(controllers, metric) in page, metric

@@ -163,7 +163,7 @@ def test_an_empty_path_is_refused(arguments, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit):
         main(arguments)
-    assert "must be a path, got an empty text" in capsys.readouterr().err.splitlines()[0]
+    assert "must be a path, got an empty string" in capsys.readouterr().err.splitlines()[0]
     assert not [*tmp_path.iterdir()]
 
 

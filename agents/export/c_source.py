@@ -40,7 +40,7 @@ PER_LINE = 6  # numbers per line of an array
 def comment(text: object, longest: int = 200) -> str:
     """Return text that is safe within a C comment.
 
-    Characters that could end the comment or begin another one are replaced by underscores.
+    Characters that could end this comment or begin a new comment are replaced by underscores.
 
     Args:
         text: Text, or another object to convert to text.

@@ -182,9 +182,9 @@ class NormalizerUpdate(BaseCallback):
 class UpdateThreads(BaseCallback):
     """Callback that sets the number of torch threads: one for actions, more for updates.
 
-    An update uses as many threads as the simulation of the robots. Actions use a single thread,
-    because more threads slow down small batches. With MKL, the number of threads does not change a
-    single bit of an update.
+    An update uses the number of threads that the simulation of the robots uses. Actions use a
+    single thread, because more threads slow down small batches. With MKL, the number of threads
+    does not change a single bit of an update.
     """
 
     def _on_rollout_start(self) -> None:

@@ -177,9 +177,9 @@ def path_flag(text: str) -> Path:
         argparse.ArgumentTypeError: If the text is empty or contains a zero byte.
     """
     if not text.strip():
-        raise argparse.ArgumentTypeError("must be a path, got an empty text")
+        raise argparse.ArgumentTypeError("must be a path, got an empty string")
     if "\0" in text:
-        raise argparse.ArgumentTypeError(f"must have no zero byte, got {text!r}")
+        raise argparse.ArgumentTypeError(f"must not contain a null byte, got {text!r}")
     return Path(text)
 
 

@@ -133,7 +133,7 @@ def labels(names: list[str]) -> list[str]:
     policies = [model_file(name) or name for name in names]
     for policy, name in zip(policies, names, strict=True):
         if (times := policies.count(policy)) > 1:
-            raise ValueError(f"policy {name!r} is given {times} times, must be given once")
+            raise ValueError(f"policy {name!r} must be given only once, got it {times} times")
     short = [label(name) for name in names]
     return [a if short.count(b) > 1 else b for a, b in zip(names, short, strict=True)]
 

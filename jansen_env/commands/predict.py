@@ -38,7 +38,7 @@ from jansen_env.world.settings import load_robot
 ENV = "JansenWalkerBuilt-v0"
 WALKED, STOPPED = 8.0, 2.0  # s, approximate measured time, and time with the crank stopped
 WITHIN = {
-    "friction": (0.5, 1.0),  # of the feet on the ground
+    "friction": (0.5, 1.0),  # friction between feet and ground
     "mass": (0.97, 1.03),  # factor on the masses of all links
     "lengths": (-3e-4, 3e-4),  # m, error of each length, independent of the others
     "bearings": (0.5, 1.5),  # factor on the friction of the bearings
@@ -316,7 +316,8 @@ def walk(
 def measured_time(speed: float) -> float:
     """Return the time for which a rollout is measured, in s.
 
-    It is the time of as many half turns of the crank as fit into :data:`WALKED`, at least one.
+    It is :data:`WALKED`, rounded down to a whole number of half turns of the crank, and at least
+    one half turn.
 
     Args:
         speed: Crank speed, in rad/s.
@@ -438,7 +439,7 @@ def summary(values: Array, inputs: dict[str, Array]) -> dict[str, Any]:
         columns = (columns - columns.mean(axis=0)) / columns.std(axis=0)
         slopes = np.linalg.lstsq(columns, spread, rcond=None)[0]
         shares = slopes * (spread @ columns) / (spread @ spread)  # their sum is R^2
-        shares -= (1.0 - shares.sum()) / free  # subtract what is explained by chance
+        shares -= (1.0 - shares.sum()) / free  # subtract the part that chance explains
         ends = np.cumsum([part.shape[1] for part in inputs.values()])
         parts = [float(part.sum()) for part in np.split(shares, ends[:-1])]
         sources = {name: round(part, 3) for name, part in zip(inputs, parts, strict=True)}

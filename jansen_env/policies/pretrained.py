@@ -388,7 +388,9 @@ def check_action(
         ("control_dt", control_dt, within("control_dt", period, SHORTEST_PERIOD, LONGEST_PERIOD)),
     ):
         if not math.isclose(value, needed):
-            raise ValueError(f"{name} must be {needed} as of {env_id} with env.kwargs, got {value}")
+            raise ValueError(
+                f"{name} must be {needed}, the value of {env_id} with env.kwargs, got {value}"
+            )
     steps = whole_number("max_episode_steps", given["max_episode_steps"], least=1)
     if (count := steps * round(period / step)) > MOST_TIME_STEPS:
         raise ValueError(

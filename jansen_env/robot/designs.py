@@ -264,15 +264,17 @@ The argument of each function is the number of crank pins. Each crank pin drives
 
 @cache
 def named_robot(name: str, argument: str = "robot") -> Robot:
-    """Return a built-in design by its name, as users type it.
+    """Return the built-in design for a name such as "built" or "built:12".
 
     Args:
         name: A key of :data:`ROBOTS`. A colon and a number of legs may follow, for example
-            "built:12"; the legs are in pairs on evenly spaced crank pins.
+            "built:12". The legs are in pairs on evenly spaced crank pins. A unit of "strider"
+            counts as two legs.
         argument: Name of the argument, for the error message.
 
     Raises:
-        ValueError: If there is no such design, or if the number of legs is odd or too large.
+        ValueError: If there is no such design, or if the text after the colon is not an even
+            number from 2 to 200.
     """
     design, colon, legs = name.partition(":")
     if design not in ROBOTS:
@@ -281,6 +283,6 @@ def named_robot(name: str, argument: str = "robot") -> Robot:
     if not colon:
         return ROBOTS[design]()
     if not legs.isdecimal() or int(legs) % 2 or not 1 <= int(legs) // 2 <= MOST_PHASES:
-        allowed = f"the name of a design, ':' and an even number from 2 to {2 * MOST_PHASES}"
+        allowed = f"{design!r}, ':' and an even number of legs from 2 to {2 * MOST_PHASES}"
         raise invalid(argument, name, allowed)
     return ROBOTS[design](int(legs) // 2)

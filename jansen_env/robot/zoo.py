@@ -93,7 +93,9 @@ def robot_from_joints(
         return unscaled
     stands = standing_height(unscaled)
     if stands <= 0.0:
-        raise ValueError(f"height must be None for toes {-stands:g} m above O, got {height}")
+        raise ValueError(
+            f"height must be None because the toes are {-stands:g} m above O, got {height}"
+        )
     return of_scale(positive("height", height) / stands)
 
 

@@ -276,7 +276,7 @@ def _robot_of(name: str, value: object) -> Robot:
     if isinstance(value, (str, Path)) and str(value).endswith(".json"):
         return read_robot(value)
     if not isinstance(value, str):
-        raise invalid(name, value, f"a Robot or one of {sorted(ROBOTS)}")
+        raise invalid(name, value, f"a Robot, a robot file (.json) or one of {sorted(ROBOTS)}")
     return named_robot(value, name)
 
 

@@ -135,7 +135,7 @@ def test_policies_keep_labels_of_their_own(tmp_path, monkeypatch):
     assert named_policies.labels([first, "pid"]) == ["ppo/JansenWalker-v0_1", "pid"]
     assert named_policies.labels([first, second]) == [first, second]
     for twice in (["pid", "pid"], [first, f"./{first}"], [first, f"{first}/best_model.zip"]):
-        with pytest.raises(ValueError, match="is given 2 times"):
+        with pytest.raises(ValueError, match="must be given only once, got it 2 times"):
             named_policies.labels(twice)
 
 

@@ -69,7 +69,7 @@ REFUSED = {
     ],
     (replay,): [
         (["--policy", "pid"] * 3, "are given 3 times"),
-        (["--policy", "pid", "--policy", "pid"], "is given 2 times"),
+        (["--policy", "pid", "--policy", "pid"], "must be given only once"),
         (["--policy", "pid", "--out", "walk.htm"], "must end in .html"),
         (["--policy", "pid", "--steps", "20001"], "must be at most 20000"),
         (["--policy", "pid", "--env-kwargs", "{speed_command: 1}"], "must be in --command"),

@@ -271,7 +271,7 @@ def test_actions_are_held_to_those_of_the_environment(env_id, env_kwargs):
     limit, period = env.torque_limit, env.control_dt
     check_action(env_id, env_kwargs, limit, period)
     for wrong in ((1.01 * limit, period), (limit, 1.01 * period)):
-        with pytest.raises(ValueError, match=f"must be .* as of {env_id} with env.kwargs"):
+        with pytest.raises(ValueError, match=f"must be .*, the value of {env_id} with env.kwargs"):
             check_action(env_id, env_kwargs, *wrong)
 
 
@@ -353,7 +353,8 @@ LIMITS = {  # The unsupported fraction and the load, in weights, at 0.1, 0.2 and
 def test_the_page_states_the_limits(name):
     page = (Path(__file__).parents[2] / "docs" / "judging.md").read_text(encoding="utf-8")
     label = "pretrained" if name == pretrained.DEFAULT else f"pretrained:{name}"
-    unsupported, load = (", ".join(map(str, limits)) for limits in LIMITS[name])
+    unsupported = ", ".join(f"{limit:.2f}" for limit in LIMITS[name][0])
+    load = ", ".join(f"{limit:.1f}" for limit in LIMITS[name][1])
     rows = [line for line in page.splitlines() if line.startswith(f"| `{label}`")]
     assert any(f"| {unsupported} | {load} |" in row for row in rows), rows
 

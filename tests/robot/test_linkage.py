@@ -49,7 +49,7 @@ def upside_down(**given):
         (lambda: four_bar(dyads=[("B", "A", "A", -1)]), "must have three joints, and join two"),
         (lambda: four_bar(rocker={"P": (0.0, 0.0), "B": (0.3,)}), r"\['B'\] must be.*got \(0.3,\)"),
         (lambda: four_bar(rocker={"P": (0.0, 0.0), 3: (0.3, 0.0)}), "has a joint 3, must be a let"),
-        (lambda: upside_down(height=0.5), r"height must be None for toes .* got 0\.5"),
+        (lambda: upside_down(height=0.5), r"height must be None because the toes are .* got 0\.5"),
         (lambda: replace(JANSEN, toes="E"), "must be no toes, each once"),
         (lambda: replace(JANSEN, pins=JANSEN.pins[1:]), "must hold all bodies together at each"),
         (lambda: replace(JANSEN, damped=((1, 1),)), r"pair of bodies \(1, 1\), must be two from 1"),

@@ -21,10 +21,10 @@ from agents.training.runs import FINAL, last_state, locked, new_run_folder, reco
 from agents.training.scores import outcome, score_run
 from agents.training.train_model import prepare, train
 from jansen_env.checks import one_line
-from jansen_env.commands.flags import Parser, imported_env_id, non_negative_int, path_flag
-from jansen_env.commands.named_policies import shipped_file
+from jansen_env.cli.flags import Parser, imported_env_id, non_negative_int, path_flag
+from jansen_env.cli.named_policies import shipped_file
+from jansen_env.cli.process import run
 from jansen_env.files import check_writable
-from jansen_env.process import run
 from jansen_env.sb3.run_config import ALGORITHMS, RunConfig, load_config
 from jansen_env.scoring.benchmarks import DEFAULT, find_benchmark
 

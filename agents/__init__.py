@@ -7,6 +7,8 @@ from importlib.util import find_spec
 
 WAITING = ("OMP_WAIT_POLICY", "GOMP_SPINCOUNT", "KMP_BLOCKTIME")
 """Environment variables that determine how the threads of OpenMP wait."""
+GROUPS = ("distributed",)
+"""Dependency groups of ``pyproject.toml``, which pip installs from version 25.1 on."""
 SPINS = "2000"  # number of spins of a waiting thread before it sleeps
 
 
@@ -14,18 +16,33 @@ def need(extra: str, *names: str, who: str = "agents") -> None:
     """Check that packages are installed.
 
     Args:
-        extra: Extra of this package that installs them.
+        extra: Extra or dependency group of this package that installs them.
         *names: Names of the packages.
         who: Program that needs the packages.
 
     Raises:
-        SystemExit: If a package is missing. The message names the extra.
+        SystemExit: If a package is missing. The message has the command that installs it.
     """
     if missing := [name for name in names if find_spec(name) is None]:
+        packages = '".[train]" --group ' + extra if extra in GROUPS else f'".[{extra}]"'
         raise SystemExit(
-            f"{who} needs {', '.join(missing)}, which the extra {extra!r} installs: "
-            f'python -m pip install -c constraints.txt -e ".[{extra}]"'
+            f"{who} needs {', '.join(missing)}: "
+            f"python -m pip install -c constraints.txt -e {packages}"
         )
+
+
+def need_workshop(who: str) -> None:
+    """Check that the package ``jansen_workshop``, which is beside ``agents``, is installed.
+
+    Args:
+        who: Program that needs the package.
+
+    Raises:
+        SystemExit: If the package is missing.
+    """
+    if find_spec("jansen_workshop") is None:
+        command = "python -m pip install -c constraints.txt -e . -e workshop"
+        raise SystemExit(f"{who} needs jansen_workshop: {command}")
 
 
 NEEDED = (

@@ -21,13 +21,13 @@ import jansen_env
 from agents.training.train_model import prepare
 from jansen_env.arrays import Array
 from jansen_env.checks import named_errors, one_of, shown
-from jansen_env.commands.flags import Parser, episode_count, non_negative_int, path_flag
-from jansen_env.commands.named_policies import model_file
-from jansen_env.commands.progress import progress
+from jansen_env.cli.flags import Parser, episode_count, non_negative_int, path_flag
+from jansen_env.cli.named_policies import model_file
+from jansen_env.cli.process import run
+from jansen_env.cli.progress import progress
 from jansen_env.files import check_writable, write_bytes, write_json
 from jansen_env.policies import pretrained
 from jansen_env.policies.pretrained import PretrainedPolicy
-from jansen_env.process import run
 from jansen_env.sb3.run_config import RunConfig, find_config, load_config, make_config
 from jansen_env.sb3.trained import (
     CLIP,

@@ -23,14 +23,14 @@ import numpy as np
 import torch
 import yaml
 
-from agents.training.config import SHIPPED, add_run_flags, new_config, training_folder
+from agents.training.config import SHIPPED, add_run_flags, new_config
 from agents.training.runs import FINAL, last_state, locked, read_evaluations, record_run
 from agents.training.scores import score_run
 from agents.training.train_model import prepare, train
 from jansen_env import process
 from jansen_env.arrays import Array
 from jansen_env.checks import instance
-from jansen_env.commands.flags import (
+from jansen_env.cli.flags import (
     Parser,
     env_id,
     non_negative_int,
@@ -38,10 +38,11 @@ from jansen_env.commands.flags import (
     positive_int,
     whole,
 )
-from jansen_env.commands.plots import save
+from jansen_env.cli.plots import save
 from jansen_env.files import write_text
-from jansen_env.plain_yaml import read_yaml
+from jansen_env.files.plain_yaml import read_yaml
 from jansen_env.plants.threads import available_cores
+from jansen_env.registration import training_folder
 from jansen_env.sb3.run_config import ALGORITHMS, Arguments, load_config, make_config
 from jansen_env.scoring.benchmarks import DEFAULT
 from jansen_env.scoring.metrics import CONFIDENCE, Interval, interval_text

@@ -15,13 +15,13 @@ import numpy as np
 
 from jansen_env import __version__
 from jansen_env.arrays import Array
-from jansen_env.baselines.pid import PID
-from jansen_env.baselines.policy import Controlled, TorquePolicy, columns
 from jansen_env.checks import listed
-from jansen_env.commands.flags import Parser, episode_count, path_flag
-from jansen_env.commands.progress import progress
+from jansen_env.cli.flags import Parser, episode_count, path_flag
+from jansen_env.cli.process import run
+from jansen_env.cli.progress import progress
 from jansen_env.files import check_writable, write_json
-from jansen_env.process import run
+from jansen_env.policies.pid import PID
+from jansen_env.policies.policy import Controlled, TorquePolicy, columns
 from jansen_env.robot import ROBOTS, named_robot
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.metrics import Episodes

@@ -27,10 +27,10 @@ from tabulate import tabulate
 
 import jansen_env
 from jansen_env import ROBOTS, Robot, Terrain, paper_robot
-from jansen_env.commands.flags import Parser, path_flag, whole
+from jansen_env.cli.flags import Parser, path_flag, whole
+from jansen_env.cli.process import run
 from jansen_env.files import check_writable, write_text
 from jansen_env.plants.threads import available_cores
-from jansen_env.process import run
 from jansen_env.terrain.generators import make_generator
 
 PACKAGES = "box2d", "envpool", "gymnasium", "mujoco", "numpy", "pymunk"

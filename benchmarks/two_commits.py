@@ -23,7 +23,7 @@ import gymnasium as gym
 import numpy as np
 from tabulate import tabulate
 
-from jansen_env.commands.flags import Parser, positive_int
+from jansen_env.cli.flags import Parser, positive_int
 from jansen_env.files import check_writable, write_text
 
 ENVIRONMENTS = ("JansenWalkerBuilt-v0", "JansenWalkerRough-v0", "JansenWalkerHardcore-v0")

@@ -14,7 +14,7 @@ from sphinx.application import Sphinx
 from tabulate import tabulate
 
 import jansen_env
-from jansen_env.commands import replay
+from jansen_env.cli import replay
 from jansen_env.viewer.web.bench import write_bench
 from jansen_env.viewer.web.page import write_page
 from jansen_env.viewer.web.walk import write_walk

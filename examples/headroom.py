@@ -21,8 +21,8 @@ import gymnasium as gym
 import numpy as np
 
 import jansen_env  # noqa: F401
-from jansen_env.baselines.policy import columns
 from jansen_env.policies import pretrained
+from jansen_env.policies.policy import columns
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.rollout import make_envs, run_episodes
 

@@ -6,7 +6,7 @@ Run the example as follows:
         [--address auto] [--env JansenCrank-v0] [--checkpoint FOLDER]
 
 Env runners step the robots, and learners average their gradients. If an env runner dies, it is
-replaced. The example requires the extra `distributed`; see docs/frameworks.md.
+replaced. The example requires the dependency group `distributed`; see docs/frameworks.md.
 """
 
 import argparse
@@ -104,7 +104,7 @@ ray.shutdown()
 
 
 def predict(observation, state=None, episode_start=None, deterministic=True):
-    """Return the mean action, with the signature of :class:`jansen_env.baselines.policy.Policy`."""
+    """Return the mean action, with the signature of :class:`jansen_env.policies.policy.Policy`."""
     with torch.no_grad():
         batch = {"obs": torch.as_tensor(observation, dtype=torch.float32)}
         mean = module.forward_inference(batch)["action_dist_inputs"][:, :1]

@@ -15,7 +15,7 @@ import gymnasium as gym
 from agents.training.config import new_config
 from agents.training.runs import record_run
 from agents.training.train_model import prepare, train
-from jansen_env.commands.enjoy import save_video
+from jansen_env.cli.enjoy import save_video
 from jansen_env.sb3.trained import load_policy
 
 ENV = "JansenWalkerBuilt-v0"

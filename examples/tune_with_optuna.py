@@ -7,7 +7,7 @@ Run the example as follows. It writes best.yml.
 The defaults are ppo and 16 trials of 800,000 steps, which take half an hour. For the other
 algorithms, the configurations in the package were found with 12 trials; see docs/studies.md.
 
-The example requires the extra `tune`, which installs Optuna.
+The example requires the extra `design`, which installs Optuna.
 """
 
 import sys

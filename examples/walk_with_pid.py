@@ -13,7 +13,7 @@ import gymnasium as gym
 import numpy as np
 
 import jansen_env  # noqa: F401  # registers the environments
-from jansen_env.commands.enjoy import save_video
+from jansen_env.cli.enjoy import save_video
 from jansen_env.tasks.walking.walker_benchmark import BASELINES
 
 steps = int(sys.argv[1]) if len(sys.argv) > 1 else 300

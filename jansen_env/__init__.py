@@ -1,6 +1,6 @@
 """jansen_env: the Theo Jansen walking linkage as a Gymnasium environment."""
 
-from jansen_env.loading import end_quietly_while_loading
+from jansen_env.cli.loading import end_quietly_while_loading
 
 end_quietly_while_loading()  # before the imports that take most of the time
 

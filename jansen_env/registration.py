@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+from pathlib import Path
+
+import gymnasium as gym
 from gymnasium.envs import registration
 
 IDS: list[str] = []  # ids of all environments registered here, for commands, train.py and tests
@@ -36,3 +40,13 @@ def register(
     )
     if env_id not in IDS:
         IDS.append(env_id)
+
+
+def training_folder(env_id: str) -> Path:
+    """Return the folder of an environment's training configurations, which is next to its module.
+
+    Args:
+        env_id: Id of the environment.
+    """
+    module = str(gym.spec(env_id).entry_point).partition(":")[0]
+    return Path(str(import_module(module).__file__)).parent / "training" / env_id

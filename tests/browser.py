@@ -81,7 +81,7 @@ def browser():
     try:
         from playwright.sync_api import sync_playwright
     except ImportError:
-        missing("playwright is missing: pip install '.[browser]'")
+        missing("playwright is missing: pip install --group browser")
     if (path := chromium()) is None:
         missing("Chromium is missing: apt-get install chromium, or set $CHROMIUM")
     with sync_playwright() as driver:

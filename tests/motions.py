@@ -8,8 +8,8 @@ import pytest
 
 from jansen_env import ROBOTS, Compliance, Leg, Payload, Robot, Terrain, paper_robot
 from jansen_env.dynamics import reduced as rd
-from jansen_env.gravity import GRAVITY
-from jansen_env.parameters import nominal
+from jansen_env.dynamics.gravity import GRAVITY
+from jansen_env.plants.parameters import nominal
 from jansen_env.plants.plant import ProjectionPlant, RigidBodyPlant
 from jansen_env.robot import RIGID
 from jansen_env.robot.kinematics import coordinates, joint_positions

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from jansen_env import ROBOTS, Compliance, Terrain
-from jansen_env.export_mjcf import body_names, hinge_angles, to_mjcf
+from jansen_env.plants.mujoco_model import body_names, hinge_angles, to_mjcf
 from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.plants.rigid.bodies import poses
 

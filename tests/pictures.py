@@ -9,7 +9,7 @@ from typing import Any
 from browser import ARGUMENTS, chromium, draw_path
 from PIL import Image
 
-from jansen_env.commands.replay import main as record
+from jansen_env.cli.replay import main as record
 from jansen_env.files import write_whole
 from jansen_env.viewer.web.bench import write_bench
 from jansen_env.viewer.web.walk import write_walk
@@ -90,7 +90,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("docs", type=Path, help="folder of the documentation")
     docs = parser.parse_args().docs
-    from playwright.sync_api import sync_playwright  # of the extra `browser`
+    from playwright.sync_api import sync_playwright  # of the group `browser`
 
     with TemporaryDirectory() as name, sync_playwright() as playwright:
         page = Path(name) / "walk.html"

@@ -7,8 +7,8 @@ import pytest
 
 from jansen_env import __version__
 from jansen_env.__main__ import COMMANDS, main
-from jansen_env.commands.flags import Parser
-from jansen_env.process import guarded
+from jansen_env.cli.flags import Parser
+from jansen_env.cli.process import guarded
 
 OPTIONAL = ("PIL", "cma", "ezdxf", "imageio", "imageio_ffmpeg", "matplotlib", "mujoco", "rich",
             "scipy", "stable_baselines3", "tabulate", "torch", "yaml")  # fmt: skip

@@ -12,9 +12,18 @@ from typing import Any
 import pytest
 
 from jansen_env.__main__ import main as jansen_env
+from jansen_workshop.__main__ import main as jansen_workshop
 
 ROOT = Path(__file__).parents[1]
-PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("*/README.md"), *ROOT.glob("docs/**/*.md")])
+SCRIPTS = {"jansen-env": jansen_env, "jansen-workshop": jansen_workshop}
+PAGES = sorted(
+    [
+        *ROOT.glob("*.md"),
+        *ROOT.glob("*/README.md"),
+        *ROOT.glob("workshop/*/README.md"),
+        *ROOT.glob("docs/**/*.md"),
+    ]
+)
 SLOW = {"export", "policies", "training"}
 """Pages whose Python takes more than a second."""
 IDS = [str(page.relative_to(ROOT)) for page in PAGES]
@@ -50,8 +59,8 @@ def command_lines(page: Path) -> Iterator[str]:
     text = re.sub(r"\\\n\s*", " ", page.read_text(encoding="utf-8"))
     fenced = re.findall(r"^```(?:bash|console)\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
     others = re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)
-    indented = re.findall(r"^ {4,}((?:python|jansen-env) .*)", others, re.MULTILINE)
-    within_text = re.findall(r"`((?:python|jansen-env) [^`]*)`", others)
+    indented = re.findall(r"^ {4,}((?:python|jansen-env|jansen-workshop) .*)", others, re.MULTILINE)
+    within_text = re.findall(r"`((?:python|jansen-env|jansen-workshop) [^`]*)`", others)
     for block in [*fenced, *indented, *(line.replace("\n", " ") for line in within_text)]:
         yield from re.split(r"\n|&&|;", block)
 
@@ -63,8 +72,8 @@ def commands() -> dict[tuple[str, ...], set[str]]:
     for page in PAGES:
         for line in command_lines(page):
             words = shlex.split(line, comments=True)
-            if "jansen-env" in words:
-                words = words[words.index("jansen-env") :]
+            if script := next((name for name in SCRIPTS if name in words), None):
+                words = words[words.index(script) :]
             elif "python" in words:
                 words = words[words.index("python") + 1 :]
             else:
@@ -77,7 +86,7 @@ def commands() -> dict[tuple[str, ...], set[str]]:
 
 def _has_help(program: tuple[str, ...]) -> bool:
     """Return whether a program is one of this project that parses its command line."""
-    if program[0] == "jansen-env":
+    if program[0] in SCRIPTS:
         return True
     if program[0] == "-m":
         return program[1].split(".")[0] in ("agents", "benchmarks")
@@ -97,8 +106,8 @@ def test_commands_have_the_options_that_pages_use(
     monkeypatch.syspath_prepend(ROOT)
     monkeypatch.setattr(sys, "argv", [program[-1], "--help"])
     with pytest.raises(SystemExit) as exited:
-        if program[0] == "jansen-env":
-            jansen_env([program[1], "--help"])
+        if program[0] in SCRIPTS:
+            SCRIPTS[program[0]]([program[1], "--help"])
         elif program[0] == "-m":
             runpy.run_module(program[1], run_name="__main__")
         else:

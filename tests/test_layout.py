@@ -11,24 +11,25 @@ import pytest
 from agents import NEEDED
 
 ROOT = Path(__file__).parents[1]
+WORKSHOP = "workshop/jansen_workshop"
 ORDER = (
-    ["arrays", "checks", "files", "loading", "plain_yaml", "process", "registration", "uniform"],
+    ["arrays", "checks", "files", "cli.loading", "cli.process", "registration", "uniform"],
     ["engine"],
-    ["gravity", "robot", "terrain"],
-    ["parameters", "rendering"],
+    ["robot", "terrain"],
     ["dynamics"],
     ["plants"],
     ["world"],
     ["tasks.task", "tasks.information"],
-    ["baselines"],
+    ["policies.pid", "policies.policy"],
     ["scoring.metrics"],
     ["envs"],
     ["tasks"],
     ["policies"],
     ["scoring"],
-    ["drawings", "export_mjcf", "sb3", "viewer", "paper"],
-    ["commands"],
+    ["sb3", "viewer", "paper"],
+    ["cli"],
     ["__main__"],
+    ["jansen_workshop"],
     ["agents.training"],
     ["agents.pack"],
     ["agents.export"],
@@ -39,7 +40,7 @@ ORDER = (
 RANK = {part: rank for rank, parts in enumerate(ORDER) for part in parts}
 FILES = [
     path
-    for folder in ("jansen_env", "agents", "benchmarks", "examples", "experiments")
+    for folder in ("jansen_env", "agents", "benchmarks", "examples", "experiments", WORKSHOP)
     for path in sorted((ROOT / folder).rglob("*.py"))
     if path != ROOT / "jansen_env" / "__init__.py"  # what users import, from everywhere
 ] + [ROOT / "train.py"]
@@ -47,8 +48,6 @@ FILES = [
 
 def part_of(module: str) -> str | None:
     """The part that a module belongs to; None for one of another project."""
-    if module.startswith("jansen_env.parameters"):  # plain data, which plants read as well
-        return "parameters"
     if module in ("agents", "agents.need"):  # whose modules are named beside it
         return None
     names = [name for name in module.split(".") if name != "jansen_env"]
@@ -74,14 +73,15 @@ def test_agents_ask_for_all_packages_that_they_import():
     """Beside those that the package itself needs, and those that have extras of their own."""
     paths = [path for path in FILES if path.is_relative_to(ROOT / "agents")]
     packages = {name.split(".")[0] for path in paths for name in imported(path)}
-    others = {"agents", "jansen_env", "benchmarks", "gymnasium", "numpy", "safetensors"}
+    others = {"agents", "jansen_env", "jansen_workshop", "gymnasium", "numpy", "safetensors"}
     others |= {"jinja2", "onnx", "onnxruntime", "pymoo", "pandas", "ray"}
     assert packages - others - sys.stdlib_module_names <= {*NEEDED}
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_imports_go_in_one_direction(path):
-    part = part_of(".".join(path.relative_to(ROOT).with_suffix("").parts))
+    relative = path.relative_to(ROOT / "workshop" if "workshop" in path.parts else ROOT)
+    part = part_of(".".join(relative.with_suffix("").parts))
     assert part is not None, "a part that ORDER does not name"
     wrong = [m for m in imported(path) if RANK.get(part_of(m) or "", 0) > RANK[part]]
     assert not wrong

@@ -11,18 +11,19 @@ import numpy as np
 import pytest
 
 from jansen_env.__main__ import main
-from jansen_env.loading import runs_command
-from jansen_env.process import guarded
+from jansen_env.cli.loading import runs_command
+from jansen_env.cli.process import guarded
 from jansen_env.robot import ROBOTS
 from jansen_env.robot.robot_file import robot_from_json, robot_to_json
 from jansen_env.viewer.recording import Recording
 
 ROOT = Path(__file__).parents[1]
-JANSEN = ("-m", "jansen_env")
+PACKAGES = os.pathsep.join([str(ROOT), str(ROOT / "workshop")])
+JANSEN, WORKSHOP = ("-m", "jansen_env"), ("-m", "jansen_workshop")
+LOG = ROOT / "workshop" / "measurements" / "synthetic_economy_1.csv"
 COMMANDS = [
-    (*JANSEN, "mjcf", "paper"), (*JANSEN, "--help"), ("-m", "agents.measurements", "--help"),
-    ("-m", "agents.tune", "--help"), ("-m", "agents.measurements",
-                                      str(ROOT / "measurements" / "synthetic_economy_1.csv")),
+    (*JANSEN, "mjcf", "paper"), (*JANSEN, "--help"), (*WORKSHOP, "measurements", "--help"),
+    ("-m", "agents.tune", "--help"), (*WORKSHOP, "measurements", str(LOG)),
 ]  # fmt: skip
 
 
@@ -30,7 +31,7 @@ def start(*arguments, **kwargs):
     return subprocess.Popen(
         [sys.executable, *arguments], stderr=subprocess.PIPE, text=True,
         cwd=kwargs.pop("cwd", ROOT),
-        env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "",
+        env={**os.environ, "PYTHONPATH": PACKAGES, "PYTHONUNBUFFERED": "",
              "SDL_VIDEODRIVER": "dummy"}, **kwargs,
     )  # fmt: skip
 
@@ -143,7 +144,6 @@ def test_a_signal_that_comes_in_a_destructor_is_not_lost(number, status, capsys)
 
 
 @pytest.mark.parametrize("arguments", [
-    ["predict", "built", "--copies", "1e10"],
     ["evaluate", "--policy", "pid", "--episodes", "1e10"],
     ["evaluate", "--policy", "pid", "--random-commands", "1e10"],
     ["enjoy", "--episodes", "1e10"],
@@ -155,8 +155,8 @@ def test_numbers_are_bounded(arguments, capsys):
 
 
 @pytest.mark.parametrize("arguments", [
-    ["drawings", "weekend", "--out", ""], ["evaluate", "--policy", "pid", "--out", ""],
-    ["predict", "built", "--out", ""], ["paper", "--out", " "], ["play", "--out", ""],
+    ["evaluate", "--policy", "pid", "--out", ""],
+    ["paper", "--out", " "], ["play", "--out", ""],
     ["enjoy", "--video", ""], ["replay", "--out", ""], ["mjcf", "paper", "--out", ""],
 ], ids=" ".join)  # fmt: skip
 def test_an_empty_path_is_refused(arguments, capsys, tmp_path, monkeypatch):

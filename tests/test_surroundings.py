@@ -17,7 +17,6 @@ print(env.step([0.3])[1], env.render().shape)
 RUNS = {
     "walk": ["-c", WALK],
     "replay": ["-m", "jansen_env", "replay", "--steps", "20", "--out", "a walk.html"],
-    "drawings": ["-m", "jansen_env", "drawings", "built", "--out", "the parts"],
     "evaluate": ["-m", "jansen_env", "evaluate", "--policy", "pid", "--episodes", "1",
                  "--commands", "0.3"],
     "train": [str(Path(__file__).parents[1] / "train.py"), "-n", "512", "--n-envs", "2",

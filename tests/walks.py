@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jansen_env.baselines.policy import PAPER_PID
+from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.engine.walk_reward import FALLEN_PITCH
-from jansen_env.gravity import GRAVITY
+from jansen_env.policies.policy import PAPER_PID
 
 CONTROL_DT = 0.02  # s for which a torque is held
 SETTLE = 2.0  # s of walking that are not measured

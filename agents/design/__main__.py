@@ -16,10 +16,10 @@ from tqdm import tqdm
 from agents.design.design_plan import PLANS, Plan, make_plan, read_plan
 from agents.design.design_report import REPORT, ROBOT, write_report
 from agents.design.search import Journal, best_of, run_search
-from jansen_env.commands.flags import Parser, mapping, path_flag, positive_int
+from jansen_env.cli.flags import Parser, mapping, path_flag, positive_int
+from jansen_env.cli.process import run
 from jansen_env.files import write_text
-from jansen_env.plain_yaml import read_yaml
-from jansen_env.process import run
+from jansen_env.files.plain_yaml import read_yaml
 from jansen_env.robot.robot_file import read_robot, write_robot
 
 PLAN = "plan.yml"

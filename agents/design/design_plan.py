@@ -9,7 +9,7 @@ from types import NoneType
 from agents.design.measures import GROUPS, MEASURES
 from agents.design.variables import Space
 from jansen_env.checks import named_errors, one_of, shown
-from jansen_env.plain_yaml import Rule, check_keys, read_yaml
+from jansen_env.files.plain_yaml import Rule, check_keys, read_yaml
 from jansen_env.scoring.benchmarks import WALKERS, check_env_kwargs
 from jansen_env.scoring.rollout import EnvKwargs
 

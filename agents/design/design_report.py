@@ -1,6 +1,7 @@
 """Report of a search: a table, figures, robot files and crank-speed profiles."""
 
 from contextlib import suppress
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,7 @@ from agents.design.design_plan import Plan
 from agents.design.measures import MEASURES, geometry_measures
 from agents.design.search import Journal, best_of, front_of, make_walker, measure, objectives_of
 from agents.design.variables import Candidate
-from jansen_env.commands.plots import save
-from jansen_env.drawings.shaft_order import layers
+from jansen_env.cli.plots import save
 from jansen_env.files import write_json, write_text
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import toe_positions, world_joints
@@ -90,9 +90,15 @@ def write_report(plan: Plan, folder: Path, results: dict[str, Journal]) -> str:
 def assembles(robot: Robot) -> str:
     """Return "yes" if the workshop drawings find an order of links without collisions, else "no".
 
+    Without the package ``jansen_workshop``, return "not known".
+
     Args:
         robot: Robot to assemble.
     """
+    if find_spec("jansen_workshop") is None:
+        return "not known"
+    from jansen_workshop.drawings.shaft_order import layers
+
     with suppress(ValueError):
         layers(robot)
         return "yes"

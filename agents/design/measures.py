@@ -10,17 +10,16 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from agents import need_workshop
 from agents.design.variables import Candidate
 from jansen_env.arrays import Array
-from jansen_env.baselines.policy import TorquePolicy, columns
-from jansen_env.drawings.outlines import gap
-from jansen_env.drawings.shaft_order import layers
+from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.dynamics.reduced import CONVERGED, compile_robot
 from jansen_env.engine.walk_reward import ENOUGH
-from jansen_env.gravity import GRAVITY
 from jansen_env.plants.base import static_deflection
 from jansen_env.plants.batch import Batch
 from jansen_env.plants.trace import trace_forces
+from jansen_env.policies.policy import TorquePolicy, columns
 from jansen_env.robot import Bar, Robot, kinematics
 from jansen_env.robot import buildable as built
 from jansen_env.robot.lengths import lengths
@@ -400,14 +399,19 @@ def path_error(path: NDArray[np.complex128], target: NDArray[np.complex128]) -> 
 def shared_planes(robot: Robot) -> list[tuple[Part, Part]]:
     """Return the pairs of links that lie in the same layer of the first unit of legs.
 
-    The layers are those of the workshop drawings.
+    The layers are those of the workshop drawings, so the package ``jansen_workshop`` must be
+    installed.
 
     Args:
         robot: The robot.
 
     Raises:
+        SystemExit: If the package is not installed.
         ValueError: If links collide in every order of layers.
     """
+    need_workshop("the measure 'clearance'")
+    from jansen_workshop.drawings.shaft_order import layers
+
     first = [placed for placed in layers(robot) if placed.unit == 0]
     return [
         ((a.leg, a.body - 1), (b.leg, b.body - 1))
@@ -426,6 +430,8 @@ def clearance(robot: Robot, planes: Sequence[tuple[Part, Part]]) -> float:
     Returns:
         The gap in m; negative if links overlap.
     """
+    from jansen_workshop.drawings.outlines import gap
+
     turn = np.linspace(0.0, 2.0 * math.pi, SAMPLES // 2, endpoint=False)
     at = {
         k: kinematics.joint_positions(robot, robot.legs[k].side, turn + robot.legs[k].phase) @ PLANE

@@ -7,7 +7,7 @@ import numpy as np
 
 from jansen_env.arrays import Array
 from jansen_env.checks import shown
-from jansen_env.plain_yaml import Rule, check_keys
+from jansen_env.files.plain_yaml import Rule, check_keys
 from jansen_env.robot import Robot
 from jansen_env.robot.lengths import lengths, with_lengths
 from jansen_env.tasks.walking.profile import DATA, load_profile

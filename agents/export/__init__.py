@@ -11,8 +11,8 @@ from pathlib import Path
 from agents import need
 from agents.export import c_source, onnx_model
 from agents.pack import read
-from jansen_env.commands.flags import Parser, env_id, path_flag
-from jansen_env.commands.named_policies import shipped_file
+from jansen_env.cli.flags import Parser, env_id, path_flag
+from jansen_env.cli.named_policies import shipped_file
 from jansen_env.files import write_bytes
 from jansen_env.scoring.benchmarks import DEFAULT
 

@@ -13,9 +13,9 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 import jansen_env
 from jansen_env.arrays import Array
 from jansen_env.checks import shown
+from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.engine import onboard_estimates, walk_reward
 from jansen_env.engine.walk_reward import STEPS_PER_TURN
-from jansen_env.gravity import GRAVITY
 from jansen_env.policies.pretrained import Harmonics, PretrainedPolicy, arguments_of
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.world import onboard

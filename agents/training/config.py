@@ -2,33 +2,20 @@
 
 import argparse
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 
-import gymnasium as gym
-
-from jansen_env.commands.flags import (
+from jansen_env.cli.flags import (
     episode_count,
     mapping,
     non_negative_int,
     positive_int,
     whole,
 )
-from jansen_env.registration import IDS
+from jansen_env.registration import IDS, training_folder
 from jansen_env.sb3.run_config import MOST_ENVS, Arguments, RunConfig, load_config
 from jansen_env.scoring.benchmarks import DEFAULT
 
 SHIPPED = "shipped"  # stands for the configuration in the package, instead of a path
-
-
-def training_folder(env_id: str) -> Path:
-    """Return the folder of an environment's training configurations, which is next to its module.
-
-    Args:
-        env_id: Id of the environment.
-    """
-    module = str(gym.spec(env_id).entry_point).partition(":")[0]
-    return Path(str(import_module(module).__file__)).parent / "training" / env_id
 
 
 def shipped_configs() -> list[Path]:

@@ -5,9 +5,9 @@ import shlex
 from pathlib import Path
 
 from agents.training.runs import BEST, FINAL, read_evaluations
-from jansen_env.commands.named_policies import label, load_named
-from jansen_env.commands.plots import write_scores
-from jansen_env.commands.progress import progress
+from jansen_env.cli.named_policies import label, load_named
+from jansen_env.cli.plots import write_scores
+from jansen_env.cli.progress import progress
 from jansen_env.sb3.run_config import RunConfig
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.evaluation import Scores, evaluate

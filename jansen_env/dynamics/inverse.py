@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jansen_env.arrays import Array
+from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.dynamics.reduced import body_sums, compile_robot
-from jansen_env.gravity import GRAVITY
 from jansen_env.robot import Robot
 
 

@@ -25,6 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jansen_env.arrays import Array
+from jansen_env.dynamics.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.dynamics.pads import pad_layout
 from jansen_env.dynamics.projection import (
     DOF,
@@ -38,7 +39,6 @@ from jansen_env.dynamics.projection import (
     tangent_matrix,
     times,
 )
-from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.robot import Linkage, Robot
 from jansen_env.robot.kinematics import world_joints
 

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.arrays import Array, Ints
+from jansen_env.dynamics.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.engine.mathematics import directions
-from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.robot import Robot, Side
 from jansen_env.robot.kinematics import coordinates
 from jansen_env.robot.linkage import FRAME, INDEPENDENT

@@ -45,6 +45,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.arrays import Array
+from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.dynamics.pads import Pads, pad_layout
 from jansen_env.engine.closure import put_turn_angles
 from jansen_env.engine.reduction import (
@@ -57,7 +58,6 @@ from jansen_env.engine.reduction import (
     put_turn,
     put_work_shapes,
 )
-from jansen_env.gravity import GRAVITY
 from jansen_env.robot import RIGID, Payload, Robot
 from jansen_env.robot.kinematics import coordinates, joint_positions, nearest_dead_point
 from jansen_env.robot.motor import IDEAL

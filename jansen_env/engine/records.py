@@ -175,7 +175,10 @@ PARAMETERS = row_dtype(
         "gravity_scale",
     )
 )
-"""Parameters of an episode; :data:`jansen_env.parameters.TABLE` has their meanings and limits."""
+"""Parameters of an episode.
+
+:data:`jansen_env.plants.parameters.TABLE` has their meanings and limits.
+"""
 
 STATE = ("x_position", "x_velocity", "pitch", "crank_angle", "crank_speed", "crank_torque")
 SUPPORT = ("ground_load", "unsupported")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from jansen_env import checks
 from jansen_env.arrays import Array, Bools
-from jansen_env.rendering import Renderer
+from jansen_env.world.rendering import Renderer
 from jansen_env.world.settings import Values, entries_of
 
 MOST_ROBOTS = 1_000_000  # largest number of robots of a vector environment, which take gigabytes

@@ -13,11 +13,11 @@ import numpy as np
 from tabulate import tabulate
 
 from jansen_env.dynamics import projection
-from jansen_env.gravity import GRAVITY
+from jansen_env.dynamics.gravity import GRAVITY
+from jansen_env.files.plain_yaml import read_yaml
 from jansen_env.paper import toes
 from jansen_env.paper.fixed_model import SETTLED, crank_only
 from jansen_env.paper.results import FRICTIONS, SLOW, TORQUES, WALK, Results
-from jansen_env.plain_yaml import read_yaml
 from jansen_env.robot import paper_robot
 
 HOLDS, CONDITION, FAILS = "holds", "holds with a condition", "does not hold"

@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jansen_env.arrays import Array
+from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.files import write_whole
-from jansen_env.gravity import GRAVITY
 from jansen_env.paper import toes
 from jansen_env.paper.claims import PRINTED_LEVEL
 from jansen_env.paper.fixed_model import SETTLED

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jansen_env.arrays import Array, Bools
-from jansen_env.baselines.pid import PID
 from jansen_env.plants.plant import ProjectionPlant
+from jansen_env.policies.pid import PID
 from jansen_env.robot import Robot
 from jansen_env.terrain import Terrain
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from jansen_env.arrays import Array, Bools, Ints, Rows
 from jansen_env.checks import finite
+from jansen_env.dynamics.gravity import GRAVITY, Gravity
 from jansen_env.dynamics.joint_forces import JointForces, joint_forces
 from jansen_env.dynamics.reduced import Tables, compile_robot
 from jansen_env.engine import collision, episode, integrator
@@ -18,8 +19,6 @@ from jansen_env.engine.collision import MARGIN, SPECULATIVE_MARGIN
 from jansen_env.engine.episode import Episodes, Observing
 from jansen_env.engine.records import PLANE, UNKNOWN_DEFLECTION, Scratch
 from jansen_env.engine.tables import energy
-from jansen_env.gravity import GRAVITY, Gravity
-from jansen_env.parameters import nominal, plain
 from jansen_env.plants.base import (
     check_colliding,
     check_held,
@@ -30,6 +29,7 @@ from jansen_env.plants.base import (
 from jansen_env.plants.batched_plant import GRAVITY_XY, BatchedPlant
 from jansen_env.plants.design_tables import DesignTables
 from jansen_env.plants.kernel_arrays import KernelArrays
+from jansen_env.plants.parameters import nominal, plain
 from jansen_env.plants.robot_parameters import (
     check_resolved,
     check_restitution,
@@ -213,7 +213,7 @@ class Batch(BatchedPlant):
         Args:
             rows: Indices of the robots, shape (k,).
             values: Parameters of each of these robots, records of
-                :data:`jansen_env.parameters.EPISODE`, shape (k,).
+                :data:`jansen_env.plants.parameters.EPISODE`, shape (k,).
 
         Raises:
             ValueError: If a value is out of its limits, or a robot with compliant pads gets a
@@ -231,7 +231,8 @@ class Batch(BatchedPlant):
 
         Args:
             robot: The robot.
-            values: Parameters of its episode, a record of :data:`jansen_env.parameters.EPISODE`.
+            values: Parameters of its episode, a record of
+                :data:`jansen_env.plants.parameters.EPISODE`.
 
         Raises:
             ValueError: If the time step is too long for the feet under these parameters.

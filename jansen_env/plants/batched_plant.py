@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jansen_env.arrays import Array, Bools, Ints, Rows
+from jansen_env.dynamics.gravity import GRAVITY, Gravity, gravity_vector
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.pads import pad_layout
 from jansen_env.engine import episode
 from jansen_env.engine.episode import Episodes, Observing
 from jansen_env.engine.records import MACHINE, WORLD
-from jansen_env.gravity import GRAVITY, Gravity, gravity_vector
-from jansen_env.parameters import EPISODE, nominal
 from jansen_env.plants.base import check_time_step
+from jansen_env.plants.parameters import EPISODE, nominal
 from jansen_env.plants.robot_parameters import check_restitution
 from jansen_env.plants.robot_records import RobotRecords
 from jansen_env.plants.shape_planes import ShapePlanes
@@ -300,7 +300,7 @@ class BatchedPlant(ABC):
         Args:
             rows: Indices of the robots, shape (k,).
             values: Parameters of each of these robots, records of
-                :data:`jansen_env.parameters.EPISODE`, shape (k,).
+                :data:`jansen_env.plants.parameters.EPISODE`, shape (k,).
         """
 
     @abstractmethod
@@ -329,7 +329,8 @@ class BatchedPlant(ABC):
 
         Args:
             robot: The robot.
-            values: Parameters of its episode, a record of :data:`jansen_env.parameters.EPISODE`.
+            values: Parameters of its episode, a record of
+                :data:`jansen_env.plants.parameters.EPISODE`.
 
         Raises:
             ValueError: If the time step is too long for the feet under these parameters.

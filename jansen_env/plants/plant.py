@@ -8,12 +8,12 @@ import numpy as np
 
 from jansen_env.arrays import Array
 from jansen_env.checks import finite, one_of, positive
+from jansen_env.dynamics.gravity import GRAVITY, Gravity
 from jansen_env.dynamics.reduced import Tables
-from jansen_env.gravity import GRAVITY, Gravity
-from jansen_env.parameters import EPISODE
 from jansen_env.plants.base import StepResult, check_pushes, check_state
 from jansen_env.plants.batch import TIME_STEP, Batch
 from jansen_env.plants.batched_plant import BatchedPlant
+from jansen_env.plants.parameters import EPISODE
 from jansen_env.plants.rigid.rigid_batch import TIME_STEP as RIGID_TIME_STEP
 from jansen_env.plants.rigid.rigid_batch import RigidBodyBatch
 from jansen_env.plants.robot_records import RobotRecords
@@ -72,7 +72,7 @@ class Plant:
         """Apply the parameters of an episode; see :meth:`Batch.set_parameters`.
 
         Args:
-            values: Parameters, a record of :data:`jansen_env.parameters.EPISODE`.
+            values: Parameters, a record of :data:`jansen_env.plants.parameters.EPISODE`.
         """
         self.batch.set_parameters(FIRST, np.array([values], EPISODE))
 

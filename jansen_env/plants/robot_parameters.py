@@ -1,9 +1,9 @@
 """Application of episode parameters to robots, terrains and gravity, and their checks.
 
-A record of :data:`jansen_env.parameters.EPISODE` contains the friction, the restitution and the
-payload themselves. Most of its other values are factors on the robot's own values, where 1 changes
-nothing. A record is therefore independent of the records that were applied before it. The kernel
-:func:`jansen_env.engine.episode.apply_parameters` computes from a record the values that the
+A record of :data:`jansen_env.plants.parameters.EPISODE` contains the friction, the restitution and
+the payload themselves. Most of its other values are factors on the robot's own values, where 1
+changes nothing. A record is therefore independent of the records that were applied before it. The
+kernel :func:`jansen_env.engine.episode.apply_parameters` computes from a record the values that the
 dynamics read. No parameter changes the Coulomb friction of bearings, because it is data of the
 machine that follows from measured loads.
 """
@@ -20,7 +20,7 @@ from jansen_env.checks import invalid
 from jansen_env.dynamics.reduced import lightest_mass
 from jansen_env.engine import mathematics
 from jansen_env.engine.compliance import RESOLVED
-from jansen_env.parameters import TABLE, plain
+from jansen_env.plants.parameters import TABLE, plain
 from jansen_env.robot import Compliance, Robot
 from jansen_env.terrain import Ground
 
@@ -41,7 +41,7 @@ def machine_of(robot: Robot, row: np.void) -> Robot:
 
     Args:
         robot: The robot.
-        row: Parameters, a record of :data:`jansen_env.parameters.EPISODE`.
+        row: Parameters, a record of :data:`jansen_env.plants.parameters.EPISODE`.
     """
     values = dict(zip(row.dtype.names or (), row.item(), strict=True))
     mass, inertia = values["mass_scale"], values["inertia_scale"]
@@ -75,7 +75,7 @@ def terrain_of(terrain: Ground, row: np.void) -> Ground:
 
     Args:
         terrain: The terrain.
-        row: Parameters, a record of :data:`jansen_env.parameters.EPISODE`.
+        row: Parameters, a record of :data:`jansen_env.plants.parameters.EPISODE`.
     """
     friction, restitution = (float(row[name]) for name in ON_TERRAINS)
     return replace(terrain, friction=friction, restitution=restitution)
@@ -86,7 +86,7 @@ def gravity_of(gravity: tuple[float, float], row: np.void) -> tuple[float, float
 
     Args:
         gravity: Gravitational acceleration (x, y), in m/s^2.
-        row: Parameters, a record of :data:`jansen_env.parameters.EPISODE`.
+        row: Parameters, a record of :data:`jansen_env.plants.parameters.EPISODE`.
 
     Returns:
         Scaled and tilted gravitational acceleration (x, y), in m/s^2.
@@ -100,7 +100,7 @@ def check_values(values: Rows, compliant: Bools) -> None:
     """Check the parameters of episodes before they are applied to robots.
 
     Args:
-        values: Parameters, records of :data:`jansen_env.parameters.EPISODE`, shape (k,).
+        values: Parameters, records of :data:`jansen_env.plants.parameters.EPISODE`, shape (k,).
         compliant: Whether the pads of each robot are compliant, shape (k,).
 
     Raises:
@@ -121,7 +121,7 @@ def check_resolved(robot: Robot, values: np.void, time_step: float) -> None:
 
     Args:
         robot: Robot with compliant pads.
-        values: Parameters of its episode, a record of :data:`jansen_env.parameters.EPISODE`.
+        values: Parameters of its episode, a record of :data:`jansen_env.plants.parameters.EPISODE`.
         time_step: Time step of the integration, in s.
 
     Raises:

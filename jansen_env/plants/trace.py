@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from jansen_env.arrays import Array, Bools, Rows
+from jansen_env.dynamics.gravity import GRAVITY, Gravity
 from jansen_env.dynamics.joint_forces import JointForces, joint_forces
 from jansen_env.dynamics.reduced import Tables, body_sums
-from jansen_env.gravity import GRAVITY, Gravity
 
 
 def trace_forces(

@@ -1,1 +1,1 @@
-"""Pretrained policies, which are read and run with NumPy."""
+"""Policies: the protocol, the PID of the paper, and trained policies, which run with NumPy."""

@@ -129,7 +129,7 @@ WEEKEND = {
 """Plywood links of the robot ``weekend``, a quarter of the size of those of ``economy``.
 
 Each link includes the parts that are fixed to it. The masses and inertias are those of
-:func:`jansen_env.drawings.materials.machine`.
+:func:`jansen_workshop.drawings.materials.machine`.
 """
 
 BEARING_LOADS = {

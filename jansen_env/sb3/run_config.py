@@ -14,7 +14,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
 from jansen_env.checks import MAX_STEPS, named_errors, one_of, shown
-from jansen_env.plain_yaml import HUGE, TINY, Rule, check_keys, read_yaml
+from jansen_env.files.plain_yaml import HUGE, TINY, Rule, check_keys, read_yaml
 from jansen_env.registration import IDS
 from jansen_env.scoring.benchmarks import DEFAULT, check_env_kwargs
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jansen_env.baselines.policy import Policy
 from jansen_env.checks import instance, numbers_of, positive_integer, shown, whole_number
+from jansen_env.policies.policy import Policy
 from jansen_env.scoring.benchmarks import DEFAULT, find_benchmark
 from jansen_env.scoring.metrics import (
     Summary,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.arrays import Array, Ints
-from jansen_env.baselines.policy import Policy, still
+from jansen_env.policies.policy import Policy, still
 
 Episodes: TypeAlias = dict[str, NDArray[Any]]
 """Values of n episodes, by name: "command", "returns", "duration" (in s) and the aggregates.

@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from jansen_env.arrays import Array, Ints
-from jansen_env.baselines.policy import Policy
+from jansen_env.policies.policy import Policy
 from jansen_env.scoring.benchmarks import can_be_batched, check_env_kwargs, find_benchmark
 from jansen_env.scoring.metrics import SETTLING, Benchmark, Env, Episodes
 

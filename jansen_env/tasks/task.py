@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from jansen_env.arrays import Array, Bools, Ints, Rows
 from jansen_env.checks import MOST_SINGLE, listed, number_range, robot_index, within
 from jansen_env.plants.threads import forks
-from jansen_env.rendering import Frame
 from jansen_env.tasks.information import InfoBuilder
 from jansen_env.uniform import uniform
 from jansen_env.world.observations import Observed
+from jansen_env.world.rendering import Frame
 from jansen_env.world.settings import Values, WorldSettings, flag, option
 from jansen_env.world.world import Numbers, World
 
@@ -388,7 +388,7 @@ class Task(ABC):
         return self.world.frame(i, None if self.command is None else self.command[i])
 
     def scene(self, i: int) -> Values:
-        """Return the arguments of :class:`jansen_env.rendering.Renderer` to draw a robot.
+        """Return the arguments of :class:`jansen_env.world.rendering.Renderer` to draw a robot.
 
         Args:
             i: Index of the robot.

@@ -12,11 +12,11 @@ from gymnasium.utils import RecordConstructorArgs
 
 from jansen_env.checks import shown
 from jansen_env.envs.single import SingleEnv
-from jansen_env.rendering import Frame
 from jansen_env.robot import Robot
 from jansen_env.tasks.task import Task
 from jansen_env.terrain import Shapes
 from jansen_env.viewer.recording import MAX_TEXT, MAX_UNPACKED, MOST_RECORDED, Recording
+from jansen_env.world.rendering import Frame
 from jansen_env.world.settings import Values
 
 Observation: TypeAlias = Any  # wrappers may change observations and actions

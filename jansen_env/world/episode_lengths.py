@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_env.checks import instance, listed, shown
+from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.dynamics.reduced import CONVERGED, compile_robot
-from jansen_env.gravity import GRAVITY
-from jansen_env.parameters import EVERY, Distribution
 from jansen_env.plants.base import static_deflection
+from jansen_env.plants.parameters import EVERY, Distribution
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import nearest_dead_point
 from jansen_env.robot.lengths import lengths, with_lengths

@@ -12,12 +12,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jansen_env import parameters
 from jansen_env.arrays import Ints, Rows
 from jansen_env.checks import entries, finite_numbers, invalid, shown
+from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.engine import mathematics
-from jansen_env.gravity import GRAVITY
-from jansen_env.parameters import (
+from jansen_env.plants import parameters
+from jansen_env.plants.base import resting_depth
+from jansen_env.plants.batched_plant import BatchedPlant
+from jansen_env.plants.parameters import (
     EPISODE,
     PARAMETERS,
     Randomization,
@@ -25,8 +27,6 @@ from jansen_env.parameters import (
     check,
     plain,
 )
-from jansen_env.plants.base import resting_depth
-from jansen_env.plants.batched_plant import BatchedPlant
 from jansen_env.plants.robot_parameters import check_restitution
 from jansen_env.robot import Compliance, Payload, Robot
 from jansen_env.terrain import Ground, Terrain
@@ -49,8 +49,8 @@ class Plan(NamedTuple):
     """Plan of an episode that has not begun yet.
 
     Attributes:
-        values: Parameters of the episode, a record of :data:`jansen_env.parameters.EPISODE`, shape
-            (1,).
+        values: Parameters of the episode, a record of
+            :data:`jansen_env.plants.parameters.EPISODE`, shape (1,).
         terrain: Terrain of the episode. None to keep the present terrain.
         build: Robot of the episode. None to keep the present robot.
     """
@@ -109,7 +109,7 @@ class EpisodeParameters:
 
     @property
     def nominal(self) -> Rows:
-        """Parameters without randomisation, :data:`jansen_env.parameters.EPISODE`, shape (n,)."""
+        """Parameters without randomisation, shape (n,), of the type EPISODE."""
         return self._nominal.view(EPISODE)[:, 0]
 
     def _check_draws(self) -> None:
@@ -274,7 +274,8 @@ class EpisodeParameters:
 
         Args:
             robot: The robot.
-            values: Parameters of its episode, a record of :data:`jansen_env.parameters.EPISODE`.
+            values: Parameters of its episode, a record of
+                :data:`jansen_env.plants.parameters.EPISODE`.
 
         Raises:
             ValueError: If the feet cannot carry the robot with these parameters, the restitution is

@@ -32,14 +32,14 @@ from jansen_env.checks import (
     within,
 )
 from jansen_env.engine.integrator import DIVERGED
-from jansen_env.parameters import (
+from jansen_env.plants.base import check_time_step
+from jansen_env.plants.parameters import (
     ARGUMENTS,
     LONGEST_DELAY,
     Uniform,
     argument_values,
     load_randomization,
 )
-from jansen_env.plants.base import check_time_step
 from jansen_env.plants.plant import PLANTS
 from jansen_env.robot import ROBOTS, Compliance, Payload, Robot, named_robot
 from jansen_env.robot.motor import IDEAL, MOTORS, Motor

@@ -12,23 +12,15 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env import checks, parameters
+from jansen_env import checks
 from jansen_env.arrays import Array, Bools, Ints, Rows
+from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.pads import pad_layout
 from jansen_env.engine import episode, readings, walk_reward
 from jansen_env.engine.episode import Episodes, Observing, look_up_pushes
 from jansen_env.engine.integrator import DIVERGED
-from jansen_env.gravity import GRAVITY
-from jansen_env.parameters import (
-    CHANGES,
-    LONGEST_DELAY,
-    PARAMETERS,
-    SETTABLE,
-    Randomization,
-    Uniform,
-    check,
-)
+from jansen_env.plants import parameters
 from jansen_env.plants.base import (
     LARGEST,
     check_deflection,
@@ -38,10 +30,18 @@ from jansen_env.plants.base import (
     static_deflection,
 )
 from jansen_env.plants.batched_plant import BatchedPlant
+from jansen_env.plants.parameters import (
+    CHANGES,
+    LONGEST_DELAY,
+    PARAMETERS,
+    SETTABLE,
+    Randomization,
+    Uniform,
+    check,
+)
 from jansen_env.plants.plant import make_batch, plant_time_step
 from jansen_env.plants.robot_records import RobotRecords
 from jansen_env.plants.shape_planes import check_scan
-from jansen_env.rendering import AIR, GRIP, SLIP, Frame
 from jansen_env.robot import Robot
 from jansen_env.robot.robot_file import robot_from_json, robot_to_json
 from jansen_env.terrain import Ground, Shapes, Terrain
@@ -51,6 +51,7 @@ from jansen_env.world.episode_parameters import EpisodeParameters, Plan, Progres
 from jansen_env.world.observations import Observed, sensor_errors, world_observations
 from jansen_env.world.onboard import ESTIMATES, ONBOARD, onboard_columns, toe_paths
 from jansen_env.world.push import add_push, check_schedule, push_settings
+from jansen_env.world.rendering import AIR, GRIP, SLIP, Frame
 from jansen_env.world.settings import (
     Check,
     Values,
@@ -875,7 +876,7 @@ class World:
         self._set_pushes(i, state["pushes"], state["random_pushes"])
 
     def scene(self, i: int) -> Values:
-        """Return the arguments of :class:`jansen_env.rendering.Renderer` to draw a robot."""
+        """Return the arguments of :class:`jansen_env.world.rendering.Renderer` to draw a robot."""
         if self.held:
             return {"robot": self.robots[i], "terrain_points": None, "speed_unit": "rad/s"}
         ground = self.plant.terrains[i]

@@ -10,9 +10,9 @@ from scipy.stats import kstest
 
 from agents import tune
 from jansen_env import ROBOTS
-from jansen_env.baselines.pid import PID
-from jansen_env.baselines.policy import TorquePolicy
-from jansen_env.commands import evaluate
+from jansen_env.cli import evaluate
+from jansen_env.policies.pid import PID
+from jansen_env.policies.policy import TorquePolicy
 from jansen_env.scoring import metrics
 from jansen_env.scoring.rollout import draw_episodes, make_env, run_episodes
 from jansen_env.tasks.walking.tuned import DATA, measured, nearest_setting, setting_of

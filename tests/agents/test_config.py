@@ -10,8 +10,8 @@ import yaml
 
 import train
 from agents.training import config
-from jansen_env.commands import flags, named_policies
-from jansen_env.plain_yaml import read_yaml
+from jansen_env.cli import flags, named_policies
+from jansen_env.files.plain_yaml import read_yaml
 from jansen_env.sb3.run_config import RunConfig, load_config
 
 
@@ -184,4 +184,4 @@ def test_a_missing_extra_is_named_in_one_line(script):
     done = subprocess.run([sys.executable, "-c", code, "--help"], capture_output=True, text=True)
     assert done.returncode == 1
     (line,) = done.stderr.splitlines()
-    assert line.startswith("agents needs torch, yaml, which the extra 'train' installs: python -m")
+    assert line.startswith("agents needs torch, yaml: python -m")

@@ -16,7 +16,7 @@ from agents.design.measures import SEED, STEPS, Walker, clearance, geometry_meas
 from agents.design.search import Cma, Nsga2
 from agents.design.variables import Candidate, Space
 from jansen_env import ROBOTS
-from jansen_env.commands.named_policies import load_named
+from jansen_env.cli.named_policies import load_named
 from jansen_env.robot.lengths import lengths, with_lengths
 from jansen_env.robot.robot_file import read_robot, write_robot
 from jansen_env.robot.zoo import standing_height

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from jansen_env.__main__ import main as jansen_env
-from jansen_env.commands import enjoy
-from jansen_env.commands.named_policies import load_named
+from jansen_env.cli import enjoy
+from jansen_env.cli.named_policies import load_named
 from jansen_env.scoring.rollout import make_env
 
 CRANK = "JansenCrank-v0"

@@ -6,7 +6,8 @@ import pytest
 
 from agents import export, tune
 from benchmarks import speed
-from jansen_env.commands import drawings, enjoy, evaluate, predict, replay
+from jansen_env.cli import enjoy, evaluate, replay
+from jansen_workshop.commands import drawings, predict
 
 HASHES = Path(__file__).parents[1] / "walk_hashes.json"
 REFUSED = {

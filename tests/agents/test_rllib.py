@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 if find_spec("ray") is None:  # not imported: it reads how it is to authenticate when it is
-    pytest.skip("Ray is not installed; the extra 'distributed' brings it", allow_module_level=True)
-pytest.importorskip("tree", reason="dm-tree is not installed; the extra 'distributed' brings it")
+    pytest.skip("Ray is not installed; the group 'distributed' brings it", allow_module_level=True)
+pytest.importorskip("tree", reason="dm-tree is not installed; the group 'distributed' brings it")
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "rllib_ppo.py"
 STEPS = 5_000

@@ -6,8 +6,8 @@ import math
 import pytest
 
 from jansen_env import built_robot, paper_robot
-from jansen_env.commands import evaluate
-from jansen_env.commands.named_policies import load_named
+from jansen_env.cli import evaluate
+from jansen_env.cli.named_policies import load_named
 from jansen_env.robot import RIGID
 from jansen_env.scoring.rollout import make_env
 

@@ -17,7 +17,7 @@ import psutil
 import pytest
 import yaml
 
-pytest.importorskip("ray", reason="Ray is not installed; the extra 'distributed' brings it")
+pytest.importorskip("ray", reason="Ray is not installed; the group 'distributed' brings it")
 from small_runs import LIBRARY, same
 
 from agents import study

@@ -12,9 +12,9 @@ import pytest
 
 from jansen_env import ROBOTS, Bar, Payload
 from jansen_env.dynamics import projection as pr
+from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.dynamics.joint_forces import joint_forces
 from jansen_env.dynamics.pads import pad_layout
-from jansen_env.gravity import GRAVITY
 from jansen_env.robot import JANSEN
 from jansen_env.robot.kinematics import coordinates, joint_positions
 

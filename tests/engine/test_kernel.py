@@ -106,7 +106,7 @@ def test_an_older_library_is_refused_by_name_where_none_can_be_built(copy):
 
 def test_an_older_library_is_built_again(copy):
     """Once, for processor and browser, with one line; the build itself is every installation's."""
-    pytest.importorskip("numba", reason="the extra 'engine' is not installed")
+    pytest.importorskip("numba", reason="the group 'engine' is not installed")
     engine = copy / "jansen_env/engine"
     (engine / "build.py").write_text(f"""import sys
 sys.path[0] = {str(copy)!r}

@@ -75,7 +75,7 @@ def compiled():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(kernel, "kernels", [])
         options = {"error_model": "numpy", "_nrt": False}
-        numba = pytest.importorskip("numba", reason="the extra 'engine' is not installed")
+        numba = pytest.importorskip("numba", reason="the group 'engine' is not installed")
         patch.setattr(kernel, "lower", lambda f, inline: numba.njit(**options)(f))
         spec = importlib.util.spec_from_file_location("compiled", mathematics.__file__)
         module = importlib.util.module_from_spec(spec)

@@ -20,7 +20,7 @@ from stable_baselines3.common.env_checker import check_env as check_for_sb3
 
 from agents.training.config import shipped_config
 from agents.training.training_state import plain
-from jansen_env.parameters import PARAMETERS, Uniform
+from jansen_env.plants.parameters import PARAMETERS, Uniform
 from jansen_env.registration import IDS
 from jansen_env.robot import Compliance, Payload
 from jansen_env.robot.motor import MOTORS

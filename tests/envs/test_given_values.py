@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from jansen_env import Compliance, Noise, Payload, Push
-from jansen_env.parameters import ARGUMENTS, PARAMETERS
+from jansen_env.plants.parameters import ARGUMENTS, PARAMETERS
 from jansen_env.registration import IDS
 from jansen_env.robot import ROBOTS
 from jansen_env.robot.lengths import lengths

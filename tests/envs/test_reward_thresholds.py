@@ -4,8 +4,8 @@ import gymnasium as gym
 import pytest
 from side_by_side import rollout
 
-from jansen_env.baselines.policy import still
 from jansen_env.policies import pretrained
+from jansen_env.policies.policy import still
 from jansen_env.registration import IDS
 from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.tasks.goal.goal_benchmark import goal_pid

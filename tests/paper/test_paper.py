@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jansen_env.commands import paper as command
+from jansen_env.cli import paper as command
 from jansen_env.dynamics import projection as pr
 from jansen_env.dynamics.inverse import crank_torque
 from jansen_env.dynamics.reduced import body_sums, compile_robot

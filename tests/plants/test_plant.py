@@ -8,8 +8,8 @@ import pytest
 from motions import depth
 
 from jansen_env import ROBOTS, Bar, LinkageError, Robot, Terrain
+from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.engine.placement import PLACEMENT_DEPTH
-from jansen_env.gravity import GRAVITY
 from jansen_env.plants.base import static_deflection
 from jansen_env.plants.plant import ProjectionPlant, RigidBodyPlant
 from jansen_env.robot.lengths import lengths, with_lengths

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from jansen_env import ROBOTS, Motor, Payload, Robot, Terrain
-from jansen_env.parameters import EPISODE, effective, nominal
 from jansen_env.plants.base import static_deflection
 from jansen_env.plants.batch import Batch
+from jansen_env.plants.parameters import EPISODE, effective, nominal
 from jansen_env.plants.plant import ProjectionPlant, RigidBodyPlant
 from jansen_env.plants.robot_parameters import gravity_of, machine_of, terrain_of
 from jansen_env.robot import Compliance

@@ -7,7 +7,7 @@ import pytest
 from motions import HOLD, governor, placed
 
 from jansen_env import Payload, Robot, Terrain
-from jansen_env.gravity import GRAVITY
+from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.plants.trace import pads_in_contact, trace_forces
 from jansen_env.tasks.walking import JansenWalkerEnv
 

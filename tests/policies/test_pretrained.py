@@ -18,7 +18,7 @@ from small_runs import NETWORKS, made_run
 from agents import pack
 from agents.training.train_model import prepare
 from jansen_env import paper_robot, sb3
-from jansen_env.commands import evaluate, named_policies
+from jansen_env.cli import evaluate, named_policies
 from jansen_env.policies import pretrained
 from jansen_env.policies.pretrained import check_action
 from jansen_env.registration import IDS

@@ -11,17 +11,17 @@ from walks import walk
 
 from agents.design.measures import loads_of_walk
 from jansen_env import ROBOTS, Terrain, built_robot
-from jansen_env.baselines.pid import PID
-from jansen_env.baselines.policy import PAPER_PID
-from jansen_env.drawings.materials import about_origin, bill_of_materials
-from jansen_env.drawings.outlines import Round
 from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.plants.plant import ProjectionPlant, RigidBodyPlant
 from jansen_env.plants.trace import trace_forces
 from jansen_env.policies import pretrained
+from jansen_env.policies.pid import PID
+from jansen_env.policies.policy import PAPER_PID
 from jansen_env.robot import BEARING_LOADS, JANSEN
 from jansen_env.robot import buildable as built
 from jansen_env.robot.motor import MOTORS
+from jansen_workshop.drawings.materials import about_origin, bill_of_materials
+from jansen_workshop.drawings.outlines import Round
 
 PAGE = Path(__file__).parents[2] / "docs" / "built_robot.md"
 ID = "JansenWalkerBuilt-v0"

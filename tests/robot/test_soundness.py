@@ -10,12 +10,12 @@ import pytest
 
 from agents.design.measures import geometry_measures
 from jansen_env import ROBOTS, Leg, LinkageError, Payload, Robot, holy_numbers_robot
-from jansen_env.commands import drawings
 from jansen_env.robot.lengths import lengths, with_lengths
 from jansen_env.robot.robot_file import robot_to_json, write_robot
 from jansen_env.robot.soundness import check_loaded
 from jansen_env.scoring.rollout import make_env
 from jansen_env.world.settings import load_robot
+from jansen_workshop.commands import drawings
 
 WALKER, CRANK = "JansenWalker-v0", "JansenCrank-v0"
 CANNOT = "robot cannot stand: its lowest toe must lie below the crank axis over the whole turn"

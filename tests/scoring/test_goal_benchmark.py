@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from jansen_env.commands import evaluate
+from jansen_env.cli import evaluate
 
 
 def test_goals_are_scored(tmp_path, capsys):

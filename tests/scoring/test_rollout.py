@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jansen_env
-from jansen_env.baselines.policy import TorquePolicy
+from jansen_env.policies.policy import TorquePolicy
 from jansen_env.scoring.benchmarks import can_be_batched
 from jansen_env.scoring.rollout import make_envs, run_episodes
 

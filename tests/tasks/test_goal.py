@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from side_by_side import rollout
 
-from jansen_env.baselines.policy import still
+from jansen_env.policies.policy import still
 from jansen_env.tasks.goal import goal_benchmark
 from jansen_env.tasks.goal.goal_benchmark import goal_pid
 from jansen_env.tasks.goal.goal_env import NEAR

@@ -17,8 +17,8 @@ from stable_baselines3 import PPO
 
 import train
 from jansen_env import registration
-from jansen_env.commands import evaluate
-from jansen_env.commands.flags import imported_env_id
+from jansen_env.cli import evaluate
+from jansen_env.cli.flags import imported_env_id
 
 ROOT = Path(__file__).parents[2]
 ENV = "Level-v0"

@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from jansen_env.commands.named_policies import load_named
+from jansen_env.cli.named_policies import load_named
 from jansen_env.policies import pretrained
 from jansen_env.scoring.rollout import draw_episodes, make_env, run_episodes
 

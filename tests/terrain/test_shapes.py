@@ -10,7 +10,7 @@ import pymunk
 import pytest
 
 from jansen_env import Terrain
-from jansen_env.export_mjcf import to_mjcf
+from jansen_env.plants.mujoco_model import to_mjcf
 from jansen_env.plants.shape_planes import ShapePlanes
 from jansen_env.robot import paper_robot
 from jansen_env.terrain import Piece, Shapes, make_ground

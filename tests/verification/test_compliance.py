@@ -14,7 +14,7 @@ from motions import placed, shift
 from test_touchdown import PSI, level
 
 from jansen_env import ROBOTS, Terrain
-from jansen_env.gravity import GRAVITY
+from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.plants.batch import Batch
 from jansen_env.robot import Compliance
 

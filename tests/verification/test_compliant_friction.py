@@ -9,7 +9,7 @@ from motions import placed, pull, shift
 from test_grooves import grooves
 
 from jansen_env import ROBOTS, Robot, Terrain
-from jansen_env.gravity import GRAVITY
+from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.plants.batch import Batch
 from jansen_env.robot import Compliance
 

@@ -8,7 +8,7 @@ import pytest
 from motions import DESIGNS, FLIGHT, HOLD, audit, governor, momenta, placed, shift
 
 from jansen_env import Payload, Robot, Terrain
-from jansen_env.gravity import GRAVITY
+from jansen_env.dynamics.gravity import GRAVITY
 
 THROWN = np.array([0.0, 0.8, 2.0, 0.3, 1.0, 0.0, 3.0, 0.0])  # near the ground, on its back
 DROPPED = shift(y=0.8, pitch=0.1, psi=0.3)

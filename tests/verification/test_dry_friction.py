@@ -8,8 +8,8 @@ import pytest
 from motions import PADS, pads, pinned, placed, shift
 
 from jansen_env import Motor, Robot
+from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.dynamics.reduced import body_sums, compile_robot
-from jansen_env.gravity import GRAVITY
 from jansen_env.robot import ROBOTS
 from jansen_env.robot.kinematics import joint_positions
 

@@ -8,7 +8,7 @@ import pytest
 from motions import HOLD, audit, governor, placed
 
 from jansen_env import ROBOTS, Motor, Payload, Robot, Terrain
-from jansen_env.gravity import GRAVITY
+from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.robot import JANSEN, Compliance
 from jansen_env.robot.zoo import ZOO
 

@@ -11,7 +11,7 @@ import pytest
 from motions import momenta, placed, pull, shift
 
 from jansen_env import Leg, Payload, Robot, Terrain
-from jansen_env.gravity import GRAVITY
+from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.robot import ROBOTS, holy_numbers_robot, paper_robot
 
 STEP = 1e-3  # s

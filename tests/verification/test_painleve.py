@@ -12,8 +12,8 @@ import pytest
 
 from jansen_env import ROBOTS, Payload, Robot, Terrain
 from jansen_env.dynamics import reduced as rd
+from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.dynamics.projection import system_coordinates
-from jansen_env.gravity import GRAVITY
 from jansen_env.paper import toes
 from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.robot.kinematics import T, world_joints

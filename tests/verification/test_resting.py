@@ -8,7 +8,7 @@ from motions import DESIGNS, placed, toes_of
 
 from jansen_env import Leg, Robot, Terrain
 from jansen_env.dynamics import reduced as rd
-from jansen_env.gravity import GRAVITY
+from jansen_env.dynamics.gravity import GRAVITY
 
 FRICTION = 0.8
 TWINS = Robot(legs=(Leg("fore"), Leg("fore"), Leg("back"), Leg("back")))

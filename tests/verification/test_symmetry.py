@@ -13,8 +13,8 @@ import pytest
 from motions import FLIGHT, HOLD, ODD, governor, placed
 
 from jansen_env import ROBOTS, Leg, Payload, Robot, Terrain, paper_robot
+from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.engine.placement import PLACEMENT_DEPTH
-from jansen_env.gravity import GRAVITY
 from jansen_env.plants import batch
 from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.robot import Bar, Plate

@@ -14,8 +14,8 @@ from motions import placed, shift, toes_of
 
 from jansen_env import ROBOTS, Leg, Payload, Robot, Terrain
 from jansen_env.dynamics import reduced as rd
+from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.engine.placement import PLACEMENT_DEPTH
-from jansen_env.gravity import GRAVITY
 from jansen_env.robot.kinematics import T, joint_positions
 
 PSI = 2.75  # rad

@@ -8,7 +8,7 @@ import pytest
 from motions import HOLD, depth, governor, placed, shift
 
 from jansen_env import ROBOTS, Leg, Payload, Robot, Terrain
-from jansen_env.gravity import GRAVITY
+from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.plants.batch import Batch
 from jansen_env.robot.kinematics import B, C, D, E, P, joint_positions
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from browser import WAIT, reads
 
-from jansen_env.commands.play import parse, start_of
+from jansen_env.cli.play import parse, start_of
 from jansen_env.policies import pretrained
 from jansen_env.viewer.web.walk import write_walk
 from jansen_env.viewer.web.walk_data import ENVIRONMENTS, controller_name, page_policies

@@ -9,14 +9,14 @@ import pytest
 from browser import draw_path, in_node
 
 from agents.design.measures import evenly, path_error, toe_path
-from jansen_env.drawings.outlines import cut_parts
-from jansen_env.drawings.sheets import nest
 from jansen_env.robot import ROBOTS
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.robot.lengths import lengths, with_lengths
 from jansen_env.tasks.walking.walker_benchmark import walking_pid
 from jansen_env.viewer.web.bench import SHEETS, bench_designs, write_bench
 from jansen_env.viewer.web.engine_data import engine_of_page
+from jansen_workshop.drawings.outlines import cut_parts
+from jansen_workshop.drawings.sheets import nest
 
 TURN = np.linspace(0.0, 2.0 * math.pi, 100, endpoint=False)
 COS, SIN = np.cos(TURN), np.sin(TURN)

@@ -3,7 +3,7 @@
 import json
 import re
 
-from jansen_env.commands.replay import main
+from jansen_env.cli.replay import main
 from jansen_env.viewer.recording import Recording
 
 

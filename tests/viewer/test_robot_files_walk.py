@@ -13,7 +13,7 @@ from browser import WAIT, reads
 from test_walk_engine import in_node, numbers
 from test_walk_page import STILL, score, until
 
-from jansen_env.commands.play import main
+from jansen_env.cli.play import main
 from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.plants.design_tables import DesignTables
 from jansen_env.robot import ROBOTS, Compliance, Payload

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jansen_env.commands.replay import main
+from jansen_env.cli.replay import main
 from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.engine import kernel
 from jansen_env.plants.design_tables import DesignTables

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from browser import NAMELESS, PHONE, WAIT, check_phone, reads, wait_for
 
-from jansen_env.commands.play import main
+from jansen_env.cli.play import main
 from jansen_env.policies import pretrained
 from jansen_env.terrain.generators import NamedGenerator
 from jansen_env.viewer.saved_walk import walk_again

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from browser import in_node
 
-from jansen_env.baselines.policy import TorquePolicy
 from jansen_env.policies import pretrained
+from jansen_env.policies.policy import TorquePolicy
 from jansen_env.scoring.metrics import point_estimates
 from jansen_env.scoring.rollout import run_episodes
 from jansen_env.tasks.walking.walker_benchmark import WALKER

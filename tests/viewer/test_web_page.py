@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from jansen_env import paper_robot
-from jansen_env.gravity import GRAVITY
+from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.robot.robot_file import robot_to_json
 from jansen_env.viewer.recorder import Recorder
 from jansen_env.viewer.saved_walk import FORMAT, walk_again

@@ -12,7 +12,7 @@ from gymnasium.utils import seeding
 from side_by_side import WORLD
 
 from jansen_env import Compliance, Terrain
-from jansen_env.parameters import PARAMETERS
+from jansen_env.plants.parameters import PARAMETERS
 from jansen_env.terrain.generators import HIGHEST, Curriculum
 from jansen_env.uniform import draw_seed
 

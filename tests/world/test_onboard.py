@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.engine.walk_reward import FURTHEST_TARGET, mean_time
-from jansen_env.gravity import GRAVITY
 
 ID = "JansenWalkerBuilt-v0"
 NOISE = {"encoder": (0.001, 0.01), "gyro": (0.01, 0.005)}

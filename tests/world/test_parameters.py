@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jansen_env import Compliance, Motor, Payload, Robot, parameters
-from jansen_env.parameters import PARAMETERS, TABLE
+from jansen_env.plants.parameters import PARAMETERS, TABLE
 
 ROOT = Path(__file__).parents[2]
 MACHINE = {"payload": Payload(0.5, 0.01, (0.05, 0.1)),

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 
 from jansen_env.arrays import Array, Bools, Ints, Rows
 from jansen_env.checks import finite, within
+from jansen_env.dynamics.gravity import GRAVITY, Gravity
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.pads import pad_layout, pad_sides
 from jansen_env.engine import episode
@@ -31,11 +32,10 @@ from jansen_env.engine.episode import Episodes, Observing
 from jansen_env.engine.integrator import DIVERGED
 from jansen_env.engine.placement import PLACEMENT_DEPTH
 from jansen_env.engine.records import UNKNOWN_DEFLECTION
-from jansen_env.gravity import GRAVITY, Gravity
-from jansen_env.parameters import nominal
 from jansen_env.plants.base import check_colliding, check_held, check_legs, check_pushes, divergence
 from jansen_env.plants.batched_plant import BatchedPlant
 from jansen_env.plants.kernel_arrays import KernelArrays
+from jansen_env.plants.parameters import nominal
 from jansen_env.plants.rigid import bodies
 from jansen_env.plants.rigid.bodies import (
     ANGLE,
@@ -269,8 +269,8 @@ class RigidBodyBatch(BatchedPlant):
 
         Args:
             rows: Index of the robot, shape (1,).
-            values: Parameters of the robot, a record of :data:`jansen_env.parameters.EPISODE`,
-                shape (1,).
+            values: Parameters of the robot, a record of
+                :data:`jansen_env.plants.parameters.EPISODE`, shape (1,).
 
         Raises:
             ValueError: If a value is out of its limits, a robot with compliant pads gets a
@@ -320,7 +320,7 @@ class RigidBodyBatch(BatchedPlant):
         Args:
             robot: The new robot.
             terrain: The new ground.
-            values: The new parameters, a record of :data:`jansen_env.parameters.EPISODE`.
+            values: The new parameters, a record of :data:`jansen_env.plants.parameters.EPISODE`.
 
         Raises:
             ValueError: If the backend cannot simulate them. Nothing has changed in that case.

@@ -11,8 +11,9 @@ from collections.abc import Callable
 import numpy as np
 
 from jansen_env.arrays import Array, Bools
-from jansen_env.baselines.pid import PID
-from jansen_env.baselines.policy import (
+from jansen_env.dynamics.inverse import crank_torque
+from jansen_env.policies.pid import PID
+from jansen_env.policies.policy import (
     PAPER_PID,
     Controlled,
     Policy,
@@ -20,7 +21,6 @@ from jansen_env.baselines.policy import (
     columns,
     pid_policy,
 )
-from jansen_env.dynamics.inverse import crank_torque
 from jansen_env.scoring.metrics import TORQUE, Aggregate, Benchmark, Metric, mean_of
 from jansen_env.tasks.walking.tuned import gains_of
 from jansen_env.world.world import LOST

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from jansen_env.arrays import Array, Bools
-from jansen_env.baselines.policy import Controlled, Memory, TorquePolicy, columns
+from jansen_env.policies.policy import Controlled, Memory, TorquePolicy, columns
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.scoring.metrics import (
     Aggregate,

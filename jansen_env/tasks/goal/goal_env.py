@@ -12,10 +12,10 @@ from jansen_env.arrays import Array, Bools
 from jansen_env.checks import MOST_SINGLE, non_negative, positive, within
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.vector import TaskVectorEnv, VectorArguments
-from jansen_env.rendering import Frame
 from jansen_env.tasks.task import Task
 from jansen_env.uniform import uniform
 from jansen_env.world.observations import EXACT, Observed
+from jansen_env.world.rendering import Frame
 from jansen_env.world.settings import Values, WorldArguments, WorldSettings, option, shared
 from jansen_env.world.world import Numbers
 

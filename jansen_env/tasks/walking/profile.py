@@ -20,9 +20,9 @@ from pathlib import Path
 import numpy as np
 
 from jansen_env.arrays import Array
-from jansen_env.baselines.policy import Controlled, TorquePolicy, columns
 from jansen_env.checks import named_errors
 from jansen_env.files import read_bounded
+from jansen_env.policies.policy import Controlled, TorquePolicy, columns
 
 DATA = Path(__file__).parent / "data" / "profile.json"
 

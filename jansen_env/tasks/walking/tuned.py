@@ -22,8 +22,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from jansen_env.arrays import Array
-from jansen_env.baselines.pid import PID
-from jansen_env.baselines.policy import PAPER_PID
+from jansen_env.policies.pid import PID
+from jansen_env.policies.policy import PAPER_PID
 from jansen_env.robot import ROBOTS, Robot, named_robot
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.robot.zoo import standing_height

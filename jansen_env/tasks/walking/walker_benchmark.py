@@ -12,8 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from jansen_env.arrays import Array, Bools
-from jansen_env.baselines.pid import PID
-from jansen_env.baselines.policy import (
+from jansen_env.engine.mathematics import angles_of
+from jansen_env.policies.pid import PID
+from jansen_env.policies.policy import (
     Controlled,
     Memory,
     Policy,
@@ -21,7 +22,6 @@ from jansen_env.baselines.policy import (
     columns,
     pid_policy,
 )
-from jansen_env.engine.mathematics import angles_of
 from jansen_env.scoring.metrics import (
     SETTLING,
     TORQUE,

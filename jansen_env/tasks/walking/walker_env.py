@@ -17,7 +17,7 @@ from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine import walk_reward
 from jansen_env.envs.single import SingleEnv
 from jansen_env.envs.vector import TaskVectorEnv, VectorArguments
-from jansen_env.parameters import plain
+from jansen_env.plants.parameters import plain
 from jansen_env.tasks.compiled import CompiledTask
 from jansen_env.terrain import Ground
 from jansen_env.world.observations import EXACT, Observed
@@ -441,7 +441,7 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     def parameters(self) -> Array:
         """Parameters of this episode, shape (18,).
 
-        Their order, names and units are those of :data:`jansen_env.parameters.PARAMETERS`.
+        Their order, names and units are those of :data:`jansen_env.plants.parameters.PARAMETERS`.
         """
         return plain(self.task.world.records.parameters)[0].copy()
 

@@ -6,13 +6,12 @@ The script ``linkage.js`` closes the linkages with the kernels of the engine.
 from collections.abc import Mapping
 from pathlib import Path
 
-from jansen_env.drawings import outlines
-from jansen_env.drawings.outlines import MARGIN
 from jansen_env.files import write_text
-from jansen_env.robot import ROBOTS, Robot
+from jansen_env.robot import ROBOTS, Robot, part_sizes
 from jansen_env.robot.buildable import ALUMINIUM, OUTLINE
 from jansen_env.robot.designs import built_parts_of, is_of_built_parts
 from jansen_env.robot.lengths import is_signed, length_names, lengths
+from jansen_env.robot.part_sizes import MARGIN
 from jansen_env.robot.robot_file import robot_to_json
 from jansen_env.viewer.web.engine_data import RUNS, engine_of_page
 from jansen_env.viewer.web.page import page_of
@@ -63,19 +62,19 @@ def cutting_of(robot: Robot) -> dict[str, object]:
     return {
         "material": build.material,
         "holes": [
-            {joint: 1e-3 * radius for joint, radius in outlines.pin_hole_radii(robot, k).items()}
+            {joint: 1e-3 * radius for joint, radius in part_sizes.pin_hole_radii(robot, k).items()}
             for k in bodies
         ],
-        "feet": [outlines.feet_of(robot, k) for k in bodies],
-        "hub": {"away": build.hub_screws, "radius": 1e-3 * outlines.M3},
+        "feet": [part_sizes.feet_of(robot, k) for k in bodies],
+        "hub": {"away": build.hub_screws, "radius": 1e-3 * part_sizes.M3},
         "foot": {
-            "radius": 1e-3 * (outlines.SHOE_SCREW if shoe else outlines.M3),
-            "away": [[1e-3 * x for x in pair] for pair in outlines.SHOE_SCREWS] if shoe else [],
-            "parallel": outlines.PARALLEL,
+            "radius": 1e-3 * (part_sizes.SHOE_SCREW if shoe else part_sizes.M3),
+            "away": [[1e-3 * x for x in pair] for pair in part_sizes.SHOE_SCREWS] if shoe else [],
+            "parallel": part_sizes.PARALLEL,
         },
         # The radius of a plate's inscribed circle is at most half of the plate's height.
         "rim": (OUTLINE - 1.0) / 2.0,
-        "wall": 1e-3 * outlines.WALL,
+        "wall": 1e-3 * part_sizes.WALL,
         "sheet": [side - 2e-3 * MARGIN for side in SHEETS[robot.material]],
         "widths": [build.frame_width, build.width],
     }

@@ -1,11 +1,11 @@
 """Geometry of a robot as numbers for JSON, which ``scene.js`` draws.
 
-Colours, widths and meaning are the same as in :mod:`jansen_env.rendering`.
+Colours, widths and meaning are the same as in :mod:`jansen_env.world.rendering`.
 """
 
-from jansen_env import rendering
-from jansen_env.rendering import reach_of
 from jansen_env.robot import Robot
+from jansen_env.world import rendering
+from jansen_env.world.rendering import reach_of
 
 STYLE = {
     "arrowPerWeight": rendering.ARROW_PER_WEIGHT,

@@ -1,6 +1,6 @@
 // Draws one state of a robot on a canvas: ground, legs, chassis, payload, toes and forces.
 //
-// What is drawn, and how, is as in jansen_env/rendering.py; positions come from Python
+// What is drawn, and how, is as in jansen_env/world/rendering.py; positions come from Python
 // (geometry.py). Lengths in m, forces in N, sizes in CSS pixels.
 // `view` = {x, y, scale}: the world point in the middle of the canvas, and pixels per m.
 

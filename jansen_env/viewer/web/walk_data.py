@@ -7,12 +7,12 @@ from functools import cache
 
 import numpy as np
 
-from jansen_env.baselines.policy import PAPER_PID
+from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.engine import collision, integrator
-from jansen_env.gravity import GRAVITY
-from jansen_env.parameters import TABLE, Parameter, argument_values
 from jansen_env.plants import batched_plant, grounds, robot_parameters
+from jansen_env.plants.parameters import TABLE, Parameter, argument_values
 from jansen_env.policies import pretrained
+from jansen_env.policies.policy import PAPER_PID
 from jansen_env.robot import ROBOTS, Leg, Payload, Robot, zoo
 from jansen_env.robot.robot_file import robot_to_json
 from jansen_env.tasks.walking import tuned, walker_env

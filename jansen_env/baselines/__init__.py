@@ -1,1 +1,0 @@
-"""Baseline controllers that policies are compared with."""

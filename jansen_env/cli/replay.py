@@ -1,0 +1,130 @@
+"""Record episodes, and write a web page that replays them: ``jansen-env replay``."""
+
+import argparse
+import re
+from contextlib import closing
+from pathlib import Path
+
+from jansen_env.cli.enjoy import play, watched
+from jansen_env.cli.flags import parse_policies, path_flag, policy_parser, positive_int
+from jansen_env.cli.named_policies import default_policy, labels, load_named
+from jansen_env.cli.progress import progress
+from jansen_env.files import write_text
+from jansen_env.scoring.benchmarks import find_benchmark
+from jansen_env.scoring.rollout import Advance, make_env, no_progress
+from jansen_env.viewer.recorder import Recorder
+from jansen_env.viewer.recording import MOST_RECORDED, Recording
+from jansen_env.viewer.saved_walk import walk_again
+from jansen_env.viewer.web.page import MOST_RECORDINGS, page
+
+
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
+    """Parse the command line.
+
+    Args:
+        arguments: Arguments of the command. If None, those of the process.
+    """
+    parser = policy_parser(
+        "jansen-env replay",
+        __doc__,
+        "jansen-env replay",
+        "jansen-env replay --policy pretrained --policy pid --command 0.4 --out both.html",
+    )
+    add = parser.add_argument
+    add(
+        "--recording",
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="a saved .npz, or a walk that the page saved, .json; in place of a policy or beside "
+        "one",
+    )
+    add(
+        "--command",
+        type=float,
+        metavar="V",
+        help="speed or goal; default: the middle of the benchmark's grid",
+    )
+    add(
+        "--steps",
+        type=positive_int,
+        default=MOST_RECORDED,
+        help="most steps of the episode; default: the environment's",
+    )
+    add(
+        "--out",
+        type=path_flag,
+        default="replay.html",
+        metavar="FILE",
+        help="the page, .html; recordings go beside it; default: replay.html",
+    )
+    args = parse_policies(parser, arguments, "--command")
+    args.policy = args.policy or [default_policy(args.env)] * (not args.recording)
+    if not 1 <= (count := len(args.policy) + len(args.recording)) <= MOST_RECORDINGS:
+        parser.error(f"--policy and --recording are given {count} times, must be once or twice")
+    if args.out.suffix != ".html":
+        parser.error(f"--out is {args.out}, must end in .html")
+    if args.steps > MOST_RECORDED:
+        parser.error(f"--steps is {args.steps}, must be at most {MOST_RECORDED}")
+    if args.command is None:
+        args.command = find_benchmark(args.env).middle
+    return args
+
+
+def record(
+    name: str, label: str, args: argparse.Namespace, advance: Advance = no_progress
+) -> Recording:
+    """Record an episode of a policy.
+
+    Args:
+        name: Name or file of the policy; see
+            :func:`jansen_env.cli.named_policies.load_named`.
+        label: Label of the recording.
+        args: Parsed command line.
+        advance: Function that is called with the fraction of the episode done since its last call.
+
+    Raises:
+        ValueError: If the policy or an argument is not allowed.
+    """
+    with closing(Recorder(make_env(args.env, args.env_kwargs), label)) as env:
+        moments = play(load_named(name, env), env, args.command, args.seed)
+        most = min(args.steps, env.get_wrapper_attr("spec").max_episode_steps or MOST_RECORDED)
+        for moment in watched(moments, most, advance):
+            if moment.steps == args.steps:
+                break
+        return env.recording
+
+
+def load(path: str) -> Recording:
+    """Return the recording in a file, or that of a rollout saved by the walking page.
+
+    Args:
+        path: Path of a recording, or of a saved rollout if it ends in ``.json``.
+    """
+    return walk_again(path) if path.endswith(".json") else Recording.load(path)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Record episodes, and write the recordings and the page.
+
+    Args:
+        arguments: Arguments of the command. If None, those of the process.
+    """
+    args = parse(arguments)
+    out = args.out
+    with args.parser.refusing():
+        named = zip(args.policy, labels(args.policy), strict=True)
+        with progress("recording", len(args.policy)) as advance:
+            made = [record(name, label, args, advance) for name, label in named]
+        content = page(*made, *map(load, args.recording))  # made before anything is written
+        names = [re.sub("[^A-Za-z0-9._-]", "_", recording.label) for recording in made]
+        if len({*names}) < len(names):  # labels differ only in replaced characters
+            names = [f"{name}_{i}" for i, name in enumerate(names, start=1)]
+        files = [out.with_name(f"{out.stem}_{name}.npz") for name in names]
+        for file in files:
+            if file.resolve() in [Path(path).resolve() for path in args.recording]:
+                raise ValueError(f"--recording {file} would be overwritten, must be another --out")
+        written = [recording.save(file) for recording, file in zip(made, files, strict=True)]
+        written.append(write_text(out, content))
+    for path in written:
+        print(f"written: {path} ({path.stat().st_size / 1000:.0f} kB)")

@@ -1,0 +1,1 @@
+"""jansen_workshop: drawings, predictions and measurements of a walking machine to build."""

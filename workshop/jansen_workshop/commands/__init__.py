@@ -1,0 +1,1 @@
+"""Commands of the console script ``jansen-workshop``, one module per command."""

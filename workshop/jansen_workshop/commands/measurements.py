@@ -1,0 +1,314 @@
+"""Read and check logs of a machine's walks, and compare them with the published predictions.
+
+``workshop/measurements/README.md`` describes the format of a log.
+"""
+
+import json
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from tabulate import tabulate
+
+from jansen_env.arrays import Array
+from jansen_env.checks import finite, finite_numbers, named_errors, one_of, positive, within
+from jansen_env.cli.flags import Parser
+from jansen_env.files import read_bounded
+from jansen_env.files.plain_yaml import parse_yaml
+from jansen_env.policies.pid import PID
+from jansen_env.policies.policy import PAPER_PID
+from jansen_env.robot import ROBOTS
+from jansen_env.scoring.metrics import SETTLING
+from jansen_env.tasks.walking.tuned import gains_of
+from jansen_workshop.commands import predict
+from jansen_workshop.commands.predict import FASTEST, SLOWEST, measured_time
+from jansen_workshop.log_table import LogTable, at_line, read_table
+
+COMMENTS = "crank_speed", "robot", "gains", "torque_constant", "mass"
+"""Names of the comments that are evaluated; all other comments are remarks."""
+CONTROL_DT = 0.02  # control step of the predicted walks, in s
+LONGEST_GAP, LONGEST_PERIOD = 0.1, 0.05  # largest gap and largest median sampling interval, in s
+# Largest error of the clock as a fraction of the crank speed, and largest error that is left
+# uncorrected.
+DRIFT, SMALL = 0.03, 0.01
+FILMED = 1.0  # longest time between two known positions of the crank axis, in s
+MAX_BYTES = 50_000_000
+PREDICTIONS = Path(__file__).parents[1] / "predictions"
+
+
+class Walk(NamedTuple):
+    """One walk or several walks, sampled every 20 ms after the first 2 s, shape (..., steps).
+
+    Attributes:
+        crank: Crank angle, in rad, not wrapped to one turn.
+        torque: Torque at the crank, averaged over 20 ms, in N m.
+        pitch: Pitch of the chassis, in rad.
+        x: Position of the crank axis, in m; NaN if it is not known.
+    """
+
+    crank: Array
+    torque: Array
+    pitch: Array
+    x: Array
+
+
+class Log(NamedTuple):
+    """A machine's walk at a constant crank speed.
+
+    Attributes:
+        about: Comments of the log by name.
+        speed: Commanded crank speed, in rad/s.
+        gains: Gains of the PID that held the crank speed.
+        walk: The walk.
+        notes: Notes on what was corrected in the log.
+    """
+
+    about: dict[str, Any]
+    speed: float
+    gains: PID
+    walk: Walk
+    notes: list[str]
+
+
+def read_log(path: str | Path) -> Log:
+    """Read and check a log.
+
+    Args:
+        path: CSV file.
+
+    Raises:
+        ValueError: If the log cannot be read, or if a column, a unit, a gap, the clock or a value
+            is implausible. The message names the file and the line.
+    """
+    with named_errors(path):
+        table = read_table(read_bounded(path, MAX_BYTES), COMMENTS)
+        given = _comments(table)
+        about = {"gains": astuple(default_gains(given.get("robot"))), **given}
+        if "crank_speed" not in about:
+            example = "for example '# crank_speed: 1' for 1 rad/s"
+            raise at_line(table.head, f"a comment above must give crank_speed, {example}")
+        speed = about["crank_speed"]
+        gains = PID(*about["gains"])
+        columns = table.columns
+        if "torque" not in columns:
+            if "torque_constant" not in about:
+                raise at_line(table.head, "current_A needs a comment torque_constant, in N m per A")
+            columns["torque"] = about["torque_constant"] * columns["current"]
+        notes = _mend(columns, speed, table.lines.tolist(), table.head)
+        return Log(about, speed, gains, _walk(columns, speed, table.lines.tolist()), notes)
+
+
+def _comments(table: LogTable) -> dict[str, Any]:
+    """Return the comments of a log by name: values of evaluated comments, and texts of remarks."""
+    about: dict[str, Any] = {}
+    for name, (line, text) in table.comments.items():
+        about[name] = text
+        if name not in COMMENTS:
+            continue
+        with named_errors(f"line {line}"):
+            if re.fullmatch(r"[-+]?\d+,\d+", text):
+                text = text.replace(",", ".")
+            value = parse_yaml(text, name)
+            if name == "crank_speed":
+                value = finite(name, value)
+                within(name, abs(value), SLOWEST, FASTEST)
+            elif name == "gains":
+                value = tuple(finite_numbers(name, value, 3).tolist())
+                PID(*value)
+            elif name != "robot":
+                value = (positive if name == "mass" else finite)(name, value)
+            about[name] = value
+    return about
+
+
+def default_gains(robot: object) -> PID:
+    """Return the PID gains of a log whose comments contain none.
+
+    If the log names a design of this package, the gains are those of the design. Otherwise nothing
+    is known of the robot, and the gains are those of the paper.
+
+    Args:
+        robot: Robot that the log names.
+    """
+    if isinstance(robot, str) and robot in ROBOTS:
+        return gains_of(ROBOTS[robot](), "steady")
+    return PAPER_PID
+
+
+def _mend(columns: dict[str, Array], speed: float, lines: list[int], head: int) -> list[str]:
+    """Unwrap the crank angle, correct the clock and fill blanks; return notes on the corrections.
+
+    Raises:
+        ValueError: If the clock, a gap or the crank speed is implausible.
+    """
+    if len(lines) < 3:
+        raise at_line(lines[-1] if lines else head, f"3 rows must follow or more, got {len(lines)}")
+    time, notes = columns["time"] - columns["time"][0], []
+    periods = np.diff(time)
+    usual, longest = float(np.median(periods)), float(periods.max())
+    if periods.min() <= 0.0:
+        after = int((periods <= 0.0).argmax())
+        given = f"{columns['time'][after + 1]:.10g} after {columns['time'][after]:.10g}"
+        raise at_line(lines[after + 1], f"time_s must rise, got {given}")
+    rows = f"lines {lines[0]} to {lines[-1]}"
+    with named_errors(rows):
+        within("median time (s) between samples", usual, 0.0, LONGEST_PERIOD)
+    with named_errors(f"line {lines[int(periods.argmax()) + 1]}"):
+        within(f"gap (s) after {time[periods.argmax()]:.4g} s", longest, 0.0, LONGEST_GAP)
+    _check_length(time, speed, lines)
+    if longest > 1.5 * usual:
+        notes.append(f"{(periods > 1.5 * usual).sum()} short gaps are filled by straight lines")
+    crank, walking = np.unwrap(columns["crank"]), time >= SETTLING
+    # The steps of the walk make the crank angle oscillate about its mean rise.
+    waves = [wave(order * crank) for order in (1, 2, 4) for wave in (np.cos, np.sin)]
+    drawn = np.stack([time, np.ones(len(time)), *waves], axis=1)[walking]
+    turned = float(np.linalg.lstsq(drawn, crank[walking])[0][0])
+    drift = turned / speed - 1.0
+    if abs(drift) > DRIFT:
+        raise ValueError(
+            f"{rows}: the crank must turn at crank_speed, {speed:g} rad/s, within "
+            f"{100.0 * DRIFT:g} %, got {turned:.3g} rad/s after {SETTLING:g} s; "
+            "a unit, a sign or the clock is wrong"
+        )
+    if abs(drift) > SMALL:
+        time = time * (1.0 + drift)
+        notes.append(f"the clock is {100.0 * drift:+.2g} % off by the crank's speed: set right")
+    columns.update(time=time, crank=crank)
+    if "x" in columns:
+        columns["x"], note = _filled(time, columns["x"], SETTLING + measured_time(speed))
+        notes += note
+    return notes
+
+
+def _check_length(time: Array, speed: float, lines: list[int]) -> None:
+    """Raise ValueError if a log ends before the measured part of the walk ends."""
+    needed = SETTLING + CONTROL_DT * round(measured_time(speed) / CONTROL_DT)
+    if time[-1] < needed:
+        raise at_line(
+            lines[-1], f"the log must be {needed:.3g} s long or longer, got {time[-1]:.3g} s"
+        )
+
+
+def _filled(time: Array, x: Array, end: float) -> tuple[Array, list[str]]:
+    """Fill blank positions by linear interpolation.
+
+    If too few positions are known, return NaN for all of them and a note.
+    """
+    known = np.isfinite(x)
+    seen = np.concatenate([[SETTLING - FILMED], time[known], [end + FILMED]])
+    seen = seen[(seen >= SETTLING - FILMED) & (seen <= end + FILMED)]
+    if np.diff(seen).max() > FILMED + LONGEST_GAP:
+        needed = f"every {FILMED:g} s or more often from {SETTLING:g} to {end:.3g} s"
+        note = f"x_m is left out: it must be known {needed}"
+        return np.full(len(x), math.nan), [note] if known.any() else []
+    return np.interp(time, time[known], x[known]), []
+
+
+def _walk(columns: dict[str, Array], speed: float, lines: list[int]) -> Walk:
+    """Resample the columns of a log at the control steps of the predicted walks."""
+    time, torque = columns["time"], columns["torque"]
+    _check_length(time, speed, lines)  # again, because the clock may have been corrected
+    grid = SETTLING + CONTROL_DT * np.arange(round(measured_time(speed) / CONTROL_DT) + 1)
+    work = np.append(0.0, np.cumsum(torque[1:] * np.diff(time)))
+    mean = np.diff(np.interp(grid, time, work)) / CONTROL_DT
+    if mean.mean() * speed <= 0.0:
+        raise ValueError(
+            f"lines {lines[0]} to {lines[-1]}: mean torque must have the sign of crank_speed, got "
+            f"{mean.mean():.3g} N m; is the sign of torque or current reversed?"
+        )
+    columns.setdefault("x", np.full(len(time), math.nan))
+    crank, pitch, x = (np.interp(grid[1:], time, columns[name]) for name in ("crank", "pitch", "x"))
+    return Walk(crank, mean, pitch, x)
+
+
+def quantities(walk: Walk) -> dict[str, Array]:
+    """Measure the predicted quantities on walks.
+
+    Args:
+        walk: Walks, shape (n, steps), or one walk, shape (steps,).
+
+    Returns:
+        The quantities by name, in SI units, shape (n,) each. A quantity that is not known is
+        missing.
+    """
+    torque, seconds = np.abs(walk.torque), CONTROL_DT * (walk.x.shape[-1] - 1)
+    measured = {
+        "mean_torque": torque.mean(axis=-1),
+        "peak_torque": np.percentile(torque, 99, axis=-1),
+        "pitch_range": np.ptp(walk.pitch, axis=-1),
+        "speed": (walk.x[..., -1] - walk.x[..., 0]) / seconds,
+    }
+    return {name: np.asarray(v) for name, v in measured.items() if not np.isnan(v).any()}
+
+
+def compared(name: str, log: Log, bands: Mapping[str, Sequence[float]]) -> list[list[str]]:
+    """Return rows of :func:`table` that compare the quantities of a log with predicted ranges.
+
+    Args:
+        name: Name of the walk.
+        log: The log.
+        bands: Predicted range (low, high) by quantity.
+    """
+    rows = []
+    for quantity, value in quantities(log.walk).items():
+        low, high = bands[quantity]
+        verdict = "within" if low <= value <= high else "below" if value < low else "above"
+        label = f"{quantity.replace('_', ' ')} ({predict.UNITS[quantity]})"
+        rows.append([name, label, f"{value:.3g}", f"{low:.3g}", f"{high:.3g}", verdict])
+    return rows
+
+
+def table(rows: list[list[str]]) -> str:
+    """Return rows of :func:`compared` as a Markdown table.
+
+    Args:
+        rows: The rows.
+    """
+    heads = ("walk", "quantity", "measured", "5 %", "95 %", "verdict")
+    return tabulate(rows, heads, "github", disable_numparse=True)
+
+
+def published(path: Path) -> list[list[str]]:
+    """Return rows of :func:`table` that compare a log with the published predictions.
+
+    Args:
+        path: File of the log.
+
+    Raises:
+        ValueError: If there are no predictions for the robot and the crank speed of the log. The
+            message lists the available ones.
+    """
+    log, names = read_log(path), sorted(file.stem for file in PREDICTIONS.glob("*.json"))
+    with named_errors(path):
+        robot = one_of("robot", log.about.get("robot"), names)
+        text = (PREDICTIONS / f"{robot}.json").read_text(encoding="utf-8")
+        content = json.loads(text)
+        if (gains := [*astuple(log.gains)]) != content["gains"]:
+            raise ValueError(
+                f"gains must be {content['gains']}, those of the prediction, got {gains}"
+            )
+        speeds = content["crank_speed"]
+        known = speeds[one_of("crank_speed", f"{log.speed:g}", speeds)]
+    bands = {name: (row["low"], row["high"]) for name, row in known.items()}
+    return compared(path.name, log, bands)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Compare logs with the published predictions and print the table.
+
+    Args:
+        arguments: Arguments of the command. If None, those of the process.
+    """
+    parser = Parser(
+        "jansen-workshop measurements",
+        __doc__,
+        "jansen-workshop measurements workshop/measurements/*.csv",
+    )
+    parser.add_argument("logs", nargs="+", type=Path, metavar="LOG.csv")
+    args = parser.parse_args(arguments)
+    with parser.refusing():
+        print(table([row for path in args.logs for row in published(path)]))

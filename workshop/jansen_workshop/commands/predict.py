@@ -1,0 +1,449 @@
+"""Predict measurements on a real machine, with their uncertainty: ``jansen-workshop predict``.
+
+Many copies of a robot walk at the same time. The parameters that are not known exactly for the real
+machine differ from copy to copy, by Latin hypercube sampling. The robot's own PID controller turns
+the crank at a constant speed, starting from rest, and stops it at the end.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import astuple, replace
+from typing import Any, cast
+
+import gymnasium as gym
+import numpy as np
+from scipy.stats import qmc
+from tabulate import tabulate
+
+from jansen_env import __version__
+from jansen_env.arrays import Array
+from jansen_env.checks import within
+from jansen_env.cli.flags import robot_parser, whole
+from jansen_env.cli.progress import progress
+from jansen_env.dynamics.gravity import GRAVITY
+from jansen_env.files import check_writable, write_text
+from jansen_env.policies.pid import PID
+from jansen_env.robot import Robot
+from jansen_env.robot.kinematics import advance_per_turn
+from jansen_env.robot.lengths import lengths, with_lengths
+from jansen_env.scoring.metrics import MIN_DISTANCE, SETTLING
+from jansen_env.scoring.rollout import Advance, make_env, no_progress
+from jansen_env.tasks.walking.tuned import gains_of
+from jansen_env.tasks.walking.walker_benchmark import walking_pid
+from jansen_env.tasks.walking.walker_env import JansenWalkerEnv
+from jansen_env.terrain.ground import Terrain, one_step
+from jansen_env.world.settings import load_robot
+
+ENV = "JansenWalkerBuilt-v0"
+WALKED, STOPPED = 8.0, 2.0  # s, approximate measured time, and time with the crank stopped
+WITHIN = {
+    "friction": (0.5, 1.0),  # friction between feet and ground
+    "mass": (0.97, 1.03),  # factor on the masses of all links
+    "lengths": (-3e-4, 3e-4),  # m, error of each length, independent of the others
+    "bearings": (0.5, 1.5),  # factor on the friction of the bearings
+    "feet": (0.5, 1.5),  # factor on the stiffness of the feet
+    "battery": (0.9, 1.1),  # factor on the voltage of the battery
+    "start": (0.0, math.pi),  # rad, crank angle; after half a turn the legs have swapped roles
+}
+"""Limits of the uniform distribution of each uncertain parameter."""
+UNITS = {
+    "speed": "m/s", "cost_of_transport": "1", "slip": "m/m", "mean_torque": "N m",
+    "peak_torque": "N m", "electrical_power": "W", "duty_factor": "1", "foot_load": "N",
+    "pitch_range": "rad", "heave": "m", "start_distance": "m", "stop_distance": "m",
+    "falls": "fraction", "step_climbed": "m",
+}  # fmt: skip
+"""Predicted quantities and their units.
+
+Torques are magnitudes. The peaks of torque and load are exceeded in 1 % of the control steps, which
+last 20 ms. The duty factor is the fraction of these steps in which a foot carries load. The start
+consists of the first 2 s.
+"""
+STEPS = tuple(np.round(np.arange(0.02, 0.161, 0.02), 2).tolist())  # m, heights of steps to climb
+# Position of the step, position from which on it counts as climbed, and distance that a robot which
+# does not slip walks, in m.
+STEP_AT, BEYOND, FAR = 0.7, 1.3, 2.0
+INFO = "x_position", "crank_angle", "crank_torque", "pitch", "fallen"
+SLOWEST, FASTEST = 0.5, 10.0  # rad/s
+MOST_COPIES = 10_000
+SPAN = 5.0, 95.0  # percentiles of the copies that limit the 90 % band
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Predict the quantities, print a table of them, and write them as JSON.
+
+    Args:
+        arguments: Arguments of the command. If None, those of the process.
+    """
+    parser = robot_parser(
+        "jansen-workshop predict",
+        __doc__,
+        "FILE",
+        "nothing is written",
+        "jansen-workshop predict built",
+        "jansen-workshop predict economy --speeds 1 2 --out economy.json",
+    )
+    add = parser.add_argument
+    add(
+        "--speeds",
+        type=float,
+        nargs="+",
+        default=[1.0, 2.0, 4.0],
+        metavar="RAD_PER_S",
+        help="of the crank; default: 1 2 4",
+    )
+    add(
+        "--copies",
+        type=whole(most=MOST_COPIES),
+        default=256,
+        help=f"of the machine, at most {MOST_COPIES}; default: 256",
+    )
+    args = parser.parse_args(arguments)
+    with parser.refusing():
+        robot = load_robot("ROBOT", args.robot)
+        if advance_per_turn(robot) == 0.0:
+            raise ValueError(f"ROBOT is {args.robot}, must advance as its crank turns")
+        if args.out is not None:
+            check_writable("--out's folder", args.out.parent)  # checked before the long computation
+        for speed in args.speeds:
+            within("--speeds", abs(speed), SLOWEST, FASTEST)
+        seconds = sum(map(simulated_time, [robot] * len(args.speeds), args.speeds))
+        with progress(f"{args.copies} copies of {args.robot} walk", seconds) as advance:
+            made = {
+                f"{speed:g}": predict(robot, speed, args.copies, advance) for speed in args.speeds
+            }
+        gains = [*astuple(gains_of(robot, "steady"))]
+        if args.out is not None:
+            known = {
+                "robot": args.robot,
+                "version": __version__,
+                "copies": args.copies,
+                "gains": gains,
+            }
+            content = {"format": "jansen_env predictions 1", **known, "within": WITHIN}
+            write_text(args.out, json.dumps({**content, "crank_speed": made}, indent=1) + "\n")
+    kp, ki, kd = gains
+    print(f"{args.robot}, PID of {kp:.3g} N m/rad, {ki:.3g} N m/(rad s), {kd:.3g} N m s/rad")
+    for speed, quantities in made.items():
+        print(f"\ncrank at {speed} rad/s\n\n{table(quantities)}")
+
+
+def table(quantities: dict[str, Any]) -> str:
+    """Return a Markdown table of predictions.
+
+    Args:
+        quantities: Predictions by quantity, as returned by :func:`predict`.
+    """
+    rows = []
+    for name, row in quantities.items():
+        most = max(row["sources"], key=row["sources"].get, default="")
+        source = f"{most}, {100 * row['sources'][most]:.0f} %" if most else ""
+        numbers = [f"{row[key]:.3g}" for key in ("median", "low", "high")]
+        rows.append([f"{name.replace('_', ' ')} ({UNITS[name]})", *numbers, source])
+    heads = ("quantity", "median", "5 %", "95 %", "largest source")
+    return tabulate(rows, heads, "github", disable_numparse=True)
+
+
+def simulated_time(robot: Robot, speed: float) -> float:
+    """Return the time that each copy walks in :func:`predict`, in s.
+
+    Args:
+        robot: Robot that walks.
+        speed: Crank speed, in rad/s.
+    """
+    times = [SETTLING + measured_time(speed), *[climbing_time(robot, speed)] * len(STEPS)]
+    return sum(times) + STOPPED * len(times)
+
+
+def predict(
+    robot: Robot, speed: float, copies: int, advance: Advance = no_progress
+) -> dict[str, Any]:
+    """Predict all quantities in :data:`UNITS` at a crank speed.
+
+    Args:
+        robot: Robot whose copies walk.
+        speed: Crank speed, in rad/s.
+        copies: Number of copies.
+        advance: Function that is called with the time, in s, that the copies have walked since its
+            last call.
+
+    Returns:
+        For each quantity a dictionary with the keys "median", "low", "high" and "sources". 90 % of
+        the copies lie between ``low`` and ``high``. ``sources`` has the fraction of the variance
+        that a linear regression attributes to each uncertain parameter. The remainder to 1 is not
+        linear, because walking is chaotic.
+
+    Raises:
+        ValueError: If copies of the robot stand still.
+    """
+    robots, known, errors = draw_copies(robot, WITHIN, copies)
+    pid = gains_of(robot, "steady")  # gains of the nominal robot; a copy matches no design
+    measured = measure(robots, known, speed, pid, advance)
+    measured["step_climbed"] = climb(robots, known, speed, pid, advance)
+    inputs = {name: values[:, None] for name, values in known.items() if name != "start"}
+    turn = 2.0 * known["start"]
+    inputs |= {"lengths": errors, "start": np.stack([np.cos(turn), np.sin(turn)], axis=1)}
+    return {name: summary(measured[name], inputs) for name in UNITS}
+
+
+def draw_copies(
+    robot: Robot, limits: Mapping[str, tuple[float, float]], copies: int
+) -> tuple[list[Robot], dict[str, Array], Array]:
+    """Sample copies of a robot.
+
+    Args:
+        robot: Robot to copy.
+        limits: Limits of each uncertain parameter, as in :data:`WITHIN`.
+        copies: Number of copies.
+
+    Returns:
+        The copies, the sampled values by name, each of shape (copies,), and the errors of the link
+        lengths in m, shape (copies, lengths).
+    """
+    sizes = [name for name in lengths(robot) if name != "frame_angle"]
+    names = [name for name in limits if name != "lengths"]
+    least, most = np.array([limits[name] for name in [*names, *["lengths"] * len(sizes)]]).T
+    drawn = least + (most - least) * qmc.LatinHypercube(len(least), rng=0).random(copies)
+    known, errors = dict(zip(names, drawn.T, strict=False)), drawn[:, len(names) :]
+    robots = [
+        copy_of(
+            robot,
+            {name: float(known[name][i]) for name in names},
+            dict(zip(sizes, errors[i].tolist(), strict=True)),
+        )
+        for i in range(copies)
+    ]
+    return robots, known, errors
+
+
+def copy_of(robot: Robot, numbers: dict[str, float], errors: dict[str, float]) -> Robot:
+    """Return a robot with one sample of the uncertain parameters.
+
+    Args:
+        robot: Robot to copy.
+        numbers: Sampled values by name, as in :data:`WITHIN`. They may also have a ``payload`` in
+            kg, and a ``damping`` of the crank in N m s/rad, which are added to those of the robot.
+        errors: Error of each link length by name, in m.
+    """
+    known = lengths(robot)
+    wrong = with_lengths(robot, {name: known[name] + error for name, error in errors.items()})
+    motor, feet = wrong.motor, wrong.pad_compliance
+    volts, stiff = numbers["battery"], numbers["feet"]
+    motor = replace(
+        motor,
+        stall_torque=volts * motor.stall_torque,
+        no_load_speed=volts * motor.no_load_speed,
+        viscous_friction=motor.viscous_friction + numbers.get("damping", 0.0),
+    )
+    load = replace(wrong.payload, mass=wrong.payload.mass + numbers.get("payload", 0.0))
+    if not feet.rigid:
+        feet = replace(
+            feet,
+            stiffness=stiff * feet.stiffness,
+            tangential_stiffness=stiff * (feet.tangential_stiffness or 0.0),
+        )
+    return replace(
+        wrong,
+        motor=motor,
+        pad_compliance=feet,
+        payload=load,
+        bodies=tuple(
+            replace(b, mass=numbers["mass"] * b.mass, inertia=numbers["mass"] * b.inertia)
+            for b in wrong.bodies
+        ),
+        bearing_friction=tuple(numbers["bearings"] * each for each in robot.bearing_friction),
+    )
+
+
+def walk(
+    robots: list[Robot],
+    known: dict[str, Array],
+    speed: float,
+    ground: Terrain,
+    seconds: float,
+    pid: PID,
+    advance: Advance = no_progress,
+) -> tuple[dict[str, Array], float]:
+    """Simulate robots whose cranks turn for a time and then stop.
+
+    Args:
+        robots: Robots that walk, n in number.
+        known: Sampled values by name, each of shape (n,). If they include a ``slope``, in rad, the
+            terrain rises towards +x by this angle.
+        speed: Crank speed, in rad/s.
+        ground: Terrain on which all robots walk.
+        seconds: Time for which the cranks turn, in s.
+        pid: Gains of the controller.
+        advance: Function that is called with the time, in s, that the robots have walked since its
+            last call.
+
+    Returns:
+        Recorded quantities by name, each of shape (steps, n, ...), and the duration of a control
+        step, in s.
+    """
+    single = cast(JansenWalkerEnv, make_env(ENV, {"robot": robots[0]}).unwrapped)
+    dt = single.control_dt
+    envs: Any = gym.make_vec(
+        ENV,
+        len(robots),
+        robot=robots,
+        terrain=ground,
+        friction=known["friction"].tolist(),
+        terminate_when_fallen=False,
+        reset_noise_scale=0.0,
+        max_episode_steps=-1,
+    )
+    now = speed
+    policy = walking_pid(lambda command: np.full(len(command), now), single, pid)
+    options = {"crank_angle": known["start"]}
+    if "slope" in known:
+        options["tilt"] = known["slope"]
+    seen, _ = envs.reset(seed=0, options=options)
+    height, rows, memory = single.task.columns["crank_axis_height"], [], None
+    for step in range(round((seconds + STOPPED) / dt)):
+        now = speed if step < round(seconds / dt) else 0.0
+        action, memory = policy.predict(seen, memory, np.full(len(robots), step == 0))
+        seen, _, _, _, info = envs.step(action)
+        row = {name: info[name] for name in INFO}
+        row |= {name: info["energy"][name] for name in ("motor_work", "electrical_work")}
+        row["slip"], row["load"] = info["slip"].sum(axis=-1), info["contact_force"][..., 1]
+        rows.append({**row, "height": seen[:, height]})
+        advance(dt)
+    envs.close()
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}, dt
+
+
+def measured_time(speed: float) -> float:
+    """Return the time for which a rollout is measured, in s.
+
+    It is :data:`WALKED`, rounded down to a whole number of half turns of the crank, and at least
+    one half turn.
+
+    Args:
+        speed: Crank speed, in rad/s.
+    """
+    half_turn = math.pi / abs(speed)
+    return half_turn * max(1, math.floor(WALKED / half_turn))
+
+
+def measure(
+    robots: list[Robot],
+    known: dict[str, Array],
+    speed: float,
+    pid: PID,
+    advance: Advance = no_progress,
+) -> dict[str, Array]:
+    """Measure quantities of robots that walk on level ground.
+
+    Most quantities refer to whole half turns of the crank after the first 2 s.
+
+    Args:
+        robots: Robots that walk, n in number.
+        known: Sampled values by name, each of shape (n,).
+        speed: Crank speed, in rad/s.
+        pid: Gains of the controller.
+        advance: Function that is called with the time, in s, that the robots have walked since its
+            last call.
+
+    Returns:
+        Quantities by name, each of shape (n,).
+
+    Raises:
+        ValueError: If a robot stands still, because work and slip are measured per metre.
+    """
+    time = measured_time(speed)
+    run, dt = walk(robots, known, speed, Terrain.flat(), SETTLING + time, pid, advance)
+    begin, end = round(SETTLING / dt), round((SETTLING + time) / dt)
+    part = {name: values[begin:end] for name, values in run.items()}
+    x, torque, load = run["x_position"], np.abs(part["crank_torque"]), part["load"]
+    way = x[end - 1] - x[begin - 1]
+    if (still := np.abs(way) <= MIN_DISTANCE).any():
+        raise ValueError(
+            f"{still.sum()} of {len(way)} copies of the robot stand still at a crank speed of "
+            f"{speed} rad/s, must walk: work and slip are per metre"
+        )
+    weight = np.array([GRAVITY * robot.mass for robot in robots])
+    return {
+        "speed": way / time,
+        "cost_of_transport": np.abs(part["motor_work"]).sum(axis=0) / (weight * np.abs(way)),
+        "slip": part["slip"].sum(axis=0) / np.abs(way),
+        "mean_torque": torque.mean(axis=0),
+        "peak_torque": np.percentile(torque, 99, axis=0),
+        "electrical_power": part["electrical_work"].sum(axis=0) / time,
+        "duty_factor": (load > 0.0).mean(axis=(0, 2)),
+        "foot_load": np.percentile(load, 99, axis=(0, 2)),
+        "pitch_range": np.ptp(part["pitch"], axis=0),
+        "heave": np.ptp(part["height"], axis=0),
+        "start_distance": x[begin - 1],
+        "stop_distance": x[-1] - x[end - 1],
+        "falls": run["fallen"][-1].astype(float),
+    }
+
+
+def climbing_time(robot: Robot, speed: float) -> float:
+    """Return the time in which a robot that does not slip walks :data:`FAR`, in s.
+
+    Args:
+        robot: Robot that walks.
+        speed: Crank speed, in rad/s.
+    """
+    return 2.0 * math.pi * FAR / abs(advance_per_turn(robot) * speed)
+
+
+def climb(
+    robots: list[Robot],
+    known: dict[str, Array],
+    speed: float,
+    pid: PID,
+    advance: Advance = no_progress,
+) -> Array:
+    """Return the height up to which each robot climbs all steps.
+
+    Args:
+        robots: Robots that climb, n in number.
+        known: Sampled values by name, each of shape (n,).
+        speed: Crank speed, in rad/s.
+        pid: Gains of the controller.
+        advance: Function that is called with the time, in s, that the robots have walked since its
+            last call.
+
+    Returns:
+        Heights of :data:`STEPS` in m, shape (n,); 0 for a robot that does not climb the lowest.
+    """
+    seconds = climbing_time(robots[0], speed)
+    climbed = []
+    for height in STEPS:
+        ground = one_step(math.copysign(STEP_AT, speed), height)
+        run, _ = walk(robots, known, speed, ground, seconds, pid, advance)
+        climbed.append(~run["fallen"][-1] & (np.abs(run["x_position"][-1]) > BEYOND))
+    return np.append(0.0, STEPS)[np.cumprod(climbed, axis=0).sum(axis=0).astype(int)]
+
+
+def summary(values: Array, inputs: dict[str, Array]) -> dict[str, Any]:
+    """Return the median, the 90 % band, and the sources of the variance of a quantity.
+
+    The fraction of the variance of all groups together is the adjusted R^2: the fraction that the
+    same number of random columns would explain is subtracted. A small fraction can be negative.
+    The sources are empty if there are fewer copies than the regression needs.
+
+    Args:
+        values: Values of the quantity, shape (copies,).
+        inputs: Groups of inputs by name, each of shape (copies, columns).
+    """
+    low, high = np.percentile(values, SPAN).tolist()
+    columns = np.concatenate([*inputs.values()], axis=1)
+    spread = values - values.mean()
+    sources = {}
+    free = len(values) - 1 - columns.shape[1]  # remaining degrees of freedom
+    if free > 0 and values.std() > 1e-9 * max(1.0, abs(values.mean())):
+        columns = (columns - columns.mean(axis=0)) / columns.std(axis=0)
+        slopes = np.linalg.lstsq(columns, spread, rcond=None)[0]
+        shares = slopes * (spread @ columns) / (spread @ spread)  # their sum is R^2
+        shares -= (1.0 - shares.sum()) / free  # subtract the part that chance explains
+        ends = np.cumsum([part.shape[1] for part in inputs.values()])
+        parts = [float(part.sum()) for part in np.split(shares, ends[:-1])]
+        sources = {name: round(part, 3) for name, part in zip(inputs, parts, strict=True)}
+    median = float(np.median(values))
+    if set(np.unique(values)) <= {0.0, 1.0}:  # report events by their frequency
+        median = low = high = float(values.mean())
+    return {"median": median, "low": low, "high": high, "sources": sources}

@@ -1,0 +1,534 @@
+"""Flat parts at 1:1, in mm: outline, window, holes and engraved name of each plate and bar.
+
+Points are complex numbers x + i y. Every line to cut is a convex polygon that is enlarged by a
+radius on all sides. The polygon of a hole has one corner, that of a bar has two, and those of a
+triangular plate and its window have three.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Iterable, Sequence
+from itertools import combinations, pairwise
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jansen_env.robot import Robot
+from jansen_env.robot import buildable as built
+from jansen_env.robot.buildable import ALUMINIUM, Build
+from jansen_env.robot.kinematics import joint_positions
+from jansen_env.robot.linkage import CRANK, FRAME
+from jansen_env.robot.part_sizes import (
+    M3,
+    PARALLEL,
+    SHOE_SCREW,
+    SHOE_SCREWS,
+    WALL,
+    feet_of,
+    pin_hole_radii,
+    radii,
+)
+from jansen_workshop.drawings.mount import SIZES, mount_of, ties
+
+Points = NDArray[np.complex128]
+T = TypeVar("T")
+
+CIRCLE = np.exp(2j * np.pi * np.arange(64) / 64)
+BRACE = 6.0  # thickness of the brace, which fills the gap between neighbouring units
+FILLET = 4.0  # radius of a window's corners
+# Classes of holes: for a bush, for a fixed pin, and for a screw.
+CLASSES = ("press", "slide", "clear")
+FITS = {"laser": (-0.05, 0.1, 0.2), "water_jet": (-0.05, 0.15, 0.3), "print": (0.1, 0.3, 0.5)}
+"""Initial estimates of the fit allowances of each process.
+
+An entry has one value for each class of holes in :data:`CLASSES`: by how much the diameter of the
+hole is enlarged, in mm.
+"""
+# Added to the diameters of the coupon's holes and to the radii of its pegs, in mm.
+STEPS = [round(0.1 * k, 1) for k in range(-4, 5)]
+STRAIGHT = 1e-6  # a link's joints count as in line if its height / length is lower
+
+
+class Round(NamedTuple):
+    """Convex polygon that is enlarged by a radius on all sides.
+
+    Attributes:
+        corners: Corners of the polygon, counter-clockwise, in mm.
+        radius: Radius by which the polygon is enlarged, in mm.
+        fit: Class of a hole, one of :data:`CLASSES`.
+    """
+
+    corners: tuple[complex, ...]
+    radius: float = 0.0
+    fit: str = "clear"
+
+    @property
+    def box(self) -> tuple[complex, complex]:
+        """Lower left and upper right corners of the bounding box, in mm."""
+        xs, ys = [z.real for z in self.corners], [z.imag for z in self.corners]
+        out = complex(self.radius, self.radius)
+        return complex(min(xs), min(ys)) - out, complex(max(xs), max(ys)) + out
+
+    @property
+    def closed(self) -> bool:
+        """Whether the line encloses an area; a line between two points does not."""
+        return self.radius > 0.0 or len(self.corners) > 2
+
+    @property
+    def around(self) -> float:
+        """Total length of the polygon's sides, before the enlargement, in mm."""
+        return sum(abs(q - p) for p, q in sides(self.corners))
+
+    @property
+    def area(self) -> float:
+        """Area of the enlarged polygon, in mm^2."""
+        inner = sum(0.5 * (p.conjugate() * q).imag for p, q in sides(self.corners))
+        return inner + self.around * self.radius + math.pi * self.radius**2
+
+    @property
+    def path(self) -> list[tuple[complex, float]]:
+        """Corners of the line, each with the bulge of the edge that follows, as in a DXF polyline.
+
+        A circle, which has one corner, has no path.
+        """
+        if not self.radius:
+            return [(z, 0.0) for z in self.corners]
+        points = []
+        for (a, b), (_, c) in sides(sides(self.corners)):
+            start, end = (-1j * self.radius * (q - p) / abs(q - p) for p, q in ((a, b), (b, c)))
+            bulge = math.tan(abs(cmath.phase((c - b) / (b - a))) / 4.0)
+            points += [(b + start, bulge), (b + end, 0.0)]
+        return points
+
+    @property
+    def polygon(self) -> tuple[complex, ...]:
+        """Corners of a polygon that approximates the line, with 64 corners per full turn."""
+        if not self.radius:
+            return self.corners
+        return hull(z + self.radius * turn for z in self.corners for turn in CIRCLE)
+
+    def moved(self, turn: complex, shift: complex) -> Round:
+        """Return the polygon turned about the origin, then shifted.
+
+        Args:
+            turn: Complex number of magnitude 1 by which the corners are multiplied.
+            shift: Displacement in mm.
+        """
+        return self._replace(corners=tuple(turn * z + shift for z in self.corners))
+
+
+class CutPart(NamedTuple):
+    """Flat part to cut.
+
+    Attributes:
+        name: Name of the part.
+        thickness: Thickness of the part, in mm.
+        outline: Outline of the part.
+        windows: Large openings that make the part lighter.
+        holes: Holes of the part.
+        joints: Position of each joint by name, in mm.
+        text: Two points, in mm. The part's number and name are engraved half way between them.
+        number: Number in the bill of materials; 0 if the part has none.
+        labels: Further texts to engrave, each with two points as in ``text``.
+        density: Density of the material, in kg/m^3.
+    """
+
+    name: str
+    thickness: float
+    outline: Round
+    windows: tuple[Round, ...]
+    holes: tuple[Round, ...]
+    joints: dict[str, complex]
+    text: tuple[complex, complex]
+    number: int = 0
+    labels: tuple[tuple[str, complex, complex], ...] = ()
+    density: float = built.DENSITY
+
+    @property
+    def title(self) -> str:
+        """Number of the part, if it has one, and its name."""
+        return f"{self.number} {self.name}" if self.number else self.name
+
+    @property
+    def lines(self) -> tuple[Round, ...]:
+        """All lines to cut, the outline first."""
+        return (self.outline, *self.windows, *self.holes)
+
+    def moved(self, turn: complex, shift: complex) -> CutPart:
+        """Return the part turned about the origin, then shifted.
+
+        Args:
+            turn: Complex number of magnitude 1 by which all points are multiplied.
+            shift: Displacement in mm.
+        """
+        return self._replace(
+            outline=self.outline.moved(turn, shift),
+            windows=tuple(shape.moved(turn, shift) for shape in self.windows),
+            holes=tuple(shape.moved(turn, shift) for shape in self.holes),
+            joints={name: turn * z + shift for name, z in self.joints.items()},
+            text=(turn * self.text[0] + shift, turn * self.text[1] + shift),
+            labels=tuple((text, turn * a + shift, turn * b + shift) for text, a, b in self.labels),
+        )
+
+    def with_fit(self, fit: Sequence[float]) -> CutPart:
+        """Return the part with holes enlarged by the allowance of their class.
+
+        Args:
+            fit: Increase of the diameter for each class in :data:`CLASSES`, in mm.
+        """
+        holes = (
+            hole._replace(radius=hole.radius + 0.5 * fit[CLASSES.index(hole.fit)])
+            for hole in self.holes
+        )
+        return self._replace(holes=tuple(holes))
+
+    def with_kerf(self, kerf: float) -> CutPart:
+        """Offset all lines by half the kerf, so that the cut part has its nominal size.
+
+        Args:
+            kerf: Width of the cut, in mm.
+
+        Returns:
+            The part whose lines are the centre lines of the cuts.
+        """
+        half = 0.5 * kerf
+        windows, holes = (
+            tuple(shape._replace(radius=shape.radius - half) for shape in shapes)
+            for shapes in (self.windows, self.holes)
+        )
+        outline = self.outline._replace(radius=self.outline.radius + half)
+        part = self._replace(outline=outline, windows=windows, holes=holes)
+        return part.moved(1 + 0j, complex(half, half))
+
+    def lying(self) -> CutPart:
+        """Return the part turned so that its bounding box is as low as possible.
+
+        One side of the outline is then horizontal, and the lower left corner of the box is at the
+        origin.
+        """
+        turns = [abs(q - p) / (q - p) for p, q in sides(self.outline.corners)]
+        boxes = [(self.outline.moved(turn, 0j).box, turn) for turn in turns]
+        (low, _), turn = min(boxes, key=lambda box: round((box[0][1] - box[0][0]).imag, 6))
+        return self.moved(turn, -low)
+
+    @property
+    def mass(self) -> float:
+        """Mass of the part as drawn, in kg."""
+        area = self.outline.area - sum(shape.area for shape in (*self.windows, *self.holes))
+        return 1e-9 * self.density * self.thickness * area
+
+
+def sides(corners: Sequence[T]) -> list[tuple[T, T]]:
+    """Return the start and end of each side of a polygon."""
+    return [*zip(corners, [*corners[1:], *corners[:1]], strict=True)]
+
+
+def hull(points: Iterable[complex]) -> tuple[complex, ...]:
+    """Return the corners of the convex hull of points, counter-clockwise.
+
+    If all points are in line, the corners are the two ends.
+    """
+    ordered = sorted(points, key=lambda z: (z.real, z.imag))
+    corners: list[complex] = []
+    for row in (ordered, ordered[::-1]):
+        kept: list[complex] = []
+        for z in row:
+            while len(kept) > 1:
+                way, last = z - kept[-2], kept[-1] - kept[-2]
+                if (last.conjugate() * way).imag >= STRAIGHT * abs(last) * abs(way):
+                    break
+                kept.pop()
+            kept.append(z)
+        corners += kept[:-1]
+    return tuple(corners)
+
+
+def gap(polygon: Points, other: Points) -> NDArray[np.float64]:
+    """Return the least distances between convex polygons.
+
+    Args:
+        polygon: Corners of the first polygons, shape (..., corners).
+        other: Corners of the second polygons, shape (..., corners).
+
+    Returns:
+        Distances, shape (...), which are 0 where two polygons meet.
+    """
+    least = np.full(polygon.shape[:-1], np.inf)
+    signs = []
+    for a, b in ((polygon, other), (other, polygon)):
+        p = b[..., None, :]
+        way, z = np.roll(p, -1, axis=-1) - p, a[..., :, None] - p
+        along = (z * way.conj()).real / np.maximum(abs(way) ** 2, 1e-12)
+        least = np.minimum(least, abs(z - np.clip(along, 0.0, 1.0) * way).min(axis=(-2, -1)))
+        # Whether each corner of a is on the left of each side of b.
+        left = np.sign((way.conj() * z).imag)
+        within = abs(left.sum(axis=-1)) == max(3, b.shape[-1])
+        least = np.where(within.any(axis=-1), 0.0, least)
+        signs.append(left * np.roll(left, -1, axis=-2) < 0.0)
+    crossing = signs[0] & signs[1].swapaxes(-1, -2)
+    return np.where(crossing.any(axis=(-2, -1)), 0.0, least)
+
+
+def link_part(robot: Robot, body: int) -> CutPart:
+    """Return the part that is cut for one body of every leg, in the axes of the body.
+
+    Args:
+        robot: Robot whose part is returned.
+        body: Number of the body, from 1 on.
+
+    Raises:
+        ValueError: If two holes are too close to one another. The message names the part.
+    """
+    build, (name, joints) = robot.build, robot.linkage.bodies[body - 1]
+    corners = [cmath.rect(1e3 * reach, turn) for reach, turn in robot.bodies[body - 1].corners]
+    at = dict(zip(joints, corners, strict=True))
+    flat = Round(hull(corners))
+    holes = _pin_holes(robot, body, at)
+    feet = [at[toe] for toe in feet_of(robot, body)]
+    for toe in feet:
+        holes += _shoe_holes(toe, flat.corners) if build is ALUMINIUM else [Round((toe,), M3)]
+    if body == CRANK:  # extend the crank beyond the axis for the hub's second screw
+        axis = at[joints[0]]
+        screw = 1e3 * build.hub_screws * (at[joints[1]] - axis) / abs(at[joints[1]] - axis)
+        holes += [Round((axis + way * screw,), M3) for way in (1, -1)]
+        flat = Round(hull([*corners, axis - screw]))
+    if body == FRAME:
+        holes += _mount_holes(robot, at)
+    for hole, other in combinations(holes, 2):
+        apart = abs(other.corners[0] - hole.corners[0])
+        if apart < hole.radius + other.radius + WALL:
+            raise ValueError(
+                f"{name} has holes of {2 * hole.radius:g} and {2 * other.radius:g} mm at "
+                f"{apart:.1f} mm from one another, must have {WALL:g} mm between them"
+            )
+    margin = 500.0 * (build.frame_width if body == FRAME else build.width)
+    thickness = build.lower_rod_thickness if name == "lower_rod" else build.bar_thickness
+    if len(flat.corners) > 2:
+        thickness = build.plate_thickness
+        margin = max(margin, (built.OUTLINE - 1.0) * 2.0 * flat.area / flat.around)
+    windows = _windows(flat, margin, holes, feet if build is ALUMINIUM else [])
+    spots = sorted(corners, key=lambda z: (z / (flat.corners[1] - flat.corners[0])).real)
+    lines = sides(flat.corners) if len(flat.corners) > 2 else [*pairwise(spots)]
+    text = max(lines, key=lambda line: (not {*line} & {*feet}, abs(line[1] - line[0])))
+    if body == FRAME:  # beyond the mounting holes
+        axis = at[robot.linkage.joints[robot.linkage.axis]]
+        pivot = next(z for z in corners if z != axis)
+        text = pivot, holes[-1].corners[0]
+    if body == CRANK and build is not ALUMINIUM:  # beside the hub's second screw
+        text = holes[-2].corners[0], text[1]
+    outline, shapes = Round(flat.corners, margin), (windows, tuple(holes))
+    return CutPart(name, 1e3 * thickness, outline, *shapes, at, text, body, density=build.density)
+
+
+def _pin_holes(robot: Robot, body: int, at: dict[str, complex]) -> list[Round]:
+    """Return the holes of a body's joints, at the points ``at``."""
+    pin, *_ = radii(robot.build)
+    return [
+        Round((at[joint],), radius, "slide" if radius == pin else "press")
+        for joint, radius in pin_hole_radii(robot, body).items()
+    ]
+
+
+def _mount_holes(robot: Robot, at: dict[str, complex]) -> list[Round]:
+    """Return a frame's two holes for the standoffs of the motor plate, or for the brace.
+
+    They lie on the line from the crank axis to the frame's first pivot.
+    """
+    axis = at[robot.linkage.bodies[CRANK - 1][1][0]]
+    pivot = next(z for z in at.values() if z != axis)
+    way = (pivot - axis) / abs(pivot - axis)
+    radius = SIZES[robot.build.screw].clearance
+    return [Round((axis + reach * way,), radius) for reach in mount_of(robot.build).screws]
+
+
+def _shoe_holes(toe: complex, corners: Sequence[complex]) -> list[Round]:
+    """Return the two holes for the screws of a shoe.
+
+    The holes lie on the lines from the toe to the neighbouring corners. If the angle between these
+    lines is at most :data:`PARALLEL`, the holes lie behind one another.
+    """
+    near = [q if p == toe else p for p, q in sides(corners) if toe in (p, q)]
+    ways = [z - toe for z in near or corners[:2]]
+    apart = abs(cmath.phase(ways[0] / ways[1])) > PARALLEL
+    reaches = SHOE_SCREWS[0] if apart else SHOE_SCREWS[1]
+    points = [toe + reach * way / abs(way) for reach, way in zip(reaches, ways, strict=True)]
+    return [Round((z,), SHOE_SCREW) for z in points]
+
+
+def _windows(
+    plate: Round, margin: float, holes: Sequence[Round], feet: Sequence[complex]
+) -> tuple[Round, ...]:
+    """Return the largest window of a triangular plate that leaves walls around all holes.
+
+    In a plate with one foot, the window is shifted towards the toe, as in the simulated robot. The
+    result is empty for other shapes, and for a plate that has no room for a window.
+    """
+    if len(plate.corners) != 3:
+        return ()
+    corners, inradius = np.array(plate.corners), 2.0 * plate.area / plate.around
+    middle = (
+        abs(np.roll(corners, -1) - np.roll(corners, 1)) @ corners
+    ) / plate.around  # incentre of the triangle
+    shift = 0j
+    if len(feet) == 1:  # as in ``buildable.triangular_plate``
+        hole = 1e-6 * built.PLATE_THICKNESS * built.DENSITY * plate.area * built.WINDOW**2
+        shift = (feet[0] - corners.mean()) * (built.FOOT_MASS - built.PIN_SHARE) / hole
+    for rim in np.arange(margin + FILLET, inradius - FILLET):
+        z = middle + shift + (1.0 - rim / inradius) * (corners - middle)
+        walls = (hole.radius + 2.0 * WALL for hole in holes)
+        rooms = (gap(np.array(hole.corners), z) - FILLET for hole in holes)
+        if all(room > wall for room, wall in zip(rooms, walls, strict=True)):
+            return (Round(tuple(z.tolist()), FILLET),)
+    return ()
+
+
+def toe_way(part: CutPart, toe: str) -> complex:
+    """Return the direction in which a tread points, as a complex number of magnitude 1.
+
+    The direction bisects the two edges at the toe and points away from the part.
+
+    Args:
+        part: Part that carries the tread.
+        toe: Name of the toe.
+    """
+    z = part.joints[toe]
+    ways = [(other - z) / abs(other - z) for name, other in part.joints.items() if name != toe]
+    inwards = sum(ways, 0j)
+    if abs(inwards) < 0.1:  # the toe lies between two other joints, in line with them
+        inwards = 1j * ways[0]
+    return -inwards / abs(inwards)
+
+
+def rectangle(size: complex) -> Round:
+    """Return a rectangle whose lower left corner is the origin.
+
+    Args:
+        size: Width and height, in mm, as a complex number.
+    """
+    return Round((0j, complex(size.real), size, complex(0.0, size.imag)))
+
+
+def frame_ways(robot: Robot) -> dict[str, complex]:
+    """Return the direction from the crank axis to the first pivot of a frame, for each side."""
+    linkage = robot.linkage
+    axis = linkage.joints[linkage.axis]
+    pivot = next(joint for joint in linkage.bodies[FRAME - 1][1] if joint != axis)
+    ways: dict[str, complex] = {}
+    for side in sorted({leg.side for leg in robot.legs}, reverse=True):  # fore legs first
+        at = joint_positions(robot, side, 0.0) @ np.array([1.0, 1j])
+        way = complex(at[linkage.joints.index(pivot)] - at[linkage.axis])
+        ways[side] = way / abs(way)
+    return ways
+
+
+def brace(robot: Robot) -> CutPart | None:
+    """Return the plate that ties a fore frame to a back frame, in the axes of the chassis.
+
+    Return None if the robot has a single crank pin, or if all its legs face the same way.
+    """
+    build, ways = robot.build, [*frame_ways(robot).values()]
+    if not ties(robot):
+        return None
+    screw = SIZES[build.screw]
+    spots = [reach * way for way in ways for reach in mount_of(build).screws]
+    holes = [Round((z,), screw.clearance) for z in spots]
+    holes.append(Round((0j,), 1e3 * build.shaft_radius + 0.5))
+    margin = 2.0 * screw.clearance + 2.0 * WALL
+    thickness = BRACE if build is ALUMINIUM else 1e3 * build.plate_thickness
+    outline = Round(hull([0j, *spots]), margin)
+    bottom = outline.box[0].imag
+    middle = 0.5j * (bottom - holes[-1].radius)
+    half = 0.5 * mount_of(build).screws[0]
+    text = middle - half, middle + half
+    return CutPart("brace", thickness, outline, (), tuple(holes), {}, text, density=build.density)
+
+
+def motor_plate(robot: Robot) -> CutPart:
+    """Return the plate that holds the motor; x points from the crank axis along the frame's bar."""
+    build, mount = robot.build, mount_of(robot.build)
+    radius = SIZES[build.screw].clearance
+    holes = [Round((0j,), mount.plate_hole)]
+    holes += [Round((z,), radius) for z in mount.motor_screws]
+    holes += [Round((complex(x),), radius) for x in mount.screws]
+    outline = Round(hull(mount.plate), mount.plate_margin)
+    thickness = 1e3 * build.plate_thickness
+    return CutPart(
+        "motor-plate",
+        thickness,
+        outline,
+        (),
+        tuple(holes),
+        {},
+        mount.plate_text,
+        density=build.density,
+    )
+
+
+def cut_parts(robot: Robot) -> list[CutPart]:
+    """Return every flat part, turned to lie as low as possible, in the order of their numbers.
+
+    The links come first, then the parts of the feet, the motor and the frames.
+
+    Raises:
+        ValueError: If a part cannot be made. The message names the part.
+    """
+    parts = [link_part(robot, body) for body in range(1, len(robot.bodies) + 1)]
+    build, thick = robot.build, 1e3 * robot.build.plate_thickness
+    if build is not ALUMINIUM:  # a disc is glued to either side of each toe
+        centre = complex(500.0 * build.width, 500.0 * build.width)
+        hole = Round((centre,), M3)
+        disc = Round((centre,), centre.real)
+        ends = centre - 4 - 3.2j, centre + 4 - 3.2j
+        parts.append(
+            CutPart("foot-disc", thick, disc, (), (hole,), {}, ends, density=build.density)
+        )
+    parts.append(motor_plate(robot))
+    if mount_of(build).doublers:
+        parts.append(parts[FRAME - 1]._replace(name="frame-doubler"))
+    if tie := brace(robot):
+        parts.append(tie)
+    lying = [part if len(part.outline.corners) == 1 else part.lying() for part in parts]
+    return [part._replace(number=k) for k, part in enumerate(lying, 1)]
+
+
+def coupon(thickness: float, build: Build = ALUMINIUM) -> list[CutPart]:
+    """Return the coupon: the pieces to cut first, to find the kerf and the fits.
+
+    The coupon is a plate with a slot, a row of holes for a pin and a row of holes for a bush, and
+    nine pegs. The mark at a hole is its clearance, in mm. The mark of the widest peg that fits into
+    the slot is the part of the kerf, in mm, for which the drawing does not compensate.
+
+    Args:
+        thickness: Thickness of the material, in mm.
+        build: Sizes and materials of the parts.
+    """
+    pin, bush, *_ = radii(build)
+    pitch, slot, holes, labels = 18.0, Round((15 + 12j, 45 + 12j), 4.0), [], []
+    for radius, y, name in ((pin, 56j, f"pin {2 * pin:g}"), (bush, 34j, f"bush {2 * bush:g}")):
+        labels.append((name, 2.0 + y, 24.0 + y))
+        for k, step in enumerate(STEPS):
+            z, below = pitch * (k + 2.0) + y, bush + 5.0
+            holes.append(Round((z,), radius + 0.5 * step))
+            labels.append((f"{step:+.1f}", z - pitch / 2 - 1j * below, z + pitch / 2 - 1j * below))
+    size = complex(pitch * (len(STEPS) + 2.0), 68.0)
+    text = 55 + 12j, complex(size.real - 5.0, 12.0)
+    plate = CutPart(
+        "slot: widest peg that fits is your kerf",
+        thickness,
+        rectangle(size),
+        (slot,),
+        tuple(holes),
+        {},
+        text,
+        labels=tuple(labels),
+    )
+    pegs = (
+        CutPart(
+            f"{step:+.1f}", thickness, Round((0j, 30 + 0j), 4.0 + step), (), (), {}, (0j, 30 + 0j)
+        )
+        for step in STEPS
+    )
+    return [plate, *(peg.lying() for peg in pegs)]

@@ -27,9 +27,9 @@ from agents.training.config import SHIPPED, add_run_flags, new_config
 from agents.training.runs import FINAL, last_state, locked, read_evaluations, record_run
 from agents.training.scores import score_run
 from agents.training.train_model import prepare, train
-from jansen_env import process
 from jansen_env.arrays import Array
 from jansen_env.checks import instance
+from jansen_env.cli import process
 from jansen_env.cli.flags import (
     Parser,
     env_id,

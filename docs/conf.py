@@ -34,7 +34,7 @@ extensions = [
     "sphinx.ext.viewcode",
     "docstrings",  # beside this file
 ]
-exclude_patterns = ["_build", "pypi.md"]  # the package index shows the latter
+exclude_patterns = ["_build", "joss", "pypi.md"]  # the package index shows the latter
 templates_path = ["_templates"]
 html_theme = "furo"
 # Formulas need no network: `npm install` brings MathJax, and the site has its one file.

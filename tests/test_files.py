@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from jansen_env import files, plain_yaml
-from jansen_env.files import PART, write_text, write_whole
+from jansen_env import files
+from jansen_env.files import PART, plain_yaml, write_text, write_whole
 from jansen_env.policies import pretrained
 from jansen_env.sb3.trained import read_model
 from jansen_env.viewer.recording import Recording

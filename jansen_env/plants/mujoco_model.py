@@ -62,7 +62,7 @@ def body_tree(robot: Robot) -> Tree:
     origins, queue = {CHASSIS: np.zeros(2)}, [CHASSIS]
     for body in queue:
         for pin in [pin for pin in pins if body in pin[:2]]:
-            other = sum(pin[:2]) - body
+            other = pin[0] + pin[1] - body
             if other not in origins:
                 parents[other], origins[other] = body, pin[2]
                 queue.append(other)

@@ -6,7 +6,8 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from jansen_env import Compliance, Motor, Payload, Robot, parameters
+from jansen_env import Compliance, Motor, Payload, Robot
+from jansen_env.plants import parameters
 from jansen_env.plants.parameters import PARAMETERS, TABLE
 
 ROOT = Path(__file__).parents[2]

@@ -1,8 +1,8 @@
 """Run folders: their names, locks, configurations and evaluations.
 
 The folder of a run contains config.yml, command.txt, best_model.zip, final_model.zip,
-evaluations.json, checkpoints/model_STEPS_steps.zip, tensorboard/ and, for SAC,
-replay_buffer_STEPS.npz.
+evaluations.json, checkpoints/model_STEPS_steps.zip, tensorboard/ and, for off-policy algorithms,
+replay_buffer_STEPS.npz. At the end of the training, the scores are written into it, too.
 """
 
 import itertools

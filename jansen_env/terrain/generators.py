@@ -95,6 +95,11 @@ class NamedGenerator:
     def __post_init__(self) -> None:
         known = list(at_level(self.name, 0))
         for key, value in self.given:
+            if not known:
+                raise ValueError(
+                    f"{self.name!r} has no parameters, got {key!r}; set those of one kind, "
+                    "such as 'stairs:rise=0.12'"
+                )
             if key not in known:
                 raise ValueError(f"a parameter of {self.name!r} must be in {known}, got {key!r}")
             checks.finite(f"{key} of {self.name!r}", value)

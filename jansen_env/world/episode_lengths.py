@@ -125,8 +125,6 @@ class EpisodeLengths:
             if drawn and given:
                 self._draw(robot, {}, drawn, np.random.default_rng((seed or 0, 0)))
         if not {*drawn} <= {*given}:
-            # The second number of the seed is 0 here. Commands that change during an episode are
-            # sampled with the number of a control step, which is at least 1.
             return self._draw(nominal, given, drawn, np.random.default_rng((seed or 0, 0)))
         build = _build(nominal, given)
         if given:

@@ -101,6 +101,8 @@ def nearest_solution(W, q, mu, u):
     return nearest, apart, fitting
 
 
+MANY = pytest.mark.parametrize("problems", [20, pytest.param(625, marks=pytest.mark.slow)])
+"""Few random problems in every run, and many in the slow tests."""
 KINDS = {  # dof, twins
     "four degrees of freedom": (4, "none"),
     "three degrees of freedom, crank locked": (3, "none"),
@@ -118,12 +120,12 @@ def draw(kind, count, problems):
     return W, q, mu
 
 
-@pytest.mark.slow
+@MANY
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 @pytest.mark.parametrize("kind", KINDS)
-def test_solver_finds_one_of_all_solutions(kind, count, measured):
+def test_solver_finds_one_of_all_solutions(kind, count, problems, measured):
     """P obeys the law, u is that of a combination that fits: of the only one where all agree."""
-    W, q, mu = draw(kind, count, 625)
+    W, q, mu = draw(kind, count, problems)
     mean = np.trace(W, axis1=1, axis2=2) / (2 * count)
     W += COMPLIANCE * mean[:, None, None] * np.eye(2 * count)
     P, u = solved(W, q, mu)
@@ -131,23 +133,23 @@ def test_solver_finds_one_of_all_solutions(kind, count, measured):
     assert (fitting > 0).all()
     unique = apart <= 1e-6
     assert unique.mean() > 0.6
-    where = f"{count} contacts, {kind}"
+    where = f"{problems} problems, {count} contacts, {kind}"
     measured(f"contact law violated, {where}", violations(W, q, mu, P).max(), 2e-12)
     measured(f"velocity off the nearest of 4^n trials, {where}", nearest.max(), 1e-9)
     measured(f"velocity off the only answer, {where}", nearest[unique].max(), 1e-9)
 
 
-@pytest.mark.slow
+@MANY
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 @pytest.mark.parametrize("kind", KINDS)
-def test_singular_problems_obey_the_law(kind, count, measured):
+def test_singular_problems_obey_the_law(kind, count, problems, measured):
     """With the kernels' own compliance, 1e-11: W as singular as a robot's on many toes."""
-    W, q, mu = draw(kind, count, 625)
+    W, q, mu = draw(kind, count, problems)
     for w in W:
         regularise(count, w, SOLVERS_OWN)
     P, _ = solved(W, q, mu)
     wrong = violations(W, q, mu, P).max()
-    measured(f"contact law violated, singular, {count} contacts, {kind}", wrong, 3e-8)
+    measured(f"contact law violated, {problems} singular, {count} contacts, {kind}", wrong, 3e-8)
 
 
 def test_a_standing_robot_may_have_three_answers(measured):

@@ -79,6 +79,7 @@ def test_what_needs_no_other_package(tmp_path):
     assert (tmp_path / "x.html").stat().st_size > 50_000
     assert run("play", "--no-open", "--out", "pages", cwd=tmp_path).returncode == 0
     assert run("mjcf", "paper", "--out", "x.xml", cwd=tmp_path).returncode == 0
+    assert run("verify", "--walk", "crank", cwd=tmp_path).returncode == 0
     assert '-c constraints.txt -e ".[mujoco]"' in run("mjcf", "built").stderr  # of its springs
 
 

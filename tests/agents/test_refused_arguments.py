@@ -9,7 +9,7 @@ from benchmarks import speed
 from jansen_env.cli import enjoy, evaluate, replay
 from jansen_workshop.commands import drawings, predict
 
-HASHES = Path(__file__).parents[1] / "walk_hashes.json"
+HASHES = Path(__file__).parents[2] / "jansen_env" / "scoring" / "walk_hashes.json"
 REFUSED = {
     (evaluate, "--policy", "constant", "--out", "out"): [
         (["--env-kwargs", "{max_episode_steps: -1}"], "max_episode_steps"),

@@ -11,13 +11,20 @@ from jansen_env.dynamics import reduced as rd
 from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.plants.parameters import nominal
 from jansen_env.plants.plant import ProjectionPlant, RigidBodyPlant
-from jansen_env.robot import RIGID
+from jansen_env.robot import RIGID, Spring, TorsionSpring
 from jansen_env.robot.kinematics import coordinates, joint_positions
 
 HOLD = 0.02  # s, for which a torque is held
 FLIGHT = np.array([0.3, 50.0, 0.4, 2.0, 0.5, 1.0, 1.0, 5.0])
 """A state high above the ground, everything moving."""
 ODD = Robot(legs=(Leg("back"), Leg("fore", 1.0), Leg("fore", 2.7), Leg("back", -2.0)))
+SPRINGS = (
+    Spring("E", anchor=(-0.3, 0.1), stiffness=30.0, rest_length=0.2),
+    Spring("D", "C", stiffness=40.0, rest_length=0.3),
+    TorsionSpring("rocker", "foot", stiffness=0.2, rest_angle=0.3),
+    TorsionSpring("frame", "upper_triangle", stiffness=0.3, rest_angle=-0.3),
+)
+"""Springs of every kind for Jansen's leg, with torques of up to 3 N m on a crank of four legs."""
 STATE = ("x", "y", "pitch", "psi", "vx", "vy", "spin", "crank")
 DESIGNS = {
     **{name: replace(make(), pad_compliance=RIGID) for name, make in ROBOTS.items()},

@@ -17,22 +17,24 @@ from jansen_env.robot import Robot
 class CrankTorque:
     """Contributions to a crank torque, in N m, of any shape (...).
 
-    The symbols c, k and f are those of :mod:`jansen_env.dynamics.reduced`.
+    The symbols c, k, f and V are those of :mod:`jansen_env.dynamics.reduced`.
 
     Attributes:
         gravity: Contribution of gravity, g c_y'.
         inertia: Contribution of inertia, k psi'' + k' psi'^2 / 2.
         friction: Contribution of viscous friction, f psi'.
+        springs: Contribution of springs, V'.
     """
 
     gravity: Array
     inertia: Array
     friction: Array
+    springs: Array
 
     @property
     def total(self) -> Array:
         """Sum of all contributions, in N m."""
-        return self.gravity + self.inertia + self.friction
+        return self.gravity + self.inertia + self.friction + self.springs
 
 
 def crank_torque(
@@ -58,4 +60,4 @@ def crank_torque(
     psi, n, n_dot = np.broadcast_arrays(*given)
     sums = body_sums(compile_robot(robot), psi)
     inertia = sums.k * n_dot + 0.5 * sums.dk * n**2
-    return CrankTorque(gravity * sums.dc[..., 1], inertia, sums.f * n)
+    return CrankTorque(gravity * sums.dc[..., 1], inertia, sums.f * n, sums.dV)

@@ -39,6 +39,7 @@ from jansen_env.dynamics.projection import (
     tangent_matrix,
     times,
 )
+from jansen_env.dynamics.spring_forces import spring_forces
 from jansen_env.robot import Linkage, Robot
 from jansen_env.robot.kinematics import world_joints
 
@@ -85,8 +86,8 @@ class JointForces:
         toe: Contact force on each toe, in N, shape (..., toes, 2).
         body: Moment about the centre of mass (N m) and force x, y (N) that all constraints together
             exert on each body, M x_ddot - h of equation (4), shape (..., legs, bodies, 3). Weight,
-            contacts, joint friction and motor (on the first leg) are applied forces and not part of
-            it.
+            contacts, joint friction, springs and motor (on the first leg) are applied forces and
+            not part of it.
         joints: Positions of the joints, in m, shape (..., legs, joints, 2).
         centres: Positions of the centres of mass, in m, shape (..., legs, bodies, 2).
         q_ddot: Accelerations of (x, y, theta, psi), in m/s^2 and rad/s^2, shape (..., 4).
@@ -233,7 +234,7 @@ def joint_forces(
     D_q, bias = D @ T, bias + times(D, tangent_bias(robot, q, q_dot))
     h = forces(robot, x_dot, 0.0, gravity)  # the torque of the motor is added at the shaft, below
     bearings, gear = _dry_friction(robot, D_q, q_dot[..., 3], dry)
-    h += bearings
+    h += bearings + spring_forces(robot, leg_sides(robot), X)
     gear = gear - robot.motor.viscous_friction * q_dot[..., 3]
     f, toe = _contact_forces(robot, X, joints, contact)
     if q_ddot is None:

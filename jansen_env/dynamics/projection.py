@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from jansen_env.arrays import Array, Ints
 from jansen_env.dynamics.gravity import GRAVITY, Gravity, gravity_vector
+from jansen_env.dynamics.spring_forces import spring_forces
 from jansen_env.engine.mathematics import directions
 from jansen_env.robot import Robot, Side
 from jansen_env.robot.kinematics import coordinates
@@ -196,6 +197,8 @@ def masses(robot: Robot) -> Array:
 
 def forces(robot: Robot, x_dot: Array, torque: float | Array, gravity: Gravity = GRAVITY) -> Array:
     """Return h_f of equation (2): motor torque, weights and viscous torques of the joints.
+
+    The forces of springs are those of :func:`jansen_env.dynamics.spring_forces.spring_forces`.
 
     Args:
         robot: The robot.
@@ -448,7 +451,8 @@ def project(
     bias = bias.reshape(*shape, -1)
     motor = np.zeros((*shape, legs))
     motor[..., 0] = torque
-    h = forces(robot, x_dot, motor, gravity).reshape(*shape, -1)
+    h = forces(robot, x_dot, motor, gravity) + spring_forces(robot, leg_sides(robot), X)
+    h = h.reshape(*shape, -1)
     M = np.tile(masses(robot), legs)
     D_T = np.swapaxes(D_all, -1, -2)
     return Projection(

@@ -31,7 +31,9 @@ With q = (x, y, theta, psi), the rotation R = R(theta), the rotation S by 90 deg
 counter-clockwise, and the total mass m, the equations of motion are:
 
     M(q) = [ m 1,  S R c,  R c' ;  .,  I,  b ;  .,  .,  k ]
-    M(q) q_ddot + velocity terms = (0, -m g, -g e_y.SRc, -g e_y.Rc' + tau - f psi_dot)
+    M(q) q_ddot + velocity terms = (0, -m g, -g e_y.SRc, -g e_y.Rc' + tau - f psi_dot - V')
+
+V(psi) is the energy of the springs of all legs.
 """
 
 from __future__ import annotations
@@ -61,14 +63,15 @@ from jansen_env.engine.reduction import (
 from jansen_env.robot import RIGID, Payload, Robot
 from jansen_env.robot.kinematics import coordinates, joint_positions, nearest_dead_point
 from jansen_env.robot.motor import IDEAL
-from jansen_env.robot.robot_arrays import leg_links, leg_rows
+from jansen_env.robot.robot_arrays import leg_links, leg_rows, spring_rows
+from jansen_env.robot.spring import TorsionSpring
 
 TAIL_TOLERANCE = 1e-5  # largest tail (see Tables) with which a robot is accepted
 CONVERGED = 1e-10  # tail below which the tables are in practice as exact as for built-in robots
 TERMS = 12  # number of terms of the Taylor polynomials from which the tables are made
 ECONOMY = np.array([-0.0078125, 0.0, 0.25, 0.0, -1.25, 0.0, 2.0, 0.0])  # t^8 - T_8(t) / 128
 MASS_SAMPLES = 32  # number of crank angles at which effective masses of pads are computed
-WORK_ARRAYS = 15
+WORK_ARRAYS = 18
 
 # The last two functions are the contributions of the links' own inertias J to b and k. Their
 # contribution to I is constant.
@@ -91,6 +94,7 @@ class Tables:
         layout: Pads of all legs.
         bearings: Coulomb friction torque of all bearings on the crank, the sum of
             tau_i |a_j' - a_i'|, in N m, at evenly spaced crank angles, shape (BEARING_SAMPLES,).
+        springs: Coefficients of the energy of all springs, shape (INTERVALS, ORDER, 1).
         tail: Largest Fourier coefficient among the last eighth of the harmonics, relative to the
             largest of all coefficients.
     """
@@ -100,6 +104,7 @@ class Tables:
     pads: Array
     layout: Pads
     bearings: Array
+    springs: Array
     tail: float
 
 
@@ -134,10 +139,13 @@ def _compile(robot: Robot) -> Tables:
     space = tuple(map(np.empty, work_shapes(leg)))
     shapes = (1, INTERVALS, ORDER, len(BODY_FUNCTIONS)), (len(leg["pads"]), INTERVALS, ORDER, 3)
     body, pads, bearings = *map(np.empty, shapes), np.empty(BEARING_SAMPLES)
+    springs = np.empty((1, INTERVALS, ORDER, 1))
     constants = _expansion(), _turn(SAMPLES), _turn(INTERVALS), _half_step(), _turn(BEARING_SAMPLES)
     tail = compile_tables(
-        psi, x, joints, tuple(leg.values()), constants, space, body, pads, bearings
+        psi, x, joints, tuple(leg.values()), constants, space, body, pads, bearings, springs
     )
+    if tail == math.inf:
+        raise _turning_spring(robot, x[..., 0])
     if not tail <= TAIL_TOLERANCE:
         sine, joint, angle = nearest_dead_point(robot)
         raise ValueError(
@@ -146,9 +154,30 @@ def _compile(robot: Robot) -> Tables:
             f"near a dead point: at crank angle {angle:.3f} rad the links that meet in {joint} are "
             f"within {math.asin(min(sine, 1.0)):.3f} rad of one line"
         )
-    for table in (body, pads, bearings):
+    for table in (body, pads, bearings, springs):
         table.setflags(write=False)
-    return Tables(robot, body[0], pads, pad_layout(robot), bearings, tail)
+    return Tables(robot, body[0], pads, pad_layout(robot), bearings, springs[0], tail)
+
+
+def _turning_spring(robot: Robot, angles: Array) -> ValueError:
+    """Return the error for a torsion spring between two links that make whole turns.
+
+    Args:
+        robot: The robot.
+        angles: Angles of the bodies of a fore leg over a turn, in rad, shape (SAMPLES, bodies).
+    """
+    turned = np.unwrap(np.concatenate([angles, angles[:1]]), axis=0)
+    turns = np.round((turned[-1] - turned[0]) / (2.0 * math.pi))
+    of_body = dict(zip(robot.linkage.names, turns.tolist(), strict=True))
+    k, spring = next(
+        (k, each)
+        for k, each in enumerate(robot.springs)
+        if isinstance(each, TorsionSpring) and of_body[each.first] != of_body[each.second]
+    )
+    return ValueError(
+        f"Robot.springs[{k}] must be between two links that do not make whole turns relative to "
+        f"each other, got {spring.first!r} and {spring.second!r}"
+    )
 
 
 def leg_data(robot: Robot) -> dict[str, NDArray[Any]]:
@@ -163,6 +192,7 @@ def leg_data(robot: Robot) -> dict[str, NDArray[Any]]:
         "damping": np.array(robot.damping),
         "bearings": np.array(linkage.bearings) - 1,
         "friction": np.array(robot.bearing_friction),
+        **spring_rows(robot)._asdict(),
         "legs": leg_rows(robot),
         "pads": np.array(linkage.all_pads),
     }
@@ -231,6 +261,8 @@ class BodySums:
         k: Sum k, shape (...).
         dk: First derivative of k, shape (...).
         f: Sum f, shape (...).
+        V: Energy of the springs, shape (...).
+        dV: First derivative of V, shape (...).
     """
 
     c: Array
@@ -243,6 +275,8 @@ class BodySums:
     k: Array
     dk: Array
     f: Array
+    V: Array
+    dV: Array
 
 
 def body_sums(tables: Tables, psi: ArrayLike) -> BodySums:
@@ -253,6 +287,7 @@ def body_sums(tables: Tables, psi: ArrayLike) -> BodySums:
         psi: Crank angles, in rad, any shape.
     """
     value, slope, curve = _evaluate(tables.body, np.asarray(psi, dtype=float))
+    elastic, elastic_slope, _ = _evaluate(tables.springs, np.asarray(psi, dtype=float))
     load: Payload = tables.robot.payload
     place = np.array(load.position)
     motor = tables.robot.motor
@@ -268,6 +303,8 @@ def body_sums(tables: Tables, psi: ArrayLike) -> BodySums:
         k=value[..., 4] + G * G * J,
         dk=slope[..., 4],
         f=value[..., 5] + motor.viscous_friction,
+        V=elastic[..., 0],
+        dV=elastic_slope[..., 0],
     )
 
 
@@ -376,7 +413,7 @@ def velocity_terms(tables: Tables, q: Array, v: Array) -> Array:
 def generalised_forces(
     tables: Tables, q: Array, v: Array, torque: float, gravity: float = GRAVITY
 ) -> Array:
-    """Return the forces of weight, motor and viscous joints, the paper's D^T h of equation (12).
+    """Return the forces of weight, motor, viscous joints and springs, D^T h of equation (12).
 
     Args:
         tables: Tables of the robot.
@@ -391,13 +428,14 @@ def generalised_forces(
     s = body_sums(tables, q[3])
     R = _rotation(q[2])
     pitch, crank = -gravity * _left(R @ s.c)[1], -gravity * (R @ s.dc)[1]
-    return np.array([0.0, -tables.robot.mass * gravity, pitch, crank + torque - s.f * v[3]])
+    return np.array([0.0, -tables.robot.mass * gravity, pitch, crank + torque - s.f * v[3] - s.dV])
 
 
 def energy(tables: Tables, q: Array, v: Array, gravity: float = GRAVITY) -> float:
     """Return the sum of kinetic and potential energy, in J.
 
-    The potential energy is 0 if the centre of mass is at y = 0.
+    The potential energy of gravity is 0 if the centre of mass is at y = 0. That of a spring is 0 at
+    its rest length.
 
     Args:
         tables: Tables of the robot.
@@ -407,7 +445,7 @@ def energy(tables: Tables, q: Array, v: Array, gravity: float = GRAVITY) -> floa
     """
     s = body_sums(tables, q[3])
     height = tables.robot.mass * q[1] + (_rotation(q[2]) @ s.c)[1]
-    return float(0.5 * v @ mass_matrix(tables, q) @ v + gravity * height)
+    return float(0.5 * v @ mass_matrix(tables, q) @ v + gravity * height + s.V)
 
 
 def _rotation(angle: float) -> Array:

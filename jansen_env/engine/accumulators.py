@@ -15,14 +15,14 @@ from jansen_env.engine.tables import mechanical_energy
 
 
 @stage
-def begin(robot, state, statistics, body, sums):
+def begin(robot, state, statistics, model, sums):
     """Reset the sums of a robot, and store its energy at the beginning of the control step.
 
     Args:
         robot: The robot's record.
         state: State of the robot relative to the crank axis, shape (8,).
         statistics: Sums of each pad, shape (pads,).
-        body: Table of the body, see :class:`jansen_env.engine.records.Model`.
+        model: Tables of the robot, a :class:`jansen_env.engine.records.Model`.
         sums: Work space, shape (3, 6).
     """
     total = robot.accumulators
@@ -31,7 +31,7 @@ def begin(robot, state, statistics, body, sums):
     for j in range(len(statistics)):
         statistics[j].slip = 0.0
         statistics[j].impulse[0] = statistics[j].impulse[1] = 0.0
-    total.initial_energy = mechanical_energy(body, robot.params, state, sums)
+    total.initial_energy = mechanical_energy(model.body, model.springs, robot.params, state, sums)
 
 
 @stage
@@ -46,7 +46,7 @@ def clear(total):
 
 
 @stage
-def end(robot, state, statistics, elapsed, slip, force, body, sums):
+def end(robot, state, statistics, elapsed, slip, force, model, sums):
     """Complete the sums of a control step.
 
     Args:
@@ -56,7 +56,7 @@ def end(robot, state, statistics, elapsed, slip, force, body, sums):
         elapsed: Duration of the control step, in s.
         slip: Output, distance that each toe slid under load, in m, shape (toes,).
         force: Output, mean tangential and normal force on each toe, in N, shape (toes, 2).
-        body: Table of the body, see :class:`jansen_env.engine.records.Model`.
+        model: Tables of the robot, a :class:`jansen_env.engine.records.Model`.
         sums: Work space, shape (3, 6).
     """
     total, toes = robot.accumulators, len(slip)
@@ -75,7 +75,8 @@ def end(robot, state, statistics, elapsed, slip, force, body, sums):
     # time step. It is part of the residual.
     total.impact_loss = max(0.0, total.impact_loss)
     total.joint_loss = max(0.0, total.joint_loss)
-    energy = mechanical_energy(body, robot.params, state, sums) + total.elastic_energy
+    energy = mechanical_energy(model.body, model.springs, robot.params, state, sums)
+    energy += total.elastic_energy
     total.energy_change = energy - total.initial_energy
 
 

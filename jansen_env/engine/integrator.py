@@ -17,8 +17,10 @@ contact laws of Signorini and Coulomb. The method is of second order while the c
 change.
 
 If the chassis is fixed, only the equation of the crank remains, equation (12) of the paper, about
-the crank axis: k psi'' + k' psi'^2 / 2 = torque - f psi' + gravity . R c'. Such a robot touches
-nothing.
+the crank axis: k psi'' + k' psi'^2 / 2 = torque - f psi' + gravity . R c' - V'. Such a robot
+touches nothing.
+
+The springs of the legs have the energy V(psi). Their torque -V' acts on the crank alone.
 """
 
 from __future__ import annotations
@@ -87,6 +89,7 @@ from jansen_env.engine.tables import (
     VALUE,
     bearing_friction,
     read_sums,
+    spring_torque,
     to_centroid,
 )
 
@@ -255,6 +258,7 @@ def take_steps(r, steps, commanded, trace, work, scratch, designs, motions):
         designs.pads[design],
         designs.layout[design],
         designs.bearings[design],
+        designs.springs[design],
     )
     ground = Ground(designs.surface, designs.depths[design])
     if not status.waits:
@@ -264,7 +268,7 @@ def take_steps(r, steps, commanded, trace, work, scratch, designs, motions):
             for j in range(len(statistics)):
                 for i in range(2):
                     scratch.deflection[j, i] = statistics[j].deflection[i]
-        begin(robot, state, statistics, model.body, work.sums)
+        begin(robot, state, statistics, model, work.sums)
     while status.step < steps:
         if status.on_shapes:
             if not status.waits:
@@ -298,7 +302,7 @@ def take_steps(r, steps, commanded, trace, work, scratch, designs, motions):
     if status.lost:
         _refuse(robot, statistics, slip, force, scratch)
         return
-    end(robot, state, statistics, steps * world.time_step, slip, force, model.body, work.sums)
+    end(robot, state, statistics, steps * world.time_step, slip, force, model, work.sums)
     if not params.held and not status.on_shapes:
         robot.accumulators.links_in_ground = links_in_ground(
             state, status, model, ground, world.toes, designs.sides, work.bound
@@ -471,7 +475,8 @@ def _time_step(h, asked, torque, pushes, renewed, state, robot, model, planes, s
     x, y = state[0] + 0.5 * h * velocity.x, state[1] + 0.5 * h * velocity.y
     theta, psi = state[2] + 0.5 * h * velocity.pitch, state[3] + 0.5 * h * velocity.crank
     inertia = _read_inertia(h, params, model.body, psi, work.sums)
-    weight, push = _weight(theta, inertia, params), Push(0.0, 0.0, 0.0, 0.0)
+    springs = spring_torque(model.springs, psi) if params.sprung else 0.0
+    weight, push = _weight(theta, springs, inertia, params), Push(0.0, 0.0, 0.0, 0.0)
     if len(pushes) > 0 and not params.held:
         push = _push(h, pushes[0, robot.status.step], theta, inertia, params)
     count, impact, sided = find_contacts(
@@ -583,15 +588,24 @@ def _read_inertia(h, params, body, psi, sums):
 
 
 @stage
-def _weight(theta, inertia, params):
-    """Return gravity as a force on the centre of mass, or on the crank if the chassis is fixed."""
+def _weight(theta, springs, inertia, params):
+    """Return gravity and the torque of the springs as a generalised force.
+
+    Gravity acts on the centre of mass, or on the crank if the chassis is fixed.
+
+    Args:
+        theta: Pitch, in rad.
+        springs: Torque of the springs on the crank, in N m.
+        inertia: Inertia at the middle of the step.
+        params: Parameters of the robot.
+    """
     gx, gy = params.gravity_x, params.gravity_y
     if not params.held:
-        return Push(gx, gy, 0.0, 0.0)
+        return Push(gx, gy, 0.0, springs)
     cos, sin = mathematics.cos(theta), mathematics.sin(theta)
     dx, dy = inertia.ds
     torque = params.mass * (gx * (cos * dx - sin * dy) + gy * (sin * dx + cos * dy))
-    return Push(0.0, 0.0, 0.0, torque)
+    return Push(0.0, 0.0, 0.0, torque + springs)
 
 
 @stage

@@ -45,7 +45,13 @@ Chassis = Annotated[NDArray[np.void], CHASSIS, 1]
 
 @kernel
 def put_machine(
-    links: Links, legs: int, chassis: Chassis, friction: Floats1, work: Floats2, machines: Machines
+    links: Links,
+    legs: int,
+    chassis: Chassis,
+    friction: Floats1,
+    stiffness: Floats1,
+    work: Floats2,
+    machines: Machines,
 ) -> None:
     """Store the parameters of a weightless robot on level ground without friction.
 
@@ -57,6 +63,7 @@ def put_machine(
         legs: Number of legs.
         chassis: Record of the other values of the robot, shape (1,).
         friction: Coulomb friction of each bearing, in N m, shape (bearings,).
+        stiffness: Stiffness of each spring of a leg, in N/m or N m/rad, shape (springs,).
         work: Work space, shape (2, bodies + 1).
         machines: Output, shape (1,).
     """
@@ -78,6 +85,9 @@ def put_machine(
     params.dry = whole.motor.friction > 0.0
     for k in range(len(friction)):
         params.dry = params.dry or friction[k] > 0.0
+    params.sprung = False
+    for k in range(len(stiffness)):
+        params.sprung = params.sprung or stiffness[k] > 0.0
     pads = whole.pad_compliance
     params.compliant = pads.stiffness < math.inf
     params.stiffness[0], params.stiffness[1] = pads.stiffness, pads.tangential_stiffness

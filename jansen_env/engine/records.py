@@ -93,6 +93,7 @@ PARAMS = row_dtype(
         ("viscous_friction", "f8"),  # N m s
         ("gear_friction", "f8"),  # N m, Coulomb friction
         ("dry", "?"),  # whether the gear or a bearing has Coulomb friction
+        ("sprung", "?"),  # whether the legs have springs
         # The pads, see :class:`jansen_env.robot.Compliance`.
         ("compliant", "?"),
         ("stiffness", "f8", 2),  # N/m, normal and tangential
@@ -400,6 +401,7 @@ class Designs(NamedTuple):
         pads: Tables of the pads, likewise.
         layout: Pads of the designs, likewise.
         bearings: Friction of the bearings, likewise.
+        springs: Energy of the springs, likewise.
         sides: Pads at the ends of the links' sides, shape (sides, 2).
         depths: Depths of a :class:`Ground` for each design, shape (designs, ...).
         surface: Vertices of all terrains, in m, shape (vertices, 2).
@@ -410,6 +412,7 @@ class Designs(NamedTuple):
     pads: Floats5
     layout: Layouts
     bearings: Floats2
+    springs: Floats4
     sides: Ints2
     depths: Floats2
     surface: Floats2
@@ -460,12 +463,14 @@ class Model(NamedTuple):
         layout: Records of :data:`PAD`, shape (pads,).
         bearings: Coulomb friction of all bearings on the crank over a turn, in N m, shape
             (samples,).
+        springs: Polynomials of the energy of all springs, in J, shape (intervals, order, 1).
     """
 
     body: Array
     pads: Array
     layout: NDArray[np.void]
     bearings: Array
+    springs: Array
 
 
 class Ground(NamedTuple):

@@ -54,7 +54,7 @@ def put_work_shapes(bodies: int, pads: int, bearings: int, shapes: Ints2) -> Non
         bodies: Number of bodies of a leg.
         pads: Number of pads of a leg.
         bearings: Number of bearings of a leg.
-        shapes: Output, shape (15, 3). The row of an array with fewer than three axes ends with
+        shapes: Output, shape (18, 3). The row of an array with fewer than three axes ends with
             zeros.
     """
     shapes[:] = 0
@@ -76,6 +76,9 @@ def put_work_shapes(bodies: int, pads: int, bearings: int, shapes: Ints2) -> Non
     _put_shape(2, HARMONICS, rates, shapes[12])
     _put_shape(2, HARMONICS, rates, shapes[13])
     _put_shape(BEARING_SAMPLES, rates, 0, shapes[14])
+    _put_shape(SAMPLES, 1, 0, shapes[15])
+    _put_shape(2, HARMONICS, 1, shapes[16])
+    _put_shape(2, HARMONICS, 1, shapes[17])
 
 
 @stage
@@ -94,6 +97,10 @@ def compile_tables(
     damping: Floats1,
     bearings: Ints2,
     friction: Floats1,
+    springs: Ints2,
+    spring_values: Floats2,
+    torsion: Ints2,
+    torsion_values: Floats2,
     legs: Floats2,
     pads: Ints2,
     weights: Floats2,
@@ -116,9 +123,13 @@ def compile_tables(
     rate_series: Floats3,
     leg_rates: Floats3,
     turning: Floats2,
+    potential: Floats2,
+    potential_series: Floats3,
+    all_potentials: Floats3,
     body: Floats4,
     pad_tables: Floats4,
     bearing_table: Floats1,
+    spring_table: Floats4,
 ) -> float:
     """Compile the tables of a robot.
 
@@ -132,6 +143,13 @@ def compile_tables(
         damping: Damping between these bodies, in N m s, shape (pairs,).
         bearings: Pairs of bodies with a bearing between them, shape (bearings, 2).
         friction: Coulomb friction of these bearings, in N m, shape (bearings,).
+        springs: Joints at the ends of each linear spring, shape (springs, 2). The second is -1 for
+            a point of the chassis.
+        spring_values: Stiffness (N/m) and rest length (m) of these springs, and the point of the
+            chassis (x, y, m), shape (springs, 4).
+        torsion: Bodies of each torsion spring, shape (torsion springs, 2).
+        torsion_values: Stiffness (N m/rad) and rest angle (rad) of these springs, shape (torsion
+            springs, 2).
         legs: Side of each leg (1 for fore, -1 for back) and its phase in rad, shape (legs, 2).
         pads: Joint and body of each pad of a leg, shape (pads, 2).
         weights: See :func:`jansen_env.engine.series.expand`.
@@ -140,7 +158,7 @@ def compile_tables(
         half_step: See :func:`jansen_env.engine.series.expand`.
         bearing_turn: Output of :func:`put_turn` for the samples of the bearings.
         work: Work space; :func:`put_work_shapes` computes the shapes of this and the following
-            arrays up to ``turning``.
+            arrays up to ``all_potentials``.
         factors: Work space for the factors of the coefficients.
         turns: Work space for the number of turns of each body per turn of the crank.
         motion: Work space for the angles and positions of the bodies.
@@ -155,14 +173,19 @@ def compile_tables(
         rate_series: Work space for the series of these rates.
         leg_rates: Work space for the series of the rates in one leg.
         turning: Work space for the samples of these rates.
+        potential: Work space for the energy of the springs of a fore leg.
+        potential_series: Work space for the series of this energy.
+        all_potentials: Work space for the series of the energy over all legs.
         body: Output, shape (1, intervals, order, functions).
         pad_tables: Output, shape (pads, intervals, order, functions).
         bearing_table: Output, Coulomb friction of all bearings on the crank, in N m, shape
             (samples,).
+        spring_table: Output, energy of all springs, shape (1, intervals, order, 1).
 
     Returns:
         The tail of the series: the largest coefficient of the last harmonics, relative to the
-        largest coefficient of the same function (see :func:`_tail`).
+        largest coefficient of the same function (see :func:`_tail`). It is infinite if a torsion
+        spring is between two bodies that make whole turns relative to each other.
     """
     count, bodies = len(psi), len(links)
     for k in range(bodies):
@@ -213,7 +236,63 @@ def compile_tables(
                 for k in range(len(friction)):
                     total += friction[k] * abs(turning[i, k])
                 bearing_table[i] += total
-    return max(_tail(motion_series), _tail(sum_series), _tail(pad_series))
+    tail = max(_tail(motion_series), _tail(sum_series), _tail(pad_series))
+    spring_table[:] = 0.0
+    if len(springs) + len(torsion) > 0:
+        for i in range(count):
+            potential[i, 0] = _spring_potential(places[i], springs, spring_values)
+        for k in range(len(torsion)):
+            if turns[torsion[k, 0]] != turns[torsion[k, 1]]:
+                return math.inf
+            _add_torsion(motion, torsion[k], torsion_values[k], potential)
+        analyse(potential, turn, work, potential_series)
+        all_potentials[:] = 0.0
+        for side in (1.0, -1.0):
+            _add_legs(potential_series, legs, side, 0, all_potentials)
+        expand(all_potentials, weights, half_step, table_turn, work, factors[WORK], spring_table)
+        tail = max(tail, _tail(potential_series))
+    return tail
+
+
+@stage(inline=False)
+def _spring_potential(places, springs, values):
+    """Return the energy of the linear springs of a leg, in J.
+
+    Args:
+        places: Positions of the joints in the chassis frame, in m, shape (joints, 2).
+        springs: Joints at the ends of the springs, shape (springs, 2).
+        values: Stiffness, rest length, and position of the end on the chassis, shape (springs, 4).
+    """
+    energy = 0.0
+    for k in range(len(springs)):
+        start, end = springs[k]
+        x, y = values[k, 2], values[k, 3]
+        if end >= 0:
+            x, y = places[end, 0], places[end, 1]
+        stretch = mathematics.hypot(places[start, 0] - x, places[start, 1] - y) - values[k, 1]
+        energy += 0.5 * values[k, 0] * stretch * stretch
+    return energy
+
+
+@stage(inline=False)
+def _add_torsion(motion, pair, values, potential):
+    """Add the energy of a torsion spring to that of the other springs.
+
+    Args:
+        motion: Angles of the bodies without whole turns, in rad, shape (samples, bodies or more).
+        pair: Indices of the two bodies, shape (2,).
+        values: Stiffness in N m/rad and rest angle in rad, shape (2,).
+        potential: Energy in J, changed in place, shape (samples, 1).
+    """
+    first, second = pair
+    total, count = 0.0, len(motion)
+    for i in range(count):
+        total += motion[i, second] - motion[i, first]
+    mean = total / count - values[1]
+    rest = values[1] + TURN * mathematics.nearest(mean / TURN)
+    for i in range(count):
+        deflection = motion[i, second] - motion[i, first] - rest
+        potential[i, 0] += 0.5 * values[0] * deflection * deflection
 
 
 @stage(inline=False)

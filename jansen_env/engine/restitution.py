@@ -105,7 +105,8 @@ def solve_velocities(
         h: Time step, in s.
         torque: Commanded torque of the motor, in N m.
         friction: Coulomb friction torque on the crank, in N m.
-        weight: Gravity as a generalised force, a :class:`jansen_env.engine.records.Push`.
+        weight: Gravity and springs as a generalised force, a
+            :class:`jansen_env.engine.records.Push`.
         push: Load on the chassis, likewise.
         velocity: Velocity at the beginning of the step.
         inertia: Inertia at the middle of the step.

@@ -18,6 +18,7 @@ VALUE, FIRST, SECOND = range(3)
 # Columns of these arrays: the sums over the bodies, and the functions of a pad.
 C_X, C_Y, INERTIA, COUPLING, CRANK, DAMPING, OWN_COUPLING, OWN_CRANK = range(8)
 PAD_X, PAD_Y, PAD_ANGLE = range(3)
+POTENTIAL = 0  # the only function in the table of the springs
 
 
 @stage
@@ -191,6 +192,25 @@ def bearing_friction(bearings, psi):
 
 
 @stage
+def spring_torque(springs, psi):
+    """Return the torque of all springs on the crank, in N m.
+
+    Args:
+        springs: Table of the springs, shape (intervals, order, 1).
+        psi: Crank angle, in rad.
+    """
+    row, t = locate(springs.shape[0], psi)
+    return -_first(springs, row, POTENTIAL, t)
+
+
+@stage
+def spring_energy(springs, psi):
+    """Return the energy of all springs, in J; see :func:`spring_torque`."""
+    row, t = locate(springs.shape[0], psi)
+    return _value(springs, row, POTENTIAL, t)
+
+
+@stage
 def centre_of_mass(body, params, psi):
     """Return the centre of mass (x, y) of a robot, including its load, in m.
 
@@ -240,13 +260,15 @@ def to_centroid(body, params, state, sign, sums):
 
 
 @stage(inline=False)
-def mechanical_energy(body, params, state, sums):
+def mechanical_energy(body, springs, params, state, sums):
     """Return the sum of kinetic and potential energy, in J.
 
     Args:
         body: Table of the body, shape (intervals, order, functions).
+        springs: Table of the springs, shape (intervals, order, 1).
         params: Parameters of the robot.
-        state: State of the crank axis, shape (8,). The potential energy is 0 at y = 0.
+        state: State of the crank axis, shape (8,). The potential energy of gravity is 0 at y = 0,
+            and that of a spring is 0 at its rest length.
         sums: Work space, shape (3, 6).
     """
     read_sums(body, params, state[3], sums)
@@ -264,19 +286,23 @@ def mechanical_energy(body, params, state, sums):
     kinetic = 0.5 * params.mass * (vx * vx + vy * vy)
     kinetic += w * (-ry * vx + rx * vy) + n * (dx * vx + dy * vy)
     kinetic += 0.5 * inertia * w * w + coupling * w * n + 0.5 * crank * n * n
+    if params.sprung:
+        kinetic += spring_energy(springs, state[3])
     gx, gy = params.gravity_x, params.gravity_y
     return kinetic + (-gx * (params.mass * state[0] + rx) - gy * (params.mass * state[1] + ry))
 
 
 @kernel
-def energy(r: int, robots: Robots, body: Floats4, sums: Floats2) -> float:
+def energy(r: int, robots: Robots, body: Floats4, springs: Floats4, sums: Floats2) -> float:
     """Return the sum of kinetic and potential energy of a robot, in J.
 
     Args:
         r: Index of the robot.
         robots: Records of the robots.
         body: Tables of the body, shape (designs, intervals, order, functions).
+        springs: Tables of the springs, shape (designs, intervals, order, 1).
         sums: Work space, shape (3, 6).
     """
     robot = robots[r]
-    return mechanical_energy(body[robot.params.design], robot.params, robot.state, sums)
+    design = robot.params.design
+    return mechanical_energy(body[design], springs[design], robot.params, robot.state, sums)

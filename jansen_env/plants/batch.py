@@ -644,11 +644,11 @@ class Batch(BatchedPlant):
     def energy(self, row: int) -> float:
         """Return the kinetic plus potential energy of a robot, in J.
 
-        The potential energy is 0 if the centre of mass is at y = 0.
+        The potential energy of gravity is 0 if the centre of mass is at y = 0.
         """
         robots = self.records.robots
-        body = self.designs.model.body
-        return float(energy(row, robots, body, self._sums))
+        model = self.designs.model
+        return float(energy(row, robots, model.body, model.springs, self._sums))
 
     def pad_centres(self, row: int) -> Array:
         """Return the centres of a robot's pads, toes first, in m, shape (pads, 2)."""

@@ -119,5 +119,5 @@ def kernel_model(tables: Tables) -> Model:
 
     The first axis of each array has length 1.
     """
-    views = tables.body, tables.pads, tables.layout.rows, tables.bearings
+    views = tables.body, tables.pads, tables.layout.rows, tables.bearings, tables.springs
     return Model(*(np.array([table]) for table in views))

@@ -20,10 +20,11 @@ from jansen_env.arrays import Array
 from jansen_env.checks import positive, shown
 from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.dynamics.pads import pad_layout
+from jansen_env.dynamics.spring_forces import end_position, spring_ends, torsion_deflections
 from jansen_env.plants.rigid import bodies as links
 from jansen_env.plants.rigid.bodies import CHASSIS, SHAFT, place_of
-from jansen_env.robot import Robot
-from jansen_env.robot.kinematics import joint_positions
+from jansen_env.robot import Robot, Spring
+from jansen_env.robot.kinematics import coordinates, joint_positions
 from jansen_env.robot.linkage import CRANK
 from jansen_env.terrain import Terrain
 
@@ -175,7 +176,9 @@ def to_mjcf(
             anchor=_local(place, tree.origins[a]),
             solref=_critical(loop_stiffness),
         )
-    _add_friction(_add(root, "tendon"), bodies, robot, tree.parents, time_step)
+    tendons = _add(root, "tendon")
+    _add_friction(tendons, bodies, robot, tree.parents, time_step)
+    _add_leg_springs(tendons, bodies, robot, tree)
     limit = robot.motor.most_torque
     bound = {} if math.isinf(limit) else {"forcerange": (-limit, limit)}
     _add(_add(root, "actuator"), "motor", name="crank", joint="shaft", **bound)
@@ -307,6 +310,54 @@ def _add_friction(
         _add(rotor, "joint", joint="shaft", coef=motor.gear_ratio)
         if bodies[CHASSIS].find("joint") is not None:
             _add(rotor, "joint", joint="chassis", coef=1.0)
+
+
+def _add_leg_springs(
+    tendons: ET.Element, bodies: dict[int, ET.Element], robot: Robot, tree: Tree
+) -> None:
+    """Add the springs of the legs.
+
+    A linear spring is a spatial tendon between two sites. A torsion spring is a fixed tendon over
+    all hinges between its two links.
+    """
+    names, linkage = body_names(robot), robot.linkage
+    for i, leg in enumerate(robot.legs):
+        x = coordinates(robot, leg.side, leg.phase)
+        deflections = iter(torsion_deflections(robot, leg.side, x).tolist())
+        for number, spring in enumerate(robot.springs):
+            name = f"{robot.leg_names[i]}_spring_{number}"
+            if isinstance(spring, Spring):
+                tendon = _add(
+                    tendons,
+                    "spatial",
+                    name=name,
+                    stiffness=spring.stiffness,
+                    springlength=spring.rest_length,
+                )
+                for end, where in zip(spring_ends(robot, spring), ("start", "end"), strict=True):
+                    k = place_of(robot, i, end.body + 1)
+                    place, _ = end_position(end, leg.side, x)
+                    site = f"{name}_{where}"
+                    _add(bodies[k], "site", name=site, pos=_local(place, tree.origins[k]))
+                    _add(tendon, "site", site=site)
+                continue
+            first, second = (
+                _way(place_of(robot, i, linkage.names.index(link) + 1), tree.parents)
+                for link in (spring.first, spring.second)
+            )
+            # The length of the tendon is 0 in the model's initial pose. MuJoCo's springs have no
+            # negative length at rest, so the signs of all hinges are chosen accordingly.
+            rest = -next(deflections)
+            sign = math.copysign(1.0, rest)
+            tendon = _add(
+                tendons,
+                "fixed",
+                name=name,
+                stiffness=spring.stiffness,
+                springlength=abs(rest),
+            )
+            for k in sorted(first ^ second):
+                _add(tendon, "joint", joint=names[k], coef=sign if k in second else -sign)
 
 
 def _way(body: int, parents: dict[int, int]) -> set[int]:

@@ -22,6 +22,7 @@ from jansen_env.robot.links import (
     phased_legs,
 )
 from jansen_env.robot.robot import Robot
+from jansen_env.robot.spring import Spring, TorsionSpring
 from jansen_env.robot.zoo import robot_from_joints
 
 __all__ = [
@@ -40,6 +41,8 @@ __all__ = [
     "Plate",
     "Robot",
     "Side",
+    "Spring",
+    "TorsionSpring",
     "Triangle",
     "built_robot",
     "holy_numbers_robot",

@@ -26,6 +26,7 @@ from jansen_env.robot.links import (
     within_a_turn,
 )
 from jansen_env.robot.motor import IDEAL, Motor
+from jansen_env.robot.spring import AnySpring, Spring, TorsionSpring, check_spring
 
 LONGEST = 1e3  # largest length, in m
 REACH = Limits(-LONGEST, LONGEST, note="lengths are in metres")
@@ -68,6 +69,8 @@ class Robot:
         bearing_friction: Coulomb friction torque of each pair in ``linkage.bearings``, in N m.
         material: Material of the parts that are drawn and cut, a key of :data:`.buildable.BUILDS`.
             It does not affect the masses, which are those of ``bodies``.
+        springs: Springs of each leg. The contact pads have their own springs, see
+            ``pad_compliance``.
 
     Raises:
         ValueError: If an argument has the wrong type or is out of range.
@@ -84,6 +87,7 @@ class Robot:
     pad_compliance: Compliance = RIGID
     bearing_friction: tuple[Size, ...] = (0.0,) * len(JANSEN.bearings)
     material: str = "aluminium"
+    springs: tuple[AnySpring, ...] = ()
 
     def __post_init__(self) -> None:
         instance("Robot.linkage", self.linkage, Linkage)
@@ -96,6 +100,7 @@ class Robot:
         check_limits(self)
         self._set_pairs("damping", "joint pairs", self.linkage.damped)
         self._set_pairs("bearing_friction", "bearings", self.linkage.bearings)
+        self._set_springs()
         object.__setattr__(self, "legs", entries("Robot.legs", self.legs, "at least one Leg"))
         if not self.legs:
             raise ValueError("Robot.legs is empty, must have at least one Leg")
@@ -139,6 +144,16 @@ class Robot:
             raise ValueError(f"Robot.{name} has {len(values)} values, must be {each}")
         checked = tuple(SIZE.check(f"Robot.{name}", value) for value in values)
         object.__setattr__(self, name, checked)
+
+    def _set_springs(self) -> None:
+        """Check that the springs fit the linkage."""
+        kinds = "a Spring or a TorsionSpring"
+        springs = entries("Robot.springs", self.springs, f"entries that are each {kinds}")
+        for k, spring in enumerate(springs):
+            if not isinstance(spring, Spring | TorsionSpring):
+                raise invalid(f"Robot.springs[{k}]", spring, kinds)
+            check_spring(f"Robot.springs[{k}]", spring, self.linkage)
+        object.__setattr__(self, "springs", springs)
 
     def body(self, name: str) -> Any:
         """Return the link with a name of ``linkage.names``.

@@ -16,6 +16,7 @@ from jansen_env.engine.machines import CHASSIS, put_machine
 from jansen_env.engine.records import MACHINE
 from jansen_env.robot.links import Link
 from jansen_env.robot.robot import Robot
+from jansen_env.robot.spring import Spring, TorsionSpring
 
 NUMBERS = (LINK.names or ())[1:]
 
@@ -56,6 +57,45 @@ class Closing(NamedTuple):
     corners: Array
     dyads: Ints
     spans: Array
+
+
+class SpringRows(NamedTuple):
+    """Springs of a leg; see :func:`jansen_env.engine.reduction.compile_tables`.
+
+    Attributes:
+        springs: Joints at the ends of each linear spring, shape (springs, 2). The second is -1 for
+            a point of the chassis.
+        spring_values: Stiffness (N/m) and rest length (m) of these springs, and the point of the
+            chassis (x, y, m), shape (springs, 4).
+        torsion: Indices of the two bodies of each torsion spring, shape (torsion springs, 2).
+        torsion_values: Stiffness (N m/rad) and rest angle (rad) of these springs, shape (torsion
+            springs, 2).
+    """
+
+    springs: Ints
+    spring_values: Array
+    torsion: Ints
+    torsion_values: Array
+
+
+def spring_rows(robot: Robot) -> SpringRows:
+    """Return the springs of a leg as arrays."""
+    linkage = robot.linkage
+    linear = [spring for spring in robot.springs if isinstance(spring, Spring)]
+    torsion = [spring for spring in robot.springs if isinstance(spring, TorsionSpring)]
+    ends = [
+        (linkage.joints.index(each.start), linkage.joints.index(each.end) if each.end else -1)
+        for each in linear
+    ]
+    bodies = [tuple(map(linkage.names.index, (each.first, each.second))) for each in torsion]
+    values = [(each.stiffness, each.rest_length, *each.anchor) for each in linear]
+    torsion_values = [(each.stiffness, each.rest_angle) for each in torsion]
+    return SpringRows(
+        np.array(ends, np.int64).reshape(-1, 2),
+        np.array(values, float).reshape(-1, 4),
+        np.array(bodies, np.int64).reshape(-1, 2),
+        np.array(torsion_values, float).reshape(-1, 2),
+    )
 
 
 def leg_links(robot: Robot) -> LegLinks:
@@ -131,5 +171,6 @@ def machine_row(robot: Robot) -> Rows:
     """
     row, links = np.zeros(1, MACHINE), leg_links(robot).links
     friction, work = np.array(robot.bearing_friction), np.empty((2, len(links) + 1))
-    put_machine(links, len(robot.legs), chassis_row(robot), friction, work, row)
+    stiffness = np.array([spring.stiffness for spring in robot.springs], float)
+    put_machine(links, len(robot.legs), chassis_row(robot), friction, stiffness, work, row)
     return row

@@ -25,13 +25,26 @@ from jansen_env.robot.linkage import Linkage
 from jansen_env.robot.links import Bar, Compliance, Leg, Payload, Plate, Triangle
 from jansen_env.robot.motor import Motor
 from jansen_env.robot.robot import Robot
+from jansen_env.robot.spring import Spring, TorsionSpring
 
 FORMAT = "jansen_env robot 1"
 MAX_BYTES = 2**20  # largest size of a file
 OF_DESIGN = {"design", "lengths"}  # entries of a file that contains a design with other lengths
 PARTS: dict[str, type] = {
     kind.__name__: kind
-    for kind in (Robot, Linkage, Bar, Triangle, Plate, Leg, Payload, Motor, Compliance)
+    for kind in (
+        Robot,
+        Linkage,
+        Bar,
+        Triangle,
+        Plate,
+        Leg,
+        Payload,
+        Motor,
+        Compliance,
+        Spring,
+        TorsionSpring,
+    )
 }
 """Classes of the parts that a file may contain, by the name in the entry ``"is"`` of a part."""
 
@@ -40,7 +53,7 @@ def robot_to_json(robot: Robot) -> dict[str, object]:
     """Return a robot as a mapping that can be written as JSON.
 
     Each part of the robot is a mapping of its fields. The entry "is" names the kind of the part. A
-    field that is infinite is left out.
+    field that is infinite is left out, and so are the springs of a robot without springs.
     """
     return {"format": FORMAT, **_part_to_json(robot)}
 
@@ -111,6 +124,8 @@ def read_robot(path: str | Path) -> Robot:
 def _part_to_json(part: object) -> dict[str, object]:
     """Return a part of a robot as a mapping that can be written as JSON."""
     values = {field.name: getattr(part, field.name) for field in fields(part)}  # type: ignore[arg-type]
+    if isinstance(part, Robot) and not part.springs:
+        del values["springs"]  # as in files that were written before robots could have springs
     kept = {name: _to_json(value) for name, value in values.items() if value != math.inf}
     return {"is": type(part).__name__, **kept}
 
@@ -181,7 +196,7 @@ def _fields_of(part: type) -> dict[str, dict[str, Any]]:
     """Return the fields of a part in the form of :func:`file_schema`."""
     hints = get_type_hints(part, include_extras=True)
     schema: dict[str, dict[str, Any]] = {
-        field.name: {"kind": _kind_of(hints[field.name]), **_default_of(field)}
+        field.name: {"kind": _kind_of(hints[field.name]), **_default_of(part, field)}
         for field in fields(part)
     }
     if part is Robot:
@@ -189,12 +204,15 @@ def _fields_of(part: type) -> dict[str, dict[str, Any]]:
     return schema
 
 
-def _default_of(field: Field[Any]) -> dict[str, object]:
-    """Return a mapping with the ``"default"`` of a field; it is empty if there is no default."""
+def _default_of(part: type, field: Field[Any]) -> dict[str, object]:
+    """Return a mapping with the ``"default"`` of a field of a part, or an empty mapping.
+
+    The mapping is empty if there is no default, or if Python derives it from other fields.
+    """
     value = dict(field.metadata) or field.default
     if field.default_factory is not MISSING:
         value = field.default_factory()
-    if value is MISSING or value in ("", ()):
+    if value is MISSING or (part is Linkage and value in ("", ())):
         return {}
     return {"default": None if value == math.inf else _to_json(value)}
 

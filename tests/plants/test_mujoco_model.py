@@ -8,10 +8,14 @@ import pytest
 mujoco = pytest.importorskip("mujoco")
 
 import mujoco_plant  # noqa: E402
+from motions import SPRINGS  # noqa: E402
 
 from jansen_env.cli.mjcf import main  # noqa: E402
 from jansen_env.plants.mujoco_model import to_mjcf  # noqa: E402
-from jansen_env.plants.plant import ProjectionPlant  # noqa: E402
+from jansen_env.plants.plant import (
+    ProjectionPlant,
+    RigidBodyPlant,
+)
 from jansen_env.robot import ROBOTS, Payload, paper_robot  # noqa: E402
 from jansen_env.terrain import Terrain  # noqa: E402
 
@@ -50,6 +54,30 @@ def test_flight_with_rotor_and_payload():
     assert ours.state[3] > 1.0
     np.testing.assert_allclose(theirs.state, ours.state, atol=2e-4)
     np.testing.assert_allclose(theirs.state[:4], ours.state[:4], atol=1e-5)
+
+
+def test_three_witnesses_agree_on_springs():
+    """A sprung robot in the air: both plants and MuJoCo, after 0.3 s under 1 N m."""
+    robot = replace(ROBOTS["paper_slender"](), springs=SPRINGS)
+    ours = ProjectionPlant(robot, Terrain.flat(), 1e-4)
+    rigid = RigidBodyPlant(robot, Terrain.flat(), 1e-4)
+    theirs = mujoco_plant.MujocoPlant(robot, Terrain.flat(), 1e-4, loop_stiffness=1e7)
+    theirs.model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    ours.reset(crank_angle=0.5)
+    theirs.reset(crank_angle=0.5)
+    ours.state = ours.state + 5.0 * np.eye(8)[1]
+    theirs.data.qpos[1] += 5.0
+    rigid.state = ours.state
+    bare = ProjectionPlant(replace(robot, springs=()), Terrain.flat(), 1e-4)
+    bare.state = start = ours.state
+    for plant in (ours, rigid, theirs, bare):
+        for _ in range(30):
+            plant.step(1.0, 0.01)
+    turned = abs(ours.state[3] - start[3])
+    assert turned > 0.5
+    assert abs(bare.state[3] - ours.state[3]) > 0.1  # the springs matter
+    np.testing.assert_allclose(theirs.state[:4], ours.state[:4], atol=1e-6)
+    np.testing.assert_allclose(rigid.state[:4], ours.state[:4], atol=1e-3 * turned)
 
 
 def test_dry_friction_holds():

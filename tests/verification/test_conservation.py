@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motions import DESIGNS, FLIGHT, HOLD, audit, governor, momenta, placed, shift
+from motions import DESIGNS, FLIGHT, HOLD, SPRINGS, audit, governor, momenta, placed, shift
 
 from jansen_env import Payload, Robot, Terrain
 from jansen_env.dynamics.gravity import GRAVITY
@@ -14,9 +14,10 @@ THROWN = np.array([0.0, 0.8, 2.0, 0.3, 1.0, 0.0, 3.0, 0.0])  # near the ground, 
 DROPPED = shift(y=0.8, pitch=0.1, psi=0.3)
 SLIDE = Terrain.slope(0.4, friction=0.2)
 LADEN = replace(Robot(), payload=Payload(5.0, 0.2, (0.1, 0.2)))
+SPRUNG = Robot(springs=SPRINGS)
 ROUGH = Terrain.rough(np.random.default_rng(0), start=-5.0)
 BOUNCY = Terrain.flat(restitution=0.5)
-loads = pytest.mark.parametrize("robot", [Robot(), LADEN], ids=["paper", "laden"])
+loads = pytest.mark.parametrize("robot", [Robot(), LADEN, SPRUNG], ids=["paper", "laden", "sprung"])
 
 
 def held(torque):
@@ -40,6 +41,14 @@ MOTIONS = {
     "walk downhill": (walking(1.0), 4.0, dict(terrain=Terrain.slope(-0.1)), 2e-6),
     "walk on rough ground": (walking(1.0), 4.0, dict(terrain=ROUGH), 1e-6),
     "walk with payload": (walking(1.0), 4.0, dict(robot=LADEN), 3e-6),
+    "flight with springs": (held(2.0), 1.0, dict(robot=SPRUNG, state=FLIGHT), 2e-6),
+    "walk with springs": (walking(1.0), 4.0, dict(robot=SPRUNG), 6e-6),
+    "walk with springs on rough ground": (
+        walking(1.0),
+        4.0,
+        dict(robot=SPRUNG, terrain=ROUGH),
+        3e-6,
+    ),
     "walk, restitution 0.5": (walking(1.0), 4.0, dict(terrain=BOUNCY), 1e-5),
     "dropped, restitution 0.5": (held(0.0), 2.0, dict(terrain=BOUNCY, state=DROPPED), 2e-5),
     "tumbling on outer joints": (held(0.0), 3.0, dict(state=THROWN), 6e-5),
@@ -64,6 +73,8 @@ def test_energy_audit(name, measured):
 
 ORDERS = {  # of the energy error: the midpoint rule's between impacts, the impacts' elsewhere
     "flight": (2.0, 0.01),
+    "flight with springs": (2.0, 0.01),
+    "walk with springs": (1.0, 0.3),
     "slow walk": (1.0, 0.3),
     "walk on rough ground": (1.0, 0.3),
     "fast walk": (1.0, 0.3),

@@ -36,7 +36,9 @@ def test_environments_have_not_changed(name):
 @pytest.mark.parametrize("random", [False, True])
 def test_every_environment_has_a_published_walk(random):
     of_package = {env_id for env_id in IDS if env_id.startswith("Jansen")}
-    walked = {walk.env_id for walk in WALKS.values() if not walk.arguments and walk.random is random}
+    walked = {
+        walk.env_id for walk in WALKS.values() if not walk.arguments and walk.random is random
+    }
     assert of_package <= walked, "add the new environment to WALKS, and its hashes to the file"
     assert published_hashes().keys() == WALKS.keys()
 

@@ -10,13 +10,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from browser import WAIT, reads
+from motions import SPRINGS
 from test_walk_engine import in_node, numbers
 from test_walk_page import STILL, score, until
 
 from jansen_env.cli.play import main
 from jansen_env.dynamics.reduced import compile_robot
 from jansen_env.plants.design_tables import DesignTables
-from jansen_env.robot import ROBOTS, Compliance, Payload
+from jansen_env.robot import ROBOTS, Compliance, Payload, Spring, TorsionSpring
 from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.robot.motor import MOTORS
 from jansen_env.robot.robot_file import (
@@ -43,6 +44,8 @@ def other_robots():
     yield replace(klann(2), payload=Payload(1.0, 0.02, (0.03, 0.05)), legs=paper.legs[:3])
     linkage = replace(paper.linkage, pads=(("C", 8), ("P", 1)))
     yield replace(paper, linkage=linkage, bearing_friction=(0.01,) * 10)
+    yield replace(paper, springs=SPRINGS)
+    yield replace(klann(3), springs=(TorsionSpring("rod", "foot", 0.3, 2.0),))
 
 
 def as_file(robot):
@@ -59,6 +62,7 @@ def test_tables_of_robot_files_are_the_same():
             tables.body,
             tables.pads,
             tables.bearings,
+            tables.springs,
             designs.depths[0],
             designs.farthest[0],
             [designs.extent[0], advance_per_turn(robot), standing_height(robot)],
@@ -91,6 +95,10 @@ def test_what_is_no_robot_is_refused():
     """A sentence says why, before anything is computed."""
     paper = as_file(ROBOTS["paper"]())
     linkage, long = paper["linkage"], {**paper["bodies"][0], "length": 3.0}
+
+    def sprung(is_, **fields):
+        return {**paper, "springs": [{"is": is_, **fields}]}
+
     wrong = {
         "its format is not": {**paper, "format": "jansen_env robot 0"},
         "describes a Motor": {**paper, "is": "Motor"},
@@ -126,6 +134,20 @@ def test_what_is_no_robot_is_refused():
         "do not locate": {**paper, "linkage": {**linkage, "dyads": linkage["dyads"][1:]}},
         "does not close": {**paper, "bodies": [long, *paper["bodies"][1:]]},
         "cannot stand": {**paper, "frame_angle": 3.3},
+        r"springs\[0\] must end at joints of POABCDET, got .Z. and": sprung(
+            is_="Spring", start="Z"
+        ),
+        r"springs\[0\] must have an end that moves": sprung(is_="Spring", start="P"),
+        r"springs\[0\] must be between two joints": sprung(is_="Spring", start="D", end="B"),
+        r"springs\[0\] must be between two links": sprung(
+            is_="TorsionSpring", first="frame", second="foot"
+        ),
+        "whole turns relative to each other": sprung(
+            is_="TorsionSpring", first="crank", second="upper_rod", stiffness=1.0
+        ),
+        r"springs\[0\].stiffness must be between 0 and": sprung(
+            is_="Spring", start="D", stiffness=-1.0
+        ),
         f"{MOST_TOES + 2} toes": as_file(ROBOTS["paper"](MOST_TOES // 2 + 1)),
     }
     for (pattern, _), told in zip(wrong.items(), in_node([*wrong.values()])["tables"], strict=True):
@@ -160,6 +182,7 @@ def test_every_limit_of_a_robot_file_is_that_of_python():
     of_plates = replace(
         ZOO["klann"](2), motor=MOTORS["mx_106"], pad_compliance=Compliance(3e4, 9.0)
     )
+    of_plates = replace(of_plates, springs=(Spring("E", "C"), TorsionSpring("rod", "foot")))
     files = [*wrong_numbers(as_file(ROBOTS["paper"]())), *wrong_numbers(as_file(of_plates))]
     for rule in (
         {"motor": {"is": "Motor", "no_load_speed": 3.0}},

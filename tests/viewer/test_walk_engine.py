@@ -89,6 +89,7 @@ def test_tables_of_every_robot_are_the_same():
         tables, designs = compile_robot(robot), DesignTables([robot])
         expected = {
             "body": tables.body, "pads": tables.pads, "bearings": tables.bearings,
+            "springs": tables.springs,
             "depths": designs.depths[0], "farthest": designs.farthest[0],
             "extent, advance, height": [
                 designs.extent[0], advance_per_turn(robot), standing_height(robot)

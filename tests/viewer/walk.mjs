@@ -63,8 +63,8 @@ function tablesOf(robot) {
 	try {
 		const { name, ...content } = robot;
 		const checked = checkRobot(engine.layout, content);
-		const { body, pads, bearings, depths, extent, farthest, advance, height } = compileRobot(engine, checked);
-		return [body, pads, bearings, depths, farthest, [extent, advance, height]].map(packed);
+		const { body, pads, bearings, springs, depths, extent, farthest, advance, height } = compileRobot(engine, checked);
+		return [body, pads, bearings, springs, depths, farthest, [extent, advance, height]].map(packed);
 	} catch (error) {
 		return error.message;
 	}

@@ -18,6 +18,7 @@ import pymunk.batch
 
 from jansen_env.arrays import Array, Ints
 from jansen_env.dynamics.pads import Pads, pad_layout
+from jansen_env.plants.rigid.leg_springs import LegSprings
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import coordinates, joint_positions, world_joints
 from jansen_env.robot.linkage import CRANK, FRAME
@@ -254,7 +255,7 @@ class Snapshot(NamedTuple):
         motion: x, y and angle of each body and their rates, in m, rad and s, shape (bodies, 6); see
             :data:`X` and the following constants.
         pads: Centres of the pads, in m, shape (pads, 2).
-        energy: Kinetic and potential energy, in J, without the energy in springs.
+        energy: Kinetic and potential energy, in J, without the energy in springs of legs and pads.
         joint_gap: Widest gap of any joint, in m.
     """
 
@@ -297,6 +298,7 @@ class BodySpace:
         pins: Joints of the robot's pins, that of the crank axis first.
         pads: Circles of the robot's pads.
         dry: Joints that exert the Coulomb friction of bearings and gear.
+        springs: Springs of the legs, or None for a robot without springs.
         owners: Index of the body to which each pad belongs.
         index: Indices of the bodies, by pymunk's ids.
         radius: Radius of the pads, in m.
@@ -335,7 +337,10 @@ class BodySpace:
             joint = pymunk.SimpleMotor(self.bodies[a], self.bodies[b], 0.0)
             joint.max_force = torque
             self.dry.append(joint)
+        self.springs = LegSprings(robot, self.bodies) if robot.springs else None
         space.add(*self.bodies, *self.pins, *self.dry)
+        if self.springs is not None:
+            space.add(*self.springs.linear, *self.springs.torsion)
         if robot.pad_compliance.rigid:  # the forces of compliant pads are part of the loads
             space.add(*self.pads, *self._make_sides(robot, sides))
         # One row per body of the space. The last row belongs to the ground and stays 0.
@@ -345,7 +350,10 @@ class BodySpace:
         self._set.set_float_buf(rows)
         self.radius = robot.pad_radius
         q, v = state[:4], state[4:]
-        self._put(poses(robot, q), rates(robot, q, v))
+        where = poses(robot, q)
+        self._put(where, rates(robot, q, v))
+        if self.springs is not None:
+            self.springs.start(float(q[3]), where[:, 0])
         for body in self.bodies:
             space.reindex_shapes_for_body(body)
 

@@ -396,6 +396,7 @@ class RigidBodyBatch(BatchedPlant):
             self._springs.start(now, self._space.space, bristle)
         if self._rotor is not None:
             self._rotor.start(now.motion)
+        self._in_legs = self._energy_in_legs(now)
 
     def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
         """Set the mechanical state of the robot, with closed joints.
@@ -697,6 +698,7 @@ class RigidBodyBatch(BatchedPlant):
         if rotor is not None:
             rotor.step(after.motion)
             loss += rotor.loss
+        self._in_legs = self._energy_in_legs(after)
         total = sums.total
         total["motor_work"] += work
         total["push_work"] += push_work
@@ -716,9 +718,14 @@ class RigidBodyBatch(BatchedPlant):
 
     @property
     def _stored(self) -> float:
-        """Energy stored in the rotor and in the springs of compliant pads, in J."""
+        """Energy stored in the rotor and in the springs of legs and compliant pads, in J."""
         rotor = 0.0 if self._rotor is None else self._rotor.energy
-        return rotor + (0.0 if self._springs is None else self._springs.stored)
+        return rotor + (0.0 if self._springs is None else self._springs.stored) + self._in_legs
+
+    def _energy_in_legs(self, now: Snapshot) -> float:
+        """Return the energy of the springs of the legs, in J."""
+        springs = self._space.springs
+        return 0.0 if springs is None else springs.energy(now.motion, self.time_step)
 
     @property
     def deflection(self) -> Array:
@@ -749,7 +756,7 @@ class RigidBodyBatch(BatchedPlant):
     def energy(self, row: int) -> float:
         """Return the kinetic plus potential energy of the robot, in J.
 
-        It includes the energy of the rotor and of the springs of compliant pads.
+        It includes the energy of the rotor and of the springs of legs and compliant pads.
         """
         return self._space.snapshot().energy + self._stored
 

@@ -58,7 +58,7 @@ export class Machine {
   makeDesigns() {
     const { memory, layout, toes, line, leg } = this;
     const { INTERVALS, ORDER } = this.numbers;
-    const { body, pads, bearings, depths } = this.tables;
+    const { body, pads, bearings, springs, depths } = this.tables;
     const filled = (values, ...shape) => memory.filled("f8", values, ...shape);
     this.pads = filled(pads, 1, leg.pads.shape[0], INTERVALS, ORDER, 3);
     const [rows, sides] = padsOf(memory, leg);
@@ -76,6 +76,7 @@ export class Machine {
       this.pads,
       this.padLayout,
       filled(bearings, 1, bearings.length),
+      filled(springs, 1, INTERVALS, ORDER, 1),
       memory.filled("i8", sides, sides.length / 2, 2),
       filled(depths, 1, depths.length),
       this.surface,

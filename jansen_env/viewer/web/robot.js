@@ -8,6 +8,7 @@ import { numbersOf } from "./engine.js";
 export const TURN = 2 * Math.PI;
 const LONGEST = 60; // characters of a value in a message
 const REACH = 2; // number of rows (c, p) and of columns (|c|, |c'|) of `farthest`
+const SPRING_VALUES = 4; // stiffness, rest length, and an end on the chassis (x, y)
 const OPEN = 3; // numbers that describe a dyad that does not close: index of the angle, span, leg
 
 /** Return the fields of a part of a robot file, with the defaults of those that it leaves out. */
@@ -50,11 +51,13 @@ function* faultsOf(layout, content) {
   const { format: _, ...robot } = content;
   yield robot.is !== "Robot" && `it describes a ${robot.is}, not a Robot`;
   yield* faultsOfValue(schema, { parts: ["Robot"] }, robot, "");
-  const { linkage, bodies, legs, damping, bearing_friction: friction } = completed(layout, robot);
+  const complete = completed(layout, robot);
+  const { linkage, bodies, legs, damping, bearing_friction: friction, springs } = complete;
   yield* faultsOfLinkage(layout, linkage, bodies);
   const pairs = [damping.length, friction.length];
   const isOf = pairs[0] === linkage.damped.length && pairs[1] === linkage.bearings.length;
   yield !isOf && "its damping or friction does not fit its linkage";
+  for (const [k, spring] of springs.entries()) yield faultOfSpring(linkage, spring, `springs[${k}]`);
   yield legs.length === 0 && "it has no legs";
   yield (legs[0].phase ?? 0) !== 0 && `legs[0].phase must be 0, got ${legs[0].phase}`;
   const toes = legs.length * linkage.toes.length;
@@ -162,6 +165,23 @@ function* faultsOfLinkage({ jointsOf }, linkage, bodies) {
     for (const letter of between(start) + between(end)) known.add(letter);
   }
   yield known.size !== joints.length && "its dyads do not locate all joints";
+}
+
+/** Return what is wrong with a spring, or a falsy value; spring.py has the same checks. */
+function faultOfSpring(linkage, spring, name) {
+  const { start, end, first, second } = spring;
+  const joined = (a, b) => linkage.bodies.find(([, joints]) => joints.includes(a) && joints.includes(b));
+  if (spring.is === "TorsionSpring") {
+    const [a, b] = [first, second].map((link) => linkage.bodies.find(([each]) => each === link)?.[1]);
+    const isPinned = a && b && first !== second && [...a].some((joint) => b.includes(joint));
+    return !isPinned && `${name} must be between two links that share a pin`;
+  }
+  const isJoint = (joint) => joint.length === 1 && linkage.joints.includes(joint);
+  if (!isJoint(start) || (end && !isJoint(end)))
+    return `${name} must end at joints of ${linkage.joints}, got ${shown(start)} and ${shown(end)}`;
+  if (!end)
+    return linkage.bodies[0][1].includes(start) && `${name} must have an end that moves`;
+  return joined(start, end) && `${name} must be between two joints without a common link`;
 }
 
 /** Return the links of a leg in a memory: [links, points, members]. */
@@ -312,7 +332,7 @@ function compileIn(memory, leg) {
     );
   const ofLeg = [
     leg.links, pairs(linkage.damped), memory.filled("f8", damping), pairs(linkage.bearings),
-    memory.filled("f8", friction), leg.legs, leg.pads,
+    memory.filled("f8", friction), ...springsOf(memory, leg.robot), leg.legs, leg.pads,
   ]; // biome-ignore format: in the kernel's order
   const halves = turn(2 * INTERVALS).view.slice(); // at multiples of half an interval
   const ways = [0, 2 * INTERVALS].map((start) => [...halves.slice(start, start + HARMONICS)]);
@@ -325,9 +345,14 @@ function compileIn(memory, leg) {
   const body = memory.array("f8", 1, INTERVALS, ORDER, layout.numbers.BODY_SUMS);
   const tables = memory.array("f8", pads, INTERVALS, ORDER, layout.numbers.PAD_FUNCTIONS);
   const bearings = memory.array("f8", BEARING_SAMPLES);
-  const out = [body, tables, bearings];
+  const springs = memory.array("f8", 1, INTERVALS, ORDER, 1);
+  const out = [body, tables, bearings, springs];
   const work = workSpace(memory, leg.links.length, pads, friction.length);
   const tail = memory.call("reduction_compile_tables", psi, x, places, ofLeg, constants, work, out);
+  if (tail === Number.POSITIVE_INFINITY)
+    throw new Error(
+      "its torsion springs must be between links that do not make whole turns relative to each other",
+    );
   if (!(tail <= TAIL_TOLERANCE))
     throw new Error("its linkage passes too near a dead point: two links that meet are collinear");
   const walk = walkOf(leg);
@@ -338,7 +363,27 @@ function compileIn(memory, leg) {
     );
   const numbers = out.map((table) => table.view.slice());
   const reach = reachOf(memory, leg, body.at(0), tables);
-  return { body: numbers[0], pads: numbers[1], bearings: numbers[2], ...walk, ...reach };
+  const compiled = { body: numbers[0], pads: numbers[1], bearings: numbers[2], springs: numbers[3] };
+  return { ...compiled, ...walk, ...reach };
+}
+
+/** Return the springs of a leg: `SpringRows` of robot_arrays.py. */
+function springsOf(memory, { linkage, springs = [] }) {
+  const { layout } = memory;
+  const of = (kind) => springs.filter(({ is }) => is === kind).map((each) => whole(layout, each));
+  const [linear, torsion] = [of("Spring"), of("TorsionSpring")];
+  const bodyOf = (name) => linkage.bodies.findIndex(([each]) => each === name);
+  const jointOf = (joint) => (joint ? linkage.joints.indexOf(joint) : -1);
+  const ends = linear.flatMap(({ start, end }) => [start, end].map(jointOf));
+  const values = linear.flatMap((each) => [each.stiffness, each.rest_length, ...each.anchor]);
+  const links = torsion.flatMap(({ first, second }) => [first, second].map(bodyOf));
+  const angles = torsion.flatMap((each) => [each.stiffness, each.rest_angle]);
+  return [
+    memory.filled("i8", ends, linear.length, 2),
+    memory.filled("f8", values, linear.length, SPRING_VALUES),
+    memory.filled("i8", links, torsion.length, 2),
+    memory.filled("f8", angles, torsion.length, 2),
+  ];
 }
 
 /** Throw an error if a joint is too far from the centre of its link. */
@@ -415,10 +460,12 @@ export function putMachine(memory, leg, robot, machine) {
   memory.scratch(() => {
     const chassis = memory.array("CHASSIS", 1);
     const parts = { payload, motor, pad_compliance };
-    const given = Object.entries(parts).map(([name, part]) => [name, whole(layout, part)]);
-    chassis.write({ frame_angle, pad_radius, ...Object.fromEntries(given) });
+    const values = Object.entries(parts).map(([name, part]) => [name, whole(layout, part)]);
+    chassis.write({ frame_angle, pad_radius, ...Object.fromEntries(values) });
     const friction = memory.filled("f8", robot.bearing_friction);
+    const stiffness = memory.filled("f8", (robot.springs ?? []).map((each) => each.stiffness ?? 0));
     const work = memory.array("f8", 2, leg.links.length + 1);
-    memory.call("machines_put_machine", leg.links, legs.length, chassis, friction, work, machine);
+    const given = [leg.links, legs.length, chassis, friction, stiffness, work];
+    memory.call("machines_put_machine", ...given, machine);
   });
 }

@@ -104,4 +104,8 @@ def main(arguments: list[str] | None = None) -> None:
             write_bytes(out / file, text.encode() if isinstance(text, str) else text)
         if args.as_robot_file:
             write_robot(args.as_robot_file, cut)
-    print(f"{summary}\nwritten: {out}")
+    print(summary)
+    if robot.springs:
+        count = len(robot.springs) * len(robot.legs)
+        print(f"not drawn: the {count} springs of the legs, which the robot file describes")
+    print(f"written: {out}")

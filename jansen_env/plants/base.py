@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +18,13 @@ from jansen_env.robot import Robot
 from jansen_env.terrain import Ground, Shapes
 
 SHORTEST_STEP, LONGEST_STEP = 1e-9, 1.0  # limits of the time step of the integration, in s
+LARGEST_PLAY = 5e-3  # largest radial clearance of a pin, in m
+LARGEST_BACKLASH = 1.0  # largest dead band of a gear, in rad at the crank
 LARGEST = 1e12  # largest magnitude of a value of a state, in m, rad, m/s and rad/s
+
+
+JointPlay: TypeAlias = float | Mapping[str, float]
+"""Radial clearance of all pins of the legs, in m; or clearances by joint."""
 
 
 class StepResult(NamedTuple):
@@ -139,6 +145,54 @@ def check_colliding(grounds: Iterable[Ground], links_collide: bool) -> None:
             "links_collide must be False on a ground of pymunk shapes, got True: the sides of "
             "links collide only with the vertices of height lines"
         )
+
+
+def check_joint_play(value: object) -> float | dict[str, float]:
+    """Return the radial clearance of pins, in m, as a float or as floats by joint.
+
+    Args:
+        value: A clearance for all pins of the legs, or a mapping from joints to clearances.
+
+    Raises:
+        ValueError: If a clearance is not a number from 0 to :data:`LARGEST_PLAY`.
+    """
+    if not isinstance(value, Mapping):
+        return within("joint_play", value, 0.0, LARGEST_PLAY)
+    return {
+        joint: within(f"joint_play[{joint!r}]", play, 0.0, LARGEST_PLAY)
+        for joint, play in value.items()
+    }
+
+
+def has_play(joint_play: JointPlay) -> bool:
+    """Return whether any pin has play.
+
+    Args:
+        joint_play: Value of :func:`check_joint_play`.
+    """
+    plays = joint_play.values() if isinstance(joint_play, Mapping) else [joint_play]
+    return any(play > 0.0 for play in plays)
+
+
+def check_backlash(value: object) -> float:
+    """Return the dead band of a gear, in rad at the crank, as a float.
+
+    Raises:
+        ValueError: If it is not a number from 0 to :data:`LARGEST_BACKLASH`.
+    """
+    return within("backlash", value, 0.0, LARGEST_BACKLASH)
+
+
+def check_no_play(joint_play: JointPlay, backlash: float) -> None:
+    """Check that neither pins nor the gear have play.
+
+    Raises:
+        ValueError: If they have play, which only the rigid-body backend can simulate.
+    """
+    if has_play(joint_play):
+        raise invalid("joint_play", joint_play, "0 without plant='rigid_body'")
+    if backlash > 0.0:
+        raise invalid("backlash", backlash, "0 without plant='rigid_body'")
 
 
 def check_time_step(value: object) -> float:

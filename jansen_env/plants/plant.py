@@ -10,12 +10,18 @@ from jansen_env.arrays import Array
 from jansen_env.checks import finite, one_of, positive
 from jansen_env.dynamics.gravity import GRAVITY, Gravity
 from jansen_env.dynamics.reduced import Tables
-from jansen_env.plants.base import StepResult, check_pushes, check_state
+from jansen_env.plants.base import (
+    JointPlay,
+    StepResult,
+    check_pushes,
+    check_state,
+    has_play,
+)
 from jansen_env.plants.batch import TIME_STEP, Batch
 from jansen_env.plants.batched_plant import BatchedPlant
 from jansen_env.plants.parameters import EPISODE
+from jansen_env.plants.rigid.rigid_batch import PLAY_TIME_STEP, RigidBodyBatch
 from jansen_env.plants.rigid.rigid_batch import TIME_STEP as RIGID_TIME_STEP
-from jansen_env.plants.rigid.rigid_batch import RigidBodyBatch
 from jansen_env.plants.robot_records import RobotRecords
 from jansen_env.robot import Robot
 from jansen_env.terrain import Ground
@@ -217,25 +223,35 @@ class RigidBodyPlant(Plant):
         gravity: Gravity = GRAVITY,
         held: bool = False,
         links_collide: bool = False,
+        joint_play: JointPlay = 0.0,
+        backlash: float = 0.0,
     ) -> None:
-        super().__init__(RigidBodyBatch(robot, terrain, time_step, gravity, held, links_collide))
+        batch = RigidBodyBatch(
+            robot, terrain, time_step, gravity, held, links_collide, joint_play, backlash
+        )
+        super().__init__(batch)
 
 
 PLANTS = {"projection": TIME_STEP, "rigid_body": RIGID_TIME_STEP}
 """Names of the simulation backends, and their default time steps, in s."""
 
 
-def plant_time_step(name: str, time_step: float | None = None) -> float:
+def plant_time_step(
+    name: str, time_step: float | None = None, joint_play: JointPlay = 0.0
+) -> float:
     """Return a time step, or the default time step of a simulation backend.
 
     Args:
         name: Name of the backend.
         time_step: Time step, in s. None for the default of the backend.
+        joint_play: Radial clearance of pins, in m. Pins with play need a shorter time step.
 
     Raises:
         ValueError: If there is no backend with this name.
     """
     default = PLANTS[one_of("plant", name, sorted(PLANTS))]
+    if has_play(joint_play):
+        default = PLAY_TIME_STEP
     return default if time_step is None else time_step
 
 
@@ -247,6 +263,8 @@ def make_batch(
     threads: int | None,
     held: bool,
     links_collide: bool,
+    joint_play: JointPlay,
+    backlash: float,
     records: RobotRecords,
 ) -> BatchedPlant:
     """Return robots on their terrains, simulated by a backend of :data:`PLANTS`.
@@ -259,6 +277,8 @@ def make_batch(
         threads: Largest number of threads. None to choose it from the batch size.
         held: Whether all chassis are fixed.
         links_collide: Whether the sides of links touch vertices of the ground.
+        joint_play: Radial clearance of pins, in m. Only the rigid-body backend has play.
+        backlash: Dead band of the gear, in rad. Only the rigid-body backend has backlash.
         records: Records to use.
 
     Raises:
@@ -271,5 +291,11 @@ def make_batch(
     if len(robots) > 1:
         raise ValueError(f"plant must be 'projection' for several robots at once, got {name!r}")
     return RigidBodyBatch(
-        robots[0], terrains[0], time_step, links_collide=links_collide, records=records
+        robots[0],
+        terrains[0],
+        time_step,
+        links_collide=links_collide,
+        joint_play=joint_play,
+        backlash=backlash,
+        records=records,
     )

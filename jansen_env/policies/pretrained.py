@@ -382,7 +382,8 @@ def check_action(
     driven = {name: given[name] for name in ("robot", "motor", "torque_limit")}
     robot = env.TASK.SETTINGS(**driven).make_robots()[0]
     plant = given.get("plant", "projection")  # the crank task has no choice
-    period, step = control_period(given["control_dt"], plant_time_step(plant, given["time_step"]))
+    default_step = plant_time_step(plant, given["time_step"], given.get("joint_play", 0.0))
+    period, step = control_period(given["control_dt"], default_step)
     for name, value, needed in (
         ("torque_limit", torque_limit, robot.motor.torque_limit),
         ("control_dt", control_dt, within("control_dt", period, SHORTEST_PERIOD, LONGEST_PERIOD)),

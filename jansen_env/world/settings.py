@@ -32,7 +32,13 @@ from jansen_env.checks import (
     within,
 )
 from jansen_env.engine.integrator import DIVERGED
-from jansen_env.plants.base import check_time_step
+from jansen_env.plants.base import (
+    JointPlay,
+    check_backlash,
+    check_joint_play,
+    check_no_play,
+    check_time_step,
+)
 from jansen_env.plants.parameters import (
     ARGUMENTS,
     LONGEST_DELAY,
@@ -397,6 +403,8 @@ class WorldArguments(RobotArguments, total=False):
     time_step: float | None
     plant: str
     links_collide: bool
+    joint_play: JointPlay
+    backlash: float
     terrain: PerRobot[Ground | ShapeSource | str | Generator | Sequence[Sequence[float]]]
     friction: PerRobot[float | None]
     restitution: PerRobot[float | None]
@@ -455,6 +463,8 @@ class WorldSettings:
     time_step: float | None = None
     plant: str = shared("projection", partial(one_of, known=sorted(PLANTS)), single_only=True)
     links_collide: bool = shared(False, flag)
+    joint_play: JointPlay = shared(0.0, lambda _, value: check_joint_play(value), single_only=True)
+    backlash: float = shared(0.0, lambda _, value: check_backlash(value), single_only=True)
     terrain: list[Ground | Generator] = each("flat", _load_ground, _several_terrains)
     friction: list[float | None] = each(None, optional(non_negative))
     restitution: list[float | None] = each(None, optional(partial(within, low=0.0, high=1.0)))
@@ -476,6 +486,8 @@ class WorldSettings:
             if "check" in argument.metadata:
                 object.__setattr__(self, argument.name, self._checked(argument))
         object.__setattr__(self, "randomize", [*map(self._draws, range(self.count))])
+        if self.plant != "rigid_body":
+            check_no_play(self.joint_play, self.backlash)
 
     def _checked(self, argument: Field[Any]) -> Any:
         """Return the checked value of an argument, or a list with one value per robot."""

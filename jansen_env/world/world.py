@@ -175,7 +175,7 @@ class World:
         for robot in robots:
             static_deflection(robot, GRAVITY)  # raises an error if its feet are too soft
         terrains, generators = settings.make_terrains()
-        time_step = plant_time_step(settings.plant, settings.time_step)
+        time_step = plant_time_step(settings.plant, settings.time_step, settings.joint_play)
         self.control_dt, self.time_step = control_period(settings.control_dt, time_step)
         self.steps = round(self.control_dt / self.time_step)
         self.reset_noise_scale = np.array(settings.reset_noise_scale)
@@ -192,6 +192,8 @@ class World:
             threads,
             self.held,
             settings.links_collide,
+            settings.joint_play,
+            settings.backlash,
             self.records,
         )
         self.plant.set_control(

@@ -86,6 +86,7 @@ TAKEN = {
     ("*", "terminate_when_fallen"): {"flag"}, ("*", "fall_contact"): {"flag"},
     ("*", "track_joint_forces"): {"flag"}, ("*", "observe_lengths"): {"flag"},
     ("*", "links_collide"): {"flag"}, ("*", "torque_rate"): {"None"},
+    ("*", "joint_play"): {"mapping"}, ("walkers", "joint_play"): set(),
     ("crank", "time_step"): set(), ("walkers", "track_joint_forces"): set(),
     ("walkers", "max_episode_steps"): {"None"}, ("walkers", "info_keys"): {"None", "empty"},
     ("walkers", "threads"): {"None", "beyond a float", "beyond printing"},

@@ -2,6 +2,12 @@
 
 The frames of all legs and the payload form one body, the chassis. The cranks of all legs form
 another body, the shaft. Every other link is a separate body.
+
+A pin with play is a journal in a hole: its axis stays within a circle whose radius is the radial
+clearance. Where it meets the circle, it does not bounce, and it slides without friction. The time
+steps do so at position level, as proposed by J. J. Moreau (*Unilateral contact and dry friction in
+finite freedom dynamics*, 1988): an impulse acts in the time step in which the journal would leave
+the circle, and lets it arrive at the circle instead.
 """
 
 from __future__ import annotations
@@ -9,7 +15,7 @@ from __future__ import annotations
 import functools
 import math
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +23,9 @@ import pymunk
 import pymunk.batch
 
 from jansen_env.arrays import Array, Ints
+from jansen_env.checks import invalid, listed
 from jansen_env.dynamics.pads import Pads, pad_layout
+from jansen_env.plants.base import LARGEST_PLAY, JointPlay
 from jansen_env.plants.rigid.leg_springs import LegSprings
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import coordinates, joint_positions, world_joints
@@ -33,6 +41,8 @@ SLOP = 1e-5  # depth, in m, to which a resting toe may sink into the ground
 GAP_LEFT = 0.5  # fraction of a joint's gap that is left after one second of closing the gap
 INSET = 0.98  # radius of the sides of links divided by that of pads, so that pads touch first
 TURN = 24  # number of crank angles at which the smallest effective mass of a robot is searched
+PLAY_CORRECTION = 0.2  # fraction of a gap beyond the play that is closed in a time step
+MOST_CENTRAL = 1e-12  # offset of a pin from the centre of its hole, in m, that counts as 0
 
 
 def place_of(robot: Robot, leg: int, body: int) -> int:
@@ -190,6 +200,31 @@ def _summed(
     return {pair: value for pair, value in total.items() if value > 0.0}
 
 
+def play_of_pins(robot: Robot, play: JointPlay) -> Array:
+    """Return the radial clearance of every pin, in the order of :attr:`BodySpace.pins`.
+
+    The bearing of the crank axis, which all legs share, has no play.
+
+    Args:
+        robot: The robot.
+        play: Radial clearance of all pins of the legs, in m; or clearances by joint. The pins of
+            joints that are not named have no play.
+
+    Raises:
+        ValueError: If the linkage has no pin at a joint that is named.
+    """
+    pins = robot.linkage.moving_pins
+    if isinstance(play, Mapping):
+        known = sorted({pin.joint for pin in pins})
+        for joint in play:
+            if joint not in known:
+                raise invalid("joint_play", joint, f"given for joints among {listed(known, joint)}")
+        of_a_leg = [play.get(pin.joint, 0.0) for pin in pins]
+    else:
+        of_a_leg = [play] * len(pins)
+    return np.array([0.0, *of_a_leg * len(robot.legs)])
+
+
 class TurnMotion(NamedTuple):
     """Motion of the bodies of a level robot at one crank angle.
 
@@ -256,13 +291,15 @@ class Snapshot(NamedTuple):
             :data:`X` and the following constants.
         pads: Centres of the pads, in m, shape (pads, 2).
         energy: Kinetic and potential energy, in J, without the energy in springs of legs and pads.
-        joint_gap: Widest gap of any joint, in m.
+        joint_gap: Widest gap of any joint, in m. The play of a joint is part of its gap.
+        pins: Both ends of every pin, in m, shape (2, pins, 2).
     """
 
     motion: Array
     pads: Array
     energy: float
     joint_gap: float
+    pins: Array
 
     def speed_along(self, body: int, x: float, y: float, tx: float, ty: float) -> float:
         """Return the velocity of a point of a body along a direction, in m/s.
@@ -291,11 +328,13 @@ class BodySpace:
         held: Whether the chassis is fixed in the air.
         sides: Indices of the two pads at the ends of each side of a link that collides with the
             ground, shape (n, 2).
+        play: Radial clearance of each pin, that of the crank axis first, in m, shape (pins,).
 
     Attributes:
         space: The pymunk space.
         bodies: Bodies of the robot.
         pins: Joints of the robot's pins, that of the crank axis first.
+        play: Radial clearance of each pin, in m, shape (pins,).
         pads: Circles of the robot's pads.
         dry: Joints that exert the Coulomb friction of bearings and gear.
         springs: Springs of the legs, or None for a robot without springs.
@@ -317,7 +356,10 @@ class BodySpace:
         state: Array,
         held: bool,
         sides: Ints,
+        play: Array,
     ) -> None:
+        self.play = play
+        self._loose = np.flatnonzero(play)
         self.space = space = pymunk.Space()
         self._gravity = space.gravity = gravity
         space.collision_slop = SLOP
@@ -370,18 +412,23 @@ class BodySpace:
             body.angle, body.position = angle, (x, y)
             body.angular_velocity, body.velocity = spin, (vx, vy)
 
-    def _make_pins(self, robot: Robot) -> list[pymunk.PivotJoint]:
+    def _make_pins(self, robot: Robot) -> list[pymunk.PivotJoint | pymunk.SlideJoint]:
         """Return one joint per pin, that of the crank axis first.
 
         The bodies must be at their positions :attr:`home`.
         """
+        pins: list[pymunk.PivotJoint | pymunk.SlideJoint]
         pins = [pymunk.PivotJoint(self.bodies[CHASSIS], self.bodies[SHAFT], (0.0, 0.0))]
         for i, leg in enumerate(robot.legs):
             joints = joint_positions(robot, leg.side, leg.phase)
             for pin in robot.linkage.moving_pins:
                 held, turning = (self.bodies[place_of(robot, i, k)] for k in (pin.other, pin.body))
                 place = tuple(joints[robot.linkage.joints.index(pin.joint)])
-                pins.append(pymunk.PivotJoint(held, turning, place))
+                if self.play[len(pins)] > 0.0:
+                    ends = held.world_to_local(place), turning.world_to_local(place)
+                    pins.append(pymunk.SlideJoint(held, turning, *ends, 0.0, 0.0))
+                else:
+                    pins.append(pymunk.PivotJoint(held, turning, place))
         for joint in pins:
             joint.error_bias = GAP_LEFT
         return pins
@@ -428,11 +475,17 @@ class BodySpace:
         self.index = {body.id: i for i, body in enumerate(self.bodies)}
         if rows[: len(self.index)] != list(self.index):
             raise RuntimeError("pymunk lists the bodies in another order than they were added in")
+        self._dry_places = [(self.index[joint.a.id], self.index[joint.b.id]) for joint in self.dry]
         ends = [*(pin.a for pin in self.pins), *(pin.b for pin in self.pins)]
         anchors = [*(pin.anchor_a for pin in self.pins), *(pin.anchor_b for pin in self.pins)]
         places = [tuple(place) for place in (*anchors, *(pad.offset for pad in self.pads))]
         self._carriers = np.array([*(self.index[body.id] for body in ends), *self.owners])
         self._carried = np.array(places).T
+        pins = len(self.pins)
+        self._loose_joints = [self.pins[k] for k in self._loose.tolist()]
+        self._loose_carriers = self._carriers[: 2 * pins].reshape(2, pins)[:, self._loose]
+        self._loose_anchors = self._carried[:, : 2 * pins].reshape(2, 2, pins)[:, :, self._loose]
+        self._reach = 0.0
         return len(rows)
 
     @property
@@ -462,14 +515,101 @@ class BodySpace:
         mass, inertia = self.inertias.T
         twice = mass @ (motion[:, VX] ** 2 + motion[:, VY] ** 2) + inertia @ motion[:, SPIN] ** 2
         energy = float(0.5 * twice - self._gravity @ (mass @ motion[:, :ANGLE]))
+        points = self._find_points(motion)
+        pins = len(self.pins)
+        ends = points[: 2 * pins].reshape(2, pins, 2)
+        apart = ends[0] - ends[1]
+        gap = math.sqrt((apart**2).sum(axis=1).max())
+        return Snapshot(motion, points[2 * pins :], energy, gap, ends)
+
+    def _find_points(self, motion: Array) -> Array:
+        """Return the ends of all pins, and then the centres of all pads.
+
+        Args:
+            motion: Positions of all bodies, shape (bodies, 6) or (bodies, 3).
+
+        Returns:
+            The points, in m, shape (2 pins + pads, 2).
+        """
         angle, (x, y) = motion[:, ANGLE], self._carried
         cos, sin = np.cos(angle)[self._carriers], np.sin(angle)[self._carriers]
         points = motion[self._carriers, :ANGLE]
         points[:, 0] += cos * x - sin * y
         points[:, 1] += sin * x + cos * y
-        pins = len(self.pins)
-        apart = points[:pins] - points[pins : 2 * pins]
-        return Snapshot(motion, points[2 * pins :], energy, math.sqrt((apart**2).sum(axis=1).max()))
+        return points
+
+    def aim_pins(self, now: Snapshot, time_step: float) -> None:
+        """Let pins with play reach the end of their play in the next time step, but not pass it.
+
+        Let d be the vector from the centre of the hole to the axis of the pin, n the direction in
+        which the axis would leave the circle, p the play and h the time step. The speed along n may
+        then be at most (p - n d) / h. pymunk's joint of two anchors at a distance L above its
+        ``max`` m limits the speed to -(1 - e ** h) (L - m) / h, where e is its ``error_bias``. For
+        the two limits to be equal, the anchor in the hole is moved until the anchors are p apart in
+        the direction n, m is negative, and e follows.
+
+        Args:
+            now: Positions and velocities of all bodies before the time step.
+            time_step: Time step, in s.
+        """
+        if len(self._loose) == 0:
+            return
+        # pymunk moves the bodies before it changes their velocities.
+        place = now.motion[:, :VX] + time_step * now.motion[:, VX:]
+        carriers = self._loose_carriers
+        x, y, angle = place[carriers].transpose(2, 0, 1)
+        vx, vy, spin = now.motion[carriers, VX:].transpose(2, 0, 1)
+        cos = np.cos(angle)
+        sin = np.sin(angle)
+        anchor_x, anchor_y = self._loose_anchors
+        arm_x = cos * anchor_x - sin * anchor_y
+        arm_y = sin * anchor_x + cos * anchor_y
+        away_x = np.diff(x + arm_x, axis=0)[0]
+        away_y = np.diff(y + arm_y, axis=0)[0]
+        normal_x = away_x + time_step * np.diff(vx - spin * arm_y, axis=0)[0]
+        normal_y = away_y + time_step * np.diff(vy + spin * arm_x, axis=0)[0]
+        size = np.maximum(np.hypot(normal_x, normal_y), MOST_CENTRAL)
+        normal_x /= size
+        normal_y /= size
+        play = self.play[self._loose]
+        left = play - normal_x * away_x - normal_y * away_y
+        left[left < 0.0] *= PLAY_CORRECTION
+        reach = 0.1 * LARGEST_PLAY / time_step  # m; keeps the power below e^10
+        aims = ((play + left + reach) / (play + reach)) ** (1.0 / time_step)
+        arm_x[0] += away_x - play * normal_x
+        arm_y[0] += away_y - play * normal_y
+        hole_x = cos[0] * arm_x[0] + sin[0] * arm_y[0]
+        hole_y = cos[0] * arm_y[0] - sin[0] * arm_x[0]
+        anchors = zip(hole_x.tolist(), hole_y.tolist(), strict=True)
+        for joint, anchor, aim in zip(self._loose_joints, anchors, aims.tolist(), strict=True):
+            joint.anchor_a = anchor
+            joint.error_bias = aim
+        if reach != self._reach:
+            self._reach = reach
+            for joint in self._loose_joints:
+                joint.max = -reach
+        self._aimed = normal_x, normal_y, arm_x, arm_y
+
+    def pin_impulses(self) -> Array:
+        """Return the impulse of each pin in the last time step, in N s, shape (pins,)."""
+        return np.array([pin.impulse for pin in self.pins])
+
+    def play_loss(self, before: Snapshot, after: Snapshot) -> float:
+        """Return the energy lost where pins took up their play in the last time step, in J.
+
+        Args:
+            before: Positions and velocities of all bodies before the time step.
+            after: Positions and velocities of all bodies after the time step.
+        """
+        if len(self._loose) == 0:
+            return 0.0
+        normal_x, normal_y, arm_x, arm_y = self._aimed
+        mean = 0.5 * (before.motion[:, VX:] + after.motion[:, VX:])
+        vx, vy, spin = mean[self._loose_carriers].transpose(2, 0, 1)
+        speed_x = np.diff(vx - spin * arm_y, axis=0)[0]
+        speed_y = np.diff(vy + spin * arm_x, axis=0)[0]
+        impulses = np.array([joint.impulse for joint in self._loose_joints])
+        return float(impulses @ (speed_x * normal_x + speed_y * normal_y))
 
     def advance(self, time_step: float, iterations: int) -> Snapshot:
         """Simulate one time step under :attr:`loads`.
@@ -493,8 +633,7 @@ class BodySpace:
             mean: Mean angular velocity of each body over the time step, in rad/s, shape (bodies,).
         """
         loss = 0.0
-        for joint in self.dry:
-            a, b = self.index[joint.a.id], self.index[joint.b.id]
+        for joint, (a, b) in zip(self.dry, self._dry_places, strict=True):
             loss += joint.impulse * abs(float(mean[b] - mean[a]))
         return loss
 

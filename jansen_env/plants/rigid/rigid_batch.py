@@ -3,7 +3,8 @@
 This backend shares the data of the robot, the ground and the contact laws with the projection
 backend, but not its equations and solvers. Compliant pads have their own springs. The motor and
 viscous joints act as torques on the bodies. Dry bearings and a dry gear are joints that hold up to
-their friction torque. The rotor is a body behind a stiff gear.
+their friction torque. The rotor is a body behind a stiff gear. Pins may have play
+(:mod:`jansen_env.plants.rigid.bodies`), and the gear may have backlash (:class:`LooseRotor`).
 
 pymunk solves pins and contacts together by iteration, and it pulls open joints together again.
 Joints therefore have gaps of some hundredths of a millimetre (:attr:`StepResult.joint_gap`), and
@@ -16,13 +17,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from jansen_env.arrays import Array, Bools, Ints, Rows
-from jansen_env.checks import finite, within
+from jansen_env.checks import finite, invalid, within
 from jansen_env.dynamics.gravity import GRAVITY, Gravity
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.pads import pad_layout, pad_sides
@@ -32,7 +34,16 @@ from jansen_env.engine.episode import Episodes, Observing
 from jansen_env.engine.integrator import DIVERGED
 from jansen_env.engine.placement import PLACEMENT_DEPTH
 from jansen_env.engine.records import UNKNOWN_DEFLECTION
-from jansen_env.plants.base import check_colliding, check_held, check_legs, check_pushes, divergence
+from jansen_env.plants.base import (
+    JointPlay,
+    check_backlash,
+    check_colliding,
+    check_held,
+    check_joint_play,
+    check_legs,
+    check_pushes,
+    divergence,
+)
 from jansen_env.plants.batched_plant import BatchedPlant
 from jansen_env.plants.kernel_arrays import KernelArrays
 from jansen_env.plants.parameters import nominal
@@ -58,6 +69,7 @@ from jansen_env.robot.kinematics import check_closure
 from jansen_env.terrain import Ground, Shapes
 
 TIME_STEP = 2.5e-4  # default time step of pymunk, in s
+PLAY_TIME_STEP = 1.25e-4  # default time step with joint play, in s
 # Iterations of pymunk's solver in a time step; they start from the impulses of the last time step.
 ITERATIONS = 200
 # Iterations in a time step in which a pad may touch down. There are no impulses to start from, and
@@ -148,21 +160,127 @@ class GearedRotor:
         """
         h = self.time_step
         before = self._twist_rate
-        twist, self._twist_rate = (
-            value - motion[CHASSIS, k] - self.ratio * (motion[SHAFT, k] - motion[CHASSIS, k])
-            for value, k in ((self.angle, ANGLE), (self.speed, SPIN))
-        )
-        rate = self._twist_rate
+        twist, rate = self._find_twist(motion)
+        self._twist_rate = rate
         # The velocities belong to the middle of the next move (leapfrog).
         middle = twist + 0.5 * h * rate
         self.energy = 0.5 * self.inertia * self.speed**2 + 0.5 * self.stiffness * middle**2
         self.loss = h * self.damping * before * 0.5 * (before + rate)
         self.torque = -self.stiffness * (twist + h * rate) - self.damping * rate
 
+    def _find_twist(self, motion: Array) -> tuple[float, float]:
+        """Return the twist of the gear, in rad, and its rate, in rad/s.
+
+        Args:
+            motion: Motion of the bodies, shape (bodies, 6).
+        """
+        twist, rate = (
+            value - motion[CHASSIS, k] - self.ratio * (motion[SHAFT, k] - motion[CHASSIS, k])
+            for value, k in ((self.angle, ANGLE), (self.speed, SPIN))
+        )
+        return twist, rate
+
     @property
     def on_bodies(self) -> tuple[float, float]:
         """Torques of the gear on the chassis and on the shaft in the next time step, in N m."""
         return (self.ratio - 1.0) * self.torque, -self.ratio * self.torque
+
+
+class LooseRotor(GearedRotor):
+    """Rotor of the motor behind a stiff gear with backlash.
+
+    The spring and the damper of the gear act only beyond a dead band of the twist, and the flanks
+    of the gear never pull. Within the band the rotor turns freely, so the torque and the friction
+    of the motor act on the rotor and not on the shaft. All friction of motor and gear belongs to
+    the rotor's side of the band.
+
+    Args:
+        robot: The robot.
+        time_step: Time step of pymunk, in s.
+        backlash: Width of the dead band, measured at the crank, in rad.
+
+    Attributes:
+        slack: Half the width of the dead band, measured at the rotor, in rad.
+    """
+
+    def __init__(self, robot: Robot, time_step: float, backlash: float) -> None:
+        super().__init__(robot, time_step)
+        self.slack = 0.5 * self.ratio * backlash
+        self._dry = robot.motor.friction / self.ratio  # N m, at the rotor
+        self._viscous = robot.motor.viscous_friction / self.ratio**2  # N m s/rad, at the rotor
+        self._excess = self._stator = self._resisting = self._relative = 0.0
+
+    def start(self, motion: Array) -> None:
+        """Set the speed of the rotor to that of an ideal gear, in the middle of the dead band.
+
+        Args:
+            motion: Motion of the bodies, shape (bodies, 6).
+        """
+        self._excess = self._stator = self._resisting = self._relative = 0.0
+        super().start(motion)
+
+    def turning(self, chassis: float) -> float:
+        """Return the speed of the rotor relative to the chassis, measured at the crank, in rad/s.
+
+        Args:
+            chassis: Angular velocity of the chassis, in rad/s.
+        """
+        return (self.speed - chassis) / self.ratio
+
+    def drive(self, torque: float, chassis: float) -> float:
+        """Compute the torque of the motor, less its friction, on the rotor in the next time step.
+
+        Dry friction stops the rotor, but it does not reverse it.
+
+        Args:
+            torque: Torque of the motor, measured at the crank, in N m.
+            chassis: Angular velocity of the chassis, in rad/s.
+
+        Returns:
+            The torque on the rotor, in N m. The opposite torque acts on the chassis.
+        """
+        self._relative = self.speed - chassis
+        viscous = -self._viscous * self._relative
+        pushed = torque / self.ratio + viscous
+        stopping = self._relative * self.inertia / self.time_step + self.torque + pushed
+        self._resisting = viscous - min(max(stopping, -self._dry), self._dry)
+        self._stator = torque / self.ratio + self._resisting
+        return self._stator
+
+    def step(self, motion: Array) -> None:
+        """Advance the rotor by one time step.
+
+        Args:
+            motion: Motion of the bodies at the end of the time step, shape (bodies, 6).
+        """
+        self.angle += self.time_step * self.speed
+        self.speed += self.time_step * (self.torque + self._stator) / self.inertia
+        self._load(motion)
+        mean = 0.5 * (self._relative + self.speed - float(motion[CHASSIS, SPIN]))
+        self.loss -= self.time_step * self._resisting * mean
+
+    def _load(self, motion: Array) -> None:
+        """Compute the torque of the gear in the next time step.
+
+        Args:
+            motion: Motion of the bodies now, shape (bodies, 6).
+        """
+        h = self.time_step
+        before = self._twist_rate
+        damped = self.torque + self.stiffness * self._excess
+        twist, rate = self._find_twist(motion)
+        self._twist_rate = rate
+        middle = self._beyond(twist + 0.5 * h * rate)
+        self.energy = 0.5 * self.inertia * self.speed**2 + 0.5 * self.stiffness * middle**2
+        self.loss = -h * damped * 0.5 * (before + rate)
+        self._excess = self._beyond(twist + h * rate)
+        torque = -self.stiffness * self._excess - self.damping * rate
+        pulls = torque * self._excess >= 0.0
+        self.torque = 0.0 if pulls else torque
+
+    def _beyond(self, twist: float) -> float:
+        """Return the part of a twist beyond the dead band, in rad."""
+        return twist - min(max(twist, -self.slack), self.slack)
 
 
 class RigidBodyBatch(BatchedPlant):
@@ -179,11 +297,23 @@ class RigidBodyBatch(BatchedPlant):
             (x, y).
         held: Whether the chassis is fixed in the air, as in the paper's fixed model.
         links_collide: Whether the sides of links touch vertices of the ground.
+        joint_play: Radial clearance of all pins of the legs, in m; or clearances by joint. With
+            play, use a time step of at most :data:`PLAY_TIME_STEP`.
+        backlash: Dead band between the motor and the crank, in rad at the crank.
         records: Records to use. If None, the batch makes a new one.
 
+    Attributes:
+        pin_impulses: Largest impulse of each pin in a time step of the last step, in N s, shape
+            (pins,): that of the crank axis first, and then those of each leg in the order of
+            :attr:`jansen_env.robot.linkage.Linkage.moving_pins`. The impulses are 0 unless
+            ``tracing`` is True.
+        crank_torque: Largest torque of the gear on the crank in a time step of the last step, in
+            N m. It is 0 unless ``tracing`` is True.
+
     Raises:
-        ValueError: If an argument is out of range, or the time step is too long for the stiffness
-            of the robot's pads.
+        ValueError: If an argument is out of range, the time step is too long for the stiffness of
+            the robot's pads, ``joint_play`` names a joint without a pin, or there is backlash, but
+            the motor has no rotor inertia.
         LinkageError: If the robot cannot turn its crank through a full revolution.
     """
 
@@ -199,9 +329,14 @@ class RigidBodyBatch(BatchedPlant):
         gravity: Gravity = GRAVITY,
         held: bool = False,
         links_collide: bool = False,
+        joint_play: JointPlay = 0.0,
+        backlash: float = 0.0,
         records: RobotRecords | None = None,
     ) -> None:
         check_closure(robot)
+        self.joint_play = check_joint_play(joint_play)
+        self.backlash = check_backlash(backlash)
+        self.crank_torque = 0.0
         check_colliding([terrain], links_collide)
         super().__init__([robot], [terrain], time_step, gravity, held, records)
         self.links_collide = links_collide
@@ -218,7 +353,14 @@ class RigidBodyBatch(BatchedPlant):
         robot = self._machine = machine_of(self.robots[0], values)
         terrain = self._ground = terrain_of(self.terrains[0], values)
         self._effective_gravity = gravity_of(self.gravity, values)
-        self._friction = bodies.joint_friction(robot)
+        self._check_rotor(robot)
+        self._play = bodies.play_of_pins(robot, self.joint_play)
+        self.pin_impulses = np.zeros(len(self._play))
+        self._jointed = robot
+        if self.backlash > 0.0:  # the friction of the motor acts on the rotor
+            free = replace(robot.motor, friction=0.0, viscous_friction=0.0)
+            self._jointed = replace(robot, motor=free)
+        self._friction = bodies.joint_friction(self._jointed)
         self._shapes: ShapePlanes | None = None
         if isinstance(terrain, Shapes):
             self._shapes = ShapePlanes(terrain)
@@ -228,16 +370,33 @@ class RigidBodyBatch(BatchedPlant):
             first, last = terrain.polyline[[0, -1], 0].tolist()
             self._ends = first + BEFORE_END, last - BEFORE_END
             self._set_line(terrain.polyline.copy())
-        self._springs = self._rotor = None
+        self._springs = None
+        self._rotor: GearedRotor | None = None
+        self._loose: LooseRotor | None = None
         if not robot.pad_compliance.rigid:
             owners = [*self._owners, *bodies.side_bodies(robot, self._colliding)]
             self._springs = SpringPads(
                 robot, terrain, owners, self.time_step, self._colliding, self._shapes
             )
-        if robot.motor.rotor_inertia > 0.0:
+        if self.backlash > 0.0:
+            self._rotor = self._loose = LooseRotor(robot, self.time_step, self.backlash)
+        elif robot.motor.rotor_inertia > 0.0:
             self._rotor = GearedRotor(robot, self.time_step)
         self._set_machines(self._every)
         self._apply(self._every)
+
+    def _check_rotor(self, robot: Robot) -> None:
+        """Check that a robot has a rotor if there is backlash.
+
+        Args:
+            robot: The robot, with the parameters of its episode.
+
+        Raises:
+            ValueError: If the motor of the robot has no rotor inertia. Nothing would turn within
+                the dead band.
+        """
+        if self.backlash > 0.0 and robot.motor.rotor_inertia == 0.0:
+            raise invalid("backlash", self.backlash, "0 for a motor without rotor_inertia")
 
     def _set_line(self, line: Array) -> None:
         """Set the height line that the robot observes.
@@ -348,11 +507,13 @@ class RigidBodyBatch(BatchedPlant):
 
         Raises:
             ValueError: If the legs of the robot are on other sides than those of the present one,
-                or its pads are too stiff for the time step.
+                its pads are too stiff for the time step, or there is backlash, but the motor has no
+                rotor inertia.
             LinkageError: If the robot cannot turn its crank through a full revolution.
         """
         check_legs(robot, self.robots[0])
         check_closure(robot)
+        self._check_rotor(robot)
         if not robot.pad_compliance.rigid:
             check_stiffness(robot, self.time_step, self._owners)
 
@@ -385,10 +546,15 @@ class RigidBodyBatch(BatchedPlant):
             bristle: Lengths of the bristles of compliant pads and of the sides of colliding links,
                 in m. None for bristles at rest.
         """
-        machine = self._machine
-        ground = self._ground
-        pull = self._effective_gravity
-        self._space = BodySpace(machine, ground, pull, state, self.held, self._colliding)
+        self._space = BodySpace(
+            self._jointed,
+            self._ground,
+            self._effective_gravity,
+            state,
+            self.held,
+            self._colliding,
+            self._play,
+        )
         self._contacts = PadContacts(self._space, self._ground, self.time_step, self._shapes)
         self.states[0] = self._space.state
         now = self._space.snapshot()
@@ -588,6 +754,7 @@ class RigidBodyBatch(BatchedPlant):
         total = self.accumulators[0]
         sums = Sums(total, np.zeros(pads), np.zeros((pads, 2)), np.zeros(1))
         self._pressed = np.zeros(len(impulses))
+        self.pin_impulses[:] = self.crank_torque = 0.0
         for k, impulse in enumerate(impulses):
             now, used = self._advance(now, earlier if k < switch else torque, impulse, sums)
             self._pressed[k], sums.pressed[0] = sums.pressed[0], 0.0
@@ -671,9 +838,15 @@ class RigidBodyBatch(BatchedPlant):
         spin = now.motion[:, SPIN]
         stored = self._stored
         loads = self._space.loads
-        torque = float(motor.torque(asked, spin[SHAFT] - spin[CHASSIS]))
+        loose = self._loose
+        chassis = float(spin[CHASSIS])
+        turning = spin[SHAFT] - chassis if loose is None else loose.turning(chassis)
+        torque = float(motor.torque(asked, turning))
         loads[:, 2] = -self._friction @ spin
-        loads[[CHASSIS, SHAFT], 2] += -torque, torque
+        if loose is None:
+            loads[[CHASSIS, SHAFT], 2] += -torque, torque
+        else:
+            loads[CHASSIS, 2] -= loose.drive(torque, chassis)
         if rotor is not None:
             loads[[CHASSIS, SHAFT], 2] += rotor.on_bodies
         loads[:, :2] = 0.0
@@ -681,28 +854,34 @@ class RigidBodyBatch(BatchedPlant):
             loads += springs.loads(now)
         # Generalised impulse on (x, y, angle) of the chassis, at the position to which pymunk moves
         # the chassis before it changes the velocity.
-        turned = now.motion[CHASSIS, ANGLE] + h * spin[CHASSIS]
-        cos, sin = math.cos(turned), math.sin(turned)
+        tilted = now.motion[CHASSIS, ANGLE] + h * spin[CHASSIS]
+        cos, sin = math.cos(tilted), math.sin(tilted)
         ax, ay = (-self._space.home[CHASSIS, 1:]).tolist()
         x, y = cos * ax - sin * ay, sin * ax + cos * ay
         impulse = np.array([*push, x * push[1] - y * push[0]])
         loads[CHASSIS] += impulse / h
         landing = springs is None and self._contacts.landing_soon(now)
+        self._space.aim_pins(now, h)
         after = self._space.advance(h, TOUCHDOWN_ITERATIONS if landing else ITERATIONS)
         mean = 0.5 * (spin + after.motion[:, SPIN])
         moved = 0.5 * (now.motion[CHASSIS] + after.motion[CHASSIS])[[VX, VY, SPIN]]
         push_work = float(impulse @ moved)
-        turning = float(mean[SHAFT] - mean[CHASSIS])
-        work = h * torque * turning
+        turned = float(mean[SHAFT] - mean[CHASSIS])
         loss = h * float(spin @ self._friction @ mean) + self._space.dry_loss(mean)
+        loss += self._space.play_loss(now, after)
+        if self.tracing:
+            self._trace(torque)
         if rotor is not None:
             rotor.step(after.motion)
             loss += rotor.loss
         self._in_legs = self._energy_in_legs(after)
+        if loose is not None:
+            turned = 0.5 * (turning + loose.turning(float(after.motion[CHASSIS, SPIN])))
+        work = h * torque * turned
         total = sums.total
         total["motor_work"] += work
         total["push_work"] += push_work
-        total["electrical_work"] += h * float(motor.electrical_power(torque, turning))
+        total["electrical_work"] += h * float(motor.electrical_power(torque, turned))
         total["joint_loss"] += loss
         if springs is None:
             slip_loss, landed = self._contacts.book(after, sums)
@@ -715,6 +894,18 @@ class RigidBodyBatch(BatchedPlant):
             springs.step(after, self._space.space, sums)
             self._contacts.note(touching)
         return after, torque
+
+    def _trace(self, torque: float) -> None:
+        """Note the impulses of the pins and the torque on the crank in the last time step.
+
+        Args:
+            torque: Torque of the motor in the last time step, in N m.
+        """
+        crank = 0.0 if self._loose is not None else torque
+        if self._rotor is not None:
+            crank += self._rotor.on_bodies[1]
+        self.crank_torque = max(self.crank_torque, abs(float(crank)))
+        np.maximum(self.pin_impulses, self._space.pin_impulses(), out=self.pin_impulses)
 
     @property
     def _stored(self) -> float:
@@ -794,7 +985,14 @@ class RigidBodyBatch(BatchedPlant):
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle only the arguments and the state; everything else is rebuilt."""
-        given = self.time_step, self.gravity, self.held, self.links_collide
+        given = (
+            self.time_step,
+            self.gravity,
+            self.held,
+            self.links_collide,
+            self.joint_play,
+            self.backlash,
+        )
         kept = "records", "world", "_torque_rate", "any_diverged", "joint_gap", "_memory"
         arguments = (*self.robots, *self.terrains, *given)
         return {"arguments": arguments, **{name: getattr(self, name) for name in kept}}

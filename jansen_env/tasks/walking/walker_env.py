@@ -356,7 +356,8 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
       ``impact_loss``, ``mechanical_energy_change`` and ``residual``. The sum of the first three
       equals the sum of the others, and no loss is negative (``docs/theory.md``, Energy).
       ``electrical_work`` is the energy that the motor consumed.
-    * ``joint_gap``: the widest gap of any joint in this step, in m (0 on the projection plant).
+    * ``joint_gap``: the widest gap of any joint in this step, in m, play included (0 on the
+      projection plant).
     * ``joint_force_max`` in N, with ``track_joint_forces``: the largest force that a link exerts on
       any of its joints in this step, without the time steps in which a toe lands.
       ``joint_impulse_max`` in N s is the largest impulse in those time steps (0 if there were
@@ -387,9 +388,11 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     | ``pad_compliance`` | robot's (rigid) | a :class:`jansen_env.Compliance`: the compliance of the feet |
     | ``delay`` | 0 | time in s by which torques are delayed, at most 1; or a range, sampled at each reset |
     | ``control_dt`` | 0.02 | time in s for which an action is held; a multiple of ``time_step``, at most 10,000 times as long |
-    | ``time_step`` | the plant's | time step of the integration in s, 1e-9 to 1: 0.001, or 0.00025 for ``"rigid_body"``; must be short enough for compliant feet |
+    | ``time_step`` | the plant's | time step of the integration in s, 1e-9 to 1: 0.001, or for ``"rigid_body"`` 0.00025, or 0.000125 with ``joint_play``; must be short enough for compliant feet |
     | ``plant`` | ``"projection"`` | simulation backend that moves the robot, see Plants |
     | ``links_collide`` | False | whether sides of links touch vertices of the ground, see Plants |
+    | ``joint_play`` | 0 | radial clearance of every pin of the legs in m, 0 to 0.005; or clearances by joint, such as ``{"A": 0.0003}``; only with ``plant="rigid_body"``, see Plants |
+    | ``backlash`` | 0 | dead band between the motor and the crank in rad at the crank, 0 to 1; only with ``plant="rigid_body"`` and a motor with a rotor inertia, see Plants |
     | ``slip_weight``, ``energy_weight``, ``effort_weight``, ``smoothness_weight``, ``posture_weight``, ``load_weight`` | 1 | exponents of the factors, see Rewards |
     | ``reset_noise_scale`` | 0.1 | largest initial crank speed, in rad/s |
     | ``fall_pitch`` | 1.2 | pitch in rad beyond which the robot has fallen |
@@ -411,6 +414,11 @@ class JansenWalkerEnv(SingleEnv[WalkerTask]):
     training. ``"rigid_body"`` consists of the bodies, joints and contacts of pymunk, and is some
     hundred times slower. Its joints have small gaps (``info["joint_gap"]``). A policy that walks on
     both plants does not exploit numerical errors.
+
+    Only ``"rigid_body"`` has pins with play and gears with backlash. With ``joint_play``, each pin
+    of the legs moves freely in a hole that is wider by this radius, and ``info["joint_gap"]``
+    contains the play. With ``backlash``, the rotor of the motor turns freely within the dead band
+    and drives the crank at its two ends (``docs/joint_play.md``).
 
     With ``links_collide=True``, sides of links touch vertices of the ground by the contact law of
     the pads, as capsules with the radius of the pads, if the vertices are those of ridges. Such a

@@ -1,0 +1,197 @@
+"""What do play in the joints and backlash in the gear change in a walk?
+
+Run the experiment as follows. The defaults are half a turn of the crank, which is one cycle of the
+gait, and the folder docs/joint_play.
+
+    python experiments/joint_play.py [TURNS] [FOLDER]
+
+The robot ``built`` walks on the rigid-body plant with 0, 0.1, 0.3 and 0.5 mm of radial play in
+every pin of its legs, and with 1 degree of backlash between the motor and the crank. It walks once
+at each of two commands, under the packaged policy and under the PID. Every walk begins on the fast
+projection plant, without play, and continues on the rigid-body plant when it is steady. The script
+prints a table per controller and writes ``joint_play.json`` and ``joint_play.png``. The page
+docs/joint_play.md contains the tables and the figure, and ``joint_play.json`` contains the data.
+The run takes about five minutes on two idle cores.
+"""
+
+import math
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import matplotlib.pyplot as plt
+import numpy as np
+
+from jansen_env.files import write_json
+from jansen_env.plants.rigid.rigid_batch import PLAY_TIME_STEP
+from jansen_env.policies import pretrained
+from jansen_env.scoring.benchmarks import find_benchmark
+
+ENV = "JansenWalkerBuilt-v0"
+COMMANDS = (0.2, 0.3)  # m/s
+CONTROLLERS = ("policy", "pid")
+CASES = ((0.0, 0.0), (0.1, 0.0), (0.3, 0.0), (0.5, 0.0), (0.0, 1.0))
+"""Radial play in mm, and backlash in degrees."""
+SEED = 0
+BEFORE = 4.0  # time for which a robot walks on the projection plant first, in s
+SETTLING = 0.3  # time on the rigid-body plant that the metrics leave out, in s
+LONGEST = 8.0  # time after which a walk ends even if its crank got stuck, in s
+COLUMNS = {
+    "speed": ("speed (m/s)", ".3f"),
+    "slip": ("slip (m/m)", ".2f"),
+    "pin_force": ("pin force, typical (N)", ".0f"),
+    "pin_force_max": ("pin force, largest (N)", ".0f"),
+    "crank_torque": ("crank torque, typical (N m)", ".1f"),
+    "crank_torque_max": ("crank torque, largest (N m)", ".1f"),
+}
+"""Metrics of the tables, with the headings of their columns and the formats of their values."""
+
+
+class Case(NamedTuple):
+    """A walk to simulate.
+
+    Attributes:
+        controller: Name of the controller.
+        play: Radial play of every pin of the legs, in mm.
+        backlash: Backlash of the gear, in degrees.
+        command: Commanded speed, in m/s.
+        turns: Turns of the crank after the first :data:`SETTLING` seconds.
+    """
+
+    controller: str
+    play: float
+    backlash: float
+    command: float
+    turns: float
+
+
+def walk(case: Case) -> dict[str, Any]:
+    """Return the metrics of a walk.
+
+    A force on a pin is the mean over a time step of 0.125 ms. From the largest force in each
+    control step of 20 ms, "typical" selects the median and "largest" the maximum, and likewise for
+    the torque of the gear on the crank.
+    """
+    before: Any = gym.make(ENV).unwrapped
+    env: Any = gym.make(
+        ENV,
+        plant="rigid_body",
+        joint_play=1e-3 * case.play,
+        backlash=math.radians(case.backlash),
+        time_step=PLAY_TIME_STEP,
+    ).unwrapped
+    if case.controller == "pid":
+        controller: Any = find_benchmark(ENV).baselines["pid"](before)
+    else:
+        controller = pretrained.load(ENV)
+    options = {"speed_command": case.command}
+    observation, _ = before.reset(seed=SEED, options=options)
+    memory = None
+    for step in range(round(BEFORE / before.control_dt)):
+        action, memory = controller.predict(observation[None], memory, np.array([step == 0]), True)
+        observation, *_ = before.step(action[0])
+    env.reset(seed=SEED, options=options)
+    env.set_state(before.get_state())
+    world = env.task.world
+    world.plant.tracing = True
+    settled = round(SETTLING / world.control_dt)
+    places, angles, slips, forces, torques = [], [], [], [], []
+    fallen = False
+    for step in range(round(LONGEST / world.control_dt)):
+        action, memory = controller.predict(observation[None], memory, np.array([False]), True)
+        observation, _, fallen, _, info = env.step(action[0])
+        if step < settled and not fallen:
+            continue
+        places.append(float(world.x_position[0]))
+        angles.append(float(world.crank_angle[0]))
+        slips.append(float(info["slip"].sum()))
+        forces.append(float(world.plant.pin_impulses.max()) / world.time_step)
+        torques.append(world.plant.crank_torque)
+        if fallen or abs(angles[-1] - angles[0]) >= 2.0 * math.pi * case.turns:
+            break
+    distance = places[-1] - places[0]
+    time = max(len(places) - 1, 1) * world.control_dt
+    return {
+        "speed": distance / time,
+        "slip": sum(slips[1:]) / max(abs(distance), 1e-6),
+        "pin_force": float(np.median(forces)),
+        "pin_force_max": max(forces),
+        "crank_torque": float(np.median(torques)),
+        "crank_torque_max": max(torques),
+        "seconds": time,
+        "fallen": bool(fallen),
+    }
+
+
+def measure(turns: float) -> list[dict[str, Any]]:
+    """Return the metrics of every walk, together with its case."""
+    cases = [
+        Case(controller, play, backlash, command, turns)
+        for controller in CONTROLLERS
+        for command in COMMANDS
+        for play, backlash in CASES
+    ]
+    with ProcessPoolExecutor(2) as pool:
+        walks = pool.map(walk, cases)
+        return [
+            {**case._asdict(), **{k: round(v, 4) for k, v in metrics.items()}}
+            for case, metrics in zip(cases, walks, strict=True)
+        ]
+
+
+def table(walks: list[dict[str, Any]], controller: str) -> str:
+    """Return the table of a controller, as docs/joint_play.md contains it."""
+    headings = ["command (m/s)", "play (mm)", "backlash (degrees)"]
+    headings += [*(heading for heading, _ in COLUMNS.values()), "fall"]
+    lines = ["| " + " | ".join(headings) + " |", "|" + " ---: |" * len(headings)]
+    for row in walks:
+        if row["controller"] == controller:
+            cells = [f"{row[name]:g}" for name in ("command", "play", "backlash")]
+            cells += [f"{row[name]:{form}}" for name, (_, form) in COLUMNS.items()]
+            cells.append("yes" if row["fallen"] else "no")
+            lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def draw(walks: list[dict[str, Any]], path: Path) -> None:
+    """Draw the metrics of the walks without backlash against the play."""
+    names = "speed", "slip", "pin_force_max", "crank_torque_max"
+    figure, axes = plt.subplots(2, 2, figsize=(8, 5.4), sharex=True, layout="constrained")
+    for axis, name in zip(axes.flat, names, strict=True):
+        for controller in CONTROLLERS:
+            for command in COMMANDS:
+                line = [
+                    row
+                    for row in walks
+                    if row["controller"] == controller
+                    and row["command"] == command
+                    and row["backlash"] == 0.0
+                ]
+                plays = [row["play"] for row in line]
+                values = [row[name] for row in line]
+                axis.plot(plays, values, "o-", label=f"{controller}, {command} m/s")
+        axis.set_ylabel(COLUMNS[name][0])
+        axis.set_ylim(bottom=0.0)
+        axis.grid(alpha=0.3)
+    for axis in axes[1]:
+        axis.set_xlabel("radial play of every pin (mm)")
+    axes[0, 0].legend()
+    figure.savefig(path, dpi=120)
+
+
+def main() -> None:
+    """Measure, print the tables, and write the data and the figure."""
+    turns = float(sys.argv[1]) if len(sys.argv) > 1 else 0.5
+    folder = Path(sys.argv[2] if len(sys.argv) > 2 else "docs/joint_play")
+    folder.mkdir(parents=True, exist_ok=True)
+    walks = measure(turns)
+    for controller in CONTROLLERS:
+        print(f"\n{controller}\n\n{table(walks, controller)}")
+    write_json(folder / "joint_play.json", {"turns": turns, "seed": SEED, "walks": walks})
+    draw(walks, folder / "joint_play.png")
+
+
+if __name__ == "__main__":
+    main()

@@ -186,7 +186,8 @@ class SingleEnv(WholeCopies, gym.Env[Observation, NDArray[np.float32]], Generic[
 
         After :meth:`set_state` with this state, the robot continues bit for bit as before. With
         ``plant="rigid_body"`` it continues only approximately, because that plant closes the gaps
-        of the joints and restarts its solver.
+        of the joints and restarts its solver. Pins and gears with play start from the middle of
+        their play.
         """
         return {**self.task.get_state(0), "generator": self.np_random.bit_generator.state}
 

@@ -12,10 +12,7 @@ from motions import SPRINGS  # noqa: E402
 
 from jansen_env.cli.mjcf import main  # noqa: E402
 from jansen_env.plants.mujoco_model import to_mjcf  # noqa: E402
-from jansen_env.plants.plant import (
-    ProjectionPlant,
-    RigidBodyPlant,
-)
+from jansen_env.plants.plant import ProjectionPlant, RigidBodyPlant  # noqa: E402
 from jansen_env.robot import ROBOTS, Payload, paper_robot  # noqa: E402
 from jansen_env.terrain import Terrain  # noqa: E402
 

@@ -49,7 +49,7 @@ env.reset(seed=0)
 for step in range(steps):
     *_, info = env.step([0.5])
     if step % 75 == 0:
-        for joints in world_joints(env.robot, env.get_state()["plant"][:4]):
+        for joints in world_joints(env.robot, env.get_state()["record"]["state"][:4]):
             places = (joints - (LEFT, TOP)) * (SCALE, -SCALE)
             for body in env.robot.linkage.edges:
                 for start, end in body:

@@ -77,7 +77,7 @@ def walked(plant, speed, duration):
 
 def pinned(robot, psi=0.3, speed=0.0, time_step=1e-3, **arguments):
     """A plant whose chassis is held, its crank at an angle, rad, and a speed, rad/s."""
-    plant = ProjectionPlant(robot, Terrain.flat(), time_step, held=True, **arguments)
+    plant = ProjectionPlant(robot, Terrain.flat(), time_step, fixed_chassis=True, **arguments)
     plant.state = shift(psi=psi, crank=speed)
     return plant
 

@@ -59,7 +59,7 @@ class MujocoPlant:
 def in_the_air(name, time_step, stiffness):
     """Errors over a turn under :data:`TORQUE`: crank angle, rad; mass centres of all links, m."""
     robot, period, worst = ROBOTS[name](), 0.02, np.zeros(2)
-    plant, angle = ProjectionPlant(robot, Terrain.flat(), HELD_STEP, held=True), 0.0
+    plant, angle = ProjectionPlant(robot, Terrain.flat(), HELD_STEP, fixed_chassis=True), 0.0
     plant.reset()
     text = to_mjcf(robot, None, time_step, stiffness).replace("implicitfast", "RK4")
     model = mujoco.MjModel.from_xml_string(text)

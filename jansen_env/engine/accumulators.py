@@ -10,7 +10,8 @@ from __future__ import annotations
 from jansen_env.engine.contact_solver import OPEN, STICK
 from jansen_env.engine.contacts import rate
 from jansen_env.engine.kernel import stage
-from jansen_env.engine.restitution import contact_gain, drawn_power
+from jansen_env.engine.motor import drawn_power
+from jansen_env.engine.restitution import contact_gain
 from jansen_env.engine.tables import mechanical_energy
 
 
@@ -31,7 +32,9 @@ def begin(robot, state, statistics, model, sums):
     for j in range(len(statistics)):
         statistics[j].slip = 0.0
         statistics[j].impulse[0] = statistics[j].impulse[1] = 0.0
-    total.initial_energy = mechanical_energy(model.body, model.springs, robot.params, state, sums)
+    total.initial_energy = mechanical_energy(
+        model.body, model.springs, robot.properties, state, sums
+    )
 
 
 @stage
@@ -39,7 +42,7 @@ def clear(total):
     """Set all sums of a robot to 0."""
     total.motor_work = total.joint_loss = total.slip_loss = total.impact_loss = 0.0
     total.worst_residual = total.contact_gain = total.initial_energy = 0.0
-    total.impulse_share = 0.0
+    total.impulse_ratio = 0.0
     total.non_toe_impulse = total.energy_change = total.elastic_energy = 0.0
     total.torque_impulse = total.electrical_work = total.push_work = 0.0
     total.correction_work, total.links_in_ground = 0.0, 0
@@ -75,28 +78,39 @@ def end(robot, state, statistics, elapsed, slip, force, model, sums):
     # time step. It is part of the residual.
     total.impact_loss = max(0.0, total.impact_loss)
     total.joint_loss = max(0.0, total.joint_loss)
-    energy = mechanical_energy(model.body, model.springs, robot.params, state, sums)
+    energy = mechanical_energy(model.body, model.springs, robot.properties, state, sums)
     energy += total.elastic_energy
     total.energy_change = energy - total.initial_energy
 
 
 @stage
 def accumulate_step(
-    h, torque, asked, dry, push, velocity, outcome, inertia, count, params, contacts, total
+    h,
+    torque,
+    final_torque,
+    dry,
+    push,
+    velocity,
+    outcome,
+    inertia,
+    count,
+    properties,
+    contacts,
+    total,
 ):
     """Add the work, the joint loss and the largest errors of a time step to the sums.
 
     Args:
         h: Time step, in s.
         torque: Torque of the motor in this time step, in N m.
-        asked: Commanded torque that holds at the end of the control step, in N m.
+        final_torque: Commanded torque that holds at the end of the control step, in N m.
         dry: Impulse of the Coulomb friction on the crank, in N m s.
         push: Load on the chassis, a :class:`jansen_env.engine.records.Push`.
         velocity: Generalised velocity at the beginning of the time step.
         outcome: Result of :func:`jansen_env.engine.restitution.solve_velocities`.
         inertia: Inertia at the middle of the time step.
         count: Number of contacts.
-        params: Parameters of the robot.
+        properties: Physical properties of the robot.
         contacts: The contacts.
         total: Sums of the robot, changed in place.
     """
@@ -109,11 +123,11 @@ def accumulate_step(
         shifted = push.x * (velocity.x + end.x) + push.y * (velocity.y + end.y)
         turned = push.pitch * (velocity.pitch + end.pitch)
         turned += push.crank * (velocity.crank + end.crank)
-        total.push_work += 0.5 * h * (params.mass * shifted + turned)
-    total.torque_impulse += h * (torque - asked)
-    total.electrical_work += h * drawn_power(torque, mean, params)
+        total.push_work += 0.5 * h * (properties.mass * shifted + turned)
+    total.torque_impulse += h * (torque - final_torque)
+    total.electrical_work += h * drawn_power(torque, mean, properties)
     total.worst_residual = max(total.worst_residual, outcome.residual)
-    total.impulse_share = max(total.impulse_share, outcome.impulse_share)
+    total.impulse_ratio = max(total.impulse_ratio, outcome.impulse_ratio)
     if outcome.may_gain:
         gain = min(
             contact_gain(count, velocity, end, contacts),

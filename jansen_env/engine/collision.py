@@ -69,7 +69,7 @@ def detect(state, robot, model, ground, world, sides, planes):
     """
     status = robot.status
     set_margin(state, robot, world.time_step)
-    if not abs(state[0] - status.asked_x) <= status.room:
+    if not abs(state[0] - status.ground_x) <= status.room:
         return False
     toes, pads = world.toes, len(model.layout)
     near = pads if pads > toes and _others_near(state, status, ground) else toes
@@ -129,7 +129,7 @@ def _side_normal(surface, k, x, y, ex, ey):
         ey: Vertical position of the side's second end relative to its first end, in m.
     """
     square = ex * ex + ey * ey
-    share, length = (ex * x + ey * y) / square, np.sqrt(square)
+    fraction, length = (ex * x + ey * y) / square, np.sqrt(square)
     nx, ny = -ey / length, ex / length
     px, py = surface[k - 1, 0] - surface[k, 0], surface[k - 1, 1] - surface[k, 1]
     qx, qy = surface[k + 1, 0] - surface[k, 0], surface[k + 1, 1] - surface[k, 1]
@@ -138,7 +138,7 @@ def _side_normal(surface, k, x, y, ex, ey):
     if before + after > 0.0:
         nx, ny, before, after = -nx, -ny, -before, -after
     ridge = px * qy - py * qx >= 0.0
-    return ridge and 0.0 < share < 1.0 and max(before, after) < LEAN, nx, ny
+    return ridge and 0.0 < fraction < 1.0 and max(before, after) < LEAN, nx, ny
 
 
 @stage
@@ -149,7 +149,7 @@ def set_margin(state, robot, time_step):
     """
     # An upper bound of the speed of all pads.
     speed = abs(state[4]) + abs(state[5])
-    speed += robot.params.pitch_arm * abs(state[6]) + robot.params.crank_arm * abs(state[7])
+    speed += robot.properties.pitch_arm * abs(state[6]) + robot.properties.crank_arm * abs(state[7])
     robot.status.margin = min(max(SPECULATIVE_MARGIN, speed * time_step), LARGEST_MARGIN)
 
 
@@ -413,14 +413,14 @@ def _plane(surface, start, end, k, x, y, near):
     ax, ay = surface[k, 0], surface[k, 1]
     ex, ey = surface[k + 1, 0] - ax, surface[k + 1, 1] - ay
     length = mathematics.hypot(ex, ey)
-    share = (ex * (x - ax) + ey * (y - ay)) / (ex * ex + ey * ey)
+    fraction = (ex * (x - ax) + ey * (y - ay)) / (ex * ex + ey * ey)
     # The first and the last segment continue beyond the ends of the ground.
     if k > start:
-        share = max(0.0, share)
+        fraction = max(0.0, fraction)
     if k < end - 2:
-        share = min(share, 1.0)
-    px, py = ax + ex * share, ay + ey * share
-    if share == 1.0:
+        fraction = min(fraction, 1.0)
+    px, py = ax + ex * fraction, ay + ey * fraction
+    if fraction == 1.0:
         px, py = surface[k + 1, 0], surface[k + 1, 1]
     away_x, away_y = px - x, py - y
     square = away_x * away_x + away_y * away_y
@@ -429,8 +429,8 @@ def _plane(surface, start, end, k, x, y, near):
     nx, ny = -ey / length, ex / length
     offset = nx * ax + ny * ay
     sunk = nx * (x - ax) + ny * (y - ay) < 0.0
-    if (share == 0.0 or share == 1.0) and square > 0.0:  # The nearest point is a vertex.
-        other = k - 1 if share == 0.0 else k + 2
+    if (fraction == 0.0 or fraction == 1.0) and square > 0.0:  # The nearest point is a vertex.
+        other = k - 1 if fraction == 0.0 else k + 2
         if start <= other < end:  # The vertex belongs to the neighbour if the point is beside it.
             side = away_x * (surface[other, 0] - px) + away_y * (surface[other, 1] - py)
             if side < 0.0:

@@ -28,8 +28,8 @@ moved into the ground. The springs of link sides that end in a pad count togethe
 of the pad itself, which come first. A vertex may also appear under a side that is already below the
 vertex. The spring of the side then starts at this position.
 
-In this module, ``share`` is c where it is computed by :func:`_implicit_share`. Contact c of the
-arrays has rows 2 c (normal) and 2 c + 1 (tangential).
+In this module, ``implicitness`` is c, which :func:`_implicitness` computes. Contact c of the arrays
+has rows 2 c (normal) and 2 c + 1 (tangential).
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ NORMAL, TANGENTIAL = 0, 1
 
 
 @stage
-def _implicit_share(h, k, d, weight):
+def _implicitness(h, k, d, weight):
     """Return c for a row of a contact whose entry on the diagonal of W is ``weight``, in 1/kg.
 
     The spring has stiffness ``k`` in N/m, and the damper has damping ``d`` in N s/m.
@@ -67,7 +67,7 @@ def _start_length(h, middle, ahead, old):
 
 
 @stage(inline=False)
-def limit_springs(h, count, velocity, params, planes, contacts, statistics):
+def limit_springs(h, count, velocity, properties, planes, contacts, statistics):
     """Limit the springs on new planes to the energy that the springs of each pad held before.
 
     Contacts are in the order of their pads. The springs of link sides that end in a pad share the
@@ -77,7 +77,7 @@ def limit_springs(h, count, velocity, params, planes, contacts, statistics):
         h: Time step, in s.
         count: Number of contacts.
         velocity: Generalised velocity at the beginning of the time step.
-        params: Parameters of the robot.
+        properties: Physical properties of the robot.
         planes: Contact planes, changed in place.
         contacts: The contacts, changed in place.
         statistics: Sums and deflections of each pad, shape (pads,). An infinite normal deflection
@@ -88,19 +88,19 @@ def limit_springs(h, count, velocity, params, planes, contacts, statistics):
     for j in range(len(statistics)):
         square, side_square = 0.0, 0.0
         while last < count and planes[contacts.plane[last]].pad == j:
-            start, stored = _start(h, last, velocity, params, contacts)
+            start, stored = _start(h, last, velocity, properties, contacts)
             contacts.middle[2 * last] = start
             if planes[contacts.plane[last]].far_pad < 0:
                 square += (stored * start) ** 2
             else:
                 side_square += (stored * start) ** 2
             last += 1
-        held = statistics[j].deflection[NORMAL]
-        if np.isinf(held):
+        before = statistics[j].deflection[NORMAL]
+        if np.isinf(before):
             statistics[j].deflection[NORMAL] = np.sqrt(square + side_square)
         else:
-            left = max(0.0, held * held - square)
-            excess = 1.0 - held / np.sqrt(square) if square > held * held else 0.0
+            left = max(0.0, before * before - square)
+            excess = 1.0 - before / np.sqrt(square) if square > before * before else 0.0
             side_excess = 1.0 - np.sqrt(left / side_square) if side_square > left else 0.0
             for c in range(first, last):
                 plane = planes[contacts.plane[c]]
@@ -109,50 +109,54 @@ def limit_springs(h, count, velocity, params, planes, contacts, statistics):
 
 
 @stage(inline=False)
-def begin_sides(h, count, velocity, params, planes, contacts):
+def begin_sides(h, count, velocity, properties, planes, contacts):
     """Start the springs of link sides at their present length if the vertex under the side is new.
 
     Args:
         h: Time step, in s.
         count: Number of contacts.
         velocity: Generalised velocity at the beginning of the time step.
-        params: Parameters of the robot.
+        properties: Physical properties of the robot.
         planes: Contact planes, changed in place.
         contacts: The contacts, changed in place.
     """
     for c in range(count):
         plane = planes[contacts.plane[c]]
         if plane.far_pad >= 0 and plane.compression == 0.0:
-            contacts.middle[2 * c], _ = _start(h, c, velocity, params, contacts)
+            contacts.middle[2 * c], _ = _start(h, c, velocity, properties, contacts)
             _move_plane(c, 1.0, plane, contacts)
 
 
 @stage
-def _start(h, c, velocity, params, contacts):
+def _start(h, c, velocity, properties, contacts):
     """Compute the normal spring of contact ``c`` at the beginning of a time step.
 
     Returns:
         The length of the spring, in m, and the fraction 1 - c of this length that counts as stored.
     """
     weight = contacts.problem.W[2 * c, 2 * c]
-    share = _implicit_share(h, params.stiffness[NORMAL], params.pad_damping[NORMAL], weight)
+    implicitness = _implicitness(
+        h, properties.stiffness[NORMAL], properties.pad_damping[NORMAL], weight
+    )
     old = rate(contacts.J, 2 * c, velocity)
-    return _start_length(h, contacts.gap[c], 0.5 * h * (1.0 + share), old), 1.0 - share
+    return _start_length(
+        h, contacts.gap[c], 0.5 * h * (1.0 + implicitness), old
+    ), 1.0 - implicitness
 
 
 @stage
-def _move_plane(c, share, plane, contacts):
-    """Move a contact's plane into the ground by a fraction ``share`` of the spring's length.
+def _move_plane(c, fraction, plane, contacts):
+    """Move a contact's plane into the ground by a ``fraction`` of the spring's length.
 
     The length at the beginning of the step must be in ``contacts.middle``.
     """
-    if share > 0.0:
-        contacts.gap[c] -= share * contacts.middle[2 * c]
-        plane.offset += share * contacts.middle[2 * c]
+    if fraction > 0.0:
+        contacts.gap[c] -= fraction * contacts.middle[2 * c]
+        plane.offset += fraction * contacts.middle[2 * c]
 
 
 @stage(inline=False)
-def add_compliance(h, count, velocity, params, planes, contacts):
+def add_compliance(h, count, velocity, properties, planes, contacts):
     """Add springs and dampers to the diagonal of W and to ``offset`` of the contacts.
 
     On input, ``offset`` holds the curvature of the pads' paths, see
@@ -163,7 +167,7 @@ def add_compliance(h, count, velocity, params, planes, contacts):
         h: Time step, in s.
         count: Number of contacts.
         velocity: Generalised velocity at the beginning of the time step.
-        params: Parameters of the robot.
+        properties: Physical properties of the robot.
         planes: Contact planes.
         contacts: The contacts, changed in place.
     """
@@ -171,22 +175,22 @@ def add_compliance(h, count, velocity, params, planes, contacts):
     for c in range(count):
         for side in (NORMAL, TANGENTIAL):
             i = 2 * c + side
-            k, d = params.stiffness[side], params.pad_damping[side]
+            k, d = properties.stiffness[side], properties.pad_damping[side]
             old = rate(contacts.J, i, velocity)
-            share = _implicit_share(h, k, d, W[i, i])
-            ahead = 0.5 * h * (1.0 + share)
-            give = h * h * k * (0.25 + 0.75 * share) + d * ahead
+            implicitness = _implicitness(h, k, d, W[i, i])
+            ahead = 0.5 * h * (1.0 + implicitness)
+            give = h * h * k * (0.25 + 0.75 * implicitness) + d * ahead
             touchdown = False
             middle = contacts.gap[c]
             if side == NORMAL:
                 touchdown = middle - 0.5 * h * old > 0.0
             else:
                 middle = planes[contacts.plane[c]].deflection + (h - ahead) * old
-            contacts.curve[i] = share * offset[i]
+            contacts.curve[i] = implicitness * offset[i]
             if touchdown:
                 offset[i] = middle / ahead
             else:
-                before = (1.0 - share) * (0.5 * h * d - 0.25 * h * h * k)
+                before = (1.0 - implicitness) * (0.5 * h * d - 0.25 * h * h * k)
                 offset[i] = (h * k * middle + before * old) / give
             offset[i] += contacts.curve[i]
             contacts.middle[i], contacts.ahead[i], contacts.give[i] = middle, ahead, give
@@ -228,7 +232,7 @@ def keep_deflection(status, planes, statistics):
 
 @stage
 def accumulate_compliant(
-    h, renewed, count, velocity, after, params, contacts, planes, robot, statistics
+    h, renewed, count, velocity, after, properties, contacts, planes, robot, statistics
 ):
     """Add the slip, impulses and losses of compliant pads in a time step, and deflect the bristles.
 
@@ -248,7 +252,7 @@ def accumulate_compliant(
         count: Number of contacts.
         velocity: Generalised velocity at the beginning of the time step.
         after: Generalised velocity at the end of the time step.
-        params: Parameters of the robot.
+        properties: Physical properties of the robot.
         contacts: The contacts and their impulses.
         planes: Contact planes, changed in place.
         robot: The robot's record, whose sums are updated.
@@ -257,7 +261,7 @@ def accumulate_compliant(
     J, P, mode = contacts.J, contacts.problem.P, contacts.problem.mode
     middle, ahead, curve = contacts.middle, contacts.ahead, contacts.curve
     total, status = robot.accumulators, robot.status
-    k, kt = params.stiffness[NORMAL], params.stiffness[TANGENTIAL]
+    k, kt = properties.stiffness[NORMAL], properties.stiffness[TANGENTIAL]
     if status.step == 0:
         for pad in statistics:
             total.elastic_energy += 0.5 * k * pad.deflection[NORMAL] ** 2

@@ -89,7 +89,11 @@ def problem(count: int) -> Problem:
         u=np.zeros(n),
         A=np.zeros((n, n)),
         rhs=np.zeros(n),
-        indices=np.zeros(index_size(count), np.int64),
+        factored=np.zeros(1, np.int64),
+        factored_modes=np.zeros(count, np.int64),
+        unknowns=np.zeros(n, np.int64),
+        exchanges=np.zeros(n, np.int64),
+        search=np.zeros(5 * count, np.int64),
         spare=spare_space(count),
     )
 
@@ -121,9 +125,9 @@ def residual(count, problem):
 @stage
 def _factored(count, problem):
     """Return whether A already contains the factors for the present modes, from the last call."""
-    same = problem.indices[5 * count] > 0
+    same = problem.factored[0] > 0
     for c in range(count):
-        same = same and problem.indices[4 * count + c] == problem.mode[c]
+        same = same and problem.factored_modes[c] == problem.mode[c]
     return same
 
 
@@ -134,20 +138,20 @@ def _assemble(count, problem):
     Returns:
         The number of unknowns.
     """
-    W, A, indices = problem.W, problem.A, problem.indices
+    W, A, unknowns = problem.W, problem.A, problem.unknowns
     k = 0
     for c in range(count):
-        indices[4 * count + c] = problem.mode[c]
+        problem.factored_modes[c] = problem.mode[c]
         if problem.mode[c] != OPEN:
-            indices[k] = 2 * c
+            unknowns[k] = 2 * c
             k += 1
             if problem.mode[c] == STICK:
-                indices[k] = 2 * c + 1
+                unknowns[k] = 2 * c + 1
                 k += 1
     for r in range(k):
-        i = indices[r]
+        i = unknowns[r]
         for s in range(k):
-            j = indices[s]
+            j = unknowns[s]
             A[r, s] = W[i, j]
             if j % 2 == 0:
                 kind = problem.mode[j // 2]
@@ -162,8 +166,8 @@ def _assemble(count, problem):
 def _factor(count, problem):
     """Store the LU factors of the linear problem for the present modes in A.
 
-    The work space ``indices`` then holds the unknowns of the problem, the exchanged rows, the
-    modes, and the number of unknowns.
+    The function also stores what the factors belong to: ``unknowns``, ``exchanges``,
+    ``factored_modes`` and ``factored``.
 
     Returns:
         False if the linear problem is singular.
@@ -171,16 +175,16 @@ def _factor(count, problem):
     if _factored(count, problem):
         return True
     k = _assemble(count, problem)
-    A, indices = problem.A, problem.indices
-    indices[5 * count] = 0
+    A, unknowns = problem.A, problem.unknowns
+    problem.factored[0] = 0
     for r in range(k):
         best = r
         for s in range(r + 1, k):
             if abs(A[s, r]) > abs(A[best, r]):
                 best = s
-        if abs(A[best, r]) < 1e-14 * problem.W[indices[r], indices[r]]:
+        if abs(A[best, r]) < 1e-14 * problem.W[unknowns[r], unknowns[r]]:
             return False
-        indices[2 * count + r] = best
+        problem.exchanges[r] = best
         if best != r:
             for s in range(r, k):
                 A[r, s], A[best, s] = A[best, s], A[r, s]
@@ -189,7 +193,7 @@ def _factor(count, problem):
             if A[s, r] != 0.0:
                 for j in range(r + 1, k):
                     A[s, j] -= A[s, r] * A[r, j]
-    indices[5 * count] = k
+    problem.factored[0] = k
     return True
 
 
@@ -202,12 +206,12 @@ def _solve_modes(count, problem):
     """
     if not _factor(count, problem):
         return False
-    P, A, rhs, indices = problem.P, problem.A, problem.rhs, problem.indices
-    k = indices[5 * count]
+    P, A, rhs, unknowns = problem.P, problem.A, problem.rhs, problem.unknowns
+    k = problem.factored[0]
     for r in range(k):
-        rhs[r] = -problem.v_free[indices[r]]
+        rhs[r] = -problem.v_free[unknowns[r]]
     for r in range(k):
-        best = indices[2 * count + r]
+        best = problem.exchanges[r]
         if best != r:
             rhs[r], rhs[best] = rhs[best], rhs[r]
         for s in range(r + 1, k):
@@ -221,7 +225,7 @@ def _solve_modes(count, problem):
             total -= A[r, s] * rhs[s]
         rhs[r] = total / A[r, r]
     for r in range(k):
-        P[indices[r]] = rhs[r]
+        P[unknowns[r]] = rhs[r]
     for c in range(count):
         if problem.mode[c] == SLIDE_FORWARD:
             P[2 * c + 1] = -problem.mu[c] * P[2 * c]
@@ -297,7 +301,7 @@ def solve(count, problem):
     Args:
         count: Number of contacts.
         problem: Contact law: W after :func:`regularise`, v_free, mu, and a first guess of the
-            modes. The function stores P, u and mode. If indices[5 count] is 0, nothing is reused
+            modes. The function stores P, u and mode. If factored[0] is 0, nothing is reused
             from the last call. Otherwise, W, mu and ``count`` must be the same as in the last call.
     """
     scale = 0.0
@@ -325,7 +329,7 @@ def search(count, problem, tolerance, error):
     Returns:
         The residual for P, in N s.
     """
-    kept, best, modes = problem.spare[0], problem.spare[1], problem.indices[5 * count + 1 :]
+    kept, best, modes = problem.spare[0], problem.spare[1], problem.search
     _keep(count, problem.P, problem.mode, best, modes)
     for compliance in LEMKE_COMPLIANCES:
         if not lemke(count, problem, compliance, problem.spare[4:], modes[count:]):
@@ -396,13 +400,13 @@ def _proximal_point(count, problem, tolerance, error):
     """
     n, P, W, v_free = 2 * count, problem.P, problem.W, problem.v_free
     best, diagonal, free = problem.spare[1], problem.spare[2], problem.spare[3]
-    modes = problem.indices[5 * count + 1 :]
+    modes = problem.search
     trace = 0.0
     for i in range(n):
         diagonal[i], free[i] = W[i, i], v_free[i]
         trace += W[i, i]
     rho = PROXIMITY * trace / n
-    problem.indices[5 * count] = 0  # W changes, so the factors in A are invalid.
+    problem.factored[0] = 0  # W changes, so the factors in A are invalid.
     _keep(count, P, problem.mode, best, modes)
     for _ in range(PROXIMAL_ROUNDS):
         for i in range(n):
@@ -417,7 +421,7 @@ def _proximal_point(count, problem, tolerance, error):
         if error <= tolerance:
             break
     _keep(count, best, modes, P, problem.mode)
-    problem.indices[5 * count] = 0
+    problem.factored[0] = 0
     return _check(count, problem)
 
 

@@ -5,7 +5,7 @@ Most stages share these arguments:
 - ``h``: time step, in s.
 - ``count``: number of contacts. Contact c has rows 2 c (normal) and 2 c + 1 (tangential).
 - ``velocity``: generalised velocity, whose x and y are those of the centre of mass.
-- ``params``: parameters of the robot, see :data:`jansen_env.engine.records.PARAMS`.
+- ``properties``: parameters of the robot, see :data:`jansen_env.engine.records.PROPERTIES`.
 - ``planes``: records ``PLANE`` of the contact planes.
 - ``contacts``: a :class:`jansen_env.engine.records.Contacts`.
 - ``turn``: cosine and sine of the pitch.
@@ -72,11 +72,11 @@ def find_contacts(h, middle, velocity, inertia, robot, model, planes, work):
     """
     x, y, theta, psi = middle
     turn = mathematics.cos(theta), mathematics.sin(theta)
-    params, contacts, place = robot.params, work.contacts, work.place
+    properties, contacts, place = robot.properties, work.contacts, work.place
     first = robot.status.first_plane
-    travel = _travel(work.pose, middle, params)
+    travel = _travel(work.pose, middle, properties)
     count, impact, sided = 0, False, False
-    reach = farthest_way(h, velocity, params) if params.compliant else 0.0
+    reach = farthest_way(h, velocity, properties) if properties.compliant else 0.0
     for k in range(first, robot.status.end_plane):
         if work.bound[k - first] > travel + reach:
             continue
@@ -95,20 +95,20 @@ def find_contacts(h, middle, velocity, inertia, robot, model, planes, work):
         )
         distance = plane.normal_x * (x + ox - plane.vertex_x)
         distance += plane.normal_y * (y + oy - plane.vertex_y)
-        distance = distance - plane.offset - params.pad_radius
+        distance = distance - plane.offset - properties.pad_radius
         work.bound[k - first] = travel + distance
         mode, plane.mode = plane.mode, STICK  # Guess that a contact which closes later will stick.
         if distance > reach:
             continue
         if plane.far_pad < 0:
             read_pad_motion(model.pads, pad, row, t, place)
-        _fill_rows(h, count, plane, turn, (ox, oy), velocity, inertia, params.pad_radius, work)
+        _fill_rows(h, count, plane, turn, (ox, oy), velocity, inertia, properties.pad_radius, work)
         half = 0.5 * h * rate(contacts.J, 2 * count, velocity)
-        if params.compliant and distance - half > 0.0 and distance + 2.0 * half > 0.0:
+        if properties.compliant and distance - half > 0.0 and distance + 2.0 * half > 0.0:
             continue
         if distance - half > 0.0:
             impact = True
-        contacts.problem.mu[count] = params.friction
+        contacts.problem.mu[count] = properties.friction
         contacts.problem.mode[count] = mode
         contacts.plane[count], contacts.gap[count] = k, distance
         sided = sided or plane.far_pad >= 0
@@ -138,7 +138,7 @@ def _move_along_side(plane, turn, centroid, inertia, place, far):
     along_x, along_y = _turned(turn, ex, ey)
     ox, oy = _turned(turn, place[VALUE, PAD_X] - inertia.s[0], place[VALUE, PAD_Y] - inertia.s[1])
     x, y = plane.vertex_x - centroid[0] - ox, plane.vertex_y - centroid[1] - oy
-    share = (along_x * x + along_y * y) / square
+    fraction = (along_x * x + along_y * y) / square
     scale = 1.0 / np.sqrt(square)
     if along_x * plane.normal_y < along_y * plane.normal_x:
         scale = -scale
@@ -147,9 +147,9 @@ def _move_along_side(plane, turn, centroid, inertia, place, far):
         across = ex * (far[i, PAD_Y] - place[i, PAD_Y]) - ey * (far[i, PAD_X] - place[i, PAD_X])
         place[i, PAD_ANGLE] = across / square
     for i in (VALUE, FIRST, SECOND):
-        place[i, PAD_X] += share * (far[i, PAD_X] - place[i, PAD_X])
-        place[i, PAD_Y] += share * (far[i, PAD_Y] - place[i, PAD_Y])
-    return 0.0 < share < 1.0
+        place[i, PAD_X] += fraction * (far[i, PAD_X] - place[i, PAD_X])
+        place[i, PAD_Y] += fraction * (far[i, PAD_Y] - place[i, PAD_Y])
+    return 0.0 < fraction < 1.0
 
 
 @stage
@@ -160,16 +160,16 @@ def _turned(turn, x, y):
 
 
 @stage
-def farthest_way(h, velocity, params):
+def farthest_way(h, velocity, properties):
     """Return an upper bound, in m, of the distance that any pad travels in a time step.
 
     Args:
         h: Time step, in s.
         velocity: Generalised velocity, whose x and y are those of the centre of mass.
-        params: Parameters of the robot.
+        properties: Physical properties of the robot.
     """
     way = abs(velocity.x) + abs(velocity.y)
-    way += params.pitch_arm * abs(velocity.pitch) + params.crank_arm * abs(velocity.crank)
+    way += properties.pitch_arm * abs(velocity.pitch) + properties.crank_arm * abs(velocity.crank)
     return (1.0 + 1e-6) * h * way
 
 
@@ -213,7 +213,7 @@ def _fill_rows(h, count, plane, turn, arm, velocity, inertia, radius, work):
 
 
 @stage
-def _travel(pose, middle, params):
+def _travel(pose, middle, properties):
     """Update ``pose``, and return an upper bound of the distance that any pad has travelled, in m.
 
     The distance counts from the first pose on. This is conservative advancement: a pad whose
@@ -221,14 +221,14 @@ def _travel(pose, middle, params):
     """
     x, y, theta, psi = middle
     far = abs(x - pose[0]) + abs(y - pose[1])
-    far += params.pitch_arm * abs(theta - pose[2]) + params.crank_arm * abs(psi - pose[3])
+    far += properties.pitch_arm * abs(theta - pose[2]) + properties.crank_arm * abs(psi - pose[3])
     pose[0], pose[1], pose[2], pose[3] = x, y, theta, psi
     pose[TRAVEL] += (1.0 + 1e-6) * far
     return pose[TRAVEL]
 
 
 @stage
-def outruns(margin, h, state, params, model, work):
+def outruns(margin, h, state, properties, model, work):
     """Return whether a pad will be more than ``margin`` from where its planes were found.
 
     The position at the middle of the next time step counts. In most cases, the upper bound of the
@@ -239,12 +239,12 @@ def outruns(margin, h, state, params, model, work):
         margin: Distance, in m.
         h: Time step, in s.
         state: State of the robot relative to the centre of mass, shape (8,).
-        params: Parameters of the robot.
+        properties: Physical properties of the robot.
         model: Tables of the robot, a :class:`jansen_env.engine.records.Model`.
         work: Memory of the robot, a :class:`jansen_env.engine.records.Work`.
     """
     travel = work.pose[TRAVEL] + h * (abs(state[4]) + abs(state[5]))
-    travel += h * (params.pitch_arm * abs(state[6]) + params.crank_arm * abs(state[7]))
+    travel += h * (properties.pitch_arm * abs(state[6]) + properties.crank_arm * abs(state[7]))
     if travel <= margin:
         return False
     listed, layout = work.listed, model.layout
@@ -252,8 +252,8 @@ def outruns(margin, h, state, params, model, work):
     theta, psi = state[2] + 0.5 * h * state[6], state[3] + 0.5 * h * state[7]
     cos, sin = mathematics.cos(theta), mathematics.sin(theta)
     old_cos, old_sin = mathematics.cos(listed[2]), mathematics.sin(listed[2])
-    sx, sy = centre_of_mass(model.body, params, psi)
-    old_sx, old_sy = centre_of_mass(model.body, params, listed[3])
+    sx, sy = centre_of_mass(model.body, properties, psi)
+    old_sx, old_sy = centre_of_mass(model.body, properties, listed[3])
     for j in range(len(layout)):
         px, py = pad_place(model.pads, layout[j], psi)
         old_px, old_py = pad_place(model.pads, layout[j], listed[3])
@@ -266,7 +266,7 @@ def outruns(margin, h, state, params, model, work):
 
 
 @stage
-def assemble(count, sided, params, inertia, planes, contacts):
+def assemble(count, sided, properties, inertia, planes, contacts):
     """Compute J M^-1 and the Delassus matrix J M^-1 J^T, which is then regularised.
 
     Contacts of compliant pads are not regularised and never count as wedged.
@@ -274,7 +274,7 @@ def assemble(count, sided, params, inertia, planes, contacts):
     Args:
         count: Number of contacts.
         sided: Whether a contact is on the side of a link, whose normal can have any direction.
-        params: Parameters of the robot.
+        properties: Physical properties of the robot.
         inertia: Inertia at the middle of the time step.
         planes: Contact planes.
         contacts: The contacts, changed in place.
@@ -283,7 +283,7 @@ def assemble(count, sided, params, inertia, planes, contacts):
         Whether contacts are wedged, see :func:`_wedged`.
     """
     J, MJ, W = contacts.J, contacts.MJ, contacts.problem.W
-    m = params.mass
+    m = properties.mass
     for i in range(2 * count):
         MJ[i, 0], MJ[i, 1] = J[i, 0] / m, J[i, 1] / m
         MJ[i, 2] = inertia.m11 * J[i, 2] + inertia.m12 * J[i, 3]
@@ -294,11 +294,11 @@ def assemble(count, sided, params, inertia, planes, contacts):
             )
             W[j, i] = W[i, j]
     wedged = False
-    if count > 0 and not params.compliant:
-        if sided or can_wedge(params):
-            wedged = _wedged(count, contacts.plane, planes, params.friction)
+    if count > 0 and not properties.compliant:
+        if sided or can_wedge(properties):
+            wedged = _wedged(count, contacts.plane, planes, properties.friction)
         regularise(count, W, WEDGE_COMPLIANCE if wedged else COMPLIANCE)
-    contacts.problem.indices[5 * count] = 0  # W is new, so the factors in A are invalid.
+    contacts.problem.factored[0] = 0  # W is new, so the factors in A are invalid.
     return wedged
 
 
@@ -329,17 +329,17 @@ def add_dry_friction(h, count, torque, inertia, contacts):
     problem.W[n, t] = problem.W[t, n] = 0.0
     problem.v_free[n] = -inertia.m22 * h * torque
     problem.mu[count], problem.mode[count] = 1.0, STICK
-    problem.indices[5 * (count + 1)] = 0  # W is new, so the factors in A are invalid.
+    problem.factored[0] = 0  # W is new, so the factors in A are invalid.
 
 
 @stage
-def can_wedge(params):
+def can_wedge(properties):
     """Return whether slope + atan(friction) reaches 90 degrees anywhere on the terrain.
 
     Args:
-        params: Parameters of the robot.
+        properties: Physical properties of the robot.
     """
-    return params.friction * params.steepest >= 1.0
+    return properties.friction * properties.steepest >= 1.0
 
 
 @stage
@@ -350,7 +350,7 @@ def _wedged(count, plane, planes, friction):
     with any force and without any effect on the motion. Bounces and the curvature of the path would
     make this force as large as the arithmetic allows, so both are left out. Contacts that hold
     opposite forces only through the linkage, or only three at a time, are not found here but by
-    :func:`impulse_share`.
+    :func:`impulse_ratio`.
     """
     limit = (friction * friction - 1.0) / (friction * friction + 1.0)
     for c in range(count):
@@ -362,7 +362,7 @@ def _wedged(count, plane, planes, friction):
 
 
 @stage
-def impulse_share(count, free, inertia, params, contacts):
+def impulse_ratio(count, free, inertia, properties, contacts):
     """Return the contact impulses as a fraction of the largest that the motion can explain.
 
     Consider impulses P of contacts that have a compliance s, do not bounce, and do not follow a
@@ -380,10 +380,10 @@ def impulse_share(count, free, inertia, params, contacts):
         count: Number of contacts.
         free: Generalised velocity at the end of the step without contact impulses.
         inertia: Inertia at the middle of the time step.
-        params: Parameters of the robot.
+        properties: Physical properties of the robot.
         contacts: The contacts and their impulses.
     """
-    if count == 0 or params.prescribed_speed:
+    if count == 0 or properties.prescribed_speed:
         return 0.0
     W, P = contacts.problem.W, contacts.problem.P
     trace, square = 0.0, 0.0
@@ -393,7 +393,7 @@ def impulse_share(count, free, inertia, params, contacts):
     determinant = inertia.m11 * inertia.m22 - inertia.m12 * inertia.m12
     w, n = free.pitch, free.crank
     turning = inertia.m22 * w * w - 2.0 * inertia.m12 * w * n + inertia.m11 * n * n
-    momentum = params.mass * (free.x * free.x + free.y * free.y) + turning / determinant
+    momentum = properties.mass * (free.x * free.x + free.y * free.y) + turning / determinant
     most = momentum * count / (2.0 * WEDGE_COMPLIANCE * trace)
     return np.sqrt(square / most) if square > 0.0 else 0.0
 

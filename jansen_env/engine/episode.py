@@ -142,7 +142,7 @@ class Observing(NamedTuple):
 @kernel(nogil=True)
 def control_step(
     thread: int,
-    shares: Ints2,
+    queues: Ints2,
     most: int,
     rows: Ints1,
     actions: Floats2,
@@ -155,11 +155,11 @@ def control_step(
 ) -> None:
     """Advance robots by one control step.
 
-    The thread first advances the robots of its own share, and then robots of other threads' shares.
+    The thread first advances the robots of its own queue, and then robots of other threads' queues.
 
     Args:
         thread: Number of the thread, see :func:`jansen_env.engine.integrator.advance`.
-        shares: Robots of each thread, shape (threads + 1, 2), see
+        queues: Robots of each thread, shape (threads + 1, 2), see
             :func:`jansen_env.engine.integrator.advance`.
         most: Largest number of robots to move in this call.
         rows: Indices of the robots, shape (k,).
@@ -175,12 +175,12 @@ def control_step(
     work = split(scratch)
     far, diverged = False, False
     taken = 0
-    known = len(shares) if thread == 0 else len(shares) - 1
+    known = len(queues) if thread == 0 else len(queues) - 1
     for offset in range(known):
-        share = shares[(thread + offset) % known]
+        queue = queues[(thread + offset) % known]
         while taken < most:
-            k = fetch_add(share)
-            if k >= share[1]:
+            k = fetch_add(queue)
+            if k >= queue[1]:
                 break
             r = rows[k]
             robot = motions.robots[r]
@@ -200,15 +200,15 @@ def control_step(
 
 @kernel
 def begin_step(
-    rows: Ints1, actions: Floats2, pushes: Floats2, robots: Robots, episodes: Episodes
+    row: int, action: float, pushes: Floats2, robots: Robots, episodes: Episodes
 ) -> bool:
     """Begin a control step of a robot that Python moves, see :func:`control_step`.
 
     Such a robot consists of pymunk's rigid bodies, or walks on pymunk's shapes.
 
     Args:
-        rows: Index of the robot, shape (1,).
-        actions: Actions, shape (n, 1).
+        row: Index of the robot.
+        action: Action of the robot, finite.
         pushes: Output, impulses on the chassis in N s, shape (steps, 2).
         robots: Records of the robots, changed in place.
         episodes: Other parts of the same records, changed in place.
@@ -216,10 +216,7 @@ def begin_step(
     Returns:
         Whether any push acts in this control step.
     """
-    pushed = False
-    for r in rows:
-        pushed = _begin_step(r, actions[r, 0], robots[r], episodes, pushes)
-    return pushed
+    return _begin_step(row, action, robots[row], episodes, pushes)
 
 
 @kernel
@@ -361,40 +358,42 @@ def apply_parameters(
     """
     for r in rows:
         robot, machine, values = robots[r], machines[r], robots[r].parameters
-        params = robot.params
-        prescribed = params.prescribed_speed
-        robot.params = machine.nominal
-        params.prescribed_speed = prescribed
-        params.friction, params.restitution = values.friction, values.restitution
-        params.load_mass = values.payload
-        params.load_x, params.load_y = values.payload_x, values.payload_y
-        params.mass_scale = values.mass_scale
-        params.inertia_scale = values.inertia_scale
-        params.damping_scale = values.damping_scale
+        properties = robot.properties
+        prescribed = properties.prescribed_speed
+        robot.properties = machine.nominal
+        properties.prescribed_speed = prescribed
+        properties.friction, properties.restitution = values.friction, values.restitution
+        properties.load_mass = values.payload
+        properties.load_x, properties.load_y = values.payload_x, values.payload_y
+        properties.mass_scale = values.mass_scale
+        properties.inertia_scale = values.inertia_scale
+        properties.damping_scale = values.damping_scale
         for i in range(2):
-            params.stiffness[i] *= values.foot_stiffness_scale
-            params.pad_damping[i] *= values.foot_damping_scale
+            properties.stiffness[i] *= values.foot_stiffness_scale
+            properties.pad_damping[i] *= values.foot_damping_scale
         strength = values.motor_strength
-        params.stall_torque *= strength
-        params.torque_slope *= strength
-        params.most_torque *= strength
-        params.winding /= strength  # This keeps the no-load speed.
-        params.rotor_pitch *= values.rotor_inertia_scale
-        params.rotor_coupling *= values.rotor_inertia_scale
-        params.rotor_crank *= values.rotor_inertia_scale
+        properties.stall_torque *= strength
+        properties.torque_slope *= strength
+        properties.most_torque *= strength
+        properties.winding /= strength  # This keeps the no-load speed.
+        properties.rotor_pitch *= values.rotor_inertia_scale
+        properties.rotor_coupling *= values.rotor_inertia_scale
+        properties.rotor_crank *= values.rotor_inertia_scale
         mass = values.mass_scale * machine.links_mass + values.payload
-        params.mass = mass
+        properties.mass = mass
         scale = values.mass_scale
-        params.pitch_arm = BOUND * (scale * machine.centre[0] / mass + machine.pad[0])
-        params.crank_arm = BOUND * (scale * machine.centre[1] / mass + machine.pad[1])
-        load = math.sqrt(params.load_x * params.load_x + params.load_y * params.load_y)
-        params.pitch_arm += params.load_mass * load / mass
+        properties.pitch_arm = BOUND * (scale * machine.centre[0] / mass + machine.pad[0])
+        properties.crank_arm = BOUND * (scale * machine.centre[1] / mass + machine.pad[1])
+        load = math.sqrt(
+            properties.load_x * properties.load_x + properties.load_y * properties.load_y
+        )
+        properties.pitch_arm += properties.load_mass * load / mass
         x, y = values.gravity_scale * gravity_x, values.gravity_scale * gravity_y
         cos, sin = mathematics.cos(values.tilt), mathematics.sin(values.tilt)
-        params.gravity_x, params.gravity_y = cos * x + sin * y, cos * y - sin * x
-        robot.status.pad_radius = params.pad_radius
+        properties.gravity_x, properties.gravity_y = cos * x + sin * y, cos * y - sin * x
+        robot.status.pad_radius = properties.pad_radius
         robot.weight = gravity * mass * values.gravity_scale
-        robot.direction = 1.0 if params.held else math.copysign(1.0, machine.advance)
+        robot.direction = 1.0 if properties.fixed_chassis else math.copysign(1.0, machine.advance)
         robot.full_torque = robot.direction * machine.torque_limit * strength
         robot.most_change = torque_rate * world[0].period / machine.torque_limit
 
@@ -442,14 +441,14 @@ def _finish_step(r, world, surface, pressed, motions, episodes, observing):
     x_before = robot.x_before
     slip, force = motions.slip[r], motions.contact_force[r]
     slipped = account(world.period, robot, slip, force, episodes.loads[r])
-    if not robot.params.held:
+    if not robot.properties.fixed_chassis:
         account_for_load(world.time_step, robot, pressed)
     inform(robot)
     if world.is_walk:
         walk, way = episodes.walks[r], robot.state[0] - x_before
         sample_command(robot, walk)
         judge_walk(world.period, episodes.weights[0], robot, walk, way, slipped)
-        if world.is_whole:
+        if world.fully_compiled:
             _observe(r, True, world, robot, surface, episodes, observing)
 
 

@@ -156,7 +156,7 @@ POSE, VELOCITY_BEFORE, VELOCITY_AFTER, TORQUE, DRY_TORQUE, IMPULSES = (
 @kernel(nogil=True)
 def advance(
     thread: int,
-    shares: Ints2,
+    queues: Ints2,
     most: int,
     rows: Ints1,
     steps: int,
@@ -172,13 +172,13 @@ def advance(
 ) -> None:
     """Advance robots by some time steps, and find the ground below them on the way.
 
-    The thread first advances the robots of its own share, and then robots of other threads' shares.
+    The thread first advances the robots of its own queue, and then robots of other threads' queues.
 
     Args:
         thread: Number of the calling thread.
-        shares: Robots of each thread, shape (threads + 1, 2): position in ``rows`` of the next
-            robot, and of the end of the share. The last row is for thread 0, after all other
-            shares.
+        queues: Robots of each thread, shape (threads + 1, 2): position in ``rows`` of the next
+            robot, and of the end of the queue. The last row is for thread 0, after all other
+            queues.
         most: Largest number of robots to advance in this call.
         rows: Indices of the robots, shape (k,).
         steps: Number of time steps.
@@ -197,12 +197,12 @@ def advance(
     work = split(scratch)
     far, diverged = False, False
     taken = 0
-    known = len(shares) if thread == 0 else len(shares) - 1
+    known = len(queues) if thread == 0 else len(queues) - 1
     for offset in range(known):
-        share = shares[(thread + offset) % known]
+        queue = queues[(thread + offset) % known]
         while taken < most:
-            k = fetch_add(share)
-            if k >= share[1]:
+            k = fetch_add(queue)
+            if k >= queue[1]:
                 break
             r = rows[k]
             commanded = torque[r], earlier[r], switch[r], pushes[r : r + 1]
@@ -224,7 +224,10 @@ def has_moved(robot):
     Args:
         robot: The robot's record.
     """
-    return not robot.params.held and not abs(robot.state[0] - robot.status.asked_x) <= MARGIN
+    return (
+        not robot.properties.fixed_chassis
+        and not abs(robot.state[0] - robot.status.ground_x) <= MARGIN
+    )
 
 
 @stage
@@ -251,8 +254,13 @@ def take_steps(r, steps, commanded, trace, work, scratch, designs, motions):
         motions: Records of the robots, changed in place.
     """
     robot, statistics, slip = motions.robots[r], motions.statistics[r], motions.slip[r]
-    force, params, status, state = motions.contact_force[r], robot.params, robot.status, robot.state
-    design, world, planes = params.design, designs.world[0], scratch.planes
+    force, properties, status, state = (
+        motions.contact_force[r],
+        robot.properties,
+        robot.status,
+        robot.state,
+    )
+    design, world, planes = properties.design, designs.world[0], scratch.planes
     model = Model(
         designs.body[design],
         designs.pads[design],
@@ -264,7 +272,7 @@ def take_steps(r, steps, commanded, trace, work, scratch, designs, motions):
     if not status.waits:
         for i in range(8):
             scratch.state[i] = state[i]
-        if params.compliant:
+        if properties.compliant:
             for j in range(len(statistics)):
                 for i in range(2):
                     scratch.deflection[j, i] = statistics[j].deflection[i]
@@ -278,12 +286,12 @@ def take_steps(r, steps, commanded, trace, work, scratch, designs, motions):
             status.waits = False
             sort_planes(status.first_plane, status.end_plane, planes)
             status.lost = status.too_deep
-        elif not params.held:
+        elif not properties.fixed_chassis:
             on_stretch = detect(state, robot, model, ground, world, designs.sides, planes)
             status.lost = not on_stretch or status.too_deep
         if status.lost:
             break
-        to_centroid(model.body, params, state, 1.0, work.sums)
+        to_centroid(model.body, properties, state, 1.0, work.sums)
         _advance_robot(
             world,
             steps,
@@ -297,13 +305,13 @@ def take_steps(r, steps, commanded, trace, work, scratch, designs, motions):
             trace,
             scratch.pressed,
         )
-        to_centroid(model.body, params, state, -1.0, work.sums)
+        to_centroid(model.body, properties, state, -1.0, work.sums)
     robot.diverged = status.lost
     if status.lost:
         _refuse(robot, statistics, slip, force, scratch)
         return
     end(robot, state, statistics, steps * world.time_step, slip, force, model, work.sums)
-    if not params.held and not status.on_shapes:
+    if not properties.fixed_chassis and not status.on_shapes:
         robot.accumulators.links_in_ground = links_in_ground(
             state, status, model, ground, world.toes, designs.sides, work.bound
         )
@@ -328,7 +336,7 @@ def _go_back(robot, statistics, scratch):
     """Restore the state that a robot had at the beginning of the control step."""
     for i in range(8):
         robot.state[i] = scratch.state[i]
-    if robot.params.compliant:
+    if robot.properties.compliant:
         for j in range(len(statistics)):
             for i in range(2):
                 statistics[j].deflection[i] = scratch.deflection[j, i]
@@ -353,7 +361,11 @@ def split(scratch):
         vectors[3],
         matrices[1],
         vectors[4],
-        ints[2 * n :],
+        ints[2 * n : 2 * n + 1],
+        ints[2 * n + 1 : 3 * n + 1],
+        ints[3 * n + 1 : 5 * n + 1],
+        ints[5 * n + 1 : 7 * n + 1],
+        ints[7 * n + 1 :],
         spare,
     )
     contacts = Contacts(
@@ -400,10 +412,10 @@ def _advance_robot(
     work.pose[TRAVEL] = 0.0
     for plane in range(status.end_plane - status.first_plane):
         work.bound[plane] = 0.0
-    if robot.params.compliant:
+    if robot.properties.compliant:
         attach_bristles(status, planes, statistics)
     while k < stop:
-        if k > begun and outruns(status.margin, h, state, robot.params, model, work):
+        if k > begun and outruns(status.margin, h, state, robot.properties, model, work):
             break
         if len(trace) > 0:
             for i in range(4):
@@ -415,7 +427,7 @@ def _advance_robot(
         )
         if len(trace) > 0:
             trace[k, TORQUE], trace[k, DRY_TORQUE] = used, dry / h
-            _trace(trace[k], state, robot.params.pad_radius, count, planes, work.contacts)
+            _trace(trace[k], state, robot.properties.pad_radius, count, planes, work.contacts)
         if k < len(pressed):  # A backend may be stepped for longer than a control step.
             pressed[k] = normal_impulse(count, work.contacts.problem)
         k += 1
@@ -423,7 +435,7 @@ def _advance_robot(
         if not _bounded(state):
             status.lost, status.step = True, steps
             break
-    if robot.params.compliant:
+    if robot.properties.compliant:
         keep_deflection(status, planes, statistics)
 
 
@@ -450,12 +462,14 @@ def _bounded(state):
 
 
 @stage
-def _time_step(h, asked, torque, pushes, renewed, state, robot, model, planes, statistics, work):
+def _time_step(
+    h, final_torque, torque, pushes, renewed, state, robot, model, planes, statistics, work
+):
     """Advance one robot by one time step.
 
     Args:
         h: Time step, in s.
-        asked: Commanded torque that holds at the end of the control step, in N m.
+        final_torque: Commanded torque that holds at the end of the control step, in N m.
         torque: Commanded torque that holds in this time step, in N m.
         pushes: Impulses on the chassis, see :func:`advance`.
         renewed: Whether the contact planes have been found again since the last time step.
@@ -470,28 +484,28 @@ def _time_step(h, asked, torque, pushes, renewed, state, robot, model, planes, s
         The number of contacts, the torque of the motor in N m, and the impulse of the Coulomb
         friction on the crank in N m s.
     """
-    params, contacts = robot.params, work.contacts
+    properties, contacts = robot.properties, work.contacts
     velocity = Velocity(state[4], state[5], state[6], state[7])
     x, y = state[0] + 0.5 * h * velocity.x, state[1] + 0.5 * h * velocity.y
     theta, psi = state[2] + 0.5 * h * velocity.pitch, state[3] + 0.5 * h * velocity.crank
-    inertia = _read_inertia(h, params, model.body, psi, work.sums)
-    springs = spring_torque(model.springs, psi) if params.sprung else 0.0
-    weight, push = _weight(theta, springs, inertia, params), Push(0.0, 0.0, 0.0, 0.0)
-    if len(pushes) > 0 and not params.held:
-        push = _push(h, pushes[0, robot.status.step], theta, inertia, params)
+    inertia = _read_inertia(h, properties, model.body, psi, work.sums)
+    springs = spring_torque(model.springs, psi) if properties.sprung else 0.0
+    weight, push = _weight(theta, springs, inertia, properties), Push(0.0, 0.0, 0.0, 0.0)
+    if len(pushes) > 0 and not properties.fixed_chassis:
+        push = _push(h, pushes[0, robot.status.step], theta, inertia, properties)
     count, impact, sided = find_contacts(
         h, (x, y, theta, psi), velocity, inertia, robot, model, planes, work
     )
-    wedged = assemble(count, sided, params, inertia, planes, contacts)
-    if params.compliant:
+    wedged = assemble(count, sided, properties, inertia, planes, contacts)
+    if properties.compliant:
         if renewed:
-            limit_springs(h, count, velocity, params, planes, contacts, statistics)
+            limit_springs(h, count, velocity, properties, planes, contacts, statistics)
         elif sided:
-            begin_sides(h, count, velocity, params, planes, contacts)
-        add_compliance(h, count, velocity, params, planes, contacts)
+            begin_sides(h, count, velocity, properties, planes, contacts)
+        add_compliance(h, count, velocity, properties, planes, contacts)
     friction = 0.0
-    if params.dry:
-        friction = params.gear_friction + bearing_friction(model.bearings, psi)
+    if properties.dry:
+        friction = properties.gear_friction + bearing_friction(model.bearings, psi)
     outcome = solve_velocities(
         h,
         torque,
@@ -500,7 +514,7 @@ def _time_step(h, asked, torque, pushes, renewed, state, robot, model, planes, s
         push,
         velocity,
         inertia,
-        params,
+        properties,
         count,
         impact,
         sided,
@@ -508,68 +522,68 @@ def _time_step(h, asked, torque, pushes, renewed, state, robot, model, planes, s
         contacts,
     )
     after, torque, dry = outcome.end, outcome.torque, outcome.dry
-    if params.prescribed_speed:
+    if properties.prescribed_speed:
         dry = -h * np.sign(velocity.crank) * friction
         torque = _crank_torque(h, weight, push, velocity, after, inertia, count, contacts) - dry / h
     accumulate_step(
         h,
         torque,
-        asked,
+        final_torque,
         dry,
         push,
         velocity,
         outcome,
         inertia,
         count,
-        params,
+        properties,
         contacts,
         robot.accumulators,
     )
     state[0], state[1] = x + 0.5 * h * after.x, y + 0.5 * h * after.y
     state[2], state[3] = theta + 0.5 * h * after.pitch, psi + 0.5 * h * after.crank
     state[4], state[5], state[6], state[7] = after
-    if params.compliant:
+    if properties.compliant:
         accumulate_compliant(
-            h, renewed, count, velocity, after, params, contacts, planes, robot, statistics
+            h, renewed, count, velocity, after, properties, contacts, planes, robot, statistics
         )
     elif count > 0:
         total = robot.accumulators
         accumulate_contacts(h, count, velocity, after, contacts, planes, total, statistics)
         moved_x, moved_y = correct_penetration(h, count, state, after, contacts)
-        lifted = params.gravity_x * moved_x + params.gravity_y * moved_y
-        total.correction_work -= params.mass * lifted
+        lifted = properties.gravity_x * moved_x + properties.gravity_y * moved_y
+        total.correction_work -= properties.mass * lifted
     return count, torque, dry
 
 
 @stage
-def _read_inertia(h, params, body, psi, sums):
+def _read_inertia(h, properties, body, psi, sums):
     """Return the inertia about the centre of mass, and its derivatives, at crank angle ``psi``."""
-    read_sums(body, params, psi, sums)
-    m, load, px, py = params.mass, params.load_mass, params.load_x, params.load_y
+    read_sums(body, properties, psi, sums)
+    m, load, px, py = properties.mass, properties.load_mass, properties.load_x, properties.load_y
     sx, sy = (sums[VALUE, C_X] + load * px) / m, (sums[VALUE, C_Y] + load * py) / m
     dx, dy = sums[FIRST, C_X] / m, sums[FIRST, C_Y] / m
     ddx, ddy = sums[SECOND, C_X] / m, sums[SECOND, C_Y] / m
-    pitch = sums[VALUE, INERTIA] + load * (px * px + py * py) + params.load_inertia
+    pitch = sums[VALUE, INERTIA] + load * (px * px + py * py) + properties.load_inertia
     pitch -= m * (sx * sx + sy * sy)
     pitch_slope = sums[FIRST, INERTIA] - 2.0 * m * (sx * dx + sy * dy)
     coupling = sums[VALUE, COUPLING] - m * (sx * dy - sy * dx)
     coupling_slope = sums[FIRST, COUPLING] - m * (sx * ddy - sy * ddx)
     crank, crank_slope = sums[VALUE, CRANK], sums[FIRST, CRANK]
-    if not params.held:
+    if not properties.fixed_chassis:
         crank -= m * (dx * dx + dy * dy)
         crank_slope -= 2.0 * m * (dx * ddx + dy * ddy)
-    damping = sums[VALUE, DAMPING] + params.viscous_friction
-    pitch += params.rotor_pitch
-    coupling += params.rotor_coupling
-    crank += params.rotor_crank
+    damping = sums[VALUE, DAMPING] + properties.viscous_friction
+    pitch += properties.rotor_pitch
+    coupling += properties.rotor_coupling
+    crank += properties.rotor_crank
     crank_implicit = crank + 0.5 * h * damping
     determinant = pitch * crank_implicit - coupling * coupling
     m11, m12, m22 = crank_implicit / determinant, -coupling / determinant, pitch / determinant
-    if params.prescribed_speed:  # No force changes the crank speed.
+    if properties.prescribed_speed:  # No force changes the crank speed.
         m11, m12, m22 = 1.0 / pitch, 0.0, 0.0
-    if params.held:  # No force changes the velocity of the chassis.
+    if properties.fixed_chassis:  # No force changes the velocity of the chassis.
         m11, m12 = 0.0, 0.0
-        m22 = 0.0 if params.prescribed_speed else 1.0 / crank_implicit
+        m22 = 0.0 if properties.prescribed_speed else 1.0 / crank_implicit
     return Inertia(
         (sx, sy),
         (dx, dy),
@@ -588,7 +602,7 @@ def _read_inertia(h, params, body, psi, sums):
 
 
 @stage
-def _weight(theta, springs, inertia, params):
+def _weight(theta, springs, inertia, properties):
     """Return gravity and the torque of the springs as a generalised force.
 
     Gravity acts on the centre of mass, or on the crank if the chassis is fixed.
@@ -597,19 +611,19 @@ def _weight(theta, springs, inertia, params):
         theta: Pitch, in rad.
         springs: Torque of the springs on the crank, in N m.
         inertia: Inertia at the middle of the step.
-        params: Parameters of the robot.
+        properties: Physical properties of the robot.
     """
-    gx, gy = params.gravity_x, params.gravity_y
-    if not params.held:
+    gx, gy = properties.gravity_x, properties.gravity_y
+    if not properties.fixed_chassis:
         return Push(gx, gy, 0.0, springs)
     cos, sin = mathematics.cos(theta), mathematics.sin(theta)
     dx, dy = inertia.ds
-    torque = params.mass * (gx * (cos * dx - sin * dy) + gy * (sin * dx + cos * dy))
+    torque = properties.mass * (gx * (cos * dx - sin * dy) + gy * (sin * dx + cos * dy))
     return Push(0.0, 0.0, 0.0, torque + springs)
 
 
 @stage
-def _push(h, impulse, theta, inertia, params):
+def _push(h, impulse, theta, inertia, properties):
     """Return the load of an impulse on the crank axis, in N s, shape (2,), during a time step.
 
     The velocity of the crank axis is V - w S R s - n R s'.
@@ -620,7 +634,7 @@ def _push(h, impulse, theta, inertia, params):
     rx, ry = cos * sx - sin * sy, sin * sx + cos * sy
     pitch = ry * jx - rx * jy
     crank = -jx * (cos * dx - sin * dy) - jy * (sin * dx + cos * dy)
-    return Push(jx / params.mass, jy / params.mass, pitch, crank)
+    return Push(jx / properties.mass, jy / properties.mass, pitch, crank)
 
 
 @stage

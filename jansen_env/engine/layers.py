@@ -94,6 +94,26 @@ def put_actions(
 
 
 @kernel
+def put_normalized(
+    values: Floats2, mean: Floats1, deviation: Floats1, clip: float, out: Floats2
+) -> None:
+    """Compute normalised observations: clip((value - mean) / deviation, -clip, clip).
+
+    NaN stays NaN.
+
+    Args:
+        values: Observations, shape (n, d).
+        mean: Mean of each observation, shape (d,).
+        deviation: Standard deviation of each observation, shape (d,).
+        clip: Largest magnitude of a normalised observation.
+        out: Output, shape (n, d).
+    """
+    for row in range(len(values)):
+        for i in range(len(mean)):
+            out[row, i] = _limited((values[row, i] - mean[i]) / deviation[i], clip)
+
+
+@kernel
 def put_harmonics(directions: Floats2, multiples: Ints1, out: Floats2) -> None:
     """Compute cosines and sines of multiples of angles.
 

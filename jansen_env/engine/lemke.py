@@ -130,7 +130,7 @@ def _eliminate(size, T, pivot_row, entering):
     for j in range(2 * size + 2):
         T[pivot_row, j] /= pivot
     for r in range(size):
-        share = T[r, entering]
-        if r != pivot_row and share != 0.0:
+        factor = T[r, entering]
+        if r != pivot_row and factor != 0.0:
             for j in range(2 * size + 2):
-                T[r, j] -= share * T[pivot_row, j]
+                T[r, j] -= factor * T[pivot_row, j]

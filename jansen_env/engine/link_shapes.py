@@ -484,9 +484,9 @@ def uniform_plate(points, count, mass):
                 area = abs(ax * by - ay * bx)
                 if area > largest:
                     first, second, third, largest = i, j, k, area
-    share = 12.0
+    divisor = 12.0
     if first < 0:
-        share = 6.0
+        divisor = 6.0
         u, v = points[farthest, 0] - x0, points[farthest, 1] - y0
         least = most = 0.0
         for i in range(count):
@@ -504,7 +504,7 @@ def uniform_plate(points, count, mass):
     total = _square_from(points[second], x, y, total)
     if third >= 0:
         total = _square_from(points[third], x, y, total)
-    return x, y, mass * total / share
+    return x, y, mass * total / divisor
 
 
 @stage

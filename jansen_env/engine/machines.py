@@ -68,42 +68,42 @@ def put_machine(
         machines: Output, shape (1,).
     """
     machine, whole = machines[0], chassis[0]
-    params, load = machine.nominal, whole.payload
+    properties, load = machine.nominal, whole.payload
     for k in range(len(links)):
         work[0, k] = links[k].mass
     machine.links_mass = legs * exact_sum(work[0, : len(links)], work[1])
     for k in range(len(links)):
         work[0, k] = links[k].inertia
-    params.own_inertia = legs * exact_sum(work[0, : len(links)], work[1])
-    params.mass = machine.links_mass + load.mass
-    params.load_mass, params.load_inertia = load.mass, load.inertia
-    params.load_x, params.load_y = load.position[0], load.position[1]
-    params.mass_scale = params.inertia_scale = params.damping_scale = 1.0
-    params.pad_radius = whole.pad_radius
+    properties.own_inertia = legs * exact_sum(work[0, : len(links)], work[1])
+    properties.mass = machine.links_mass + load.mass
+    properties.load_mass, properties.load_inertia = load.mass, load.inertia
+    properties.load_x, properties.load_y = load.position[0], load.position[1]
+    properties.mass_scale = properties.inertia_scale = properties.damping_scale = 1.0
+    properties.pad_radius = whole.pad_radius
     machine.torque_limit = whole.motor.torque_limit
-    _put_motor(whole.motor, params)
-    params.dry = whole.motor.friction > 0.0
+    _put_motor(whole.motor, properties)
+    properties.dry = whole.motor.friction > 0.0
     for k in range(len(friction)):
-        params.dry = params.dry or friction[k] > 0.0
-    params.sprung = False
+        properties.dry = properties.dry or friction[k] > 0.0
+    properties.sprung = False
     for k in range(len(stiffness)):
-        params.sprung = params.sprung or stiffness[k] > 0.0
+        properties.sprung = properties.sprung or stiffness[k] > 0.0
     pads = whole.pad_compliance
-    params.compliant = pads.stiffness < math.inf
-    params.stiffness[0], params.stiffness[1] = pads.stiffness, pads.tangential_stiffness
-    params.pad_damping[0], params.pad_damping[1] = pads.damping, pads.tangential_damping
+    properties.compliant = pads.stiffness < math.inf
+    properties.stiffness[0], properties.stiffness[1] = pads.stiffness, pads.tangential_stiffness
+    properties.pad_damping[0], properties.pad_damping[1] = pads.damping, pads.tangential_damping
 
 
 @stage
-def _put_motor(motor, params):
+def _put_motor(motor, properties):
     """Store the parameters of a motor, see :class:`jansen_env.robot.motor.Motor`."""
     inertia, gear, stall = motor.rotor_inertia, motor.gear_ratio, motor.stall_torque
-    params.rotor_pitch, params.rotor_coupling = inertia, gear * inertia
-    params.rotor_crank = gear * gear * inertia
+    properties.rotor_pitch, properties.rotor_coupling = inertia, gear * inertia
+    properties.rotor_crank = gear * gear * inertia
     slope = stall / motor.no_load_speed if motor.no_load_speed < math.inf else 0.0
-    params.stall_torque, params.torque_slope = stall, slope
-    params.limited = stall < math.inf
-    params.most_torque = motor.torque_limit if stall < math.inf else math.inf
-    params.winding = motor.efficiency / slope if slope > 0.0 else 0.0
-    params.driving, params.driven = 1.0 / motor.efficiency, motor.efficiency
-    params.viscous_friction, params.gear_friction = motor.viscous_friction, motor.friction
+    properties.stall_torque, properties.torque_slope = stall, slope
+    properties.limited = stall < math.inf
+    properties.most_torque = motor.torque_limit if stall < math.inf else math.inf
+    properties.winding = motor.efficiency / slope if slope > 0.0 else 0.0
+    properties.driving, properties.driven = 1.0 / motor.efficiency, motor.efficiency
+    properties.viscous_friction, properties.gear_friction = motor.viscous_friction, motor.friction

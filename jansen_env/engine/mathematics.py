@@ -73,6 +73,24 @@ def floor(x):
 
 
 @stage
+def modulo(x, period):
+    """Return ``x`` modulo a positive ``period``, from 0 to ``period``, as NumPy's ``%`` does.
+
+    The remainder is exact, because only multiples of ``period`` times a power of two are
+    subtracted from larger numbers of at most twice their size.
+    """
+    rest = abs(x)
+    if not rest < math.inf:
+        return math.nan
+    while rest >= period:
+        step = period
+        while 2.0 * step <= rest:
+            step *= 2.0
+        rest -= step
+    return period - rest if x < 0.0 and rest > 0.0 else rest
+
+
+@stage
 def hypot(x, y):
     """Return sqrt(x^2 + y^2) with an error of 1 ulp; the squares must not overflow."""
     return math.sqrt(x * x + y * y)

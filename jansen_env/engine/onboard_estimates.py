@@ -100,9 +100,9 @@ def _toe(paths, toe, angle, cos, sin):
     place = angle * (SAMPLES / (2.0 * math.pi))
     place -= SAMPLES * mathematics.floor(place / SAMPLES)
     low = min(int(place), SAMPLES - 1)
-    share = place - low
-    x = float(paths[low, toe, 0]) * (1.0 - share) + float(paths[low + 1, toe, 0]) * share
-    y = float(paths[low, toe, 1]) * (1.0 - share) + float(paths[low + 1, toe, 1]) * share
+    fraction = place - low
+    x = float(paths[low, toe, 0]) * (1.0 - fraction) + float(paths[low + 1, toe, 0]) * fraction
+    y = float(paths[low, toe, 1]) * (1.0 - fraction) + float(paths[low + 1, toe, 1]) * fraction
     return cos * x - sin * y, sin * x + cos * y
 
 

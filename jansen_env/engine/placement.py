@@ -76,9 +76,9 @@ def place(
         there is none. If there is such a robot, no robot is placed.
     """
     for r in rows:
-        params = motions.robots[r].params
-        depth = resting_depth(params.mass, params.stiffness[0], -params.gravity_y)
-        if not params.held and depth > DEEPEST:
+        properties = motions.robots[r].properties
+        depth = resting_depth(properties.mass, properties.stiffness[0], -properties.gravity_y)
+        if not properties.fixed_chassis and depth > DEEPEST:
             return r
     for r in rows:
         state, statistics = motions.robots[r].state, motions.statistics[r]
@@ -100,18 +100,18 @@ def _stand(rows, designs, robots, centres, planes):
     toes = world.toes
     for r in rows:
         robot = robots[r]
-        state, params, status = robot.state, robot.params, robot.status
-        if params.held:
+        state, properties, status = robot.state, robot.properties, robot.status
+        if properties.fixed_chassis:
             if math.isnan(state[2]):
                 state[2] = 0.0
             continue
-        design, radius = params.design, params.pad_radius
+        design, radius = properties.design, properties.pad_radius
         body, pads, layout = designs.body[design], designs.pads[design], designs.layout[design]
         near = surface, status.first_near, status.end_near
         # Place the lowest toes so that they have no gap, as discs on the slope below them.
         for j in range(toes):
             centres[j, 0], centres[j, 1] = pad_place(pads, layout[j], state[3])
-        centres[toes, 0], centres[toes, 1] = centre_of_mass(body, params, state[3])
+        centres[toes, 0], centres[toes, 1] = centre_of_mass(body, properties, state[3])
         common = centres[:toes], centres[toes], *near, state[0], radius
         if math.isnan(state[2]):
             state[2] = _level_pitch(*common)
@@ -136,7 +136,7 @@ def _stand(rows, designs, robots, centres, planes):
             left = min(left, _side_clearance(centres, designs.sides, *near, status.pad_radius))
         if abs(left) > CLOSE:
             state[1] -= left
-        depth = resting_depth(params.mass, params.stiffness[0], -params.gravity_y)
+        depth = resting_depth(properties.mass, properties.stiffness[0], -properties.gravity_y)
         state[1] -= PLACEMENT_DEPTH + depth
 
 
@@ -291,8 +291,8 @@ def _level_pitch(toes, centre, surface, begin, end, x, radius):
             return pitch
         low, high = _tried(low, high, found), _tried(low, high, found + 1)
         if abs(below) < math.inf and abs(above) < math.inf:
-            share = below / (below - above)
-            pitch = low + share * (high - low)
+            fraction = below / (below - above)
+            pitch = low + fraction * (high - low)
         else:
             pitch = 0.5 * (low + high)
     return pitch

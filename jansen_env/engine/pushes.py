@@ -93,9 +93,9 @@ def _push(start, x, y, begin, push, out):
     steps, step = len(out), push.time_step
     if start >= (begin + steps) * step or start + push.duration <= begin * step:
         return False
-    before = _share(begin * step - start, push.duration)
+    before = _delivered(begin * step - start, push.duration)
     for k in range(steps):
-        after = _share((begin + k + 1) * step - start, push.duration)
+        after = _delivered((begin + k + 1) * step - start, push.duration)
         out[k, 0] += x * (after - before)
         out[k, 1] += y * (after - before)
         before = after
@@ -103,7 +103,7 @@ def _push(start, x, y, begin, push, out):
 
 
 @stage
-def _share(time, duration):
+def _delivered(time, duration):
     """Return the fraction of its impulse that a push has delivered.
 
     Args:

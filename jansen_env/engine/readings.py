@@ -7,8 +7,8 @@ from jansen_env.engine.collision import height_at
 from jansen_env.engine.kernel import stage
 
 # Fields of the information that are reported for a robot with a fixed chassis.
-HELD_INFORMATION = "crank_angle", "crank_speed", "crank_torque", "diverged"
-HELD_ENERGIES = (
+FIXED_CHASSIS_INFORMATION = "crank_angle", "crank_speed", "crank_torque", "diverged"
+FIXED_CHASSIS_ENERGIES = (
     "motor_work",
     "electrical_work",
     "joint_loss",

@@ -52,7 +52,7 @@ def floats(*names: str) -> list[tuple[str, type]]:
     return [(name, float) for name in names]
 
 
-PARAMS = row_dtype(
+PROPERTIES = row_dtype(
     [
         ("design", "i8"),  # index of the design in the tables
         ("mass", "f8"),  # kg, including the load
@@ -75,7 +75,7 @@ PARAMS = row_dtype(
         ("pitch_arm", "f8"),  # m, largest distance of a pad from the centre of mass
         # Largest speed of a pad relative to the centre of mass per crank speed, in m.
         ("crank_arm", "f8"),
-        ("held", "?"),  # whether the chassis is fixed and only the crank turns
+        ("fixed_chassis", "?"),  # whether the chassis is fixed and only the crank turns
         ("prescribed_speed", "?"),  # whether the crank keeps its speed, whatever torque this takes
         # The motor, see :class:`jansen_env.robot.motor.Motor`.
         ("rotor_pitch", "f8"),  # kg m^2, inertias that the rotor adds
@@ -100,7 +100,11 @@ PARAMS = row_dtype(
         ("pad_damping", "f8", 2),  # N s/m, normal and tangential
     ]
 )
-"""Parameters that may differ between the robots of a batch."""
+"""Physical properties of a robot in an episode, which the stages of a time step read.
+
+The kernel ``apply_parameters`` computes them from the robot (:data:`MACHINE`) and the parameters of
+its episode (:data:`PARAMETERS`).
+"""
 
 STATUS = row_dtype(
     [
@@ -119,7 +123,7 @@ STATUS = row_dtype(
         ("end_near", "i8"),
         # Position of the crank axis, in m, at which this range was determined; inf if it was never
         # determined.
-        ("asked_x", "f8"),
+        ("ground_x", "f8"),
         ("room", "f8"),  # m, distance that the robot may move from there
         ("too_deep", "?"),  # whether a pad is so deep in the ground that it has no plane
         # Whether pymunk lists the planes, because the terrain is not a height line.
@@ -138,7 +142,7 @@ ACCUMULATORS = row_dtype(
         ("worst_residual", "f8"),  # N s, largest residual of the contact law in a time step
         ("contact_gain", "f8"),  # J, largest energy that contact impulses added in a time step
         # Largest ratio of the contact impulses to the impulses that the motion explains.
-        ("impulse_share", "f8"),
+        ("impulse_ratio", "f8"),
         ("non_toe_impulse", "f8"),  # N s, normal impulse on pads other than toes
         # Number of sides of links that are below a vertex of the ground at the end of the step.
         ("links_in_ground", "i8"),
@@ -181,10 +185,10 @@ PARAMETERS = row_dtype(
 :data:`jansen_env.plants.parameters.TABLE` has their meanings and limits.
 """
 
-STATE = ("x_position", "x_velocity", "pitch", "crank_angle", "crank_speed", "crank_torque")
+MOTION = ("x_position", "x_velocity", "pitch", "crank_angle", "crank_speed", "crank_torque")
 SUPPORT = ("ground_load", "unsupported")
 INFORMATION = row_dtype(
-    [*floats(*STATE, *SUPPORT, "joint_gap"), ("links_in_ground", "i8"), ("diverged", bool)]
+    [*floats(*MOTION, *SUPPORT, "joint_gap"), ("links_in_ground", "i8"), ("diverged", bool)]
 )
 """Information on a robot in the simulation; the environments document the units."""
 
@@ -230,9 +234,10 @@ ONBOARD = row_dtype(
 
 ROBOT = row_dtype(
     [
-        # x, y, theta, psi and their rates, in m, rad and s; x, y is the position of the crank axis.
+        # Mechanical state: x, y, theta, psi and their rates, in m, rad and s; x, y is the position
+        # of the crank axis.
         ("state", "f8", 8),
-        ("params", PARAMS),
+        ("properties", PROPERTIES),
         ("status", STATUS),
         ("accumulators", ACCUMULATORS),
         ("diverged", "?"),  # whether the robot diverged in the last step, which was then undone
@@ -295,8 +300,9 @@ WORLD = row_dtype(
         ("steps", "i8"),  # time steps per control step
         ("period", "f8"),  # s, duration of a control step
         ("is_walk", "?"),  # whether the task is the compiled walking task or extends it
-        # Whether a control step ends with the observation, so that all of it is compiled.
-        ("is_whole", "?"),
+        # Whether the kernel also fills the observation at the end of a control step, because no
+        # method in Python follows.
+        ("fully_compiled", "?"),
         ("noisy", "?"),  # whether the sensors have errors
         ("onboard", "?"),  # whether onboard sensors are observed
     ]
@@ -305,7 +311,7 @@ WORLD = row_dtype(
 
 MACHINE = row_dtype(
     [
-        ("nominal", PARAMS),  # values before the parameters of an episode are applied
+        ("nominal", PROPERTIES),  # values before the parameters of an episode are applied
         ("links_mass", "f8"),  # kg
         ("torque_limit", "f8"),  # N m
         ("advance", "f8"),  # m per turn of the crank, with its sign
@@ -567,9 +573,14 @@ class Problem(NamedTuple):
         u: Output, velocities in m/s, shape (2 n,).
         A: Work space for LU factors, shape (2 n, 2 n).
         rhs: Work space, shape (2 n,).
-        indices: Work space, shape (10 n + 1,), see
-            :func:`jansen_env.engine.contact_solver.solve`.
-        spare: Work space for the search for contact modes, shape (4 n + 4, 8 n + 2).
+        factored: Number of unknowns of the linear problem whose LU factors are in ``A``; 0 if
+            there are no valid factors, shape (1,).
+        factored_modes: Contact modes to which these factors belong, shape (n,).
+        unknowns: Row of ``P`` of each unknown of this linear problem, shape (2 n,).
+        exchanges: Row with which each row was exchanged in the factorisation, shape (2 n,).
+        search: Work space for the search for contact modes: the modes of the best solution, then
+            the basis of Lemke's method, shape (5 n,).
+        spare: Work space for the same search, shape (4 n + 4, 8 n + 2).
     """
 
     W: Array
@@ -580,7 +591,11 @@ class Problem(NamedTuple):
     u: Array
     A: Array
     rhs: Array
-    indices: Ints
+    factored: Ints
+    factored_modes: Ints
+    unknowns: Ints
+    exchanges: Ints
+    search: Ints
     spare: Array
 
 

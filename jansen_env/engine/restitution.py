@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from jansen_env.engine.contact_solver import STICK, WEDGE_COMPLIANCE, regularise, solve
-from jansen_env.engine.contacts import add_dry_friction, can_wedge, impulse_share, rate
+from jansen_env.engine.contacts import add_dry_friction, can_wedge, impulse_ratio, rate
 from jansen_env.engine.kernel import stage
+from jansen_env.engine.motor import motor_torque
 from jansen_env.engine.records import Velocity
 
 PASSES = 2  # evaluations of the speed-dependent terms in a step
@@ -23,7 +24,7 @@ ROUNDING = 1e-9  # energy gain that counts as rounding, relative to impulse time
 # Stages of the search for velocities at which the contacts create no energy. The search tries them
 # in this order, skips stages that do not apply, and ends with the first one that succeeds:
 #
-# - AS_ASKED: the restitution of the terrain.
+# - FULL_BOUNCE: the restitution of the terrain.
 # - WITHOUT_BOUNCE: no restitution.
 # - LENIENT: the restitution of the terrain again, if energy comes from other forces even without
 #   restitution. Energy that these forces explain is then allowed.
@@ -32,14 +33,14 @@ ROUNDING = 1e-9  # energy gain that counts as rounding, relative to impulse time
 # - WITHOUT_CURVATURE: neither restitution nor the curvature of the pads' paths.
 # - YIELDING: contacts that yield like wedged contacts. This stage is also entered at once if the
 #   impulses are larger than the motion explains.
-AS_ASKED, WITHOUT_BOUNCE, LENIENT, SEARCH, LENIENT_SEARCH, WITHOUT_CURVATURE, YIELDING = range(7)
+FULL_BOUNCE, WITHOUT_BOUNCE, LENIENT, SEARCH, LENIENT_SEARCH, WITHOUT_CURVATURE, YIELDING = range(7)
 
 
 class Trial(NamedTuple):
     """Requirements on the velocities of the contacts, and the state of the search for them.
 
     Attributes:
-        stage: Stage of the search, ``AS_ASKED`` to ``YIELDING``.
+        stage: Stage of the search, ``FULL_BOUNCE`` to ``YIELDING``.
         bounce: Coefficient of restitution.
         curved: Whether the curvature of the pads' paths is taken into account.
         least: Largest coefficient of restitution known to create no energy.
@@ -67,7 +68,7 @@ class Outcome(NamedTuple):
         dry: Impulse of the crank's Coulomb friction, in N m s.
         residual: Residual of the contact law, in N s.
         may_gain: Whether the contacts may have created energy, because this was not ruled out.
-        impulse_share: Impulses of the contacts, as a fraction of the largest possible ones.
+        impulse_ratio: Impulses of the contacts, as a fraction of the largest possible ones.
     """
 
     end: Velocity
@@ -76,7 +77,7 @@ class Outcome(NamedTuple):
     dry: float
     residual: float
     may_gain: bool
-    impulse_share: float
+    impulse_ratio: float
 
 
 @stage
@@ -88,7 +89,7 @@ def solve_velocities(
     push,
     velocity,
     inertia,
-    params,
+    properties,
     count,
     impact,
     sided,
@@ -110,7 +111,7 @@ def solve_velocities(
         push: Load on the chassis, likewise.
         velocity: Velocity at the beginning of the step.
         inertia: Inertia at the middle of the step.
-        params: Parameters of the robot.
+        properties: Physical properties of the robot.
         count: Number of contacts.
         impact: Whether a contact was open when the step began.
         sided: Whether a side of a link touches the ground.
@@ -121,38 +122,38 @@ def solve_velocities(
         The :class:`Outcome` of the step.
     """
     sliding = friction * np.sign(velocity.crank)
-    dry = friction > 0.0 and not params.prescribed_speed
-    rigid = not params.compliant
-    asked = 0.0 if wedged else params.restitution
-    checked = rigid and count > 0 and (asked > 0.0 or sided or can_wedge(params))
+    dry = friction > 0.0 and not properties.prescribed_speed
+    rigid = not properties.compliant
+    restitution = 0.0 if wedged else properties.restitution
+    checked = rigid and count > 0 and (restitution > 0.0 or sided or can_wedge(properties))
     curved = not (rigid and (impact or wedged))
-    trial = Trial(AS_ASKED, asked, curved, 0.0, asked, 0, False)
+    trial = Trial(FULL_BOUNCE, restitution, curved, 0.0, restitution, 0, False)
     while True:
-        held = dry and sliding == 0.0
+        stuck = dry and sliding == 0.0
         end, free, residual, used = _solve_step(
             h,
             torque,
             sliding,
-            held,
+            stuck,
             friction,
             weight,
             push,
             velocity,
             inertia,
-            params,
+            properties,
             count,
             trial,
             contacts,
         )
-        if dry and not held and end.crank * velocity.crank <= 0.0:
+        if dry and not stuck and end.crank * velocity.crank <= 0.0:
             sliding = 0.0
             continue
-        share = impulse_share(count, free, inertia, params, contacts) if rigid else 0.0
+        ratio = impulse_ratio(count, free, inertia, properties, contacts) if rigid else 0.0
         if trial.stage == YIELDING:
             break
-        if share > 1.0:
+        if ratio > 1.0:
             regularise(count, contacts.problem.W, WEDGE_COMPLIANCE)
-            contacts.problem.indices[5 * count] = 0  # W has changed, so its factors are invalid
+            contacts.problem.factored[0] = 0  # W has changed, so its factors are invalid
             trial = Trial(YIELDING, 0.0, False, 0.0, 0.0, 0, False)
             continue
         if not checked or trial.stage == WITHOUT_CURVATURE:
@@ -161,21 +162,21 @@ def solve_velocities(
         # Compare with the energy that the other forces alone would leave. If there is no excess
         # over it, these forces account for the gain.
         excess = creates and contact_gain(count, free, end, contacts) > 0.0
-        trial = _next_trial(trial, asked, creates, excess)
+        trial = _next_trial(trial, restitution, creates, excess)
         if trial.over:
             break
     may_gain = rigid and count > 0 and (trial.stage >= WITHOUT_CURVATURE or not checked)
-    impulse = contacts.problem.P[2 * count + 1] if held else -h * sliding
-    return Outcome(end, free, used, impulse, residual, may_gain, share)
+    impulse = contacts.problem.P[2 * count + 1] if stuck else -h * sliding
+    return Outcome(end, free, used, impulse, residual, may_gain, ratio)
 
 
 @stage
-def _next_trial(trial, asked, creates, excess):
+def _next_trial(trial, restitution, creates, excess):
     """Choose the next stage of the search from the energy that the last velocities created.
 
     Args:
         trial: The last stage.
-        asked: Coefficient of restitution of the terrain, or 0 if contacts are wedged.
+        restitution: Coefficient of restitution of the terrain, or 0 if contacts are wedged.
         creates: Whether the contacts created energy.
         excess: Whether they created more energy than the other forces account for.
     """
@@ -187,12 +188,12 @@ def _next_trial(trial, asked, creates, excess):
         return Trial(WITHOUT_CURVATURE, bounce, False, least, most, tries, not curved)
     if creates and lenient:
         creates = excess
-    if stage == AS_ASKED:
-        over = not creates or asked == 0.0
+    if stage == FULL_BOUNCE:
+        over = not creates or restitution == 0.0
         if not over:
             stage, bounce = WITHOUT_BOUNCE, 0.0
     elif stage == WITHOUT_BOUNCE and creates:
-        stage, bounce = LENIENT, asked
+        stage, bounce = LENIENT, restitution
     elif stage == LENIENT and not creates:
         over = True
     elif tries > BOUNCE_TRIES:  # the last coefficient was the largest one found
@@ -215,13 +216,13 @@ def _solve_step(
     h,
     torque,
     sliding,
-    held,
+    stuck,
     friction,
     weight,
     push,
     velocity,
     inertia,
-    params,
+    properties,
     count,
     trial,
     contacts,
@@ -231,7 +232,7 @@ def _solve_step(
     The speed-dependent terms use the mean of the old and the new velocity.
 
     Most arguments are those of :func:`solve_velocities`. In addition, ``sliding`` is the Coulomb
-    friction torque on the crank with the sign of the crank speed, in N m. ``held`` tells whether
+    friction torque on the crank with the sign of the crank speed, in N m. ``stuck`` tells whether
     this friction is an additional contact instead. ``trial`` holds the requirements on the
     velocities of the contacts.
 
@@ -242,7 +243,7 @@ def _solve_step(
     w, n = velocity.pitch, velocity.crank
     used = torque
     constraints = count
-    if held:
+    if stuck:
         constraints += 1
         add_dry_friction(h, count, friction, inertia, contacts)
     problem, MJ = contacts.problem, contacts.MJ
@@ -256,9 +257,9 @@ def _solve_step(
         crank_force = 0.5 * mw * mw * inertia.pitch_slope - 0.5 * mn * mn * inertia.crank_slope
         pitch_force += push.pitch
         crank_force += weight.crank + push.crank - sliding
-        if params.limited:
+        if properties.limited:
             used = motor_torque(
-                h, torque, n, from_contacts, pitch_force, crank_force, inertia, params
+                h, torque, n, from_contacts, pitch_force, crank_force, inertia, properties
             )
         crank_force += used - inertia.damping * n
         nx, ny = velocity.x + h * ax, velocity.y + h * ay
@@ -268,7 +269,7 @@ def _solve_step(
         if constraints == 0:
             continue
         _fill_velocities(count, velocity, free, trial, contacts)
-        if held:
+        if stuck:
             problem.v_free[2 * count + 1] = free.crank
         residual = solve(constraints, problem)
         for i in range(2 * constraints):
@@ -276,65 +277,10 @@ def _solve_step(
             ny += MJ[i, 1] * problem.P[i]
             nw += MJ[i, 2] * problem.P[i]
             nn += MJ[i, 3] * problem.P[i]
-        if held and problem.mode[count] == STICK:
+        if stuck and problem.mode[count] == STICK:
             nn = 0.0  # exactly, without rounding errors
         from_contacts = nn - free.crank
     return Velocity(nx, ny, nw, nn), free, residual, used
-
-
-@stage
-def limited_torque(asked, lost, share, params):
-    """Limit a commanded torque to what the motor can deliver, in N m.
-
-    Args:
-        asked: Commanded torque, in N m.
-        lost: Torque by which the speed of the motor reduces the stall torque, in N m.
-        share: Factor on the torque-speed line. It is below 1 if the effect of the torque on the
-            speed within the time step is solved for (see :func:`motor_torque`), and otherwise 1.
-        params: Parameters of the robot.
-    """
-    most = params.most_torque
-    high = max(min(share * (params.stall_torque - lost), most), -most)
-    low = min(max(-share * (params.stall_torque + lost), -most), most)
-    return min(high, max(low, asked))
-
-
-@stage
-def drawn_power(torque, speed, params):
-    """Return the electrical power that a motor draws, in W; a motor feeds no power back.
-
-    Args:
-        torque: Torque at the crank, in N m.
-        speed: Speed of the crank, in rad/s.
-        params: Parameters of the robot.
-    """
-    inner = torque * (params.driving if torque * speed >= 0.0 else params.driven)
-    return max(inner * (speed + params.winding * inner), 0.0)
-
-
-@stage
-def motor_torque(h, asked, n, from_contacts, pitch_force, crank_force, inertia, params):
-    """Return the torque of the motor at the mean crank speed of the step, in N m.
-
-    The mean speed depends on the torque, so the method is implicit. The contacts enter only through
-    the crank speed that they added in the last pass. They can only make the crank feel heavier, so
-    the method is stable however steep the torque-speed line of the motor is.
-
-    Args:
-        h: Time step, in s.
-        asked: Commanded torque, in N m.
-        n: Crank speed at the beginning of the step, in rad/s.
-        from_contacts: Crank speed that the contacts added in the last pass, in rad/s.
-        pitch_force: Generalised force on the pitch, in N m.
-        crank_force: Generalised force on the crank without motor and damping, in N m.
-        inertia: Inertia at the middle of the step.
-        params: Parameters of the robot.
-    """
-    crank_force -= inertia.damping * n
-    rest = n + from_contacts + h * (inertia.m12 * pitch_force + inertia.m22 * crank_force)
-    lost = 0.5 * params.torque_slope * (n + rest)
-    share = 1.0 / (1.0 + 0.5 * h * params.torque_slope * inertia.m22)
-    return limited_torque(asked, lost, share, params)
 
 
 @stage

@@ -1,7 +1,7 @@
 """Tables of a compiled robot: how they are read, and the centre of mass and energy of a state.
 
 The tables are those of :class:`jansen_env.dynamics.reduced.Tables`. All other values of a robot are
-in its record :data:`jansen_env.engine.records.PARAMS`.
+in its record :data:`jansen_env.engine.records.PROPERTIES`.
 """
 
 from __future__ import annotations
@@ -98,32 +98,32 @@ def read_body(body, psi, out):
 
 
 @stage
-def read_sums(body, params, psi, out):
+def read_sums(body, properties, psi, out):
     """Read the sums over the bodies at a crank angle, scaled by the parameters of a robot.
 
     Args:
         body: Table of the body, shape (intervals, order, functions).
-        params: Parameters of the robot.
+        properties: Physical properties of the robot.
         psi: Crank angle, in rad.
         out: Output, shape (3, 6), see :func:`read_body`.
     """
     read_body(body, psi, out)
-    if params.inertia_scale != 1.0:
+    if properties.inertia_scale != 1.0:
         row, t = locate(body.shape[0], psi)
-        more = params.inertia_scale - 1.0
-        out[VALUE, INERTIA] += more * params.own_inertia
+        more = properties.inertia_scale - 1.0
+        out[VALUE, INERTIA] += more * properties.own_inertia
         for f in (COUPLING, CRANK):
             part = f + OWN_COUPLING - COUPLING
             out[VALUE, f] += more * _value(body, row, part, t)
             out[FIRST, f] += more * _first(body, row, part, t)
-    if params.mass_scale != 1.0:
+    if properties.mass_scale != 1.0:
         for f in (C_X, C_Y, INERTIA, COUPLING, CRANK):
-            out[VALUE, f] *= params.mass_scale
-            out[FIRST, f] *= params.mass_scale
+            out[VALUE, f] *= properties.mass_scale
+            out[FIRST, f] *= properties.mass_scale
         for f in (C_X, C_Y):
-            out[SECOND, f] *= params.mass_scale
-    out[VALUE, DAMPING] *= params.damping_scale
-    out[FIRST, DAMPING] *= params.damping_scale
+            out[SECOND, f] *= properties.mass_scale
+    out[VALUE, DAMPING] *= properties.damping_scale
+    out[FIRST, DAMPING] *= properties.damping_scale
 
 
 @stage
@@ -211,26 +211,26 @@ def spring_energy(springs, psi):
 
 
 @stage
-def centre_of_mass(body, params, psi):
+def centre_of_mass(body, properties, psi):
     """Return the centre of mass (x, y) of a robot, including its load, in m.
 
     Args:
         body: Table of the body, shape (intervals, order, functions).
-        params: Parameters of the robot.
+        properties: Physical properties of the robot.
         psi: Crank angle, in rad.
 
     Returns:
         The position in the chassis frame.
     """
     row, t = locate(body.shape[0], psi)
-    load, m = params.load_mass, params.mass
+    load, m = properties.load_mass, properties.mass
     x, y = _first_two(body, row, t)
-    x, y = params.mass_scale * x, params.mass_scale * y
-    return (x + load * params.load_x) / m, (y + load * params.load_y) / m
+    x, y = properties.mass_scale * x, properties.mass_scale * y
+    return (x + load * properties.load_x) / m, (y + load * properties.load_y) / m
 
 
 @stage(inline=False)
-def to_centroid(body, params, state, sign, sums):
+def to_centroid(body, properties, state, sign, sums):
     """Shift the reference point of a state between the crank axis and the centre of mass.
 
     The state of a robot with a fixed chassis does not change, because its equation of motion is
@@ -238,17 +238,17 @@ def to_centroid(body, params, state, sign, sums):
 
     Args:
         body: Table of the body, shape (intervals, order, functions).
-        params: Parameters of the robot.
+        properties: Physical properties of the robot.
         state: The state, shape (8,), changed in place.
         sign: 1 to shift the state to the centre of mass, -1 to shift it back to the crank axis.
         sums: Work space, shape (3, 6).
     """
-    if params.held:
+    if properties.fixed_chassis:
         return
-    read_sums(body, params, state[3], sums)
-    m = params.mass
-    sx = (sums[VALUE, C_X] + params.load_mass * params.load_x) / m
-    sy = (sums[VALUE, C_Y] + params.load_mass * params.load_y) / m
+    read_sums(body, properties, state[3], sums)
+    m = properties.mass
+    sx = (sums[VALUE, C_X] + properties.load_mass * properties.load_x) / m
+    sy = (sums[VALUE, C_Y] + properties.load_mass * properties.load_y) / m
     dx, dy = sums[FIRST, C_X] / m, sums[FIRST, C_Y] / m
     cos, sin = mathematics.cos(state[2]), mathematics.sin(state[2])
     w, n = state[6], state[7]
@@ -260,36 +260,38 @@ def to_centroid(body, params, state, sign, sums):
 
 
 @stage(inline=False)
-def mechanical_energy(body, springs, params, state, sums):
+def mechanical_energy(body, springs, properties, state, sums):
     """Return the sum of kinetic and potential energy, in J.
 
     Args:
         body: Table of the body, shape (intervals, order, functions).
         springs: Table of the springs, shape (intervals, order, 1).
-        params: Parameters of the robot.
+        properties: Physical properties of the robot.
         state: State of the crank axis, shape (8,). The potential energy of gravity is 0 at y = 0,
             and that of a spring is 0 at its rest length.
         sums: Work space, shape (3, 6).
     """
-    read_sums(body, params, state[3], sums)
-    load, px, py = params.load_mass, params.load_x, params.load_y
+    read_sums(body, properties, state[3], sums)
+    load, px, py = properties.load_mass, properties.load_x, properties.load_y
     cx, cy = sums[VALUE, C_X] + load * px, sums[VALUE, C_Y] + load * py
-    inertia = sums[VALUE, INERTIA] + load * (px * px + py * py) + params.load_inertia
-    inertia += params.rotor_pitch
-    coupling = sums[VALUE, COUPLING] + params.rotor_coupling
-    crank = sums[VALUE, CRANK] + params.rotor_crank
+    inertia = sums[VALUE, INERTIA] + load * (px * px + py * py) + properties.load_inertia
+    inertia += properties.rotor_pitch
+    coupling = sums[VALUE, COUPLING] + properties.rotor_coupling
+    crank = sums[VALUE, CRANK] + properties.rotor_crank
     cos, sin = mathematics.cos(state[2]), mathematics.sin(state[2])
     rx, ry = cos * cx - sin * cy, sin * cx + cos * cy
     sx, sy = sums[FIRST, C_X], sums[FIRST, C_Y]
     dx, dy = cos * sx - sin * sy, sin * sx + cos * sy
     vx, vy, w, n = state[4], state[5], state[6], state[7]
-    kinetic = 0.5 * params.mass * (vx * vx + vy * vy)
+    kinetic = 0.5 * properties.mass * (vx * vx + vy * vy)
     kinetic += w * (-ry * vx + rx * vy) + n * (dx * vx + dy * vy)
     kinetic += 0.5 * inertia * w * w + coupling * w * n + 0.5 * crank * n * n
-    if params.sprung:
+    if properties.sprung:
         kinetic += spring_energy(springs, state[3])
-    gx, gy = params.gravity_x, params.gravity_y
-    return kinetic + (-gx * (params.mass * state[0] + rx) - gy * (params.mass * state[1] + ry))
+    gx, gy = properties.gravity_x, properties.gravity_y
+    return kinetic + (
+        -gx * (properties.mass * state[0] + rx) - gy * (properties.mass * state[1] + ry)
+    )
 
 
 @kernel
@@ -304,5 +306,5 @@ def energy(r: int, robots: Robots, body: Floats4, springs: Floats4, sums: Floats
         sums: Work space, shape (3, 6).
     """
     robot = robots[r]
-    design = robot.params.design
-    return mechanical_energy(body[design], springs[design], robot.params, robot.state, sums)
+    design = robot.properties.design
+    return mechanical_energy(body[design], springs[design], robot.properties, robot.state, sums)

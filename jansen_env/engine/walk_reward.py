@@ -189,12 +189,12 @@ def keep_accounts(velocity, slip_speed, power, torque, period, command, walk, ke
     """
     lag = kept.lag + (command - velocity) * period
     kept.lag = min(FURTHEST_TARGET, max(-FURTHEST_TARGET, lag))
-    share = -mathematics.expm1(-period / mean_time(command, walk.mean_path))
-    kept.mean_speed += share * (velocity - kept.mean_speed)
-    kept.mean_slip += share * (slip_speed - kept.mean_slip)
-    kept.mean_power += share * (abs(power) - kept.mean_power)
+    fraction = -mathematics.expm1(-period / mean_time(command, walk.mean_path))
+    kept.mean_speed += fraction * (velocity - kept.mean_speed)
+    kept.mean_slip += fraction * (slip_speed - kept.mean_slip)
+    kept.mean_power += fraction * (abs(power) - kept.mean_power)
     square = kept.rms_torque**2
-    kept.rms_torque = math.sqrt(square + share * (torque**2 - square))
+    kept.rms_torque = math.sqrt(square + fraction * (torque**2 - square))
 
 
 @stage

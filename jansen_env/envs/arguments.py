@@ -198,21 +198,23 @@ def info_keys(value: object, known: Sequence[str]) -> tuple[str, ...] | None:
 
 
 def complete_state(state: Values, example: Values) -> None:
-    """Check that a state is complete, so that a robot can be restored to it.
+    """Check that a saved state has all entries, so that a robot can be restored to it.
 
     Args:
         state: State to check. The entries "robot" and "lengths" may be missing.
         example: A complete state of the same environment.
 
     Raises:
-        ValueError: If the state lacks an entry of ``example``, or its state of the random number
-            generator is not valid.
+        ValueError: If the state lacks an entry of ``example`` or has another one, or if its state
+            of the random number generator is not valid.
     """
     if not isinstance(state, Mapping):
         raise ValueError(f"state is {checks.shown(state)}, must come from get_state()")
-    # Without "robot" and "lengths", the robot keeps its own.
-    if missing := sorted({*example} - {*state, "robot", "lengths"}):
+    optional = {"robot", "lengths"}  # without them, the robot is that of the arguments
+    if missing := sorted({*example} - {*state} - optional):
         raise ValueError(f"state lacks {missing}, must come from get_state()")
+    if unknown := sorted(map(str, {*state} - {*example} - optional)):
+        raise ValueError(f"state has {unknown}, must be of {sorted({*example} | optional)}")
     try:
         np.random.PCG64(0).state = state["generator"]
     except Exception as error:  # NumPy raises errors of many types

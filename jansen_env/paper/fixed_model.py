@@ -50,7 +50,7 @@ Advance = Callable[[float, float, float], tuple[float, float]]
 
 def tables_advance(robot: Robot) -> Advance:
     """Return a function that advances a robot with a fixed chassis, by the projection backend."""
-    plant = ProjectionPlant(robot, Terrain.flat(), TIME_STEP, held=True)
+    plant = ProjectionPlant(robot, Terrain.flat(), TIME_STEP, fixed_chassis=True)
 
     def advance(angle: float, speed: float, torque: float) -> tuple[float, float]:
         plant.state = np.concatenate([crank_only(angle), crank_only(speed)])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jansen_env.arrays import Array, Bools
-from jansen_env.checks import finite_numbers, invalid, numbers_of, shown, within
+from jansen_env.checks import finite_numbers, invalid, numbers_of, within
 from jansen_env.engine import placement
 from jansen_env.engine.integrator import DIVERGED
 from jansen_env.engine.placement import DEEPEST
@@ -204,16 +204,20 @@ def check_time_step(value: object) -> float:
     return within("time_step", value, SHORTEST_STEP, LONGEST_STEP)
 
 
-def check_state(value: object) -> Array:
-    """Return the state of a robot as an array, shape (8,).
+def check_state(value: object, name: str = "state") -> Array:
+    """Return the mechanical state of a robot as an array, shape (8,).
+
+    Args:
+        value: x, y, theta, psi and their rates, in m, rad and s.
+        name: Name of the state, for the error message.
 
     Raises:
         ValueError: If it is not 8 finite numbers of at most :data:`LARGEST`.
     """
-    return finite_numbers("state", value, 8, LARGEST)
+    return finite_numbers(name, value, 8, LARGEST)
 
 
-def check_held(state: ArrayLike) -> None:
+def check_fixed_chassis(state: ArrayLike) -> None:
     """Check that the chassis does not move.
 
     Args:
@@ -223,16 +227,17 @@ def check_held(state: ArrayLike) -> None:
         ValueError: If the chassis moves.
     """
     if np.asarray(state)[4:7].any():
-        raise ValueError(f"state is {shown(state)}, its chassis must not move: it is held")
+        raise invalid("state", state, "one in which the fixed chassis does not move")
 
 
-def check_deflection(value: object, pads: int) -> Array:
+def check_deflection(value: object, pads: int, name: str = "deflection") -> Array:
     """Return the deflection of compliant pads as an array.
 
     Args:
         value: Compression and bend of each pad, in m. An infinite compression stands for an unknown
             compression.
         pads: Number of pads.
+        name: Name of the deflection, for the error message.
 
     Returns:
         The same values, shape (pads, 2).
@@ -248,7 +253,7 @@ def check_deflection(value: object, pads: int) -> Array:
         if (known >= 0.0).all() and (np.abs([known, bend]) <= LARGEST).all():
             return deflection
     pair = "a compression of 0 or above (infinity where unknown) and a bend"
-    raise invalid("deflection", value, f"{pads} pairs of {pair}, within {LARGEST:g}")
+    raise invalid(name, value, f"{pads} pairs of {pair}, within {LARGEST:g}")
 
 
 def check_pushes(value: object, *shape: int) -> Array:

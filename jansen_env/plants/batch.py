@@ -16,12 +16,13 @@ from jansen_env.dynamics.joint_forces import JointForces, joint_forces
 from jansen_env.dynamics.reduced import Tables, compile_robot
 from jansen_env.engine import collision, episode, integrator
 from jansen_env.engine.collision import MARGIN, SPECULATIVE_MARGIN
+from jansen_env.engine.contact_frames import put_contact_frames
 from jansen_env.engine.episode import Episodes, Observing
 from jansen_env.engine.records import PLANE, UNKNOWN_DEFLECTION, Scratch
 from jansen_env.engine.tables import energy
 from jansen_env.plants.base import (
     check_colliding,
-    check_held,
+    check_fixed_chassis,
     check_legs,
     check_pushes,
     divergence,
@@ -51,7 +52,10 @@ DETECTION_INTERVAL = 0.01
 
 
 class Batch(BatchedPlant):
-    """n robots on their terrains, each of which moves bit for bit as it would alone.
+    """Projection backend: n robots on their terrains.
+
+    Each robot moves bit for bit as it would alone. For a single robot,
+    :class:`jansen_env.plants.plant.ProjectionPlant` wraps a batch of one.
 
     The kernels move robots on height lines and distribute them among threads. After that, robots on
     pymunk's shapes are moved one after another (:mod:`jansen_env.plants.robots_on_shapes`).
@@ -63,9 +67,9 @@ class Batch(BatchedPlant):
         gravity: Gravitational acceleration, in m/s^2: a number that acts downwards, or a vector
             (x, y).
         threads: Largest number of threads; see :class:`jansen_env.plants.threads.Threads`.
-        held: Whether all chassis are fixed, as in the paper's fixed model. In that case there is no
-            ground, pushes have no effect, and robots are placed level with the crank axis at
-            (x, 0).
+        fixed_chassis: Whether all chassis are fixed, as in the paper's fixed model. In that case
+            there is no ground, pushes have no effect, and robots are placed level with the crank
+            axis at (x, 0).
         links_collide: Whether the sides of links touch vertices of the ground, as capsules with the
             radius of the pads (:func:`jansen_env.dynamics.pads.pad_sides`). In that case, joint
             forces are not known. If False, only pads touch the ground.
@@ -105,7 +109,7 @@ class Batch(BatchedPlant):
         time_step: float = TIME_STEP,
         gravity: Gravity = GRAVITY,
         threads: int | None = None,
-        held: bool = False,
+        fixed_chassis: bool = False,
         links_collide: bool = False,
         records: RobotRecords | None = None,
     ) -> None:
@@ -117,14 +121,14 @@ class Batch(BatchedPlant):
         different = {id(robot): robot for robot in robots}
         for robot in different.values():
             check_legs(robot, robots[0])
-        self._arguments = (time_step, gravity, threads, held, links_collide)
+        self._arguments = (time_step, gravity, threads, fixed_chassis, links_collide)
         check_colliding(terrains, links_collide)
-        super().__init__(robots, terrains, time_step, gravity, held, records)
+        super().__init__(robots, terrains, time_step, gravity, fixed_chassis, records)
         self.world["stride"] = max(1, round(DETECTION_INTERVAL / time_step))
         self.world["links_collide"] = links_collide
         self.records.status["margin"] = SPECULATIVE_MARGIN
         self.knows_joint_forces = not links_collide
-        self._arrays = KernelArrays(robots, terrains, self.records, self.world, held)
+        self._arrays = KernelArrays(robots, terrains, self.records, self.world, fixed_chassis)
         self._placement = RobotPlacement(self._arrays)
         self._set_machines(self._every)
         self._apply(self._every)
@@ -183,8 +187,8 @@ class Batch(BatchedPlant):
         """
         super()._set_machines(rows)
         numbers = self.designs.number[rows]
-        nominal_params: Any = self.machines["nominal"]
-        nominal_params["design"][rows] = numbers
+        nominal_properties: Any = self.machines["nominal"]
+        nominal_properties["design"][rows] = numbers
         self.machines["centre"][rows] = self.designs.farthest[numbers, 0]
         self.machines["pad"][rows] = self.designs.farthest[numbers, 1]
 
@@ -237,7 +241,7 @@ class Batch(BatchedPlant):
         Raises:
             ValueError: If the time step is too long for the feet under these parameters.
         """
-        if not self.held:
+        if not self.fixed_chassis:
             check_resolved(robot, values, self.time_step)
 
     def check_robot(self, robot: Robot) -> None:
@@ -294,23 +298,23 @@ class Batch(BatchedPlant):
         compliant = self.machines["nominal"]["compliant"][row : row + 1]
         check_restitution(compliant, np.array([terrain.restitution]))
         self.terrains[row] = terrain
-        nominal_params: Any = self.machines["nominal"]
-        nominal_params["steepest"][row] = terrain.steepest
+        nominal_properties: Any = self.machines["nominal"]
+        nominal_properties["steepest"][row] = terrain.steepest
         for name in ("friction", "restitution"):
             self.records.parameters[name][row] = getattr(terrain, name)
         self._apply(self._every[row : row + 1])
         self._arrays.set_terrain(row, terrain)
 
-    def _ask_ground(self, rows: Ints) -> None:
+    def _find_ground(self, rows: Ints) -> None:
         """Find the stretch of ground again for those robots that have moved by the margin.
 
         Args:
             rows: Indices of the robots, shape (k,).
         """
         x = self.states[rows, 0]
-        is_near = np.abs(x - self.records.status["asked_x"][rows]) <= MARGIN
+        is_near = np.abs(x - self.records.status["ground_x"][rows]) <= MARGIN
         for k in np.flatnonzero(~is_near).tolist():
-            self._arrays.ask_ground(int(rows[k]), float(x[k]))
+            self._arrays.find_ground(int(rows[k]), float(x[k]))
 
     def place(self, rows: Ints, crank_angles: ArrayLike, crank_speeds: ArrayLike = 0.0) -> None:
         """Place robots at x = 0, look one time step ahead, and set their crank speeds.
@@ -349,12 +353,14 @@ class Batch(BatchedPlant):
         x = finite("x", x)
         pitch = math.nan if pitch is None else finite("pitch", pitch)
         for row in rows.tolist():
-            self._arrays.ask_ground(row, x)
+            self._arrays.find_ground(row, x)
         self._placement.place(rows, crank_angles, x, pitch)
         if self.in_contact is not None and 0 in rows:
             self.in_contact = None
 
-    def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
+    def set_mechanical_state(
+        self, row: int, state: ArrayLike, deflection: Array | None = None
+    ) -> None:
         """Set the mechanical state of a robot.
 
         Args:
@@ -366,10 +372,10 @@ class Batch(BatchedPlant):
         Raises:
             ValueError: If the chassis is fixed, but moves in this state.
         """
-        if self.held:
-            check_held(state)
+        if self.fixed_chassis:
+            check_fixed_chassis(state)
         self.states[row] = state
-        self._ask_ground(np.array([row]))
+        self._find_ground(np.array([row]))
         self.deflection[row] = UNKNOWN_DEFLECTION if deflection is None else deflection
         if row == 0:
             self.in_contact = None
@@ -395,7 +401,7 @@ class Batch(BatchedPlant):
                     self.set_terrain(row, terrain)
             self.records.restore(rows, saved)
             self.joint_gap[rows] = joint_gap
-            self._ask_ground(rows)
+            self._find_ground(rows)
             self.any_diverged = bool(self.diverged.any())
             self.in_contact = in_contact
 
@@ -469,10 +475,10 @@ class Batch(BatchedPlant):
 
         lines, on_shapes = self._arrays.split(rows)
 
-        def move(thread: int, shares: Ints, most: int, scratch: Scratch) -> tuple[bool, bool]:
+        def move(thread: int, queues: Ints, most: int, scratch: Scratch) -> tuple[bool, bool]:
             self._control_step(
                 thread,
-                shares,
+                queues,
                 most,
                 lines,
                 actions,
@@ -533,10 +539,10 @@ class Batch(BatchedPlant):
 
         lines, on_shapes = self._arrays.split(rows)
 
-        def move(thread: int, shares: Ints, most: int, scratch: Scratch) -> tuple[bool, bool]:
+        def move(thread: int, queues: Ints, most: int, scratch: Scratch) -> tuple[bool, bool]:
             self._advance(
                 thread,
-                shares,
+                queues,
                 most,
                 lines,
                 steps,
@@ -575,7 +581,7 @@ class Batch(BatchedPlant):
             meanwhile()
         self.any_diverged = diverged  # set last, because placing robots changes it too
         if far:
-            self._ask_ground(rows)
+            self._find_ground(rows)
 
     def shapes(self, row: int) -> ShapePlanes | None:
         """Return the shapes of a robot's ground in pymunk, or None for a height line."""
@@ -600,8 +606,8 @@ class Batch(BatchedPlant):
         """
         if duration > self._arrays.longest_step:
             self._arrays.longest_step = duration
-            self.records.status["asked_x"] = np.inf
-            self._ask_ground(self._every)
+            self.records.status["ground_x"] = np.inf
+            self._find_ground(self._every)
 
     def _new_trace(self, steps: int) -> tuple[Rows, Array]:
         """Return memory for a trace.
@@ -662,18 +668,16 @@ class Batch(BatchedPlant):
             (toes, 2). If no ground is within reach of a toe, its point is the lowest point of the
             pad, and its tangent points in the +x direction.
         """
-        centres = self.pad_centres(row)[: self.toes]
-        radius = self.robots[row].pad_radius
-        points = centres - np.array([0.0, radius])
-        tangents = np.tile([1.0, 0.0], (self.toes, 1))
-        if self.held:
-            return points, tangents
-        for plane in self.contact_planes(row, centres)[
-            ::-1
-        ]:  # ends with the nearest plane of a pad
-            normal = np.array([plane.normal_x, plane.normal_y])
-            points[plane.pad] = centres[plane.pad] - radius * normal
-            tangents[plane.pad] = normal[1], -normal[0]
+        centres = np.ascontiguousarray(self.pad_centres(row)[: self.toes])
+        points = np.empty((self.toes, 2))
+        tangents = np.empty((self.toes, 2))
+        planes = [] if self.fixed_chassis else self.contact_planes(row, centres)
+        listed = np.zeros(len(planes), PLANE)
+        for name, values in zip(ContactPlane._fields, zip(*planes, strict=True), strict=False):
+            listed[name] = values
+        put_contact_frames(
+            row, 0, len(planes), listed, self.records.robots, centres, points, tangents
+        )
         return points, tangents
 
     def contact_planes(self, row: int, centres: Array | None = None) -> list[ContactPlane]:
@@ -717,10 +721,10 @@ class Batch(BatchedPlant):
         """
         if not self.knows_joint_forces:
             raise ValueError("links_collide must be False with joint forces, got True")
-        if self.held:
+        if self.fixed_chassis:
             robot = self.tables_in_force(0).robot
             q, q_dot = np.split(self.states[0], 2)
-            gravity = self.params[GRAVITY_XY][0].item()
+            gravity = self.properties[GRAVITY_XY][0].item()
             return joint_forces(robot, q, q_dot, torque, fixed_base=True, gravity=gravity)
         pushes = None if push is None else check_pushes(push)[None, None]
         kept = self.tracing, self.trace, self.touchdowns
@@ -752,7 +756,7 @@ class Batch(BatchedPlant):
 
     def _traced_forces(self) -> JointForces:
         """Return the forces in every joint in each time step of the last trace."""
-        gravity = self.params[GRAVITY_XY][0].item()
+        gravity = self.properties[GRAVITY_XY][0].item()
         return trace_forces(self.tables_in_force(0), self.trace, self.time_step, gravity)
 
     def close(self) -> None:
@@ -787,7 +791,7 @@ class Batch(BatchedPlant):
         self._apply(every)
         records.restore(every, before)
         self.joint_gap[:] = saved["joint_gap"]
-        self._ask_ground(self._every)
+        self._find_ground(self._every)
         self.tracing = saved["tracing"]
         self.in_contact = saved["in_contact"]
         self.any_diverged = saved["any_diverged"]

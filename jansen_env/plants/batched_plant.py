@@ -27,15 +27,22 @@ from jansen_env.robot.kinematics import advance_per_turn
 from jansen_env.robot.robot_arrays import machine_row
 from jansen_env.terrain import Ground
 
-GRAVITY_XY = ["gravity_x", "gravity_y"]  # fields of PARAMS
+GRAVITY_XY = ["gravity_x", "gravity_y"]  # fields of PROPERTIES
 PLANES_PER_PAD = 4  # contact planes that are kept per pad, on average over the pads of a robot
-NOT_THE_ROBOT = (*GRAVITY_XY, "steepest", "held")  # fields of PARAMS that do not belong to a robot
+NOT_THE_ROBOT = (
+    *GRAVITY_XY,
+    "steepest",
+    "fixed_chassis",
+)  # fields of PROPERTIES that do not belong to a robot
 
 
 class BatchedPlant(ABC):
     """Batch of n robots on their terrains, with one record per robot.
 
-    Derived classes place the robots and move them.
+    It is the simulation backend that environments use. Derived classes place the robots and move
+    them: :class:`jansen_env.plants.batch.Batch` by the projected equations, and
+    :class:`jansen_env.plants.rigid.rigid_batch.RigidBodyBatch` body by body, for one robot. For a
+    single robot outside an environment, :class:`jansen_env.plants.plant.Plant` wraps a batch.
 
     Args:
         robots: The robots.
@@ -43,13 +50,13 @@ class BatchedPlant(ABC):
         time_step: Time step of the integration, in s.
         gravity: Gravitational acceleration, in m/s^2: a number that acts downwards, or a vector
             (x, y).
-        held: Whether all chassis are fixed.
+        fixed_chassis: Whether all chassis are fixed.
         records: Records to use. If None, the batch makes new ones.
 
     Attributes:
         robots: The robots, without the parameters of an episode.
         terrains: Ground of each robot, without the parameters of an episode.
-        held: Whether all chassis are fixed.
+        fixed_chassis: Whether all chassis are fixed.
         time_step: Time step of the integration, in s.
         gravity: Gravitational acceleration (x, y), in m/s^2, before tilt and scale.
         records: Records of the robots; see :class:`RobotRecords`.
@@ -83,13 +90,13 @@ class BatchedPlant(ABC):
         terrains: Sequence[Ground],
         time_step: float,
         gravity: Gravity,
-        held: bool,
+        fixed_chassis: bool,
         records: RobotRecords | None,
     ) -> None:
         n = len(robots)
         self.robots = list(robots)
         self.terrains = list(terrains)
-        self.held = bool(held)
+        self.fixed_chassis = bool(fixed_chassis)
         self.time_step = check_time_step(time_step)
         self.toes = len(robots[0].toes)
         self.pads = len(pad_layout(robots[0]).joint)
@@ -105,14 +112,14 @@ class BatchedPlant(ABC):
         self.world["stride"] = 1
         self.world["capacity"] = PLANES_PER_PAD * self.pads
         self.machines = np.zeros(n, MACHINE)
-        nominal_params: Any = self.machines["nominal"]
-        nominal_params[GRAVITY_XY] = self.gravity
-        nominal_params["steepest"] = [terrain.steepest for terrain in terrains]
-        nominal_params["held"] = held
+        nominal_properties: Any = self.machines["nominal"]
+        nominal_properties[GRAVITY_XY] = self.gravity
+        nominal_properties["steepest"] = [terrain.steepest for terrain in terrains]
+        nominal_properties["fixed_chassis"] = fixed_chassis
         BatchedPlant._set_machines(self, self._every)
         pairs = zip(robots, terrains, strict=True)
         self.records.parameters[:] = np.array([nominal(*pair) for pair in pairs], EPISODE)
-        check_restitution(nominal_params["compliant"], self.records.parameters["restitution"])
+        check_restitution(nominal_properties["compliant"], self.records.parameters["restitution"])
         self.any_diverged = False
         self.joint_gap = np.zeros(n)
 
@@ -142,17 +149,17 @@ class BatchedPlant(ABC):
             rows: Indices of the robots, shape (k,).
         """
         noted = dict[int, Rows]()
-        nominal_params: Any = self.machines["nominal"]
+        nominal_properties: Any = self.machines["nominal"]
         for row in rows.tolist():
             robot = self.robots[row]
             if id(robot) not in noted:
                 machine = machine_row(robot)
                 machine["advance"] = advance_per_turn(robot)
                 noted[id(robot)] = machine
-            kept = {name: nominal_params[name][row] for name in NOT_THE_ROBOT}
+            kept = {name: nominal_properties[name][row] for name in NOT_THE_ROBOT}
             self.machines[row] = noted[id(robot)][0]
             for name, value in kept.items():
-                nominal_params[name][row] = value
+                nominal_properties[name][row] = value
 
     def _apply(self, rows: Ints) -> None:
         """Compute the values that kernels read from the parameters of some robots.
@@ -283,7 +290,9 @@ class BatchedPlant(ABC):
         """
 
     @abstractmethod
-    def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
+    def set_mechanical_state(
+        self, row: int, state: ArrayLike, deflection: Array | None = None
+    ) -> None:
         """Set the mechanical state of a robot.
 
         Args:
@@ -431,9 +440,9 @@ class BatchedPlant(ABC):
         return self.records.accumulators
 
     @property
-    def params(self) -> Rows:
-        """Values that kernels read, records ``PARAMS``, shape (n,)."""
-        return self.records.params
+    def properties(self) -> Rows:
+        """Values that kernels read, records ``PROPERTIES``, shape (n,)."""
+        return self.records.properties
 
     @property
     def parameters(self) -> Rows:

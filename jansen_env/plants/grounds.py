@@ -62,7 +62,7 @@ class Grounds:
                 known[id(ground)] = self.shapes_of(row)
             else:
                 status["first_vertex"][row], status["end_vertex"][row] = bounds[id(ground)]
-        status["asked_x"] = np.inf
+        status["ground_x"] = np.inf
 
     def set_ground(self, row: int, ground: Ground, shapes: ShapePlanes | None = None) -> None:
         """Replace a robot's ground.
@@ -83,7 +83,7 @@ class Grounds:
             self.set_line(row, np.array([[-1.0, ground.lowest], [1.0, ground.lowest]]))
         else:
             self.set_line(row, ground.polyline)
-        self.status["asked_x"][row] = np.inf
+        self.status["ground_x"][row] = np.inf
 
     def shapes_of(self, row: int) -> ShapePlanes:
         """Return the shapes in pymunk for a robot that is on shapes."""
@@ -132,7 +132,7 @@ class Grounds:
             right = max(min(right, len(line) - 1), left + 1)
             first, end = first + left, first + right + 1
         status["first_near"], status["end_near"] = first, end
-        status["asked_x"], status["room"] = x, room
+        status["ground_x"], status["room"] = x, room
 
     def look_down(self, row: int, x: float, y: float, scan: Array) -> None:
         """Measure the ground below a robot on shapes, and at the positions of its height scan.

@@ -29,7 +29,7 @@ class KernelArrays:
         records: Records of the robots.
         world: Data that the robots have in common, ``WORLD`` of :mod:`jansen_env.engine.records`,
             shape (1,).
-        held: Whether all chassis are fixed, so that no robot touches its ground.
+        fixed_chassis: Whether all chassis are fixed, so that no robot touches its ground.
 
     Attributes:
         records: The records that were passed.
@@ -53,7 +53,7 @@ class KernelArrays:
         terrains: Sequence[Ground],
         records: RobotRecords,
         world: Rows,
-        held: bool,
+        fixed_chassis: bool,
     ) -> None:
         self.records = records
         self.tables = DesignTables(robots)
@@ -61,7 +61,7 @@ class KernelArrays:
         self.sides = pad_sides(robots[0])
         self.longest_step = float(world["time_step"][0])
         self._world = world
-        self._held = held
+        self._fixed_chassis = fixed_chassis
         self._find_centres = collision.pad_centres.bound()
         self._centres = np.zeros((records.statistics.shape[1], 2))
         self.refresh()
@@ -70,7 +70,7 @@ class KernelArrays:
         """Collect the arrays again after any of them has been replaced by a new array."""
         status = self.records.status
         self.grounds.status = status
-        self._asked_x: Array = status["asked_x"]
+        self._ground_x: Array = status["ground_x"]
         model = self.tables.model
         self.designs = Designs(
             self._world, *model, self.sides, self.tables.depths, self.grounds.surface
@@ -85,7 +85,7 @@ class KernelArrays:
             robots: Robots with the new designs, k of them.
         """
         self.tables.set(rows, robots)
-        self._asked_x[rows] = np.inf
+        self._ground_x[rows] = np.inf
         self.refresh()
 
     def set_terrain(self, row: int, terrain: Ground) -> None:
@@ -125,12 +125,12 @@ class KernelArrays:
             The indices of the robots on height lines, and a list of the indices of the robots on
             shapes. Robots with a fixed chassis count as robots on height lines.
         """
-        if self._held or not self.grounds.any_shapes:
+        if self._fixed_chassis or not self.grounds.any_shapes:
             return rows, []
         on_shapes = self.records.status["on_shapes"][rows]
         return rows[~on_shapes], rows[on_shapes].tolist()
 
-    def ask_ground(self, row: int, x: float) -> None:
+    def find_ground(self, row: int, x: float) -> None:
         """Find the stretch of ground that a robot can reach, and note it in the robot's status.
 
         The method does nothing if the robot is still close to the position for which its stretch
@@ -140,7 +140,7 @@ class KernelArrays:
             row: Index of the robot.
             x: Position of the crank axis, in m.
         """
-        if not self._held and not abs(x - self._asked_x[row]) <= collision.MARGIN:
+        if not self._fixed_chassis and not abs(x - self._ground_x[row]) <= collision.MARGIN:
             extent = float(self.tables.extent[self.tables.number[row]])
             self.grounds.find_stretch(row, x, extent, self.longest_step)
 

@@ -41,8 +41,8 @@ class Parameter(NamedTuple):
         idle: Description of the robots, terrains or environments for which the parameter has no
             effect.
         is_idle: Function that returns whether the parameter has no effect for a robot.
-        zero_where: Name of a flag in ``PARAMS`` (:mod:`jansen_env.engine.records`). If the flag is
-            set, the parameter must be 0.
+        zero_where: Name of a flag in ``PROPERTIES`` (:mod:`jansen_env.engine.records`). If the flag
+            is set, the parameter must be 0.
         of_robot: Whether the parameter changes the robot or the terrain, rather than their
             environment.
         settable: Whether ``set_parameters`` can change the parameter by its name.

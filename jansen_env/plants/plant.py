@@ -1,4 +1,9 @@
-"""Simulation backends of a single robot, and backends by name."""
+"""Simulation backends of a single robot, and backends by name.
+
+A *batch* (:class:`jansen_env.plants.batched_plant.BatchedPlant`) simulates n robots on arrays, and
+environments use batches only. A *plant* of this module wraps a batch of one robot for interactive
+use, verification and the paper's figures: it returns the result of each step as one object.
+"""
 
 from __future__ import annotations
 
@@ -31,6 +36,9 @@ FIRST = np.zeros(1, np.int64)
 
 class Plant:
     """Single robot on a terrain, with the methods ``reset`` and ``step`` and a ``state``.
+
+    It wraps a batch of one robot. Its ``state`` is the mechanical state of the robot, not a saved
+    state of an environment.
 
     Args:
         batch: Batch of one robot, which this object controls.
@@ -67,7 +75,7 @@ class Plant:
 
     @state.setter
     def state(self, value: Array) -> None:
-        self.batch.set_state(0, check_state(value))
+        self.batch.set_mechanical_state(0, check_state(value))
 
     @property
     def x(self) -> float:
@@ -183,10 +191,12 @@ class ProjectionPlant(Plant):
         terrain: Ground,
         time_step: float = TIME_STEP,
         gravity: Gravity = GRAVITY,
-        held: bool = False,
+        fixed_chassis: bool = False,
         links_collide: bool = False,
     ) -> None:
-        super().__init__(Batch([robot], [terrain], time_step, gravity, 1, held, links_collide))
+        super().__init__(
+            Batch([robot], [terrain], time_step, gravity, 1, fixed_chassis, links_collide)
+        )
 
     @property
     def tables(self) -> Tables:
@@ -199,11 +209,11 @@ class ProjectionPlant(Plant):
 
         A crank at rest is locked in that case.
         """
-        return bool(self.batch.params["prescribed_speed"][0])
+        return bool(self.batch.properties["prescribed_speed"][0])
 
     @prescribed_crank_speed.setter
     def prescribed_crank_speed(self, driven: bool) -> None:
-        self.batch.params["prescribed_speed"] = bool(driven)
+        self.batch.properties["prescribed_speed"] = bool(driven)
 
 
 class RigidBodyPlant(Plant):
@@ -221,13 +231,13 @@ class RigidBodyPlant(Plant):
         terrain: Ground,
         time_step: float = RIGID_TIME_STEP,
         gravity: Gravity = GRAVITY,
-        held: bool = False,
+        fixed_chassis: bool = False,
         links_collide: bool = False,
         joint_play: JointPlay = 0.0,
         backlash: float = 0.0,
     ) -> None:
         batch = RigidBodyBatch(
-            robot, terrain, time_step, gravity, held, links_collide, joint_play, backlash
+            robot, terrain, time_step, gravity, fixed_chassis, links_collide, joint_play, backlash
         )
         super().__init__(batch)
 
@@ -261,7 +271,7 @@ def make_batch(
     terrains: Sequence[Ground],
     time_step: float,
     threads: int | None,
-    held: bool,
+    fixed_chassis: bool,
     links_collide: bool,
     joint_play: JointPlay,
     backlash: float,
@@ -275,7 +285,7 @@ def make_batch(
         terrains: Ground of each robot.
         time_step: Time step of the integration, in s.
         threads: Largest number of threads. None to choose it from the batch size.
-        held: Whether all chassis are fixed.
+        fixed_chassis: Whether all chassis are fixed.
         links_collide: Whether the sides of links touch vertices of the ground.
         joint_play: Radial clearance of pins, in m. Only the rigid-body backend has play.
         backlash: Dead band of the gear, in rad. Only the rigid-body backend has backlash.
@@ -287,7 +297,9 @@ def make_batch(
     """
     if name == "projection":
         threads = 1 if len(robots) == 1 else threads
-        return Batch(robots, terrains, time_step, GRAVITY, threads, held, links_collide, records)
+        return Batch(
+            robots, terrains, time_step, GRAVITY, threads, fixed_chassis, links_collide, records
+        )
     if len(robots) > 1:
         raise ValueError(f"plant must be 'projection' for several robots at once, got {name!r}")
     return RigidBodyBatch(

@@ -41,7 +41,7 @@ class RobotPlacement:
         """Place robots at rest.
 
         The records of robots on height lines must contain the stretch of ground around ``x``; see
-        ``KernelArrays.ask_ground``.
+        ``KernelArrays.find_ground``.
 
         Args:
             rows: Indices of the robots, shape (k,).
@@ -74,8 +74,8 @@ class RobotPlacement:
             rows, self._angles, x, pitch, designs, records.motions, self._centres, self._planes
         )
         if too_soft >= 0:
-            params = records.params[too_soft]
-            resting_depth(params["mass"], params["stiffness"][0], -params["gravity_y"])
+            properties = records.properties[too_soft]
+            resting_depth(properties["mass"], properties["stiffness"][0], -properties["gravity_y"])
 
     def _place_on_shapes(self, row: int, x: float, pitch: float) -> None:
         """Place a robot on the profile of its shapes, then move it until its pads touch them."""
@@ -91,8 +91,8 @@ class RobotPlacement:
         status["first_near"], status["end_near"] = stretch
 
         state = arrays.records.states[row]
-        params = arrays.records.params[row]
-        radius = float(params["pad_radius"])
+        properties = arrays.records.properties[row]
+        radius = float(properties["pad_radius"])
         for _ in range(MOST_MOVES):
             planes = shapes.find(arrays.pad_centres(row), radius + SPECULATIVE_MARGIN)
             gaps = [
@@ -108,6 +108,6 @@ class RobotPlacement:
             if abs(min(gaps)) < SETTLED:
                 break
         depth = placement.resting_depth(
-            params["mass"], params["stiffness"][0], -params["gravity_y"]
+            properties["mass"], properties["stiffness"][0], -properties["gravity_y"]
         )
         state[1] -= placement.PLACEMENT_DEPTH + depth

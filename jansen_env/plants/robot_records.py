@@ -17,7 +17,7 @@ OF_PROCESS = (
     "end_vertex",
     "first_near",
     "end_near",
-    "asked_x",
+    "ground_x",
     "room",
     "on_shapes",
     "waits",
@@ -47,7 +47,7 @@ class RobotRecords:
             :mod:`jansen_env.engine.records`, shape (n,).
         states: x, y, theta, psi and their rates, in m, rad and s, shape (n, 8). x and y are the
             position of the crank axis.
-        params: Values that kernels read, ``PARAMS``, computed from the robot and
+        properties: Values that kernels read, ``PROPERTIES``, computed from the robot and
             :attr:`parameters`, shape (n,).
         parameters: Parameters of the current episodes, ``PARAMETERS``, shape (n,).
         status: Pose and contacts between collision detection and time steps, ``STATUS``, shape
@@ -87,7 +87,7 @@ class RobotRecords:
         robots: Any = data["robot"]
         self.robots: Rows = robots
         self.states: Array = robots["state"]
-        self.params: Rows = robots["params"]
+        self.properties: Rows = robots["properties"]
         self.parameters: Rows = robots["parameters"]
         self.status: Rows = robots["status"]
         self.accumulators: Rows = robots["accumulators"]
@@ -120,10 +120,10 @@ class RobotRecords:
             saved: Copy of their records that :meth:`copy` returned.
         """
         found = self.status[[*OF_PROCESS]][rows]
-        design = self.params["design"][rows]
+        design = self.properties["design"][rows]
         self._bytes[rows] = saved
         self.status[[*OF_PROCESS]][rows] = found
-        self.params["design"][rows] = design
+        self.properties["design"][rows] = design
 
     def make_room(self, pushes: int) -> bool:
         """Make room for a longer schedule of pushes.

@@ -35,7 +35,7 @@ class RobotsOnShapes:
         self._begin_step = episode.begin_step.bound()
         self._finish_step = episode.finish_step.bound()
         # The kernels get the same arrays in every call, because they remember their arguments.
-        self._share = np.zeros((2, 2), np.int64)
+        self._queues = np.zeros((2, 2), np.int64)
         self._views = dict[int, tuple[Ints, Array]]()
         self._torque = np.zeros(count)  # N m
         self._earlier = np.zeros(count)
@@ -58,8 +58,9 @@ class RobotsOnShapes:
         """
         records = self._arrays.records
         world = self._arrays.designs.world
-        rows, impulses = self._views_of(row)
-        pushed = self._begin_step(rows, actions, impulses, records.robots, episodes)
+        _, impulses = self._views_of(row)
+        action = float(actions[row, 0])
+        pushed = self._begin_step(row, action, impulses, records.robots, episodes)
         whole, switch = records.robots["delay"][row].tolist()
         self._torque[row] = records.torques[row, whole]
         self._earlier[row] = records.torques[row, whole + 1]
@@ -67,7 +68,7 @@ class RobotsOnShapes:
         pushes = self._impulses if pushed else self._no_impulses
         torques = self._torque, self._earlier, self._switch, pushes
         self.step(row, int(world["steps"][0]), False, torques, trace)
-        if world["is_whole"][0]:
+        if world["fully_compiled"][0]:
             self._arrays.look_down(row, observing.scan)
         surface = self._arrays.grounds.surface
         pressed = self._scratch.pressed
@@ -93,10 +94,10 @@ class RobotsOnShapes:
         status = records.status[row]
         status["waits"] = False
         while True:
-            self._share[0] = 0, 1
+            self._queues[0] = 0, 1
             self._advance(
                 0,
-                self._share,
+                self._queues,
                 1,
                 rows,
                 steps,

@@ -26,7 +26,7 @@ Memory: TypeAlias = Any
 Move: TypeAlias = Callable[[int, Ints, int, Memory], tuple[bool, bool]]
 """Function that moves robots and returns two flags.
 
-Its arguments are the number of the thread, the shares of all threads, the largest number of robots
+Its arguments are the number of the thread, the queues of all threads, the largest number of robots
 to move, and the memory of the thread. The flags tell whether any robot has moved far, and whether
 any robot has diverged.
 """
@@ -47,7 +47,7 @@ class Threads:
         self._robots, self._count = robots, count_threads(robots, threads)
         self._memory = [memory() for _ in range(self._count)]
         # Kernels get the same arrays in every call, because they remember their arguments.
-        self._shares = np.zeros((self._count + 1, 2), np.int64)
+        self._queues = np.zeros((self._count + 1, 2), np.int64)
         self._alone, self._every = np.zeros((2, 2), np.int64), _alone(robots)
         self._others_move = False
         self._pool: tuple[int, ThreadPoolExecutor] | None = None
@@ -74,12 +74,12 @@ class Threads:
             every = robots == self._robots
             self._alone[:] = self._every if every else _alone(robots)
             return move(0, self._alone, robots, self._memory[0])
-        shares, count = self._shares, max(1, min(self._count, robots // ROBOTS_PER_THREAD))
-        shares[:] = 0
-        shares[:count], shares[-1] = _split(robots, count)
+        queues, count = self._queues, max(1, min(self._count, robots // ROBOTS_PER_THREAD))
+        queues[:] = 0
+        queues[:count], queues[-1] = _split(robots, count)
 
         def work(thread: int, most: int = robots) -> tuple[bool, bool]:
-            return move(thread, shares, most, self._memory[thread])
+            return move(thread, queues, most, self._memory[thread])
 
         others = [self._threads().submit(work, thread) for thread in range(1, count)]
         first = False, False
@@ -114,7 +114,7 @@ class Threads:
 
 
 def _alone(robots: int) -> Ints:
-    """Return the shares of a single thread that moves all robots."""
+    """Return the queues of a single thread that moves all robots."""
     return np.array([[0, robots], [robots, robots]])
 
 

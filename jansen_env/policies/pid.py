@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jansen_env.arrays import Array
+from jansen_env.engine.crank_control import put_pid_torques
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,16 @@ class PID:
             The torque, in N m, and the integral to pass at the next control step, in rad s. Both
                 have shape (...).
         """
-        before = np.asarray(integral, dtype=float)
-        summed = before + np.asarray(error, dtype=float) * control_dt
-        torque = self.kp * np.asarray(error) + self.ki * summed + self.kd * np.asarray(error_rate)
-        return torque, np.where(np.abs(torque) < torque_limit, summed, before)
+        errors, rates, before = np.broadcast_arrays(error, error_rate, integral)
+        torques = np.empty(errors.size)
+        integrals = before.astype(float).ravel()
+        put_pid_torques(
+            np.array([self.kp, self.ki, self.kd], float),
+            errors.astype(float).ravel(),
+            rates.astype(float).ravel(),
+            control_dt,
+            torque_limit,
+            integrals,
+            torques,
+        )
+        return torques.reshape(errors.shape), integrals.reshape(errors.shape)

@@ -29,7 +29,15 @@ from jansen_env.checks import (
     whole_number,
     within,
 )
-from jansen_env.engine.layers import ELU, LINEAR, RELU, TANH, put_actions, put_harmonics
+from jansen_env.engine.layers import (
+    ELU,
+    LINEAR,
+    RELU,
+    TANH,
+    put_actions,
+    put_harmonics,
+    put_normalized,
+)
 from jansen_env.files import read_bounded
 from jansen_env.plants.plant import plant_time_step
 from jansen_env.registration import IDS
@@ -96,7 +104,9 @@ class Normalized(NamedTuple):
 
     def __call__(self, seen: Array) -> Array:
         """Return the features of observations, both with shape (n, size)."""
-        return np.clip((seen - self.mean) / self.deviation, -self.clip, self.clip)
+        out = np.empty((len(seen), self.size))
+        put_normalized(np.ascontiguousarray(seen), self.mean, self.deviation, self.clip, out)
+        return out
 
 
 class Harmonics(NamedTuple):

@@ -26,8 +26,8 @@ class CompiledTask(CommandedTask):
     Attributes:
         ROW: Record of the task.
         COMPILED: Names of the observations that the kernel fills, in their order.
-        is_whole: Whether the kernel computes everything, so that no method is called after a step.
-            This is the case if no derived class overrides one of the three methods.
+        fully_compiled: Whether the kernel computes everything, so that no method is called after a
+            step. This is the case if no derived class overrides one of the three methods.
     """
 
     ROW: ClassVar[np.dtype[np.void]]
@@ -35,9 +35,9 @@ class CompiledTask(CommandedTask):
     def __init__(self, settings: Any, threads: int | None = None) -> None:
         methods = ("observe", "reward", "terminated")
         base = CompiledTask
-        self.is_whole = all(getattr(type(self), m) is getattr(base, m) for m in methods)
+        self.fully_compiled = all(getattr(type(self), m) is getattr(base, m) for m in methods)
         super().__init__(settings, threads)
-        self.world.plant.world["is_whole"] = self.is_whole
+        self.world.plant.world["fully_compiled"] = self.fully_compiled
 
     def observe(self) -> Mapping[str, Array]:
         """Return the observations that the kernel does not fill. By default there are none."""

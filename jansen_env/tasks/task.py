@@ -19,7 +19,7 @@ from jansen_env.tasks.information import InfoBuilder
 from jansen_env.uniform import uniform
 from jansen_env.world.observations import Observed
 from jansen_env.world.rendering import Frame
-from jansen_env.world.settings import Values, WorldSettings, flag, option
+from jansen_env.world.settings import Check, Values, WorldSettings, flag, option
 from jansen_env.world.world import Numbers, World
 
 EVERY = slice(None)  # index of all robots, which is faster than an array of all their indices
@@ -78,14 +78,16 @@ class Task(ABC):
     # names of the observations that kernels fill.
     ROW: ClassVar[np.dtype[np.void] | None] = None
     COMPILED: ClassVar[tuple[str, ...]] = ()
-    is_whole = False  # whether kernels do everything, so that no method is called after a step
+    OMITTED: ClassVar[tuple[str, ...]] = ()  # fields of ROW that saved states do not contain
+    fully_compiled = False  # whether kernels do everything, so that a step calls no method
 
     def __init__(self, settings: WorldSettings, threads: int | None = None) -> None:
         n = self.num_envs = settings.count
         self._check_declarations(settings)
         terms = [(name, float) for name in self.TERMS]
         row = np.dtype([("info", [*self.INFO.items()]), ("reward", terms)], align=True)
-        self.world = World(settings, threads, row if self.ROW is None else self.ROW)
+        row = row if self.ROW is None else self.ROW
+        self.world = World(settings, threads, row, self.OMITTED)
         self.control_dt, self.truncated = self.world.control_dt, self.world.truncated
         self.observed = self._order(self.world.observations) + tuple(self.world.lengths.entries)
         self.columns = {entry.name: place for place, entry in enumerate(self.observed)}
@@ -275,7 +277,7 @@ class Task(ABC):
         """
         with self.lock:
             self.world.step(actions, which, meanwhile)
-            if not self.is_whole:
+            if not self.fully_compiled:
                 self._judge(which)
 
     def _judge(self, which: Ints | None) -> None:
@@ -319,7 +321,7 @@ class Task(ABC):
         Args:
             which: Indices of the robots, shape (k,).
         """
-        if not self.is_whole:
+        if not self.fully_compiled:
             self._fill(which)
         self.world.observe(which, False)
 
@@ -403,8 +405,7 @@ class Task(ABC):
         """
         i = robot_index(i, self.num_envs)
         with self.lock:
-            numbers = {name: self.info[name][i].item() for name in self._kept}
-            return {**self.world.get_state(i), **numbers}
+            return self.world.get_state(i)
 
     def set_state(self, i: int, state: Values) -> None:
         """Restore a robot to a state saved by :meth:`get_state`.
@@ -418,31 +419,36 @@ class Task(ABC):
         """
         i = robot_index(i, self.num_envs)
         with self.lock:
-            checked = self.world.checked_state(i, state)
-            numbers = {name: self._checked("state", name, state[name]) for name in self._kept}
+            checked = self.world.checked_state(i, state, self._checks_of_state())
             self.world.restore(i, checked)
             self._refresh()
-            self._clear(i, numbers)
             self._describe(np.array([i]))
 
-    def _checked(self, label: str, name: str, value: object) -> float:
+    def _checks_of_state(self) -> dict[str, Check]:
+        """Return checks of fields in the task's part of a saved record, by path.
+
+        By default, each value of :attr:`INFO` is checked.
+        """
+        return {f"task.info.{name}": partial(self._checked, name) for name in self._kept}
+
+    def _checked(self, name: str, label: str, value: object) -> float:
         """Return a checked value of :attr:`INFO`: a flag, or a number.
 
         If the value is also observed, it must be within the limits of the observation.
 
         Args:
-            label: Name of the mapping that contains the value, for the error message.
-            name: Name of the value.
+            name: Name in :attr:`INFO`.
+            label: Name of the value, for the error message.
             value: The value.
 
         Raises:
             ValueError: If the value has the wrong type or is out of its limits.
         """
         if name in self._kept and self.info[name].dtype == np.bool_:
-            return flag(f"{label}[{name!r}]", value)
+            return flag(label, value)
         limits = {entry.name: (entry.low, entry.high) for entry in self.observed}
         low, high = limits.get(name, (-MOST_SINGLE, MOST_SINGLE))  # limits of the observation
-        return within(f"{label}[{name!r}]", value, max(low, -MOST_SINGLE), min(high, MOST_SINGLE))
+        return within(label, value, max(low, -MOST_SINGLE), min(high, MOST_SINGLE))
 
     # Methods that tasks with settable attributes, and compiled tasks, override.
 

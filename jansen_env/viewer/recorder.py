@@ -60,7 +60,7 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
             if not getattr(env, name).is_np_flattenable:
                 raise ValueError(f"env has {name} {getattr(env, name)}, must be of arrays")
         self.inner: SingleEnv[Task] = inner
-        if not inner.task.world.held and isinstance(inner.task.world.terrain(0), Shapes):
+        if not inner.task.world.fixed_chassis and isinstance(inner.task.world.terrain(0), Shapes):
             raise ValueError(
                 "env must walk on a height line to be recorded, got a ground of pymunk shapes, "
                 "which the viewer cannot draw"
@@ -141,7 +141,7 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
         self, observation: Observation, info: Values, seed: int | None, options: Values | None
     ) -> None:
         """Begin a recording with the current state of the environment as its first frame."""
-        scene, spec, state = self.inner.task.scene(0), self.env.spec, self.inner.get_state()
+        scene, spec, world = self.inner.task.scene(0), self.env.spec, self.inner.task.world
         ground, observed = scene["terrain_points"], self.inner.observed
         named = len(observed) == spaces.flatdim(self.observation_space)
         self._shape = _shape_of(self.inner.robot)
@@ -151,7 +151,7 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
             "speed_unit": scene.get("speed_unit", "m/s"),
             "energies": tuple(info.get("energy", {})),
             "observed": tuple((entry.name, entry.unit) for entry in observed) if named else (),
-            "parameters": {} if self.inner.task.world.held else dict(state["parameters"]),
+            "parameters": {} if world.fixed_chassis else world.parameters(0),
             "env_id": str(type(self.inner).__name__ if spec is None else spec.id),
             "env_kwargs": as_json({} if spec is None else spec.kwargs),
             "options": as_json(options or {}),
@@ -169,7 +169,7 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
         flat = flatten(self.observation_space, observation)
         self._add(
             time=frame.time,
-            state=self.inner.get_state()["plant"],
+            state=self.inner.task.world.plant.states[0].copy(),
             pose=frame.q,
             command=frame.command or 0.0,
             speed=frame.speed,

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jansen_env.arrays import Ints, Rows
-from jansen_env.checks import entries, finite_numbers, invalid, shown
+from jansen_env.checks import entries, finite, instance, invalid, listed, shown
 from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.engine import mathematics
 from jansen_env.plants import parameters
@@ -409,43 +409,65 @@ class EpisodeParameters:
         return replace(robot, payload=Payload(mass, position=(place[0], place[1])))
 
     def state(self, i: int) -> Values:
-        """Return the parameters and the terrain of a robot's episode as plain values."""
-        state: Values = {
-            "parameters": dict(zip(PARAMETERS, self._plant.parameters[i].item(), strict=True)),
-            "level": int(self.level[i]),
-        }
+        """Return the level and the generated terrain of a robot, for a saved state."""
+        state: Values = {"level": int(self.level[i])}
         terrain = self._plant.terrains[i]
         if self._generators[i] is not None and isinstance(terrain, Terrain):
-            state["terrain"] = np.array(terrain.points)
-            state["ground"] = (terrain.friction, terrain.restitution)
+            state["terrain"] = {
+                "points": np.array(terrain.points),
+                "friction": terrain.friction,
+                "restitution": terrain.restitution,
+            }
         return state
 
-    def planned(self, i: int, state: Values, robot: Robot) -> tuple[Plan, int]:
-        """Return the plan that restores an episode, and its terrain level.
+    def planned(
+        self, i: int, state: Values, given: Mapping[str, object], robot: Robot
+    ) -> tuple[Plan, int]:
+        """Return the plan that restores an episode, and the level of the robot.
 
         Args:
             i: Index of the robot.
-            state: State that :meth:`state` returned.
+            state: Saved state, with the entries of :meth:`state`.
+            given: Parameters of the episode, by name. Others get their nominal values.
             robot: Robot of the restored episode.
 
         Raises:
             ValueError: If a value of the state is out of range.
         """
-        given = state["parameters"]
-        if not isinstance(given, Mapping) or not {*given} <= {*PARAMETERS}:
-            raise ValueError(f"state['parameters'] must have {[*PARAMETERS]}, got {shown(given)}")
-        values = self.nominal[[i]]  # for parameters that the state does not contain
+        label = "state['record']['parameters']"
+        if unknown := [name for name in given if name not in PARAMETERS]:
+            allowed = f"one of {listed([*PARAMETERS], unknown[0])}"
+            raise invalid(f"a field of {label}", unknown[0], allowed)
+        values = self.nominal[[i]]
         for name, value in given.items():
-            values[name] = check(f"state['parameters'][{name!r}]", name, value)
+            values[name] = check(f"{label}[{name!r}]", name, value)
         self._check_feet(robot, values[0])
         self._check_robot(i, robot)
         level = check("state['level']", "terrain_level", state["level"])
         terrain = None
         if self._generators[i] is not None:
-            points = entries("state['terrain']", state["terrain"], "(x, y) points")
-            ground = finite_numbers("state['ground']", state["ground"], 2).tolist()
-            terrain = Terrain(points, *ground)
+            terrain = _load_terrain("state['terrain']", state["terrain"])
         return Plan(values, terrain), int(level)
+
+
+def _load_terrain(name: str, value: object) -> Terrain:
+    """Return a generated terrain of a saved state.
+
+    Args:
+        name: Name of the terrain, for error messages.
+        value: Points, friction and restitution of the terrain, by name.
+
+    Raises:
+        ValueError: If an entry is missing, unknown or out of range.
+    """
+    given = instance(name, value, Mapping)
+    if {*given} != {"points", "friction", "restitution"}:
+        allowed = "points, friction and restitution by name"
+        raise invalid(name, value, allowed)
+    points = entries(f"{name}['points']", given["points"], "(x, y) points")
+    friction = finite(f"{name}['friction']", given["friction"])
+    restitution = finite(f"{name}['restitution']", given["restitution"])
+    return Terrain(points, friction, restitution)
 
 
 def _with(values: Any, numbers: Mapping[str, float]) -> Any:

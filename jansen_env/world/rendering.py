@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jansen_env.arrays import Array
+from jansen_env.engine.contact_frames import AIR, GRIP, SLIP
 from jansen_env.engine.mathematics import directions
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import joint_positions, world_joints
@@ -54,7 +55,6 @@ GROUND, SURFACE, GROUND_TEXT = (234, 223, 202), (150, 128, 94), (104, 86, 58)
 INK, MUTED, TRACK, WHITE = (38, 50, 66), (100, 112, 128), (220, 227, 235), (255, 255, 255)
 LINK, CRANK, FORCE = (58, 124, 190), (240, 140, 16), (124, 58, 190)
 GREEN, RED = (0, 140, 122), (220, 38, 38)
-AIR, GRIP, SLIP = 0, 1, 2  # a toe is lifted, sticks to the ground, or slides under load
 LEGEND = {"gripping toe": GRIP, "slipping toe": SLIP, "lifted toe": AIR, "contact force": None}
 CIRCLE = np.array([(math.cos(a), math.sin(a)) for a in np.linspace(0.0, 2.0 * math.pi, 32)])
 

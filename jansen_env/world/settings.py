@@ -431,7 +431,7 @@ class WorldSettings:
     every robot for which the argument specifies a value.
 
     Attributes:
-        held: Whether all chassis are fixed in the air.
+        fixed_chassis: Whether all chassis are fixed in the air.
         ideal_torque: Torque limit of an ideal motor, in N m. None for the limit of the motor.
         FIXED: Names of the fields that are not arguments.
         num_envs: Number of robots of a vector environment. None for an environment of one robot.
@@ -445,7 +445,7 @@ class WorldSettings:
             ``randomize``.
     """
 
-    held: ClassVar[bool] = False
+    fixed_chassis: ClassVar[bool] = False
     ideal_torque: ClassVar[float | None] = None
     FIXED: ClassVar[frozenset[str]] = frozenset({"num_envs", "preset", "given", "by_user"})
 
@@ -624,7 +624,7 @@ class HeldSettings(WorldSettings):
     There is no ground and there are no disturbances.
     """
 
-    held: ClassVar[bool] = True
+    fixed_chassis: ClassVar[bool] = True
     ideal_torque: ClassVar[float | None] = 5.0
     FIXED: ClassVar[frozenset[str]] = WorldSettings.FIXED | (
         {*WorldArguments.__annotations__} - {*RobotArguments.__annotations__, "time_step"}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -18,13 +18,14 @@ from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.pads import pad_layout
 from jansen_env.engine import episode, readings, walk_reward
+from jansen_env.engine.contact_frames import AIR, put_contacts
 from jansen_env.engine.episode import Episodes, Observing, look_up_pushes
 from jansen_env.engine.integrator import DIVERGED
 from jansen_env.plants import parameters
 from jansen_env.plants.base import (
     LARGEST,
     check_deflection,
-    check_held,
+    check_fixed_chassis,
     check_in_contact,
     check_state,
     static_deflection,
@@ -49,15 +50,15 @@ from jansen_env.uniform import draw_seed, uniform
 from jansen_env.world.episode_lengths import Build, EpisodeLengths
 from jansen_env.world.episode_parameters import EpisodeParameters, Plan, Progress
 from jansen_env.world.observations import Observed, sensor_errors, world_observations
-from jansen_env.world.onboard import ESTIMATES, ONBOARD, onboard_columns, toe_paths
+from jansen_env.world.onboard import ONBOARD, onboard_columns, toe_paths
 from jansen_env.world.push import add_push, check_schedule, push_settings
-from jansen_env.world.rendering import AIR, GRIP, SLIP, Frame
+from jansen_env.world.rendering import Frame
+from jansen_env.world.saved_states import APPLIED, VERSION, SavedRecords
 from jansen_env.world.settings import (
     Check,
     Values,
     WorldSettings,
     control_period,
-    flag,
     load_compliance,
     load_motor,
     load_payload,
@@ -73,9 +74,6 @@ Its arguments are the index of the robot, the random number generator, and the r
 """
 
 MOST_DELAYED = 10_000  # longest delay in control steps, which is the number of torques to keep
-LARGEST_COUNT = 2**63 - 1  # largest number of control steps in an episode, and largest seed
-SLIPPING = 0.01  # mean slip speed, in m/s, above which a toe is drawn as slipping
-TOUCHING = 1e-6  # normal force, divided by the weight, above which a toe is drawn on the ground
 START_ANGLE = math.pi  # crank reference at time 0 with a fixed chassis, in rad, as in the paper
 LOST = math.pi  # deviation from the reference, in rad, that ends an episode with a fixed chassis
 NO_PUSHES = np.zeros((0, 3))
@@ -106,6 +104,22 @@ class Start(NamedTuple):
     numbers: Numbers
 
 
+class Restored(NamedTuple):
+    """A checked saved state of a robot, to which the robot can be restored.
+
+    Attributes:
+        record: Fields of the robot's record, by name.
+        plan: Parameters, terrain and robot of the episode.
+        level: Level of the robot in the curriculum.
+        in_contact: Whether each pad was on the ground, shape (pads,), or None if that is not known.
+    """
+
+    record: Values
+    plan: Plan
+    level: int
+    in_contact: Bools | None
+
+
 class World:
     """Simulation of n robots together with everything that acts on them.
 
@@ -120,6 +134,7 @@ class World:
         settings: Checked arguments of the environment.
         threads: Number of CPU cores to use. If None, it is chosen from the batch size.
         task: Data type of the task's part of a robot's record. None for no such part.
+        omitted: Fields of the task's part that saved states do not contain.
 
     Attributes:
         OPTIONS: Names of the options that :meth:`reset` accepts.
@@ -167,8 +182,9 @@ class World:
         settings: WorldSettings,
         threads: int | None = None,
         task: np.dtype[np.void] | None = None,
+        omitted: Collection[str] = (),
     ) -> None:
-        self.held = settings.held
+        self.fixed_chassis = settings.fixed_chassis
         n = settings.count
         self.num_envs = n
         robots = settings.make_robots()
@@ -183,6 +199,7 @@ class World:
         pads = len(pad_layout(robots[0]).joint)
         delayed = self._longest_queue(settings.randomize)
         self.records = RobotRecords(n, len(robots[0].toes), pads, delayed, 0, task)
+        self._saved = SavedRecords(self.records, omitted)
         self._every = np.arange(n)
         self.plant: BatchedPlant = make_batch(
             settings.plant,
@@ -190,7 +207,7 @@ class World:
             terrains,
             self.time_step,
             threads,
-            self.held,
+            self.fixed_chassis,
             settings.links_collide,
             settings.joint_play,
             settings.backlash,
@@ -208,7 +225,7 @@ class World:
         if self.track_joint_forces and not self.plant.knows_joint_forces:
             other = "links_collide=True" if settings.links_collide else "plant='rigid_body'"
             raise ValueError(f"track_joint_forces must be False with {other}, got True")
-        self.plant.tracing = self.track_joint_forces and not self.held
+        self.plant.tracing = self.track_joint_forces and not self.fixed_chassis
         self._joint_loads = np.zeros(2)
         self.scan = settings.height_scan
         self._noise = settings.noise
@@ -219,7 +236,7 @@ class World:
         if self.is_onboard:
             scanned = self._readings[len(self._readings) - len(self.scan) :]
             self.observations = [*ONBOARD, *scanned]
-        if self.held:
+        if self.fixed_chassis:
             self.observations = self.observations[:3]  # only the crank is observed
             self.OPTIONS: tuple[str, ...] = ("crank_angle", "crank_speed", "delay", "lengths")
             self.SETTABLE: tuple[str, ...] = ("delay",)
@@ -236,7 +253,7 @@ class World:
         has = {"noise_level": self._noise is not None, "push_strength": settings.push is not None}
         self.episodes = EpisodeParameters(self.plant, settings, generators, has)
         self.lengths = EpisodeLengths(
-            robots, settings.randomize, settings.observe_lengths, standing=not self.held
+            robots, settings.randomize, settings.observe_lengths, standing=not self.fixed_chassis
         )
         self._bind_kernels()
         self._share_arrays()
@@ -302,21 +319,21 @@ class World:
         self.toe_load = records.loads
         self.information = info
         self.energies = energy
-        if self.held:
-            self.information = self.information[[*readings.HELD_INFORMATION]]
-            self.energies = self.energies[[*readings.HELD_ENERGIES]]
+        if self.fixed_chassis:
+            self.information = self.information[[*readings.FIXED_CHASSIS_INFORMATION]]
+            self.energies = self.energies[[*readings.FIXED_CHASSIS_ENERGIES]]
         self.groups: dict[str, Rows] = {}
         self.arrays: dict[str, NDArray[np.generic]] = {}
         if self.episodes.varies:
             self.groups["parameters"] = records.parameters
         if self.lengths.values is not None:
             self.groups["lengths"] = self.lengths.values
-        if not self.held:
+        if not self.fixed_chassis:
             self.arrays = {"slip": records.slip, "contact_force": records.contact_force}
         if self._noise is not None and hasattr(self, "_observing"):
             self.arrays["true_observation"] = self._observing.truth
         if self.track_joint_forces:
-            names = ("joint_force_max", "joint_impulse_max")[: 1 if self.held else 2]
+            names = ("joint_force_max", "joint_impulse_max")[: 1 if self.fixed_chassis else 2]
             self.arrays |= {k: self._joint_loads[i : i + 1] for i, k in enumerate(names)}
         is_walk = records.task.dtype == walk_reward.ROW
         walks = records.task if is_walk else np.zeros(0, walk_reward.ROW)
@@ -516,7 +533,7 @@ class World:
         # All values are sampled even if an option replaces some of them, so that an option does not
         # change the other values.
         noise = float(self.reset_noise_scale[i])
-        if self.held:
+        if self.fixed_chassis:
             numbers = draw(i, rng, options)
             angle = START_ANGLE + noise * uniform(rng, -1.0, 1.0)
         else:
@@ -529,12 +546,16 @@ class World:
         pushes = NO_PUSHES
         random = True
         if options:
-            limits = (START_ANGLE - LOST, START_ANGLE + LOST) if self.held else (-LARGEST, LARGEST)
+            limits = (
+                (START_ANGLE - LOST, START_ANGLE + LOST)
+                if self.fixed_chassis
+                else (-LARGEST, LARGEST)
+            )
             delay = option(options, "delay", delay, 0.0, self._longest_delay)
             angle = option(options, "crank_angle", angle, *limits)
             speed = option(options, "crank_speed", speed, -DIVERGED, DIVERGED)
         seed = None  # a robot with a fixed chassis needs no seed unless its lengths are sampled
-        if not self.held or self.lengths.factors[i]:
+        if not self.fixed_chassis or self.lengths.factors[i]:
             seed = draw_seed(rng)
         if "robot" in options:
             robot = load_robot("options['robot']", options["robot"])
@@ -636,7 +657,7 @@ class World:
 
     def _find_joint_loads(self) -> tuple[float, float]:
         """Return the largest force on a joint, in N, and the largest impulse, in N s."""
-        if self.held:
+        if self.fixed_chassis:
             return self.plant.joint_forces(float(self.torque[0])).largest()[0], 0.0
         if self.plant.any_diverged:
             return 0.0, 0.0
@@ -657,7 +678,7 @@ class World:
             ValueError: If ``impulse`` is not two finite numbers, there are too many pushes at once,
                 or the chassis of the robot is fixed.
         """
-        if self.held:
+        if self.fixed_chassis:
             raise ValueError("a robot whose chassis is fixed cannot be pushed")
         now = float(self.elapsed[i]) * self.control_dt
         push = check_schedule("impulse", [(now, *checks.entries("impulse", impulse, "(Jx, Jy)"))])
@@ -709,7 +730,9 @@ class World:
             parts = {name: checked[name] for name in PARTS if name in checked}
             numbers = _parameters_of(checked)
             plan = self.episodes.changed(i, numbers, self.lengths.equipped(i, parts))
-            self._begin(np.array([i]), [plan], lambda: plant.set_state(i, state, deflection))
+            self._begin(
+                np.array([i]), [plan], lambda: plant.set_mechanical_state(i, state, deflection)
+            )
             plant.in_contact = in_contact
             self.episodes.set_nominal(i, numbers)
         self.episodes.replace_draws(i, {*checked} & {*FROM_RESETS})
@@ -723,11 +746,16 @@ class World:
         friction, bounce = self.records.parameters[["friction", "restitution"]][i].tolist()
         return replace(self.plant.terrains[i], friction=friction, restitution=bounce)
 
+    def parameters(self, i: int) -> Numbers:
+        """Return the parameters of a robot's current episode, by name."""
+        return dict(zip(PARAMETERS, self.records.parameters[i].item(), strict=True))
+
     def get_attr(self, name: str) -> list[object] | None:
         """Return an attribute of each robot.
 
         Args:
-            name: ``robot``, ``state``, ``delay`` (in s, of this episode), ``terrain``,
+            name: ``robot``, ``state`` (the mechanical state), ``delay`` (in s, of this episode),
+                ``terrain``,
                 ``terrain_level``, ``payload``, ``motor``, ``torque_limit``, ``pad_compliance``,
                 ``weight``, ``reset_noise_scale``, or a name in :data:`KEPT`.
 
@@ -752,77 +780,87 @@ class World:
         return list(values[name]) if name in values else None
 
     def get_state(self, i: int) -> Values:
-        """Return everything that the future of a robot depends on.
+        """Return everything that the future of a robot depends on, except its random generator.
 
-        The values of the task and the state of the random number generator are not included.
+        Args:
+            i: Index of the robot.
+
+        Returns:
+            The saved state, which has these entries:
+
+            - ``version``: Version of the format.
+            - ``record``: Copy of the robot's record, see :mod:`jansen_env.world.saved_states`.
+            - ``in_contact``: Whether each pad was on the ground, or None if that is not known. It
+              is used only to detect touchdowns.
+            - ``level``: Level of the robot in the curriculum.
+            - ``terrain``: Points, friction and restitution of a generated terrain.
+            - ``robot``: The robot, if it is not the robot of the environment's arguments.
+            - ``lengths``: Link lengths of this episode, by name, that differ from the robot's.
         """
         changed = self.lengths.changed[i]
         in_contact = self.plant.in_contact
         state: Values = {
-            "plant": self.plant.states[i].copy(),
-            "delay": self.delay(i),
-            "asked": self.records.torques[i].copy(),
-            "action": float(self.action[i]),
+            "version": VERSION,
+            "record": self._saved.read(i),
             "in_contact": None if i > 0 or in_contact is None else in_contact.copy(),
-            "deflection": self.plant.deflection[i].copy(),
-            "steps": int(self.elapsed[i]),
-            "command_seed": int(self.seeds[i]),
-            "loads": self.toe_load[i].copy(),
-            "window": np.array(self.records.robots["ground_load"][i].item()),
             **self.episodes.state(i),
-            "pushes": self.scheduled(i),
-            "random_pushes": bool(self.records.robots["random_pushes"][i]),
         }
         if self.lengths.nominal[i] != self.lengths.constructed[i]:
             state["robot"] = robot_to_json(self.lengths.nominal[i])
         if changed:
             state["lengths"] = dict(changed)
-        if self.is_onboard:
-            state["onboard"] = self.records.robots["onboard"]["estimates"][i].copy()
         return state
 
-    def checked_state(self, i: int, state: Values) -> Values:
-        """Check a state of :meth:`get_state` for :meth:`restore`.
+    def checked_state(self, i: int, state: Values, of_task: Mapping[str, Check]) -> Restored:
+        """Check a saved state for :meth:`restore`.
 
         Args:
             i: Index of the robot.
-            state: The state.
+            state: State that :meth:`get_state` returned.
+            of_task: Checks of fields of the task's part of the record, by path.
 
         Returns:
-            The checked values, by name.
+            The checked state.
 
         Raises:
-            ValueError: If a value is out of range.
+            ValueError: If an entry is missing, unknown or out of range.
         """
-        sizes = {"asked": self.records.torques.shape[1], "loads": self.plant.toes}
-        if self.is_onboard:
-            sizes["onboard"] = ESTIMATES
-        checked: Values = {
-            name: checks.finite_numbers(f"state[{name!r}]", state[name], size)
-            for name, size in sizes.items()
-        }
-        window = checks.finite_numbers("state['window']", state["window"], 3)
-        checked["window"] = np.array([checks.non_negative("state['window']", x) for x in window])
-        checked["plant"] = check_state(state["plant"])
-        if self.held:
-            check_held(checked["plant"])
+        if state.get("version") != VERSION:
+            raise checks.invalid("state['version']", state.get("version"), VERSION)
         pads = self.plant.deflection.shape[1]
-        count = partial(checks.whole_number, most=LARGEST_COUNT)
+        unit = partial(checks.within, low=-1.0, high=1.0)
+        positive = partial(checks.within, low=0.0, high=checks.MOST_SINGLE)
+        special: dict[str, Check] = {
+            "state": self._checked_motion,
+            "statistics.deflection": lambda name, value: check_deflection(value, pads, name),
+            "parameters": lambda name, value: checks.instance(name, value, Mapping),
+            "schedule": check_schedule,
+            "action": unit,
+            "action_before": unit,
+            "ground_load.impulse": positive,
+            "ground_load.unevenness": positive,
+        }
+        record = self._saved.check("state['record']", state["record"], {**special, **of_task})
+        if "state" not in record:
+            raise ValueError("state['record'] lacks 'state', must come from get_state()")
         build = self._checked_build(i, state)
         robot = build.robot if build else self.robots[i]
-        plan, checked["level"] = self.episodes.planned(i, state, robot)
-        return {
-            **checked,
-            "delay": checks.within("state['delay']", state["delay"], 0.0, self._longest_delay),
-            "action": checks.within("state['action']", state["action"], -1.0, 1.0),
-            "in_contact": check_in_contact(state["in_contact"], pads),
-            "deflection": check_deflection(state["deflection"], pads),
-            "steps": count("state['steps']", state["steps"]),
-            "seed": count("state['command_seed']", state["command_seed"]),
-            "pushes": check_schedule("state['pushes']", state["pushes"]),
-            "random_pushes": flag("state['random_pushes']", state["random_pushes"]),
-            "plan": plan._replace(build=build),
-        }
+        plan, level = self.episodes.planned(i, state, record.get("parameters", {}), robot)
+        delay = plan.values["delay"].item()
+        checks.within("state['record']['parameters']['delay']", delay, 0.0, self._longest_delay)
+        in_contact = check_in_contact(state["in_contact"], pads)
+        return Restored(record, plan._replace(build=build), level, in_contact)
+
+    def _checked_motion(self, name: str, value: object) -> Array:
+        """Return the mechanical state of a saved record as an array, shape (8,).
+
+        Raises:
+            ValueError: If it is not finite, or moves a fixed chassis.
+        """
+        motion = check_state(value, name)
+        if self.fixed_chassis:
+            check_fixed_chassis(motion)
+        return motion
 
     def _checked_build(self, i: int, state: Values) -> Build | None:
         """Return the robot of a state, or None if the present robot need not be replaced.
@@ -832,7 +870,7 @@ class World:
         """
         robot: Robot = self.lengths.constructed[i]
         if "robot" in state:
-            if self.held:
+            if self.fixed_chassis:
                 raise ValueError(
                     "this environment cannot restore a different robot; remove 'robot' from the "
                     "state"
@@ -845,7 +883,7 @@ class World:
             self.plant.check_robot(other)
         return self.lengths.plan(i, state.get("lengths", {}), None, other)
 
-    def restore(self, i: int, state: Values) -> None:
+    def restore(self, i: int, state: Restored) -> None:
         """Restore a robot to a saved state.
 
         Args:
@@ -853,33 +891,26 @@ class World:
             state: State that :meth:`checked_state` returned.
         """
         plant = self.plant
+        record = state.record
         which = np.array([i])
-        where = state["plant"], state["deflection"]
-        self._begin(which, [state["plan"]], lambda: plant.set_state(i, *where))
-        self.episodes.level[i] = state["level"]
+        deflection = record.get("statistics", {}).get("deflection")
+        self._begin(
+            which, [state.plan], lambda: plant.set_mechanical_state(i, record["state"], deflection)
+        )
+        self.episodes.level[i] = state.level
         if i == 0:
-            plant.in_contact = state["in_contact"]
+            plant.in_contact = state.in_contact
+        self._saved.clear(i, APPLIED)
         self.begin_episodes(which)
-        records = self.records
-        robot = self.records.robots[i]
-        records.torques[i] = state["asked"]
-        robot["delay"] = divmod(round(state["delay"] / self.time_step), self.steps)
-        records.slip[i] = records.contact_force[i] = 0.0
-        records.loads[i] = state["loads"]
-        robot["ground_load"] = tuple(state["window"])
-        robot["action"] = robot["action_before"] = state["action"]
-        robot["elapsed"] = state["steps"]
-        robot["seed"] = state["seed"]
-        if self.is_onboard:
-            robot["onboard"]["estimates"] = state["onboard"]
-            robot["onboard"]["is_first"] = False
+        self._saved.write(i, record, APPLIED)
         self.truncated[i] = False
         plant.any_diverged = bool(plant.diverged.any())
-        self._set_pushes(i, state["pushes"], state["random_pushes"])
+        random = bool(self.records.robots["random_pushes"][i])
+        self._set_pushes(i, record.get("schedule", NO_PUSHES), random)
 
     def scene(self, i: int) -> Values:
         """Return the arguments of :class:`jansen_env.world.rendering.Renderer` to draw a robot."""
-        if self.held:
+        if self.fixed_chassis:
             return {"robot": self.robots[i], "terrain_points": None, "speed_unit": "rad/s"}
         ground = self.plant.terrains[i]
         shapes = self.plant.shapes(i)
@@ -899,15 +930,12 @@ class World:
         plant = self.plant
         state = self.plant.states[i]
         weight = float(self.weight[i])
-        points = force = np.zeros((plant.toes, 2))
+        points = np.zeros((plant.toes, 2))
+        force = np.zeros((plant.toes, 2))
         contact = np.full(plant.toes, AIR)
-        if not self.held:
+        if not self.fixed_chassis:
             points, tangents = plant.contact_frames(i)
-            normals = np.stack([-tangents[:, 1], tangents[:, 0]], axis=-1)
-            along, across = plant.contact_force[i].T[..., None]
-            force = along * tangents + across * normals
-            contact = np.where(across[:, 0] > TOUCHING * weight, GRIP, AIR)
-            contact[plant.slip[i] > SLIPPING * self.control_dt] = SLIP
+            put_contacts(i, self.control_dt, self.records.motions, tangents, contact, force)
         return Frame(
             q=state[:4].copy(),
             contact=contact,
@@ -915,11 +943,13 @@ class World:
             contact_force=force,
             weight=weight,
             command=command,
-            speed=float(state[7] if self.held else state[4]),
+            speed=float(state[7] if self.fixed_chassis else state[4]),
             torque=float(self.torque[i]),
             torque_limit=abs(float(self.full_torque[i])),
             time=float(self.elapsed[i]) * self.control_dt,
-            load=None if self.held else float(self.records.robots["info"]["ground_load"][i]),
+            load=None
+            if self.fixed_chassis
+            else float(self.records.robots["info"]["ground_load"][i]),
         )
 
     def __getstate__(self) -> Values:

@@ -52,10 +52,10 @@ def write_walk(path, env_id, arguments):
     env.reset(seed=1)
     world = env.task.world
     plant, records = world.plant, world.records
-    shares, rows = np.array([[0, 1], [1, 1]]), np.zeros(1, np.int64)
+    queues, rows = np.array([[0, 1], [1, 1]]), np.zeros(1, np.int64)
     given = (
         0,
-        shares,
+        queues,
         1,
         rows,
         world._actions,
@@ -92,7 +92,7 @@ def write_walk(path, env_id, arguments):
             content = np.ascontiguousarray(block).tobytes()
             file.write(struct.pack("<q", len(content)) + content)
         numbers = [len(words), *(part for word in words for part in word)]
-        numbers += [places["shares"][0], places["actions"][0], len(results)]
+        numbers += [places["queues"][0], places["actions"][0], len(results)]
         numbers += [part for result in results for part in result] + [STEPS]
         file.write(struct.pack(f"<{len(numbers)}q", *numbers) + actions.tobytes())
     digest = 14695981039346656037

@@ -93,3 +93,13 @@ def test_compiled_functions_give_the_same_bits_alone(compiled, name, arguments, 
     called = re.findall(r"\bcall\b[^@\n]*@\"?(?:llvm\.|numba_)?(\w+)", code)
     others = "cos exp floor fma fmuladd frexp ldexp log pow rint round sin trunc"
     assert not {*others.split()} & {*called}
+
+
+def test_modulo_is_that_of_numpy():
+    """Bit for bit, also for large angles; NaN for what is not finite."""
+    turn = 2.0 * math.pi
+    angles = np.concatenate([TURNS, turn * np.arange(-20.0, 20.0), 10.0 ** np.arange(0.0, 308.0)])
+    for values in (angles, -angles):
+        rests = [mathematics.modulo(float(x), turn) for x in values]
+        assert np.array_equal(rests, values % turn)
+    assert all(math.isnan(mathematics.modulo(x, turn)) for x in (math.inf, -math.inf, math.nan))

@@ -139,10 +139,10 @@ def test_an_action_that_is_ignored_may_be_anything():
     env.reset(seed=0)
     env.step(np.full((2, 1), 0.2, np.float32))
     env.step(np.full((2, 1), np.nan))
-    before = [env.get_state(i)["action"] for i in range(2)]
+    before = [env.get_state(i)["record"]["action"] for i in range(2)]
     with pytest.raises(ValueError, match=r"actions\[1\] must be finite, got nan"):
         env.step(np.array([[1.0], [np.nan]]))
-    assert [env.get_state(i)["action"] for i in range(2)] == before  # as all of the state
+    assert [env.get_state(i)["record"]["action"] for i in range(2)] == before  # as all of the state
 
 
 @pytest.mark.parametrize("mode", MODES)

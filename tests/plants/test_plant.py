@@ -141,7 +141,7 @@ def rigid_body(robot=None, **arguments):
 
 
 def held(robot=None, **arguments):
-    return projection(robot, held=True, **arguments)
+    return projection(robot, fixed_chassis=True, **arguments)
 
 
 TOO_LONG = Robot().with_bodies(crank=Bar(0.2))
@@ -154,8 +154,8 @@ REFUSED = [
     (projection, {"gravity": (0.0, math.nan)}, None, "gravity must be .*, got nan"),
     *((make, {}, state, r"state must be 8 finite numbers, within 1e\+12")
       for make in (projection, rigid_body) for state in ([0.0] * 7, [math.nan] * 8)),
-    (held, {}, np.ones(8), "must not move: it is held"),
-    (rigid_body, {"held": True}, np.ones(8), "must not move: it is held"),
+    (held, {}, np.ones(8), "must not move the fixed chassis"),
+    (rigid_body, {"fixed_chassis": True}, np.ones(8), "must not move the fixed chassis"),
 ]  # fmt: skip
 
 

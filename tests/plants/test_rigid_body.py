@@ -228,7 +228,7 @@ def test_flight_is_that_of_the_dense_equations(motor, friction):
 def test_dry_friction_holds_at_a_standstill(angle):
     """Up to sum tau_i |a_j' - a_i'| + the gear's the crank does not turn; 2 % above it does."""
     robot = replace(LIGHT, bearing_friction=DRY, motor=Motor(friction=0.15))
-    plant = RigidBodyPlant(robot, Terrain.flat(), gravity=0.0, held=True)
+    plant = RigidBodyPlant(robot, Terrain.flat(), gravity=0.0, fixed_chassis=True)
     holds, step = robot.motor.friction, 1e-6
     for leg in robot.legs:
         psi = angle + leg.phase
@@ -259,7 +259,7 @@ def test_the_motor_gives_what_it_can():
         ends.append(plant.state)
     assert (ends[0] == ends[1]).all()
     assert results[0].electrical_work == results[1].electrical_work > results[0].motor_work > 0.0
-    fast = RigidBodyPlant(replace(LIGHT, motor=motor), Terrain.flat(), held=True)
+    fast = RigidBodyPlant(replace(LIGHT, motor=motor), Terrain.flat(), fixed_chassis=True)
     fast.state = np.array([0.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0, 7.0])
     result = fast.step(3.0, fast.time_step)
     speed = 0.5 * (7.0 + fast.state[7])

@@ -74,9 +74,9 @@ def test_varied_robots_are_those_built_so(design):
         assert apart[:13].max() < 1e-10 and apart.max() < 1e-8, names
         assert sums[:, k] == pytest.approx(expected[1][:, 0], rel=1e-7, abs=1e-9)
         assert forces[k] == pytest.approx(expected[2][0], rel=1e-7, abs=1e-7)
-        assert np.abs(batch.params[k]["mass"] - other.params[0]["mass"]) < 1e-12
+        assert np.abs(batch.properties[k]["mass"] - other.properties[0]["mass"]) < 1e-12
         for name in ("pitch_arm", "crank_arm", "winding", "stall_torque"):
-            assert batch.params[k][name] == pytest.approx(other.params[0][name], rel=1e-12)
+            assert batch.properties[k][name] == pytest.approx(other.properties[0][name], rel=1e-12)
         same = (states[-1, k] == states[-1, 0]).all()
         assert same == (not set(names) & set(effective(robot))), names
     assert sums[list(batch.accumulators.dtype.names).index("push_work")].all()
@@ -88,10 +88,10 @@ def test_a_row_that_changes_nothing_changes_no_bit(design):
     plain, other = (Batch([robot, robot], [GROUND] * 2) for _ in range(2))
     rows = np.array([changed_row(robot, *CHANGES)] * 2, EPISODE)
     other.set_parameters(np.arange(2), rows)
-    assert (other.params["mass"] > plain.params["mass"]).all()
+    assert (other.properties["mass"] > plain.properties["mass"]).all()
     other.set_parameters(np.arange(2), plain.parameters)
-    for name in plain.params.dtype.names:
-        assert other.params[name].tobytes() == plain.params[name].tobytes()
+    for name in plain.properties.dtype.names:
+        assert other.properties[name].tobytes() == plain.properties[name].tobytes()
     for a, b in zip(walked(plain), walked(other), strict=True):
         assert a.tobytes() == b.tobytes()
 
@@ -120,7 +120,7 @@ def test_the_rigid_body_plant_is_varied_alike():
 def test_another_ground_puts_its_friction_in_force():
     batch = Batch([GIVING] * 2, [GROUND] * 2)
     batch.set_terrain(1, Terrain.flat(0.3))
-    for numbers in (batch.parameters, batch.params):
+    for numbers in (batch.parameters, batch.properties):
         assert numbers["friction"].tolist() == [GROUND.friction, 0.3]
 
 

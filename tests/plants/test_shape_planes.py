@@ -38,7 +38,7 @@ def random_centres(plant, row, terrain, rng):
     state = np.zeros(8)
     state[0], state[3] = rng.uniform(-8.0, 8.0), rng.uniform(0.0, 2.0 * math.pi)
     state[2] = rng.uniform(-0.3, 0.3)
-    plant.set_state(row, state)
+    plant.set_mechanical_state(row, state)
     centres = plant.pad_centres(row)
     above = (centres[:, 1] - terrain.height(centres[:, 0])).min()
     centres[:, 1] += rng.uniform(0.0, plant.robots[row].pad_radius + SPECULATIVE_MARGIN) - above
@@ -130,11 +130,11 @@ def test_both_paths_walk_alike(kind, feet):
     envs = [gym.make("JansenWalker-v0", terrain=ground, **arguments) for ground in grounds]
     for env in envs:
         env.reset(seed=1)
-    states = [env.unwrapped.get_state()["plant"] for env in envs]
+    states = [env.unwrapped.get_state()["record"]["state"] for env in envs]
     for _ in range(50):
         for env in envs:
             env.step(np.array([0.6], np.float32))
-        states = [env.unwrapped.get_state()["plant"] for env in envs]
+        states = [env.unwrapped.get_state()["record"]["state"] for env in envs]
         np.testing.assert_allclose(states[1], states[0], rtol=0.0, atol=1e-9)
     assert abs(states[0][0]) > 0.05 or abs(states[0][3]) > 5.0
 

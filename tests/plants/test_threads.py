@@ -15,7 +15,7 @@ ROBOTS = 64
 def test_an_error_in_any_thread_arrives_and_the_others_end(failing, meanwhile):
     threads, ended = Threads(ROBOTS, 2, object), set()
 
-    def move(thread, shares, most, memory):
+    def move(thread, queues, most, memory):
         if thread == failing:
             raise ArithmeticError("lost")
         ended.add(thread)
@@ -31,7 +31,7 @@ def test_an_error_in_any_thread_arrives_and_the_others_end(failing, meanwhile):
 def test_robots_move_whatever_happens_meanwhile():
     threads, ended = Threads(ROBOTS, 2, object), set()
 
-    def move(thread, shares, most, memory):
+    def move(thread, queues, most, memory):
         ended.add((thread, most))
         return False, False
 
@@ -43,7 +43,7 @@ def test_robots_move_whatever_happens_meanwhile():
 def test_what_moves_meanwhile_does_not_wait_for_the_others():
     threads, done = Threads(ROBOTS, 2, object), threading.Event()
 
-    def move(thread, shares, most, memory):
+    def move(thread, queues, most, memory):
         return thread == 1 and not done.wait(10.0), False
 
     def meanwhile():

@@ -67,7 +67,7 @@ def test_a_robot_in_the_air_is_unsupported():
     env = JansenWalkerEnv(robot="built")
     env.reset(seed=0)
     state = env.task.get_state(0)
-    state["plant"] = np.array(state["plant"]) + 2.0 * np.eye(8)[1]
+    state["record"]["state"][1] += 2.0
     env.task.set_state(0, state)
     *_, info = env.step([0.0])
     assert (info["unsupported"], info["ground_load"]) == (1.0, 0.0)

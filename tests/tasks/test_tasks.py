@@ -241,8 +241,11 @@ def test_numbers_of_a_task_are_saved():
     env, other = SlowEnv(), SlowEnv()
     env.reset(seed=3)
     state = env.get_state()
-    assert other.set_state(state)[-1] == np.float32(state["speed_command"])
+    assert other.set_state(state)[-1] == np.float32(
+        state["record"]["task"]["info"]["speed_command"]
+    )
     with pytest.raises(
-        ValueError, match=r"state\['speed_command'\] must be between -1\.0 and.*, got 7\.0"
+        ValueError, match=r"\['info'\]\['speed_command'\] must be between -1\.0 and.*, got 7\.0"
     ):
-        env.set_state({**state, "speed_command": 7.0})
+        state["record"]["task"]["info"]["speed_command"] = 7.0
+        env.set_state(state)

@@ -136,13 +136,13 @@ def thrown(rng, count):
         state, sunk = batch.states[i], robot.mass * GRAVITY / robot.pad_compliance.stiffness
         state[1] += rng.uniform(0.0, 2.0) * step + sunk
         state[4:] = rng.normal(size=4) * (0.5, 0.3, 0.5, 0.0) - (0.0, 1.0, 0.0, 0.0)
-        batch.set_state(i, state)
+        batch.set_mechanical_state(i, state)
     return batch
 
 
 def resolved(batch):
     """(n,) whether the time step resolves all pads; 20 / kg is the most that W has there."""
-    h, pads = batch.time_step, batch.params
+    h, pads = batch.time_step, batch.properties
     stiff = h * np.sqrt(20.0 * pads["stiffness"].max(axis=1)) < 2.0
     return stiff & (20.0 * h * pads["pad_damping"].max(axis=1) < 2.0)
 
@@ -152,7 +152,7 @@ def test_no_pad_creates_energy(rng, measured):
     gain, residual = 0.0, 0.0
     for _ in range(20):
         batch = thrown(rng, 16)
-        batch.params["prescribed_speed"] = True
+        batch.properties["prescribed_speed"] = True
         start = np.array([batch.energy(i) for i in range(16)])
         for _ in range(40):
             batch.step(np.zeros(16), 1)

@@ -135,7 +135,7 @@ def test_thrown_into_grooves(time_step, rng, measured):
     for i in range(len(grounds)):
         batch.place(np.array([i]), rng.uniform(0.0, 2.0 * math.pi, 1))
         state = batch.states[i] + [0.0, 0.05, 0.0, 0.0, *rng.normal(size=4) * (0.5, 0.5, 0.5, 2.0)]
-        batch.set_state(i, state)
+        batch.set_mechanical_state(i, state)
     for _ in range(100):
         batch.step(np.zeros(len(grounds)), round(0.02 / time_step))
         now = np.array([batch.energy(i) for i in range(len(grounds))])

@@ -44,7 +44,7 @@ def walk(robot, seed: int, episodes: int, time_step: float = 1e-3):
     terrains = [grooves(rng) for _ in range(episodes)]
     batch = Batch([robot] * episodes, terrains, time_step)
     for i, terrain in enumerate(terrains):
-        batch.set_state(i, placed(robot, terrain, rng.uniform(0.0, 2 * math.pi)).state)
+        batch.set_mechanical_state(i, placed(robot, terrain, rng.uniform(0.0, 2 * math.pi)).state)
     mean, spread = rng.uniform(-1.0, 1.0, episodes), rng.uniform(0.0, 1.5, episodes)
     worst = np.zeros((episodes, 4))
     for _ in range(100):

@@ -1,7 +1,7 @@
 """Robots in grooves narrower than a pad or a link, whose links collide or not: losses and impulses.
 
 Contacts on both sides of a pad or a link can press on each other with any force. What a time step's
-motion explains bounds it: see :func:`jansen_env.engine.contacts.impulse_share`.
+motion explains bounds it: see :func:`jansen_env.engine.contacts.impulse_ratio`.
 """
 
 import math
@@ -69,7 +69,7 @@ def walk(name: str, rigid: bool, links_collide: bool, seed: int, episodes: int):
             "loss": -np.min([sums[name] for name in LOSSES], axis=0),
             "energy": np.abs(missed - np.sum([sums[name] for name in LOSSES], axis=0)),
             "gain": sums["contact_gain"],
-            "share": sums["impulse_share"],
+            "share": sums["impulse_ratio"],
             "law": sums["worst_residual"],
             "force": np.abs(batch.contact_force).max(axis=(1, 2)),
         }
@@ -155,7 +155,7 @@ def test_impulses_stay_below_a_bound_from_the_mass_matrix(measured):
     for _ in range(300):
         torque = rng.uniform(-20.0, 20.0, count)
         for i in range(count):
-            sky.set_state(i, batch.states[i] + shift(y=1000.0))
+            sky.set_mechanical_state(i, batch.states[i] + shift(y=1000.0))
         batch.step(torque, 1)
         sky.step(torque, 1)
         squares = (batch.records.statistics["impulse"] ** 2).sum(axis=(1, 2))

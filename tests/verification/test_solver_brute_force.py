@@ -44,7 +44,7 @@ def solved(W, q, mu, guess=STICK):
     P, u = np.zeros_like(q), np.zeros_like(q)
     memory = problem(n)
     for k in range(len(q)):
-        memory.mode[:], memory.indices[:] = guess, 0
+        memory.mode[:], memory.factored[:] = guess, 0
         solve(n, memory._replace(W=W[k], v_free=q[k], mu=mu[k], P=P[k], u=u[k]))
     return P, u
 

@@ -218,8 +218,8 @@ def test_deep_toes_move_alike_beside_others():
         state[4:6] = 3.0 * rng.normal(size=2)
         alone, beside = Batch([Robot()], [ground]), Batch([Robot()] * 2, [ground] * 2)
         for batch in (alone, beside):
-            batch.set_state(0, state)
-        beside.set_state(1, state + shift(y=3.0, vx=30.0))
+            batch.set_mechanical_state(0, state)
+        beside.set_mechanical_state(1, state + shift(y=3.0, vx=30.0))
         for _ in range(15):
             alone.step(np.zeros(1), 20)
             beside.step(np.zeros(2), 20)

@@ -24,10 +24,10 @@ def walk(env, steps=20, seed=1, **options):
     """What a step gives, from the reset on, and the states."""
     observation, info = env.reset(seed=seed, options=options)
     results = [(observation, None, False, False, info)]
-    states = [env.unwrapped.get_state()["plant"]]
+    states = [env.unwrapped.get_state()["record"]["state"]]
     for k in range(steps):
         results.append(env.step(np.array([0.3 * np.sin(0.3 * k)], np.float32)))
-        states.append(env.unwrapped.get_state()["plant"])
+        states.append(env.unwrapped.get_state()["record"]["state"])
         if results[-1][2] or results[-1][3]:
             break
     return results, states

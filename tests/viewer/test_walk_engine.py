@@ -255,7 +255,7 @@ def test_a_page_lacks_what_no_kernel_observes(monkeypatch):
     after = task_data(ROBOTS["paper"]())
     assert after["observed"] == [*before["observed"], ""]
     assert after["observing"]["columns"] == before["observing"]["columns"]
-    assert engine_data()["world"]["is_whole"]
+    assert engine_data()["world"]["fully_compiled"]
 
 
 @pytest.mark.slow

@@ -32,16 +32,16 @@ def test_changed_is_as_if_the_state_had_it(name, value, arguments):
     changed, other = (begun(**arguments) for _ in range(2))
     before = walk(begun(**arguments), steps)
     state = other.get_state()
-    state["parameters"][name] = value
+    state["record"]["parameters"][name] = value
     changed.set_parameters(**{name: value})
     other.set_state(state)
     assert same(changed.get_state(), other.get_state())
     walked = walk(changed, steps)
     np.testing.assert_array_equal(walked, walk(other, steps))
     assert not np.array_equal(walked, before)
-    assert changed.parameters[[*state["parameters"]].index(name)] == value
+    assert changed.parameters[[*state["record"]["parameters"]].index(name)] == value
     changed.reset(seed=2)  # and so it stays
-    assert changed.get_state()["parameters"][name] == value
+    assert changed.get_state()["record"]["parameters"][name] == value
 
 
 @pytest.mark.parametrize("change", [{"motor": Motor(torque_limit=3.0)}, FEET, {"payload": 1.0}])
@@ -114,7 +114,7 @@ def test_a_push_begins_at_once_beside_the_others(push):
     if push is None:
         np.testing.assert_array_equal(pushed, walk(scheduled))
     else:
-        assert env.get_state()["random_pushes"]
+        assert env.get_state()["record"]["random_pushes"]
 
 
 @pytest.mark.slow
@@ -123,7 +123,7 @@ def test_pushes_that_are_over_make_room():
     for _ in range(60):
         env.push((0.01, 0.0))
         walk(env, 1)
-    assert len(env.get_state()["pushes"]) <= 6
+    assert len(env.get_state()["record"]["schedule"]) <= 6
     with pytest.raises(ValueError, match="there are 1000 pushes, must be fewer"):
         for _ in range(1001):
             env.push((0.0, 0.0))

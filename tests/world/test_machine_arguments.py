@@ -61,10 +61,10 @@ def test_a_delays_range_is_drawn_at_each_reset_and_can_be_set():
     delays = []
     for _ in range(20):
         env.reset(seed=None if delays else 0)
-        delays.append(env.unwrapped.get_state()["delay"])
+        delays.append(env.unwrapped.get_state()["record"]["parameters"]["delay"])
     assert len(set(delays)) > 10 and 0.0 <= min(delays) < 0.01 and 0.03 < max(delays) <= 0.04
     env.reset(options={"delay": 0.02})
-    assert env.unwrapped.get_state()["delay"] == 0.02
+    assert env.unwrapped.get_state()["record"]["parameters"]["delay"] == 0.02
     with pytest.raises(ValueError, match=r"\['delay'\] must be between 0.0 and 0.04, got 0.1"):
         env.reset(options={"delay": 0.1})
 
@@ -72,9 +72,9 @@ def test_a_delays_range_is_drawn_at_each_reset_and_can_be_set():
 def test_bristles_do_not_outlast_the_feet():
     env = JansenWalkerEnv(pad_compliance=FEET)
     episode(env, actions(10), seed=0)
-    assert np.abs(env.get_state()["deflection"][:, 1]).max() > 0.0
+    assert np.abs(env.get_state()["record"]["statistics"]["deflection"][:, 1]).max() > 0.0
     env.task.set_parameters(0, pad_compliance=Compliance())
-    assert (env.get_state()["deflection"] == UNKNOWN_DEFLECTION).all()
+    assert (env.get_state()["record"]["statistics"]["deflection"] == UNKNOWN_DEFLECTION).all()
 
 
 def test_the_crank_task_has_the_motor():

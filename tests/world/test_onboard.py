@@ -81,7 +81,7 @@ def test_a_state_has_what_the_filters_keep():
         seen = batch.step(action)[0][1]
         assert all((each.step(action[1])[0] == seen).all() for each in (env, other, copy))
     with pytest.raises(ValueError, match="'onboard'"):
-        env.set_state({**state, "onboard": [1.0]})
+        env.set_state({**state, "record": {**state["record"], "onboard": {"estimates": [1.0]}}})
 
 
 def test_the_torque_changes_no_faster_than_its_rate():

@@ -11,11 +11,9 @@ import pytest
 from side_by_side import same
 
 from jansen_env import Bar, Compliance, LinkageError, Motor, Payload, built_robot, paper_robot
-from jansen_env.engine import walk_reward
 from jansen_env.plants.rigid.rigid_batch import RigidBodyBatch
 from jansen_env.robot.robot_file import FORMAT, robot_to_json
 
-ACCOUNTS = walk_reward.ACCOUNTS.names
 HEAVIER = replace(built_robot(), payload=Payload(0.5))
 OPEN = built_robot().with_bodies(crank=Bar(0.2))  # it does not close
 STIFF = replace(HEAVIER, pad_compliance=Compliance(1e9, 10.0))  # for the rigid-body plant
@@ -148,8 +146,8 @@ def test_a_state_that_the_plant_refuses_changes_nothing(plant):
     env = gym.make("JansenWalkerBuilt-v0", plant=plant).unwrapped
     env.reset(seed=3)
     before = env.get_state()
-    state = {**before, "lengths": {"rocker": 0.236}}
-    state["parameters"] = {**before["parameters"], "foot_stiffness_scale": 100.0}
+    state = {**deepcopy(before), "lengths": {"rocker": 0.236}}
+    state["record"]["parameters"]["foot_stiffness_scale"] = 100.0
     with pytest.raises(ValueError, match=r"time_step must be at most .* got 0\.00"):
         env.set_state(state)
     assert env.robot == built_robot() and same(env.get_state(), before)
@@ -165,9 +163,10 @@ def test_a_state_whose_robot_could_have_no_later_episode_changes_nothing(robot, 
     env = gym.make("JansenWalkerBuilt-v0", **arguments).unwrapped
     env.reset(seed=3)
     before, machine = env.get_state(), env.robot
-    parameters = {**before["parameters"], "restitution": 0.0}
+    state = {**deepcopy(before), "robot": robot_to_json(robot)}
+    state["record"]["parameters"]["restitution"] = 0.0
     with pytest.raises(ValueError, match=message):
-        env.set_state({**before, "robot": robot_to_json(robot), "parameters": parameters})
+        env.set_state(state)
     assert env.robot == machine and same(env.get_state(), before)
 
 
@@ -205,54 +204,157 @@ def test_a_start_that_no_observation_can_have():
 NO_NUMBERS = [10**400, 1e300, "x", {"a": 1}, None, [10**400] * 8, [[1, 2], [3]]]
 ENTRIES = {
     "JansenWalkerBuilt-v0": {
-        **dict.fromkeys(("plant", "loads", "mean_speed", "generator",
-                         "covered", "fallen", "random_pushes"), NO_NUMBERS),
+        **dict.fromkeys(
+            (
+                "generator",
+                "record",
+                "record.state",
+                "record.load",
+                "record.contact_force",
+                "record.seed",
+                "record.random_pushes",
+                "record.ground_load.steps",
+                "record.statistics.impulse",
+                "record.parameters",
+                "record.task.covered",
+                "record.task.info.mean_speed",
+                "record.task.info.fallen",
+            ),
+            NO_NUMBERS,
+        ),
+        "version": [None, 0, 2, "1"],
         "in_contact": NO_NUMBERS[:4] + NO_NUMBERS[5:],
-        "asked": [*NO_NUMBERS, [1e300, 0.0]],
-        "deflection": [*NO_NUMBERS, [[0.0, 1e300]] * 22, [[1e300, 0.0]] * 22],
-        "robot": [{}, None, {"format": FORMAT, "design": "paper", "lengths": {"crank": 0.2}},
-                  {"format": FORMAT, "design": "klann", "lengths": {}}],
+        "record.action": [*NO_NUMBERS, 1.5],
+        "record.torques": [*NO_NUMBERS, [1e300, 0.0], [math.inf, 0.0], [0.0] * 3],
+        "record.ground_load.impulse": [*NO_NUMBERS, -1.0],
+        "record.parameters.friction": [*NO_NUMBERS, -0.1],
+        "record.parameters.delay": [0.5],
+        "record.parameters.grip": [1.0],
+        "record.schedule": [1.0, [[0.0, 1.0]], [[0.0, math.nan, 0.0]], [[-1.0, 0.0, 0.0]]],
+        "record.statistics.deflection": [
+            *NO_NUMBERS, [[0.0, 1e300]] * 22, [[1e300, 0.0]] * 22, [[0.0, 0.0]] * 21,
+        ],
+        "record.properties": [{}],
+        "record.onboard.estimates": [[0.0] * 7],
+        "robot": [
+            {},
+            None,
+            {"format": FORMAT, "design": "paper", "lengths": {"crank": 0.2}},
+            {"format": FORMAT, "design": "klann", "lengths": {}},
+        ],
         "lengths": [0.1, {"tail": 0.1}, {"crank": 0.2}],
+        "tail": [1.0],
     },
     "JansenWalkerHardcore-v0": {
-        "ground": [0, [1.0], (math.nan, 0.0), "ab", (0.5, 2.0)],
-        "terrain": [0, [1.0], (math.nan, 0.0), "ab"],
-        "measured": [3.0, {"lag": 0.0}, dict.fromkeys(ACCOUNTS, "much"),
-                     dict.fromkeys(ACCOUNTS, 0.6), dict.fromkeys(ACCOUNTS, -0.1)],
+        "terrain": [0, {}, {"points": [(0.0, 0.0)]}],
+        "terrain.friction": [1.0j, math.nan, "a"],
+        "terrain.restitution": [2.0, math.nan],
+        "terrain.points": [0, [1.0], (math.nan, 0.0), "ab"],
+        "record.task.measured": [3.0, {"delay": 0.0}],
+        "record.task.measured.lag": [0.6, "much", -0.6],
+        "record.task.measured.mean_slip": [-0.1],
     },
     "JansenCrank-v0": {
-        "plant": [np.zeros(2), np.ones(8)], "steps": [10**400], "speed_command": [11.0],
-        "robot": [robot_to_json(paper_robot())], "lengths": [0.1, {"tail": 0.1}, {"crank": 0.2}],
+        "record.state": [np.zeros(2), np.ones(8)],
+        "record.elapsed": [10**400, -1, 0.5],
+        "record.task.info.speed_command": [11.0],
+        "robot": [robot_to_json(paper_robot())],
+        "lengths": [0.1, {"tail": 0.1}, {"crank": 0.2}],
     },
-    "JansenGoal-v0": {"goal": [math.nan, 3.1], "held": [-5.0]},
+    "JansenGoal-v0": {
+        "record.task.info.goal": [math.nan, 3.1],
+        "record.task.info.held": [-5.0],
+    },
 }  # fmt: skip
-"""Entries of states that are none, of whatever kind, also what overflows a float or, observed, a
-float32."""
+"""Entries of states, by path, that are none, of whatever kind, also what overflows a float or,
+observed, a float32."""
 MESSAGES = {
-    "plant": "state is|must",
-    "ground": "ground|restitution",
+    "points": "points|terrain",
+    "restitution": "restitution",
     "robot": "robot|does not close",
     "lengths": "lengths|does not close",
 }
 
 
+def replaced(state, path, value):
+    """A copy of a state with another value of an entry, whose path is a list of names."""
+    first, *rest = path
+    return {**state, first: replaced(state[first], rest, value) if rest else value}
+
+
 @pytest.mark.parametrize(
-    ("env_id", "name", "value"),
-    [(env_id, name, value) for env_id, entries in ENTRIES.items()
-     for name, values in entries.items() for value in values],
-)  # fmt: skip
-def test_an_entry_of_a_state_that_is_none(env_id, name, value):
+    ("env_id", "path", "value"),
+    [
+        (env_id, path, value)
+        for env_id, entries in ENTRIES.items()
+        for path, values in entries.items()
+        for value in values
+    ],
+)
+def test_an_entry_of_a_state_that_is_none(env_id, path, value):
     env = gym.make(env_id).unwrapped
     env.reset(seed=3)
     before = env.get_state()
+    *_, name = names = path.split(".")
     with pytest.raises(ValueError, match=f"(?i){MESSAGES.get(name, name)}"):
-        env.set_state({**before, name: value})
+        env.set_state(replaced(before, names, value))
     assert same(env.get_state(), before)
 
 
 def test_a_state_that_lacks_entries_is_refused():
     env = gym.make("JansenCrank-v0").unwrapped
     env.reset(seed=0)
-    state = {k: v for k, v in env.get_state().items() if k not in ("steps", "action")}
-    with pytest.raises(ValueError, match=r"state lacks \['action', 'steps'\]"):
+    state = {k: v for k, v in env.get_state().items() if k not in ("record", "level")}
+    with pytest.raises(ValueError, match=r"state lacks \['level', 'record'\]"):
         env.set_state(state)
+    state = replaced(env.get_state(), ["record"], {})
+    with pytest.raises(ValueError, match="lacks 'state'"):
+        env.set_state(state)
+
+
+def paths_of(record, *names):
+    """The paths of all fields of a saved record."""
+    for name, value in record.items():
+        yield [*names, name]
+        if isinstance(value, dict):
+            yield from paths_of(value, *names, name)
+
+
+def without(record, path):
+    """A copy of a saved record without one of its fields."""
+    first, *rest = path
+    others = {name: value for name, value in record.items() if name != first}
+    return {**others, first: without(record[first], rest)} if rest else others
+
+
+@pytest.mark.parametrize("env_id", ["JansenWalkerHardcore-v0", "JansenCrank-v0", "JansenGoal-v0"])
+def test_a_field_that_a_state_lacks_is_as_at_the_beginning(env_id):
+    """Also where the environment is elsewhere; the other fields are those of the state."""
+    env, other = gym.make(env_id).unwrapped, gym.make(env_id).unwrapped
+    env.reset(seed=3)
+    for action in (0.5, -0.2, 0.9):
+        env.step([action])
+    state = env.get_state()
+    nominal = {
+        **dict.fromkeys(("gravity_scale", "mass_scale", "motor_strength"), 1.0),
+        "elapsed": 0,
+        "action": 0.0,
+        "tilt": 0.0,
+        "terrain_level": 0.0,
+        "random_pushes": True,
+    }
+    fields = [path for path in paths_of(state["record"]) if path != ["state"]]
+    assert {"info", "statistics", "task", "torques", "seed"} <= {path[0] for path in fields}
+    for path in fields:
+        other.reset(seed=8)
+        other.step([0.3])
+        other.set_state({**state, "record": without(state["record"], path)})
+        now = other.get_state()["record"]
+        assert now.keys() == state["record"].keys()
+        assert same(without(now, path), without(state["record"], path)) or path[0] == "info", path
+        value = now
+        for name in path:
+            value = value[name]
+        if path[-1] in nominal:
+            assert value == nominal[path[-1]], path
+    other.step([0.3])

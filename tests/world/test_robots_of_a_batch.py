@@ -138,4 +138,6 @@ def test_a_recording_has_the_exchanged_robot():
         env.step([0.3])
         env.step([0.3])
         assert env.recording.robot == expected
-        env.unwrapped.set_state({**state, "steps": 5})  # another robot, another recording
+        env.unwrapped.set_state(
+            {**state, "record": {**state["record"], "elapsed": 5}}
+        )  # another robot, another recording

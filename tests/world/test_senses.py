@@ -73,7 +73,7 @@ def test_the_scan_is_the_height_over_the_ground_below_each_place():
     without, _ = walk(plain, 30, 1, plain.reset(seed=4)[0])
     np.testing.assert_array_equal(seen[:, :-5], without)  # the rest stays as it is
     assert [entry.name for entry in env.observed[-5:]] == [f"height_scan_{i}" for i in range(5)]
-    x, y = env.get_state()["plant"][:2]
+    x, y = env.get_state()["record"]["state"][:2]
     expected = y - ROUGH.height(x + np.linspace(-0.4, 0.8, 5))
     np.testing.assert_array_equal(seen[-1, -5:], expected.astype(np.float32))
     assert np.ptp(seen[-1, -5:]) > 0.005  # it is no flat ground

@@ -136,8 +136,8 @@ def test_heights_are_those_below_the_crank_axis():
     place = names.index("crank_axis_height")
     for x, ground in ((0.0, 0.0), (1.1, 0.0), (2.5, 0.2)):
         state = env.unwrapped.get_state()
-        state["plant"][:3] = x, 1.0 + ground, 0.0
-        state["plant"][4:] = 0.0
+        state["record"]["state"][:3] = x, 1.0 + ground, 0.0
+        state["record"]["state"][4:] = 0.0
         env.unwrapped.set_state(state)
         observation = env.step(np.zeros(1, np.float32))[0]
         assert observation[place] == pytest.approx(plant.states[0, 1] - ground, abs=1e-6)
@@ -158,7 +158,7 @@ def test_links_in_ground_counts_sides_that_shapes_cross():
     env = gym.make("JansenWalker-v0", terrain=post, terminate_when_fallen=False)
     env.reset(seed=0)
     state = env.unwrapped.get_state()
-    state["plant"][1] = 0.8
+    state["record"]["state"][1] = 0.8
     env.unwrapped.set_state(state)
     assert env.step(np.zeros(1, np.float32))[4]["links_in_ground"] > 0
 
@@ -190,7 +190,7 @@ def test_a_robot_that_diverges_while_another_is_placed_is_truncated():
     envs.reset(seed=0)
     envs.step(np.zeros((2, 1)))  # both episodes are over
     state = envs.get_state(0)
-    state["plant"][4] = 2e4  # m/s, beyond what counts as diverged
+    state["record"]["state"][4] = 2e4  # m/s, beyond what counts as diverged
     envs.set_state(0, state)
     with pytest.warns(UserWarning, match="robots \\[0\\] end: their simulation diverged"):
         envs.step(np.zeros((2, 1)))  # robot 1 is placed meanwhile

@@ -325,7 +325,7 @@ class BodySpace:
         terrain: The ground.
         gravity: Gravitational acceleration (x, y), in m/s^2.
         state: x, y, theta, psi and their rates, in m, rad and s, shape (8,).
-        held: Whether the chassis is fixed in the air.
+        fixed_chassis: Whether the chassis is fixed in the air.
         sides: Indices of the two pads at the ends of each side of a link that collides with the
             ground, shape (n, 2).
         play: Radial clearance of each pin, that of the crank axis first, in m, shape (pins,).
@@ -354,7 +354,7 @@ class BodySpace:
         terrain: Ground,
         gravity: tuple[float, float],
         state: Array,
-        held: bool,
+        fixed_chassis: bool,
         sides: Ints,
         play: Array,
     ) -> None:
@@ -369,7 +369,7 @@ class BodySpace:
         self.owners = pad_bodies(robot, layout)
         self.home, self.inertias = poses(robot, np.zeros(4)), inertias(robot)
         self.bodies = [pymunk.Body(m, inertia) for m, inertia in self.inertias]
-        if held:
+        if fixed_chassis:
             self.bodies[CHASSIS].body_type = pymunk.Body.KINEMATIC
         self._put(self.home, np.zeros(self.home.shape))
         self.pins = self._make_pins(robot)

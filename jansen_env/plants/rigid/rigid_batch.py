@@ -38,7 +38,7 @@ from jansen_env.plants.base import (
     JointPlay,
     check_backlash,
     check_colliding,
-    check_held,
+    check_fixed_chassis,
     check_joint_play,
     check_legs,
     check_pushes,
@@ -295,7 +295,7 @@ class RigidBodyBatch(BatchedPlant):
         time_step: Time step of pymunk, in s.
         gravity: Gravitational acceleration, in m/s^2: a number that acts downwards, or a vector
             (x, y).
-        held: Whether the chassis is fixed in the air, as in the paper's fixed model.
+        fixed_chassis: Whether the chassis is fixed in the air, as in the paper's fixed model.
         links_collide: Whether the sides of links touch vertices of the ground.
         joint_play: Radial clearance of all pins of the legs, in m; or clearances by joint. With
             play, use a time step of at most :data:`PLAY_TIME_STEP`.
@@ -327,7 +327,7 @@ class RigidBodyBatch(BatchedPlant):
         terrain: Ground,
         time_step: float = TIME_STEP,
         gravity: Gravity = GRAVITY,
-        held: bool = False,
+        fixed_chassis: bool = False,
         links_collide: bool = False,
         joint_play: JointPlay = 0.0,
         backlash: float = 0.0,
@@ -338,7 +338,7 @@ class RigidBodyBatch(BatchedPlant):
         self.backlash = check_backlash(backlash)
         self.crank_torque = 0.0
         check_colliding([terrain], links_collide)
-        super().__init__([robot], [terrain], time_step, gravity, held, records)
+        super().__init__([robot], [terrain], time_step, gravity, fixed_chassis, records)
         self.links_collide = links_collide
         self.lookahead_steps = max(1, round(LOOKAHEAD / self.time_step))
         self._owners = bodies.pad_bodies(robot, pad_layout(robot))
@@ -551,7 +551,7 @@ class RigidBodyBatch(BatchedPlant):
             self._ground,
             self._effective_gravity,
             state,
-            self.held,
+            self.fixed_chassis,
             self._colliding,
             self._play,
         )
@@ -564,7 +564,9 @@ class RigidBodyBatch(BatchedPlant):
             self._rotor.start(now.motion)
         self._in_legs = self._energy_in_legs(now)
 
-    def set_state(self, row: int, state: ArrayLike, deflection: Array | None = None) -> None:
+    def set_mechanical_state(
+        self, row: int, state: ArrayLike, deflection: Array | None = None
+    ) -> None:
         """Set the mechanical state of the robot, with closed joints.
 
         Args:
@@ -577,8 +579,8 @@ class RigidBodyBatch(BatchedPlant):
             ValueError: If the chassis is fixed, but moves in this state.
         """
         state = np.asarray(state, dtype=float)
-        if self.held:
-            check_held(state)
+        if self.fixed_chassis:
+            check_fixed_chassis(state)
         self._build(state)
         if deflection is not None and self._springs is not None:
             bristle = np.append(deflection[:, 1], np.zeros(len(self._colliding)))
@@ -615,7 +617,7 @@ class RigidBodyBatch(BatchedPlant):
         if self.any_diverged:
             raise self.refusal(0.0)
         self.states[:, 7] = crank_speeds
-        self.set_state(0, self.states[0])
+        self.set_mechanical_state(0, self.states[0])
 
     def place_at(
         self, rows: Ints, crank_angles: ArrayLike, x: float = 0.0, pitch: float | None = None
@@ -639,9 +641,9 @@ class RigidBodyBatch(BatchedPlant):
         pitch = math.nan if pitch is None else finite("pitch", pitch)
         records = RobotRecords(1, self.toes, self.pads)
         records.robots[:] = self.records.robots
-        records.params["held"] = False
-        arrays = KernelArrays(self.robots, self.terrains, records, self.world, held=False)
-        arrays.ask_ground(0, x)
+        records.properties["fixed_chassis"] = False
+        arrays = KernelArrays(self.robots, self.terrains, records, self.world, fixed_chassis=False)
+        arrays.find_ground(0, x)
         RobotPlacement(arrays).place(rows, crank_angles, x, pitch)
         self._build(records.states[0] + PLACEMENT_DEPTH * np.eye(8)[1])
 
@@ -724,7 +726,8 @@ class RigidBodyBatch(BatchedPlant):
             steps = int(self.world["steps"][0])
             motions = self.records.motions
             impulses = np.zeros((steps, 2))
-            episode.begin_step(rows, actions, impulses, motions.robots, episodes)
+            action = float(actions[0, 0])
+            episode.begin_step(0, action, impulses, motions.robots, episodes)
             whole, switch = motions.robots["delay"][0].tolist()
             torque, earlier = self.records.torques[0, whole : whole + 2].tolist()
             self._run(torque, earlier, switch, impulses)
@@ -779,7 +782,7 @@ class RigidBodyBatch(BatchedPlant):
         total["torque_impulse"] = lacking * len(impulses) * h
         if self._shapes is not None:
             total["links_in_ground"] = self._shapes.count_crossing(now.pads[self._sides])
-        elif not self.held:
+        elif not self.fixed_chassis:
             places = np.ascontiguousarray(now.pads).ravel()
             total["links_in_ground"] = sides_in_ground(places, self._sides, self.surface)
         self.slip[0] = sums.slip[: self.toes]
@@ -988,7 +991,7 @@ class RigidBodyBatch(BatchedPlant):
         given = (
             self.time_step,
             self.gravity,
-            self.held,
+            self.fixed_chassis,
             self.links_collide,
             self.joint_play,
             self.backlash,

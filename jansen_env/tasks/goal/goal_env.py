@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from typing_extensions import Unpack
@@ -16,7 +17,14 @@ from jansen_env.tasks.task import Task
 from jansen_env.uniform import uniform
 from jansen_env.world.observations import EXACT, Observed
 from jansen_env.world.rendering import Frame
-from jansen_env.world.settings import Values, WorldArguments, WorldSettings, option, shared
+from jansen_env.world.settings import (
+    Check,
+    Values,
+    WorldArguments,
+    WorldSettings,
+    option,
+    shared,
+)
 from jansen_env.world.world import Numbers
 
 FARTHEST = 3.0  # largest distance of a goal on either side, in m
@@ -96,19 +104,13 @@ class GoalTask(Task):
         goal = uniform(rng, -FARTHEST, FARTHEST)
         return {"goal": option(options, "goal", goal, -FARTHEST, FARTHEST)}
 
-    def set_state(self, i: int, state: Values) -> None:
-        """Restore a robot to a complete state saved by ``get_state``.
-
-        Args:
-            i: Index of the robot.
-            state: The complete state.
-
-        Raises:
-            ValueError: If an entry is out of range.
-        """
-        within("state['goal']", state["goal"], -FARTHEST, FARTHEST)
-        within("state['held']", state["held"], 0.0, MOST_SINGLE)
-        super().set_state(i, state)
+    def _checks_of_state(self) -> dict[str, Check]:
+        """Return checks of the values of :attr:`INFO` in a saved state."""
+        return {
+            **super()._checks_of_state(),
+            "task.info.goal": partial(within, low=-FARTHEST, high=FARTHEST),
+            "task.info.held": partial(within, low=0.0, high=MOST_SINGLE),
+        }
 
     def frame(self, i: int) -> Frame:
         """Return the picture data of a robot as it is now, with its goal."""

@@ -13,7 +13,6 @@ of the paper's robot, scaled to its size, weight and motor (:func:`scale_of`).
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
@@ -22,6 +21,12 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from jansen_env.arrays import Array
+from jansen_env.engine.crank_control import (
+    put_nearest_settings,
+    put_rolling_speeds,
+    put_scale,
+    put_scaled_gains,
+)
 from jansen_env.policies.pid import PID
 from jansen_env.policies.policy import PAPER_PID
 from jansen_env.robot import ROBOTS, Robot, named_robot
@@ -34,8 +39,6 @@ from jansen_env.world.settings import Values
 DATA = Path(__file__).parent / "data" / "baselines.json"
 # Lag of the crank at which a scaled proportional gain commands the torque limit, in rad.
 MOST_LAG = 2.0
-# Smallest advance per turn of the crank from which a crank speed is computed, in m.
-SHORTEST_TURN = 0.05
 
 Setting: TypeAlias = Callable[[Array], Array]
 """Function that returns crank speeds in rad/s, or torques in N m, for walking at commanded speeds.
@@ -77,12 +80,18 @@ def scale_of(robot: Robot, most_lag: float = MOST_LAG) -> Scale:
         most_lag: Lag of the crank at which the proportional gain commands the torque limit, in rad.
     """
     paper = named_robot("paper")
-    length = max(standing_height(robot) / standing_height(paper), 1e-3)
-    torque = min(
-        robot.links_mass / paper.links_mass * length,
-        robot.motor.torque_limit / (PAPER_PID.kp * most_lag),
+    ratios = np.empty(3)
+    put_scale(
+        standing_height(robot),
+        robot.links_mass,
+        robot.motor.torque_limit,
+        standing_height(paper),
+        paper.links_mass,
+        PAPER_PID.kp,
+        most_lag,
+        ratios,
     )
-    return Scale(torque, math.sqrt(length), length)
+    return Scale(*ratios.tolist())
 
 
 def scaled_gains(scale: Scale) -> PID:
@@ -91,11 +100,10 @@ def scaled_gains(scale: Scale) -> PID:
     Args:
         scale: Scale of the robot.
     """
-    return PID(
-        PAPER_PID.kp * scale.torque,
-        PAPER_PID.ki * scale.torque / scale.time,
-        PAPER_PID.kd * scale.torque * scale.time,
-    )
+    gains = np.empty(3)
+    paper = np.array([PAPER_PID.kp, PAPER_PID.ki, PAPER_PID.kd], float)
+    put_scaled_gains(paper, np.array(scale), gains)
+    return PID(*gains.tolist())
 
 
 def design_of(robot: Robot, known: Iterable[str] = tuple(ROBOTS)) -> str | None:
@@ -156,8 +164,10 @@ def nearest_setting(settings: Array, speeds: Array) -> Setting:
     """
 
     def setting(command: Array) -> Array:
-        error = np.abs(speeds - np.abs(command)[:, None, None]).mean(axis=2)
-        return np.sign(command) * settings[np.argmin(error, axis=1)]
+        selected = np.empty(len(command))
+        work = np.empty(speeds.shape[1])
+        put_nearest_settings(settings, speeds, np.ascontiguousarray(command), work, selected)
+        return selected
 
     return setting
 
@@ -168,8 +178,14 @@ def rolling(robot: Robot) -> Setting:
     Args:
         robot: The robot.
     """
-    turn = max(abs(advance_per_turn(robot)), SHORTEST_TURN)
-    return lambda command: 2.0 * math.pi / turn * command
+    advance = advance_per_turn(robot)
+
+    def setting(command: Array) -> Array:
+        speeds = np.empty(len(command))
+        put_rolling_speeds(advance, np.ascontiguousarray(command), speeds)
+        return speeds
+
+    return setting
 
 
 def setting_of(name: str, robot: Robot) -> Setting:

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from jansen_env.arrays import Array, Bools
+from jansen_env.engine.crank_control import put_reference_errors
 from jansen_env.engine.mathematics import angles_of
 from jansen_env.policies.pid import PID
 from jansen_env.policies.policy import (
@@ -56,12 +57,14 @@ def walking_pid(crank_speed: Setting, env: Controlled, pid: PID | None = None) -
 
     def reference(seen: Array, memory: Memory, starts: Bools) -> tuple[Array, Array, Memory]:
         angle = angles_of(np.stack([seen[:, cos], seen[:, sin]], axis=-1))
-        last, target = memory or (angle, angle)  # in rad, not wrapped to one turn
-        last, target = np.where(starts, angle, last), np.where(starts, angle, target)
-        unwrapped = last + ((angle - last + np.pi) % (2.0 * np.pi) - np.pi)
-        speed = crank_speed(seen[:, command])
-        after = (unwrapped, target + speed * env.control_dt)
-        return target - unwrapped, speed - seen[:, rate], after
+        begun = np.stack([angle, angle], axis=-1)
+        kept = begun if memory is None else np.where(starts[:, None], begun, memory)
+        errors = np.empty(len(seen))
+        error_rates = np.empty(len(seen))
+        rates = np.ascontiguousarray(seen[:, rate])
+        speeds = crank_speed(seen[:, command])
+        put_reference_errors(angle, rates, speeds, env.control_dt, kept, errors, error_rates)
+        return errors, error_rates, kept
 
     gains = gains_of(env.robot, "steady") if pid is None else pid
     return pid_policy(reference, env.torque_limit, env.control_dt, gains)

@@ -5,14 +5,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from typing_extensions import Unpack
 
 from jansen_env.arrays import Array
-from jansen_env.checks import finite_numbers, non_negative, positive, shown, within
+from jansen_env.checks import non_negative, positive, within
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.engine import walk_reward
 from jansen_env.envs.single import SingleEnv
@@ -22,6 +23,7 @@ from jansen_env.tasks.compiled import CompiledTask
 from jansen_env.terrain import Ground
 from jansen_env.world.observations import EXACT, Observed
 from jansen_env.world.settings import (
+    Check,
     PerRobot,
     Range,
     Values,
@@ -101,6 +103,8 @@ class WalkerTask(CompiledTask):
     )
     COMPILED = COMMANDED
     ROW = walk_reward.ROW
+    # They follow from the robot, the arguments, and the command of the last step.
+    OMITTED = ("mean_path", "command_range", "command_steps", "next_command")
     SETTABLE = ("speed_command", "command")
     FASTEST = FASTEST_COMMAND
 
@@ -118,7 +122,6 @@ class WalkerTask(CompiledTask):
         """Get views of the arrays in the records."""
         super()._connect()
         self.speed_command = self.data["command_range"]
-        self._is_measured = bool(self.world.plant.world[["noisy", "onboard"]].item() != (0, 0))
 
     def _order(self, world: Sequence[Observed]) -> tuple[Observed, ...]:
         """Return all observations in the documented order; those of a derived task come last."""
@@ -161,20 +164,8 @@ class WalkerTask(CompiledTask):
 
         return apply
 
-    def get_state(self, i: int) -> Values:
-        """Return everything that the future of a robot depends on, except its random generator.
-
-        Args:
-            i: Index of the robot.
-        """
-        state = {**super().get_state(i), "covered": self.data["covered"][i].copy()}
-        if self._is_measured:
-            measured = self.data["measured"][i].item()
-            state["measured"] = dict(zip(ACCOUNTS, measured, strict=True))
-        return state
-
     def set_state(self, i: int, state: Values) -> None:
-        """Restore a robot to a complete state saved by :meth:`get_state`.
+        """Restore a robot to a state saved by :meth:`get_state`.
 
         Args:
             i: Index of the robot.
@@ -183,19 +174,13 @@ class WalkerTask(CompiledTask):
         Raises:
             ValueError: If an entry is out of range.
         """
-        covered = finite_numbers("state['covered']", state["covered"], 2)
-        measured: tuple[float, ...] = ()
-        if self._is_measured:
-            given, label = state["measured"], "state['measured']"
-            if not isinstance(given, Mapping) or not {*ACCOUNTS} <= {*given}:
-                raise ValueError(f"{label} is {shown(given)}, must have {[*ACCOUNTS]}")
-            measured = tuple(self._checked(label, name, given[name]) for name in ACCOUNTS)
         super().set_state(i, state)
         self.data["next_command"][i] = self.info["speed_command"][i]
-        self.data["covered"][i] = covered
-        if measured:
-            self.data["measured"][i] = measured
-            self._describe(np.array([i]))
+
+    def _checks_of_state(self) -> dict[str, Check]:
+        """Return checks of the values that are kept, exact and measured."""
+        measured = {f"task.measured.{name}": partial(self._checked, name) for name in ACCOUNTS}
+        return {**super()._checks_of_state(), **measured}
 
 
 class JansenWalkerEnv(SingleEnv[WalkerTask]):

@@ -5,14 +5,8 @@
 // hand has only begin() and topSpeed: its torque is given from outside.
 
 import { numbersOf } from "./engine.js";
-import { TURN } from "./robot.js";
 
 const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
-/** Return x modulo `period`, from 0 to `period`. */
-function modulo(x, period) {
-  const rest = x % period;
-  return rest < 0 ? rest + period : rest;
-}
 const limited = (value, most) => Math.max(-most, Math.min(most, value));
 
 /** The controller of a name in `data.controllers` for a machine. */
@@ -28,34 +22,43 @@ export function controllerNamed(data, name, machine) {
     const gains = (measured ? own.gains : own?.steady) ?? scaledGains(data.control, machine);
     const speedOf = measured
       ? (command) => nearest(machine.memory, own.settings, own.speeds, command)
-      : rolling(data.control, machine);
+      : rolling(machine);
     return new Steady(machine, topSpeed, gains, speedOf);
   }
   return new Policy(data.policies[name], machine);
 }
 
-/** The paper's gains for a robot's size, weight and motor: tuned.py, scaled_gains. */
-function scaledGains({ paper, mostLag }, { linksMass, torqueLimit, tables }) {
-  const [kp, ki, kd] = paper.gains;
-  const length = Math.max(tables.height / paper.height, 1e-3);
-  const time = Math.sqrt(length);
-  const torque = Math.min((linksMass / paper.mass) * length, torqueLimit / (kp * mostLag));
-  return [kp * torque, (ki * torque) / time, kd * torque * time];
+/** The paper's gains for a robot's size, weight and motor. */
+function scaledGains({ paper, mostLag }, { memory, linksMass, torqueLimit, tables }) {
+  return memory.scratch(() => {
+    const [scale, gains] = [memory.array("f8", 3), memory.array("f8", 3)];
+    const given = memory.filled("f8", paper.gains);
+    const robots = [tables.height, linksMass, torqueLimit, paper.height, paper.mass];
+    memory.call("crank_control_put_scale", robots, paper.gains[0], mostLag, scale);
+    memory.call("crank_control_put_scaled_gains", given, scale, gains);
+    return [...gains.view];
+  });
 }
 
 /** The crank speed at which a robot that does not slip walks at a command. */
-function rolling({ shortestTurn }, { tables }) {
-  const way = Math.max(Math.abs(tables.advance), shortestTurn);
-  return (command) => (TURN / way) * command;
+function rolling({ memory, tables }) {
+  return (command) =>
+    memory.scratch(() => {
+      const [commands, speeds] = [memory.filled("f8", [command]), memory.array("f8", 1)];
+      memory.call("crank_control_put_rolling_speeds", tables.advance, commands, speeds);
+      return speeds.view[0];
+    });
 }
 
 /** The measured setting whose episodes' speeds came closest to a command. */
 function nearest(memory, settings, speeds, command) {
-  const errors = speeds.map((row) => {
-    const away = row.map((speed) => Math.abs(speed - Math.abs(command)));
-    return memory.scratch(() => memory.call("closure_mean", memory.filled("f8", away)));
+  return memory.scratch(() => {
+    const [rows, commands] = [memory.rows("f8", speeds), memory.filled("f8", [command])];
+    const [work, out] = [memory.array("f8", speeds[0].length), memory.array("f8", 1)];
+    const given = [memory.filled("f8", settings), rows, commands, work, out];
+    memory.call("crank_control_put_nearest_settings", given);
+    return out.view[0];
   });
-  return Math.sign(command) * settings[errors.indexOf(Math.min(...errors))];
 }
 
 /** PID (13) behind a reference that turns with a speed for the command: walker_benchmark.py. */
@@ -72,22 +75,23 @@ class Steady {
 
   act() {
     const { machine, gains, speedOf } = this;
-    const { observation, observed, torqueLimit, layout } = machine;
+    const { memory, observation, observed, torqueLimit, layout } = machine;
     const seen = (name) => observation[observed.indexOf(name)];
-    const angle = machine.memory.angles([seen("cos_crank_angle")], [seen("sin_crank_angle")])[0];
-    const { last, target, integral } = this.memory ?? { last: angle, target: angle, integral: 0 };
-    const unwrapped = last + (modulo(angle - last + Math.PI, TURN) - Math.PI);
+    const angle = memory.angles([seen("cos_crank_angle")], [seen("sin_crank_angle")])[0];
+    const { turned, integral } = this.memory ?? { turned: [angle, angle], integral: 0 };
     const speed = speedOf(seen("speed_command"));
-    const error = target - unwrapped;
-    const summed = integral + error * layout.period;
-    const rate = speed - seen("crank_speed");
-    const torque = gains[0] * error + gains[1] * summed + gains[2] * rate;
-    this.memory = {
-      last: unwrapped,
-      target: target + speed * layout.period,
-      integral: Math.abs(torque) < torqueLimit ? summed : integral,
-    };
-    return Math.fround(limited(torque / torqueLimit, 1));
+    return memory.scratch(() => {
+      const filled = (...values) => memory.filled("f8", values);
+      const [error, rate, torque] = [filled(0), filled(0), filled(0)];
+      const [kept, sum] = [memory.filled("f8", turned, 1, 2), filled(integral)];
+      const crank = [filled(angle), filled(seen("crank_speed")), filled(speed), layout.period];
+      memory.call("crank_control_put_reference_errors", crank, kept, error, rate);
+      const limits = [layout.period, torqueLimit];
+      const given = [filled(...gains), error, rate, limits, sum, torque].flat();
+      memory.call("crank_control_put_pid_torques", given);
+      this.memory = { turned: [...kept.view], integral: sum.view[0] };
+      return Math.fround(limited(torque.view[0] / torqueLimit, 1));
+    });
   }
 }
 
@@ -106,7 +110,7 @@ class Policy {
     );
     if (more) throw new Error("the policy has learnt on a robot with fewer toes");
     [this.mean, this.deviation] = ["mean", "deviation"].map((k) =>
-      numbersOf(policy[k], Float64Array),
+      memory.filled("f8", numbersOf(policy[k], Float64Array)),
     );
     this.layers = memory.filled("i8", policy.layers.flat(), policy.layers.length, 3);
     this.weights = memory.filled("f8", numbersOf(policy.weights, Float32Array));
@@ -134,7 +138,12 @@ class Policy {
   feature({ multiples, clip }, seen) {
     const { mean, deviation } = this;
     const { memory } = this.machine;
-    if (clip) return seen.map((value, i) => limited((value - mean[i]) / deviation[i], clip));
+    if (clip) {
+      const normalized = memory.array("f8", 1, seen.length);
+      const values = memory.filled("f8", seen, 1, seen.length);
+      memory.call("layers_put_normalized", values, mean, deviation, clip, normalized);
+      return [...normalized.view];
+    }
     if (!multiples) return seen;
     const out = memory.array("f8", 1, 2 * multiples.length);
     const crank = memory.filled("f8", seen.slice(0, 2), 1, 2);

@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike
 from jansen_env.dynamics import reduced
 from jansen_env.engine import (
     collision,
+    contact_frames,
+    crank_control,
     kernel,
     link_shapes,
     machines,
@@ -22,7 +24,7 @@ from jansen_env.engine import (
 from jansen_env.plants import design_tables
 from jansen_env.robot import buildable, kinematics, links, robot, robot_file, zoo
 from jansen_env.tasks.walking import walker_env
-from jansen_env.world import push, world
+from jansen_env.world import push
 
 Json = dict[str, Any]
 RUNS = "'wasm-unsafe-eval'"
@@ -53,11 +55,10 @@ NUMBERS = {
     collision: "SPECULATIVE_MARGIN",
     push: "MOST_PUSHES",
     walker_env: "FASTEST_COMMAND",
-    world: "TOUCHING SLIPPING",
     robot: "LONGEST MOST_PADS",
 }
-OF_PAGES = (pcg64,)
-"""Modules of the engine that only pages use. Importing a module registers its kernels."""
+OF_PAGES = (pcg64, contact_frames, crank_control)
+"""Modules of the engine that pages use. Importing a module registers its kernels."""
 
 
 def engine_of_page() -> Json:

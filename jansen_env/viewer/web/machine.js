@@ -5,7 +5,7 @@
 
 import { lineOf } from "./ground.js";
 import { compileRobot, Leg, padsOf, putMachine, whole } from "./robot.js";
-import { AIR, GRIP, SLIP, sceneOf } from "./scene.js";
+import { sceneOf } from "./scene.js";
 
 const INFINITE = Number.POSITIVE_INFINITY;
 
@@ -87,7 +87,7 @@ export class Machine {
     const at = layout.workSpace.map(({ type, shape }) => memory.array(type, ...shape.map(sizeOf)));
     this.scratch = [...at, this.flags];
     this.rows = memory.array("i8", 1);
-    this.shares = memory.array("i8", 2, 2);
+    this.queues = memory.array("i8", 2, 2);
     this.trace = memory.array("f8", 0, 0);
     this.still = [memory.array("f8", 1), memory.array("f8", 1), memory.array("i8", 1)];
     this.noPushes = memory.array("f8", 0, 0, 2);
@@ -265,10 +265,10 @@ export class Machine {
     const { memory, rows } = this;
     this.angles.view[0] = crankAngle;
     this.stand();
-    this.askGround();
-    this.shares.view.set([0n, 1n, 0n, 0n]);
-    const share = [0, this.shares, 1, rows, 1, 1];
-    const kernelArguments = [share, this.still, this.noPushes, this.trace, this.scratch];
+    this.noteGround();
+    this.queues.view.set([0n, 1n, 0n, 0n]);
+    const queued = [0, this.queues, 1, rows, 1, 1];
+    const kernelArguments = [queued, this.still, this.noPushes, this.trace, this.scratch];
     memory.call("integrator_advance", kernelArguments.flat(2), this.designs, this.motions);
   }
 
@@ -286,12 +286,12 @@ export class Machine {
     this.robots.write({ scheduled: pushes.length });
     this.schedule.view.set(pushes.flat());
     this.actions.view[0] = action;
-    this.shares.view.set([0n, 1n, 0n, 0n]);
-    const share = [0, this.shares, 1, rows, this.actions, this.trace, this.scratch];
+    this.queues.view.set([0n, 1n, 0n, 0n]);
+    const queued = [0, this.queues, 1, rows, this.actions, this.trace, this.scratch];
     const records = [this.designs, this.motions, episodes, observing];
-    memory.call("episode_control_step", share.flat(), records.flat());
+    memory.call("episode_control_step", queued.flat(), records.flat());
     const [far] = this.flags.view;
-    if (far) this.askGround();
+    if (far) this.noteGround();
   }
 
   /** Time since the start, s. */
@@ -318,8 +318,8 @@ export class Machine {
   }
 
   /** Note where the robot is: the kernels allow it a certain way from there in a step. */
-  askGround() {
-    this.robots.write({ status: { asked_x: this.states.view[0] } });
+  noteGround() {
+    this.robots.write({ status: { ground_x: this.states.view[0] } });
   }
 
   /** All that the future depends on. */
@@ -358,38 +358,41 @@ export class Machine {
 
   /** Where legs and toes are: what scene.js draws, as World.frame has it. */
   pose() {
-    const { layout, leg, weight, force, slip } = this;
+    const { memory, leg, motions, toes: count, layout } = this;
     const [x, y, pitch] = this.states.view;
     const joints = leg.pose(this.states.view);
-    const toes = this.contactFrames().map(({ point, tangent: [u, v] }, toe) => {
-      const [along, across] = force.view.slice(2 * toe, 2 * toe + 2);
-      const held = across > this.numbers.TOUCHING * weight ? GRIP : AIR;
-      const contact = slip.view[toe] > this.numbers.SLIPPING * layout.period ? SLIP : held;
-      return { contact, point, force: [along * u - across * v, along * v + across * u] };
+    const toes = memory.scratch(() => {
+      const { points, tangents } = this.contactFrames();
+      const [contacts, forces] = [memory.array("i8", count), memory.array("f8", count, 2)];
+      const given = [0, layout.period, motions, tangents, contacts, forces];
+      memory.call("contact_frames_put_contacts", given.flat());
+      const [places, pairs] = [points.pairs(), forces.pairs()];
+      return numbered(count, (toe) => {
+        return { contact: Number(contacts.view[toe]), point: places[toe], force: pairs[toe] };
+      });
     });
     return { x, y, pitch, joints, toes };
   }
 
-  /** Nearest points of the ground to toes, and its tangents there: batch.py, contact_frames. */
+  /** Nearest points of the ground to toes, and its tangents there, as arrays (toes, 2). */
   contactFrames() {
-    const { memory, robots, planes, toes, robot, centres, surface, world } = this;
-    const radius = robot.pad_radius;
+    const { memory, robots, planes, toes, surface, world } = this;
+    const [centres, points, tangents] = numbered(3, () => memory.array("f8", toes, 2));
+    centres.view.set(this.toeCentres());
+    robots.write({ status: { margin: this.numbers.SPECULATIVE_MARGIN } });
+    memory.call("collision_planes_near", 0, centres, robots, surface, world, planes);
+    const { first_plane, end_plane } = robots.read(0, "status");
+    const given = [0, first_plane, end_plane, planes, robots, centres, points, tangents];
+    memory.call("contact_frames_put_contact_frames", given);
+    return { points, tangents };
+  }
+
+  /** Centres of the toes' pads, in m: numbers (toes, 2). */
+  toeCentres() {
+    const { memory, centres, toes } = this;
     const design = [this.states, this.pads.at(0), this.padLayout.at(0), centres];
     memory.call("collision_pad_centres", design);
-    const places = numbered(toes, (toe) => [...centres.view.slice(2 * toe, 2 * toe + 2)]);
-    const frames = places.map(([x, y]) => ({ point: [x, y - radius], tangent: [1, 0] }));
-    robots.write({ status: { margin: this.numbers.SPECULATIVE_MARGIN } });
-    memory.scratch(() => {
-      const points = memory.filled("f8", places.flat(), toes, 2);
-      memory.call("collision_planes_near", 0, points, robots, surface, world, planes);
-    });
-    const { first_plane, end_plane } = robots.read(0, "status");
-    for (let k = end_plane - 1; k >= first_plane; k -= 1) {
-      const { pad, normal_x: u, normal_y: v } = planes.read(k); // a pad's nearest comes last
-      const [x, y] = places[pad];
-      frames[pad] = { point: [x - radius * u, y - radius * v], tangent: [v, -u] };
-    }
-    return frames;
+    return centres.view.slice(0, 2 * toes);
   }
 
   /** What stays the same while it walks: geometry.py, scene_of_robot. */

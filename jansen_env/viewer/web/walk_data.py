@@ -83,7 +83,6 @@ def walk_data(robots: Mapping[str, Robot] | None = None) -> Json:
         "controllers": [*CONTROLLERS, *policies],
         "control": {
             "topSpeed": walker_env.SPEED_COMMAND[1],
-            "shortestTurn": tuned.SHORTEST_TURN,
             "mostLag": tuned.MOST_LAG,
             "paper": {
                 "gains": [PAPER_PID.kp, PAPER_PID.ki, PAPER_PID.kd],
@@ -204,7 +203,7 @@ def engine_data() -> Json:
         "gravity": [*task.world.plant.gravity, GRAVITY],
         "room": collision.MARGIN + grounds.FASTEST * env.control_dt,
         # The kernels do the whole step.
-        "world": values_of(task.world.plant.world[0]) | {"is_whole": True},
+        "world": values_of(task.world.plant.world[0]) | {"fully_compiled": True},
         "delayed": task.world.records.torques.shape[1],
         "capacity": [0, batched_plant.PLANES_PER_PAD],
         "workSpace": _work_space(steps),

@@ -820,13 +820,13 @@ class RigidBodyBatch(BatchedPlant):
         return None
 
     def _advance(
-        self, now: Snapshot, asked: float, push: Array, sums: Sums
+        self, now: Snapshot, commanded: float, push: Array, sums: Sums
     ) -> tuple[Snapshot, float]:
         """Simulate one time step.
 
         Args:
             now: Positions and velocities of the bodies before the time step.
-            asked: Commanded crank torque, in N m.
+            commanded: Commanded crank torque, in N m.
             push: Impulse on the chassis at the crank axis, in N s, shape (2,).
             sums: Sums over the step, to which this time step is added.
 
@@ -844,7 +844,7 @@ class RigidBodyBatch(BatchedPlant):
         loose = self._loose
         chassis = float(spin[CHASSIS])
         turning = spin[SHAFT] - chassis if loose is None else loose.turning(chassis)
-        torque = float(motor.torque(asked, turning))
+        torque = float(motor.torque(commanded, turning))
         loads[:, 2] = -self._friction @ spin
         if loose is None:
             loads[[CHASSIS, SHAFT], 2] += -torque, torque

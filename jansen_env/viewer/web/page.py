@@ -18,6 +18,7 @@ from jansen_env.arrays import Array
 from jansen_env.checks import shown
 from jansen_env.files import write_text
 from jansen_env.robot import Robot
+from jansen_env.scoring.metrics import MIN_DISTANCE
 from jansen_env.viewer.recording import Recording
 from jansen_env.viewer.web.geometry import scene_of_robot
 
@@ -267,7 +268,12 @@ def _packed(recording: Recording, ground: list[list[float]] | None) -> dict[str,
         "terrain": ground,
         "speedUnit": recording.speed_unit,
     }
-    return {"scene": scene, "ended": recording.terminated, "arrays": packed}
+    return {
+        "scene": scene,
+        "ended": recording.terminated,
+        "leastDistance": MIN_DISTANCE,
+        "arrays": packed,
+    }
 
 
 def _after_start(values: Array) -> Array:

@@ -92,7 +92,7 @@ export function pathOf(track, toe, time, seconds) {
 export function numbersAt(track, k) {
   const { pose } = track;
   const distance = track.distance[k];
-  const far = distance > 0.001;
+  const far = distance > track.leastDistance;
   return {
     command: track.command[k],
     speed: track.speed[k],

@@ -15,6 +15,7 @@ from jansen_env.policies import pretrained
 from jansen_env.policies.policy import PAPER_PID
 from jansen_env.robot import ROBOTS, Leg, Payload, Robot, zoo
 from jansen_env.robot.robot_file import robot_to_json
+from jansen_env.scoring import metrics
 from jansen_env.tasks.walking import tuned, walker_env
 from jansen_env.tasks.walking.presets import ROUGH
 from jansen_env.terrain import Terrain
@@ -106,6 +107,7 @@ def walk_data(robots: Mapping[str, Robot] | None = None) -> Json:
             if row.slider is not None
         ],
         "mostSeed": MOST_SEED,
+        "leastDistance": metrics.MIN_DISTANCE,
         "steepest": STEEPEST,
         "terrain": terrain_data(),
     }

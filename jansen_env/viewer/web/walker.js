@@ -8,7 +8,6 @@ import { TURN } from "./robot.js";
 export const HAND = "hand"; // of data.controllers: the torque is the user's
 export const APART = 25; // steps between two places to which time can go back
 const KEPT = 3000; // steps of the past: 60 s
-const MIN_DISTANCE = 1e-3; // m, below which a ratio per metre is not formed
 const PLOTTED = [
   ({ crank_torque }) => crank_torque, // N m
   ({ slip }, step) => slip.reduce((total, path) => total + path, 0) / step, // m/s, of all toes
@@ -96,7 +95,7 @@ export class Walker {
   get score() {
     const { time, speed, commanded, free, slipped, lifted, steps } = this.sums;
     const distance = Math.max(commanded, 0) + Math.abs(free);
-    const ratio = (sum) => (distance > MIN_DISTANCE ? sum / distance : null);
+    const ratio = (sum) => (distance > this.data.leastDistance ? sum / distance : null);
     const unsupported = steps > 0 ? this.sums.unsupported / steps : null;
     return { distance, slip: ratio(slipped), cost: ratio(lifted), unsupported, speed, time };
   }

@@ -1,0 +1,57 @@
+"""Published problems of multibody dynamics; experiments/reference_problems.py has their sources."""
+
+import pytest
+
+from experiments import reference_problems as problems
+
+
+def test_andrews_squeezer_by_the_tables(measured):
+    """IFToMM A03: the reduced equations on a linkage of ternary links with an off-axis spring."""
+    motion = problems.squeezer_by_tables()
+    error = abs(motion.angle - problems.SQUEEZER_END)
+    measured("A03 squeezer by tables: error of the crank angle", error, 1e-8, "rad")
+    error = abs(motion.speed / problems.SQUEEZER_SPEED - 1.0)
+    measured("A03 squeezer by tables: relative error of the crank speed", error, 1e-9)
+    measured("A03 squeezer by tables: energy error", motion.drift, 1e-11, "J")
+
+
+@pytest.mark.slow
+def test_andrews_squeezer_by_the_projection(measured):
+    """IFToMM A03: the projection method on all eight bodies."""
+    motion = problems.squeezer_by_projection(tolerance=1e-12)
+    error = abs(motion.angle - problems.SQUEEZER_END)
+    measured("A03 squeezer by projection: error of the crank angle", error, 1e-8, "rad")
+    measured("A03 squeezer by projection: energy error", motion.drift, 1e-10, "J")
+
+
+def test_the_published_start_is_the_position_of_the_linkage():
+    """The angles of K3, K5 and K7 at the start, as the source gives them to 30 digits."""
+    robot = problems.squeezer()
+    x = problems.coordinates(robot, "fore", problems.SQUEEZER_START)
+    angles = dict(zip(robot.linkage.names, x[::3], strict=True))
+    assert angles["K3"] == pytest.approx(0.455279819163070380, abs=1e-14)
+    assert angles["K5"] == pytest.approx(0.487364979543842550, abs=1e-14)
+    assert angles["K7"] == pytest.approx(1.23054744454982119, abs=1e-14)
+
+
+def test_n_four_bars_keep_their_energy(measured):
+    """IFToMM A02 with 4 windows through nine singular positions; test_four_bar.py has two."""
+    motion = problems.FourBars(4).solve(1e-10)
+    measured("A02 four-bar, 4 windows: energy error", motion.drift, 1e-7, "J")
+
+
+@pytest.mark.slow
+def test_rocking_block(measured):
+    """Housner's block: the contact law finds the impact that keeps angular momentum."""
+    exact = problems.rocking_block_closed_form()
+    errors = []
+    for step in (4e-4, 1e-4, 2.5e-5):
+        ours = problems.rocking_block(step)
+        errors.append(abs(ours.ratio - exact.ratio))
+        measured(
+            "rocking block: time of the impact, in steps",
+            abs(ours.period - exact.period) / step,
+            0.3,
+        )
+    measured("rocking block: speed after / before the impact", errors[-1], 3e-4)
+    assert errors[0] > errors[1] > errors[2]

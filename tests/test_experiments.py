@@ -3,13 +3,16 @@
 import json
 import subprocess
 import sys
+from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 
+from jansen_env.robot.robot_file import read_robot
+
 ROOT = Path(__file__).parents[1]
-SIZES = {"legs": "2"}
+SIZES = {"legs": "2", "reference_problems": "2", "springs": "2"}
 """Arguments with which each experiment takes seconds."""
 
 
@@ -35,3 +38,34 @@ def test_the_page_about_legs_shows_its_data(monkeypatch: pytest.MonkeyPatch) -> 
     controllers = {name: results[name] for name in ("policy", "pid")}
     for metric in legs.METRICS:
         assert legs.table(controllers, metric) in page, metric
+
+
+def test_the_page_about_springs_shows_its_data(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "experiments"))
+    results = json.loads((ROOT / "docs" / "springs" / "springs.json").read_text(encoding="utf-8"))
+    page = (ROOT / "docs" / "springs.md").read_text(encoding="utf-8")
+    springs = import_module("springs")
+    assert springs.spring_table(results["robots"]) in page
+    for metric in springs.METRICS:
+        assert springs.pid_table(results["robots"], metric) in page, metric
+
+
+def test_the_page_about_reference_problems_shows_its_data(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "experiments"))
+    folder = ROOT / "docs" / "reference_problems"
+    rows = json.loads((folder / "results.json").read_text(encoding="utf-8"))
+    page = (ROOT / "docs" / "reference_problems.md").read_text(encoding="utf-8")
+    problems = import_module("reference_problems")
+    assert problems.table([problems.Row(**row) for row in rows]) in page
+
+
+def test_the_robot_files_of_the_page_about_springs_are_its_robots() -> None:
+    folder = ROOT / "docs" / "springs"
+    results = json.loads((folder / "springs.json").read_text(encoding="utf-8"))
+    for name, values in results["robots"].items():
+        for goal in ("peak", "rms"):
+            (spring,) = read_robot(folder / f"{name}_{goal}.json").springs
+            assert asdict(spring) == {
+                **values[goal]["springs"][0],
+                "anchor": tuple(values[goal]["springs"][0]["anchor"]),
+            }

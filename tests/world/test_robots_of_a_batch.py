@@ -8,6 +8,7 @@ from functools import partial
 
 import gymnasium as gym
 import pytest
+from motions import SPRINGS
 from side_by_side import walk
 
 from jansen_env import Bar, Payload, Robot, built_robot, holy_numbers_robot, paper_robot
@@ -18,7 +19,8 @@ from jansen_env.viewer.recording import Recording
 STEPS = 40
 LONGER = replace(built_robot().with_bodies(coupler=Bar(0.2405, 0.11, 0.001)), payload=Payload(0.5))
 LATER = Robot(legs=(Leg("fore"), Leg("fore", 3.0), Leg("back", 0.3), Leg("back", 3.5)))
-ROBOTS = [paper_robot(), LONGER, holy_numbers_robot(), built_robot(), LATER, LONGER]
+SPRUNG = replace(paper_robot(), springs=SPRINGS)
+ROBOTS = [paper_robot(), LONGER, SPRUNG, holy_numbers_robot(), built_robot(), LATER, LONGER]
 
 
 def alone(robot, **arguments):
@@ -29,7 +31,7 @@ def alone(robot, **arguments):
 
 @pytest.mark.parametrize("terrain", ["flat", "rough"])
 def test_each_moves_as_it_would_alone(terrain):
-    """Lengths, masses, phases, feet and directions differ; made so, or exchanged at a reset."""
+    """Lengths, masses, springs, feet and directions differ; made so, or exchanged at a reset."""
     arguments = {"terrain": terrain, "terrain_level": 0 if terrain == "flat" else 2}
     n = len(ROBOTS)
     made = gym.make_vec("JansenWalker-v0", n, robot=ROBOTS, **arguments)

@@ -57,7 +57,8 @@ function* faultsOf(layout, content) {
   const pairs = [damping.length, friction.length];
   const isOf = pairs[0] === linkage.damped.length && pairs[1] === linkage.bearings.length;
   yield !isOf && "its damping or friction does not fit its linkage";
-  for (const [k, spring] of springs.entries()) yield faultOfSpring(linkage, spring, `springs[${k}]`);
+  for (const [k, spring] of springs.entries())
+    yield faultOfSpring(linkage, spring, `springs[${k}]`);
   yield legs.length === 0 && "it has no legs";
   yield (legs[0].phase ?? 0) !== 0 && `legs[0].phase must be 0, got ${legs[0].phase}`;
   const toes = legs.length * linkage.toes.length;
@@ -170,17 +171,19 @@ function* faultsOfLinkage({ jointsOf }, linkage, bodies) {
 /** Return what is wrong with a spring, or a falsy value; spring.py has the same checks. */
 function faultOfSpring(linkage, spring, name) {
   const { start, end, first, second } = spring;
-  const joined = (a, b) => linkage.bodies.find(([, joints]) => joints.includes(a) && joints.includes(b));
+  const joined = (a, b) =>
+    linkage.bodies.find(([, joints]) => joints.includes(a) && joints.includes(b));
   if (spring.is === "TorsionSpring") {
-    const [a, b] = [first, second].map((link) => linkage.bodies.find(([each]) => each === link)?.[1]);
+    const [a, b] = [first, second].map(
+      (link) => linkage.bodies.find(([each]) => each === link)?.[1],
+    );
     const isPinned = a && b && first !== second && [...a].some((joint) => b.includes(joint));
     return !isPinned && `${name} must be between two links that share a pin`;
   }
   const isJoint = (joint) => joint.length === 1 && linkage.joints.includes(joint);
   if (!isJoint(start) || (end && !isJoint(end)))
     return `${name} must end at joints of ${linkage.joints}, got ${shown(start)} and ${shown(end)}`;
-  if (!end)
-    return linkage.bodies[0][1].includes(start) && `${name} must have an end that moves`;
+  if (!end) return linkage.bodies[0][1].includes(start) && `${name} must have an end that moves`;
   return joined(start, end) && `${name} must be between two joints without a common link`;
 }
 
@@ -363,7 +366,12 @@ function compileIn(memory, leg) {
     );
   const numbers = out.map((table) => table.view.slice());
   const reach = reachOf(memory, leg, body.at(0), tables);
-  const compiled = { body: numbers[0], pads: numbers[1], bearings: numbers[2], springs: numbers[3] };
+  const compiled = {
+    body: numbers[0],
+    pads: numbers[1],
+    bearings: numbers[2],
+    springs: numbers[3],
+  };
   return { ...compiled, ...walk, ...reach };
 }
 
@@ -463,7 +471,10 @@ export function putMachine(memory, leg, robot, machine) {
     const values = Object.entries(parts).map(([name, part]) => [name, whole(layout, part)]);
     chassis.write({ frame_angle, pad_radius, ...Object.fromEntries(values) });
     const friction = memory.filled("f8", robot.bearing_friction);
-    const stiffness = memory.filled("f8", (robot.springs ?? []).map((each) => each.stiffness ?? 0));
+    const stiffness = memory.filled(
+      "f8",
+      (robot.springs ?? []).map((each) => each.stiffness ?? 0),
+    );
     const work = memory.array("f8", 2, leg.links.length + 1);
     const given = [leg.links, legs.length, chassis, friction, stiffness, work];
     memory.call("machines_put_machine", ...given, machine);

@@ -1,0 +1,360 @@
+"""Can a spring in each leg lower the torque of the crank?
+
+Run the experiment as follows. The defaults are 64 episodes per command and the folder docs/springs.
+
+    python experiments/springs.py [EPISODES] [FOLDER]
+
+The script records the crank torque of three robots that walk at constant crank speed. It then
+searches for the spring with which the peak torque is smallest, and for the one with which the RMS
+torque is smallest. The robots walk with and without these springs under a PID. The script prints
+the tables and writes ``springs.json``, ``springs.png`` and a robot file for each sprung robot. The
+page docs/springs.md contains the tables and the figure. The run takes about three minutes on two
+cores.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import sys
+from collections.abc import Iterator
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import matplotlib.pyplot as plt
+import numpy as np
+from scipy.optimize import linprog
+
+from jansen_env import ROBOTS, Robot, Terrain, evaluate
+from jansen_env.arrays import Array
+from jansen_env.files import write_json
+from jansen_env.plants.plant import ProjectionPlant
+from jansen_env.robot import Spring
+from jansen_env.robot.kinematics import advance_per_turn, joints_of_legs
+from jansen_env.robot.linkage import FRAME
+from jansen_env.robot.robot_file import write_robot
+from jansen_env.scoring.benchmarks import find_benchmark
+
+ENV = "JansenWalkerBuilt-v0"
+NAMES = ("built", "stroller", "climber")
+SPEED = 0.3  # m/s
+COMMANDS = (0.1, 0.3, 0.5)  # m/s
+HOLD = 0.02  # control period, s
+SETTLING, TURNS = 2, 6  # turns of the crank before the record, and in it
+ANGLES = 720  # crank angles at which springs are evaluated
+MOST_FORCE = 60.0  # largest force of a spring, N
+LEAST_STIFFNESS = 1.0  # N/m
+REST_LENGTHS = 21  # number of rest lengths that are tried for the smallest RMS torque
+ROOM = 0.03  # smallest length of a spring, m
+ANCHORS = np.linspace(-0.4, 0.4, 9)  # x and y of the ends on the chassis, m
+METRICS = {
+    "peak_torque": "peak torque, N m",
+    "rms_torque": "RMS torque, N m",
+    "steady_cost_of_transport": "cost of transport",
+    "return": "return",
+}
+LABELS = {"none": "no spring", "peak": "peak torque", "rms": "RMS torque"}
+SEED = 11
+
+
+class Record(NamedTuple):
+    """Crank torque of a robot that walks at constant crank speed.
+
+    Attributes:
+        angle: Crank angle in the middle of each control period, in rad, shape (n,).
+        torque: Mean torque in each control period, in N m, shape (n,).
+        power: Mean of the positive part of the mechanical power, in W.
+    """
+
+    angle: Array
+    torque: Array
+    power: float
+
+
+class Fit(NamedTuple):
+    """Best spring with given ends.
+
+    Attributes:
+        torque: Peak or RMS torque with this spring, in N m.
+        stiffness: Stiffness, in N/m.
+        rest_length: Rest length, in m.
+    """
+
+    torque: float
+    stiffness: float
+    rest_length: float
+
+
+def record(robot: Robot) -> Record:
+    """Return the torque of a robot that walks at :data:`SPEED` with a constant crank speed."""
+    rate = 2.0 * math.pi * SPEED / advance_per_turn(robot)
+    plant = ProjectionPlant(robot, Terrain.flat(friction=0.8))
+    state = plant.reset()
+    state[7] = rate
+    plant.state = state
+    plant.prescribed_crank_speed = True
+    period = 2.0 * math.pi / abs(rate)
+    angles, torques = [], []
+    for k in range(round((SETTLING + TURNS) * period / HOLD)):
+        begun = float(plant.state[3])
+        result = plant.step(0.0, HOLD)
+        if k * HOLD >= SETTLING * period:
+            angles.append(begun + 0.5 * rate * HOLD)
+            torques.append(result.motor_work / (rate * HOLD))
+    torque = np.array(torques)
+    power = float(np.maximum(torque * rate, 0.0).mean())
+    return Record(np.array(angles), torque, power)
+
+
+def candidates(robot: Robot) -> Iterator[Spring]:
+    """Yield springs without stiffness between all joints, and between joints and the chassis."""
+    linkage = robot.linkage
+    fixed = linkage.bodies[FRAME - 1][1]
+    for start, end in itertools.combinations(linkage.joints, 2):
+        shared = any({start, end} <= {*joints} for _, joints in linkage.bodies)
+        if not shared and not {start, end} <= {*fixed}:
+            yield Spring(start, end)
+    for start in linkage.joints:
+        if start not in fixed and start not in linkage.toes:
+            for x, y in itertools.product(ANCHORS.tolist(), ANCHORS.tolist()):
+                yield Spring(start, anchor=(x, y))
+
+
+def lengths(robot: Robot, spring: Spring, places: Array) -> Array:
+    """Return the length of a spring in every leg, in m, shape (legs, angles).
+
+    Args:
+        robot: The robot.
+        spring: The spring.
+        places: Positions of all joints, in m, shape (legs, angles, joints, 2).
+    """
+    index = robot.linkage.joints.index
+    start = places[:, :, index(spring.start)]
+    if spring.end:
+        end = places[:, :, index(spring.end)]
+    else:
+        sides = np.array([1.0 if leg.side == "fore" else -1.0 for leg in robot.legs])
+        x, y = spring.anchor
+        end = np.stack([sides * x, np.full(len(sides), y)], axis=1)[:, None]
+    return np.asarray(np.linalg.norm(start - end, axis=-1))
+
+
+def slope(values: Array) -> Array:
+    """Return the derivative of a periodic function with respect to the crank angle."""
+    harmonics = np.fft.rfft(values)
+    derivative = np.fft.irfft(1j * np.arange(len(harmonics)) * harmonics, len(values))
+    return np.asarray(derivative)
+
+
+class Effect(NamedTuple):
+    """Effect of a spring with given ends on the recorded torque.
+
+    With the stiffness k and the rest length L0, the energy of a spring is k (L - L0)^2 / 2. The
+    spring therefore adds k square - k L0 linear to the torque.
+
+    Attributes:
+        torque: Torque without the spring, in N m, shape (n,).
+        square: Sum over the legs of (L^2 / 2)', in m^2, shape (n,).
+        linear: Sum over the legs of L', in m, shape (n,).
+        shortest: Smallest length, in m.
+        longest: Largest length, in m.
+    """
+
+    torque: Array
+    square: Array
+    linear: Array
+    shortest: float
+    longest: float
+
+
+def effect_of(walk: Record, length: Array) -> Effect:
+    """Return the effect of a spring from its length in each leg, in m, shape (legs, angles)."""
+    turn = 2.0 * math.pi / ANGLES * np.arange(ANGLES + 1)
+    square, linear = (
+        np.interp(walk.angle % (2.0 * math.pi), turn, np.append(values, values[0]))
+        for values in (slope(0.5 * (length * length).sum(axis=0)), slope(length.sum(axis=0)))
+    )
+    return Effect(walk.torque, square, linear, float(length.min()), float(length.max()))
+
+
+def least_peak(effect: Effect) -> Fit | None:
+    """Return the spring with the smallest peak torque.
+
+    The function solves a linear program for k, k L0 and the peak. The spring must always pull, with
+    at most :data:`MOST_FORCE`.
+    """
+    torque, square, linear, shortest, longest = effect
+    one = np.ones(len(torque))
+    upper = np.stack([square, -linear, -one], axis=1)  # torque with the spring <= peak
+    lower = np.stack([-square, linear, -one], axis=1)
+    limits = np.array([[-shortest, 1.0, 0.0], [longest, -1.0, 0.0]])
+    rows = np.concatenate([upper, lower, limits])
+    bounds = np.concatenate([-torque, torque, [0.0, MOST_FORCE]])
+    solved = linprog((0.0, 0.0, 1.0), rows, bounds, bounds=[(0.0, None)] * 3)
+    if solved.status != 0 or solved.x[0] < LEAST_STIFFNESS:
+        return None
+    stiffness, product, peak = solved.x.tolist()
+    return Fit(peak, stiffness, product / stiffness)
+
+
+def least_rms(effect: Effect) -> Fit | None:
+    """Return the spring with the smallest RMS torque, by the best stiffness for each rest length.
+
+    The limits are those of :func:`least_peak`.
+    """
+    torque, square, linear, shortest, longest = effect
+    best: Fit | None = None
+    for rest in np.linspace(0.0, shortest, REST_LENGTHS).tolist():
+        unit = square - rest * linear
+        stiffness = -float(torque @ unit) / max(float(unit @ unit), 1e-12)
+        stiffness = min(stiffness, MOST_FORCE / max(longest - rest, 1e-9))
+        rms = float(np.sqrt(((torque + stiffness * unit) ** 2).mean()))
+        if stiffness >= LEAST_STIFFNESS and (best is None or rms < best.torque):
+            best = Fit(rms, stiffness, rest)
+    return best
+
+
+GOALS = {"peak": least_peak, "rms": least_rms}
+"""Functions that fit a spring with given ends, by the torque that they minimise."""
+
+
+def search(robot: Robot, walk: Record, goal: str) -> Spring:
+    """Return the spring with the smallest torque at constant crank speed.
+
+    Args:
+        robot: The robot.
+        walk: Torque without springs.
+        goal: Torque to minimise, a key of :data:`GOALS`.
+    """
+    angles: Array = 2.0 * math.pi / ANGLES * np.arange(ANGLES, dtype=float)
+    places = joints_of_legs(robot, angles)
+    least, best = math.inf, None
+    for spring in candidates(robot):
+        length = lengths(robot, spring, places)
+        if length.min() < ROOM:
+            continue
+        fit = GOALS[goal](effect_of(walk, length))
+        if fit is not None and fit.torque < least:
+            least = fit.torque
+            best = replace(
+                spring,
+                stiffness=round(fit.stiffness, 1),
+                rest_length=round(fit.rest_length, 4),
+            )
+    if best is None:
+        raise ValueError(f"no spring lowers the {goal} torque of this robot")
+    return best
+
+
+def walk_under_pid(robot: Robot, episodes: int) -> dict[str, list[float | None]]:
+    """Return the means of :data:`METRICS` per command under the benchmark's PID."""
+    env = gym.make(ENV, robot=robot)
+    pid = find_benchmark(ENV).baselines["pid"](env.unwrapped)
+    scores = evaluate(
+        {"pid": pid}, ENV, {"robot": robot}, commands=COMMANDS, episodes=episodes, seed=SEED
+    )
+    by_command = scores["pid"]["by_command"]
+    return {name: [_rounded(v) for v in by_command[name]["value"]] for name in METRICS}
+
+
+def _rounded(value: float | None) -> float | None:
+    """Return a metric with four digits, or None if no episode has a value."""
+    return None if value is None else round(value, 4)
+
+
+def measure(episodes: int) -> dict[str, Any]:
+    """Search two springs for each robot, and measure the robot with and without them."""
+    results: dict[str, Any] = {}
+    for name in NAMES:
+        bare = ROBOTS[name]()
+        walk = record(bare)
+        robots = {"none": bare}
+        for goal in GOALS:
+            robots[goal] = replace(bare, springs=(search(bare, walk, goal),))
+        results[name] = {"angle": np.round(walk.angle, 4).tolist()}
+        for kind, robot in robots.items():
+            torque = record(robot)
+            results[name][kind] = {
+                "springs": [asdict(spring) for spring in robot.springs],
+                "torque": np.round(torque.torque, 4).tolist(),
+                "peak": round(float(np.abs(torque.torque).max()), 3),
+                "rms": round(float(np.sqrt((torque.torque**2).mean())), 3),
+                "mean": round(float(torque.torque.mean()), 3),
+                "power": round(torque.power, 3),
+                "pid": walk_under_pid(robot, episodes),
+            }
+    return results
+
+
+def spring_table(results: dict[str, Any]) -> str:
+    """Return the table of the springs and of the torques at constant crank speed."""
+    lines = [
+        "| robot | spring for | ends | stiffness, N/m | rest length, m | peak torque, N m "
+        "| RMS torque, N m | mean torque, N m | driving power, W |",
+        "| --- | --- | --- | ---: | ---: | ---: | ---: | ---: | ---: |",
+    ]
+    for name, values in results.items():
+        for kind in ("none", *GOALS):
+            one = values[kind]
+            spring = [LABELS[kind], "", "", ""]
+            for each in one["springs"]:
+                x, y = each["anchor"]
+                end = each["end"] or f"chassis ({x:.1f}, {y:.1f}) m"
+                ends = f"{each['start']} and {end}"
+                spring[1:] = ends, f"{each['stiffness']:.0f}", f"{each['rest_length']:.3f}"
+            numbers = [f"{one[key]:.2f}" for key in ("peak", "rms", "mean", "power")]
+            lines.append("| " + " | ".join([f"`{name}`", *spring, *numbers]) + " |")
+    return "\n".join(lines)
+
+
+def pid_table(results: dict[str, Any], metric: str) -> str:
+    """Return the table of one metric of the walks under the PID."""
+    head = " | ".join(f"{command} m/s" for command in COMMANDS)
+    lines = [f"| robot | spring for | {head} |", "| --- | --- |" + " ---: |" * len(COMMANDS)]
+    for name, values in results.items():
+        for kind in ("none", *GOALS):
+            cells = " | ".join(
+                "none" if value is None else f"{value:.2f}" for value in values[kind]["pid"][metric]
+            )
+            lines.append(f"| `{name}` | {LABELS[kind]} | {cells} |")
+    return "\n".join(lines)
+
+
+def draw(results: dict[str, Any], path: Path) -> None:
+    """Draw the torques at constant crank speed over one turn of the crank."""
+    figure, axes = plt.subplots(1, len(results), figsize=(9, 3), sharex=True, layout="constrained")
+    for axis, (name, values) in zip(np.atleast_1d(axes), results.items(), strict=True):
+        angle = np.array(values["angle"]) % (2.0 * math.pi)
+        for kind, label in LABELS.items():
+            axis.plot(angle, values[kind]["torque"], ".", ms=2, label=label)
+        axis.set_title(name)
+        axis.set_xlabel("crank angle (rad)")
+        axis.grid(alpha=0.3)
+    np.atleast_1d(axes)[0].set_ylabel("crank torque (N m)")
+    np.atleast_1d(axes)[0].legend()
+    figure.savefig(path, dpi=120)
+
+
+def main() -> None:
+    """Measure, print the tables, and write the data, the figure and the robot files."""
+    episodes = int(sys.argv[1]) if len(sys.argv) > 1 else 64
+    folder = Path(sys.argv[2] if len(sys.argv) > 2 else "docs/springs")
+    folder.mkdir(parents=True, exist_ok=True)
+    results = measure(episodes)
+    print(spring_table(results))
+    for metric, label in METRICS.items():
+        print(f"\n{label}\n\n{pid_table(results, metric)}")
+    for name, values in results.items():
+        for goal in GOALS:
+            (given,) = values[goal]["springs"]
+            sprung = replace(ROBOTS[name](), springs=(Spring(**given),))
+            write_robot(folder / f"{name}_{goal}.json", sprung)
+    data = {"commands": COMMANDS, "episodes": episodes, "robots": results}
+    write_json(folder / "springs.json", data)
+    draw(results, folder / "springs.png")
+
+
+if __name__ == "__main__":
+    main()

@@ -22,9 +22,14 @@ import pytest
 from jansen_env.viewer.web.page import FOLDER
 
 ARGUMENTS = (
-    "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync",
-)  # fmt: skip
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
 
 WAIT = 10_000  # ms that a page may take
 PHONE = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
@@ -94,9 +99,11 @@ class Firefox:
     """A Firefox with a profile of its own in a folder, driven by its Marionette."""
 
     def __init__(self, path: str, folder: Path) -> None:
-        lines = [f'user_pref("browser.download.dir", {json.dumps(str(folder))});',
-                 'user_pref("browser.download.folderList", 2);',
-                 'user_pref("marionette.port", 0);']  # fmt: skip
+        lines = [
+            f'user_pref("browser.download.dir", {json.dumps(str(folder))});',
+            'user_pref("browser.download.folderList", 2);',
+            'user_pref("marionette.port", 0);',
+        ]
         (folder / "user.js").write_text("\n".join(lines))
         command = [path, "--headless", "--marionette", "--no-remote", "--profile", str(folder)]
         silent = subprocess.DEVNULL
@@ -178,14 +185,16 @@ def draw_path(page: Any) -> None:
 @pytest.fixture
 def open_window(browser):
     """A function from Playwright's options of a context to a :class:`Window`."""
-    windows, contexts = [], []
+    windows = []
+    contexts = []
 
     def opened(**options: Any) -> Window:
         context = browser.new_context(**options)
         contexts.append(context)
         window = Window(context.new_page())
         windows.append(window)
-        page, errors = window.page, window.errors
+        page = window.page
+        errors = window.errors
         page.on("console", lambda m: m.type in ("error", "warning") and errors.append(m.text))
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.on("request", lambda request: window.requests.append(request.url))

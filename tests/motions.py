@@ -43,16 +43,25 @@ def shift(**by):
 
 
 def placed(
-    robot=None, terrain=None, psi=0.3, pitch=None, *, state=None, moved=None, locked=False,
-    tracing=False, **arguments,
-):  # fmt: skip
+    robot=None,
+    terrain=None,
+    psi=0.3,
+    pitch=None,
+    *,
+    state=None,
+    moved=None,
+    locked=False,
+    tracing=False,
+    **arguments,
+):
     """A projection plant with its robot set down, or in a ``state``; then ``moved`` by (8,)."""
     plant = ProjectionPlant(robot or Robot(), terrain or Terrain.flat(), **arguments)
     plant.reset(0.0, psi, pitch)
     if state is not None or moved is not None:
         moved = np.zeros(8) if moved is None else moved
         plant.state = np.add(plant.state if state is None else state, moved)
-    plant.prescribed_crank_speed, plant.batch.tracing = locked, tracing
+    plant.prescribed_crank_speed = locked
+    plant.batch.tracing = tracing
     return plant
 
 
@@ -96,8 +105,10 @@ def audit(plant, torque, duration):
 
 def depth(plant, centres=None):
     """How deep the deepest of pads, the toes' by default, reaches below the ground's line, m."""
-    p, line = plant.toe_positions() if centres is None else centres, plant.terrain.polyline
-    a, along = line[:-1], np.diff(line, axis=0)
+    p = plant.toe_positions() if centres is None else centres
+    line = plant.terrain.polyline
+    a = line[:-1]
+    along = np.diff(line, axis=0)
     share = np.clip(((p[:, None] - a) * along).sum(-1) / (along**2).sum(-1), 0.0, 1.0)
     away = np.linalg.norm(p[:, None] - a - share[..., None] * along, axis=-1).min(axis=1)
     away = np.where(p[:, 1] < plant.terrain.height(p[:, 0]), -away, away)

@@ -94,8 +94,9 @@ def main() -> None:
 
     with TemporaryDirectory() as name, sync_playwright() as playwright:
         page = Path(name) / "walk.html"
-        record(["--policy", "pid", "--policy", "pretrained", "--command", "0.1",
-                "--out", str(page)])  # fmt: skip
+        record(
+            ["--policy", "pid", "--policy", "pretrained", "--command", "0.1", "--out", str(page)]
+        )
         browser = playwright.chromium.launch(executable_path=chromium(), args=list(ARGUMENTS))
         take_replays(browser, page, docs / "replay")
         take_benches(browser, write_bench(Path(name) / "bench.html"), docs / "bench")

@@ -12,11 +12,16 @@ WORLD = {
     "terrain": "mixed",
     "terrain_level": (0, 9),
     "randomize": {
-        "friction": (0.4, 1.0), "payload": (0.0, 0.5), "payload_x": (-0.1, 0.1),
-        "mass_scale": (0.9, 1.1), "damping_scale": (0.5, 2.0), "motor_strength": (0.8, 1.2),
-        "tilt": (-0.05, 0.05), "delay": (0.0, 0.03),
+        "friction": (0.4, 1.0),
+        "payload": (0.0, 0.5),
+        "payload_x": (-0.1, 0.1),
+        "mass_scale": (0.9, 1.1),
+        "damping_scale": (0.5, 2.0),
+        "motor_strength": (0.8, 1.2),
+        "tilt": (-0.05, 0.05),
+        "delay": (0.0, 0.03),
     },
-}  # fmt: skip
+}
 """Ground and robot drawn at each reset."""
 DISTURBED = {"height_scan": (0.4, 0.8, 5), "noise": {}, "push": Push((1.3, 0.5), 0.05, 0.2)}
 
@@ -46,7 +51,10 @@ def rollout(policy, envs, steps, seed=0):
     """(n,) returns and motor work, J, of episodes side by side, which go on, and the last infos."""
     observation, _ = envs.reset(seed=seed)
     n = len(observation)
-    memory, on, returns, work = None, np.ones(n, bool), np.zeros(n), np.zeros(n)
+    memory = None
+    on = np.ones(n, bool)
+    returns = np.zeros(n)
+    work = np.zeros(n)
     for k in range(steps):
         action, memory = policy.predict(observation, memory, np.full(n, k == 0))
         observation, reward, terminated, truncated, infos = envs.step(action)
@@ -70,8 +78,10 @@ def same(a, b, place="it"):
 
 def compare(ours, theirs, steps, seed=7, scale=1.0):
     """Both walk alike, bit for bit; returns how many episodes ended."""
-    rng, ends = np.random.default_rng(seed), 0
-    (a, info_a), (b, info_b) = ours.reset(seed=seed), theirs.reset(seed=seed)
+    rng = np.random.default_rng(seed)
+    ends = 0
+    a, info_a = ours.reset(seed=seed)
+    b, info_b = theirs.reset(seed=seed)
     assert np.array_equal(a, b)
     same(info_a, info_b)
     for _ in range(steps):

@@ -13,7 +13,8 @@ from jansen_env.sb3.trained import read_model
 
 CRANK = "JansenCrank-v0"
 LIBRARY = Path(__file__).parents[1] / "agents" / "studies" / "library"
-STEPS, SAVED = 576, 6  # of a whole run; checkpoints in it
+STEPS = 576  # of a whole run
+SAVED = 6  # checkpoints of a whole run
 EPISODE = 21  # steps, so that episodes end anywhere in a rollout
 
 
@@ -30,10 +31,12 @@ def small_run(algo="ppo", env_id="JansenWalker-v0", hyperparameters=(), **more):
     more = {"timesteps": STEPS, "n_envs": 6, **more}
     env_kwargs = {"max_episode_steps": EPISODE, **shipped.env_kwargs, **more.pop("env_kwargs", {})}
     return replace(
-        shipped, env_kwargs=env_kwargs, **more,
+        shipped,
+        env_kwargs=env_kwargs,
+        **more,
         hyperparameters={**shipped.hyperparameters, **small, **dict(hyperparameters)},
         policy_kwargs={**shipped.policy_kwargs, "net_arch": [16, 16]},
-    )  # fmt: skip
+    )
 
 
 class Killed(BaseException):
@@ -53,9 +56,14 @@ def go_on(settings, folder: Path, killed_after=float("inf"), every=None):
         runs.record_run(folder, settings, "python train.py")
         try:
             training.train(
-                model, settings, folder, eval_every=every or steps // 3,
-                save_every=every or steps // SAVED, resume=resume, progress=False,
-            )  # fmt: skip
+                model,
+                settings,
+                folder,
+                eval_every=every or steps // 3,
+                save_every=every or steps // SAVED,
+                resume=resume,
+                progress=False,
+            )
             assert killed_after == float("inf"), "it has come to its end before"
         except Killed:
             pass
@@ -64,7 +72,8 @@ def go_on(settings, folder: Path, killed_after=float("inf"), every=None):
 
 def _kill(venv, steps):
     """Let training end without a word once so many steps are trained."""
-    step_wait, left = venv.step_wait, [steps]
+    step_wait = venv.step_wait
+    left = [steps]
 
     def step():
         left[0] -= venv.num_envs
@@ -96,23 +105,35 @@ def same(left, right) -> bool:
 NETWORKS = {
     "plain": ("ppo", {}, {"net_arch": [8], "activation": "tanh"}),
     "normalized": ("ppo", {}, {"net_arch": [8, 4], "activation": "relu", "normalize": True}),
-    "apart": ("ppo", {}, {"net_arch": {"pi": [6], "vf": [4]}, "activation": "elu",
-                          "normalize": True, "share_features_extractor": False}),
+    "apart": (
+        "ppo",
+        {},
+        {
+            "net_arch": {"pi": [6], "vf": [4]},
+            "activation": "elu",
+            "normalize": True,
+            "share_features_extractor": False,
+        },
+    ),
     "squashed": ("ppo", {"use_sde": True}, {"net_arch": [], "squash_output": True}),
     "sac": ("sac", {}, {"net_arch": [8], "normalize": True}),
     "tqc": ("tqc", {}, {"net_arch": [8]}),
     "sac with gSDE": ("sac", {"use_sde": True}, {"net_arch": [8], "clip_mean": 0.3}),
-}  # fmt: skip
+}
 
 
 def made_run(folder, algo, hyperparameters, policy_kwargs, env_id=CRANK, **more):
     """A run's folder with a model that has learnt nothing, with weights of some size."""
     small = {"n_steps": 8, "batch_size": 8} if algo == "ppo" else {}
     config = RunConfig(
-        algo=algo, env=env_id, timesteps=16, n_envs=1, policy_kwargs=policy_kwargs,
+        algo=algo,
+        env=env_id,
+        timesteps=16,
+        n_envs=1,
+        policy_kwargs=policy_kwargs,
         hyperparameters={**hyperparameters, **small},
         **{"env_kwargs": {"max_episode_steps": 50}, **more},
-    )  # fmt: skip
+    )
     folder.mkdir()
     runs.record_run(folder, config, "python train.py --seed 0")
     model = training.prepare(config)
@@ -120,8 +141,11 @@ def made_run(folder, algo, hyperparameters, policy_kwargs, env_id=CRANK, **more)
     with torch.no_grad():
         for name, tensor in model.policy.state_dict().items():
             if "target" not in name and tensor.is_floating_point():
-                tensor.copy_(torch.rand_like(tensor) + 0.1 if "extractor." in name
-                             else 0.5 * torch.randn_like(tensor))  # fmt: skip
+                tensor.copy_(
+                    torch.rand_like(tensor) + 0.1
+                    if "extractor." in name
+                    else 0.5 * torch.randn_like(tensor)
+                )
     if algo != "ppo":
         model.critic_target.load_state_dict(model.critic.state_dict())
     model.save(folder / "best_model.zip")

@@ -8,18 +8,21 @@ from jansen_env.policies import pretrained
 from jansen_env.scoring.benchmarks import find_benchmark
 
 
-@pytest.mark.parametrize("make, meant", [
-    (lambda: gym.make("JansenWalker-v0", frction=0.5), "friction"),
-    (lambda: gym.make_vec("JansenWalker-v0", 2, frction=0.5), "friction"),
-    (lambda: gym.make("JansenWalker-v0", robot="papr"), "paper"),
-    (lambda: gym.make("JansenWalker-v0", terrain="stiars:rise=0.01"), "stairs"),
-    (lambda: gym.make("JansenWalker-v0", plant="rigid-body"), "rigid_body"),
-    (lambda: gym.make("JansenWalker-v0", randomize={"frction": (0.4, 1.0)}), "friction"),
-    (lambda: gym.make("JansenWalker-v0", slip_wieght=1.0), "slip_weight"),
-    (lambda: gym.make("JansenWalker-v0").reset(options={"titl": 0.1}), "tilt"),
-    (lambda: find_benchmark("JansenWalker-v1"), "JansenWalker-v0"),
-    (lambda: pretrained.load("JansenWalkerBuilt-v0", "robst"), "robust"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "make, meant",
+    [
+        (lambda: gym.make("JansenWalker-v0", frction=0.5), "friction"),
+        (lambda: gym.make_vec("JansenWalker-v0", 2, frction=0.5), "friction"),
+        (lambda: gym.make("JansenWalker-v0", robot="papr"), "paper"),
+        (lambda: gym.make("JansenWalker-v0", terrain="stiars:rise=0.01"), "stairs"),
+        (lambda: gym.make("JansenWalker-v0", plant="rigid-body"), "rigid_body"),
+        (lambda: gym.make("JansenWalker-v0", randomize={"frction": (0.4, 1.0)}), "friction"),
+        (lambda: gym.make("JansenWalker-v0", slip_wieght=1.0), "slip_weight"),
+        (lambda: gym.make("JansenWalker-v0").reset(options={"titl": 0.1}), "tilt"),
+        (lambda: find_benchmark("JansenWalker-v1"), "JansenWalker-v0"),
+        (lambda: pretrained.load("JansenWalkerBuilt-v0", "robst"), "robust"),
+    ],
+)
 def test_misspelt_names_are_understood(make, meant):
     with pytest.raises((TypeError, ValueError), match=rf"; did you mean '{meant}'\?"):
         make()

@@ -10,8 +10,21 @@ from jansen_env.__main__ import COMMANDS, main
 from jansen_env.cli.flags import Parser
 from jansen_env.cli.process import guarded
 
-OPTIONAL = ("PIL", "cma", "ezdxf", "imageio", "imageio_ffmpeg", "matplotlib", "mujoco", "rich",
-            "scipy", "stable_baselines3", "tabulate", "torch", "yaml")  # fmt: skip
+OPTIONAL = (
+    "PIL",
+    "cma",
+    "ezdxf",
+    "imageio",
+    "imageio_ffmpeg",
+    "matplotlib",
+    "mujoco",
+    "rich",
+    "scipy",
+    "stable_baselines3",
+    "tabulate",
+    "torch",
+    "yaml",
+)
 WITHOUT = f"import sys; sys.modules.update(dict.fromkeys({OPTIONAL}))"
 RUN = f"{WITHOUT}; from jansen_env.__main__ import main; main(sys.argv[1:])"
 
@@ -41,11 +54,17 @@ def test_each_command_tells_its_arguments(command, capsys):
     assert shown.count(f"\n  jansen-env {command}") == 2  # examples
 
 
-@pytest.mark.parametrize(("arguments", "words"), [
-    (["enjoi"], "did you mean 'enjoy'?"),
-    (["evaluate", "--policy", "pid", "--env", "JansenRough-v0"], "mean 'JansenWalkerRough-v0'?"),
-    (["mjcf", "paper", "--out", "/proc/x/x.xml"], "/proc"),  # before the work
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["enjoi"], "did you mean 'enjoy'?"),
+        (
+            ["evaluate", "--policy", "pid", "--env", "JansenRough-v0"],
+            "mean 'JansenWalkerRough-v0'?",
+        ),
+        (["mjcf", "paper", "--out", "/proc/x/x.xml"], "/proc"),  # before the work
+    ],
+)
 def test_an_error_of_a_command_comes_before_its_usage(arguments, words, capsys):
     with pytest.raises(SystemExit) as ended:
         main(arguments)
@@ -61,8 +80,11 @@ def test_ctrl_c_ends_a_command_without_a_traceback():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("command", [["evaluate", "--policy", "pid"], ["paper", "--out", "x"],
-                                     ["enjoy", "--video", "x.gif"]], ids=" ".join)  # fmt: skip
+@pytest.mark.parametrize(
+    "command",
+    [["evaluate", "--policy", "pid"], ["paper", "--out", "x"], ["enjoy", "--video", "x.gif"]],
+    ids=" ".join,
+)
 def test_a_missing_package_is_named(command, tmp_path):
     done = run(*command, cwd=tmp_path)
     assert done.returncode == 1 and not list(tmp_path.iterdir())

@@ -54,9 +54,18 @@ NEEDS = {  # beside the extras
 
 
 SLOW = (
-    "codesign", "find_a_way", "front", "headroom", "joint_loads", "linkage_map",
-    "minari_data", "offline_learning", "surrogate", "train_and_watch", "typed_walk",
-)  # fmt: skip
+    "codesign",
+    "find_a_way",
+    "front",
+    "headroom",
+    "joint_loads",
+    "linkage_map",
+    "minari_data",
+    "offline_learning",
+    "surrogate",
+    "train_and_watch",
+    "typed_walk",
+)
 NAMES = [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in SIZES]
 
 

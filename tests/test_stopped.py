@@ -19,21 +19,32 @@ from jansen_env.viewer.recording import Recording
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = os.pathsep.join([str(ROOT), str(ROOT / "workshop")])
-JANSEN, WORKSHOP = ("-m", "jansen_env"), ("-m", "jansen_workshop")
+JANSEN = ("-m", "jansen_env")
+WORKSHOP = ("-m", "jansen_workshop")
 LOG = ROOT / "workshop" / "measurements" / "synthetic_economy_1.csv"
 COMMANDS = [
-    (*JANSEN, "mjcf", "paper"), (*JANSEN, "--help"), (*WORKSHOP, "measurements", "--help"),
-    ("-m", "agents.tune", "--help"), (*WORKSHOP, "measurements", str(LOG)),
-]  # fmt: skip
+    (*JANSEN, "mjcf", "paper"),
+    (*JANSEN, "--help"),
+    (*WORKSHOP, "measurements", "--help"),
+    ("-m", "agents.tune", "--help"),
+    (*WORKSHOP, "measurements", str(LOG)),
+]
 
 
 def start(*arguments, **kwargs):
     return subprocess.Popen(
-        [sys.executable, *arguments], stderr=subprocess.PIPE, text=True,
+        [sys.executable, *arguments],
+        stderr=subprocess.PIPE,
+        text=True,
         cwd=kwargs.pop("cwd", ROOT),
-        env={**os.environ, "PYTHONPATH": PACKAGES, "PYTHONUNBUFFERED": "",
-             "SDL_VIDEODRIVER": "dummy"}, **kwargs,
-    )  # fmt: skip
+        env={
+            **os.environ,
+            "PYTHONPATH": PACKAGES,
+            "PYTHONUNBUFFERED": "",
+            "SDL_VIDEODRIVER": "dummy",
+        },
+        **kwargs,
+    )
 
 
 @pytest.mark.slow
@@ -56,9 +67,14 @@ def test_a_reader_that_ends_is_no_error():
 
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no POSIX signals")
-@pytest.mark.parametrize(("number", "status"), [
-    (signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, 130),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("number", "status"),
+    [
+        (signal.SIGTERM, 143),
+        (signal.SIGHUP, 129),
+        (signal.SIGINT, 130),
+    ],
+)
 def test_a_film_that_is_stopped_leaves_nothing(number, status, tmp_path):
     command = (*JANSEN, "enjoy", "--video", "a.gif", "--episodes", "50")
     process = start(*command, stdout=subprocess.DEVNULL, cwd=tmp_path)
@@ -84,10 +100,17 @@ sys.argv = {argv}
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no POSIX signals")
-@pytest.mark.parametrize(("argv", "run"), [
-    (["jansen-env", "mjcf", "paper"], "from jansen_env.__main__ import main; main()"),
-    ([str(ROOT / "train.py")], "import runpy; runpy.run_path(sys.argv[0], run_name='__main__')"),
-], ids=["jansen-env", "train.py"])  # fmt: skip
+@pytest.mark.parametrize(
+    ("argv", "run"),
+    [
+        (["jansen-env", "mjcf", "paper"], "from jansen_env.__main__ import main; main()"),
+        (
+            [str(ROOT / "train.py")],
+            "import runpy; runpy.run_path(sys.argv[0], run_name='__main__')",
+        ),
+    ],
+    ids=["jansen-env", "train.py"],
+)
 def test_ctrl_c_during_imports_is_quiet(argv, run):
     process = start("-c", SLOW_IMPORT.format(argv=argv, run=run), stdout=subprocess.PIPE)
     assert process.stdout.readline() == "loading\n"
@@ -108,10 +131,13 @@ def test_programs_that_import_the_package_keep_their_signals(monkeypatch, tmp_pa
     assert (signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)) == before
 
 
-@pytest.mark.parametrize(("error", "told"), [
-    (MemoryError(), "it: error: not enough memory; ask for less\n"),
-    (OSError(28, "Disk is full", "a.gif"), "it: error: a.gif: Disk is full\n"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (MemoryError(), "it: error: not enough memory; ask for less\n"),
+        (OSError(28, "Disk is full", "a.gif"), "it: error: a.gif: Disk is full\n"),
+    ],
+)
 def test_errors_of_the_machine_are_told_in_one_line(error, told, capsys):
     with pytest.raises(SystemExit, match="1"), guarded("it"):
         raise error
@@ -127,9 +153,14 @@ def test_what_a_library_makes_of_ctrl_c_is_no_traceback():
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no POSIX signals")
-@pytest.mark.parametrize(("number", "status"), [
-    (signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, 130),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("number", "status"),
+    [
+        (signal.SIGTERM, 143),
+        (signal.SIGHUP, 129),
+        (signal.SIGINT, 130),
+    ],
+)
 def test_a_signal_that_comes_in_a_destructor_is_not_lost(number, status, capsys):
     class Freed:
         def __del__(self):
@@ -143,22 +174,33 @@ def test_a_signal_that_comes_in_a_destructor_is_not_lost(number, status, capsys)
     assert sys.unraisablehook is hook
 
 
-@pytest.mark.parametrize("arguments", [
-    ["evaluate", "--policy", "pid", "--episodes", "1e10"],
-    ["evaluate", "--policy", "pid", "--random-commands", "1e10"],
-    ["enjoy", "--episodes", "1e10"],
-], ids=" ".join)  # fmt: skip
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["evaluate", "--policy", "pid", "--episodes", "1e10"],
+        ["evaluate", "--policy", "pid", "--random-commands", "1e10"],
+        ["enjoy", "--episodes", "1e10"],
+    ],
+    ids=" ".join,
+)
 def test_numbers_are_bounded(arguments, capsys):
     with pytest.raises(SystemExit):
         main(arguments)
     assert "must be a whole number from 1 to " in capsys.readouterr().err.splitlines()[0]
 
 
-@pytest.mark.parametrize("arguments", [
-    ["evaluate", "--policy", "pid", "--out", ""],
-    ["paper", "--out", " "], ["play", "--out", ""],
-    ["enjoy", "--video", ""], ["replay", "--out", ""], ["mjcf", "paper", "--out", ""],
-], ids=" ".join)  # fmt: skip
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["evaluate", "--policy", "pid", "--out", ""],
+        ["paper", "--out", " "],
+        ["play", "--out", ""],
+        ["enjoy", "--video", ""],
+        ["replay", "--out", ""],
+        ["mjcf", "paper", "--out", ""],
+    ],
+    ids=" ".join,
+)
 def test_an_empty_path_is_refused(arguments, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit):

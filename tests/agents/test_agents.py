@@ -32,19 +32,26 @@ def motor(torque_limit):
 
 
 def observation(angle, speed, command):
-    known = {"cos_crank_angle": np.cos(angle), "sin_crank_angle": np.sin(angle),
-             "crank_speed": speed, "speed_command": command}  # fmt: skip
+    known = {
+        "cos_crank_angle": np.cos(angle),
+        "sin_crank_angle": np.sin(angle),
+        "crank_speed": speed,
+        "speed_command": command,
+    }
     return np.array([known.get(entry.name, np.nan) for entry in OBSERVED])
 
 
 def test_pid_is_equation_13():
     """Against the formula written out, the crank passing pi twice; what is NaN it does not read."""
-    dt, gains = 0.02, PID()
+    dt = 0.02
+    gains = PID()
     controller = walking_pid(ONE_TO_ONE, motor(1e3))
-    state, integral = None, 0.0
+    state = None
+    integral = 0.0
     for k in range(500):
         t = k * dt
-        angle, speed = np.pi + 1.3 * t - 0.2 * t**2 / 10, 1.3 - 0.04 * t
+        angle = np.pi + 1.3 * t - 0.2 * t**2 / 10
+        speed = 1.3 - 0.04 * t
         seen = observation(angle, speed, 1.0)[None]
         action, state = controller.predict(seen, state, np.array([k == 0]))
         error = (np.pi + t) - angle
@@ -54,7 +61,8 @@ def test_pid_is_equation_13():
 
 
 def test_pid_starts_again_with_an_episode():
-    controller, state = walking_pid(ONE_TO_ONE, motor(20.0)), None
+    controller = walking_pid(ONE_TO_ONE, motor(20.0))
+    state = None
     seen = np.array([observation(0.1, 0.0, 1.0)] * 2)
     for _ in range(10):
         _, state = controller.predict(seen, state)
@@ -135,7 +143,8 @@ def test_what_is_kept_of_an_episode():
     assert scored["torque_change"] == pytest.approx(changes.mean(), rel=1e-6)
     error = abs((positions[-1] - positions[99]) / 0.4 - 0.2)
     assert scored["steady_speed_error"] == pytest.approx(error)
-    way, slip = positions[-1] - positions[99], [info["slip"].sum() for info in infos]
+    way = positions[-1] - positions[99]
+    slip = [info["slip"].sum() for info in infos]
     work = sum(abs(info["energy"]["motor_work"]) for info in infos[100:])
     assert scored["steady_slip_per_metre"] == pytest.approx(sum(slip[100:]) / way)
     assert scored["steady_cost_of_transport"] == pytest.approx(work / robot.weight / way)
@@ -158,10 +167,11 @@ def made_episodes(n=40):
 
 TEN_SECONDS = SimpleNamespace(
     get_wrapper_attr={
-        "spec": SimpleNamespace(max_episode_steps=500), "control_dt": 0.02,
+        "spec": SimpleNamespace(max_episode_steps=500),
+        "control_dt": 0.02,
         "task": SimpleNamespace(world=SimpleNamespace(weight=[20.0])),
     }.__getitem__
-)  # fmt: skip
+)
 """What the walking metrics read of an environment."""
 
 

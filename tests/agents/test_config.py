@@ -87,7 +87,7 @@ def test_yaml_that_is_no_plain_data(text, reason, tmp_path):
             )
         ),
     ],
-)  # fmt: skip
+)
 def test_values_are_checked(values, message, tmp_path):
     path = written(tmp_path, **values)
     with pytest.raises(ValueError, match=message) as error:
@@ -170,9 +170,12 @@ def test_the_entry_for_the_zoo_is_the_shipped_configuration():
     }
     rate = shipped.hyperparameters["learning_rate"].replace("linear", "lin")
     assert entry == {
-        "n_timesteps": shipped.timesteps, "n_envs": shipped.n_envs, "policy": shipped.policy,
-        **shipped.hyperparameters, "learning_rate": rate,
-    }  # fmt: skip
+        "n_timesteps": shipped.timesteps,
+        "n_envs": shipped.n_envs,
+        "policy": shipped.policy,
+        **shipped.hyperparameters,
+        "learning_rate": rate,
+    }
 
 
 @pytest.mark.parametrize("script", ["agents.design", "train"])

@@ -24,10 +24,15 @@ from jansen_env.scoring.rollout import make_env
 
 SHORT = {"max_episode_steps": 150}
 SMALL = {
-    "speed": 0.3, "generations": 3, "population": 4, "starts": 1, "env_kwargs": SHORT,
+    "speed": 0.3,
+    "generations": 3,
+    "population": 4,
+    "starts": 1,
+    "env_kwargs": SHORT,
     "variables": {"lengths": 0.02, "harmonics": 1},
-    "objectives": {"steady_cost_of_transport": "min"}, "limits": {"falls": [None, 0]},
-}  # fmt: skip
+    "objectives": {"steady_cost_of_transport": "min"},
+    "limits": {"falls": [None, 0]},
+}
 needs_pymoo = pytest.mark.skipif(
     find_spec("pymoo") is None, reason="the extra 'design' is not installed"
 )
@@ -184,7 +189,8 @@ def test_climbing_counts_heights(walker):
 )
 def test_methods_improve(method, objectives):
     """On a bowl within a limit: nearer than at first; they repeat, as searches that were killed."""
-    method, best = method(np.full(3, 0.2), 12, 3, *objectives), []
+    method = method(np.full(3, 0.2), 12, 3, *objectives)
+    best = []
     for _ in range(25):
         unit = method.ask()
         assert unit.shape == (12, 3) and unit.min() >= 0.0 and unit.max() <= 1.0
@@ -197,7 +203,8 @@ def test_methods_improve(method, objectives):
 @pytest.mark.parametrize("method", ["cma", pytest.param("nsga2", marks=needs_pymoo)])
 def test_a_killed_search_goes_on_bit_for_bit(method, tmp_path):
     """Killed after two generations and in the third: the end is that of a search that was not."""
-    plan, files = plan_of(method), [0]
+    plan = plan_of(method)
+    files = [0]
 
     def note(_):
         files.append((tmp_path / "a" / search.JOURNAL).stat().st_ino)
@@ -221,9 +228,11 @@ def test_limits_rank_what_breaks_them():
     """By how much of the bound, always less than what is not measured."""
     plan = plan_of(limits={"mass": [None, 5.0], "falls": [None, 0], "lift": [0.1, None]})
     measured = {
-        "closure": np.ones(3), "mass": np.array([4.0, 6.0, 4.0]),
-        "falls": np.array([0.0, 0.5, np.nan]), "lift": np.array([0.2, 0.05, 0.1]),
-    }  # fmt: skip
+        "closure": np.ones(3),
+        "mass": np.array([4.0, 6.0, 4.0]),
+        "falls": np.array([0.0, 0.5, np.nan]),
+        "lift": np.array([0.2, 0.05, 0.1]),
+    }
     expected = [0.0, 0.2 / 1.2 + 2.0 * 0.5 / 1.5, 1.0]
     assert search.broken(plan, measured, plan.measured) == pytest.approx(expected)
 
@@ -235,7 +244,8 @@ def test_what_cannot_turn_is_not_walked(walker):
 
 
 def test_a_damaged_journal_is_refused(tmp_path):
-    plan, path = plan_of(generations=1), tmp_path / search.JOURNAL
+    plan = plan_of(generations=1)
+    path = tmp_path / search.JOURNAL
     journal = search.run_search(plan, 0, tmp_path)
     other = journal.copy()
     other["unit"] = 0.0

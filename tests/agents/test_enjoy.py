@@ -34,9 +34,9 @@ def test_without_a_display_there_is_a_film(invisible, capsys):
 
 def test_films_have_the_episodes_that_are_asked_for(invisible, capsys):
     """Commands in turn, other starts; a failure ends an episode and is called one."""
-    enjoy.main(["--policy", "constant", "--env", CRANK, "--video", "a.gif", "--steps", "16",
-                "--command", "2", "3", "--episodes", "3", "--env-kwargs",
-                "{max_episode_steps: 8, reset_noise_scale: 1.0}"])  # fmt: skip
+    command = f"--policy constant --env {CRANK} --video a.gif --steps 16 --command 2 3 --episodes 3"
+    values = "{max_episode_steps: 8, reset_noise_scale: 1.0}"
+    enjoy.main([*command.split(), "--env-kwargs", values])
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("filming constant on JansenCrank-v0 to a.gif")
     assert [line.split(":")[0] for line in lines[1:4]] == [f"command {v} rad/s" for v in (2, 3, 2)]
@@ -50,9 +50,9 @@ def test_films_have_the_episodes_that_are_asked_for(invisible, capsys):
 @pytest.mark.slow
 def test_several_are_filmed_one_above_the_other(invisible, capsys):
     """From the same start; the one that is over first stands still until the other is, too."""
-    enjoy.main(["--policy", "pid", "--policy", "constant", "--env", "JansenWalker-v0", "--video",
-                "a.mp4", "--command", "0.8", "--steps", "25", "--env-kwargs",
-                "{fall_pitch: 0.06}", "--seed", "3"])  # fmt: skip
+    command = "--policy pid --policy constant --env JansenWalker-v0 --video a.mp4"
+    command += " --command 0.8 --steps 25 --seed 3"
+    enjoy.main([*command.split(), "--env-kwargs", "{fall_pitch: 0.06}"])
     printed = capsys.readouterr().out
     lines = [line for line in printed.splitlines() if "command 0.8 m/s: return " in line]
     assert sorted(line.split(":")[0] for line in lines) == ["constant", "pid"]
@@ -79,7 +79,8 @@ def test_windows_show_all_episodes_or_until_they_are_closed(window, capsys, monk
     policy = load_named("pretrained", window)
     assert enjoy.show(policy, window, args)
     assert capsys.readouterr().out.count("return") == 3
-    steps, step = [], window.unwrapped.step
+    steps = []
+    step = window.unwrapped.step
     monkeypatch.setattr(window.unwrapped, "step", lambda action: steps.append(1) or step(action))
     render = window.unwrapped.render
 

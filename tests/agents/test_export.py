@@ -18,15 +18,27 @@ from jansen_env.policies.pretrained import PretrainedPolicy
 from jansen_env.scoring.rollout import make_env
 
 STRICT = (
-    "-std=c99", "-O1", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Wshadow",
-    "-Wunused-macros", "-pedantic", "-Werror",
-)  # fmt: skip
+    "-std=c99",
+    "-O1",
+    "-Wall",
+    "-Wextra",
+    "-Wconversion",
+    "-Wdouble-promotion",
+    "-Wshadow",
+    "-Wunused-macros",
+    "-pedantic",
+    "-Werror",
+)
 SINGLE = (*STRICT, "-DMINE_SINGLE_PRECISION")
-WALKER, CRANK = "JansenWalker-v0", "JansenCrank-v0"
+WALKER = "JansenWalker-v0"
+CRANK = "JansenCrank-v0"
 needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 
-HARMONICS = ("ppo", {}, {**NETWORKS["normalized"][2], "activation": "elu", "harmonics": 2,
-                         "half_turn": True})  # fmt: skip
+HARMONICS = (
+    "ppo",
+    {},
+    {**NETWORKS["normalized"][2], "activation": "elu", "harmonics": 2, "half_turn": True},
+)
 
 
 def make_cases(policy, count):

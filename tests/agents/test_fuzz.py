@@ -37,12 +37,19 @@ def made(tmp_path_factory):
     env.reset(seed=1)
     env.step(np.zeros(1, np.float32))
     env.recording.save(folder / "walk.npz")
-    write_json(folder / "walk.json", {
-        "format": FORMAT, "label": "", "robot": robot_to_json(paper_robot()),
-        "ground": [[-1.0, 0.0], [1.0, 0.0]],
-        "start": {"crank_angle": 0.0, "command": 0.3, "changes": {"friction": 0.5}},
-        "steps": [{"action": 0.1, "command": 0.3, "changes": {"tilt": 0.1}, "pushes": [[0.1, 0]]}],
-    })  # fmt: skip
+    write_json(
+        folder / "walk.json",
+        {
+            "format": FORMAT,
+            "label": "",
+            "robot": robot_to_json(paper_robot()),
+            "ground": [[-1.0, 0.0], [1.0, 0.0]],
+            "start": {"crank_angle": 0.0, "command": 0.3, "changes": {"friction": 0.5}},
+            "steps": [
+                {"action": 0.1, "command": 0.3, "changes": {"tilt": 0.1}, "pushes": [[0.1, 0]]}
+            ],
+        },
+    )
     for file in pretrained.POLICIES.glob("JansenCrank-v0/ppo.*"):
         shutil.copy(file, folder)
     return folder, training.prepare(settings, folder / runs.FINAL)
@@ -72,7 +79,8 @@ def zip_of(data, rng):
     """A member changed, its checksum right again; or left out."""
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}
-    name, out = rng.choice([*members]), io.BytesIO()
+    name = rng.choice([*members])
+    out = io.BytesIO()
     members[name] = (json_of if name in (NOTES, "data") else damaged)(members[name], rng)
     with zipfile.ZipFile(out, "w") as archive:
         for key, value in members.items():
@@ -103,7 +111,9 @@ READERS = {
 def test_damaged_files_are_refused_in_one_line(name, made, tmp_path):
     folder, model = made
     change, read = READERS[name]
-    whole, rng, refused = (folder / name).read_bytes(), random.Random(name), 0
+    whole = (folder / name).read_bytes()
+    rng = random.Random(name)
+    refused = 0
     for beside in ("config.yml", "ppo.safetensors"):
         shutil.copy(folder / beside, tmp_path)
     path = tmp_path / name

@@ -21,7 +21,8 @@ class Recorder(BaseCallback):
 
     def __init__(self):
         super().__init__()
-        self.seen, self.rollouts = [], 0
+        self.seen = []
+        self.rollouts = 0
 
     def _on_rollout_start(self):
         modules = self.model.policy.modules()
@@ -42,9 +43,10 @@ class Recorder(BaseCallback):
 def test_normalizer_sees_whole_rollouts(algo):
     """At each rollout's start it has seen all observations of those before, and no others."""
     small = (
-        {"n_steps": 8, "batch_size": 16, "n_epochs": 1} if algo == "ppo" else
-        {"train_freq": 8, "batch_size": 16, "learning_starts": 0, "buffer_size": 48}
-    )  # fmt: skip
+        {"n_steps": 8, "batch_size": 16, "n_epochs": 1}
+        if algo == "ppo"
+        else {"train_freq": 8, "batch_size": 16, "learning_starts": 0, "buffer_size": 48}
+    )
     model = training.prepare(small_run(algo, hyperparameters=small, n_envs=4))
     recorder = Recorder()
     model.learn(4 * 32, callback=CallbackList([NormalizerUpdate(), recorder]))
@@ -90,7 +92,8 @@ def test_half_a_turn_on_the_machine_is_the_same(kwargs):
     envs = make_envs(config.env, config.env_kwargs, 2)
     angles = np.array([0.3, 0.3 + np.pi])
     options = {"crank_angle": angles, "speed_command": np.full(2, 0.3)}
-    seen, walked = envs.reset(seed=[7, 7], options=options)[0], []
+    seen = envs.reset(seed=[7, 7], options=options)[0]
+    walked = []
     for action in np.random.default_rng(0).uniform(-0.2, 1.0, 40):
         np.testing.assert_allclose(seen[1], seen[0] @ image, atol=1e-4)
         walked.append(seen)

@@ -19,20 +19,26 @@ def started(module, **given):
     others = {k: v for k, v in os.environ.items() if k not in ("OMP_NUM_THREADS", *WAITING)}
     env = {**others, **given, "OMP_DISPLAY_ENV": "VERBOSE", "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
-        [sys.executable, "-c", f"import {module}"], env=env, capture_output=True, text=True,
+        [sys.executable, "-c", f"import {module}"],
+        env=env,
+        capture_output=True,
+        text=True,
         check=True,
-    )  # fmt: skip
+    )
     return done.stderr
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(not GNU, reason="torch has no OpenMP of GNU's here")
-@pytest.mark.parametrize(("given", "spins", "threads"), [
-    ({}, SPINS, "1"),
-    ({"GOMP_SPINCOUNT": "5"}, "5", "1"),
-    ({"OMP_WAIT_POLICY": "active", "OMP_NUM_THREADS": "2"}, "30000000000", "2"),
-    ({"OMP_WAIT_POLICY": "passive"}, "0", "1"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("given", "spins", "threads"),
+    [
+        ({}, SPINS, "1"),
+        ({"GOMP_SPINCOUNT": "5"}, "5", "1"),
+        ({"OMP_WAIT_POLICY": "active", "OMP_NUM_THREADS": "2"}, "30000000000", "2"),
+        ({"OMP_WAIT_POLICY": "passive"}, "0", "1"),
+    ],
+)
 def test_waiting_threads_sleep_soon_unless_the_user_says_otherwise(given, spins, threads):
     """Set before torch is loaded, or GNU's OpenMP would not know it."""
     said = started("train", **given)

@@ -42,7 +42,9 @@ REFUSED = {
         (["--out", f"{__file__}/p.json"], "--out's folder is"),
     ],
     (speed,): [
-        (["--rounds", "0"], "0"), (["--only", "x"], "x"), (["--out", f"{__file__}/out"], "out"),
+        (["--rounds", "0"], "0"),
+        (["--only", "x"], "x"),
+        (["--out", f"{__file__}/out"], "out"),
     ],
     (drawings,): [
         (["nobody"], "ROBOT must be a robot file (.json) or one of"),
@@ -76,7 +78,7 @@ REFUSED = {
         (["--policy", "pid", "--env-kwargs", "{speed_command: 1}"], "must be in --command"),
         (["--recording", "nowhere.npz"], "nowhere.npz is no recording"),
     ],
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(

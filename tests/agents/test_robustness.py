@@ -33,7 +33,8 @@ def test_feet_are_scaled():
 @pytest.mark.slow
 def test_conditions_are_what_they_are_called(few):
     """On the same starts: at its own friction and feet a robot walks as it does without."""
-    env_id, plain = "JansenWalker-v0", {}
+    env_id = "JansenWalker-v0"
+    plain = {}
     policies = {"pid": load_named("pid", make_env(env_id, SHORT))}
     scores = evaluate.score_conditions([(policies, SHORT)], env_id, 8, 0)
     for sweep, (other, usual) in (("friction", ("0.3", "0.8")), (evaluate.FEET, ("20", "rigid"))):
@@ -47,11 +48,10 @@ def test_conditions_are_what_they_are_called(few):
 @pytest.mark.slow
 def test_robustness_command(few, tmp_path, capsys):
     """Each policy on each plant under each condition; fewer episodes on the slow plant."""
-    evaluate.main([
-        "--robustness", "--policy", "pid", "--policy", "profile", "--plant", "projection",
-        "--plant", "rigid_body", "--episodes", "3", "--env-kwargs", "{max_episode_steps: 4}",
-        "--out", str(tmp_path),
-    ])  # fmt: skip
+    command = "--robustness --policy pid --policy profile --episodes 3"
+    command += " --plant projection --plant rigid_body"
+    given = ["--env-kwargs", "{max_episode_steps: 4}", "--out", str(tmp_path)]
+    evaluate.main([*command.split(), *given])
     sweeps = json.loads((tmp_path / "robustness.json").read_text())
     conditions = {sweep: [*scores] for sweep, scores in sweeps.items()}
     assert conditions == {"friction": ["0.3", "0.8"], evaluate.FEET: ["20", "rigid"]}
@@ -66,11 +66,9 @@ def test_robustness_command(few, tmp_path, capsys):
 @pytest.mark.slow
 def test_scores_by_level(tmp_path, capsys):
     """A row a level; what is harder is scored on the same commands."""
-    evaluate.main([
-        "--env", "JansenWalkerRough-v0", "--env-kwargs", "{terrain: stairs}",
-        "--policy", "pid", "--policy", "constant", "--levels", "0", "9", "--episodes", "3",
-        "--out", str(tmp_path),
-    ])  # fmt: skip
+    command = "--env JansenWalkerRough-v0 --policy pid --policy constant --levels 0 9 --episodes 3"
+    given = ["--env-kwargs", "{terrain: stairs}", "--out", str(tmp_path)]
+    evaluate.main([*command.split(), *given])
     levels = json.loads((tmp_path / "levels.json").read_text())["terrain level"]
     assert [*levels] == ["0", "9"] and [*levels["9"]] == ["pid", "constant"]
     easy, hard = (levels[level]["pid"]["raw"] for level in levels)

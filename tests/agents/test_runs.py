@@ -104,8 +104,12 @@ def test_last_state_is_the_one_of_most_steps(tmp_path):
     """Of checkpoint and final model; of as many steps the final one, which is an update ahead."""
     model = training.prepare(small_config())
     assert runs.last_state(tmp_path) is None
-    for name in ("checkpoints/model_9_steps.zip", "checkpoints/model_10_steps.zip", runs.FINAL,
-                 "checkpoints/model_200_steps.zip"):  # fmt: skip
+    for name in (
+        "checkpoints/model_9_steps.zip",
+        "checkpoints/model_10_steps.zip",
+        runs.FINAL,
+        "checkpoints/model_200_steps.zip",
+    ):
         model.num_timesteps = 10 if name == runs.FINAL else int(name.split("_")[1])
         training_state.save_model(model, tmp_path / name, {})
         assert runs.last_state(tmp_path) == tmp_path / name
@@ -183,9 +187,14 @@ def test_config_file_says_algorithm_environment_and_seed(tmp_path, started):
 
 @pytest.mark.parametrize(
     "wrong",
-    [["--env-kwargs", "{friction: -1}"], ["--config", "CONFIG"], ["--env-kwargs", "{no_such: 1}"],
-     ["--tensorboard-log", f"{__file__}/log"], ["--start", "pretrained:none"]],
-)  # fmt: skip
+    [
+        ["--env-kwargs", "{friction: -1}"],
+        ["--config", "CONFIG"],
+        ["--env-kwargs", "{no_such: 1}"],
+        ["--tensorboard-log", f"{__file__}/log"],
+        ["--start", "pretrained:none"],
+    ],
+)
 def test_failed_start_leaves_no_folder(wrong, tmp_path, started):
     (tmp_path / "my.yml").write_text("env: ..")
     wrong = [str(tmp_path / "my.yml") if word == "CONFIG" else word for word in wrong]

@@ -28,13 +28,20 @@ from jansen_env.scoring.benchmarks import find_benchmark
 ROOT = Path(__file__).parents[2]
 CRANK = "JansenCrank-v0"
 CONFIG = {
-    "algo": "ppo", "hyperparameters": {"n_steps": 16, "batch_size": 64, "n_epochs": 1},
+    "algo": "ppo",
+    "hyperparameters": {"n_steps": 16, "batch_size": 64, "n_epochs": 1},
     "policy_kwargs": {"net_arch": [8]},
-}  # fmt: skip
+}
 SMALL = {
-    "seeds": 2, "env": [CRANK], "timesteps": 3072, "n_envs": 4, "eval_freq": 1536,
-    "save_freq": 512, "eval_episodes": 1, "env_kwargs": {"max_episode_steps": 16},
-}  # fmt: skip
+    "seeds": 2,
+    "env": [CRANK],
+    "timesteps": 3072,
+    "n_envs": 4,
+    "eval_freq": 1536,
+    "save_freq": 512,
+    "eval_episodes": 1,
+    "env_kwargs": {"max_episode_steps": 16},
+}
 
 
 def start(plan, folder):
@@ -43,12 +50,14 @@ def start(plan, folder):
     config = folder / "config.yml"
     config.write_text(yaml.safe_dump(CONFIG))
     (folder / "small.yml").write_text(yaml.safe_dump({**plan, "config": str(config)}))
+    arguments = [folder / "small.yml", "--log-folder", folder, "--workers", "2"]
     with (folder / "out.txt").open("a") as out:
         return subprocess.Popen(
-            [sys.executable, "-m", "agents.study", folder / "small.yml", "--log-folder", folder,
-             "--workers", "2"],
-            cwd=ROOT, stdout=out, stderr=subprocess.STDOUT,
-        )  # fmt: skip
+            [sys.executable, "-m", "agents.study", *arguments],
+            cwd=ROOT,
+            stdout=out,
+            stderr=subprocess.STDOUT,
+        )
 
 
 def rows_of(path):
@@ -91,8 +100,8 @@ def test_runs_are_environments_by_algorithms_by_seeds(tmp_path):
 
 def test_of_several_configurations_each_is_a_group():
     """The shipped one only where there is one."""
-    plan = ["--env", "JansenWalkerRough-v0", "--config", str(LIBRARY), "shipped",
-            "--algo", "ppo", "ars", "--seeds", "1"]  # fmt: skip
+    where = ["--env", "JansenWalkerRough-v0", "--config", str(LIBRARY), "shipped"]
+    plan = [*where, "--algo", "ppo", "ars", "--seeds", "1"]
     runs = study.planned_runs(study.parse(plan))
     names = [run["name"].removesuffix("-seed_0").partition("_")[2] for run in runs]
     assert names == ["ppo_library", "ppo_shipped", "ars_library"]

@@ -22,8 +22,8 @@ from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.scoring.evaluation import Scores
 
 SMALL_PPO = Path(__file__).parents[1] / "small_ppo.yml"
-SMALL = ["--config", str(SMALL_PPO), "-n", "1024", "--n-envs", "4", "--eval-episodes", "1",
-         "--no-progress", "--save-freq", "256", "--eval-freq", "256"]  # fmt: skip
+SIZES = "-n 1024 --n-envs 4 --eval-episodes 1 --no-progress --save-freq 256 --eval-freq 256"
+SMALL = ["--config", str(SMALL_PPO), *SIZES.split()]
 
 
 @pytest.fixture(scope="module")
@@ -34,8 +34,16 @@ def run(tmp_path_factory, few_episodes):
 @pytest.mark.slow
 def test_run_folder_holds_all(run):
     """Config, command, checkpoints, best and final model, evaluations, scores, figures, logs."""
-    expected = ["config.yml", "command.txt", "best_model.zip", "final_model.zip",
-                "evaluations.json", "scores.json", "scores.md", "scores.png"]  # fmt: skip
+    expected = [
+        "config.yml",
+        "command.txt",
+        "best_model.zip",
+        "final_model.zip",
+        "evaluations.json",
+        "scores.json",
+        "scores.md",
+        "scores.png",
+    ]
     assert all((run / name).is_file() for name in expected)
     assert list((run / "checkpoints").glob("model_*_steps.zip"))
     assert list((run / "tensorboard").rglob("events*"))
@@ -47,10 +55,8 @@ def test_run_folder_holds_all(run):
 
 def test_last_words_of_a_run(tmp_path):
     """In one sentence whether the best baseline is reached, and since when."""
-    benchmark, goal = (
-        find_benchmark("JansenGoal-v0"),
-        config.new_config(None, None, "JansenGoal-v0", {"friction": 0.5}),
-    )
+    benchmark = find_benchmark("JansenGoal-v0")
+    goal = config.new_config(None, None, "JansenGoal-v0", {"friction": 0.5})
     (tmp_path / "evaluations.json").write_text('[{"steps": 3194880, "return": 200}]')
     names = [*benchmark.baselines, "ppo/run"]
     numbers = {name: [0.1, 0.0, 0.2] for name in benchmark.metrics}
@@ -67,13 +73,16 @@ def test_last_words_of_a_run(tmp_path):
 @pytest.mark.slow
 def test_an_update_has_the_threads_of_the_robots(tmp_path, monkeypatch, few_episodes):
     """Torch updates with as many, which changes nothing, and walks with one."""
-    settings, seen, ends = config.new_config(timesteps=8192), [], []
+    settings = config.new_config(timesteps=8192)
+    seen = []
+    ends = []
     settings.hyperparameters.update(n_steps=16, n_epochs=2)
     update = PPO.train
     monkeypatch.setattr(PPO, "train", lambda m: seen.append(torch.get_num_threads()) or update(m))
     for threads in (1, 2):
         monkeypatch.setenv("JANSEN_ENV_THREADS", str(threads))
-        model, folder = training.prepare(settings), tmp_path / str(threads)
+        model = training.prepare(settings)
+        folder = tmp_path / str(threads)
         folder.mkdir()
         training.train(model, settings, folder, eval_every=0, save_every=0, progress=False)
         assert torch.get_num_threads() == 1

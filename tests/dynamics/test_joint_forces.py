@@ -54,27 +54,36 @@ class Moving:
         legs = [periodic(robot, leg.side, q[3] + leg.phase) for leg in robot.legs]
         f, df, ddf = np.moveaxis(legs, 1, 0)
         bodies = len(robot.bodies)
-        axis, turn, w, n = q[0] + 1j * q[1], np.exp(1j * q[2]), v[2], v[3]
+        axis = q[0] + 1j * q[1]
+        turn = np.exp(1j * q[2])
+        w = v[2]
+        n = v[3]
         self.spin = w + n * df[:, :bodies].real
         self.spin_rate = a[2] + a[3] * df[:, :bodies].real + n * n * ddf[:, :bodies].real
-        place, slope, curve = f[:, bodies:], df[:, bodies:], ddf[:, bodies:]
+        place = f[:, bodies:]
+        slope = df[:, bodies:]
+        curve = ddf[:, bodies:]
         relative = (1j * a[2] - w * w) * place + (2j * w * n + a[3]) * slope + n * n * curve
-        world, acceleration = axis + turn * place, a[0] + 1j * a[1] + turn * relative
+        world = axis + turn * place
+        acceleration = a[0] + 1j * a[1] + turn * relative
         self.centre, self.joint = np.split(world, [bodies], axis=1)
         self.acceleration = acceleration[:, :bodies]
-        self.joint_slope, self.angle_slope = turn * slope[:, bodies:], df[:, :bodies].real
+        self.joint_slope = turn * slope[:, bodies:]
+        self.angle_slope = df[:, :bodies].real
         self.axis = axis
 
 
 def pads(robot):
     """Leg, joint and body (from 0) of each pad, toes first."""
-    layout, known = pad_layout(robot), robot.linkage.all_pads
+    layout = pad_layout(robot)
+    known = robot.linkage.all_pads
     return [(leg, *known[kind]) for leg, kind in zip(layout.leg, layout.joint, strict=True)]
 
 
 def misses(forces, moving, contact):
     """(legs, 8) force and moment left over of m a = sum F and J alpha = sum M of every body."""
-    robot, linkage = forces.robot, forces.robot.linkage
+    robot = forces.robot
+    linkage = forces.robot.linkage
     mass = np.array([body.mass for body in robot.bodies])
     inertia = np.array([body.inertia for body in robot.bodies])
     force = mass * (moving.acceleration + 1j * G)  # wanted: all but the weight
@@ -142,13 +151,16 @@ def test_constraint_forces_of_the_projection(linkage, random_state, rng, fixed_b
 
 def test_gravity_may_point_anywhere(laden, random_state):
     """Robot and gravity turned by the same angle: every force is turned and is as large."""
-    state, turn = random_state(), 0.7
+    state = random_state()
+    turn = 0.7
     q, v = state[:4], state[4:]
     c, s = math.cos(turn), math.sin(turn)
     R = np.array([[c, -s], [s, c]])
     upright = joint_forces(laden, q, v, 2.0, gravity=G)
     q_turned, v_turned = q.copy(), v.copy()
-    q_turned[:2], v_turned[:2], q_turned[2] = R @ q[:2], R @ v[:2], q[2] + turn
+    q_turned[:2] = R @ q[:2]
+    v_turned[:2] = R @ v[:2]
+    q_turned[2] = q[2] + turn
     turned = joint_forces(laden, q_turned, v_turned, 2.0, gravity=tuple(R @ [0.0, -G]))
     scale = np.abs(upright.pin).max()
     assert np.abs(turned.pin - upright.pin @ R.T).max() <= 1e-11 * scale
@@ -159,7 +171,9 @@ def test_gravity_may_point_anywhere(laden, random_state):
 def test_at_a_standstill_bearings_and_gear_share_what_they_hold(fixed_base):
     """Half of all dry friction is half of each: every force lies half way."""
     robot = replace(ROBOTS["built"](), payload=LOAD)
-    q, rest, torque = np.array([0.1, 0.2, 0.3, 1.2]), np.zeros(4), 0.4
+    q = np.array([0.1, 0.2, 0.3, 1.2])
+    rest = np.zeros(4)
+    torque = 0.4
     free = joint_forces(robot, q, rest, torque, fixed_base=fixed_base)
     sliding = joint_forces(robot, q, 1e-12 * np.eye(4)[3], torque, fixed_base=fixed_base)
     slope = Moving(robot, q, np.eye(4)[3], np.zeros(4)).angle_slope
@@ -183,10 +197,12 @@ def bars(robot, first):
 
 def test_virtual_work_of_a_longer_bar(robot, rng):
     """At rest, crank held: a bar's mean axial load is -dV/dL, V the potential energy of its leg."""
-    weight, h = G * np.array([part.mass for part in robot.bodies]), 1e-4
+    weight = G * np.array([part.mass for part in robot.bodies])
+    h = 1e-4
     for name, link, ends in bars(robot, first=2):
         psi = rng.uniform(-3.0, 3.0)
-        q, rest = np.array([0.0, 0.0, 0.0, psi]), np.zeros(4)
+        q = np.array([0.0, 0.0, 0.0, psi])
+        rest = np.zeros(4)
         forces = joint_forces(robot, q, rest, fixed_base=True, q_ddot=rest)
         for loads, leg in zip(forces.link_loads()[:, ends, 0], robot.legs, strict=True):
 
@@ -220,7 +236,8 @@ def test_bearing_does_not_depend_on_how_links_are_paired(laden, random_state, rn
     """Every corner but the toe; at joints of two links both bear as much, at three they add up."""
     q, v, torque, contact = draw(laden, random_state, rng, False)
     forces = joint_forces(laden, q, v, torque, contact[: len(laden.toes)])
-    corner, bearing = forces.corner_forces(), forces.bearing
+    corner = forces.corner_forces()
+    bearing = forces.bearing
     linkage = laden.linkage
     held = [k for k, (_, joint) in enumerate(linkage.corners) if joint not in linkage.toes]
     free = [k for k, (_, joint) in enumerate(linkage.holes) if joint not in linkage.toes]
@@ -237,8 +254,10 @@ def test_bearing_does_not_depend_on_how_links_are_paired(laden, random_state, rn
 def test_pins_are_the_papers_constraints(robot, side):
     """Each pair of rows is x_body - x_other + ..., closed at the joint the pin is named after."""
     x = coordinates(robot, side, 0.7)
-    joints, place = joint_positions(robot, side, 0.7), x.reshape(-1, 3)[:, 1:]
-    linkage, phi = robot.linkage, pr.constraints(robot, side, x)
+    joints = joint_positions(robot, side, 0.7)
+    place = x.reshape(-1, 3)[:, 1:]
+    linkage = robot.linkage
+    phi = pr.constraints(robot, side, x)
     for i, pin in enumerate(linkage.pins):
         for body, sign in ((pin.body, 1.0), (pin.other, -1.0)):
             assert (body, pin.joint) in linkage.corners

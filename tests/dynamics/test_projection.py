@@ -33,9 +33,11 @@ def along(f, h=1e-3):
 
 def full_constraints(robot, q, q_dot, fixed_base):
     """C (rows, columns) of all legs and of what ties them, C_dot, and X_dot by hand."""
-    legs, X = len(robot.legs), pr.system_coordinates(robot, q)
+    legs = len(robot.legs)
+    X = pr.system_coordinates(robot, q)
     X_dot = along(lambda t: pr.system_coordinates(robot, q + t * q_dot))
-    m, n = 2 * len(robot.linkage.pins), 3 * len(robot.bodies)
+    m = 2 * len(robot.linkage.pins)
+    n = 3 * len(robot.bodies)
     independent = (n * np.arange(legs)[:, None] + np.arange(4)).ravel()
     count = 4 * legs - (1 if fixed_base else 4)
     C, C_dot = np.zeros((2, m * legs + count, n * legs))
@@ -133,13 +135,15 @@ def test_projection_against_all_multipliers(robot, fixed_base, rng):
     """A dense solve of M a - C^T lambda = h, C a = -C_dot v; speeds by differences: 1e-7."""
     q, q_dot = rng.uniform(-1.0, 1.0, (2, 4))
     if fixed_base:
-        q[:3], q_dot[:3] = 0.0, 0.0
+        q[:3] = 0.0
+        q_dot[:3] = 0.0
     p = pr.project(robot, q, q_dot, torque=2.0, fixed_base=fixed_base)
     C, C_dot, X_dot = full_constraints(robot, q, q_dot, fixed_base)
     rows, columns = C.shape
     system = np.block([[np.diag(p.M), -C.T], [C, np.zeros((rows, rows))]])
     solution = np.linalg.solve(system, np.concatenate([p.h, -C_dot @ X_dot]))
-    acceleration, multipliers = solution[:columns], solution[columns:]
+    acceleration = solution[:columns]
+    multipliers = solution[columns:]
     assert p.D @ p.acceleration() + p.bias == pytest.approx(acceleration, abs=1e-7)
     assert p.constraint_forces() == pytest.approx(C.T @ multipliers, abs=1e-7)
     assert np.abs(p.D.T @ p.constraint_forces()).max() <= 1e-10  # they do no work

@@ -23,7 +23,8 @@ def dense(robot, q, v, torque):
     def T_at(turn):
         return pr.tangent_matrix(robot, q + np.array([0.0, 0.0, turn, 0.0]))[0]
 
-    p, T = pr.project(robot, q, v, torque), T_at(0.0)
+    p = pr.project(robot, q, v, torque)
+    T = T_at(0.0)
     T_dot = v[2] * (T_at(0.5 * math.pi) - T_at(-0.5 * math.pi)) / 2.0
     terms = p.velocity_terms + p.mass @ T_dot @ v
     return T.T @ p.mass @ T, T.T @ terms, T.T @ p.generalised_forces
@@ -36,7 +37,8 @@ def test_equations_of_motion_are_the_projections(linkage, random_state, rng):
     """
     tables = compile_robot(linkage)
     for _ in range(25):
-        (q, v), torque = np.split(random_state(), 2), rng.uniform(-20.0, 20.0)
+        q, v = np.split(random_state(), 2)
+        torque = rng.uniform(-20.0, 20.0)
         M, terms, forces = dense(linkage, q, v, torque)
         assert np.abs(rd.mass_matrix(tables, q) - M).max() <= 1e-11
         assert np.abs(rd.velocity_terms(tables, q, v) - terms).max() <= 1e-9
@@ -67,9 +69,11 @@ def test_a_load_adds_a_rigid_body(random_state):
 def test_pads_follow_their_joints(robot, tables, rng):
     """Positions and turning rates from the tables, mirrored for back legs: 1e-12, rates 1e-9."""
     width = 2.0 * math.pi / tables.pads.shape[1]
-    layout, pads = tables.layout, kernel_model(tables).layout[0]
+    layout = tables.layout
+    pads = kernel_model(tables).layout[0]
     for k in range(len(layout.leg)):
-        leg, psi = robot.legs[layout.leg[k]], rng.uniform(0.0, 2.0 * math.pi)
+        leg = robot.legs[layout.leg[k]]
+        psi = rng.uniform(0.0, 2.0 * math.pi)
         angle = (pads["mirror"][k] * psi + pads["phase"][k]) % (2.0 * math.pi)
         row = int(angle / width)
         t = angle - (row + 0.5) * width
@@ -86,8 +90,11 @@ def test_pads_follow_their_joints(robot, tables, rng):
 
 def test_pads_are_all_toes_then_bumpers(robot, tables):
     """Toes in the order of legs; each leg's knee, ankle and hip corners; a pivot for each side."""
-    layout, linkage, sides = tables.layout, robot.linkage, {leg.side for leg in robot.legs}
-    toes, each = len(robot.toes), len(linkage.toes)
+    layout = tables.layout
+    linkage = robot.linkage
+    sides = {leg.side for leg in robot.legs}
+    toes = len(robot.toes)
+    each = len(linkage.toes)
     pads = [(leg, linkage.all_pads[k][0]) for leg, k in zip(layout.leg, layout.joint, strict=True)]
     assert layout.toes == toes and (*pads[:toes],) == robot.toes
     assert (layout.joint[:toes] < each).all() and (layout.joint[toes:] >= each).all()
@@ -125,8 +132,10 @@ def test_near_a_dead_point_the_tables_are_as_exact_as_they_say(frame, tail, pads
     places = joint_positions(robot, "fore", psi)
     for table, (joint, _) in zip(tables.pads, robot.linkage.all_pads, strict=True):
         assert np.abs(rd._evaluate(table, psi)[0][:, :2] - places[:, joint]).max() < pads
-    slow = [np.diag(dense(robot, np.array([0.0, 1.0, 0.0, angle]), np.zeros(4), 0.0)[0])
-            for angle in psi[::20]]  # fmt: skip
+    slow = [
+        np.diag(dense(robot, np.array([0.0, 1.0, 0.0, angle]), np.zeros(4), 0.0)[0])
+        for angle in psi[::20]
+    ]
     fast = [
         np.diag(rd.mass_matrix(tables, np.array([0.0, 1.0, 0.0, angle]))) for angle in psi[::20]
     ]

@@ -31,7 +31,8 @@ class Memory:
 
     def place(self, array):
         """Return block and offset of an array, which may be a part of the records."""
-        records, address = self.blocks[0], array.__array_interface__["data"][0]
+        records = self.blocks[0]
+        address = array.__array_interface__["data"][0]
         offset = address - records.__array_interface__["data"][0]
         if 0 <= offset < records.nbytes:
             return 0, offset
@@ -66,9 +67,11 @@ def write_walk(path, env_id, arguments):
         world._kernel_episodes,
         world._observing,
     )
-    values, slots = flat(given), Slots(episode.control_step)
+    values = flat(given)
+    slots = Slots(episode.control_step)
     slots.fill(values)
-    memory, words = Memory(records.data), [(-1, int(word)) for word in slots.words]
+    memory = Memory(records.data)
+    words = [(-1, int(word)) for word in slots.words]
     places = {}
     for parameter, value in zip(episode.control_step.parameters, values, strict=True):
         if parameter.ndim > 0:

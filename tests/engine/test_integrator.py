@@ -27,9 +27,11 @@ def flying(robot, state=FLIGHT, damping=0.0, **arguments):
 
 def test_a_tiny_step_has_the_reduced_acceleration(robot, random_state):
     """(v(h) - v(0)) / h extrapolated to h = 0 is M^-1 (h - velocity terms), to h^2: 1e-6."""
-    torque, h = 3.0, 1e-5
+    torque = 3.0
+    h = 1e-5
     for _ in range(20):
-        state, mean = random_state() + HIGH, []
+        state = random_state() + HIGH
+        mean = []
         for step in (2.0 * h, h):
             plant = flying(robot, state, 0.1, time_step=step)
             plant.step(torque, step)
@@ -59,7 +61,8 @@ def test_a_driven_cranks_torque_is_the_reduced_models(robot, random_state):
     """That of a tiny step, extrapolated, is what M a + velocity terms - h leaves over: 1e-6."""
     h = 1e-5
     for _ in range(10):
-        state, mean = random_state() + HIGH, []
+        state = random_state() + HIGH
+        mean = []
         for step in (2.0 * h, h):
             plant = flying(robot, state, 0.1, time_step=step, locked=True, tracing=True)
             plant.step(0.0, step)

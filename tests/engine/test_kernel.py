@@ -32,9 +32,12 @@ print(seen)
 def run(code, folder=FOLDER.parents[1], **variables):
     """Run Python code with the package of a folder; returns the completed process."""
     return subprocess.run(
-        [sys.executable, "-c", code], cwd=folder, env={**os.environ, **variables},
-        capture_output=True, text=True,
-    )  # fmt: skip
+        [sys.executable, "-c", code],
+        cwd=folder,
+        env={**os.environ, **variables},
+        capture_output=True,
+        text=True,
+    )
 
 
 @pytest.fixture

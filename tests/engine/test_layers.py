@@ -49,7 +49,8 @@ def test_what_is_no_number_does_not_become_a_limit(activation, squash, limit, rn
 
 
 def test_harmonics_are_of_multiples_of_the_angle(rng):
-    angle, multiples = rng.uniform(0.0, 6.0, 5), (0, 1, 2, 7, 1000)
+    angle = rng.uniform(0.0, 6.0, 5)
+    multiples = (0, 1, 2, 7, 1000)
     harmonics = Harmonics(multiples)(np.stack([np.cos(angle), np.sin(angle)], axis=1))
     expected = np.exp(1j * angle[:, None] * multiples)
     assert harmonics[:, ::2] + 1j * harmonics[:, 1::2] == pytest.approx(expected, abs=1e-12)

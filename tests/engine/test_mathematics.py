@@ -13,28 +13,50 @@ from jansen_env.engine import kernel, mathematics
 COUNT = 2000
 RNG = np.random.default_rng(0)
 QUARTERS = np.append(np.arange(-COUNT, COUNT), RNG.integers(-600_000, 600_000, COUNT)) * math.pi / 2
-TURNS = np.concatenate([
-    RNG.uniform(-10.0, 10.0, COUNT), RNG.uniform(-1e6, 1e6, COUNT), QUARTERS,
-    np.nextafter(QUARTERS, 0.0), 10.0 ** RNG.uniform(-20.0, 0.0, COUNT), [0.0],
-])  # fmt: skip
-POSITIVE = np.concatenate([
-    10.0 ** RNG.uniform(-320.0, 308.0, COUNT), RNG.uniform(0.5, 2.0, COUNT),
-    1.0 + RNG.uniform(-1e-5, 1e-5, COUNT), RNG.uniform(0.0, 1.0, COUNT), [1.0],
-])  # fmt: skip
+TURNS = np.concatenate(
+    [
+        RNG.uniform(-10.0, 10.0, COUNT),
+        RNG.uniform(-1e6, 1e6, COUNT),
+        QUARTERS,
+        np.nextafter(QUARTERS, 0.0),
+        10.0 ** RNG.uniform(-20.0, 0.0, COUNT),
+        [0.0],
+    ]
+)
+POSITIVE = np.concatenate(
+    [
+        10.0 ** RNG.uniform(-320.0, 308.0, COUNT),
+        RNG.uniform(0.5, 2.0, COUNT),
+        1.0 + RNG.uniform(-1e-5, 1e-5, COUNT),
+        RNG.uniform(0.0, 1.0, COUNT),
+        [1.0],
+    ]
+)
 SIZES = RNG.normal(size=(2, COUNT)) * 10.0 ** RNG.uniform(-3.0, 3.0, (2, COUNT))
-EXPONENTS = np.concatenate([
-    RNG.uniform(-708.0, 709.7, COUNT), RNG.uniform(-2.0, 2.0, COUNT),
-    RNG.uniform(-1e-5, 1e-5, COUNT), [0.0],
-])  # fmt: skip
+EXPONENTS = np.concatenate(
+    [
+        RNG.uniform(-708.0, 709.7, COUNT),
+        RNG.uniform(-2.0, 2.0, COUNT),
+        RNG.uniform(-1e-5, 1e-5, COUNT),
+        [0.0],
+    ]
+)
 BASES = np.append(10.0 ** RNG.uniform(-20.0, 20.0, COUNT), RNG.uniform(0.5, 2.0, COUNT))
 POWERS = RNG.uniform(-20.0, 20.0, 2 * COUNT) / np.maximum(np.abs(np.log(BASES)), 0.05)
 # Function, arguments, the largest error in units in the last place.
 CASES = [
-    ("sin", (TURNS,), 0.8), ("cos", (TURNS,), 0.8), ("atan2", SIZES, 1.5), ("hypot", SIZES, 1.3),
-    ("log", (POSITIVE,), 1.0), ("exp", (EXPONENTS,), 1.0), ("expm1", (EXPONENTS,), 2.0),
-    ("tan", (TURNS,), 3.0), ("acos", (np.sin(TURNS),), 3.0), ("tanh", (EXPONENTS,), 3.0),
+    ("sin", (TURNS,), 0.8),
+    ("cos", (TURNS,), 0.8),
+    ("atan2", SIZES, 1.5),
+    ("hypot", SIZES, 1.3),
+    ("log", (POSITIVE,), 1.0),
+    ("exp", (EXPONENTS,), 1.0),
+    ("expm1", (EXPONENTS,), 2.0),
+    ("tan", (TURNS,), 3.0),
+    ("acos", (np.sin(TURNS),), 3.0),
+    ("tanh", (EXPONENTS,), 3.0),
     ("power", (BASES, POWERS), 2.0),
-]  # fmt: skip
+]
 SPECIAL = (0.0, -0.0, math.inf, -math.inf, math.nan)
 
 

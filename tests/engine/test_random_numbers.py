@@ -6,7 +6,8 @@ import pytest
 from jansen_env.engine import random
 
 COUNT = 20_000
-number, normal = random.number, random.normal
+number = random.number
+normal = random.normal
 pytestmark = pytest.mark.filterwarnings("ignore:overflow")
 
 

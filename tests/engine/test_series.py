@@ -21,7 +21,8 @@ def work(count, functions):
 @pytest.mark.parametrize("functions", [1, 2, 5])
 def test_a_series_has_the_coefficients_of_the_discrete_transform(count, functions, rng):
     """And samples of it times a factor are those of its inverse: 1e-15, 1e-13."""
-    values, factors = rng.normal(size=(count, functions)), rng.normal(size=(2, count // 2))
+    values = rng.normal(size=(count, functions))
+    factors = rng.normal(size=(2, count // 2))
     factors[1, 0] = 0.0  # a constant stays real
     series = np.empty((2, count // 2, functions))
     analyse(values, turn(count), work(count, functions), series)
@@ -35,9 +36,12 @@ def test_a_series_has_the_coefficients_of_the_discrete_transform(count, function
 
 def test_polynomials_are_the_taylor_series_of_what_the_weights_say(rng):
     """Of sums of waves up to the eighth, in 64 intervals, with six terms: 1e-7."""
-    intervals, harmonics, order = 64, 9, 6
+    intervals = 64
+    harmonics = 9
+    order = 6
     series = rng.normal(size=(2, harmonics, 6))
-    n, half = np.arange(harmonics), math.pi / intervals
+    n = np.arange(harmonics)
+    half = math.pi / intervals
     weights = np.array([n**k / math.factorial(k) for k in range(order)])
     step = np.stack([np.cos(n * half), np.sin(n * half)])
     out = np.empty((2, intervals, order, 3))

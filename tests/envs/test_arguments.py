@@ -46,7 +46,8 @@ MAKERS = {
     "Bar": (Bar, {"length": 1.0}),
     "Triangle": (Triangle, {"d": 0.1, "l": 0.1, "h": 0.1, "alpha": 2.0, "gamma": 2.0}),
     "from_sides": (
-        Triangle.from_sides, {"first_second": 3.0, "second_third": 4.0, "third_first": 5.0}
+        Triangle.from_sides,
+        {"first_second": 3.0, "second_third": 4.0, "third_first": 5.0},
     ),
     "Plate": (Plate, {"points": ((0.0, 0.0), (1.0, 0.0))}),
     "Linkage": (Linkage, {"bodies": JANSEN.bodies, "dyads": JANSEN.dyads, "toes": "T"}),
@@ -72,31 +73,48 @@ MAKERS = {
     "walker": (JansenWalkerEnv, {}),
     "crank": (JansenCrankEnv, {}),
     "walkers": (JansenWalkerVectorEnv, {"num_envs": 2}),
-}  # fmt: skip
+}
 """What makes a thing, and the arguments that it needs."""
 
 TAKEN = {
-    ("*", "friction"): {"None"}, ("*", "restitution"): {"None"},
-    ("*", "payload"): {"None", "mapping"}, ("*", "motor"): {"None", "mapping"},
-    ("*", "time_step"): {"None"}, ("*", "command_interval"): {"None"},
-    ("*", "render_mode"): {"None"}, ("*", "torque_limit"): {"None"},
-    ("*", "pad_compliance"): {"None", "mapping"}, ("*", "curriculum"): {"None"},
-    ("*", "randomize"): {"None", "mapping"}, ("*", "height_scan"): {"None"},
-    ("*", "noise"): {"None", "mapping"}, ("*", "push"): {"None", "mapping"},
-    ("*", "terminate_when_fallen"): {"flag"}, ("*", "fall_contact"): {"flag"},
-    ("*", "track_joint_forces"): {"flag"}, ("*", "observe_lengths"): {"flag"},
-    ("*", "links_collide"): {"flag"}, ("*", "torque_rate"): {"None"},
-    ("*", "joint_play"): {"mapping"}, ("walkers", "joint_play"): set(),
-    ("crank", "time_step"): set(), ("walkers", "track_joint_forces"): set(),
-    ("walkers", "max_episode_steps"): {"None"}, ("walkers", "info_keys"): {"None", "empty"},
+    ("*", "friction"): {"None"},
+    ("*", "restitution"): {"None"},
+    ("*", "payload"): {"None", "mapping"},
+    ("*", "motor"): {"None", "mapping"},
+    ("*", "time_step"): {"None"},
+    ("*", "command_interval"): {"None"},
+    ("*", "render_mode"): {"None"},
+    ("*", "torque_limit"): {"None"},
+    ("*", "pad_compliance"): {"None", "mapping"},
+    ("*", "curriculum"): {"None"},
+    ("*", "randomize"): {"None", "mapping"},
+    ("*", "height_scan"): {"None"},
+    ("*", "noise"): {"None", "mapping"},
+    ("*", "push"): {"None", "mapping"},
+    ("*", "terminate_when_fallen"): {"flag"},
+    ("*", "fall_contact"): {"flag"},
+    ("*", "track_joint_forces"): {"flag"},
+    ("*", "observe_lengths"): {"flag"},
+    ("*", "links_collide"): {"flag"},
+    ("*", "torque_rate"): {"None"},
+    ("*", "joint_play"): {"mapping"},
+    ("walkers", "joint_play"): set(),
+    ("crank", "time_step"): set(),
+    ("walkers", "track_joint_forces"): set(),
+    ("walkers", "max_episode_steps"): {"None"},
+    ("walkers", "info_keys"): {"None", "empty"},
     ("walkers", "threads"): {"None", "beyond a float", "beyond printing"},
-    ("Triangle", "outward"): {"flag"}, ("from_sides", "outward"): {"flag"},
-    ("Motor", "torque_limit"): set(), ("Motor", "friction"): set(),
-    ("Motor", "stall_torque"): {"inf"}, ("Motor", "no_load_speed"): {"inf"},
-    ("Compliance", "stiffness"): {"inf"}, ("Compliance", "tangential_damping"): {"None"},
+    ("Triangle", "outward"): {"flag"},
+    ("from_sides", "outward"): {"flag"},
+    ("Motor", "torque_limit"): set(),
+    ("Motor", "friction"): set(),
+    ("Motor", "stall_torque"): {"inf"},
+    ("Motor", "no_load_speed"): {"inf"},
+    ("Compliance", "stiffness"): {"inf"},
+    ("Compliance", "tangential_damping"): {"None"},
     ("Compliance", "tangential_stiffness"): {"None", "inf"},
     **{("Linkage", name): {"empty"} for name in ("pins", "damped", "bearings", "pads")},
-}  # fmt: skip
+}
 """Of the environments' arguments: those of WRONG that are right."""
 
 
@@ -149,12 +167,18 @@ def test_wrong_values_are_refused_by_name(maker, argument):
         (Noise, {"gyro": (0.1, "much")}, "must be a finite number"),
         (Noise.only, {"lidar": 0.1}, r"noise has \['lidar'\], must be of \['accelerometer', "),
         (JansenWalkerEnv, {"noise": 0.1}, "must be None, a Noise or a dictionary with some of"),
-        (JansenWalkerEnv, {"delay": 1.0, "control_dt": 1e-9, "time_step": 1e-9},
-         r"delay must be at most 10000 times control_dt,.*, got 1\.0 s"),
-        (JansenCrankEnv, {"delay": (0.0, 1.0), "control_dt": 1e-9, "time_step": 1e-9},
-         r"delay must be at most 10000 times control_dt,.*, got 1\.0 s"),
+        (
+            JansenWalkerEnv,
+            {"delay": 1.0, "control_dt": 1e-9, "time_step": 1e-9},
+            r"delay must be at most 10000 times control_dt,.*, got 1\.0 s",
+        ),
+        (
+            JansenCrankEnv,
+            {"delay": (0.0, 1.0), "control_dt": 1e-9, "time_step": 1e-9},
+            r"delay must be at most 10000 times control_dt,.*, got 1\.0 s",
+        ),
     ],
-)  # fmt: skip
+)
 def test_values_out_of_range_are_refused(make, arguments, message):
     with pytest.raises(ValueError, match=message):
         make(**arguments)
@@ -163,7 +187,8 @@ def test_values_out_of_range_are_refused(make, arguments, message):
 @pytest.mark.parametrize("kind", [Fraction, Decimal, np.float32, np.float16])
 def test_every_kind_of_number_is_taken(kind):
     names = ("friction", "speed_command", "slip_weight", "torque_limit", "payload")
-    seen, made = [], []
+    seen = []
+    made = []
     for half in (kind(0.5), 0.5):
         parts = Bar(half), Leg("fore", half), Payload(half, position=(half, half))
         made.append(repr([*parts, Terrain.flat(half), Terrain(((0, 0), (half, Fraction(0))))]))
@@ -218,7 +243,8 @@ SEEDS = ("ab", [0.5, 1], ["a", "b"], [1], -1, [-1, 0], {}, {1, 2})
 
 @pytest.mark.parametrize("make", [JansenWalkerEnv, JansenCrankEnv])
 def test_actions_seeds_and_options_that_are_none_are_refused(make):
-    env, envs = make(), JansenWalkerVectorEnv(2)
+    env = make()
+    envs = JansenWalkerVectorEnv(2)
     env.reset(seed=0)
     for action in ACTIONS:
         with pytest.raises(ValueError, match="action must be one finite number"):

@@ -72,9 +72,13 @@ def test_somebody_else_may_quit_pygame():
 
 @pytest.mark.parametrize(
     "given",
-    [{"payload": Payload(1.0, 0.1, (0.1, 0.2))}, {"motor": MOTORS["mx_106"]},
-     {"pad_compliance": Compliance(1e5, 60.0)}, {"curriculum": Curriculum()}],
-)  # fmt: skip
+    [
+        {"payload": Payload(1.0, 0.1, (0.1, 0.2))},
+        {"motor": MOTORS["mx_106"]},
+        {"pad_compliance": Compliance(1e5, 60.0)},
+        {"curriculum": Curriculum()},
+    ],
+)
 def test_a_specification_in_json_makes_the_same(given):
     spec = gym.spec("JansenWalkerRough-v0")
     specs = (spec := gym.make(spec, **given).spec), EnvSpec.from_json(spec.to_json())
@@ -109,7 +113,8 @@ def test_many_are_what_each_is_alone(env_id, mode):
 
 def walk(env, steps=60, seed=0):
     """Observations and rewards of random actions."""
-    rng, rows = np.random.default_rng(seed), []
+    rng = np.random.default_rng(seed)
+    rows = []
     for _ in range(steps):
         observation, reward, *ends, _ = env.step(rng.uniform(-0.4, 0.8, 1).astype(np.float32))
         rows.append(np.append(observation, reward))
@@ -131,19 +136,24 @@ RESIDUALS = {  # the largest allowed of a control step, J; as in docs/theory.md
 @pytest.mark.parametrize("env_id", IDS)
 def test_energy_balances_in_every_step(env_id):
     """The account is closed to 1e-12, its residual small, J, under random hard torque."""
-    each, share = RESIDUALS[env_id], 1e-6 if env_id == "JansenCrank-v0" else 1e-3
-    env, rng, missed, worked = gym.make(env_id), np.random.default_rng(1), 0.0, 0.0
+    each = RESIDUALS[env_id]
+    share = 1e-6 if env_id == "JansenCrank-v0" else 1e-3
+    env = gym.make(env_id)
+    rng = np.random.default_rng(1)
+    missed = worked = 0.0
     env.reset(seed=0)
     for _ in range(1000):
         _, _, terminated, truncated, info = env.step(rng.uniform(-0.5, 1, 1).astype(np.float32))
         energy = {**info["energy"]}
         del energy["electrical_work"]
-        work, residual = energy.pop("motor_work"), energy["residual"]
+        work = energy.pop("motor_work")
+        residual = energy["residual"]
         put_in = work + energy.pop("push_work", 0.0) + energy.pop("correction_work", 0.0)
         assert put_in == pytest.approx(sum(energy.values()), abs=1e-12)
         assert abs(residual) < each
         assert min(energy.get(f"{loss}_loss", 0.0) for loss in ("joint", "slip", "impact")) >= 0.0
-        missed, worked = missed + abs(residual), worked + abs(work)
+        missed = missed + abs(residual)
+        worked = worked + abs(work)
         if terminated or truncated:
             env.reset()
     assert worked > 5.0 and missed < share * worked
@@ -170,7 +180,8 @@ def test_states_copies_and_pickles_go_on_bit_for_bit(env_id):
     for single in (env, *others):
         observation, reward, *_ = single.step(action[1])
         assert (observation == seen[1]).all() and reward == rewards[1]
-    expected, start = walk(env, 100, seed=6), env.reset()[0]
+    expected = walk(env, 100, seed=6)
+    start = env.reset()[0]
     for single in others:
         assert (walk(single, 100, seed=6) == expected).all() and (single.reset()[0] == start).all()
 
@@ -178,8 +189,10 @@ def test_states_copies_and_pickles_go_on_bit_for_bit(env_id):
 @pytest.mark.parametrize("env_id", IDS)
 def test_observations_move_and_share_no_memory(env_id):
     """No element but a command is constant over 500 random steps; each array is fresh."""
-    env, envs = gym.make(env_id).unwrapped, gym.make_vec(env_id, 2)
-    first, returned = env.reset(seed=0)[0], envs.reset(seed=0)[0]
+    env = gym.make(env_id).unwrapped
+    envs = gym.make_vec(env_id, 2)
+    first = env.reset(seed=0)[0]
+    returned = envs.reset(seed=0)[0]
     step = envs.step(np.full((2, 1), 0.3, np.float32))
     told = [value for value in step[4].values() if isinstance(value, np.ndarray)]
     arrays = [first, returned, *step[:4], *told]
@@ -192,20 +205,20 @@ def test_observations_move_and_share_no_memory(env_id):
     assert constant <= {"speed_command", *hidden}
 
 
-def kinds(info):
-    """Keys and types of information, shapes and types of its arrays."""
-    return {
-        name: kinds(value) if isinstance(value, dict)
-        else (value.shape, value.dtype) if isinstance(value, np.ndarray)
-        else type(value)
-        for name, value in info.items()
-    }  # fmt: skip
+def kind(value):
+    """Keys and kinds of a dictionary's values, shape and type of an array, type of all else."""
+    if isinstance(value, dict):
+        return {name: kind(entry) for name, entry in value.items()}
+    if isinstance(value, np.ndarray):
+        return value.shape, value.dtype
+    return type(value)
 
 
 @pytest.mark.parametrize("env_id", IDS)
 def test_reset_and_step_inform_of_the_same(env_id):
     """In the same types, as those need who stack infos: one robot, many, and for SB3."""
-    env, envs = gym.make(env_id, track_joint_forces=True), gym.make_vec(env_id, 3)
+    env = gym.make(env_id, track_joint_forces=True)
+    envs = gym.make_vec(env_id, 3)
     venv = make_vec_env(env_id, 2, info_keys=None)
     venv.reset()
     resets = [env.reset()[1], envs.reset()[1], venv.reset_infos[0]]
@@ -213,7 +226,7 @@ def test_reset_and_step_inform_of_the_same(env_id):
     steps = [env.step(actions[0])[4], envs.step(actions[1])[4], venv.step(actions[2])[3][0]]
     again = [env.reset()[1], envs.reset()[1], resets[2]]
     for first, step, second in zip(resets, steps, again, strict=True):
-        assert kinds(first) == kinds(step) == kinds(second)
+        assert kind(first) == kind(step) == kind(second)
         terms = [name for name in step if name.startswith(("reward/", "joint_"))]
         assert len(terms) >= 2 and any(np.any(step[name]) for name in terms)
         assert not any(np.any(info[name]) for info in (first, second) for name in terms)
@@ -237,7 +250,8 @@ def test_the_documented_defaults_are_those_of_the_class(env_id):
 
 def documented_observations(env):
     """How many observations the table of a class has, by default arguments."""
-    count, toes = 0, env.unwrapped.task.world.plant.toes
+    count = 0
+    toes = env.unwrapped.task.world.plant.toes
     table = inspect.getdoc(type(env.unwrapped)).partition("| Num | Observation |")[2]
     for line in table.split("\n\n")[0].splitlines()[2:]:
         number, meaning = line.split("|")[1:3]

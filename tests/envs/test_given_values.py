@@ -80,8 +80,9 @@ def weight(factor, value=0.0, at_zero=1.0):
 
 
 CASES = {
-    "robot": Case("holy", lambda task, i, info: lengths(task.world.robots[i]),
-                  lengths(ROBOTS["holy"]())),
+    "robot": Case(
+        "holy", lambda task, i, info: lengths(task.world.robots[i]), lengths(ROBOTS["holy"]())
+    ),
     "payload": Case(Payload(1.5, position=(0.02, 0.01)), parameter("payload")),
     "motor": Case("mx_106", attribute("motor"), MOTORS["mx_106"]),
     "torque_limit": Case(7.5, attribute("torque_limit")),
@@ -91,27 +92,45 @@ CASES = {
     "time_step": Case(0.0005, lambda task, i, info: task.world.time_step),
     "plant": Case("rigid_body", lambda task, i, info: info["joint_gap"] > 0.0, True),
     "links_collide": Case(True, lambda task, i, info: not task.world.plant.knows_joint_forces),
-    "joint_play": Case({"A": 2e-4}, lambda task, i, info: info["joint_gap"] > 1.5e-4, True,
-                       needs={"plant": "rigid_body"}),
-    "backlash": Case(0.01, lambda task, i, info: task.world.plant.backlash,
-                     needs={"plant": "rigid_body", "motor": "ak80_6"}),
-    "terrain": Case("slope:0.1", lambda task, i, info: task.world.terrain(i).points,
-                    make_terrain("slope:0.1").points),
+    "joint_play": Case(
+        {"A": 2e-4},
+        lambda task, i, info: info["joint_gap"] > 1.5e-4,
+        True,
+        needs={"plant": "rigid_body"},
+    ),
+    "backlash": Case(
+        0.01,
+        lambda task, i, info: task.world.plant.backlash,
+        needs={"plant": "rigid_body", "motor": "ak80_6"},
+    ),
+    "terrain": Case(
+        "slope:0.1",
+        lambda task, i, info: task.world.terrain(i).points,
+        make_terrain("slope:0.1").points,
+    ),
     "friction": Case(0.37, parameter("friction")),
     "restitution": Case(0.3, parameter("restitution"), needs={"robot": "paper"}),
     "terrain_level": Case(3, parameter("terrain_level"), needs={"terrain": "mixed"}),
-    "curriculum": Case(Curriculum(up=0.9), lambda task, i, info: task.world.episodes.curriculum,
-                       needs={"terrain": "mixed"}),
-    "randomize": Case({"lengths": {"crank": (1.01, 1.01)}},
-                      lambda task, i, info: [*task.world.lengths.changed[i]], ["crank"]),
+    "curriculum": Case(
+        Curriculum(up=0.9),
+        lambda task, i, info: task.world.episodes.curriculum,
+        needs={"terrain": "mixed"},
+    ),
+    "randomize": Case(
+        {"lengths": {"crank": (1.01, 1.01)}},
+        lambda task, i, info: [*task.world.lengths.changed[i]],
+        ["crank"],
+    ),
     "reset_noise_scale": Case(0.0, attribute("reset_noise_scale")),
     "torque_rate": Case(1.0, lambda task, i, info: task.world.action[i] < 0.1, True),
     "observe": Case("onboard", lambda task, i, info: columns(task, i, info)[1], 2),
     "height_scan": Case((0.1, 0.1, 3), lambda task, i, info: columns(task, i, info)[0], 3),
     "noise": Case(Noise.only(height=0.1), lambda task, i, info: task.world._noise),
-    "push": Case(Push(0.5, duration=0.2),
-                 lambda task, i, info: task.world._push[0].item(),
-                 (0.5, 0.0, 0.2, 5.0, 0.001)),
+    "push": Case(
+        Push(0.5, duration=0.2),
+        lambda task, i, info: task.world._push[0].item(),
+        (0.5, 0.0, 0.2, 5.0, 0.001),
+    ),
     "observe_lengths": Case(True, lambda task, i, info: "length_crank" in task.columns),
     "track_joint_forces": Case(True, lambda task, i, info: "joint_force_max" in info),
     "render_mode": Case("rgb_array", lambda task, i, info: None),
@@ -127,12 +146,13 @@ CASES = {
     "load_weight": weight("load"),
     "fall_pitch": Case(1e-6, lambda task, i, info: info["fallen"], True),
     "fall_contact": Case(False, lambda task, i, info: task.world.weights["fall_contact"][0]),
-    "terminate_when_fallen": Case(False, lambda task, i, info: bool(task.ended[i]),
-                                  needs={"fall_pitch": 1e-6}),
+    "terminate_when_fallen": Case(
+        False, lambda task, i, info: bool(task.ended[i]), needs={"fall_pitch": 1e-6}
+    ),
     "arrival_weight": Case(3.0, lambda task, i, info: task._arrival),
     "tracking_weight": weight("tracking", at_zero=0.0),
     "torque_weight": weight("torque", at_zero=0.0),
-}  # fmt: skip
+}
 
 GIVEN = [
     pytest.param(env_id, name, id=f"{env_id} {name}")
@@ -182,9 +202,9 @@ def test_what_is_given_is_what_is_shown(env_id, name):
 
 
 @pytest.mark.parametrize(
-    ("env_id", "name"), [each for each in GIVEN if each.values[1] in
-                         settings_of(each.values[0]).defaults("several")]
-)  # fmt: skip
+    ("env_id", "name"),
+    [each for each in GIVEN if each.values[1] in settings_of(each.values[0]).defaults("several")],
+)
 def test_what_is_given_to_one_robot_leaves_the_others(env_id, name):
     """In a list None leaves the environment's own value, as variants leave what they do not name.
 

@@ -21,7 +21,8 @@ def mean_return(policy_of, env_id, episodes):
 @pytest.mark.slow
 @pytest.mark.parametrize("env_id", IDS)
 def test_reward_threshold(env_id):
-    threshold, episodes = gym.spec(env_id).reward_threshold, 20 if "Crank" in env_id else 100
+    threshold = gym.spec(env_id).reward_threshold
+    episodes = 20 if "Crank" in env_id else 100
     goal = "Goal" in env_id
     solves = goal_pid if goal else lambda env: pretrained.load(env_id)
     fail = {"still": still} if goal else find_benchmark(env_id).baselines

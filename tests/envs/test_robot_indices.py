@@ -152,7 +152,8 @@ def test_positions_of_stable_baselines3_are_lists_of_whole_numbers(indices):
 def test_states_and_seeds_of_another_number_of_robots_are_refused():
     venv = make_vec_env("JansenWalkerBuilt-v0", 3, seed=1)
     venv.reset()
-    before, given = states(venv.env), venv.get_states()
+    before = states(venv.env)
+    given = venv.get_states()
     venv.step(np.full((3, 1), 0.3, np.float32))
     after = states(venv.env)
     wrong = [given[:2], [*given, given[0]], [given[0], {**given[1], "elapsed": -1}, given[2]]]
@@ -195,7 +196,8 @@ def test_actions_that_are_no_real_numbers_are_refused_and_nothing_changes(kind, 
     envs = deepcopy(made[0])
     single = gym.make("JansenCrank-v0").unwrapped
     single.reset(seed=0)
-    before, alone = states(envs), single.get_state()
+    before = states(envs)
+    alone = single.get_state()
     wrong = ACTIONS[kind]
     with pytest.raises(ValueError, match=r"(?s)^actions are .*, must be numbers, shape \(3, 1\)"):
         envs.step(wrong(np.ones((3, 1))))

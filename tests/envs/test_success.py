@@ -16,11 +16,14 @@ from jansen_env.tasks.walking.walker_benchmark import walking_pid
 def last_info(env, policy, **options):
     """Return the ``info`` of the last step of an episode under a policy."""
     observation, _ = env.reset(seed=0, options=options)
-    state, starts, over = None, np.ones(1, bool), False
+    state = None
+    starts = np.ones(1, bool)
+    over = False
     while not over:
         action, state = policy.predict(observation[None], state, starts, True)
         observation, _, terminated, truncated, info = env.step(action[0])
-        starts, over = np.zeros(1, bool), terminated or truncated
+        starts = np.zeros(1, bool)
+        over = terminated or truncated
     return info
 
 

@@ -17,7 +17,8 @@ from jansen_env.plants import threads
 from jansen_env.plants.threads import forks
 from jansen_env.sb3 import make_vec_env
 
-ID, ROBOTS = "JansenWalkerRough-v0", 32
+ID = "JansenWalkerRough-v0"
+ROBOTS = 32
 PATIENCE = 20  # s for a child that takes a step
 
 
@@ -29,9 +30,13 @@ def many():
     """Robots on two threads, of which some start again in each step."""
     limits = [5 + i % 9 for i in range(ROBOTS)]
     envs = gym.make_vec(
-        ID, ROBOTS, threads=2, max_episode_steps=limits, autoreset_mode="SameStep",
+        ID,
+        ROBOTS,
+        threads=2,
+        max_episode_steps=limits,
+        autoreset_mode="SameStep",
         terminate_when_fallen=False,
-    )  # fmt: skip
+    )
     return envs.unwrapped
 
 
@@ -58,7 +63,9 @@ class Walking:
     """A thread that steps an environment for as long as the block lasts, and all it observes."""
 
     def __init__(self, env):
-        self.env, self.seen, self.on = env, [], True
+        self.env = env
+        self.seen = []
+        self.on = True
         self.thread = threading.Thread(target=self.go_on)
 
     def go_on(self):
@@ -204,7 +211,8 @@ def test_forks_let_go_of_environments():
 def test_attributes_that_refer_to_an_environment_refer_to_its_copy():
     env = gym.make("JansenCrank-v0").unwrapped
     env.reset(seed=0)
-    env.itself, env.call_me = env, env.get_state
+    env.itself = env
+    env.call_me = env.get_state
     for copied in (copy.deepcopy(env), through_pickle(env)):
         assert copied.itself is copied and copied.call_me.__self__ is copied
         assert copied.task is not env.task and copied.task.lock is not env.task.lock

@@ -19,7 +19,8 @@ def typed_arguments(kind):
 
 @pytest.mark.parametrize("env_id", IDS)
 def test_type_checkers_know_the_arguments_of_the_settings(env_id):
-    single, many = single_env(env_id), vector_env(env_id)
+    single = single_env(env_id)
+    many = vector_env(env_id)
     known = {*single.defaults()}
     assert {*typed_arguments(single)} == known and {*single.PRESET} <= known
     assert {*typed_arguments(many)} == {*known, *OF_BATCHES} and many.SINGLE is single

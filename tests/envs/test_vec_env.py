@@ -39,7 +39,8 @@ def test_it_is_what_single_environments_are(noise):
     assert isinstance(together.unwrapped, BatchVecEnv)
     together.seed(3), apart.seed(3)
     assert np.array_equal(together.reset(), apart.reset())
-    rng, limits, falls = np.random.default_rng(0), 0, 0
+    rng = np.random.default_rng(0)
+    limits = falls = 0
     for _ in range(200):
         actions = rng.uniform(-1.0, 1.0, (6, 1)).astype(np.float32)
         *a, infos_a = together.step(actions)
@@ -123,9 +124,16 @@ def monitored(folder):
 @pytest.mark.parametrize("wrapper", [None, gym.wrappers.TimeAwareObservation], ids=["", "wrapped"])
 def test_arguments_of_stable_baselines3(wrapper, tmp_path):
     """Its own function, with the same arguments, starts alike and writes the same episodes."""
-    kwargs, monitor = {"max_episode_steps": 4}, {"info_keywords": ("x_position",)}
-    given = {"n_envs": 3, "seed": 7, "start_index": 2, "wrapper_class": wrapper,
-             "env_kwargs": kwargs, "monitor_kwargs": monitor}  # fmt: skip
+    kwargs = {"max_episode_steps": 4}
+    monitor = {"info_keywords": ("x_position",)}
+    given = {
+        "n_envs": 3,
+        "seed": 7,
+        "start_index": 2,
+        "wrapper_class": wrapper,
+        "env_kwargs": kwargs,
+        "monitor_kwargs": monitor,
+    }
     ours = make_vec_env(ENV, monitor_dir=str(tmp_path / "ours"), **given)
     theirs = their_vec_env(ENV, monitor_dir=str(tmp_path / "theirs"), **given)
     assert np.array_equal(ours.reset(), theirs.reset())
@@ -154,9 +162,11 @@ def test_arguments_are_in_the_order_of_stable_baselines3():
 def test_monitor_files_are_appended_to(tmp_path):
     for override, count in ((True, 1), (False, 2), (True, 1)):
         venv = make_vec_env(
-            ENV, monitor_dir=tmp_path, monitor_kwargs={"override_existing": override},
+            ENV,
+            monitor_dir=tmp_path,
+            monitor_kwargs={"override_existing": override},
             max_episode_steps=1,
-        )  # fmt: skip
+        )
         venv.reset(), venv.step(np.ones((1, 1))), venv.close()
         (file,) = tmp_path.iterdir()
         header, names, *rows = file.read_text().splitlines()
@@ -168,9 +178,14 @@ def test_monitor_files_are_appended_to(tmp_path):
 def test_a_class_of_stable_baselines3_holds_single_environments(cls):
     settings = {"start_method": "fork"} if cls is SubprocVecEnv else {}
     venv = make_vec_env(
-        ENV, 2, 3, vec_env_cls=cls, vec_env_kwargs=settings, max_episode_steps=2,
+        ENV,
+        2,
+        3,
+        vec_env_cls=cls,
+        vec_env_kwargs=settings,
+        max_episode_steps=2,
         monitor_kwargs={"allow_early_resets": False},
-    )  # fmt: skip
+    )
     assert type(venv) is cls and venv.env_is_wrapped(Monitor) == [True, True]
     batch = make_vec_env(ENV, 2, 3, max_episode_steps=2)
     assert np.array_equal(venv.reset(), batch.reset())
@@ -196,7 +211,8 @@ def test_returns_are_logged_and_evaluated_without_a_warning(recwarn, tmp_path):
     returns, lengths = evaluate_policy(model, venv, 3, return_episode_rewards=True)
     venv.seed(0)
     assert not [warning for warning in recwarn if "Monitor" in str(warning.message)]
-    seen, total = venv.reset(), np.zeros(3)
+    seen = venv.reset()
+    total = np.zeros(3)
     for _ in range(10):
         seen, rewards, dones, infos = venv.step(model.predict(seen, deterministic=True)[0])
         total += rewards
@@ -219,12 +235,16 @@ def test_what_is_refused():
     for message, given in (
         ("vec_env_kwargs must come with vec_env_cls", {"vec_env_kwargs": {"a": 1}}),
         ("wrapper_kwargs must come with wrapper_class", {"wrapper_kwargs": {"a": 1}}),
-        ("monitor_kwargs must be among .*, got 'reset_keywords'.*; give vec_env_cls",
-         {"monitor_kwargs": {"reset_keywords": ("seed",)}}),
+        (
+            "monitor_kwargs must be among .*, got 'reset_keywords'.*; give vec_env_cls",
+            {"monitor_kwargs": {"reset_keywords": ("seed",)}},
+        ),
         ("monitor_kwargs must be among .*, got 'file'", {**wrapped, "monitor_kwargs": {"file": 1}}),
-        ("info_keywords must be among .*, got 'slop'; did|got 'slop'",
-         {"monitor_kwargs": {"info_keywords": ("slop",)}}),
-    ):  # fmt: skip
+        (
+            "info_keywords must be among .*, got 'slop'; did|got 'slop'",
+            {"monitor_kwargs": {"info_keywords": ("slop",)}},
+        ),
+    ):
         with pytest.raises(ValueError, match=message):
             make_vec_env(ENV, 2, **given)
 

@@ -63,7 +63,8 @@ def test_threads_that_share_an_environment_take_turns():
 def test_a_thread_that_changes_robots_waits_for_steps():
     """Or some would be moved half changed, and diverge."""
     arguments = {"terminate_when_fallen": False, "threads": 2}
-    envs, diverged = gym.make_vec("JansenWalkerRough-v0", 32, **arguments).unwrapped, []
+    envs = gym.make_vec("JansenWalkerRough-v0", 32, **arguments).unwrapped
+    diverged = []
     envs.reset(seed=1)
 
     def steps():
@@ -90,18 +91,28 @@ def test_joint_loads_after_a_restart(env_id):
 def test_each_has_its_own_ground_machine_and_command():
     """Whatever may differ between robots differs; still bit for bit."""
     motor = Motor(
-        stall_torque=12.0, no_load_speed=7.0, torque_limit=8.0, gear_ratio=60.0,
-        rotor_inertia=1.4e-5, friction=0.3, viscous_friction=0.02, efficiency=0.7,
-    )  # fmt: skip
+        stall_torque=12.0,
+        no_load_speed=7.0,
+        torque_limit=8.0,
+        gear_ratio=60.0,
+        rotor_inertia=1.4e-5,
+        friction=0.3,
+        viscous_friction=0.02,
+        efficiency=0.7,
+    )
     feet, rigid = Compliance(3e4, 60.0, 2e4, 40.0), Compliance()
     differ = {
-        "terrain": ["flat", ROUGH, "slope:0.1"], "restitution": [0.0, 0.4, 0.0],
-        "payload": [0.0, 3.0, Payload(1.0, 0.1, (0.2, 0.1))], "friction": np.array([0.2, 0.8, 1.0]),
+        "terrain": ["flat", ROUGH, "slope:0.1"],
+        "restitution": [0.0, 0.4, 0.0],
+        "payload": [0.0, 3.0, Payload(1.0, 0.1, (0.2, 0.1))],
+        "friction": np.array([0.2, 0.8, 1.0]),
         "speed_command": np.array([[0.1, 0.1], [-0.2, 0.3], [0.05, 0.8]]),
-        "command_interval": [0.4, 0.1, None], "motor": [motor, "ideal", motor],
-        "pad_compliance": [feet, rigid, feet], "torque_limit": np.array([8.0, 15.0, 5.0]),
+        "command_interval": [0.4, 0.1, None],
+        "motor": [motor, "ideal", motor],
+        "pad_compliance": [feet, rigid, feet],
+        "torque_limit": np.array([8.0, 15.0, 5.0]),
         "delay": np.array([[0.0, 0.0], [0.013, 0.013], [0.0, 0.05]]),
-    }  # fmt: skip
+    }
     each = [{name: values[k] for name, values in differ.items()} for k in range(3)]
     for one in each:
         one |= {name: tuple(one[name]) for name in ("speed_command", "delay")}
@@ -239,7 +250,8 @@ def test_a_robot_that_diverges_ends_its_own_episode_only(mode):
     """Robot 1 gets an absurd torque now and then: the others go on, each as alone, bit for bit."""
     arguments = {"torque_limit": 1e8, "reset_noise_scale": 1.0}
     ours, theirs = together(4, mode, limit=30, **arguments), side_by_side(4, mode, 30, **arguments)
-    rng, diverged = np.random.default_rng(0), np.zeros(4, int)
+    rng = np.random.default_rng(0)
+    diverged = np.zeros(4, int)
     ours.reset(seed=3)
     theirs.reset(seed=3)
     for k in range(50):

@@ -77,8 +77,10 @@ def test_inertias_of_table_1():
         body_sums(compile_robot(robot), toes.turn(720)).k
         for robot in (paper_robot(), paper_robot().with_slender_inertias())
     )
-    assert on_page(f"{heavy.min():.2f} to {heavy.max():.2f} kg m^2",
-                   f"{slender.min():.3f} to {slender.max():.3f}")  # fmt: skip
+    assert on_page(
+        f"{heavy.min():.2f} to {heavy.max():.2f} kg m^2",
+        f"{slender.min():.3f} to {slender.max():.3f}",
+    )
 
 
 def test_dropped_velocity_terms():
@@ -86,7 +88,8 @@ def test_dropped_velocity_terms():
 
     They are the crank's part of D^T M D_dot q_dot in (7)-(10), which (11) leaves out.
     """
-    robot, angle = paper_robot(), toes.turn(720)
+    robot = paper_robot()
+    angle = toes.turn(720)
     q, q_dot = fixed_model.crank_only(angle), fixed_model.crank_only(np.ones(len(angle)))
     speeds = np.broadcast_to(q_dot[:, None], (len(angle), len(robot.legs), 4))
     _, D, bias = pr.leg_motion(robot, pr.leg_sides(robot), pr.system_coordinates(robot, q), speeds)

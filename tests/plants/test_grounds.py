@@ -23,11 +23,14 @@ def detect(terrain, centres, capacity=None, axis=None, extent=1.0, duration=0.0)
     on all of it.
     """
     centres = np.asarray(centres, dtype=float)
-    robots, world = np.zeros(1, ROBOT), np.zeros(1, WORLD)
+    robots = np.zeros(1, ROBOT)
+    world = np.zeros(1, WORLD)
     world["capacity"] = capacity or 4 * len(centres)
     status = robots["status"]
-    status["pad_radius"], status["margin"] = RADIUS, SPECULATIVE_MARGIN
-    grounds, planes = Grounds([terrain], status), np.zeros(world["capacity"][0], PLANE)
+    status["pad_radius"] = RADIUS
+    status["margin"] = SPECULATIVE_MARGIN
+    grounds = Grounds([terrain], status)
+    planes = np.zeros(world["capacity"][0], PLANE)
     grounds.find_stretch(0, axis or 0.0, extent if axis else 1e7, duration)
     planes_near(0, centres, robots, grounds.surface, world, planes)
     planes = planes[: status["end_plane"][0]]
@@ -104,7 +107,8 @@ def jagged(rng, spacing=0.05, count=200):
 @pytest.mark.parametrize("extent, duration", [(0.2, 0.0), (1.0, 0.02)])
 def test_a_stretch_has_all_that_a_robot_can_reach(rng, extent, duration):
     """Robots moved by all their room see what they would on the whole ground, bit for bit."""
-    room, most = MARGIN + FASTEST * duration, 0
+    room = MARGIN + FASTEST * duration
+    most = 0
     for k in range(200):
         terrain = [jagged(rng, 0.05, 1000), HILLS, Terrain.slope(-0.3)][k % 3]
         axis = rng.uniform(15.0, 25.0)
@@ -140,7 +144,8 @@ def test_planes_are_pymunks_own_contacts(rng):
     compared = 0
     for _ in range(40):
         terrain = jagged(rng)
-        space, seen = pymunk.Space(), []
+        space = pymunk.Space()
+        seen = []
         terrain.add_to(space)
         x = rng.uniform(1.0, 9.0)
         centre = np.array([x, terrain.height(x) + rng.uniform(0.0, 0.06)])
@@ -189,7 +194,8 @@ def test_the_rigid_body_plant_says_where_its_ground_ends():
     with pytest.raises(ValueError, match=r"x must be between -996\.0 and 996\.0, got 5000\.0"):
         plant.reset(5000.0)
     state = plant.reset(990.0)
-    state[0], state[4] = 995.9, 50.0
+    state[0] = 995.9
+    state[4] = 50.0
     plant.state = state
     with pytest.raises(FloatingPointError, match="the ground of the rigid-body plant ends"):
         plant.step(0.0, 0.02)

@@ -28,7 +28,8 @@ def crank_acceleration(plant, torque, h=2e-5):
 def test_accelerations_are_the_dense_projections(linkage, random_state, rng):
     """Equation (12) with 15 system rows: joint_forces() to 1e-9, the plant's own steps to 1e-7."""
     for _ in range(5):
-        psi, n, torque = *random_state()[[3, 7]], rng.uniform(-5.0, 5.0)
+        psi, n = random_state()[[3, 7]]
+        torque = rng.uniform(-5.0, 5.0)
         plant = pinned(linkage, psi, n)
         q, v = np.array([[0.0, 0.0, 0.0, psi], [0.0, 0.0, 0.0, n]])
         (expected,) = pr.project(linkage, q, v, torque, fixed_base=True).acceleration()
@@ -41,8 +42,10 @@ def test_accelerations_are_the_dense_projections(linkage, random_state, rng):
 
 def test_gravity_turns_with_a_held_chassis():
     """Pitched by 0.4 rad it moves as level under gravity turned back by as much: 1e-12."""
-    pitched, level = (pinned(paper_robot(), 0.3, 2.0, gravity=g) for g in (
-        9.81, (-9.81 * math.sin(0.4), -9.81 * math.cos(0.4))))  # fmt: skip
+    pitched, level = (
+        pinned(paper_robot(), 0.3, 2.0, gravity=g)
+        for g in (9.81, (-9.81 * math.sin(0.4), -9.81 * math.cos(0.4)))
+    )
     pitched.state = pitched.state + shift(pitch=0.4, x=1.0, y=-2.0)
     for plant in (pitched, level):
         plant.step(1.0, 1.0)
@@ -74,7 +77,8 @@ def test_walking_torque_pays_the_losses():
     plant.prescribed_crank_speed = True
     turn = 2.0 * math.pi
     plant.step(0.0, turn)
-    start, results = plant.x, [plant.step(0.0, turn) for _ in range(4)]
+    start = plant.x
+    results = [plant.step(0.0, turn) for _ in range(4)]
     work = sum(r.motor_work for r in results)
     losses = sum(r.joint_loss + r.slip_loss + r.impact_loss for r in results)
     assert walk.torque * 4.0 * turn == pytest.approx(work, rel=1e-12)

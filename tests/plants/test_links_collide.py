@@ -18,7 +18,8 @@ WALL = Terrain([[-9.0, 0.0], [0.6, 0.0], [0.66, 0.24], [9.0, 0.24]])
 
 def least_gap(plant, vertex):
     """Return the least distance of a link's side from a vertex less its radius, m."""
-    robot, gaps = plant.robot, []
+    robot = plant.robot
+    gaps = []
     for a, b in plant.batch.pad_centres(0)[pad_sides(robot)]:
         share = (vertex - a) @ (b - a) / ((b - a) @ (b - a))
         if 0.0 < share < 1.0:
@@ -55,7 +56,8 @@ def test_energy_of_a_side_on_a_spike_converges():
         robot = ROBOTS["built"]()
         plant = PLANTS["projection"](robot, SPIKE, time_step, links_collide=True)
         plant.state = np.zeros(8)
-        total, drops = 0.0, []
+        total = 0.0
+        drops = []
         for _ in range(30):
             result = plant.step(0.0, 0.02)
             total += result.energy_residual
@@ -71,7 +73,8 @@ SAW = Terrain([(0.1 * i - 4.0, 0.25 * (i % 2)) for i in range(80)], 0.8)
 @pytest.mark.parametrize("time_step", [1e-3, 2.5e-4])
 def test_springs_of_sides_hold_no_energy_from_nowhere(time_step):
     """Robots on compliant feet, set down between teeth and driven: all energy has a source."""
-    most, rng = 2e-3 if time_step == 1e-3 else 2e-4, np.random.default_rng(0)
+    most = 2e-3 if time_step == 1e-3 else 2e-4
+    rng = np.random.default_rng(0)
     plant = PLANTS["projection"](ROBOTS["built"](), SAW, time_step, links_collide=True)
     pushed = 0.0
     for angle in np.linspace(0.0, 6.0, 6):

@@ -59,7 +59,8 @@ def test_a_walk_over_a_step_alone_and_in_a_batch():
         alone = gym.make("JansenWalkerBuilt-v0", **arguments)
         batch = gym.make_vec("JansenWalkerBuilt-v0", 2, **arguments)
         policy = BASELINES["profile"](alone.unwrapped)
-        (seen, info), _ = alone.reset(seed=3), batch.reset(seed=3)
+        seen, info = alone.reset(seed=3)
+        _ = batch.reset(seed=3)
         counts = [info["links_in_ground"]]
         for _ in range(185):
             action = policy.predict(seen[None])[0]

@@ -43,7 +43,8 @@ def test_same_inputs_same_bits(terrain, torques):
     for plant in (first, second):
         plant.reset(0.0, 0.3)
         assert run(plant, torques[:250]) == bits[:250]
-    third.state, copy = second.state, pickle.loads(pickle.dumps(second))
+    third.state = second.state
+    copy = pickle.loads(pickle.dumps(second))
     for plant in (second, third, copy):
         assert run(plant, torques[250:]) == bits[250:]
     second.prescribed_crank_speed = True
@@ -100,7 +101,8 @@ def test_set_down_on_the_lowest_toes(terrain, pitch):
 @pytest.mark.parametrize("name", ROBOTS)
 def test_set_down_on_the_lowest_of_all_pads(name, make, rng):
     """Of any lengths, within 60 %, on any ground; the first step gets no energy from nothing."""
-    nominal, placed = ROBOTS[name](), 0
+    nominal = ROBOTS[name]()
+    placed = 0
     wanted = PLACEMENT_DEPTH if make is ProjectionPlant else 0.0
     while placed < 6:
         changed = rng.choice([*lengths(nominal)], rng.integers(1, 4), replace=False)
@@ -123,7 +125,8 @@ def test_what_a_robot_in_the_ground_gets_from_nothing():
     """Is in the account: 2 J for 7 cm, and neither in losses nor in the residual."""
     plant = ProjectionPlant(Robot(), Terrain.flat())
     plant.reset(0.0, 1.0)
-    before, plant.state = plant.energy(), plant.state - [0.0, 0.07, *[0.0] * 6]
+    before = plant.energy()
+    plant.state = plant.state - [0.0, 0.07, *[0.0] * 6]
     deep = plant.energy()
     results = [plant.step(0.0, 0.02) for _ in range(5)]
     gained = sum(result.correction_work for result in results)
@@ -146,9 +149,11 @@ def held(robot=None, **arguments):
 
 TOO_LONG = Robot().with_bodies(crank=Bar(0.2))
 REFUSED = [
-    *((make, {name: value}, None, f"{name} must be .*, got {value}")
-      for make in (projection, rigid_body)
-      for name, value in (("time_step", 0.0), ("gravity", -9.81))),
+    *(
+        (make, {name: value}, None, f"{name} must be .*, got {value}")
+        for make in (projection, rigid_body)
+        for name, value in (("time_step", 0.0), ("gravity", -9.81))
+    ),
     *((make, {"robot": TOO_LONG}, None, "joint C") for make in (projection, rigid_body)),
     (projection, {"gravity": (0.0,)}, None, r"gravity must be .*, got \(0.0,\)"),
     (projection, {"gravity": (0.0, math.nan)}, None, "gravity must be .*, got nan"),

@@ -16,7 +16,8 @@ from jansen_env.tasks.walking import JansenWalkerEnv
 FLYING = np.array([0.3, 50.0, 0.4, 2.0, 0.5, 1.0, 0.8, 3.0])
 """A state high above the ground, everything moving."""
 IMPULSE = np.array([3.0, -1.5])  # N s
-DURATION, BRIEF = 0.1, 0.02  # s, of a push on the ground and in flight
+DURATION = 0.1  # s, of a push on the ground
+BRIEF = 0.02  # s, of a push in flight
 LADEN = replace(Robot(), payload=Payload(2.0, 0.1, (0.1, 0.2)))
 DESIGNS = {"laden": LADEN, "built": ROBOTS["built"]()}  # the latter with a geared rotor
 
@@ -30,7 +31,8 @@ def half_sine(steps, impulse=IMPULSE):
 def thrown(plant, momenta):
     """In flight without gravity: changes of the momenta in a push, and its arm x impulse."""
     plant.state = FLYING
-    start, moment = momenta(plant), 0.0
+    start = momenta(plant)
+    moment = 0.0
     for impulse in half_sine(round(BRIEF / plant.time_step)):
         before = plant.state[:2] - momenta(plant)[2]
         result = plant.step(2.0, plant.time_step, pushes=impulse[None])
@@ -56,7 +58,8 @@ def test_the_impulse_named_arrives(design):
 
 def walk(plant, impulse):
     """A second near 1 rad/s with a push at 0.4 s, or with none: the results of all steps."""
-    pushes, results = np.zeros((50, 20, 2)), []
+    pushes = np.zeros((50, 20, 2))
+    results = []
     pushes[20:25] = half_sine(100, impulse).reshape(5, 20, 2)
     for push in pushes:
         push = push if push.any() else None
@@ -110,11 +113,16 @@ def test_frames_carry_what_pushes_the_chassis():
 
 def test_robots_of_a_batch_are_pushed_one_by_one():
     """Each by its own row, as alone bit for bit; a delay and several looks for the ground go on."""
-    robot, terrain, pushes = Robot(), Terrain.flat(), np.zeros((3, 40, 2))
-    pushes[1], pushes[2, 25:] = half_sine(40), IMPULSE / 15.0
+    robot = Robot()
+    terrain = Terrain.flat()
+    pushes = np.zeros((3, 40, 2))
+    pushes[1] = half_sine(40)
+    pushes[2, 25:] = IMPULSE / 15.0
     batch = Batch([robot] * 3, [terrain] * 3)
     batch.place_at(np.arange(3), np.zeros(3))
-    torque, earlier, switch = np.ones(3), np.zeros(3), np.full(3, 5)
+    torque = np.ones(3)
+    earlier = np.zeros(3)
+    switch = np.full(3, 5)
     batch.step(torque, 40, earlier, switch, pushes=pushes)
     for k in range(3):
         alone = Batch([robot], [terrain])

@@ -21,11 +21,21 @@ FEET = Compliance(2e4, 60.0, 1.5e4, 40.0)
 GIVING = replace(ROBOTS["paper_slender"](), motor=MOTORS["ak80_6"], pad_compliance=FEET)
 DESIGNS = {"rigid": RIGID, "giving": GIVING}
 CHANGES = {
-    "friction": 0.5, "restitution": 0.4, "payload": 1.3, "payload_x": -0.1, "payload_y": 0.2,
-    "mass_scale": 1.3, "inertia_scale": 0.6, "damping_scale": 1.7, "foot_stiffness_scale": 0.6,
-    "foot_damping_scale": 1.5, "motor_strength": 0.7, "rotor_inertia_scale": 3.0, "tilt": 0.06,
+    "friction": 0.5,
+    "restitution": 0.4,
+    "payload": 1.3,
+    "payload_x": -0.1,
+    "payload_y": 0.2,
+    "mass_scale": 1.3,
+    "inertia_scale": 0.6,
+    "damping_scale": 1.7,
+    "foot_stiffness_scale": 0.6,
+    "foot_damping_scale": 1.5,
+    "motor_strength": 0.7,
+    "rotor_inertia_scale": 3.0,
+    "tilt": 0.06,
     "gravity_scale": 0.9,
-}  # fmt: skip
+}
 GROUND = Terrain.slope(0.05, 0.8)
 
 
@@ -127,7 +137,8 @@ def test_another_ground_puts_its_friction_in_force():
 def test_what_is_in_force_counts_for_placing_and_forces():
     """Feet that give sink in by the weight in force; joint forces know it, too."""
     row = changed_row(GIVING, *CHANGES)
-    plant, built = ProjectionPlant(GIVING, GROUND), machine_of(GIVING, row)
+    plant = ProjectionPlant(GIVING, GROUND)
+    built = machine_of(GIVING, row)
     pull = gravity_of(GRAVITY, row)
     other = ProjectionPlant(built, terrain_of(GROUND, row), gravity=pull)
     plant.set_parameters(row)
@@ -159,7 +170,8 @@ def test_refused(plant):
             plant.set_parameters(row)
     assert plant.state.tobytes() == before.tobytes()
     row = nominal(plant.robot, plant.terrain)
-    row["foot_stiffness_scale"], row["mass_scale"] = 0.01, 10.0
+    row["foot_stiffness_scale"] = 0.01
+    row["mass_scale"] = 10.0
     plant.set_parameters(row)
     with pytest.raises(ValueError, match=r"stiffness must be at least .*, got 200\.0 N/m"):
         plant.reset()

@@ -36,7 +36,8 @@ FLOOR = box(-30.0, -1.0, 30.0, 0.0)
 def random_centres(plant, row, terrain, rng):
     """Return the pads' centres of a robot at a random pose above the ground, but near it."""
     state = np.zeros(8)
-    state[0], state[3] = rng.uniform(-8.0, 8.0), rng.uniform(0.0, 2.0 * math.pi)
+    state[0] = rng.uniform(-8.0, 8.0)
+    state[3] = rng.uniform(0.0, 2.0 * math.pi)
     state[2] = rng.uniform(-0.3, 0.3)
     plant.set_mechanical_state(row, state)
     centres = plant.pad_centres(row)
@@ -47,7 +48,9 @@ def random_centres(plant, row, terrain, rng):
 
 def compare_planes(poses, change=lambda shapes: shapes):
     """Compare the kernels' planes with pymunk's; return the largest difference and their number."""
-    rng, worst, count = np.random.default_rng(0), 0.0, 0
+    rng = np.random.default_rng(0)
+    worst = 0.0
+    count = 0
     for env_id in IDS:
         envs = gym.make_vec(env_id, 20)
         envs.reset(seed=3)
@@ -57,7 +60,8 @@ def compare_planes(poses, change=lambda shapes: shapes):
             shapes = change(ShapePlanes(terrain))
             for _ in range(poses // (len(IDS) * 20)):
                 centres = random_centres(plant, row, terrain, rng)
-                expected, planes = plant.contact_planes(row, centres), shapes.find(centres, near)
+                expected = plant.contact_planes(row, centres)
+                planes = shapes.find(centres, near)
                 assert [plane.pad for plane in planes] == [plane.pad for plane in expected]
                 if planes:
                     worst = max(worst, float(np.abs(np.subtract(planes, expected)).max()))
@@ -141,7 +145,8 @@ def test_both_paths_walk_alike(kind, feet):
 
 def drive(plant, steps=150, torque=10.0):
     """Let a robot walk; return its largest x, m, and the largest energy residual of a step, J."""
-    farthest, residual = plant.x, 0.0
+    farthest = plant.x
+    residual = 0.0
     for _ in range(steps):
         result = plant.step(torque, 0.02)
         farthest = max(farthest, plant.x)
@@ -197,7 +202,8 @@ def test_a_pad_touches_a_roof_from_below():
     roof = box(-3.0, 1.5, 3.0, 2.0)
     plant = ProjectionPlant(Robot(), Shapes((FLOOR, roof)))
     state = np.zeros(8)
-    state[1], state[5] = 1.0, 4.0
+    state[1] = 1.0
+    state[5] = 4.0
     plant.state = state
     highest = -math.inf
     for _ in range(12):

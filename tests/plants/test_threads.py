@@ -13,7 +13,8 @@ ROBOTS = 64
 @pytest.mark.parametrize("failing", [0, 1])
 @pytest.mark.parametrize("meanwhile", [None, list])
 def test_an_error_in_any_thread_arrives_and_the_others_end(failing, meanwhile):
-    threads, ended = Threads(ROBOTS, 2, object), set()
+    threads = Threads(ROBOTS, 2, object)
+    ended = set()
 
     def move(thread, queues, most, memory):
         if thread == failing:
@@ -29,7 +30,8 @@ def test_an_error_in_any_thread_arrives_and_the_others_end(failing, meanwhile):
 
 
 def test_robots_move_whatever_happens_meanwhile():
-    threads, ended = Threads(ROBOTS, 2, object), set()
+    threads = Threads(ROBOTS, 2, object)
+    ended = set()
 
     def move(thread, queues, most, memory):
         ended.add((thread, most))
@@ -41,7 +43,8 @@ def test_robots_move_whatever_happens_meanwhile():
 
 
 def test_what_moves_meanwhile_does_not_wait_for_the_others():
-    threads, done = Threads(ROBOTS, 2, object), threading.Event()
+    threads = Threads(ROBOTS, 2, object)
+    done = threading.Event()
 
     def move(thread, queues, most, memory):
         return thread == 1 and not done.wait(10.0), False

@@ -21,7 +21,8 @@ def standing(robot=None, terrain=None, crank_angle=1.0, time_step=1e-3, **settin
 
 def walk(plant, duration):
     """Hold the crank near 1 rad/s; trace and landings of all time steps."""
-    rows, landed = [], []
+    rows = []
+    landed = []
     for _ in range(round(duration / HOLD)):
         plant.step(governor(plant), HOLD)
         rows.append(plant.batch.trace)
@@ -53,7 +54,8 @@ def test_every_time_step_balances(robot, terrain):
         plant = standing(robot, terrain, time_step=time_step)
         trace, landed = walk(plant, 1.0)
         forces = trace_forces(plant.tables, trace, time_step)
-        a, load = forces.q_ddot, robot.payload
+        a = forces.q_ddot
+        load = robot.payload
         speed = 0.5 * (trace["velocity_before"] + trace["velocity_after"])[:, 2]  # of the pitch
         arm = complex(*load.position) * np.exp(1j * trace["pose"][:, 2])
         carried = a[:, 0] + 1j * a[:, 1] + (1j * a[:, 2] - speed**2) * arm + 1j * GRAVITY
@@ -153,7 +155,8 @@ def test_walker_info_has_the_largest_loads_when_asked():
     """The plant's, in every step; off by default; observations and rewards are the same bits."""
     envs = [JansenWalkerEnv(track_joint_forces=on) for on in (True, False)]
     assert not JansenWalkerEnv().plant.batch.tracing
-    keys, impulses = {"joint_force_max", "joint_impulse_max"}, []
+    keys = {"joint_force_max", "joint_impulse_max"}
+    impulses = []
     for env in envs:
         env.reset(seed=0, options={"crank_angle": 1.0})
     for _ in range(40):

@@ -33,7 +33,8 @@ POSES = [(1.0, 0.15), (1.0, -0.1), (4.0, 0.15), (4.0, -0.1)]  # crank angle, pit
 
 def on_one_toe(slope, psi, pitch, friction, time_step):
     """A plant set down with such a pitch that one toe carries all, and which one."""
-    robot, terrain = Robot(pad_radius=RADIUS), Terrain.slope(slope, friction=friction)
+    robot = Robot(pad_radius=RADIUS)
+    terrain = Terrain.slope(slope, friction=friction)
     plant = placed(robot, terrain, psi, slope + pitch, time_step=time_step)
     load = plant.lookahead().contact_force[:, 1]
     assert np.count_nonzero(load) == 1
@@ -46,7 +47,8 @@ def test_a_gripping_toe_rolls(psi, pitch):
 
     Error: 5 um of some 2 mm, of order h^2; off the slope a toe that opens for a step falls g h^2.
     """
-    slope, errors = 0.2, []
+    slope = 0.2
+    errors = []
     for h in (1e-3, 5e-4):
         plant, toe = on_one_toe(slope, psi, pitch, friction=20.0, time_step=h)
         start = toes_of(plant.robot, plant.state)[toe]

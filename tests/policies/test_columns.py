@@ -17,7 +17,8 @@ ADDED = Observed("crank_torque", "N m", -np.inf, np.inf, "exact")
 def world(request, monkeypatch):
     """An environment, what it observes in 30 steps, and how to show a number more at a column."""
     env = make_env(request.param, {})
-    plain, rng = env.unwrapped, np.random.default_rng(0)
+    plain = env.unwrapped
+    rng = np.random.default_rng(0)
     seen = [env.reset(seed=0)[0]]
     for _ in range(30):
         seen.append(env.step(rng.uniform(-1.0, 1.0, 1).astype(np.float32))[0])
@@ -32,7 +33,8 @@ def world(request, monkeypatch):
 
 def acts(policy, seen):
     """Its actions on one observation after the other."""
-    state, actions = None, []
+    state = None
+    actions = []
     for i, observation in enumerate(seen):
         action, state = policy.predict(observation[None], state, np.array([i == 0]), True)
         actions.append(action[0, 0])

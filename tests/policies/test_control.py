@@ -7,7 +7,9 @@ from jansen_env.policies.pid import PID
 
 def test_integral_waits_at_the_torque_limit_robot_by_robot():
     """No wind-up where the torque is at its limit; each of n robots for itself, as if alone."""
-    error, rate, integral = np.array([0.1, 0.5, -0.5]), np.zeros(3), np.array([0.2, 0.2, -0.2])
+    error = np.array([0.1, 0.5, -0.5])
+    rate = np.zeros(3)
+    integral = np.array([0.2, 0.2, -0.2])
     torque, after = PID().torque(error, rate, integral, 0.01, torque_limit=2.0)
     assert after.tolist() == [0.2 + 0.1 * 0.01, 0.2, -0.2]
     assert abs(torque[1]) > 2.0  # not clipped

@@ -25,7 +25,8 @@ def env():
 def follow(env, policy, seconds=10.0, **options):
     """Tracking errors (n,) rad, torques (n,) N m, and energies of a run from the paper's start."""
     seen, _ = env.reset(seed=0, options={**PAPER_START, **options})
-    state, infos = None, []
+    state = None
+    infos = []
     for k in range(round(seconds / env.unwrapped.control_dt)):
         action, state = policy.predict(seen[None], state, np.array([k == 0]), True)
         seen, *_, info = env.step(action[0])

@@ -25,8 +25,10 @@ SLOW = {"weekend": 0.1}
 def other(name, factor):
     """A design with its lengths scaled, so that no design has its links."""
     robot = ROBOTS[name]()
-    sizes = {key: value * (1.0 if key == "frame_angle" else factor)
-             for key, value in lengths(robot).items()}  # fmt: skip
+    sizes = {
+        key: value * (1.0 if key == "frame_angle" else factor)
+        for key, value in lengths(robot).items()
+    }
     return with_lengths(robot, sizes)
 
 
@@ -109,17 +111,23 @@ def short(monkeypatch, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [
-    pytest.param(name, marks=[] if name in ("weekend", "hiker") else [pytest.mark.slow])
-    for name in ROBOTS
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[] if name in ("weekend", "hiker") else [pytest.mark.slow])
+        for name in ROBOTS
+    ],
+)
 def test_all_commands_run_for_all_robots(name, short, tmp_path, capsys):
     given = ["--env-kwargs", f"{{robot: {name}, max_episode_steps: 5}}"]
     predict.main([name, "--copies", "2", "--speeds", "2", "--out", "prediction.json"])
     gains = json.loads((tmp_path / "prediction.json").read_text())["gains"]
     assert tuned.PID(*gains) == tuned.gains_of(ROBOTS[name](), "steady")
-    for env_id, names in ((ENV, BASELINES), ("JansenCrank-v0", ("pid", "constant", "inverse")),
-                          ("JansenGoal-v0", ("pid",))):  # fmt: skip
+    for env_id, names in (
+        (ENV, BASELINES),
+        ("JansenCrank-v0", ("pid", "constant", "inverse")),
+        ("JansenGoal-v0", ("pid",)),
+    ):
         policies = [word for each in names for word in ("--policy", each)]
         main(["evaluate", "--env", env_id, *policies, "--episodes", "1", *given])
     main(["replay", "--policy", "pid", "--policy", "profile", *given])

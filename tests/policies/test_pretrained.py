@@ -49,7 +49,8 @@ def test_actions_are_the_networks(env_id, name):
     """To 1e-6 in float64 anywhere, to 1e-5 in torch's float32 where the policy comes by."""
     policy, model = pretrained.load(env_id, name), pack.load_sb3(env_id, name).policy
     envs = make_envs(env_id, policy.env_kwargs, 20)
-    seen, acted = envs.reset(seed=3)[0], []
+    seen = envs.reset(seed=3)[0]
+    acted = []
     for _ in range(100):
         actions, state = policy.predict(seen, "state")
         expected, _ = model.predict(seen, deterministic=True)
@@ -178,7 +179,8 @@ def test_packing_keeps_the_policy(network, tmp_path):
     assert path == tmp_path / "out" / CRANK / f"{NETWORKS[network][0]}.json"
     policy, model = pretrained.load_file(path), sb3.load_policy(run)
     seen = np.random.default_rng(0).normal(size=(50, 5)).astype(np.float32)
-    actions, expected = policy.predict(seen)[0], model.predict(seen, deterministic=True)[0]
+    actions = policy.predict(seen)[0]
+    expected = model.predict(seen, deterministic=True)[0]
     assert np.abs(actions - expected).max() < 1e-5
     assert np.ptp(actions) > 0.05
     again = pack.to_sb3(pretrained.load_file(path))
@@ -226,14 +228,17 @@ def change(path, **values):
     path.write_text(json.dumps(description))
 
 
-NAN, HARMONICS = float("nan"), {"kind": "harmonics", "multiples": [2]}
+NAN = float("nan")
+HARMONICS = {"kind": "harmonics", "multiples": [2]}
 
 
 @pytest.mark.parametrize(
     ("values", "reason"),
     [
-        ({"format": "jansen_env policy 2"},
-         "format must be 'jansen_env policy 1', got 'jansen_env policy 2'"),
+        (
+            {"format": "jansen_env policy 2"},
+            "format must be 'jansen_env policy 1', got 'jansen_env policy 2'",
+        ),
         ({"history": {"length": 2}}, "there are entries ['history'], must be among ['format', "),
         ({"sha256": ""}, "sha256 is not that of mine.safetensors"),
         ({"action__torque_limit": NAN}, "torque_limit must be a finite number, got nan"),
@@ -241,18 +246,27 @@ NAN, HARMONICS = float("nan"), {"kind": "harmonics", "multiples": [2]}
         ({"network__layers__0__weight": "os.system"}, "there is no tensor 'os.system'"),
         ({"network__features__0__kind": "eval"}, "kind of features must be one of"),
         ({"network__features": [HARMONICS | {"multiples": [0.5]}]}, "got 0.5"),
-        ({"network__features": [HARMONICS], "observation__0__name": "height"},
-         "harmonics take the first observations ['cos_crank_angle', 'sin_crank_angle']"),
+        (
+            {"network__features": [HARMONICS], "observation__0__name": "height"},
+            "harmonics take the first observations ['cos_crank_angle', 'sin_crank_angle']",
+        ),
         ({"env__id": "os:system"}, "env.id must be one of ['JansenCrank-v0', 'JansenGoal-v0', 'J"),
         ({"action__torque_limit": 20.0}, "torque_limit must be 5.0"),
-        ({"action__torque_limit": 1e300, "env__kwargs__torque_limit": 1e300},
-         "torque_limit must be of 1.2e-38 to 3.4e+38, the range of flo"),
-        ({"env__kwargs__time_step": 1e-6}, "max_episode_steps is 50 with control_dt 0.01 and "
-         "time_step 1e-06, 500000 time steps, must be at most 200000 of these"),
-        ({"env__kwargs": {"control_dt": 1e-6, "time_step": 1e-9}, "action__control_dt": 1e-6},
-         "control_dt must be between 0.0001 and 1.0, got 1e-06"),
+        (
+            {"action__torque_limit": 1e300, "env__kwargs__torque_limit": 1e300},
+            "torque_limit must be of 1.2e-38 to 3.4e+38, the range of flo",
+        ),
+        (
+            {"env__kwargs__time_step": 1e-6},
+            "max_episode_steps is 50 with control_dt 0.01 and "
+            "time_step 1e-06, 500000 time steps, must be at most 200000 of these",
+        ),
+        (
+            {"env__kwargs": {"control_dt": 1e-6, "time_step": 1e-9}, "action__control_dt": 1e-6},
+            "control_dt must be between 0.0001 and 1.0, got 1e-06",
+        ),
     ],
-)  # fmt: skip
+)
 def test_descriptions_that_do_not_fit_are_refused(values, reason, made, tmp_path):
     path = shutil.copytree(made[1].parent, tmp_path / "copy") / "mine.json"
     change(path, **values)
@@ -268,7 +282,8 @@ def test_descriptions_that_do_not_fit_are_refused(values, reason, made, tmp_path
 )
 def test_actions_are_held_to_those_of_the_environment(env_id, env_kwargs):
     env = make_env(env_id, env_kwargs).unwrapped
-    limit, period = env.torque_limit, env.control_dt
+    limit = env.torque_limit
+    period = env.control_dt
     check_action(env_id, env_kwargs, limit, period)
     for wrong in ((1.01 * limit, period), (limit, 1.01 * period)):
         with pytest.raises(ValueError, match=f"must be .*, the value of {env_id} with env.kwargs"):
@@ -287,19 +302,27 @@ def test_a_policy_trains_where_it_walks(made, tmp_path):
 
 def test_damaged_files_are_refused(made, tmp_path):
     """Cut, too large, of other types, with numbers that are none, missing."""
-    path, weights = tmp_path / "mine.json", tmp_path / "mine.safetensors"
+    path = tmp_path / "mine.json"
+    weights = tmp_path / "mine.safetensors"
     text, data = (p.read_bytes() for p in (made[1], made[1].with_suffix(".safetensors")))
-    tensors, bias, variance = load(data), "action_net.bias", "pi_features_extractor.variance"
+    tensors = load(data)
+    bias = "action_net.bias"
+    variance = "pi_features_extractor.variance"
     spoilt = [
-        (text[:-30], data), (b"[" * 10**5, data), (b"3", data),
-        (text + b" " * pretrained.MAX_BYTES, data), (text, data + bytes(pretrained.MAX_BYTES)),
-        (None, data), (text, None), (text, data[:300]),
+        (text[:-30], data),
+        (b"[" * 10**5, data),
+        (b"3", data),
+        (text + b" " * pretrained.MAX_BYTES, data),
+        (text, data + bytes(pretrained.MAX_BYTES)),
+        (None, data),
+        (text, None),
+        (text, data[:300]),
         (text, (2**62).to_bytes(8, "little") + data[8:]),
         (text, save({**tensors, bias: np.full(1, np.nan, np.float32)})),
         (text, save({**tensors, bias: np.zeros(1)})),
         (text, save({**tensors, variance: -tensors[variance]})),
         (text, save({**tensors, bias: np.zeros(1, np.float32)})),
-    ]  # fmt: skip
+    ]
     for description, content in spoilt:
         for file, part in ((path, description), (weights, content)):
             file.unlink(missing_ok=True)
@@ -364,6 +387,7 @@ def test_policies_walk_rather_than_hop(name):
     """The scores that come with the policies keep the limits; another test measures them again."""
     scores = pretrained.load("JansenWalkerBuilt-v0", name).description["scores"]["by_command"]
     for metric, limits in zip(("unsupported", "load"), LIMITS[name], strict=True):
-        command, value = scores[metric]["command"], scores[metric]["value"]
+        command = scores[metric]["command"]
+        value = scores[metric]["value"]
         found = [value[command.index(speed)] for speed in (0.1, 0.2, 0.3)]
         assert all(np.array(found) <= limits), (metric, found)

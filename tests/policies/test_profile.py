@@ -21,7 +21,8 @@ def seen(commands, rng=None):
     rng = rng or np.random.default_rng(0)
     observation = rng.normal(size=(len(commands), SEEN))
     angle = rng.uniform(0.0, 2.0 * np.pi, len(commands))
-    observation[:, COS_CRANK], observation[:, SIN_CRANK] = np.cos(angle), np.sin(angle)
+    observation[:, COS_CRANK] = np.cos(angle)
+    observation[:, SIN_CRANK] = np.sin(angle)
     observation[:, COMMAND] = commands
     observation[:, LAG] = rng.uniform(-0.5, 0.5, len(commands))
     return observation
@@ -64,7 +65,9 @@ def test_the_mirror_image_gets_the_mirrored_torque():
 
 def test_torque_is_the_documented_formula():
     numbers = np.array([1.2, 5.0, 2.0, 0.8, 0.3, -0.2, 0.1, 0.4])
-    angle, speed, lag = 0.7, 0.9, 0.12
+    angle = 0.7
+    speed = 0.9
+    lag = 0.12
     observation = np.zeros((1, SEEN))
     observation[0, [COS_CRANK, SIN_CRANK, CRANK_SPEED]] = np.cos(angle), np.sin(angle), speed
     observation[0, [COMMAND, LAG]] = 0.3, lag
@@ -76,7 +79,8 @@ def test_torque_is_the_documented_formula():
 def test_it_walks_with_less_slip_than_the_pid():
     """At 0.1 and 0.3 m/s no fall, half of the PID's slip at most, nearer to the commanded speed."""
     env = make_env(ENV, {})
-    commands, seeds = np.repeat([0.1, 0.3], 6), 91_000 + np.arange(12)
+    commands = np.repeat([0.1, 0.3], 6)
+    seeds = 91_000 + np.arange(12)
     scores = {}
     for name in ("pid", "profile"):
         run = run_episodes(load_named(name, env), ENV, {}, commands, seeds)

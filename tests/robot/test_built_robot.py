@@ -46,9 +46,11 @@ def test_a_plate_is_a_triangle_with_a_hole(third):
     """As polygons; a heavier third corner draws the hole to it: the centre of mass stays."""
     corners = np.array([0.0, 0.3, 0.1 + 0.2j])
     corners -= corners.mean()
-    masses, areal = np.array([0.02, 0.02, third]), built.DENSITY * built.PLATE_THICKNESS
+    masses = np.array([0.02, 0.02, third])
+    areal = built.DENSITY * built.PLATE_THICKNESS
     shift = (third - 0.02) / (areal * built.WINDOW**2 * 0.03) * corners[2]
-    outline, hole = built.OUTLINE * corners, built.WINDOW * corners + shift
+    outline = built.OUTLINE * corners
+    hole = built.WINDOW * corners + shift
     sheet = areal * (about_origin(Round((*outline,))) - about_origin(Round((*hole,))))
     points = [masses.sum(), masses @ corners, masses @ abs(corners) ** 2]
     mass, moment, inertia = sheet + points
@@ -128,7 +130,8 @@ def walk_at_2_rad_s(robot, start):
 
     Forces are of every second time step: their peaks are within 0.5 % of all steps'.
     """
-    plant, rows = ProjectionPlant(robot, Terrain.flat(), FINE_STEP), []
+    plant = ProjectionPlant(robot, Terrain.flat(), FINE_STEP)
+    rows = []
     batch = plant.batch
     batch.tracing = True
     walked = walk(plant, 2.0, 3.2, start, watch=lambda _: rows.append(batch.trace.copy()))
@@ -157,7 +160,8 @@ def loads(request):
 def test_bearings_have_the_friction_of_their_mean_load(loads):
     """The loads that the code has are those of a walk, within 1.5 N; mu r F, in tenths of mN m."""
     name, walks = loads
-    robot, known = ROBOTS[name](), BEARING_LOADS[name]
+    robot = ROBOTS[name]()
+    known = BEARING_LOADS[name]
     mean = np.mean([forces.magnitude.mean(axis=(0, 1)) for *_, forces in walks], axis=0)
     pins = {frozenset(pin[1:]): load for pin, load in zip(JANSEN.pins, mean, strict=True)}
     measured = [pins[frozenset(pair)] for pair in JANSEN.bearings]
@@ -169,7 +173,8 @@ def test_bearings_have_the_friction_of_their_mean_load(loads):
 @pytest.mark.slow
 def test_a_walk_at_2_rad_s_is_borne(loads):
     """Feet, rods (buckling, thrice), pins' holes and motor (6 N m rated), from either start."""
-    robot, walks = ROBOTS[loads[0]](), loads[1]
+    robot = ROBOTS[loads[0]]()
+    walks = loads[1]
     for walked, (shear, normal, *_), forces in walks:
         assert normal < tread_load(COMPRESSION) and shear < SHEAR
         assert 10.0 * forces.magnitude.max() < HOLE
@@ -189,22 +194,28 @@ PLYWOOD_MODULUS = 8.2e9  # Pa, bending along the face grain
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name, command", [
-    *(("onboard", command) for command in (0.05, 0.1, 0.15, 0.2, 0.25, 0.3)),
-    *(("weekend", command) for command in (0.03, 0.06, 0.09, 0.12)),
-    *(("stroller", command) for command in (0.2, 0.4)),
-    *(("economy", command) for command in (0.3, 0.5)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "name, command",
+    [
+        *(("onboard", command) for command in (0.05, 0.1, 0.15, 0.2, 0.25, 0.3)),
+        *(("weekend", command) for command in (0.03, 0.06, 0.09, 0.12)),
+        *(("stroller", command) for command in (0.2, 0.4)),
+        *(("economy", command) for command in (0.3, 0.5)),
+    ],
+)
 def test_the_policies_walks_are_borne(name, command):
     """Ten walks of 6 s from rest keep all ratings, of motor, feet, rods and pins' holes."""
     policy = pretrained.load(ID, name)
     load, shear, pin, rated = PERMISSIBLE["weekend" if name == "weekend" else "aluminium"]
     env = gym.make(ID, **policy.env_kwargs, time_step=FINE_STEP)
-    robot, plant, worst = env.unwrapped.robot, env.unwrapped.plant.batch, np.zeros(5)
+    robot = env.unwrapped.robot
+    plant = env.unwrapped.plant.batch
+    worst = np.zeros(5)
     plant.tracing = True
     for seed in range(10):
         seen, _ = env.reset(seed=seed, options={"speed_command": command})
-        rows, torques = [], []
+        rows = []
+        torques = []
         for _ in range(300):
             seen, _, fallen, _, info = env.step(policy.predict(seen)[0])
             assert not fallen
@@ -214,11 +225,13 @@ def test_the_policies_walks_are_borne(name, command):
         contact = np.abs(trace["impulses"][:, : plant.toes]).max(axis=(0, 1)) / FINE_STEP
         if name != "weekend":
             loads = loads_of_walk(robot, trace, FINE_STEP, 0.0)
-            safety, force = loads["rod_safety"], loads["pin_force"]
+            safety = loads["rod_safety"]
+            force = loads["pin_force"]
         else:
             hardest = trace[np.argsort(np.abs(trace["impulses"]).sum(axis=(1, 2)))[-1000:]]
             forces = trace_forces(compile_robot(robot), hardest, FINE_STEP)
-            safety, force = plywood_safety(robot, forces), forces.magnitude.max()
+            safety = plywood_safety(robot, forces)
+            force = forces.magnitude.max()
         rms = np.sqrt(np.mean(np.square(torques)))
         worst = np.maximum(worst, [contact[1], contact[0], force, rms, 1.0 / safety])
         assert np.max(np.abs(torques)) < robot.motor.torque_limit
@@ -240,7 +253,8 @@ def test_touchdowns_are_resolved(start):
     """Half the time step changes the largest loads of a first step at 4 N m, from rest: 5 %."""
     largest = []
     for step in (FINE_STEP, 0.5 * FINE_STEP):
-        plant, rows = ProjectionPlant(built_robot(), Terrain.flat(), step), []
+        plant = ProjectionPlant(built_robot(), Terrain.flat(), step)
+        rows = []
         plant.reset(crank_angle=start)
         plant.batch.tracing = True
         for _ in range(25):
@@ -267,20 +281,29 @@ def test_it_walks_under_the_papers_pid(speed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name, speed, pid", [
-    ("economy", 2.0, PAPER_PID), ("hiker", 2.0, PAPER_PID), ("stroller", 2.0, PAPER_PID),
-    ("weekend", 4.0, SMALL),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "name, speed, pid",
+    [
+        ("economy", 2.0, PAPER_PID),
+        ("hiker", 2.0, PAPER_PID),
+        ("stroller", 2.0, PAPER_PID),
+        ("weekend", 4.0, SMALL),
+    ],
+)
 def test_machines_have_three_witnesses(name, speed, pid):
     """Speed and cost agree: both plants within 1 % (weekend: 2 %), MuJoCo within 5.5 %."""
     from mujoco_plant import MujocoPlant
 
-    robot, ground = ROBOTS[name](), Terrain.flat()
+    robot = ROBOTS[name]()
+    ground = Terrain.flat()
     ours, rigid, theirs = (
         walk(plant, speed, 3.2, pid=pid)
-        for plant in (ProjectionPlant(robot, ground), RigidBodyPlant(robot, ground),
-                      MujocoPlant(robot, ground))
-    )  # fmt: skip
+        for plant in (
+            ProjectionPlant(robot, ground),
+            RigidBodyPlant(robot, ground),
+            MujocoPlant(robot, ground),
+        )
+    )
     for value in ("speed", "cost_of_transport"):
         off = 0.02 if name == "weekend" else 0.01
         assert getattr(rigid, value) == pytest.approx(getattr(ours, value), rel=off)

@@ -21,7 +21,8 @@ ANGLES = np.linspace(0.0, 6.0, 7)
 def test_lengths_are_distances_between_joints(name):
     """Of every name with two joints, at any crank angle."""
     robot = ROBOTS[name]()
-    linkage, known = robot.linkage, lengths(robot)
+    linkage = robot.linkage
+    known = lengths(robot)
     place = joint_positions(robot, "fore", ANGLES)
     for (body, joints), link in zip(linkage.bodies, robot.bodies, strict=True):
         bar = [(body, joints)] if isinstance(link, Bar) else []

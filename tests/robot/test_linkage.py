@@ -59,7 +59,7 @@ def upside_down(**given):
         (lambda: paper_robot().with_bodies(knee=None), "body must be one of.*got 'knee'"),
         (lambda: paper_robot().body("knee"), "body must be one of.*got 'knee'"),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_leg_is_refused(make, message):
     with pytest.raises(ValueError, match=message):
         make()
@@ -81,7 +81,8 @@ def test_a_dead_point_is_named_with_joint_and_angle():
 
 @pytest.mark.parametrize("name", ZOO)
 def test_the_zoo_is_as_high_and_heavy_as_the_paper(name):
-    robot, paper = ZOO[name](), paper_robot()
+    robot = ZOO[name]()
+    paper = paper_robot()
     assert robot.mass == pytest.approx(paper.mass, rel=1e-12)
     assert standing_height(robot) == pytest.approx(standing_height(paper), rel=1e-12)
     assert len(robot.toes) == len(paper.toes)
@@ -115,8 +116,10 @@ def test_a_pad_on_a_body_that_turns_all_the_way_round():
             "coupler": {"A": (0.0, 0.0), "B": (0.25, 0.0)},
             "rocker": {"P": (0.0, 0.0), "B": (0.2, 0.0), "T": (0.1, -0.3)},
         },
-        [("B", "A", "P", 1)], "T", phased_legs(1),
-    )  # fmt: skip
+        [("B", "A", "P", 1)],
+        "T",
+        phased_legs(1),
+    )
     tables = compile_robot(robot)
     q, v = np.array([0.1, 0.5, 0.2, 5.9]), np.array([0.3, -0.2, 0.4, 2.0])
     T = pr.tangent_matrix(robot, q)[0]
@@ -130,7 +133,8 @@ def test_a_pad_on_a_body_that_turns_all_the_way_round():
 @pytest.mark.parametrize("name", ["paper", *ZOO])
 def test_walks_agree_on_both_plants(name):
     """A steady walk at 1 rad/s on slippery ground: speed and cost of transport within 5 %."""
-    robot, ground = ROBOTS[name](), Terrain.flat(0.2)
+    robot = ROBOTS[name]()
+    ground = Terrain.flat(0.2)
     ours, theirs = (walk(make(robot, ground), 1.0, 3.0) for make in PLANTS.values())
     assert not ours.fell and not theirs.fell
     for value in ("speed", "cost_of_transport"):

@@ -105,7 +105,8 @@ def test_a_crank_that_cannot_turn_is_refused(change, joint, angle):
 
 def test_triangle_8_is_made_from_its_sides():
     """Sides (L7, L12, L8) give the paper's printed centroid data, to their last digit, 1e-5."""
-    made, printed = Triangle.from_sides(0.25342, 0.43599, 0.35948), Robot().body("foot")
+    made = Triangle.from_sides(0.25342, 0.43599, 0.35948)
+    printed = Robot().body("foot")
     for name in ("d", "l", "h", "alpha", "gamma"):
         assert getattr(made, name) == pytest.approx(getattr(printed, name), abs=1e-5), name
     assert printed.sides == pytest.approx((0.25342, 0.43599, 0.35948), abs=2e-6)
@@ -198,7 +199,8 @@ def test_torque_lies_below_the_torque_speed_line(speed, low, high):
 def test_electrical_power_is_the_armatures_voltage_times_current():
     # V = K n0, R = V / I_s, stall torque = eta K I_s; of any K the power is the same.
     K = 0.9
-    voltage, stall_current = K * 10.0, 8.0 / (0.7 * K)
+    voltage = K * 10.0
+    stall_current = 8.0 / (0.7 * K)
     resistance = voltage / stall_current
     for torque, speed in ((3.0, 4.0), (8.0, 0.0), (2.0, -1.0), (-4.0, 8.0), (-6.0, 0.2)):
         inner = torque / 0.7 if torque * speed >= 0.0 else torque * 0.7

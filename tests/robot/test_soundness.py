@@ -17,7 +17,8 @@ from jansen_env.scoring.rollout import make_env
 from jansen_env.world.settings import load_robot
 from jansen_workshop.commands import drawings
 
-WALKER, CRANK = "JansenWalker-v0", "JansenCrank-v0"
+WALKER = "JansenWalker-v0"
+CRANK = "JansenCrank-v0"
 CANNOT = "robot cannot stand: its lowest toe must lie below the crank axis over the whole turn"
 
 

@@ -10,8 +10,8 @@ from jansen_env.cli import evaluate
 def test_goals_are_scored(tmp_path, capsys):
     """By success with its exact interval; the time of an episode without success is its limit."""
     arguments = ["--env", "JansenGoal-v0", "--policy", "pid", "--commands", "0.01", "2.5", "-3"]
-    evaluate.main([*arguments, "--episodes", "1", "--random-commands", "3", "--out", str(tmp_path),
-                   "--env-kwargs", "{max_episode_steps: 200}"])  # fmt: skip
+    arguments += ["--episodes", "1", "--random-commands", "3", "--out", str(tmp_path)]
+    evaluate.main([*arguments, "--env-kwargs", "{max_episode_steps: 200}"])
     score = json.loads((tmp_path / "scores.json").read_text())["pid"]
     by_goal = score["by_command"]
     assert by_goal["success"]["command"] == by_goal["time"]["command"] == [-3.0, 0.01, 2.5]

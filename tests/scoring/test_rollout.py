@@ -8,7 +8,9 @@ from jansen_env.policies.policy import TorquePolicy
 from jansen_env.scoring.benchmarks import can_be_batched
 from jansen_env.scoring.rollout import make_envs, run_episodes
 
-ENV, COMMANDS, SEEDS = "JansenWalkerBuilt-v0", np.array([0.2, 0.4]), np.array([3, 4])
+ENV = "JansenWalkerBuilt-v0"
+COMMANDS = np.array([0.2, 0.4])
+SEEDS = np.array([3, 4])
 
 
 @pytest.mark.slow
@@ -27,9 +29,14 @@ def test_used_environments_give_the_episodes_of_new_ones(plant):
 
 @pytest.mark.parametrize(
     ("given", "named"),
-    [({"commands": []}, "commands"), ({"commands": 0.3}, "commands"), ({"options": [1]}, "options"),
-     ({"drawn": True, "commands": [1.0]}, "drawn"), ({"env_kwargs": [1]}, "env_kwargs")],
-)  # fmt: skip
+    [
+        ({"commands": []}, "commands"),
+        ({"commands": 0.3}, "commands"),
+        ({"options": [1]}, "options"),
+        ({"drawn": True, "commands": [1.0]}, "drawn"),
+        ({"env_kwargs": [1]}, "env_kwargs"),
+    ],
+)
 def test_wrong_arguments_are_refused(given, named):
     with pytest.raises(ValueError, match=named):
         jansen_env.evaluate({}, "JansenCrank-v0", episodes=1, **given)

@@ -73,7 +73,8 @@ def test_losing_the_reference_ends_the_episode(direction):
     """Terminated in the first step whose tracking error exceeds pi, on either side."""
     env = JansenCrankEnv(speed_command=-direction * 5.0)
     env.reset(seed=0)
-    errors, terminated = [], False
+    errors = []
+    terminated = False
     while not terminated:
         _, _, terminated, truncated, info = env.step(np.array([0.5 * direction]))
         errors.append(abs(info["tracking_error"]))
@@ -108,8 +109,10 @@ def test_reset_options():
         error = obs[env.task.columns["tracking_error"]]
         assert error == np.float32(math.pi - info["crank_angle"]) and env.reference == math.pi
     for bad, message in (
-        ({"speed_command": 11.0}, "speed_command"), ({"crank_angle": 6.3}, "crank_angle"),
-        ({"crank_speed": math.inf}, "crank_speed"), ({"sped": 1.0}, r"\['sped'\] are unknown"),
-    ):  # fmt: skip
+        ({"speed_command": 11.0}, "speed_command"),
+        ({"crank_angle": 6.3}, "crank_angle"),
+        ({"crank_speed": math.inf}, "crank_speed"),
+        ({"sped": 1.0}, r"\['sped'\] are unknown"),
+    ):
         with pytest.raises(ValueError, match=message):
             env.reset(options=bad)

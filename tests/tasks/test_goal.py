@@ -39,7 +39,9 @@ class Shaken:
     """A policy whose actions are shaken: as good, and it takes more energy."""
 
     def __init__(self, policy, size):
-        self.policy, self.size, self.sign = policy, size, 1.0
+        self.policy = policy
+        self.size = size
+        self.sign = 1.0
 
     def predict(self, observation, state, episode_start):
         action, state = self.policy.predict(observation, state, episode_start)
@@ -65,7 +67,8 @@ def test_the_baseline_solves_it_and_the_reward_ranks(monkeypatch):
 
 def test_success_is_the_last_second_within_two_centimetres():
     env = gym.make("JansenGoal-v0")
-    policy, state = goal_pid(env.unwrapped), None
+    policy = goal_pid(env.unwrapped)
+    state = None
     observation, info = env.reset(seed=3, options={"goal": 0.4})
     assert info["goal"] == 0.4 and not info["is_success"]
     inside = 0

@@ -77,7 +77,8 @@ def test_a_robot_in_the_air_is_unsupported():
 
 def test_support_and_load_do_not_depend_on_the_time_step():
     """Single walks are chaotic, but the means of 24 robots agree within their scatter."""
-    shares, largest = [], []
+    shares = []
+    largest = []
     for time_step in (1e-3, 5e-4):
         envs = JansenWalkerVectorEnv(24, robot="built", speed_command=0.2, time_step=time_step)
         observation, _ = envs.reset(seed=0)

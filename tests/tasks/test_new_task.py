@@ -75,7 +75,8 @@ def test_a_new_task(level):
 @pytest.mark.slow
 def test_a_new_task_is_trained_from_the_shell_resumed_and_evaluated(folder, level, capsys):
     environ = {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder.parent), str(ROOT)])}
-    name, run = ["--env", f"level:{ENV}"], folder.parent / "logs" / "ppo" / f"{ENV}_1"
+    name = ["--env", f"level:{ENV}"]
+    run = folder.parent / "logs" / "ppo" / f"{ENV}_1"
     given = [*name, "--eval-freq", "0", "--eval-episodes", "1", "--no-progress"]
     command = [sys.executable, str(ROOT / "train.py"), *given]
     done = subprocess.run(command, env=environ, cwd=folder.parent, capture_output=True, text=True)

@@ -23,11 +23,14 @@ def test_the_return_ranks_as_success_does(env_id):
     policies = {name: load_named(name, env) for name in CONTROLLERS}
     policies |= {name: pretrained.load(*name).on(env) for name in POLICIES}
     commands, seeds = draw_episodes(env, EPISODES, seed=3)
-    returns, success = {}, {}
+    returns = {}
+    success = {}
     for name, policy in policies.items():
         run = run_episodes(policy, env_id, {}, commands, seeds)
-        returns[name], success[name] = run["returns"].mean(), run["success"].mean()
-    differ, alike = [], []
+        returns[name] = run["returns"].mean()
+        success[name] = run["success"].mean()
+    differ = []
+    alike = []
     for one, other in combinations(policies, 2):
         mean = (success[one] + success[other]) / 2.0
         error = np.sqrt(2.0 * mean * (1.0 - mean) / EPISODES)

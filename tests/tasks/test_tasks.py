@@ -91,7 +91,8 @@ def test_what_is_added_moves_nothing(noise):
     """All other columns, by name, and rewards and information are those without it, bit for bit."""
     env, plain = (kind(**WORLD, noise=noise) for kind in (DerivedEnv, PlainEnv))
     many = DerivedVectorEnv(2, **WORLD, noise=noise)
-    seen, before = env.reset(seed=4)[0], plain.reset(seed=4)[0]
+    seen = env.reset(seed=4)[0]
+    before = plain.reset(seed=4)[0]
     together = many.reset(seed=[4, 5])[0]
     rng = np.random.default_rng(1)
     for _ in range(30):
@@ -121,7 +122,8 @@ def test_an_observation_may_be_added_to_the_walker_itself(monkeypatch):
         "observe",
         lambda self: {**before(self), "crank_torque": self.world.crank_torque},
     )
-    env, many = gym.make("JansenWalker-v0"), gym.make_vec("JansenWalker-v0", 2)
+    env = gym.make("JansenWalker-v0")
+    many = gym.make_vec("JansenWalker-v0", 2)
     column = env.unwrapped.task.columns["crank_torque"]
     env.reset(seed=4), many.reset(seed=[3, 4])
     for _ in range(5):
@@ -142,7 +144,8 @@ def test_an_observation_that_nobody_fills_is_refused_at_construction(base, monke
 
 def test_a_commanded_task_in_numpy_is_scored_and_observed():
     world = {"robot": "built", "noise": {}}
-    env, many = SlowEnv(**world), SlowVectorEnv(2, **world)
+    env = SlowEnv(**world)
+    many = SlowVectorEnv(2, **world)
     seen, _ = env.reset(seed=4)
     many.reset(seed=[3, 4])
     rewards = []
@@ -157,7 +160,8 @@ def test_a_commanded_task_in_numpy_is_scored_and_observed():
 
 
 def test_a_task_derived_from_the_walkers_may_change_its_reward():
-    env, plain = HalvedEnv(robot="built"), gym.make("JansenWalkerBuilt-v0").unwrapped
+    env = HalvedEnv(robot="built")
+    plain = gym.make("JansenWalkerBuilt-v0").unwrapped
     rewards = []
     for single in (env, plain):
         single.reset(seed=4)

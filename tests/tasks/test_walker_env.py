@@ -29,8 +29,20 @@ def test_observation_is_the_documented_table(env):
     x, y, theta, psi, vx, vy, w, n = env.unwrapped.plant.state
     loads = info["contact_force"][:, 1] / env.unwrapped.weight
     height = y - float(env.unwrapped.terrain.height(x))
-    expected = [math.cos(psi), math.sin(psi), n, math.sin(theta), math.cos(theta), w, vx, vy,
-                height, 0.4, *loads, 0.2]  # fmt: skip
+    expected = [
+        math.cos(psi),
+        math.sin(psi),
+        n,
+        math.sin(theta),
+        math.cos(theta),
+        w,
+        vx,
+        vy,
+        height,
+        0.4,
+        *loads,
+        0.2,
+    ]
     kept = ("lag", "mean_speed", "mean_slip", "mean_power", "rms_torque")
     expected += [info[name] for name in kept]
     assert obs == pytest.approx(np.array(expected, np.float32), abs=1e-6)
@@ -47,7 +59,8 @@ def test_loads_at_rest_carry_the_weight(env):
 @pytest.mark.parametrize("robot", ["paper", "holy"])
 def test_positive_actions_walk_forward(robot):
     """And negative ones backward, whichever way the crank has to turn; information is physical."""
-    ends, turns = [], math.copysign(1.0, advance_per_turn(jansen_env.ROBOTS[robot]()))
+    ends = []
+    turns = math.copysign(1.0, advance_per_turn(jansen_env.ROBOTS[robot]()))
     for sign in (1.0, -1.0):
         env = JansenWalkerEnv(robot=robot, reset_noise_scale=0.0)
         start = 0.3 if sign > 0 else math.pi - 0.3
@@ -69,7 +82,9 @@ def test_what_a_fall_is():
     def over(**arguments):
         env = JansenWalkerEnv(torque_limit=60.0, **arguments)
         env.reset(seed=0, options={"crank_angle": 1.0})
-        touched, pitch, steps = False, 0.0, 0
+        touched = False
+        pitch = 0.0
+        steps = 0
         for _ in range(150):
             steps += 1
             _, _, terminated, _, info = env.step(np.array([1.0], np.float32))
@@ -109,7 +124,8 @@ def test_a_simulation_that_diverges_ends_the_episode(plant):
 @pytest.mark.parametrize("env_id", ["JansenWalker-v0", "JansenCrank-v0"])
 def test_it_can_be_played(env_id):
     """By Gymnasium's own function, without further arguments: no key, then the right one."""
-    env, torques = gym.make(env_id, render_mode="rgb_array"), []
+    env = gym.make(env_id, render_mode="rgb_array")
+    torques = []
 
     def callback(before, after, action, reward, terminated, truncated, info):
         torques.append(info["crank_torque"])

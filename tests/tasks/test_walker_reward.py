@@ -16,7 +16,9 @@ COMMAND = JansenWalkerEnv().task.columns["speed_command"]
 
 def plain_factors(env, infos, actions):
     """The reward's factors of each step, worked out once more in plain Python, and the lag."""
-    dt, weight, path = env.control_dt, env.weight, advance_per_turn(env.robot) / 4.0
+    dt = env.control_dt
+    weight = env.weight
+    path = advance_per_turn(env.robot) / 4.0
     lag = speed = slip = power = square = x = last = 0.0
     for info, action in zip(infos, actions, strict=True):
         command = info["command"]  # of the step, not after it
@@ -32,7 +34,7 @@ def plain_factors(env, infos, actions):
         if command:
             ratio = speed / command
             progress = np.clip(ratio, 0, 1) if ratio < 2.0 else 2.0 / ratio
-        yield lag, {
+        factors = {
             "tracking": 0.3 + 0.7 / (1 + (lag / 0.2) ** 2),
             "progress": progress,
             "slip": 1 / (1 + slip / pace / 0.2),
@@ -41,16 +43,21 @@ def plain_factors(env, infos, actions):
             "smoothness": 1 / (1 + ((action - last) / HALF_CHANGE) ** 2),
             "posture": 1 / (1 + (info["pitch"] / 0.4) ** 2),
             "load": 1 / (1 + ((info["ground_load"] - 1) / 0.8) ** 2),
-        }  # fmt: skip
-        x, last = info["x_position"], action
+        }
+        yield lag, factors
+        x = info["x_position"]
+        last = action
 
 
 @pytest.mark.parametrize("commands", [(0.3,), (-0.1,), (0.0,), (0.5, -0.2, 0.0, 0.05)])
 def test_the_reward_is_what_is_documented(commands):
     """Target, means and factors, recomputed; each factor is within 0 and 1, their product paid."""
-    env, rng = JansenWalkerEnv(), np.random.default_rng(2)
+    env = JansenWalkerEnv()
+    rng = np.random.default_rng(2)
     env.reset(seed=2, options={"speed_command": commands[0]})
-    infos, actions, rewards = [], [], []
+    infos = []
+    actions = []
+    rewards = []
     for k in range(200):
         command = commands[k * len(commands) // 200]
         env.set_parameters(command=command)

@@ -74,7 +74,8 @@ def test_a_curriculum_leads_on():
 
 def test_a_curriculum_goes_by_all_commands():
     """Walking there and back as commanded is a success, wherever it ends; also by a state."""
-    rule, level = Curriculum(horizon=4.0), "slope:angle=0"
+    rule = Curriculum(horizon=4.0)
+    level = "slope:angle=0"
     env = gym.make("JansenWalker-v0", terrain=level, curriculum=rule).unwrapped
     env.reset(seed=0, options={"speed_command": 0.2})
     ends = []

@@ -104,7 +104,8 @@ def test_friction_and_elasticity_are_those_of_the_shapes():
     """All shapes must have the same values. The arguments of an environment replace them."""
     shapes = [floor(), box(1.0, 0.0, 2.0, 0.1)]
     for shape in shapes:
-        shape.friction, shape.elasticity = 0.5, 0.2
+        shape.friction = 0.5
+        shape.elasticity = 0.2
     env = gym.make(ID, terrain=shapes)
     assert (env.unwrapped.terrain.friction, env.unwrapped.terrain.restitution) == (0.5, 0.2)
     env = gym.make(ID, terrain=shapes, friction=0.3, restitution=0.0)

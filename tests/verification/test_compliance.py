@@ -57,12 +57,16 @@ def leaving(plant, steps):
 @pytest.mark.parametrize("toes", [2, 4])
 def test_landing_is_a_damped_oscillation(toes, ratio, measured):
     """Height and speed all the way down and half the way up, with gravity; of second order."""
-    omega, errors = 200.0, []
-    delta, turn = ratio * omega, omega * math.sqrt(1.0 - ratio**2)
+    omega = 200.0
+    errors = []
+    delta = ratio * omega
+    turn = omega * math.sqrt(1.0 - ratio**2)
     rest = -GRAVITY / omega**2
     for step in (4e-4, 2e-4, 1e-4):
-        plant, worst = flat_fall(toes, pads_of(omega, ratio, toes), step, GRAVITY), 0.0
-        start, b = plant.state[1], (-SPEED - delta * rest) / turn
+        plant = flat_fall(toes, pads_of(omega, ratio, toes), step, GRAVITY)
+        worst = 0.0
+        start = plant.state[1]
+        b = (-SPEED - delta * rest) / turn
         for k in range(1, 13):
             plant.step(0.0, 1e-3 * 0.8)
             t = 0.8e-3 * k
@@ -124,7 +128,8 @@ def test_the_rigid_limit_of_a_landing(toes, friction, measured):
 def thrown(rng, count):
     """A batch of robots in weightlessness on pads of all kinds, thrown at the ground."""
     step = 10.0 ** rng.uniform(-4.0, -1.7)
-    robots, friction = [], rng.choice([0.0, 0.3, 0.8, 2.0])
+    robots = []
+    friction = rng.choice([0.0, 0.3, 0.8, 2.0])
     for _ in range(count):
         k, kt = 10.0 ** rng.uniform(2.0, 16.0, 2)
         d, dt = rng.choice([0.0, 1.0], 2) * 10.0 ** rng.uniform(0.0, 10.0, 2)
@@ -133,7 +138,8 @@ def thrown(rng, count):
     for i, robot in enumerate(robots):
         psi, pitch = rng.uniform([0.0, -0.3], [2.0 * math.pi, 0.3])
         batch.place_at(np.array([i]), np.array([psi]), pitch=pitch)
-        state, sunk = batch.states[i], robot.mass * GRAVITY / robot.pad_compliance.stiffness
+        state = batch.states[i]
+        sunk = robot.mass * GRAVITY / robot.pad_compliance.stiffness
         state[1] += rng.uniform(0.0, 2.0) * step + sunk
         state[4:] = rng.normal(size=4) * (0.5, 0.3, 0.5, 0.0) - (0.0, 1.0, 0.0, 0.0)
         batch.set_mechanical_state(i, state)
@@ -149,7 +155,7 @@ def resolved(batch):
 
 def test_no_pad_creates_energy(rng, measured):
     """Crank locked: k to 1e16 N/m, d to 1e10 N s/m, steps of 0.1 to 20 ms; elastic included."""
-    gain, residual = 0.0, 0.0
+    gain = residual = 0.0
     for _ in range(20):
         batch = thrown(rng, 16)
         batch.properties["prescribed_speed"] = True

@@ -38,7 +38,8 @@ def test_bristles_hold_an_oscillating_pull(measured):
     """100 cycles of 1 Hz at 30 % of the friction: it sways on its bristles and comes back."""
     for name, pads in (("bristles", PADS), ("rigid", Compliance())):
         plant = standing(pads)
-        start, sway, slip = plant.state, 0.0, 0.0
+        start = plant.state
+        sway = slip = 0.0
         for k in range(100 * 50):
             result = pulled(plant, 0.3 * FRICTION * GRAVITY * math.sin(math.pi * k / 25.0), 20)
             slip += result.slip.sum()
@@ -48,7 +49,8 @@ def test_bristles_hold_an_oscillating_pull(measured):
         drift = np.abs(plant.state - start)[:4].max()
         measured(f"{name}: slip in 100 cycles of pull", slip, 1e-11, "m")
         measured(f"{name}: off its place after them", drift, 1e-10, "m, rad")
-        mass, stiffness = plant.robot.mass, 2.0 * pads.tangential_stiffness
+        mass = plant.robot.mass
+        stiffness = 2.0 * pads.tangential_stiffness
         static = 0.3 * FRICTION * GRAVITY * mass / stiffness
         assert 0.8 * static < sway < 4.0 * static or (pads.rigid and sway < 1e-10)
 
@@ -72,7 +74,8 @@ def test_it_stands_below_and_slides_above(measured):
 def test_bristles_and_springs_give_back_what_they_took(measured):
     """No dampers, no slip: 5 s of swinging, 16 time steps a period, keep all energies' sum."""
     plant = standing(Compliance(3e4, 0.0, 1e4, 0.0), 5.0, speed=0.02, settle=0.0)
-    energies, slip = [], 0.0
+    energies = []
+    slip = 0.0
     for _ in range(500):
         slip += plant.step(0.0, 0.01).slip.sum()
         elastic = plant.batch.accumulators["elastic_energy"][0]
@@ -88,7 +91,8 @@ def test_bristles_and_springs_give_back_what_they_took(measured):
 @pytest.mark.parametrize("name", ["paper_slender", "holy", "built", "klann", "strider"])
 def test_random_walks_in_grooves(name, time_step, measured):
     """Nothing diverges, friction never drives; springs to 1 TN/m give back what counted as lost."""
-    rng, count = np.random.default_rng(7), 48
+    rng = np.random.default_rng(7)
+    count = 48
     terrains = [replace(grooves(rng), restitution=0.0) for _ in range(count)]
     robots = []
     for _ in range(count):
@@ -98,7 +102,8 @@ def test_random_walks_in_grooves(name, time_step, measured):
     batch = Batch(robots, terrains, time_step, threads=1)
     for i in range(count):
         batch.place(np.array([i]), np.array([rng.uniform(0.0, 2.0 * math.pi)]))
-    unaccounted, residual, lowest = np.zeros(count), 0.0, 0.0
+    unaccounted = np.zeros(count)
+    residual = lowest = 0.0
     for _ in range(50):
         batch.step(rng.uniform(-20.0, 20.0, count), round(0.02 / time_step))
         assert not batch.diverged.any()
@@ -131,7 +136,8 @@ def test_thrown_into_grooves(time_step, rng, measured):
     grounds *= 4
     robot = replace(ROBOTS["paper"](), pad_compliance=Compliance(2e4))
     batch = Batch([robot] * len(grounds), grounds, time_step, threads=1)
-    gain, last = 0.0, np.full(len(grounds), math.inf)
+    gain = 0.0
+    last = np.full(len(grounds), math.inf)
     for i in range(len(grounds)):
         batch.place(np.array([i]), rng.uniform(0.0, 2.0 * math.pi, 1))
         state = batch.states[i] + [0.0, 0.05, 0.0, 0.0, *rng.normal(size=4) * (0.5, 0.5, 0.5, 2.0)]
@@ -140,6 +146,7 @@ def test_thrown_into_grooves(time_step, rng, measured):
         batch.step(np.zeros(len(grounds)), round(0.02 / time_step))
         now = np.array([batch.energy(i) for i in range(len(grounds))])
         now += batch.accumulators["elastic_energy"]
-        gain, last = max(gain, (now - last).max()), now
+        gain = max(gain, (now - last).max())
+        last = now
     batch.close()
     measured("thrown into 45-degree grooves: energy gained in 20 ms", gain, 1e-6, "J")

@@ -115,7 +115,8 @@ def test_galilean_invariance_in_flight(robot, velocity, measured):
 def test_parabola_and_momentum_in_flight(robot, measured):
     """Any crank torque: c(t) = c + v t - g t^2 / 2, p(t) = p - m g t, at every look in 1 s."""
     plant = placed(robot, state=FLIGHT)
-    (p, _, c), worst_c, worst_p = momenta(plant), 0.0, 0.0
+    p, _, c = momenta(plant)
+    worst_c = worst_p = 0.0
     for k in range(1, 51):
         plant.step(6.0 * math.sin(0.7 * k), HOLD)
         t = HOLD * k
@@ -162,7 +163,9 @@ def wild(plant, rng):
 def test_smooth_ground_cannot_push_it_along(name, restitution, rng, measured):
     """mu = 0: horizontal momentum keeps its value through touchdowns, falls and random torques."""
     plant = placed(DESIGNS[name], Terrain.flat(0.0, restitution), moved=shift(vx=0.5))
-    start, error, most, landed = momenta(plant)[0][0], 0.0, 0.0, 0
+    start = momenta(plant)[0][0]
+    error = most = 0.0
+    landed = 0
     for _ in range(150):
         result = plant.step(wild(plant, rng), HOLD)
         error = max(error, abs(momenta(plant)[0][0] - start))
@@ -181,7 +184,7 @@ def test_rough_ground_accounts_for_all_momentum(name, restitution, rng, measured
     ground = replace(Terrain.rough(np.random.default_rng(1), start=-20.0), restitution=restitution)
     plant = placed(DESIGNS[name], ground, tracing=True)
     weight = np.array([0.0, -plant.robot.mass * GRAVITY])
-    error, change_most = 0.0, 0.0
+    error = change_most = 0.0
     for _ in range(80):
         before = momenta(plant)[0]
         plant.step(wild(plant, rng), HOLD)

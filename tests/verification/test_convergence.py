@@ -94,7 +94,9 @@ def test_order_across_events(name, measured):
     Without the height, which a touchdown leaves up to 20 um off whatever the step.
     """
     start, motion, order, limit = EVENTS[name]
-    steps, errors, height = STEPS[1:], np.zeros(len(STEPS) - 1), 0.0
+    steps = STEPS[1:]
+    errors = np.zeros(len(STEPS) - 1)
+    height = 0.0
     for d in np.arange(12) / 12.0:
         motion = {**motion, **start(d)}
         exact, carrying, result = run(FINEST, **motion)

@@ -23,12 +23,15 @@ def test_bearings_are_the_kinematics(rng, measured):
     h = 1e-6
     for design in ROBOTS.values():
         robot = design()
-        bearings, members = robot.linkage.bearings, robot.linkage.members
+        bearings = robot.linkage.bearings
+        members = robot.linkage.members
         friction = rng.uniform(0.0, 1.0, len(bearings))
         robot = replace(robot, bearing_friction=tuple(friction))
-        model, worst = compile_robot(robot).bearings, 0.0
+        model = compile_robot(robot).bearings
+        worst = 0.0
         for row in rng.integers(0, len(model), 20):
-            psi, total = 2.0 * math.pi * row / len(model), 0.0
+            psi = 2.0 * math.pi * row / len(model)
+            total = 0.0
             for leg in robot.legs:
                 angle = psi + leg.phase + np.array([-h, h])
                 joints = joint_positions(robot, leg.side, angle) @ [1.0, 1.0j]
@@ -89,7 +92,8 @@ def test_a_free_crank_stops_in_time(measured):
     tables = compile_robot(robot)  # k is 1000 kg m^2 and 0.7
     plant = pinned(robot, 0.3, 0.01, gravity=0.0)
     k = float(body_sums(tables, 0.3).k)
-    times, stop = 0, k * 0.01 / TORQUE
+    times = 0
+    stop = k * 0.01 / TORQUE
     while plant.state[7] > 0.0:
         plant.step(0.0, 1e-3)
         times += 1

@@ -22,9 +22,12 @@ def full(name, pads=PADS):
     """A design with everything on."""
     robot = ROBOTS[name]()
     return replace(
-        robot, motor=MOTOR, pad_compliance=pads, payload=Payload(1.0, 0.02, (0.05, 0.1)),
+        robot,
+        motor=MOTOR,
+        pad_compliance=pads,
+        payload=Payload(1.0, 0.02, (0.05, 0.1)),
         bearing_friction=(0.01,) * len(robot.linkage.bearings),
-    )  # fmt: skip
+    )
 
 
 def walking(plant):

@@ -11,12 +11,15 @@ from motions import runge_kutta
 
 from jansen_env.dynamics.projection import orthogonal_complement, orthogonal_complement_rate
 
-G, LOOPS, DURATION = 9.81, 2, 10.0  # m/s^2, 1, s
+G = 9.81  # m/s^2
+LOOPS = 2
+DURATION = 10.0  # s
 CRANKS, COUPLERS = range(LOOPS + 1), range(LOOPS + 1, 2 * LOOPS + 1)
 BODIES = 2 * LOOPS + 1
 M = np.tile([1.0 / 12.0, 1.0, 1.0], BODIES)  # J = m L^2 / 12, m, m
 H = np.tile([0.0, 0.0, -G], BODIES)
-FOOT, TIP = -0.5, 0.5  # m along a bar, from its centre of mass
+FOOT = -0.5  # m along a bar, from its centre of mass
+TIP = 0.5  # m
 # Bars in pairs that meet in a pin, each with where on it; a single bar is pinned to the ground.
 PINS = (
     *(((k, FOOT),) for k in CRANKS),
@@ -39,7 +42,8 @@ def positions(phi):
 
 def pin_terms():
     """The constant part of C, and row, column and signed arm of each bar's turning in a pin."""
-    constant, terms = np.zeros((2 * len(PINS), 3 * BODIES)), []
+    constant = np.zeros((2 * len(PINS), 3 * BODIES))
+    terms = []
     for row, pin in enumerate(PINS):
         for (body, along), sign in zip(pin, (1.0, -1.0), strict=False):
             constant[2 * row : 2 * row + 2, 3 * body + 1 : 3 * body + 3] = sign * np.eye(2)
@@ -53,14 +57,18 @@ CONSTANT, ROW, COLUMN, ARM = pin_terms()
 
 def constraint_matrix(x):
     """C (14, 15): the velocities of two bars agree where they are pinned together."""
-    C, angle = CONSTANT.copy(), x[COLUMN]
-    C[ROW, COLUMN], C[ROW + 1, COLUMN] = -ARM * np.sin(angle), ARM * np.cos(angle)
+    C = CONSTANT.copy()
+    angle = x[COLUMN]
+    C[ROW, COLUMN] = -ARM * np.sin(angle)
+    C[ROW + 1, COLUMN] = ARM * np.cos(angle)
     return C
 
 
 def constraint_matrix_rate(x, x_dot):
     """C_dot (14, 15)."""
-    C_dot, angle, rate = np.zeros_like(CONSTANT), x[COLUMN], x_dot[COLUMN]
+    C_dot = np.zeros_like(CONSTANT)
+    angle = x[COLUMN]
+    rate = x_dot[COLUMN]
     C_dot[ROW, COLUMN] = -ARM * np.cos(angle) * rate
     C_dot[ROW + 1, COLUMN] = -ARM * np.sin(angle) * rate
     return C_dot

@@ -51,7 +51,8 @@ def loads_while_sliding(plant, drag):
     """(rear, front) loads by moments about the centre of mass: ground force (drag, m g)."""
     toes = plant.toe_positions()[np.flatnonzero(plant.lookahead().contact_force[:, 1])]
     rear, front = toes[:, 0].min(), toes[:, 0].max()
-    (x, y), weight = momenta(plant)[2], plant.robot.mass * GRAVITY
+    x, y = momenta(plant)[2]
+    weight = plant.robot.mass * GRAVITY
     height = y - toes[:, 1].mean() + plant.robot.pad_radius
     on_front = (weight * (x - rear) - drag * height) / (front - rear)
     return np.array([weight - on_front, on_front])
@@ -68,7 +69,8 @@ def sorted_loads(plant, result):
 def test_sliding_to_a_stop(name, mu, speed, measured):
     """After v / (mu g) at v^2 / (2 mu g); the stop inside a step h adds up to mu g h^2 / 8."""
     plant = standing(name, Terrain.flat(friction=mu), speed)
-    mass, x0 = plant.robot.mass, plant.x
+    mass = plant.robot.mass
+    x0 = plant.x
     expected = loads_while_sliding(plant, -math.copysign(mu * mass * GRAVITY, speed))
     assert expected.min() > 0.02 * mass * GRAVITY  # it does not tip
     steps = math.ceil(abs(speed) / (mu * GRAVITY * STEP))
@@ -98,7 +100,9 @@ def test_slip_begins_at_a_pull_of_mu_m_g(name, way, measured):
     """Pulled at the centre of mass; then it speeds up with pull / m - mu g, like a block."""
     robot, _, mu = MACHINES[name]
     plant = standing(name, Terrain.flat(friction=mu))
-    x0, weight, wrong = plant.x, robot.mass * GRAVITY, 0.0
+    x0 = plant.x
+    weight = robot.mass * GRAVITY
+    wrong = 0.0
     for share in np.arange(0.996, 1.01, 1e-5):
         pull(plant, way * share * mu * GRAVITY)
         creep = abs(plant.x - x0)
@@ -123,7 +127,8 @@ def test_slip_begins_at_a_pull_of_mu_m_g(name, way, measured):
 def test_friction_reverses_with_the_motion(name, measured):
     """Pushed against a pull p: p/m + mu g slows it, then p/m - mu g speeds it up the other way."""
     robot, _, most = MACHINES[name]
-    mu, speed = most / 2.0, 0.5
+    mu = most / 2.0
+    speed = 0.5
     against = 1.3 * mu * GRAVITY  # per mass
     plant = standing(name, Terrain.flat(friction=mu), speed)
     pull(plant, -against)

@@ -19,10 +19,12 @@ DESIGNS = {**RIGID, "phases3": paper_robot(3)}
 
 def grooves(rng: np.random.Generator) -> Terrain:
     """Grooves side by side, grooves with flats between them, or a random profile."""
-    slope, friction = math.radians(rng.uniform(0.0, 79.9)), rng.uniform(0.0, rng.choice([1.0, 5.0]))
+    slope = math.radians(rng.uniform(0.0, 79.9))
+    friction = rng.uniform(0.0, rng.choice([1.0, 5.0]))
     half = rng.choice([0.005, 0.01, 0.025, 0.05, 0.1, 0.2]) * rng.uniform(0.7, 1.3)  # m
     count = int(3.0 / half)
-    x, number = half * np.arange(-count, count + 1), np.arange(2 * count + 1)
+    x = half * np.arange(-count, count + 1)
+    number = np.arange(2 * count + 1)
     deep = half * math.tan(slope)
     y = [
         np.where(number % 2, -deep, 0.0),
@@ -51,7 +53,8 @@ def walk(robot, seed: int, episodes: int, time_step: float = 1e-3):
         share = np.clip(mean + spread * rng.uniform(-1.0, 1.0, episodes), -1.0, 1.0)
         batch.step(TORQUE * share, round(0.02 / time_step))
         assert not batch.diverged.any()
-        sums, impulse = batch.accumulators, batch.records.statistics["impulse"]
+        sums = batch.accumulators
+        impulse = batch.records.statistics["impulse"]
         force = np.hypot(*np.moveaxis(impulse, -1, 0)).max(axis=1) / 0.02
         unaccounted = sums["motor_work"] + sums["correction_work"] - sums["energy_change"]
         for loss in ("joint_loss", "slip_loss", "impact_loss"):
@@ -96,7 +99,8 @@ def test_a_braced_robot_holds_little_and_stands_still(measured):
     """Jammed in grooves of 58 degrees, then left alone for 3 s; half of the robots: others rock."""
     x = 0.05 * np.arange(-40, 41)
     ground = Terrain(tuple(zip(x, np.where(np.arange(81) % 2, -0.08, 0.0), strict=True)))
-    force, moved = 0.0, []
+    force = 0.0
+    moved = []
     for seed in range(12):
         rng = np.random.default_rng(seed)
         plant = placed(ROBOTS["holy"](), ground, rng.uniform(0.0, 2.0 * math.pi))

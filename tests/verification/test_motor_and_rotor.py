@@ -90,7 +90,9 @@ def test_no_load_speed(measured):
 def test_torque_keeps_to_the_line(name, measured):
     """Time step by time step, at the mean crank speed: two passes, contacts are of the last one."""
     robot = Robot(motor=LINE, pad_compliance=PADS[name])
-    plant, worst, limited = placed(robot, tracing=True), [], 0
+    plant = placed(robot, tracing=True)
+    worst = []
+    limited = 0
     for k in range(200):
         asked = 9.0 * math.copysign(1.0, math.sin(0.05 * k))
         plant.step(asked, HOLD)
@@ -113,7 +115,8 @@ def test_an_absurdly_steep_line_is_a_brake(name, stall, measured):
     """Stall torque / no-load speed to 1e12 N m s: the crank keeps to n0 and nothing diverges."""
     motor = Motor(stall_torque=stall, no_load_speed=1e-3, torque_limit=stall)
     plant = placed(Robot(motor=motor, pad_compliance=PADS[name]))
-    rng, fastest = np.random.default_rng(5), 0.0
+    rng = np.random.default_rng(5)
+    fastest = 0.0
     for k in range(100):
         result = plant.step(float(rng.uniform(-1.0, 1.0)) * stall, HOLD)
         fastest = max(fastest, abs(plant.state[7])) if k > 10 else 0.0

@@ -18,7 +18,8 @@ from jansen_env.engine.contact_solver import WEDGE_COMPLIANCE
 from jansen_env.plants.batch import Batch
 from jansen_env.robot import RIGID
 
-STEP, HOLD = 1e-3, 0.02  # s
+STEP = 1e-3  # s
+HOLD = 0.02  # s
 LOSSES = ("joint_loss", "slip_loss", "impact_loss")
 SAW = tuple((0.1 * i - 4.0, 0.25 * (i % 2)) for i in range(80))
 
@@ -48,7 +49,8 @@ def walk(name: str, rigid: bool, links_collide: bool, seed: int, episodes: int):
         the worst residual of the contact law (N s); mean force on a toe in a period (N).
     """
     rng = np.random.default_rng([seed, [*ROBOTS].index(name), rigid, links_collide])
-    robot, terrains = ROBOTS[name](), [narrow_grooves(rng) for _ in range(episodes)]
+    robot = ROBOTS[name]()
+    terrains = [narrow_grooves(rng) for _ in range(episodes)]
     if rigid:
         robot = replace(robot, pad_compliance=RIGID)
     else:
@@ -115,9 +117,14 @@ def test_jammed_robots_stay_within_what_their_motion_explains(name, rigid, links
 def test_links_between_the_teeth_of_a_saw(name, friction, restitution, seeds):
     """Forces within some hundred weights, where they were 1e10 N, and no loss below zero."""
     env = gym.make(
-        "JansenWalker-v0", robot=name, terrain=SAW, friction=friction, restitution=restitution,
-        links_collide=True, terminate_when_fallen=False,
-    ).unwrapped  # fmt: skip
+        "JansenWalker-v0",
+        robot=name,
+        terrain=SAW,
+        friction=friction,
+        restitution=restitution,
+        links_collide=True,
+        terminate_when_fallen=False,
+    ).unwrapped
     for seed in seeds:
         env.reset(seed=seed)
         for _ in range(200):
@@ -129,9 +136,12 @@ def test_links_between_the_teeth_of_a_saw(name, friction, restitution, seeds):
 
 def test_soft_feet_and_links_between_the_teeth_of_a_saw_keep_energy():
     env = gym.make(
-        "JansenWalkerBuilt-v0", terrain=SAW, friction=0.8, links_collide=True,
+        "JansenWalkerBuilt-v0",
+        terrain=SAW,
+        friction=0.8,
+        links_collide=True,
         terminate_when_fallen=False,
-    ).unwrapped  # fmt: skip
+    ).unwrapped
     for seed in range(6):
         env.reset(seed=seed)
         for _ in range(200):
@@ -145,8 +155,10 @@ def test_impulses_stay_below_a_bound_from_the_mass_matrix(measured):
 
     The mean diagonal of W is at least 1 / m, so that the largest impulse is m v M v / (4 s).
     """
-    rng, count = np.random.default_rng(3), 24
-    robot, tables = Robot(), compile_robot(Robot())
+    rng = np.random.default_rng(3)
+    count = 24
+    robot = Robot()
+    tables = compile_robot(Robot())
     grounds = [replace(narrow_grooves(rng), friction=1.5, restitution=0.5) for _ in range(count)]
     batch = Batch([robot] * count, grounds, STEP, threads=1)
     sky = Batch([robot] * count, [Terrain.flat()] * count, STEP, threads=1)
@@ -174,7 +186,8 @@ def test_jammed_links_stay(measured):
 
     The test measures the median motion, so that half of the robots may rock.
     """
-    ground, moved = Terrain(SAW, 0.8), []
+    ground = Terrain(SAW, 0.8)
+    moved = []
     for seed in range(12):
         rng = np.random.default_rng(seed)
         plant = placed(ROBOTS["holy"](), ground, rng.uniform(0.0, 6.0), links_collide=True)

@@ -34,7 +34,9 @@ def delassus(robot, psi, pitch, toe):
     """W (..., n, 2, 2), tangential first, of a toe at psi (n,), pitch (..., n): J by difference."""
     q = np.zeros((len(psi), 4))
     q[:, 3] = psi
-    centre, rolled, small = np.zeros((len(psi), 2, 4)), np.zeros((len(psi), 1, 4)), 1e-6
+    centre = np.zeros((len(psi), 2, 4))
+    rolled = np.zeros((len(psi), 1, 4))
+    small = 1e-6
     for i in range(4):
         step = small * np.eye(4)[i]
         after, before = (world_joints(robot, q + s)[:, toe, T] for s in (step, -step))
@@ -56,7 +58,8 @@ def threshold(robot, psi, pitch, toe):
 
 def any_posture(robot):
     """The least threshold of all toes over crank angles and pitches."""
-    psi, pitch = toes.turn(180), np.linspace(-1.5, 1.5, 61)[:, None] * np.ones(180)
+    psi = toes.turn(180)
+    pitch = np.linspace(-1.5, 1.5, 61)[:, None] * np.ones(180)
     return min(threshold(robot, psi, pitch, toe) for toe in range(len(robot.legs)))
 
 

@@ -53,7 +53,11 @@ def test_strandbeest_evolutions_quasi_static_torque():
 
     Its body-height term has the opposite sign; with the right one the peak is 14.07.
     """
-    legs, unit, mass, h, samples = 12, 0.02, 50.0, 1e-4, 240
+    legs = 12
+    unit = 0.02
+    mass = 50.0
+    h = 1e-4
+    samples = 240
     robot = holy_numbers_robot(1)
     psi = 2.0 * math.pi * np.arange(samples) / samples
     phase = 2.0 * math.pi * np.arange(legs) / legs
@@ -62,7 +66,9 @@ def test_strandbeest_evolutions_quasi_static_torque():
         at = toe_positions(robot, psi[:, None] + phase + ahead)[..., 0, :]
         return at / robot.bodies[1].length * 15.0
 
-    now, after, before = feet(0.0), feet(h), feet(-h)
+    now = feet(0.0)
+    after = feet(h)
+    before = feet(-h)
     low = now[..., 1].min(axis=1)
     walks = now[..., 1] <= low[:, None] + 1.0
     back = (after[..., 0] - before[..., 0]) / (2.0 * h)  # the crank turns clockwise
@@ -110,8 +116,10 @@ def test_leggedsnakes_boxes_of_foot_paths():
             "coupler": {"A": (0.0, 0.0), "B": (3.75, 0.0)},
             "rocker": {"Q": (0.0, 0.0), "B": (3.75, 0.0)},
         },
-        [("B", "A", "Q", -1)], "B", [Leg("fore")],
-    )  # fmt: skip
+        [("B", "A", "Q", -1)],
+        "B",
+        [Leg("fore")],
+    )
     path = toe_positions(lambda_linkage, 2.0 * math.pi / 48 * np.arange(48))[:, 0]
     assert np.ptp(path, axis=0) == pytest.approx([1.87, 0.79], abs=6e-3)
     radius = np.hypot(*(path - (3.0, 0.0)).T)

@@ -32,7 +32,8 @@ def friction_needed(plant, slope):
     J^T P = dV/dq: four loads, four equations. None where there are not two toes, or where they
     leave one free; infinite where one of them would have to pull.
     """
-    q, d = plant.state[:4], 1e-5
+    q = plant.state[:4]
+    d = 1e-5
     on = np.flatnonzero(plant.lookahead().contact_force[:, 1])
     if len(on) != 2:
         return None
@@ -55,7 +56,8 @@ def friction_needed(plant, slope):
 def rest(plant, slope, measured):
     """A minute of rest; note what is not constant in it."""
     weight = plant.robot.mass * GRAVITY
-    energy, before = plant.energy(), plant.state
+    energy = plant.energy()
+    before = plant.state
     first = plant.step(0.0, 0.1).contact_force
     settled = plant.state
     plant.step(0.0, 59.8)
@@ -86,7 +88,8 @@ def test_a_minute_with_the_crank_free(name, poses, measured):
     held = DESIGNS[name].motor.friction > 0.0  # the gear may hold what the ground does not
     for slope, psi in poses:
         plant = standing(name, slope, psi, False)
-        energy, before = plant.energy(), plant.state
+        energy = plant.energy()
+        before = plant.state
         needed = friction_needed(plant, slope)
         if needed is not None and needed < 0.98 * FRICTION:
             rest(plant, slope, measured)

@@ -54,7 +54,8 @@ def violations(W, q, mu, P):
     diagonal = np.diagonal(W, axis1=1, axis2=2)
     u = (W @ P[..., None])[..., 0] + q
     ahead = P - u / diagonal
-    bound, projected = mu * np.maximum(P[:, 0::2], 0.0), np.empty_like(P)
+    bound = mu * np.maximum(P[:, 0::2], 0.0)
+    projected = np.empty_like(P)
     projected[:, 0::2] = np.maximum(ahead[:, 0::2], 0.0)
     projected[:, 1::2] = np.clip(ahead[:, 1::2], -bound, bound)
     return np.abs(P - projected).max(axis=1) / np.abs(q / diagonal).max(axis=1)
@@ -65,18 +66,22 @@ def nearest_solution(W, q, mu, u):
     problems, n = mu.shape
     speed = np.abs(q).max(axis=1)
     impulse = np.abs(q / np.diagonal(W, axis1=1, axis2=2)).max(axis=1)
-    nearest, fitting = np.full(problems, np.inf), np.zeros(problems, int)
+    nearest = np.full(problems, np.inf)
+    fitting = np.zeros(problems, int)
     low, high = np.full(u.shape, np.inf), np.full(u.shape, -np.inf)
     for modes in itertools.product((OPEN, STICK, SLIDE_FORWARD, SLIDE_BACKWARD), repeat=n):
         A, b = np.zeros_like(W), np.zeros_like(q)
         for c, mode in enumerate(modes):
-            i, t = 2 * c, 2 * c + 1
+            i = 2 * c
+            t = 2 * c + 1
             if mode == OPEN:
                 A[:, i, i] = A[:, t, t] = 1.0
                 continue
-            A[:, i], b[:, i] = W[:, i], -q[:, i]
+            A[:, i] = W[:, i]
+            b[:, i] = -q[:, i]
             if mode == STICK:
-                A[:, t], b[:, t] = W[:, t], -q[:, t]
+                A[:, t] = W[:, t]
+                b[:, t] = -q[:, t]
             else:
                 A[:, t, t] = 1.0
                 A[:, t, i] = mu[:, c] if mode == SLIDE_FORWARD else -mu[:, c]
@@ -86,7 +91,10 @@ def nearest_solution(W, q, mu, u):
         p_slack = SLACK * np.maximum(impulse, np.abs(P).max(axis=1))
         u_slack = SLACK * speed
         for c, mode in enumerate(modes):
-            p_n, p_t, u_n, u_t = P[:, 2 * c], P[:, 2 * c + 1], w[:, 2 * c], w[:, 2 * c + 1]
+            p_n = P[:, 2 * c]
+            p_t = P[:, 2 * c + 1]
+            u_n = w[:, 2 * c]
+            u_t = w[:, 2 * c + 1]
             fits &= (p_n >= -p_slack) & (u_n >= -u_slack)
             fits &= np.abs(p_t) <= mu[:, c] * p_n + p_slack
             if mode == SLIDE_FORWARD:
@@ -96,7 +104,8 @@ def nearest_solution(W, q, mu, u):
         fitting += fits
         distance = np.abs(w - u).max(axis=1) / speed
         nearest[fits] = np.minimum(nearest[fits], distance[fits])
-        low[fits], high[fits] = np.minimum(low[fits], w[fits]), np.maximum(high[fits], w[fits])
+        low[fits] = np.minimum(low[fits], w[fits])
+        high[fits] = np.maximum(high[fits], w[fits])
     apart = np.where(fitting > 0, (high - low).max(axis=1) / speed, np.inf)
     return nearest, apart, fitting
 
@@ -161,7 +170,8 @@ def test_a_standing_robot_may_have_three_answers(measured):
         [0.3492, -0.0592, 0.2909, -0.0582], [-0.0592, 0.5130, 0.0369, 0.4791],
         [0.2909, 0.0369, 0.3253, 0.0357], [-0.0582, 0.4791, 0.0357, 0.4551],
     ])[None]  # fmt: skip
-    q, mu = np.array([[-0.009688, -0.008158, -0.009959, -0.002974]]), np.full((1, 2), 0.8)
+    q = np.array([[-0.009688, -0.008158, -0.009959, -0.002974]])
+    mu = np.full((1, 2), 0.8)
     for guess in (OPEN, STICK, SLIDE_FORWARD, SLIDE_BACKWARD):
         _, u = solved(W, q, mu, guess)
         nearest, apart, fitting = nearest_solution(W, q, mu, u)

@@ -129,7 +129,8 @@ def compare_scales(robot, terrain, law, duration, time_step, state=None, locked=
     small.state = placed if state is None else state
     large.state = UNITS * small.state
     small.prescribed_crank_speed = large.prescribed_crank_speed = locked
-    apart, force, slip, energy = np.zeros(8), 0.0, 0.0, 0.0
+    apart = np.zeros(8)
+    force = slip = energy = 0.0
     for _ in range(round(duration / HOLD)):
         here = small.step(law(small.state[7]), HOLD)
         there = large.step(F * S * law(TIME * large.state[7]), TIME * HOLD)
@@ -176,7 +177,8 @@ SLOPES = {  # robot, crank angle, friction, torque
 def test_a_slope_is_gravity_turned(name, angle, measured):
     """2 s of walking on a slope = on level ground with g turned by -angle, in the turned frame."""
     robot, psi, mu, torque = SLOPES[name]
-    slope, turn = placed(robot, Terrain.slope(angle, friction=mu), psi), np.exp(1j * angle)
+    slope = placed(robot, Terrain.slope(angle, friction=mu), psi)
+    turn = np.exp(1j * angle)
     gravity = -GRAVITY * math.sin(angle), -GRAVITY * math.cos(angle)
 
     def turned(state, turn, angle):
@@ -190,7 +192,7 @@ def test_a_slope_is_gravity_turned(name, angle, measured):
 
     start = turned(slope.state, 1.0 / turn, -angle)
     level = placed(robot, Terrain.flat(friction=mu), state=start, gravity=gravity)
-    apart, work, slip = 0.0, 0.0, 0.0
+    apart = work = slip = 0.0
     for k in range(100):
         push = torque * (1.0 + math.sin(0.3 * k))
         results = [plant.step(push, 0.02) for plant in (slope, level)]

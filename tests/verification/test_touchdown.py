@@ -59,7 +59,8 @@ def inverse_mass(plant, q):
 
 def least_impulse(inverse, normal, v, restitution):
     """Velocity after a smooth impact: of all with J v+ >= -e J v nearest in M, by trying sets."""
-    least, answer = math.inf, v
+    least = math.inf
+    answer = v
     wanted = -restitution * np.minimum(normal @ v, 0.0)
     for some in itertools.product([False, True], repeat=len(normal)):
         J = normal[list(some)]
@@ -67,17 +68,21 @@ def least_impulse(inverse, normal, v, restitution):
         after = v + inverse @ J.T @ P
         far = P @ J @ inverse @ J.T @ P
         if (normal @ after >= wanted - 1e-9).all() and far < least:
-            least, answer = far, after
+            least = far
+            answer = after
     return answer
 
 
 def coulomb(inverse, normal, tangential, v, mu):
     """All velocities after a plastic impact with friction, by trying every toe's mode."""
-    toes, answers = len(normal), []
+    toes = len(normal)
+    answers = []
     J = np.vstack([normal, tangential])
-    W, q = J @ inverse @ J.T, J @ v
+    W = J @ inverse @ J.T
+    q = J @ v
     for modes in itertools.product(["open", "stick", 1.0, -1.0], repeat=toes):
-        basis, rows = [], []
+        basis = []
+        rows = []
         for i, mode in enumerate(modes):
             if mode == "open":
                 continue
@@ -94,7 +99,9 @@ def coulomb(inverse, normal, tangential, v, mu):
         if rows:
             B = np.array(basis).T
             P = B @ np.linalg.lstsq((W @ B)[rows], -q[rows], rcond=1e-9)[0]
-        u, (n, t), tiny = W @ P + q, np.split(P, 2), 1e-8
+        u = W @ P + q
+        n, t = np.split(P, 2)
+        tiny = 1e-8
         signorini = (n >= -tiny).all() and (u[:toes] >= -tiny).all()
         signorini = signorini and (np.abs(n * u[:toes]) < tiny).all()
         cone = (np.abs(t) <= mu * n + tiny).all()
@@ -123,8 +130,12 @@ def strike(robot, v, mu, restitution, locked, psi=PSI):
     return plant, pose, after, gained, gained + result.impact_loss + result.slip_loss
 
 
-VELOCITIES = [(0.0, -1.0, 0.0, 0.0), (0.3, -1.0, 0.6, 0.0), (-0.5, -0.7, -0.4, 2.0),
-              (0.2, -1.0, 0.1, -3.0)]  # fmt: skip
+VELOCITIES = [
+    (0.0, -1.0, 0.0, 0.0),
+    (0.3, -1.0, 0.6, 0.0),
+    (-0.5, -0.7, -0.4, 2.0),
+    (0.2, -1.0, 0.1, -3.0),
+]
 
 
 @pytest.mark.slow
@@ -133,10 +144,12 @@ VELOCITIES = [(0.0, -1.0, 0.0, 0.0), (0.3, -1.0, 0.6, 0.0), (-0.5, -0.7, -0.4, 2
 @pytest.mark.parametrize("restitution", [0.0, 0.3, 0.8, 1.0])
 def test_smooth_impact_is_the_least_impulse(toes, restitution, locked, measured):
     """mu = 0: v+ is the nearest to v in M with J v+ >= -e J v: strictly convex, so unique."""
-    worst, newton, most, unbooked = 0.0, 0.0, -math.inf, 0.0
+    worst = newton = unbooked = 0.0
+    most = -math.inf
     for v in np.array(VELOCITIES) * [1.0, 1.0, 1.0, not locked]:
         plant, pose, after, gained, missing = strike(level(toes), v, 0.0, restitution, locked)
-        most, unbooked = max(most, gained), max(unbooked, abs(missing))
+        most = max(most, gained)
+        unbooked = max(unbooked, abs(missing))
         normal, _ = jacobians(plant.robot, pose)
         expected = least_impulse(inverse_mass(plant, pose), normal, v, restitution)
         worst = max(worst, np.abs(after - expected).max())
@@ -155,10 +168,12 @@ def test_smooth_impact_is_the_least_impulse(toes, restitution, locked, measured)
 @pytest.mark.parametrize("mu", [0.3, 0.8])
 def test_rough_impact_is_coulombs(toes, mu, locked, measured):
     """e = 0: v+ is what trying all modes (open, stick, slide) of all toes finds, and only that."""
-    worst, most, unbooked = 0.0, -math.inf, 0.0
+    worst = unbooked = 0.0
+    most = -math.inf
     for v in np.array(VELOCITIES) * [1.0, 1.0, 1.0, not locked]:
         plant, pose, after, gained, missing = strike(level(toes), v, mu, 0.0, locked)
-        most, unbooked = max(most, gained), max(unbooked, abs(missing))
+        most = max(most, gained)
+        unbooked = max(unbooked, abs(missing))
         answers = coulomb(inverse_mass(plant, pose), *jacobians(plant.robot, pose), v, mu)
         assert len(answers) > 0
         worst = max(worst, np.abs(answers - after).max())
@@ -194,8 +209,10 @@ def test_level_toes_share_the_weight(toes, locked, measured):
     result = plant.step(0.0, 10.0)
     drift = np.abs(plant.state - before)[:4].max()
     measured(f"drift in 10 s on {toes} toes", drift, 3e-13, "m")
-    x, load = plant.toe_positions()[:, 0], result.contact_force[:, 1]
-    q, weight = plant.state, robot.mass * GRAVITY
+    x = plant.toe_positions()[:, 0]
+    load = result.contact_force[:, 1]
+    q = plant.state
+    weight = robot.mass * GRAVITY
     arm = x - q[0] - (rd.body_sums(plant.tables, q[3]).c[0] / robot.mass)  # the pitch is 0
     measured("pitch", abs(q[2]), 1e-4, "rad")
     measured("sum of loads less weight", abs(load.sum() - weight), 1e-11, "N")
@@ -225,7 +242,9 @@ def test_bounce_heights(toes, restitution, bounces, measured):
 
     An impact is dealt within v h of the ground, v its speed: so far heights may be off.
     """
-    step, chunk, robot = 1e-5, 1e-4, level(toes)
+    step = 1e-5
+    chunk = 1e-4
+    robot = level(toes)
     if toes == 1:  # c + load * (x, y) = (mass + load) * toe's x
         place = joint_positions(robot, "fore", PSI)[T, 0]
         c = rd.body_sums(rd.compile_robot(robot), PSI).c[0]
@@ -236,12 +255,16 @@ def test_bounce_heights(toes, restitution, bounces, measured):
     up = shift(y=PLACEMENT_DEPTH + DROP)
     plant = placed(robot, ground, PSI, 0.0, moved=up, locked=True, time_step=step)
     rest = plant.state[1] - DROP
-    start, heights, times, steps = plant.energy(), [], [], 0
+    start = plant.energy()
+    heights = []
+    times = []
+    steps = 0
     while len(heights) < bounces:
         falling = plant.state[5]
         plant.step(0.0, chunk)
         steps += 1
-        height, rising = plant.state[1] - rest, plant.state[5]
+        height = plant.state[1] - rest
+        rising = plant.state[5]
         if rising > falling:
             heights.append(height + rising**2 / (2.0 * GRAVITY))
             times.append(steps * chunk)

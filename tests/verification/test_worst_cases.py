@@ -44,10 +44,13 @@ def test_contact_law_and_penetration(name, measured):
     thrown = shift(y=-sunk or 0.05, vx=0.5)
     plant = placed(robot, terrain, moved=thrown, tracing=True, time_step=step)
     speed = 1e4 if most == 100.0 else 1.0
-    residual, deepest, landings = 0.0, -math.inf, 0
+    residual = 0.0
+    deepest = -math.inf
+    landings = 0
     for k in range(150):
         result = plant.step(governor(plant, speed, most), HOLD)
-        residual, landings = max(residual, result.residual), landings + plant.batch.touchdowns.sum()
+        residual = max(residual, result.residual)
+        landings = landings + plant.batch.touchdowns.sum()
         assert np.isfinite(plant.state).all() and np.isfinite(result.contact_force).all()
         assert (result.contact_force[:, 1] >= 0.0).all()
         if k >= 25:
@@ -60,7 +63,8 @@ def test_contact_law_and_penetration(name, measured):
 @pytest.mark.parametrize("torque", [1e3, 1e5, 1e8, -1e8])
 def test_absurd_torque_ends_in_a_plain_error(torque):
     """The state stays finite, or FloatingPointError says that it diverged: no NaN gets out."""
-    plant, diverged = placed(), False
+    plant = placed()
+    diverged = False
     for _ in range(50):
         try:
             plant.step(torque, HOLD)
@@ -87,7 +91,8 @@ def bounced(step):
 
 def test_restitution_1_keeps_the_energy(measured):
     """Lifting a pad out of the ground adds energy of first order, accounted for to rounding."""
-    (coarse, missed), (fine, _) = bounced(1e-3), bounced(2.5e-4)
+    coarse, missed = bounced(1e-3)
+    fine, _ = bounced(2.5e-4)
     measured("bouncing with e = 1: energy lost in 4 s at 1 ms", coarse, 1e-3)
     measured("bouncing with e = 1: order lost of 1", 1.0 - math.log(coarse / fine, 4.0), 0.3)
     measured("bouncing with e = 1: energy unaccounted for", missed, 1e-12)
@@ -126,7 +131,8 @@ def test_an_outer_joint_is_found_before_it_strikes(measured):
 @pytest.mark.parametrize("height", [5.0, 80.0])
 def test_fast_touchdown(height, measured):
     """Dropped from 5 and 80 m, touching down at 10 and 40 m/s: nothing stays below the ground."""
-    plant, deepest = placed(locked=True), 0.0
+    plant = placed(locked=True)
+    deepest = 0.0
     for extra in np.linspace(0.0, 0.2, 8):
         plant.state = [0.0, height + 0.6 + extra, 0.0, 0.3, 0.0, 0.0, 0.0, 0.0]
         plant.step(0.0, 4.0 + math.sqrt(2.0 * height / GRAVITY))
@@ -186,7 +192,8 @@ def test_a_toe_too_deep_is_refused():
     plant = placed(tracing=True)
     state = plant.state + shift(y=-1.0)
     plant.step(0.0, 0.02)
-    plant.state, plant.batch.in_contact = state, np.ones(22, bool)
+    plant.state = state
+    plant.batch.in_contact = np.ones(22, bool)
     with pytest.raises(FloatingPointError, match="a pad too deep in the ground"):
         plant.step(0.0, 0.1)
     assert (plant.state == state).all() and plant.batch.in_contact.all()
@@ -197,7 +204,8 @@ def test_deep_toes_come_out_of_grooves(measured):
     """Put 5 to 30 cm into grooves 25 cm wide and 40 cm deep: 3 s later nothing is in the ground."""
     at = 0.125 * np.arange(-40, 41)
     ground = Terrain(tuple(zip(at, np.where(np.arange(81) % 2, -0.4, 0.0), strict=True)), 0.3)
-    plant, deepest = placed(None, ground), 0.0
+    plant = placed(None, ground)
+    deepest = 0.0
     for seed in range(20):
         rng = np.random.default_rng(seed)
         x, psi, sunk = rng.uniform([-0.2, 0.0, 0.05], [0.2, 2.0 * math.pi, 0.3])

@@ -123,7 +123,8 @@ def test_the_pages_numbers_are_the_packages(window, rng):
         expected = numbers_of(robot)
         assert {key: numbers[key] for key in expected} == pytest.approx(expected, abs=1e-9)
         assert again == pytest.approx(lengths(robot), abs=1e-9)
-        dead, (sine, joint, psi) = numbers["dead"], nearest_dead_point(robot)
+        dead = numbers["dead"]
+        sine, joint, psi = nearest_dead_point(robot)
         assert dead["sine"] == pytest.approx(sine, abs=1e-9)
         if name not in ("klann", "strider"):  # which have two alike
             assert dead["joint"] == joint and dead["psi"] == pytest.approx(psi)

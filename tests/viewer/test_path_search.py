@@ -76,7 +76,8 @@ def searched():
     "name", [pytest.param(p, marks=[pytest.mark.slow] * (p != "flat below")) for p in PATHS]
 )
 def test_legs_are_as_near_as_they_say(searched, name):
-    target, legs = evenly(PATHS[name]), searched(name)
+    target = evenly(PATHS[name])
+    legs = searched(name)
     assert legs[0]["error"] < 0.0125
     for leg in legs:
         path = toe_path(with_lengths(ROBOTS[leg["base"]](), leg["lengths"]))
@@ -100,7 +101,9 @@ def cut_fault(name, changed):
 def test_the_page_knows_what_cannot_be_cut(rng):
     """As the drawings do: parts of all designs at sizes from those without room for holes to those
     without a sheet."""
-    asked, faults, refused = [], [], 0
+    asked = []
+    faults = []
+    refused = 0
     for name, make in ROBOTS.items():
         for scale in np.exp(rng.uniform(-3.5, 3.0, 40)):
             known = lengths(make()).items()
@@ -141,7 +144,8 @@ def test_the_nearest_leg_walks(searched):
     with gym.make("JansenWalker-v0", robot=robot, speed_command=0.3) as env:
         observation, _ = env.reset(seed=0)
         turn = 2.0 * math.pi / abs(advance_per_turn(robot))
-        pid, memory = walking_pid(lambda speed: turn * speed, env.unwrapped), None
+        pid = walking_pid(lambda speed: turn * speed, env.unwrapped)
+        memory = None
         for step in range(250):
             action, memory = pid.predict(observation, memory, step == 0)
             observation, _, fallen, _, info = env.step(action)
@@ -155,7 +159,8 @@ def test_a_path_is_drawn_on_the_bench(open_window, tmp_path):
     page.goto(f"{write_bench(tmp_path / 'bench.html').as_uri()}#paper")
     draw_path(page)
     says = page.locator("#message")
-    first, base = says.text_content(), page.input_value("#base")
+    first = says.text_content()
+    base = page.input_value("#base")
     assert base in first and len(page.evaluate("location.hash").split("&")) > 10
     page.click("#next")
     assert page.input_value("#base") != base and "its toe is" in says.text_content()

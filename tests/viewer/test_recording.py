@@ -17,7 +17,8 @@ from jansen_env.viewer import recorder, recording
 from jansen_env.viewer.recorder import Recorder
 from jansen_env.viewer.recording import ARRAYS, Recording
 
-WALKER, CRANK = "JansenWalker-v0", "JansenCrank-v0"
+WALKER = "JansenWalker-v0"
+CRANK = "JansenCrank-v0"
 
 
 def walk(env, steps=20, seed=1, **options):
@@ -52,9 +53,13 @@ def same(first, second):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("env_id", "arguments"),
-    [(WALKER, {"terrain": "rough", "terrain_level": 3}), (WALKER, {"plant": "rigid_body"}),
-     ("JansenWalkerHardcore-v0", {}), (CRANK, {})],
-)  # fmt: skip
+    [
+        (WALKER, {"terrain": "rough", "terrain_level": 3}),
+        (WALKER, {"plant": "rigid_body"}),
+        ("JansenWalkerHardcore-v0", {}),
+        (CRANK, {}),
+    ],
+)
 def test_a_recorded_episode_is_as_it_is_without(env_id, arguments):
     plain, states = walk(gym.make(env_id, **arguments))
     env = Recorder(gym.make(env_id, **arguments))
@@ -63,7 +68,8 @@ def test_a_recorded_episode_is_as_it_is_without(env_id, arguments):
     for step, other in zip(results, plain, strict=True):
         np.testing.assert_array_equal(step[0], other[0])
         assert str(step[1:]) == str(other[1:])
-    episode, steps = env.recording, plain[1:]
+    episode = env.recording
+    steps = plain[1:]
     infos = [step[4] for step in steps]
     np.testing.assert_array_equal(episode.state, states)
     np.testing.assert_array_equal(episode.observation, [step[0] for step in plain])
@@ -305,7 +311,8 @@ def refused_within(data, message, most):
 
 def with_declared_size(data, name, size):
     """An archive whose directory gives another size for one of its members."""
-    out, place = bytearray(data), data.rindex(f"{name}.npy".encode()) - 46
+    out = bytearray(data)
+    place = data.rindex(f"{name}.npy".encode()) - 46
     assert out[place : place + 4] == recording.DIRECTORY_ENTRY
     out[place + 24 : place + 28] = size.to_bytes(4, "little")
     return out

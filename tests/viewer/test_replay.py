@@ -14,8 +14,8 @@ def data_of(page):
 
 def test_two_policies_start_alike(tmp_path, capsys):
     out = tmp_path / "walk.html"
-    main(["--policy", "pid", "--policy", "constant", "--command", "0.1", "--seed", "3",
-          "--steps", "5", "--out", str(out)])  # fmt: skip
+    command = "--policy pid --policy constant --command 0.1 --seed 3 --steps 5"
+    main([*command.split(), "--out", str(out)])
     pid, other = (Recording.load(tmp_path / f"walk_{name}.npz") for name in ("pid", "constant"))
     assert (pid.label, pid.steps, pid.seed, pid.command[0]) == ("pid", 5, 3, 0.1)
     assert pid.state[0].tolist() == other.state[0].tolist()

@@ -57,14 +57,18 @@ def expected(episode, k):
     slipped = episode.slip[:k].sum()
     work = np.abs(episode.energy_of("motor_work"))[:k].sum()
     return {
-        "command": episode.command[k], "speed": episode.speed[k],
+        "command": episode.command[k],
+        "speed": episode.speed[k],
         "crankSpeed": episode.crank_speed[k],
-        "torque": episode.torque[k], "power": episode.power[k - 1], "position": episode.pose[k, 0],
+        "torque": episode.torque[k],
+        "power": episode.power[k - 1],
+        "position": episode.pose[k, 0],
         "slip": episode.slip[k - 1].sum() / (episode.time[k] - episode.time[k - 1]),
-        "pitch": episode.pose[k, 2], "returned": episode.reward[:k].sum(),
+        "pitch": episode.pose[k, 2],
+        "returned": episode.reward[:k].sum(),
         "slipPerMetre": slipped / distance if distance > 1e-3 else None,
         "costOfTransport": work / episode.weight[k] / distance if distance > 1e-3 else None,
-    }  # fmt: skip
+    }
 
 
 def check(page, recordings, k):
@@ -86,7 +90,8 @@ def test_it_plays(opened):
     page = opened().page
     picture = page.locator("#stage canvas")
     page.wait_for_function("() => parseFloat(document.querySelector('#time').value) > 0.3")
-    first, pixels = time_of(page), picture.evaluate(PIXELS)
+    first = time_of(page)
+    pixels = picture.evaluate(PIXELS)
     later = f"() => parseFloat(document.querySelector('#time').value) > {first} + 0.2"
     page.wait_for_function(later)
     assert picture.evaluate(PIXELS) != pixels
@@ -186,7 +191,8 @@ def test_the_keyboard_is_enough(opened, recordings):
 
 def test_wheel_drag_and_pinch(opened):
     window = opened(**STILL, has_touch=True)
-    page, picture = window.page, window.page.locator("#stage canvas")
+    page = window.page
+    picture = window.page.locator("#stage canvas")
     box = picture.bounding_box()
     x, y = box["x"] + 0.4 * box["width"], box["y"] + 0.5 * box["height"]
     settled(page)

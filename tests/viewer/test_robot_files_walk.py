@@ -36,7 +36,8 @@ from jansen_env.viewer.web.walk_data import MOST_TOES
 
 def other_robots():
     """Yield robots that have no name: other numbers of legs, other motors, feet, loads and pads."""
-    paper, klann = ROBOTS["paper"](), ZOO["klann"]
+    paper = ROBOTS["paper"]()
+    klann = ZOO["klann"]
     yield from (ROBOTS["built"](1), ROBOTS["holy"](3), klann(1), klann(5), ZOO["strider"](3))
     yield from (ZOO["chebyshev"](4), ZOO["trotbot"](3))
     feet = Compliance(3e4, 20.0, 2e4, 10.0)
@@ -57,7 +58,8 @@ def test_tables_of_robot_files_are_the_same():
     robots = [*(make() for make in ROBOTS.values()), *other_robots()]
     answers = in_node([as_file(robot) for robot in robots])
     for robot, told in zip(robots, answers["tables"], strict=True):
-        tables, designs = compile_robot(robot), DesignTables([robot])
+        tables = compile_robot(robot)
+        designs = DesignTables([robot])
         expected = (
             tables.body,
             tables.pads,
@@ -170,11 +172,12 @@ def wrong_numbers(part, name="Robot", wrap=lambda part: part):
         elif isinstance(value, list) and isinstance(value[0], dict):
             for k in {each["is"]: k for k, each in enumerate(value)}.values():
                 yield from wrong_numbers(
-                    value[k], value[k]["is"],
+                    value[k],
+                    value[k]["is"],
                     lambda inner, field=field, value=value, k=k: wrap(
                         {**part, field: [*value[:k], inner, *value[k + 1 :]]}
                     ),
-                )  # fmt: skip
+                )
 
 
 def test_every_limit_of_a_robot_file_is_that_of_python():

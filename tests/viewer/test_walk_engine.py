@@ -86,21 +86,28 @@ def test_tables_of_every_robot_are_the_same():
     answers = in_node([[name, None] for name in ROBOTS])
     for name, told in zip(ROBOTS, answers["tables"], strict=True):
         robot = ROBOTS[name]()
-        tables, designs = compile_robot(robot), DesignTables([robot])
+        tables = compile_robot(robot)
+        designs = DesignTables([robot])
         expected = {
-            "body": tables.body, "pads": tables.pads, "bearings": tables.bearings,
+            "body": tables.body,
+            "pads": tables.pads,
+            "bearings": tables.bearings,
             "springs": tables.springs,
-            "depths": designs.depths[0], "farthest": designs.farthest[0],
+            "depths": designs.depths[0],
+            "farthest": designs.farthest[0],
             "extent, advance, height": [
-                designs.extent[0], advance_per_turn(robot), standing_height(robot)
+                designs.extent[0],
+                advance_per_turn(robot),
+                standing_height(robot),
             ],
-        }  # fmt: skip
+        }
         for (part, values), text in zip(expected.items(), told, strict=True):
             assert np.array_equal(numbers(text), np.ravel(values)), (name, part)
 
 
 def test_robots_with_other_lengths_are_the_same():
-    rng, asked = np.random.default_rng(1), []
+    rng = np.random.default_rng(1)
+    asked = []
     for name in ROBOTS:
         every = other_lengths(name, rng, 0.02)
         asked += [[name, every], [name, dict(itertools.islice(every.items(), 2, 4))]]
@@ -141,22 +148,33 @@ class Walk:
         numbers = {"friction": float(rng.uniform(0.4, 1.0)), "restitution": bounces}
         self.terrain = {"points": drawn.points, **numbers}
         self.env = JansenWalkerEnv(
-            robot=made, terrain=drawn, height_scan=ROUGH["height_scan"],
-            terminate_when_fallen=False, noise=Noise() if number % 4 == 2 else None, **numbers,
-        )  # fmt: skip
+            robot=made,
+            terrain=drawn,
+            height_scan=ROUGH["height_scan"],
+            terminate_when_fallen=False,
+            noise=Noise() if number % 4 == 2 else None,
+            **numbers,
+        )
         self.settings = {"noise_level": 1.0} if number % 4 == 2 else {}
         self.control = control
         self.events = self.draw_events(steps)
-        self.rows, self.actions, self.diverged = [], [], False
+        self.rows = []
+        self.actions = []
+        self.diverged = False
         self.walk(steps, float(rng.choice([-0.3, 0.0, 0.2, 0.5, 0.8])))
 
     def draw_events(self, steps):
         rng = self.rng
         changes = [
-            {"friction": 0.3}, {"payload": 2.0}, {"tilt": 0.1, "motor_strength": 0.7},
-            {"mass_scale": 1.2, "friction": 0.9}, {"command": -0.2}, {"command": 0.6},
-            {"gravity_scale": 0.7}, *([{"noise_level": 2.0}] if self.settings else []),
-        ]  # fmt: skip
+            {"friction": 0.3},
+            {"payload": 2.0},
+            {"tilt": 0.1, "motor_strength": 0.7},
+            {"mass_scale": 1.2, "friction": 0.9},
+            {"command": -0.2},
+            {"command": 0.6},
+            {"gravity_scale": 0.7},
+            *([{"noise_level": 2.0}] if self.settings else []),
+        ]
         at = np.sort(rng.integers(steps, size=len(changes))).tolist()
         pushes = [[k, "push", rng.uniform(-1.0, 1.0, 2).tolist()] for k in (10, 12, steps // 2)]
         # Refused, or by soft feet; and a push that no simulation bears.
@@ -174,7 +192,9 @@ class Walk:
         return walking_pid(rolling(self.env.robot), self.env)
 
     def walk(self, steps, command):
-        env, policy, memory = self.env, self.policy(), None
+        env = self.env
+        policy = self.policy()
+        memory = None
         seen, info = env.reset(seed=int(self.rng.integers(100)), options={"speed_command": command})
         state = env.task.world.plant.states[0]
         nested = "slip", "contact_force", "energy", "true_observation"
@@ -206,7 +226,8 @@ class Walk:
     def keep(self, action, reward, seen, info):
         of = {"": info, "energy": info["energy"]}
         told = [info[f"reward/{n}"] if g == "rewards" else of[g][n] for g, n in self.names]
-        state, force = self.env.task.world.plant.states[0], info["contact_force"].ravel()
+        state = self.env.task.world.plant.states[0]
+        force = info["contact_force"].ravel()
         self.rows.append([action, *state, reward, *seen[self.seen], *told, *info["slip"], *force])
 
     def asked(self, robot):
@@ -217,9 +238,11 @@ class Walk:
 @pytest.mark.parametrize("count, steps", [(22, 60), pytest.param(100, 500, marks=pytest.mark.slow)])
 def test_walks_are_the_same(count, steps):
     walks = [Walk(number, steps) for number in range(count)]
-    robots, asked = [walk.robot for walk in walks], [walk.asked(k) for k, walk in enumerate(walks)]
+    robots = [walk.robot for walk in walks]
+    asked = [walk.asked(k) for k, walk in enumerate(walks)]
     for walk, told in zip(walks, in_node(robots, asked)["walks"], strict=True):
-        expected, label = np.array(walk.rows), (walk.robot, walk.control)
+        expected = np.array(walk.rows)
+        label = (walk.robot, walk.control)
         rows = numbers(told["numbers"]).reshape(expected.shape)
         for step, (row, wanted) in enumerate(zip(rows, expected, strict=True)):
             assert np.array_equal(row, wanted), (*label, step, np.flatnonzero(row != wanted))
@@ -231,7 +254,8 @@ def check_picture(env, told):
     """Check what is drawn: nearly the same, as poses are no part of a walk."""
     task = env.task
     scene = scene_of_robot(task.scene(0)["robot"], float(task.world.weight[0]))
-    frame, pose = env.task.frame(0), told["pose"]
+    frame = env.task.frame(0)
+    pose = told["pose"]
     for key in ("style", "bodies", "phases", "toes", "payload", "weight"):
         assert told["scene"][key] == json.loads(json.dumps(scene[key])), key
     joints = world_joints(env.robot, frame.q)

@@ -87,11 +87,17 @@ def test_firefox_walks_as_python(firefox, path, tmp_path):
     firefox.evaluate("document.getElementById('save').click()")
     steps = json.loads(wait_for(tmp_path / "walk.json").read_text())["steps"]
     env = gym.make(
-        "JansenWalkerRough-v0", terrain=NamedGenerator("stairs")(np.random.default_rng(3), 2),
-        terrain_level=0, randomize={}, noise=Noise(), reset_noise_scale=0.0, speed_command=0.3,
+        "JansenWalkerRough-v0",
+        terrain=NamedGenerator("stairs")(np.random.default_rng(3), 2),
+        terrain_level=0,
+        randomize={},
+        noise=Noise(),
+        reset_noise_scale=0.0,
+        speed_command=0.3,
         terminate_when_fallen=False,
-    )  # fmt: skip
-    policy, memory = pretrained.load("JansenWalkerRough-v0").on(env), None
+    )
+    policy = pretrained.load("JansenWalkerRough-v0").on(env)
+    memory = None
     env.reset(seed=3)
     for k, step in enumerate(steps):
         seen = env.unwrapped.task.observation[0]
@@ -153,9 +159,15 @@ def test_choices_are_the_link(opened):
     page.locator("#friction").blur()
     link = page.evaluate("location.hash.slice(1)")
     assert {*link.split("&")} == {
-        "robot=klann", "control=constant+speed", "terrain=rough", "level=4", "robot2=paper",
-        "control2=paper+policy", "command=0.30", "friction=0.4",
-    }  # fmt: skip
+        "robot=klann",
+        "control=constant+speed",
+        "terrain=rough",
+        "level=4",
+        "robot2=paper",
+        "control2=paper+policy",
+        "command=0.30",
+        "friction=0.4",
+    }
     other = opened(link)
     names = ("robot", "control", "terrain", "level", "robot2", "control2", "friction")
     values = [[p.locator(f"#{name}").input_value() for name in names] for p in (page, other)]
@@ -171,11 +183,16 @@ def test_choices_are_the_link(opened):
 def test_wrong_links_are_refused(opened):
     """As the first and as later ones; a robot walks all the same."""
     wrong = {
-        "robot=wheel": "no robot", "terrain=constructor": "terrain", "level=10": "level",
-        "seed=-1": "seed", "control=x": "control", "robot=klann%26rod_AD=x": "rod_AD",
-        "restitution=0.5": "restitution", "terrain=drawn": "terrain",
+        "robot=wheel": "no robot",
+        "terrain=constructor": "terrain",
+        "level=10": "level",
+        "seed=-1": "seed",
+        "control=x": "control",
+        "robot=klann%26rod_AD=x": "rod_AD",
+        "restitution=0.5": "restitution",
+        "terrain=drawn": "terrain",
         "terrain=drawn&ground=70,0,65,0": "ground",
-    }  # fmt: skip
+    }
     first, *others = wrong
     page = opened(first)
     reads(page, "message", wrong[first])
@@ -341,8 +358,12 @@ def test_the_command_writes_both_pages(tmp_path, capsys, monkeypatch):
     assert links == [walk.as_uri()]
     start = "robot=built terrain=mixed level=4 seed=0 control=rough+policy"
     assert r"\u0026".join(start.split()) in walk.read_text()
-    for wrong in (["--level", "3"], ["--seed", "-1"], ["--out", "/proc/x", "--no-open"],
-                  ["--policy", "robust", "--env", "JansenWalker-v0"]):  # fmt: skip
+    for wrong in (
+        ["--level", "3"],
+        ["--seed", "-1"],
+        ["--out", "/proc/x", "--no-open"],
+        ["--policy", "robust", "--env", "JansenWalker-v0"],
+    ):
         with pytest.raises(SystemExit):
             main(wrong)
         assert ": error: " in capsys.readouterr().err.splitlines()[0]

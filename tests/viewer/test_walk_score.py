@@ -31,7 +31,8 @@ console.log(JSON.stringify(walker.score));
 @pytest.mark.parametrize(("control", "seed"), [("built policy", 3), ("hand", 1)])
 def test_the_score_is_that_of_the_evaluation(control, seed):
     """Of ten seconds; by hand, with the whole torque, until the robot falls."""
-    flat, env = Terrain.flat().points, gym.make(ENV)
+    flat = Terrain.flat().points
+    env = gym.make(ENV)
     score = in_node(SCRIPT, data=walk_data(), control=control, seed=seed, points=flat)
     limit = env.unwrapped.torque_limit
     policy = TorquePolicy(lambda seen, *_: (np.full(len(seen), limit), None), limit)

@@ -78,11 +78,13 @@ def test_a_page_that_would_be_too_large_is_refused(recording, monkeypatch):
 def test_a_small_walk_file_of_a_large_page_is_refused_at_once(tmp_path):
     """700 kB of it: 20,000 steps of 200 legs, which would take minutes and 450 MB."""
     content = {
-        "format": FORMAT, "label": "", "robot": robot_to_json(paper_robot(100)),
+        "format": FORMAT,
+        "label": "",
+        "robot": robot_to_json(paper_robot(100)),
         "ground": [[-1.0, 0.0], [1.0, 0.0]],
         "start": {"crank_angle": 0.0, "command": 0.3, "changes": {}},
         "steps": [{"action": 0.1, "command": 0.3}] * 20_000,
-    }  # fmt: skip
+    }
     path = tmp_path / "walk.json"
     path.write_text(json.dumps(content, separators=(",", ":")))
     assert path.stat().st_size < 700_000
@@ -95,7 +97,7 @@ def test_sums_are_those_of_each_step():
     """Of a robot whose mass is drawn and changed, whose command turns round while it walks."""
     env = Recorder(gym.make("JansenWalker-v0", randomize={"mass_scale": 1.3}, speed_command=0.3))
     env.reset(seed=0)
-    x, distance, slipped, lifted = 0.0, 0.0, 0.0, 0.0
+    x = distance = slipped = lifted = 0.0
     for k in range(150):
         sign = 1.0 if k < 100 else -1.0
         env.unwrapped.set_parameters(payload=0.0 if k < 50 else 2.0, command=0.3 * sign)

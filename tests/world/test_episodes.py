@@ -24,7 +24,8 @@ def make(**more):
 def walk(env, seed, steps=40, **options):
     """Observations, rewards and parameters of an episode."""
     obs, info = env.reset(seed=seed, options=options)
-    seen, rng = [obs], np.random.default_rng(0)
+    seen = [obs]
+    rng = np.random.default_rng(0)
     for _ in range(steps):
         obs, reward, *_ = env.step(rng.uniform(-0.2, 0.6, 1).astype(np.float32))
         seen.append(np.append(obs, reward))
@@ -284,7 +285,8 @@ def test_the_second_plant_has_the_same_world():
 @pytest.mark.slow
 def test_a_reset_lets_go_of_the_grounds_before():
     """Of Python's objects and of pymunk's: memory stays flat over many episodes."""
-    envs, spaces = gym.make_vec("JansenWalker-v0", 4, **WORLD), []
+    envs = gym.make_vec("JansenWalker-v0", 4, **WORLD)
+    spaces = []
     envs.reset(seed=0)
     grounds = [weakref.ref(ground) for ground in envs.get_attr("terrain")]
     for _ in range(3):

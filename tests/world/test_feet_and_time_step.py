@@ -64,7 +64,8 @@ def test_the_longest_time_steps_walk(time_step):
     control_dt = 4.0 * time_step
     env = gym.make("JansenWalkerBuilt-v0", time_step=time_step, control_dt=control_dt)
     env.reset(seed=0)
-    rng, speed, missed = np.random.default_rng(0), 0.0, 0.0
+    rng = np.random.default_rng(0)
+    speed = missed = 0.0
     for _ in range(300):
         action = rng.uniform(-1.0, 1.0, 1).astype(np.float32)
         _, _, terminated, truncated, info = env.step(action)
@@ -79,7 +80,8 @@ def test_the_longest_time_steps_walk(time_step):
 def test_lightest_mass_is_that_of_the_bodies(name):
     """The rigid-body plant's bodies, by their mass matrix: the same within 3 %."""
     robot = ODD if name == "odd" else DESIGNS[name]
-    owners, least = bodies.pad_bodies(robot, pad_layout(robot)), np.inf
+    owners = bodies.pad_bodies(robot, pad_layout(robot))
+    least = np.inf
     for motion in bodies.turn_motions(robot):
         x, y = (motion.pads - motion.poses[owners, 1:]).T[..., None]
         spin, vx, vy = motion.rates[:, owners].T

@@ -8,7 +8,8 @@ from side_by_side import same, together, walk
 
 from jansen_env import Compliance, Motor, Push
 
-FEET, HEAVY = {"pad_compliance": Compliance(20_000.0, 20.0)}, {"mass_scale": (1.0, 3.0)}
+FEET = {"pad_compliance": Compliance(20_000.0, 20.0)}
+HEAVY = {"mass_scale": (1.0, 3.0)}
 SOFT = {"pad_compliance": Compliance(2000.0, 20.0)}
 
 
@@ -23,10 +24,15 @@ def begun(**arguments):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "value", "arguments"),
-    [("tilt", 0.1, {}), ("motor_strength", 0.5, FEET), ("mass_scale", 1.5, {}),
-     ("damping_scale", 3.0, {}), ("friction", 0.2, {"track_joint_forces": True}),
-     ("tilt", 0.1, {"plant": "rigid_body"})],
-)  # fmt: skip
+    [
+        ("tilt", 0.1, {}),
+        ("motor_strength", 0.5, FEET),
+        ("mass_scale", 1.5, {}),
+        ("damping_scale", 3.0, {}),
+        ("friction", 0.2, {"track_joint_forces": True}),
+        ("tilt", 0.1, {"plant": "rigid_body"}),
+    ],
+)
 def test_changed_is_as_if_the_state_had_it(name, value, arguments):
     steps = 2 if "plant" in arguments else 30
     changed, other = (begun(**arguments) for _ in range(2))
@@ -48,7 +54,8 @@ def test_changed_is_as_if_the_state_had_it(name, value, arguments):
 def test_a_state_has_the_robot_that_was_changed(change):
     """Another environment goes on from it, and a state from before brings back what was."""
     changed, other = begun(), begun()
-    before, robot = changed.get_state(), changed.robot
+    before = changed.get_state()
+    robot = changed.robot
     changed.set_parameters(**change)
     other.set_state(changed.get_state())
     np.testing.assert_array_equal(walk(changed), walk(other))
@@ -61,19 +68,28 @@ def test_a_state_has_the_robot_that_was_changed(change):
 
 @pytest.mark.parametrize(
     ("arguments", "change", "message"),
-    [({}, {"tilt": 9.0}, "tilt must be.*got 9.0"),
-     ({}, {"motor_strength": 0.0}, "motor_strength must be .*, got 0.0"),
-     ({"plant": "rigid_body"}, {"pad_compliance": Compliance(1e9)}, "time_step must be .* 0.00025"),
-     ({}, {"rotor_inertia_scale": 2.0}, "'rotor_inertia_scale', which does nothing here"),
-     ({"robot": "built", "randomize": {"rotor_inertia_scale": (0.5, 2.0)}}, {"motor": Motor()},
-      "randomize has 'rotor_inertia_scale', which does nothing here"),
-     (FEET, {"restitution": 0.5}, r"restitution must be .*, got 0\.5"),
-     ({"robot": "built"}, {"payload": 1e6}, "stiffness must be at least.*got .*"),
-     (FEET, {"pad_compliance": Compliance(100.0, 20.0)}, "stiffness must be at least.*got .*"),
-     (FEET, {**SOFT, "payload": 8.0}, "stiffness must be at least.*got .*"),
-     ({**FEET, "randomize": HEAVY}, SOFT, "stiffness must be at least.*got .*"),
-     ({**FEET, "randomize": HEAVY}, {"payload": 100.0}, "stiffness must be at least.*got .*")],
-)  # fmt: skip
+    [
+        ({}, {"tilt": 9.0}, "tilt must be.*got 9.0"),
+        ({}, {"motor_strength": 0.0}, "motor_strength must be .*, got 0.0"),
+        (
+            {"plant": "rigid_body"},
+            {"pad_compliance": Compliance(1e9)},
+            "time_step must be .* 0.00025",
+        ),
+        ({}, {"rotor_inertia_scale": 2.0}, "'rotor_inertia_scale', which does nothing here"),
+        (
+            {"robot": "built", "randomize": {"rotor_inertia_scale": (0.5, 2.0)}},
+            {"motor": Motor()},
+            "randomize has 'rotor_inertia_scale', which does nothing here",
+        ),
+        (FEET, {"restitution": 0.5}, r"restitution must be .*, got 0\.5"),
+        ({"robot": "built"}, {"payload": 1e6}, "stiffness must be at least.*got .*"),
+        (FEET, {"pad_compliance": Compliance(100.0, 20.0)}, "stiffness must be at least.*got .*"),
+        (FEET, {**SOFT, "payload": 8.0}, "stiffness must be at least.*got .*"),
+        ({**FEET, "randomize": HEAVY}, SOFT, "stiffness must be at least.*got .*"),
+        ({**FEET, "randomize": HEAVY}, {"payload": 100.0}, "stiffness must be at least.*got .*"),
+    ],
+)
 def test_refused(arguments, change, message):
     """Nothing changes; feet must bear this episode and those to come."""
     env = begun(**arguments)

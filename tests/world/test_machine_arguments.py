@@ -11,12 +11,19 @@ from jansen_env.engine.records import UNKNOWN_DEFLECTION
 from jansen_env.tasks.walking import JansenWalkerEnv
 
 MOTOR = Motor(
-    stall_torque=12.0, no_load_speed=7.0, torque_limit=8.0, gear_ratio=60.0, rotor_inertia=1.4e-5,
-    friction=0.3, viscous_friction=0.02, efficiency=0.7,
-)  # fmt: skip
+    stall_torque=12.0,
+    no_load_speed=7.0,
+    torque_limit=8.0,
+    gear_ratio=60.0,
+    rotor_inertia=1.4e-5,
+    friction=0.3,
+    viscous_friction=0.02,
+    efficiency=0.7,
+)
 FEET = Compliance(3e4, 60.0, 2e4, 40.0)
 ROBOT = replace(paper_robot(), bearing_friction=(0.01,) * 10)
-WALKER, CRANK = "JansenWalker-v0", "JansenCrank-v0"
+WALKER = "JansenWalker-v0"
+CRANK = "JansenCrank-v0"
 
 
 def actions(steps):
@@ -31,9 +38,14 @@ def episode(env, torques, **reset):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "plant"), [
-    (WALKER, {"plant": "projection"}), (WALKER, {"plant": "rigid_body"}), (CRANK, {}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "plant"),
+    [
+        (WALKER, {"plant": "projection"}),
+        (WALKER, {"plant": "rigid_body"}),
+        (CRANK, {}),
+    ],
+)
 def test_a_delay_of_control_steps_is_the_same_actions_later(name, plant):
     """And before them no torque; two steps, so that a torque on its way is not the newest."""
     env = gym.make(name, **plant)

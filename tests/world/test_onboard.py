@@ -32,11 +32,23 @@ def test_nothing_is_observed_that_no_sensor_gives():
     env = gym.make(ID, **ONBOARD)
     names = [entry.name for entry in env.unwrapped.observed]
     assert names == [
-        "cos_crank_angle", "sin_crank_angle", "crank_speed", "sin_pitch", "cos_pitch", "pitch_rate",
-        "crank_axis_x_velocity", "acceleration_x", "acceleration_y", "crank_torque",
-        "speed_command", "last_action", "lag", "mean_speed",
-    ]  # fmt: skip
-    rows, before = walk(env, 150), None
+        "cos_crank_angle",
+        "sin_crank_angle",
+        "crank_speed",
+        "sin_pitch",
+        "cos_pitch",
+        "pitch_rate",
+        "crank_axis_x_velocity",
+        "acceleration_x",
+        "acceleration_y",
+        "crank_torque",
+        "speed_command",
+        "last_action",
+        "lag",
+        "mean_speed",
+    ]
+    rows = walk(env, 150)
+    before = None
     for seen, info in rows:
         state = np.array([info["crank_angle"], info["pitch"]])
         if before is not None:
@@ -73,7 +85,8 @@ def test_a_state_has_what_the_filters_keep():
     other.reset(seed=99)
     batch = gym.make_vec(ID, 2, **arguments)
     batch.reset(seed=1)
-    state, action = env.get_state(), np.full((2, 1), 0.3, np.float32)
+    state = env.get_state()
+    action = np.full((2, 1), 0.3, np.float32)
     shown = [other.set_state(state), batch.unwrapped.set_state(1, state)]
     copy = pickle.loads(pickle.dumps(env))
     assert (shown[0] == shown[1]).all() and shown[0][2] != 0.0
@@ -87,7 +100,8 @@ def test_a_state_has_what_the_filters_keep():
 def test_the_torque_changes_no_faster_than_its_rate():
     env = gym.make(ID, **ONBOARD)
     env.reset(seed=0)
-    last, most = 0.0, 30.0 * 0.02 / 12.0
+    last = 0.0
+    most = 30.0 * 0.02 / 12.0
     for asked in [1.0] * 25 + [-5.0] * 45 + [-0.98]:
         action = env.step([asked])[0][11]
         change = most * np.clip(np.clip(asked, -1, 1) - last, -1, 1)
@@ -105,11 +119,13 @@ def test_the_torque_changes_no_faster_than_its_rate():
 def test_lag_and_mean_speed_are_the_rewards_of_the_observed_velocity():
     """One formula for the means, whether the velocity is exact or estimated."""
     env = gym.make(ID, **ONBOARD)
-    rows, period = walk(env, 100), env.unwrapped.control_dt
+    rows = walk(env, 100)
+    period = env.unwrapped.control_dt
     path = env.unwrapped.task.data["mean_path"][0]
     lag = mean = 0.0
     for seen, _ in rows:
-        command, velocity = seen["speed_command"], seen["crank_axis_x_velocity"]
+        command = seen["speed_command"]
+        velocity = seen["crank_axis_x_velocity"]
         lag = np.clip(lag + (command - velocity) * period, -FURTHEST_TARGET, FURTHEST_TARGET)
         mean -= np.expm1(-period / mean_time(command, path)) * (velocity - mean)
         assert seen["lag"] == pytest.approx(lag, abs=1e-6)

@@ -11,8 +11,10 @@ from jansen_env.plants import parameters
 from jansen_env.plants.parameters import PARAMETERS, TABLE
 
 ROOT = Path(__file__).parents[2]
-MACHINE = {"payload": Payload(0.5, 0.01, (0.05, 0.1)),
-           "motor": Motor(12.0, 8.0, 6.0, 20.0, 1e-4, 0.1)}  # fmt: skip
+MACHINE = {
+    "payload": Payload(0.5, 0.01, (0.05, 0.1)),
+    "motor": Motor(12.0, 8.0, 6.0, 20.0, 1e-4, 0.1),
+}
 FEET = Compliance(2e4, 60.0)
 PLANTS = ("projection", "rigid_body")
 
@@ -20,10 +22,15 @@ PLANTS = ("projection", "rigid_body")
 def walked(plant, row, value, feet):
     """All that is observed of a short walk in which one parameter has a value."""
     env = gym.make(
-        "JansenWalker-v0", plant=plant, terrain="rough", noise={}, delay=(0.0, 1.0),
-        push={"duration": 0.02, "interval": 0.04}, height_scan=(0.5, 1.5, 9),
+        "JansenWalker-v0",
+        plant=plant,
+        terrain="rough",
+        noise={},
+        delay=(0.0, 1.0),
+        push={"duration": 0.02, "interval": 0.04},
+        height_scan=(0.5, 1.5, 9),
         robot=Robot(**MACHINE, **({"pad_compliance": FEET} if feet else {})),
-    )  # fmt: skip
+    )
     observation, info = env.reset(seed=1, options={"delay": 0.0, row.name: value})
     assert info["parameters"][row.name] == value
     seen = [observation]

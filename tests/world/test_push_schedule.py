@@ -8,7 +8,8 @@ from jansen_env.engine.episode import look_up_pushes
 from jansen_env.plants.robot_records import RobotRecords
 from jansen_env.world.push import push_settings
 
-STEPS, STEP = 20, 1e-3  # of a control step, s
+STEPS = 20  # time steps of a control step
+STEP = 1e-3  # s
 PERIOD = STEPS * STEP
 
 
@@ -18,9 +19,11 @@ def felt(push, schedules, control_steps, first=0, strength=1.0):
     ``schedules``: pushes of each robot; robot i has the seed i, and random pushes if ``push`` has.
     """
     room = max(map(len, schedules))
-    records, settings = RobotRecords(len(schedules), 4, 4, pushes=room), push_settings(push, STEP)
+    records = RobotRecords(len(schedules), 4, 4, pushes=room)
+    settings = push_settings(push, STEP)
     robots = records.robots
-    robots["seed"], robots["random_pushes"] = np.arange(len(schedules)), True
+    robots["seed"] = np.arange(len(schedules))
+    robots["random_pushes"] = True
     robots["parameters"]["push_strength"] = strength
     impulses = np.zeros((control_steps, len(schedules), STEPS, 2))
     for i, schedule in enumerate(schedules):
@@ -68,7 +71,8 @@ def test_scheduled_pushes_add_up_where_they_overlap_whatever_their_order():
 def test_random_pushes_come_once_in_each_interval_and_end_in_it():
     push = Push((1.2, 0.4), duration=0.05, interval=0.5)
     all_impulses = felt(push, [[]] * 40, 250)  # ten intervals
-    starts, totals = [], []
+    starts = []
+    totals = []
     for robot in range(40):
         impulses = of_time_steps(all_impulses, robot)
         windows = impulses.reshape(10, -1, 2)
@@ -79,7 +83,8 @@ def test_random_pushes_come_once_in_each_interval_and_end_in_it():
         for window in windows:
             on = np.flatnonzero(window.any(axis=1))
             assert 0.05 - STEP < (on[-1] - on[0] + 1) * STEP < 0.05 + 2.0 * STEP
-    starts, totals = np.array(starts), np.array(totals).reshape(-1, 2)
+    starts = np.array(starts)
+    totals = np.array(totals).reshape(-1, 2)
     # Evenly: from the interval's begin up to where the push just fits, of either sign.
     assert starts.min() < 0.01 and 0.43 < starts.max() <= 0.45
     assert np.mean(starts) == pytest.approx(0.225, abs=4.0 * 0.45 / np.sqrt(12.0 * 400.0))

@@ -60,7 +60,8 @@ def test_one_robot(plant):
             env.reset(seed=5, options=options)
         assert env.robot == twin.robot and same(env.get_state(), twin.get_state()), options
     for _ in range(3):
-        (seen, *ours, info), (expected, *theirs, other) = env.step(action), twin.step(action)
+        seen, *ours, info = env.step(action)
+        expected, *theirs, other = twin.step(action)
         assert (seen == expected).all() and ours == theirs and same(info, other)
     assert (env.reset()[0] == twin.reset()[0]).all() and same(env.get_state(), twin.get_state())
 
@@ -70,7 +71,8 @@ def test_many_robots():
     """One of three is refused, with the first one masked."""
     pair = [gym.make_vec("JansenWalkerBuilt-v0", 3, randomize={"lengths": 0.02}) for _ in range(2)]
     envs, twins = (batch.unwrapped for batch in pair)
-    actions, mask = np.full((3, 1), 0.5, np.float32), np.array([False, True, True])
+    actions = np.full((3, 1), 0.5, np.float32)
+    mask = np.array([False, True, True])
     for batch in pair:
         batch.reset(seed=3)
         batch.step(actions)
@@ -155,10 +157,15 @@ def test_a_state_that_the_plant_refuses_changes_nothing(plant):
 
 @pytest.mark.parametrize(
     ("robot", "arguments", "message"),
-    [(replace(built_robot(), motor=Motor(torque_limit=12.0)),
-      {"randomize": {"rotor_inertia_scale": (0.5, 2.0)}}, "_scale', which does nothing"),
-     (built_robot(), {"robot": "paper", "restitution": 0.3}, "restitution must be 0 with")],
-)  # fmt: skip
+    [
+        (
+            replace(built_robot(), motor=Motor(torque_limit=12.0)),
+            {"randomize": {"rotor_inertia_scale": (0.5, 2.0)}},
+            "_scale', which does nothing",
+        ),
+        (built_robot(), {"robot": "paper", "restitution": 0.3}, "restitution must be 0 with"),
+    ],
+)
 def test_a_state_whose_robot_could_have_no_later_episode_changes_nothing(robot, arguments, message):
     env = gym.make("JansenWalkerBuilt-v0", **arguments).unwrapped
     env.reset(seed=3)

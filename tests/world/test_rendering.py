@@ -35,10 +35,17 @@ def picture(robot, terrain=None, **values):
     """A robot's picture in a frame with some other values, and the CPU time it took, s."""
     toes = len(robot.toes)
     frame = Frame(
-        q=np.zeros(4), contact=np.ones(toes, int), contact_point=np.zeros((toes, 2)),
-        contact_force=np.ones((toes, 2)), weight=30.0, command=0.3, speed=0.2, torque=1.0,
-        torque_limit=20.0, time=1.0,
-    )  # fmt: skip
+        q=np.zeros(4),
+        contact=np.ones(toes, int),
+        contact_point=np.zeros((toes, 2)),
+        contact_force=np.ones((toes, 2)),
+        weight=30.0,
+        command=0.3,
+        speed=0.2,
+        torque=1.0,
+        torque_limit=20.0,
+        time=1.0,
+    )
     renderer = Renderer(robot, terrain, "rgb_array", 50.0)
     begin = time.process_time()
     drawn = renderer.draw(replace(frame, **values))
@@ -88,27 +95,37 @@ def fuzz(seed):
     def anything(low, high, *shape):
         return rng.choice((-1.0, 1.0), shape) * 10.0 ** rng.uniform(low, high, shape)
 
-    rng, longest = np.random.default_rng(seed), 0.0
+    rng = np.random.default_rng(seed)
+    longest = 0.0
     names = [*ROBOTS]
     for _ in range(FUZZED):
         robot = ROBOTS[names[rng.integers(len(names))]](int(rng.integers(1, 4)))
         robot = replace(
-            scaled(abs(anything(-4.0, 2.5)), robot), pad_radius=abs(anything(-6.0, 2.9)),
+            scaled(abs(anything(-4.0, 2.5)), robot),
+            pad_radius=abs(anything(-6.0, 2.9)),
             payload=Payload(abs(anything(-3.0, 6.0)), 0.0, tuple(anything(-6.0, 6.0, 2))),
-        )  # fmt: skip
-        toes, count = len(robot.toes), int(rng.integers(2, 5_000))
+        )
+        toes = len(robot.toes)
+        count = int(rng.integers(2, 5_000))
         x = abs(anything(-3.0, 3.0)) * (np.arange(count) - 0.5 * count)
         ground = np.stack([x, anything(-6.0, 6.0) * rng.standard_normal(count)], axis=-1)
         q = anything(-3.0, 12.0, 4) * rng.integers(2, size=4)
         near = q[:2] if rng.random() < 0.7 else 0.0
         _, taken = picture(
-            robot, ground if rng.random() < 0.9 else None, q=q,
-            contact=rng.integers(3, size=toes), contact_point=near + anything(-6.0, 12.0, toes, 2),
-            contact_force=anything(-6.0, 300.0, toes, 2), weight=abs(anything(-9.0, 9.0)),
-            speed=anything(-3.0, 300.0), torque=anything(-3.0, 300.0), time=anything(-3.0, 300.0),
-            torque_limit=abs(anything(-38.0, 38.0)), command=anything(-3.0, 300.0),
+            robot,
+            ground if rng.random() < 0.9 else None,
+            q=q,
+            contact=rng.integers(3, size=toes),
+            contact_point=near + anything(-6.0, 12.0, toes, 2),
+            contact_force=anything(-6.0, 300.0, toes, 2),
+            weight=abs(anything(-9.0, 9.0)),
+            speed=anything(-3.0, 300.0),
+            torque=anything(-3.0, 300.0),
+            time=anything(-3.0, 300.0),
+            torque_limit=abs(anything(-38.0, 38.0)),
+            command=anything(-3.0, 300.0),
             goal=float(anything(-3.0, 300.0)) if rng.random() < 0.5 else None,
-        )  # fmt: skip
+        )
         longest = max(longest, taken)
     print(longest)
 
@@ -168,8 +185,10 @@ def test_a_large_disc_is_as_round_as_a_small_one():
     assert edge[:, 0].min() == pytest.approx(
         100.0, abs=6.0
     )  # to the columns in which it is sampled
-    filled = painted(lambda surface, _: pygame.draw.polygon(
-        surface, (255, 255, 255), clip_polygon(edge, *CLIP)), None)  # fmt: skip
+    filled = painted(
+        lambda surface, _: pygame.draw.polygon(surface, (255, 255, 255), clip_polygon(edge, *CLIP)),
+        None,
+    )
     assert filled[110:].all() and not filled[:95].any()
     small = circle(np.array([0.0, 0.0]), float(ROUND))
     assert np.hypot(*small.T) == pytest.approx(np.full(len(small), ROUND))

@@ -31,7 +31,8 @@ def walker(**arguments):
 def walk(env, steps, seed, first=None):
     """Observations, and information of each step; actions are drawn from the seed."""
     rng = np.random.default_rng(seed)
-    seen, infos = [] if first is None else [first], []
+    seen = [] if first is None else [first]
+    infos = []
     for _ in range(steps):
         observation, _, _, _, info = env.step(rng.uniform(-0.5, 0.5, 1).astype(np.float32))
         seen.append(observation)
@@ -82,7 +83,8 @@ def test_the_scan_is_the_height_over_the_ground_below_each_place():
 @pytest.mark.slow
 def test_every_sensor_has_its_noise():
     """By default; the noise of each column is that of its sensor."""
-    noise, count = Noise(), 4000
+    noise = Noise()
+    count = 4000
     error = erring(noise, count) - np.float32(0.6)
     expected = np.hypot(*noise.deviations(OBSERVED).T)
     for i, name in enumerate(NAMES):
@@ -103,10 +105,17 @@ def test_every_sensor_has_its_noise():
 def test_a_sensor_alone_errs_in_its_own_observations(sensor):
     touched = (erring(Noise.only(**{sensor: 0.05}), 3) != np.float32(0.6)).all(axis=0)
     wanted = {
-        "encoder": NAMES[:2], "crank_speed": NAMES[2:3], "pitch": NAMES[3:5], "gyro": NAMES[5:6],
-        "velocity": NAMES[6:8], "height": NAMES[8:9], "loads": NAMES[10:14],
-        "height_scan": NAMES[-3:], "accelerometer": [], "torque": [],  # onboard alone
-    }  # fmt: skip
+        "encoder": NAMES[:2],
+        "crank_speed": NAMES[2:3],
+        "pitch": NAMES[3:5],
+        "gyro": NAMES[5:6],
+        "velocity": NAMES[6:8],
+        "height": NAMES[8:9],
+        "loads": NAMES[10:14],
+        "height_scan": NAMES[-3:],
+        "accelerometer": [],
+        "torque": [],  # onboard alone
+    }
     assert [name for name, errs in zip(NAMES, touched, strict=True) if errs] == wanted[sensor]
     assert {*wanted} == {*SENSORS}
 
@@ -129,9 +138,11 @@ def test_bias_stays_for_an_episode_and_noise_does_not():
     ("sensor", "cos", "sin"), [("encoder", 0, 1), ("pitch", 4, 3)], ids=["encoder", "pitch"]
 )
 def test_an_angle_errs_in_sine_and_cosine_alike(sensor, cos, sin):
-    count, angles = 3000, np.linspace(-3.0, 3.0, 3000)
+    count = 3000
+    angles = np.linspace(-3.0, 3.0, 3000)
     truth = np.zeros((count, len(OBSERVED)), np.float32)
-    truth[:, cos], truth[:, sin] = np.cos(angles), np.sin(angles)
+    truth[:, cos] = np.cos(angles)
+    truth[:, sin] = np.sin(angles)
     seen = erring(Noise.only(**{sensor: (0.03, 0.04)}), count, truth=truth).astype(float)
     np.testing.assert_allclose(np.hypot(seen[:, cos], seen[:, sin]), 1.0, atol=3e-7)
     error = np.angle(np.exp(1j * (np.arctan2(seen[:, sin], seen[:, cos]) - angles)))
@@ -140,7 +151,8 @@ def test_an_angle_errs_in_sine_and_cosine_alike(sensor, cos, sin):
 
 
 def test_noise_scales_with_its_level_and_stays_within_the_space():
-    noise, truth = Noise.only(loads=0.1, velocity=0.1), np.zeros((200, len(OBSERVED)), np.float32)
+    noise = Noise.only(loads=0.1, velocity=0.1)
+    truth = np.zeros((200, len(OBSERVED)), np.float32)
     single, double = (erring(noise, 200, level, truth).astype(float) for level in (1.0, 2.0))
     np.testing.assert_allclose(double, 2.0 * single, atol=1e-6)
     assert not erring(noise, 200, 0.0, truth).any()
@@ -168,12 +180,15 @@ def test_the_truth_is_told_and_the_physics_does_not_notice():
 
 def test_lag_and_means_tell_no_more_than_the_sensors():
     """Their changes give the speeds: exact without noise, and with it no better than measured."""
-    deviations, command, errors = (0.06, 0.3), 0.3, []
+    deviations = (0.06, 0.3)
+    command = 0.3
+    errors = []
     read = [NAMES.index(name) for name in ("crank_axis_x_velocity", "crank_speed")]
     env = walker(noise=Noise(velocity=deviations[0], crank_speed=deviations[1]))
     for seed in range(30):
         env.reset(seed=seed, options={"speed_command": command})
-        infos, seen = [], []
+        infos = []
+        seen = []
         for _ in range(60):
             observation, _, _, _, info = env.step(np.full(1, 0.35, np.float32))
             infos.append(info)
@@ -228,8 +243,10 @@ def test_a_reset_forgets_what_was_measured():
 def test_pushes_at_random_come_from_the_argument_and_only_from_it():
     push = {"impulse": 2.0, "duration": 0.05, "interval": 0.1}
     for arguments, options, pushed in (
-        ({"push": push}, None, True), ({"push": push}, {"pushes": []}, False), ({}, None, False),
-    ):  # fmt: skip
+        ({"push": push}, None, True),
+        ({"push": push}, {"pushes": []}, False),
+        ({}, None, False),
+    ):
         env = walker(**arguments)
         env.reset(seed=0, options=options)
         _, infos = walk(env, 10, 0)

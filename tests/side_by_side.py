@@ -76,22 +76,90 @@ def same(a, b, place="it"):
     return True
 
 
-def compare(ours, theirs, steps, seed=7, scale=1.0):
-    """Both walk alike, bit for bit; returns how many episodes ended."""
+def random_walk(env, steps=60, seed=0):
+    """Drive one robot with random actions.
+
+    Args:
+        env: The environment, whose reset is called where an episode ends.
+        steps: Number of steps.
+        seed: Seed of the actions.
+
+    Returns:
+        (steps, n + 1) observations and rewards, and the ``info`` of each step.
+    """
     rng = np.random.default_rng(seed)
-    ends = 0
+    rows = []
+    infos = []
+    for _ in range(steps):
+        observation, reward, *ends, info = env.step(rng.uniform(-0.4, 0.8, 1).astype(np.float32))
+        rows.append(np.append(observation, reward))
+        infos.append(info)
+        if any(ends):
+            env.reset()
+    return np.array(rows), infos
+
+
+def compare(ours, theirs, steps, seed=7, actions=(-1.0, 1.0)):
+    """Check that two vector environments of Gymnasium's move alike, bit for bit, and close them.
+
+    Args:
+        ours: The batch.
+        theirs: Single environments that take turns.
+        steps: Number of steps.
+        seed: Seed of the resets and of the actions.
+        actions: Range from which actions are sampled.
+
+    Returns:
+        How many episodes ended with a fall, and how many at the time limit.
+    """
+    rng = np.random.default_rng(seed)
+    falls = limits = 0
     a, info_a = ours.reset(seed=seed)
     b, info_b = theirs.reset(seed=seed)
     assert np.array_equal(a, b)
     same(info_a, info_b)
     for _ in range(steps):
-        action = rng.uniform(-scale, scale, (ours.num_envs, 1)).astype(np.float32)
+        action = rng.uniform(*actions, (ours.num_envs, 1)).astype(np.float32)
         *a, info_a = ours.step(action)
         *b, info_b = theirs.step(action)
         for x, y in zip(a, b, strict=True):
             assert np.array_equal(x, y) and x.dtype == y.dtype
         same(info_a, info_b)
-        ends += int((a[2] | a[3]).sum())
+        falls += int(a[2].sum())
+        limits += int((a[3] & ~a[2]).sum())
     ours.close()
     theirs.close()
-    return ends
+    return falls, limits
+
+
+def compare_for_sb3(ours, theirs, steps, seed=7, actions=(-1.0, 1.0)):
+    """Check that two ``VecEnv`` of Stable-Baselines3 move alike, as :func:`compare` does.
+
+    Stable-Baselines3 rounds its own rewards to float32. It notes ``TimeLimit.truncated`` in each
+    step, and its single environments have no monitor here, which would note ``episode``.
+    """
+    rng = np.random.default_rng(seed)
+    falls = limits = 0
+    ours.seed(seed)
+    theirs.seed(seed)
+    assert np.array_equal(ours.reset(), theirs.reset())
+    for _ in range(steps):
+        action = rng.uniform(*actions, (ours.num_envs, 1)).astype(np.float32)
+        *a, infos_a = ours.step(action)
+        *b, infos_b = theirs.step(action)
+        a[1] = a[1].astype(np.float32)
+        for x, y in zip(a, b, strict=True):
+            assert np.array_equal(x, y) and x.dtype == y.dtype
+        for ended, info_a, info_b in zip(a[2], infos_a, infos_b, strict=True):
+            if ended:
+                del info_a["episode"]
+                limits += info_b["TimeLimit.truncated"]
+                falls += not info_b["TimeLimit.truncated"]
+            else:
+                del info_b["TimeLimit.truncated"]
+            same(info_a, info_b)
+        for info_a, info_b in zip(ours.reset_infos, theirs.reset_infos, strict=True):
+            same(info_a, info_b)
+    ours.close()
+    theirs.close()
+    return falls, limits

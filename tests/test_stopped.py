@@ -29,6 +29,9 @@ COMMANDS = [
     ("-m", "agents.tune", "--help"),
     (*WORKSHOP, "measurements", str(LOG)),
 ]
+STATUSES = [("SIGTERM", 143), ("SIGHUP", 129), ("SIGINT", 130)]
+"""Signals and the exit statuses of commands that they end."""
+posix = pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no POSIX signals")
 
 
 def start(*arguments, **kwargs):
@@ -66,22 +69,15 @@ def test_a_reader_that_ends_is_no_error():
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no POSIX signals")
-@pytest.mark.parametrize(
-    ("number", "status"),
-    [
-        (signal.SIGTERM, 143),
-        (signal.SIGHUP, 129),
-        (signal.SIGINT, 130),
-    ],
-)
-def test_a_film_that_is_stopped_leaves_nothing(number, status, tmp_path):
+@posix
+@pytest.mark.parametrize(("name", "status"), STATUSES)
+def test_a_film_that_is_stopped_leaves_nothing(name, status, tmp_path):
     command = (*JANSEN, "enjoy", "--video", "a.gif", "--episodes", "50")
     process = start(*command, stdout=subprocess.DEVNULL, cwd=tmp_path)
     until = time.monotonic() + 60.0
     while not [*tmp_path.iterdir()] and time.monotonic() < until:
         time.sleep(0.05)
-    process.send_signal(number)
+    process.send_signal(getattr(signal, name))
     assert process.communicate(timeout=60)[1] == "" and process.returncode == status
     assert not [*tmp_path.iterdir()]
 
@@ -99,7 +95,7 @@ sys.argv = {argv}
 """
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="no POSIX signals")
+@posix
 @pytest.mark.parametrize(
     ("argv", "run"),
     [
@@ -152,19 +148,12 @@ def test_what_a_library_makes_of_ctrl_c_is_no_traceback():
             raise ImportError("while it was loaded") from error
 
 
-@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no POSIX signals")
-@pytest.mark.parametrize(
-    ("number", "status"),
-    [
-        (signal.SIGTERM, 143),
-        (signal.SIGHUP, 129),
-        (signal.SIGINT, 130),
-    ],
-)
-def test_a_signal_that_comes_in_a_destructor_is_not_lost(number, status, capsys):
+@posix
+@pytest.mark.parametrize(("name", "status"), STATUSES)
+def test_a_signal_that_comes_in_a_destructor_is_not_lost(name, status, capsys):
     class Freed:
         def __del__(self):
-            signal.raise_signal(number)
+            signal.raise_signal(getattr(signal, name))
 
     hook = sys.unraisablehook
     with pytest.raises(SystemExit) as stopped, guarded("it"):

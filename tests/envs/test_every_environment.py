@@ -1,9 +1,6 @@
-"""What holds for every registered environment: checkers, the same seed, one like many, pages."""
+"""What holds for every registered environment: checkers, energy accounts, information, pages."""
 
-import copy
 import inspect
-import json
-import pickle
 import re
 import warnings
 from pathlib import Path
@@ -14,19 +11,17 @@ import pygame
 import pytest
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
-from gymnasium.vector import AutoresetMode
-from side_by_side import compare
+from side_by_side import random_walk
 from stable_baselines3.common.env_checker import check_env as check_for_sb3
 
 from agents.training.config import shipped_config
-from agents.training.training_state import plain
 from jansen_env.plants.parameters import PARAMETERS, Uniform
 from jansen_env.registration import IDS
 from jansen_env.robot import Compliance, Payload
 from jansen_env.robot.motor import MOTORS
 from jansen_env.sb3 import make_vec_env
 from jansen_env.sb3.run_config import load_config
-from jansen_env.scoring.benchmarks import find_benchmark, vector_env
+from jansen_env.scoring.benchmarks import find_benchmark
 from jansen_env.terrain.generators import Curriculum
 
 WALKERS = [name for name in IDS if "Walker" in name]
@@ -99,30 +94,6 @@ def test_stable_baselines_checker_has_nothing_to_say(env_id):
         check_for_sb3(gym.make(env_id).unwrapped)
 
 
-@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-@pytest.mark.parametrize("env_id", [name for name in IDS if name != "JansenWalker-v0"])
-def test_many_are_what_each_is_alone(env_id, mode):
-    """Gymnasium's vector interface: all that is returned, bit for bit, through ends of episodes."""
-    together = gym.make_vec(env_id, 4, autoreset_mode=mode, max_episode_steps=30)
-    make = [lambda: gym.make(env_id, max_episode_steps=30)]
-    alone = gym.vector.SyncVectorEnv(make * 4, autoreset_mode=mode)
-    assert isinstance(together.unwrapped, vector_env(env_id))
-    assert together.single_observation_space == alone.single_observation_space
-    assert compare(together, alone, 100, scale=0.6) >= 12
-
-
-def walk(env, steps=60, seed=0):
-    """Observations and rewards of random actions."""
-    rng = np.random.default_rng(seed)
-    rows = []
-    for _ in range(steps):
-        observation, reward, *ends, _ = env.step(rng.uniform(-0.4, 0.8, 1).astype(np.float32))
-        rows.append(np.append(observation, reward))
-        if any(ends):
-            env.reset()
-    return np.array(rows)
-
-
 RESIDUALS = {  # the largest allowed of a control step, J; as in docs/theory.md
     "JansenWalker-v0": 1e-3,
     "JansenWalkerBuilt-v0": 0.05,
@@ -160,33 +131,6 @@ def test_energy_balances_in_every_step(env_id):
 
 
 @pytest.mark.parametrize("env_id", IDS)
-def test_states_copies_and_pickles_go_on_bit_for_bit(env_id):
-    """Through JSON into another environment, deepcopy and pickle, and into a robot of a batch."""
-    env, other = gym.make(env_id).unwrapped, gym.make(env_id).unwrapped
-    env.reset(seed=5), other.reset(seed=99)
-    last = walk(env)[-1, :-1].astype(np.float32)
-    state = json.loads(json.dumps(plain(env.get_state())))
-    assert (other.set_state(state) == last).all()
-    batch = gym.make_vec(env_id, 3).unwrapped
-    batch.reset(seed=8)
-    assert (batch.set_state(1, state) == last).all()
-    action = np.full((3, 1), 0.3, np.float32)
-    copies = copy.deepcopy(batch), pickle.loads(pickle.dumps(batch))
-    others = other, copy.deepcopy(env), pickle.loads(pickle.dumps(env))
-    seen, rewards, *_ = batch.step(action)
-    for many in copies:
-        again = many.step(action)
-        assert (again[0] == seen).all() and (again[1] == rewards).all()
-    for single in (env, *others):
-        observation, reward, *_ = single.step(action[1])
-        assert (observation == seen[1]).all() and reward == rewards[1]
-    expected = walk(env, 100, seed=6)
-    start = env.reset()[0]
-    for single in others:
-        assert (walk(single, 100, seed=6) == expected).all() and (single.reset()[0] == start).all()
-
-
-@pytest.mark.parametrize("env_id", IDS)
 def test_observations_move_and_share_no_memory(env_id):
     """No element but a command is constant over 500 random steps; each array is fresh."""
     env = gym.make(env_id).unwrapped
@@ -197,7 +141,7 @@ def test_observations_move_and_share_no_memory(env_id):
     told = [value for value in step[4].values() if isinstance(value, np.ndarray)]
     arrays = [first, returned, *step[:4], *told]
     kept = [array.copy() for array in arrays]
-    rows = walk(env, 500)[:, :-1]
+    rows = random_walk(env, 500)[0][:, :-1]
     envs.step(np.ones((2, 1), np.float32))
     assert all((a == b).all() for a, b in zip(arrays, kept, strict=True))
     constant = {env.observed[i].name for i in np.flatnonzero(np.ptp(rows, axis=0) < 1e-4)}

@@ -74,9 +74,13 @@ class Walking:
 
     def __enter__(self):
         self.thread.start()
-        while len(self.seen) < 3:
-            time.sleep(0.001)
+        self.wait(3)
         return self
+
+    def wait(self, steps):
+        """Wait until as many steps were taken."""
+        while len(self.seen) < steps:
+            time.sleep(0.001)
 
     def __exit__(self, *_):
         self.on = False
@@ -92,9 +96,11 @@ def begin(kind):
     return env
 
 
-def placed(walked, first):
-    """Return after how many steps a walk has an observation."""
-    return next(k for k, seen in enumerate(walked) if np.array_equal(seen, first))
+def check_are_of(walked, parts):
+    """Check that observations of some steps, with which copies went on, are part of a walk."""
+    for part in parts:
+        start = next(k for k, seen in enumerate(walked) if np.array_equal(seen, part[0]))
+        assert np.array_equal(part, walked[start : start + len(part)])
 
 
 def through_pickle(env):
@@ -112,13 +118,8 @@ def test_a_copy_goes_on_from_between_two_steps(kind, duplicate):
         for _ in range(8):
             copies.append(duplicate(env))
             time.sleep(0.002)
-        while len(walking.seen) < 20:
-            time.sleep(0.001)
-    walk_on = walking.seen + walk(env, 10)
-    for copied in copies:
-        seen = walk(copied, 4)
-        start = placed(walk_on, seen[0])
-        assert np.array_equal(seen, walk_on[start : start + 4])
+        walking.wait(20)
+    check_are_of(walking.seen + walk(env, 10), [walk(copied, 4) for copied in copies])
 
 
 def child_of(work):
@@ -156,13 +157,8 @@ def test_a_child_goes_on_from_between_two_steps(kind, tmp_path):
             file = tmp_path / f"{k}.npy"
             assert child_of(lambda file=file: np.save(file, walk(env, 4)) is None) == 0
             time.sleep(0.002)
-        while len(walking.seen) < 20:
-            time.sleep(0.001)
-    walk_on = walking.seen + walk(env, 10)
-    for file in tmp_path.glob("*.npy"):
-        seen = np.load(file)
-        start = placed(walk_on, seen[0])
-        assert np.array_equal(seen, walk_on[start : start + 4])
+        walking.wait(20)
+    check_are_of(walking.seen + walk(env, 10), map(np.load, tmp_path.glob("*.npy")))
 
 
 @forking

@@ -1,4 +1,4 @@
-"""Robots that move together as a Stable-Baselines3 ``VecEnv``: like single ones that take turns."""
+"""A batch as a ``VecEnv`` of Stable-Baselines3: its information, attributes and arguments."""
 
 import csv
 import inspect
@@ -8,7 +8,6 @@ from dataclasses import replace
 import gymnasium as gym
 import numpy as np
 import pytest
-from side_by_side import same
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env as their_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
@@ -16,50 +15,12 @@ from stable_baselines3.common.logger import configure
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
-from jansen_env import Leg, Payload, Terrain, paper_robot
-from jansen_env.sb3 import BatchVecEnv, make_vec_env
+from jansen_env import Leg, Payload, paper_robot
+from jansen_env.sb3 import make_vec_env
 from jansen_env.scoring.benchmarks import can_be_batched
 from jansen_env.scoring.rollout import make_env
 
 ENV = "JansenWalker-v0"
-VARIANTS = [
-    {"reset_noise_scale": 4.0, "max_episode_steps": 30, "command_interval": 0.1},
-    {"speed_command": [0.05, 0.25], "terrain": "slope:-0.6", "payload": 2.0},
-    {"speed_command": 0.3, "friction": 0.3, "terrain": Terrain(((-1, 0), (0.5, 0.02), (1, 0)))},
-]
-
-
-@pytest.mark.parametrize("noise", [None, {}], ids=["exact", "noisy"])
-def test_it_is_what_single_environments_are(noise):
-    """Variants of everything, through time limits and falls: returns bit for bit, infos too."""
-    shared = {"slip_weight": 2.0, "max_episode_steps": 100, "noise": noise}
-    together = make_vec_env(ENV, 6, env_kwargs=shared, variants=VARIANTS, info_keys=None)
-    each = [{**shared, **VARIANTS[i % 3]} for i in range(6)]
-    apart = DummyVecEnv([lambda kwargs=kwargs: make_env(ENV, kwargs) for kwargs in each])
-    assert isinstance(together.unwrapped, BatchVecEnv)
-    together.seed(3), apart.seed(3)
-    assert np.array_equal(together.reset(), apart.reset())
-    rng = np.random.default_rng(0)
-    limits = falls = 0
-    for _ in range(200):
-        actions = rng.uniform(-1.0, 1.0, (6, 1)).astype(np.float32)
-        *a, infos_a = together.step(actions)
-        *b, infos_b = apart.step(actions)
-        a[1] = a[1].astype(np.float32)  # what Stable-Baselines3 rounds its own to
-        for x, y in zip(a, b, strict=True):
-            assert np.array_equal(x, y) and x.dtype == y.dtype
-        for i in range(6):
-            if a[2][i]:
-                del infos_a[i]["episode"]
-                limits += infos_b[i]["TimeLimit.truncated"]
-                falls += not infos_b[i]["TimeLimit.truncated"]
-            else:
-                del infos_b[i]["TimeLimit.truncated"]
-            same(infos_a[i], infos_b[i])
-        for ours, theirs in zip(together.reset_infos, apart.reset_infos, strict=True):
-            same(ours, theirs)
-    assert limits >= 10 and falls >= 2
-    together.close(), apart.close()
 
 
 def test_information_of_a_step():

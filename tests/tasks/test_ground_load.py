@@ -1,7 +1,5 @@
 """Load that the ground carries in windows of 20 ms, and time in which a robot is unsupported."""
 
-import pickle
-
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -112,16 +110,6 @@ def test_the_factor_of_the_load():
         assert info["reward/load"] == pytest.approx(1.0 / (1.0 + ((load - 1.0) / HALF_LOAD) ** 2))
     _, free = walk(load_weight=0.0)
     assert {info["reward/load"] for info in free} == {1.0}
-
-
-def test_a_pickled_robot_goes_on_within_a_window():
-    env = JansenWalkerEnv(robot="built", control_dt=0.005)
-    env.reset(seed=2)
-    for _ in range(6):
-        env.step([0.3])
-    copy = pickle.loads(pickle.dumps(env))
-    for _ in range(10):
-        assert env.step([0.3])[-1]["ground_load"] == copy.step([0.3])[-1]["ground_load"]
 
 
 @pytest.mark.parametrize("env_id", ["JansenWalkerBuilt-v0", "JansenCrank-v0", "JansenGoal-v0"])

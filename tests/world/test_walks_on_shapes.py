@@ -1,62 +1,16 @@
-"""Environments on pymunk's shapes: interfaces agree, states are restored exactly, and heights."""
-
-import copy
-import pickle
+"""Environments on pymunk's shapes: threads, energies, heights, pictures and divergence."""
 
 import gymnasium as gym
 import numpy as np
 import pymunk
 import pytest
-from side_by_side import compare, side_by_side, together, walk
+from courses import COURSE, FLOOR, box
+from side_by_side import walk
 
 from jansen_env import Compliance, Terrain
-from jansen_env.sb3 import make_vec_env
-from jansen_env.terrain import Piece, Shapes
+from jansen_env.terrain import Shapes
 
 ACTION = np.array([0.5], np.float32)
-
-
-def box(left, bottom, right, top):
-    return Piece(((left, bottom), (right, bottom), (right, top), (left, top)))
-
-
-FLOOR = box(-30.0, -1.0, 30.0, 0.0)
-COURSE = Shapes(
-    (
-        FLOOR,
-        box(0.25, -0.2, 0.45, 0.02),
-        Piece(((0.7, -0.08),), 0.1),
-        box(-0.8, -0.5, -0.6, 2.0),
-        box(1.2, 0.6, 1.5, 0.7),
-    )
-)
-"""A course with a step, a ball in the floor, a wall behind the robot, and a roof ahead of it."""
-ARGUMENTS = {
-    "rigid feet": {},
-    "compliant feet": {"pad_compliance": Compliance(2e4, 50.0)},
-    "senses": {
-        "noise": {},
-        "push": {"impulse": (1.0, 0.5)},
-        "observe": "onboard",
-        "delay": (0, 0.03),
-    },
-    "beside others": {"terrain": [COURSE, "slope:0.1", Terrain.flat()]},
-}
-
-
-@pytest.mark.parametrize("name", ARGUMENTS)
-def test_a_batch_does_what_each_does_alone(name):
-    """Robots agree bit for bit through falls, time limits and resets.
-
-    One case has shapes and height lines in the same batch.
-    """
-    arguments = {"terrain": COURSE, **ARGUMENTS[name]}
-    grounds = arguments.pop("terrain")
-    each = [
-        {"terrain": ground} for ground in (grounds if isinstance(grounds, list) else [grounds] * 3)
-    ]
-    batch = together(3, limit=25, terrain=grounds, **arguments)
-    assert compare(batch, side_by_side(3, limit=25, each=each, **arguments), 60) >= 6
 
 
 @pytest.mark.slow
@@ -70,42 +24,6 @@ def test_threads_do_not_change_a_bit():
         runs.append(walk(envs, 30))
         envs.close()
     assert np.array_equal(*runs)
-
-
-def test_stable_baselines_sees_the_same():
-    arguments = {"terrain": COURSE, "terminate_when_fallen": False}
-    venv = make_vec_env("JansenWalker-v0", 2, env_kwargs=arguments)
-    venv.seed(5)
-    envs = [gym.make("JansenWalker-v0", **arguments) for _ in range(2)]
-    ours = venv.reset()
-    theirs = [env.reset(seed=5 + i)[0] for i, env in enumerate(envs)]
-    assert np.array_equal(ours, theirs)
-    for _ in range(20):
-        ours = venv.step(np.full((2, 1), 0.5, np.float32))[0]
-        assert np.array_equal(ours, [env.step(ACTION)[0] for env in envs])
-
-
-@pytest.mark.parametrize("plant", ["projection", "rigid_body"])
-@pytest.mark.parametrize("name", ["rigid feet", "compliant feet"])
-def test_copies_pickles_and_states_continue_bit_for_bit(plant, name):
-    """Copies and pickles continue as their original does.
-
-    A copy of rigid bodies continues as from a restored state, as restoring closes gaps in the
-    joints.
-    """
-    env = gym.make("JansenWalker-v0", terrain=COURSE, plant=plant, **ARGUMENTS[name])
-    env.reset(seed=2)
-    steps = 20 if plant == "projection" else 3
-    for _ in range(steps):
-        env.step(ACTION)
-    state = env.unwrapped.get_state()
-    others = [pickle.loads(pickle.dumps(env.unwrapped)), copy.deepcopy(env.unwrapped)]
-    if plant == "rigid_body":
-        env.unwrapped.set_state(state)
-    expected = [env.step(ACTION)[0] for _ in range(steps)]
-    env.unwrapped.set_state(state)
-    for other in (env, *others):
-        assert np.array_equal([other.step(ACTION)[0] for _ in range(steps)], expected)
 
 
 def test_energies_balance_as_on_height_lines():
@@ -175,14 +93,6 @@ def test_a_robot_on_shapes_is_drawn():
     env.step(ACTION)
     pictures.append(env.render())
     assert pictures[0].std() > 10.0 and not np.array_equal(*pictures)
-
-
-def test_a_pickled_environment_goes_on_tracking_joint_forces():
-    env = gym.make("JansenWalker-v0", terrain=COURSE, track_joint_forces=True)
-    env.reset(seed=0)
-    other = pickle.loads(pickle.dumps(env.unwrapped))
-    infos = [each.step(ACTION)[4] for each in (env, other)]
-    assert infos[0]["joint_force_max"] == infos[1]["joint_force_max"] > 0.0
 
 
 def test_a_robot_that_diverges_while_another_is_placed_is_truncated():

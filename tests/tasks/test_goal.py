@@ -71,6 +71,7 @@ def test_success_is_the_last_second_within_two_centimetres():
     state = None
     observation, info = env.reset(seed=3, options={"goal": 0.4})
     assert info["goal"] == 0.4 and not info["is_success"]
+    distance = env.unwrapped.task.columns["goal_distance"]
     inside = 0
     for k in range(600):
         action, state = policy.predict(observation, state, np.array([k == 0]))
@@ -80,7 +81,7 @@ def test_success_is_the_last_second_within_two_centimetres():
         assert terms[1] == pytest.approx(6.0 / (1.0 + (info["distance"] / 0.02) ** 2), rel=1e-9)
         inside = inside + 1 if abs(info["distance"]) <= NEAR else 0
         assert info["is_success"] == (inside >= 50)
-        assert observation[-1] == np.float32(info["distance"])
+        assert observation[distance] == np.float32(info["distance"])
     assert info["is_success"]
     state = env.unwrapped.get_state()
-    assert env.unwrapped.set_state(state)[-1] == observation[-1]
+    assert env.unwrapped.set_state(state)[distance] == observation[distance]

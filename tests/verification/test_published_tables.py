@@ -1,6 +1,8 @@
 """Numbers that others have published of these linkages, by their own definitions.
 
-Sources and verdicts: docs/published.md. Jansen's are in units of his "holy numbers".
+Sources and verdicts: docs/published.md. Jansen's are in units of his "holy numbers". Names that
+begin with ``published`` hold the numbers of the sources; those that begin with ``recorded`` hold
+results of this code, against which later versions are compared.
 """
 
 import math
@@ -45,7 +47,8 @@ def test_strandbeest_evolutions_stroke_has_not_converged():
     """57.08 is a value of 180 samples: with 72,000 the same definition gives 57.67."""
     x, y = holy_path(72_000).T
     stance = longest_run(y <= y.min() + 0.015 * np.ptp(x))
-    assert np.ptp(x[stance]) == pytest.approx(57.66957, abs=1e-5)
+    recorded = 57.66957
+    assert np.ptp(x[stance]) == pytest.approx(recorded, abs=1e-5)
 
 
 def test_strandbeest_evolutions_quasi_static_torque():
@@ -76,14 +79,18 @@ def test_strandbeest_evolutions_quasi_static_torque():
     rise = unit * (after[..., 1].min(axis=1) - before[..., 1].min(axis=1)) / (2.0 * h)
     weight = mass * 9.81
     as_coded, corrected = (0.05 * weight * advance + sign * weight * rise for sign in (-1.0, 1.0))
-    assert advance.sum() * 2.0 * math.pi / samples == pytest.approx(2.667747, abs=1e-6)
+    published_stride = 2.667747
+    assert advance.sum() * 2.0 * math.pi / samples == pytest.approx(published_stride, abs=1e-6)
     strides = [
         unit * ((back * near).sum(axis=1) / near.sum(axis=1)).mean() * 2.0 * math.pi
         for near in (now[..., 1] <= low[:, None] + band for band in (0.1, 2.0))
     ]  # by how near to the lowest a foot counts as standing
-    assert strides == pytest.approx([2.81, 2.50], abs=6e-3)
-    assert [as_coded.mean(), as_coded.max()] == pytest.approx([10.423653, 14.711717], abs=1e-6)
-    assert [corrected.mean(), corrected.max()] == pytest.approx([10.402249, 14.072458], abs=1e-6)
+    recorded_strides = [2.81, 2.50]
+    assert strides == pytest.approx(recorded_strides, abs=6e-3)
+    published = [10.423653, 14.711717]
+    assert [as_coded.mean(), as_coded.max()] == pytest.approx(published, abs=1e-6)
+    recorded = [10.402249, 14.072458]
+    assert [corrected.mean(), corrected.max()] == pytest.approx(recorded, abs=1e-6)
 
 
 def test_legsynths_gait_of_jansens_leg():
@@ -92,10 +99,14 @@ def test_legsynths_gait_of_jansens_leg():
     ground = y.min() + 0.01 * np.ptp(y)
     stance = longest_run(y <= ground)
     step = np.ptp(x[stance])
-    assert step == pytest.approx(43.408629, abs=1e-6)
-    assert y.max() - ground == pytest.approx(22.232376, abs=1e-6)
-    assert y[stance].std() / step == pytest.approx(0.00111946, abs=1e-8)
-    assert len(stance) / 1440 == pytest.approx(0.311806, abs=1e-6)
+    published_step = 43.408629
+    published_clearance = 22.232376
+    published_flatness = 0.00111946
+    published_duty = 0.311806
+    assert step == pytest.approx(published_step, abs=1e-6)
+    assert y.max() - ground == pytest.approx(published_clearance, abs=1e-6)
+    assert y[stance].std() / step == pytest.approx(published_flatness, abs=1e-8)
+    assert len(stance) / 1440 == pytest.approx(published_duty, abs=1e-6)
 
 
 def test_klanns_path_in_the_patents_assembly():
@@ -103,12 +114,14 @@ def test_klanns_path_in_the_patents_assembly():
     robot = klann_robot(1)
     path = toe_positions(robot, 2.0 * math.pi / 48 * np.arange(48))[:, 0]
     unit = robot.bodies[1].distance(0, 1) / 0.268
-    assert 3.0 / unit * np.ptp(path, axis=0) == pytest.approx([3.02, 1.58], abs=6e-3)
+    recorded = [3.02, 1.58]
+    assert 3.0 / unit * np.ptp(path, axis=0) == pytest.approx(recorded, abs=6e-3)
 
 
 def test_leggedsnakes_boxes_of_foot_paths():
     """48 samples; of Jansen's leg, and of a lambda linkage whose foot is its rocker's pin."""
-    assert np.ptp(holy_path(48), axis=0) == pytest.approx([67.83, 22.18], abs=6e-3)
+    published = [67.83, 22.18]
+    assert np.ptp(holy_path(48), axis=0) == pytest.approx(published, abs=6e-3)
     lambda_linkage = robot_from_joints(
         {
             "frame": {"O": (0.0, 0.0), "Q": (3.0, 0.0)},
@@ -121,6 +134,7 @@ def test_leggedsnakes_boxes_of_foot_paths():
         [Leg("fore")],
     )
     path = toe_positions(lambda_linkage, 2.0 * math.pi / 48 * np.arange(48))[:, 0]
-    assert np.ptp(path, axis=0) == pytest.approx([1.87, 0.79], abs=6e-3)
+    published = [1.87, 0.79]
+    assert np.ptp(path, axis=0) == pytest.approx(published, abs=6e-3)
     radius = np.hypot(*(path - (3.0, 0.0)).T)
     assert radius == pytest.approx(3.75, abs=1e-12)

@@ -28,6 +28,11 @@ def made(env_id, **kwargs):
     return gym.make(env_id, **kwargs).unwrapped
 
 
+def length_columns(env):
+    """Columns of the observed lengths, in the order of the lengths."""
+    return [env.task.columns[f"length_{name}"] for name in lengths(env.robot)]
+
+
 @pytest.mark.slow
 @every
 def test_given_lengths_are_those_of_a_robot_made_so_for_one_episode(env_id, kwargs, steps):
@@ -53,7 +58,8 @@ def test_a_state_holds_the_lengths(env_id, kwargs, steps):
     other.reset(seed=2)
     if env_id == "JansenWalker-v0" and steps < 9:  # whose solver a state restarts
         env.set_state(state)
-    assert (other.set_state(state)[-13:] == first[-13:]).all() and env.robot == other.robot
+    factors = length_columns(env)
+    assert (other.set_state(state)[factors] == first[factors]).all() and env.robot == other.robot
     assert (walk(env, steps) == walk(other, steps)).all()
     assert (env.reset()[0] == other.reset()[0]).all() and env.robot == other.robot
     nominal_env.reset(seed=5)
@@ -62,7 +68,7 @@ def test_a_state_holds_the_lengths(env_id, kwargs, steps):
     nominal_env.set_state(state)
     robot = nominal_env.robot
     assert robot == made(env_id, robot=robot, **kwargs).robot != built_robot()
-    assert (nominal_env.set_state(nominal)[-13:] == 0.0).all()
+    assert (nominal_env.set_state(nominal)[factors] == 0.0).all()
     assert "lengths" not in nominal_env.get_state()
 
 
@@ -134,26 +140,30 @@ def test_a_batch_takes_one_set_of_lengths_or_one_for_each():
 
 
 @pytest.mark.parametrize("env_id", IDS)
-def test_observed_are_factors_less_one_at_the_end(env_id):
+def test_observed_are_factors_less_one_beside_all_else(env_id):
     env, without = made(env_id, observe_lengths=True), made(env_id)
     names = [entry.name for entry in env.observed]
     nominal = lengths(env.robot)
-    assert env.observed[:-13] == without.observed
-    assert names[-13:] == [f"length_{name}" for name in nominal]
+    columns = length_columns(env)
+    others = [name not in columns for name in range(len(names))]
+    assert [entry for entry, other in zip(env.observed, others, strict=True) if other] == [
+        *without.observed
+    ]
+    assert [names[column] for column in columns] == [f"length_{name}" for name in nominal]
     observation, info = env.reset(seed=0, options={"lengths": WANTED})
     assert info["lengths"] == {**nominal, **WANTED}
     factors = [{**nominal, **WANTED}[name] / nominal[name] - 1.0 for name in nominal]
-    np.testing.assert_allclose(observation[-13:], factors, atol=1e-7)
+    np.testing.assert_allclose(observation[columns], factors, atol=1e-7)
     without.reset(seed=0, options={"lengths": WANTED})
     seen = walk(env)
-    others = walk(without)
+    plain = walk(without)
     noisy = "Hardcore" in env_id
-    assert (seen[:, -13:] == observation[-13:]).all()
-    assert noisy or (seen[:, :-13] == others).all()
+    assert (seen[:, columns] == observation[columns]).all()
+    assert noisy or (seen[:, others] == plain).all()
     assert (env.task.world.plant.states == without.task.world.plant.states).all()
     if noisy:
-        assert (env.step([0.1])[4]["true_observation"][-13:] == observation[-13:]).all()
-    assert (env.reset()[0][-13:] == 0.0).all()
+        assert (env.step([0.1])[4]["true_observation"][columns] == observation[columns]).all()
+    assert (env.reset()[0][columns] == 0.0).all()
 
 
 def test_ranges():

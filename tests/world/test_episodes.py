@@ -128,7 +128,7 @@ def test_any_distribution_will_do():
     envs.close()
     env = gym.make("JansenWalker-v0", randomize={"payload": Wild()})
     with pytest.raises(
-        ValueError, match=r"a sample of randomize\['payload'\] must be.*, got -0\.8132702392002724"
+        ValueError, match=r"a sample of randomize\['payload'\] must be.*, got -0\.\d+"
     ):
         env.reset(seed=0)
 
@@ -136,7 +136,7 @@ def test_any_distribution_will_do():
 @pytest.mark.parametrize(
     ("randomize", "message"),
     [
-        ({"frictoin": (0.4, 1.0)}, r"\['frictoin'\], must be of \['friction', 'restitution'"),
+        ({"frictoin": (0.4, 1.0)}, r"\['frictoin'\], must be of \[.*'friction'"),
         (
             {"friction": (1.0, 0.4)},
             r"randomize\['friction'\] must be \(low, high\) with.*, got \(1\.0, 0\.4\)",
@@ -158,7 +158,7 @@ def test_any_distribution_will_do():
             {"lengths": (1.1, 0.9)},
             r"randomize\['lengths'\] must be \(low, high\) with.*, got \(1\.1, 0\.9\)",
         ),
-        ({"lengths": {"tail": 0.1}}, r"randomize\['lengths'\] has 'tail', must be of \['frame', "),
+        ({"lengths": {"tail": 0.1}}, r"randomize\['lengths'\] has 'tail', must be of \[.*'frame'"),
         (
             {"lengths": {"crank": (0.0, 1.0)}},
             r"randomize\['lengths'\]\['crank'\] must be between.*, got 0\.0",

@@ -95,7 +95,7 @@ def test_a_missing_package_is_named(command, tmp_path):
 
 @pytest.mark.slow
 def test_what_needs_no_other_package(tmp_path):
-    """A replay of the policy that comes with the package, the pages, and MuJoCo's file."""
+    """A replay of the packaged policy, the pages, and MuJoCo's file need no other package."""
     done = run("replay", "--policy", "pretrained", "--steps", "20", "--out", "x.html", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "x.html").stat().st_size > 50_000

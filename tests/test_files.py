@@ -43,7 +43,7 @@ READERS = [Recording.load, walk_again, pretrained.load_file, plain_yaml.read_yam
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no fifos")
 @pytest.mark.parametrize("read", READERS, ids=lambda read: read.__name__)
 def test_a_fifo_is_refused(read, tmp_path, no_waiting):
-    """By all who read users' files, with its name; opening it would wait for a writer."""
+    """All who read users' files refuse it by its name; opening it would wait for a writer."""
     os.mkfifo(tmp_path / "fifo")
     with pytest.raises(ValueError, match=r"fifo.* regular file"):
         read(tmp_path / "fifo")

@@ -70,7 +70,9 @@ def imported(path: Path) -> set[str]:
 
 
 def test_agents_ask_for_all_packages_that_they_import():
-    """Beside those that the package itself needs, and those that have extras of their own."""
+    """Packages that the package itself needs are exempt, and those that have extras of
+    their own.
+    """
     paths = [path for path in FILES if path.is_relative_to(ROOT / "agents")]
     packages = {name.split(".")[0] for path in paths for name in imported(path)}
     others = {"agents", "jansen_env", "jansen_workshop", "gymnasium", "numpy", "safetensors"}

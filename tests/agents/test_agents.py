@@ -42,7 +42,10 @@ def observation(angle, speed, command):
 
 
 def test_pid_is_equation_13():
-    """Against the formula written out, the crank passing pi twice; what is NaN it does not read."""
+    """The torque is that of the written-out formula, also when the crank passes pi twice.
+
+    NaN in observations that the controller does not read changes nothing.
+    """
     dt = 0.02
     gains = PID()
     controller = walking_pid(ONE_TO_ONE, motor(1e3))
@@ -72,9 +75,10 @@ def test_pid_starts_again_with_an_episode():
 
 
 def test_speed_map_picks_the_nearest_and_mirrors():
-    """Closest measured setting; negative commands turn the crank back; zero stands.
+    """The map returns the closest measured setting.
 
-    A setting that hits the command half the time loses to a steady one a little off.
+    Negative commands turn the crank back, and zero stands still. A setting that hits the command
+    half the time loses to a steady one that is a little off.
     """
     assert ONE_TO_ONE(np.array([0.9, 1.6, -0.9, 0.0])) == pytest.approx([1, 2, -1, 0])
     measured = nearest_setting(np.array([1.0, 2.0]), np.array([[0.3, 0.0], [0.25, 0.26]]))
@@ -100,7 +104,7 @@ def test_the_measured_maps_are_what_tune_measures():
     ],
 )
 def test_baselines_are_those_found_for_the_robot(env_id, kwargs, design):
-    """By its links, whatever its motor and load."""
+    """Baselines are looked up by the links of a robot, whatever its motor and its load."""
     env = gym.make(env_id, **kwargs).unwrapped
     shipped = json.loads(DATA.read_text())
     assert measured("pid", env.robot) == shipped[design]["pid"]
@@ -110,7 +114,7 @@ def test_baselines_are_those_found_for_the_robot(env_id, kwargs, design):
 
 @pytest.mark.slow
 def test_tuning_finds_gains_and_keeps_other_designs(tmp_path, monkeypatch):
-    """The gains that return most of those tried, measured on the robot."""
+    """Tuning returns the gains with the highest return of those tried, measured on the robot."""
     soft, stiff = (2.0, 0.5, 0.5), (100.0, 10.0, 10.0)
     monkeypatch.setattr(tune, "GAINS", (stiff, soft))
     monkeypatch.setattr(tune, "CRANK_SPEEDS", np.array([1.0, 2.5, 4.0]))
@@ -125,8 +129,9 @@ def test_tuning_finds_gains_and_keeps_other_designs(tmp_path, monkeypatch):
 
 
 def test_what_is_kept_of_an_episode():
-    """The position after two seconds, slip and work from then on, and how much the torque changes,
-    the first time from 0."""
+    """An episode keeps the position after two seconds, slip and work from then on, and how much the
+    torque changes, the first time from 0.
+    """
     torques = [2.0, 2.0, -1.0, 3.0] + [2.5, 3.0] * 58
     left = iter(torques)
     policy = TorquePolicy(lambda seen, *_: (np.full(len(seen), next(left)), None), 20.0)
@@ -193,7 +198,10 @@ def test_scores_are_means_and_ratios_of_sums():
 
 
 def test_fractions_have_exact_intervals():
-    """Over the episodes of all commands, and at each of them; no fall does not mean none ever."""
+    """Intervals are over the episodes of all commands, and at each command.
+
+    No fall in the sample does not mean that none ever happens.
+    """
     run = made_episodes()
     run["fell"] = np.arange(40) == 39
     summary = metrics.summarise(WALKER.metrics, run, TEN_SECONDS)
@@ -231,7 +239,9 @@ def test_an_evaluation_prints_five_metrics_or_all_and_writes_nothing(tmp_path, c
 
 @pytest.mark.slow
 def test_baselines_walk_the_right_way_on_every_robot():
-    """The holy designs turn their crank clockwise for it; nothing of the baselines knows."""
+    """The holy designs turn their crank clockwise to walk forward; the baselines know nothing of
+    it.
+    """
     commands, seeds = np.array([0.3, 0.5, -0.4]), np.array([1, 2, 3])
     env = gym.make("JansenWalker-v0", robot="holy")
     for name, baseline in BASELINES.items():
@@ -241,7 +251,7 @@ def test_baselines_walk_the_right_way_on_every_robot():
 
 
 def test_commands_are_drawn_from_the_range_of_the_environment():
-    """The same of the same seed, as of a uniform distribution."""
+    """The same seed gives the same commands, which are distributed uniformly."""
     env = make_env("JansenWalkerBuilt-v0", {})
     (commands, _), (again, _), (other, _) = (draw_episodes(env, 60, seed) for seed in (0, 0, 1))
     assert np.array_equal(commands, again) and not np.array_equal(commands, other)

@@ -44,7 +44,7 @@ def one_line(error):
     ],
 )
 def test_yaml_that_is_no_plain_data(text, reason, tmp_path):
-    """Refused in one line that names file and place, in files and on the command line."""
+    """It is refused in one line that names file and place, in files and on the command line."""
     path = tmp_path / "x.yml"
     path.write_text(text)
     with pytest.raises(ValueError, match=reason) as error:
@@ -113,7 +113,9 @@ def test_values_that_are_allowed(tmp_path):
 
 
 def test_whole_numbers_may_be_written_with_an_exponent():
-    """As in a configuration file; what is not whole, negative or endless is refused."""
+    """Numbers are read as in a configuration file; those that are not whole, negative or infinite
+    are refused.
+    """
     read = [flags.positive_int(text) for text in ("1e5", "12", "2.5e1")]
     assert read == [100_000, 12, 25] and all(type(number) is int for number in read)
     assert flags.non_negative_int("0") == 0
@@ -125,7 +127,9 @@ def test_whole_numbers_may_be_written_with_an_exponent():
 
 
 def test_policies_keep_labels_of_their_own(tmp_path, monkeypatch):
-    """Runs of one name in different folders are told apart; the same policy twice is refused."""
+    """Runs of one name in different folders are told apart; the same policy given twice is
+    refused.
+    """
     monkeypatch.chdir(tmp_path)
     for root in ("a", "b"):
         folder = tmp_path / root / "ppo" / "JansenWalker-v0_1"
@@ -147,7 +151,7 @@ def test_what_the_command_line_says_holds_for_all_variants():
 
 
 def test_what_all_variants_have_alike_holds_for_all_environments():
-    """So a batch has them; what differs stays a variant's."""
+    """A batch has such arguments once; arguments that differ stay with their variant."""
     variants = [{"friction": 0.5, "slip_weight": 2.0}, {"friction": 0.6, "slip_weight": 2.0}]
     given = RunConfig(env_kwargs={"payload": 1.0}, training_variants=variants)
     common = {"payload": 1.0, "slip_weight": 2.0}
@@ -157,7 +161,7 @@ def test_what_all_variants_have_alike_holds_for_all_environments():
 
 
 def test_the_entry_for_the_zoo_is_the_shipped_configuration():
-    """But for what the zoo has no key for."""
+    """The entry has all settings of the shipped configuration for which the zoo has a key."""
     path = Path(__file__).parents[2] / "examples" / "rl_zoo_ppo.yml"
     entry = yaml.safe_load(path.read_text())["JansenWalkerBuilt-v0"]
     names = {"dict": dict, "nn": argparse.Namespace(Tanh="tanh")}

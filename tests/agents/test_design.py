@@ -61,7 +61,7 @@ def walker():
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in PLANS.glob("*.yml")))
 def test_shipped_plans_are_complete(name, monkeypatch):
-    """And begin at the robot they name."""
+    """Each plan can be read and begins at the robot that it names."""
     monkeypatch.chdir(PLANS.parents[2])
     assert read_plan(name).space().variables
 
@@ -96,7 +96,9 @@ def test_a_plan_with_a_fault_is_refused(changes, message):
 
 
 def test_the_start_is_the_design_itself():
-    """Its lengths and profile; the ends of the range are the share."""
+    """The start has the lengths and the profile of the design; the ends of the range are at the
+    share.
+    """
     space = Space("built", 0.3, {"lengths": 0.2, "harmonics": 2})
     robot = space.candidate(space.start).robot
     assert lengths(robot) == pytest.approx(lengths(BUILT), rel=1e-12)
@@ -108,7 +110,9 @@ def test_the_start_is_the_design_itself():
 
 
 def test_the_shape_of_the_built_robot():
-    """Against its kinematics' own numbers; what does not close has a closure of -1."""
+    """Measures of the shape are those of its kinematics; a leg that does not close has a closure of
+    -1.
+    """
     shape = geometry_measures(BUILT)
     assert shape["height"] == pytest.approx(standing_height(BUILT), abs=1e-4)
     assert shape["lift"] == pytest.approx(0.0884, abs=1e-4)
@@ -120,8 +124,10 @@ def test_the_shape_of_the_built_robot():
 
 
 def test_links_in_one_plane_keep_apart_or_cross(walker):
-    """Crank and rocker of the paper's leg never meet; upper rod and frame cross. What shares a
-    plane of the built robot's drawings has a gap."""
+    """Crank and rocker of the paper's leg never meet; upper rod and frame cross.
+
+    Parts that share a plane of the built robot's drawings have a gap.
+    """
     paper = ROBOTS["paper"]()
     names = ("frame", "crank", "rocker", "upper_rod")
     frame, crank, rocker, rod = ((0, paper.linkage.names.index(name)) for name in names)
@@ -134,7 +140,7 @@ def test_links_in_one_plane_keep_apart_or_cross(walker):
 
 
 def test_a_path_is_compared_with_the_first_robots(walker):
-    """Whatever its size; another coupler's is another."""
+    """A path keeps its shape at any size; another coupler gives another shape."""
     twice = {name: 2.0 * v for name, v in lengths(BUILT).items() if name != "frame_angle"}
     robots = [BUILT, with_lengths(BUILT, twice), with_lengths(BUILT, {"coupler": 0.27})]
     errors = walker.measure("path", [Candidate(robot, np.ones(4)) for robot in robots])
@@ -143,7 +149,7 @@ def test_a_path_is_compared_with_the_first_robots(walker):
 
 
 def test_walks_are_scored_as_everywhere(walker):
-    """Of two candidates: the numbers of the same walks by themselves, and of each in any place."""
+    """The numbers of two candidates are those of the same walks by themselves, in either place."""
     space = Space("built", 0.3, {"lengths": 0.1})
     rng = np.random.default_rng(2)
     two = [space.candidate(space.start + 0.1 * rng.standard_normal(13)) for _ in range(2)]
@@ -166,7 +172,9 @@ def test_walks_are_scored_as_everywhere(walker):
 
 
 def test_wear_grows_with_what_slides(walker):
-    """Half more weight on the same lengths: more load times sliding. The walks are chaotic."""
+    """Half more weight on the same lengths gives more load times sliding, although walks are
+    chaotic.
+    """
     light = begin()
     bodies = tuple(replace(link, mass=1.5 * link.mass) for link in light.robot.bodies)
     heavy = Candidate(replace(light.robot, bodies=bodies), light.numbers)
@@ -190,7 +198,10 @@ def test_climbing_counts_heights(walker):
     ("method", "objectives"), [(Cma, ()), pytest.param(Nsga2, (2,), marks=needs_pymoo)]
 )
 def test_methods_improve(method, objectives):
-    """On a bowl within a limit: nearer than at first; they repeat, as searches that were killed."""
+    """On a bowl within a limit each method ends nearer than it began.
+
+    The same seed gives the same search, also when the search was killed.
+    """
     method = method(np.full(3, 0.2), 12, 3, *objectives)
     best = []
     for _ in range(25):
@@ -204,7 +215,9 @@ def test_methods_improve(method, objectives):
 
 @pytest.mark.parametrize("method", ["cma", pytest.param("nsga2", marks=needs_pymoo)])
 def test_a_killed_search_goes_on_bit_for_bit(method, tmp_path):
-    """Killed after two generations and in the third: the end is that of a search that was not."""
+    """A search that is killed after two generations and in the third ends as one that was not
+    killed.
+    """
     plan = plan_of(method)
     files = [0]
 
@@ -227,7 +240,9 @@ def test_a_killed_search_goes_on_bit_for_bit(method, tmp_path):
 
 
 def test_limits_rank_what_breaks_them():
-    """By how much of the bound, always less than what is not measured."""
+    """A violation counts as a share of the bound, and always less than a value that is not
+    measured.
+    """
     plan = plan_of(limits={"mass": [None, 5.0], "falls": [None, 0], "lift": [0.1, None]})
     measured = {
         "closure": np.ones(3),
@@ -240,7 +255,7 @@ def test_limits_rank_what_breaks_them():
 
 
 def test_what_cannot_turn_is_not_walked(walker):
-    """It breaks all limits on walks; lengths without a triangle, too."""
+    """A crank that cannot turn, or lengths without a triangle, break all limits on walks."""
     measured, violation = search.measure(plan_of(), walker, [OPEN, None])
     assert np.isnan(measured["falls"]).all() and (violation >= 2.0).all()
 
@@ -266,7 +281,9 @@ def test_a_damaged_journal_is_refused(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["cma", pytest.param("nsga2", marks=needs_pymoo)])
 def test_the_command_searches_and_reports(method, tmp_path, capsys):
-    """Two seeds: robot files and profiles that walk, pictures; given again, the same report."""
+    """With two seeds it writes robot files and profiles that walk, and pictures; the same command
+    writes the same report again.
+    """
     path = tmp_path / "own.yml"
     plan = {**SMALL, "method": method, **METHODS[method]}
     path.write_text(yaml.safe_dump(plan, sort_keys=False))
@@ -296,7 +313,7 @@ def test_the_command_searches_and_reports(method, tmp_path, capsys):
 
 
 def test_a_folder_has_one_search(tmp_path):
-    """Not two at once, and not another robot under the same name."""
+    """A second search at the same time is refused, and so is another robot under the same name."""
     with search.locked(tmp_path), pytest.raises(ValueError, match="is in use by"):
         search.run_search(plan_of(generations=1), 0, tmp_path)
     robot = write_robot(tmp_path / "own.json", BUILT)

@@ -33,7 +33,7 @@ def test_without_a_display_there_is_a_film(invisible, capsys):
 
 
 def test_films_have_the_episodes_that_are_asked_for(invisible, capsys):
-    """Commands in turn, other starts; a failure ends an episode and is called one."""
+    """Commands take turns and starts differ; a failure ends an episode and is reported as one."""
     command = f"--policy constant --env {CRANK} --video a.gif --steps 16 --command 2 3 --episodes 3"
     values = "{max_episode_steps: 8, reset_noise_scale: 1.0}"
     enjoy.main([*command.split(), "--env-kwargs", values])
@@ -49,7 +49,10 @@ def test_films_have_the_episodes_that_are_asked_for(invisible, capsys):
 
 @pytest.mark.slow
 def test_several_are_filmed_one_above_the_other(invisible, capsys):
-    """From the same start; the one that is over first stands still until the other is, too."""
+    """All begin in the same state.
+
+    The one that ends first stands still until the other ends, too.
+    """
     command = "--policy pid --policy constant --env JansenWalker-v0 --video a.mp4"
     command += " --command 0.8 --steps 25 --seed 3"
     enjoy.main([*command.split(), "--env-kwargs", "{fall_pitch: 0.06}"])

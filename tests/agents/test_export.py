@@ -100,7 +100,7 @@ EVIL = '*/ int evil(void); /* \\\n #include "evil.h" ??/ `rm` \u2028 <b>|</b>'
 
 @needs_cc
 def test_no_text_of_a_file_becomes_code():
-    """Of names, units and ids: comments do not end, nothing but letters is left of names."""
+    """Names, units and ids end no comment, and nothing but letters is left of names."""
     policy = pretrained.load(CRANK)
     given = policy.description["observation"]
     rows = [{"name": row["name"] + EVIL, "unit": EVIL} for row in given]
@@ -154,8 +154,10 @@ int main(void)
 @needs_cc
 @pytest.mark.parametrize("options", [STRICT, SINGLE], ids=["double", "float"])
 def test_what_is_not_finite_gets_an_action_of_0(options):
-    """NaN or infinity in any place of an observation; arithmetic that does not know NaN is
-    refused."""
+    """This holds for NaN or infinity in any place of an observation.
+
+    Compilers whose arithmetic does not know NaN are refused.
+    """
     sources = {**c_source.sources(pretrained.load(CRANK), "mine"), "mine_main.c": STOP}
     printed = run_c(sources, np.zeros((0, 1)), options)
     assert printed[-2:].tolist() == [5.0, 0.01]
@@ -169,7 +171,9 @@ def test_what_is_not_finite_gets_an_action_of_0(options):
 @pytest.mark.slow
 @pytest.mark.parametrize(("env_id", "name"), [("JansenWalkerBuilt-v0", "onboard"), (CRANK, "ppo")])
 def test_onnx_gives_nan_for_what_is_not_finite(env_id, name):
-    """The action and torque of that robot alone, for NaN or infinity in any place."""
+    """NaN or infinity in any place makes the action and the torque of that robot NaN, and of no
+    other.
+    """
     runtime = pytest.importorskip("onnxruntime")
     policy = pretrained.load(env_id, name)
     session = runtime.InferenceSession(onnx_model.build(policy, "mine").SerializeToString())
@@ -197,7 +201,7 @@ def exported(tmp_path_factory):
 @pytest.mark.slow
 @needs_cc
 def test_the_program_of_an_export_runs(exported, tmp_path):
-    """As its comment says; it refuses what is no observation."""
+    """It runs as its comment says, and it refuses input that is no observation."""
     run, folder = exported
     names = {"mine.onnx", "mine.h", "mine.c", "mine_main.c"}
     assert {path.name for path in folder.iterdir()} == names

@@ -92,7 +92,7 @@ def test_names_in_a_configuration_import_nothing(folder, payload):
 
 
 def test_pickles_in_a_model_never_run(folder, payload):
-    """Those that Stable-Baselines3 would load stay unread; those of tensors are refused."""
+    """Pickles that Stable-Baselines3 would load stay unread; pickles of tensors are refused."""
     bomb = pickle.dumps(Bomb())
     data = b'{"num_timesteps": 1, "policy_class": {":serialized:": "%s"}}' % bomb.hex().encode()
     sb3.load_policy(changed(folder / "best_model.zip", data=data))
@@ -104,7 +104,7 @@ def test_pickles_in_a_model_never_run(folder, payload):
 
 
 def test_a_model_trained_elsewhere(tmp_path):
-    """By plain Stable-Baselines3, with the three lines of config.yml that it takes."""
+    """A model of plain Stable-Baselines3 loads with the three lines of config.yml that it takes."""
     env = make_env(ENV, {})
     model = PPO("MlpPolicy", env, n_steps=8, batch_size=8, device="cpu")
     model.save(tmp_path / "mine.zip")
@@ -146,7 +146,9 @@ def test_a_key_in_the_wrong_place_is_told_where_it_belongs(folder):
 
 @pytest.mark.parametrize("place", ["vecnormalize.pkl", "../vec_normalize.pkl"])
 def test_a_model_with_normalized_observations_is_not_scored_wrongly(place, folder, tmp_path):
-    """Its statistics are a pickle beside it, without which its actions mean nothing."""
+    """Its statistics are a pickle beside the model; without them its actions mean nothing, so that
+    it is refused.
+    """
     run = tmp_path / "run" / "inner"
     run.mkdir(parents=True)
     model = PPO("MlpPolicy", make_env(ENV, {}), n_steps=8, batch_size=8)

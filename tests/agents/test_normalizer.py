@@ -41,7 +41,9 @@ class Recorder(BaseCallback):
 
 @pytest.mark.parametrize("algo", ["ppo", "sac"])
 def test_normalizer_sees_whole_rollouts(algo):
-    """At each rollout's start it has seen all observations of those before, and no others."""
+    """At the start of each rollout it has seen all observations of earlier rollouts, and no
+    others.
+    """
     small = (
         {"n_steps": 8, "batch_size": 16, "n_epochs": 1}
         if algo == "ppo"
@@ -54,7 +56,9 @@ def test_normalizer_sees_whole_rollouts(algo):
 
 
 def test_features_that_do_not_vary_are_not_blown_up():
-    """Unscaled before the first rollout; what is constant stays within the clip in float32."""
+    """Features are unscaled before the first rollout; constant ones stay within the clip in
+    float32.
+    """
     normalizer = NormalizedObservation(gym.spaces.Box(-np.inf, np.inf, (2,)))
     first = torch.tensor([[0.3, 1.0], [0.3, -1.0]])
     assert torch.equal(normalizer(first), first)
@@ -68,7 +72,9 @@ def test_features_that_do_not_vary_are_not_blown_up():
 
 
 def test_harmonics_are_of_the_crank_angle():
-    """Beside the scaled observation, whatever its statistics; the same half a turn on."""
+    """They stand beside the scaled observation, whatever its statistics, and repeat half a
+    turn on.
+    """
     normalizer = NormalizedObservation(gym.spaces.Box(-np.inf, np.inf, (3,)), harmonics=4)
     angle = np.linspace(-4.0, 4.0, 50)
     seen = torch.tensor(np.stack([np.cos(angle), np.sin(angle), angle], axis=1)).float()
@@ -86,7 +92,9 @@ def test_harmonics_are_of_the_crank_angle():
 
 @pytest.mark.parametrize("kwargs", [{}, {"robot": "klann"}, {"observe": "onboard"}])
 def test_half_a_turn_on_the_machine_is_the_same(kwargs):
-    """Its observations are the image, its features equal, whatever the statistics."""
+    """Its observations are the mirror image, and its features are equal, whatever the
+    statistics.
+    """
     config = make_config({"env_kwargs": {**kwargs, "max_episode_steps": 1000}})
     image = half_turn_image(config)
     envs = make_envs(config.env, config.env_kwargs, 2)

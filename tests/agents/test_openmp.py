@@ -40,7 +40,7 @@ def started(module, **given):
     ],
 )
 def test_waiting_threads_sleep_soon_unless_the_user_says_otherwise(given, spins, threads):
-    """Set before torch is loaded, or GNU's OpenMP would not know it."""
+    """The variables are set before torch is loaded; otherwise GNU's OpenMP would not read them."""
     said = started("train", **given)
     assert f"GOMP_SPINCOUNT = '{spins}'" in said
     assert f"OMP_NUM_THREADS = '{threads}'" in said

@@ -29,7 +29,9 @@ CASES = {
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_a_killed_run_ends_as_if_it_had_not_been(case, tmp_path):
-    """Before its first checkpoint, in the middle of a rollout, and shortly before its end."""
+    """Runs are killed before the first checkpoint, in the middle of a rollout, and shortly before
+    the end.
+    """
     settings = CASES[case]
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     for folder in (whole, killed):
@@ -44,7 +46,7 @@ def test_a_killed_run_ends_as_if_it_had_not_been(case, tmp_path):
 
 @pytest.mark.slow
 def test_ars_goes_on_with_the_weights_it_had(tmp_path):
-    """Not with the same noise: a round of candidates that was cut short is begun again."""
+    """The noise is not the same: a round of candidates that was cut short begins again."""
     settings = small_run("ars", timesteps=2000)
     go_on(settings, tmp_path, killed_after=1500)
     saved = read_model(last_state(tmp_path))

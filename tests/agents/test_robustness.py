@@ -32,7 +32,9 @@ def test_feet_are_scaled():
 
 @pytest.mark.slow
 def test_conditions_are_what_they_are_called(few):
-    """On the same starts: at its own friction and feet a robot walks as it does without."""
+    """From the same starts, a robot at its own friction and with its own feet walks as it does
+    without a condition.
+    """
     env_id = "JansenWalker-v0"
     plain = {}
     policies = {"pid": load_named("pid", make_env(env_id, SHORT))}
@@ -47,7 +49,9 @@ def test_conditions_are_what_they_are_called(few):
 
 @pytest.mark.slow
 def test_robustness_command(few, tmp_path, capsys):
-    """Each policy on each plant under each condition; fewer episodes on the slow plant."""
+    """It scores each policy on each plant under each condition, with fewer episodes on the slow
+    plant.
+    """
     command = "--robustness --policy pid --policy profile --episodes 3"
     command += " --plant projection --plant rigid_body"
     given = ["--env-kwargs", "{max_episode_steps: 4}", "--out", str(tmp_path)]
@@ -65,7 +69,7 @@ def test_robustness_command(few, tmp_path, capsys):
 
 @pytest.mark.slow
 def test_scores_by_level(tmp_path, capsys):
-    """A row a level; what is harder is scored on the same commands."""
+    """The report has a row for each level, and all levels are scored on the same commands."""
     command = "--env JansenWalkerRough-v0 --policy pid --policy constant --levels 0 9 --episodes 3"
     given = ["--env-kwargs", "{terrain: stairs}", "--out", str(tmp_path)]
     evaluate.main([*command.split(), *given])

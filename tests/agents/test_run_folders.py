@@ -34,7 +34,9 @@ def run(killed, tmp_path):
 
 @pytest.mark.slow
 def test_a_full_disk(killed, run):
-    """Files that may not become larger: training ends in one line, and goes on with room."""
+    """Where files may not become larger, training ends in one line, and continues once there is
+    room.
+    """
     before = {path: path.read_bytes() for path in run.rglob("*.zip")}
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
@@ -61,7 +63,7 @@ def test_other_files_among_the_checkpoints_are_left_alone(run):
 
 @pytest.mark.slow
 def test_two_runs_in_one_folder(killed, run):
-    """The second is refused and changes nothing. A killed one leaves no lock."""
+    """The second run is refused and changes nothing. A killed run leaves no lock."""
     hold = (
         "import sys, pathlib; from agents.training.runs import locked\n"
         "with locked(pathlib.Path(sys.argv[1])): print('held', flush=True); sys.stdin.read()"

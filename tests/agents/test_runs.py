@@ -59,7 +59,7 @@ def test_learning_rate_never_goes_below_zero(tmp_path, returns):
 
 
 def test_resumed_run_keeps_a_better_model(tmp_path, returns):
-    """The best model is of steps trained again: only a better one takes its place."""
+    """The best model comes from steps that are trained again: only a better one replaces it."""
     returns += [1.0, 5.0]
     go_on(small_config(), tmp_path, every=KEPT)
     best = (tmp_path / runs.BEST).read_bytes()
@@ -78,7 +78,7 @@ def test_resumed_run_keeps_a_better_model(tmp_path, returns):
 
 
 def test_of_equal_models_the_first_is_kept(tmp_path, returns, capsys):
-    """And the last evaluation is printed once."""
+    """The last evaluation is printed once."""
     returns += [5.0, 5.0, 5.0]
     go_on(small_config(), tmp_path, every=KEPT)
     assert read_model(tmp_path / runs.BEST).steps == KEPT
@@ -87,7 +87,9 @@ def test_of_equal_models_the_first_is_kept(tmp_path, returns, capsys):
 
 
 def test_finished_run_stays_as_it_is(tmp_path, returns, no_scores, capsys):
-    """Resumed with nothing left to train it is scored only; with more steps it goes on."""
+    """If it is resumed with nothing left to train, it is only scored; with more steps it
+    continues.
+    """
     go_on(small_config(), tmp_path, every=KEPT)
     PPO.load(tmp_path / runs.FINAL, device="cpu")  # Stable-Baselines3 reads what is saved, too
     names = (runs.FINAL, "config.yml", "command.txt", "evaluations.json")
@@ -101,7 +103,10 @@ def test_finished_run_stays_as_it_is(tmp_path, returns, no_scores, capsys):
 
 
 def test_last_state_is_the_one_of_most_steps(tmp_path):
-    """Of checkpoint and final model; of as many steps the final one, which is an update ahead."""
+    """It is a checkpoint or the final model.
+
+    At equal steps it is the final model, which is one update ahead.
+    """
     model = training.prepare(small_config())
     assert runs.last_state(tmp_path) is None
     for name in (
@@ -143,7 +148,7 @@ def test_bad_replay_buffers_are_refused(tmp_path):
 
 
 def test_ctrl_c_says_how_to_go_on(tmp_path, returns, monkeypatch, capsys):
-    """Exit status 130; the last checkpoint is there to resume from."""
+    """The exit status is 130, and the last checkpoint is there to resume from."""
     step = callbacks.Saver._on_step
 
     def interrupt(saver):

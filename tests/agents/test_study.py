@@ -99,7 +99,7 @@ def test_runs_are_environments_by_algorithms_by_seeds(tmp_path):
 
 
 def test_of_several_configurations_each_is_a_group():
-    """The shipped one only where there is one."""
+    """The shipped configuration is used only for algorithms that have one."""
     where = ["--env", "JansenWalkerRough-v0", "--config", str(LIBRARY), "shipped"]
     plan = [*where, "--algo", "ppo", "ars", "--seeds", "1"]
     runs = study.planned_runs(study.parse(plan))
@@ -192,7 +192,7 @@ def test_a_finished_study_is_not_run_again(finished):
 
 
 def test_a_run_of_another_configuration_is_neither_reported_nor_gone_on_with(finished, monkeypatch):
-    """Such as where the file that the plan names has changed since."""
+    """Such a run is left over when the file that the plan names has changed since."""
     args = study.parse([str(finished.parent / "small.yml")])
     runs = study.planned_runs(args)
     runs[0]["config"]["n_envs"] = 8

@@ -33,7 +33,9 @@ def run(tmp_path_factory, few_episodes):
 
 @pytest.mark.slow
 def test_run_folder_holds_all(run):
-    """Config, command, checkpoints, best and final model, evaluations, scores, figures, logs."""
+    """It holds configuration, command, checkpoints, best and final model, evaluations, scores,
+    figures and logs.
+    """
     expected = [
         "config.yml",
         "command.txt",
@@ -54,7 +56,7 @@ def test_run_folder_holds_all(run):
 
 
 def test_last_words_of_a_run(tmp_path):
-    """In one sentence whether the best baseline is reached, and since when."""
+    """One sentence says whether the best baseline is reached, and since when."""
     benchmark = find_benchmark("JansenGoal-v0")
     goal = config.new_config(None, None, "JansenGoal-v0", {"friction": 0.5})
     (tmp_path / "evaluations.json").write_text('[{"steps": 3194880, "return": 200}]')
@@ -72,7 +74,9 @@ def test_last_words_of_a_run(tmp_path):
 
 @pytest.mark.slow
 def test_an_update_has_the_threads_of_the_robots(tmp_path, monkeypatch, few_episodes):
-    """Torch updates with as many, which changes nothing, and walks with one."""
+    """Torch updates with as many threads as the robots have, which changes nothing, and walks with
+    one.
+    """
     settings = config.new_config(timesteps=8192)
     seen = []
     ends = []
@@ -93,7 +97,7 @@ def test_an_update_has_the_threads_of_the_robots(tmp_path, monkeypatch, few_epis
 
 
 def test_networks_are_on_the_device_that_is_asked_for(capsys):
-    """Also in a normalizer; one that PyTorch does not have is refused at once."""
+    """So is a normalizer. A device that PyTorch does not have is refused at once."""
     with pytest.warns(UserWarning, match="primarily intended to run on the CPU"):
         model = training.prepare(config.new_config(), device="meta")
     assert {entry.device.type for entry in model.policy.state_dict().values()} == {"meta"}
@@ -109,7 +113,9 @@ def test_networks_are_on_the_device_that_is_asked_for(capsys):
 @pytest.mark.slow
 @pytest.mark.parametrize("path", config.shipped_configs(), ids=lambda p: "/".join(p.parts[-2:]))
 def test_every_config_builds(path, tmp_path):
-    """On robots that are simulated together; as recorded it is read again."""
+    """Each builds on robots that are simulated together, and can be read again as it was
+    recorded.
+    """
     algo = path.stem if path.stem in ALGORITHMS else None
     settings = config.new_config(path, algo, path.parent.name, seed=3)
     assert isinstance(training.prepare(settings).get_env().unwrapped, BatchVecEnv)
@@ -119,7 +125,7 @@ def test_every_config_builds(path, tmp_path):
 
 @pytest.mark.parametrize("env_id", IDS)
 def test_training_begins_on_every_environment(env_id, tmp_path, no_scores, few_episodes):
-    """Without a configuration of the caller's; scores have tests of their own."""
+    """It needs no configuration of the caller; scores have tests of their own."""
     given = f"--env {env_id} --timesteps 8 --n-envs 2 --eval-episodes 1 --eval-freq 0 --no-progress"
     kwargs = ["--env-kwargs", "{max_episode_steps: 5}", "--log-folder", str(tmp_path)]
     folder = train.main([*given.split(), *kwargs])
@@ -128,7 +134,9 @@ def test_training_begins_on_every_environment(env_id, tmp_path, no_scores, few_e
 
 @pytest.mark.slow
 def test_default_training_beats_the_baselines(tmp_path):
-    """The profile in return, and the PID by far, everywhere; it hardly ever falls."""
+    """It beats the profile in return, and the PID by far, on every environment; it hardly ever
+    falls.
+    """
     folder = train.main(["--log-folder", str(tmp_path), "--no-progress"])
     result = json.loads((folder / "scores.json").read_text())
     ours = result[next(n for n in result if n.startswith("ppo"))]

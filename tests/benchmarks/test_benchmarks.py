@@ -13,7 +13,7 @@ def test_contestants_take_turns():
 
 
 def test_rates_and_their_ratios():
-    """Of the medians, not the median of the ratios."""
+    """Ratios are those of the medians, not the median of the ratios."""
     text = speed.rate_table({"b": [1.0, 2.0, 1.0], "a": [2000.0, 4000.0, 6000.0]})
     cells = [cell.strip() for cell in text.splitlines()[3].split("|")[1:-1]]
     assert cells == ["a", "4,000", "2,000", "6,000", "4000.00"]

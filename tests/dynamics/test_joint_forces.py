@@ -140,7 +140,7 @@ def test_newton_and_euler_hold_for_every_body(laden, random_state, rng, fixed_ba
 
 @FIXED_BASE
 def test_constraint_forces_of_the_projection(linkage, random_state, rng, fixed_base):
-    """The paper's C^T lambda of every body (4)."""
+    """They are C^T lambda of every body in equation (4) of the paper."""
     q, v, torque, _ = draw(linkage, random_state, rng, fixed_base)
     if fixed_base:
         q[:3] = 0.0
@@ -150,7 +150,9 @@ def test_constraint_forces_of_the_projection(linkage, random_state, rng, fixed_b
 
 
 def test_gravity_may_point_anywhere(laden, random_state):
-    """Robot and gravity turned by the same angle: every force is turned and is as large."""
+    """If robot and gravity are turned by the same angle, every force turns with them and keeps its
+    magnitude.
+    """
     state = random_state()
     turn = 0.7
     q, v = state[:4], state[4:]
@@ -169,7 +171,7 @@ def test_gravity_may_point_anywhere(laden, random_state):
 
 @FIXED_BASE
 def test_at_a_standstill_bearings_and_gear_share_what_they_hold(fixed_base):
-    """Half of all dry friction is half of each: every force lies half way."""
+    """Half of all dry friction is half of each share: every force lies half way."""
     robot = replace(ROBOTS["built"](), payload=LOAD)
     q = np.array([0.1, 0.2, 0.3, 1.2])
     rest = np.zeros(4)
@@ -196,7 +198,9 @@ def bars(robot, first):
 
 
 def test_virtual_work_of_a_longer_bar(robot, rng):
-    """At rest, crank held: a bar's mean axial load is -dV/dL, V the potential energy of its leg."""
+    """With the robot at rest and the crank held, a bar's mean axial load is -dV/dL, with V the
+    potential energy of its leg.
+    """
     weight = G * np.array([part.mass for part in robot.bodies])
     h = 1e-4
     for name, link, ends in bars(robot, first=2):
@@ -215,7 +219,7 @@ def test_virtual_work_of_a_longer_bar(robot, rng):
 
 
 def test_many_instants_are_each_one(laden, random_state, rng):
-    """(2, 3) instants at once, then one by one, and :meth:`at`: the same to rounding."""
+    """(2, 3) instants at once, one by one, and through :meth:`at` are the same to rounding."""
     draws = [draw(laden, random_state, rng, False) for _ in range(6)]
     shape = ((2, 3, 4), (2, 3, 4), (2, 3), (2, 3, len(pads(laden)), 3))
     args = [np.reshape(arg, s) for arg, s in zip(zip(*draws, strict=True), shape, strict=True)]
@@ -233,7 +237,10 @@ def test_many_instants_are_each_one(laden, random_state, rng):
 
 
 def test_bearing_does_not_depend_on_how_links_are_paired(laden, random_state, rng):
-    """Every corner but the toe; at joints of two links both bear as much, at three they add up."""
+    """This holds for every corner but the toe.
+
+    At joints of two links both bear as much, at joints of three they add up.
+    """
     q, v, torque, contact = draw(laden, random_state, rng, False)
     forces = joint_forces(laden, q, v, torque, contact[: len(laden.toes)])
     corner = forces.corner_forces()
@@ -252,7 +259,7 @@ def test_bearing_does_not_depend_on_how_links_are_paired(laden, random_state, rn
 
 @pytest.mark.parametrize("side", ["fore", "back"])
 def test_pins_are_the_papers_constraints(robot, side):
-    """Each pair of rows is x_body - x_other + ..., closed at the joint the pin is named after."""
+    """Each pair of rows is x_body - x_other + ..., and closes at the joint that names the pin."""
     x = coordinates(robot, side, 0.7)
     joints = joint_positions(robot, side, 0.7)
     place = x.reshape(-1, 3)[:, 1:]

@@ -53,7 +53,9 @@ def full_constraints(robot, q, q_dot, fixed_base):
 
 @pytest.mark.parametrize("side", ["fore", "back"])
 def test_closed_form_fulfils_the_constraints(robot, side):
-    """Phi = 0 to 1e-12 m, C of full rank (no singular value below 0.005), C D = 0, over a turn."""
+    """Over a turn Phi is 0 to 1e-12 m, C has full rank (no singular value is below 0.005), and C D
+    is 0.
+    """
     for psi in TURN:
         x = coordinates(robot, side, psi)
         C = pr.constraint_matrix(robot, side, x)
@@ -64,7 +66,9 @@ def test_closed_form_fulfils_the_constraints(robot, side):
 
 @pytest.mark.parametrize("side", ["fore", "back"])
 def test_C_is_the_derivative_of_Phi(robot, side, rng):
-    """At any x, fulfilling the constraints or not; exact differences, so 1e-13."""
+    """This holds at any x, whether the constraints are fulfilled or not; differences are exact to
+    1e-13.
+    """
     x = rng.uniform(-3.0, 3.0, 3 * len(robot.bodies))
     slopes = exact_derivatives(lambda y: pr.constraints(robot, side, y), x)
     assert np.abs(pr.constraint_matrix(robot, side, x) - slopes.T).max() <= 1e-13
@@ -72,7 +76,7 @@ def test_C_is_the_derivative_of_Phi(robot, side, rng):
 
 @pytest.mark.parametrize("side", ["fore", "back"])
 def test_C_dot_is_the_rate_of_C(robot, side, rng):
-    """C_dot = sum dC/dx_i x_i_dot; exact differences, so 1e-12."""
+    """C_dot is the sum of dC/dx_i x_i_dot; differences are exact to 1e-12."""
     x, x_dot = rng.uniform(-3.0, 3.0, (2, 3 * len(robot.bodies)))
     slopes = exact_derivatives(lambda y: pr.constraint_matrix(robot, side, y), x)
     rate = np.tensordot(x_dot, slopes, 1)
@@ -81,7 +85,7 @@ def test_C_dot_is_the_rate_of_C(robot, side, rng):
 
 @pytest.mark.parametrize("index", range(4))
 def test_D_and_D_dot_against_differences(index, rng):
-    """x_dot = D u, and D_dot, along a random path; differences of 1e-3 err by 1e-10 or so."""
+    """x_dot is D u along a random path, and so is D_dot; differences of 1e-3 err by about 1e-10."""
     robot = paper_robot()
     leg = robot.legs[index]
 
@@ -103,7 +107,9 @@ def test_D_and_D_dot_against_differences(index, rng):
 
 @pytest.mark.parametrize("fixed_base, dof", [(True, 1), (False, 4)])
 def test_degrees_of_freedom(robot, fixed_base, dof, rng):
-    """24 - 20 = 4 a leg; n legs 4 n - (4 n - 1) = 1 on a fixed base, 4 n - (4 n - 4) = 4 free."""
+    """A leg has 24 - 20 = 4; n legs have 4 n - (4 n - 1) = 1 on a fixed base and 4 n - (4 n - 4) =
+    4 free.
+    """
     q = rng.uniform(-3.0, 3.0, 4)
     if fixed_base:
         q[:3] = 0.0
@@ -132,7 +138,9 @@ def test_a_wrong_pose_violates_the_system_constraints():
 
 @pytest.mark.parametrize("fixed_base", [True, False])
 def test_projection_against_all_multipliers(robot, fixed_base, rng):
-    """A dense solve of M a - C^T lambda = h, C a = -C_dot v; speeds by differences: 1e-7."""
+    """A dense solve of M a - C^T lambda = h with C a = -C_dot v agrees to 1e-7; speeds are
+    differences.
+    """
     q, q_dot = rng.uniform(-1.0, 1.0, (2, 4))
     if fixed_base:
         q[:3] = 0.0

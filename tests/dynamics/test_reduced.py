@@ -31,9 +31,9 @@ def dense(robot, q, v, torque):
 
 
 def test_equations_of_motion_are_the_projections(linkage, random_state, rng):
-    """Anywhere, at speeds of metres and radians a second: 1e-11 (kg, kg m^2, N, N m).
+    """They agree to 1e-11 (kg, kg m^2, N, N m) anywhere, at speeds of metres and radians a second.
 
-    Velocity terms have second derivatives of the tables: 1e-9.
+    Velocity terms contain second derivatives of the tables and agree to 1e-9.
     """
     tables = compile_robot(linkage)
     for _ in range(25):
@@ -46,7 +46,9 @@ def test_equations_of_motion_are_the_projections(linkage, random_state, rng):
 
 
 def test_a_load_adds_a_rigid_body(random_state):
-    """Whose centre moves with J v, J = [1, S R p, 0]: J^T m J, J^T m J_dot v, J^T (0, -m g)."""
+    """Its centre moves with J v, J = [1, S R p, 0], and adds J^T m J, J^T m J_dot v and J^T (0, -m
+    g).
+    """
     bare, laden = compile_robot(paper_robot()), compile_robot(replace(paper_robot(), payload=LOAD))
     for _ in range(25):
         q, v = np.split(random_state(), 2)
@@ -67,7 +69,9 @@ def test_a_load_adds_a_rigid_body(random_state):
 
 
 def test_pads_follow_their_joints(robot, tables, rng):
-    """Positions and turning rates from the tables, mirrored for back legs: 1e-12, rates 1e-9."""
+    """Positions from the tables, mirrored for back legs, agree to 1e-12, and turning rates
+    to 1e-9.
+    """
     width = 2.0 * math.pi / tables.pads.shape[1]
     layout = tables.layout
     pads = kernel_model(tables).layout[0]
@@ -89,7 +93,9 @@ def test_pads_follow_their_joints(robot, tables, rng):
 
 
 def test_pads_are_all_toes_then_bumpers(robot, tables):
-    """Toes in the order of legs; each leg's knee, ankle and hip corners; a pivot for each side."""
+    """Toes come in the order of legs, then each leg's knee, ankle and hip corners, and a pivot for
+    each side.
+    """
     layout = tables.layout
     linkage = robot.linkage
     sides = {leg.side for leg in robot.legs}
@@ -105,7 +111,9 @@ def test_pads_are_all_toes_then_bumpers(robot, tables):
 
 
 def test_built_in_tables_have_converged(tables):
-    """What is cut off is rounding for the paper's lengths, below 1e-12 for the holy numbers."""
+    """The terms that are cut off are rounding for the paper's lengths, and below 1e-12 for the holy
+    numbers.
+    """
     assert tables.tail <= 1e-12
 
 
@@ -123,7 +131,9 @@ def test_a_linkage_near_a_singular_position_is_refused():
     [(38.0, 1e-6, 1e-9, 5e-7), (37.93, rd.TAIL_TOLERANCE, 1e-8, 1e-5)],
 )
 def test_near_a_dead_point_the_tables_are_as_exact_as_they_say(frame, tail, pads, inertia):
-    """The holy numbers with a level frame (38 in place of 38.8), and near what is refused."""
+    """This holds for the holy numbers with a level frame (38 instead of 38.8), and for lengths that
+    are nearly refused.
+    """
     crank = holy_numbers_robot().body("crank").length
     robot = with_lengths(holy_numbers_robot(), {"frame": crank / 15.0 * frame, "frame_angle": 0.0})
     tables = compile_robot(robot)

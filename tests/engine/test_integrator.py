@@ -26,7 +26,9 @@ def flying(robot, state=FLIGHT, damping=0.0, **arguments):
 
 
 def test_a_tiny_step_has_the_reduced_acceleration(robot, random_state):
-    """(v(h) - v(0)) / h extrapolated to h = 0 is M^-1 (h - velocity terms), to h^2: 1e-6."""
+    """(v(h) - v(0)) / h, extrapolated to h = 0, is M^-1 (h - velocity terms) to 1e-6; errors are of
+    order h^2.
+    """
     torque = 3.0
     h = 1e-5
     for _ in range(20):
@@ -45,7 +47,9 @@ def test_a_tiny_step_has_the_reduced_acceleration(robot, random_state):
 
 
 def test_energy_and_toes_are_the_reduced_models(robot, random_state):
-    """The kernels' energy and toe positions against reduced.energy and the linkage; rounding."""
+    """The kernels' energy and toe positions are those of reduced.energy and of the linkage, to
+    rounding.
+    """
     plant = flying(robot)
     for _ in range(5):
         plant.state = state = random_state()
@@ -58,7 +62,9 @@ def test_energy_and_toes_are_the_reduced_models(robot, random_state):
 
 
 def test_a_driven_cranks_torque_is_the_reduced_models(robot, random_state):
-    """That of a tiny step, extrapolated, is what M a + velocity terms - h leaves over: 1e-6."""
+    """The torque of a tiny step, extrapolated, is what M a + velocity terms - h leaves over, to
+    1e-6.
+    """
     h = 1e-5
     for _ in range(10):
         state = random_state() + HIGH

@@ -108,7 +108,9 @@ def test_an_older_library_is_refused_by_name_where_none_can_be_built(copy):
 
 
 def test_an_older_library_is_built_again(copy):
-    """Once, for processor and browser, with one line; the build itself is every installation's."""
+    """It is built once, for processor and browser, and says so in one line; the build itself is
+    that of every installation.
+    """
     pytest.importorskip("numba", reason="the group 'engine' is not installed")
     engine = copy / "jansen_env/engine"
     (engine / "build.py").write_text(f"""import sys

@@ -18,7 +18,7 @@ FUNCTIONS = {
 @pytest.mark.parametrize("activation", FUNCTIONS)
 @pytest.mark.parametrize("sizes", [(1, 1), (5, 7, 2), (28, 64, 64, 1)])
 def test_a_network_is_its_layers_one_after_the_other(activation, sizes, rng):
-    """Within 1e-14; a row gives the same bits alone."""
+    """They agree within 1e-14, and a row gives the same bits alone."""
     layers = [
         Layer(rng.normal(size=(units, width)) / width, rng.normal(size=units), activation)
         for width, units in itertools.pairwise(sizes)

@@ -62,7 +62,7 @@ SPECIAL = (0.0, -0.0, math.inf, -math.inf, math.nan)
 
 @pytest.mark.parametrize(("name", "arguments", "tolerance"), CASES, ids=lambda case: str(case)[:5])
 def test_errors_are_a_few_units_in_the_last_place(name, arguments, tolerance):
-    """Beside 60 digits."""
+    """Results are compared with those of 60 digits."""
     with mp.workdps(60):
         for values in zip(*np.asarray(arguments).tolist(), strict=True):
             exact = getattr(mp, name)(*map(mpf, values))
@@ -76,7 +76,7 @@ def test_whole_numbers():
 
 
 def test_special_values():
-    """As C has them, but for the sign of a zero."""
+    """They are as in C, but for the sign of a zero."""
     for name in ("exp", "expm1", "tanh"):
         for x in (*SPECIAL, 709.9, -746.0):
             with np.errstate(over="ignore"):

@@ -35,7 +35,7 @@ def test_normal_numbers_have_their_moments():
 
 @pytest.mark.slow
 def test_keys_and_their_keys_are_independent_of_one_another():
-    """Of neighbouring seeds, steps of an episode, and channels of a step."""
+    """This holds for neighbouring seeds, steps of an episode, and channels of a step."""
     each = range(COUNT // 100)
     seeds = np.array([[normal(seed, k) for k in range(100)] for seed in each])
     steps = np.array([[normal(np.uint64(number(5, step)), k) for k in range(100)] for step in each])

@@ -20,7 +20,9 @@ def work(count, functions):
 @pytest.mark.parametrize("count", [6, 32, 64, 256, 384, 512])
 @pytest.mark.parametrize("functions", [1, 2, 5])
 def test_a_series_has_the_coefficients_of_the_discrete_transform(count, functions, rng):
-    """And samples of it times a factor are those of its inverse: 1e-15, 1e-13."""
+    """Samples of a series times a factor are those of the inverse transform; both agree to
+    1e-13.
+    """
     values = rng.normal(size=(count, functions))
     factors = rng.normal(size=(2, count // 2))
     factors[1, 0] = 0.0  # a constant stays real
@@ -35,7 +37,7 @@ def test_a_series_has_the_coefficients_of_the_discrete_transform(count, function
 
 
 def test_polynomials_are_the_taylor_series_of_what_the_weights_say(rng):
-    """Of sums of waves up to the eighth, in 64 intervals, with six terms: 1e-7."""
+    """Sums of waves up to the eighth, in 64 intervals and with six terms, agree to 1e-7."""
     intervals = 64
     harmonics = 9
     order = 6

@@ -133,7 +133,7 @@ CASES = [(maker, name) for maker, (make, _) in MAKERS.items() for name in argume
 
 @pytest.mark.parametrize(("maker", "argument"), CASES)
 def test_wrong_values_are_refused_by_name(maker, argument):
-    """ValueError with the argument's name and a message of a sane length, for all but a few."""
+    """All but a few raise ValueError with the argument's name and a message of a sane length."""
     make, needed = MAKERS[maker]
     allowed = TAKEN.get((maker, argument), TAKEN.get(("*", argument), set()))
     known = "walker", "crank", "walkers", "Triangle", "from_sides", "Linkage", "Motor", "Compliance"
@@ -218,7 +218,7 @@ def test_control_periods_that_never_end_are_refused(make, control_dt, time_step,
 
 
 def test_the_longest_control_period():
-    """10,000 time steps, of the plant's own length or another; Decimals are exact."""
+    """It is 10,000 time steps, of the backend's own length or of another; Decimals are exact."""
     assert arguments.control_period(10.0, 1e-3) == (10.0, 1e-3)
     assert arguments.control_period(Decimal("0.03"), Fraction(1, 1000)) == (0.03, 0.001)
     JansenWalkerEnv(control_dt=1e-4, time_step=1e-4, delay=1.0)

@@ -189,7 +189,7 @@ def test_every_argument_has_a_case():
 
 @pytest.mark.parametrize(("env_id", "name"), GIVEN)
 def test_what_is_given_is_what_is_shown(env_id, name):
-    """Of one robot and, where that is possible, of many with one value for all."""
+    """This holds for one robot and, where possible, for many with one value for all."""
     case = CASES[name]
     arguments = {**case.needs, name: case.value}
     env = gym.make(env_id, **arguments)

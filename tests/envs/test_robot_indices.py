@@ -106,7 +106,7 @@ def test_a_wrong_position_is_refused_and_nothing_changes(call, what, robots):
 
 @pytest.mark.parametrize("call", ONE)
 def test_every_whole_number_is_taken(call, robots):
-    """Python's and NumPy's, with the same effect."""
+    """Python's and NumPy's whole numbers have the same effect."""
     ends = []
     for i in RIGHT:
         envs = deepcopy(robots[0])

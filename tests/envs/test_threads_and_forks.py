@@ -111,7 +111,9 @@ def through_pickle(env):
 @pytest.mark.parametrize("duplicate", [copy.deepcopy, through_pickle], ids=["copy", "pickle"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_copy_goes_on_from_between_two_steps(kind, duplicate):
-    """Bit for bit as the environment itself, from whichever step it was copied after."""
+    """Copies continue bit for bit as the environment does, from whichever step they were made
+    after.
+    """
     env = begin(kind)
     with Walking(env) as walking:
         copies = []
@@ -150,7 +152,7 @@ forking = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does n
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_child_goes_on_from_between_two_steps(kind, tmp_path):
-    """It steps at once, and observes what the parent does after the same number of steps."""
+    """A child steps at once, and observes what the parent does after the same number of steps."""
     env = begin(kind)
     with Walking(env) as walking:
         for k in range(6):
@@ -164,7 +166,9 @@ def test_a_child_goes_on_from_between_two_steps(kind, tmp_path):
 @forking
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
 def test_a_fork_waits_for_no_lock_for_ever(monkeypatch):
-    """Such as one whose thread waits for the fork: the child gets another, the parent keeps it."""
+    """The thread that holds a lock may wait for the fork: the child gets another lock, the parent
+    keeps it.
+    """
     monkeypatch.setattr(threads, "FORK_PATIENCE", 0.05)
     env, other = single(), single()
     env.reset(seed=1), other.reset(seed=1)

@@ -24,7 +24,9 @@ ENV = "JansenWalker-v0"
 
 
 def test_information_of_a_step():
-    """None but at the end of an episode, or the keys asked for; unknown ones are refused."""
+    """There is none but at the end of an episode, or under the requested keys; unknown keys are
+    refused.
+    """
     venv = make_vec_env(ENV, 2, env_kwargs={"max_episode_steps": 2})
     venv.reset()
     assert venv.step(np.zeros((2, 1)))[3] == [{}, {}]
@@ -42,7 +44,7 @@ def test_information_of_a_step():
 
 @pytest.mark.parametrize("batched", [True, False])
 def test_a_fall_in_the_last_step_of_the_time_limit_is_a_fall(batched):
-    """Its value is not bootstrapped, as ``TimeLimit.truncated`` would have it."""
+    """The value of its last state is not bootstrapped, as ``TimeLimit.truncated`` would have it."""
     kwargs = {"fall_pitch": 1e-6, "max_episode_steps": 1}  # which ends the first step
     venv = make_vec_env(ENV, 2, env_kwargs=kwargs)
     if not batched:
@@ -54,7 +56,7 @@ def test_a_fall_in_the_last_step_of_the_time_limit_is_a_fall(batched):
 
 
 def test_attributes_methods_and_options():
-    """Through ``indices``, for some robots or all; options of the next reset alone."""
+    """``indices`` chooses some robots or all; options hold for the next reset alone."""
     venv = make_vec_env(ENV, 3, env_kwargs={"friction": 0.4})
     assert venv.get_attr("friction") == [0.4] * 3 and venv.has_attr("control_dt")
     assert not venv.has_attr("nothing")
@@ -84,7 +86,9 @@ def monitored(folder):
 
 @pytest.mark.parametrize("wrapper", [None, gym.wrappers.TimeAwareObservation], ids=["", "wrapped"])
 def test_arguments_of_stable_baselines3(wrapper, tmp_path):
-    """Its own function, with the same arguments, starts alike and writes the same episodes."""
+    """Stable-Baselines3's own function, with the same arguments, starts alike and writes the same
+    episodes.
+    """
     kwargs = {"max_episode_steps": 4}
     monitor = {"info_keywords": ("x_position",)}
     given = {

@@ -14,7 +14,7 @@ MODES = [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP]
 
 
 def test_threads_do_not_change_a_bit():
-    """Many robots, half of which start again while the others move, on ever more threads."""
+    """Half of many robots start again while the others move, on ever more threads."""
     runs = []
     for threads in (1, 2, 6, 6, 6):
         env = together(192, threads=threads, limit=[2 + i % 2 for i in range(192)])
@@ -27,7 +27,7 @@ def test_threads_do_not_change_a_bit():
 
 
 def test_threads_that_share_an_environment_take_turns():
-    """Which else would end the process: kernels run without Python's lock."""
+    """Otherwise the process would end: kernels run without Python's lock."""
     arguments = {"terminate_when_fallen": False, "threads": 2}
     envs, twins = (gym.make_vec("JansenWalkerRough-v0", 32, **arguments) for _ in range(2))
     action = np.full((32, 1), 0.4, np.float32)
@@ -44,7 +44,7 @@ def test_threads_that_share_an_environment_take_turns():
 
 
 def test_a_thread_that_changes_robots_waits_for_steps():
-    """Or some would be moved half changed, and diverge."""
+    """Otherwise robots would be moved while they are half changed, and diverge."""
     arguments = {"terminate_when_fallen": False, "threads": 2}
     envs = gym.make_vec("JansenWalkerRough-v0", 32, **arguments).unwrapped
     diverged = []
@@ -65,7 +65,10 @@ def test_a_thread_that_changes_robots_waits_for_steps():
 
 
 def test_a_mask_resets_some():
-    """The others go on bit for bit; the mask must be flags, one for each robot, one set."""
+    """The other robots continue bit for bit.
+
+    A mask must have one flag for each robot, with at least one set.
+    """
     ours = together(4, AutoresetMode.DISABLED)
     theirs = side_by_side(4, AutoresetMode.DISABLED)
     rng = np.random.default_rng(0)
@@ -101,7 +104,7 @@ def test_an_action_that_is_ignored_may_be_anything():
 
 @pytest.mark.parametrize("mode", MODES)
 def test_information_on_request(mode):
-    """With ``info_keys`` infos have these and no others; all else is as ever, bit for bit."""
+    """With ``info_keys`` infos have these keys and no others; all else is the same bit for bit."""
     keys = ("slip", "energy", "reward/slip", "fallen")
     ours, whole, silent = (together(4, mode, 5, info_keys=wanted) for wanted in (keys, None, ()))
     at_ends = {"final_obs", "_final_obs", "final_info", "_final_info"}
@@ -119,7 +122,9 @@ def test_information_on_request(mode):
 
 
 def test_members_can_be_asked_and_told():
-    """What is set holds from the next reset on, as if the environment had been made so."""
+    """A value that is set holds from the next reset on, as if the environment had been made with
+    it.
+    """
     env = together(3, friction=0.5, limit=7, reset_noise_scale=[0.1, 0.2, 0.3])
     assert env.get_attr("max_episode_steps") == (7.0,) * 3
     assert env.get_attr("reset_noise_scale") == (0.1, 0.2, 0.3)
@@ -166,7 +171,9 @@ def test_bad_arguments(arguments, named):
 
 
 def test_bad_calls():
-    """Steps before a reset, after an end, with bad actions; not one seed or option for each."""
+    """Steps before a reset, after an end, or with bad actions are refused, and so are seeds and
+    options for too few robots.
+    """
     env = together(2, AutoresetMode.DISABLED, limit=1)
     action = np.zeros((2, 1), np.float32)
     with pytest.raises(gym.error.ResetNeeded):
@@ -191,7 +198,10 @@ def test_bad_calls():
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.filterwarnings("ignore:.*the episode:UserWarning")
 def test_a_robot_that_diverges_ends_its_own_episode_only(mode):
-    """Robot 1 gets an absurd torque now and then: the others go on, each as alone, bit for bit."""
+    """Robot 1 gets an absurd torque now and then.
+
+    The others continue as each does alone, bit for bit.
+    """
     arguments = {"torque_limit": 1e8, "reset_noise_scale": 1.0}
     ours, theirs = together(4, mode, limit=30, **arguments), side_by_side(4, mode, 30, **arguments)
     rng = np.random.default_rng(0)

@@ -46,7 +46,9 @@ def listed_loss():
 
 @pytest.mark.slow
 def test_torque_level(results):
-    """Mean torque x speed = mean friction loss, from the joints' rates: differences, so 1e-9."""
+    """Mean torque x speed is the mean friction loss of the joints' rates, to 1e-9 by
+    differences.
+    """
     assert results.mean_torque == pytest.approx(1.562154, abs=1e-6)
     assert results.mean_torque == pytest.approx(listed_loss(), abs=1e-9)
     # Of (13) as printed after 10 s, on theta_rf1: the frame's angle, a constant.
@@ -62,7 +64,8 @@ def on_page(*words):
 
 
 def test_inertias_of_table_1():
-    """The bound m r^2 of a link, r to its farthest pin; and k at the crank, of slender links, too.
+    """The bound of a link is m r^2, with r to its farthest pin; k at the crank is compared for
+    slender links, too.
 
     No mass within the outline that the pins span is farther away than r.
     """
@@ -84,7 +87,7 @@ def test_inertias_of_table_1():
 
 
 def test_dropped_velocity_terms():
-    """0.091 N m at 1 rad/s: with a fixed base all of (12)'s velocity terms, which are k' / 2.
+    """With a fixed base, 0.091 N m at 1 rad/s are all of the velocity terms of (12), k' / 2.
 
     They are the crank's part of D^T M D_dot q_dot in (7)-(10), which (11) leaves out.
     """
@@ -101,7 +104,9 @@ def test_dropped_velocity_terms():
 
 
 def test_frame_pairs_at_the_pivot():
-    """1.562 N m as listed, 3.7 to 8.2 % more with the frame's at P: each adds its own loss."""
+    """The listed pairs take 1.562 N m, and 3.7 to 8.2 % more with the frame's pairs at P, each of
+    which adds its own loss.
+    """
     assert not {(1, 4), (1, 5)} & set(JANSEN.damped) and (4, 5) in JANSEN.damped
     rate = turning(paper_robot(), toes.turn(720), ((1, 4), (1, 5)))
     four, five = (0.1 * rate**2).sum(axis=1).mean(axis=0)
@@ -132,7 +137,9 @@ def test_standing_toes_part(results):
 
 @pytest.mark.slow
 def test_a_slow_walk_slips_as_its_geometry_says(results):
-    """No dynamics against all of it: 2 % (a turn is not quite slow); half of it where toes grip."""
+    """Geometry without dynamics agrees with the full walk to 2 %, as a turn is not quite slow, and
+    to half of it where toes grip.
+    """
     certain = results.support.per_turn
     for mu, walk in results.slow.items():
         assert not walk.fell and walk.no_toe < 1e-3
@@ -148,7 +155,9 @@ def test_a_slow_walk_slips_as_its_geometry_says(results):
 
 @pytest.mark.slow
 def test_sliding_on_two_toes_breaks_down_above_a_friction_of_0525(results):
-    """With a quarter of the time step: all of the slip at 0.525, less at 0.55, as in the page."""
+    """With a quarter of the time step there is all of the slip at 0.525 and less at 0.55, as on the
+    page.
+    """
     certain = results.support.per_turn
     for mu, step, slides in ((0.525, 2.5e-4, True), (0.55, 2.5e-4, False), (0.55, 1e-3, True)):
         walk = free_walk.walk(paper_robot(), 0.25, turns=2, friction=mu, time_step=step)
@@ -166,7 +175,7 @@ def test_slip_is_of_a_metre_either_way(results):
 
 @pytest.mark.slow
 def test_command(results, monkeypatch, tmp_path, capsys):
-    """Writes the claims and nine figures, and says so; nothing is left half written."""
+    """It writes the claims and nine figures, and says so; nothing is left half written."""
     monkeypatch.setattr(command, "compute", lambda: results)
     folder = tmp_path / "new" / "folder"
     command.main(["--out", str(folder)])

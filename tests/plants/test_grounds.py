@@ -140,7 +140,7 @@ def test_a_step_that_leaves_the_stretch_is_refused():
 
 
 def test_planes_are_pymunks_own_contacts(rng):
-    """Gaps and normals of pymunk's collision of the pad, with its margin, to 1e-11."""
+    """Gaps and normals are those of pymunk's collision of the pad, with its margin, to 1e-11."""
     compared = 0
     for _ in range(40):
         terrain = jagged(rng)
@@ -167,7 +167,9 @@ def test_planes_are_pymunks_own_contacts(rng):
 
 
 def test_the_nearest_planes_are_kept_when_there_is_no_room():
-    """Six pads, room for three planes: those with the smallest gaps stay, in order of pads."""
+    """Of six pads with room for three planes, those with the smallest gaps stay, in order
+    of pads.
+    """
     gaps = np.array([0.04, 0.01, 0.03, 0.0, 0.02, 0.045])
     centres = np.column_stack([np.arange(6.0), RADIUS + gaps])
     _, pad, kept = detect(Terrain.flat(), centres, capacity=3)
@@ -176,7 +178,7 @@ def test_the_nearest_planes_are_kept_when_there_is_no_room():
 
 
 def test_a_robot_walks_off_the_end_of_the_line():
-    """The same step at x = 0 and at 5 km: the same motion, to what is lost in adding 5000."""
+    """A step at x = 0 and one at 5 km give the same motion, to what is lost in adding 5000."""
     motions = []
     for x in (0.0, 5000.0):
         plant = ProjectionPlant(Robot(), Terrain.flat(0.3))

@@ -26,7 +26,9 @@ def crank_acceleration(plant, torque, h=2e-5):
 
 @pytest.mark.slow
 def test_accelerations_are_the_dense_projections(linkage, random_state, rng):
-    """Equation (12) with 15 system rows: joint_forces() to 1e-9, the plant's own steps to 1e-7."""
+    """joint_forces() agrees with equation (12), 15 system rows, to 1e-9, and the backend's own
+    steps to 1e-7.
+    """
     for _ in range(5):
         psi, n = random_state()[[3, 7]]
         torque = rng.uniform(-5.0, 5.0)
@@ -41,7 +43,9 @@ def test_accelerations_are_the_dense_projections(linkage, random_state, rng):
 
 
 def test_gravity_turns_with_a_held_chassis():
-    """Pitched by 0.4 rad it moves as level under gravity turned back by as much: 1e-12."""
+    """A robot pitched by 0.4 rad moves as a level one under gravity that is turned back by as much,
+    to 1e-12.
+    """
     pitched, level = (
         pinned(paper_robot(), 0.3, 2.0, gravity=g)
         for g in (9.81, (-9.81 * math.sin(0.4), -9.81 * math.cos(0.4)))
@@ -69,7 +73,9 @@ def test_crank_torque_is_equation_12_solved_for_tau(linkage, random_state, rng):
 
 
 def test_walking_torque_pays_the_losses():
-    """Mean torque * speed * time is the motor work (1e-12), and the losses of whole turns: 1 %."""
+    """Mean torque * speed * time is the motor work (to 1e-12), and the losses of whole turns to 1
+    %.
+    """
     walk = free_walk.walk(paper_robot(), 1.0, turns=4)
     plant = ProjectionPlant(paper_robot(), Terrain.flat())
     plant.reset()

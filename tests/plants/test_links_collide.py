@@ -50,7 +50,9 @@ def test_a_step_stops_a_side(name, feet, most):
 
 
 def test_energy_of_a_side_on_a_spike_converges():
-    """Dropped on a spike, work less losses is the change of energy, the better the finer."""
+    """For a robot dropped on a spike, work less losses is the change of energy, the closer the
+    finer the step.
+    """
     residuals = []
     for time_step in (1e-3, 2.5e-4):
         robot = ROBOTS["built"]()
@@ -72,7 +74,9 @@ SAW = Terrain([(0.1 * i - 4.0, 0.25 * (i % 2)) for i in range(80)], 0.8)
 
 @pytest.mark.parametrize("time_step", [1e-3, 2.5e-4])
 def test_springs_of_sides_hold_no_energy_from_nowhere(time_step):
-    """Robots on compliant feet, set down between teeth and driven: all energy has a source."""
+    """All energy of robots on compliant feet, which are set down between teeth and driven, has a
+    source.
+    """
     most = 2e-3 if time_step == 1e-3 else 2e-4
     rng = np.random.default_rng(0)
     plant = PLANTS["projection"](ROBOTS["built"](), SAW, time_step, links_collide=True)
@@ -105,7 +109,7 @@ def test_sides_begin_out_of_the_ground(feet):
 
 
 def test_valleys_carry_no_side():
-    """Links deep in the ground between teeth: no plane pushes them further down."""
+    """No plane pushes links further down that are deep in the ground between teeth."""
     plant = PLANTS["projection"](ROBOTS["paper"](), SAW, links_collide=True)
     plant.reset()
     for sunk in np.linspace(0.0, 0.3, 31):
@@ -122,7 +126,7 @@ def test_valleys_carry_no_side():
 
 
 def test_alone_as_in_a_batch():
-    """Over a step the walks are the same, and are not those without the argument."""
+    """Over a step the walks are the same; without the argument they are others."""
     arguments = {"robot": "climber", "terrain": WALL, "speed_command": 0.4}
     ends = []
     for collide in (True, False):
@@ -140,7 +144,7 @@ def test_alone_as_in_a_batch():
 
 
 def test_joint_forces_are_refused():
-    """They are not known of a link's side."""
+    """Joint forces do not include those on a link's side."""
     plant = PLANTS["projection"](ROBOTS["paper"](), WALL, links_collide=True)
     with pytest.raises(ValueError, match="links_collide must be False with joint forces"):
         plant.batch.joint_forces()

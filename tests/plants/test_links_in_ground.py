@@ -31,7 +31,9 @@ def expected_count(centres, points):
 
 
 def test_sides_of_a_leg():
-    """Three of the upper triangle and of the foot, the rocker and the coupler; the rods not."""
+    """A leg has three of the upper triangle and three of the foot, the rocker and the coupler; rods
+    have none.
+    """
     assert len(pad_sides(ROBOT)) == 8 * len(ROBOT.legs)
 
 
@@ -52,7 +54,9 @@ def test_links_over_a_spike(name):
 
 
 def test_a_walk_over_a_step_alone_and_in_a_batch():
-    """Over a step links enter its edge, the same alone and together; on flat ground never."""
+    """Over a step, links enter its edge, as often alone as in a batch; on flat ground they never
+    do.
+    """
     step = one_step(1.0, 0.24)
     for terrain, enters in (("flat", False), (step, True)):
         arguments = {"robot": "climber", "terrain": terrain, "speed_command": 0.4}

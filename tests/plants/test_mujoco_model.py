@@ -34,7 +34,7 @@ def test_the_first_half_second_on_the_ground():
 
 
 def test_flight_with_rotor_and_payload():
-    """The rotor is coupled to the chassis, the payload is off its axis."""
+    """The rotor is coupled to the chassis, and the payload is off its axis."""
     robot = ROBOTS["built"]()
     smooth = {"motor": replace(robot.motor, friction=0.0), "bearing_friction": (0.0,) * 10}
     robot = replace(robot, payload=Payload(2.0, 0.1, (0.2, 0.1)), **smooth)

@@ -34,7 +34,9 @@ def torques(rng):
 
 @pytest.mark.parametrize("terrain", [Terrain.flat(), ROUGH], ids=["flat", "rough"])
 def test_same_inputs_same_bits(terrain, torques):
-    """Of two plants, of one set down again, pickled half way, or given the state of another one."""
+    """This holds for two backends, for one set down again, for one pickled half way, and for one
+    with the state of another.
+    """
     arguments = Robot(pad_radius=0.02), terrain, 5e-4, 1.62
     first, second, third = (ProjectionPlant(*arguments) for _ in range(3))
     first.reset(0.0, 0.3)
@@ -67,7 +69,9 @@ def test_states_are_copies():
 
 
 def test_peek_changes_nothing():
-    """It tells what a time step without torque would do; the future stays the same to the bit."""
+    """A look ahead returns what a time step without torque would do; the future stays the same to
+    the bit.
+    """
     plant = ProjectionPlant(Robot(), Terrain.flat())
     plant.reset(0.0, 0.3)
     plant.step(5.0, 0.1)
@@ -81,7 +85,9 @@ def test_peek_changes_nothing():
 @pytest.mark.parametrize("terrain", [Terrain.flat(), Terrain.slope(0.2), ROUGH])
 @pytest.mark.parametrize("pitch", [None, 0.0, 0.15])
 def test_set_down_on_the_lowest_toes(terrain, pitch):
-    """No gap under the lowest toe, none sunk in but for the depth by which toes are pressed."""
+    """There is no gap under the lowest toe, and no toe is sunk in but for the depth by which toes
+    are pressed.
+    """
     plant = ProjectionPlant(Robot(), terrain)
     state = plant.reset(0.5, 1.0, pitch)
     assert state[0] == 0.5 and state[3] == 1.0 and (state[4:] == 0.0).all()
@@ -100,7 +106,7 @@ def test_set_down_on_the_lowest_toes(terrain, pitch):
 @pytest.mark.parametrize("make", [ProjectionPlant, RigidBodyPlant])
 @pytest.mark.parametrize("name", ROBOTS)
 def test_set_down_on_the_lowest_of_all_pads(name, make, rng):
-    """Of any lengths, within 60 %, on any ground; the first step gets no energy from nothing."""
+    """Lengths vary by up to 60 %, on any ground; the first step gets no energy from nothing."""
     nominal = ROBOTS[name]()
     placed = 0
     wanted = PLACEMENT_DEPTH if make is ProjectionPlant else 0.0
@@ -122,7 +128,7 @@ def test_set_down_on_the_lowest_of_all_pads(name, make, rng):
 
 
 def test_what_a_robot_in_the_ground_gets_from_nothing():
-    """Is in the account: 2 J for 7 cm, and neither in losses nor in the residual."""
+    """It is in the account: 2 J for 7 cm, and neither in losses nor in the residual."""
     plant = ProjectionPlant(Robot(), Terrain.flat())
     plant.reset(0.0, 1.0)
     before = plant.energy()
@@ -181,7 +187,7 @@ def test_a_held_crank_that_diverges_stays():
 
 
 def test_joints_that_come_apart():
-    """Within a few time steps, before rounding decides how it ends."""
+    """The simulation diverges within a few time steps, before rounding decides how it ends."""
     for torque, duration, message in ((1e4, 0.1, "came apart"), (1e6, 0.02, "simulation diverged")):
         with pytest.raises(FloatingPointError, match=message):
             rigid_body(time_step=0.02).step(torque, duration)
@@ -190,7 +196,7 @@ def test_joints_that_come_apart():
 @pytest.mark.parametrize("make", [projection, rigid_body])
 @pytest.mark.parametrize("argument", ["x", "crank_angle", "pitch"])
 def test_placements_are_checked(make, argument):
-    """Numbers that are none are named; the robot stays where it was."""
+    """Values that are not numbers are named, and the robot stays where it was."""
     placed = make()
     before = placed.reset(0.0, 0.3)
     for value in (math.nan, math.inf, "a"):

@@ -45,7 +45,9 @@ def thrown(plant, momenta):
 
 @pytest.mark.parametrize("design", DESIGNS)
 def test_the_impulse_named_arrives(design):
-    """In flight: linear momentum to 1e-7, angular by arm x impulse to second order."""
+    """In flight, linear momentum changes by it to 1e-7, and angular momentum by arm x impulse to
+    second order.
+    """
     errors = []
     for time_step in (1e-3, 5e-4):
         plant = placed(DESIGNS[design], time_step=time_step, gravity=0.0)
@@ -69,7 +71,9 @@ def walk(plant, impulse):
 
 @pytest.mark.parametrize("design, limit", [("laden", 8e-6), ("built", 4e-5)])
 def test_accounts_close_with_pushes(design, limit):
-    """Of the energy turned over: as in a fast walk without them; more where a light one reels."""
+    """As a share of the energy turned over, the residual is that of a fast walk without pushes, and
+    larger where a light robot reels.
+    """
     for push in ([0.0, 0.0], [6.0, 3.0], [-6.0, -3.0]):
         plant = placed(DESIGNS[design])
         results = walk(plant, push)
@@ -80,7 +84,9 @@ def test_accounts_close_with_pushes(design, limit):
 
 
 def test_plants_and_time_steps_agree_on_a_push():
-    """Standing on slippery ground and pushed: where it is then, by half the time step and plant."""
+    """A robot that stands on slippery ground ends in the same place with half the time step and on
+    both backends.
+    """
     ends = {}
     for name, plant in {
         "projection": ProjectionPlant(LADEN, Terrain.flat(0.3)),
@@ -100,7 +106,9 @@ def test_plants_and_time_steps_agree_on_a_push():
 
 
 def test_frames_carry_what_pushes_the_chassis():
-    """Joint forces of a trace: the chassis passes push, weight and motor on to the legs' frames."""
+    """In the joint forces of a trace, the chassis passes push, weight and motor torque on to the
+    legs' frames.
+    """
     plant = placed(tracing=True)
     pushes = half_sine(100, [6.0, 3.0])
     plant.step(2.0, DURATION, pushes=pushes)
@@ -112,7 +120,9 @@ def test_frames_carry_what_pushes_the_chassis():
 
 
 def test_robots_of_a_batch_are_pushed_one_by_one():
-    """Each by its own row, as alone bit for bit; a delay and several looks for the ground go on."""
+    """Each is pushed by its own row, bit for bit as alone; a delay and several looks for the ground
+    continue.
+    """
     robot = Robot()
     terrain = Terrain.flat()
     pushes = np.zeros((3, 40, 2))
@@ -146,7 +156,7 @@ def test_refused(plant):
 
 
 def test_joint_forces_know_of_the_push_that_goes_on():
-    """They are what a control step of one time step finds."""
+    """They are those that a control step of one time step finds."""
     env = JansenWalkerEnv(track_joint_forces=True, control_dt=1e-3, reset_noise_scale=0.0)
     env.reset(seed=0, options={"crank_angle": 1.0, "pushes": [(0.01, 2.0, 0.0)]})
     largest = []

@@ -63,7 +63,9 @@ def walked(batch, steps=40):
 
 @pytest.mark.parametrize("design", DESIGNS)
 def test_varied_robots_are_those_built_so(design):
-    """All parameters at once and each alone: 1e-10 after 240 time steps, 1e-8 after 800."""
+    """All parameters at once, and each alone, agree to 1e-10 after 240 time steps and to 1e-8 after
+    800.
+    """
     robot = DESIGNS[design]
     cases = [[], list(CHANGES), *([name] for name in CHANGES)]
     for case in cases[-len(CHANGES) :]:
@@ -107,7 +109,9 @@ def test_a_row_that_changes_nothing_changes_no_bit(design):
 
 
 def test_the_rigid_body_plant_is_varied_alike():
-    """Set down and driven, states of both plants 0.06 s on; and back to as it was, to the bit."""
+    """Set down and driven, both backends are in the same state after 0.06 s; set back, it is as it
+    was, to the bit.
+    """
     ends = {}
     for name, make in {"projection": ProjectionPlant, "rigid_body": RigidBodyPlant}.items():
         batch = make(GIVING, GROUND).batch
@@ -135,7 +139,7 @@ def test_another_ground_puts_its_friction_in_force():
 
 
 def test_what_is_in_force_counts_for_placing_and_forces():
-    """Feet that give sink in by the weight in force; joint forces know it, too."""
+    """Compliant feet sink in by the weight in force, which joint forces know, too."""
     row = changed_row(GIVING, *CHANGES)
     plant = ProjectionPlant(GIVING, GROUND)
     built = machine_of(GIVING, row)

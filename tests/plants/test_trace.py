@@ -45,9 +45,9 @@ def dropped(time_step, height=0.05, duration=0.15):
     ids=["paper", "laden, slope"],
 )
 def test_every_time_step_balances(robot, terrain):
-    """The forces' torque is the motor's and the frames carry the load, in every step of a walk.
+    """In every step of a walk the forces' torque is the motor's, and the frames carry the load.
 
-    Torque and moment as well as two passes over the speed-dependent terms solve the step: to h^2.
+    Torque and moment, as well as two passes over the speed-dependent terms, solve the step to h^2.
     """
     typical = []
     for time_step in (1e-3, 5e-4):
@@ -71,7 +71,7 @@ def test_every_time_step_balances(robot, terrain):
 
 
 def test_traced_impulses_are_the_results():
-    """Impulses on the toes add up to the step's mean contact force, on a slope too; rounding."""
+    """Impulses on the toes add up to the step's mean contact force, on a slope too, to rounding."""
     angle = 0.1
     plant = standing(terrain=Terrain.slope(angle))
     for _ in range(50):
@@ -83,7 +83,9 @@ def test_traced_impulses_are_the_results():
 
 
 def test_landing_impulse_of_a_drop_does_not_depend_on_the_time_step():
-    """5 cm onto one toe: 1 % with half the time step; before, the robot falls free of force."""
+    """A drop by 5 cm onto one toe agrees to 1 % with half the time step; before it, the robot falls
+    free of force.
+    """
     plants = [dropped(h) for h in (1e-3, 5e-4)]
     loads = [plant.batch.peak_loads() for plant in plants]
     assert loads[0][1] == pytest.approx(loads[1][1], rel=0.01)
@@ -123,7 +125,7 @@ def test_landings_across_steps():
 
 
 def test_joint_forces_leave_the_trace_alone():
-    """Also where the look ahead fails: trace, landings and state of the last step stay."""
+    """Trace, landings and state of the last step stay, also where the look ahead fails."""
     plant = standing()
     walk(plant, 0.5)
     batch = plant.batch
@@ -140,7 +142,7 @@ def test_joint_forces_leave_the_trace_alone():
 
 
 def test_a_restored_walker_reports_the_same_loads():
-    """From get_state, in the midst of landings: ``info`` goes on with the same numbers."""
+    """A state is taken amid landings: ``info`` continues with the same numbers."""
     envs = [JansenWalkerEnv(track_joint_forces=True) for _ in range(2)]
     envs[0].reset(seed=0, options={"crank_angle": 1.0})
     envs[1].reset(seed=1)
@@ -152,7 +154,9 @@ def test_a_restored_walker_reports_the_same_loads():
 
 
 def test_walker_info_has_the_largest_loads_when_asked():
-    """The plant's, in every step; off by default; observations and rewards are the same bits."""
+    """They are the backend's, in every step; by default there are none, and observations and
+    rewards are the same bits.
+    """
     envs = [JansenWalkerEnv(track_joint_forces=on) for on in (True, False)]
     assert not JansenWalkerEnv().plant.batch.tracing
     keys = {"joint_force_max", "joint_impulse_max"}

@@ -12,7 +12,9 @@ from jansen_env.robot.kinematics import joint_positions
 
 @pytest.mark.parametrize("psi", [0.3, 2.0, 4.5])
 def test_upside_down_it_comes_to_rest_on_its_bumpers(psi):
-    """Dropped on its back with the crank locked: at rest after 4 s, pads no deeper than 0.1 mm."""
+    """Dropped on its back with the crank locked, it rests after 4 s, with pads no deeper than 0.1
+    mm.
+    """
     plant = placed(state=[0.0, 0.6, math.pi, psi, 0.0, 0.0, 0.0, 0.0], locked=True)
     assert not plant.step(0.0, 0.05).non_toe_contact  # still falling
     plant.step(0.0, 4.0)
@@ -43,9 +45,10 @@ def on_one_toe(slope, psi, pitch, friction, time_step):
 
 @pytest.mark.parametrize("psi, pitch", POSES)
 def test_a_gripping_toe_rolls(psi, pitch):
-    """Swung about that toe for 0.1 s: along the slope by -radius * turn of the foot link.
+    """Swung about that toe for 0.1 s, it moves along the slope by -radius * turn of the foot link.
 
-    Error: 5 um of some 2 mm, of order h^2; off the slope a toe that opens for a step falls g h^2.
+    The error is 5 um of some 2 mm, of order h^2; off the slope, a toe that opens for a step falls
+    by g h^2.
     """
     slope = 0.2
     errors = []
@@ -65,7 +68,9 @@ def test_a_gripping_toe_rolls(psi, pitch):
 
 @pytest.mark.parametrize("psi, pitch", POSES)
 def test_slip_is_the_path_of_the_contact_point(psi, pitch):
-    """Tangential velocity of the toe plus radius times its turning rate; 1e-4 m/s in 1e-5 s."""
+    """Its speed is the tangential velocity of the toe plus radius times its turning rate, to 1e-4
+    m/s in 1e-5 s.
+    """
     h = 1e-5
     plant, toe = on_one_toe(0.0, psi, pitch, friction=0.0, time_step=h)
     state = plant.state

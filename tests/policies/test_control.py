@@ -6,7 +6,9 @@ from jansen_env.policies.pid import PID
 
 
 def test_integral_waits_at_the_torque_limit_robot_by_robot():
-    """No wind-up where the torque is at its limit; each of n robots for itself, as if alone."""
+    """There is no wind-up where the torque is at its limit, for each of n robots as if it were
+    alone.
+    """
     error = np.array([0.1, 0.5, -0.5])
     rate = np.zeros(3)
     integral = np.array([0.2, 0.2, -0.2])

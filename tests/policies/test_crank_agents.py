@@ -61,7 +61,7 @@ def test_inverse_dynamics_needs_no_feedback_once_it_follows(env):
 
 
 def test_scores_are_those_of_the_episodes(env):
-    """Each total and metric against a run stepped here; a crank left alone is lost."""
+    """Each total and metric is that of a run stepped here; a crank left alone is lost."""
     policy = BASELINES["pid"](env.unwrapped)
     run = run_episodes(policy, ENV, {"reset_noise_scale": 0.0}, np.array([1.0]), np.zeros(1, int))
     error, torque, energies = follow(env, policy)
@@ -84,7 +84,7 @@ def test_scores_are_those_of_the_episodes(env):
 
 @pytest.mark.slow
 def test_trained_policy_beats_the_papers_pid(tmp_path):
-    """Less RMS tracking error at no more RMS torque, with the shipped configuration."""
+    """With the shipped configuration it has less RMS tracking error at no more RMS torque."""
     folder = train.main(["--env", ENV, "--no-progress", "--log-folder", str(tmp_path)])
     result = json.loads((folder / "scores.json").read_text())
     ours, pid = (result[name]["overall"] for name in (f"ppo/{ENV}_1", "pid"))

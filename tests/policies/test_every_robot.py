@@ -49,8 +49,11 @@ def test_numbers_are_measured_and_say_how(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ROBOTS)
 def test_the_motor_does_not_switch_between_its_limits(name):
-    """Under the robot's own PID: the mean change of the torque in a step is a tenth of the limit
-    at most. With the paper's gains the weekend robot's is above its limit."""
+    """Under the robot's own PID the torque changes by at most a tenth of its limit in the mean
+    step.
+
+    With the paper's gains, the weekend robot's torque changes by more than its limit.
+    """
     env = gym.make(ENV, robot=name).unwrapped
     command = np.full(4, SLOW.get(name, 0.3))
     run = run_episodes(BASELINES["pid"](env), ENV, {"robot": name}, command, 90_000 + np.arange(4))
@@ -60,7 +63,7 @@ def test_the_motor_does_not_switch_between_its_limits(name):
 
 
 def test_the_weekend_robot_is_no_longer_wrong_by_four():
-    """2.5 under the paper's gains; three simulators walk it at 0.58 to 0.59."""
+    """It was wrong by 2.5 under the paper's gains; three simulators walk it at 0.58 to 0.59."""
     robot = ROBOTS["weekend"]()
     known = {"friction": np.full(4, 0.8), "start": np.linspace(0.0, 2.4, 4)}
     cost = {
@@ -72,7 +75,9 @@ def test_the_weekend_robot_is_no_longer_wrong_by_four():
 
 
 def test_a_robot_without_a_name_has_the_papers_numbers_to_scale():
-    """The same on the paper's; by weight, size and motor on others, so that they walk alike."""
+    """The paper's robot has its own numbers; those of others are scaled by weight, size and motor,
+    so that they walk alike.
+    """
     paper = ROBOTS["paper"]()
     assert tuned.scale_of(paper) == (1.0, 1.0, 1.0)
     small = other("paper", 0.25)

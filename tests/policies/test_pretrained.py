@@ -46,7 +46,9 @@ def test_every_environment_has_its_policy():
 @pytest.mark.slow
 @pytest.mark.parametrize(("env_id", "name"), SHIPPED)
 def test_actions_are_the_networks(env_id, name):
-    """To 1e-6 in float64 anywhere, to 1e-5 in torch's float32 where the policy comes by."""
+    """They agree to 1e-6 in float64 anywhere, and to 1e-5 in torch's float32 where the policy comes
+    by.
+    """
     policy, model = pretrained.load(env_id, name), pack.load_sb3(env_id, name).policy
     envs = make_envs(env_id, policy.env_kwargs, 20)
     seen = envs.reset(seed=3)[0]
@@ -99,7 +101,7 @@ def test_scores_can_be_made_again(made, tmp_path, capsys):
 @pytest.mark.parametrize(("env_id", "name"), SHIPPED)
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e39])
 def test_observations_that_are_not_finite_are_refused(env_id, name, value):
-    """By the name of the column, and the row among many; 1e39 is infinite in float32."""
+    """The error names the column, and the row among many; 1e39 is infinite in float32."""
     policy = pretrained.load(env_id, name)
     width = len(policy.observed)
     for column, label in enumerate(policy.observed):
@@ -143,7 +145,9 @@ for env_id in {sorted(IDS)}:
 
 @pytest.mark.parametrize("env_id", ["JansenWalker-v0", CRANK])
 def test_what_is_observed_is_what_is_documented(env_id):
-    """Units and limits in the docstring's table, and names that ``info`` has mean the same."""
+    """Units and limits are those of the docstring's table, and names that ``info`` has mean the
+    same.
+    """
     env = make_env(env_id, {"height_scan": (0.0, 0.0, 1)} if env_id != CRANK else {})
     documented = inspect.getdoc(type(env.unwrapped)).split("## Observation Space")[1]
     rows = re.findall(r"^\| [\dn].*", documented.split("## ")[0], re.M)
@@ -191,7 +195,9 @@ def test_packing_keeps_the_policy(network, tmp_path):
 
 
 def test_training_starts_from_a_policy(made, tmp_path):
-    """With its weights, and the new run's noise; those of another network are refused."""
+    """It has the weights of the policy and the noise of the new run; weights of another network are
+    refused.
+    """
     policy = pretrained.load_file(made[1])
     config = make_config(policy.description["training"]["config"])
     noisy = {**config.policy_kwargs, "log_std_init": -2.5}
@@ -301,7 +307,9 @@ def test_a_policy_trains_where_it_walks(made, tmp_path):
 
 
 def test_damaged_files_are_refused(made, tmp_path):
-    """Cut, too large, of other types, with numbers that are none, missing."""
+    """Files are cut, too large, of other types, hold values that are not numbers, or are
+    missing.
+    """
     path = tmp_path / "mine.json"
     weights = tmp_path / "mine.safetensors"
     text, data = (p.read_bytes() for p in (made[1], made[1].with_suffix(".safetensors")))
@@ -340,7 +348,7 @@ def test_observations_of_other_shapes_are_refused(wrong):
 
 
 def test_evaluation_takes_shipped_and_packed_policies(made, tmp_path, monkeypatch):
-    """By name and by path, side by side with a baseline."""
+    """They are taken by name and by path, beside a baseline."""
     monkeypatch.chdir(tmp_path)
     given = ["--policy", "pretrained", "--policy", str(made[1]), "--policy", "pid"]
     ((policies, env_kwargs),) = named_policies.load_all(evaluate.parse(["--env", CRANK, *given]))

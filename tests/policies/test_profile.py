@@ -77,7 +77,9 @@ def test_torque_is_the_documented_formula():
 
 
 def test_it_walks_with_less_slip_than_the_pid():
-    """At 0.1 and 0.3 m/s no fall, half of the PID's slip at most, nearer to the commanded speed."""
+    """At 0.1 and 0.3 m/s it does not fall, slips at most half as much as the PID, and is nearer to
+    the commanded speed.
+    """
     env = make_env(ENV, {})
     commands = np.repeat([0.1, 0.3], 6)
     seeds = 91_000 + np.arange(12)
@@ -95,7 +97,9 @@ def test_it_walks_with_less_slip_than_the_pid():
 
 
 def test_means_of_an_episode_end_with_its_fall():
-    """The full torque throws some robots over: its mean square is its square, however soon."""
+    """The full torque throws some robots over: its mean square is its square, however soon they
+    fall.
+    """
     full = TorquePolicy(lambda seen, *_: (np.full(len(seen), 20.0), None), 20.0)
     run = run_episodes(full, ENV, {}, np.full(3, 0.3), np.arange(3))
     assert run["fell"].any() and not run["fell"].all()

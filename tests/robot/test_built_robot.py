@@ -30,7 +30,7 @@ SMALL = PID(0.3, 0.2, 0.05)  # of the weekend robot
 
 
 def test_a_flat_bar_is_a_rectangle_with_round_ends():
-    """Mass and inertia of a polygon, 1e-3; end masses add m and m L^2 / 4 each."""
+    """Mass and inertia are those of a polygon to 1e-3; end masses add m and m L^2 / 4 each."""
     length, width = 0.2, 0.04
     area, _, polar = about_origin(Round((-0.5 * length, 0.5 * length), 0.5 * width)).real
     areal = built.DENSITY * built.BAR_THICKNESS
@@ -43,7 +43,10 @@ def test_a_flat_bar_is_a_rectangle_with_round_ends():
 
 @pytest.mark.parametrize("third", [0.02, 0.05])
 def test_a_plate_is_a_triangle_with_a_hole(third):
-    """As polygons; a heavier third corner draws the hole to it: the centre of mass stays."""
+    """Mass and inertia are those of polygons.
+
+    A heavier third corner draws the hole to it, so that the centre of mass stays.
+    """
     corners = np.array([0.0, 0.3, 0.1 + 0.2j])
     corners -= corners.mean()
     masses = np.array([0.02, 0.02, third])
@@ -70,7 +73,7 @@ def test_the_page_has_the_bill_of_materials():
 
 
 def test_the_masses_of_parts_are_those_of_their_volumes():
-    """Tubes, plates, shafts and hubs, within 1 g; steel 7850 kg/m^3."""
+    """Tubes, plates, shafts and hubs agree within 1 g; steel has 7850 kg/m^3."""
 
     def round_bar(outer, inner, length, density):
         return 0.25 * math.pi * (outer**2 - inner**2) * length * density
@@ -158,7 +161,9 @@ def loads(request):
 
 @pytest.mark.slow
 def test_bearings_have_the_friction_of_their_mean_load(loads):
-    """The loads that the code has are those of a walk, within 1.5 N; mu r F, in tenths of mN m."""
+    """The loads in the code are those of a walk, within 1.5 N; friction is mu r F, in tenths of mN
+    m.
+    """
     name, walks = loads
     robot = ROBOTS[name]()
     known = BEARING_LOADS[name]
@@ -172,7 +177,9 @@ def test_bearings_have_the_friction_of_their_mean_load(loads):
 
 @pytest.mark.slow
 def test_a_walk_at_2_rad_s_is_borne(loads):
-    """Feet, rods (buckling, thrice), pins' holes and motor (6 N m rated), from either start."""
+    """Feet, rods (buckling, with a factor of three), pins' holes and motor (rated at 6 N m) bear it
+    from either start.
+    """
     robot = ROBOTS[loads[0]]()
     walks = loads[1]
     for walked, (shear, normal, *_), forces in walks:
@@ -250,7 +257,9 @@ def plywood_safety(robot, forces):
 
 @pytest.mark.parametrize("start", [0.0, 0.2 * math.pi])
 def test_touchdowns_are_resolved(start):
-    """Half the time step changes the largest loads of a first step at 4 N m, from rest: 5 %."""
+    """Half the time step changes the largest loads of a first step from rest at 4 N m by less than
+    5 %.
+    """
     largest = []
     for step in (FINE_STEP, 0.5 * FINE_STEP):
         plant = ProjectionPlant(built_robot(), Terrain.flat(), step)
@@ -271,7 +280,10 @@ def test_touchdowns_are_resolved(start):
 @pytest.mark.slow
 @pytest.mark.parametrize("speed", [1.0, 1.5])
 def test_it_walks_under_the_papers_pid(speed):
-    """The crank kept within 2 %; on both plants as fast, as dear, sliding as much: 10 %."""
+    """The crank keeps its speed within 2 %.
+
+    Speed, cost and slip agree within 10 % on both backends.
+    """
     walks = [walk(make(built_robot(), Terrain.flat()), speed, 2.5) for make in PLANTS.values()]
     for walked in walks:
         assert not walked.fell and walked.crank_speed == pytest.approx(speed, rel=0.02)
@@ -291,7 +303,9 @@ def test_it_walks_under_the_papers_pid(speed):
     ],
 )
 def test_machines_have_three_witnesses(name, speed, pid):
-    """Speed and cost agree: both plants within 1 % (weekend: 2 %), MuJoCo within 5.5 %."""
+    """Speed and cost agree within 1 % on both backends (weekend: 2 %), and with MuJoCo within 5.5
+    %.
+    """
     from mujoco_plant import MujocoPlant
 
     robot = ROBOTS[name]()
@@ -315,7 +329,9 @@ def test_machines_have_three_witnesses(name, speed, pid):
 
 
 def test_motors_are_those_of_the_sheets():
-    """Efficiency from stall current and no-load speed; armatures; the motor constant."""
+    """Efficiency follows from stall current and no-load speed; armatures and the motor constant
+    agree.
+    """
     for motor, volts, amperes in (("mx_106", 12.0, 5.2), ("xm540_w270", 12.0, 4.4)):
         share = MOTORS[motor].stall_torque / amperes / (volts / MOTORS[motor].no_load_speed)
         assert MOTORS[motor].efficiency == pytest.approx(share, abs=0.002)

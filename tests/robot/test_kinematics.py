@@ -23,7 +23,7 @@ TURN = np.linspace(0.0, 2.0 * math.pi, 1440, endpoint=False)  # rad, a quarter o
     ],
 )
 def test_check_numbers_of_the_papers_reading(psi, side, toe, rate):
-    """Place of the toe and d(theta_8)/d(psi), six digits after the point."""
+    """The place of the toe and d(theta_8)/d(psi) agree to six digits after the point."""
     assert joint_positions(paper_robot(), side, psi)[T] == pytest.approx(toe, abs=6e-7)
     ahead, behind = coordinates(paper_robot(), side, np.array([psi + 1e-5, psi - 1e-5]))[:, 21]
     assert (ahead - behind) / 2e-5 == pytest.approx(rate, abs=6e-7)
@@ -31,7 +31,7 @@ def test_check_numbers_of_the_papers_reading(psi, side, toe, rate):
 
 @pytest.mark.parametrize("side", ["fore", "back"])
 def test_links_keep_their_lengths(robot, side):
-    """All joints of every link, all the way round; 1e-14 is rounding."""
+    """All joints of every link keep their distance all the way round; 1e-14 is rounding."""
     joints = joint_positions(robot, side, TURN)
     for members, link in zip(robot.linkage.members, robot.bodies, strict=True):
         for i, j in itertools.combinations(range(len(members)), 2):
@@ -43,7 +43,9 @@ def test_links_keep_their_lengths(robot, side):
 
 
 def test_a_back_leg_is_the_mirror_image(robot):
-    """x -> -x, angles -> pi - angle, with the crank at pi - psi: joints and bodies, to rounding."""
+    """x becomes -x and angles become pi - angle, with the crank at pi - psi, for joints and bodies,
+    to rounding.
+    """
     fore = joint_positions(robot, "fore", TURN)
     back = joint_positions(robot, "back", math.pi - TURN)
     assert np.abs(back - fore * [-1.0, 1.0]).max() <= 1e-14

@@ -19,7 +19,7 @@ ANGLES = np.linspace(0.0, 6.0, 7)
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_lengths_are_distances_between_joints(name):
-    """Of every name with two joints, at any crank angle."""
+    """This holds for every name with two joints, at any crank angle."""
     robot = ROBOTS[name]()
     linkage = robot.linkage
     known = lengths(robot)
@@ -34,7 +34,9 @@ def test_lengths_are_distances_between_joints(name):
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_a_design_twice_as_large_has_the_same_angles(name):
-    """All lengths doubled: joints twice as far; and back again, masses and inertias, too."""
+    """With all lengths doubled, joints are twice as far apart; halved again, masses and inertias
+    are the same, too.
+    """
     robot = ROBOTS[name]()
     before = lengths(robot)
     twice = {key: value * (1.0 if key == "frame_angle" else 2.0) for key, value in before.items()}
@@ -49,7 +51,9 @@ def test_a_design_twice_as_large_has_the_same_angles(name):
 
 
 def test_a_longer_rod_is_heavier_in_its_own_material():
-    """A rod: m per metre, and m L^2 / 12; a part of the built robot: its flat bar's numbers."""
+    """A rod keeps its mass per metre and has m L^2 / 12; a part of the built robot has its flat
+    bar's numbers.
+    """
     slender = with_lengths(ROBOTS["paper_slender"](), {"rocker": 0.47016})
     rod = slender.body("rocker")
     assert (rod.mass, rod.inertia) == pytest.approx((0.2, 0.2 * 0.47016**2 / 12.0))
@@ -74,7 +78,7 @@ def test_a_longer_rod_is_heavier_in_its_own_material():
     ],
 )
 def test_impossible_lengths_are_refused(changed, message):
-    """In one line that names them."""
+    """The error names them in one line."""
     with pytest.raises(ValueError, match=message) as error:
         with_lengths(Robot(), changed)
     assert "\n" not in str(error.value)
@@ -82,7 +86,7 @@ def test_impossible_lengths_are_refused(changed, message):
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_a_robot_file_gives_the_same_robot(name, tmp_path):
-    """To the last bit, and strict JSON."""
+    """The robot is the same to the last bit, and the file is strict JSON."""
     robot = replace(ROBOTS[name](), payload=Payload(0.3, 0.01, (0.1, 0.2)))
     path = write_robot(tmp_path / "mine.json", robot)
     assert read_robot(path) == robot
@@ -90,7 +94,7 @@ def test_a_robot_file_gives_the_same_robot(name, tmp_path):
 
 
 def test_a_robot_file_may_be_a_design_with_other_lengths(tmp_path):
-    """As the bench writes it."""
+    """The bench writes such files."""
     path = tmp_path / "mine.json"
     content = {"format": "jansen_env robot 1", "design": "built", "lengths": {"rocker": 0.24}}
     path.write_text(json.dumps(content))
@@ -129,7 +133,7 @@ def test_a_robot_file_may_be_a_design_with_other_lengths(tmp_path):
     ],
 )
 def test_a_file_that_is_no_robot_is_refused(text, message, tmp_path):
-    """In one line that names the file."""
+    """The error names the file in one line."""
     path = tmp_path / "bad.json"
     path.write_text(text)
     with pytest.raises(ValueError, match=message) as error:
@@ -138,7 +142,7 @@ def test_a_file_that_is_no_robot_is_refused(text, message, tmp_path):
 
 
 def test_a_missing_and_a_huge_file_are_refused(tmp_path):
-    """Before they are parsed."""
+    """They are refused before they are parsed."""
     with pytest.raises(ValueError, match=r"cannot be read: No such file"):
         read_robot(tmp_path / "none.json")
     (tmp_path / "huge.json").write_bytes(b" " * 2**21)

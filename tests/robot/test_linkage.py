@@ -71,7 +71,7 @@ def test_a_leg_that_cannot_turn_is_refused_with_joint_and_angle():
 
 
 def test_a_dead_point_is_named_with_joint_and_angle():
-    """A rocker that just reaches: the links that meet in B are all but in line at one angle."""
+    """A rocker just reaches: the links that meet in B are all but in line at one angle."""
     near = four_bar(rocker={"P": (0.0, 0.0), "B": (0.138, 0.0)})
     sine, joint, angle = nearest_dead_point(near)
     assert sine < 0.1 and joint == "B"
@@ -90,7 +90,9 @@ def test_the_zoo_is_as_high_and_heavy_as_the_paper(name):
 
 
 def test_klanns_joints_are_the_patents():
-    """US 6,260,862: crank at half a turn, joints 27, 35, 37, 33 relative to the crank axis 15."""
+    """In US 6,260,862 the crank is at half a turn; joints 27, 35, 37 and 33 are relative to the
+    crank axis 15.
+    """
     robot = ZOO["klann"]()
     unit = robot.bodies[1].distance(0, 1) / 0.268
     place = joint_positions(robot, "fore", math.pi) / unit
@@ -108,7 +110,7 @@ def test_chebyshevs_feet_walk_on_a_line():
 
 
 def test_a_pad_on_a_body_that_turns_all_the_way_round():
-    """A drag link: its rocker goes round with the crank; the tables agree with the projection."""
+    """The rocker of a drag link turns with the crank; the tables agree with the projection."""
     robot = robot_from_joints(
         {
             "frame": {"O": (0.0, 0.0), "P": (0.08, 0.0)},
@@ -132,7 +134,9 @@ def test_a_pad_on_a_body_that_turns_all_the_way_round():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["paper", *ZOO])
 def test_walks_agree_on_both_plants(name):
-    """A steady walk at 1 rad/s on slippery ground: speed and cost of transport within 5 %."""
+    """In a steady walk at 1 rad/s on slippery ground, speed and cost of transport agree
+    within 5 %.
+    """
     robot = ROBOTS[name]()
     ground = Terrain.flat(0.2)
     ours, theirs = (walk(make(robot, ground), 1.0, 3.0) for make in PLANTS.values())

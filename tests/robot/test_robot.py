@@ -113,7 +113,9 @@ def test_triangle_8_is_made_from_its_sides():
 
 
 def test_triangle_4_is_a_little_larger_than_its_sides():
-    """Printed centroid data: 1.0101 (hypot(l0, h0) / l0) times (L4, L10, L5), six digits."""
+    """The paper's centroid data belong to 1.0101 (hypot(l0, h0) / l0) times (L4, L10, L5), to six
+    digits.
+    """
     factor = math.hypot(0.32436, 0.04632) / 0.32436
     printed = 1.0101  # in the paper
     assert factor == pytest.approx(printed, abs=5e-5)
@@ -123,14 +125,18 @@ def test_triangle_4_is_a_little_larger_than_its_sides():
 
 @pytest.mark.parametrize("triangle", [Robot().body("foot"), Triangle.from_sides(0.3, 0.4, 0.5)])
 def test_triangle_sides_and_centroid_belong_together(triangle):
-    """sides undoes from_sides; the three corners' mean is the centroid (6 digits as printed)."""
+    """`sides` undoes `from_sides`; the mean of the corners is the centroid, to the 6 printed
+    digits.
+    """
     assert Triangle.from_sides(*triangle.sides).sides == pytest.approx(triangle.sides, abs=1e-12)
     second, third = np.exp(1j * triangle.alpha), np.exp(-1j * triangle.gamma)
     assert abs(triangle.d + triangle.l * second + triangle.h * third) < 2e-6
 
 
 def test_the_paper_robot_is_the_papers():
-    """Table 1: masses 0.1 kg, inertias 0.1 kg m^2, friction 0.1 at ten pairs; 32 bodies, 3.2 kg."""
+    """Table 1 has masses of 0.1 kg, inertias of 0.1 kg m^2 and friction of 0.1 at ten pairs; 32
+    bodies have 3.2 kg.
+    """
     robot = Robot()
     assert {(body.mass, body.inertia) for body in robot.bodies} == {(0.1, 0.1)}
     assert len(JANSEN.damped) == 10 and set(robot.damping) == {0.1}
@@ -139,7 +145,7 @@ def test_the_paper_robot_is_the_papers():
 
 
 def test_slender_inertias():
-    """A rod m L^2 / 12; a plate m (a^2 + b^2 + c^2) / 36, which is a right triangle's too."""
+    """A rod has m L^2 / 12; a plate has m (a^2 + b^2 + c^2) / 36, as a right triangle does."""
     assert Bar(2.0, mass=0.3).slender().inertia == pytest.approx(0.1, abs=1e-15)
     plate = Triangle.from_sides(3.0, 4.0, 5.0, mass=2.0).slender()
     # Legs p, q at right angles: the plate's inertia about its centroid is m (p^2 + q^2) / 18.
@@ -149,7 +155,7 @@ def test_slender_inertias():
 
 
 def test_holy_numbers_are_jansens():
-    """The published lengths, in units of 1/15 of the crank: exact but for rounding, 1e-12."""
+    """They are the published lengths, in units of 1/15 of the crank, to 1e-12."""
     robot = ROBOTS["holy"]()
     unit = robot.body("crank").length / 15.0
     rods = [robot.body(name) for name in ("upper_rod", "rocker", "lower_rod", "coupler")]
@@ -211,7 +217,7 @@ def test_electrical_power_is_the_armatures_voltage_times_current():
 
 
 def test_a_name_may_have_a_number_of_legs():
-    """The design with that many legs, everywhere where a robot has a name."""
+    """It is the design with that many legs, everywhere where a robot has a name."""
     assert named_robot("built:12") == built_robot(6) and named_robot("built:4") == built_robot()
     env = gym.make("JansenWalker-v0", robot="klann:6")
     assert len(env.unwrapped.robot.legs) == 6

@@ -64,7 +64,9 @@ def test_the_error_names_the_dyad_on_its_other_side(joint, name, cause):
 
 
 def test_a_robot_that_cannot_stand_is_refused_whatever_it_is_for(tmp_path, capsys):
-    """Environments of each kind, options of a reset, states, files and drawings."""
+    """It is refused by environments of each kind, options of a reset, states, files and
+    drawings.
+    """
     robot = other_side("C")
     path = write_robot(tmp_path / "mine.json", robot)
     for value in (robot, path, str(path)):
@@ -88,7 +90,9 @@ def test_a_robot_that_cannot_stand_is_refused_whatever_it_is_for(tmp_path, capsy
 
 
 def test_drawn_lengths_give_robots_that_stand():
-    """A frame angle from 0 to 90 times its own, beyond a turn or upside down: drawn again."""
+    """Frame angles from 0 to 90 times the own one, beyond a turn or upside down, are
+    sampled again.
+    """
     env = gym.make(WALKER, randomize={"lengths": {"frame_angle": (0.01, 90.0)}}).unwrapped
     for seed in range(8):
         env.reset(seed=seed)

@@ -8,7 +8,9 @@ from jansen_env.cli import evaluate
 
 
 def test_goals_are_scored(tmp_path, capsys):
-    """By success with its exact interval; the time of an episode without success is its limit."""
+    """The score is the success with its exact interval; an episode without success counts with its
+    time limit.
+    """
     arguments = ["--env", "JansenGoal-v0", "--policy", "pid", "--commands", "0.01", "2.5", "-3"]
     arguments += ["--episodes", "1", "--random-commands", "3", "--out", str(tmp_path)]
     evaluate.main([*arguments, "--env-kwargs", "{max_episode_steps: 200}"])

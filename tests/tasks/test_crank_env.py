@@ -17,7 +17,9 @@ def env():
 
 
 def test_observation_is_the_documented_table(env):
-    """Each entry recomputed from the state and the clock; float32, within its space."""
+    """Each entry is recomputed from the state and the clock; the observation is float32, within its
+    space.
+    """
     env.reset(seed=1, options={"speed_command": -2.5})
     for k in range(1, 30):
         obs, *_, info = env.step(np.array([-0.6], np.float32))
@@ -34,7 +36,9 @@ def test_observation_is_the_documented_table(env):
 
 
 def test_start_is_random_seeded_and_documented():
-    """Crank angle pi and speed 0, each +-0.1 and using most of it; command in its range."""
+    """The crank angle is pi and the speed 0, each within +-0.1 and using most of it; the command is
+    in its range.
+    """
     env = JansenCrankEnv(speed_command=(0.5, 2.0))
     infos = [env.reset(seed=seed)[1] for seed in range(200)]
     for name, low, high in (
@@ -51,7 +55,9 @@ def test_start_is_random_seeded_and_documented():
 
 @pytest.mark.parametrize("action", [-2.0, -0.3, 0.0, 0.7, 1.0, 5.0])
 def test_reward_is_its_documented_terms(action):
-    """tracking_weight / (1 + (e / width)^2), e after the step, less torque_weight * share^2."""
+    """It is tracking_weight / (1 + (e / width)^2), with e after the step, less torque_weight *
+    share^2.
+    """
     env = JansenCrankEnv(tracking_weight=3.0, torque_weight=0.7)
     env.reset(seed=0)
     for _ in range(20):
@@ -72,7 +78,7 @@ def test_reward_is_its_documented_terms(action):
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 def test_losing_the_reference_ends_the_episode(direction):
-    """Terminated in the first step whose tracking error exceeds pi, on either side."""
+    """It is terminated in the first step whose tracking error exceeds pi, on either side."""
     env = JansenCrankEnv(speed_command=-direction * 5.0)
     env.reset(seed=0)
     errors = []
@@ -100,7 +106,9 @@ def test_joint_forces(env):
 
 
 def test_reset_options():
-    """Each fixes its own number and leaves the other draws as they were; others are refused."""
+    """Each option fixes its own value and leaves the other samples as they were; other options are
+    refused.
+    """
     env = JansenCrankEnv(speed_command=(0.5, 2.0))
     names = ("speed_command", "crank_angle", "crank_speed")
     _, drawn = env.reset(seed=0)

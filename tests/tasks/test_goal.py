@@ -24,7 +24,7 @@ def make(n):
 
 
 def test_the_goal_is_seen():
-    """Its flag and its place, though it is beyond the picture."""
+    """Its flag and its place are drawn, even beyond the picture."""
     env = gym.make("JansenGoal-v0", render_mode="rgb_array")
     pictures = []
     for goal in (0.5, 0.6, 2.9, 3.0):
@@ -51,7 +51,9 @@ class Shaken:
 
 @pytest.mark.slow
 def test_the_baseline_solves_it_and_the_reward_ranks(monkeypatch):
-    """97 of the 100 goals of seeds from 1000 on, on which it was not tuned; 0.9 at least."""
+    """It reaches 97 of the 100 goals of seeds from 1000 on, on which it was not tuned; 0.9 is
+    required.
+    """
     env = make(100)
     success, returns, work = solved(goal_pid(env.unwrapped), env)
     assert success.mean() >= 0.9

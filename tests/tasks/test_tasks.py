@@ -88,7 +88,7 @@ def test_arguments_are_those_of_the_world_and_its_own():
 
 @pytest.mark.parametrize("noise", [None, {}])
 def test_what_is_added_moves_nothing(noise):
-    """All other columns, by name, and rewards and information are those without it, bit for bit."""
+    """All other columns, by name, rewards and information are those without it, bit for bit."""
     env, plain = (kind(**WORLD, noise=noise) for kind in (DerivedEnv, PlainEnv))
     many = DerivedVectorEnv(2, **WORLD, noise=noise)
     seen = env.reset(seed=4)[0]
@@ -114,7 +114,9 @@ TORQUE = Observed("crank_torque", "N m", -np.inf, np.inf, "exact")
 
 
 def test_an_observation_may_be_added_to_the_walker_itself(monkeypatch):
-    """As CONTRIBUTING.md says, in the class: of one robot and of many it is seen in each step."""
+    """It is added in the class, as CONTRIBUTING.md says, and is seen in each step of one robot and
+    of many.
+    """
     monkeypatch.setattr(WalkerTask, "OBSERVED", (*WalkerTask.OBSERVED, TORQUE))
     before = WalkerTask.observe
     monkeypatch.setattr(

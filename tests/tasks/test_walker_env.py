@@ -58,7 +58,9 @@ def test_loads_at_rest_carry_the_weight(env):
 
 @pytest.mark.parametrize("robot", ["paper", "holy"])
 def test_positive_actions_walk_forward(robot):
-    """And negative ones backward, whichever way the crank has to turn; information is physical."""
+    """Negative actions walk backward, whichever way the crank has to turn; information is
+    physical.
+    """
     ends = []
     turns = math.copysign(1.0, advance_per_turn(jansen_env.ROBOTS[robot]()))
     for sign in (1.0, -1.0):
@@ -104,7 +106,9 @@ def test_what_a_fall_is():
 
 @pytest.mark.parametrize("plant", ["projection", "rigid_body"])
 def test_a_simulation_that_diverges_ends_the_episode(plant):
-    """Garbage is never returned: the step does nothing, warns, and truncates; a reset mends all."""
+    """Garbage is never returned: the step does nothing, warns, and truncates; a reset
+    repairs all.
+    """
     env = JansenWalkerEnv(plant=plant, torque_limit=1e12)
     env.reset(seed=0)
     before = env.plant.state
@@ -123,7 +127,7 @@ def test_a_simulation_that_diverges_ends_the_episode(plant):
 
 @pytest.mark.parametrize("env_id", ["JansenWalker-v0", "JansenCrank-v0"])
 def test_it_can_be_played(env_id):
-    """By Gymnasium's own function, without further arguments: no key, then the right one."""
+    """Gymnasium's own function plays it without further arguments: no key, then the right one."""
     env = gym.make(env_id, render_mode="rgb_array")
     torques = []
 

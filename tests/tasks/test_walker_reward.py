@@ -51,7 +51,9 @@ def plain_factors(env, infos, actions):
 
 @pytest.mark.parametrize("commands", [(0.3,), (-0.1,), (0.0,), (0.5, -0.2, 0.0, 0.05)])
 def test_the_reward_is_what_is_documented(commands):
-    """Target, means and factors, recomputed; each factor is within 0 and 1, their product paid."""
+    """Target, means and factors are recomputed; each factor is within 0 and 1, and their product is
+    the reward.
+    """
     env = JansenWalkerEnv()
     rng = np.random.default_rng(2)
     env.reset(seed=2, options={"speed_command": commands[0]})
@@ -77,7 +79,9 @@ def test_the_reward_is_what_is_documented(commands):
 
 @pytest.mark.parametrize("command", [0.05, 0.1, 0.2, 0.4, 0.8, -0.05, -0.3, 0.01, 2.0])
 def test_standing_still_earns_next_to_nothing(command):
-    """At most 1 % of what could be had in 10 s; at the command 0 nearly all of it."""
+    """It earns at most 1 % of what could be had in 10 s; at the command 0 it earns nearly all of
+    it.
+    """
     env = JansenWalkerEnv(reset_noise_scale=0.0)
     returns = []
     for asked in (command, 0.0):
@@ -119,7 +123,9 @@ def test_rough_ground_has_smaller_weights():
 
 
 def test_commands_change_within_an_episode():
-    """Every 0.1 s by the interval, drawn from the range; by hand from the next step on."""
+    """They change every 0.1 s by the interval, sampled from the range, and from the next step on if
+    set by hand.
+    """
     env = JansenWalkerEnv(speed_command=(-0.2, 0.3), command_interval=0.1)
     observation, info = env.reset(seed=4)
     seen = [info["speed_command"]]

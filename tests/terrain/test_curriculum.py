@@ -35,7 +35,7 @@ def test_past_the_top_any_level(rng):
 
 
 def test_levels_of_a_batch():
-    """One for each robot, by argument, by option, and from the next episode on."""
+    """There is one for each robot, by argument, by option, and from the next episode on."""
     envs = gym.make_vec("JansenWalker-v0", 3, terrain="stairs", terrain_level=np.array([0, 4, 9]))
     info = envs.reset(seed=0)[1]
     assert info["parameters"]["terrain_level"].tolist() == [0, 4, 9]
@@ -53,7 +53,9 @@ def test_levels_of_a_batch():
 
 
 def test_a_curriculum_leads_on():
-    """Up after a walk, down after standing, past the top to any; through every API the same."""
+    """It goes up after a walk, down after standing, and past the top to any level, through every
+    API alike.
+    """
     slope = {"terrain": "slope", "terrain_level": 4, "curriculum": Curriculum(horizon=1.0)}
     env = gym.make("JansenWalker-v0", speed_command=0.1, **slope)
 

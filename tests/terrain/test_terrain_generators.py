@@ -40,7 +40,9 @@ def faces(terrain):
 
 
 def test_stairs():
-    """Every tread and rise as asked, up to +x and down to -x, the faces as steep as they say."""
+    """Every tread and rise is as asked, up to +x and down to -x, and the faces are as steep as they
+    say.
+    """
     terrain = Terrain.stairs(rise=0.04, tread=0.3)
     rises, slopes = faces(terrain)
     assert rises == pytest.approx(0.04) and slopes == pytest.approx(FACE)
@@ -57,7 +59,9 @@ def test_stairs():
 @pytest.mark.parametrize("name", LEVELS)
 @pytest.mark.parametrize("level", [0, 4, HIGHEST])
 def test_each_ground_has_what_a_robot_needs(name, level, rng):
-    """Level below the robot, 8 m of ground on both sides, level beyond, and few vertices."""
+    """It is level below the robot and at the ends, with 8 m of ground on both sides, and has few
+    vertices.
+    """
     generator = make_generator(name)
     for _ in range(20):
         terrain = generator(rng, level)
@@ -98,7 +102,9 @@ def test_the_documented_levels_are_those_of_the_code():
 
 
 def test_parameters_that_are_given_stay(rng):
-    """At all levels, the sign too; the others come from the level as without them."""
+    """They stay at all levels, with their sign; the others come from the level as they would
+    without them.
+    """
     generator = make_generator("stairs:rise=0.02, tread=0.3")
     assert generator.given == (("rise", 0.02), ("tread", 0.3))
     assert str(generator) == "stairs:rise=0.02,tread=0.3"
@@ -111,7 +117,7 @@ def test_parameters_that_are_given_stay(rng):
 
 
 def test_mixed_is_another_kind_each_time(rng):
-    """All of them, evenly; each as it is alone."""
+    """All kinds are sampled evenly, and each is as it is alone."""
     mixed = make_generator("mixed")
     sizes = {len(mixed(rng, 4).points) for _ in range(200)}
     alone = {len(make_generator(kind)(rng, 4).points) for kind in MIXTURE for _ in range(30)}
@@ -166,7 +172,7 @@ def test_texts_and_shapes_that_cannot_be_are_refused(make, message):
 
 
 def test_height_and_gradient():
-    """Linear between vertices, first and last slope going on."""
+    """They are linear between vertices, and the first and the last slope continue."""
     assert HILLS.height([-2.0, -0.5, 0.0, 0.5, 1.5, 3.0, -3.0]) == pytest.approx(
         [0.5, 0.1, 0.2, 0.15, 0.35, 1.1, 1.0], abs=1e-12
     )
@@ -181,7 +187,9 @@ def test_height_and_gradient():
 @pytest.mark.slow
 @pytest.mark.parametrize("plant", sorted(PLANTS))
 def test_walks_over_faces_do_not_diverge(plant):
-    """5 s over stumps of 3 cm: nothing is refused, joints stay shut, and it gets there."""
+    """In 5 s over stumps of 3 cm nothing is refused, joints stay closed, and the robot gets
+    there.
+    """
     terrain = Terrain.stumps(height=0.03, width=0.2, spacing=0.6)
     env = gym.make("JansenWalker-v0", terrain=terrain, plant=plant, speed_command=0.45)
     policy = BASELINES["profile"](env.unwrapped)

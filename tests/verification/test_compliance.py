@@ -56,7 +56,9 @@ def leaving(plant, steps):
 @pytest.mark.parametrize("ratio", [0.0, 0.1, 0.3])
 @pytest.mark.parametrize("toes", [2, 4])
 def test_landing_is_a_damped_oscillation(toes, ratio, measured):
-    """Height and speed all the way down and half the way up, with gravity; of second order."""
+    """Height and speed agree all the way down and half the way up, with gravity; errors are of
+    second order.
+    """
     omega = 200.0
     errors = []
     delta = ratio * omega
@@ -83,7 +85,9 @@ def test_landing_is_a_damped_oscillation(toes, ratio, measured):
 
 @pytest.mark.parametrize("ratio", [0.05, 0.1, 0.2, 0.4, 0.6, 0.9])
 def test_restitution_is_the_dampers(ratio, measured):
-    """Speed and time of leaving by damping ratio: at 500 steps a bounce, and at eight."""
+    """Speed and time of leaving follow from the damping ratio, at 500 steps a bounce and at
+    eight.
+    """
     omega = 500.0
     time, share = contact_time(omega, ratio)
     step = time / 500.0
@@ -98,7 +102,7 @@ def test_restitution_is_the_dampers(ratio, measured):
 
 
 def test_sag(measured):
-    """At rest the springs are m g / (n k) shorter, with gravity level or not; 2 to 4 toes."""
+    """At rest the springs are m g / (n k) shorter, with gravity level or not, on 2 to 4 toes."""
     for toes in (2, 4):
         pads = Compliance(2e4, 100.0)
         plant = flat_fall(toes, pads, 1e-3, GRAVITY, speed=0.1)
@@ -112,7 +116,9 @@ def test_sag(measured):
 @pytest.mark.parametrize("friction", [0.0, 0.3, 0.8])
 @pytest.mark.parametrize("toes", [1, 2, 3, 4])
 def test_the_rigid_limit_of_a_landing(toes, friction, measured):
-    """Thrown on its toes, crank free: where it is after 20 ms, on 1e14 N/m and on rigid pads."""
+    """Thrown on its toes with the crank free, a robot is in the same place after 20 ms on 1e14 N/m
+    and on rigid pads.
+    """
     for step, limit in ((1e-3, 2e-2), (1e-4, 3e-3)):
         ends = []
         for pads in (Compliance(1e14), Compliance()):
@@ -154,7 +160,10 @@ def resolved(batch):
 
 
 def test_no_pad_creates_energy(rng, measured):
-    """Crank locked: k to 1e16 N/m, d to 1e10 N s/m, steps of 0.1 to 20 ms; elastic included."""
+    """The crank is locked; k is up to 1e16 N/m, d up to 1e10 N s/m, and steps are 0.1 to 20 ms.
+
+    The account includes elastic energy.
+    """
     gain = residual = 0.0
     for _ in range(20):
         batch = thrown(rng, 16)

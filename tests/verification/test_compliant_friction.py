@@ -35,7 +35,9 @@ def pulled(plant, along, steps):
 
 @pytest.mark.slow
 def test_bristles_hold_an_oscillating_pull(measured):
-    """100 cycles of 1 Hz at 30 % of the friction: it sways on its bristles and comes back."""
+    """Pulled for 100 cycles at 1 Hz with 30 % of the friction, it sways on its bristles and comes
+    back.
+    """
     for name, pads in (("bristles", PADS), ("rigid", Compliance())):
         plant = standing(pads)
         start = plant.state
@@ -56,7 +58,10 @@ def test_bristles_hold_an_oscillating_pull(measured):
 
 
 def test_it_stands_below_and_slides_above(measured):
-    """10 s at 99.9 % of mu m g: no creep once both bristles are bent. At 100.1 %: it is off."""
+    """In 10 s at 99.9 % of mu m g it does not creep once both bristles are bent.
+
+    At 100.1 % it slides off.
+    """
     for share in (0.999, 1.001):
         plant = standing(PADS)
         for part in np.linspace(0.0, share, 200):
@@ -72,7 +77,9 @@ def test_it_stands_below_and_slides_above(measured):
 
 
 def test_bristles_and_springs_give_back_what_they_took(measured):
-    """No dampers, no slip: 5 s of swinging, 16 time steps a period, keep all energies' sum."""
+    """Without dampers and slip, 5 s of swinging at 16 time steps a period keep the sum of all
+    energies.
+    """
     plant = standing(Compliance(3e4, 0.0, 1e4, 0.0), 5.0, speed=0.02, settle=0.0)
     energies = []
     slip = 0.0
@@ -90,7 +97,9 @@ def test_bristles_and_springs_give_back_what_they_took(measured):
 @pytest.mark.parametrize("time_step", [1e-3, 1e-2])
 @pytest.mark.parametrize("name", ["paper_slender", "holy", "built", "klann", "strider"])
 def test_random_walks_in_grooves(name, time_step, measured):
-    """Nothing diverges, friction never drives; springs to 1 TN/m give back what counted as lost."""
+    """Nothing diverges, and friction never drives; springs up to 1 TN/m give back what counted as
+    lost.
+    """
     rng = np.random.default_rng(7)
     count = 48
     terrains = [replace(grooves(rng), restitution=0.0) for _ in range(count)]
@@ -131,7 +140,9 @@ def edges(half: float, flats: bool) -> Terrain:
 
 @pytest.mark.parametrize("time_step", [1e-3, 5e-4, 2.5e-4])
 def test_thrown_into_grooves(time_step, rng, measured):
-    """Soft and undamped, no torque: kinetic, potential and elastic energy never rise in 20 ms."""
+    """Soft and undamped, without torque: kinetic, potential and elastic energy never rise
+    in 20 ms.
+    """
     grounds = [edges(h, f) for h in (0.005, 0.01, 0.025, 0.05, 0.1, 0.2) for f in (False, True)]
     grounds *= 4
     robot = replace(ROBOTS["paper"](), pad_compliance=Compliance(2e4))

@@ -65,7 +65,7 @@ def unaccounted(time_step, law, duration, placing):
 
 @pytest.mark.parametrize("name", MOTIONS)
 def test_energy_audit(name, measured):
-    """Motor work = joint, slip and impact loss + energy change, step by step, at 1 ms."""
+    """Motor work is joint, slip and impact loss plus the change of energy, step by step at 1 ms."""
     *arguments, limit = MOTIONS[name]
     missed, turned = unaccounted(1e-3, *arguments)
     measured(f"energy unaccounted for, {name}", missed / turned, limit)
@@ -85,7 +85,9 @@ ORDERS = {  # of the energy error: the midpoint rule's between impacts, the impa
 
 @pytest.mark.parametrize("name", ORDERS)
 def test_energy_error_falls_with_the_time_step(name, measured):
-    """Order between 2 and 0.25 ms: 2 in smooth motion, 1 with impacts, whose error scatters."""
+    """Between 2 and 0.25 ms the order is 2 in smooth motion, and 1 with impacts, whose error
+    scatters.
+    """
     order, lost = ORDERS[name]
     coarse, fine = (unaccounted(step, *MOTIONS[name][:3])[0] for step in (2e-3, 2.5e-4))
     fitted = math.log(coarse / fine) / math.log(8.0)
@@ -95,7 +97,7 @@ def test_energy_error_falls_with_the_time_step(name, measured):
 @loads
 @pytest.mark.parametrize("velocity", [(7.0, 3.0), (-20.0, 15.0)])
 def test_galilean_invariance_in_flight(robot, velocity, measured):
-    """Thrown or not: the same pitch, crank angle and rates, and the centres V t apart."""
+    """Thrown or not, pitch, crank angle and rates are the same, and the centres are V t apart."""
     rest = placed(robot, state=FLIGHT)
     moving = placed(robot, state=FLIGHT + shift(vx=velocity[0], vy=velocity[1]))
     inside = outside = 0.0
@@ -113,7 +115,9 @@ def test_galilean_invariance_in_flight(robot, velocity, measured):
 
 @loads
 def test_parabola_and_momentum_in_flight(robot, measured):
-    """Any crank torque: c(t) = c + v t - g t^2 / 2, p(t) = p - m g t, at every look in 1 s."""
+    """Under any crank torque c(t) is c + v t - g t^2 / 2 and p(t) is p - m g t, at every look in 1
+    s.
+    """
     plant = placed(robot, state=FLIGHT)
     p, _, c = momenta(plant)
     worst_c = worst_p = 0.0
@@ -141,7 +145,7 @@ def spin_drift(robot, time_step):
 
 @loads
 def test_crank_torque_cannot_spin_it_up_in_flight(robot, measured):
-    """Motor torque is internal: the spin is kept to the step's error, of second order."""
+    """Motor torque is internal: the spin is kept to the step's error, which is of second order."""
     steps = np.array([4e-3, 2e-3, 1e-3, 5e-4])
     drift = np.array([spin_drift(robot, step) for step in steps])
     order = np.polyfit(np.log(steps), np.log(drift), 1)[0]
@@ -161,7 +165,9 @@ def wild(plant, rng):
 @pytest.mark.parametrize("name", sorted(DESIGNS.keys() - {"weekend"}))  # its gear hardly turns
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
 def test_smooth_ground_cannot_push_it_along(name, restitution, rng, measured):
-    """mu = 0: horizontal momentum keeps its value through touchdowns, falls and random torques."""
+    """With mu = 0, horizontal momentum keeps its value through touchdowns, falls and random
+    torques.
+    """
     plant = placed(DESIGNS[name], Terrain.flat(0.0, restitution), moved=shift(vx=0.5))
     start = momenta(plant)[0][0]
     error = most = 0.0
@@ -180,7 +186,9 @@ def test_smooth_ground_cannot_push_it_along(name, restitution, rng, measured):
 @designs
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
 def test_rough_ground_accounts_for_all_momentum(name, restitution, rng, measured):
-    """Normals change within a hold: by the trace, toes and outer joints together."""
+    """Normals change within a hold; the trace has the impulses on toes and outer joints
+    together.
+    """
     ground = replace(Terrain.rough(np.random.default_rng(1), start=-20.0), restitution=restitution)
     plant = placed(DESIGNS[name], ground, tracing=True)
     weight = np.array([0.0, -plant.robot.mass * GRAVITY])

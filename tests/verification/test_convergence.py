@@ -45,7 +45,9 @@ SMOOTH = {
 
 @pytest.mark.parametrize("name", SMOOTH)
 def test_smooth_motion_is_of_second_order(name, measured):
-    """Implicit midpoint: the end state's error falls as h^2 over 4 ms to 0.25 ms."""
+    """The midpoint rule is implicit: the error of the end state falls as h^2 from 4 ms to
+    0.25 ms.
+    """
     motion = {"duration": 0.2, **SMOOTH[name]}
     exact, carrying, result = run(FINEST, **motion)
     assert (carrying == carrying[0]).all()  # the contacts stay as they are
@@ -89,9 +91,10 @@ ALL_BUT_HEIGHT = [0, 2, 3, 4, 5, 6, 7]
 @pytest.mark.slow
 @pytest.mark.parametrize("name", EVENTS)
 def test_order_across_events(name, measured):
-    """Mean error over twelve starts: order 1 across a touchdown, 2 across sticking and sliding.
+    """The mean error over twelve starts is of order 1 across a touchdown, and 2 across sticking and
+    sliding.
 
-    Without the height, which a touchdown leaves up to 20 um off whatever the step.
+    The height is left out, which a touchdown leaves up to 20 um off whatever the step.
     """
     start, motion, order, limit = EVENTS[name]
     steps = STEPS[1:]

@@ -19,7 +19,7 @@ GEAR = Motor(friction=TORQUE)
 
 
 def test_bearings_are_the_kinematics(rng, measured):
-    """sum tau_i |a_j' - a_i'| against angles between the joints' central differences."""
+    """sum tau_i |a_j' - a_i'| agrees with angles between the joints' central differences."""
     h = 1e-6
     for design in ROBOTS.values():
         robot = design()
@@ -48,7 +48,9 @@ def test_bearings_are_the_kinematics(rng, measured):
 @pads
 @pytest.mark.parametrize("share", [-0.999, 0.0, 0.999])
 def test_a_crank_below_its_friction_stands_still(name, share, measured):
-    """10 s on its feet under 99.9 % of what holds it, the weight's torque included: not one bit."""
+    """In 10 s on its feet, under 99.9 % of what holds it, not one bit changes; the weight's torque
+    is included.
+    """
     robot = replace(Robot(), motor=Motor(friction=30.0), pad_compliance=PADS[name])
     plant = placed(robot)
     plant.step(0.0, 2.0)
@@ -63,7 +65,9 @@ def test_a_crank_below_its_friction_stands_still(name, share, measured):
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_it_breaks_away_at_friction_and_weight(sign, measured):
-    """By bisection: F less the weight's torque on a fixed base, F itself free in space."""
+    """By bisection, it breaks away at F less the weight's torque on a fixed base, and at F itself
+    free in space.
+    """
     tables = compile_robot(replace(SMOOTH, motor=GEAR))
 
     def fixed(torque):
@@ -87,7 +91,7 @@ def test_it_breaks_away_at_friction_and_weight(sign, measured):
 
 
 def test_a_free_crank_stops_in_time(measured):
-    """After k n / F where k is constant; else by energy, k n^2 / 2 = F psi."""
+    """It stops after k n / F where k is constant; otherwise by energy, k n^2 / 2 = F psi."""
     robot = replace(SMOOTH, motor=Motor(friction=TORQUE, rotor_inertia=1e-3, gear_ratio=1e3))
     tables = compile_robot(robot)  # k is 1000 kg m^2 and 0.7
     plant = pinned(robot, 0.3, 0.01, gravity=0.0)
@@ -112,7 +116,7 @@ def test_a_free_crank_stops_in_time(measured):
 
 @pads
 def test_the_same_stop_in_flight(name, measured):
-    """Free base, weightless: what the motion loses its friction has; of second order."""
+    """On a free base without weight, friction has what the motion loses, to second order."""
     robot = replace(SMOOTH, motor=GEAR, pad_compliance=PADS[name])
     ends = []
     for step in (2e-3, 1e-3, 5e-4, 3.125e-5):

@@ -38,7 +38,9 @@ def walking(plant):
 @pytest.mark.parametrize("ground", GROUNDS)
 @pytest.mark.parametrize("name", ["paper", "holy_slender", *ZOO])
 def test_energy_audit(name, ground, measured):
-    """Motor work = joint, slip and impact loss + change of energy, elastic included."""
+    """Motor work is joint, slip and impact loss plus the change of energy, including elastic
+    energy.
+    """
     shares = []
     for step in (1e-3, 2.5e-4):
         plant = placed(full(name), GROUNDS[ground], time_step=step)
@@ -65,7 +67,7 @@ NOTHING = {
 
 @pytest.mark.parametrize("name", NOTHING)
 def test_what_is_not_there_changes_no_bit(name):
-    """A walk on rough ground with it and without: the same states."""
+    """A walk on rough ground has the same states with a part that does nothing as without it."""
     plant, other = placed(Robot(), ROUGH), placed(replace(Robot(), **NOTHING[name]), ROUGH)
     for _ in range(100):
         torque = walking(plant)

@@ -96,7 +96,9 @@ def path():
 
 
 def test_end_point_is_the_published_one(path, measured):
-    """A02's reference at 10 s, given to ten decimals; the step's own error is of order h^4."""
+    """The reference is problem A02 of the IFToMM benchmark at 10 s, given to ten decimals; the
+    step's own error is of order h^4.
+    """
     end = np.array([np.cos(path[-1, 0]), np.sin(path[-1, 0])])
     measured(
         "A02 four-bar: error of the end point at 10 s",
@@ -107,7 +109,9 @@ def test_end_point_is_the_published_one(path, measured):
 
 
 def test_it_passes_through_the_flat_positions(path, measured):
-    """Ten passes; phi_ddot loses 1/|sin phi| in each of two solves with C_2 that D_dot takes."""
+    """It passes ten times; phi_ddot loses 1/|sin phi| in each of two solves with C_2 that D_dot
+    takes.
+    """
     nearest = np.abs(np.sin(path[:, 0])).min()
     assert np.count_nonzero(np.diff(np.floor(path[:, 0] / np.pi))) == 10
     measured("A02 four-bar: nearest approach to a flat position", nearest, 1e-3, "rad")

@@ -67,7 +67,9 @@ def sorted_loads(plant, result):
 
 @pytest.mark.parametrize("name, mu, speed", SLIDES)
 def test_sliding_to_a_stop(name, mu, speed, measured):
-    """After v / (mu g) at v^2 / (2 mu g); the stop inside a step h adds up to mu g h^2 / 8."""
+    """It stops after v / (mu g) at v^2 / (2 mu g); a stop inside a step h adds up to mu g
+    h^2 / 8.
+    """
     plant = standing(name, Terrain.flat(friction=mu), speed)
     mass = plant.robot.mass
     x0 = plant.x
@@ -97,7 +99,7 @@ def test_sliding_to_a_stop(name, mu, speed, measured):
 @machines
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_slip_begins_at_a_pull_of_mu_m_g(name, way, measured):
-    """Pulled at the centre of mass; then it speeds up with pull / m - mu g, like a block."""
+    """It is pulled at the centre of mass; then it speeds up with pull / m - mu g, like a block."""
     robot, _, mu = MACHINES[name]
     plant = standing(name, Terrain.flat(friction=mu))
     x0 = plant.x
@@ -125,7 +127,7 @@ def test_slip_begins_at_a_pull_of_mu_m_g(name, way, measured):
 
 @machines
 def test_friction_reverses_with_the_motion(name, measured):
-    """Pushed against a pull p: p/m + mu g slows it, then p/m - mu g speeds it up the other way."""
+    """Pushed against a pull p, p/m + mu g slows it; then p/m - mu g speeds it up the other way."""
     robot, _, most = MACHINES[name]
     mu = most / 2.0
     speed = 0.5

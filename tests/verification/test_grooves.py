@@ -84,19 +84,21 @@ def check(name: str, seeds: range, episodes: int, measured) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", DESIGNS)
 def test_grooves(name, measured):
-    """64 walks of 2 s for every design."""
+    """The bounds hold in 64 walks of 2 s for every design."""
     check(name, range(1), 64, measured)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", DESIGNS)
 def test_ten_thousand_walks_on_grooves(name, measured):
-    """2,048 walks of 2 s for every design, 10,240 in all."""
+    """The bounds hold in 2,048 walks of 2 s for every design, 10,240 in all."""
     check(name, range(1, 17), 128, measured)
 
 
 def test_a_braced_robot_holds_little_and_stands_still(measured):
-    """Jammed in grooves of 58 degrees, then left alone for 3 s; half of the robots: others rock."""
+    """It is jammed in grooves of 58 degrees, then left alone for 3 s; half of the robots
+    may rock.
+    """
     x = 0.05 * np.arange(-40, 41)
     ground = Terrain(tuple(zip(x, np.where(np.arange(81) % 2, -0.08, 0.0), strict=True)))
     force = 0.0

@@ -26,7 +26,7 @@ def momenta(robot, state):
 
 @pytest.mark.parametrize("ratio", [0.1, 1.0, 30.0, 1000.0])
 def test_the_rotor_is_a_body_of_its_own(ratio, rng, measured):
-    """M and the energy against the robot's without rotor and J (theta' + G psi')^2 / 2."""
+    """M and the energy are the robot's without rotor, plus J (theta' + G psi')^2 / 2."""
     motor = Motor(gear_ratio=ratio, rotor_inertia=3e-4)
     robot = Robot(motor=motor, payload=Payload(3.0, 0.1, (0.1, 0.2)))
     tables, bare = rd.compile_robot(robot), rd.compile_robot(replace(robot, motor=Motor()))
@@ -48,7 +48,9 @@ def test_the_rotor_is_a_body_of_its_own(ratio, rng, measured):
 
 @pytest.mark.parametrize("ratio, inertia", [(30.0, 2e-4), (1000.0, 1e-5), (3.0, 0.5)])
 def test_momentum_in_flight_with_a_rotor(ratio, inertia, measured):
-    """Motor torque is internal: momentum exact, spin with J (theta' + G psi') to second order."""
+    """Motor torque is internal: momentum is exact, and spin with J (theta' + G psi') holds to
+    second order.
+    """
     robot = Robot(motor=Motor(gear_ratio=ratio, rotor_inertia=inertia))
     drift = []
     for step in (2e-3, 1e-3, 5e-4):
@@ -67,7 +69,7 @@ def test_momentum_in_flight_with_a_rotor(ratio, inertia, measured):
 
 
 def test_no_load_speed(measured):
-    """Full torque asked for, no friction, no weight: the crank gets to the no-load speed."""
+    """Under full torque without friction and weight, the crank gets to the no-load speed."""
     motor = replace(LINE, rotor_inertia=0.05, gear_ratio=20.0)
     robot = Robot(motor=motor, damping=(0.0,) * 10)
     fixed = pinned(robot, 0.3, gravity=0.0)
@@ -88,7 +90,9 @@ def test_no_load_speed(measured):
 
 @pads
 def test_torque_keeps_to_the_line(name, measured):
-    """Time step by time step, at the mean crank speed: two passes, contacts are of the last one."""
+    """It does in every time step, at the mean crank speed of two passes; contacts are those of the
+    last one.
+    """
     robot = Robot(motor=LINE, pad_compliance=PADS[name])
     plant = placed(robot, tracing=True)
     worst = []
@@ -112,7 +116,9 @@ def test_torque_keeps_to_the_line(name, measured):
 @pads
 @pytest.mark.parametrize("stall", [1e3, 1e6, 1e9])
 def test_an_absurdly_steep_line_is_a_brake(name, stall, measured):
-    """Stall torque / no-load speed to 1e12 N m s: the crank keeps to n0 and nothing diverges."""
+    """With stall torque / no-load speed up to 1e12 N m s, the crank keeps to n0 and nothing
+    diverges.
+    """
     motor = Motor(stall_torque=stall, no_load_speed=1e-3, torque_limit=stall)
     plant = placed(Robot(motor=motor, pad_compliance=PADS[name]))
     rng = np.random.default_rng(5)
@@ -128,7 +134,9 @@ def test_an_absurdly_steep_line_is_a_brake(name, stall, measured):
 
 @pytest.mark.parametrize("efficiency", [1.0, 0.6])
 def test_electrical_work_is_its_integral(efficiency, measured):
-    """What the plant adds up against the trace, at half steps refined, by the data sheet's law."""
+    """The sum of the backend agrees with the trace, refined at half steps, by the data
+    sheet's law.
+    """
     motor = replace(LINE, efficiency=efficiency)
     plant = placed(Robot(motor=motor), tracing=True)
     drawn = expected = regained = 0.0

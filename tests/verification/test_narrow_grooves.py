@@ -115,7 +115,9 @@ def test_jammed_robots_stay_within_what_their_motion_explains(name, rigid, links
     [("paper", 0.3, 0.5, range(8)), ("strider", 0.0, 1.0, range(100, 106))],
 )
 def test_links_between_the_teeth_of_a_saw(name, friction, restitution, seeds):
-    """Forces within some hundred weights, where they were 1e10 N, and no loss below zero."""
+    """Forces stay within some hundred weights, where they were 1e10 N, and no loss is below
+    zero.
+    """
     env = gym.make(
         "JansenWalker-v0",
         robot=name,

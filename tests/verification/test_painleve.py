@@ -66,7 +66,9 @@ def any_posture(robot):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", THRESHOLDS)
 def test_thresholds(name):
-    """By robot, to 1 %: postures 2 and 3 degrees apart; a load on the crank axis brings it down."""
+    """They agree by robot to 1 %, at postures 2 and 3 degrees apart; a load on the crank axis
+    lowers them.
+    """
     robot = ROBOTS[name]()
     anywhere, standing = THRESHOLDS[name]
     assert any_posture(robot) == pytest.approx(anywhere, rel=0.01)

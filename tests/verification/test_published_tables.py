@@ -34,7 +34,9 @@ def longest_run(on):
 
 
 def test_strandbeest_evolutions_gait_of_jansens_leg():
-    """180 samples; on the ground: up to 1.5 % of the path's width above its lowest point."""
+    """It has 180 samples; a foot is on the ground up to 1.5 % of the path's width above its lowest
+    point.
+    """
     x, y = holy_path(180).T
     width = np.ptp(x)
     stance = longest_run(y <= y.min() + 0.015 * width)
@@ -94,7 +96,7 @@ def test_strandbeest_evolutions_quasi_static_torque():
 
 
 def test_legsynths_gait_of_jansens_leg():
-    """1440 samples; on the ground: the lowest 1 % of the path's height."""
+    """It has 1440 samples; a foot is on the ground in the lowest 1 % of the path's height."""
     x, y = holy_path(1440).T
     ground = y.min() + 0.01 * np.ptp(y)
     stance = longest_run(y <= ground)
@@ -110,7 +112,9 @@ def test_legsynths_gait_of_jansens_leg():
 
 
 def test_klanns_path_in_the_patents_assembly():
-    """Three times the patent's lengths, 48 samples; leggedsnake's assembly gives 3.40 x 1.59."""
+    """It has three times the patent's lengths and 48 samples; leggedsnake's assembly gives 3.40 x
+    1.59.
+    """
     robot = klann_robot(1)
     path = toe_positions(robot, 2.0 * math.pi / 48 * np.arange(48))[:, 0]
     unit = robot.bodies[1].distance(0, 1) / 0.268
@@ -119,7 +123,9 @@ def test_klanns_path_in_the_patents_assembly():
 
 
 def test_leggedsnakes_boxes_of_foot_paths():
-    """48 samples; of Jansen's leg, and of a lambda linkage whose foot is its rocker's pin."""
+    """They have 48 samples, of Jansen's leg and of a lambda linkage whose foot is its
+    rocker's pin.
+    """
     published = [67.83, 22.18]
     assert np.ptp(holy_path(48), axis=0) == pytest.approx(published, abs=6e-3)
     lambda_linkage = robot_from_joints(

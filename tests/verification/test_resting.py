@@ -75,7 +75,7 @@ def rest(plant, slope, measured):
 @some_and_more
 @pytest.mark.parametrize("name", DESIGNS)
 def test_a_minute_at_rest_with_the_crank_locked(name, poses, measured):
-    """On the level and on slopes below atan(mu), at several crank angles."""
+    """It rests on the level and on slopes below atan(mu), at several crank angles."""
     for slope, psi in poses:
         rest(standing(name, slope, psi, True), slope, measured)
 

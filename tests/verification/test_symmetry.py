@@ -82,7 +82,7 @@ def scaled(robot):
 
 @pytest.mark.parametrize("name", WALKS)
 def test_mirrored_walk(name, measured):
-    """5 s: pose, rates, slip and forces (velocity changes over 1 ms); only rounding differs."""
+    """In 5 s only rounding differs in pose, rates, slip and forces (velocity changes over 1 ms)."""
     robot, terrain = WALKS[name]
     plant, image = placed(robot, terrain), placed(mirrored(robot), mirrored_ground(terrain))
     image.state = mirrored_state(plant.state)
@@ -100,7 +100,9 @@ def test_mirrored_walk(name, measured):
 
 
 def test_the_papers_robot_is_its_own_mirror_image(measured):
-    """At friction 0.5: at 0.8 Coulomb's law may have three answers, and the legs' order decides."""
+    """The friction is 0.5: at 0.8 Coulomb's law may have three answers, of which the legs' order
+    decides.
+    """
     ground = Terrain.flat(friction=0.5)
     plants = placed(terrain=ground), placed(terrain=ground)
     plants[1].state = mirrored_state(plants[0].state)
@@ -175,7 +177,9 @@ SLOPES = {  # robot, crank angle, friction, torque
 @pytest.mark.parametrize("name", SLOPES)
 @pytest.mark.parametrize("angle", [0.1, -0.2])
 def test_a_slope_is_gravity_turned(name, angle, measured):
-    """2 s of walking on a slope = on level ground with g turned by -angle, in the turned frame."""
+    """In 2 s, a walk on a slope is one on level ground with g turned by -angle, in the turned
+    frame.
+    """
     robot, psi, mu, torque = SLOPES[name]
     slope = placed(robot, Terrain.slope(angle, friction=mu), psi)
     turn = np.exp(1j * angle)

@@ -143,7 +143,9 @@ VELOCITIES = [
 @pytest.mark.parametrize("toes", [1, 2, 3, 4])
 @pytest.mark.parametrize("restitution", [0.0, 0.3, 0.8, 1.0])
 def test_smooth_impact_is_the_least_impulse(toes, restitution, locked, measured):
-    """mu = 0: v+ is the nearest to v in M with J v+ >= -e J v: strictly convex, so unique."""
+    """With mu = 0, v+ is the nearest to v in M with J v+ >= -e J v, which is strictly convex, so
+    unique.
+    """
     worst = newton = unbooked = 0.0
     most = -math.inf
     for v in np.array(VELOCITIES) * [1.0, 1.0, 1.0, not locked]:
@@ -167,7 +169,9 @@ def test_smooth_impact_is_the_least_impulse(toes, restitution, locked, measured)
 @pytest.mark.parametrize("toes", [1, 2, 3, 4])
 @pytest.mark.parametrize("mu", [0.3, 0.8])
 def test_rough_impact_is_coulombs(toes, mu, locked, measured):
-    """e = 0: v+ is what trying all modes (open, stick, slide) of all toes finds, and only that."""
+    """With e = 0, v+ is what trying all modes (open, stick, slide) of all toes finds, and only
+    that.
+    """
     worst = unbooked = 0.0
     most = -math.inf
     for v in np.array(VELOCITIES) * [1.0, 1.0, 1.0, not locked]:
@@ -186,7 +190,7 @@ def test_rough_impact_is_coulombs(toes, mu, locked, measured):
 @pytest.mark.parametrize("toes", [3, 4])
 @pytest.mark.parametrize("mu, restitution", [(0.8, 0.0), (0.3, 0.0), (0.8, 0.5), (0.0, 0.8)])
 def test_the_order_of_the_legs_is_of_no_matter(toes, mu, restitution, measured):
-    """Level toes strike together: one velocity, in whichever order the legs are named."""
+    """Level toes strike together and get one velocity, in whichever order the legs are named."""
     velocities = []
     v = np.array([0.1, -0.8, 0.2, 1.5])
     for order in itertools.permutations(level(toes).legs):
@@ -200,7 +204,7 @@ def test_the_order_of_the_legs_is_of_no_matter(toes, mu, restitution, measured):
 
 @pytest.mark.parametrize("toes, locked", [(2, True), (3, True), (4, True), (3, False), (4, False)])
 def test_level_toes_share_the_weight(toes, locked, measured):
-    """Loads balance; the locked robot's are linear in x as on equal springs."""
+    """Loads balance; those of the locked robot are linear in x, as on equal springs."""
     robot = level(toes)
     plant = placed(robot, None, PSI, 0.0, moved=shift(y=0.05), locked=True)
     plant.step(0.0, 0.5)

@@ -39,7 +39,9 @@ CASES = {  # robot, terrain, time step, sunk at the start, largest torque
 
 @pytest.mark.parametrize("name", CASES)
 def test_contact_law_and_penetration(name, measured):
-    """Thrown from 5 cm, 3 s of walking: a toe touches down anywhere in a step, at up to 0.4 m/s."""
+    """The robot is thrown from 5 cm and walks for 3 s: a toe touches down anywhere in a step, at up
+    to 0.4 m/s.
+    """
     robot, terrain, step, sunk, most = CASES[name]
     thrown = shift(y=-sunk or 0.05, vx=0.5)
     plant = placed(robot, terrain, moved=thrown, tracing=True, time_step=step)

@@ -100,7 +100,7 @@ def changed_at_random(robot, rng):
 
 @pytest.mark.slow
 def test_the_pages_numbers_are_the_packages(window, rng):
-    """Joints and numbers of every design, and of one with all lengths changed, to 1e-9."""
+    """Joints and numbers of every design, and of one with all lengths changed, agree to 1e-9."""
     designs = [(name, make()) for name, make in ROBOTS.items()]
     for name, robot in [*designs, *((name, changed_at_random(r, rng)) for name, r in designs)]:
         angles = np.linspace(-7.0, 7.0, 50)
@@ -131,7 +131,7 @@ def test_the_pages_numbers_are_the_packages(window, rng):
 
 
 def test_a_joint_is_dragged_and_the_path_follows(window):
-    """Only the lengths that meet in it change; undone and done again by keys."""
+    """Only the lengths that meet in it change; keys undo and redo the change."""
     page = window.page
     before = page.locator("#drawing .path").get_attribute("d"), number(page, "lift")
     drag(page, "C", 6, -4)
@@ -148,7 +148,7 @@ def test_a_joint_is_dragged_and_the_path_follows(window):
 
 
 def test_what_does_not_close_is_said_and_drawn(window):
-    """Where, and by which links; there is no walk then."""
+    """The page says where, and by which links; there is no walk then."""
     page = window.page
     page.locator("#length-rocker + input").fill("150")
     page.keyboard.press("Tab")
@@ -165,7 +165,7 @@ def test_what_does_not_close_is_said_and_drawn(window):
 
 
 def test_everything_by_keys(window):
-    """Joints by arrows, a slider, the crank, A, and the difference from it."""
+    """Keys reach joints (by arrows), a slider, the crank, A, and the difference from it."""
     page = window.page
     page.keyboard.press("a")
     handle(page, "E")[0].focus()
@@ -190,7 +190,7 @@ def test_everything_by_keys(window):
 
 
 def test_a_link_holds_the_design(bench):
-    """Exactly; one that is wrong is refused in one line."""
+    """It holds the design exactly; a link that is wrong is refused in one line."""
     page = bench("klann&rod_AD=470&foot_T_across=-220.55&frame_angle=-3.25").page
     assert fragment(page) == "klann&rod_AD=470&foot_T_across=-220.55&frame_angle=-3.25"
     assert page.locator("#base").input_value() == "klann"
@@ -211,7 +211,7 @@ def test_a_link_holds_the_design(bench):
 
 
 def test_files_are_taken_away(bench, tmp_path):
-    """A robot file that Python reads, and a drawing with all lengths."""
+    """A robot file that Python reads can be saved, and a drawing with all lengths."""
     page = bench("built&rocker=240.08&foot_CE=250&frame_angle=9").page
     with page.expect_download() as robot:
         page.locator("#file").click()
@@ -242,7 +242,7 @@ def test_a_robot_of_a_file_is_taken_away_whole(open_window, tmp_path):
 
 
 def test_the_file_needs_nothing(bench, tmp_path):
-    """No network, nothing but itself; the walk is on the page beside."""
+    """It needs no network and nothing but itself; the walk is on the page beside it."""
     window = bench("strider&rod_AD=470")
     assert len(window.requests) == 1 and window.requests[0].startswith("file://")
     text = write_bench(tmp_path / "bench.html").read_text()
@@ -250,7 +250,7 @@ def test_the_file_needs_nothing(bench, tmp_path):
 
 
 def test_on_a_phone_by_touch(bench):
-    """Nothing is wider than the screen, and everything large enough for a finger."""
+    """Nothing is wider than the screen, and everything is large enough for a finger."""
     page = bench("paper", **PHONE, color_scheme="dark").page
     check_phone(page)
     toe, x, y = handle(page, "T")

@@ -59,7 +59,7 @@ def test_the_page_of_a_server_is_small_and_has_all_bits(apart, tmp_path):
 
 
 def test_a_network_is_loaded_when_it_is_chosen(open_window, apart):
-    """From a file, without a server; the robot walks by it then."""
+    """It is loaded from a file, without a server; the robot walks by it then."""
     window = open_window(reduced_motion="reduce", offline=True)
     page = window.page
     page.goto(apart.as_uri())
@@ -82,7 +82,7 @@ def test_a_network_is_loaded_when_it_is_chosen(open_window, apart):
 
 
 def test_choices_that_follow_fast_are_all_taken(open_window, apart):
-    """While a network is loading, too."""
+    """They are taken while a network is loading, too."""
     page = open_window(reduced_motion="reduce", offline=True).page
     page.goto(apart.as_uri())
     page.locator("#robot").wait_for(timeout=WAIT)

@@ -99,8 +99,9 @@ def cut_fault(name, changed):
 
 @pytest.mark.slow
 def test_the_page_knows_what_cannot_be_cut(rng):
-    """As the drawings do: parts of all designs at sizes from those without room for holes to those
-    without a sheet."""
+    """It agrees with the drawings on parts of all designs, from sizes without room for holes to
+    sizes without a sheet.
+    """
     asked = []
     faults = []
     refused = 0

@@ -109,7 +109,9 @@ def test_round_trip(env_id, tmp_path):
 
 
 def test_other_wrappers_are_free():
-    """Above and below; spec and label stay, and numbers are those of the recorder's place."""
+    """They may be above and below; spec and label stay, and numbers are those of the recorder's
+    place.
+    """
     below = RescaleAction(gym.make(WALKER), np.float32(-10), np.float32(10))
     env = TimeLimit(FlattenObservation(Recorder(below, "me")), 3)
     env.reset(seed=0)
@@ -163,7 +165,7 @@ def test_falls_are_in_it_and_long_episodes_are_cut(monkeypatch):
 
 
 def test_an_episode_of_many_legs_is_cut_where_its_file_would_be_too_large(monkeypatch):
-    """What the recorder keeps can be loaded again."""
+    """Everything that the recorder keeps can be loaded again."""
     monkeypatch.setattr(recording, "MAX_UNPACKED", 2**22)
     monkeypatch.setattr(recorder, "MAX_UNPACKED", 2**22)
     with pytest.warns(UserWarning, match=r"more than \d+ steps: these are recorded"):
@@ -289,7 +291,7 @@ def claimed(shape):
     ],
 )
 def test_other_files_are_refused(short, changed, message):
-    """Also those with an entry of the description changed."""
+    """So are files with an entry of the description changed."""
     if isinstance(changed.get("description"), dict):
         with np.load(io.BytesIO(short.to_bytes())) as archive:
             entries = json.loads(archive["description"].tobytes())
@@ -320,7 +322,9 @@ def with_declared_size(data, name, size):
 
 @pytest.mark.slow
 def test_bombs_stay_small(short, tmp_path, monkeypatch):
-    """What would unpack to too much is refused before it does, as is an endless directory."""
+    """A file that would unpack to too much is refused before it does, as is an endless
+    directory.
+    """
     many = io.BytesIO()
     with zipfile.ZipFile(many, "w") as archive:
         for i in range(5000):

@@ -109,7 +109,7 @@ def test_it_plays(opened):
 
 
 def test_numbers_are_those_of_the_recording(opened, recordings):
-    """After scrubbing, and after a click in a plot, whose curve is where the number is."""
+    """They are after scrubbing, and after a click in a plot, whose curve is where the number is."""
     page = opened(2, **STILL).page
     for time in (0.0, 0.5, 1.3, 2.0):
         scrub = f"e => {{ e.value = {time + 0.004}; e.dispatchEvent(new Event('input')); }}"
@@ -250,7 +250,9 @@ def test_the_crank_has_no_ground(opened):
 
 
 def test_names_are_text(opened, open_window, recordings, tmp_path):
-    """Not markup or code, in the page and in a notebook's frame, which may not do anything."""
+    """They are no markup or code, in the page and in a notebook's frame, which may not do
+    anything.
+    """
     evil = "</script><script>document.title='x'</script><img src=x onerror=alert(1)>\"'&"
     episode = recorded("JansenWalker-v0", evil, 0.1)
     page = opened(shown=[episode], **STILL).page

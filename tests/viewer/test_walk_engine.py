@@ -303,7 +303,9 @@ def test_a_saved_walk_is_the_same_again(tmp_path):
 
 @pytest.mark.slow
 def test_a_page_of_other_robots_has_their_controllers(tmp_path):
-    """A design by another name, and one that has none, without the built-in robots beside them."""
+    """A design by another name, and one that has no name, are there without the built-in robots
+    beside them.
+    """
     robots = {"mine": ROBOTS["built"](), "klann": ROBOTS["klann"](1)}
     page = walk_data(robots)
     assert [*page["control"]["baselines"]] == ["mine"]

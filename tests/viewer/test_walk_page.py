@@ -75,7 +75,7 @@ def test_it_walks_at_once(opened):
 
 @pytest.mark.slow
 def test_firefox_walks_as_python(firefox, path, tmp_path):
-    """A policy on stairs, with noise: its actions are Python's, bit for bit, for two seconds."""
+    """Actions of a policy on stairs, with noise, are Python's, bit for bit, for two seconds."""
     link = "control=rough+policy&terrain=stairs&level=2&seed=3&command=0.3&noise_level=1"
     firefox.call("Navigate", url=f"{path.as_uri()}#{link}")
     for _ in range(WAIT // 50):
@@ -149,7 +149,7 @@ def test_clicks_and_drags_push(opened):
 
 
 def test_choices_are_the_link(opened):
-    """A page of this link has them all; what cannot be is said, and changes nothing."""
+    """A page of this link has them all; an impossible choice is named and changes nothing."""
     page = opened()
     page.get_by_label("robot", exact=True).select_option("klann")
     page.get_by_label("compare with").select_option("paper")
@@ -181,7 +181,7 @@ def test_choices_are_the_link(opened):
 
 
 def test_wrong_links_are_refused(opened):
-    """As the first and as later ones; a robot walks all the same."""
+    """They are refused as the first and as later ones; a robot walks all the same."""
     wrong = {
         "robot=wheel": "no robot",
         "terrain=constructor": "terrain",
@@ -209,7 +209,7 @@ def test_wrong_links_are_refused(opened):
 
 
 def test_lengths_of_the_bench_walk(open_window, path):
-    """By its link, and by a robot file that is dropped; the page leads back to them."""
+    """They come by its link, and by a robot file that is dropped; the page leads back to them."""
     write_bench(path.with_name("bench.html"))
     page = open_window(**STILL).page
     page.goto(f"{path.with_name('bench.html').as_uri()}#klann&rod_AD=470")
@@ -243,7 +243,7 @@ def test_questions_have_answers(opened):
 
 
 def test_a_ground_is_drawn(opened):
-    """Level up to the robot, then as drawn, in the link; the walk starts again on it."""
+    """It is level up to the robot, then as drawn, and in the link; the walk starts again on it."""
     page = opened("terrain=stairs&level=3")
     page.get_by_text("Draw ground").click()
     page.wait_for_timeout(100)  # for the picture of all of it
@@ -264,7 +264,7 @@ def test_a_ground_is_drawn(opened):
 
 
 def test_a_walk_is_saved(opened):
-    """Its start, and what came in each step."""
+    """The file has its start, and what came in each step."""
     page = opened("control=hand&friction=0.5")
     page.keyboard.press(" ")
     page.keyboard.press("p")
@@ -281,7 +281,7 @@ def test_a_walk_is_saved(opened):
 
 
 def test_time_goes_back(opened):
-    """To a place before, and from there the same walk again."""
+    """It goes to an earlier place, and from there the same walk follows again."""
     page = opened("terrain=waves&level=2")
     page.keyboard.press("p")
     until(page, lambda: score(page, "time") > 1.6)
@@ -335,7 +335,9 @@ def test_on_a_phone_in_the_dark(opened, across):
 
 @pytest.mark.parametrize("width", [358, 736])
 def test_nothing_is_cut_in_a_frame(open_window, path, width):
-    """As the documentation's first page has it: two pictures with their scores, at any width."""
+    """Two pictures with their scores are whole at any width, as on the documentation's
+    first page.
+    """
     page = open_window(viewport={"width": width, "height": 688}).page
     page.goto(f"{path.as_uri()}?embedded#terrain=stairs&level=4&robot2=built&control2=pid")
     until(page, lambda: score(page, "time", 1) > 0.1)

@@ -30,7 +30,7 @@ console.log(JSON.stringify(walker.score));
 @pytest.mark.slow
 @pytest.mark.parametrize(("control", "seed"), [("built policy", 3), ("hand", 1)])
 def test_the_score_is_that_of_the_evaluation(control, seed):
-    """Of ten seconds; by hand, with the whole torque, until the robot falls."""
+    """Scores are those of ten seconds; by hand, with the whole torque, until the robot falls."""
     flat = Terrain.flat().points
     env = gym.make(ENV)
     score = in_node(SCRIPT, data=walk_data(), control=control, seed=seed, points=flat)

@@ -58,7 +58,7 @@ def test_arrays_are_exact_enough(recording):
 
 
 def test_a_page_that_would_be_too_large_is_refused(recording, monkeypatch):
-    """By a size that is known before it is made, and is that of its arrays and ground."""
+    """Its size is known before it is made, and is that of its arrays and ground."""
     content = recordings_of(page(recording))[0]
     size = sum(map(len, content["arrays"].values())) + len(json.dumps(content["scene"]["terrain"]))
     largest = replace(recording, terrain=1e-3 / 3.0 + np.arange(20_000).reshape(-1, 2) * 1e-3)
@@ -76,7 +76,7 @@ def test_a_page_that_would_be_too_large_is_refused(recording, monkeypatch):
 
 
 def test_a_small_walk_file_of_a_large_page_is_refused_at_once(tmp_path):
-    """700 kB of it: 20,000 steps of 200 legs, which would take minutes and 450 MB."""
+    """The file of 700 kB has 20,000 steps of 200 legs, which would take minutes and 450 MB."""
     content = {
         "format": FORMAT,
         "label": "",
@@ -94,7 +94,7 @@ def test_a_small_walk_file_of_a_large_page_is_refused_at_once(tmp_path):
 
 
 def test_sums_are_those_of_each_step():
-    """Of a robot whose mass is drawn and changed, whose command turns round while it walks."""
+    """The mass of the robot is sampled and changed, and its command turns round while it walks."""
     env = Recorder(gym.make("JansenWalker-v0", randomize={"mass_scale": 1.3}, speed_command=0.3))
     env.reset(seed=0)
     x = distance = slipped = lifted = 0.0
@@ -132,7 +132,9 @@ def test_nothing_else_may_run(recording):
 
 
 def test_far_walks_have_the_ground_they_see(recording):
-    """Not thousands of vertices elsewhere; the two at the ends of a segment are enough."""
+    """They do not have thousands of vertices elsewhere; the two at the ends of a segment are
+    enough.
+    """
     x = np.linspace(-5000.0, 5000.0, 100_001)
     ground = np.stack([x, np.sin(x)], axis=1)
     (track,) = recordings_of(page(replace(recording, terrain=ground)))

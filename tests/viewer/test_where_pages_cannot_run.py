@@ -98,7 +98,7 @@ def test_a_host_that_forbids_webassembly_is_named(page, served):
 
 
 def test_a_browser_that_refuses_synchronous_modules_walks(page, folder):
-    """Such as those that compile no more than 4 kB at once."""
+    """Some browsers compile no more than 4 kB at once."""
     page.add_init_script(
         """for (const name of ["Module", "Instance"])
              WebAssembly[name] = function () { throw new RangeError(`${name} is too large`); };"""

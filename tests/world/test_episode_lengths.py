@@ -48,7 +48,9 @@ def test_given_lengths_are_those_of_a_robot_made_so_for_one_episode(env_id, kwar
 
 @every
 def test_a_state_holds_the_lengths(env_id, kwargs, steps):
-    """Through JSON, into another environment; and back to the robot's own without."""
+    """It goes through JSON into another environment; a state without lengths brings back the
+    robot's own.
+    """
     env, other = (made(env_id, observe_lengths=True, **DRAWN, **kwargs) for _ in range(2))
     nominal_env = made(env_id, observe_lengths=True, randomize={}, **kwargs)
     first, info = env.reset(seed=1)
@@ -197,7 +199,7 @@ def test_draws_that_never_turn_end_with_the_reason():
 
 
 def test_what_changes_in_an_episode_stays_with_the_robot():
-    """Payload and motor, not lengths; as of a robot that has always had them."""
+    """Payload and motor stay, lengths do not; the robot is one that has always had them."""
     env = made("JansenWalkerBuilt-v0")
     env.reset(seed=0, options={"lengths": WANTED})
     env.set_parameters(payload=1.5, motor=replace(env.robot.motor, torque_limit=9.0))

@@ -33,7 +33,7 @@ def walk(env, seed, steps=40, **options):
 
 
 def test_each_is_drawn_from_its_range():
-    """Uniformly: the mean of many within three standard errors of the middle."""
+    """The mean of many samples is within three standard errors of the middle."""
     env = gym.make_vec("JansenWalker-v0", 400, **WORLD)
     drawn = env.reset(seed=0)[1]["parameters"]
     ranges = {**WORLD["randomize"], "terrain_level": (0, 9)}
@@ -52,7 +52,7 @@ def test_each_is_drawn_from_its_range():
     "name, value", [("friction", 0.45), ("restitution", 0.3), ("payload", 0.7), ("delay", 0.013)]
 )
 def test_what_is_drawn_is_what_an_argument_gives(name, value):
-    """Bit for bit; and the next episode is as it was without the option."""
+    """Walks agree bit for bit, and the next episode is as it was without the option."""
     drawn = gym.make("JansenWalker-v0", randomize={name: (value, value)})
     fixed = gym.make("JansenWalker-v0", **{name: value})
     expected = walk(fixed, 3)[0]
@@ -67,7 +67,7 @@ def test_what_is_drawn_is_what_an_argument_gives(name, value):
 
 
 def test_the_order_of_draws_is_the_documented_one():
-    """Crank, command, delay, seed, level, parameters and terrain, from one generator."""
+    """One generator gives crank, command, delay, seed, level, parameters and terrain."""
     drawn_ground = []
 
     def ground(rng, level):
@@ -92,7 +92,7 @@ def test_the_order_of_draws_is_the_documented_one():
 
 
 def test_an_episodes_seed_is_numpys_integer():
-    """It leaves the generator, and what that draws of 32 bits, as ``integers`` does."""
+    """It leaves the generator, and its samples of 32 bits, as ``integers`` does."""
     ours, numpys = (np.random.Generator(np.random.PCG64(3)) for _ in range(2))
     for _ in range(1000):
         assert draw_seed(ours) == numpys.integers(2**63)
@@ -101,7 +101,7 @@ def test_an_episodes_seed_is_numpys_integer():
 
 
 def test_fixing_one_leaves_the_others():
-    """As they are drawn with the same seed."""
+    """They stay as they are sampled with the same seed."""
     env = make()
     drawn = walk(env, 4, 1)[1]["parameters"]
     fixed = walk(env, 4, 1, friction=0.9, terrain_level=2)[1]["parameters"]
@@ -188,7 +188,9 @@ def refused(env, options, message):
 
 
 def test_what_feet_cannot_bear_changes_nothing():
-    """Too soft for the load, or on ground on which they may not land: no robot of a batch moves."""
+    """Feet may be too soft for the load, or on ground on which they may not land: no robot of a
+    batch moves.
+    """
 
     def ground(rng, level):
         return Terrain(restitution=0.3 * (level == 9))
@@ -207,7 +209,7 @@ def test_what_feet_cannot_bear_changes_nothing():
 
 
 def test_compliant_feet_stay_out_of_drawn_restitution():
-    """Also where this episode happens to have none."""
+    """They are refused even where this episode happens to have no restitution."""
     randomize = {"restitution": (0.0, 0.5)}
     soft = r"stiffness must be at least 785 N/m .*, got 100\.0 N/m"
     for arguments, message in (
@@ -236,7 +238,7 @@ def test_compliant_feet_stay_out_of_drawn_restitution():
 
 
 def test_a_seed_and_a_level_replay_an_episode_of_a_curriculum():
-    """Whatever came before, also beyond the top."""
+    """They do whatever came before, also beyond the top."""
     first, other = (make(curriculum=Curriculum(up=0.0, down=0.0)) for _ in range(2))
     expected = walk(first, 5, terrain_level=3)
     walk(other, 1, terrain_level=HIGHEST)  # goes up
@@ -246,7 +248,7 @@ def test_a_seed_and_a_level_replay_an_episode_of_a_curriculum():
 
 
 def test_friction_of_a_ground_of_ones_own():
-    """The generator's, unless it is given."""
+    """The friction is the generator's, unless an argument gives it."""
 
     def ground(rng, level):
         points = (-1.0, 0.0), (1.0, 0.0), (2.0, 0.01 * level)
@@ -265,7 +267,7 @@ def test_friction_of_a_ground_of_ones_own():
 
 
 def test_the_second_plant_has_the_same_world():
-    """Information, parameters and ground are the same, and the motion nearly."""
+    """Information, parameters and ground are the same, and the motion nearly is."""
     kwargs = {**WORLD, "randomize": {**WORLD["randomize"], "delay": 0.0}}
     plants = ("projection", "rigid_body")
     envs = [gym.make("JansenWalker-v0", plant=plant, **kwargs) for plant in plants]
@@ -284,7 +286,7 @@ def test_the_second_plant_has_the_same_world():
 
 @pytest.mark.slow
 def test_a_reset_lets_go_of_the_grounds_before():
-    """Of Python's objects and of pymunk's: memory stays flat over many episodes."""
+    """Python's objects and pymunk's are freed: memory stays flat over many episodes."""
     envs = gym.make_vec("JansenWalker-v0", 4, **WORLD)
     spaces = []
     envs.reset(seed=0)

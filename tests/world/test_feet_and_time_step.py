@@ -27,7 +27,9 @@ STIFF = Compliance(1e7, 100.0)
 )
 @pytest.mark.parametrize("env_id", ["JansenWalkerBuilt-v0", "JansenGoal-v0"])
 def test_refused_at_construction(env_id, arguments):
-    """One robot or many, whatever makes the feet too stiff: a range may not reach that far."""
+    """One robot or many are refused, whatever makes the feet too stiff: a range may not reach that
+    far.
+    """
     with pytest.raises(ValueError, match=REFUSED):
         gym.make(env_id, **{"robot": "built", **arguments})
     with pytest.raises(ValueError, match=REFUSED):
@@ -38,7 +40,7 @@ def test_refused_at_construction(env_id, arguments):
     "change", [{"pad_compliance": STIFF}, {"foot_stiffness_scale": 9.0}, {"mass_scale": 0.1}]
 )
 def test_refused_later(change):
-    """By `set_parameters`, and by options of a reset; nothing has changed then."""
+    """`set_parameters` and options of a reset refuse them, and nothing has changed then."""
     env = gym.make("JansenWalkerBuilt-v0", time_step=0.005)
     env.reset(seed=0)
     before = repr(env.unwrapped.get_state())
@@ -78,7 +80,7 @@ def test_the_longest_time_steps_walk(time_step):
 
 @pytest.mark.parametrize("name", ["built", "weekend", "klann", "trotbot", "odd"])
 def test_lightest_mass_is_that_of_the_bodies(name):
-    """The rigid-body plant's bodies, by their mass matrix: the same within 3 %."""
+    """The bodies of the rigid-body backend, by their mass matrix, agree within 3 %."""
     robot = ODD if name == "odd" else DESIGNS[name]
     owners = bodies.pad_bodies(robot, pad_layout(robot))
     least = np.inf

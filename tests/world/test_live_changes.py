@@ -112,7 +112,9 @@ def test_energies_of_steps_are_closed_whatever_changes_between_them():
 
 @pytest.mark.parametrize("push", [None, Push(2.0, interval=0.3)])
 def test_a_push_begins_at_once_beside_the_others(push):
-    """One by hand, and one of a schedule at the same time; a state in the middle of it goes on."""
+    """One push by hand and one of a schedule may come at the same time; a state amid a push
+    continues.
+    """
     env, other = begun(push=push), begun(push=push)
     if push is None:
         scheduled = gym.make("JansenWalker-v0", speed_command=0.3).unwrapped

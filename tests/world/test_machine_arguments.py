@@ -47,7 +47,10 @@ def episode(env, torques, **reset):
     ],
 )
 def test_a_delay_of_control_steps_is_the_same_actions_later(name, plant):
-    """And before them no torque; two steps, so that a torque on its way is not the newest."""
+    """Before them there is no torque.
+
+    The delay is two steps, so that a torque on its way is not the newest.
+    """
     env = gym.make(name, **plant)
     torques = actions(8)
     dt = env.unwrapped.control_dt

@@ -28,7 +28,10 @@ def walk(env, steps, seed=3):
 
 
 def test_nothing_is_observed_that_no_sensor_gives():
-    """No toe loads, slip or height. Without noise rates are exact, the velocity within 10 %."""
+    """There are no toe loads, slip or height.
+
+    Without noise, rates are exact and the velocity agrees within 10 %.
+    """
     env = gym.make(ID, **ONBOARD)
     assert {*env.unwrapped.task.columns} == {
         "cos_crank_angle",
@@ -64,7 +67,9 @@ def test_nothing_is_observed_that_no_sensor_gives():
 
 @pytest.mark.parametrize("tilt", [0.0, 0.1])
 def test_gravity_gives_the_pitch_at_rest(tilt):
-    """Also on a slope, which a machine feels as one; errors come of gyro and accelerometer."""
+    """It does on a slope, too, which a machine feels as pitch; errors come from gyro and
+    accelerometer.
+    """
     env = gym.make(ID, **ONBOARD, randomize={"tilt": (tilt, tilt)} if tilt else None)
     seen, info = env.reset(seed=1)
     pitch = tilt + info["pitch"]

@@ -43,7 +43,7 @@ def walked(plant, row, value, feet):
 @pytest.mark.parametrize("plant", PLANTS)
 @pytest.mark.parametrize("row", TABLE, ids=lambda row: row.name)
 def test_every_parameter_changes_the_walk_on_both_plants(row, plant):
-    """Whatever is in the table: what a plant ignored would be seen here."""
+    """All parameters of the table are tried: one that a backend ignored would be found here."""
     feet = row.is_idle(Robot(**MACHINE))
     low, high = max(row.least, -0.5), min(row.most, 2.0)
     values = [low + 0.1 * (high - low), low + 0.6 * (high - low)]

@@ -68,7 +68,7 @@ def test_one_robot(plant):
 
 @pytest.mark.slow
 def test_many_robots():
-    """One of three is refused, with the first one masked."""
+    """One of three robots is refused, with the first one masked."""
     pair = [gym.make_vec("JansenWalkerBuilt-v0", 3, randomize={"lengths": 0.02}) for _ in range(2)]
     envs, twins = (batch.unwrapped for batch in pair)
     actions = np.full((3, 1), 0.5, np.float32)
@@ -113,7 +113,7 @@ def test_a_robot_that_diverges_where_it_is_placed(monkeypatch):
 
 @pytest.mark.parametrize("as_state", [False, True])
 def test_a_copy_sees_its_ground_after_a_refusal(as_state):
-    """Which puts a copy's terrain back at another place, in a longer array."""
+    """The refusal puts a copy's terrain back at another place, in a longer array."""
     envs = gym.make_vec("JansenWalkerRough-v0", 3).unwrapped
     envs.reset(seed=3)
     copy = deepcopy(envs)
@@ -128,7 +128,7 @@ def test_a_copy_sees_its_ground_after_a_refusal(as_state):
 
 
 def test_a_refused_reset_keeps_the_level_of_a_curriculum(monkeypatch):
-    """One that `set_parameters` set, which no episode has had yet."""
+    """`set_parameters` set the level, which no episode has had yet."""
     env = gym.make("JansenWalker-v0", terrain="mixed", curriculum=True).unwrapped
     env.reset(seed=3)
     env.set_parameters(terrain_level=4)

@@ -83,7 +83,7 @@ def test_strange_robots_and_states_are_painted_in_time(robot, values):
 
 
 def test_a_ground_of_many_points_is_painted_in_time():
-    """A million of them in sight."""
+    """A million of them are in sight."""
     x = np.linspace(-2.0, 2.0, 10**6)
     _, taken = picture(Robot(), np.stack([x, 0.01 * np.sin(1e4 * x)], axis=-1))
     assert taken < LONGEST
@@ -155,7 +155,7 @@ def painted(draw, shape):
 
 @pytest.mark.slow
 def test_what_is_seen_of_a_polygon_stays_as_it_is():
-    """Of random triangles of up to ten canvases, all but pixels at edges."""
+    """Random triangles of up to ten canvases agree in all but pixels at edges."""
     rng = np.random.default_rng(0)
     for _ in range(30):
         points = rng.uniform(-5.0, 5.0, (3, 2)) * (WIDTH, HEIGHT)

@@ -93,7 +93,7 @@ def test_pads_of_several_sizes_are_felt_alike():
 
 
 def test_draws_by_default_are_those_of_the_robot():
-    """What is randomised where nobody asks: of the robot that is there, not of the first one."""
+    """Default ranges are those of the robot that is there, not of the first one."""
     for first, then in (("built", "paper"), ("paper", "built")):
         env = gym.make("JansenWalkerHardcore-v0", robot=first).unwrapped
         fresh = gym.make("JansenWalkerHardcore-v0", robot=then).unwrapped
@@ -106,7 +106,9 @@ def test_draws_by_default_are_those_of_the_robot():
 @pytest.mark.slow
 @pytest.mark.parametrize("plant", ["projection", "rigid_body"])
 def test_a_state_holds_an_exchanged_robot(plant):
-    """Elsewhere, after JSON, and for the episodes to come; without one it is the first robot."""
+    """It does elsewhere, after JSON, and for later episodes; without an exchanged robot it is the
+    first one.
+    """
     steps = STEPS if plant == "projection" else 2
     make = partial(gym.make, "JansenWalkerBuilt-v0", plant=plant, terrain="flat")
     env, other = make().unwrapped, make().unwrapped

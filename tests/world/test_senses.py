@@ -82,7 +82,7 @@ def test_the_scan_is_the_height_over_the_ground_below_each_place():
 
 @pytest.mark.slow
 def test_every_sensor_has_its_noise():
-    """By default; the noise of each column is that of its sensor."""
+    """By default, the noise of each column is that of its sensor."""
     noise = Noise()
     count = 4000
     error = erring(noise, count) - np.float32(0.6)
@@ -179,7 +179,7 @@ def test_the_truth_is_told_and_the_physics_does_not_notice():
 
 
 def test_lag_and_means_tell_no_more_than_the_sensors():
-    """Their changes give the speeds: exact without noise, and with it no better than measured."""
+    """Their changes give the speeds: exactly without noise, and with it no better than measured."""
     deviations = (0.06, 0.3)
     command = 0.3
     errors = []
@@ -220,7 +220,7 @@ def test_at_level_0_lag_and_means_are_true_but_slip_is_not_sensed():
 
 
 def test_describing_a_step_again_changes_nothing():
-    """Neither its noise nor what has been measured; the next steps go on alike."""
+    """Its noise and the measured means stay; the next steps continue alike."""
     env, other = walker(noise=Noise()), walker(noise=Noise())
     env.reset(seed=3), other.reset(seed=3)
     walk(env, 20, 1), walk(other, 20, 1)

@@ -1,6 +1,10 @@
-"""Grounds of pymunk's shapes."""
+"""Grounds over which several tests walk: a step, and a course of pymunk's shapes."""
 
+from jansen_env import Terrain
 from jansen_env.terrain import Piece, Shapes
+
+WALL = Terrain([[-9.0, 0.0], [0.6, 0.0], [0.66, 0.24], [9.0, 0.24]])
+"""A step of 0.24 m."""
 
 
 def box(left, bottom, right, top):

@@ -58,7 +58,7 @@ REFUSED = {
         (["klann", "--as-robot-file", f"{__file__}/k.json"], "its folder is"),
     ],
     (enjoy, "--env", "JansenCrank-v0"): [
-        (["--policy", "nobody"], "policy must be one of ["),
+        (["--policy", "nobody"], "policy is 'nobody', no run's folder"),
         (["--policy", "pretrained:none"], "policy must be one of"),
         (["--command", "99"], "must be between"),
         (["--env-kwargs", "{speed_command: 2}"], "speed_command in --env-kwargs has no effect"),

@@ -10,7 +10,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from courses import COURSE
+from courses import COURSE, WALL
 from gymnasium.vector import AutoresetMode
 from side_by_side import ROUGH, compare, compare_for_sb3
 from stable_baselines3.common.vec_env import DummyVecEnv
@@ -172,6 +172,18 @@ CASES = {
         steps=60,
         ends=6,
     ),
+}
+CLIMBER = {"robot": "climber", "terrain": WALL, "speed_command": 0.4}
+CASES |= {
+    f"a climber, links_collide={collide}": Case(
+        "JansenWalkerBuilt-v0",
+        {**CLIMBER, "links_collide": collide},
+        count=2,
+        steps=150,
+        actions=(0.4, 0.4),
+        ends=0,
+    )
+    for collide in (True, False)
 }
 SLOW = {
     f"sampled lengths, {env_id}": Case(env_id, LENGTHS, steps=45, actions=(-0.6, 0.6), ends=10)

@@ -156,35 +156,7 @@ def cures(robot: Robot, logs: Sequence[Log], walks: Sequence[Walk]) -> Iterator[
         logs: Logs of the machine.
         walks: For each log, the walks of the copies, shape (n, steps).
     """
-
-    def variation_ratio(name: str) -> float:
-        """Return the variation of a series in the median copy, divided by that in the logs."""
-        copies = sum(float(np.median(getattr(walk, name).std(axis=1))) for walk in walks)
-        return copies / max(1e-12, sum(float(getattr(log.walk, name).std()) for log in logs))
-
-    reverse = partial(scale, name="pitch", factor=-1.0)
-    yield Cure("the sign of pitch is reversed", "the IMU is mounted the other way round", reverse)
-
-    factor = variation_ratio("torque")
-    gears = f"the torque is the motor's (gear ratio {robot.motor.gear_ratio:g})"
-    yield Cure(
-        f"torque is multiplied by {factor:.2g}",
-        f"unit or torque constant are wrong, or {gears}",
-        partial(scale, name="torque", factor=factor),
-    )
-    factor = variation_ratio("pitch")
-    yield Cure(
-        f"pitch is multiplied by {factor:.2g}",
-        "its unit is wrong (1 rad is 57.3 degrees)",
-        partial(scale, name="pitch", factor=factor),
-    )
-    usual = float(np.median([walk.pitch.mean() for walk in walks]))
-    offset = usual - float(np.mean([log.walk.pitch.mean() for log in logs]))
-    yield Cure(
-        f"{offset:+.2g} rad are added to pitch",
-        "the IMU was not zeroed",
-        partial(shift, name="pitch", offset=offset),
-    )
+    yield from _pitch_and_torque_cures(robot, logs, walks)
     phases = len({leg.phase for leg in robot.legs})  # a walk repeats this often per turn
     most = math.ceil(math.pi / phases / ZERO_STEP)
     for count in range(-most, most + 1):
@@ -206,3 +178,38 @@ def cures(robot: Robot, logs: Sequence[Log], walks: Sequence[Walk]) -> Iterator[
             "pitch is delayed or filtered",
             partial(advance_pitch, steps=steps),
         )
+
+
+def _pitch_and_torque_cures(
+    robot: Robot, logs: Sequence[Log], walks: Sequence[Walk]
+) -> Iterator[Cure]:
+    """Yield corrections of the sign, the unit and the zero of pitch and torque."""
+    reverse = partial(scale, name="pitch", factor=-1.0)
+    yield Cure("the sign of pitch is reversed", "the IMU is mounted the other way round", reverse)
+
+    factor = _variation_ratio(logs, walks, "torque")
+    gears = f"the torque is the motor's (gear ratio {robot.motor.gear_ratio:g})"
+    yield Cure(
+        f"torque is multiplied by {factor:.2g}",
+        f"unit or torque constant are wrong, or {gears}",
+        partial(scale, name="torque", factor=factor),
+    )
+    factor = _variation_ratio(logs, walks, "pitch")
+    yield Cure(
+        f"pitch is multiplied by {factor:.2g}",
+        "its unit is wrong (1 rad is 57.3 degrees)",
+        partial(scale, name="pitch", factor=factor),
+    )
+    usual = float(np.median([walk.pitch.mean() for walk in walks]))
+    offset = usual - float(np.mean([log.walk.pitch.mean() for log in logs]))
+    yield Cure(
+        f"{offset:+.2g} rad are added to pitch",
+        "the IMU was not zeroed",
+        partial(shift, name="pitch", offset=offset),
+    )
+
+
+def _variation_ratio(logs: Sequence[Log], walks: Sequence[Walk], name: str) -> float:
+    """Return the variation of a series in the median copy, divided by that in the logs."""
+    copies = sum(float(np.median(getattr(walk, name).std(axis=1))) for walk in walks)
+    return copies / max(1e-12, sum(float(getattr(log.walk, name).std()) for log in logs))

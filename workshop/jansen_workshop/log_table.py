@@ -96,7 +96,8 @@ def decoded(data: bytes) -> str:
     encoding = "utf-8"
     for mark, name in UNICODE_MARKS.items():
         if data.startswith(mark):
-            data, encoding = data[len(mark) :], name
+            data = data.removeprefix(mark)
+            encoding = name
             break
     try:
         text = data.decode(encoding)

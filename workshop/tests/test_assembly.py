@@ -9,12 +9,15 @@ from known_designs import DESIGNS
 from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.part_sizes import feet_of
 from jansen_workshop.drawings import shaft_order
-from jansen_workshop.drawings.assembly import Assembly, Cavity, faults, tread_arc
+from jansen_workshop.drawings.buildability import faults
 from jansen_workshop.drawings.instructions import Manual
+from jansen_workshop.drawings.leg_solids import tread_arc
+from jansen_workshop.drawings.machine_solids import assemble
 from jansen_workshop.drawings.materials import counts
 from jansen_workshop.drawings.order import Order
 from jansen_workshop.drawings.outlines import Round, coupon, cut_parts, toe_way
 from jansen_workshop.drawings.shaft_order import carried
+from jansen_workshop.drawings.solids import Cavity
 
 layers = cache(shaft_order.layers)  # a search of a second or more
 PLYWOOD = 680.0  # kg/m^3
@@ -24,7 +27,7 @@ PLYWOOD = 680.0  # kg/m^3
 @pytest.mark.parametrize("name", ["weekend", "built"])
 def test_a_machine_can_be_assembled_and_turned(name):
     """No two solids overlap in a turn of the crank, all screws fit, threads are in metal."""
-    assert faults(Assembly(DESIGNS[name], layers(DESIGNS[name]))) == []
+    assert faults(assemble(DESIGNS[name], layers(DESIGNS[name]))) == []
 
 
 @pytest.mark.slow
@@ -114,7 +117,7 @@ def thicken_nut(assembly):
     (thicken_nut, "overlap"),
 ])  # fmt: skip
 def test_faults_are_found(spoil, said):
-    assembly = Assembly(DESIGNS["weekend"], layers(DESIGNS["weekend"]))
+    assembly = assemble(DESIGNS["weekend"], layers(DESIGNS["weekend"]))
     spoil(assembly)
     assert any(said in fault for fault in faults(assembly, 12)), faults(assembly, 12)
 

@@ -48,12 +48,8 @@ def _fit(text: str) -> tuple[float, ...]:
     return fit
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Write the drawings.
-
-    Args:
-        arguments: Arguments of the command. If None, those of the process.
-    """
+def _parse(arguments: list[str] | None) -> argparse.Namespace:
+    """Parse the command line; the result also has the ``parser``."""
     parser = robot_parser(
         "jansen-workshop drawings",
         __doc__,
@@ -91,9 +87,20 @@ def main(arguments: list[str] | None = None) -> None:
         help="also write the machine that would be cut, to simulate it",
     )
     args = parser.parse_args(arguments)
+    args.parser = parser
+    return args
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Write the drawings.
+
+    Args:
+        arguments: Arguments of the command. If None, those of the process.
+    """
+    args = _parse(arguments)
     name = Path(args.robot).stem
     out = args.out or Path(name)
-    with parser.refusing():
+    with args.parser.refusing():
         robot = load_robot("ROBOT", args.robot)
         kerf = within("--kerf", args.kerf, 0.0, WIDEST_KERF)
         with progress("drawing", None):

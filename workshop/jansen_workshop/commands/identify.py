@@ -8,12 +8,13 @@ weights for all copies). The errors of the regression on copies that are left ou
 intervals. If no copy explains a log, the log is rejected (:mod:`jansen_workshop.likeness`).
 """
 
+import argparse
 import json
 import math
 import shlex
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
@@ -69,9 +70,9 @@ FROM_ZERO = "bearings", "damping", "payload", "torque_filter"  # parameters that
 INTERVAL = 2.5, 97.5  # percentiles of the errors
 # An interval that is wider than this fraction of the sampled range counts as not identifiable.
 TELLS = 0.7
-# Number of harmonics of a step, and lags of the autocovariances in control steps of 20 ms. Noise is
-# not correlated over these lags.
-ORDERS, LAGS = 4, (2, 3, 5)
+ORDERS = 4  # number of harmonics of a step
+# Lags of the autocovariances in control steps of 20 ms. Noise is not correlated over these lags.
+LAGS = (2, 3, 5)
 MODEL = 0.01  # error of the model's harmonics, as a fraction of torque and pitch
 SCALE = 0.003  # error of the scale, as a fraction of the mass
 RIDGE = 3.0  # regularisation of the regression, for columns of variance 1
@@ -189,28 +190,24 @@ def walk_copies(
         ValueError: If fewer than half of the copies remain standing.
     """
     least, most = within["torque_filter"]
-    spread = {**within, "torque_filter": (most - (most - least) / FILTERED, most)}
-    robots, known, _ = predict.draw_copies(robot, spread if least == 0.0 else within, copies)
+    if least == 0.0:
+        within = {**within, "torque_filter": (most - most / FILTERED, most)}
+    robots, known, _ = predict.draw_copies(robot, within, copies)
     known["torque_filter"] = np.maximum(0.0, known["torque_filter"])
-    rng, walks, stood = np.random.default_rng(0), [], np.ones(copies, bool)
+    rng = np.random.default_rng(0)
+    walks = []
+    stood = np.ones(copies, bool)
     for log in logs:
         seconds = SETTLING + predict.measured_time(log.speed)
         run, dt = predict.walk(
             robots, known, log.speed, Terrain.flat(), seconds, log.gains, advance
         )
         stood &= ~run["fallen"][-1]
-        seen = (
-            run["crank_angle"] + known["crank_zero"],
-            known["torque_scale"] * filtered(run["crank_torque"], known["torque_filter"], dt),
-            known["pitch_zero"] + delayed(run["pitch"], known["pitch_delay"], dt),
-            run["x_position"],
-        )
-        crank, torque, pitch, x = (
-            series[round(SETTLING / dt) : round(seconds / dt)].T for series in seen
-        )
-        torque = torque + noise(log.walk.torque) * rng.normal(size=torque.shape)
-        pitch = pitch + noise(log.walk.pitch) * rng.normal(size=pitch.shape)
-        walks.append(Walk(crank, torque, pitch, x))
+        window = slice(round(SETTLING / dt), round(seconds / dt))
+        walk = _measured_walk(run, known, dt, window)
+        torque = walk.torque + noise(log.walk.torque) * rng.normal(size=walk.torque.shape)
+        pitch = walk.pitch + noise(log.walk.pitch) * rng.normal(size=walk.pitch.shape)
+        walks.append(walk._replace(torque=torque, pitch=pitch))
     if 2 * stood.sum() < copies:
         raise ValueError(
             f"{copies - stood.sum()} of {copies} simulated copies of the robot fell under the "
@@ -219,6 +216,27 @@ def walk_copies(
     standing = [Walk(*(series[stood] for series in walk)) for walk in walks]
     mass = np.array([robot.mass for robot in robots])[stood]
     return Copies({name: values[stood] for name, values in known.items()}, standing, mass)
+
+
+def _measured_walk(
+    run: dict[str, Array], known: dict[str, Array], dt: float, window: slice
+) -> Walk:
+    """Return walks of copies as measured with the errors of their set-ups.
+
+    Args:
+        run: Quantities of the walks by name, shape (steps, n) each.
+        known: Parameters of the copies by name, shape (n,) each.
+        dt: Time between two values of a series, in s.
+        window: Steps that are measured.
+    """
+    torque = filtered(run["crank_torque"], known["torque_filter"], dt)
+    series = (
+        run["crank_angle"] + known["crank_zero"],
+        known["torque_scale"] * torque,
+        known["pitch_zero"] + delayed(run["pitch"], known["pitch_delay"], dt),
+        run["x_position"],
+    )
+    return Walk(*(values[window].T for values in series))
 
 
 def measures(walk: Walk, phases: int) -> Array:
@@ -236,13 +254,14 @@ def measures(walk: Walk, phases: int) -> Array:
     """
     turned = phases * walk.crank[..., None] * np.arange(1, ORDERS + 1)
     ones = np.ones((*walk.crank.shape, 1))
-    waves, columns = np.concatenate([ones, np.cos(turned), np.sin(turned)], axis=-1), []
+    waves = np.concatenate([ones, np.cos(turned), np.sin(turned)], axis=-1)
     inverse = np.linalg.pinv(waves)
+    columns = []
     for series in (walk.torque, walk.pitch):
-        shares = np.einsum("nkt,nt->nk", inverse, series)
-        left = series - np.einsum("ntk,nk->nt", waves, shares)
+        harmonics = np.einsum("nkt,nt->nk", inverse, series)
+        left = series - np.einsum("ntk,nk->nt", waves, harmonics)
         lagged = np.stack([(left[:, lag:] * left[:, :-lag]).mean(axis=1) for lag in LAGS], axis=1)
-        columns += [shares, np.sign(lagged) * np.sqrt(np.abs(lagged))]
+        columns += [harmonics, np.sign(lagged) * np.sqrt(np.abs(lagged))]
     return np.concatenate(columns, axis=1)
 
 
@@ -257,7 +276,9 @@ def estimate(walked: Array, numbers: Array, measured: Array) -> Array:
     Returns:
         Estimate and lower and upper end of the interval of each parameter, shape (k, 3).
     """
-    middle, spread, mean = walked.mean(axis=0), walked.std(axis=0) + 1e-12, numbers.mean(axis=0)
+    middle = walked.mean(axis=0)
+    spread = walked.std(axis=0) + 1e-12
+    mean = numbers.mean(axis=0)
     X = (walked - middle) / spread
     weights = np.linalg.solve(X.T @ X + RIDGE * np.eye(X.shape[1]), X.T)
     slopes = weights @ (numbers - mean)
@@ -268,10 +289,8 @@ def estimate(walked: Array, numbers: Array, measured: Array) -> Array:
     return np.stack([value, *(value + np.percentile(errors, INTERVAL, axis=0))], axis=1)
 
 
-def compared_measures(
-    robot: Robot, logs: Sequence[Log], copies: Copies
-) -> tuple[Array, Callable[[Sequence[Walk]], Array]]:
-    """Return the measures of the copies and a function that computes the measures of walks.
+class Comparison:
+    """Measures of the copies, with which the measures of a machine's walks are compared.
 
     If the comments of a log contain a mass, the mass is a measure as well.
 
@@ -280,26 +299,57 @@ def compared_measures(
         logs: Logs of the machine.
         copies: Copies that repeated the walks of the logs.
 
-    Returns:
-        The measures of the copies with model errors, shape (n, m), and a function that takes one
-        walk per log and returns their measures, shape (m,).
+    Attributes:
+        names: Names of the k unknown parameters.
+        limits: Range of each parameter, shape (k, 2).
+        numbers: Parameters of the copies, shape (n, k).
+        walked: Measures of the copies with model errors, shape (n, m).
     """
-    phases, rng = len({leg.phase for leg in robot.legs}), np.random.default_rng(0)
-    walked = []
-    for walk in copies.walks:
-        columns = measures(walk, phases)
-        sizes = np.abs([walk.torque, walk.pitch]).mean(axis=(1, 2)).repeat(columns.shape[1] // 2)
-        walked.append(columns + MODEL * sizes * rng.normal(size=columns.shape))
-    weighed = [log.about["mass"] for log in logs if "mass" in log.about]
-    for _ in weighed:
-        errors = 1.0 + SCALE * rng.normal(size=len(copies.mass))
-        walked.append((copies.mass * errors)[:, None])
 
-    def measured(walks: Sequence[Walk]) -> Array:
-        rows = [measures(Walk(*(series[None] for series in walk)), phases)[0] for walk in walks]
-        return np.concatenate([*rows, weighed])
+    def __init__(self, robot: Robot, logs: Sequence[Log], copies: Copies) -> None:
+        within = limits(robot)
+        self.names = [*NAMES, *SETUP]
+        self.limits = np.array([within[name] for name in self.names])
+        self.numbers = np.stack([copies.known[name] for name in self.names], axis=1)
+        self._phases = len({leg.phase for leg in robot.legs})
+        self._weighed = [log.about["mass"] for log in logs if "mass" in log.about]
+        self.walked = self._with_model_errors(copies)
 
-    return np.concatenate(walked, axis=1), measured
+    def _with_model_errors(self, copies: Copies) -> Array:
+        """Return the measures of the copies with model errors, shape (n, m)."""
+        rng = np.random.default_rng(0)
+        walked = []
+        for walk in copies.walks:
+            columns = measures(walk, self._phases)
+            sizes = np.abs([walk.torque, walk.pitch]).mean(axis=(1, 2))
+            sizes = sizes.repeat(columns.shape[1] // 2)
+            walked.append(columns + MODEL * sizes * rng.normal(size=columns.shape))
+        for _ in self._weighed:
+            errors = 1.0 + SCALE * rng.normal(size=len(copies.mass))
+            walked.append((copies.mass * errors)[:, None])
+        return np.concatenate(walked, axis=1)
+
+    def measured(self, walks: Sequence[Walk]) -> Array:
+        """Return the measures of the machine.
+
+        Args:
+            walks: One walk per log, in which each series has the shape (steps,).
+
+        Returns:
+            The measures, shape (m,).
+        """
+        rows = [
+            measures(Walk(*(series[None] for series in walk)), self._phases)[0] for walk in walks
+        ]
+        return np.concatenate([*rows, self._weighed])
+
+    def estimates(self, walks: Sequence[Walk]) -> Array:
+        """Return what :func:`estimate` returns for walks of the machine, shape (k, 3).
+
+        Args:
+            walks: One walk per log.
+        """
+        return estimate(self.walked, self.numbers, self.measured(walks))
 
 
 def identify(robot: Robot, logs: Sequence[Log], copies: Copies) -> dict[str, Estimate]:
@@ -316,18 +366,19 @@ def identify(robot: Robot, logs: Sequence[Log], copies: Copies) -> dict[str, Est
     Returns:
         The estimates by name.
     """
-    walked, measured = compared_measures(robot, logs, copies)
-    names = [*NAMES, *SETUP]
-    numbers = np.stack([copies.known[name] for name in names], axis=1)
-    rows = estimate(walked, numbers, measured([log.walk for log in logs]))
-    within, estimates = limits(robot), {}
-    for name, (value, low, high) in zip(names, rows.tolist(), strict=True):
-        least, most = within[name]
+    comparison = Comparison(robot, logs, copies)
+    rows = comparison.estimates([log.walk for log in logs]).tolist()
+    ranges = comparison.limits.tolist()
+    estimates = {}
+    for name, (value, low, high), (least, most) in zip(comparison.names, rows, ranges, strict=True):
         if name in FROM_ZERO and least == 0.0 < high:
-            value, low = max(value, 0.0), max(low, 0.0)
+            value = max(value, 0.0)
+            low = max(low, 0.0)
         inside = least <= low and high <= most
-        told = inside and high - low < TELLS * (most - least)
-        estimates[name] = Estimate(value, low, high) if told else Estimate(None, least, most)
+        identifiable = inside and high - low < TELLS * (most - least)
+        estimates[name] = (
+            Estimate(value, low, high) if identifiable else Estimate(None, least, most)
+        )
     return estimates
 
 
@@ -348,40 +399,59 @@ def check_explained(robot: Robot, logs: Sequence[Log], copies: Copies) -> tuple[
             or the estimate of a set-up error is out of its range. The message names common mistakes
             that would explain the logs.
     """
-    walked, measured = compared_measures(robot, logs, copies)
-    names = [*NAMES, *SETUP]
-    numbers = np.stack([copies.known[name] for name in names], axis=1)
-    within = limits(robot)
-    surface = Surface(walked, numbers, np.array([within[name] for name in names]))
-
-    def refusal(walks: Sequence[Walk]) -> tuple[float, str]:
-        """Return the distance of walks and the reason why no copy explains them, "" if one does."""
-        row = measured(walks)
-        distance = surface.distance(row)
-        if not distance <= surface.farthest:
-            allowed = f"at most {surface.farthest:.3g}, as that of copies is"
-            return distance, f"their distance from the copies must be {allowed}, got {distance:.3g}"
-        for name, value in zip(names, estimate(walked, numbers, row)[:, 0].tolist(), strict=True):
-            least, most = within[name]
-            low = -math.inf if name in FROM_ZERO else least
-            if name in SETUP and not low <= value <= most:
-                allowed = f"between {least:g} and {most:g}"
-                return distance, f"{name} must be {allowed}, got {value:.3g} ({SETUP[name]})"
-        return distance, ""
-
-    distance, unlike = refusal([log.walk for log in logs])
-    if not unlike:
+    comparison = Comparison(robot, logs, copies)
+    surface = Surface(comparison.walked, comparison.numbers, comparison.limits)
+    distance, reason = _refusal(comparison, surface, [log.walk for log in logs])
+    if not reason:
         return distance, surface.farthest
-    advice = "correct the set-up and measure again"
+    if distance <= surface.farthest:
+        advice = "correct the set-up and measure again"
+    else:
+        corrections = _corrections(robot, logs, copies, comparison, surface)
+        resembled = "; or ".join(corrections)
+        advice = f"they resemble copies {resembled}" if corrections else CAUSES
+    raise ValueError(f"no simulated copy explains the logs: {reason}; {advice}")
+
+
+def _refusal(comparison: Comparison, surface: Surface, walks: Sequence[Walk]) -> tuple[float, str]:
+    """Return the distance of walks and the reason why no copy explains them, "" if one does."""
+    distance = surface.distance(comparison.measured(walks))
     if not distance <= surface.farthest:
-        found: dict[str, tuple[float, str]] = {}
-        for cure in cures(robot, logs, copies.walks):
-            left, still = refusal([cure.apply(log.walk) for log in logs])
-            if not still and left < found.get(cure.cause, (math.inf,))[0]:
-                found[cure.cause] = left, f"once {cure.change} (distance {left:.2g}): {cure.cause}"
-        resembled = "; or ".join(text for _, text in sorted(found.values()))
-        advice = f"they resemble copies {resembled}" if found else CAUSES
-    raise ValueError(f"no simulated copy explains the logs: {unlike}; {advice}")
+        allowed = f"at most {surface.farthest:.3g}, as that of copies is"
+        return distance, f"their distance from the copies must be {allowed}, got {distance:.3g}"
+    values = comparison.estimates(walks)[:, 0].tolist()
+    ranges = comparison.limits.tolist()
+    for name, value, (least, most) in zip(comparison.names, values, ranges, strict=True):
+        low = -math.inf if name in FROM_ZERO else least
+        if name in SETUP and not low <= value <= most:
+            allowed = f"between {least:g} and {most:g}"
+            return distance, f"{name} must be {allowed}, got {value:.3g} ({SETUP[name]})"
+    return distance, ""
+
+
+def _corrections(
+    robot: Robot,
+    logs: Sequence[Log],
+    copies: Copies,
+    comparison: Comparison,
+    surface: Surface,
+) -> list[str]:
+    """Return descriptions of the mistakes that would explain the logs, the most likely first.
+
+    Args:
+        robot: The robot as designed.
+        logs: Logs of the machine.
+        copies: Copies that repeated the walks of the logs.
+        comparison: Measures of the copies.
+        surface: Fit of these measures.
+    """
+    found: dict[str, tuple[float, str]] = {}
+    for cure in cures(robot, logs, copies.walks):
+        distance, reason = _refusal(comparison, surface, [cure.apply(log.walk) for log in logs])
+        if not reason and distance < found.get(cure.cause, (math.inf,))[0]:
+            text = f"once {cure.change} (distance {distance:.2g}): {cure.cause}"
+            found[cure.cause] = distance, text
+    return [text for _, text in sorted(found.values())]
 
 
 def report(
@@ -398,27 +468,29 @@ def report(
         distances: Distances that :func:`check_explained` returned.
         copies: Copies whose parameters were sampled from the estimated intervals.
     """
-
-    def numbers(meanings: dict[str, str], head: str) -> str:
-        rows = []
-        for name, meaning in meanings.items():
-            row = estimates[name]
-            value = "not identifiable" if row.value is None else f"{row.value:.3g}"
-            rows.append([f"{name}, {meaning}", value, f"{row.low:.3g}", f"{row.high:.3g}"])
-        heads = (head, "estimate", "2.5 %", "97.5 %")
-        return tabulate(rows, heads, "github", disable_numparse=True)
-
-    seen = []
+    rows = []
     for log, walk in zip(logs, copies.walks, strict=True):
         bands = {k: np.percentile(v, predict.SPAN).tolist() for k, v in quantities(walk).items()}
-        seen += compared(f"{log.speed:g} rad/s", log, bands)
+        rows += compared(f"{log.speed:g} rad/s", log, bands)
     distance, farthest = distances
     return (
         f"Copies explain the logs: their distance is {distance:.2g}, and that of copies which the "
         f"fit has not seen is up to {farthest:.2g}.\n\n"
-        f"{numbers(NAMES, 'number')}\n\n{numbers(SETUP, 'error of set-up')}\n\n"
-        f"The machine, and copies with these numbers:\n\n{table(seen)}"
+        f"{_estimate_table(NAMES, 'number', estimates)}\n\n"
+        f"{_estimate_table(SETUP, 'error of set-up', estimates)}\n\n"
+        f"The machine, and copies with these numbers:\n\n{table(rows)}"
     )
+
+
+def _estimate_table(meanings: dict[str, str], head: str, estimates: dict[str, Estimate]) -> str:
+    """Return a Markdown table of the estimates that have a meaning, under a ``head``."""
+    rows = []
+    for name, meaning in meanings.items():
+        row = estimates[name]
+        value = "not identifiable" if row.value is None else f"{row.value:.3g}"
+        rows.append([f"{name}, {meaning}", value, f"{row.low:.3g}", f"{row.high:.3g}"])
+    heads = (head, "estimate", "2.5 %", "97.5 %")
+    return tabulate(rows, heads, "github", disable_numparse=True)
 
 
 def randomize(robot: Robot, estimates: dict[str, Estimate]) -> dict[str, object]:
@@ -430,18 +502,20 @@ def randomize(robot: Robot, estimates: dict[str, Estimate]) -> dict[str, object]
     """
     spans = {name: [round(row.low, 4), round(row.high, 4)] for name, row in estimates.items()}
     shortest = min(size for name, size in lengths(robot).items() if name != "frame_angle")
-    drawn: dict[str, object] = {
+    ranges: dict[str, object] = {
         "friction": spans["friction"],
         "mass_scale": [*WITHIN["mass"]],
         "payload": [robot.payload.mass + mass for mass in spans["payload"]],
         "motor_strength": [*WITHIN["battery"]],
         "lengths": round(WITHIN["lengths"][1] / shortest, 4),
     }
-    return drawn if robot.pad_compliance.rigid else {**drawn, "foot_stiffness_scale": spans["feet"]}
+    if not robot.pad_compliance.rigid:
+        ranges["foot_stiffness_scale"] = spans["feet"]
+    return ranges
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Identify a machine, print the report and write the robot file of the machine."""
+def _parse(arguments: list[str] | None) -> argparse.Namespace:
+    """Parse the command line; the result also has the ``parser``."""
     parser = Parser(
         "jansen-workshop identify",
         __doc__,
@@ -472,38 +546,74 @@ def main(arguments: list[str] | None = None) -> None:
         help="then train a policy over the identified ranges; default STEPS: the configuration's",
     )
     args = parser.parse_args(arguments)
-    with parser.refusing():
+    args.parser = parser
+    return args
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Identify a machine, print the report and write the robot file of the machine.
+
+    Args:
+        arguments: Arguments of the command. If None, those of the process.
+
+    Raises:
+        SystemExit: If an argument or a log is wrong, or with the status of the training.
+    """
+    args = _parse(arguments)
+    with args.parser.refusing():
         logs = [read_log(path) for path in args.logs]
         robot = load_robot("--robot", args.robot or logs[0].about.get("robot"))
         for path, log in zip(args.logs, logs, strict=True):
             print(*(f"{path}: {note}\n" for note in log.notes), sep="", end="")
-        known = limits(robot)
-        seconds = sum(SETTLING + predict.measured_time(log.speed) + STOPPED for log in logs)
-        with progress(f"{args.copies} copies walk", 2.0 * seconds) as advance:
-            copies = walk_copies(robot, logs, known, args.copies, advance)
-            distances = check_explained(robot, logs, copies)
-            estimates = identify(robot, logs, copies)
-            known |= {name: (row.low, row.high) for name, row in estimates.items()}
-            like = walk_copies(robot, logs, known, args.copies // 4, advance)
-        print(report(logs, estimates, distances, like))
-        numbers = dict.fromkeys(("mass", "battery", "feet", "bearings"), 1.0) | {
-            name: row.value
-            for name, row in estimates.items()
-            if row.value is not None and name in ("bearings", "damping")
-        }
-        write_robot(args.out, predict.copy_of(robot, numbers, {}))
-    drawn = randomize(robot, estimates)
+        estimates = _identify_and_report(robot, logs, args.copies)
+        write_robot(args.out, _identified_robot(robot, estimates))
+    ranges = randomize(robot, estimates)
+    flags = _training_flags(robot, args.out, ranges)
+    print(f"\nrandomize={json.dumps(ranges)}\n")
+    print(f"The friction of bearings and crank is in {args.out}.")
+    print(f"To train:\n\n{shlex.join(['python', 'train.py', *flags])}", flush=True)
+    if args.train is not None:
+        flags += ["--timesteps", str(args.train)] if args.train else []
+        trainer = Path(__file__).parents[3] / "train.py"
+        raise SystemExit(subprocess.run([sys.executable, str(trainer), *flags]).returncode)
+
+
+def _identify_and_report(robot: Robot, logs: Sequence[Log], count: int) -> dict[str, Estimate]:
+    """Let ``count`` copies repeat the walks of the logs, print the report, return the estimates."""
+    within = limits(robot)
+    seconds = sum(SETTLING + predict.measured_time(log.speed) + STOPPED for log in logs)
+    with progress(f"{count} copies walk", 2.0 * seconds) as advance:
+        copies = walk_copies(robot, logs, within, count, advance)
+        distances = check_explained(robot, logs, copies)
+        estimates = identify(robot, logs, copies)
+        intervals = {name: (row.low, row.high) for name, row in estimates.items()}
+        matching = walk_copies(robot, logs, {**within, **intervals}, count // 4, advance)
+    print(report(logs, estimates, distances, matching))
+    return estimates
+
+
+def _identified_robot(robot: Robot, estimates: dict[str, Estimate]) -> Robot:
+    """Return the robot with the identified friction of bearings and crank."""
+    numbers = dict.fromkeys(("mass", "battery", "feet", "bearings"), 1.0)
+    for name in ("bearings", "damping"):
+        value = estimates[name].value
+        if value is not None:
+            numbers[name] = value
+    return predict.copy_of(robot, numbers, {})
+
+
+def _training_flags(robot: Robot, path: Path, ranges: dict[str, object]) -> list[str]:
+    """Return the flags of ``train.py`` that train a policy for a machine.
+
+    Args:
+        robot: The robot as designed.
+        path: Robot file of the machine.
+        ranges: Argument ``randomize`` of the environments.
+    """
     config = {"aluminium": "onboard.yml", "plywood": "weekend.yml"}[robot.material]
-    run = [
+    return [
         "--config",
         str(training_folder(ENV) / config),
         "--env-kwargs",
-        json.dumps({"robot": str(args.out), "randomize": drawn}),
+        json.dumps({"robot": str(path), "randomize": ranges}),
     ]
-    print(f"\nrandomize={json.dumps(drawn)}\n")
-    print(f"The friction of bearings and crank is in {args.out}.")
-    print(f"To train:\n\n{shlex.join(['python', 'train.py', *run])}", flush=True)
-    if args.train is not None:
-        run += ["--timesteps", str(args.train)] if args.train else []
-        trainer = Path(__file__).parents[3] / "train.py"
-        raise SystemExit(subprocess.run([sys.executable, str(trainer), *run]).returncode)

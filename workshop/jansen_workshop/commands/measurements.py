@@ -31,10 +31,10 @@ from jansen_workshop.log_table import LogTable, at_line, read_table
 COMMENTS = "crank_speed", "robot", "gains", "torque_constant", "mass"
 """Names of the comments that are evaluated; all other comments are remarks."""
 CONTROL_DT = 0.02  # control step of the predicted walks, in s
-LONGEST_GAP, LONGEST_PERIOD = 0.1, 0.05  # largest gap and largest median sampling interval, in s
-# Largest error of the clock as a fraction of the crank speed, and largest error that is left
-# uncorrected.
-DRIFT, SMALL = 0.03, 0.01
+LONGEST_GAP = 0.1  # largest gap between two samples, in s
+LONGEST_PERIOD = 0.05  # largest median sampling interval, in s
+DRIFT = 0.03  # largest error of the clock, as a fraction of the crank speed
+SMALL = 0.01  # largest error of the clock that is left uncorrected
 FILMED = 1.0  # longest time between two known positions of the crank axis, in s
 MAX_BYTES = 50_000_000
 PREDICTIONS = Path(__file__).parents[1] / "predictions"
@@ -86,8 +86,8 @@ def read_log(path: str | Path) -> Log:
     """
     with named_errors(path):
         table = read_table(read_bounded(path, MAX_BYTES), COMMENTS)
-        given = _comments(table)
-        about = {"gains": astuple(default_gains(given.get("robot"))), **given}
+        comments = _comments(table)
+        about = {"gains": astuple(default_gains(comments.get("robot"))), **comments}
         if "crank_speed" not in about:
             example = "for example '# crank_speed: 1' for 1 rad/s"
             raise at_line(table.head, f"a comment above must give crank_speed, {example}")
@@ -147,33 +147,16 @@ def _mend(columns: dict[str, Array], speed: float, lines: list[int], head: int) 
     """
     if len(lines) < 3:
         raise at_line(lines[-1] if lines else head, f"3 rows must follow or more, got {len(lines)}")
-    time, notes = columns["time"] - columns["time"][0], []
-    periods = np.diff(time)
-    usual, longest = float(np.median(periods)), float(periods.max())
-    if periods.min() <= 0.0:
-        after = int((periods <= 0.0).argmax())
-        given = f"{columns['time'][after + 1]:.10g} after {columns['time'][after]:.10g}"
-        raise at_line(lines[after + 1], f"time_s must rise, got {given}")
-    rows = f"lines {lines[0]} to {lines[-1]}"
-    with named_errors(rows):
-        within("median time (s) between samples", usual, 0.0, LONGEST_PERIOD)
-    with named_errors(f"line {lines[int(periods.argmax()) + 1]}"):
-        within(f"gap (s) after {time[periods.argmax()]:.4g} s", longest, 0.0, LONGEST_GAP)
+    time = columns["time"] - columns["time"][0]
+    notes = []
+    _check_clock(columns["time"], lines)
     _check_length(time, speed, lines)
-    if longest > 1.5 * usual:
-        notes.append(f"{(periods > 1.5 * usual).sum()} short gaps are filled by straight lines")
-    crank, walking = np.unwrap(columns["crank"]), time >= SETTLING
-    # The steps of the walk make the crank angle oscillate about its mean rise.
-    waves = [wave(order * crank) for order in (1, 2, 4) for wave in (np.cos, np.sin)]
-    drawn = np.stack([time, np.ones(len(time)), *waves], axis=1)[walking]
-    turned = float(np.linalg.lstsq(drawn, crank[walking])[0][0])
-    drift = turned / speed - 1.0
-    if abs(drift) > DRIFT:
-        raise ValueError(
-            f"{rows}: the crank must turn at crank_speed, {speed:g} rad/s, within "
-            f"{100.0 * DRIFT:g} %, got {turned:.3g} rad/s after {SETTLING:g} s; "
-            "a unit, a sign or the clock is wrong"
-        )
+    periods = np.diff(time)
+    gaps = periods > 1.5 * np.median(periods)
+    if gaps.any():
+        notes.append(f"{gaps.sum()} short gaps are filled by straight lines")
+    crank = np.unwrap(columns["crank"])
+    drift = _clock_error(time, crank, speed, f"lines {lines[0]} to {lines[-1]}")
     if abs(drift) > SMALL:
         time = time * (1.0 + drift)
         notes.append(f"the clock is {100.0 * drift:+.2g} % off by the crank's speed: set right")
@@ -182,6 +165,54 @@ def _mend(columns: dict[str, Array], speed: float, lines: list[int], head: int) 
         columns["x"], note = _filled(time, columns["x"], SETTLING + measured_time(speed))
         notes += note
     return notes
+
+
+def _check_clock(clock: Array, lines: list[int]) -> None:
+    """Raise ValueError if the times of the samples do not rise, or are too far apart.
+
+    Args:
+        clock: Times of the log, in s, shape (n,).
+        lines: Line number of each row.
+    """
+    time = clock - clock[0]
+    periods = np.diff(time)
+    if periods.min() <= 0.0:
+        after = int((periods <= 0.0).argmax())
+        times = f"{clock[after + 1]:.10g} after {clock[after]:.10g}"
+        raise at_line(lines[after + 1], f"time_s must rise, got {times}")
+    with named_errors(f"lines {lines[0]} to {lines[-1]}"):
+        usual = float(np.median(periods))
+        within("median time (s) between samples", usual, 0.0, LONGEST_PERIOD)
+    widest = int(periods.argmax())
+    with named_errors(f"line {lines[widest + 1]}"):
+        within(f"gap (s) after {time[widest]:.4g} s", float(periods.max()), 0.0, LONGEST_GAP)
+
+
+def _clock_error(time: Array, crank: Array, speed: float, rows: str) -> float:
+    """Return the error of the clock as a fraction, by the mean speed of the crank.
+
+    Args:
+        time: Times from the first sample on, in s, shape (n,).
+        crank: Crank angles, not wrapped to one turn, in rad, shape (n,).
+        speed: Commanded crank speed, in rad/s.
+        rows: Lines of the log, as named in error messages.
+
+    Raises:
+        ValueError: If the crank does not turn at the commanded speed.
+    """
+    walking = time >= SETTLING
+    # The steps of the walk make the crank angle oscillate about its mean rise.
+    waves = [wave(order * crank) for order in (1, 2, 4) for wave in (np.cos, np.sin)]
+    terms = np.stack([time, np.ones(len(time)), *waves], axis=1)[walking]
+    turned = float(np.linalg.lstsq(terms, crank[walking])[0][0])
+    drift = turned / speed - 1.0
+    if abs(drift) > DRIFT:
+        raise ValueError(
+            f"{rows}: the crank must turn at crank_speed, {speed:g} rad/s, within "
+            f"{100.0 * DRIFT:g} %, got {turned:.3g} rad/s after {SETTLING:g} s; "
+            "a unit, a sign or the clock is wrong"
+        )
+    return drift
 
 
 def _check_length(time: Array, speed: float, lines: list[int]) -> None:
@@ -210,7 +241,8 @@ def _filled(time: Array, x: Array, end: float) -> tuple[Array, list[str]]:
 
 def _walk(columns: dict[str, Array], speed: float, lines: list[int]) -> Walk:
     """Resample the columns of a log at the control steps of the predicted walks."""
-    time, torque = columns["time"], columns["torque"]
+    time = columns["time"]
+    torque = columns["torque"]
     _check_length(time, speed, lines)  # again, because the clock may have been corrected
     grid = SETTLING + CONTROL_DT * np.arange(round(measured_time(speed) / CONTROL_DT) + 1)
     work = np.append(0.0, np.cumsum(torque[1:] * np.diff(time)))
@@ -235,7 +267,8 @@ def quantities(walk: Walk) -> dict[str, Array]:
         The quantities by name, in SI units, shape (n,) each. A quantity that is not known is
         missing.
     """
-    torque, seconds = np.abs(walk.torque), CONTROL_DT * (walk.x.shape[-1] - 1)
+    torque = np.abs(walk.torque)
+    seconds = CONTROL_DT * (walk.x.shape[-1] - 1)
     measured = {
         "mean_torque": torque.mean(axis=-1),
         "peak_torque": np.percentile(torque, 99, axis=-1),
@@ -282,7 +315,8 @@ def published(path: Path) -> list[list[str]]:
         ValueError: If there are no predictions for the robot and the crank speed of the log. The
             message lists the available ones.
     """
-    log, names = read_log(path), sorted(file.stem for file in PREDICTIONS.glob("*.json"))
+    log = read_log(path)
+    names = sorted(file.stem for file in PREDICTIONS.glob("*.json"))
     with named_errors(path):
         robot = one_of("robot", log.about.get("robot"), names)
         text = (PREDICTIONS / f"{robot}.json").read_text(encoding="utf-8")

@@ -5,6 +5,7 @@ machine differ from copy to copy, by Latin hypercube sampling. The robot's own P
 the crank at a constant speed, starting from rest, and stops it at the end.
 """
 
+import argparse
 import json
 import math
 from collections.abc import Mapping
@@ -36,7 +37,8 @@ from jansen_env.terrain.ground import Terrain, one_step
 from jansen_env.world.settings import load_robot
 
 ENV = "JansenWalkerBuilt-v0"
-WALKED, STOPPED = 8.0, 2.0  # s, approximate measured time, and time with the crank stopped
+WALKED = 8.0  # s, approximate measured time
+STOPPED = 2.0  # s, time with the crank stopped
 WITHIN = {
     "friction": (0.5, 1.0),  # friction between feet and ground
     "mass": (0.97, 1.03),  # factor on the masses of all links
@@ -60,21 +62,18 @@ last 20 ms. The duty factor is the fraction of these steps in which a foot carri
 consists of the first 2 s.
 """
 STEPS = tuple(np.round(np.arange(0.02, 0.161, 0.02), 2).tolist())  # m, heights of steps to climb
-# Position of the step, position from which on it counts as climbed, and distance that a robot which
-# does not slip walks, in m.
-STEP_AT, BEYOND, FAR = 0.7, 1.3, 2.0
+STEP_AT = 0.7  # m, position of the step
+BEYOND = 1.3  # m, position from which on the step counts as climbed
+FAR = 2.0  # m, distance that a robot which does not slip walks
 INFO = "x_position", "crank_angle", "crank_torque", "pitch", "fallen"
-SLOWEST, FASTEST = 0.5, 10.0  # rad/s
+SLOWEST = 0.5  # rad/s, lowest crank speed
+FASTEST = 10.0  # rad/s, highest crank speed
 MOST_COPIES = 10_000
 SPAN = 5.0, 95.0  # percentiles of the copies that limit the 90 % band
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Predict the quantities, print a table of them, and write them as JSON.
-
-    Args:
-        arguments: Arguments of the command. If None, those of the process.
-    """
+def _parse(arguments: list[str] | None) -> argparse.Namespace:
+    """Parse the command line; the result also has the ``parser``."""
     parser = robot_parser(
         "jansen-workshop predict",
         __doc__,
@@ -83,8 +82,7 @@ def main(arguments: list[str] | None = None) -> None:
         "jansen-workshop predict built",
         "jansen-workshop predict economy --speeds 1 2 --out economy.json",
     )
-    add = parser.add_argument
-    add(
+    parser.add_argument(
         "--speeds",
         type=float,
         nargs="+",
@@ -92,40 +90,63 @@ def main(arguments: list[str] | None = None) -> None:
         metavar="RAD_PER_S",
         help="of the crank; default: 1 2 4",
     )
-    add(
+    parser.add_argument(
         "--copies",
         type=whole(most=MOST_COPIES),
         default=256,
         help=f"of the machine, at most {MOST_COPIES}; default: 256",
     )
     args = parser.parse_args(arguments)
-    with parser.refusing():
-        robot = load_robot("ROBOT", args.robot)
-        if advance_per_turn(robot) == 0.0:
-            raise ValueError(f"ROBOT is {args.robot}, must advance as its crank turns")
-        if args.out is not None:
-            check_writable("--out's folder", args.out.parent)  # checked before the long computation
-        for speed in args.speeds:
-            within("--speeds", abs(speed), SLOWEST, FASTEST)
-        seconds = sum(map(simulated_time, [robot] * len(args.speeds), args.speeds))
+    args.parser = parser
+    return args
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Predict the quantities, print a table of them, and write them as JSON.
+
+    Args:
+        arguments: Arguments of the command. If None, those of the process.
+    """
+    args = _parse(arguments)
+    with args.parser.refusing():
+        robot = _checked_robot(args)
+        seconds = sum(simulated_time(robot, speed) for speed in args.speeds)
         with progress(f"{args.copies} copies of {args.robot} walk", seconds) as advance:
-            made = {
+            predictions = {
                 f"{speed:g}": predict(robot, speed, args.copies, advance) for speed in args.speeds
             }
-        gains = [*astuple(gains_of(robot, "steady"))]
+        gains = gains_of(robot, "steady")
         if args.out is not None:
-            known = {
+            content = {
+                "format": "jansen_env predictions 1",
                 "robot": args.robot,
                 "version": __version__,
                 "copies": args.copies,
-                "gains": gains,
+                "gains": [*astuple(gains)],
+                "within": WITHIN,
+                "crank_speed": predictions,
             }
-            content = {"format": "jansen_env predictions 1", **known, "within": WITHIN}
-            write_text(args.out, json.dumps({**content, "crank_speed": made}, indent=1) + "\n")
-    kp, ki, kd = gains
+            write_text(args.out, json.dumps(content, indent=1) + "\n")
+    kp, ki, kd = astuple(gains)
     print(f"{args.robot}, PID of {kp:.3g} N m/rad, {ki:.3g} N m/(rad s), {kd:.3g} N m s/rad")
-    for speed, quantities in made.items():
+    for speed, quantities in predictions.items():
         print(f"\ncrank at {speed} rad/s\n\n{table(quantities)}")
+
+
+def _checked_robot(args: argparse.Namespace) -> Robot:
+    """Return the robot after checking all arguments, before the long computation.
+
+    Raises:
+        ValueError: If an argument is not allowed.
+    """
+    robot = load_robot("ROBOT", args.robot)
+    if advance_per_turn(robot) == 0.0:
+        raise ValueError(f"ROBOT is {args.robot}, must advance as its crank turns")
+    if args.out is not None:
+        check_writable("--out's folder", args.out.parent)
+    for speed in args.speeds:
+        within("--speeds", abs(speed), SLOWEST, FASTEST)
+    return robot
 
 
 def table(quantities: dict[str, Any]) -> str:
@@ -203,8 +224,9 @@ def draw_copies(
     sizes = [name for name in lengths(robot) if name != "frame_angle"]
     names = [name for name in limits if name != "lengths"]
     least, most = np.array([limits[name] for name in [*names, *["lengths"] * len(sizes)]]).T
-    drawn = least + (most - least) * qmc.LatinHypercube(len(least), rng=0).random(copies)
-    known, errors = dict(zip(names, drawn.T, strict=False)), drawn[:, len(names) :]
+    samples = least + (most - least) * qmc.LatinHypercube(len(least), rng=0).random(copies)
+    known = dict(zip(names, samples.T, strict=False))
+    errors = samples[:, len(names) :]
     robots = [
         copy_of(
             robot,
@@ -227,20 +249,20 @@ def copy_of(robot: Robot, numbers: dict[str, float], errors: dict[str, float]) -
     """
     known = lengths(robot)
     wrong = with_lengths(robot, {name: known[name] + error for name, error in errors.items()})
-    motor, feet = wrong.motor, wrong.pad_compliance
-    volts, stiff = numbers["battery"], numbers["feet"]
+    voltage = numbers["battery"]
     motor = replace(
-        motor,
-        stall_torque=volts * motor.stall_torque,
-        no_load_speed=volts * motor.no_load_speed,
-        viscous_friction=motor.viscous_friction + numbers.get("damping", 0.0),
+        wrong.motor,
+        stall_torque=voltage * wrong.motor.stall_torque,
+        no_load_speed=voltage * wrong.motor.no_load_speed,
+        viscous_friction=wrong.motor.viscous_friction + numbers.get("damping", 0.0),
     )
     load = replace(wrong.payload, mass=wrong.payload.mass + numbers.get("payload", 0.0))
+    feet = wrong.pad_compliance
     if not feet.rigid:
         feet = replace(
             feet,
-            stiffness=stiff * feet.stiffness,
-            tangential_stiffness=stiff * (feet.tangential_stiffness or 0.0),
+            stiffness=numbers["feet"] * feet.stiffness,
+            tangential_stiffness=numbers["feet"] * (feet.tangential_stiffness or 0.0),
         )
     return replace(
         wrong,
@@ -299,15 +321,19 @@ def walk(
     if "slope" in known:
         options["tilt"] = known["slope"]
     seen, _ = envs.reset(seed=0, options=options)
-    height, rows, memory = single.task.columns["crank_axis_height"], [], None
+    height = single.task.columns["crank_axis_height"]
+    rows = []
+    memory = None
     for step in range(round((seconds + STOPPED) / dt)):
         now = speed if step < round(seconds / dt) else 0.0
         action, memory = policy.predict(seen, memory, np.full(len(robots), step == 0))
         seen, _, _, _, info = envs.step(action)
         row = {name: info[name] for name in INFO}
         row |= {name: info["energy"][name] for name in ("motor_work", "electrical_work")}
-        row["slip"], row["load"] = info["slip"].sum(axis=-1), info["contact_force"][..., 1]
-        rows.append({**row, "height": seen[:, height]})
+        row["slip"] = info["slip"].sum(axis=-1)
+        row["load"] = info["contact_force"][..., 1]
+        row["height"] = seen[:, height]
+        rows.append(row)
         advance(dt)
     envs.close()
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}, dt
@@ -353,9 +379,12 @@ def measure(
     """
     time = measured_time(speed)
     run, dt = walk(robots, known, speed, Terrain.flat(), SETTLING + time, pid, advance)
-    begin, end = round(SETTLING / dt), round((SETTLING + time) / dt)
+    begin = round(SETTLING / dt)
+    end = round((SETTLING + time) / dt)
     part = {name: values[begin:end] for name, values in run.items()}
-    x, torque, load = run["x_position"], np.abs(part["crank_torque"]), part["load"]
+    torque = np.abs(part["crank_torque"])
+    load = part["load"]
+    x = run["x_position"]
     way = x[end - 1] - x[begin - 1]
     if (still := np.abs(way) <= MIN_DISTANCE).any():
         raise ValueError(
@@ -431,19 +460,28 @@ def summary(values: Array, inputs: dict[str, Array]) -> dict[str, Any]:
         inputs: Groups of inputs by name, each of shape (copies, columns).
     """
     low, high = np.percentile(values, SPAN).tolist()
-    columns = np.concatenate([*inputs.values()], axis=1)
-    spread = values - values.mean()
-    sources = {}
-    free = len(values) - 1 - columns.shape[1]  # remaining degrees of freedom
-    if free > 0 and values.std() > 1e-9 * max(1.0, abs(values.mean())):
-        columns = (columns - columns.mean(axis=0)) / columns.std(axis=0)
-        slopes = np.linalg.lstsq(columns, spread, rcond=None)[0]
-        shares = slopes * (spread @ columns) / (spread @ spread)  # their sum is R^2
-        shares -= (1.0 - shares.sum()) / free  # subtract the part that chance explains
-        ends = np.cumsum([part.shape[1] for part in inputs.values()])
-        parts = [float(part.sum()) for part in np.split(shares, ends[:-1])]
-        sources = {name: round(part, 3) for name, part in zip(inputs, parts, strict=True)}
     median = float(np.median(values))
     if set(np.unique(values)) <= {0.0, 1.0}:  # report events by their frequency
         median = low = high = float(values.mean())
-    return {"median": median, "low": low, "high": high, "sources": sources}
+    return {"median": median, "low": low, "high": high, "sources": _sources(values, inputs)}
+
+
+def _sources(values: Array, inputs: dict[str, Array]) -> dict[str, float]:
+    """Return the fraction of the variance of a quantity that each group of inputs explains.
+
+    Args:
+        values: Values of the quantity, shape (copies,).
+        inputs: Groups of inputs by name, each of shape (copies, columns).
+    """
+    columns = np.concatenate([*inputs.values()], axis=1)
+    spread = values - values.mean()
+    free = len(values) - 1 - columns.shape[1]  # remaining degrees of freedom
+    if free <= 0 or values.std() <= 1e-9 * max(1.0, abs(values.mean())):
+        return {}
+    columns = (columns - columns.mean(axis=0)) / columns.std(axis=0)
+    slopes = np.linalg.lstsq(columns, spread, rcond=None)[0]
+    explained = slopes * (spread @ columns) / (spread @ spread)  # their sum is R^2
+    explained -= (1.0 - explained.sum()) / free  # subtract the part that chance explains
+    ends = np.cumsum([part.shape[1] for part in inputs.values()])
+    parts = [float(part.sum()) for part in np.split(explained, ends[:-1])]
+    return {name: round(part, 3) for name, part in zip(inputs, parts, strict=True)}

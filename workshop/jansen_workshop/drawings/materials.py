@@ -22,12 +22,14 @@ from jansen_workshop.drawings.mount import mount_of, ties, units
 from jansen_workshop.drawings.outlines import BRACE, CutPart, Round, link_part
 from jansen_workshop.drawings.shaft_order import Placed
 
-BAR, SHEET = "EN AW-6060 T66 flat bar", "EN AW-6060 T66 sheet, laser cut"
+BAR = "EN AW-6060 T66 flat bar"
+SHEET = "EN AW-6060 T66 sheet, laser cut"
 WASHERS = 3.0  # mm, widest gap that is filled by washers instead of a spacer
-# Least play along a pin, and length of thread for a lock nut and of axle for a collar, in mm.
-PLAY, NUT, COLLAR = 0.1, 5.0, 9.0
-# Most that washers fill under a thin nut, and under the nut and the head together, in mm.
-SPARE, MOST_SPARE = 3.0, 4.0
+PLAY = 0.1  # mm, least play along a pin
+NUT_LENGTH = 5.0  # mm, length of thread for a lock nut
+COLLAR_LENGTH = 9.0  # mm, length of axle for a collar
+NUT_WASHERS = 3.0  # mm, most that washers fill under a thin nut
+ALL_WASHERS = 4.0  # mm, most that washers fill under the nut and the head together
 # Standard lengths of screws, in mm.
 LENGTHS = (6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0)
 COLUMNS = (
@@ -92,12 +94,14 @@ def counts(robot: Robot) -> dict[str, int]:
 
     Each crank pin has two cranks, which are its webs, and two frames.
     """
-    legs, names = len(robot.legs), robot.linkage.names
+    legs = len(robot.legs)
+    names = robot.linkage.names
     number = dict.fromkeys(names, legs)
     for body in (FRAME, CRANK):
         number[names[body - 1]] = max(legs, 2 * len(units(robot)))
     toes = legs * len(robot.linkage.toes)
-    mount, plies = mount_of(robot.build), 1
+    mount = mount_of(robot.build)
+    plies = 1
     if robot.build is not ALUMINIUM:
         number["foot-disc"] = 2 * toes
         plies = round(1e-3 * BRACE / robot.build.plate_thickness)
@@ -118,47 +122,74 @@ def bill_of_materials(robot: Robot) -> list[Part]:
     Raises:
         ValueError: If a link cannot be made.
     """
-    legs, toes, links = len(robot.legs), len(robot.legs) * len(robot.linkage.toes), []
+    links = [
+        _link_line(robot, body, counts(robot)[name])
+        for body, name in enumerate(robot.linkage.names, 1)
+    ]
+    shares = _aluminium_shares(robot) if robot.build is ALUMINIUM else _plywood_shares(robot)
+    return [*links, *shares]
+
+
+def _link_line(robot: Robot, body: int, number: int) -> Part:
+    """Return the line of one body's flat parts, of which there is a ``number``."""
     build = robot.build
     metal = build is ALUMINIUM
-    for body, (name, link) in enumerate(zip(robot.linkage.names, robot.bodies, strict=True), 1):
-        part = link_part(robot, body)
-        thick, material = part.thickness, SHEET if metal else build.material
-        if metal and len(part.outline.corners) == 2:
-            length = max(abs(p - q) for p, q in combinations(part.joints.values(), 2))
-            width, material = 2e-3 * part.outline.radius, BAR
-            size = f"{1e3 * width:g} x {thick:g} mm, {length:.1f} mm between pins"
-            each = built.flat_bar(1e-3 * length, width, 0.0, 1e-3 * thick).mass
-        elif metal and isinstance(link, Triangle):
-            sides = " / ".join(f"{1e3 * side:.1f}" for side in link.sides)
-            size = f"{thick:g} mm, pins' triangle {sides} mm"
-            each = built.triangular_plate(link.sides, 0.0).mass
-        else:
-            box = part.lying().outline.box[1]
-            size, each = f"{thick:g} mm, {box.real:.0f} x {box.imag:.0f} mm", part.mass
-        note = f"{1e3 * part.mass:.1f} g as drawn"
-        links.append(Part(name, material, size, counts(robot)[name], each, thick, note))
-    tread = f"natural rubber, {built.RUBBER_HARDNESS:g} Shore A, bonded to its shoe"
-    radius, wide = 1e3 * built.FOOT_RADIUS, 1e3 * built.FOOT_WIDTH
-    ends = legs * len(robot.linkage.holes)
-    if not metal:
-        tread = "discs, M3 screw and nut, strip of rubber"
-        return [
-            *links,
-            Part(
-                "pin, a link's share",
-                "M3 screw in plain holes, lock nut, washers",
-                "half a joint",
-                ends,
-                build.pin_share,
-            ),
-            Part("foot's tread", tread, "a share", toes, build.foot_mass),
-            Part("shaft, hubs, gearmotor and its plate, at O", "", "a share", 1, build.axis_mass),
-            Part("cross-members, battery, boards, at P", "", "a share", 1, build.battery_mass),
-        ]
-    pivots = len({leg.side for leg in robot.legs}) * (len(robot.linkage.bodies[0][1]) - 1)
+    link = robot.bodies[body - 1]
+    part = link_part(robot, body)
+    thick = part.thickness
+    material = SHEET if metal else build.material
+    if metal and len(part.outline.corners) == 2:
+        length = max(abs(p - q) for p, q in combinations(part.joints.values(), 2))
+        width = 2e-3 * part.outline.radius
+        material = BAR
+        size = f"{1e3 * width:g} x {thick:g} mm, {length:.1f} mm between pins"
+        each = built.flat_bar(1e-3 * length, width, 0.0, 1e-3 * thick).mass
+    elif metal and isinstance(link, Triangle):
+        sides = " / ".join(f"{1e3 * side:.1f}" for side in link.sides)
+        size = f"{thick:g} mm, pins' triangle {sides} mm"
+        each = built.triangular_plate(link.sides, 0.0).mass
+    else:
+        box = part.lying().outline.box[1]
+        size = f"{thick:g} mm, {box.real:.0f} x {box.imag:.0f} mm"
+        each = part.mass
+    note = f"{1e3 * part.mass:.1f} g as drawn"
+    return Part(robot.linkage.names[body - 1], material, size, number, each, thick, note)
+
+
+def _plywood_shares(robot: Robot) -> list[Part]:
+    """Return the shares of the joining parts in a simulated robot of plywood."""
+    build = robot.build
+    toes = len(robot.legs) * len(robot.linkage.toes)
+    ends = len(robot.legs) * len(robot.linkage.holes)
     return [
-        *links,
+        Part(
+            "pin, a link's share",
+            "M3 screw in plain holes, lock nut, washers",
+            "half a joint",
+            ends,
+            build.pin_share,
+        ),
+        Part(
+            "foot's tread",
+            "discs, M3 screw and nut, strip of rubber",
+            "a share",
+            toes,
+            build.foot_mass,
+        ),
+        Part("shaft, hubs, gearmotor and its plate, at O", "", "a share", 1, build.axis_mass),
+        Part("cross-members, battery, boards, at P", "", "a share", 1, build.battery_mass),
+    ]
+
+
+def _aluminium_shares(robot: Robot) -> list[Part]:
+    """Return the shares of the joining parts in a simulated robot of aluminium."""
+    toes = len(robot.legs) * len(robot.linkage.toes)
+    ends = len(robot.legs) * len(robot.linkage.holes)
+    sides = len({leg.side for leg in robot.legs})
+    pivots = sides * (len(robot.linkage.bodies[0][1]) - 1)
+    radius = 1e3 * built.FOOT_RADIUS
+    width = 1e3 * built.FOOT_WIDTH
+    return [
         Part("foot's shoe", "EN AW-6060, two M4 screws", "a share", toes, built.SHOE_MASS),
         Part("motor's plate", "EN AW-6060", "a share, at O", 1, built.MOTOR_PLATE_MASS),
         Part(
@@ -170,8 +201,8 @@ def bill_of_materials(robot: Robot) -> list[Part]:
         ),
         Part(
             "foot's tread",
-            tread,
-            f"half-round, radius {radius:g} mm, {wide:g} mm wide",
+            f"natural rubber, {built.RUBBER_HARDNESS:g} Shore A, bonded to its shoe",
+            f"half-round, radius {radius:g} mm, {width:g} mm wide",
             toes,
             built.TREAD_MASS,
         ),
@@ -249,56 +280,94 @@ def stacks(robot: Robot, placed: Sequence[Placed]) -> list[Stack]:
         robot: Robot that the machine is built from.
         placed: Parts of the robot along the shaft.
     """
-    build = robot.build
-    metal = build is ALUMINIUM
-    axis, crank_pin, *_ = [*robot.linkage.bodies[CRANK - 1][1]]
+    axis = robot.linkage.bodies[CRANK - 1][1][0]
+    return [
+        _stack(robot, placed, joint, axle, sorted(items, key=lambda item: item.z))
+        for (joint, _, axle), items in _parts_on_pins(robot, placed).items()
+        if joint != axis and (len(items) > 1 or axle)  # a toe has no pin
+    ]
+
+
+def _parts_on_pins(
+    robot: Robot, placed: Sequence[Placed]
+) -> dict[tuple[str, object, bool], list[Placed]]:
+    """Return the parts on each pin or axle.
+
+    The keys are the name of the joint, the unit, leg or side to which the pin or axle belongs, and
+    whether it is an axle.
+    """
+    crank_pin = robot.linkage.bodies[CRANK - 1][1][1]
     groups = defaultdict[tuple[str, object, bool], list[Placed]](list)
     for item in placed:
         for joint in item.part.joints:
             axle = joint in item.through
-            where: object = item.unit if joint == crank_pin else (item.unit, item.leg)
-            where = robot.legs[item.leg].side if axle else where
-            groups[joint, where, axle].append(item)
-    found = []
-    for (joint, _, axle), items in groups.items():
-        if joint == axis or (len(items) < 2 and not axle):  # a toe has no pin
-            continue
-        items.sort(key=lambda item: item.z)
-        start, end = (0.0, placed[-1].top) if axle else (items[0].z, items[-1].top)
-        tops, rows = [start, *(item.top for item in items)], list[Row]()
-        for top, item in zip(tops, items, strict=False):
-            rows += [*_between(build, item.z - top, axle), Row(1, item.part.name, "", item)]
-        rows += _between(build, end - tops[-1], axle)
-        if axle and items[0] is placed[0]:  # doublers are glued to the first frame
-            thick = items[0].part.thickness
-            size = flat_size(robot, items[0].part)
-            doublers = mount_of(build).doublers
-            start -= doublers * thick
-            rows = [Row(1, "frame-doubler", size, height=thick)] * doublers + rows
-        if axle:
-            bolt = _axle(build, end - start)
-        elif not metal:
-            bolt = _plain_screw(build, end - start)
-        else:
-            shoulder = standard(end - start + PLAY)
-            spare = min(shoulder - end + start - PLAY, MOST_SPARE)
-            rows = [*_between(build, spare - SPARE), *rows, *_between(build, min(spare, SPARE))]
-            screw = f"{2e3 * build.pin_radius:g} x {shoulder:g} mm, M5"
-            held = Row(1, "shoulder screw ISO 7379", screw, height=shoulder)
-            bolt = held, Row(1, "thin nut DIN 439", "M5")
-        unit, leg, side = items[0].unit, items[0].leg, robot.legs[items[0].leg].side
-        found.append(Stack(joint, unit, leg, side, axle, tuple(rows), bolt))
-    return found
+            owner: object = (item.unit, item.leg)
+            if axle:
+                owner = robot.legs[item.leg].side
+            elif joint == crank_pin:
+                owner = item.unit
+            groups[joint, owner, axle].append(item)
+    return groups
+
+
+def _stack(
+    robot: Robot, placed: Sequence[Placed], joint: str, axle: bool, items: Sequence[Placed]
+) -> Stack:
+    """Return one pin or axle with everything on it.
+
+    Args:
+        robot: Robot that the machine is built from.
+        placed: Parts of the robot along the shaft.
+        joint: Name of the joint.
+        axle: Whether this is an axle through the machine.
+        items: Parts on the pin or axle, in order along the shaft.
+    """
+    build = robot.build
+    start = 0.0 if axle else items[0].z
+    end = placed[-1].top if axle else items[-1].top
+    rows: list[Row] = []
+    z = start
+    for item in items:
+        rows += [*_between(build, item.z - z, axle), Row(1, item.part.name, "", item)]
+        z = item.top
+    rows += _between(build, end - z, axle)
+    if axle and items[0] is placed[0]:  # doublers are glued to the first frame
+        thickness = items[0].part.thickness
+        size = flat_size(robot, items[0].part)
+        doublers = mount_of(build).doublers
+        start -= doublers * thickness
+        rows = [Row(1, "frame-doubler", size, height=thickness)] * doublers + rows
+    if axle:
+        bolt = _axle(build, end - start)
+    elif build is not ALUMINIUM:
+        bolt = _plain_screw(build, end - start)
+    else:
+        bolt = _shoulder_screw(build, end - start)
+        spare = min(bolt[0].height - end + start - PLAY, ALL_WASHERS)
+        under_head = _between(build, spare - NUT_WASHERS)
+        under_nut = _between(build, min(spare, NUT_WASHERS))
+        rows = [*under_head, *rows, *under_nut]
+    unit = items[0].unit
+    leg = items[0].leg
+    return Stack(joint, unit, leg, robot.legs[leg].side, axle, tuple(rows), bolt)
+
+
+def _shoulder_screw(build: Build, length: float) -> tuple[Row, Row]:
+    """Return a shoulder screw for a stack of a length (mm), and its thin nut."""
+    shoulder = standard(length + PLAY)
+    size = f"{2e3 * build.pin_radius:g} x {shoulder:g} mm, M5"
+    screw = Row(1, "shoulder screw ISO 7379", size, height=shoulder)
+    return screw, Row(1, "thin nut DIN 439", "M5")
 
 
 def _axle(build: Build, length: float) -> tuple[Row, Row]:
     """Return an axle for a stack of a length (mm), and the collars or nuts at its ends."""
     size = f"{2e3 * build.pin_radius:g}"
     if build is ALUMINIUM:
-        long = length + 2.0 * COLLAR
+        long = length + 2.0 * COLLAR_LENGTH
         rod = Row(1, "axle", f"{size} x {long:.1f} mm", height=long)
         return rod, Row(2, "shaft collar DIN 705", f"{size} mm")
-    long = length + 2.0 * NUT
+    long = length + 2.0 * NUT_LENGTH
     rod = Row(1, "axle", f"threaded rod M{size} x {long:.1f} mm", height=long)
     return rod, Row(2, "lock nut DIN 985", f"M{size}")
 
@@ -306,7 +375,7 @@ def _axle(build: Build, length: float) -> tuple[Row, Row]:
 def _plain_screw(build: Build, length: float) -> tuple[Row, Row]:
     """Return a screw and its lock nut for links that turn on its thread; ``length`` is in mm."""
     size = f"M{2e3 * build.pin_radius:g}"
-    long = standard(length + NUT)
+    long = standard(length + NUT_LENGTH)
     screw = Row(1, "socket screw ISO 4762", f"{size} x {long:g} mm", height=long)
     return screw, Row(1, "lock nut DIN 985", size)
 
@@ -316,7 +385,9 @@ def _between(build: Build, gap: float, axle: bool = False) -> list[Row]:
 
     A spacer on an axle of the aluminium build comes with two rings.
     """
-    pin, spacer, tube = 2e3 * build.pin_radius, 2e3 * build.spacer_radius, 2e3 * build.tube_radius
+    pin = 2e3 * build.pin_radius
+    spacer = 2e3 * build.spacer_radius
+    tube = 2e3 * build.tube_radius
     if gap > WASHERS and axle and build is ALUMINIUM:
         ends = f"{tube - 4:g} x {pin:g} x 3 mm, in a spacer's ends"
         size = f"{tube:g} x 2 x {gap:.1f} mm"
@@ -380,13 +451,27 @@ def _link(robot: Robot, body: int, mass: float) -> Plate:
         body: Number of the body, from 1 on.
         mass: Mass of the body's flat parts per leg, in kg.
     """
-    part, legs, build = link_part(robot, body), len(robot.legs), robot.build
+    part = link_part(robot, body)
     signed = [(1.0, part.outline), *((-1.0, shape) for shape in (*part.windows, *part.holes))]
     moments = np.array([sign * about_origin(shape) for sign, shape in signed]).sum(axis=0)
-    area, centre = float(moments[0].real), complex(moments[1] / moments[0])
+    area = float(moments[0].real)
+    centre = complex(moments[1] / moments[0])
     inertia = float(moments[2].real) - area * abs(centre) ** 2
-    points = [(mass, centre)]
-    points += [
+    points = [(mass, centre), *_point_masses(robot, body, part)]
+    masses = np.array([weight for weight, _ in points])
+    places = np.array([z for _, z in points])
+    middle = masses @ places / masses.sum()
+    turning = mass * inertia / area + float(masses @ abs(places - middle) ** 2)
+    joints = [1e-3 * (z - middle) for z in part.joints.values()]
+    corners = tuple((float(z.real), float(z.imag)) for z in joints)
+    return Plate(corners, float(masses.sum()), 1e-6 * turning)
+
+
+def _point_masses(robot: Robot, body: int, part: CutPart) -> list[tuple[float, complex]]:
+    """Return the masses (kg) of what is fixed to a body of one leg, each with its position."""
+    build = robot.build
+    legs = len(robot.legs)
+    points = [
         (build.pin_share, part.joints[joint])
         for index, joint in robot.linkage.holes
         if index == body
@@ -396,14 +481,10 @@ def _link(robot: Robot, body: int, mass: float) -> Plate:
         axis = part.joints[robot.linkage.bodies[CRANK - 1][1][0]]
         pivots = [z for z in part.joints.values() if z != axis]
         sides = len({leg.side for leg in robot.legs})
-        share = sides * build.cross_member_mass + build.battery_mass / len(pivots)
-        points += [(build.axis_mass / legs, axis), *((share / legs, pivot) for pivot in pivots)]
-    masses, places = np.array([weight for weight, _ in points]), np.array([z for _, z in points])
-    middle = masses @ places / masses.sum()
-    turning = mass * inertia / area + float(masses @ abs(places - middle) ** 2)
-    joints = [1e-3 * (z - middle) for z in part.joints.values()]
-    corners = tuple((float(z.real), float(z.imag)) for z in joints)
-    return Plate(corners, float(masses.sum()), 1e-6 * turning)
+        at_pivot = sides * build.cross_member_mass + build.battery_mass / len(pivots)
+        points.append((build.axis_mass / legs, axis))
+        points += [(at_pivot / legs, pivot) for pivot in pivots]
+    return points
 
 
 def about_origin(shape: Round) -> NDArray[np.complex128]:

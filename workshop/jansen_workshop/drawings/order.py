@@ -9,7 +9,9 @@ from typing import Any, NamedTuple
 
 from jansen_env.robot import Robot
 from jansen_env.robot.buildable import ALUMINIUM
-from jansen_workshop.drawings.assembly import Assembly, Piece, bought_parts
+from jansen_workshop.drawings.assembly import Assembly
+from jansen_workshop.drawings.bought import Catalogue, read_catalogue
+from jansen_workshop.drawings.machine_solids import assemble
 from jansen_workshop.drawings.materials import (
     BAR,
     SHEET,
@@ -20,6 +22,7 @@ from jansen_workshop.drawings.materials import (
 )
 from jansen_workshop.drawings.outlines import cut_parts
 from jansen_workshop.drawings.shaft_order import Placed
+from jansen_workshop.drawings.solids import Piece
 
 PLYWOOD_SPREAD = -0.10, 0.13
 """Lowest and highest relative deviation of a plywood part's mass from its nominal mass.
@@ -54,7 +57,8 @@ def flat_rows(robot: Robot, prices: dict[str, Any]) -> list[Part]:
     Returns:
         One line per flat part, with its mass as drawn.
     """
-    number, metal = counts(robot), robot.build is ALUMINIUM
+    number = counts(robot)
+    metal = robot.build is ALUMINIUM
     rows = []
     for part in cut_parts(robot):
         material = robot.build.material
@@ -89,7 +93,7 @@ class Order:
 
     def __init__(self, robot: Robot, placed: Sequence[Placed] | None) -> None:
         self.robot = robot
-        self.assembly = None if placed is None else Assembly(robot, placed)
+        self.assembly = None if placed is None else assemble(robot, placed)
 
     @cached_property
     def parts(self) -> list[Part]:
@@ -98,39 +102,23 @@ class Order:
         First come the parts to cut, in the order of their numbers. Then come the bought components
         of ``parts.yml``, and last the fasteners and other joining parts, sorted by name and size.
         """
-        words = bought_parts()
-        prices, material = words["prices"], self.robot.material
-        rows = flat_rows(self.robot, prices)
-        cut = {part.name for part in rows}
+        catalogue = read_catalogue(self.robot.material)
+        cut = flat_rows(self.robot, catalogue.prices)
         bought = [
-            Part(name, made_of, size, number, 1e-3 * grams, price=float(price))
-            for _, name, made_of, size, number, grams, price, *_ in words[material]
+            Part(
+                component.name,
+                component.material,
+                component.size,
+                component.number,
+                1e-3 * component.grams,
+                price=float(component.price),
+            )
+            for component in catalogue.components
         ]
-        known = {part.name for part in bought}
-        joining = []
-        if (
-            self.assembly is None
-        ):  # the lengths of the screws are unknown, so use the model's shares
-            joining = [
-                part._replace(note="a share of the simulated robot")
-                for part in bill_of_materials(self.robot)[len(self.robot.bodies) :]
-                if part.name.startswith(("pin", "foot's"))
-            ]
-        else:
-            masses: dict[tuple[str, str], float] = {}
-            count = self.assembly.count
-            for piece, mass in zip(self.assembly.pieces, self.assembly.masses(), strict=True):
-                # Pieces that are sawn to different lengths have their mean mass.
-                key = piece.name, piece.size
-                masses[key] = masses.get(key, 0.0) + mass / count[key]
-            for (name, size), number in sorted(count.items(), key=_by_size):
-                if name in cut or name in known:
-                    continue
-                price = prices[name]
-                each = price[material] if isinstance(price, dict) else price
-                made_of = words["materials"].get(name, "steel")
-                joining.append(Part(name, made_of, size, number, masses[name, size], price=each))
-        return [*rows, *bought, *joining]
+        if self.assembly is None:
+            return [*cut, *bought, *_simulated_joining_parts(self.robot)]
+        listed = {part.name for part in (*cut, *bought)}
+        return [*cut, *bought, *_joining_parts(self.assembly, catalogue, listed)]
 
     @cached_property
     def numbers(self) -> dict[tuple[str, str], int]:
@@ -170,6 +158,34 @@ class Order:
             low += part.each * (1.0 + less)
             high += part.each * (1.0 + more)
         return Mass(nominal, low, high)
+
+
+def _simulated_joining_parts(robot: Robot) -> list[Part]:
+    """Return the simulated robot's shares of pins and feet, for a machine without solid model."""
+    return [
+        part._replace(note="a share of the simulated robot")
+        for part in bill_of_materials(robot)[len(robot.bodies) :]
+        if part.name.startswith(("pin", "foot's"))
+    ]
+
+
+def _joining_parts(assembly: Assembly, catalogue: Catalogue, listed: set[str]) -> list[Part]:
+    """Return the lines of the pieces that are not yet listed, sorted by name and size."""
+    count = assembly.count
+    masses: dict[tuple[str, str], float] = {}
+    for piece, mass in zip(assembly.pieces, assembly.masses(), strict=True):
+        # Pieces that are sawn to different lengths have their mean mass.
+        key = piece.name, piece.size
+        masses[key] = masses.get(key, 0.0) + mass / count[key]
+    rows = []
+    for (name, size), number in sorted(count.items(), key=_by_size):
+        if name in listed:
+            continue
+        price = catalogue.prices[name]
+        each = price[assembly.robot.material] if isinstance(price, dict) else price
+        material = catalogue.materials.get(name, "steel")
+        rows.append(Part(name, material, size, number, masses[name, size], price=each))
+    return rows
 
 
 def _by_size(piece: tuple[tuple[str, str], int]) -> tuple[str, list[float]]:

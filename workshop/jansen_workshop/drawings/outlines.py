@@ -68,7 +68,8 @@ class Round(NamedTuple):
     @property
     def box(self) -> tuple[complex, complex]:
         """Lower left and upper right corners of the bounding box, in mm."""
-        xs, ys = [z.real for z in self.corners], [z.imag for z in self.corners]
+        xs = [z.real for z in self.corners]
+        ys = [z.imag for z in self.corners]
         out = complex(self.radius, self.radius)
         return complex(min(xs), min(ys)) - out, complex(max(xs), max(ys)) + out
 
@@ -234,15 +235,16 @@ def hull(points: Iterable[complex]) -> tuple[complex, ...]:
     ordered = sorted(points, key=lambda z: (z.real, z.imag))
     corners: list[complex] = []
     for row in (ordered, ordered[::-1]):
-        kept: list[complex] = []
+        chain: list[complex] = []
         for z in row:
-            while len(kept) > 1:
-                way, last = z - kept[-2], kept[-1] - kept[-2]
+            while len(chain) > 1:
+                way = z - chain[-2]
+                last = chain[-1] - chain[-2]
                 if (last.conjugate() * way).imag >= STRAIGHT * abs(last) * abs(way):
                     break
-                kept.pop()
-            kept.append(z)
-        corners += kept[:-1]
+                chain.pop()
+            chain.append(z)
+        corners += chain[:-1]
     return tuple(corners)
 
 
@@ -260,7 +262,8 @@ def gap(polygon: Points, other: Points) -> NDArray[np.float64]:
     signs = []
     for a, b in ((polygon, other), (other, polygon)):
         p = b[..., None, :]
-        way, z = np.roll(p, -1, axis=-1) - p, a[..., :, None] - p
+        way = np.roll(p, -1, axis=-1) - p
+        z = a[..., :, None] - p
         along = (z * way.conj()).real / np.maximum(abs(way) ** 2, 1e-12)
         least = np.minimum(least, abs(z - np.clip(along, 0.0, 1.0) * way).min(axis=(-2, -1)))
         # Whether each corner of a is on the left of each side of b.
@@ -282,7 +285,8 @@ def link_part(robot: Robot, body: int) -> CutPart:
     Raises:
         ValueError: If two holes are too close to one another. The message names the part.
     """
-    build, (name, joints) = robot.build, robot.linkage.bodies[body - 1]
+    build = robot.build
+    name, joints = robot.linkage.bodies[body - 1]
     corners = [cmath.rect(1e3 * reach, turn) for reach, turn in robot.bodies[body - 1].corners]
     at = dict(zip(joints, corners, strict=True))
     flat = Round(hull(corners))
@@ -297,6 +301,25 @@ def link_part(robot: Robot, body: int) -> CutPart:
         flat = Round(hull([*corners, axis - screw]))
     if body == FRAME:
         holes += _mount_holes(robot, at)
+    _check_walls(name, holes)
+    thickness, margin = _thickness_and_margin(robot, body, flat)
+    windows = _windows(flat, margin, holes, feet if build is ALUMINIUM else [])
+    text = _name_line(robot, body, at, flat, holes)
+    return CutPart(
+        name,
+        1e3 * thickness,
+        Round(flat.corners, margin),
+        windows,
+        tuple(holes),
+        at,
+        text,
+        body,
+        density=build.density,
+    )
+
+
+def _check_walls(name: str, holes: Sequence[Round]) -> None:
+    """Raise ValueError if two holes of the part ``name`` are too close to one another."""
     for hole, other in combinations(holes, 2):
         apart = abs(other.corners[0] - hole.corners[0])
         if apart < hole.radius + other.radius + WALL:
@@ -304,23 +327,50 @@ def link_part(robot: Robot, body: int) -> CutPart:
                 f"{name} has holes of {2 * hole.radius:g} and {2 * other.radius:g} mm at "
                 f"{apart:.1f} mm from one another, must have {WALL:g} mm between them"
             )
+
+
+def _thickness_and_margin(robot: Robot, body: int, flat: Round) -> tuple[float, float]:
+    """Return the thickness (m) of a link, and the margin (mm) around its joints.
+
+    Args:
+        robot: Robot that the link belongs to.
+        body: Number of the body, from 1 on.
+        flat: Convex hull of the joints.
+    """
+    build = robot.build
     margin = 500.0 * (build.frame_width if body == FRAME else build.width)
-    thickness = build.lower_rod_thickness if name == "lower_rod" else build.bar_thickness
     if len(flat.corners) > 2:
-        thickness = build.plate_thickness
-        margin = max(margin, (built.OUTLINE - 1.0) * 2.0 * flat.area / flat.around)
-    windows = _windows(flat, margin, holes, feet if build is ALUMINIUM else [])
-    spots = sorted(corners, key=lambda z: (z / (flat.corners[1] - flat.corners[0])).real)
-    lines = sides(flat.corners) if len(flat.corners) > 2 else [*pairwise(spots)]
-    text = max(lines, key=lambda line: (not {*line} & {*feet}, abs(line[1] - line[0])))
+        least = (built.OUTLINE - 1.0) * 2.0 * flat.area / flat.around
+        return build.plate_thickness, max(margin, least)
+    if robot.linkage.names[body - 1] == "lower_rod":
+        return build.lower_rod_thickness, margin
+    return build.bar_thickness, margin
+
+
+def _name_line(
+    robot: Robot, body: int, at: dict[str, complex], flat: Round, holes: Sequence[Round]
+) -> tuple[complex, complex]:
+    """Return the ends of the line on which the name of a link is engraved.
+
+    Args:
+        robot: Robot that the link belongs to.
+        body: Number of the body, from 1 on.
+        at: Position of each joint by name.
+        flat: Convex hull of the joints.
+        holes: Holes of the link.
+    """
+    corners = [*at.values()]
+    feet = {at[toe] for toe in feet_of(robot, body)}
     if body == FRAME:  # beyond the mounting holes
         axis = at[robot.linkage.joints[robot.linkage.axis]]
         pivot = next(z for z in corners if z != axis)
-        text = pivot, holes[-1].corners[0]
-    if body == CRANK and build is not ALUMINIUM:  # beside the hub's second screw
-        text = holes[-2].corners[0], text[1]
-    outline, shapes = Round(flat.corners, margin), (windows, tuple(holes))
-    return CutPart(name, 1e3 * thickness, outline, *shapes, at, text, body, density=build.density)
+        return pivot, holes[-1].corners[0]
+    spots = sorted(corners, key=lambda z: (z / (flat.corners[1] - flat.corners[0])).real)
+    lines = sides(flat.corners) if len(flat.corners) > 2 else [*pairwise(spots)]
+    start, end = max(lines, key=lambda line: (not {*line} & feet, abs(line[1] - line[0])))
+    if body == CRANK and robot.build is not ALUMINIUM:  # beside the hub's second screw
+        start = holes[-2].corners[0]
+    return start, end
 
 
 def _pin_holes(robot: Robot, body: int, at: dict[str, complex]) -> list[Round]:
@@ -368,10 +418,10 @@ def _windows(
     """
     if len(plate.corners) != 3:
         return ()
-    corners, inradius = np.array(plate.corners), 2.0 * plate.area / plate.around
-    middle = (
-        abs(np.roll(corners, -1) - np.roll(corners, 1)) @ corners
-    ) / plate.around  # incentre of the triangle
+    corners = np.array(plate.corners)
+    inradius = 2.0 * plate.area / plate.around
+    opposite = abs(np.roll(corners, -1) - np.roll(corners, 1))
+    middle = opposite @ corners / plate.around  # incentre of the triangle
     shift = 0j
     if len(feet) == 1:  # as in ``buildable.triangular_plate``
         hole = 1e-6 * built.PLATE_THICKNESS * built.DENSITY * plate.area * built.WINDOW**2
@@ -429,7 +479,8 @@ def brace(robot: Robot) -> CutPart | None:
 
     Return None if the robot has a single crank pin, or if all its legs face the same way.
     """
-    build, ways = robot.build, [*frame_ways(robot).values()]
+    build = robot.build
+    ways = [*frame_ways(robot).values()]
     if not ties(robot):
         return None
     screw = SIZES[build.screw]
@@ -448,7 +499,8 @@ def brace(robot: Robot) -> CutPart | None:
 
 def motor_plate(robot: Robot) -> CutPart:
     """Return the plate that holds the motor; x points from the crank axis along the frame's bar."""
-    build, mount = robot.build, mount_of(robot.build)
+    build = robot.build
+    mount = mount_of(robot.build)
     radius = SIZES[build.screw].clearance
     holes = [Round((0j,), mount.plate_hole)]
     holes += [Round((z,), radius) for z in mount.motor_screws]
@@ -476,7 +528,8 @@ def cut_parts(robot: Robot) -> list[CutPart]:
         ValueError: If a part cannot be made. The message names the part.
     """
     parts = [link_part(robot, body) for body in range(1, len(robot.bodies) + 1)]
-    build, thick = robot.build, 1e3 * robot.build.plate_thickness
+    build = robot.build
+    thick = 1e3 * build.plate_thickness
     if build is not ALUMINIUM:  # a disc is glued to either side of each toe
         centre = complex(500.0 * build.width, 500.0 * build.width)
         hole = Round((centre,), M3)
@@ -506,11 +559,15 @@ def coupon(thickness: float, build: Build = ALUMINIUM) -> list[CutPart]:
         build: Sizes and materials of the parts.
     """
     pin, bush, *_ = radii(build)
-    pitch, slot, holes, labels = 18.0, Round((15 + 12j, 45 + 12j), 4.0), [], []
+    pitch = 18.0
+    slot = Round((15 + 12j, 45 + 12j), 4.0)
+    holes = []
+    labels = []
     for radius, y, name in ((pin, 56j, f"pin {2 * pin:g}"), (bush, 34j, f"bush {2 * bush:g}")):
         labels.append((name, 2.0 + y, 24.0 + y))
         for k, step in enumerate(STEPS):
-            z, below = pitch * (k + 2.0) + y, bush + 5.0
+            z = pitch * (k + 2.0) + y
+            below = bush + 5.0
             holes.append(Round((z,), radius + 0.5 * step))
             labels.append((f"{step:+.1f}", z - pitch / 2 - 1j * below, z + pitch / 2 - 1j * below))
     size = complex(pitch * (len(STEPS) + 2.0), 68.0)

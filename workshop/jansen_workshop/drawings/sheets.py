@@ -9,7 +9,7 @@ import numpy as np
 
 from jansen_env.robot import Robot
 from jansen_env.robot.part_sizes import MARGIN
-from jansen_workshop.drawings.assembly import faults
+from jansen_workshop.drawings.buildability import faults
 from jansen_workshop.drawings.instructions import Manual
 from jansen_workshop.drawings.materials import counts, to_csv
 from jansen_workshop.drawings.order import Order
@@ -24,7 +24,8 @@ COLORS = {"CUT": (1, "#d00000"), "ENGRAVE": (5, "#0000d0"), "MARK": (3, "#00a000
 """Colour of each layer: its AutoCAD colour number and its SVG colour."""
 ALIKE = 0.02  # relative difference of the masses of machine and robot that causes no warning
 MOST_FAULTS = 3  # number of faults of an assembly that the summary describes
-LETTERS, ROOM = 5.0, 0.7  # font size, mm; fraction of its line that a name may take
+LETTERS = 5.0  # mm, font size of engraved names
+ROOM = 0.7  # fraction of its line that a name may take
 
 
 def nest(parts: Sequence[CutPart], sheet: complex) -> list[list[CutPart]]:
@@ -103,8 +104,8 @@ def _engraving(text: str, start: complex, end: complex, height: float = LETTERS)
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextPath
 
-    drawn = TextPath((0.0, 0.0), text, size=height, prop=FontProperties("DejaVu Sans"))
-    outlines = (np.array(outline)[:-1] @ [1, 1j] for outline in drawn.to_polygons())
+    path = TextPath((0.0, 0.0), text, size=height, prop=FontProperties("DejaVu Sans"))
+    outlines = (np.array(outline)[:-1] @ [1, 1j] for outline in path.to_polygons())
     letters = [Round(tuple(outline.tolist())) for outline in outlines]
     low, high = Round(tuple(z for letter in letters for z in letter.corners)).box
     way = (end - start) * min(1.0 / abs(end - start), ROOM / (high - low).real)
@@ -134,7 +135,8 @@ def to_stl(parts: Sequence[CutPart]) -> bytes:
         rims[1:] = [rim[::-1] for rim in rims[1:]]
         flat = [[(z.real, z.imag) for z in rim] for rim in rims]
         cap = np.array([[(*z, 0.0) for z in face] for face in mapbox_earcut_2d(flat[0], flat[1:])])
-        up, walls = np.array([0.0, 0.0, part.thickness]), []
+        up = np.array([0.0, 0.0, part.thickness])
+        walls = []
         for (px, py), (qx, qy) in (side for rim in flat for side in sides(rim)):
             low, end = np.array([(px, py, 0.0), (qx, qy, 0.0)])
             walls += [(low, end, end + up), (low, end + up, low + up)]
@@ -166,7 +168,8 @@ def to_dxf(parts: Sequence[CutPart], sheet: complex | None = None) -> str:
         for name, (color, _) in COLORS.items():
             drawing.layers.add(name, color=color)
         for layer, shape in lines(parts, sheet):
-            look, z = {"layer": layer}, shape.corners[0]
+            look = {"layer": layer}
+            z = shape.corners[0]
             if len(shape.corners) == 1:
                 space.add_circle((z.real, z.imag), shape.radius, look)
             else:
@@ -189,10 +192,12 @@ def to_svg(parts: Sequence[CutPart], sheet: complex | None = None) -> str:
         sheet: Width and height of the sheet, in mm. If None, its edge and scale bar are left out.
     """
     size = sheet or max((part.outline.box[1] for part in parts), key=abs)
-    width, height = f"{size.real:.3f}", f"{size.imag:.3f}"
+    width = f"{size.real:.3f}"
+    height = f"{size.imag:.3f}"
     groups = {name: [f'<g id="{name}" stroke="{color}">'] for name, (_, color) in COLORS.items()}
     for layer, shape in lines(parts, sheet):
-        z, radius = shape.corners[0], f"{shape.radius:.4f}"
+        z = shape.corners[0]
+        radius = f"{shape.radius:.4f}"
         if len(shape.corners) == 1:
             text = f'circle cx="{z.real:.4f}" cy="{size.imag - z.imag:.4f}" r="{radius}"'
         else:
@@ -210,8 +215,8 @@ def to_svg(parts: Sequence[CutPart], sheet: complex | None = None) -> str:
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}mm" height="{height}mm" '
         f'viewBox="0 0 {width} {height}" fill="none" stroke-width="0.2">'
     )
-    drawn = [word for group in groups.values() for word in (*group, "</g>")]
-    return "\n".join([head, *drawn, "</svg>", ""])
+    elements = [element for group in groups.values() for element in (*group, "</g>")]
+    return "\n".join([head, *elements, "</svg>", ""])
 
 
 def drawings(
@@ -235,43 +240,88 @@ def drawings(
         LinkageError: If the linkage of a leg does not close.
     """
     exact = [part.with_fit(fit) for part in cut_parts(robot)]
-    parts = [part.with_kerf(kerf) for part in exact]
-    number = counts(robot)
-    drawn: dict[str, tuple[list[CutPart], complex | None]] = {
-        f"parts/{part.name}": ([part], None) for part in parts
-    }
-    for thickness in sorted({part.thickness for part in parts}):
-        same = [part for part in parts if part.thickness == thickness]
-        sheets = nest([part for part in same for _ in range(number[part.name])], sheet)
-        drawn |= {f"sheets/{thickness:g}mm_{k}": (laid, sheet) for k, laid in enumerate(sheets, 1)}
-    first = [part.with_kerf(kerf) for part in coupon(exact[0].thickness, robot.build)]
-    drawn["coupon"] = nest(first, COUPON)[0], COUPON
-    files: dict[str, str | bytes] = {f"{name}.dxf": to_dxf(*what) for name, what in drawn.items()}
-    files |= {f"{name}.svg": to_svg(*what) for name, what in drawn.items()}
-    files |= {f"parts/{part.name}.stl": to_stl([part]) for part in exact}
-    files["coupon.stl"] = to_stl(nest(coupon(exact[0].thickness, robot.build), COUPON)[0])
-    text = ""
+    coupon_parts = coupon(exact[0].thickness, robot.build)
+    files: dict[str, str | bytes] = {}
+    for name, (parts, size) in _layouts(robot, exact, coupon_parts, sheet, kerf).items():
+        files[f"{name}.dxf"] = to_dxf(parts, size)
+        files[f"{name}.svg"] = to_svg(parts, size)
+    for part in exact:
+        files[f"parts/{part.name}.stl"] = to_stl([part])
+    files["coupon.stl"] = to_stl(nest(coupon_parts, COUPON)[0])
+    warnings = []
     try:
         placed = layers(robot)
     except CollisionError as error:
-        text += f"\nno instructions: {error}"
+        warnings.append(f"no instructions: {error}")
         order = Order(robot, None)
     else:
         order = Order(robot, placed)
         width = 1.3 * max(part.outline.box[1].real for part in exact)
         flat = nest(exact, complex(width, 100.0 * width))[0]
-        manual = Manual(order, flat, drawn["coupon"][0])
-        files["instructions.pdf"] = manual.to_pdf(title)
-        assert manual.assembly
-        found = faults(manual.assembly)
-        for fault in found[:MOST_FAULTS]:
-            text += f"\nwarning: this machine cannot be built as drawn: {fault}"
-        if len(found) > MOST_FAULTS:
-            text += f"\nwarning: and {len(found) - MOST_FAULTS} more of these"
+        cut_coupon = nest([part.with_kerf(kerf) for part in coupon_parts], COUPON)[0]
+        files["instructions.pdf"] = Manual(order, flat, cut_coupon).to_pdf(title)
+        warnings += _fault_warnings(order)
     files["materials.csv"] = to_csv(order.parts)
-    head = f"{sum(number.values())} parts to cut; the machine weighs {order.mass:.2f} kg with all"
-    head += f" others, which cost about {order.price:.0f} EUR together"
-    if abs(order.mass - robot.mass) > ALIKE * robot.mass:
-        text += f"\nwarning: the simulated robot weighs {robot.mass:.2f} kg, so this machine will "
-        text += "walk differently; --as-robot-file FILE writes the machine as a robot"
-    return files, head + text
+    warnings += _mass_warnings(order)
+    return files, "\n".join([_summary(order), *warnings])
+
+
+def _layouts(
+    robot: Robot,
+    exact: Sequence[CutPart],
+    coupon_parts: Sequence[CutPart],
+    sheet: complex,
+    kerf: float,
+) -> dict[str, tuple[list[CutPart], complex | None]]:
+    """Return what is cut by the name of its file: the parts, and the size of their sheet.
+
+    Args:
+        robot: Robot that the parts belong to.
+        exact: Flat parts of the robot, not compensated for the kerf.
+        coupon_parts: Pieces of the coupon, not compensated for the kerf.
+        sheet: Width and height of a sheet, in mm.
+        kerf: Width of a cut, in mm.
+    """
+    parts = [part.with_kerf(kerf) for part in exact]
+    layouts: dict[str, tuple[list[CutPart], complex | None]] = {
+        f"parts/{part.name}": ([part], None) for part in parts
+    }
+    number = counts(robot)
+    for thickness in sorted({part.thickness for part in parts}):
+        same = [part for part in parts if part.thickness == thickness]
+        sheets = nest([part for part in same for _ in range(number[part.name])], sheet)
+        for k, on_sheet in enumerate(sheets, 1):
+            layouts[f"sheets/{thickness:g}mm_{k}"] = on_sheet, sheet
+    layouts["coupon"] = nest([part.with_kerf(kerf) for part in coupon_parts], COUPON)[0], COUPON
+    return layouts
+
+
+def _summary(order: Order) -> str:
+    """Return a sentence with the number of parts, the mass and the price of a machine."""
+    return (
+        f"{sum(counts(order.robot).values())} parts to cut; the machine weighs {order.mass:.2f} kg "
+        f"with all others, which cost about {order.price:.0f} EUR together"
+    )
+
+
+def _fault_warnings(order: Order) -> list[str]:
+    """Return warnings of what cannot be built."""
+    assert order.assembly is not None
+    found = faults(order.assembly)
+    warnings = [
+        f"warning: this machine cannot be built as drawn: {fault}" for fault in found[:MOST_FAULTS]
+    ]
+    if len(found) > MOST_FAULTS:
+        warnings.append(f"warning: and {len(found) - MOST_FAULTS} more of these")
+    return warnings
+
+
+def _mass_warnings(order: Order) -> list[str]:
+    """Return a warning if the machine and the simulated robot have different masses."""
+    robot = order.robot
+    if abs(order.mass - robot.mass) <= ALIKE * robot.mass:
+        return []
+    return [
+        f"warning: the simulated robot weighs {robot.mass:.2f} kg, so this machine will "
+        "walk differently; --as-robot-file FILE writes the machine as a robot"
+    ]

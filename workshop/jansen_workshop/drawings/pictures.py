@@ -1,0 +1,275 @@
+"""Pictures of the instructions: flat parts, links, exploded legs, stacks, phases and wiring.
+
+Each function draws one picture on axes of matplotlib. Lengths are in mm.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import textwrap
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jansen_env.robot import Robot
+from jansen_env.robot.kinematics import joint_positions
+from jansen_env.robot.part_sizes import feet_of
+from jansen_workshop.drawings.outlines import CutPart, Points, toe_way
+from jansen_workshop.drawings.shaft_order import Placed, carried
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Picture = Callable[["Axes"], object]
+"""Function that draws a picture."""
+ANGLE = 1.0  # rad, crank angle in pictures
+LABEL = 36  # characters per line of a label
+TILT = (0.6 - 0.12j, 1j, 0.9 + 0.25j)  # directions of x, y and z in exploded views
+HALF_CIRCLE = np.exp(1j * np.linspace(-0.5 * math.pi, 0.5 * math.pi, 30))
+HOLE_COLORS = {"press": "#d62728", "slide": "#1f77b4", "clear": "#7f7f7f"}
+PALE = "0.88"  # colour of parts that are not new
+
+
+def draw_flat(parts: Sequence[CutPart], axes: Axes) -> None:
+    """Draw flat parts with their engravings.
+
+    Holes have the colours of their classes.
+
+    Args:
+        parts: Parts to draw.
+        axes: Axes to draw on.
+    """
+    width = max(part.outline.box[1].real for part in parts)
+    for part in parts:
+        fill(axes, [np.array(shape.polygon) for shape in (part.outline, *part.windows)], "0.9")
+        for hole in part.holes:
+            visible = hole._replace(radius=max(hole.radius, width / 150.0))
+            fill(axes, [np.array(visible.polygon)], HOLE_COLORS[hole.fit])
+        for text, start, end in ((part.title, *part.text), *part.labels):
+            middle = (start + end) / 2.0
+            turn = math.degrees(np.angle(end - start))
+            room = 750.0 * abs(end - start) / width / len(text)
+            axes.text(
+                middle.real,
+                middle.imag,
+                text,
+                ha="center",
+                va="center",
+                zorder=5,
+                fontsize=min(8.0, room),
+                rotation=(turn + 90.0) % 180.0 - 90.0,
+            )
+    hide_frame(axes)
+
+
+# Links
+
+
+def draw_links(
+    robot: Robot, items: Sequence[Placed], fresh: set[int], joint: str, axes: Axes
+) -> None:
+    """Draw parts as seen from the side, with new parts in colour.
+
+    Args:
+        robot: Robot that the parts belong to.
+        items: Parts to draw. The first part is on top.
+        fresh: Numbers of the bodies that are new in this step.
+        joint: Name of the joint that is marked by a circle; empty for none.
+        axes: Axes to draw on.
+    """
+    for item in reversed(items):
+        new = item.body in fresh
+        at = dict(zip(item.part.joints, _joints(robot, item), strict=True))
+        rims = _rims(robot, item)
+        for toe in feet_of(robot, item.body):
+            fill(axes, [_tread(robot, item, toe)], "black")
+        fill(axes, rims, f"C{item.body - 1}" if new else PALE)
+        middle = complex(rims[0].mean())
+        if joint in at:
+            axes.plot(at[joint].real, at[joint].imag, "o", ms=22, mfc="none", mec="red", mew=2)
+            middle += 0.4 * (middle - at[joint])
+        if new:
+            write_in_box(axes, middle, item.part.title)
+    hide_frame(axes)
+
+
+def _tread(robot: Robot, item: Placed, toe: str) -> Points:
+    """Return the half circle of the tread on a part's foot."""
+    z = item.part.joints[toe]
+    ahead = [z, z + toe_way(item.part, toe)]
+    side = robot.legs[item.leg].side
+    start, end = carried(item.part, ahead, _joints(robot, item), side)
+    centre = dict(zip(item.part.joints, _joints(robot, item), strict=True))[toe]
+    half_circle: Points = centre + 1e3 * robot.build.foot_radius * (end - start) * HALF_CIRCLE
+    return half_circle
+
+
+def draw_exploded(robot: Robot, items: Sequence[Placed], axes: Axes) -> None:
+    """Draw an exploded view of parts along the shaft, with lines through their pins.
+
+    Args:
+        robot: Robot that the parts belong to.
+        items: Parts to draw.
+        axes: Axes to draw on.
+    """
+    spread = 2.0 * max(np.ptp(_rims(robot, item)[0].real) for item in items) / len(items)
+    centres: dict[str, list[complex]] = {}
+    for k, item in reversed([*enumerate(sorted(items, key=lambda item: item.z))]):
+        rims = [_tilted(rim, spread * k) for rim in _rims(robot, item)]
+        fill(axes, rims, f"C{item.body - 1}")
+        at = _tilted(_joints(robot, item), spread * k)
+        for joint, z in zip(item.part.joints, at.tolist(), strict=True):
+            centres.setdefault(joint, []).append(z)
+        along = (0.7, 0.3)[k % 2]
+        write_in_box(axes, at[0] + along * (at[1] - at[0]), item.part.title)
+    for joint, ends in centres.items():
+        axes.plot(np.real(ends), np.imag(ends), "k--", lw=0.8, zorder=5)
+        axes.annotate(
+            joint,
+            (ends[-1].real, ends[-1].imag),
+            (-12, -4),
+            zorder=6,
+            textcoords="offset points",
+            fontweight="bold",
+        )
+    hide_frame(axes)
+
+
+def _tilted(flat: Points, depth: float) -> Points:
+    """Return the positions in an exploded view of points at a depth along the shaft."""
+    x, y, z = TILT
+    return flat.real * x + flat.imag * y + depth * z
+
+
+def _joints(robot: Robot, item: Placed) -> Points:
+    """Return the positions of a part's joints in pictures."""
+    joints = robot.linkage.joints
+    place = joint_positions(robot, robot.legs[item.leg].side, ANGLE) @ np.array([1e3, 1e3j])
+    return place[[joints.index(joint) for joint in item.part.joints]]
+
+
+def _rims(robot: Robot, item: Placed) -> list[Points]:
+    """Return the rim, windows and holes of a part in pictures."""
+    at = _joints(robot, item)
+    side = robot.legs[item.leg].side
+    return [carried(item.part, shape.polygon, at, side) for shape in item.part.lines]
+
+
+# Schemes
+
+
+def draw_column(title: str, blocks: Sequence[tuple[str, str, float]], axes: Axes) -> None:
+    """Draw what is on a pin as a column of blocks.
+
+    Args:
+        title: Title of the picture.
+        blocks: Text, colour and width of each block, from top to bottom.
+        axes: Axes to draw on.
+    """
+    for y, (text, color, width) in enumerate(blocks):
+        axes.bar(0.0, 0.7, width, y - 0.35, color=color, ec="black", zorder=2)
+        axes.text(
+            0.65,
+            y,
+            "\n".join(wrapped(text, LABEL)),
+            va="center",
+            zorder=3,
+            fontsize=min(9.0, 200.0 / len(blocks)),
+        )
+    axes.plot((0.0, 0.0), (0.0, len(blocks) - 1.0), "k", lw=5, zorder=1)
+    axes.set_title(title, fontsize=10, loc="left")
+    axes.set(xlim=(-0.6, 4.4), ylim=(max(len(blocks), 9.0), -1.0))
+    axes.axis("off")
+
+
+def draw_phases(turns: Sequence[float], axes: Axes) -> None:
+    """Draw the crank pins around the shaft, as seen from the first frame.
+
+    Args:
+        turns: Angle of each crank pin, in rad.
+        axes: Axes to draw on.
+    """
+    for k, turn in enumerate(turns, 1):
+        z = np.exp(1j * turn)
+        axes.plot((0.0, z.real), (0.0, z.imag), "o-", lw=14, color=f"C{k}")
+        write_in_box(axes, 0.6 * z, f"pin {k}: {math.degrees(turn):.0f} deg")
+    right = HALF_CIRCLE
+    axes.plot(right.real, right.imag, "k:", -right.real, -right.imag, "k:")
+    hide_frame(axes)
+
+
+def draw_wiring(
+    wires: Sequence[tuple[str, float, float, str, float, float, str]], axes: Axes
+) -> None:
+    """Draw the electrical components as boxes, with labelled wires.
+
+    Args:
+        wires: For each wire, name and position of the component at either end, and the label.
+        axes: Axes to draw on.
+    """
+    for name, x, y, other, u, v, label in wires:
+        axes.plot((x, u), (y, v), "k", lw=1.5)
+        write_in_box(axes, complex(x + u, y + v) / 2, label)
+        for z, text in ((complex(x, y), name), (complex(u, v), other)):
+            write_in_box(axes, z, text.replace(" ", "\n", 1), 10.0, "#dce9f7")
+    axes.set(xlim=(-0.8, 6.8), ylim=(-0.8, 3.8))
+    axes.axis("off")
+
+
+# Tools
+
+
+def hide_frame(axes: Axes) -> None:
+    """Draw axes to scale and hide their frame.
+
+    Args:
+        axes: Axes to change.
+    """
+    axes.set_aspect("equal")
+    axes.axis("off")
+
+
+def fill(axes: Axes, rims: Sequence[Points], color: str) -> None:
+    """Fill the area inside the first rim, without the areas inside the other rims.
+
+    Args:
+        axes: Axes to draw on.
+        rims: Corners of each rim.
+        color: Colour of the area.
+    """
+    closed = [np.append(rim, rim[:1]) for rim in rims]
+    inner = [z for rim in closed[1:] for z in (rim[::-1], rims[0][:1])]
+    whole = np.concatenate([closed[0], *inner])
+    axes.fill(whole.real, whole.imag, color=color, ec="none", zorder=2)
+    for rim in closed:
+        axes.plot(rim.real, rim.imag, "k", lw=0.7, zorder=2)
+
+
+def write_in_box(
+    axes: Axes, z: complex, text: str, size: float = 8.0, color: str = "white"
+) -> None:
+    """Write a text in a box centred at a point; nothing for an empty text.
+
+    Args:
+        axes: Axes to draw on.
+        z: Centre of the box.
+        text: Text to write.
+        size: Size of the font.
+        color: Colour of the box.
+    """
+    box = {"boxstyle": "round,pad=0.25", "fc": color, "ec": "0.4", "alpha": 0.9}
+    if text:
+        axes.text(z.real, z.imag, text, ha="center", va="center", fontsize=size, bbox=box, zorder=7)
+
+
+def wrapped(text: str, width: int) -> list[str]:
+    """Return the lines of a wrapped text, in which no unit is separated from its number.
+
+    Args:
+        text: Text to wrap.
+        width: Most characters per line.
+    """
+    bound = re.sub(r" (?=(?:k?g|mm|\d+$)\b|x )|(?<= x) ", "\u00a0", text)
+    return textwrap.wrap(bound, width, subsequent_indent="  ")

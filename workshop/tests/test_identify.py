@@ -15,8 +15,8 @@ from jansen_env import ROBOTS, Terrain
 from jansen_env.plants.plant import ProjectionPlant
 from jansen_env.sb3.run_config import load_config
 from jansen_env.tasks.walking.tuned import gains_of
-from jansen_workshop import likeness
-from jansen_workshop.commands import identify, measurements
+from jansen_workshop import estimation, likeness, machine_copies
+from jansen_workshop.commands import identify, measurements, predict
 from jansen_workshop.commands.measurements import published, read_log, table
 
 EXAMPLES = sorted(MEASUREMENTS.glob("synthetic_*.csv"))
@@ -150,11 +150,11 @@ def test_what_has_no_effect_is_not_told(rng):
     """A number that the measures show is within its interval in 95 %; another is not identified."""
     numbers = rng.random((1000, 2))
     walked = np.stack([numbers[:, 0], rng.random(1000)], axis=1) + rng.normal(0, 0.1, (1000, 2))
-    rows = np.array([identify.estimate(walked[100:], numbers[100:], row) for row in walked[:100]])
+    rows = np.array([estimation.estimate(walked[100:], numbers[100:], row) for row in walked[:100]])
     inside = (rows[..., 1] <= numbers[:100]) & (numbers[:100] <= rows[..., 2])
     assert inside.sum(axis=0).min() >= 88
     width = (rows[..., 2] - rows[..., 1]).mean(axis=0)
-    assert width[0] < 0.5 and width[1] > 0.9 > identify.TELLS
+    assert width[0] < 0.5 and width[1] > 0.9 > estimation.TELLS
 
 
 @pytest.fixture(scope="module")
@@ -165,7 +165,7 @@ def logs():
 @pytest.fixture(scope="module")
 def copies(logs):
     """Copies of an economy that walked as the examples."""
-    return identify.walk_copies(ECONOMY, logs, identify.limits(ECONOMY), 256)
+    return machine_copies.walk_copies(ECONOMY, logs, machine_copies.limits(ECONOMY), 256)
 
 
 def low_passed(walk, constant):
@@ -220,11 +220,11 @@ def test_small_errors_of_set_up_are_within_their_intervals(name, weighed, logs, 
     """So are the machine's numbers, or they are not identifiable; no interval is without width."""
     change, errors = SMALL[name]
     found = set_up(logs, change, weighed)
-    distance, farthest = identify.check_explained(ECONOMY, found, copies)
+    distance, farthest = estimation.check_explained(ECONOMY, found, copies)
     assert distance < 0.6 * farthest
-    estimates = identify.identify(ECONOMY, found, copies)
-    truth = {**TRUTH, **dict.fromkeys(identify.SETUP, 0.0), "torque_scale": 1.0, **errors}
-    limits = identify.limits(ECONOMY)
+    estimates = estimation.identify(ECONOMY, found, copies)
+    truth = {**TRUTH, **dict.fromkeys(machine_copies.SETUP, 0.0), "torque_scale": 1.0, **errors}
+    limits = machine_copies.limits(ECONOMY)
     for number, value in truth.items():
         row = estimates[number]
         assert row.low <= value <= row.high, number
@@ -257,14 +257,14 @@ LARGE = {
 def test_logs_that_no_copy_explains_are_refused_with_the_cause(name, logs, copies):
     change, message = LARGE[name]
     with pytest.raises(ValueError, match=f"^no simulated copy explains the logs: .*{message}"):
-        identify.check_explained(ECONOMY, set_up(logs, change, weighed=False), copies)
+        estimation.check_explained(ECONOMY, set_up(logs, change, weighed=False), copies)
 
 
 @pytest.mark.slow
 def test_another_mass_than_the_scale_shows_is_refused(logs, copies):
     heavy = [log._replace(about={**log.about, "mass": 2.0 * ECONOMY.mass}) for log in logs]
     with pytest.raises(ValueError, match="no simulated copy explains the logs"):
-        identify.check_explained(ECONOMY, heavy, copies)
+        estimation.check_explained(ECONOMY, heavy, copies)
 
 
 @pytest.mark.slow
@@ -289,18 +289,18 @@ def test_what_is_refused_writes_and_trains_nothing(tmp_path, capsys, monkeypatch
 @pytest.mark.slow
 def test_an_interval_beyond_the_limits_is_not_identifiable(logs, copies, monkeypatch):
     """Neither one that is beyond by a little nor one that is far away has a width of zero."""
-    within = identify.limits(ECONOMY)
+    within = machine_copies.limits(ECONOMY)
     least, most = within["friction"]
     for low, high in ((most - 0.1, most + 0.1), (most + 5.0, most + 6.0), (least - 0.1, 0.5)):
         rows = np.array([[0.5 * (low + high), low, high]] * 11)
-        monkeypatch.setattr(identify, "estimate", lambda *given, rows=rows: rows)
-        row = identify.identify(ECONOMY, logs, copies)["friction"]
+        monkeypatch.setattr(estimation, "estimate", lambda *given, rows=rows: rows)
+        row = estimation.identify(ECONOMY, logs, copies)["friction"]
         assert row == (None, least, most)
     rows = np.array([[-0.01, -0.05, 0.04]] * 11)
-    monkeypatch.setattr(identify, "estimate", lambda *given: rows)
-    assert identify.identify(ECONOMY, logs, copies)["damping"] == (0.0, 0.0, 0.04)
-    monkeypatch.setattr(identify, "estimate", lambda *given: rows - 1.0)
-    assert identify.identify(ECONOMY, logs, copies)["damping"].value is None
+    monkeypatch.setattr(estimation, "estimate", lambda *given: rows)
+    assert estimation.identify(ECONOMY, logs, copies)["damping"] == (0.0, 0.0, 0.04)
+    monkeypatch.setattr(estimation, "estimate", lambda *given: rows - 1.0)
+    assert estimation.identify(ECONOMY, logs, copies)["damping"].value is None
 
 
 def test_copies_that_fall_are_refused(logs, monkeypatch):
@@ -309,18 +309,18 @@ def test_copies_that_fall_are_refused(logs, monkeypatch):
                for name in ("crank_angle", "crank_torque", "pitch", "x_position")}  # fmt: skip
         return {**run, "fallen": np.ones((600, len(robots)), bool)}, 0.02
 
-    monkeypatch.setattr(identify.predict, "walk", falling)
+    monkeypatch.setattr(predict, "walk", falling)
     with pytest.raises(ValueError, match="8 of 8 simulated copies of the robot fell"):
-        identify.walk_copies(ECONOMY, logs, identify.limits(ECONOMY), 8)
+        machine_copies.walk_copies(ECONOMY, logs, machine_copies.limits(ECONOMY), 8)
 
 
 def test_sensors_filter_and_delay(rng):
     """A filter is undone exactly, and a delay is an interpolation."""
     series = rng.normal(size=(50, 2))
-    slow = identify.filtered(series, np.array([0.0, 0.1]), 0.02)
+    slow = machine_copies.filtered(series, np.array([0.0, 0.1]), 0.02)
     np.testing.assert_array_equal(slow[:, 0], series[:, 0])
     np.testing.assert_allclose(likeness.unfiltered(slow[:, 1], 0.1), series[:, 1])
-    late = identify.delayed(series, np.array([0.02, -0.03]), 0.02)
+    late = machine_copies.delayed(series, np.array([0.02, -0.03]), 0.02)
     np.testing.assert_allclose(late[1:, 0], series[:-1, 0])
     np.testing.assert_allclose(late[:-2, 1], 0.5 * (series[1:-1, 1] + series[2:, 1]))
 
@@ -331,7 +331,7 @@ def test_numbers_are_within_their_intervals(tmp_path):
 
     Zeros of crank and pitch are wrong, and so is the torque constant.
     """
-    rng, within = np.random.default_rng(7), identify.limits(ECONOMY)
+    rng, within = np.random.default_rng(7), machine_copies.limits(ECONOMY)
     copies, inside, told = None, [], 0
     for make in (rigid_body, mujoco):
         for _ in range(3):
@@ -352,9 +352,9 @@ def test_numbers_are_within_their_intervals(tmp_path):
                     pitch=log.walk.pitch + numbers["pitch_zero"],
                 )
                 logs.append(log._replace(walk=walk))
-            copies = copies or identify.walk_copies(ECONOMY, logs, within, 512)
-            identify.check_explained(ECONOMY, logs, copies)
-            found = identify.identify(ECONOMY, logs, copies)
+            copies = copies or machine_copies.walk_copies(ECONOMY, logs, within, 512)
+            estimation.check_explained(ECONOMY, logs, copies)
+            found = estimation.identify(ECONOMY, logs, copies)
             numbers |= {"torque_filter": 0.0, "pitch_delay": 0.0, "slope": 0.0}
             inside += [row.low <= numbers[name] <= row.high for name, row in found.items()]
             told += sum(found[name].value is not None for name in TRUTH)

@@ -21,7 +21,7 @@ from jansen_workshop.drawings.materials import Row, Stack, counts, stacks
 from jansen_workshop.drawings.mount import units
 from jansen_workshop.drawings.order import Mass, Order
 from jansen_workshop.drawings.outlines import FITS, CutPart
-from jansen_workshop.drawings.pictures import (
+from jansen_workshop.drawings.part_pictures import (
     ANGLE,
     LABEL,
     Picture,

@@ -121,11 +121,12 @@ def main(arguments: list[str] | None = None) -> Path:
         SystemExit: If an argument or a file is invalid.
     """
     args = parse(arguments)
-    given = sys.argv[1:] if arguments is None else arguments
+    words = sys.argv[1:] if arguments is None else arguments
     torch.set_num_threads(1)
     with ExitStack() as stack:
         try:
-            config, resume = _configure(args), None
+            config = _configure(args)
+            resume = None
             if args.resume:
                 folder = Path(args.resume)
                 stack.enter_context(locked(folder))
@@ -138,7 +139,7 @@ def main(arguments: list[str] | None = None) -> Path:
             if not args.resume:
                 folder = new_run_folder(args.log_folder, config.algo, config.env)
                 stack.enter_context(locked(folder))
-            command = shlex.join(["python", "train.py", *given])
+            command = shlex.join(["python", "train.py", *words])
             _run(args, config, model, folder, resume, command)
         except (OSError, ValueError) as error:
             raise SystemExit(f"train.py: error: {error}") from error
@@ -154,7 +155,8 @@ def _run(
     command: str,
 ) -> None:
     """Train the model unless the run is finished, then score its best model and print a summary."""
-    start, target = time.perf_counter(), config.timesteps
+    start = time.perf_counter()
+    target = config.timesteps
     if args.resume and resume is None:
         print(f"no checkpoint in {folder} yet: the run starts from its beginning")
     if resume is not None and resume.name == FINAL and model.num_timesteps >= target:
@@ -188,9 +190,9 @@ def _configure(args: argparse.Namespace) -> RunConfig:
     """Return the configuration of the run, or raise ValueError if a file is missing or invalid."""
     if args.resume:
         fixed = ("algo", "n_envs", "seed", "env_kwargs", "config", "start")
-        given = [f"--{name.replace('_', '-')}" for name in fixed if getattr(args, name) is not None]
-        if given:
-            raise ValueError(f"--resume takes these from the run's config.yml: {', '.join(given)}")
+        flags = [f"--{name.replace('_', '-')}" for name in fixed if getattr(args, name) is not None]
+        if flags:
+            raise ValueError(f"--resume takes these from the run's config.yml: {', '.join(flags)}")
         config = load_config(Path(args.resume) / "config.yml")
         if args.env not in (None, config.env):
             raise ValueError(f"--env must be {config.env}, that of the run, got {args.env}")

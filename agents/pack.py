@@ -59,11 +59,12 @@ def describe_network(config: RunConfig, tensors: pretrained.Tensors) -> Descript
         ValueError: If the algorithm is not PPO, SAC or TQC.
     """
     one_of("algo", config.algo, ["ppo", "sac", "tqc"])
-    given, sac = config.policy_kwargs, config.algo != "ppo"
+    policy_kwargs = config.policy_kwargs
+    sac = config.algo != "ppo"
     hidden, last = (
         ("actor.latent_pi", "actor.mu") if sac else ("mlp_extractor.policy_net", "action_net")
     )
-    activation = given.get("activation", "relu" if sac else "tanh")
+    activation = policy_kwargs.get("activation", "relu" if sac else "tanh")
     weights = [name for name in tensors if name.startswith((f"{hidden}.", f"{last}."))]
     layers = [
         {
@@ -76,7 +77,7 @@ def describe_network(config: RunConfig, tensors: pretrained.Tensors) -> Descript
         if name.endswith(".weight")
     ]
     features: list[Description] = [{"kind": "observation"}]
-    if given.get("normalize"):
+    if policy_kwargs.get("normalize"):
         path = "actor.features_extractor" if sac else "pi_features_extractor"
         features = [
             {
@@ -87,12 +88,12 @@ def describe_network(config: RunConfig, tensors: pretrained.Tensors) -> Descript
                 "clip": CLIP,
             }
         ]
-    if count := given.get("harmonics"):
+    if count := policy_kwargs.get("harmonics"):
         features.append({"kind": "harmonics", "multiples": [2 * k for k in range(1, count + 1)]})
     limit = None
     if sac and config.hyperparameters.get("use_sde"):  # the mean is clipped before squashing
-        limit = given.get("clip_mean", 2.0) or None
-    squash = "tanh" if sac or given.get("squash_output") else "clip"
+        limit = policy_kwargs.get("clip_mean", 2.0) or None
+    squash = "tanh" if sac or policy_kwargs.get("squash_output") else "clip"
     return {"features": features, "layers": layers, "limit": limit, "squash": squash}
 
 
@@ -181,8 +182,10 @@ def from_run(run: str | Path) -> PretrainedPolicy:
         ValueError: If there is no such model, or a part of it cannot be packed.
     """
     model = model_file(str(run)) or Path(run)
-    policy, source = load_policy(model), find_config(model)
-    config, commands = load_config(source), source.parent / "command.txt"
+    policy = load_policy(model)
+    source = find_config(model)
+    config = load_config(source)
+    commands = source.parent / "command.txt"
     tensors = {
         key: np.ascontiguousarray(tensor.float().numpy())  # this includes step counters
         for key, tensor in policy.state_dict().items()
@@ -308,7 +311,8 @@ def check_equal(packed: PretrainedPolicy, policy: BasePolicy, count: int = 10_00
     rng = np.random.default_rng(0)
     in_float64(policy)
     seen = random_observations(packed, 2.0 * rng.normal(size=(count, len(packed.observed))), rng)
-    actions, expected = packed.predict(seen)[0], policy.predict(seen, deterministic=True)[0]
+    actions, _ = packed.predict(seen)
+    expected, _ = policy.predict(seen, deterministic=True)
     difference = float(np.abs(actions - expected).max())
     if difference > TOLERANCE:
         raise ValueError(f"actions differ by {difference:.2g}, must be {TOLERANCE} at most")
@@ -335,7 +339,8 @@ def random_observations(policy: PretrainedPolicy, spread: Array, rng: np.random.
         partner = name.replace("cos_", "sin_", 1)
         if name.startswith("cos_") and partner in policy.observed:
             angle = rng.uniform(-np.pi, np.pi, len(seen))
-            seen[:, cos], seen[:, policy.observed.index(partner)] = np.cos(angle), np.sin(angle)
+            seen[:, cos] = np.cos(angle)
+            seen[:, policy.observed.index(partner)] = np.sin(angle)
     return seen.astype(np.float32)
 
 
@@ -352,7 +357,11 @@ def in_float64(policy: BasePolicy) -> BasePolicy:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Pack a policy and print the names of its files."""
+    """Pack a policy and print the names of its files.
+
+    Args:
+        arguments: Arguments of the command. None selects those of the process.
+    """
     parser = Parser(
         "python -m agents.pack",
         __doc__,

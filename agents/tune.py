@@ -6,8 +6,10 @@
 - ``profile``: search a crank-speed profile for each command with CMA-ES.
 """
 
+import argparse
 import json
 import math
+from pathlib import Path
 from typing import Any, TypeAlias, cast
 
 import cma
@@ -45,9 +47,8 @@ GAINS = (
         for kd in (0.2, 0.5, 1.0)
     ),
 )
-# A coarse measurement uses every fourth crank speed. It selects two sets of gains for the full
-# measurement.
-COARSE, FINALISTS = 4, 2
+COARSE = 4  # a coarse measurement uses every fourth crank speed
+FINALISTS = 2  # number of sets of gains that coarse measurements select for the full measurement
 FIRST_SEED = 10_000  # no other part of the project uses these seeds
 HORIZON = 10.0  # time limit of an episode, in s
 CHATTER = 0.25  # largest mean change of the torque per step, as a fraction of the torque limit
@@ -111,7 +112,8 @@ def measure(
     """
     env = walker_of(robot)
     each = np.repeat(settings, episodes)
-    commands, seeds = np.full(len(each), 0.3), FIRST_SEED + np.arange(len(each)) % episodes
+    commands = np.full(len(each), 0.3)
+    seeds = FIRST_SEED + np.arange(len(each)) % episodes
     policy = (
         walker.walking_pid(lambda _: each, env, PID(*gains))
         if name == "pid"
@@ -133,8 +135,8 @@ def return_of(entry: Entry, robot: str, episodes: int) -> float:
         episodes: Number of episodes per command.
     """
     numbers = (np.array(entry[name]) for name in ("settings", "speeds"))
-    setting, gains = tuned.nearest_setting(*numbers), PID(*entry["gains"])
-    policy = walker.walking_pid(setting, walker_of(robot), gains)
+    setting = tuned.nearest_setting(*numbers)
+    policy = walker.walking_pid(setting, walker_of(robot), PID(*entry["gains"]))
     commands = np.repeat(commands_of(robot), episodes)
     seeds = FIRST_SEED + episodes + np.arange(len(commands)) % episodes
     return float(run_episodes(policy, ENV, {"robot": robot}, commands, seeds)["returns"].mean())
@@ -145,19 +147,12 @@ def measure_pid(robot: str, episodes: int) -> Entry:
 
     The robot of the paper has the gains of the paper. For any other robot, all :data:`GAINS` are
     measured coarsely. The :data:`FINALISTS` gains with the highest returns are then measured
-    completely, and the best of them is kept.
+    completely, and the best of them is the result.
 
     Args:
         robot: Name of the robot.
         episodes: Number of episodes per crank speed.
     """
-
-    def tried(gains: tuple[float, ...], settings: Array, count: int) -> tuple[float, Entry]:
-        entry = {"gains": [*gains], **measure("pid", settings, count, robot, gains)}
-        mean = return_of(entry, robot, count)
-        print(f"gains {gains}, {len(settings)} crank speeds: return {mean:.1f}", flush=True)
-        return mean, entry
-
     multiples = (PAPER,) if robot == "paper" else GAINS
     every = list(
         dict.fromkeys(
@@ -167,9 +162,33 @@ def measure_pid(robot: str, episodes: int) -> Entry:
         )
     )
     if len(every) > FINALISTS:
-        coarse = {gains: tried(gains, CRANK_SPEEDS[::COARSE], 2)[0] for gains in every}
+        coarse = {
+            gains: measure_gains(gains, CRANK_SPEEDS[::COARSE], 2, robot)[0] for gains in every
+        }
         every = sorted(coarse, key=coarse.__getitem__)[-FINALISTS:]
-    return max((tried(gains, CRANK_SPEEDS, episodes) for gains in every), key=lambda r: r[0])[1]
+    results = [measure_gains(gains, CRANK_SPEEDS, episodes, robot) for gains in every]
+    _, entry = max(results, key=lambda result: result[0])
+    return entry
+
+
+def measure_gains(
+    gains: tuple[float, ...], crank_speeds: Array, episodes: int, robot: str
+) -> tuple[float, Entry]:
+    """Measure the walking speeds of a PID with given gains, and print its return.
+
+    Args:
+        gains: Gains kp, ki and kd of the PID.
+        crank_speeds: Crank speeds, in rad/s.
+        episodes: Number of episodes per crank speed.
+        robot: Name of the robot.
+
+    Returns:
+        The mean return over the commands, and the measurement.
+    """
+    entry = {"gains": [*gains], **measure("pid", crank_speeds, episodes, robot, gains)}
+    mean = return_of(entry, robot, episodes)
+    print(f"gains {gains}, {len(crank_speeds)} crank speeds: return {mean:.1f}", flush=True)
+    return mean, entry
 
 
 def measure_constant(robot: str, episodes: int) -> Entry:
@@ -205,12 +224,13 @@ def find_steady(robot: str, episodes: int) -> Entry:
         seeds = FIRST_SEED + np.arange(episodes)
         run = run_episodes(policy, ENV, {"robot": robot}, np.full(episodes, command), seeds)
         change = float((run["torque_change"] * env.control_dt / run["duration"]).mean())
-        share = change / env.torque_limit
+        relative = change / env.torque_limit
         print(
-            f"gains {gains}: the torque changes by {share:.3f} of its limit in a step", flush=True
+            f"gains {gains}: the torque changes by {relative:.3f} of its limit in a step",
+            flush=True,
         )
-        if share < CHATTER:
-            return {"gains": gains, "torque_change": round(share, 4)}
+        if relative < CHATTER:
+            return {"gains": gains, "torque_change": round(relative, 4)}
     raise ValueError(f"--robot {robot} has no gains at which its motor does not switch")
 
 
@@ -228,6 +248,96 @@ def objective(run: Episodes, episodes: int) -> Array:
     return np.asarray(lost.reshape(-1, episodes).mean(axis=1))
 
 
+class ProfileSearch:
+    """Search for the parameters of a profile at one command, with CMA-ES on noisy losses.
+
+    Args:
+        robot: Name of the robot.
+        episodes: Number of episodes per candidate.
+        generations: Number of generations per search.
+        population: Number of candidates per generation.
+
+    Attributes:
+        units: Units of the scaled parameters that are searched, shape (4 + 2 * HARMONICS,).
+    """
+
+    def __init__(self, robot: str, episodes: int, generations: int, population: int) -> None:
+        scale = tuned.scale_of(named_robot(robot), most_lag=1.0)
+        speed = 1.0 / scale.time
+        gain = 5.0 * scale.torque * scale.time
+        feedback = 1.0 / scale.length
+        self.units = np.array([speed, gain, scale.torque, feedback] + [0.3] * 2 * HARMONICS)
+        self._robot = robot
+        self._episodes = episodes
+        self._generations = generations
+        self._population = population
+        self._env = walker_of(robot)
+        self._read = columns(self._env, *profile.READ)
+        self._rng = np.random.default_rng(0)
+
+    def losses(self, candidates: list[Array], command: float) -> Array:
+        """Let candidates walk from random crank angles and return their losses.
+
+        Args:
+            candidates: Scaled parameters of each candidate.
+            command: Commanded speed, in m/s.
+
+        Returns:
+            The losses, shape (candidates,); see :func:`objective`.
+        """
+        episodes = self._episodes
+        numbers = np.repeat(np.array(candidates) * self.units, episodes, axis=0)
+        n = len(numbers)
+        policy = TorquePolicy(
+            lambda seen, *_: (profile.profile_torque(numbers, np.asarray(seen), self._read), None),
+            self._env.torque_limit,
+        )
+        angles = np.pi * (np.arange(n) % episodes + self._rng.random()) / episodes
+        friction = np.resize(np.linspace(*GROUND, episodes), n)
+        run = run_episodes(
+            policy,
+            ENV,
+            {"robot": self._robot},
+            np.full(n, command),
+            FIRST_SEED + np.arange(n) % episodes,
+            at_once=n,
+            options={"crank_angle": angles, "friction": friction},
+        )
+        return objective(run, episodes)
+
+    def search(self, start: Array, command: float, spread: float) -> Array:
+        """Return the best scaled parameters that a search finds.
+
+        Args:
+            start: Scaled parameters at which the search begins.
+            command: Commanded speed, in m/s.
+            spread: Initial standard deviation.
+        """
+        limits = {
+            "seed": 1,
+            "popsize": self._population,
+            "verbose": -9,
+            "maxiter": self._generations,
+        }
+        strategy = cma.CMAEvolutionStrategy(start, spread, limits)
+        while not strategy.stop():
+            candidates = strategy.ask()
+            strategy.tell(candidates, self.losses(candidates, command).tolist())
+        print(f"{command:g} m/s: {-self.losses([strategy.mean], command)[0]:.1f}", flush=True)
+        # The losses are noisy, so the mean is better than the candidate with the smallest loss.
+        return np.array(strategy.mean)
+
+    def best(self, candidates: list[Array], command: float) -> Array:
+        """Return the candidate with the smallest loss in four measurements.
+
+        Args:
+            candidates: Scaled parameters of each candidate.
+            command: Commanded speed, in m/s.
+        """
+        total = sum(self.losses(candidates, command) for _ in range(4))
+        return candidates[int(np.argmin(total))]
+
+
 def search_profile(robot: str, episodes: int, generations: int = 30, population: int = 16) -> Entry:
     """Search a crank-speed profile for each command, first upwards and then downwards in speed.
 
@@ -235,7 +345,7 @@ def search_profile(robot: str, episodes: int, generations: int = 30, population:
     search begins with the crank speed of the robot's PID, which is constant over a turn. On the
     way down, there are two searches per command. One begins with the parameters of the next faster
     command, and the other begins with the present parameters of the command. The best of the two
-    results and the present parameters is kept.
+    results and the present parameters is the result.
 
     Args:
         robot: Name of the robot.
@@ -243,67 +353,43 @@ def search_profile(robot: str, episodes: int, generations: int = 30, population:
         generations: Number of generations per search.
         population: Number of candidates per generation.
     """
-    env, design = walker_of(robot), named_robot(robot)
-    scale = tuned.scale_of(design, most_lag=1.0)
-    units = np.ones(4 + 2 * HARMONICS)  # units of the scaled parameters that are searched
-    units[:4] = 1.0 / scale.time, 5.0 * scale.torque * scale.time, scale.torque, 1.0 / scale.length
-    units[4:] = 0.3
-    read, setting = columns(env, *profile.READ), tuned.setting_of("pid", design)
+    searches = ProfileSearch(robot, episodes, generations, population)
     commands = commands_of(robot)
-
-    def losses(candidates: list[Array], command: float) -> Array:
-        numbers = np.repeat(np.array(candidates) * units, episodes, axis=0)
-        n = len(numbers)
-        policy = TorquePolicy(
-            lambda seen, *_: (profile.profile_torque(numbers, np.asarray(seen), read), None),
-            env.torque_limit,
-        )
-        angles = np.pi * (np.arange(n) % episodes + rng.random()) / episodes
-        grip = np.resize(np.linspace(*GROUND, episodes), n)
-        options = {"crank_angle": angles, "friction": grip}
-        seeds = FIRST_SEED + np.arange(n) % episodes
-        run = run_episodes(
-            policy,
-            ENV,
-            {"robot": robot},
-            np.full(n, command),
-            seeds,
-            at_once=n,
-            options=options,
-        )
-        return objective(run, episodes)
-
-    def search(start: Array, command: float, spread: float) -> Array:
-        limits = {"seed": 1, "popsize": population, "verbose": -9, "maxiter": generations}
-        strategy = cma.CMAEvolutionStrategy(start, spread, limits)
-        while not strategy.stop():
-            candidates = strategy.ask()
-            strategy.tell(candidates, losses(candidates, command).tolist())
-        print(f"{command:g} m/s: {-losses([strategy.mean], command)[0]:.1f}", flush=True)
-        # The losses are noisy, so the mean is better than the candidate with the smallest loss.
-        return np.array(strategy.mean)
-
-    rng = np.random.default_rng(0)
-    start = np.zeros(len(units))
-    start[1], start[3] = 1.0, 0.5
-    found: list[Array] = []
-    for command in commands:
-        start[0] = float(setting(np.array([command]))[0]) / units[0]
-        found.append(search(start, command, SPREAD))
-        start = found[-1].copy()
-    for i in reversed(range(len(commands) - 1)):
-        faster = found[i + 1].copy()
-        faster[0] *= commands[i] / commands[i + 1]
-        again = search(faster, commands[i], SPREAD), search(found[i], commands[i], SPREAD / 3.0)
-        tried = [found[i], *again]
-        many = sum(losses(tried, commands[i]) for _ in range(4))
-        found[i] = tried[int(np.argmin(many))]
+    found = _search_upwards(searches, robot, commands)
+    _search_downwards(searches, commands, found)
     return {
         "versions": {"jansen_env": __version__, "cma": cma.__version__},
         "columns": list(profile.NUMBERS),
         "commands": commands.tolist(),
-        "numbers": [(each * units).tolist() for each in found],
+        "numbers": [(each * searches.units).tolist() for each in found],
     }
+
+
+def _search_upwards(searches: ProfileSearch, robot: str, commands: Array) -> list[Array]:
+    """Return the parameters found for each command, searched from the slowest command on."""
+    crank_speed = tuned.setting_of("pid", named_robot(robot))
+    start = np.zeros(len(searches.units))
+    start[1] = 1.0  # gain
+    start[3] = 0.5  # feedback
+    found: list[Array] = []
+    for command in commands:
+        start[0] = float(crank_speed(np.array([command]))[0]) / searches.units[0]
+        found.append(searches.search(start, command, SPREAD))
+        start = found[-1].copy()
+    return found
+
+
+def _search_downwards(searches: ProfileSearch, commands: Array, found: list[Array]) -> None:
+    """Improve the parameters of each command, from the second fastest command on."""
+    for i in reversed(range(len(commands) - 1)):
+        faster = found[i + 1].copy()
+        faster[0] *= commands[i] / commands[i + 1]
+        candidates = [
+            found[i],
+            searches.search(faster, commands[i], SPREAD),
+            searches.search(found[i], commands[i], SPREAD / 3.0),
+        ]
+        found[i] = searches.best(candidates, commands[i])
 
 
 MEASURED = {
@@ -315,7 +401,40 @@ MEASURED = {
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Tune the named baselines and write their parameters."""
+    """Tune the named baselines and write their parameters.
+
+    Args:
+        arguments: Arguments of the command. None selects those of the process.
+    """
+    args = _parse(arguments)
+    for name in args.baselines or MEASURED:
+        with progress(f"{name} of {args.robot}", None):
+            entry = MEASURED[name](args.robot, args.episodes)
+        command = f"python -m agents.tune {name} --robot {args.robot} --episodes {args.episodes}"
+        path = args.out / (profile.DATA if name == "profile" else tuned.DATA).name
+        write_entry(path, args.robot, name, {"command": command, **entry})
+        print(f"written: {path}")
+
+
+def write_entry(path: Path, robot: str, name: str, entry: Entry) -> None:
+    """Write the parameters of a baseline to a file, beside those of other robots.
+
+    Args:
+        path: File of tuned parameters; it is created if it does not exist.
+        robot: Name of the robot.
+        name: Name of the baseline.
+        entry: Parameters of the baseline.
+    """
+    entries = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    if name == "profile":  # this file has no other baselines
+        entries[robot] = entry
+    else:
+        entries[robot] = {**entries.get(robot, {}), name: entry}
+    write_json(path, entries)
+
+
+def _parse(arguments: list[str] | None) -> argparse.Namespace:
+    """Parse and check the command line."""
     parser = Parser(
         "python -m agents.tune", "Make the baselines' data.", "python -m agents.tune pid constant"
     )
@@ -343,17 +462,7 @@ def main(arguments: list[str] | None = None) -> None:
     with parser.refusing():
         named_robot(args.robot, "--robot")
         check_writable("--out", args.out)
-    for name in args.baselines or MEASURED:
-        with progress(f"{name} of {args.robot}", None):
-            made = MEASURED[name](args.robot, args.episodes)
-        command = f"python -m agents.tune {name} --robot {args.robot} --episodes {args.episodes}"
-        path = args.out / (profile.DATA if name == "profile" else tuned.DATA).name
-        kept = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-        entry = {"command": command, **made}
-        if name != "profile":
-            entry = {**kept.get(args.robot, {}), name: entry}
-        write_json(path, {**kept, args.robot: entry})  # keeps the entries of other robots
-        print(f"written: {path}")
+    return args
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from pathlib import Path
 import yaml
 from tqdm import tqdm
 
-from agents.design.design_plan import PLANS, Plan, make_plan, read_plan
+from agents.design.design_plan import PLANS, SearchPlan, make_plan, read_plan
 from agents.design.design_report import REPORT, ROBOT, write_report
 from agents.design.search import Journal, best_of, run_search
 from jansen_env.cli.flags import Parser, mapping, path_flag, positive_int
@@ -26,7 +26,11 @@ PLAN = "plan.yml"
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
-    """Parse the command line."""
+    """Parse the command line.
+
+    Args:
+        arguments: Arguments to parse. None selects those of the process.
+    """
     shipped = ", ".join(sorted(path.stem for path in PLANS.glob("*.yml")))
     parser = Parser(
         "python -m agents.design",
@@ -65,7 +69,11 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the search and write its report; return the exit status."""
+    """Run the search and write its report; return the exit status.
+
+    Args:
+        arguments: Arguments of the command. None selects those of the process.
+    """
     args = parse(arguments)
     with args.parser.refusing():
         plan = read_plan(args.plan)
@@ -87,7 +95,7 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def enter(folder: Path, plan: Plan) -> None:
+def enter(folder: Path, plan: SearchPlan) -> None:
     """Create the folder of a search, or check that an existing folder belongs to this search.
 
     The number of generations and the number of seeds may differ from those of the existing search.
@@ -99,8 +107,10 @@ def enter(folder: Path, plan: Plan) -> None:
     Raises:
         ValueError: If the folder holds another search. The message names the entries that differ.
     """
-    path, begin = folder / PLAN, folder / ROBOT
-    robot, entries = plan.space().base, asdict(plan)
+    path = folder / PLAN
+    begin = folder / ROBOT
+    robot = plan.space().base
+    entries = asdict(plan)
     if path.is_file():
         there = asdict(make_plan(read_yaml(path)))
         may_differ = {"generations", "seeds"}
@@ -114,7 +124,7 @@ def enter(folder: Path, plan: Plan) -> None:
     write_text(path, yaml.safe_dump(entries, sort_keys=False))
 
 
-def search_all(plan: Plan, folder: Path) -> dict[str, Journal]:
+def search_all(plan: SearchPlan, folder: Path) -> dict[str, Journal]:
     """Run the search for every seed and show a progress bar that counts generations.
 
     Args:
@@ -127,10 +137,11 @@ def search_all(plan: Plan, folder: Path) -> dict[str, Journal]:
     name = next(iter(plan.objectives))
 
     def show(journal: Journal) -> None:
-        kept = journal["violation"] == 0.0
-        value = f"{journal[name][best_of(plan, journal)]:.4g}" if kept.any() else "none yet"
+        """Advance the progress bar by a generation and show the best candidate so far."""
+        allowed = journal["violation"] == 0.0
+        value = f"{journal[name][best_of(plan, journal)]:.4g}" if allowed.any() else "none yet"
         bar.set_postfix_str(
-            f"{kept[-plan.population :].sum()} of {plan.population} keep all limits, "
+            f"{allowed[-plan.population :].sum()} of {plan.population} keep all limits, "
             f"best {name}: {value}"
         )
         bar.update()

@@ -27,7 +27,7 @@ KEYS: dict[str, Rule] = {
 
 
 @dataclass(frozen=True)
-class Plan:
+class SearchPlan:
     """Settings of a search; ``docs/design.md`` explains every entry.
 
     Attributes:
@@ -67,8 +67,8 @@ class Plan:
 
     def __post_init__(self) -> None:
         check_keys("", vars(self), KEYS)
-        kept = {name: ends for name, ends in self.limits.items() if ends is not None}
-        object.__setattr__(self, "limits", kept)
+        limits = {name: ends for name, ends in self.limits.items() if ends is not None}
+        object.__setattr__(self, "limits", limits)
         check_env_kwargs(self.env, self.env_kwargs)
         for name in ("robot", "speed_command", "terrain"):
             if name in self.env_kwargs:
@@ -97,7 +97,7 @@ class Plan:
         return Space(self.robot, self.speed, self.variables, self.profile)
 
 
-def read_plan(path: str | Path) -> Plan:
+def read_plan(path: str | Path) -> SearchPlan:
     """Read a plan from a file, or a plan that comes with the package by its name.
 
     Args:
@@ -115,7 +115,7 @@ def read_plan(path: str | Path) -> Plan:
         return make_plan(content)
 
 
-def make_plan(content: Mapping[str, object]) -> Plan:
+def make_plan(content: Mapping[str, object]) -> SearchPlan:
     """Return the plan that a mapping describes.
 
     Args:
@@ -126,18 +126,18 @@ def make_plan(content: Mapping[str, object]) -> Plan:
     """
     Rule((dict,)).check("plan", content)
     check_keys("", dict(content), KEYS)
-    needed = [f.name for f in fields(Plan) if MISSING is f.default is f.default_factory]
+    needed = [f.name for f in fields(SearchPlan) if MISSING is f.default is f.default_factory]
     if missing := [name for name in needed if name not in content]:
         raise ValueError(f"the plan lacks {missing[0]!r}")
-    return Plan(**content)  # type: ignore[arg-type] # checked by KEYS
+    return SearchPlan(**content)  # type: ignore[arg-type] # checked by KEYS
 
 
 def _check_ends(name: str, ends: object) -> None:
     """Check that a limit is a pair of a lowest and a highest value, at most one of them null."""
     if isinstance(ends, list) and len(ends) == 2 and ends != [None, None]:
-        given = [end for end in ends if end is not None]
-        numbers = all(type(end) in (int, float) and math.isfinite(end) for end in given)
-        if numbers and given == sorted(given):
+        bounds = [end for end in ends if end is not None]
+        numbers = all(type(end) in (int, float) and math.isfinite(end) for end in bounds)
+        if numbers and bounds == sorted(bounds):
             return
     allowed = "[least, most], either of which may be null"
     raise ValueError(f"{name} must be {allowed}, got {shown(ends)}")

@@ -101,7 +101,10 @@ class Walker:
     def __init__(
         self, env_id: str, env_kwargs: rollout.EnvKwargs, speed: float, starts: int, count: int
     ) -> None:
-        self.env_id, self.env_kwargs, self.speed, self.count = env_id, env_kwargs, speed, count
+        self.env_id = env_id
+        self.env_kwargs = env_kwargs
+        self.speed = speed
+        self.count = count
         self.angles = math.pi * (np.arange(starts) + 0.5) / starts
         self._start = load_robot("robot", env_kwargs["robot"])
         self._env = rollout.make_env(env_id, env_kwargs)
@@ -171,9 +174,10 @@ class Walker:
     ) -> list[Episodes]:
         """Run the episodes of up to ``count`` candidates; see :meth:`_run`."""
         # Round the batch size up to a power of two, so that few environments have to be created
-        # and kept. Spare robots repeat the last candidate.
+        # and stored. Spare robots repeat the last candidate.
         count = min(self.count, 1 << (len(candidates) - 1).bit_length())
-        n, each = count * len(angles), len(angles)
+        each = len(angles)
+        n = count * each
         padded = [*candidates, *[candidates[-1]] * (count - len(candidates))]
         robots = np.empty(n, object)
         robots[:] = [candidate.robot for candidate in padded for _ in angles]
@@ -217,15 +221,17 @@ class Walker:
                 f"climb at speed {self.speed} and a time limit of {self.time_limit:g} s ends "
                 f"{beyond:g} m behind the step, must be {LEAST_BEYOND} or more"
             )
-        heights, climbed = np.array(STEPS), []
+        heights = np.array(STEPS)
+        climbed = []
         grounds = [one_step(STEP_AT, height) for height in STEPS for _ in self.angles]
         for run in self._run(candidates, np.tile(self.angles, len(STEPS)), grounds):
             walked = np.clip((run["distance"] - STEP_AT) / beyond, 0.0, 1.0)
             walked = np.where(run["fell"], 0.0, walked)
-            share = walked.reshape(len(STEPS), -1).mean(axis=1)
-            steps, over = run["duration"] / self._env.get_wrapper_attr("control_dt"), walked > 0.0
+            fraction = walked.reshape(len(STEPS), -1).mean(axis=1)
+            steps = run["duration"] / self._env.get_wrapper_attr("control_dt")
+            over = walked > 0.0
             in_ground = float((run["steps_in_ground"] / steps)[over].mean()) if over.any() else 0.0
-            climb = float(np.diff(heights, prepend=0.0) @ share)
+            climb = float(np.diff(heights, prepend=0.0) @ fraction)
             climbed.append({"climb": climb, "links_in_ground": in_ground})
         return climbed
 
@@ -278,7 +284,8 @@ def loads_of_walk(
         largest compression.
     """
     pushed = np.abs(trace["impulses"]).sum(axis=(1, 2))
-    every, hardest = trace[::TRACED], trace[np.argsort(pushed)[-PEAKS:]]
+    every = trace[::TRACED]
+    hardest = trace[np.argsort(pushed)[-PEAKS:]]
     tables = compile_robot(robot)
     force = trace_forces(tables, every, time_step).magnitude
     pairs = [(pin.other, pin.body) for pin in robot.linkage.pins]
@@ -288,7 +295,8 @@ def loads_of_walk(
     work = float((force * rate).sum()) * built.PIN_RADIUS * time_step * TRACED
     walked = float(trace["pose"][-1, 0] - trace["pose"][0, 0])
     peak = trace_forces(tables, hardest, time_step)
-    axial, safety = peak.link_loads()[..., 0], math.inf
+    axial = peak.link_loads()[..., 0]
+    safety = math.inf
     for body, (name, link) in enumerate(zip(robot.linkage.names, robot.bodies, strict=True), 1):
         if isinstance(link, Bar) and body > CRANK:
             ends = [k for k, (b, _) in enumerate(robot.linkage.corners) if b == body]
@@ -328,7 +336,8 @@ def geometry_measures(robot: Robot) -> dict[str, float]:
     toes = kinematics.toe_positions(robot, angles)
     heights = toes[..., 1]
     lowest = heights.min(axis=1)  # height of the level ground on which the robot stands
-    above, height = heights - lowest[:, None], -float(lowest.mean())
+    above = heights - lowest[:, None]
+    height = -float(lowest.mean())
     paths = (
         height,
         2.0 * np.abs(place[..., 0]).max(),
@@ -349,8 +358,8 @@ def _opening(path: Array) -> float:
     x = path[:, 0] - 0.5 * (path[:, 0].min() + path[:, 0].max())
     after = np.roll(path[:, 1], -1), np.roll(x, -1)
     crossing = x * after[1] <= 0.0
-    share = (x / np.where(crossing, x - after[1], 1.0))[crossing]
-    return float(np.ptp((1.0 - share) * path[:, 1][crossing] + share * after[0][crossing]))
+    fraction = (x / np.where(crossing, x - after[1], 1.0))[crossing]
+    return float(np.ptp((1.0 - fraction) * path[:, 1][crossing] + fraction * after[0][crossing]))
 
 
 def evenly(path: Array) -> NDArray[np.complex128]:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents import need
-from agents.design.design_plan import Plan
+from agents.design.design_plan import SearchPlan
 from agents.design.measures import GROUPS, Walker
 from agents.design.variables import Candidate, Space
 from agents.training.runs import locked
@@ -36,7 +36,7 @@ Its fields are ``unit``, the variables of the candidate, each from 0 to 1, shape
 under its name; and ``violation``, by how much limits are violated, 0 if the candidate keeps all."""
 
 
-def best_of(plan: Plan, journal: Journal) -> int:
+def best_of(plan: SearchPlan, journal: Journal) -> int:
     """Return the index of the best candidate.
 
     Among the candidates that keep all limits, the first objective decides. If no candidate keeps
@@ -49,7 +49,7 @@ def best_of(plan: Plan, journal: Journal) -> int:
     return int(np.lexsort((objectives_of(plan, journal)[:, 0], journal["violation"]))[0])
 
 
-def front_of(plan: Plan, journal: Journal) -> list[int]:
+def front_of(plan: SearchPlan, journal: Journal) -> list[int]:
     """Return the indices of the Pareto front of the candidates that keep all limits.
 
     Args:
@@ -61,9 +61,10 @@ def front_of(plan: Plan, journal: Journal) -> list[int]:
     """
     from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 
-    objectives, kept = objectives_of(plan, journal), np.flatnonzero(journal["violation"] == 0.0)
-    front = NonDominatedSorting().do(objectives[kept], only_non_dominated_front=True)
-    return sorted(kept[front].tolist(), key=lambda k: float(objectives[k, 0]))
+    objectives = objectives_of(plan, journal)
+    allowed = np.flatnonzero(journal["violation"] == 0.0)
+    front = NonDominatedSorting().do(objectives[allowed], only_non_dominated_front=True)
+    return sorted(allowed[front].tolist(), key=lambda k: float(objectives[k, 0]))
 
 
 class Cma:
@@ -90,12 +91,12 @@ class Cma:
         inside = np.clip(start, 0.02, 0.98)
         self._search = cma.CMAEvolutionStrategy(inside, SPREAD, options)
         self._search.inject([inside], force=True)
-        self._asked: list[Array] = []
+        self._generation: list[Array] = []
 
     def ask(self) -> Array:
         """Return the variables of the next generation, from 0 to 1, shape (n, d)."""
-        self._asked = self._search.ask()
-        return np.array(self._asked)
+        self._generation = self._search.ask()
+        return np.array(self._generation)
 
     def tell(self, objectives: Array, violation: Array) -> None:
         """Report the results of the generation that :meth:`ask` returned.
@@ -106,7 +107,7 @@ class Cma:
         """
         rank = np.empty(len(violation))
         rank[np.lexsort((objectives[:, 0], violation))] = np.arange(len(violation))
-        self._search.tell(self._asked, rank.tolist())
+        self._search.tell(self._generation, rank.tolist())
 
 
 class Nsga2:
@@ -130,12 +131,12 @@ class Nsga2:
         self._problem = Problem(n_var=len(start), n_obj=objectives, n_ieq_constr=1, xl=0.0, xu=1.0)
         self._search = NSGA2(pop_size=population, sampling=first)
         self._search.setup(self._problem, termination=("n_gen", 10**9), seed=seed, verbose=False)
-        self._asked: Any = None
+        self._generation: Any = None
 
     def ask(self) -> Array:
         """Return the variables of the next generation, from 0 to 1, shape (n, d)."""
-        self._asked = self._search.ask()
-        return np.array(self._asked.get("X"), float)
+        self._generation = self._search.ask()
+        return np.array(self._generation.get("X"), float)
 
     def tell(self, objectives: Array, violation: Array) -> None:
         """Report the results of the generation that :meth:`ask` returned.
@@ -150,11 +151,11 @@ class Nsga2:
         # A candidate with an unknown objective violates a limit, so this value does not matter.
         values = np.nan_to_num(objectives)
         evaluated = StaticProblem(self._problem, F=values, G=violation[:, None])
-        Evaluator().eval(evaluated, self._asked)
-        self._search.tell(infills=self._asked)
+        Evaluator().eval(evaluated, self._generation)
+        self._search.tell(infills=self._generation)
 
 
-def objectives_of(plan: Plan, measured: Measured | Journal) -> Array:
+def objectives_of(plan: SearchPlan, measured: Measured | Journal) -> Array:
     """Return the objectives of a plan with signs such that smaller values are better.
 
     Args:
@@ -168,7 +169,7 @@ def objectives_of(plan: Plan, measured: Measured | Journal) -> Array:
     return np.stack([sign * measured[name] for name, sign in ways], axis=1)
 
 
-def make_walker(plan: Plan, starts: int | None = None, **changes: object) -> Walker:
+def make_walker(plan: SearchPlan, starts: int | None = None, **changes: object) -> Walker:
     """Return the walker that measures the candidates of a plan.
 
     Args:
@@ -181,7 +182,7 @@ def make_walker(plan: Plan, starts: int | None = None, **changes: object) -> Wal
 
 
 def measure(
-    plan: Plan, walker: Walker, candidates: Sequence[Candidate | None]
+    plan: SearchPlan, walker: Walker, candidates: Sequence[Candidate | None]
 ) -> tuple[Measured, Array]:
     """Measure candidates, the cheapest measures first.
 
@@ -198,7 +199,8 @@ def measure(
     Returns:
         The measures by name, shape (n,) each, and the violations of the limits, shape (n,).
     """
-    n, wanted = len(candidates), plan.measured
+    n = len(candidates)
+    wanted = plan.measured
     measured = {name: np.full(n, np.nan) for name in [*wanted, "closure"]}
     able = np.array([candidate is not None for candidate in candidates])
     for group, units in GROUPS.items():
@@ -213,7 +215,7 @@ def measure(
     return measured, broken(plan, measured, wanted) + lost
 
 
-def broken(plan: Plan, measured: Measured, names: Collection[str]) -> Array:
+def broken(plan: SearchPlan, measured: Measured, names: Collection[str]) -> Array:
     """Return by how much candidates violate the limits on some measures.
 
     A limit that is exceeded by x, as a fraction of its bound, contributes 1 - 1 / (1 + x). This is
@@ -231,7 +233,8 @@ def broken(plan: Plan, measured: Measured, names: Collection[str]) -> Array:
     total = np.zeros(len(measured["closure"]))
     for name, (least, most) in plan.limits.items():
         if name in names:
-            value, excess = measured[name], np.zeros(len(total))
+            value = measured[name]
+            excess = np.zeros(len(total))
             for bound, sign in ((least, -1.0), (most, 1.0)):
                 if bound is not None:
                     excess = np.fmax(excess, sign * (value - bound) / (abs(bound) or 1.0))
@@ -240,7 +243,10 @@ def broken(plan: Plan, measured: Measured, names: Collection[str]) -> Array:
 
 
 def run_search(
-    plan: Plan, seed: int, folder: Path, progress: Callable[[Journal], object] = lambda _: None
+    plan: SearchPlan,
+    seed: int,
+    folder: Path,
+    progress: Callable[[Journal], object] = lambda _: None,
 ) -> Journal:
     """Run one search, or continue it where the journal in its folder ends.
 
@@ -258,33 +264,34 @@ def run_search(
             uses the folder.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    space, path, n, end = plan.space(), folder / JOURNAL, plan.population, 0
+    space = plan.space()
+    path = folder / JOURNAL
+    n = plan.population
     walker = make_walker(plan)
-    search = (
+    optimiser = (
         Cma(space.start, n, seed)
         if plan.method == "cma"
         else Nsga2(space.start, n, seed, len(plan.objectives))
     )
+    end = 0
     with locked(folder):
         journal = read_journal(path, plan)
         for end in range(n, n * plan.generations + 1, n):
-            unit = search.ask()
+            unit = optimiser.ask()
             if len(journal) < end:
                 measured, violation = measure(plan, walker, candidates(space, unit))
                 part = np.empty(n, journal.dtype)
                 for name, values in {**measured, "unit": unit, "violation": violation}.items():
                     part[name] = values
                 journal = np.concatenate([journal, part])
-                data = io.BytesIO()  # NumPy does not notice a full disk when it writes to a file
-                np.save(data, journal)
-                write_bytes(path, data.getvalue())
+                write_journal(path, journal)
             part = journal[end - n : end]
             if not np.array_equal(unit, part["unit"]):
                 raise ValueError(
                     f"{path}, generation {end // n}, is not what this search asks for; the plan, "
                     "seed or versions of the libraries are others: take another name"
                 )
-            search.tell(objectives_of(plan, part), part["violation"])
+            optimiser.tell(objectives_of(plan, part), part["violation"])
             progress(journal[:end])
     return journal[:end]
 
@@ -305,7 +312,19 @@ def candidates(space: Space, unit: Array) -> list[Candidate | None]:
     return made
 
 
-def read_journal(path: Path, plan: Plan) -> Journal:
+def write_journal(path: Path, journal: Journal) -> None:
+    """Write a journal to a file.
+
+    Args:
+        path: File to write.
+        journal: The journal.
+    """
+    data = io.BytesIO()  # NumPy does not notice a full disk when it writes to a file
+    np.save(data, journal)
+    write_bytes(path, data.getvalue())
+
+
+def read_journal(path: Path, plan: SearchPlan) -> Journal:
     """Read a journal; return an empty journal if there is no file.
 
     Args:

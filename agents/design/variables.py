@@ -20,10 +20,12 @@ KINDS: dict[str, Rule] = {
 }
 TUNED = "built", "paper"
 """Designs whose tuned profiles a search may start from; the more similar kind of robot is first."""
-# Ranges of the profile parameters: factor on the initial crank speed n0; gain kp, in N m s/rad;
-# distance from the initial bias torque tau0, in N m; feedback g, in 1/m; distance of the first
-# harmonics from their initial values.
-SPEED_RANGE, GAIN_RANGE, BIAS_RANGE, FEEDBACKS, SHAPE_RANGE = 2.5, (1.0, 30.0), 4.0, (0.0, 4.0), 0.8
+# Ranges of the profile parameters.
+SPEED_RANGE = 2.5  # factor on the initial crank speed n0
+GAIN_RANGE = (1.0, 30.0)  # gain kp, in N m s/rad
+BIAS_RANGE = 4.0  # distance from the initial bias torque tau0, in N m
+FEEDBACKS = (0.0, 4.0)  # feedback g, in 1/m
+SHAPE_RANGE = 0.8  # distance of the first harmonics from their initial values
 
 
 class Variable(NamedTuple):
@@ -109,15 +111,15 @@ class Space:
         return Candidate(robot, numbers)
 
 
-def _length_variables(robot: Robot, shares: float | dict[str, float]) -> list[Variable]:
+def _length_variables(robot: Robot, changes: float | dict[str, float]) -> list[Variable]:
     """Return the link lengths as variables, each within a fraction of the robot's own length."""
     known = lengths(robot)
-    if not isinstance(shares, dict):
-        shares = {name: shares for name, length in known.items() if abs(length) > 1e-9}
-    check_keys("variables.lengths", {**shares}, dict.fromkeys(known, Rule((float,), 1e-4, 0.9)))
+    if not isinstance(changes, dict):
+        changes = {name: changes for name, length in known.items() if abs(length) > 1e-9}
+    check_keys("variables.lengths", {**changes}, dict.fromkeys(known, Rule((float,), 1e-4, 0.9)))
     variables = []
-    for name, share in shares.items():
-        ends = sorted(known[name] * (1.0 + way * share) for way in (-1.0, 1.0))
+    for name, change in changes.items():
+        ends = sorted(known[name] * (1.0 + way * change) for way in (-1.0, 1.0))
         if ends[0] == ends[1]:
             raise ValueError(f"variables.lengths.{name} would be a share of 0 m, must be of more")
         variables.append(Variable(name, ends[0], ends[1], known[name]))

@@ -60,7 +60,11 @@ def export(
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Export a policy and print the names and sizes of the files."""
+    """Export a policy and print the names and sizes of the files.
+
+    Args:
+        arguments: Arguments of the command. None selects those of the process.
+    """
     parser = Parser(
         "python -m agents.export",
         __doc__,

@@ -183,5 +183,6 @@ def _array(values: Array, name: str) -> str:
     exact = np.array_equal(flat.astype(np.float32).astype(float), flat)
     texts = [_single(value) if exact else _real(value) for value in flat]
     lines = [", ".join(texts[i : i + PER_LINE]) for i in range(0, len(texts), PER_LINE)]
-    kind, body = "float" if exact else "real", ",\n    ".join(lines)
+    kind = "float" if exact else "real"
+    body = ",\n    ".join(lines)
     return f"static const {kind} {name}[{len(flat)}] = {{\n    {body}\n}};\n"

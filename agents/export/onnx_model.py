@@ -49,7 +49,8 @@ class Controller(nn.Module):
             Actions in [-1, 1] and torques in N m, shape (n, 1) each; NaN for a robot whose
             observation is not finite.
         """
-        policy, seen = self.policy, observation.double()
+        policy = self.policy
+        seen = observation.double()
         values = torch.cat([_features(block, seen) for block in policy.features], dim=1)
         for layer in policy.layers:
             values = values @ torch.tensor(layer.weight.T) + torch.tensor(layer.bias)
@@ -75,12 +76,14 @@ def _features(block: Features, seen: Tensor) -> Tensor:
         return seen
     parts = [seen[:, :0]]
     for k in block.multiples:  # computed with double-angle and angle-sum formulas
-        cos, sin = seen[:, :1], seen[:, 1:2]
+        cos = seen[:, :1]
+        sin = seen[:, 1:2]
         pair = [torch.ones_like(cos), torch.zeros_like(sin)]
         while k > 0:
             if k % 2:
                 pair = [pair[0] * cos - pair[1] * sin, pair[1] * cos + pair[0] * sin]
-            cos, sin, k = cos * cos - sin * sin, 2.0 * sin * cos, k // 2
+            cos, sin = cos * cos - sin * sin, 2.0 * sin * cos
+            k //= 2
         parts += pair
     return torch.cat(parts, dim=1)
 
@@ -112,7 +115,8 @@ def build(policy: PretrainedPolicy, name: str) -> "onnx.ModelProto":
     graph = model.graph
     for part in (graph, *graph.node, *graph.input, *graph.output, *graph.value_info):
         del part.metadata_props[:]  # removes file paths of this machine
-    model.producer_name, model.producer_version = "jansen_env", jansen_env.__version__
+    model.producer_name = "jansen_env"
+    model.producer_version = jansen_env.__version__
     graph.name = name
     observation = zip(policy.observed, policy.units, strict=True)
     notes = {

@@ -54,8 +54,11 @@ class Saver(BaseCallback):
         state: Arguments | None = None,
     ) -> None:
         super().__init__()
-        self.folder, self.config = folder, config
-        self.save_every, self.eval_every, self._state = save_every, eval_every, state
+        self.folder = folder
+        self.config = config
+        self.save_every = save_every
+        self.eval_every = eval_every
+        self._state = state
         self.benchmark = find_benchmark(config.env)
         self.commands = np.repeat(self.benchmark.commands, EPISODES * self.benchmark.variety)
         # If the process was killed, the last evaluations may belong to steps that are now trained
@@ -109,7 +112,8 @@ class Saver(BaseCallback):
 
     def evaluate(self) -> None:
         """Evaluate the current policy, and save it if it is the best so far."""
-        env_id, env_kwargs = self.config.env, self.config.env_kwargs
+        env_id = self.config.env
+        env_kwargs = self.config.env_kwargs
         seeds = SELECTION_SEED + np.arange(len(self.commands))
         self.model.policy.set_training_mode(False)
         run = run_episodes(self.model.policy, env_id, env_kwargs, self.commands, seeds)

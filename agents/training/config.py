@@ -65,20 +65,22 @@ def new_config(
         ValueError: If the file is missing or invalid, or a value is not allowed.
     """
     if path is None or str(path) == SHIPPED:
-        algo, env_id = algo or "ppo", env_id or DEFAULT
+        algo = algo or "ppo"
+        env_id = env_id or DEFAULT
         path = shipped_config(env_id, algo)
     elif Path(path).is_dir():
         path = Path(path) / f"{algo or 'ppo'}.yml"
-    config, overrides = load_config(path, algo=algo, env=env_id), env_kwargs or {}
+    config = load_config(path, algo=algo, env=env_id)
+    overrides = env_kwargs or {}
     variants = [
         {name: value for name, value in variant.items() if name not in overrides}
         for variant in config.training_variants
     ]
-    given: Arguments = {name: value for name, value in values.items() if value is not None}
+    replaced: Arguments = {name: value for name, value in values.items() if value is not None}
     for name in ("hyperparameters", "policy_kwargs"):
-        given[name] = {**getattr(config, name), **given.get(name, {})}
+        replaced[name] = {**getattr(config, name), **replaced.get(name, {})}
     env_kwargs = {**config.env_kwargs, **overrides}
-    return replace(config, env_kwargs=env_kwargs, training_variants=variants, **given)
+    return replace(config, env_kwargs=env_kwargs, training_variants=variants, **replaced)
 
 
 def add_run_flags(parser: argparse.ArgumentParser) -> None:

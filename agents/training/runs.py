@@ -24,7 +24,8 @@ from jansen_env.sb3.run_config import RunConfig
 from jansen_env.sb3.trained import read_model
 
 CHECKPOINT = re.compile(r"model_([0-9]{1,18})_steps\.zip")  # other files do not belong to the run
-FINAL, BEST = "final_model.zip", "best_model.zip"
+FINAL = "final_model.zip"
+BEST = "best_model.zip"
 
 
 def new_run_folder(root: str | Path, algo: str, env_id: str) -> Path:

@@ -27,8 +27,10 @@ def score_run(folder: Path, config: RunConfig, episodes: int) -> Scores:
         ValueError: If a file is damaged. The message names the file.
     """
     model = folder / BEST if (folder / BEST).is_file() else folder / FINAL
-    env_id, env_kwargs = config.env, config.env_kwargs
-    benchmark, env = find_benchmark(env_id), make_env(env_id, env_kwargs)
+    env_id = config.env
+    env_kwargs = config.env_kwargs
+    benchmark = find_benchmark(env_id)
+    env = make_env(env_id, env_kwargs)
     policies = {name: load_named(name, env) for name in benchmark.baselines}
     policies[label(str(model))] = load_named(str(model), env)
     env.close()
@@ -54,18 +56,21 @@ def outcome(folder: Path, config: RunConfig, scores: Scores) -> str:
     shown = {"this run": scores[run], **{name: scores[name] for name in baselines}}
     ours, *others = (scores[policy]["overall"]["return"] for policy in (run, *baselines))
     most, best = max(zip(others, baselines, strict=True))
-    way, since = "misses", ""
+    verdict = "misses"
+    since = ""
     if ours[0] > most[0]:
+        verdict = "is above"
         ahead = [row["steps"] for row in read_evaluations(folder) if row["return"] > most[0]]
-        way, since = "is above", f" (since {ahead[0]:,.0f} steps)" if ahead else ""
+        if ahead:
+            since = f" (since {ahead[0]:,.0f} steps)"
     watch = ["jansen-env", "enjoy", "--env", config.env, "--policy", str(folder)]
     if config.env_kwargs:
         watch += ["--env-kwargs", json.dumps(config.env_kwargs)]
-    here, best_return = interval_text(ours), interval_text(most)
     return "\n".join(
         [
             Scores(scores.env_id, shown).table(),
-            f"return {here} {way} the best baseline, {best}'s {best_return}{since}",
+            f"return {interval_text(ours)} {verdict} the best baseline, "
+            f"{best}'s {interval_text(most)}{since}",
             f"brackets: 95 % intervals; episodes: {scores[run]['episodes']}; all scores: "
             f"{folder}/scores.md, scores.png",
             f"watch it: {shlex.join(watch)}",

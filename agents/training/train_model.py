@@ -38,7 +38,8 @@ class TrainingReward(VecEnvWrapper):
 
     def __init__(self, venv: VecEnv, scale: float, fall_cost: float) -> None:
         super().__init__(venv)
-        self.scale, self.fall_cost = scale, fall_cost
+        self.scale = scale
+        self.fall_cost = fall_cost
 
     def reset(self) -> VecEnvObs:
         """Reset all environments; return the observations."""

@@ -105,7 +105,8 @@ def restore_state(model: BaseAlgorithm, state: Arguments) -> None:
     venv, monitor = _envs(model)
     n = venv.num_envs
     with named_errors("the training state does not fit", Exception):  # any type of error
-        model._n_updates, model._episode_num = int(state["updates"]), int(state["episodes"])
+        model._n_updates = int(state["updates"])
+        model._episode_num = int(state["episodes"])
         if isinstance(venv, BatchVecEnv) and monitor:
             observations = np.array(state["observations"], np.float32)
             model._last_obs = observations.reshape((n, *venv.env.single_observation_space.shape))
@@ -153,8 +154,8 @@ def plain(value: object) -> object:
 
 
 def _read_generators(model: BaseAlgorithm) -> Arguments:
-    """Return the state of all random number generators and of exploration noise that is kept."""
-    noise = _kept_noise(model)
+    """Return the state of all random number generators and of exploration noise that lasts."""
+    noise = _lasting_noise(model)
     return {
         "torch": torch.get_rng_state().tolist(),
         "numpy": plain(np.random.get_state(legacy=False)),  # noqa: NPY002
@@ -172,16 +173,17 @@ def restore_generators(model: BaseAlgorithm, state: Arguments) -> None:
     """
     saved = state["generators"]
     twister = saved["numpy"]["state"]
-    words, place = np.array(twister["key"], np.uint32), whole_number("pos", twister["pos"], 624)
+    words = np.array(twister["key"], np.uint32)
+    place = whole_number("pos", twister["pos"], 624)
     np.random.set_state({**saved["numpy"], "state": {"key": words, "pos": place}})  # noqa: NPY002
     torch.set_rng_state(torch.tensor(saved["torch"], dtype=torch.uint8))
     model.action_space.np_random.bit_generator.state = saved["actions"]
-    if (noise := _kept_noise(model)) is not None:
+    if (noise := _lasting_noise(model)) is not None:
         for name in MATRICES:
             setattr(noise, name, torch.tensor(saved["noise"][name], device=model.device))
 
 
-def _kept_noise(model: BaseAlgorithm) -> StateDependentNoiseDistribution | None:
+def _lasting_noise(model: BaseAlgorithm) -> StateDependentNoiseDistribution | None:
     """Return the distribution whose noise lasts for a whole rollout; None if there is none."""
     noise = getattr(getattr(model, "actor", model.policy), "action_dist", None)
     if isinstance(noise, StateDependentNoiseDistribution) and model.sde_sample_freq <= 0:

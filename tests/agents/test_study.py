@@ -20,7 +20,7 @@ import yaml
 pytest.importorskip("ray", reason="Ray is not installed; the group 'distributed' brings it")
 from small_runs import LIBRARY, same
 
-from agents import study
+from agents import study, study_report
 from agents.training.runs import FINAL
 from jansen_env.sb3.trained import read_model
 from jansen_env.scoring.benchmarks import find_benchmark
@@ -218,11 +218,11 @@ def test_a_report_of_no_run_is_refused(tmp_path, capsys):
 
 def test_intervals_are_over_runs():
     ten = np.array([3.0, 1.0, 4.0, 1.5, 9.0, 2.6, 5.0, 3.5, 8.0, 9.7])
-    value, low, high = study.interquartile_mean(ten)
+    value, low, high = study_report.interquartile_mean(ten)
     assert value == pytest.approx(np.mean([2.6, 3.0, 3.5, 4.0, 5.0, 8.0])) and low < value < high
-    assert study.interquartile_mean(ten[:1])[0] == 3.0
-    assert np.isnan(study.interquartile_mean(ten[:1])[1:]).all()
-    apart = study.interquartile_mean(np.full(4, 1.0), np.full(4, 3.0))  # drawn in each alone
+    assert study_report.interquartile_mean(ten[:1])[0] == 3.0
+    assert np.isnan(study_report.interquartile_mean(ten[:1])[1:]).all()
+    apart = study_report.interquartile_mean(np.full(4, 1.0), np.full(4, 3.0))  # drawn in each alone
     assert apart == (2.0, 2.0, 2.0)
 
 

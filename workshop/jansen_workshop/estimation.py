@@ -14,7 +14,7 @@ import numpy as np
 
 from jansen_env.arrays import Array
 from jansen_env.robot import Robot
-from jansen_workshop.commands.measurements import Log, Walk
+from jansen_workshop.commands.measurements import Log, MeasuredWalk
 from jansen_workshop.likeness import Surface, cures
 from jansen_workshop.machine_copies import FROM_ZERO, NAMES, SETUP, Copies, limits
 
@@ -48,7 +48,7 @@ class Estimate(NamedTuple):
     high: float
 
 
-def measures(walk: Walk, phases: int) -> Array:
+def measures(walk: MeasuredWalk, phases: int) -> Array:
     """Return summary measures of walks.
 
     For torque and for pitch, the measures are the harmonics in the crank angle and the signed
@@ -138,7 +138,7 @@ class Comparison:
             walked.append((copies.mass * errors)[:, None])
         return np.concatenate(walked, axis=1)
 
-    def measured(self, walks: Sequence[Walk]) -> Array:
+    def measured(self, walks: Sequence[MeasuredWalk]) -> Array:
         """Return the measures of the machine.
 
         Args:
@@ -148,11 +148,12 @@ class Comparison:
             The measures, shape (m,).
         """
         rows = [
-            measures(Walk(*(series[None] for series in walk)), self._phases)[0] for walk in walks
+            measures(MeasuredWalk(*(series[None] for series in walk)), self._phases)[0]
+            for walk in walks
         ]
         return np.concatenate([*rows, self._weighed])
 
-    def estimates(self, walks: Sequence[Walk]) -> Array:
+    def estimates(self, walks: Sequence[MeasuredWalk]) -> Array:
         """Return what :func:`estimate` returns for walks of the machine, shape (k, 3).
 
         Args:
@@ -222,7 +223,9 @@ def check_explained(robot: Robot, logs: Sequence[Log], copies: Copies) -> tuple[
     raise ValueError(f"no simulated copy explains the logs: {reason}; {advice}")
 
 
-def _refusal(comparison: Comparison, surface: Surface, walks: Sequence[Walk]) -> tuple[float, str]:
+def _refusal(
+    comparison: Comparison, surface: Surface, walks: Sequence[MeasuredWalk]
+) -> tuple[float, str]:
     """Return the distance of walks and the reason why no copy explains them, "" if one does."""
     distance = surface.distance(comparison.measured(walks))
     if not distance <= surface.farthest:

@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 
 from jansen_env.arrays import Array
 from jansen_env.robot import Robot
-from jansen_workshop.commands.measurements import CONTROL_DT, Log, Walk
+from jansen_workshop.commands.measurements import CONTROL_DT, Log, MeasuredWalk
 
 LEFT_OUT = 8  # one in this many copies is left out of the fit
 RIDGE = 0.03  # regularisation, added to variances of 1
@@ -68,10 +68,12 @@ class Surface:
         """
 
         def errors(scaled: Array) -> Array:
+            """Return the whitened distances from the surface at scaled parameters."""
             bend = np.einsum("k,klm->lm", scaled, self._bend)
             return (measured - self._level - scaled @ (self._slope + bend)) @ self._whiten
 
         def slopes(scaled: Array) -> Array:
+            """Return the derivatives of the whitened distances."""
             bend = np.einsum("k,klm->lm", scaled, self._bend)
             return (-(self._slope + 2.0 * bend) @ self._whiten).T
 
@@ -91,7 +93,7 @@ class Cure(NamedTuple):
 
     change: str
     cause: str
-    apply: Callable[[Walk], Walk]
+    apply: Callable[[MeasuredWalk], MeasuredWalk]
 
 
 def unfiltered(series: Array, constant: float) -> Array:
@@ -105,7 +107,7 @@ def unfiltered(series: Array, constant: float) -> Array:
     return np.append(series[0], (series[1:] - decay * series[:-1]) / (1.0 - decay))
 
 
-def scale(walk: Walk, name: str, factor: float) -> Walk:
+def scale(walk: MeasuredWalk, name: str, factor: float) -> MeasuredWalk:
     """Multiply a series of a walk by a factor.
 
     Args:
@@ -116,7 +118,7 @@ def scale(walk: Walk, name: str, factor: float) -> Walk:
     return walk._replace(**{name: factor * getattr(walk, name)})
 
 
-def shift(walk: Walk, name: str, offset: float) -> Walk:
+def shift(walk: MeasuredWalk, name: str, offset: float) -> MeasuredWalk:
     """Add a constant to a series of a walk.
 
     Args:
@@ -127,7 +129,7 @@ def shift(walk: Walk, name: str, offset: float) -> Walk:
     return walk._replace(**{name: getattr(walk, name) + offset})
 
 
-def take_off_filter(walk: Walk, constant: float) -> Walk:
+def take_off_filter(walk: MeasuredWalk, constant: float) -> MeasuredWalk:
     """Undo a first-order low-pass filter of the torque.
 
     Args:
@@ -137,18 +139,18 @@ def take_off_filter(walk: Walk, constant: float) -> Walk:
     return walk._replace(torque=unfiltered(walk.torque, constant))
 
 
-def advance_pitch(walk: Walk, steps: int) -> Walk:
+def advance_pitch(walk: MeasuredWalk, steps: int) -> MeasuredWalk:
     """Shift the pitch to earlier times; the walk becomes shorter by the same number of steps.
 
     Args:
         walk: The walk.
         steps: Number of control steps of 20 ms.
     """
-    cut = Walk(*(series[:-steps] for series in walk))
+    cut = MeasuredWalk(*(series[:-steps] for series in walk))
     return cut._replace(pitch=walk.pitch[steps:])
 
 
-def cures(robot: Robot, logs: Sequence[Log], walks: Sequence[Walk]) -> Iterator[Cure]:
+def cures(robot: Robot, logs: Sequence[Log], walks: Sequence[MeasuredWalk]) -> Iterator[Cure]:
     """Yield corrections that undo common mistakes in the logs of one machine.
 
     Args:
@@ -181,7 +183,7 @@ def cures(robot: Robot, logs: Sequence[Log], walks: Sequence[Walk]) -> Iterator[
 
 
 def _pitch_and_torque_cures(
-    robot: Robot, logs: Sequence[Log], walks: Sequence[Walk]
+    robot: Robot, logs: Sequence[Log], walks: Sequence[MeasuredWalk]
 ) -> Iterator[Cure]:
     """Yield corrections of the sign, the unit and the zero of pitch and torque."""
     reverse = partial(scale, name="pitch", factor=-1.0)
@@ -209,7 +211,7 @@ def _pitch_and_torque_cures(
     )
 
 
-def _variation_ratio(logs: Sequence[Log], walks: Sequence[Walk], name: str) -> float:
+def _variation_ratio(logs: Sequence[Log], walks: Sequence[MeasuredWalk], name: str) -> float:
     """Return the variation of a series in the median copy, divided by that in the logs."""
     copies = sum(float(np.median(getattr(walk, name).std(axis=1))) for walk in walks)
     return copies / max(1e-12, sum(float(getattr(log.walk, name).std()) for log in logs))

@@ -18,7 +18,7 @@ from jansen_env.scoring.metrics import SETTLING
 from jansen_env.scoring.rollout import Advance, no_progress
 from jansen_env.terrain.ground import Terrain
 from jansen_workshop.commands import predict
-from jansen_workshop.commands.measurements import Log, Walk
+from jansen_workshop.commands.measurements import Log, MeasuredWalk
 from jansen_workshop.commands.predict import WITHIN
 
 Limits: TypeAlias = dict[str, tuple[float, float]]
@@ -61,7 +61,7 @@ class Copies(NamedTuple):
     """
 
     known: dict[str, Array]
-    walks: list[Walk]
+    walks: list[MeasuredWalk]
     mass: Array
 
 
@@ -166,14 +166,14 @@ def walk_copies(
             f"{copies - stood.sum()} of {copies} simulated copies of the robot fell under the "
             "logs' crank speeds and gains, at least half must stand"
         )
-    standing = [Walk(*(series[stood] for series in walk)) for walk in walks]
+    standing = [MeasuredWalk(*(series[stood] for series in walk)) for walk in walks]
     mass = np.array([robot.mass for robot in robots])[stood]
     return Copies({name: values[stood] for name, values in known.items()}, standing, mass)
 
 
 def _measured_walk(
     run: dict[str, Array], known: dict[str, Array], dt: float, window: slice
-) -> Walk:
+) -> MeasuredWalk:
     """Return walks of copies as measured with the errors of their set-ups.
 
     Args:
@@ -189,4 +189,4 @@ def _measured_walk(
         known["pitch_zero"] + delayed(run["pitch"], known["pitch_delay"], dt),
         run["x_position"],
     )
-    return Walk(*(values[window].T for values in series))
+    return MeasuredWalk(*(values[window].T for values in series))

@@ -176,7 +176,7 @@ def low_passed(walk, constant):
 
 def late_pitch(walk, steps):
     """The walk with pitch that comes some steps of 20 ms late."""
-    cut = measurements.Walk(*(series[steps:] for series in walk))
+    cut = measurements.MeasuredWalk(*(series[steps:] for series in walk))
     return cut._replace(pitch=walk.pitch[:-steps])
 
 

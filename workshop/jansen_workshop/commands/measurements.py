@@ -40,7 +40,7 @@ MAX_BYTES = 50_000_000
 PREDICTIONS = Path(__file__).parents[1] / "predictions"
 
 
-class Walk(NamedTuple):
+class MeasuredWalk(NamedTuple):
     """One walk or several walks, sampled every 20 ms after the first 2 s, shape (..., steps).
 
     Attributes:
@@ -70,7 +70,7 @@ class Log(NamedTuple):
     about: dict[str, Any]
     speed: float
     gains: PID
-    walk: Walk
+    walk: MeasuredWalk
     notes: list[str]
 
 
@@ -239,7 +239,7 @@ def _filled(time: Array, x: Array, end: float) -> tuple[Array, list[str]]:
     return np.interp(time, time[known], x[known]), []
 
 
-def _walk(columns: dict[str, Array], speed: float, lines: list[int]) -> Walk:
+def _walk(columns: dict[str, Array], speed: float, lines: list[int]) -> MeasuredWalk:
     """Resample the columns of a log at the control steps of the predicted walks."""
     time = columns["time"]
     torque = columns["torque"]
@@ -254,10 +254,10 @@ def _walk(columns: dict[str, Array], speed: float, lines: list[int]) -> Walk:
         )
     columns.setdefault("x", np.full(len(time), math.nan))
     crank, pitch, x = (np.interp(grid[1:], time, columns[name]) for name in ("crank", "pitch", "x"))
-    return Walk(crank, mean, pitch, x)
+    return MeasuredWalk(crank, mean, pitch, x)
 
 
-def quantities(walk: Walk) -> dict[str, Array]:
+def quantities(walk: MeasuredWalk) -> dict[str, Array]:
     """Measure the predicted quantities on walks.
 
     Args:

@@ -93,6 +93,9 @@ def counts(robot: Robot) -> dict[str, int]:
     """Return the number of each flat part by name.
 
     Each crank pin has two cranks, which are its webs, and two frames.
+
+    Args:
+        robot: Robot that the parts belong to.
     """
     legs = len(robot.legs)
     names = robot.linkage.names
@@ -118,6 +121,9 @@ def bill_of_materials(robot: Robot) -> list[Part]:
 
     For the built robot and the weekend robot, the masses add up to the mass of the robot. The parts
     to cut and to buy are listed by :class:`jansen_workshop.drawings.order.Order`.
+
+    Args:
+        robot: The simulated robot.
 
     Raises:
         ValueError: If a link cannot be made.
@@ -415,6 +421,9 @@ def to_csv(parts: Sequence[Part]) -> str:
     """Return the bill of materials as CSV, with numbered lines.
 
     The mass is left empty for parts whose mass is counted in other parts.
+
+    Args:
+        parts: Lines of the bill.
     """
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
@@ -431,6 +440,9 @@ def machine(robot: Robot) -> Robot:
 
     The robot has the masses of the cut parts, and the feet and motor of its build. The joints keep
     their positions and their friction.
+
+    Args:
+        robot: Robot whose parts are cut.
 
     Raises:
         ValueError: If a part cannot be made. The message names the part.
@@ -488,7 +500,11 @@ def _point_masses(robot: Robot, body: int, part: CutPart) -> list[tuple[float, c
 
 
 def about_origin(shape: Round) -> NDArray[np.complex128]:
-    """Return the area, and the first and second moments about the origin, of a rounded polygon."""
+    """Return the area, and the first and second moments about the origin, of a rounded polygon.
+
+    Args:
+        shape: Rounded polygon.
+    """
     p = np.array(shape.polygon)
     q = np.roll(p, -1)
     cross = (p.conj() * q).imag

@@ -123,7 +123,11 @@ PLYWOOD_MOUNT = Mount(
 
 
 def mount_of(build: Build) -> Mount:
-    """Return the sizes of the motor and its mounting for a build."""
+    """Return the sizes of the motor and its mounting for a build.
+
+    Args:
+        build: Sizes and materials of the parts.
+    """
     return ALUMINIUM_MOUNT if build is ALUMINIUM else PLYWOOD_MOUNT
 
 
@@ -132,6 +136,9 @@ def units(robot: Robot) -> list[tuple[int, ...]]:
 
     A crank pin carries at most one fore leg and one back leg. Two legs share a pin if they are on
     different sides and their phases are equal.
+
+    Args:
+        robot: Robot that the legs belong to.
     """
     pins: list[tuple[int, ...]] = []
     for i, leg in enumerate(robot.legs):
@@ -149,6 +156,9 @@ def ties(robot: Robot) -> int:
     """Return the number of places where a brace ties two neighbouring frames.
 
     A brace ties the frames of two neighbouring units whose legs at that place face opposite ways.
+
+    Args:
+        robot: Robot that the machine is built from.
     """
     return sum(
         robot.legs[before[-1]].side != robot.legs[after[0]].side

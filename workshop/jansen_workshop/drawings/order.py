@@ -141,13 +141,20 @@ class Order:
         return sum(part.number * part.price for part in self.parts)
 
     def line(self, piece: Piece) -> Part:
-        """Return the line of the bill that lists a piece."""
+        """Return the line of the bill that lists a piece.
+
+        Args:
+            piece: Piece of the machine.
+        """
         return self.parts[self.numbers[piece.name, piece.size] - 1]
 
     def weigh(self, pieces: Sequence[Piece]) -> Mass:
         """Return the mass of pieces, with its lowest and highest acceptable value.
 
         :data:`PLYWOOD_SPREAD` applies to plywood parts, and :data:`SPREAD` to all other parts.
+
+        Args:
+            pieces: Pieces to weigh together.
         """
         low = high = nominal = 0.0
         for piece in pieces:

@@ -223,7 +223,11 @@ class CutPart(NamedTuple):
 
 
 def sides(corners: Sequence[T]) -> list[tuple[T, T]]:
-    """Return the start and end of each side of a polygon."""
+    """Return the start and end of each side of a polygon.
+
+    Args:
+        corners: Corners of the polygon.
+    """
     return [*zip(corners, [*corners[1:], *corners[:1]], strict=True)]
 
 
@@ -231,6 +235,9 @@ def hull(points: Iterable[complex]) -> tuple[complex, ...]:
     """Return the corners of the convex hull of points, counter-clockwise.
 
     If all points are in line, the corners are the two ends.
+
+    Args:
+        points: Points inside the hull.
     """
     ordered = sorted(points, key=lambda z: (z.real, z.imag))
     corners: list[complex] = []
@@ -462,7 +469,11 @@ def rectangle(size: complex) -> Round:
 
 
 def frame_ways(robot: Robot) -> dict[str, complex]:
-    """Return the direction from the crank axis to the first pivot of a frame, for each side."""
+    """Return the direction from the crank axis to the first pivot of a frame, for each side.
+
+    Args:
+        robot: Robot that the frames belong to.
+    """
     linkage = robot.linkage
     axis = linkage.joints[linkage.axis]
     pivot = next(joint for joint in linkage.bodies[FRAME - 1][1] if joint != axis)
@@ -478,6 +489,9 @@ def brace(robot: Robot) -> CutPart | None:
     """Return the plate that ties a fore frame to a back frame, in the axes of the chassis.
 
     Return None if the robot has a single crank pin, or if all its legs face the same way.
+
+    Args:
+        robot: Robot that the frames belong to.
     """
     build = robot.build
     ways = [*frame_ways(robot).values()]
@@ -498,7 +512,11 @@ def brace(robot: Robot) -> CutPart | None:
 
 
 def motor_plate(robot: Robot) -> CutPart:
-    """Return the plate that holds the motor; x points from the crank axis along the frame's bar."""
+    """Return the plate that holds the motor; x points from the crank axis along the frame's bar.
+
+    Args:
+        robot: Robot that the machine is built from.
+    """
     build = robot.build
     mount = mount_of(robot.build)
     radius = SIZES[build.screw].clearance
@@ -523,6 +541,9 @@ def cut_parts(robot: Robot) -> list[CutPart]:
     """Return every flat part, turned to lie as low as possible, in the order of their numbers.
 
     The links come first, then the parts of the feet, the motor and the frames.
+
+    Args:
+        robot: Robot that the parts belong to.
 
     Raises:
         ValueError: If a part cannot be made. The message names the part.

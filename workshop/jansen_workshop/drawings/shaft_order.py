@@ -342,6 +342,9 @@ class Unit:
 def layers(robot: Robot) -> list[Placed]:
     """Return every part of every leg at its position along the shaft, unit by unit.
 
+    Args:
+        robot: Robot that the machine is built from.
+
     Raises:
         CollisionError: If the links of a unit collide in every order.
         ValueError: If a part cannot be made.

@@ -34,6 +34,7 @@ SIZES = {  # the arguments that make it short, and a word of what it prints
     "tune_with_optuna": ("ppo 1 4000", "best return"),
     "typed_walk": ("20", "8 robots"),
     "walk_with_pid": ("20", " m in "),
+    "whole_package": ("16384 0.1", "toe slip"),
 }
 ELSEWHERE = {"rllib_ppo"}  # by test_rllib.py, where Ray is installed
 
@@ -65,6 +66,7 @@ SLOW = (
     "surrogate",
     "train_and_watch",
     "typed_walk",
+    "whole_package",
 )
 NAMES = [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in SIZES]
 

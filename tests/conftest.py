@@ -32,12 +32,12 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 @pytest.fixture(autouse=True, scope="session")
-def temporary_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Let libraries put their temporary files, such as logs of Stable-Baselines3, where pytest
-    removes them.
+def temporary_folder() -> Iterator[None]:
+    """Remove what libraries leave in the temporary folder, such as logs of Stable-Baselines3.
+
+    The path is short, because Ray's sockets are in it.
     """
-    with pytest.MonkeyPatch.context() as patch:
-        folder = str(tmp_path_factory.mktemp("temporary"))
+    with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
         patch.setenv("TMPDIR", folder)
         patch.setattr(tempfile, "tempdir", folder)
         yield

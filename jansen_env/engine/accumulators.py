@@ -10,9 +10,9 @@ from __future__ import annotations
 from jansen_env.engine.contact_solver import OPEN, STICK
 from jansen_env.engine.contacts import rate
 from jansen_env.engine.kernel import stage
-from jansen_env.engine.motor import drawn_power
-from jansen_env.engine.restitution import contact_gain
+from jansen_env.engine.motor_torque import drawn_power
 from jansen_env.engine.tables import mechanical_energy
+from jansen_env.engine.velocities import contact_gain
 
 
 @stage
@@ -107,7 +107,7 @@ def accumulate_step(
         dry: Impulse of the Coulomb friction on the crank, in N m s.
         push: Load on the chassis, a :class:`jansen_env.engine.records.Push`.
         velocity: Generalised velocity at the beginning of the time step.
-        outcome: Result of :func:`jansen_env.engine.restitution.solve_velocities`.
+        outcome: Result of :func:`jansen_env.engine.velocities.solve_velocities`.
         inertia: Inertia at the middle of the time step.
         count: Number of contacts.
         properties: Physical properties of the robot.

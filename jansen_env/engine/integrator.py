@@ -76,7 +76,6 @@ from jansen_env.engine.records import (
     Velocity,
     Work,
 )
-from jansen_env.engine.restitution import solve_velocities
 from jansen_env.engine.tables import (
     C_X,
     C_Y,
@@ -92,6 +91,7 @@ from jansen_env.engine.tables import (
     spring_torque,
     to_centroid,
 )
+from jansen_env.engine.velocities import solve_velocities
 
 DIVERGED = 1e4
 """Speed, in m/s or rad/s, above which a state counts as diverged."""

@@ -113,6 +113,7 @@ TAKEN = {
     ("Compliance", "stiffness"): {"inf"},
     ("Compliance", "tangential_damping"): {"None"},
     ("Compliance", "tangential_stiffness"): {"None", "inf"},
+    ("Robot", "springs"): {"empty"},
     **{("Linkage", name): {"empty"} for name in ("pins", "damped", "bearings", "pads")},
 }
 """Of the environments' arguments: those of WRONG that are right."""

@@ -92,13 +92,13 @@ def test_forces_at_rest_are_those_of_the_dense_equations():
     """Links hang from a fixed chassis: with a play of 10 um, forces of pins agree to 0.5 %."""
     locked = replace(LIGHT, motor=Motor(friction=1e3))  # the crank never turns
     state = np.array([0.0, 5.0, 0.0, 0.7, 0.0, 0.0, 0.0, 0.0])
-    plant = loose(locked, 1e-5, held=True)
+    plant = loose(locked, 1e-5, fixed_chassis=True)
     plant.state = state
     plant.step(0.0, 0.2)
     plant.batch.tracing = True
     plant.step(0.0, plant.time_step)
     forces = plant.batch.pin_impulses[1:].reshape(len(locked.legs), -1) / plant.time_step
-    exact = ProjectionPlant(LIGHT, Terrain.flat(), held=True)
+    exact = ProjectionPlant(LIGHT, Terrain.flat(), fixed_chassis=True)
     exact.state = state
     free, driven = (exact.batch.joint_forces(torque).q_ddot[3] for torque in (0.0, 1.0))
     still = exact.batch.joint_forces(free / (free - driven))
@@ -145,7 +145,7 @@ def test_a_dropped_robot_gains_no_energy():
 
 def test_the_rotor_crosses_the_band_alone():
     """From rest the rotor needs sqrt(G^2 J b / tau) to reach the crank, which stands still."""
-    plant = loose(GEARED, 0.0, gravity=0.0, held=True, backlash=BACKLASH, time_step=1e-4)
+    plant = loose(GEARED, 0.0, gravity=0.0, fixed_chassis=True, backlash=BACKLASH, time_step=1e-4)
     plant.state = np.array([0.0, 5.0, 0.0, 0.7, 0.0, 0.0, 0.0, 0.0])
     torque = 0.2
     crossing = math.sqrt(ROTOR.gear_ratio**2 * ROTOR.rotor_inertia * BACKLASH / torque)
@@ -162,13 +162,13 @@ def test_the_rotor_crosses_the_band_alone():
 def test_the_crank_turns_freely_within_the_band():
     """Friction of the motor does not brake the crank in the band, but holds it at the ends."""
     robot = replace(LIGHT, motor=replace(ROTOR, friction=50.0))
-    plant = loose(robot, 0.0, gravity=0.0, held=True, backlash=BACKLASH)
+    plant = loose(robot, 0.0, gravity=0.0, fixed_chassis=True, backlash=BACKLASH)
     speed = 0.5
     plant.state = np.array([0.0, 5.0, 0.0, 0.7, 0.0, 0.0, 0.0, speed])
     plant.batch._rotor.speed = 0.0
     plant.step(0.0, 0.4 * BACKLASH / speed)
     free = replace(LIGHT, motor=replace(ROTOR, rotor_inertia=0.0))
-    alone = RigidBodyPlant(free, Terrain.flat(0.5), PLAY_TIME_STEP, 0.0, held=True)
+    alone = RigidBodyPlant(free, Terrain.flat(0.5), PLAY_TIME_STEP, 0.0, fixed_chassis=True)
     alone.state = np.array([0.0, 5.0, 0.0, 0.7, 0.0, 0.0, 0.0, speed])
     alone.step(0.0, 0.4 * BACKLASH / speed)
     assert plant.state[3] == pytest.approx(alone.state[3], abs=1e-9)
@@ -183,7 +183,7 @@ def test_backlash_transmits_the_mean_torque():
     """Under a steady torque a robot with backlash turns its crank as one without: 2 %."""
     ends = []
     for backlash in (0.0, BACKLASH):
-        plant = loose(GEARED, 0.0, held=True, gravity=0.0, backlash=backlash)
+        plant = loose(GEARED, 0.0, fixed_chassis=True, gravity=0.0, backlash=backlash)
         plant.state = np.array([0.0, 5.0, 0.0, 0.7, 0.0, 0.0, 0.0, 0.0])
         results = [plant.step(2.0, 0.02) for _ in range(25)]
         work = sum(result.motor_work for result in results)

@@ -142,7 +142,7 @@ REFUSED = {
     "stairs:tread=0.001": "'stairs:tread=0.001' makes no ground at level 0: tread must be",
     "slope:angle=2": "angle must be between.*got 2.0",
     "waves:length=1e-9": "must be at most 100000",
-    "mixed:rise=1": "a parameter of 'mixed' must be in \\[\\], got 'rise'",
+    "mixed:rise=1": "'mixed' has no parameters, got 'rise'; set those of one kind",
 }
 
 

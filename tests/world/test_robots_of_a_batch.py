@@ -82,7 +82,7 @@ def test_pads_of_several_sizes_are_felt_alike():
         envs.reset(seed=[4] * n)
         for i in range(n):
             state = envs.get_state(i)
-            state["plant"][1:4] += 0.5, 2.4, 0.3
+            state["record"]["state"][1:4] += 0.5, 2.4, 0.3
             envs.set_state(i, state)
         return walk(envs, 80)
 

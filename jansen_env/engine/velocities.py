@@ -14,7 +14,7 @@ import numpy as np
 from jansen_env.engine.contact_solver import STICK, WEDGE_COMPLIANCE, regularise, solve
 from jansen_env.engine.contacts import add_dry_friction, can_wedge, impulse_ratio, rate
 from jansen_env.engine.kernel import stage
-from jansen_env.engine.motor import motor_torque
+from jansen_env.engine.motor_torque import motor_torque
 from jansen_env.engine.records import Velocity
 
 PASSES = 2  # evaluations of the speed-dependent terms in a step

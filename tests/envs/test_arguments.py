@@ -136,9 +136,9 @@ CASES = [(maker, name) for maker, (make, _) in MAKERS.items() for name in argume
 def test_wrong_values_are_refused_by_name(maker, argument):
     """All but a few raise ValueError with the argument's name and a message of a sane length."""
     make, needed = MAKERS[maker]
-    allowed = TAKEN.get((maker, argument), TAKEN.get(("*", argument), set()))
-    known = "walker", "crank", "walkers", "Triangle", "from_sides", "Linkage", "Motor", "Compliance"
-    allowed = allowed if maker in known else set()
+    environments = "walker", "crank", "walkers"
+    shared = TAKEN.get(("*", argument), set()) if maker in environments else set()
+    allowed = TAKEN.get((maker, argument), shared)
     for what, value in WRONG.items():
         if what in allowed:
             make(**{**needed, argument: value})

@@ -30,7 +30,8 @@ from jansen_env.robot.robot_file import read_robot, write_robot
 from jansen_env.scoring.rollout import make_env
 from jansen_workshop.commands import drawings as command
 from jansen_workshop.drawings import shaft_order
-from jansen_workshop.drawings.instructions import LINES, Manual
+from jansen_workshop.drawings.instructions import Manual
+from jansen_workshop.drawings.manual_pages import LINES
 from jansen_workshop.drawings.materials import bill_of_materials, counts, stacks, to_csv
 from jansen_workshop.drawings.materials import machine as machine_of
 from jansen_workshop.drawings.mount import units

@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 
 from jansen_env.arrays import Array
 from jansen_env.checks import instance, named_errors, one_line, one_of, printable, shown
+from jansen_env.engine.contact_frames import SLIP
 from jansen_env.files import read_bounded, write_bytes
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import world_joints
 from jansen_env.robot.robot_file import robot_from_json, robot_to_json
-from jansen_env.world.rendering import SLIP, reach_of
+from jansen_env.world.rendering import reach_of
 from jansen_env.world.settings import Values
 
 FORMAT = "jansen_env recording 4"

@@ -799,12 +799,9 @@ class World:
         """
         changed = self.lengths.changed[i]
         in_contact = self.plant.in_contact
-        record = self._saved.read(i)
-        # The rigid-body backend keeps the deflection of its pads in springs beside the record.
-        record["statistics"]["deflection"] = self.plant.deflection[i].copy()
         state: Values = {
             "version": VERSION,
-            "record": record,
+            "record": self._saved.read(i),
             "in_contact": None if i > 0 or in_contact is None else in_contact.copy(),
             **self.episodes.state(i),
         }

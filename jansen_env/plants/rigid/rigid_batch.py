@@ -563,6 +563,7 @@ class RigidBodyBatch(BatchedPlant):
         if self._rotor is not None:
             self._rotor.start(now.motion)
         self._in_legs = self._energy_in_legs(now)
+        self._record_deflection()
 
     def set_mechanical_state(
         self, row: int, state: ArrayLike, deflection: Array | None = None
@@ -773,6 +774,7 @@ class RigidBodyBatch(BatchedPlant):
             self._build(before)
             return
         self.states[0] = self._space.state
+        self._record_deflection()
         total["contact_gain"] = total["worst_residual"] = math.nan
         total["non_toe_impulse"] = sums.impulse[self.toes :, 1].sum()
         total["energy_change"] = now.energy + self._stored - start
@@ -921,16 +923,14 @@ class RigidBodyBatch(BatchedPlant):
         springs = self._space.springs
         return 0.0 if springs is None else springs.energy(now.motion, self.time_step)
 
-    @property
-    def deflection(self) -> Array:
-        """Compression and bend of compliant pads, in m, shape (1, pads, 2).
+    def _record_deflection(self) -> None:
+        """Store the bends of compliant pads in the robot's record.
 
         The compression is marked as unknown, because it follows from the positions of the bodies.
         """
-        deflection = np.tile(UNKNOWN_DEFLECTION, (1, len(self._owners), 1))
+        self.records.deflection[0] = UNKNOWN_DEFLECTION
         if self._springs is not None:
-            deflection[0, :, 1] = self._springs.bristle[: len(self._owners)]
-        return deflection
+            self.records.deflection[0, :, 1] = self._springs.bristle[: self.pads]
 
     @property
     def _memory(self) -> tuple[Array, Bools, Array | None]:

@@ -196,7 +196,7 @@ def run_trial(parameters: dict[str, Arguments], plan: Arguments, root: Path) -> 
     Raises:
         RuntimeError: If training diverges or a file cannot be written.
     """
-    # Always use one thread, whatever the number of cores: the result of a seed depends on it.
+    # Always use one thread, because the result of a seed depends on the number of threads.
     torch.set_num_threads(1)
     run = parameters["run"]
     config = make_config(run["config"])

@@ -43,7 +43,7 @@ class Parser(argparse.ArgumentParser):
 
     @contextmanager
     def refusing(self) -> Iterator[None]:
-        """Report a ValueError, or an OSError of a file, within the context as a wrong argument."""
+        """Report a ValueError or an OSError of a file as a wrong argument of the command."""
         try:
             yield
         except OSError as error:
@@ -105,7 +105,9 @@ def mapping(text: str) -> dict[str, Any]:
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from error
     if not isinstance(value, dict):
-        raise argparse.ArgumentTypeError(f"{text!r} is no YAML mapping such as '{{friction: 0.5}}'")
+        raise argparse.ArgumentTypeError(
+            f"{text!r} must be a YAML mapping such as '{{friction: 0.5}}'"
+        )
     return value
 
 
@@ -174,7 +176,7 @@ def path_flag(text: str) -> Path:
         text: Argument on the command line.
 
     Raises:
-        argparse.ArgumentTypeError: If the text is empty or contains a zero byte.
+        argparse.ArgumentTypeError: If the text is empty or contains a null byte.
     """
     if not text.strip():
         raise argparse.ArgumentTypeError("must be a path, got an empty string")

@@ -303,7 +303,9 @@ class TaskVectorEnv(
 
     @exclusive
     def get_state(self, i: int) -> Values:
-        """Return everything that the future of a robot depends on, as the single environment does.
+        """Return everything that the future of a robot depends on.
+
+        The state has the same form as that of the single environment.
 
         Args:
             i: Index of the robot.
@@ -360,7 +362,9 @@ class TaskVectorEnv(
             kwargs: Keyword arguments of the method.
         """
         if name not in METHODS:
-            raise AttributeError(f"a method of one robot must be in {METHODS}, got {name!r}")
+            raise AttributeError(
+                f"a method that is called on one robot must be one of {METHODS}, got {name!r}"
+            )
         i = robot_index(i, self.num_envs)
         if name == "render":
             return self._renderers.draw(self, i)
@@ -398,7 +402,9 @@ class TaskVectorEnv(
         common = f"single_{name}" if name in ("observation_space", "action_space") else name
         value = getattr(self, common)
         if callable(value):
-            raise AttributeError(f"a method of one robot must be in {METHODS}, got {name!r}")
+            raise AttributeError(
+                f"a method that is called on one robot must be one of {METHODS}, got {name!r}"
+            )
         return (value,) * self.num_envs
 
     @exclusive

@@ -303,7 +303,7 @@ def _list(values: Iterable[float]) -> str:
 def table(claims: Iterable[Claim]) -> str:
     """Return the claims as a table in Markdown."""
     rows = [(f"{c.key} ({c.where})", c.says, c.computed, f"**{c.verdict}**") for c in claims]
-    # The cells contain whole sentences, so that they are not padded to a common width.
+    # The cells contain whole sentences, so they are not padded to a common width.
     heads = "claim", "says", "computed", "verdict"
     return tabulate(rows, heads, "github", disable_numparse=True, stralign=None) + "\n"
 

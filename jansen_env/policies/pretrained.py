@@ -471,7 +471,9 @@ def load_file(path: str | Path) -> PretrainedPolicy:
             raise ValueError(f"{weights} is no file of tensors: {error}") from error
         policy = PretrainedPolicy(description, tensors)
         if description.get("sha256") != checksum(content):
-            raise ValueError(f"sha256 is not that of {weights.name}: they are of two policies")
+            raise ValueError(
+                f"sha256 must be that of {weights.name}; the two files belong to different policies"
+            )
     except (OSError, RecursionError, ValueError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(f"{path} is no policy: {reason}") from error

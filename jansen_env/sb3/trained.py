@@ -143,7 +143,7 @@ def check_shapes(needed: Arguments, found: Arguments) -> None:
         parts = [f"it lacks {len(absent)} tensors, such as {absent[0]}"] if absent else []
         parts += [f"it has {len(more)} others, such as {more[0]}"] if more else []
         raise ValueError(
-            f"{'; '.join(parts)}. algo, policy and policy_kwargs must be those of the training"
+            f"{'; '.join(parts)}. algo, policy and policy_kwargs must be those used in training"
         )
     for name, tensor in needed.items():
         if tuple(found[name].shape) != tuple(tensor.shape):

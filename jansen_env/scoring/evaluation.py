@@ -109,7 +109,7 @@ def evaluate(
     benchmark = find_benchmark(env_id)
     grid = numbers_of(benchmark.commands if commands is None else commands)
     if grid.ndim != 1 or not grid.size or not np.isfinite(grid).all():
-        raise ValueError(f"commands must be at least one finite number, got {shown(commands)}")
+        raise ValueError(f"commands must be finite numbers, at least one, got {shown(commands)}")
     if drawn and commands is not None:
         raise ValueError("drawn is True, so commands must be None")
     env, scores = make_env(env_id, env_kwargs), Scores(env_id)

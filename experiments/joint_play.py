@@ -25,7 +25,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from jansen_env.files import write_json
-from jansen_env.plants.rigid.rigid_batch import PLAY_TIME_STEP
 from jansen_env.policies import pretrained
 from jansen_env.scoring.benchmarks import find_benchmark
 
@@ -70,9 +69,9 @@ class Case(NamedTuple):
 def walk(case: Case) -> dict[str, Any]:
     """Return the metrics of a walk.
 
-    A force on a pin is the mean over a time step of 0.125 ms. From the largest force in each
-    control step of 20 ms, "typical" selects the median and "largest" the maximum, and likewise for
-    the torque of the gear on the crank.
+    A force on a pin is the mean over a time step: 0.125 ms with play, and 0.25 ms without. From the
+    largest force in each control step of 20 ms, "typical" selects the median and "largest" the
+    maximum, and likewise for the torque of the gear on the crank.
     """
     before: Any = gym.make(ENV).unwrapped
     env: Any = gym.make(
@@ -80,7 +79,6 @@ def walk(case: Case) -> dict[str, Any]:
         plant="rigid_body",
         joint_play=1e-3 * case.play,
         backlash=math.radians(case.backlash),
-        time_step=PLAY_TIME_STEP,
     ).unwrapped
     if case.controller == "pid":
         controller: Any = find_benchmark(ENV).baselines["pid"](before)
@@ -177,7 +175,8 @@ def draw(walks: list[dict[str, Any]], path: Path) -> None:
         axis.grid(alpha=0.3)
     for axis in axes[1]:
         axis.set_xlabel("radial play of every pin (mm)")
-    axes[0, 0].legend()
+    lines, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(lines, labels, loc="outside upper center", ncols=4)
     figure.savefig(path, dpi=120)
 
 

@@ -12,7 +12,7 @@ import pytest
 from jansen_env.robot.robot_file import read_robot
 
 ROOT = Path(__file__).parents[1]
-SIZES = {"legs": "2", "reference_problems": "2", "springs": "2"}
+SIZES = {"joint_play": "0.001", "legs": "2", "reference_problems": "2", "springs": "2"}
 """Arguments with which each experiment takes seconds."""
 
 
@@ -69,3 +69,13 @@ def test_the_robot_files_of_the_page_about_springs_are_its_robots() -> None:
                 **values[goal]["springs"][0],
                 "anchor": tuple(values[goal]["springs"][0]["anchor"]),
             }
+
+
+def test_the_page_about_joint_play_shows_its_data(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "experiments"))
+    path = ROOT / "docs" / "joint_play" / "joint_play.json"
+    walks = json.loads(path.read_text(encoding="utf-8"))["walks"]
+    page = (ROOT / "docs" / "joint_play.md").read_text(encoding="utf-8")
+    joint_play = import_module("joint_play")
+    for controller in joint_play.CONTROLLERS:
+        assert joint_play.table(walks, controller) in page, controller

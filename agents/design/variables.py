@@ -122,7 +122,7 @@ def _length_variables(robot: Robot, changes: float | dict[str, float]) -> list[V
         ends = sorted(known[name] * (1.0 + way * change) for way in (-1.0, 1.0))
         if ends[0] == ends[1]:
             raise ValueError(
-                f"variables.lengths.{name} is a fraction of a length of 0 m, must be a fraction of a longer one"
+                f"variables.lengths.{name} must be a fraction of a length above 0 m, got 0 m"
             )
         variables.append(Variable(name, ends[0], ends[1], known[name]))
     return variables

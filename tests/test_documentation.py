@@ -1,5 +1,6 @@
 """README and documentation: code blocks run, commands and links are of things that exist."""
 
+import functools
 import importlib
 import re
 import runpy
@@ -16,14 +17,8 @@ from jansen_workshop.__main__ import main as jansen_workshop
 
 ROOT = Path(__file__).parents[1]
 SCRIPTS = {"jansen-env": jansen_env, "jansen-workshop": jansen_workshop}
-PAGES = sorted(
-    [
-        *ROOT.glob("*.md"),
-        *ROOT.glob("*/README.md"),
-        *ROOT.glob("workshop/*/README.md"),
-        *ROOT.glob("docs/**/*.md"),
-    ]
-)
+PATTERNS = ("*.md", "*/README.md", "workshop/*/README.md", "docs/**/*.md", ".github/**/*.md")
+PAGES = sorted(path for pattern in PATTERNS for path in ROOT.glob(pattern))
 SLOW = {"export", "policies", "training"}
 """Pages whose Python takes more than a second."""
 IDS = [str(page.relative_to(ROOT)) for page in PAGES]
@@ -93,7 +88,8 @@ def _has_help(program: tuple[str, ...]) -> bool:
     script = ROOT / program[0]
     if not script.exists() or program[0].startswith("jansen_env/"):  # which must be imported
         return False
-    return "argparse" in script.read_text(encoding="utf-8")
+    source = script.read_text(encoding="utf-8")
+    return "argparse" in source or "options(__doc__" in source
 
 
 @pytest.mark.parametrize("program", commands(), ids=" ".join)
@@ -103,6 +99,8 @@ def test_commands_have_the_options_that_pages_use(
 ) -> None:
     if program[-1] in ("agents.study", "examples/rllib_ppo.py"):
         pytest.importorskip("ray")
+    if program[-1] in ("experiments/mujoco_witness.py", "experiments/transfer.py"):
+        pytest.importorskip("mujoco")
     monkeypatch.syspath_prepend(ROOT)
     monkeypatch.setattr(sys, "argv", [program[-1], "--help"])
     with pytest.raises(SystemExit) as exited:
@@ -172,6 +170,34 @@ def test_files_that_are_named_exist(page: Path) -> None:
     for name in set(re.findall(rf"(?<![\w./-])(?:{'|'.join(FOLDERS)})/[\w./-]*\w", text)):
         if not name.startswith(("docs/_build", *ELSEWHERE)):
             assert any(ROOT.glob(f"{name}*")) or any(page.parent.glob(f"{name}*")), name
+
+
+@pytest.mark.parametrize("page", NOW, ids=lambda page: str(page.relative_to(ROOT)))
+def test_tests_that_are_named_exist(page: Path) -> None:
+    named = set(re.findall(r"`(test_\w+)`", page.read_text(encoding="utf-8")))
+    assert named <= names_of_tests()
+
+
+@functools.cache
+def names_of_tests() -> frozenset[str]:
+    """Return the names of all test functions."""
+    sources = (path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("*.py"))
+    return frozenset(name for source in sources for name in re.findall(r"def (test_\w+)", source))
+
+
+SOURCES = [
+    path
+    for folder in ("agents", "benchmarks", "examples", "jansen_env")
+    for path in sorted((ROOT / folder).rglob("*.py"))
+]
+
+
+@pytest.mark.parametrize("source", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_files_that_sources_name_exist(source: Path) -> None:
+    """Docstrings, comments and messages name no page, test or script that does not exist."""
+    text = source.read_text(encoding="utf-8")
+    for name in set(re.findall(rf"(?<![\w./-])(?:{'|'.join(FOLDERS)})/[\w./-]*\w", text)):
+        assert any(ROOT.glob(f"{name}*")), name
 
 
 def missing_module(name: str) -> bool:

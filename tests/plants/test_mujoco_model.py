@@ -7,8 +7,9 @@ import pytest
 
 mujoco = pytest.importorskip("mujoco")
 
-import mujoco_plant  # noqa: E402
+import mujoco_witness  # noqa: E402
 from motions import SPRINGS  # noqa: E402
+from mujoco_backend import MujocoPlant  # noqa: E402
 
 from jansen_env.cli.mjcf import main  # noqa: E402
 from jansen_env.plants.mujoco_model import to_mjcf  # noqa: E402
@@ -20,15 +21,15 @@ from jansen_env.terrain import Terrain  # noqa: E402
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["paper", "klann", "chebyshev", "trotbot", "strider"])
 def test_a_turn_in_the_air(name):
-    assert max(mujoco_plant.in_the_air(name, 2e-4, 3e6)) < 1e-6
+    assert max(mujoco_witness.in_the_air(name, 2e-4, 3e6)) < 1e-6
 
 
 def test_the_first_half_second_on_the_ground():
     """Without friction only the time step differs; with friction MuJoCo's is convex."""
-    smooth = [mujoco_plant.half_second("paper", 0.0, 60.0, h) for h in (2e-4, 1e-4)]
+    smooth = [mujoco_witness.half_second("paper", 0.0, 60.0, h) for h in (2e-4, 1e-4)]
     assert smooth[0] < 1e-4
     assert smooth[1] < 0.6 * smooth[0]
-    rough = [mujoco_plant.half_second("klann", 0.3, damping, 1e-4) for damping in (60.0, 6.0)]
+    rough = [mujoco_witness.half_second("klann", 0.3, damping, 1e-4) for damping in (60.0, 6.0)]
     assert rough[0] < 6e-4
     assert rough[1] < 0.5 * rough[0]
 
@@ -39,7 +40,7 @@ def test_flight_with_rotor_and_payload():
     smooth = {"motor": replace(robot.motor, friction=0.0), "bearing_friction": (0.0,) * 10}
     robot = replace(robot, payload=Payload(2.0, 0.1, (0.2, 0.1)), **smooth)
     ours = ProjectionPlant(robot, Terrain.flat(), 1e-4)
-    theirs = mujoco_plant.MujocoPlant(robot, Terrain.flat(), 1e-4, loop_stiffness=1e7)
+    theirs = MujocoPlant(robot, Terrain.flat(), 1e-4, loop_stiffness=1e7)
     theirs.model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
     ours.reset()
     ours.state = ours.state + 5.0 * np.eye(8)[1]
@@ -58,7 +59,7 @@ def test_three_witnesses_agree_on_springs():
     robot = replace(ROBOTS["paper_slender"](), springs=SPRINGS)
     ours = ProjectionPlant(robot, Terrain.flat(), 1e-4)
     rigid = RigidBodyPlant(robot, Terrain.flat(), 1e-4)
-    theirs = mujoco_plant.MujocoPlant(robot, Terrain.flat(), 1e-4, loop_stiffness=1e7)
+    theirs = MujocoPlant(robot, Terrain.flat(), 1e-4, loop_stiffness=1e7)
     theirs.model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
     ours.reset(crank_angle=0.5)
     theirs.reset(crank_angle=0.5)

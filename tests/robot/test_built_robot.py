@@ -306,7 +306,7 @@ def test_machines_have_three_witnesses(name, speed, pid):
     """Speed and cost agree within 1 % on both backends (weekend: 2 %), and with MuJoCo within 5.5
     %.
     """
-    from mujoco_plant import MujocoPlant
+    from mujoco_backend import MujocoPlant
 
     robot = ROBOTS[name]()
     ground = Terrain.flat()

@@ -28,7 +28,7 @@ def rigid_body(robot, friction, time_step=5e-4):
 
 def mujoco(robot, friction):
     """MuJoCo, with feet that hardly creep where they stick."""
-    from mujoco_plant import MujocoPlant
+    from mujoco_backend import MujocoPlant
 
     return MujocoPlant(robot, replace(Terrain.flat(), friction=friction), 2e-4, impratio=1e3)
 

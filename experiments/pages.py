@@ -1,0 +1,91 @@
+"""The command line of experiments, and the tables that they put into pages of the documentation."""
+
+import argparse
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from jansen_env.files import write_json
+
+DOCS = Path(__file__).parents[1] / "docs"
+
+
+def options(description: str | None, **counts: int) -> argparse.Namespace:
+    """Parse the command line of an experiment.
+
+    Args:
+        description: Docstring of the experiment.
+        **counts: Further options that take a whole number, by name, with their defaults.
+
+    Returns:
+        ``quick``, ``out`` and the value of each count.
+    """
+    parser = argparse.ArgumentParser(
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--quick", action="store_true", help="try the program in a tiny setting")
+    parser.add_argument(
+        "--out", type=Path, default=DOCS, help="folder of the pages and their data (docs)"
+    )
+    for name, default in counts.items():
+        parser.add_argument(f"--{name}", type=int, default=default, help=f"({default})")
+    return parser.parse_args()
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], texts: int = 1) -> str:
+    """Return a Markdown table.
+
+    Args:
+        head: Headings of the columns.
+        rows: Cells of each row.
+        texts: Number of columns on the left that contain text; the others contain numbers.
+    """
+    rule = ["---"] * texts + ["---:"] * (len(head) - texts)
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in (head, rule, *rows))
+
+
+def publish(folder: Path, data: str, results: Any, tables: Mapping[str, Sequence[str]]) -> None:
+    """Write the data of an experiment, print its tables, and put them into the pages.
+
+    A page gets each table in the place of the table that has the same headings.
+
+    Args:
+        folder: Folder of the pages and of their data.
+        data: Path of the data file in the folder.
+        results: Content of the data file.
+        tables: Tables of each page, in their order on the page.
+    """
+    (folder / data).parent.mkdir(parents=True, exist_ok=True)
+    write_json(folder / data, results)
+    for page, new in tables.items():
+        print("\n\n".join([f"{page}:", *new, ""]))
+        path = folder / page
+        if path.exists():
+            text = path.read_text(encoding="utf-8")
+            path.write_text(with_tables(text, new), encoding="utf-8")
+
+
+def with_tables(text: str, tables: Sequence[str]) -> str:
+    """Return the text of a page with tables in the place of those that have the same headings.
+
+    Args:
+        text: Text of the page.
+        tables: The new tables, in their order on the page.
+
+    Raises:
+        ValueError: If the page has no place for a table.
+    """
+    before: list[str] = []
+    rest = text.split("\n")
+    for new in tables:
+        heading = new.partition("\n")[0]
+        if heading not in rest:
+            raise ValueError(f"the page has no table with the headings {heading}")
+        start = rest.index(heading)
+        length = next(
+            (k for k, line in enumerate(rest[start:]) if not line.startswith("|")),
+            len(rest) - start,
+        )
+        before += [*rest[:start], new]
+        rest = rest[start + length :]
+    return "\n".join([*before, *rest])

@@ -57,7 +57,7 @@ def in_the_air(name: str, time_step: float, stiffness: float) -> tuple[float, fl
         Largest difference of the crank angle, in rad, and of the centre of mass of any link, in m.
     """
     robot, period, worst = ROBOTS[name](), 0.02, np.zeros(2)
-    plant, angle = ProjectionPlant(robot, Terrain.flat(), HELD_STEP, held=True), 0.0
+    plant, angle = ProjectionPlant(robot, Terrain.flat(), HELD_STEP, fixed_chassis=True), 0.0
     plant.reset()
     text = to_mjcf(robot, None, time_step, stiffness).replace("implicitfast", "RK4")
     model = mujoco.MjModel.from_xml_string(text)

@@ -40,7 +40,7 @@ def one_line(error):
         ("a: [1", "line 1: "),
         ("--- 1\n--- 2", "another document"),
         ("a: \x01", "special characters"),
-        ("[" * 6_000, "no YAML"),
+        ("[" * 6_000, "not valid YAML"),
     ],
 )
 def test_yaml_that_is_no_plain_data(text, reason, tmp_path):

@@ -246,7 +246,7 @@ HARMONICS = {"kind": "harmonics", "multiples": [2]}
             "format must be 'jansen_env policy 1', got 'jansen_env policy 2'",
         ),
         ({"history": {"length": 2}}, "there are entries ['history'], must be among ["),
-        ({"sha256": ""}, "sha256 is not that of mine.safetensors"),
+        ({"sha256": ""}, "sha256 must be that of mine.safetensors"),
         ({"action__torque_limit": NAN}, "torque_limit must be a finite number, got nan"),
         ({"network__features": []}, "network.features must have at least one number, got none"),
         ({"network__layers__0__weight": "os.system"}, "there is no tensor 'os.system'"),

@@ -55,10 +55,10 @@ def test_a_walk_keeps_pins_within_their_play(play):
     """Pins take up their play and exceed it by at most 0.02 mm; the account of energy is closed."""
     plant = loose(play=play)
     plant.reset(crank_angle=1.0)
-    results = [plant.step(2.0 * (3.0 - plant.state[7]) + 0.6, 0.02) for _ in range(30)]
+    results = [plant.step(2.0 * (3.0 - plant.state[7]) + 0.6, 0.02) for _ in range(50)]
     gaps = np.array([result.joint_gap for result in results])
     assert 0.9 * play < gaps[1:].min() and gaps.max() < play + BEYOND
-    assert plant.x > 0.01
+    assert plant.x > 0.1
     work = sum(result.motor_work for result in results)
     assert abs(sum(result.energy_residual for result in results)) < 2e-3 * work
     assert sum(result.joint_loss for result in results) > 0.0

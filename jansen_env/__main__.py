@@ -9,6 +9,7 @@ from jansen_env.cli.dispatch import run_command
 COMMANDS = {
     "enjoy": "watch policies, in a window or as a film",
     "evaluate": "score policies side by side",
+    "benchmark": "score policies by the benchmark protocol, and compare results",
     "verify": "compare walks of this machine with the published ones, bit for bit",
     "replay": "write a web page that replays walks",
     "play": "walk a robot by hand and design its lengths, on a page in a browser",

@@ -228,8 +228,8 @@ def policy_parser(
         default=[],
         required=required,
         metavar="NAME",
-        help=f"a baseline ({named}), 'pretrained', a run's folder, or a file of a model or policy; "
-        "repeat to compare",
+        help=f"a baseline ({named}), 'pretrained', a run's folder, a file of a model or policy, or "
+        "MODULE:FUNCTION for a function that makes a policy; repeat to compare",
     )
     add(
         "--env",

@@ -1,13 +1,16 @@
 """Policies by the names and files that users pass to commands."""
 
 import argparse
+import hashlib
 import os
-from collections.abc import Sequence
+import sys
+from collections.abc import Callable, Sequence
 from contextlib import closing
+from importlib import import_module
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
-from jansen_env.checks import listed, named_errors
+from jansen_env.checks import listed, named_errors, shown
 from jansen_env.policies import pretrained
 from jansen_env.policies.policy import Policy
 from jansen_env.scoring.benchmarks import find_benchmark
@@ -51,7 +54,8 @@ def load_named(name: str, env: Any) -> Policy:
 
     Args:
         name: Name of a baseline, ``"pretrained"``, ``"pretrained:NAME"``, ``"profile:FILE"`` for a
-            profile that a search has found, the folder of a run, or the file of a model or policy.
+            profile that a search has found, the folder of a run, the file of a model or policy, or
+            ``"MODULE:FUNCTION"`` for a function that makes a policy for the unwrapped environment.
         env: Environment in which the policy acts.
 
     Raises:
@@ -63,6 +67,8 @@ def load_named(name: str, env: Any) -> Policy:
         return baselines[name](env.unwrapped)
     if name.startswith(SEARCHED):
         return load_profile(name.removeprefix(SEARCHED), "found").policy(env.unwrapped)
+    if function := _imported(name):
+        return _call(function, name, env)
     if not path.exists():
         raise ValueError(
             f"policy is {name!r}, no run's folder, model's zip file or policy's json file: must be "
@@ -85,6 +91,76 @@ def load_named(name: str, env: Any) -> Policy:
                 f"{needed.shape} for {env_id}"
             )
     return policy
+
+
+def _module_name(name: str) -> str | None:
+    """Return the module in ``"MODULE:FUNCTION"``, or None if a name has another form."""
+    module, colon, function = name.partition(":")
+    dotted = all(part.isidentifier() for part in module.split("."))
+    other = module in ("pretrained", SEARCHED.removesuffix(":")) or Path(name).exists()
+    return module if colon and dotted and function.isidentifier() and not other else None
+
+
+def _imported(name: str) -> Callable[[Any], object] | None:
+    """Return the function that ``"MODULE:FUNCTION"`` names, or None if a name has another form.
+
+    Raises:
+        ValueError: If the module cannot be imported or has no such function.
+    """
+    module = _module_name(name)
+    if module is None:
+        return None
+    function = name.partition(":")[2]
+    try:
+        made = getattr(import_module(module), function, None)
+    except (ImportError, TypeError, ValueError) as error:
+        raise ValueError(f"policy {name!r}: module {module} cannot be imported: {error}") from error
+    if not callable(made):
+        raise ValueError(f"policy {name!r}: module {module} has no function {function}")
+    return cast("Callable[[Any], object]", made)
+
+
+def _call(function: Callable[[Any], object], name: str, env: Any) -> Policy:
+    """Return the policy that a function makes for an environment.
+
+    Raises:
+        ValueError: If the function returns an object without the method ``predict``.
+    """
+    policy: Any = function(env.unwrapped)
+    if not callable(getattr(policy, "predict", None)):
+        raise ValueError(
+            f"policy {name!r} must return an object with the method predict, got {shown(policy)}"
+        )
+    return cast("Policy", policy)
+
+
+def policy_sha256(name: str, env_id: str) -> str | None:
+    """Return the SHA-256 of a policy's files.
+
+    It covers the JSON file and the tensors of a packed policy, the zip file of a model, the file of
+    a profile, or the source file of a module.
+
+    Args:
+        name: Name of the policy, as for :func:`load_named`.
+        env_id: Id of the environment.
+
+    Returns:
+        The hexadecimal digest, or None for a policy without files, such as a baseline.
+    """
+    module = _module_name(name)
+    if module is not None and name not in find_benchmark(env_id).baselines:
+        source = getattr(sys.modules.get(module), "__file__", None)
+        files = [Path(source)] if source else []
+    elif name.startswith(SEARCHED):
+        files = [Path(name.removeprefix(SEARCHED))]
+    else:
+        file = shipped_file(name, env_id) or model_file(name)
+        files = [] if file is None else [file]
+        if file is not None and file.suffix == ".json":
+            files.append(file.with_suffix(".safetensors"))
+    if not files:
+        return None
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 
 def model_file(name: str) -> Path | None:

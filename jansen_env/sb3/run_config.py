@@ -17,6 +17,7 @@ from jansen_env.checks import MAX_STEPS, named_errors, one_of, shown
 from jansen_env.files.plain_yaml import HUGE, TINY, Rule, check_keys, read_yaml
 from jansen_env.registration import IDS
 from jansen_env.scoring.benchmarks import DEFAULT, check_env_kwargs
+from jansen_env.scoring.protocol import check_training_seed
 
 Arguments: TypeAlias = dict[str, Any]
 """Arguments by name, for environments, algorithms and networks."""
@@ -86,7 +87,8 @@ class RunConfig:
         policy: Name of the kind of policy.
         timesteps: Total number of environment steps.
         n_envs: Number of environments that run side by side.
-        seed: Seed of the networks and the environments.
+        seed: Seed of the networks and the environments. Environment i begins with ``seed`` + i,
+            which must not be a test seed of the benchmark.
         reward_scale: Factor by which the training reward is multiplied.
         fall_cost: Cost of a fall, which is subtracted from the training reward before it is scaled.
         env_kwargs: Arguments of the environment, for training and evaluation.
@@ -119,6 +121,7 @@ class RunConfig:
 
     def __post_init__(self) -> None:
         check_keys("", vars(self), KEYS)
+        check_training_seed(self.seed, self.n_envs)
         one_of("policy", self.policy, [*({*POLICIES} & {*ALGORITHMS[self.algo].policy_aliases})])
         variants = self.training_variants
         if not variants or not all(isinstance(variant, dict) for variant in variants):

@@ -7,6 +7,7 @@ from pathlib import Path
 from jansen_env.cli.dispatch import run_command
 
 COMMANDS = {
+    "demo": "watch a trained policy within seconds, on a page in a browser",
     "enjoy": "watch policies, in a window or as a film",
     "evaluate": "score policies side by side",
     "benchmark": "score policies by the benchmark protocol, and compare results",

@@ -7,6 +7,7 @@ import pytest
 
 from jansen_env import __version__
 from jansen_env.__main__ import COMMANDS, main
+from jansen_env.cli import demo
 from jansen_env.cli.flags import Parser
 from jansen_env.cli.process import guarded
 
@@ -101,6 +102,7 @@ def test_what_needs_no_other_package(tmp_path):
     assert (tmp_path / "x.html").stat().st_size > 50_000
     assert run("play", "--no-open", "--out", "pages", cwd=tmp_path).returncode == 0
     assert run("mjcf", "paper", "--out", "x.xml", cwd=tmp_path).returncode == 0
+    assert run("demo", "--no-open", "--out", "demo", cwd=tmp_path).returncode == 0
     assert run("verify", "--walk", "crank", cwd=tmp_path).returncode == 0
     assert '-c constraints.txt -e ".[mujoco]"' in run("mjcf", "built").stderr  # of its springs
 
@@ -109,6 +111,28 @@ def test_an_environment_without_policies_shows_its_baseline(tmp_path, monkeypatc
     monkeypatch.setattr("jansen_env.policies.pretrained.names", lambda _: [])
     main(["replay", "--env", "JansenGoal-v0", "--steps", "5", "--out", str(tmp_path / "x.html")])
     assert [path.name for path in tmp_path.glob("*.npz")] == ["x_pid.npz"]
+
+
+@pytest.mark.parametrize(
+    ("shown", "opened", "message"),
+    [
+        (True, True, "The page is open in your browser:"),
+        (True, False, "Open this page in any browser:"),  # there is no browser
+        (False, True, "Open this page in any browser:"),  # a text browser could not show it
+    ],
+)
+def test_the_demo_opens_a_page_where_it_can_be_seen(
+    shown, opened, message, monkeypatch, capsys, tmp_path
+):
+    calls = []
+    monkeypatch.setattr(demo, "display", lambda: shown)
+    monkeypatch.setattr("webbrowser.open", lambda page: calls.append(page) or opened)
+    main(["demo", "--out", str(tmp_path)])
+    page = tmp_path / "walk.html"
+    printed = capsys.readouterr().out
+    assert f"{message}\n  {page}\n" in printed and "jansen-env play " in printed
+    assert calls == [page.as_uri()] * shown
+    assert "control=rough+policy" in page.read_text(encoding="utf-8")
 
 
 def test_a_model_asks_for_its_library(tmp_path):

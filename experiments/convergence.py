@@ -13,7 +13,6 @@ docs/performance/convergence.md.
 import math
 import sys
 from collections.abc import Callable, Sequence
-from time import process_time
 from typing import Any
 
 import numpy as np
@@ -50,11 +49,10 @@ def walk(robot: Robot, friction: float, time_step: float, angle: float) -> dict[
 
     Returns:
         Position after :data:`EARLY` ("early", in m), distance (m), slip (m), work (J), deepest
-        penetration of a toe into the ground (m), and process time (s).
+        penetration of a toe into the ground (m).
     """
     plant = ProjectionPlant(robot, Terrain.flat(friction=friction), time_step)
     plant.reset(crank_angle=angle)
-    start = process_time()
     strength = min(1.0, robot.motor.torque_limit / ROBOTS["paper"]().motor.torque_limit)
     found = {"early": math.nan, "slip": 0.0, "work": 0.0, "depth": -math.inf}
     for k in range(1, round(DURATION / CONTROL_DT) + 1):
@@ -66,7 +64,7 @@ def walk(robot: Robot, friction: float, time_step: float, angle: float) -> dict[
         found["depth"] = max(found["depth"], robot.pad_radius - lowest)
         if k == round(EARLY / CONTROL_DT):
             found["early"] = plant.x
-    return {**found, "distance": plant.x, "time": process_time() - start}
+    return {**found, "distance": plant.x}
 
 
 def measure(names: Sequence[str], steps: Sequence[float], starts: int) -> dict[str, Any]:
@@ -105,12 +103,10 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
         "slip (%)",
         "work (%)",
         "penetration (mm)",
-        "time / time at 1 ms",
     ]
     rows = []
     for name, by_step in results.items():
         exact = by_step[f"{FINEST:g}"]
-        usual = np.sum(by_step[f"{DEFAULT:g}"]["time"])
         for step, values in by_step.items():
             if step == f"{FINEST:g}":
                 continue
@@ -118,7 +114,7 @@ def tables(results: dict[str, Any]) -> dict[str, list[str]]:
             row = [name, f"{1e3 * float(step):g}"]
             row += [f"{np.median(error):.2g}", f"{np.quantile(error, 0.9):.2g}"]
             row += changes(values, exact)
-            row += [f"{1e3 * max(values['depth']):.2f}", f"{np.sum(values['time']) / usual:.2f}"]
+            row.append(f"{1e3 * max(values['depth']):.2f}")
             rows.append(row)
     return {PAGE: [table(head, rows)]}
 

@@ -25,14 +25,11 @@ IN_MUJOCO = {"mujoco_witness", "transfer"}
 UNPUBLISHED = {
     "climbing",
     "compliant_feet",
-    "convergence",
     "linkages",
     "lowest_load",
     "mujoco_witness",
-    "other_bodies",
     "plants",
     "profile_scores",
-    "transfer",
 }
 """Experiments whose pages still show older data."""
 

@@ -53,7 +53,6 @@ REFUSED = {
         (["built", "--sheet", "wide"], "--sheet: must be WIDTHxHEIGHT in mm"),
         (["built", "--sheet", "nanx1"], "--sheet: must be WIDTHxHEIGHT in mm"),
         (["built", "--fit", "1,2"], "--fit: must be one of ["),
-        (["chebyshev", "--out", __file__], "must be a folder"),
         (["klann", "--as-robot-file", "k.txt"], "must end in .json"),
         (["klann", "--as-robot-file", f"{__file__}/k.json"], "its folder is"),
     ],

@@ -88,6 +88,7 @@ def test_a_machine_that_stands_still_is_refused():
         (["predict", "built", "--copies", "1e10"], "must be a whole number from 1 to "),
         (["predict", "built", "--out", ""], "must be a path, got an empty string"),
         (["drawings", "weekend", "--out", ""], "must be a path, got an empty string"),
+        (["drawings", "chebyshev", "--out", __file__], "must be a folder"),
         (["draw"], "COMMAND must be one of"),
     ],
 )

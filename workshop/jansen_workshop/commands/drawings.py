@@ -103,10 +103,10 @@ def main(arguments: list[str] | None = None) -> None:
     with args.parser.refusing():
         robot = load_robot("ROBOT", args.robot)
         kerf = within("--kerf", args.kerf, 0.0, WIDEST_KERF)
-        check_writable("--out", out)
         with progress("drawing", None):
             files, summary = drawings(robot, name, args.sheet, kerf, args.fit)
         cut = machine(robot)
+        check_writable("--out", out)
         for file, text in files.items():
             write_bytes(out / file, text.encode() if isinstance(text, str) else text)
         if args.as_robot_file:

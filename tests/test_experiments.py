@@ -26,7 +26,6 @@ UNPUBLISHED = {
     "climbing",
     "compliant_feet",
     "linkages",
-    "lowest_load",
     "mujoco_witness",
     "plants",
     "profile_scores",

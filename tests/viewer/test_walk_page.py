@@ -266,6 +266,7 @@ def test_a_ground_is_drawn(opened):
 def test_a_walk_is_saved(opened):
     """The file has its start, and what came in each step."""
     page = opened("control=hand&friction=0.5")
+    until(page, lambda: score(page, "time") >= 0.0)  # an episode has begun
     page.keyboard.press(" ")
     page.keyboard.press("p")
     until(page, lambda: score(page, "time") > 0.3)

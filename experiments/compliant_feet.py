@@ -1,6 +1,6 @@
 """What do compliant feet change about a walk and about the forces in the joints?
 
-Run the experiment as follows. It takes two minutes on one core.
+Run the experiment as follows. It takes about six minutes on one core.
 
     python experiments/compliant_feet.py [--starts 6] [--quick]
 

@@ -24,7 +24,6 @@ SIZES = {"joint_play": "0.001", "legs": "2", "reference_problems": "2", "springs
 IN_MUJOCO = {"mujoco_witness", "transfer"}
 UNPUBLISHED = {
     "climbing",
-    "compliant_feet",
     "linkages",
     "mujoco_witness",
     "plants",

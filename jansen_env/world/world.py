@@ -786,7 +786,7 @@ class World:
             i: Index of the robot.
 
         Returns:
-            The saved state, which has these entries:
+            The saved state. The following list contains its entries.
 
             - ``version``: Version of the format.
             - ``record``: Copy of the robot's record, see :mod:`jansen_env.world.saved_states`.

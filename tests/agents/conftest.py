@@ -1,21 +1,3 @@
 """Fixtures of training's tests."""
 
-import pytest
-
-import train
-from agents.training import callbacks
-
-
-@pytest.fixture(scope="module")
-def few_episodes():
-    """One episode for each evaluation's command."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(callbacks, "EPISODES", 1)
-        yield
-
-
-@pytest.fixture
-def no_scores(monkeypatch):
-    """Let train.py end without scoring."""
-    monkeypatch.setattr(train, "score_run", lambda *given: {})
-    monkeypatch.setattr(train, "outcome", lambda *given: "")
+from training_fixtures import few_episodes, no_scores  # noqa: F401

@@ -1,7 +1,8 @@
-"""Shared by the tests of the workshop."""
+"""Fixtures of the workshop's tests."""
 
 import numpy as np
 import pytest
+from training_fixtures import few_episodes, no_scores  # noqa: F401
 
 
 @pytest.fixture

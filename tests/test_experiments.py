@@ -27,7 +27,6 @@ UNPUBLISHED = {
     "linkages",
     "mujoco_witness",
     "plants",
-    "profile_scores",
 }
 """Experiments whose pages still show older data."""
 

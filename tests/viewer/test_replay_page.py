@@ -12,6 +12,7 @@ from jansen_env.viewer.web.page import frame_of, write_page
 PIXELS = "canvas => canvas.toDataURL()"
 DIGITS = {"crankSpeed": 2, "torque": 2, "power": 2, "returned": 1}  # 3 of the others
 STILL = {"reduced_motion": "reduce"}
+SLOW = "0.25"  # a replay that cannot reach its end between two looks of a busy machine
 
 
 def recorded(env_id, label, amplitude, **arguments):
@@ -89,6 +90,7 @@ def settled(page):
 def test_it_plays(opened):
     page = opened().page
     picture = page.locator("#stage canvas")
+    page.select_option("#rate", SLOW)
     page.wait_for_function("() => parseFloat(document.querySelector('#time').value) > 0.3")
     first = time_of(page)
     pixels = picture.evaluate(PIXELS)
@@ -98,6 +100,7 @@ def test_it_plays(opened):
     page.select_option("#rate", "4")
     page.wait_for_function("() => document.querySelector('#play').ariaLabel.startsWith('Play')")
     assert time_of(page) == 2.0
+    page.select_option("#rate", SLOW)
     page.click("#play")
     page.wait_for_function("() => parseFloat(document.querySelector('#time').value) < 1.5")
     page.click("#play")

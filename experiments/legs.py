@@ -5,12 +5,15 @@ Run the experiment as follows. The defaults are 64 episodes per command and the 
     python experiments/legs.py [EPISODES] [FOLDER]
 
 Robots with the parts of ``built`` and 4, 6, 8 or 12 legs walk at five commands, each under its
-pretrained policy and under a PID. The script prints a table per metric and writes ``legs.json`` and
-``legs.png``. The page docs/legs.md contains the tables and the figure, and ``legs.json`` contains
-the data. The run takes about a minute on two cores.
+pretrained policy and under a PID. In addition, robots whose links are lighter, so that the whole
+robot has the mass of the one with four legs, walk under the same policies. The script prints a
+table per metric and writes ``legs.json`` and ``legs.png``. The page docs/legs.md contains the
+tables and the figure, and ``legs.json`` contains the data. The run takes about two minutes on two
+cores.
 """
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import gymnasium as gym
@@ -19,6 +22,7 @@ import matplotlib.pyplot as plt
 from jansen_env import evaluate
 from jansen_env.files import write_json
 from jansen_env.policies import pretrained
+from jansen_env.robot import Robot, named_robot
 from jansen_env.scoring.benchmarks import find_benchmark
 
 ENV = "JansenWalkerBuilt-v0"
@@ -32,20 +36,46 @@ METRICS = {
 }
 """Metrics of the figure, with the labels of their axes."""
 SEED = 7
+LIGHT = "policy, mass of four legs"
+"""Label of the robots that all have the mass of the robot with four legs."""
+
+
+def with_mass(robot: Robot, mass: float) -> Robot:
+    """Return a copy of a robot whose links are lighter, and whose torque limit is lower.
+
+    Masses, moments of inertia and the torque limit are multiplied by the same factor. The feet, the
+    friction and the rotor of the motor stay as they are.
+
+    Args:
+        robot: The robot.
+        mass: Mass of the copy, in kg.
+    """
+    factor = mass / robot.mass
+    links = [
+        replace(link, mass=factor * link.mass, inertia=factor * link.inertia)
+        for link in robot.bodies
+    ]
+    motor = replace(robot.motor, torque_limit=factor * robot.motor.torque_limit)
+    return replace(robot, bodies=tuple(links), motor=motor)
 
 
 def measure(episodes: int) -> dict[str, dict[str, dict[str, list[float]]]]:
     """Return the mean of each metric per command, by controller and number of legs."""
-    results: dict[str, dict[str, dict[str, list[float]]]] = {"policy": {}, "pid": {}}
+    results: dict[str, dict[str, dict[str, list[float]]]] = {"policy": {}, "pid": {}, LIGHT: {}}
+    mass = named_robot("built").mass
     for legs, name in POLICIES.items():
-        robot = {"robot": f"built:{legs}"}
-        env = gym.make(ENV, robot=robot["robot"])
-        controllers = {
-            "policy": pretrained.load(ENV, name),
-            "pid": find_benchmark(ENV).baselines["pid"](env.unwrapped),
-        }
-        scores = evaluate(controllers, ENV, robot, commands=COMMANDS, episodes=episodes, seed=SEED)
-        for controller in controllers:
+        robot = named_robot(f"built:{legs}")
+        env = gym.make(ENV, robot=robot)
+        policy = pretrained.load(ENV, name)
+        pid = find_benchmark(ENV).baselines["pid"](env.unwrapped)
+        robots = {"policy": (robot, policy), "pid": (robot, pid)}
+        if legs > min(POLICIES):
+            robots[LIGHT] = with_mass(robot, mass), policy
+        for controller, (walker, walks) in robots.items():
+            arguments = {"robot": walker}
+            scores = evaluate(
+                {controller: walks}, ENV, arguments, commands=COMMANDS, episodes=episodes, seed=SEED
+            )
             by_command = scores[controller]["by_command"]
             results[controller][str(legs)] = {
                 metric: [round(value, 4) for value in by_command[metric]["value"]]
@@ -77,6 +107,8 @@ def table(results: dict[str, dict[str, dict[str, list[float]]]], metric: str) ->
     ]
     for legs in map(str, POLICIES):
         for controller, by_legs in results.items():
+            if legs not in by_legs:
+                continue
             cells = " | ".join(f"{value:.2f}" for value in by_legs[legs][metric])
             lines.append(f"| {legs} | {controller} | {cells} |")
     return "\n".join(lines)

@@ -76,7 +76,7 @@ def test_the_page_about_legs_shows_its_data() -> None:
     results = json.loads((ROOT / "docs" / "legs" / "legs.json").read_text(encoding="utf-8"))
     page = (ROOT / "docs" / "legs.md").read_text(encoding="utf-8")
     legs = import_module("legs")
-    controllers = {name: results[name] for name in ("policy", "pid")}
+    controllers = {name: results[name] for name in ("policy", "pid", legs.LIGHT)}
     for metric in legs.METRICS:
         assert legs.table(controllers, metric) in page, metric
 

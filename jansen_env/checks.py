@@ -69,7 +69,8 @@ def named_errors(source: object, *kinds: type[Exception]) -> Iterator[None]:
 
 def listed(known: Iterable[object], value: object) -> str:
     """Return a list of known names for a message, with the name that ``value`` may have meant."""
-    names, text = [*known], value[:LONGEST] if isinstance(value, str) else ""
+    names = [*known]
+    text = value[:LONGEST] if isinstance(value, str) else ""
     near = get_close_matches(text, map(str, names), 1)
     return f"{names}{HINT}{near[0]!r}?" if near else str(names)
 
@@ -399,7 +400,8 @@ class FiniteWith(NamedTuple):
         Raises:
             ValueError: If it does not.
         """
-        value, other = getattr(part, self.field), getattr(part, self.other)
+        value = getattr(part, self.field)
+        other = getattr(part, self.other)
         if infinite(other) and not infinite(value) and value != 0.0:
             name = f"{type(part).__name__}.{self.other}"
             raise invalid(name, other, f"finite with a {self.field} of {value}")

@@ -129,7 +129,8 @@ def policies_of_tracks(given: Sequence[str]) -> dict[str, str]:
     for entry in given:
         track, equals, name = entry.partition("=")
         if not equals:
-            track, name = ALL, entry
+            track = ALL
+            name = entry
         one_of("TRACK of --policy", track, [ALL, *TRACKS])
         if track in named:
             raise ValueError(f"--policy was given twice for {track!r}")

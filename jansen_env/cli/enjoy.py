@@ -32,9 +32,11 @@ from jansen_env.world.rendering import GROUND, GROUND_TEXT, RED, Picture
 
 INVISIBLE = ("dummy", "offscreen")  # SDL drivers whose windows are invisible
 FRAME_TIME = {".gif": 0.08, ".mp4": 0.02}  # time between frames, in s
-GIF_WIDTH, GIF_COLOURS = 480, 32
-# Font size, margin at the sides, and height of the line of a title, in pixels.
-TITLE_SIZE, TITLE_MARGIN, TITLE_HEIGHT = 30, 24, 42
+GIF_WIDTH = 480
+GIF_COLOURS = 32
+TITLE_SIZE = 30  # font size of a title, in pixels
+TITLE_MARGIN = 24  # margin at the sides of a title, in pixels
+TITLE_HEIGHT = 42  # height of the line of a title, in pixels
 WRITERS = {".gif": ("PIL",), ".mp4": ("PIL", "imageio_ffmpeg")}  # packages that write each format
 
 
@@ -70,7 +72,9 @@ def play(policy: Policy, env: Env, command: float, seed: int) -> Iterator[Progre
     """
     benchmark = find_benchmark(env.get_wrapper_attr("spec").id)
     observation, _ = env.reset(seed=seed, options=benchmark.options(command))
-    moment, state, truncated = Progress(0, 0.0, False), None, False
+    moment = Progress(0, 0.0, False)
+    state = None
+    truncated = False
     yield moment
     while not (moment.failed or truncated):
         starts = np.array([moment.steps == 0])
@@ -112,13 +116,15 @@ def _titled(frame: Picture, title: str, moment: Progress) -> Picture:
     from PIL import Image, ImageDraw, ImageFont
 
     image = Image.fromarray(frame)
-    draw, font = ImageDraw.Draw(image), ImageFont.load_default(TITLE_SIZE)
+    draw = ImageDraw.Draw(image)
+    font = ImageFont.load_default(TITLE_SIZE)
     y = image.height - TITLE_HEIGHT
     draw.rectangle((0, y + 2, *image.size), GROUND)  # covers the marks on the ground
     draw.text((TITLE_MARGIN, y), title, GROUND_TEXT, font)
     if moment.slipped is not None and moment.walked is not None:
         end = "then fell" if moment.failed else f"toes slid {1e3 * moment.slipped:.0f} mm"
-        text, right = f"{moment.walked:.2f} m walked, {end}", image.width - TITLE_MARGIN
+        text = f"{moment.walked:.2f} m walked, {end}"
+        right = image.width - TITLE_MARGIN
         draw.text((right, y), text, RED, font, anchor="ra")
     return np.asarray(image)
 
@@ -173,7 +179,8 @@ def _write_mp4(frames: Iterator[Picture], name: str, frame_time: float) -> None:
 
     first = next(frames)
     height, width, _ = first.shape
-    size, rate = (width, height), 1.0 / frame_time
+    size = (width, height)
+    rate = 1.0 / frame_time
     with closing(imageio_ffmpeg.write_frames(name, size, fps=rate, macro_block_size=2)) as writer:
         writer.send(None)  # starts the writer
         for frame in chain([first], frames):

@@ -36,7 +36,10 @@ from jansen_env.scoring.rollout import Advance, EnvKwargs, Options, make_env, no
 WRITTEN_NOWHERE = "--all prints them, --out DIR writes them"
 FRICTIONS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 STIFFNESSES = (10, 20, 50, 100, 200, 500, math.inf)  # kN/m
-FRICTION, FEET, LEVEL = "friction", "foot stiffness (kN/m)", "terrain level"  # names of the sweeps
+# Names of the sweeps.
+FRICTION = "friction"
+FEET = "foot stiffness (kN/m)"
+LEVEL = "terrain level"
 # Metrics in the figure of --robustness.
 METRICS = ("return", "steady_slip_per_metre", "steady_speed_error", "falls")
 # Metrics in the figure of --levels.
@@ -143,7 +146,8 @@ def main(arguments: list[str] | None = None) -> None:
 
 def _scores(args: argparse.Namespace, loaded: Loaded) -> str:
     """Return the scores by command, and those for sampled commands, as text."""
-    scores, drawn = Scores(args.env), Scores(args.env)
+    scores = Scores(args.env)
+    drawn = Scores(args.env)
     count = args.random_commands or 0
     each = len(args.commands) * args.episodes + count
     total = each * sum(len(policies) for policies, _ in loaded)
@@ -171,7 +175,8 @@ def _scores(args: argparse.Namespace, loaded: Loaded) -> str:
                 )
     if args.out:
         write_scores(scores, args.out, drawn)
-    grid, unit = " ".join(f"{c:g}" for c in args.commands), find_benchmark(args.env).command_unit
+    grid = " ".join(f"{c:g}" for c in args.commands)
+    unit = find_benchmark(args.env).command_unit
     text = (
         f"commands {grid} {unit}, episodes at each {args.episodes}, seed {args.seed}\n\n"
         f"{scores.table(args.all)}"
@@ -193,7 +198,8 @@ def _sweep(args: argparse.Namespace, loaded: Loaded) -> str:
     ]
     with progress("scoring", conditions * sum(each)) as advance:
         sweeps = score_conditions(loaded, args.env, args.episodes, args.seed, args.levels, advance)
-    known, names = find_benchmark(args.env).metrics, LEVEL_METRICS if args.levels else METRICS
+    known = find_benchmark(args.env).metrics
+    names = LEVEL_METRICS if args.levels else METRICS
     metrics = {name: known[name] for name in names if name in known}
     table = score_table(metrics, by_condition(sweeps))
     if args.out:

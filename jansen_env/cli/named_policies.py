@@ -62,7 +62,8 @@ def load_named(name: str, env: Any) -> Policy:
         ValueError: If there is no such policy, or if it does not fit the environment.
     """
     env_id = env.spec.id
-    baselines, path = find_benchmark(env_id).baselines, shipped_file(name, env_id) or Path(name)
+    baselines = find_benchmark(env_id).baselines
+    path = shipped_file(name, env_id) or Path(name)
     if name in baselines:
         return baselines[name](env.unwrapped)
     if name.startswith(SEARCHED):
@@ -84,7 +85,8 @@ def load_named(name: str, env: Any) -> Policy:
 
     policy: Any = load_policy(name)
     for space in ("observation_space", "action_space"):
-        trained, needed = getattr(policy, space), getattr(env, space)
+        trained = getattr(policy, space)
+        needed = getattr(env, space)
         if trained.shape != needed.shape:
             raise ValueError(
                 f"policy {name!r} has an {space} of shape {trained.shape}, must be "

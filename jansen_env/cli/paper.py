@@ -31,7 +31,8 @@ def main(arguments: list[str] | None = None) -> None:
     )
     parser.add_argument("--all", action="store_true", help="print the whole table")
     args = parser.parse_args(arguments)
-    start, out = time.perf_counter(), args.out
+    start = time.perf_counter()
+    out = args.out
     with parser.refusing():
         check_writable("--out", out)  # checked before the long computation
     with progress("simulating", None):

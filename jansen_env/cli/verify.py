@@ -43,7 +43,8 @@ def main(arguments: list[str] | None = None) -> None:
         SystemExit: With status 1 if a hash differs from the published one.
     """
     names = list(dict.fromkeys(parse(arguments).walk or WALKS))
-    published, equal = published_hashes(), 0
+    published = published_hashes()
+    equal = 0
     print(f"walks of {STEPS} steps, of one robot and of a batch of {ROBOTS}\n")
     print(f"{'walk':<26} {'robots':>6}  {'this machine':<16}  {'published':<16}")
     with progress("walking", len(names)) as advance:

@@ -225,13 +225,17 @@ def joint_forces(
     Raises:
         ValueError: If the shapes do not match, or a fixed chassis moves.
     """
-    q, q_dot = np.asarray(q, dtype=float), np.asarray(q_dot, dtype=float)
+    q = np.asarray(q, dtype=float)
+    q_dot = np.asarray(q_dot, dtype=float)
     _check_arguments(q, q_dot, torque, fixed_base, q_ddot, dry)
-    X, joints = system_coordinates(robot, q), world_joints(robot, q)
-    T, M = tangent_matrix(robot, q), masses(robot)
+    X = system_coordinates(robot, q)
+    joints = world_joints(robot, q)
+    T = tangent_matrix(robot, q)
+    M = masses(robot)
     x_dot, D, bias = leg_motion(robot, leg_sides(robot), X, times(T, q_dot[..., None, :]))
     # x_ddot = D_q q_ddot + bias
-    D_q, bias = D @ T, bias + times(D, tangent_bias(robot, q, q_dot))
+    D_q = D @ T
+    bias = bias + times(D, tangent_bias(robot, q, q_dot))
     h = forces(robot, x_dot, 0.0, gravity)  # the torque of the motor is added at the shaft, below
     bearings, gear = _dry_friction(robot, D_q, q_dot[..., 3], dry)
     h += bearings + spring_forces(robot, leg_sides(robot), X)
@@ -301,7 +305,8 @@ def _contact_forces(
         Generalised forces, shape (..., legs, 24), and forces on the toes in N, shape (..., toes,
         2).
     """
-    f, toe = np.zeros(X.shape), np.zeros((*X.shape[:-2], len(robot.toes), 2))
+    f = np.zeros(X.shape)
+    toe = np.zeros((*X.shape[:-2], len(robot.toes), 2))
     if contact is None:
         return f, toe
     contact = np.asarray(contact, dtype=float)
@@ -311,9 +316,11 @@ def _contact_forces(
         allowed = (*X.shape[:-2], f"<= {len(layout.leg)}", 3)
         raise ValueError(f"contact has shape {contact.shape}, must be {allowed}")
     for k in range(pads):
-        leg, (joint, body) = layout.leg[k], robot.linkage.all_pads[layout.joint[k]]
+        leg = layout.leg[k]
+        joint, body = robot.linkage.all_pads[layout.joint[k]]
         column = 3 * body
-        force, moment = contact[..., k, :2], contact[..., k, 2]
+        force = contact[..., k, :2]
+        moment = contact[..., k, 2]
         arm = joints[..., leg, joint, :] - X[..., leg, column + 1 : column + 3]
         f[..., leg, column] += moment + arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0]
         f[..., leg, column + 1 : column + 3] += force
@@ -331,7 +338,8 @@ def _dry_friction(
         Generalised forces of the bearings in the legs' coordinates, shape (..., legs, 24), and the
         friction torque of the gear on the crank in N m, shape (...).
     """
-    h, size = np.zeros(D_q.shape[:-1]), np.array(robot.bearing_friction)
+    h = np.zeros(D_q.shape[:-1])
+    size = np.array(robot.bearing_friction)
     first, second = 3 * (np.array(robot.linkage.bearings).T - 1)  # rows of the bodies' angles
     turning = D_q[..., second, 3] - D_q[..., first, 3]
     most = robot.motor.friction + (size * np.abs(turning)).sum(axis=(-2, -1))
@@ -372,7 +380,8 @@ def _acceleration(
         arm = np.stack([cos * px - sin * py, sin * px + cos * py], axis=-1)
         J = np.zeros((*q.shape[:-1], 3, 4))  # Jacobian of the payload's theta, x and y
         J[..., 0, 2] = J[..., 1, 0] = J[..., 2, 1] = 1.0
-        J[..., 1, 2], J[..., 2, 2] = -arm[..., 1], arm[..., 0]
+        J[..., 1, 2] = -arm[..., 1]
+        J[..., 2, 2] = arm[..., 0]
         M_load = np.array([load.inertia, load.mass, load.mass])
         h_load = np.zeros((*q.shape[:-1], 3))
         h_load[..., 1:] = load.mass * q_dot[..., 2, None] ** 2 * arm

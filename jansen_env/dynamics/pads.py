@@ -36,8 +36,10 @@ def pad_layout(robot: Robot) -> Pads:
     The toes of all legs come first. The other pads follow leg by leg. The pads of the frame occur
     once for each side.
     """
-    legs, pads = leg_rows(robot), np.array(robot.linkage.all_pads)
-    rows, leg = np.zeros(len(legs) * len(pads), PAD), np.empty(len(legs) * len(pads), np.int64)
+    legs = leg_rows(robot)
+    pads = np.array(robot.linkage.all_pads)
+    rows = np.zeros(len(legs) * len(pads), PAD)
+    leg = np.empty(len(legs) * len(pads), np.int64)
     count = put_layout(legs, pads, len(robot.linkage.toes), rows, leg)
     return Pads(leg[:count], rows["table"][:count], len(robot.toes), rows[:count])
 
@@ -50,7 +52,9 @@ def pad_sides(robot: Robot) -> Ints:
     Returns:
         Sorted pairs of indices of pads, so that the sides at toes come first, shape (n, 2).
     """
-    layout, legs, members = pad_layout(robot), leg_rows(robot), leg_links(robot).members
+    layout = pad_layout(robot)
+    legs = leg_rows(robot)
+    members = leg_links(robot).members
     sides = np.empty((len(legs) * members.size, 2), np.int64)
     pads = np.array(robot.linkage.all_pads)
     count = put_sides(legs, members, pads, layout.rows, layout.leg, sides)

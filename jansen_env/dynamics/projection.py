@@ -68,7 +68,8 @@ def _rows(robot: Robot, side: Sides) -> _Rows:
         legs = [_rows(robot, each) for each in side]
         return legs[0]._replace(offset=np.stack([leg.offset for leg in legs]))
     mirror = 1.0 if side == "fore" else -1.0
-    pins, terms = robot.linkage.pins, []
+    pins = robot.linkage.pins
+    terms = []
     translations = np.zeros((2 * len(pins), 3 * len(robot.bodies)))
     for i, (joint, body, other) in enumerate(pins):
         for each, sign in ((other, -1.0), (body, 1.0)):
@@ -137,7 +138,8 @@ def constraint_matrix_rate(robot: Robot, side: Sides, x: Array, x_dot: Array) ->
         Matrix of shape (..., 20, 24).
     """
     rows = _rows(robot, side)
-    angle, rate = x[..., rows.column] + rows.offset, x_dot[..., rows.column]
+    angle = x[..., rows.column] + rows.offset
+    rate = x_dot[..., rows.column]
     C_dot = np.zeros((*x.shape[:-1], *rows.translations.shape))
     C_dot[..., rows.row, rows.column] = -rows.coefficient * np.cos(angle) * rate
     C_dot[..., rows.row + 1, rows.column] = -rows.coefficient * np.sin(angle) * rate
@@ -287,7 +289,8 @@ def system_constraint_matrix_rate(
     Returns:
         Matrix of the same shape as the result of :func:`system_constraint_matrix`.
     """
-    q, q_dot = _by_leg(Q), _by_leg(Q_dot)
+    q = _by_leg(Q)
+    q_dot = _by_leg(Q_dot)
     G_dot = np.zeros((*q.shape, DOF))
     reach, turn = axis_on_frame(robot)
     G_dot[..., 1:3, 0] = reach * directions(q[..., 0] + turn + np.pi) * q_dot[..., :1]
@@ -308,7 +311,8 @@ def _system_rows(G: Array, fixed_base: bool) -> Array:
         rows[..., leg, :, leg, :] = G[..., leg, :, :]
         rows[..., leg, :, 0, :] = -first
     C = rows.reshape(*shape, DOF * legs, DOF * legs)
-    pins, ties = C[..., PINNING_ROWS, :], C[..., DOF:, :]
+    pins = C[..., PINNING_ROWS, :]
+    ties = C[..., DOF:, :]
     return np.concatenate([pins, ties], axis=-2) if fixed_base else ties
 
 
@@ -438,7 +442,8 @@ def project(
     if fixed_base:
         order[:DOF] = [3, 0, 1, 2]
         speeds = speeds[..., 3:]
-    back, k = np.argsort(order), speeds.shape[-1]
+    back = np.argsort(order)
+    k = speeds.shape[-1]
     C = system_constraint_matrix(robot, Q, fixed_base)[..., order]
     D = orthogonal_complement(C, k)
     Q_dot = times(D, speeds)[..., back]
@@ -521,5 +526,6 @@ def tangent_bias(robot: Robot, q: Array, q_dot: Array) -> Array:
     bias = np.zeros((*angle.shape, DOF))
     reach, turn = axis_on_frame(robot)
     spin = reach * q_dot[..., None, 2] ** 2
-    bias[..., 1], bias[..., 2] = spin * np.cos(angle + turn), spin * np.sin(angle + turn)
+    bias[..., 1] = spin * np.cos(angle + turn)
+    bias[..., 2] = spin * np.sin(angle + turn)
     return bias

@@ -137,8 +137,9 @@ def _compile(robot: Robot) -> Tables:
     x = coordinates(robot, "fore", psi, joints).reshape(SAMPLES, -1, 3)
     leg = leg_data(robot)
     space = tuple(map(np.empty, work_shapes(leg)))
-    shapes = (1, INTERVALS, ORDER, len(BODY_FUNCTIONS)), (len(leg["pads"]), INTERVALS, ORDER, 3)
-    body, pads, bearings = *map(np.empty, shapes), np.empty(BEARING_SAMPLES)
+    body = np.empty((1, INTERVALS, ORDER, len(BODY_FUNCTIONS)))
+    pads = np.empty((len(leg["pads"]), INTERVALS, ORDER, 3))
+    bearings = np.empty(BEARING_SAMPLES)
     springs = np.empty((1, INTERVALS, ORDER, 1))
     constants = _expansion(), _turn(SAMPLES), _turn(INTERVALS), _half_step(), _turn(BEARING_SAMPLES)
     tail = compile_tables(
@@ -230,9 +231,12 @@ def _expansion() -> Array:
 
     The coefficient of t^k is divided by i^k, so that it is real. The shape is (ORDER, HARMONICS).
     """
-    half, n = math.pi / INTERVALS, np.arange(HARMONICS)
-    term, weights = np.ones(HARMONICS), np.zeros((ORDER, HARMONICS))
-    order, economy = np.arange(ORDER), ECONOMY  # t^k at Chebyshev's nodes, with t in units of half
+    half = math.pi / INTERVALS
+    n = np.arange(HARMONICS)
+    term = np.ones(HARMONICS)
+    weights = np.zeros((ORDER, HARMONICS))
+    order = np.arange(ORDER)
+    economy = ECONOMY  # t^k at Chebyshev's nodes, with t in units of half
     for k in range(TERMS):
         if k < ORDER:
             weights[k] += term
@@ -291,7 +295,8 @@ def body_sums(tables: Tables, psi: ArrayLike) -> BodySums:
     load: Payload = tables.robot.payload
     place = np.array(load.position)
     motor = tables.robot.motor
-    J, G = motor.rotor_inertia, motor.gear_ratio  # the speed of the rotor is theta' + G psi'
+    J = motor.rotor_inertia
+    G = motor.gear_ratio  # the speed of the rotor is theta' + G psi'
     return BodySums(
         c=value[..., :2] + load.mass * place,
         dc=slope[..., :2],
@@ -360,8 +365,10 @@ def lightest_mass(robot: Robot) -> float:
     It is the minimum over all pads and all directions, for the robot without payload and rotor,
     which can only increase it.
     """
-    tables, legs = compile_robot(design_of(robot)), robot.legs
-    layout, turn = tables.layout, 2.0 * math.pi * np.arange(MASS_SAMPLES) / MASS_SAMPLES
+    tables = compile_robot(design_of(robot))
+    legs = robot.legs
+    layout = tables.layout
+    turn = 2.0 * math.pi * np.arange(MASS_SAMPLES) / MASS_SAMPLES
     # For each leg, the crank angles of the robot at which its pads are those of the tables, which
     # are the pads of a fore leg of phase 0, at the angles ``turn``.
     angles = [
@@ -370,22 +377,31 @@ def lightest_mass(robot: Robot) -> float:
     sums = body_sums(tables, np.array(angles))
     M = np.zeros((*sums.I.shape, 4, 4))
     M[..., 0, 0] = M[..., 1, 1] = tables.robot.mass
-    M[..., 2, 2], M[..., 3, 3], M[..., 2, 3] = sums.I, sums.k, sums.b
-    M[..., 0, 2], M[..., 1, 2], M[..., :2, 3] = -sums.c[..., 1], sums.c[..., 0], sums.dc
+    M[..., 2, 2] = sums.I
+    M[..., 3, 3] = sums.k
+    M[..., 2, 3] = sums.b
+    M[..., 0, 2] = -sums.c[..., 1]
+    M[..., 1, 2] = sums.c[..., 0]
+    M[..., :2, 3] = sums.dc
     inverse = np.linalg.inv(np.triu(M) + np.triu(M, 1).swapaxes(-1, -2))[layout.leg]
     fore = np.array([legs[leg].side == "fore" for leg in layout.leg])[:, None]
     places = [_evaluate(table, turn)[:2] for table in tables.pads]
-    value, slope = (np.array([place[k] for place in places])[layout.joint] for k in (0, 1))
+    value = np.array([value for value, _ in places])[layout.joint]
+    slope = np.array([slope for _, slope in places])[layout.joint]
     x = np.where(fore, value[..., 0], -value[..., 0])
     dx, dy, turned = np.moveaxis(slope, -1, 0)
-    dy, turned = (np.where(fore, each, -each) for each in (dy, turned))
+    dy = np.where(fore, dy, -dy)
+    turned = np.where(fore, turned, -turned)
     turned = np.where(fore, turned, -turned)
     J = np.zeros((*x.shape, 2, 4))  # Jacobian of the point that touches level ground
     J[..., 0, 0] = J[..., 1, 1] = 1.0
-    J[..., 0, 2], J[..., 1, 2] = robot.pad_radius - value[..., 1], x
-    J[..., 0, 3], J[..., 1, 3] = dx + robot.pad_radius * turned, dy
+    J[..., 0, 2] = robot.pad_radius - value[..., 1]
+    J[..., 1, 2] = x
+    J[..., 0, 3] = dx + robot.pad_radius * turned
+    J[..., 1, 3] = dy
     W = J @ inverse @ J.swapaxes(-1, -2)
-    mean, difference = 0.5 * (W[..., 0, 0] + W[..., 1, 1]), 0.5 * (W[..., 0, 0] - W[..., 1, 1])
+    mean = 0.5 * (W[..., 0, 0] + W[..., 1, 1])
+    difference = 0.5 * (W[..., 0, 0] - W[..., 1, 1])
     return float(1.0 / (mean + np.hypot(difference, W[..., 0, 1])).max())
 
 
@@ -402,7 +418,8 @@ def velocity_terms(tables: Tables, q: Array, v: Array) -> Array:
     """
     s = body_sums(tables, q[3])
     R = _rotation(q[2])
-    w, n = v[2], v[3]
+    w = v[2]
+    n = v[3]
     terms = np.empty(4)
     terms[:2] = -w * w * (R @ s.c) + 2.0 * w * n * _left(R @ s.dc) + n * n * (R @ s.ddc)
     terms[2] = w * n * s.dI + n * n * s.db
@@ -427,7 +444,8 @@ def generalised_forces(
     """
     s = body_sums(tables, q[3])
     R = _rotation(q[2])
-    pitch, crank = -gravity * _left(R @ s.c)[1], -gravity * (R @ s.dc)[1]
+    pitch = -gravity * _left(R @ s.c)[1]
+    crank = -gravity * (R @ s.dc)[1]
     return np.array([0.0, -tables.robot.mass * gravity, pitch, crank + torque - s.f * v[3] - s.dV])
 
 

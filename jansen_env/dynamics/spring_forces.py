@@ -55,7 +55,8 @@ def _joint_end(robot: Robot, joint: str) -> SpringEnd:
 
 def _chassis_end(robot: Robot, anchor: tuple[float, float]) -> SpringEnd:
     """Return the end of a spring at a point of the chassis, in m."""
-    frame, axis = robot.bodies[FRAME - 1], robot.linkage.members[FRAME - 1]
+    frame = robot.bodies[FRAME - 1]
+    axis = robot.linkage.members[FRAME - 1]
     reach, offset = frame.corners[axis.index(robot.linkage.axis)]
     angle = robot.frame_angle + offset
     x = reach * math.cos(angle) + anchor[0]  # from the centre of mass of the frame
@@ -126,7 +127,9 @@ def spring_lengths(robot: Robot, side: Side, x: Array) -> Array:
     springs = [each for each in robot.springs if isinstance(each, Spring)]
     lengths = np.empty((*x.shape[:-1], len(springs)))
     for k, spring in enumerate(springs):
-        (start, _), (end, _) = (end_position(each, side, x) for each in spring_ends(robot, spring))
+        first, second = spring_ends(robot, spring)
+        start, _ = end_position(first, side, x)
+        end, _ = end_position(second, side, x)
         lengths[..., k] = np.linalg.norm(end - start, axis=-1)
     return lengths
 
@@ -165,17 +168,19 @@ def _add_spring_forces(robot: Robot, side: Side, x: Array, h: Array) -> None:
     for spring in robot.springs:
         if not isinstance(spring, Spring):
             continue
-        ends = spring_ends(robot, spring)
-        (start, arm), (end, other_arm) = (end_position(each, side, x) for each in ends)
+        first, second = spring_ends(robot, spring)
+        start, first_arm = end_position(first, side, x)
+        end, second_arm = end_position(second, side, x)
         way = end - start
         length = np.linalg.norm(way, axis=-1, keepdims=True)
         stretch = length - spring.rest_length
         pull = spring.stiffness * stretch * np.divide(way, length, where=length > 0.0, out=way)
-        for place, its_arm, force in ((ends[0], arm, pull), (ends[1], other_arm, -pull)):
+        for place, arm, force in ((first, first_arm, pull), (second, second_arm, -pull)):
             column = 3 * place.body
-            h[..., column] += its_arm[..., 0] * force[..., 1] - its_arm[..., 1] * force[..., 0]
+            h[..., column] += arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0]
             h[..., column + 1 : column + 3] += force
-    deflections, k = torsion_deflections(robot, side, x), 0
+    deflections = torsion_deflections(robot, side, x)
+    k = 0
     for spring in robot.springs:
         if isinstance(spring, TorsionSpring):
             torque = spring.stiffness * deflections[..., k]

@@ -240,7 +240,8 @@ class Renderers(dict[int, Renderer]):
             gym.logger.warn(f"render() was called without a render_mode; pass one of {modes}")
             return None
         with env.task.lock:
-            scene, frame = env.task.scene(i), env.task.frame(i)
+            scene = env.task.scene(i)
+            frame = env.task.frame(i)
         if i not in self:
             fps = env.metadata["render_fps"]
             self[i] = Renderer(**scene, mode=env.render_mode, fps=fps)

@@ -54,13 +54,15 @@ class SingleEnv(WholeCopies, gym.Env[Observation, NDArray[np.float32]], Generic[
     def __init__(self, **arguments: object) -> None:
         settings = make_settings(self, type(self), arguments)
         task: ATask = self.TASK(settings)
-        self.task, self.render_mode = task, settings.render_mode
+        self.task = task
+        self.render_mode = settings.render_mode
         self.observation_space: Any = task.observation_space
         self.action_space: Any = task.action_space
         self.dt = self.control_dt = task.control_dt
         self.observed = task.observed
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.dt))}
-        self._begun, self._renderers = False, Renderers()
+        self._begun = False
+        self._renderers = Renderers()
 
     @classmethod
     def defaults(cls) -> Values:
@@ -146,7 +148,8 @@ class SingleEnv(WholeCopies, gym.Env[Observation, NDArray[np.float32]], Generic[
             task.step(single_action(action), None)
             reward = task.rewards.item(0)
             over = task.ended.item(0), task.truncated.item(0)
-            observation, info = task.observation[0].copy(), task.information.single(0)
+            observation = task.observation[0].copy()
+            info = task.information.single(0)
         if self.render_mode == "human":
             self.render()
         return observation, reward, *over, info

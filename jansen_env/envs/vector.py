@@ -171,7 +171,8 @@ class TaskVectorEnv(
         for name, values in (("seeds", seeds), ("options", options)):
             if len(values) != n:
                 raise ValueError(f"{name} must have {n} entries, got {len(values)}")
-        which, before = np.flatnonzero(mask), (self._generators[:], self._seeds[:])
+        which = np.flatnonzero(mask)
+        before = (self._generators[:], self._seeds[:])
         for i in which.tolist():
             if seeds[i] is not None:
                 self._generators[i], self._seeds[i] = seeding.np_random(seeds[i])
@@ -235,7 +236,9 @@ class TaskVectorEnv(
         if (waiting := self._awaiting_reset()).any():
             late = np.flatnonzero(waiting).tolist()
             raise gym.error.ResetNeeded(f"robots {late} must be reset before the next step()")
-        task, active, over = self.task, ~self._done, self._done.nonzero()[0]
+        task = self.task
+        active = ~self._done
+        over = self._done.nonzero()[0]
         values = checks.vector_actions(actions, active)
         if len(over) == 0:
             task.step(values, None)
@@ -258,8 +261,10 @@ class TaskVectorEnv(
         last = self._infos(done)
         self.restart(np.flatnonzero(done))
         infos = self._infos(np.ones(self.num_envs, bool))
-        infos["final_obs"], infos["_final_obs"] = final, done.copy()
-        infos["final_info"], infos["_final_info"] = last, done.copy()
+        infos["final_obs"] = final
+        infos["_final_obs"] = done.copy()
+        infos["final_info"] = last
+        infos["_final_info"] = done.copy()
         return infos
 
     def _infos(self, known: Bools) -> Values:
@@ -328,7 +333,8 @@ class TaskVectorEnv(
         checks.complete_state(state, self.get_state(i))
         self.task.set_state(i, state)
         self._generator(i).bit_generator.state = state["generator"]
-        self._begun[i], self._done[i] = True, False
+        self._begun[i] = True
+        self._done[i] = False
         return self.task.observation[i].copy()
 
     def _generator(self, i: int) -> np.random.Generator:

@@ -118,7 +118,8 @@ class Rule(NamedTuple):
         low = self.low
         if self.prefix and isinstance(value, str) and value.startswith(self.prefix):
             with suppress(ValueError):
-                number, low = float(value.removeprefix(self.prefix)), max(low, TINY)
+                number = float(value.removeprefix(self.prefix))
+                low = max(low, TINY)
         if isinstance(number, (int, float)) and not isinstance(number, bool):
             known = float in self.types or type(number) in self.types
             allowed = known and low <= number <= self.high

@@ -20,10 +20,13 @@ from jansen_env.paper.fixed_model import SETTLED, crank_only
 from jansen_env.paper.results import FRICTIONS, SLOW, TORQUES, WALK, Results
 from jansen_env.robot import paper_robot
 
-HOLDS, CONDITION, FAILS = "holds", "holds with a condition", "does not hold"
+HOLDS = "holds"
+CONDITION = "holds with a condition"
+FAILS = "does not hold"
 # Torque that is "almost constant at around" this level in the paper, and the largest difference
 # from this level that counts as near, in N m
-PRINTED_LEVEL, NEAR = -0.9, 0.1
+PRINTED_LEVEL = -0.9
+NEAR = 0.1
 CLOSE = 0.05  # largest relative difference that counts as "constant" or "around"
 ROUGHLY = 0.25  # largest relative difference that counts as "roughly constant"
 CLEARLY = 0.9  # largest ratio of two heaves for which the first counts as clearly smaller
@@ -104,10 +107,13 @@ def system_degrees_of_freedom(_: Results) -> Answer:
     robot = paper_robot()
     x = projection.system_coordinates(robot, crank_only(toes.turn(60)))
     Q = x[..., : projection.DOF].reshape(60, -1)
-    fixed, free = (
-        int(np.linalg.matrix_rank(projection.system_constraint_matrix(robot, Q, fixed_base)).min())
-        for fixed_base in (True, False)
-    )
+
+    def rank(fixed_base: bool) -> int:
+        C = projection.system_constraint_matrix(robot, Q, fixed_base)
+        return int(np.linalg.matrix_rank(C).min())
+
+    fixed = rank(fixed_base=True)
+    free = rank(fixed_base=False)
     return (
         f"16 - {fixed} = {16 - fixed}; with the frame let go 16 - {free} = {16 - free}",
         _verdict(fixed == 15 and free == 12),
@@ -119,7 +125,8 @@ def torque_is_periodic(r: Results) -> Answer:
 
     The torques are taken from the end of a long run, when the effects of the start have died out.
     """
-    time, torque = r.long.time[:-1], r.long.torque
+    time = r.long.time[:-1]
+    torque = r.long.torque
     turn = 2.0 * np.pi
     last = time >= time[-1] - turn
     now = torque[last]
@@ -141,7 +148,9 @@ def torque_level(r: Results) -> Answer:
     In two of the PID runs, the crank turns the other way, or two motors turn it.
     """
     settled = r.run.settled
-    mean, back, two = (run.torque[settled] for run in (r.run, r.backwards, r.two_motors))
+    mean = r.run.torque[settled]
+    back = r.backwards.torque[settled]
+    two = r.two_motors.torque[settled]
     near = float((np.abs(two - abs(PRINTED_LEVEL)) <= NEAR).mean())
     return (
         f"+{r.mean_torque:.3f} N m in the mean at a constant 1 rad/s, {mean.mean():.3f} in the "
@@ -209,8 +218,10 @@ def toe_speeds(r: Results) -> Answer:
 def no_walking_without_slip(r: Results) -> Answer:
     """Report the slip by friction and by crank speed, and a walk without slip."""
     walks = [walk for walk in r.walks if not walk.fell]
-    slow, fast = walks[0], min(walks, key=lambda walk: walk.slip_per_metre)
-    grip, loose = r.slow[FRICTIONS[-1]], r.slow[FRICTIONS[0]]
+    slow = walks[0]
+    fast = min(walks, key=lambda walk: walk.slip_per_metre)
+    grip = r.slow[FRICTIONS[-1]]
+    loose = r.slow[FRICTIONS[0]]
     free = r.no_slip
     return (
         f"at {SLOW} rad/s {loose.slip:.2f} m of slip a turn with friction {FRICTIONS[0]} and "
@@ -239,10 +250,13 @@ def more_legs(r: Results) -> Answer:
     """Compare the heave of 2 to 24 legs, with odd and with even numbers of phases."""
     level = {heave.legs: heave.level for heave in r.heaves}
     standing = {heave.legs: heave.standing for heave in r.heaves}
-    better, better_standing = (
-        [legs for legs in range(6, 24, 4) if height[legs] < CLEARLY * height[legs + 2]]
-        for height in (level, standing)
-    )
+
+    def clearly_better(heaves: dict[int, float]) -> list[int]:
+        """Return the numbers of legs that clearly beat two more legs."""
+        return [legs for legs in range(6, 24, 4) if heaves[legs] < CLEARLY * heaves[legs + 2]]
+
+    better = clearly_better(level)
+    better_standing = clearly_better(standing)
     steady = all(b < a for a, b in pairwise(level.values()))
     shown = ", ".join(f"{legs}: {1e3 * height:.2f}" for legs, height in level.items())
     return (
@@ -275,7 +289,8 @@ def rotation(r: Results) -> Answer:
 def translation(r: Results) -> Answer:
     """Find the body with the largest constraint force, and report the forces on the joints."""
     force = np.hypot(r.forces[..., 1], r.forces[..., 2])[r.run.settled].max(axis=0)
-    pins, walks = r.fixed_loads, r.walking_loads
+    pins = r.fixed_loads
+    walks = r.walking_loads
     weight = float(paper_robot().bodies[6].mass) * GRAVITY
     seventh = int(force.argmax()) == 6
     on_ground = {int(loads.force.argmax()) + 1 for loads in walks.values()}

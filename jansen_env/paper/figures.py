@@ -27,7 +27,9 @@ LEG_COLORS = {"rf": "#c2410c", "lf": "#f59e0b", "rb": "#1d4ed8", "lb": "#38bdf8"
 LINK_COLORS = {
     f"link {body}": matplotlib.colormaps["turbo"](0.08 + 0.12 * (body - 1)) for body in range(1, 9)
 }
-INK, MUTED, ACCENT = "#1f2937", "#9ca3af", "#7c3aed"
+INK = "#1f2937"
+MUTED = "#9ca3af"
+ACCENT = "#7c3aed"
 STYLE = Path(__file__).with_name("figures.mplstyle")
 
 

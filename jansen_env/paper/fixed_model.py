@@ -81,7 +81,8 @@ def simulate_pid(advance: Advance, direction: float = 1.0, duration: float = DUR
         direction: 1 for the reference r = pi + t, or -1 for r = pi - t.
         duration: Duration, in s.
     """
-    pid, integral = PID(), np.zeros(())
+    pid = PID()
+    integral = np.zeros(())
 
     def controller(time: float, angle: float, speed: float) -> float:
         nonlocal integral
@@ -113,7 +114,8 @@ def simulate(advance: Advance, controller: Callable[..., float], duration: float
         duration: Duration, in s.
     """
     time = SAMPLING * np.arange(round(duration / SAMPLING) + 1, dtype=np.float64)
-    states, torques = [(START, 0.0)], []
+    states = [(START, 0.0)]
+    torques = []
     for now in time[:-1]:
         torques.append(controller(now, *states[-1]))
         states.append(advance(*states[-1], torques[-1]))

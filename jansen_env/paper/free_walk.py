@@ -44,7 +44,8 @@ def walk_on(
         return
     plant.batch.tracing = True
     for _ in range(count):
-        start, result = plant.x, plant.step(torque, duration)
+        start = plant.x
+        result = plant.step(torque, duration)
         if _fallen(plant, result):
             return
         yield start, result
@@ -125,7 +126,8 @@ def walk(
     period = 2.0 * math.pi / speed
     plant = prescribed_speed(robot, Terrain.flat(friction=friction), speed, start, time_step)
     places: list[float] = []
-    slip, work = 0.0, 0.0
+    slip = 0.0
+    work = 0.0
     toes = np.zeros(3)  # numbers of time steps with no toe, one toe, and several toes on the ground
     for begin, result in walk_on(plant, SETTLE * period, period, turns):
         places += [begin, plant.x]

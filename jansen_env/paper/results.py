@@ -72,7 +72,8 @@ class Results(NamedTuple):
 def compute() -> Results:
     """Compute all results, which takes about 15 s."""
     robot = paper_robot()
-    advance, run = fixed_model.tables_advance(robot), fixed_model.pid_run(robot)
+    advance = fixed_model.tables_advance(robot)
+    run = fixed_model.pid_run(robot)
     turn = toes.turn(ANGLES)
     torque = crank_torque(robot, turn).total  # at 1 rad/s
     # Other choices of the lengths that the paper does not specify clearly
@@ -130,5 +131,6 @@ def _forces(angle: Array, speed: Array, torque: Array) -> JointForces:
         speed: Crank speeds, in rad/s, shape (n,).
         torque: Torques on the crank, in N m, shape (n,).
     """
-    q, q_dot = fixed_model.crank_only(angle), fixed_model.crank_only(speed)
+    q = fixed_model.crank_only(angle)
+    q_dot = fixed_model.crank_only(speed)
     return joint_forces(paper_robot(), q, q_dot, torque, fixed_base=True)

@@ -157,7 +157,8 @@ def double_support(robot: Robot, samples: int = 1440) -> DoubleSupport:
         """Return joint positions x + i y in the chassis frame, in m, shape (n, legs, joints)."""
         return world_joints(robot, crank_only(angle + shift)) @ np.array([1.0, 1j])
 
-    place, rate = joints(0.0), (joints(STEP) - joints(-STEP)) / (2.0 * STEP)  # per rad of the crank
+    place = joints(0.0)
+    rate = (joints(STEP) - joints(-STEP)) / (2.0 * STEP)  # per rad of the crank
     # Angular speed of the feet
     spin = ((rate[..., E] - rate[..., C]) / (place[..., E] - place[..., C])).imag
     upright = np.exp(1j * standing_poses(robot, angle)[:, 1])
@@ -167,9 +168,9 @@ def double_support(robot: Robot, samples: int = 1440) -> DoubleSupport:
     front = np.where(ahead, toe.imag, np.inf).argmin(axis=1)
     rear = np.where(ahead, np.inf, toe.imag).argmin(axis=1)
     each = np.arange(samples)
-    span, parting, turning = (
-        values[each, front] - values[each, rear] for values in (place[..., T], rate[..., T], spin)
-    )
+    span = place[each, front, T] - place[each, rear, T]
+    parting = rate[each, front, T] - rate[each, rear, T]
+    turning = spin[each, front] - spin[each, rear]
     along = (span.conj() * parting).real / abs(span)
     rolling = robot.pad_radius * turning
     return DoubleSupport(angle, front, rear, parting.real, along + rolling, rolling)

@@ -121,9 +121,11 @@ def check_legs(robot: Robot, other: Robot) -> None:
         ValueError: If the linkages or the sides of the legs differ.
     """
     if robot.linkage != other.linkage:
-        names, allowed = robot.linkage.names, other.linkage.names
+        names = robot.linkage.names
+        allowed = other.linkage.names
         raise ValueError(f"a robot's linkage has the bodies {names}, must be that with {allowed}")
-    sides, others = ([leg.side for leg in each.legs] for each in (robot, other))
+    sides = [leg.side for leg in robot.legs]
+    others = [leg.side for leg in other.legs]
     if sides != others:
         raise ValueError(f"a robot's legs are on the sides {sides}, must be on {others}")
 

@@ -574,7 +574,8 @@ class Batch(BatchedPlant):
             meanwhile: Function that is called while these robots move. It may place robots that are
                 not in ``rows``.
         """
-        far, diverged = False, False
+        far = False
+        diverged = False
         if len(rows) > 0:
             far, diverged = self._threads.move(len(rows), move, meanwhile)
         elif meanwhile is not None:

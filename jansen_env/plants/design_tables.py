@@ -40,9 +40,11 @@ class DesignTables:
 
     def __init__(self, robots: Sequence[Robot]) -> None:
         tables = compile_robot(robots[0])
-        self.number, self._users = np.zeros(len(robots), np.int64), np.array([len(robots)])
+        self.number = np.zeros(len(robots), np.int64)
+        self._users = np.array([len(robots)])
         self.model = kernel_model(tables)
-        self.depths, self.extent = np.zeros((1, PITCHES + 1)), np.zeros(1)
+        self.depths = np.zeros((1, PITCHES + 1))
+        self.extent = np.zeros(1)
         self.farthest = np.zeros((1, 2, 2))
         self._designs: list[Robot | None] = [None]
         self._rows: dict[Robot, int] = {}
@@ -100,7 +102,8 @@ class DesignTables:
         """
         if (old := self._designs[row]) is not None:
             del self._rows[old]
-        self._designs[row], self._rows[design] = design, row
+        self._designs[row] = design
+        self._rows[design] = row
         for all_tables, table in zip(self.model, kernel_model(tables), strict=True):
             all_tables[row] = table[0]
         self.extent[row] = measure_reach(

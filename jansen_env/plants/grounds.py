@@ -52,7 +52,8 @@ class Grounds:
             end += len(line)
         # First vertex and room of the ground that belongs to a single robot. At first, several
         # robots may share a ground, and no robot has one to itself.
-        self._rooms, self._used = np.zeros((count, 2), np.int64), len(self.surface)
+        self._rooms = np.zeros((count, 2), np.int64)
+        self._used = len(self.surface)
         self.shapes: list[ShapePlanes | None] = [None] * count
         self.any_shapes = False
         known = dict[int, ShapePlanes]()  # robots on the same ground share its shapes
@@ -78,7 +79,8 @@ class Grounds:
         if on_shapes or self.shapes[row] is not None:
             self.shapes[row] = shapes or (ShapePlanes(ground) if on_shapes else None)
             self.any_shapes = any(shapes is not None for shapes in self.shapes)
-        self.status["on_shapes"][row], self.status["waits"][row] = on_shapes, False
+        self.status["on_shapes"][row] = on_shapes
+        self.status["waits"][row] = False
         if isinstance(ground, Shapes):
             self.set_line(row, np.array([[-1.0, ground.lowest], [1.0, ground.lowest]]))
         else:
@@ -101,14 +103,17 @@ class Grounds:
         status = self.status[row]
         first, room = self._rooms[row].tolist()
         if len(line) > room:
-            first, room = self._used, max(len(line), 2 * room, LEAST_ROOM)
-            self._rooms[row], self._used = (first, room), first + room
+            first = self._used
+            room = max(len(line), 2 * room, LEAST_ROOM)
+            self._rooms[row] = (first, room)
+            self._used = first + room
             if self._used > len(self.surface):
                 larger = np.zeros((2 * self._used, 2))
                 larger[: len(self.surface)] = self.surface
                 self.surface = larger
         self.surface[first : first + len(line)] = line
-        status["first_vertex"], status["end_vertex"] = first, first + len(line)
+        status["first_vertex"] = first
+        status["end_vertex"] = first + len(line)
 
     def find_stretch(self, row: int, x: float, extent: float, duration: float) -> None:
         """Find the vertices of its height line that a robot may reach, and put them in its status.
@@ -131,8 +136,10 @@ class Grounds:
             left = min(max(left, 0), len(line) - 2)
             right = max(min(right, len(line) - 1), left + 1)
             first, end = first + left, first + right + 1
-        status["first_near"], status["end_near"] = first, end
-        status["ground_x"], status["room"] = x, room
+        status["first_near"] = first
+        status["end_near"] = end
+        status["ground_x"] = x
+        status["room"] = room
 
     def look_down(self, row: int, x: float, y: float, scan: Array) -> None:
         """Measure the ground below a robot on shapes, and at the positions of its height scan.

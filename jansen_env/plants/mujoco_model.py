@@ -53,19 +53,22 @@ class Tree(NamedTuple):
 
 def body_tree(robot: Robot) -> Tree:
     """Return a tree whose hinges are pins of the robot, and the pins that close loops."""
-    linkage, pins = robot.linkage, [(CHASSIS, SHAFT, np.zeros(2))]
+    linkage = robot.linkage
+    pins = [(CHASSIS, SHAFT, np.zeros(2))]
     for i, leg in enumerate(robot.legs):
         joints = joint_positions(robot, leg.side, leg.phase)
         for name, body, other in linkage.moving_pins:
             place = joints[linkage.joints.index(name)]
             pins.append((place_of(robot, i, other), place_of(robot, i, body), place))
     parents: dict[int, int] = {}
-    origins, queue = {CHASSIS: np.zeros(2)}, [CHASSIS]
+    origins = {CHASSIS: np.zeros(2)}
+    queue = [CHASSIS]
     for body in queue:
         for pin in [pin for pin in pins if body in pin[:2]]:
             other = pin[0] + pin[1] - body
             if other not in origins:
-                parents[other], origins[other] = body, pin[2]
+                parents[other] = body
+                origins[other] = pin[2]
                 queue.append(other)
                 pins = [left for left in pins if left is not pin]
     return Tree(parents, origins, pins)
@@ -87,7 +90,8 @@ def hinge_angles(robot: Robot, q: Array) -> dict[str, float]:
         robot: The robot.
         q: Pose (x, y, theta, psi), in m and rad, shape (4,).
     """
-    angle, names = links.poses(robot, q)[:, 0], body_names(robot)
+    angle = links.poses(robot, q)[:, 0]
+    names = body_names(robot)
     turned = {
         names[k]: math.remainder(angle[k] - angle[up], 2.0 * math.pi)
         for k, up in body_tree(robot).parents.items()
@@ -130,7 +134,8 @@ def to_mjcf(
     positive("loop_stiffness", loop_stiffness)
     positive("contact_stiffness", contact_stiffness)
     positive("impratio", impratio)
-    root, tree = ET.Element("mujoco", model="jansen_env"), body_tree(robot)
+    root = ET.Element("mujoco", model="jansen_env")
+    tree = body_tree(robot)
     _add(root, "compiler", angle="radian")
     _add(
         root,
@@ -165,7 +170,8 @@ def to_mjcf(
             solref=_critical(contact_stiffness),
             solimp=STIFF,
         )
-    names, equality = body_names(robot), _add(root, "equality")
+    names = body_names(robot)
+    equality = _add(root, "equality")
     for a, b, place in tree.loops:
         _add(
             equality,
@@ -211,7 +217,9 @@ def _critical(stiffness: float) -> tuple[float, float]:
 
 def _add_bodies(world: ET.Element, robot: Robot, tree: Tree) -> dict[int, ET.Element]:
     """Add the tree of bodies with their masses, inertias and shapes for drawing."""
-    names, home, at = body_names(robot), links.poses(robot, np.zeros(4))[:, 1:], tree.origins
+    names = body_names(robot)
+    home = links.poses(robot, np.zeros(4))[:, 1:]
+    at = tree.origins
     bodies = {CHASSIS: _add(world, "body", name=names[CHASSIS])}
     for k, up in tree.parents.items():
         bodies[k] = _add(bodies[up], "body", name=names[k], pos=_local(at[k], at[up]))
@@ -243,10 +251,12 @@ def _pads(robot: Robot) -> list[tuple[str, int, Array]]:
 
     The centres are those of a level robot at crank angle 0.
     """
-    layout, pads = pad_layout(robot), []
+    layout = pad_layout(robot)
+    pads = []
     owners = links.pad_bodies(robot, layout)
     for i, k, body in zip(layout.leg, layout.joint, owners, strict=True):
-        joint, leg = robot.linkage.all_pads[k][0], robot.legs[i]
+        joint = robot.linkage.all_pads[k][0]
+        leg = robot.legs[i]
         name = f"{robot.leg_names[i]}_{robot.linkage.joints[joint]}"
         pads.append((name, body, joint_positions(robot, leg.side, leg.phase)[joint]))
     return pads
@@ -290,8 +300,10 @@ def _add_friction(
     The friction of two bodies belongs to the hinge that connects them. If there is no such hinge,
     it belongs to a tendon over all hinges between them.
     """
-    names, motor = body_names(robot), robot.motor
-    viscous, dry = links.viscous_pairs(robot), links.dry_pairs(robot)
+    names = body_names(robot)
+    motor = robot.motor
+    viscous = links.viscous_pairs(robot)
+    dry = links.dry_pairs(robot)
     for a, b in dict.fromkeys([*viscous, *dry]):
         if parents[b] == a:
             holder = next(element for element in bodies[b] if element.get("name") == names[b])
@@ -320,7 +332,8 @@ def _add_leg_springs(
     A linear spring is a spatial tendon between two sites. A torsion spring is a fixed tendon over
     all hinges between its two links.
     """
-    names, linkage = body_names(robot), robot.linkage
+    names = body_names(robot)
+    linkage = robot.linkage
     for i, leg in enumerate(robot.legs):
         x = coordinates(robot, leg.side, leg.phase)
         deflections = iter(torsion_deflections(robot, leg.side, x).tolist())
@@ -341,10 +354,8 @@ def _add_leg_springs(
                     _add(bodies[k], "site", name=site, pos=_local(place, tree.origins[k]))
                     _add(tendon, "site", site=site)
                 continue
-            first, second = (
-                _way(place_of(robot, i, linkage.names.index(link) + 1), tree.parents)
-                for link in (spring.first, spring.second)
-            )
+            first = _way(place_of(robot, i, linkage.names.index(spring.first) + 1), tree.parents)
+            second = _way(place_of(robot, i, linkage.names.index(spring.second) + 1), tree.parents)
             # The length of the tendon is 0 in the model's initial pose. MuJoCo's springs have no
             # negative length at rest, so the signs of all hinges are chosen accordingly.
             rest = -next(deflections)
@@ -373,7 +384,8 @@ def _set_springs(root: ET.Element, robot: Robot) -> None:
     import mujoco
 
     model = mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"))
-    give, scale = robot.pad_compliance, 1.0 - SPRING[0]
+    give = robot.pad_compliance
+    scale = 1.0 - SPRING[0]
     for name, k, _ in _pads(robot):
         per_mass = scale * float(model.body(body_names(robot)[k]).invweight0[0])
         pad = next(element for element in root.iter("geom") if element.get("name") == name)

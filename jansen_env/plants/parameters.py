@@ -23,7 +23,8 @@ from jansen_env.uniform import uniform
 LARGEST = 1e6  # largest coefficient of friction, mass in kg and position in m
 LONGEST_DELAY = 1.0  # longest delay of an action, s
 LOUDEST = 1e3  # largest factor of noise and pushes
-SCALE, FROM_0 = (0.01, 100.0), (0.0, 100.0)  # limits of factors
+SCALE = (0.01, 100.0)  # limits of factors that must be positive
+FROM_0 = (0.0, 100.0)  # limits of factors that may be 0
 
 
 class Parameter(NamedTuple):
@@ -172,7 +173,8 @@ def _nominal_value(value: float | str, robot: Robot, terrain: Ground) -> float:
 
 def set_payload(row: np.void | dict[str, Any], load: Payload) -> None:
     """Store the mass and the position of a payload in a record, or in a dictionary by name."""
-    row["payload"], (row["payload_x"], row["payload_y"]) = load.mass, load.position
+    row["payload"] = load.mass
+    row["payload_x"], row["payload_y"] = load.position
 
 
 def argument_values(name: str, value: Any) -> dict[str, tuple[float, float]]:
@@ -309,6 +311,7 @@ def _distribution(name: str, value: object) -> Distribution:
     """Return the distribution of a parameter."""
     if isinstance(value, Distribution):
         return value
-    row, label = PARAMETERS[name], f"randomize[{name!r}]"
+    row = PARAMETERS[name]
+    label = f"randomize[{name!r}]"
     low, high = number_range(label, value, row.least, row.most)
     return Uniform(check(label, name, low), check(label, name, high), row.whole)

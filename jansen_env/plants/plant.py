@@ -53,7 +53,8 @@ class Plant:
 
     def __init__(self, batch: BatchedPlant) -> None:
         self.batch = batch
-        self.time_step, self.toes = batch.time_step, batch.toes
+        self.time_step = batch.time_step
+        self.toes = batch.toes
 
     @property
     def robot(self) -> Robot:

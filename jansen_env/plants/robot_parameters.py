@@ -44,10 +44,14 @@ def machine_of(robot: Robot, row: np.void) -> Robot:
         row: Parameters, a record of :data:`jansen_env.plants.parameters.EPISODE`.
     """
     values = dict(zip(row.dtype.names or (), row.item(), strict=True))
-    mass, inertia = values["mass_scale"], values["inertia_scale"]
-    strength, motor, pads = values["motor_strength"], robot.motor, robot.pad_compliance
+    mass = values["mass_scale"]
+    inertia = values["inertia_scale"]
+    strength = values["motor_strength"]
+    motor = robot.motor
+    pads = robot.pad_compliance
     if not pads.rigid:
-        k, d = values["foot_stiffness_scale"], values["foot_damping_scale"]
+        k = values["foot_stiffness_scale"]
+        d = values["foot_damping_scale"]
         normal = k * pads.stiffness, d * pads.damping
         tangential = pads.tangential_stiffness or 0.0, pads.tangential_damping or 0.0
         pads = Compliance(*normal, k * tangential[0], d * tangential[1])
@@ -77,8 +81,7 @@ def terrain_of(terrain: Ground, row: np.void) -> Ground:
         terrain: The terrain.
         row: Parameters, a record of :data:`jansen_env.plants.parameters.EPISODE`.
     """
-    friction, restitution = (float(row[name]) for name in ON_TERRAINS)
-    return replace(terrain, friction=friction, restitution=restitution)
+    return replace(terrain, friction=float(row["friction"]), restitution=float(row["restitution"]))
 
 
 def gravity_of(gravity: tuple[float, float], row: np.void) -> tuple[float, float]:
@@ -91,7 +94,9 @@ def gravity_of(gravity: tuple[float, float], row: np.void) -> tuple[float, float
     Returns:
         Scaled and tilted gravitational acceleration (x, y), in m/s^2.
     """
-    x, y = (float(row["gravity_scale"]) * each for each in gravity)
+    scale = float(row["gravity_scale"])
+    x = scale * gravity[0]
+    y = scale * gravity[1]
     cos, sin = mathematics.cos(float(row["tilt"])), mathematics.sin(float(row["tilt"]))
     return cos * x + sin * y, cos * y - sin * x
 

@@ -44,11 +44,13 @@ class Threads:
     """
 
     def __init__(self, robots: int, threads: int | None, memory: Callable[[], Memory]) -> None:
-        self._robots, self._count = robots, count_threads(robots, threads)
+        self._robots = robots
+        self._count = count_threads(robots, threads)
         self._memory = [memory() for _ in range(self._count)]
         # Kernels get the same arrays in every call, because they remember their arguments.
         self._queues = np.zeros((self._count + 1, 2), np.int64)
-        self._alone, self._every = np.zeros((2, 2), np.int64), _alone(robots)
+        self._alone = np.zeros((2, 2), np.int64)
+        self._every = _alone(robots)
         self._others_move = False
         self._pool: tuple[int, ThreadPoolExecutor] | None = None
 
@@ -74,7 +76,8 @@ class Threads:
             every = robots == self._robots
             self._alone[:] = self._every if every else _alone(robots)
             return move(0, self._alone, robots, self._memory[0])
-        queues, count = self._queues, max(1, min(self._count, robots // ROBOTS_PER_THREAD))
+        queues = self._queues
+        count = max(1, min(self._count, robots // ROBOTS_PER_THREAD))
         queues[:] = 0
         queues[:count], queues[-1] = _split(robots, count)
 

@@ -35,10 +35,14 @@ def trace_forces(
     pose = trace["pose"]
     before = trace["velocity_before"]
     after = trace["velocity_after"]
-    speed, acceleration = 0.5 * (before + after), (after - before) / time_step
-    q, q_dot, q_ddot = pose.copy(), speed.copy(), acceleration.copy()
+    speed = 0.5 * (before + after)
+    acceleration = (after - before) / time_step
+    q = pose.copy()
+    q_dot = speed.copy()
+    q_ddot = acceleration.copy()
     # Convert from the centre of mass Y to the crank axis X: Y = X + R s(psi), differentiated twice.
-    sums, mass = body_sums(tables, pose[:, 3]), tables.robot.mass
+    sums = body_sums(tables, pose[:, 3])
+    mass = tables.robot.mass
     cos, sin = np.cos(pose[:, 2]), np.sin(pose[:, 2])
 
     def turned(vector: Array) -> Array:
@@ -48,9 +52,13 @@ def trace_forces(
     def left(vector: Array) -> Array:
         return np.stack([-vector[:, 1], vector[:, 0]], axis=-1)
 
-    s, ds, dds = turned(sums.c), turned(sums.dc), turned(sums.ddc)
-    w, n = speed[:, 2:3], speed[:, 3:4]
-    w_dot, n_dot = acceleration[:, 2:3], acceleration[:, 3:4]
+    s = turned(sums.c)
+    ds = turned(sums.dc)
+    dds = turned(sums.ddc)
+    w = speed[:, 2:3]
+    n = speed[:, 3:4]
+    w_dot = acceleration[:, 2:3]
+    n_dot = acceleration[:, 3:4]
     q[:, :2] -= s
     q_dot[:, :2] -= w * left(s) + n * ds
     q_ddot[:, :2] -= w_dot * left(s) - w * w * s + n_dot * ds + n * n * dds + 2 * w * n * left(ds)

@@ -93,7 +93,8 @@ class TorquePolicy:
     """
 
     def __init__(self, controller: Controller, torque_limit: float) -> None:
-        self.controller, self.torque_limit = controller, torque_limit
+        self.controller = controller
+        self.torque_limit = torque_limit
 
     def predict(
         self,

@@ -167,12 +167,16 @@ class Network:
     def __init__(self, layers: Sequence[Layer], limit: float, squash: str) -> None:
         sizes = [(*layer.weight.T.shape, ACTIVATIONS[layer.activation]) for layer in layers]
         parts = [part for layer in layers for part in (layer.weight.T.ravel(), layer.bias)]
-        self.layers, self.weights = np.array(sizes, np.int64), np.concatenate(parts)
-        self._limit, self._squash, self._widest = limit, SQUASH[squash], self.layers[:, :2].max()
+        self.layers = np.array(sizes, np.int64)
+        self.weights = np.concatenate(parts)
+        self._limit = limit
+        self._squash = SQUASH[squash]
+        self._widest = self.layers[:, :2].max()
 
     def __call__(self, inputs: Array) -> Array:
         """Return the outputs, shape (n, units of the last layer), of inputs, shape (n, width)."""
-        out, work = np.empty((len(inputs), self.layers[-1, 1])), np.empty((2, self._widest))
+        out = np.empty((len(inputs), self.layers[-1, 1]))
+        work = np.empty((2, self._widest))
         put_actions(inputs, self.layers, self.weights, self._limit, self._squash, work, out)
         return out
 
@@ -213,11 +217,14 @@ class PretrainedPolicy:
             raise ValueError(f"format must be {FORMAT!r}, got {shown(given)}")
         if unknown := sorted({*description} - {*ENTRIES}):
             raise ValueError(f"there are entries {shown(unknown)}, must be among {list(ENTRIES)}")
-        self.description, self.tensors = description, tensors
+        self.description = description
+        self.tensors = tensors
         for name, tensor in tensors.items():
             if tensor.dtype != np.float32 or not np.isfinite(tensor).all():
                 raise ValueError(f"tensor {name!r} must be of finite float32 numbers")
-        env, action, network = (_entry(description, k, dict) for k in ("env", "action", "network"))
+        env = _entry(description, "env", dict)
+        action = _entry(description, "action", dict)
+        network = _entry(description, "network", dict)
         self.env_id: str = _entry(env, "id", str)
         self.env_kwargs: Json = _entry(env, "kwargs", dict)
         self.torque_limit = positive_single("torque_limit", action.get("torque_limit"))
@@ -226,7 +233,8 @@ class PretrainedPolicy:
         observation = _entry(description, "observation", list)
         self.observed = tuple(_entry(entry, "name", str) for entry in observation)
         self.units = tuple(_entry(entry, "unit", str) for entry in observation)
-        self._columns, self._shown = [*range(len(observation))], len(observation)
+        self._columns = [*range(len(observation))]
+        self._shown = len(observation)
         self.scale: tuple[Array | float, Array | float] = (0.0, 1.0)
         self.features = [*map(self._feature, _entry(network, "features", list))]
         width = sum(block.size for block in self.features)
@@ -252,7 +260,8 @@ class PretrainedPolicy:
             block: Description of this part.
         """
         instance("a block of features", block, dict)
-        size, kinds = len(self.observed), ("observation", "normalized", "harmonics")
+        size = len(self.observed)
+        kinds = ("observation", "normalized", "harmonics")
         kind = one_of("kind of features", block.get("kind"), kinds)
         if kind == "observation":
             return Plain(size)
@@ -261,10 +270,12 @@ class PretrainedPolicy:
                 raise ValueError(f"harmonics take the first observations {list(CRANK_ANGLE)}")
             multiples = _entry(block, "multiples", list)
             return Harmonics(tuple(whole_number("a multiple", m, 1000) for m in multiples))
-        mean, variance = (self._tensor(block, k, (size,)) for k in ("mean", "variance"))
+        mean = self._tensor(block, "mean", (size,))
+        variance = self._tensor(block, "variance", (size,))
         if variance.min() < 0.0:
             raise ValueError(f"a variance must be 0 or above, got {variance.min()}")
-        floor, clip = (positive_single(k, block.get(k)) for k in ("floor", "clip"))
+        floor = positive_single("floor", block.get("floor"))
+        clip = positive_single("clip", block.get("clip"))
         self.scale = mean, np.maximum(np.sqrt(variance), floor)
         return Normalized(*self.scale, clip)
 
@@ -301,7 +312,8 @@ class PretrainedPolicy:
                 "observe: it has learnt on a robot with fewer toes"
             )
         policy = copy(self)
-        policy._columns, policy._shown = [names.index(name) for name in self.observed], len(names)
+        policy._columns = [names.index(name) for name in self.observed]
+        policy._shown = len(names)
         return policy
 
     def predict(
@@ -331,7 +343,8 @@ class PretrainedPolicy:
             ValueError: If the observations have another shape, if a number that the network
                 observes is not a finite float32 number, or if an action is not finite.
         """
-        x, size = np.asarray(observation, dtype=np.float64), self._shown
+        x = np.asarray(observation, dtype=np.float64)
+        size = self._shown
         if x.ndim not in (1, 2) or x.shape[-1] != size:
             allowed = f"({size},) or (n, {size})"
             raise ValueError(f"observation must have the shape {allowed}, got {x.shape}")

@@ -19,9 +19,13 @@ from jansen_env.engine import link_shapes
 
 DENSITY = 2700.0  # kg/m^3, EN AW-6060
 STIFFNESS = 69e9  # modulus of elasticity of EN AW-6060, Pa
-BAR_THICKNESS, LOWER_ROD_THICKNESS, PLATE_THICKNESS = 5e-3, 6e-3, 4e-3  # m
-WIDTH, FRAME_WIDTH = 15e-3, 30e-3  # widths of the flat bars of a link and of the frame, m
-OUTLINE, WINDOW = 1.1, 0.9  # sizes of a plate's outline and of its hole, relative to its pins
+BAR_THICKNESS = 5e-3  # m
+LOWER_ROD_THICKNESS = 6e-3  # m
+PLATE_THICKNESS = 4e-3  # m
+WIDTH = 15e-3  # width of the flat bars of a link, m
+FRAME_WIDTH = 30e-3  # width of the flat bars of the frame, m
+OUTLINE = 1.1  # size of a plate's outline, relative to its pins
+WINDOW = 0.9  # size of a plate's hole, relative to its pins
 PIN_SHARE = 8e-3  # mass at each end of a link: its share of a pin, bearing and spacer, kg
 PIN_RADIUS = 3e-3  # m
 BEARING_FRICTION = 0.11  # friction coefficient of iglidur J200
@@ -35,7 +39,8 @@ CROSS_MEMBER_MASS = 0.061  # tube of 20 x 2 mm, 200 mm long, at each of the two 
 AXIS_MASS = MOTOR_MASS + MOTOR_PLATE_MASS + CRANKSHAFT_MASS
 BATTERY_MASS = AXIS_MASS - 2.0 * CROSS_MEMBER_MASS  # includes the controller and the cables
 
-FOOT_RADIUS, FOOT_WIDTH = 20e-3, 30e-3  # half-round tread, bonded at its flat side, m
+FOOT_RADIUS = 20e-3  # radius of the half-round tread, which is bonded at its flat side, m
+FOOT_WIDTH = 30e-3  # m
 RUBBER_DENSITY = 1000.0  # kg/m^3
 RUBBER_HARDNESS = 60.0  # Shore A
 FOOT_STIFFNESS = 1.28e5, 5.1e4  # normal and tangential secant stiffness at 530 N, N/m

@@ -175,7 +175,8 @@ def weekend_robot(phases: int = 2) -> Robot:
     Args:
         phases: Number of crank pins, each of which drives two legs.
     """
-    frame, legs = WEEKEND["frame"], len(phased_legs(phases))
+    frame = WEEKEND["frame"]
+    legs = len(phased_legs(phases))
     # Each leg carries a fraction of the motor and battery. The plywood of the frame is only 7 % of
     # the frame's mass, so that the whole mass is scaled.
     share = 4.0 / legs

@@ -59,8 +59,10 @@ def joint_positions(robot: Robot, side: Side, psi: ArrayLike) -> Array:
     if side == "back":
         mirrored = joint_positions(robot, "fore", math.pi - angle)
         return mirrored * np.array([-1.0, 1.0])
-    given, joints = np.ascontiguousarray(angle.ravel()), robot.linkage.joints
-    places, fault = np.empty((given.size, len(joints), 2)), np.zeros(2)
+    given = np.ascontiguousarray(angle.ravel())
+    joints = robot.linkage.joints
+    places = np.empty((given.size, len(joints), 2))
+    fault = np.zeros(2)
     closing, _ = closing_of(robot)
     failed = put_joints(given, *closing, places, fault)
     if failed >= 0:
@@ -81,7 +83,8 @@ def _open_joint(
         span: Distance that the dyad cannot span, in m.
     """
     joint, *_, start, end = closing.dyads[dyad]
-    first, second = (robot.linkage.names[body] for body in (start, end))
+    first = robot.linkage.names[start]
+    second = robot.linkage.names[end]
     of_first, of_second = closing.spans[dyad]
     return LinkageError(
         f"joint {robot.linkage.joints[joint]} does not close at crank angle {angle:.4f} rad: "
@@ -129,12 +132,12 @@ def turning(robot: Robot, angles: ArrayLike, pairs: Sequence[tuple[int, int]]) -
     Raises:
         LinkageError: If the linkage does not close.
     """
-    angle, rates = np.asarray(angles, float), []
+    angle = np.asarray(angles, float)
+    rates = []
     for leg in robot.legs:
-        ahead, behind = (
-            coordinates(robot, leg.side, angle + leg.phase + way)[..., ::3]
-            for way in (TINY_TURN, -TINY_TURN)
-        )
+        middle = angle + leg.phase
+        ahead = coordinates(robot, leg.side, middle + TINY_TURN)[..., ::3]
+        behind = coordinates(robot, leg.side, middle - TINY_TURN)[..., ::3]
         change = (ahead - behind + math.pi) % (2.0 * math.pi) - math.pi
         rates.append(change / (2.0 * TINY_TURN))
     slope = np.stack(rates, axis=-2)
@@ -168,8 +171,10 @@ def nearest_dead_point(robot: Robot, samples: int = TURN_SAMPLES) -> tuple[float
     Raises:
         LinkageError: If the linkage does not close.
     """
-    psi, out = np.linspace(-math.pi, math.pi, samples, endpoint=False), np.empty(2)
-    places, (closing, _) = joint_positions(robot, "fore", psi), closing_of(robot)
+    psi = np.linspace(-math.pi, math.pi, samples, endpoint=False)
+    out = np.empty(2)
+    places = joint_positions(robot, "fore", psi)
+    closing, _ = closing_of(robot)
     dyad = robot.linkage.dyads[closure.nearest_dead_point(places, closing.dyads, out)]
     return float(out[0]), dyad.joint, float(psi[int(out[1])])
 
@@ -226,9 +231,12 @@ def joints_of_legs(robot: Robot, psi: Array) -> Array:
     Raises:
         LinkageError: If the linkage does not close.
     """
-    (closing, _), legs, count = closing_of(robot), leg_rows(robot), len(psi)
+    closing, _ = closing_of(robot)
+    legs = leg_rows(robot)
+    count = len(psi)
     angles = np.empty((len(legs), count))
-    places, fault = np.empty((len(legs), count, len(robot.linkage.joints), 2)), np.zeros(3)
+    places = np.empty((len(legs), count, len(robot.linkage.joints), 2))
+    fault = np.zeros(3)
     failed = put_legs(psi, legs, *closing, angles, places, fault)
     if failed >= 0:
         angle = angles[int(fault[2]), int(fault[0])]

@@ -99,9 +99,12 @@ def _resized(robot: Robot, known: Mapping[str, float], new: Mapping[str, float])
         known: Present lengths of the robot by name, in m.
         new: New lengths by name, in m.
     """
-    rows, built = leg_links(robot), is_of_built_parts(robot)
-    before, after = (_length_rows(robot, each) for each in (known, new))
-    links, points = np.empty_like(rows.links), np.empty_like(rows.points)
+    rows = leg_links(robot)
+    built = is_of_built_parts(robot)
+    before = _length_rows(robot, known)
+    after = _length_rows(robot, new)
+    links = np.empty_like(rows.links)
+    points = np.empty_like(rows.points)
     work = np.empty((2, points.shape[1] + 1, 2))
     fault = resize(*rows, after, before, not built, links, points, work)
     changed: dict[str, Link] = {}

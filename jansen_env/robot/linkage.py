@@ -14,7 +14,8 @@ from typing import NamedTuple
 
 from jansen_env.checks import entries, instance, invalid, shown
 
-FRAME, CRANK = 1, 2  # numbers of the bodies that all legs share
+FRAME = 1  # number of the chassis, which all legs share
+CRANK = 2  # number of the crank, which all legs share
 LONGEST_NAME = 60  # largest length of a body's name, in bytes
 INDEPENDENT = 4  # number of independent coordinates: three of the frame, and the crank angle
 

@@ -119,7 +119,8 @@ class Motor:
         Returns:
             Power in W, at least 0, in the broadcast shape.
         """
-        torque, speed = np.asarray(torque, dtype=float), np.asarray(speed, dtype=float)
+        torque = np.asarray(torque, dtype=float)
+        speed = np.asarray(speed, dtype=float)
         driving = torque * speed >= 0.0
         inner = np.where(driving, torque / self.efficiency, torque * self.efficiency)
         return np.maximum(inner * speed + self.winding * inner**2, 0.0)

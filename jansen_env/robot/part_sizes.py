@@ -31,12 +31,14 @@ def pin_hole_radii(robot: Robot, body: int) -> dict[str, float]:
         robot: Robot whose body has the holes.
         body: Number of the body, from 1 on.
     """
-    build, holders = robot.build, {pin.joint: pin.other for pin in reversed(robot.linkage.pins)}
+    build = robot.build
+    holders = {pin.joint: pin.other for pin in reversed(robot.linkage.pins)}
     pin, bush, shaft, _ = radii(build)
     joints = robot.linkage.bodies[body - 1][1]
     holes = {joint: pin if holders[joint] == body else bush for joint in joints if joint in holders}
     if body in (FRAME, CRANK):  # holes for the shaft's bush, or for the hub's spigot
-        axis, spigot = robot.linkage.bodies[CRANK - 1][1][0], build is ALUMINIUM and body == CRANK
+        axis = robot.linkage.bodies[CRANK - 1][1][0]
+        spigot = build is ALUMINIUM and body == CRANK
         holes[axis] = pin if spigot else shaft + bush - pin
     return holes
 

@@ -102,7 +102,8 @@ def leg_links(robot: Robot) -> LegLinks:
     """Return the links of a robot's leg."""
     members = robot.linkage.members
     shape = len(members), max(map(len, members))
-    joints, points = np.full(shape, -1), np.zeros((*shape, 2))
+    joints = np.full(shape, -1)
+    points = np.zeros((*shape, 2))
     for k, link in enumerate(robot.bodies):
         joints[k, : len(members[k])] = members[k]
         if places := getattr(link, "points", None):
@@ -129,7 +130,8 @@ def closing_of(robot: Robot) -> tuple[Closing, Bools]:
         (*map(linkage.joints.index, (joint, start, end)), branch)
         for joint, start, end, branch in linkage.dyads
     ]
-    corners, spans = np.empty_like(points), np.empty((len(dyads), 2))
+    corners = np.empty_like(points)
+    spans = np.empty((len(dyads), 2))
     bars = np.empty(len(links), bool)
     assemble(links, points, members, dyads, corners, bars, spans)
     return Closing(robot.frame_angle, members, corners, dyads, spans), bars
@@ -152,7 +154,8 @@ def chassis_row(robot: Robot) -> Rows:
         Record of type ``CHASSIS``, shape (1,).
     """
     row = np.zeros(1, CHASSIS)
-    row["frame_angle"], row["pad_radius"] = robot.frame_angle, robot.pad_radius
+    row["frame_angle"] = robot.frame_angle
+    row["pad_radius"] = robot.pad_radius
     for name in ("payload", "motor", "pad_compliance"):
         part = getattr(robot, name)
         for field in fields(part):
@@ -169,8 +172,10 @@ def machine_row(robot: Robot) -> Rows:
     Returns:
         Record of type ``MACHINE``, shape (1,).
     """
-    row, links = np.zeros(1, MACHINE), leg_links(robot).links
-    friction, work = np.array(robot.bearing_friction), np.empty((2, len(links) + 1))
+    row = np.zeros(1, MACHINE)
+    links = leg_links(robot).links
+    friction = np.array(robot.bearing_friction)
+    work = np.empty((2, len(links) + 1))
     stiffness = np.array([spring.stiffness for spring in robot.springs], float)
     put_machine(links, len(robot.legs), chassis_row(robot), friction, stiffness, work, row)
     return row

@@ -226,7 +226,8 @@ def _kind_of(hint: Any) -> dict[str, Any]:
         ``{"row": kinds}`` for a list with a fixed number of entries. See :func:`_limits_to_json`
         for the limits.
     """
-    origin, arguments = get_origin(hint), get_args(hint)
+    origin = get_origin(hint)
+    arguments = get_args(hint)
     if origin is Annotated:
         limits = next(part for part in arguments if isinstance(part, Limits))
         return {"number": _limits_to_json(limits)}
@@ -250,5 +251,6 @@ def _limits_to_json(limits: Limits) -> dict[str, Any]:
 
     None stands for infinity, that is, for no limit.
     """
-    least, most = (None if math.isinf(each) else each for each in (limits.least, limits.most))
+    least = None if math.isinf(limits.least) else limits.least
+    most = None if math.isinf(limits.most) else limits.most
     return {"least": least, "most": most, "above": limits.above, "allowed": limits.allowed}

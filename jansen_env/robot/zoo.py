@@ -131,7 +131,8 @@ def standing_height(robot: Robot, samples: int = HEIGHT_SAMPLES) -> float:
     Raises:
         LinkageError: If the linkage does not close.
     """
-    psi, heights = np.empty(samples), np.empty(samples)
+    psi = np.empty(samples)
+    heights = np.empty(samples)
     put_turn_angles(0.0, psi)
     put_lowest_toes(joints_of_legs(robot, psi), toe_joints(robot), heights)
     return -float(mean(heights))

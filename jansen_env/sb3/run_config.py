@@ -40,7 +40,8 @@ with suppress(ImportError):  # the extra "train" installs sb3_contrib
     ALGORITHMS |= {"tqc": TQC, "crossq": CrossQ, "ars": CountingARS, "ppo_lstm": RecurrentPPO}
 POLICIES = ("MlpPolicy", "MlpLstmPolicy")  # kinds of policies; each algorithm has one of them
 MOST_ENVS = 10_000  # largest number of environments of a run
-MAX_UNITS, MAX_LAYERS = 1024, 8  # largest number of units per layer, and of layers, of a network
+MAX_UNITS = 1024  # largest number of units per layer of a network
+MAX_LAYERS = 8  # largest number of layers of a network
 KEYS = {
     "algo": Rule(words=tuple(ALGORITHMS)), "env": Rule(words=IDS),
     "policy": Rule((str,)), "timesteps": Rule((int,), 1, MAX_STEPS),
@@ -224,7 +225,8 @@ def rules(algo: str, policy: str) -> dict[str, dict[str, Rule]]:
     """
     library = ALGORITHMS[algo]
     make = library.policy_aliases[policy].__init__
-    of_policy, hyperparameters = _rules(make, "use_sde", "lr_schedule"), _rules(library.__init__)
+    of_policy = _rules(make, "use_sde", "lr_schedule")
+    hyperparameters = _rules(library.__init__)
     if "action_noise" in inspect.signature(library.__init__).parameters:
         hyperparameters["action_noise"] = Rule((float,), TINY)
     extracts = "features_extractor_class" in inspect.signature(make).parameters  # False for ARS

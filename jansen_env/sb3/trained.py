@@ -138,7 +138,8 @@ def check_shapes(needed: Arguments, found: Arguments) -> None:
         ValueError: If the tensors differ. The message names the first tensor that differs. If its
             shape differs, the message also contains the units of the hidden layers in the file.
     """
-    absent, more = sorted(needed.keys() - found.keys()), sorted(found.keys() - needed.keys())
+    absent = sorted(needed.keys() - found.keys())
+    more = sorted(found.keys() - needed.keys())
     if absent or more:
         parts = [f"it lacks {len(absent)} tensors, such as {absent[0]}"] if absent else []
         parts += [f"it has {len(more)} others, such as {more[0]}"] if more else []
@@ -200,7 +201,8 @@ def policy_kwargs_of(config: RunConfig) -> Arguments:
     arguments = dict(config.policy_kwargs)
     if "activation" in arguments:
         arguments["activation_fn"] = ACTIVATIONS[arguments.pop("activation")]
-    harmonics, half_turn = arguments.pop("harmonics", 0), arguments.pop("half_turn", False)
+    harmonics = arguments.pop("harmonics", 0)
+    half_turn = arguments.pop("half_turn", False)
     if arguments.pop("normalize", False):
         arguments["features_extractor_class"] = NormalizedObservation
         image = half_turn_image(config) if half_turn else None

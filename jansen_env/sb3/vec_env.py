@@ -215,7 +215,8 @@ class BatchVecEnv(WholeCopies, VecEnv):
     def __init__(self, env: TaskVectorEnv[Any], info_keys: Sequence[str] | None = ()) -> None:
         if env.autoreset_mode != AutoresetMode.DISABLED:
             raise ValueError(f"autoreset_mode must be DISABLED, got {env.autoreset_mode}")
-        self.env, self.info_keys = env, arguments.info_keys(info_keys, env.task.information.keys)
+        self.env = env
+        self.info_keys = arguments.info_keys(info_keys, env.task.information.keys)
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
         self.metadata = dict(env.metadata)  # a copy with the frames per second of videos
         self._actions: NDArray[np.float32] = np.zeros((env.num_envs, 1), np.float32)
@@ -228,7 +229,8 @@ class BatchVecEnv(WholeCopies, VecEnv):
     @exclusive
     def reset(self) -> NDArray[np.float32]:
         """Start new episodes of all robots, and return their observations, shape (n, d)."""
-        seeds, options = self._seeds, self._options
+        seeds = self._seeds
+        options = self._options
         self._reset_seeds()
         self._reset_options()
         observations, _ = self.env.reset_each(seeds, options)
@@ -255,7 +257,8 @@ class BatchVecEnv(WholeCopies, VecEnv):
         """
         task = self.env.task
         terminated, truncated = self.env.advance(self._actions)
-        rewards, dones = task.rewards.copy(), terminated | truncated
+        rewards = task.rewards.copy()
+        dones = terminated | truncated
         infos: list[Infos] = [{} for _ in range(self.num_envs)]
         if self.info_keys is None or self.info_keys:
             for i in np.flatnonzero(~dones).tolist():
@@ -335,7 +338,8 @@ class BatchVecEnv(WholeCopies, VecEnv):
             value: New value.
             indices: Indices of the robots. None for all robots.
         """
-        robots, checked = self._get_indices(indices), self.env.task.checked
+        robots = self._get_indices(indices)
+        checked = self.env.task.checked
         for change in [checked(i, **{attr_name: value}) for i in robots]:
             change()  # only after the value has been checked for all robots
 

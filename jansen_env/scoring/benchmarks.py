@@ -61,7 +61,8 @@ def can_be_batched(env_id: str, env_kwargs: Values, variants: Sequence[Values] =
         variants: Further arguments that differ between the environments.
     """
     settings = single_env(env_id).TASK.SETTINGS
-    together, alone = settings.defaults("several"), settings.defaults("single_only")
+    together = settings.defaults("several")
+    alone = settings.defaults("single_only")
     given = [variant.get("robot", env_kwargs.get("robot", "paper")) for variant in variants]
     several = (robots if isinstance(robots, (list, tuple)) else [robots] for robots in given)
     each = [robot for robots in several for robot in robots]

@@ -117,7 +117,8 @@ def compare(results: Sequence[Result]) -> Comparison:
         results: Result of each training run of the algorithm.
     """
     rng = np.random.default_rng(0)
-    counts, scores = [0], {}
+    counts = [0]
+    scores = {}
     for name, track in TRACKS.items():
         if runs := runs_on(results, name):
             counts.append(len(runs))
@@ -173,7 +174,8 @@ def score_rows(results: Iterable[Result]) -> list[list[str]]:
     compared = {name: compare(runs) for name, runs in by_algorithm(results).items()}
 
     def rank(name: str) -> tuple[float, float]:
-        mean, tracks = compared[name].mean, compared[name].tracks.values()
+        mean = compared[name].mean
+        tracks = compared[name].tracks.values()
         return (-mean[0] if mean else np.inf, -max(value for value, *_ in tracks))
 
     head = ["algorithm", "runs", *TRACKS, "mean", "worst"]
@@ -255,7 +257,8 @@ def improvement_rows(results: Mapping[str, Sequence[Result]]) -> list[list[str]]
     (first, ours), (second, others) = results.items()
     rows = [["track", f"P({first} > {second})"]]
     for name, track in TRACKS.items():
-        ours_here, others_here = runs_on(ours, name), runs_on(others, name)
+        ours_here = runs_on(ours, name)
+        others_here = runs_on(others, name)
         if ours_here and others_here:
             rows.append([name, _score(probability_of_improvement(ours_here, others_here, track))])
     return rows

@@ -112,7 +112,8 @@ def evaluate(
         raise ValueError(f"commands must be finite numbers, at least one, got {shown(commands)}")
     if drawn and commands is not None:
         raise ValueError("drawn is True, so commands must be None")
-    env, scores = make_env(env_id, env_kwargs), Scores(env_id)
+    env = make_env(env_id, env_kwargs)
+    scores = Scores(env_id)
     if drawn:
         command, seeds = draw_episodes(env, episodes, seed)
     else:

@@ -37,7 +37,8 @@ Interval: TypeAlias = tuple[float, float, float]
 
 MAIN = 8  # number of metrics in short tables
 RESAMPLES = 2000
-CONFIDENCE, ENDS = 0.95, (2.5, 97.5)  # confidence of intervals, and percentiles of their ends
+CONFIDENCE = 0.95  # confidence of intervals
+ENDS = (2.5, 97.5)  # percentiles of the ends of intervals
 INTERVALS = (
     "95 % intervals over episodes: exact (Clopper-Pearson) for fractions, percentile bootstrap for "
     "the others"
@@ -285,7 +286,8 @@ def _interval(
     metric: Metric, run: Episodes, env: Env, groups: Sequence[Ints], seed: int
 ) -> list[float | None]:
     """Return a metric over all episodes: its value, and lower and upper end of its interval."""
-    estimator, episodes = _estimator(metric, run, env), np.concatenate(groups)
+    estimator = _estimator(metric, run, env)
+    episodes = np.concatenate(groups)
     value = estimator(episodes)
     if metric.unit == "fraction":
         return [*proportion_with_interval(round(float(value) * len(episodes)), len(episodes))]

@@ -150,7 +150,8 @@ def run_episodes(
     Raises:
         ValueError: If there is no benchmark for ``env_id``.
     """
-    benchmark, parts = find_benchmark(env_id), []
+    benchmark = find_benchmark(env_id)
+    parts = []
     every: Options = {**benchmark.options(commands), **(options or {})}
     longest = env_kwargs.get("max_episode_steps") or gym.spec(env_id).max_episode_steps or 1
     for begin in range(0, len(commands), at_once):
@@ -193,14 +194,18 @@ def _run_side_by_side(
     Returns:
         Values of each episode, by name, each with shape (n,).
     """
-    n, dt = len(seeds), envs.get_attr("control_dt")[0]  # type: ignore[attr-defined]
+    n = len(seeds)
+    dt = envs.get_attr("control_dt")[0]  # type: ignore[attr-defined]
     totals: Episodes = {}
     ranked = {name: a for name, a in benchmark.aggregates.items() if a.reduction == "p99"}
     kept: dict[str, list[Array]] = {name: [] for name in ranked}
     last: Episodes = {}
     left = float(n)
     observations = _reset(envs, options, seeds)
-    running, starts, state, time = np.ones(n, bool), np.ones(n, bool), None, 0.0
+    running = np.ones(n, bool)
+    starts = np.ones(n, bool)
+    state = None
+    time = 0.0
     while running.any():
         actions, state = policy.predict(observations, state, starts, True)
         starts = np.zeros(n, bool)

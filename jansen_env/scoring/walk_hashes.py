@@ -21,7 +21,8 @@ from jansen_env.policies.policy import Memory
 from jansen_env.policies.pretrained import load
 
 PUBLISHED = Path(__file__).with_suffix(".json")
-STEPS, ROBOTS = 200, 4  # number of control steps of a walk, and of robots in a batch
+STEPS = 200  # number of control steps of a walk
+ROBOTS = 4  # number of robots in a batch
 LENGTH = 16  # number of hexadecimal digits of a hash
 
 
@@ -109,7 +110,8 @@ def hash_walk(walk: Walk, robots: int | None = None, steps: int = STEPS) -> str:
         else gym.make_vec(walk.env_id, robots, **walk.arguments)
     )
     policy: Any = RandomPolicy() if walk.random else load(walk.env_id).on(env)
-    digest, state = hashlib.sha256(), None
+    digest = hashlib.sha256()
+    state = None
     observation, _ = env.reset(seed=0)
     for _ in range(steps):
         actions, state = policy.predict(observation, state)

@@ -88,7 +88,8 @@ class Task(ABC):
         row = np.dtype([("info", [*self.INFO.items()]), ("reward", terms)], align=True)
         row = row if self.ROW is None else self.ROW
         self.world = World(settings, threads, row, self.OMITTED)
-        self.control_dt, self.truncated = self.world.control_dt, self.world.truncated
+        self.control_dt = self.world.control_dt
+        self.truncated = self.world.truncated
         self.observed = self._order(self.world.observations) + tuple(self.world.lengths.entries)
         self.columns = {entry.name: place for place, entry in enumerate(self.observed)}
         if len(self.columns) < len(self.observed):
@@ -122,7 +123,8 @@ class Task(ABC):
 
     def _connect(self) -> None:
         """Get views of the arrays in the records."""
-        world, records = self.world, self.world.records
+        world = self.world
+        records = self.world.records
         robots: Any = records.robots
         self._records = records.data
         self.data: Rows = records.task
@@ -372,7 +374,8 @@ class Task(ABC):
             raise TypeError(f"{unknown} cannot be changed, must be in {allowed}")
         of_task = {name: changes.pop(name) for name in self.SETTABLE if name in changes}
         with self.lock:
-            checked, apply = self.world.checked(i, changes), self._change(i, of_task)
+            checked = self.world.checked(i, changes)
+            apply = self._change(i, of_task)
 
         def change() -> None:
             with self.lock:

@@ -121,9 +121,11 @@ class NamedGenerator:
         name = self.name
         if name == "mixed":
             name = MIXTURE[rng.integers(len(MIXTURE))]
-        kind, given = KINDS.index(name), dict(self.given)
+        kind = KINDS.index(name)
+        given = dict(self.given)
         named = at_level(name, level) | given
-        values, fixed = np.array([*named.values()]), np.array([name in given for name in named])
+        values = np.array([*named.values()])
+        fixed = np.array([name in given for name in named])
         # Sample a direction even if the user has specified it, so that the other samples stay the
         # same.
         choose_direction(kind, rng.random(), fixed, values)

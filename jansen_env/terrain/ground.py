@@ -49,8 +49,11 @@ def heights_of(line: Array, x: ArrayLike) -> Array:
     Returns:
         Heights in m, in the shape of ``x``.
     """
-    x, first, last = np.asarray(x, float), line[1] - line[0], line[-1] - line[-2]
-    before, after = np.minimum(x - line[0, 0], 0.0), np.maximum(x - line[-1, 0], 0.0)
+    x = np.asarray(x, float)
+    first = line[1] - line[0]
+    last = line[-1] - line[-2]
+    before = np.minimum(x - line[0, 0], 0.0)
+    after = np.maximum(x - line[-1, 0], 0.0)
     heights: Array = np.interp(x, *line.T)
     return heights + before * first[1] / first[0] + after * last[1] / last[0]
 
@@ -66,7 +69,8 @@ def check_room(start: float, reach: float, period: float) -> None:
     Raises:
         ValueError: If 0 < start < reach does not hold, or more than MOST_POINTS periods fit.
     """
-    start, reach = checks.positive("start", start), checks.positive("reach", reach)
+    start = checks.positive("start", start)
+    reach = checks.positive("reach", reach)
     if start >= reach:
         raise ValueError(f"start must be below reach ({reach:g}), got {start:g}")
     count = (reach - start) / period
@@ -92,7 +96,8 @@ def profile(
         reach: Distance from the origin at which the features end, in m.
         rng: Random number generator. It may be None for a terrain without random numbers.
     """
-    kind, given = KINDS.index(name), np.array(values, float)
+    kind = KINDS.index(name)
+    given = np.array(values, float)
     points = np.empty((count_points(kind, given, start, reach), 2))
     draws = np.empty(0) if rng is None else rng.random(count_draws(kind, given, start, reach))
     put_ground(kind, given, start, reach, draws, points)
@@ -218,7 +223,8 @@ class Terrain:
         """
         checks.instance("rng", rng, np.random.Generator)
         height = checks.within("height", height, 0.0, FARTHEST)
-        spacing, length = checks.positive("spacing", spacing), checks.positive("length", length)
+        spacing = checks.positive("spacing", spacing)
+        length = checks.positive("length", length)
         start = checks.finite("start", start)
         if length / spacing > MOST_POINTS:
             raise checks.invalid("length / spacing", length / spacing, f"at most {MOST_POINTS}")
@@ -387,7 +393,8 @@ class Terrain:
         for i, (a, b) in enumerate(pairwise(points)):
             segment = pymunk.Segment(ground, a, b, 0.0)
             segment.set_neighbors(points[max(i - 1, 0)], points[min(i + 2, len(points) - 1)])
-            segment.friction, segment.elasticity = self.friction, self.restitution
+            segment.friction = self.friction
+            segment.elasticity = self.restitution
             segments.append(segment)
         space.add(ground, *segments)
         return segments

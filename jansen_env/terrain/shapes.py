@@ -130,7 +130,8 @@ class Shapes:
         ground = pymunk.Body(body_type=pymunk.Body.STATIC)
         shapes = [piece.shape(ground) for piece in self.pieces]
         for shape in shapes:
-            shape.friction, shape.elasticity = self.friction, self.restitution
+            shape.friction = self.friction
+            shape.elasticity = self.restitution
         space.add(ground, *shapes)
         return shapes
 

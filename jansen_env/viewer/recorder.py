@@ -141,8 +141,11 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
         self, observation: Observation, info: Values, seed: int | None, options: Values | None
     ) -> None:
         """Begin a recording with the current state of the environment as its first frame."""
-        scene, spec, world = self.inner.task.scene(0), self.env.spec, self.inner.task.world
-        ground, observed = scene["terrain_points"], self.inner.observed
+        scene = self.inner.task.scene(0)
+        spec = self.env.spec
+        world = self.inner.task.world
+        ground = scene["terrain_points"]
+        observed = self.inner.observed
         named = len(observed) == spaces.flatdim(self.observation_space)
         self._shape = _shape_of(self.inner.robot)
         self._episode = {

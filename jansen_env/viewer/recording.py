@@ -143,7 +143,8 @@ class Recording:
             raise ValueError("contact has other numbers than 0, 1 and 2")
         if len(self.terrain) == 1 or (np.diff(self.terrain[:, 0]) <= 0.0).any():
             raise ValueError("terrain must have x that increases, and none or two and more points")
-        far, reach = np.abs(self.pose[:, :2]).max(), reach_of(self.robot)
+        far = np.abs(self.pose[:, :2]).max()
+        reach = reach_of(self.robot)
         if far > FARTHEST * reach:
             raise ValueError(
                 f"pose has a place {far:.3g} m from the origin, must be within {FARTHEST:g} times "
@@ -236,7 +237,8 @@ class Recording:
         others = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         others = {name: value for name, value in others.items() if name not in arrays}
         others |= {"format": FORMAT, "robot": robot_to_json(self.robot)}
-        text, file = json.dumps(others, allow_nan=False).encode(), io.BytesIO()
+        text = json.dumps(others, allow_nan=False).encode()
+        file = io.BytesIO()
         np.savez_compressed(file, description=np.frombuffer(text, np.uint8), **arrays)
         return file.getvalue()
 

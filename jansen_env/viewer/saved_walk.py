@@ -46,7 +46,8 @@ def walk_again(path: str | Path) -> Recording:
 
 def _simulated(content: Values) -> Recording:
     """Simulate and record a rollout from the content of its file."""
-    start, steps = content["start"], entries("steps", content["steps"], "a list")
+    start = content["start"]
+    steps = entries("steps", content["steps"], "a list")
     if not 0 < len(steps) <= MOST_RECORDED:
         raise ValueError(f"it must have 1 to {MOST_RECORDED} steps, got {len(steps)}")
     parts = {name: value for name, value in content["robot"].items() if name in OF_ROBOT}

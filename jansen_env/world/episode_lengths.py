@@ -72,7 +72,8 @@ class EpisodeLengths:
         standing: bool = True,
     ) -> None:
         self._standing = standing
-        self.constructed, self.nominal = list(robots), list(robots)
+        self.constructed = list(robots)
+        self.nominal = list(robots)
         self.changed: list[dict[str, float]] = [{} for _ in robots]
         self.entries: list[Observed] = []
         self.values: NDArray[np.void] | None = None
@@ -150,7 +151,8 @@ class EpisodeLengths:
         Raises:
             ValueError: If none of :data:`ATTEMPTS` samples is valid.
         """
-        before, reason = lengths(nominal), ""
+        before = lengths(nominal)
+        reason = ""
         for _ in range(ATTEMPTS):
             drawn = {name: before[name] * factor.sample(rng) for name, factor in factors.items()}
             try:
@@ -179,7 +181,8 @@ class EpisodeLengths:
             builds: Robots that :meth:`plan` returned, by index.
         """
         for i, build in builds.items():
-            self.nominal[i], self.changed[i] = build.nominal, build.changed
+            self.nominal[i] = build.nominal
+            self.changed[i] = build.changed
         self._note(builds)
 
     def _note(self, which: Iterable[int]) -> None:
@@ -226,6 +229,7 @@ def _by_name(factors: dict[str, Distribution], names: Sequence[str]) -> dict[str
 
 def _build(nominal: Robot, given: Mapping[str, float]) -> Build:
     """Return a robot with user-specified lengths, by name, in m."""
-    robot, before = with_lengths(nominal, given) if given else nominal, lengths(nominal)
+    robot = with_lengths(nominal, given) if given else nominal
+    before = lengths(nominal)
     changed = {name: float(value) for name, value in given.items() if value != before[name]}
     return Build(nominal, changed, robot)

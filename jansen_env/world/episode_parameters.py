@@ -401,12 +401,12 @@ class EpisodeParameters:
             i: Index of the robot.
             robot: The robot.
         """
-        mass, *place = (
-            float(self._plant.parameters[i][f"payload{end}"]) for end in ("", "_x", "_y")
-        )
-        if (mass, *place) == (robot.payload.mass, *robot.payload.position):
+        parameters = self._plant.parameters[i]
+        mass = float(parameters["payload"])
+        place = (float(parameters["payload_x"]), float(parameters["payload_y"]))
+        if mass == robot.payload.mass and place == tuple(robot.payload.position):
             return robot
-        return replace(robot, payload=Payload(mass, position=(place[0], place[1])))
+        return replace(robot, payload=Payload(mass, position=place))
 
     def state(self, i: int) -> Values:
         """Return the level and the generated terrain of a robot, for a saved state."""

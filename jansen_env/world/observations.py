@@ -58,7 +58,8 @@ class Observed:
         if not self.low < self.high:
             limits = f"{shown(self.low)} to {shown(self.high)}"
             raise ValueError(f"limits of the observation {self.name!r} are {limits}, must increase")
-        allowed, label = [*SENSORS, EXACT], f"noise of the observation {self.name!r}"
+        allowed = [*SENSORS, EXACT]
+        label = f"noise of the observation {self.name!r}"
         if not isinstance(self.noise, str):
             one_or_two(label, self.noise)
         elif self.noise not in allowed:
@@ -206,7 +207,8 @@ def sensor_errors(
         count: Number of robots.
     """
     if noise is None:
-        observed, count = (), 0
+        observed = ()
+        count = 0
     names = [entry.name for entry in observed]
     size = len(names)
     limits = np.array([(entry.low, entry.high) for entry in observed], np.float32).reshape(size, 2)
@@ -214,7 +216,8 @@ def sensor_errors(
     angles = np.full((size, 2), -1)
     for first, *pair in ANGLES:
         if {first, *pair} <= {*names}:
-            cos, sin = angles[names.index(first)] = [names.index(name) for name in pair]
+            cos, sin = [names.index(name) for name in pair]
+            angles[names.index(first)] = (cos, sin)
             deviation[cos + sin - names.index(first)] = 0.0
     speeds = np.array([names.index(speed) if speed in names else -1 for speed in SPEEDS])
     low, high = limits.T.copy()

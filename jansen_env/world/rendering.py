@@ -50,11 +50,20 @@ AROUND = 60 * UNIT  # margin around the canvas within which shapes are kept, can
 MANY = 16  # number of points above which NumPy is faster than a loop
 ROUND = 4096  # largest radius of a disc that pygame paints, canvas pixels
 
-SKY, GRID = (241, 246, 251), (222, 231, 240)
-GROUND, SURFACE, GROUND_TEXT = (234, 223, 202), (150, 128, 94), (104, 86, 58)
-INK, MUTED, TRACK, WHITE = (38, 50, 66), (100, 112, 128), (220, 227, 235), (255, 255, 255)
-LINK, CRANK, FORCE = (58, 124, 190), (240, 140, 16), (124, 58, 190)
-GREEN, RED = (0, 140, 122), (220, 38, 38)
+SKY = (241, 246, 251)
+GRID = (222, 231, 240)
+GROUND = (234, 223, 202)
+SURFACE = (150, 128, 94)
+GROUND_TEXT = (104, 86, 58)
+INK = (38, 50, 66)
+MUTED = (100, 112, 128)
+TRACK = (220, 227, 235)
+WHITE = (255, 255, 255)
+LINK = (58, 124, 190)
+CRANK = (240, 140, 16)
+FORCE = (124, 58, 190)
+GREEN = (0, 140, 122)
+RED = (220, 38, 38)
 LEGEND = {"gripping toe": GRIP, "slipping toe": SLIP, "lifted toe": AIR, "contact force": None}
 CIRCLE = np.array([(math.cos(a), math.sin(a)) for a in np.linspace(0.0, 2.0 * math.pi, 32)])
 
@@ -120,8 +129,10 @@ class Renderer:
         speed_unit: str = "m/s",
         shapes: Sequence[Piece] = (),
     ) -> None:
-        self.mode, self.fps = mode, fps
-        self.speed_range, self.speed_unit = speed_range, speed_unit
+        self.mode = mode
+        self.fps = fps
+        self.speed_range = speed_range
+        self.speed_unit = speed_unit
         self.show(robot, terrain_points, shapes)
         os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
         import pygame
@@ -146,11 +157,12 @@ class Renderer:
             terrain_points: See the class.
             shapes: See the class.
         """
-        self.robot, self._terrain = robot, terrain_points
+        self.robot = robot
+        self._terrain = terrain_points
         self._shapes = shapes
         self._reach = reach = min(max(reach_of(robot), REACHES[0]), REACHES[1])
-        least, most = (share * reach for share in ARROW_PER_REACH)
-        self._arrow_per_weight = min(max(ARROW_PER_WEIGHT, least), most)
+        least, most = ARROW_PER_REACH
+        self._arrow_per_weight = min(max(ARROW_PER_WEIGHT, least * reach), most * reach)
         self._scale = min(HEIGHT / (1.66 * reach), WIDTH / (2.3 * reach))  # canvas pixels per m
         self._depth = depths_of(robot)
 
@@ -167,7 +179,8 @@ class Renderer:
         Returns:
             A new array of type uint8, shape (height, width, 3), or None in the mode ``"human"``.
         """
-        pg, human = self._pg, self.mode == "human"
+        pg = self._pg
+        human = self.mode == "human"
         # Other code in the process may quit pygame, which closes the window.
         if human and not self.dismissed and not (self._screen and pg.display.get_init()):
             self._open_window()
@@ -249,7 +262,8 @@ class Renderer:
 
     def _paint_ground(self, terrain: Array) -> None:
         """Paint the ground below its surface points, with marks that show positions."""
-        u, left = UNIT, self._corner[0]
+        u = UNIT
+        left = self._corner[0]
         right = left + WIDTH / self._scale
         inside = terrain[(terrain[:, 0] > left) & (terrain[:, 0] < right)]
         if len(inside) > WIDTH:  # more points than pixels
@@ -288,7 +302,8 @@ class Renderer:
     def _paint_flag(self, x: float) -> None:
         """Paint a flag at a position x in m."""
         foot = self._pixels(self._surface(np.array([x])))[0]
-        height, side = 0.6 * self._reach * self._scale, 24.0 * UNIT
+        height = 0.6 * self._reach * self._scale
+        side = 24.0 * UNIT
         flag = np.array([[0.0, height], [0.0, height - side], [1.5 * side, height - 0.5 * side]])
         points = foot + flag * np.array([1.0, -1.0])
         self._line(foot, points[0], 4.0, INK)
@@ -302,7 +317,9 @@ class Renderer:
             depth: Depth from 0, the nearest, to 1, the farthest, by which the colors fade.
         """
         fade = 0.58 * math.sqrt(depth)
-        ink, fill, crank = (_mix(color, SKY, fade) for color in (INK, LINK, CRANK))
+        ink = _mix(INK, SKY, fade)
+        fill = _mix(LINK, SKY, fade)
+        crank = _mix(CRANK, SKY, fade)
         _, cranks, *others = self.robot.linkage.edges  # the frame is the chassis
         for edges in others:
             if len(edges) > 2:
@@ -367,18 +384,23 @@ class Renderer:
             color: Color of the bar.
             mark: Value that a tick marks. None for no tick.
         """
-        u, middle, half = UNIT, 132.0, 104.0
+        u = UNIT
+        middle = 132.0
+        half = 104.0
         self._text(name, 28 * u, y * u, 23, MUTED, 0.0)
-        end, tick = (
-            middle + half * min(max(shown / max(limit, 1e-9), -1.0), 1.0)
-            for shown in (value, mark or 0.0)
-        )
+
+        def place(shown: float) -> float:
+            """Return the horizontal position of a value, in units."""
+            return middle + half * min(max(shown / max(limit, 1e-9), -1.0), 1.0)
+
+        end = place(value)
         bars = ((middle - half, 2 * half, TRACK), (min(middle, end), abs(end - middle), color))
         for left, width, paint in bars:
             box = [round(edge * u) for edge in (left, y + 12, width, 8)]
             self._pg.draw.rect(self._canvas, paint, box, border_radius=round(2.5 * u))
         self._line((middle * u, (y + 10) * u), (middle * u, (y + 22) * u), 1.5, MUTED)
         if mark is not None:
+            tick = place(mark)
             self._line((tick * u, (y + 9) * u), (tick * u, (y + 23) * u), 3.0, CRANK)
 
     def _paint_legend(self) -> None:
@@ -484,10 +506,13 @@ class Renderer:
         length = min(size, LONGEST_ARROW) * self._arrow_per_weight * self._scale
         if length < 4.0 * UNIT:
             return
-        along, head = force / size, min(12.0 * UNIT, 0.6 * length)
-        neck, side = start + (length - head) * along, np.array([-force[1], force[0]]) / size
+        along = force / size
+        head = min(12.0 * UNIT, 0.6 * length)
+        neck = start + (length - head) * along
+        side = np.array([-force[1], force[0]]) / size
         self._line(start, neck, 3.4, FORCE)
-        across, tip = 0.45 * head * side, neck + head * along
+        across = 0.45 * head * side
+        tip = neck + head * along
         self._polygon([tip, neck + across, neck - across], FORCE)
 
     def _text(self, text: str, x: float, y: float, size: int, color: Color, align: float) -> None:
@@ -514,7 +539,9 @@ CLIP = np.full(2, -float(AROUND)), np.array([WIDTH, HEIGHT], float) + AROUND
 
 def _is_seen(points: Corners, margin: float = 0.0) -> bool:
     """Return whether all points lie in the clipping rectangle, or at most ``margin`` outside it."""
-    least, right, low = -AROUND - margin, WIDTH + AROUND + margin, HEIGHT + AROUND + margin
+    least = -AROUND - margin
+    right = WIDTH + AROUND + margin
+    low = HEIGHT + AROUND + margin
     if len(points) > MANY:
         array = np.asarray(points)
         return bool((array >= least).all() and (array <= (right, low)).all())
@@ -568,7 +595,8 @@ def clip_lines(points: Corners, low: Array, high: Array) -> Array:
         2).
     """
     line = _bounded(points)
-    start, way = line[:-1], np.diff(line, axis=0)
+    start = line[:-1]
+    way = np.diff(line, axis=0)
     still = way == 0.0
     safe = np.where(still, 1.0, way)
     ends = np.stack([(low - start) / safe, (high - start) / safe])
@@ -593,7 +621,8 @@ def circle(center: Array, radius: float) -> Array:
     beyond = np.abs(x - center[0])
     half = np.sqrt(np.maximum(radius - beyond, 0.0) * (radius + beyond))
     x = x.clip(center[0] - radius, center[0] + radius)
-    upper, lower = (np.stack([x, center[1] + way * half], axis=-1) for way in (-1.0, 1.0))
+    upper = np.stack([x, center[1] - half], axis=-1)
+    lower = np.stack([x, center[1] + half], axis=-1)
     return np.concatenate([upper, lower[::-1]])
 
 

@@ -76,7 +76,8 @@ PerRobot = TypeAliasType("PerRobot", T | Sequence[T | None] | NDArray[np.generic
 MOST_TIME_STEPS = 10_000  # most time steps per control step; takes seconds on the slowest backend
 RENDER_MODES = ["human", "rgb_array"]
 FLAT = Terrain.flat()  # terrain of a robot until its first terrain is generated
-FURTHEST_SCAN, MOST_SCANNED = 100.0, 1000  # largest distance, in m, and most points of a scan
+FURTHEST_SCAN = 100.0  # largest distance of a scan, in m
+MOST_SCANNED = 1000  # largest number of points of a scan
 
 
 def control_period(control_dt: object, time_step: object) -> tuple[float, float]:
@@ -375,7 +376,8 @@ def scanned_places(name: str, scan: object) -> Array:
     if scan is None:
         return np.empty(0)
     values = checks.entries(name, scan, "None or (behind, ahead, count)", 3)
-    behind, ahead = (within(f"{name}[{i}]", values[i], 0.0, FURTHEST_SCAN) for i in (0, 1))
+    behind = within(f"{name}[0]", values[0], 0.0, FURTHEST_SCAN)
+    ahead = within(f"{name}[1]", values[1], 0.0, FURTHEST_SCAN)
     count = checks.positive_integer(f"{name}[2]", values[2], MOST_SCANNED)
     return np.linspace(-behind, ahead, count)
 
@@ -491,7 +493,9 @@ class WorldSettings:
 
     def _checked(self, argument: Field[Any]) -> Any:
         """Return the checked value of an argument, or a list with one value per robot."""
-        name, value, marks = argument.name, getattr(self, argument.name), argument.metadata
+        name = argument.name
+        value = getattr(self, argument.name)
+        marks = argument.metadata
         check = marks["check"]
         if "several" in marks:
             return self._checked_each(argument, value)
@@ -506,8 +510,10 @@ class WorldSettings:
 
         The method also notes in :attr:`by_user` for which robots the user specifies the value.
         """
-        name, marks = argument.name, argument.metadata
-        check, several = marks["check"], marks["several"]
+        name = argument.name
+        marks = argument.metadata
+        check = marks["check"]
+        several = marks["several"]
         self.by_user[name] = np.full(self.count, name in self.given)
         if self.num_envs is None or not (isinstance(value, Each) or several(value)):
             return [check(name, value)] * self.count

@@ -35,7 +35,9 @@ from jansen_env.terrain import Ground
 _Body = pymunk.batch.BodyFields
 _MOTION = _Body.POSITION | _Body.ANGLE | _Body.VELOCITY | _Body.ANGULAR_VELOCITY
 
-CHASSIS, SHAFT = 0, 1  # indices of the bodies that all legs share; the bodies of each leg follow
+# Indices of the bodies that all legs share. The bodies of each leg follow.
+CHASSIS = 0
+SHAFT = 1
 X, Y, ANGLE, VX, VY, SPIN = range(6)  # columns of a motion
 SLOP = 1e-5  # depth, in m, to which a resting toe may sink into the ground
 GAP_LEFT = 0.5  # fraction of a joint's gap that is left after one second of closing the gap
@@ -74,7 +76,8 @@ def _local_bodies(robot: Robot, crank_angle: float) -> Array:
 
 def _lumps(robot: Robot) -> list[tuple[float, float, Array]]:
     """Return mass, inertia and centre of mass of chassis and shaft, at crank angle 0."""
-    home, lumps = _local_bodies(robot, 0.0), []
+    home = _local_bodies(robot, 0.0)
+    lumps = []
     for k in (CHASSIS, SHAFT):
         link = robot.bodies[k]
         parts = [(link.mass, link.inertia, leg[k, 1:]) for leg in home]
@@ -108,8 +111,10 @@ def poses(robot: Robot, q: Array) -> Array:
     Returns:
         Angle, x and y, in rad and m, shape (bodies, 3). All angles are 0 at q = 0.
     """
-    theta, psi = float(q[2]), float(q[3])
-    home, links = _local_bodies(robot, 0.0), _local_bodies(robot, psi)
+    theta = float(q[2])
+    psi = float(q[3])
+    home = _local_bodies(robot, 0.0)
+    links = _local_bodies(robot, psi)
     cos, sin = math.cos(psi), math.sin(psi)
     (_, _, chassis), (_, _, shaft) = _lumps(robot)
     result = np.empty((count_bodies(robot), 3))
@@ -121,7 +126,8 @@ def poses(robot: Robot, q: Array) -> Array:
     cos, sin = math.cos(theta), math.sin(theta)
     x, y = result[:, 1].copy(), result[:, 2].copy()
     result[:, 0] += theta
-    result[:, 1], result[:, 2] = q[0] + cos * x - sin * y, q[1] + sin * x + cos * y
+    result[:, 1] = q[0] + cos * x - sin * y
+    result[:, 2] = q[1] + sin * x + cos * y
     return result
 
 
@@ -244,7 +250,9 @@ class TurnMotion(NamedTuple):
 @functools.lru_cache(maxsize=2)
 def turn_motions(robot: Robot) -> list[TurnMotion]:
     """Return the motion of a robot's bodies at :data:`TURN` crank angles over a turn."""
-    (mass, inertia), layout, motions = inertias(robot).T, pad_layout(robot), []
+    mass, inertia = inertias(robot).T
+    layout = pad_layout(robot)
+    motions = []
     joints = [robot.linkage.all_pads[k][0] for k in layout.joint]
     for psi in 2.0 * math.pi * np.arange(TURN) / TURN:
         q = np.array([0.0, 0.0, 0.0, psi])
@@ -273,7 +281,9 @@ def side_bodies(robot: Robot, sides: Ints) -> list[int]:
         robot: The robot.
         sides: Indices of the two pads at the ends of each side, shape (n, 2).
     """
-    layout, linkage, bodies = pad_layout(robot), robot.linkage, []
+    layout = pad_layout(robot)
+    linkage = robot.linkage
+    bodies = []
     for side in sides.tolist():
         pads = [(int(layout.leg[k]), *linkage.all_pads[layout.joint[k]]) for k in side]
         ends = {joint for _, joint, _ in pads}
@@ -367,7 +377,8 @@ class BodySpace:
         terrain.add_to(space)
         layout = pad_layout(robot)
         self.owners = pad_bodies(robot, layout)
-        self.home, self.inertias = poses(robot, np.zeros(4)), inertias(robot)
+        self.home = poses(robot, np.zeros(4))
+        self.inertias = inertias(robot)
         self.bodies = [pymunk.Body(m, inertia) for m, inertia in self.inertias]
         if fixed_chassis:
             self.bodies[CHASSIS].body_type = pymunk.Body.KINEMATIC
@@ -391,7 +402,8 @@ class BodySpace:
         self._set = pymunk.batch.Buffer()
         self._set.set_float_buf(rows)
         self.radius = robot.pad_radius
-        q, v = state[:4], state[4:]
+        q = state[:4]
+        v = state[4:]
         where = poses(robot, q)
         self._put(where, rates(robot, q, v))
         if self.springs is not None:
@@ -409,8 +421,10 @@ class BodySpace:
         for body, (angle, x, y), (spin, vx, vy) in zip(
             self.bodies, where.tolist(), speed.tolist(), strict=True
         ):
-            body.angle, body.position = angle, (x, y)
-            body.angular_velocity, body.velocity = spin, (vx, vy)
+            body.angle = angle
+            body.position = (x, y)
+            body.angular_velocity = spin
+            body.velocity = (vx, vy)
 
     def _make_pins(self, robot: Robot) -> list[pymunk.PivotJoint | pymunk.SlideJoint]:
         """Return one joint per pin, that of the crank axis first.
@@ -422,7 +436,8 @@ class BodySpace:
         for i, leg in enumerate(robot.legs):
             joints = joint_positions(robot, leg.side, leg.phase)
             for pin in robot.linkage.moving_pins:
-                held, turning = (self.bodies[place_of(robot, i, k)] for k in (pin.other, pin.body))
+                held = self.bodies[place_of(robot, i, pin.other)]
+                turning = self.bodies[place_of(robot, i, pin.body)]
                 place = tuple(joints[robot.linkage.joints.index(pin.joint)])
                 if self.play[len(pins)] > 0.0:
                     ends = held.world_to_local(place), turning.world_to_local(place)
@@ -440,7 +455,8 @@ class BodySpace:
         """
         pads = []
         for i, k, owner in zip(layout.leg, layout.joint, self.owners, strict=True):
-            leg, body = robot.legs[i], self.bodies[owner]
+            leg = robot.legs[i]
+            body = self.bodies[owner]
             place = joint_positions(robot, leg.side, leg.phase)[robot.linkage.all_pads[k][0]]
             circle = pymunk.Circle(body, robot.pad_radius, tuple(place - np.array(body.position)))
             circle.friction = circle.elasticity = 1.0  # pymunk multiplies by the ground's values
@@ -455,7 +471,8 @@ class BodySpace:
         """
         segments = []
         for pads, owner in zip(sides.tolist(), side_bodies(robot, sides), strict=True):
-            body, ends = self.bodies[owner], (self.pads[k] for k in pads)
+            body = self.bodies[owner]
+            ends = (self.pads[k] for k in pads)
             a, b = (body.world_to_local(end.body.local_to_world(end.offset)) for end in ends)
             segment = pymunk.Segment(body, a, b, INSET * robot.pad_radius)
             segment.friction = segment.elasticity = 1.0
@@ -491,9 +508,11 @@ class BodySpace:
     @property
     def state(self) -> Array:
         """State of the robot: x, y, theta, psi and their rates, in m, rad and s, shape (8,)."""
-        chassis, shaft = self.bodies[CHASSIS], self.bodies[SHAFT]
+        chassis = self.bodies[CHASSIS]
+        shaft = self.bodies[SHAFT]
         axis = tuple(-self.home[CHASSIS, 1:])
-        place, speed = chassis.local_to_world(axis), chassis.velocity_at_local_point(axis)
+        place = chassis.local_to_world(axis)
+        speed = chassis.velocity_at_local_point(axis)
         return np.array(
             [
                 place.x,
@@ -531,7 +550,8 @@ class BodySpace:
         Returns:
             The points, in m, shape (2 pins + pads, 2).
         """
-        angle, (x, y) = motion[:, ANGLE], self._carried
+        angle = motion[:, ANGLE]
+        x, y = self._carried
         cos, sin = np.cos(angle)[self._carriers], np.sin(angle)[self._carriers]
         points = motion[self._carriers, :ANGLE]
         points[:, 0] += cos * x - sin * y
@@ -655,5 +675,6 @@ class BodySpace:
             near = self.space.point_query_nearest((x, y), 2.0 * self.radius, ours)
             if near is not None and near.distance > 0.0:
                 normal = (pymunk.Vec2d(x, y) - near.point).normalized()
-                points[pad], tangents[pad] = near.point, (normal.y, -normal.x)
+                points[pad] = near.point
+                tangents[pad] = (normal.y, -normal.x)
         return points, tangents

@@ -79,7 +79,8 @@ class LegSprings:
             crank_angle: Crank angle, in rad.
             angles: Angle of each body in pymunk, in rad, shape (bodies,).
         """
-        robot, deflections = self._robot, []
+        robot = self._robot
+        deflections = []
         for leg in robot.legs:
             x = coordinates(robot, leg.side, crank_angle + leg.phase)
             deflections.append(torsion_deflections(robot, leg.side, x))

@@ -63,9 +63,12 @@ class PadContacts:
         shapes: ShapePlanes | None = None,
     ) -> None:
         self._shapes = shapes
-        self._space, self._index, self._ground = space.space, space.index, ground
+        self._space = space.space
+        self._index = space.index
+        self._ground = ground
         owners = self._owners = space.owners
-        self._radius, self._time_step = space.radius, time_step
+        self._radius = space.radius
+        self._time_step = time_step
         self._pads_of: dict[int, list[int]] = {body: [] for body in range(len(space.bodies))}
         for pad, body in enumerate(owners):
             self._pads_of[body].append(pad)
@@ -117,7 +120,8 @@ class PadContacts:
         pairs = np.frombuffer(self._touched.int_buf(), dtype=np.uintp).reshape(-1, 2)
         ids = map(tuple, pairs.tolist())
         values = np.frombuffer(self._touched.float_buf()).reshape(-1, 6).tolist()
-        touching, loss = np.zeros(len(self._owners), bool), 0.0
+        touching = np.zeros(len(self._owners), bool)
+        loss = 0.0
         # pymunk orders contacts by pointers. Sorted by position, their order is the same in every
         # process.
         for (px, py, nx, ny, x, y), names in sorted(zip(values, ids, strict=True)):
@@ -126,7 +130,11 @@ class PadContacts:
                 continue
             name = names[0]
             if name not in self._index:  # pymunk may name the ground before the side of a link
-                name, px, py, nx, ny = names[1], -px, -py, -nx, -ny
+                name = names[1]
+                px = -px
+                py = -py
+                nx = -nx
+                ny = -ny
             body = self._index[name]
             tangential = -px * ny + py * nx
             speed = now.speed_along(body, x, y, -ny, nx)
@@ -146,7 +154,8 @@ class PadContacts:
         self.note(touching)
         self._pending[self._off == 0.0] = 0.0
         for pad in np.flatnonzero((self._off > 0.0) & (self._off <= CONTACT_HYSTERESIS)).tolist():
-            (nx, ny), (x, y) = self._normals[pad].tolist(), now.pads[pad].tolist()
+            nx, ny = self._normals[pad].tolist()
+            x, y = now.pads[pad].tolist()
             x, y = x - self._radius * nx, y - self._radius * ny
             speed = now.speed_along(self._owners[pad], x, y, ny, -nx)
             self._pending[pad] += self._time_step * abs(speed)
@@ -196,7 +205,8 @@ def check_stiffness(robot: Robot, time_step: float, owners: list[int]) -> None:
     Raises:
         ValueError: If the time step is too long.
     """
-    give, lightest = robot.pad_compliance, math.inf
+    give = robot.pad_compliance
+    lightest = math.inf
     for motion in bodies.turn_motions(robot):
         x, y = (motion.pads - motion.poses[owners, 1:]).T[..., None]
         spin, vx, vy = motion.rates[:, owners].T
@@ -261,12 +271,16 @@ class SpringPads:
         shapes: ShapePlanes | None = None,
     ) -> None:
         self._shapes = shapes
-        self._sides, pads = sides, len(owners) - len(sides)
+        self._sides = sides
+        pads = len(owners) - len(sides)
         check_stiffness(robot, time_step, owners[:pads])
-        self._give, self._radius = robot.pad_compliance, robot.pad_radius
+        self._give = robot.pad_compliance
+        self._radius = robot.pad_radius
         self._kt = float(self._give.tangential_stiffness or 0.0)
         self._dt = float(self._give.tangential_damping or 0.0)
-        self._terrain, self._owners, self._h = terrain, owners, time_step
+        self._terrain = terrain
+        self._owners = owners
+        self._h = time_step
         self._tilt = math.sqrt(1.0 + terrain.steepest**2)
 
     def start(self, now: bodies.Snapshot, space: pymunk.Space, bristle: Array | None) -> None:
@@ -279,13 +293,16 @@ class SpringPads:
         """
         pads = len(self._owners)
         self.bristle = np.zeros(pads) if bristle is None else bristle.copy()
-        self.forces, self.stored = np.zeros((pads, 2)), 0.0
+        self.forces = np.zeros((pads, 2))
+        self.stored = 0.0
         self._normals = np.tile([0.0, 1.0], (pads, 1))
         self._vertices = np.zeros((len(self._sides), 2))
         # Values for the next time step: length of the bristle and gap (0 if open) at its end, speed
         # of the bristle along the ground and of the pad across it, and sliding speed.
         self._then = self.bristle.copy()
-        self._gap, self._rate, self._slide = np.zeros(pads), np.zeros((pads, 2)), np.zeros(pads)
+        self._gap = np.zeros(pads)
+        self._rate = np.zeros((pads, 2))
+        self._slide = np.zeros(pads)
         self.step(now, space)
 
     @property
@@ -304,8 +321,10 @@ class SpringPads:
         """
         loads = np.zeros((len(now.motion), 3))
         for pad in np.flatnonzero(self.forces.any(axis=1)).tolist():
-            owner, (tangential, normal) = self._owners[pad], self.forces[pad].tolist()
-            (nx, ny), (x, y) = self._normals[pad].tolist(), self._centres[pad].tolist()
+            owner = self._owners[pad]
+            tangential, normal = self.forces[pad].tolist()
+            nx, ny = self._normals[pad].tolist()
+            x, y = self._centres[pad].tolist()
             fx, fy = normal * nx + tangential * ny, normal * ny - tangential * nx
             x, y = x - now.motion[owner, 0], y - now.motion[owner, 1]
             loads[owner] += fx, fy, x * fy - y * fx + self._radius * tangential
@@ -320,7 +339,11 @@ class SpringPads:
             sums: Sums over the step, to which the work of the last time step's forces is added.
                 None to leave the work out.
         """
-        h, k, d, kt, dt = self._h, self._give.stiffness, self._give.damping, self._kt, self._dt
+        h = self._h
+        k = self._give.stiffness
+        d = self._give.damping
+        kt = self._kt
+        dt = self._dt
         spin = now.motion[self._owners, bodies.SPIN]
         self._centres = np.concatenate([now.pads, self._find_vertices(now.pads)])
         arm = self._centres - now.motion[self._owners, :2]
@@ -344,10 +367,13 @@ class SpringPads:
             vx, vy = speed[pad].tolist()
             along = vx * ny - vy * nx + self._radius * float(spin[pad])
             across = vx * nx + vy * ny
-            depth, s = min(gap, 0.0), float(self.bristle[pad])
+            depth = min(gap, 0.0)
+            s = float(self.bristle[pad])
             normal = max(0.0, -k * depth - d * across) if gap < 0.0 else 0.0
-            new, tangential = s + h * along, 0.0
-            wanted, most = -kt * new - dt * along, self._terrain.friction * normal
+            new = s + h * along
+            tangential = 0.0
+            wanted = -kt * new - dt * along
+            most = self._terrain.friction * normal
             tangential = min(max(wanted, -most), most)
             if tangential != wanted:
                 new = (-tangential + dt / h * s) / (kt + dt / h)
@@ -363,8 +389,11 @@ class SpringPads:
                 if sums is not None:
                     sums.total["impact_loss"] += held
                 new = rate = slide = self.bristle[pad] = 0.0
-            self._then[pad], self.forces[pad] = new, (tangential, normal)
-            self._gap[pad], self._rate[pad], self._slide[pad] = depth, (rate, across), slide
+            self._then[pad] = new
+            self.forces[pad] = (tangential, normal)
+            self._gap[pad] = depth
+            self._rate[pad] = (rate, across)
+            self._slide[pad] = slide
 
     def _find_vertices(self, pads: Array) -> Array:
         """Find the vertex of the ground that penetrates each side most deeply or is nearest to it.
@@ -385,12 +414,13 @@ class SpringPads:
         line = self._terrain.polyline
         if len(line) == 2:
             return a
-        vertices, before, after = line[1:-1], line[:-2] - line[1:-1], line[2:] - line[1:-1]
+        vertices = line[1:-1]
+        before = line[:-2] - line[1:-1]
+        after = line[2:] - line[1:-1]
         along = b - a
         normals = np.stack([-along[:, 1], along[:, 0]], 1) / np.hypot(*along.T)[:, None]
-        before, after = (
-            normals @ (way / np.hypot(*way.T)[:, None]).T for way in (before, after)
-        )  # (sides, vertices)
+        before = normals @ (before / np.hypot(*before.T)[:, None]).T  # (sides, vertices)
+        after = normals @ (after / np.hypot(*after.T)[:, None]).T
         flip = np.where(before + after > 0.0, -1.0, 1.0)
         away = vertices - a[:, None]
         share = np.einsum("svk,sk->sv", away, along) / (along**2).sum(axis=1)[:, None]
@@ -400,7 +430,8 @@ class SpringPads:
         carries &= gap < 2.0 * self._radius
         carries &= (gap >= 0.0) | (feet[:, :, 1] < self._terrain.height(feet[:, :, 0]))
         gap = np.where(carries, gap, np.inf)
-        every, nearest = np.arange(len(a)), gap.argmin(axis=1)
+        every = np.arange(len(a))
+        nearest = gap.argmin(axis=1)
         self._normals[len(pads) :] = flip[every, nearest][:, None] * normals
         has = np.isfinite(gap[every, nearest])
         self._vertices[has] = vertices[nearest[has]]
@@ -419,9 +450,11 @@ class SpringPads:
             rate: Speed of the bristle at the end of the time step, in m/s.
             slide: Sliding speed at the end of the time step, in m/s.
         """
-        h, (tangential, normal) = self._h, self.forces[pad].tolist()
+        h = self._h
+        tangential, normal = self.forces[pad].tolist()
         before, down = self._rate[pad].tolist()
-        drift, bristle = 0.5 * (slide + float(self._slide[pad])), 0.5 * (rate + before)
+        drift = 0.5 * (slide + float(self._slide[pad]))
+        bristle = 0.5 * (rate + before)
         # The springs store their work or give it back. The rest of the work is lost.
         elastic = -self._give.stiffness * float(self._gap[pad])
         bent = tangential + self._kt * float(self.bristle[pad])

@@ -132,10 +132,10 @@ class GearedRotor:
         Args:
             motion: Motion of the bodies, shape (bodies, 6).
         """
-        self.angle, self.speed = (
-            motion[CHASSIS, k] + self.ratio * (motion[SHAFT, k] - motion[CHASSIS, k])
-            for k in (ANGLE, SPIN)
-        )
+        chassis = motion[CHASSIS]
+        turn = motion[SHAFT] - chassis
+        self.angle = chassis[ANGLE] + self.ratio * turn[ANGLE]
+        self.speed = chassis[SPIN] + self.ratio * turn[SPIN]
         self._twist_rate = self.torque = 0.0
         self._load(motion)
 
@@ -174,10 +174,10 @@ class GearedRotor:
         Args:
             motion: Motion of the bodies, shape (bodies, 6).
         """
-        twist, rate = (
-            value - motion[CHASSIS, k] - self.ratio * (motion[SHAFT, k] - motion[CHASSIS, k])
-            for value, k in ((self.angle, ANGLE), (self.speed, SPIN))
-        )
+        chassis = motion[CHASSIS]
+        turn = motion[SHAFT] - chassis
+        twist = self.angle - chassis[ANGLE] - self.ratio * turn[ANGLE]
+        rate = self.speed - chassis[SPIN] - self.ratio * turn[SPIN]
         return twist, rate
 
     @property
@@ -761,7 +761,8 @@ class RigidBodyBatch(BatchedPlant):
         self.pin_impulses[:] = self.crank_torque = 0.0
         for k, impulse in enumerate(impulses):
             now, used = self._advance(now, earlier if k < switch else torque, impulse, sums)
-            self._pressed[k], sums.pressed[0] = sums.pressed[0], 0.0
+            self._pressed[k] = sums.pressed[0]
+            sums.pressed[0] = 0.0
             total["torque_impulse"] += h * (used - torque)
             gap = max(gap, now.joint_gap)
         self._refusal = self._refused(before, torque, gap)

@@ -24,10 +24,11 @@ from jansen_env.scoring.metrics import (
 )
 from jansen_env.tasks.goal.goal_env import FARTHEST
 
-# Speed per distance to the goal in 1/s, largest speed in m/s, and largest acceleration in m/s^2.
-# With larger accelerations, the robot falls.
-GAIN, FASTEST, RAMP = 1.3, 0.42, 0.3
-PROPORTIONAL, INTEGRAL = 0.16, 1.2  # action per rad/s of crank speed error, and per rad
+GAIN = 1.3  # speed per distance to the goal, in 1/s
+FASTEST = 0.42  # largest speed, in m/s
+RAMP = 0.3  # largest acceleration, in m/s^2; with larger accelerations, the robot falls
+PROPORTIONAL = 0.16  # action per rad/s of crank speed error
+INTEGRAL = 1.2  # action per rad of the integral of the crank speed error
 MOST_INTEGRAL = 0.6  # largest magnitude of the integral part of the action
 
 
@@ -37,13 +38,15 @@ def goal_pid(env: Controlled) -> TorquePolicy:
     Args:
         env: Unwrapped environment.
     """
-    read, dt = columns(env, "goal_distance", "crank_speed"), env.control_dt
+    read = columns(env, "goal_distance", "crank_speed")
+    dt = env.control_dt
     per_radian = abs(advance_per_turn(env.robot)) / (2.0 * math.pi)  # in m
 
     def controller(seen: Array, memory: Memory, starts: Bools) -> tuple[Array, Memory]:
         distance, crank_speed = seen[:, read].T
         before, integral = memory or (0.0, 0.0)
-        before, integral = np.where(starts, 0.0, before), np.where(starts, 0.0, integral)
+        before = np.where(starts, 0.0, before)
+        integral = np.where(starts, 0.0, integral)
         wanted = np.clip(GAIN * distance, -FASTEST, FASTEST)
         speed = before + np.clip(wanted - before, -RAMP * dt, RAMP * dt)
         error = speed / per_radian - crank_speed

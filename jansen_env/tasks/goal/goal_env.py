@@ -28,9 +28,8 @@ from jansen_env.world.settings import (
 from jansen_env.world.world import Numbers
 
 FARTHEST = 3.0  # largest distance of a goal on either side, in m
-# Distance from the goal, in m, at which the arrival reward is halved. A robot that stays within this
-# distance for the time HOLD, in s, succeeds.
-NEAR, HOLD = 0.02, 1.0
+NEAR = 0.02  # distance from the goal at which the arrival reward is halved, in m
+HOLD = 1.0  # time for which a robot must stay within NEAR of the goal to succeed, in s
 HALF_DISTANCE = 0.3  # distance at which closeness is 0.5, in m
 HALF_POWER = 0.5  # motor power / weight at which the energy factor is 0.5, in m/s
 FALLEN_PITCH = 1.2  # pitch beyond which the robot has fallen, in rad
@@ -96,7 +95,8 @@ class GoalTask(Task):
     OPTIONS = ("goal",)
 
     def __init__(self, settings: GoalSettings, threads: int | None = None) -> None:
-        self._arrival, self._exponent = settings.arrival_weight, settings.energy_weight
+        self._arrival = settings.arrival_weight
+        self._exponent = settings.energy_weight
         super().__init__(settings, threads)
 
     def draw(self, i: int, rng: np.random.Generator, options: Values) -> Numbers:
@@ -129,11 +129,13 @@ class GoalTask(Task):
 
     def reward(self) -> Array:
         """Return the reward for being near and standing at the goal, with little motor power."""
-        distance, world = np.abs(self.distance), self.world
+        distance = np.abs(self.distance)
+        world = self.world
         near = distance <= NEAR
         held = np.where(near, self.info["held"] + self.control_dt, 0.0)
         self.keep(held=held, is_success=held >= HOLD - UP_TO)
-        close, arrival = closeness(distance), arrived(distance, self._arrival)
+        close = closeness(distance)
+        arrival = arrived(distance, self._arrival)
         saving = energy(np.abs(world.motor_power), world.weight, self._exponent)
         self.keep(closeness=close, arrival=arrival, energy=saving)
         return (close + arrival) * saving

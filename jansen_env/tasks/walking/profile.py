@@ -79,7 +79,8 @@ class Profile:
     numbers: Array
 
     def __post_init__(self) -> None:
-        commands, numbers = np.asarray(self.commands, float), np.asarray(self.numbers, float)
+        commands = np.asarray(self.commands, float)
+        numbers = np.asarray(self.numbers, float)
         object.__setattr__(self, "commands", commands)
         object.__setattr__(self, "numbers", numbers)
         increases = commands.ndim == 1 and (np.diff(commands, prepend=0.0) > 0.0).all()

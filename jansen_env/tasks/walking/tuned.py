@@ -204,7 +204,8 @@ def setting_of(name: str, robot: Robot) -> Setting:
         return nearest_setting(np.array(entry["settings"]), np.array(entry["speeds"]))
     if name == "pid":
         return rolling(robot)
-    scale, paper = scale_of(robot), setting_of(name, named_robot("paper"))
+    scale = scale_of(robot)
+    paper = setting_of(name, named_robot("paper"))
     return lambda command: scale.torque * paper(command / scale.speed)
 
 

@@ -91,7 +91,8 @@ BASELINES: dict[str, Callable[[Controlled], Policy]] = {
 
 
 # Parts of the labels of metrics.
-LATER, FIRST = f"after {SETTLING:g} s", f"in the first {SETTLING:g} s"
+LATER = f"after {SETTLING:g} s"
+FIRST = f"in the first {SETTLING:g} s"
 COST = "mechanical cost of transport"
 
 

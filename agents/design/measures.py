@@ -439,7 +439,7 @@ def clearance(robot: Robot, planes: Sequence[tuple[Part, Part]]) -> float:
     Returns:
         The gap in m; negative if links overlap.
     """
-    from jansen_workshop.drawings.outlines import gap
+    from jansen_workshop.drawings.convex import gap
 
     turn = np.linspace(0.0, 2.0 * math.pi, SAMPLES // 2, endpoint=False)
     at = {

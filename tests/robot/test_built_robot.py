@@ -20,8 +20,8 @@ from jansen_env.policies.policy import PAPER_PID
 from jansen_env.robot import BEARING_LOADS, JANSEN
 from jansen_env.robot import buildable as built
 from jansen_env.robot.motor import MOTORS
+from jansen_workshop.drawings.convex import Round
 from jansen_workshop.drawings.materials import about_origin, bill_of_materials
-from jansen_workshop.drawings.outlines import Round
 
 PAGE = Path(__file__).parents[2] / "docs" / "built_robot.md"
 ID = "JansenWalkerBuilt-v0"

@@ -10,12 +10,13 @@ from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.part_sizes import feet_of
 from jansen_workshop.drawings import shaft_order
 from jansen_workshop.drawings.buildability import faults
+from jansen_workshop.drawings.convex import Round
 from jansen_workshop.drawings.instructions import Manual
 from jansen_workshop.drawings.leg_solids import tread_arc
 from jansen_workshop.drawings.machine_solids import assemble
 from jansen_workshop.drawings.materials import counts
 from jansen_workshop.drawings.order import Order
-from jansen_workshop.drawings.outlines import Round, coupon, cut_parts, toe_way
+from jansen_workshop.drawings.outlines import coupon, cut_parts, toe_way
 from jansen_workshop.drawings.shaft_order import carried
 from jansen_workshop.drawings.solids import Cavity
 

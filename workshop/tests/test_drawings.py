@@ -30,13 +30,14 @@ from jansen_env.robot.robot_file import read_robot, write_robot
 from jansen_env.scoring.rollout import make_env
 from jansen_workshop.commands import drawings as command
 from jansen_workshop.drawings import shaft_order
+from jansen_workshop.drawings.convex import Round, gap
 from jansen_workshop.drawings.instructions import Manual
 from jansen_workshop.drawings.manual_pages import LINES
 from jansen_workshop.drawings.materials import bill_of_materials, counts, stacks, to_csv
 from jansen_workshop.drawings.materials import machine as machine_of
 from jansen_workshop.drawings.mount import units
 from jansen_workshop.drawings.order import Order
-from jansen_workshop.drawings.outlines import Round, coupon, cut_parts, gap
+from jansen_workshop.drawings.outlines import coupon, cut_parts
 from jansen_workshop.drawings.shaft_order import CollisionError, carried
 from jansen_workshop.drawings.sheets import ALIKE, MARGIN, SCALE, nest, to_dxf, to_stl, to_svg
 

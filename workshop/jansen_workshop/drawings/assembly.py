@@ -16,16 +16,17 @@ from jansen_env.robot import Robot
 from jansen_env.robot.buildable import ALUMINIUM
 from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.linkage import FRAME
+from jansen_workshop.drawings.convex import Points
 from jansen_workshop.drawings.mount import SIZES, Size, mount_of
-from jansen_workshop.drawings.outlines import Points, frame_ways, link_part
+from jansen_workshop.drawings.outlines import frame_ways, link_part
 from jansen_workshop.drawings.shaft_order import Placed, carried
 from jansen_workshop.drawings.solids import (
     HEXAGON,
     SOCKET,
     THREADED,
+    AssemblyPiece,
     Axis,
     Cavity,
-    Piece,
     Screw,
     Solid,
 )
@@ -68,7 +69,7 @@ class Assembly:
         self.thickness = self.parts[FRAME - 1].thickness
         self.outside = -self.mount.doublers * self.thickness
         self.end = placed[-1].top
-        self.pieces: list[Piece] = []
+        self.pieces: list[AssemblyPiece] = []
         self.solids: list[Solid] = []
         self.screws: list[Screw] = []
         self.frames: list[int] = []
@@ -99,9 +100,9 @@ class Assembly:
             name: Name in the bill of materials.
             size: Size in the bill of materials.
             stage: Name of the page of the instructions on which the piece is assembled.
-            **place: Further attributes of :class:`~jansen_workshop.drawings.solids.Piece`.
+            **place: Further attributes of :class:`~jansen_workshop.drawings.solids.AssemblyPiece`.
         """
-        self.pieces.append(Piece(name, size, stage, **place))
+        self.pieces.append(AssemblyPiece(name, size, stage, **place))
         return len(self.pieces) - 1
 
     def add_solid(self, solid: Solid) -> int:

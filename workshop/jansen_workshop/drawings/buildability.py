@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jansen_workshop.drawings.assembly import Assembly
-from jansen_workshop.drawings.outlines import Points, gap
+from jansen_workshop.drawings.convex import Points, gap
 from jansen_workshop.drawings.solids import Cavity, Screw, Solid
 
 METAL = 2500.0  # kg/m^3, lowest density of a metal

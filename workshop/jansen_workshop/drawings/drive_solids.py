@@ -9,9 +9,10 @@ from jansen_env.robot.linkage import CRANK
 from jansen_env.robot.part_sizes import radii
 from jansen_workshop.drawings.assembly import Assembly
 from jansen_workshop.drawings.bought import read_catalogue
+from jansen_workshop.drawings.convex import Round
 from jansen_workshop.drawings.materials import LENGTHS, standard
 from jansen_workshop.drawings.mount import SIZES
-from jansen_workshop.drawings.outlines import Round, motor_plate
+from jansen_workshop.drawings.outlines import motor_plate
 from jansen_workshop.drawings.solids import (
     ALLOY,
     CHASSIS,

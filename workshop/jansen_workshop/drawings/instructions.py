@@ -38,7 +38,7 @@ from jansen_workshop.drawings.solid_pictures import (
     draw_ties,
     draw_top_view,
 )
-from jansen_workshop.drawings.solids import Piece
+from jansen_workshop.drawings.solids import AssemblyPiece
 
 
 class Manual:
@@ -96,8 +96,8 @@ class Manual:
         self,
         name: str,
         pictures: Sequence[Picture],
-        weighed: Sequence[Piece] = (),
-        put_on: Sequence[Piece] = (),
+        weighed: Sequence[AssemblyPiece] = (),
+        put_on: Sequence[AssemblyPiece] = (),
         **fields: object,
     ) -> Step:
         """Return a page of ``instructions.yml``; the head of that file explains its markup.
@@ -135,7 +135,7 @@ class Manual:
         has_part = condition.lstrip("!") in {part.name for part in self.order.parts}
         return None if has_part == condition.startswith("!") else text
 
-    def _listed(self, name: str, pieces: Sequence[Piece]) -> list[str]:
+    def _listed(self, name: str, pieces: Sequence[AssemblyPiece]) -> list[str]:
         """Return a line for each size of the pieces called ``name``, with count and number."""
         found = Counter((piece.name, piece.size) for piece in pieces if piece.name == name)
         lines = []
@@ -145,7 +145,7 @@ class Manual:
             lines.append(f"{count} x no. {number}: {name} {part.dimensions}")
         return lines
 
-    def _of_stages(self, *stages: str) -> list[Piece]:
+    def _of_stages(self, *stages: str) -> list[AssemblyPiece]:
         """Return the pieces that are assembled in any of the stages."""
         return [piece for piece in self.assembly.pieces if piece.stage in stages]
 
@@ -255,8 +255,8 @@ class Manual:
         stack: Stack,
         items: Sequence[Placed],
         fresh: set[int],
-        weighed: Sequence[Piece],
-        put_on: Sequence[Piece] = (),
+        weighed: Sequence[AssemblyPiece],
+        put_on: Sequence[AssemblyPiece] = (),
         **fields: object,
     ) -> Step:
         """Return a page that puts links on a pin.
@@ -434,7 +434,9 @@ class Manual:
         return self._page("coupon", [partial(draw_flat, self._coupon)], fits="\n".join(fits))
 
 
-def _built(pieces: Sequence[Piece], leg: int, joined: set[int], done: set[str]) -> list[Piece]:
+def _built(
+    pieces: Sequence[AssemblyPiece], leg: int, joined: set[int], done: set[str]
+) -> list[AssemblyPiece]:
     """Return the pieces of a leg that are assembled so far.
 
     Args:

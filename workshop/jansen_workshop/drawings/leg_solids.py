@@ -16,9 +16,10 @@ from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.linkage import CRANK, FRAME
 from jansen_env.robot.part_sizes import feet_of, radii
 from jansen_workshop.drawings.assembly import Assembly
+from jansen_workshop.drawings.convex import Round
 from jansen_workshop.drawings.materials import PLAY, Row, Stack, standard
 from jansen_workshop.drawings.mount import COLLAR, SHOULDER_HEAD, SHOULDER_NUT, SIZES
-from jansen_workshop.drawings.outlines import CutPart, Round, toe_way
+from jansen_workshop.drawings.outlines import CutPart, toe_way
 from jansen_workshop.drawings.shaft_order import Placed
 from jansen_workshop.drawings.solids import (
     ALLOY,

@@ -12,6 +12,7 @@ import numpy as np
 from jansen_env.robot import Robot
 from jansen_workshop.drawings.assembly import Assembly
 from jansen_workshop.drawings.bought import read_catalogue
+from jansen_workshop.drawings.convex import Round, gap
 from jansen_workshop.drawings.drive_solids import (
     MOTOR,
     add_hubs,
@@ -21,7 +22,7 @@ from jansen_workshop.drawings.drive_solids import (
 )
 from jansen_workshop.drawings.leg_solids import add_axle, add_feet, add_links, add_pin
 from jansen_workshop.drawings.materials import stacks, standard
-from jansen_workshop.drawings.outlines import BRACE, CutPart, Round, brace, gap
+from jansen_workshop.drawings.outlines import BRACE, CutPart, brace
 from jansen_workshop.drawings.shaft_order import Placed
 from jansen_workshop.drawings.solids import CHASSIS, SHAFT_AXIS, Axis, Cavity, Solid, box
 

@@ -18,8 +18,9 @@ from jansen_env.robot.buildable import ALUMINIUM, Build
 from jansen_env.robot.designs import with_built_feet
 from jansen_env.robot.linkage import CRANK, FRAME
 from jansen_env.robot.part_sizes import feet_of
+from jansen_workshop.drawings.convex import Round
 from jansen_workshop.drawings.mount import mount_of, ties, units
-from jansen_workshop.drawings.outlines import BRACE, CutPart, Round, link_part
+from jansen_workshop.drawings.outlines import BRACE, CutPart, link_part
 from jansen_workshop.drawings.shaft_order import Placed
 
 BAR = "EN AW-6060 T66 flat bar"

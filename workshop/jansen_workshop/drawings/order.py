@@ -22,7 +22,7 @@ from jansen_workshop.drawings.materials import (
 )
 from jansen_workshop.drawings.outlines import cut_parts
 from jansen_workshop.drawings.shaft_order import Placed
-from jansen_workshop.drawings.solids import Piece
+from jansen_workshop.drawings.solids import AssemblyPiece
 
 PLYWOOD_SPREAD = -0.10, 0.13
 """Lowest and highest relative deviation of a plywood part's mass from its nominal mass.
@@ -140,7 +140,7 @@ class Order:
         """Price of all parts, in EUR."""
         return sum(part.number * part.price for part in self.parts)
 
-    def line(self, piece: Piece) -> Part:
+    def line(self, piece: AssemblyPiece) -> Part:
         """Return the line of the bill that lists a piece.
 
         Args:
@@ -148,7 +148,7 @@ class Order:
         """
         return self.parts[self.numbers[piece.name, piece.size] - 1]
 
-    def weigh(self, pieces: Sequence[Piece]) -> Mass:
+    def weigh(self, pieces: Sequence[AssemblyPiece]) -> Mass:
         """Return the mass of pieces, with its lowest and highest acceptable value.
 
         :data:`PLYWOOD_SPREAD` applies to plywood parts, and :data:`SPREAD` to all other parts.

@@ -16,7 +16,8 @@ import numpy as np
 from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.part_sizes import feet_of
-from jansen_workshop.drawings.outlines import CutPart, Points, toe_way
+from jansen_workshop.drawings.convex import Points
+from jansen_workshop.drawings.outlines import CutPart, toe_way
 from jansen_workshop.drawings.shaft_order import Placed, carried
 
 if TYPE_CHECKING:

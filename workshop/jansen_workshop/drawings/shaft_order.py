@@ -18,8 +18,9 @@ from jansen_env.robot import Robot
 from jansen_env.robot.kinematics import joint_positions
 from jansen_env.robot.linkage import CRANK, FRAME
 from jansen_env.robot.part_sizes import feet_of
+from jansen_workshop.drawings.convex import Points, gap
 from jansen_workshop.drawings.mount import units
-from jansen_workshop.drawings.outlines import CutPart, Points, gap, link_part
+from jansen_workshop.drawings.outlines import CutPart, link_part
 
 CLEARANCE = 1.0  # mm, least distance between parts in the same layer
 GAP = 1.0  # mm, between layers (a washer)

@@ -10,10 +10,11 @@ import numpy as np
 from jansen_env.robot import Robot
 from jansen_env.robot.part_sizes import MARGIN
 from jansen_workshop.drawings.buildability import faults
+from jansen_workshop.drawings.convex import Round, rectangle, sides
 from jansen_workshop.drawings.instructions import Manual
 from jansen_workshop.drawings.materials import counts, to_csv
 from jansen_workshop.drawings.order import Order
-from jansen_workshop.drawings.outlines import CutPart, Round, coupon, cut_parts, rectangle, sides
+from jansen_workshop.drawings.outlines import CutPart, coupon, cut_parts
 from jansen_workshop.drawings.shaft_order import CollisionError, layers
 
 COUPON = 215 + 125j  # mm, width and height of the sheet for the coupon

@@ -12,8 +12,8 @@ import numpy as np
 
 from jansen_env.robot.linkage import CRANK, FRAME
 from jansen_workshop.drawings.assembly import Assembly
+from jansen_workshop.drawings.convex import Points, Round, rectangle
 from jansen_workshop.drawings.drive_solids import motor_way
-from jansen_workshop.drawings.outlines import Points, Round, rectangle
 from jansen_workshop.drawings.part_pictures import ANGLE, PALE, fill, hide_frame, write_in_box
 from jansen_workshop.drawings.solids import Solid
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jansen_workshop.drawings.outlines import Round, hull
+from jansen_workshop.drawings.convex import Round, hull
 
 # Densities, in kg/m^3.
 STEEL = 7850.0
@@ -138,7 +138,7 @@ class Solid(NamedTuple):
         ]
 
 
-class Piece(NamedTuple):
+class AssemblyPiece(NamedTuple):
     """Piece that is cut, sawn or bought.
 
     Attributes:

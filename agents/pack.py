@@ -315,7 +315,7 @@ def check_equal(packed: PretrainedPolicy, policy: BasePolicy, count: int = 10_00
     expected, _ = policy.predict(seen, deterministic=True)
     difference = float(np.abs(actions - expected).max())
     if difference > TOLERANCE:
-        raise ValueError(f"actions differ by {difference:.2g}, must be {TOLERANCE} at most")
+        raise ValueError(f"actions must differ by at most {TOLERANCE}, got {difference:.2g}")
     return difference
 
 

@@ -258,7 +258,7 @@ def check_folder(folder: Path, runs: list[Arguments], plan: str) -> None:
     """
     file = folder / PLAN
     if file.is_file() and file.read_text("utf-8") != plan:
-        raise ValueError(f"{folder} holds another study, must be another --name")
+        raise ValueError(f"{folder} contains another study; give another --name")
     for run in runs:
         known = folder / run["name"] / "config.yml"
         if known.is_file() and load_config(known) != make_config(run["config"]):

@@ -17,7 +17,7 @@ import numpy as np
 
 from jansen_env import __version__
 from jansen_env.arrays import Array
-from jansen_env.checks import listed
+from jansen_env.checks import invalid, listed
 from jansen_env.cli.flags import Parser, episode_count, path_flag
 from jansen_env.cli.process import run
 from jansen_env.cli.progress import progress
@@ -458,7 +458,7 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
     args = parser.parse_args(arguments)
     for name in args.baselines:
         if name not in MEASURED:
-            parser.error(f"baseline is {name!r}, must be one of {listed(MEASURED, name)}")
+            parser.error(str(invalid("baseline", name, f"one of {listed(MEASURED, name)}")))
     with parser.refusing():
         named_robot(args.robot, "--robot")
         check_writable("--out", args.out)

@@ -490,5 +490,5 @@ def load_record(kind: type, name: str, value: object) -> Any:
         allowed = f"None, a {kind.__name__} or a dictionary with some of {known}"
         raise invalid(name, value, allowed)
     if unknown := [key for key in value if key not in known]:
-        raise ValueError(f"{name} has {shown(unknown)}, must be of {listed(known, unknown[0])}")
+        raise invalid(f"a key of {name}", unknown[0], f"one of {listed(known, unknown[0])}")
     return kind(**value)

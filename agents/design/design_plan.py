@@ -80,7 +80,8 @@ class SearchPlan:
         if len(self.objectives) not in OBJECTIVES[self.method]:
             wanted = " to ".join(map(str, OBJECTIVES[self.method]))
             raise ValueError(
-                f"objectives has {len(self.objectives)} entries, {self.method} must have {wanted}"
+                f"objectives must have {wanted} entries with {self.method}, "
+                f"got {len(self.objectives)}"
             )
         traced = [name for name in self.measured if name in GROUPS["loads"]]
         if traced and self.env_kwargs.get("plant", "projection") != "projection":

@@ -218,8 +218,8 @@ class Walker:
         beyond = ENOUGH * self.speed * self.time_limit - STEP_AT
         if beyond < LEAST_BEYOND:
             raise ValueError(
-                f"climb at speed {self.speed} and a time limit of {self.time_limit:g} s ends "
-                f"{beyond:g} m behind the step, must be {LEAST_BEYOND} or more"
+                f"climb must end at least {LEAST_BEYOND} m behind the step, got {beyond:g} m at "
+                f"speed {self.speed} and a time limit of {self.time_limit:g} s"
             )
         heights = np.array(STEPS)
         climbed = []

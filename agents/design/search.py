@@ -342,5 +342,5 @@ def read_journal(path: Path, plan: SearchPlan) -> Journal:
         with open_regular(path) as file:
             journal: Journal = np.load(file, allow_pickle=False)
         if journal.dtype != row or journal.ndim != 1:
-            raise ValueError(f"it has rows of {journal.dtype}, must be of {row}")
+            raise ValueError(f"it must have rows of {row}, got rows of {journal.dtype}")
         return journal

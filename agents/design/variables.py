@@ -90,7 +90,7 @@ class Space:
         self._lengths = _length_variables(self.base, wanted.get("lengths", {}))
         self.variables = [*self._lengths, *(self._profile if "harmonics" in wanted else [])]
         if not self.variables:
-            raise ValueError(f"variables is {shown(wanted)}, must have some of {[*KINDS]}")
+            raise ValueError(f"variables must have some of {[*KINDS]}, got {shown(wanted)}")
         self._low, self._high, start = np.array([each[1:] for each in self.variables]).T
         self.start: Array = (start - self._low) / (self._high - self._low)
 

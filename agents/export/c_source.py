@@ -79,7 +79,7 @@ def places(policy: PretrainedPolicy, name: str) -> list[str]:
     words = [re.sub(r"[^A-Z0-9]+", "_", seen.upper()).strip("_") for seen in policy.observed]
     names = [f"{name.upper()}_OBS_{word or '_'}" for word in words]
     if twice := sorted({place for place in names if names.count(place) > 1}):
-        raise ValueError(f"several observations would be {twice} in C, must have different names")
+        raise ValueError(f"observations must have different names in C, got {twice} for several")
     return names
 
 

@@ -36,7 +36,7 @@ def shipped_config(env_id: str, algo: str) -> Path:
     path = training_folder(env_id) / f"{algo}.yml"
     if not path.is_file():
         known = [f"{file.parent.name}/{file.stem}" for file in shipped_configs()]
-        raise ValueError(f"no configuration for {env_id}/{algo}, must be one of {known}, or a file")
+        raise ValueError(f"the configuration must be a file or one of {known}, got {env_id}/{algo}")
     return path
 
 

@@ -114,7 +114,7 @@ def restore_state(model: BaseAlgorithm, state: Arguments) -> None:
             monitor.episode_returns = np.array(state["returns"], np.float32).reshape(n)
             monitor.episode_lengths = np.array(state["lengths"], np.int32).reshape(n)
             if len(states := state["robots"]) != n:
-                raise ValueError(f"there are states of {len(states)} robots, must be of {n}")
+                raise ValueError(f"there must be states of {n} robots, got {len(states)}")
             venv.set_states(states)
             for part, values in zip(_memory(model), state.get("memory", []), strict=True):
                 part.copy_(torch.tensor(values))
@@ -218,7 +218,7 @@ def load_replay_buffer(buffer: ReplayBuffer, path: Path) -> None:
         size = sum(member.file_size for member in archive.zip.infolist())
         most = sum(getattr(buffer, name).nbytes for name in ARRAYS) + 10_000  # including headers
         if size > most:
-            raise ValueError(f"it unpacks to {size} bytes, must be {most} at most")
+            raise ValueError(f"it must unpack to at most {most} bytes, got {size}")
         buffer.pos = whole_number("pos", archive["pos"].item(), buffer.buffer_size - 1)
         buffer.full = bool(archive["full"])
         for name in ARRAYS:

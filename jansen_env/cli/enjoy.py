@@ -153,7 +153,7 @@ def check_suffix(path: str | Path) -> str:
         ValueError: If the suffix is not one of :data:`FRAME_TIME`.
     """
     if (suffix := Path(path).suffix) not in FRAME_TIME:
-        raise ValueError(f"{path} ends in {suffix!r}, must end in one of {list(FRAME_TIME)}")
+        raise ValueError(f"the video must end in one of {list(FRAME_TIME)}, got {path}")
     return suffix
 
 

@@ -261,6 +261,6 @@ def parse_policies(parser: Parser, arguments: list[str] | None, flag: str) -> ar
     """
     args = parser.parse_args(arguments)
     if (option := find_benchmark(args.env).option) in args.env_kwargs:
-        parser.error(f"{option} in --env-kwargs has no effect here, must be in {flag}")
+        parser.error(f"{option} has no effect in --env-kwargs; give {flag}")
     args.parser = parser
     return args

@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeAlias, cast
 
-from jansen_env.checks import listed, named_errors, shown
+from jansen_env.checks import invalid, listed, named_errors, shown
 from jansen_env.policies import pretrained
 from jansen_env.policies.policy import Policy
 from jansen_env.scoring.benchmarks import find_benchmark
@@ -71,10 +71,9 @@ def load_named(name: str, env: Any) -> Policy:
     if function := _imported(name):
         return _call(function, name, env)
     if not path.exists():
-        raise ValueError(
-            f"policy is {name!r}, no run's folder, model's zip file or policy's json file: must be "
-            f"one of {listed([*baselines, 'pretrained'], name)}"
-        )
+        known = listed([*baselines, "pretrained"], name)
+        allowed = f"a run's folder, a model's zip file, a policy's json file or one of {known}"
+        raise invalid("policy", name, allowed)
     if path.suffix == ".json":
         packed = pretrained.load_file(path)
         with named_errors(f"policy {name!r} does not fit {env_id}"):
@@ -89,8 +88,8 @@ def load_named(name: str, env: Any) -> Policy:
         needed = getattr(env, space)
         if trained.shape != needed.shape:
             raise ValueError(
-                f"policy {name!r} has an {space} of shape {trained.shape}, must be "
-                f"{needed.shape} for {env_id}"
+                f"the {space} of policy {name!r} must have the shape {needed.shape} for {env_id}, "
+                f"got {trained.shape}"
             )
     return policy
 

@@ -61,11 +61,11 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     args = parse_policies(parser, arguments, "--command")
     args.policy = args.policy or [default_policy(args.env)] * (not args.recording)
     if not 1 <= (count := len(args.policy) + len(args.recording)) <= MOST_RECORDINGS:
-        parser.error(f"--policy and --recording are given {count} times, must be once or twice")
+        parser.error(f"--policy and --recording must be given once or twice in all, got {count}")
     if args.out.suffix != ".html":
-        parser.error(f"--out is {args.out}, must end in .html")
+        parser.error(f"--out must end in .html, got {args.out}")
     if args.steps > MOST_RECORDED:
-        parser.error(f"--steps is {args.steps}, must be at most {MOST_RECORDED}")
+        parser.error(f"--steps must be at most {MOST_RECORDED}, got {args.steps}")
     if args.command is None:
         args.command = find_benchmark(args.env).middle
     return args
@@ -123,7 +123,7 @@ def main(arguments: list[str] | None = None) -> None:
         files = [out.with_name(f"{out.stem}_{name}.npz") for name in names]
         for file in files:
             if file.resolve() in [Path(path).resolve() for path in args.recording]:
-                raise ValueError(f"--recording {file} would be overwritten, must be another --out")
+                raise ValueError(f"--out must not overwrite a --recording, got {file} for both")
         written = [recording.save(file) for recording, file in zip(made, files, strict=True)]
         written.append(write_text(out, content))
     for path in written:

@@ -283,17 +283,19 @@ def _check_arguments(
 ) -> None:
     """Raise ValueError if the shapes do not match, or a fixed chassis moves."""
     if q.shape[-1:] != (4,) or q_dot.shape != q.shape:
-        raise ValueError(f"q and q_dot have shapes {q.shape}, {q_dot.shape}, must be (..., 4) both")
+        raise ValueError(
+            f"q and q_dot must have the shape (..., 4), got {q.shape} and {q_dot.shape}"
+        )
     if not (np.isfinite(q).all() and np.isfinite(q_dot).all()):
         raise ValueError(f"q and q_dot must be finite, got {q} and {q_dot}")
     for name, value in (("torque", torque), ("dry", 0.0 if dry is None else dry)):
         if np.ndim(value) > 0 and np.shape(value) != q.shape[:-1]:
-            raise ValueError(f"{name} has shape {np.shape(value)}, must be {q.shape[:-1]}")
+            raise ValueError(f"{name} must have the shape {q.shape[:-1]}, got {np.shape(value)}")
     if q_ddot is not None and np.shape(q_ddot) != q.shape:
-        raise ValueError(f"q_ddot has shape {np.shape(q_ddot)}, must be {q.shape} as q")
+        raise ValueError(f"q_ddot must have the shape {q.shape} of q, got {np.shape(q_ddot)}")
     for name, rate in (("q_dot", q_dot), ("q_ddot", q_ddot)):
         if fixed_base and rate is not None and np.any(np.asarray(rate)[..., :3] != 0.0):
-            raise ValueError(f"{name} is {rate}, its first three must be 0 with a fixed base")
+            raise ValueError(f"the first three of {name} must be 0 with a fixed base, got {rate}")
 
 
 def _contact_forces(
@@ -314,7 +316,7 @@ def _contact_forces(
     pads = contact.shape[-2] if contact.ndim > 1 else 0
     if contact.shape != (*X.shape[:-2], pads, 3) or pads > len(layout.leg):
         allowed = (*X.shape[:-2], f"<= {len(layout.leg)}", 3)
-        raise ValueError(f"contact has shape {contact.shape}, must be {allowed}")
+        raise ValueError(f"contact must have the shape {allowed}, got {contact.shape}")
     for k in range(pads):
         leg = layout.leg[k]
         joint, body = robot.linkage.all_pads[layout.joint[k]]

@@ -45,7 +45,7 @@ def make_settings(env: object, single: Any, arguments: Values, num_envs: int | N
     known = {*settings.defaults(), *(OF_BATCHES if num_envs is not None else ())}
     if unknown := sorted(map(str, {*arguments} - known)):
         wrong = f"{type(env).__name__} got an unexpected keyword argument {unknown[0]!r}"
-        raise TypeError(f"{wrong}, must be in {checks.listed(sorted(known), unknown[0])}")
+        raise TypeError(f"{wrong}; known are {checks.listed(sorted(known), unknown[0])}")
     values = {**single.PRESET, **arguments}
     given = frozenset(arguments)
     return settings(**values, num_envs=num_envs, preset=single.PRESET, given=given)
@@ -118,8 +118,8 @@ def reset_mask(count: int, mask: object) -> Bools:
         given = checks.shown(mask)
         raise TypeError(f"options['reset_mask'] must be an array of bools, got {given}")
     if mask.shape != (count,) or not mask.any():
-        allowed = f"must have shape ({count},) and name one robot at least"
-        raise ValueError(f"options['reset_mask'] is {checks.shown(mask)}, {allowed}")
+        allowed = f"of shape ({count},) and select at least one robot"
+        raise checks.invalid("options['reset_mask']", mask, allowed)
     return mask
 
 
@@ -169,10 +169,9 @@ def vector_actions(actions: object, active: Bools) -> Array:
     count = len(active)
     values = checks.numbers_of(actions)
     if values.ndim == 0:
-        allowed = f"must be numbers, shape ({count}, 1)"
-        raise ValueError(f"actions are {checks.shown(actions)}, {allowed}")
+        raise checks.invalid("actions", actions, f"numbers, shape ({count}, 1)")
     if values.shape != (count, 1):
-        raise ValueError(f"actions have shape {values.shape}, must have ({count}, 1)")
+        raise ValueError(f"actions must have the shape ({count}, 1), got {values.shape}")
     if not np.isfinite(values).all():
         bad = np.flatnonzero(active & ~np.isfinite(values[:, 0]))
         if len(bad) > 0:
@@ -192,8 +191,8 @@ def info_keys(value: object, known: Sequence[str]) -> tuple[str, ...] | None:
     if not (isinstance(value, (list, tuple)) and all(isinstance(key, str) for key in value)):
         raise checks.invalid("info_keys", value, f"None or a list of {sorted(known)}")
     if unknown := sorted(set(value) - set(known)):
-        allowed = checks.listed(sorted(known), unknown[0])
-        raise ValueError(f"info_keys has {unknown}, must be of {allowed}")
+        allowed = f"one of {checks.listed(sorted(known), unknown[0])}"
+        raise checks.invalid("an entry of info_keys", unknown[0], allowed)
     return tuple(value)
 
 
@@ -209,17 +208,18 @@ def complete_state(state: Values, example: Values) -> None:
             of the random number generator is not valid.
     """
     if not isinstance(state, Mapping):
-        raise ValueError(f"state is {checks.shown(state)}, must come from get_state()")
+        raise checks.invalid("state", state, "a state that get_state() returned")
     optional = {"robot", "lengths"}  # without them, the robot is that of the arguments
     if missing := sorted({*example} - {*state} - optional):
-        raise ValueError(f"state lacks {missing}, must come from get_state()")
+        raise ValueError(f"state must come from get_state(), got one without {missing}")
     if unknown := sorted(map(str, {*state} - {*example} - optional)):
-        raise ValueError(f"state has {unknown}, must be of {sorted({*example} | optional)}")
+        allowed = f"one of {sorted({*example} | optional)}"
+        raise checks.invalid("a key of state", unknown[0], allowed)
     try:
         np.random.PCG64(0).state = state["generator"]
     except Exception as error:  # NumPy raises errors of many types
-        given = checks.shown(state["generator"])
-        raise ValueError(f"state['generator'] is {given}, must come from get_state()") from error
+        given = state["generator"]
+        raise checks.invalid("state['generator']", given, "from get_state()") from error
 
 
 class Renderers(dict[int, Renderer]):

@@ -135,4 +135,4 @@ def check_writable(name: str, folder: Path) -> None:
         with tempfile.NamedTemporaryFile(dir=folder, prefix=PART) as file:
             file.write(b"0")
     except OSError:
-        raise ValueError(f"{name} is {folder}, must be a folder that can be written to") from None
+        raise ValueError(f"{name} must be a folder that can be written to, got {folder}") from None

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from jansen_env.checks import LONGEST, invalid
+from jansen_env.checks import HINT, LONGEST, invalid
 from jansen_env.files import read_bounded
 
 MAX_BYTES = 65_536  # largest size of a file, about 30 times that of a training configuration
@@ -152,10 +152,9 @@ def check_keys(part: str, values: dict[str, object], table: dict[str, Rule]) -> 
     """
     for name, value in values.items():
         if name not in table:
-            where = f" of {part}" if part else ""
             near = get_close_matches(name[:LONGEST], table, 1)
-            allowed = f"must be in {sorted(table)}"
+            allowed = f"one of {sorted(table)}"
             if near:
-                allowed = f"must be one of {len(table)} others; did you mean {near[0]!r}?"
-            raise ValueError(f"{name!r} is no key{where}, {allowed}")
+                allowed = f"one of {len(table)} others{HINT}{near[0]!r}?"
+            raise invalid(f"a key of {part}" if part else "a key", name, allowed)
         table[name].check(f"{part}.{name}" if part else name, value)

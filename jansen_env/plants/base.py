@@ -123,11 +123,11 @@ def check_legs(robot: Robot, other: Robot) -> None:
     if robot.linkage != other.linkage:
         names = robot.linkage.names
         allowed = other.linkage.names
-        raise ValueError(f"a robot's linkage has the bodies {names}, must be that with {allowed}")
+        raise ValueError(f"a robot's linkage must be that with the bodies {allowed}, got {names}")
     sides = [leg.side for leg in robot.legs]
     others = [leg.side for leg in other.legs]
     if sides != others:
-        raise ValueError(f"a robot's legs are on the sides {sides}, must be on {others}")
+        raise ValueError(f"a robot's legs must be on the sides {others}, got {sides}")
 
 
 def check_colliding(grounds: Iterable[Ground], links_collide: bool) -> None:
@@ -270,7 +270,7 @@ def check_pushes(value: object, *shape: int) -> Array:
     """
     pushes = np.ascontiguousarray(value, dtype=float)
     if pushes.shape != (*shape, 2):
-        raise ValueError(f"pushes have shape {pushes.shape}, must be {(*shape, 2)}")
+        raise ValueError(f"pushes must have the shape {(*shape, 2)}, got {pushes.shape}")
     return pushes
 
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 
 from jansen_env.arrays import Array, Rows
-from jansen_env.checks import invalid, listed, number_range, shown, within
+from jansen_env.checks import invalid, listed, number_range, within
 from jansen_env.engine.records import PARAMETERS as ENGINE_PARAMETERS
 from jansen_env.robot import Payload, Robot
 from jansen_env.terrain import MAX_SLOPE, Ground
@@ -283,11 +283,11 @@ def load_randomization(
     """
     given = {} if value is None else value
     if not isinstance(given, Mapping):
-        raise ValueError(f"{name} is {shown(given)}, must map of {[*PARAMETERS]} to ranges")
+        raise invalid(name, given, f"a mapping of some of {[*PARAMETERS]} to ranges")
     parameters = [*(PARAMETERS if parameters is None else parameters)]
     known = [*parameters, "lengths"]
     if unknown := sorted(map(str, {*given} - {*known})):
-        raise ValueError(f"{name} has {unknown}, must be of {listed(known, unknown[0])}")
+        raise invalid(f"a key of {name}", unknown[0], f"one of {listed(known, unknown[0])}")
     drawn: dict[str, Any] = {k: _distribution(k, given[k]) for k in parameters if k in given}
     if "lengths" in given:
         given_factors = given["lengths"]

@@ -23,6 +23,7 @@ from jansen_env.arrays import Array
 from jansen_env.checks import (
     MOST_SINGLE,
     instance,
+    invalid,
     one_of,
     positive_single,
     shown,
@@ -216,7 +217,7 @@ class PretrainedPolicy:
         if (given := description.get("format")) != FORMAT:
             raise ValueError(f"format must be {FORMAT!r}, got {shown(given)}")
         if unknown := sorted({*description} - {*ENTRIES}):
-            raise ValueError(f"there are entries {shown(unknown)}, must be among {list(ENTRIES)}")
+            raise invalid("an entry of the policy", unknown[0], f"one of {list(ENTRIES)}")
         self.description = description
         self.tensors = tensors
         for name, tensor in tensors.items():
@@ -303,8 +304,8 @@ class PretrainedPolicy:
         names = [entry.name for entry in env.unwrapped.observed]
         if missing := [name for name in self.observed if name not in names]:
             raise ValueError(
-                f"the policy of {self.env_id} observes {missing[0]}, must be one of {names}, which "
-                "this environment shows"
+                f"the policy of {self.env_id} must observe only numbers of this environment, "
+                f"{names}, got {missing[0]}"
             )
         if more := [n for n in names if n.startswith("toe_load_") and n not in self.observed]:
             raise ValueError(
@@ -418,8 +419,8 @@ def check_action(
     steps = whole_number("max_episode_steps", given["max_episode_steps"], least=1)
     if (count := steps * round(period / step)) > MOST_TIME_STEPS:
         raise ValueError(
-            f"max_episode_steps is {steps} with control_dt {period} and time_step {step}, "
-            f"{count} time steps, must be at most {MOST_TIME_STEPS} of these"
+            f"max_episode_steps must lead to at most {MOST_TIME_STEPS} time steps, got {steps} "
+            f"with control_dt {period} and time_step {step}, which leads to {count}"
         )
 
 

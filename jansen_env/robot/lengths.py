@@ -21,7 +21,7 @@ from itertools import pairwise
 import numpy as np
 
 from jansen_env.arrays import Array
-from jansen_env.checks import finite, listed, named_errors, positive, shown
+from jansen_env.checks import finite, invalid, listed, named_errors, positive, shown
 from jansen_env.engine.link_shapes import put_lengths, resize
 from jansen_env.robot.designs import is_of_built_parts, with_built_parts
 from jansen_env.robot.links import Bar, Link, Plate, Triangle, within_a_turn
@@ -76,7 +76,7 @@ def with_lengths(robot: Robot, changed: Mapping[str, float]) -> Robot:
         )
     if unknown := [name for name in changed if name not in known]:
         allowed = listed(known, unknown[0])
-        raise ValueError(f"lengths has {shown(unknown[0])}, must be of {allowed}")
+        raise invalid("a key of lengths", unknown[0], f"one of {allowed}")
     new = {**known}
     for name, value in changed.items():
         new[name] = (finite if is_signed(name) else positive)(f"lengths[{name!r}]", value)

@@ -117,8 +117,8 @@ class Linkage:
         freedom = 3 * len(self.bodies) - 2 * len(self.pins)
         if freedom != INDEPENDENT:
             raise ValueError(
-                f"Linkage has {len(self.bodies)} bodies and {len(self.pins)} pins, which leave "
-                f"{freedom - 3} degrees of freedom, must be 1"
+                f"Linkage must have 1 degree of freedom, got {freedom - 3} with "
+                f"{len(self.bodies)} bodies and {len(self.pins)} pins"
             )
 
     def _set_rows(
@@ -151,25 +151,25 @@ class Linkage:
         known = {*"".join(joints for _, joints in self.bodies)}
         if len({*self.names}) != len(self.names) or not all(map(str.isidentifier, self.names)):
             raise ValueError(
-                f"Linkage.bodies has names {shown(self.names)}, must be words, all different"
+                f"names of Linkage.bodies must be different words, got {shown(self.names)}"
             )
         if longest := [name for name in self.names if len(name.encode()) > LONGEST_NAME]:
             raise ValueError(
-                f"Linkage.bodies has a name of {len(longest[0])} letters, must be at most "
-                f"{LONGEST_NAME} bytes: files of drawings are named by it"
+                f"a name of Linkage.bodies must have at most {LONGEST_NAME} bytes, because files "
+                f"of drawings are named by it, got {len(longest[0].encode())} bytes"
             )
         for name, joints in self.bodies:
             if len(joints) < 2 or len({*joints}) != len(joints) or not joints.isalpha():
                 raise ValueError(
-                    f"Linkage's {name} has joints {shown(joints)}, must be two or more letters, "
-                    "all different"
+                    f"the joints of Linkage's {name} must be two or more different letters, got "
+                    f"{shown(joints)}"
                 )
         for name in ("toes", "joints"):
             instance(f"Linkage.{name}", getattr(self, name), str)
         if not self.toes or not {*self.toes} <= known or len({*self.toes}) != len(self.toes):
             raise invalid("Linkage.toes", self.toes, f"of {sorted(known)}, each once")
         if not self.dyads:
-            raise ValueError("Linkage.dyads is empty, must have one or more")
+            raise ValueError("Linkage.dyads must have at least one Dyad, got none")
         pads = [joint for joint, _ in self.pads]
         if len({*pads, *self.toes}) < len(pads) + len(self.toes):
             raise invalid("Linkage.pads", self.pads, "no toes, each once")
@@ -182,7 +182,8 @@ class Linkage:
         for pair in (*self.damped, *self.bearings):
             if pair[0] == pair[1] or not all(1 <= body <= len(self.bodies) for body in pair):
                 raise ValueError(
-                    f"Linkage has a pair of bodies {pair}, must be two from 1 to {len(self.bodies)}"
+                    f"a pair of bodies of Linkage must be two from 1 to {len(self.bodies)}, "
+                    f"got {pair}"
                 )
 
     def _check_closing(self) -> None:
@@ -190,7 +191,7 @@ class Linkage:
         (_, frame), (_, crank) = self.bodies[:2]
         if crank[0] not in frame:
             raise ValueError(
-                f"Linkage's crank has joints {crank!r}, must begin with one of {frame!r}"
+                f"the joints of Linkage's crank must begin with one of {frame!r}, got {crank!r}"
             )
         known = {*frame, *crank}
         for dyad in self.dyads:
@@ -203,7 +204,9 @@ class Linkage:
             if len({*dyad[:3]}) < 3 or len(bodies) < 2:
                 raise ValueError(f"Linkage's {dyad} must have three joints, and join two bodies")
             if dyad.branch not in (1, -1):
-                raise ValueError(f"Linkage's {dyad} has branch {dyad.branch}, must be 1 or -1")
+                raise ValueError(
+                    f"the branch of Linkage's {dyad} must be 1 or -1, got {dyad.branch}"
+                )
             for body in bodies:
                 known.update(self.bodies[body][1])
         if known != {*self.joints}:
@@ -220,8 +223,8 @@ class Linkage:
         pairs = {(pin.joint, frozenset(pin[1:])) for pin in self.pins if pin.body != pin.other}
         if len(pairs) < len(self.pins) or meeting(self.pins) != meeting(self._pins()):
             raise ValueError(
-                f"Linkage.pins is {shown(self.pins)}, must hold all bodies together at each joint, "
-                f"such as {shown(self._pins())}"
+                "Linkage.pins must hold all bodies together at each joint, such as "
+                f"{shown(self._pins())}, got {shown(self.pins)}"
             )
 
     def _pins(self) -> tuple[Pin, ...]:

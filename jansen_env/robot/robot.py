@@ -103,13 +103,13 @@ class Robot:
         self._set_springs()
         object.__setattr__(self, "legs", entries("Robot.legs", self.legs, "at least one Leg"))
         if not self.legs:
-            raise ValueError("Robot.legs is empty, must have at least one Leg")
+            raise ValueError("Robot.legs must have at least one Leg, got none")
         if not all(isinstance(leg, Leg) for leg in self.legs):
             raise invalid("Robot.legs", self.legs, "at least one Leg and nothing else")
         pads = len(self.linkage.all_pads)
         if len(self.legs) * pads > MOST_PADS:
-            allowed = f"have at most {MOST_PADS} pads in all"
-            raise ValueError(f"Robot.legs are {len(self.legs)} of {pads} pads each, must {allowed}")
+            given = f"{len(self.legs)} legs of {pads} pads each"
+            raise ValueError(f"Robot.legs must have at most {MOST_PADS} pads in all, got {given}")
         if self.legs[0].phase != 0.0:
             allowed = "0: the first leg's crank defines the crank angle"
             raise invalid("Robot.legs[0].phase", self.legs[0].phase, allowed)
@@ -141,7 +141,7 @@ class Robot:
         each = f"one number for each of the {len(pairs)} {label} {pairs}"
         values = entries(f"Robot.{name}", getattr(self, name), each)
         if len(values) != len(pairs):
-            raise ValueError(f"Robot.{name} has {len(values)} values, must be {each}")
+            raise ValueError(f"Robot.{name} must be {each}, got {len(values)} values")
         checked = tuple(SIZE.check(f"Robot.{name}", value) for value in values)
         object.__setattr__(self, name, checked)
 

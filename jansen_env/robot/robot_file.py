@@ -103,7 +103,7 @@ def write_robot(path: str | Path, robot: Robot) -> Path:
         OSError: If the file cannot be written.
     """
     if Path(path).suffix != ".json":
-        raise ValueError(f"path is {path}, must end in .json")
+        raise ValueError(f"path must end in .json, got {path}")
     return write_json(path, robot_to_json(robot))
 
 
@@ -154,7 +154,7 @@ def _from_json(value: object) -> object:
     given = {name: _from_json(part) for name, part in value.items() if name != "is"}
     if unknown := [name for name in given if name not in known]:
         allowed = listed(known, unknown[0])
-        raise ValueError(f"a {kind} has {shown(unknown[0])}, must be of {allowed}")
+        raise invalid(f"a key of a {kind}", unknown[0], f"one of {allowed}")
     with named_errors(f"a {kind} is wrong", TypeError):
         return PARTS[kind](**given)
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jansen_env.checks import entries, instance, positive, shown
+from jansen_env.checks import entries, instance, invalid, positive
 from jansen_env.engine.closure import mean, put_lowest_toes, put_turn_angles
 from jansen_env.engine.mathematics import hypot
 from jansen_env.robot.kinematics import joints_of_legs
@@ -67,7 +67,7 @@ def robot_from_joints(
         where = f"bodies[{name!r}]"
         for joint, place in instance(where, body, dict).items():
             if not isinstance(joint, str) or len(joint) != 1:
-                raise ValueError(f"{where} has a joint {shown(joint)}, must be a letter")
+                raise invalid(f"a joint of {where}", joint, "a letter")
             point(f"{where}[{joint!r}]", place)
         named.append((name, "".join(body)))
     linkage = Linkage(tuple(named), dyads, toes)  # type: ignore[arg-type] # it makes dyads of them

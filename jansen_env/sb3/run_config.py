@@ -13,7 +13,7 @@ from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
-from jansen_env.checks import MAX_STEPS, named_errors, one_of, shown
+from jansen_env.checks import MAX_STEPS, invalid, named_errors, one_of, shown
 from jansen_env.files.plain_yaml import HUGE, TINY, Rule, check_keys, read_yaml
 from jansen_env.registration import IDS
 from jansen_env.scoring.benchmarks import DEFAULT, check_env_kwargs
@@ -135,7 +135,7 @@ class RunConfig:
         check_keys("hyperparameters", self.hyperparameters, known["hyperparameters"])
         for name in ("harmonics", "half_turn"):
             if network.get(name) and not network.get("normalize"):
-                raise ValueError(f"{name} is given, so normalize must be true, too")
+                raise invalid("normalize", network.get("normalize", False), f"true with {name}")
         for arguments in (self.env_kwargs, *variants):
             check_env_kwargs(self.env, arguments)
 

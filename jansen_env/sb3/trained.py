@@ -69,7 +69,7 @@ def read_model(path: str | Path) -> SavedModel:
         with open_regular(path) as file, zipfile.ZipFile(file) as archive:
             size = sum(member.file_size for member in archive.infolist())
             if size > MAX_BYTES:
-                raise ValueError(f"it unpacks to {size} bytes, must be {MAX_BYTES} at most")
+                raise ValueError(f"it must unpack to at most {MAX_BYTES} bytes, got {size}")
             _, parameters, variables = load_from_zip_file(file, load_data=False, device="cpu")
             data = json.loads(archive.read("data"))
             steps = whole_number("num_timesteps", data["num_timesteps"], MAX_STEPS)

@@ -90,7 +90,7 @@ def make_vec_env(
     if seed is not None:
         seed = whole_number("seed", seed)
     if not variants:
-        raise ValueError("variants is empty, must have at least one entry, such as {}")
+        raise ValueError("variants must have at least one entry, such as {}, got none")
     if vec_env_kwargs and vec_env_cls is None:
         raise ValueError("vec_env_kwargs must come with vec_env_cls, got vec_env_kwargs alone")
     if wrapper_kwargs and wrapper_class is None:

@@ -111,7 +111,7 @@ def evaluate(
     if grid.ndim != 1 or not grid.size or not np.isfinite(grid).all():
         raise ValueError(f"commands must be finite numbers, at least one, got {shown(commands)}")
     if drawn and commands is not None:
-        raise ValueError("drawn is True, so commands must be None")
+        raise ValueError(f"commands must be None with drawn, got {shown(commands)}")
     env = make_env(env_id, env_kwargs)
     scores = Scores(env_id)
     if drawn:

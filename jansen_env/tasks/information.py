@@ -64,7 +64,9 @@ class InfoBuilder:
         infos: Any = (world, task["info"])
         names = [name for info in infos for name in info.dtype.names] + [*arrays, *every]
         if twice := sorted({name for name in names if names.count(name) > 1}):
-            raise ValueError(f"a task's INFO has {twice}, which the world's information has too")
+            raise ValueError(
+                f"a task's INFO must not have names of the world's information, got {twice}"
+            )
         of_any = {name: info[name] for info in infos for name in info.dtype.names}
         rewards: Any = task["reward"]
         of_any |= {f"reward/{term}": rewards[term] for term in rewards.dtype.names}

@@ -13,7 +13,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from jansen_env.arrays import Array, Bools, Ints, Rows
-from jansen_env.checks import MOST_SINGLE, listed, number_range, robot_index, within
+from jansen_env.checks import MOST_SINGLE, invalid, listed, number_range, robot_index, within
 from jansen_env.plants.threads import forks
 from jansen_env.tasks.information import InfoBuilder
 from jansen_env.uniform import uniform
@@ -93,7 +93,8 @@ class Task(ABC):
         self.observed = self._order(self.world.observations) + tuple(self.world.lengths.entries)
         self.columns = {entry.name: place for place, entry in enumerate(self.observed)}
         if len(self.columns) < len(self.observed):
-            raise ValueError(f"observations are {[*self.columns]}, must have different names")
+            names = [entry.name for entry in self.observed]
+            raise ValueError(f"observations must have different names, got {names}")
         low, high = np.array([(entry.low, entry.high) for entry in self.observed], np.float32).T
         self.observation_space = spaces.Box(low, high, dtype=np.float32)
         self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
@@ -114,12 +115,12 @@ class Task(ABC):
         if settings.curriculum is not None and type(self).progress is Task.progress:
             raise ValueError("curriculum must be None for a task that defines no progress()")
         if both := sorted({*self.INFO} & {*self.TERMS}):
-            raise ValueError(f"INFO and TERMS have {both}, must have different names")
+            raise ValueError(f"INFO and TERMS must have different names, got {both} in both")
         if self.ROW is not None:
             known = {*(self.ROW["info"].names or ()), *(self.ROW["reward"].names or ())}
             if unknown := sorted({*self.INFO, *self.TERMS} - known):
-                allowed = f"must be in {sorted(known)}, those of the compiled task's ROW"
-                raise ValueError(f"INFO and TERMS have {unknown}, {allowed}")
+                allowed = f"one of {sorted(known)}, those of the compiled task's ROW"
+                raise invalid("a name in INFO and TERMS", unknown[0], allowed)
 
     def _connect(self) -> None:
         """Get views of the arrays in the records."""
@@ -258,8 +259,9 @@ class Task(ABC):
         """
         known = {*self.OPTIONS, *self.world.OPTIONS}
         if unknown := sorted({*given} - known):
-            allowed = listed(sorted(known), unknown[0])
-            raise ValueError(f"reset options {unknown} are unknown, must be in {allowed}")
+            raise invalid(
+                "a reset option", unknown[0], f"one of {listed(sorted(known), unknown[0])}"
+            )
 
     def _clear(self, i: int, numbers: Values) -> None:
         """Clear the values of :attr:`INFO` and the reward terms, and set those in ``numbers``."""
@@ -370,8 +372,8 @@ class Task(ABC):
         i = robot_index(i, self.num_envs)
         known = {*self.SETTABLE, *self.world.SETTABLE}
         if unknown := sorted({*changes} - known):
-            allowed = listed(sorted(known), unknown[0])
-            raise TypeError(f"{unknown} cannot be changed, must be in {allowed}")
+            allowed = f"one of {listed(sorted(known), unknown[0])}"
+            raise TypeError(str(invalid("a parameter to change", unknown[0], allowed)))
         of_task = {name: changes.pop(name) for name in self.SETTABLE if name in changes}
         with self.lock:
             checked = self.world.checked(i, changes)

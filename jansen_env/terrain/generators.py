@@ -195,9 +195,9 @@ def _parameters(spec: str, name: str, text: str) -> tuple[tuple[str, float], ...
         try:
             given[key.strip()] = float(number)
         except ValueError:
-            allowed = f"must be NAME=NUMBER, with a name of {list(LEVELS.get(name, {}))}"
-            wrong = f"{checks.shown(spec)}: {checks.shown(part)}"
-            raise ValueError(f"terrain is {wrong} {allowed}") from None
+            allowed = f"NAME=NUMBER, with a name of {list(LEVELS.get(name, {}))}"
+            source = f"a parameter of terrain {checks.shown(spec)}"
+            raise checks.invalid(source, part, allowed) from None
     return tuple(given.items())
 
 

@@ -76,7 +76,7 @@ def check_room(start: float, reach: float, period: float) -> None:
     count = (reach - start) / period
     if count > MOST_POINTS:
         raise ValueError(
-            f"start and reach leave room for {count:g} repetitions, must be at most {MOST_POINTS}"
+            f"start and reach must leave room for at most {MOST_POINTS} repetitions, got {count:g}"
         )
 
 
@@ -157,7 +157,7 @@ class Terrain:
         table = _numbers("Terrain.points", self.points)
         if table.ndim != 2 or table.shape[1] != 2 or len(table) < 2:
             raise ValueError(
-                f"Terrain.points has shape {table.shape}, must be at least two (x, y) pairs"
+                f"Terrain.points must be at least two (x, y) pairs, got the shape {table.shape}"
             )
         if not (np.abs(table) <= FARTHEST).all():
             raise ValueError(
@@ -168,7 +168,7 @@ class Terrain:
         if (step[:, 0] <= 0.0).any():
             where = int(np.argmax(step[:, 0] <= 0.0))
             raise ValueError(
-                f"Terrain.points: x must increase, but point {where + 1} is at "
+                f"x must increase in Terrain.points, got point {where + 1} at "
                 f"{table[where + 1, 0]} after {table[where, 0]}"
             )
         if (np.abs(step[:, 1]) > STEEPEST * step[:, 0]).any():

@@ -58,7 +58,7 @@ class Recorder(gym.Wrapper[Observation, Action, Observation, Action], RecordCons
             raise ValueError(f"env must be an environment of one Jansen robot, got {shown(env)}")
         for name in ("observation_space", "action_space"):
             if not getattr(env, name).is_np_flattenable:
-                raise ValueError(f"env has {name} {getattr(env, name)}, must be of arrays")
+                raise ValueError(f"env.{name} must be of arrays, got {getattr(env, name)}")
         self.inner: SingleEnv[Task] = inner
         if not inner.task.world.fixed_chassis and isinstance(inner.task.world.terrain(0), Shapes):
             raise ValueError(

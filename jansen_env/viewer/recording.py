@@ -135,20 +135,20 @@ class Recording:
         self._check_arrays()
         if (shortest := np.diff(self.time).min()) < SHORTEST:
             raise ValueError(
-                f"time has a step of {shortest:.3g} s, must increase by at least {SHORTEST:g} s"
+                f"time must increase by at least {SHORTEST:g} s, got a step of {shortest:.3g} s"
             )
         if self.weight.min() < 1e-9:
-            raise ValueError(f"weight has {self.weight.min()}, must be at least 1e-9")
+            raise ValueError(f"weight must be at least 1e-9, got {self.weight.min()}")
         if self.contact.min(initial=0) < 0 or self.contact.max(initial=0) > SLIP:
-            raise ValueError("contact has other numbers than 0, 1 and 2")
+            raise ValueError("contact must have the numbers 0, 1 and 2 only, got others")
         if len(self.terrain) == 1 or (np.diff(self.terrain[:, 0]) <= 0.0).any():
             raise ValueError("terrain must have x that increases, and none or two and more points")
         far = np.abs(self.pose[:, :2]).max()
         reach = reach_of(self.robot)
         if far > FARTHEST * reach:
             raise ValueError(
-                f"pose has a place {far:.3g} m from the origin, must be within {FARTHEST:g} times "
-                f"the robot's reach, {reach:.3g} m"
+                f"pose must be within {FARTHEST:g} times the robot's reach, {reach:.3g} m, of the "
+                f"origin, got a place at a distance of {far:.3g} m"
             )
         if len(self.observed) not in (0, self.observation.shape[1]):
             count = len(self.observed)
@@ -156,7 +156,7 @@ class Recording:
         if wrong := [pair for pair in self.observed if len(pair) != 2]:
             raise ValueError(f"observed must have a name and a unit each, got {shown(wrong[0])}")
         if "motor_work" not in self.energies:
-            raise ValueError(f"energies is {shown(self.energies)}, must have 'motor_work'")
+            raise ValueError(f"energies must have 'motor_work', got {shown(self.energies)}")
         for name in ("speed_unit", "env_id", "label"):
             printable(name, instance(name, getattr(self, name), str))
         for name in ("parameters", "env_kwargs", "options"):

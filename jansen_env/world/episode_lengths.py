@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jansen_env.checks import instance, listed, shown
+from jansen_env.checks import instance, invalid, listed
 from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.dynamics.reduced import CONVERGED, compile_robot
 from jansen_env.plants.base import static_deflection
@@ -120,7 +120,9 @@ class EpisodeLengths:
             return None
         nominal = robot or self.nominal[i]
         if self.values is not None and (*lengths(nominal),) != (names := self.values.dtype.names):
-            raise ValueError(f"lengths of a robot are {[*lengths(nominal)]}, must be {names}")
+            raise ValueError(
+                f"names of a robot's lengths must be {names}, got {[*lengths(nominal)]}"
+            )
         if robot is not None:  # later episodes use its nominal lengths or sampled lengths
             static_deflection(robot, GRAVITY)
             if drawn and given:
@@ -223,7 +225,7 @@ def _by_name(factors: dict[str, Distribution], names: Sequence[str]) -> dict[str
     every = dict.fromkeys(names, factors[EVERY]) if EVERY in factors else factors
     if unknown := [name for name in every if name not in names]:
         allowed = listed(names, unknown[0])
-        raise ValueError(f"randomize['lengths'] has {shown(unknown[0])}, must be of {allowed}")
+        raise invalid("a key of randomize['lengths']", unknown[0], f"one of {allowed}")
     return {name: every[name] for name in names if name in every}
 
 

@@ -224,9 +224,8 @@ class EpisodeParameters:
         useful = self._useful(i, robot or self._plant.robots[i]) if names else ()
         if idle := [name for name in names if name not in useful]:
             known = [name for name in PARAMETERS if name in useful]
-            raise ValueError(
-                f"{label} has {idle[0]!r}, which does nothing here, must be of {known}"
-            )
+            allowed = f"a parameter that has an effect here, one of {known}"
+            raise invalid(f"a key of {label}", idle[0], allowed)
 
     def check_change(self, i: int, pads: Compliance, numbers: Mapping[str, float]) -> None:
         """Check that a robot can have new pads and parameters from now on.

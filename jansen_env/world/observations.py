@@ -57,7 +57,7 @@ class Observed:
                 raise invalid(f"{part} of an observation", text, "a text")
         if not self.low < self.high:
             limits = f"{shown(self.low)} to {shown(self.high)}"
-            raise ValueError(f"limits of the observation {self.name!r} are {limits}, must increase")
+            raise ValueError(f"limits of the observation {self.name!r} must increase, got {limits}")
         allowed = [*SENSORS, EXACT]
         label = f"noise of the observation {self.name!r}"
         if not isinstance(self.noise, str):

@@ -112,5 +112,5 @@ def add_push(pushes: Array, push: Array, duration: float) -> Array:
     """
     continuing = pushes[pushes[:, 0] + duration > push[0]]
     if len(continuing) == MOST_PUSHES:
-        raise ValueError(f"there are {MOST_PUSHES} pushes, must be fewer")
+        raise ValueError(f"a robot must have at most {MOST_PUSHES} pushes at once, got another one")
     return np.concatenate([continuing, push[None]])

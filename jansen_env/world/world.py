@@ -842,7 +842,7 @@ class World:
         }
         record = self._saved.check("state['record']", state["record"], {**special, **of_task})
         if "state" not in record:
-            raise ValueError("state['record'] lacks 'state', must come from get_state()")
+            raise ValueError("state['record'] must come from get_state(), got one without 'state'")
         build = self._checked_build(i, state)
         robot = build.robot if build else self.robots[i]
         plan, level = self.episodes.planned(i, state, record.get("parameters", {}), robot)

@@ -118,7 +118,7 @@ def test_no_text_of_a_file_becomes_code():
     expected = policy.predict(seen)[0][:, 0]
     assert run_c(sources, seen, STRICT) == pytest.approx(expected, abs=1e-6)
     rows[1] = rows[0]
-    with pytest.raises(ValueError, match="several observations would be"):
+    with pytest.raises(ValueError, match="observations must have different names in C"):
         c_source.sources(PretrainedPolicy(described, policy.tensors), "mine")
     for name in ("main", "math", "a-b", "1a", "a" * 64, "", "a\nb", "ä"):
         with pytest.raises(ValueError, match="name must be a letter and up to 62 letters, digits"):

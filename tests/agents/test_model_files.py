@@ -178,7 +178,7 @@ def test_nothing_unpacks_without_bound(folder, monkeypatch):
     monkeypatch.setattr(trained, "MAX_BYTES", 10**6)
     with zipfile.ZipFile(folder / "best_model.zip", "a", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("other", bytes(10**6))
-    refused(folder / "best_model.zip", "must be 1000000 at most")
+    refused(folder / "best_model.zip", "must unpack to at most 1000000 bytes")
 
 
 def test_only_what_a_model_saves_is_restored():

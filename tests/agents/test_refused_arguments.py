@@ -23,7 +23,7 @@ REFUSED = {
         (["--episodes", "many"], "many"),
         (["--seed", "-1"], "-1"),
         (["--commands", "9"], "must be between"),
-        (["--out", f"{__file__}/out"], "out, must be a folder that can be written to"),
+        (["--out", f"{__file__}/out"], "must be a folder that can be written to, got"),
         (["--env", "JansenCrank-v0", "--plant", "rigid_body"], "has one plant only"),
         (["--env", "JansenCrank-v0", "--levels", "1"], "--levels needs one of"),
         (["--levels", "1", "--robustness"], "--levels goes without --robustness"),
@@ -35,11 +35,11 @@ REFUSED = {
         (["pretrained", "--name", "a b"], "name must be a letter"),
     ],
     (tune, "pid"): [
-        (["--out", f"{__file__}/out"], "out, must be a folder that can be written to"),
+        (["--out", f"{__file__}/out"], "must be a folder that can be written to, got"),
     ],
     (predict, "built"): [
         *((["--speeds", value], "--speeds") for value in ("0", "20", "nan")),
-        (["--out", f"{__file__}/p.json"], "--out's folder is"),
+        (["--out", f"{__file__}/p.json"], "--out's folder must be"),
     ],
     (speed,): [
         (["--rounds", "0"], "0"),
@@ -49,32 +49,35 @@ REFUSED = {
     (drawings,): [
         (["nobody"], "ROBOT must be a robot file (.json) or one of"),
         ([str(HASHES)], "walk_hashes.json is no robot file"),
-        (["built", "--sheet", "400x300"], "--sheet is 400x300, must hold foot of 453x226 mm"),
+        (["built", "--sheet", "400x300"], "--sheet must hold foot of 453x226 mm"),
         (["built", "--sheet", "wide"], "--sheet: must be WIDTHxHEIGHT in mm"),
         (["built", "--sheet", "nanx1"], "--sheet: must be WIDTHxHEIGHT in mm"),
         (["built", "--fit", "1,2"], "--fit: must be one of ["),
         (["klann", "--as-robot-file", "k.txt"], "must end in .json"),
-        (["klann", "--as-robot-file", f"{__file__}/k.json"], "its folder is"),
+        (["klann", "--as-robot-file", f"{__file__}/k.json"], "its folder must be"),
     ],
     (enjoy, "--env", "JansenCrank-v0"): [
-        (["--policy", "nobody"], "policy is 'nobody', no run's folder"),
+        (["--policy", "nobody"], "policy must be a run's folder, "),
         (["--policy", "pretrained:none"], "policy must be one of"),
         (["--command", "99"], "must be between"),
-        (["--env-kwargs", "{speed_command: 2}"], "speed_command in --env-kwargs has no effect"),
+        (["--env-kwargs", "{speed_command: 2}"], "speed_command has no effect in --env-kwargs"),
         (["--env-kwargs", "{render_mode: human}"], "render_mode must be None or 'rgb_array'"),
         (["--env-kwargs", "{robot: none}"], "robot must be a robot file (.json) or one of"),
-        (["--video", "a.avi"], "a.avi ends in '.avi', must end in one of ['.gif', '.mp4']"),
+        (["--video", "a.avi"], "the video must end in one of ['.gif', '.mp4'], got a.avi"),
         (["--video", f"{__file__}/a.gif"], "a.gif"),
     ],
     (enjoy, "--env", "JansenGoal-v0"): [
         (["--command", "5"], "options['goal'] must be between -3.0 and 3.0")
     ],
     (replay,): [
-        (["--policy", "pid"] * 3, "are given 3 times"),
+        (["--policy", "pid"] * 3, "must be given once or twice in all, got 3"),
         (["--policy", "pid", "--policy", "pid"], "must be given only once"),
         (["--policy", "pid", "--out", "walk.htm"], "must end in .html"),
         (["--policy", "pid", "--steps", "20001"], "must be at most 20000"),
-        (["--policy", "pid", "--env-kwargs", "{speed_command: 1}"], "must be in --command"),
+        (
+            ["--policy", "pid", "--env-kwargs", "{speed_command: 1}"],
+            "has no effect in --env-kwargs; give --command",
+        ),
         (["--recording", "nowhere.npz"], "nowhere.npz is no recording"),
     ],
 }

@@ -139,7 +139,7 @@ def test_bad_replay_buffers_are_refused(tmp_path):
         ({"pos": np.array([Bomb()], dtype=object)}, "is no replay buffer"),
         ({"actions": np.zeros((6, 4, 2), np.float32)}, "could not broadcast"),
         ({"pos": -1}, "pos must be.*got -1"),
-        ({"more": np.zeros(10**8, np.uint8)}, "it unpacks to"),
+        ({"more": np.zeros(10**8, np.uint8)}, "it must unpack to at most"),
     ):
         np.savez_compressed(path, **{**good, **changed})
         with pytest.raises(ValueError, match=reason):

@@ -166,7 +166,11 @@ def test_wrong_values_are_refused_by_name(maker, argument):
         (Noise, {"gyro": -0.1}, "Noise.gyro must be 0 or above, got -0.1"),
         (Noise, {"gyro": (0.1, 0.2, 0.3)}, "must be a number or two"),
         (Noise, {"gyro": (0.1, "much")}, "must be a finite number"),
-        (Noise.only, {"lidar": 0.1}, r"noise has \['lidar'\], must be of \[.*'accelerometer'"),
+        (
+            Noise.only,
+            {"lidar": 0.1},
+            r"a key of noise must be one of \[.*'accelerometer'.*, got 'lidar'",
+        ),
         (JansenWalkerEnv, {"noise": 0.1}, "must be None, a Noise or a dictionary with some of"),
         (
             JansenWalkerEnv,

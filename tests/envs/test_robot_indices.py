@@ -199,13 +199,13 @@ def test_actions_that_are_no_real_numbers_are_refused_and_nothing_changes(kind, 
     before = states(envs)
     alone = single.get_state()
     wrong = ACTIONS[kind]
-    with pytest.raises(ValueError, match=r"(?s)^actions are .*, must be numbers, shape \(3, 1\)"):
+    with pytest.raises(ValueError, match=r"(?s)^actions must be numbers, shape \(3, 1\), got "):
         envs.step(wrong(np.ones((3, 1))))
     with pytest.raises(ValueError, match=r"(?s)^action must be one finite number, .*got"):
         single.step(wrong(np.ones(1)))
     venv = make_vec_env("JansenWalkerBuilt-v0", 3)
     venv.reset()
-    with pytest.raises(ValueError, match=r"^actions are"):
+    with pytest.raises(ValueError, match=r"^actions must be numbers"):
         venv.step(wrong(np.ones((3, 1))))
     assert same(states(envs), before) and same(single.get_state(), alone)
 

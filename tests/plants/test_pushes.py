@@ -146,7 +146,7 @@ def test_robots_of_a_batch_are_pushed_one_by_one():
 @pytest.mark.parametrize("plant", PLANTS)
 def test_refused(plant):
     plant = PLANTS[plant](Robot(), Terrain.flat(), 1e-3)
-    with pytest.raises(ValueError, match=r"pushes have shape \(19, 2\), must be \(20, 2\)"):
+    with pytest.raises(ValueError, match=r"pushes must have the shape \(20, 2\), got \(19, 2\)"):
         plant.step(0.0, 0.02, pushes=np.zeros((19, 2)))
     plant.reset()
     before = plant.state

@@ -245,7 +245,7 @@ HARMONICS = {"kind": "harmonics", "multiples": [2]}
             {"format": "jansen_env policy 2"},
             "format must be 'jansen_env policy 1', got 'jansen_env policy 2'",
         ),
-        ({"history": {"length": 2}}, "there are entries ['history'], must be among ["),
+        ({"history": {"length": 2}}, "an entry of the policy must be one of ["),
         ({"sha256": ""}, "sha256 must be that of mine.safetensors"),
         ({"action__torque_limit": NAN}, "torque_limit must be a finite number, got nan"),
         ({"network__features": []}, "network.features must have at least one number, got none"),
@@ -264,8 +264,8 @@ HARMONICS = {"kind": "harmonics", "multiples": [2]}
         ),
         (
             {"env__kwargs__time_step": 1e-6},
-            "max_episode_steps is 50 with control_dt 0.01 and "
-            "time_step 1e-06, 500000 time steps, must be at most 200000 of these",
+            "max_episode_steps must lead to at most 200000 time steps, got 50 with control_dt 0.01 "
+            "and time_step 1e-06, which leads to 500000",
         ),
         (
             {"env__kwargs": {"control_dt": 1e-6, "time_step": 1e-9}, "action__control_dt": 1e-6},
@@ -360,7 +360,7 @@ def test_evaluation_takes_shipped_and_packed_policies(made, tmp_path, monkeypatc
 
 def test_policies_of_other_observations_are_refused(made):
     for name, env_kwargs, reason in (
-        (str(made[1]), {}, "observes tracking_error, must be one of ['cos_crank_angle', "),
+        (str(made[1]), {}, "must observe only numbers of this environment, ['cos_crank_angle', "),
         ("pretrained:sac", {}, "policy must be one of ['ppo'], got 'sac'"),
         ("pretrained", {"robot": paper_robot(3)}, "shows toe_load_4, which the policy"),
     ):

@@ -120,7 +120,7 @@ def test_tracks_that_a_policy_cannot_play_are_left_out(tmp_path, capsys):
         (["--policy", "dog", "--out", "x.json"], "'dog'"),
         (["--policy", "flat=pid", "--tracks", "robust", "--out", "x.json"], "has no --policy"),
         (["--policy", "pid", "--name", "a|b", "--out", "x.json"], "--name must be text"),
-        (["--policy", "pid", "--out", f"{__file__}/x.json"], "--out is "),
+        (["--policy", "pid", "--out", f"{__file__}/x.json"], "--out must be a folder"),
         (["none.json"], "none.json cannot be read"),
         ([__file__], "is no result file"),
     ],

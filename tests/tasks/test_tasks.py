@@ -178,7 +178,10 @@ def test_a_task_derived_from_the_walkers_may_change_its_reward():
         (("torque", "N m", -1.0, 1.0, -0.1), "noise .* 'torque' must be 0 or above, got -0.1"),
         (("torque", "N m", -1.0, 1.0, None), "noise .* 'torque' must be.*got None"),
         (("torque", "", -1.0, 1.0, "exact"), "unit of an observation must be .*, got ''"),
-        (("torque", "N m", 1.0, 1.0, "exact"), "limits of the observation 'torque' are 1.0 to 1.0"),
+        (
+            ("torque", "N m", 1.0, 1.0, "exact"),
+            "limits of the observation 'torque' must increase, got 1.0 to 1.0",
+        ),
     ],
 )
 def test_an_observation_without_noise_limits_or_unit_is_refused(wrong, message):
@@ -216,12 +219,36 @@ def declared(base=Slow, **names):
 @pytest.mark.parametrize(
     ("base", "names", "message"),
     [
-        (Slow, {"INFO": {**Slow.INFO, "pitch": float}}, r"INFO has \['pitch'\], which the world"),
-        (Slow, {"INFO": {**Slow.INFO, "slip": float}}, r"INFO has \['slip'\], which the world"),
-        (Slow, {"INFO": {**Slow.INFO, "energy": float}}, r"INFO has \['energy'\], which the"),
-        (Slow, {"INFO": {**Slow.INFO, "slow": float}}, r"INFO and TERMS have \['slow'\]"),
-        (WalkerTask, {"INFO": {"hops": float}}, r"INFO and TERMS have \['hops'\], must be in"),
-        (WalkerTask, {"TERMS": ("grace",)}, r"INFO and TERMS have \['grace'\], must be in"),
+        (
+            Slow,
+            {"INFO": {**Slow.INFO, "pitch": float}},
+            r"INFO must not have names of the world's .*, got \['pitch'\]",
+        ),
+        (
+            Slow,
+            {"INFO": {**Slow.INFO, "slip": float}},
+            r"INFO must not have names of the world's .*, got \['slip'\]",
+        ),
+        (
+            Slow,
+            {"INFO": {**Slow.INFO, "energy": float}},
+            r"INFO must not have names of the world's .*, got \['energy'\]",
+        ),
+        (
+            Slow,
+            {"INFO": {**Slow.INFO, "slow": float}},
+            r"INFO and TERMS must have different names, got \['slow'\]",
+        ),
+        (
+            WalkerTask,
+            {"INFO": {"hops": float}},
+            "a name in INFO and TERMS must be one of .*, got 'hops'",
+        ),
+        (
+            WalkerTask,
+            {"TERMS": ("grace",)},
+            "a name in INFO and TERMS must be one of .*, got 'grace'",
+        ),
     ],
 )
 def test_names_that_information_would_mix_up_or_ignore_are_refused(base, names, message):

@@ -135,13 +135,13 @@ def test_a_new_terrain_changes_no_seed_of_the_mixture(monkeypatch):
 REFUSED = {
     "lava": r"terrain must be 'flat'.*'slope', 'rough', 'waves', 'stairs'.*'mixed'\], got 'lava'",
     "flat2": "terrain must be .*, got 'flat2'",
-    "stairs:0.02": r"'0.02' must be NAME=NUMBER, with a name of \['rise', 'tread'\]",
-    "stairs:rise=": "'rise=' must be NAME=NUMBER",
+    "stairs:0.02": r"must be NAME=NUMBER, with a name of \['rise', 'tread'\], got '0.02'",
+    "stairs:rise=": "must be NAME=NUMBER.*, got 'rise='",
     "stairs:rize=1": r"a parameter of 'stairs' must be in \['rise',.*, got 'rize'",
     "stairs:rise=nan": "rise of 'stairs' must be .*, got nan",
     "stairs:tread=0.001": "'stairs:tread=0.001' makes no ground at level 0: tread must be",
     "slope:angle=2": "angle must be between.*got 2.0",
-    "waves:length=1e-9": "must be at most 100000",
+    "waves:length=1e-9": "must leave room for at most 100000 repetitions",
     "mixed:rise=1": "'mixed' has no parameters, got 'rise'; set those of one kind",
 }
 

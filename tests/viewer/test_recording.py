@@ -197,11 +197,14 @@ def test_other_environments_and_what_is_no_number_are_refused(short):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"time": np.zeros(6)}, "time has a step of 0 s, must increase by at least 1e-09 s"),
-        ({"time": 1e-290 * np.arange(6)}, "time has a step of 1e-290 s, must increase"),
+        ({"time": np.zeros(6)}, "time must increase by at least 1e-09 s, got a step of 0 s"),
+        ({"time": 1e-290 * np.arange(6)}, "time must increase .*, got a step of 1e-290 s"),
         ({"energies": tuple("abcdefghi")}, "must have 'motor_work'"),
-        ({"pose": np.full((6, 4), 1e12)}, "pose has a place 1e[+]12 m from the origin, must be"),
-        ({"contact": np.full((6, 4), 3)}, "contact has other numbers"),
+        (
+            {"pose": np.full((6, 4), 1e12)},
+            "pose must be within .* got a place at a distance of 1e[+]12 m",
+        ),
+        ({"contact": np.full((6, 4), 3)}, "contact must have the numbers"),
         ({"terrain": [[1.0, 0.0], [0.0, 0.0]]}, "x that increases"),
         ({"label": 3}, "label must be a str, got 3"),
         ({"seed": "1"}, "seed must be a int, got '1'"),

@@ -78,7 +78,10 @@ def test_chance_explains_nothing():
 def test_a_machine_that_stands_still_is_refused():
     """Its motor is too weak for its own friction."""
     stuck = replace(ECONOMY, motor=replace(ECONOMY.motor, friction=100.0))
-    with pytest.raises(ValueError, match="4 of 4 copies of the robot stand still at a crank speed"):
+    with pytest.raises(
+        ValueError,
+        match=r"all 4 copies of the robot must walk, .*, got 4 that stand still at a crank speed",
+    ):
         predict.predict(stuck, 2.0, 4)
 
 

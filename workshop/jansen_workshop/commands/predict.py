@@ -141,7 +141,7 @@ def _checked_robot(args: argparse.Namespace) -> Robot:
     """
     robot = load_robot("ROBOT", args.robot)
     if advance_per_turn(robot) == 0.0:
-        raise ValueError(f"ROBOT is {args.robot}, must advance as its crank turns")
+        raise ValueError(f"ROBOT must advance as its crank turns, got {args.robot}")
     if args.out is not None:
         check_writable("--out's folder", args.out.parent)
     for speed in args.speeds:
@@ -388,8 +388,8 @@ def measure(
     way = x[end - 1] - x[begin - 1]
     if (still := np.abs(way) <= MIN_DISTANCE).any():
         raise ValueError(
-            f"{still.sum()} of {len(way)} copies of the robot stand still at a crank speed of "
-            f"{speed} rad/s, must walk: work and slip are per metre"
+            f"all {len(way)} copies of the robot must walk, because work and slip are per metre, "
+            f"got {still.sum()} that stand still at a crank speed of {speed} rad/s"
         )
     weight = np.array([GRAVITY * robot.mass for robot in robots])
     return {

@@ -195,8 +195,8 @@ def _check_walls(name: str, holes: Sequence[Round]) -> None:
         apart = abs(other.corners[0] - hole.corners[0])
         if apart < hole.radius + other.radius + WALL:
             raise ValueError(
-                f"{name} has holes of {2 * hole.radius:g} and {2 * other.radius:g} mm at "
-                f"{apart:.1f} mm from one another, must have {WALL:g} mm between them"
+                f"holes of {name} must have {WALL:g} mm between them, got holes of "
+                f"{2 * hole.radius:g} and {2 * other.radius:g} mm at {apart:.1f} mm from each other"
             )
 
 

@@ -51,8 +51,9 @@ def nest(parts: Sequence[CutPart], sheet: complex) -> list[list[CutPart]]:
         size = part.outline.box[1] + complex(MARGIN, MARGIN)
         if size.real + MARGIN > sheet.real or size.imag + MARGIN > sheet.imag:
             raise ValueError(
-                f"--sheet is {sheet.real:g}x{sheet.imag:g}, must hold {part.name} of "
-                f"{size.real - MARGIN:.0f}x{size.imag - MARGIN:.0f} mm with {MARGIN:g} mm about it"
+                f"--sheet must hold {part.name} of {size.real - MARGIN:.0f}x"
+                f"{size.imag - MARGIN:.0f} mm with {MARGIN:g} mm about it, got "
+                f"{sheet.real:g}x{sheet.imag:g}"
             )
         k = next((k for k, (_, at) in enumerate(rows) if (at + size).real <= sheet.real), len(rows))
         if k == len(rows):

@@ -124,11 +124,13 @@ class Batch(BatchedPlant):
         self._arguments = (time_step, gravity, threads, fixed_chassis, links_collide)
         check_colliding(terrains, links_collide)
         super().__init__(robots, terrains, time_step, gravity, fixed_chassis, records)
-        self.world["stride"] = max(1, round(DETECTION_INTERVAL / time_step))
-        self.world["links_collide"] = links_collide
+        self.engine_settings["stride"] = max(1, round(DETECTION_INTERVAL / time_step))
+        self.engine_settings["links_collide"] = links_collide
         self.records.status["margin"] = SPECULATIVE_MARGIN
         self.knows_joint_forces = not links_collide
-        self._arrays = KernelArrays(robots, terrains, self.records, self.world, fixed_chassis)
+        self._arrays = KernelArrays(
+            robots, terrains, self.records, self.engine_settings, fixed_chassis
+        )
         self._placement = RobotPlacement(self._arrays)
         self._set_machines(self._every)
         self._apply(self._every)
@@ -142,7 +144,7 @@ class Batch(BatchedPlant):
         self._no_pushes = np.zeros((0, 0, 2))
         self._no_trace: Rows = np.zeros(0, integrator.trace_dtype(self.pads))
         self._untraced = plain(self._no_trace)
-        self._planes = np.zeros(self.world["capacity"][0], PLANE)  # for contact_planes
+        self._planes = np.zeros(self.engine_settings["capacity"][0], PLANE)  # for contact_planes
         self._sums = np.empty((3, 6))
         self.tracing = False
         self.trace = self._no_trace
@@ -155,8 +157,8 @@ class Batch(BatchedPlant):
         Args:
             threads: Largest number of threads; None to choose it from the batch size.
         """
-        capacity = int(self.world["capacity"][0])
-        steps = int(self.world["steps"][0])
+        capacity = int(self.engine_settings["capacity"][0])
+        steps = int(self.engine_settings["steps"][0])
 
         def memory() -> Scratch:
             return integrator.work_space(capacity, self.pads, steps)
@@ -294,7 +296,7 @@ class Batch(BatchedPlant):
             ValueError: If the ground has a restitution above 0 and the pads of the robot are
                 compliant, or if the ground consists of shapes and the links of the robots collide.
         """
-        check_colliding([terrain], bool(self.world["links_collide"][0]))
+        check_colliding([terrain], bool(self.engine_settings["links_collide"][0]))
         compliant = self.machines["nominal"]["compliant"][row : row + 1]
         check_restitution(compliant, np.array([terrain.restitution]))
         self.terrains[row] = terrain
@@ -471,7 +473,7 @@ class Batch(BatchedPlant):
         trace = self._no_trace
         numbers = self._untraced
         if self.tracing:
-            trace, numbers = self._new_trace(int(self.world["steps"][0]))
+            trace, numbers = self._new_trace(int(self.engine_settings["steps"][0]))
 
         lines, on_shapes = self._arrays.split(rows)
 
@@ -702,7 +704,9 @@ class Batch(BatchedPlant):
             return shapes.find(centres, float(status["pad_radius"]) + SPECULATIVE_MARGIN)
         status["margin"] = SPECULATIVE_MARGIN
         robots = self.records.robots
-        collision.planes_near(row, centres, robots, self.surface, self.world, self._planes)
+        collision.planes_near(
+            row, centres, robots, self.surface, self.engine_settings, self._planes
+        )
         planes = self._planes[status["first_plane"] : status["end_plane"]]
         return [ContactPlane(*row) for row in planes[[*ContactPlane._fields]].tolist()]
 
@@ -775,7 +779,7 @@ class Batch(BatchedPlant):
             "any_diverged",
             "joint_gap",
             "records",
-            "world",
+            "engine_settings",
             "_torque_rate",
         )
         return {name: getattr(self, name) for name in kept}
@@ -786,7 +790,7 @@ class Batch(BatchedPlant):
         every = np.arange(len(saved["robots"]))
         before = records.copy(every)
         self.__init__(saved["robots"], saved["terrains"], *arguments, records=records)  # type: ignore[misc]
-        self.world[:] = saved["world"]
+        self.engine_settings[:] = saved["engine_settings"]
         self._torque_rate = saved["_torque_rate"]
         self._make_scratch(arguments[2])
         self._apply(every)

@@ -62,8 +62,8 @@ class BatchedPlant(ABC):
         records: Records of the robots; see :class:`RobotRecords`.
         machines: Robots without the parameters of an episode, ``MACHINE`` of
             :mod:`jansen_env.engine.records`, shape (n,).
-        world: Data that the robots have in common, ``WORLD`` of :mod:`jansen_env.engine.records`,
-            shape (1,).
+        engine_settings: Data that the robots have in common, ``WORLD`` of
+            :mod:`jansen_env.engine.records`, shape (1,).
         toes: Number of toes of each robot.
         pads: Number of contact pads of each robot, toes included.
         any_diverged: Whether the last step of any robot was rejected because the robot diverged.
@@ -105,12 +105,12 @@ class BatchedPlant(ABC):
         self.gravity = gravity_vector(gravity)
         self._torque_rate = math.inf
         self._apply_parameters = episode.apply_parameters.bound()
-        self.world = np.zeros(1, WORLD)
-        self.world["time_step"] = self.world["period"] = self.time_step
-        self.world["toes"] = self.toes
-        self.world["steps"] = 1
-        self.world["stride"] = 1
-        self.world["capacity"] = PLANES_PER_PAD * self.pads
+        self.engine_settings = np.zeros(1, WORLD)
+        self.engine_settings["time_step"] = self.engine_settings["period"] = self.time_step
+        self.engine_settings["toes"] = self.toes
+        self.engine_settings["steps"] = 1
+        self.engine_settings["stride"] = 1
+        self.engine_settings["capacity"] = PLANES_PER_PAD * self.pads
         self.machines = np.zeros(n, MACHINE)
         nominal_properties: Any = self.machines["nominal"]
         nominal_properties[GRAVITY_XY] = self.gravity
@@ -135,10 +135,10 @@ class BatchedPlant(ABC):
             **flags: Further fields of ``WORLD`` of :mod:`jansen_env.engine.records`, which select
                 what the kernels compute.
         """
-        self.world["steps"] = steps
-        self.world["period"] = period
+        self.engine_settings["steps"] = steps
+        self.engine_settings["period"] = period
         for name, value in flags.items():
-            self.world[name] = value
+            self.engine_settings[name] = value
         self._torque_rate = torque_rate
         self._apply(self._every)
 
@@ -172,7 +172,7 @@ class BatchedPlant(ABC):
             *self.gravity,
             GRAVITY,
             self._torque_rate,
-            self.world,
+            self.engine_settings,
             self.machines,
             self.records.robots,
         )

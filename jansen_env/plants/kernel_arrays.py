@@ -27,8 +27,8 @@ class KernelArrays:
         robots: The robots. All of them have the same pads.
         terrains: Ground of each robot.
         records: Records of the robots.
-        world: Data that the robots have in common, ``WORLD`` of :mod:`jansen_env.engine.records`,
-            shape (1,).
+        engine_settings: Data that the robots have in common, ``WORLD`` of
+            :mod:`jansen_env.engine.records`, shape (1,).
         fixed_chassis: Whether all chassis are fixed, so that no robot touches its ground.
 
     Attributes:
@@ -52,15 +52,15 @@ class KernelArrays:
         robots: Sequence[Robot],
         terrains: Sequence[Ground],
         records: RobotRecords,
-        world: Rows,
+        engine_settings: Rows,
         fixed_chassis: bool,
     ) -> None:
         self.records = records
         self.tables = DesignTables(robots)
         self.grounds = Grounds(terrains, records.status)
         self.sides = pad_sides(robots[0])
-        self.longest_step = float(world["time_step"][0])
-        self._world = world
+        self.longest_step = float(engine_settings["time_step"][0])
+        self._engine_settings = engine_settings
         self._fixed_chassis = fixed_chassis
         self._find_centres = collision.pad_centres.bound()
         self._centres = np.zeros((records.statistics.shape[1], 2))
@@ -73,7 +73,7 @@ class KernelArrays:
         self._ground_x: Array = status["ground_x"]
         model = self.tables.model
         self.designs = Designs(
-            self._world, *model, self.sides, self.tables.depths, self.grounds.surface
+            self._engine_settings, *model, self.sides, self.tables.depths, self.grounds.surface
         )
         self._centre_arguments = dict[int, tuple[object, ...]]()
 

@@ -57,7 +57,7 @@ class RobotsOnShapes:
             observing: Observations of the robots, and the settings that define them.
         """
         records = self._arrays.records
-        world = self._arrays.designs.world
+        settings = self._arrays.designs.world
         _, impulses = self._views_of(row)
         action = float(actions[row, 0])
         pushed = self._begin_step(row, action, impulses, records.robots, episodes)
@@ -67,12 +67,12 @@ class RobotsOnShapes:
         self._switch[row] = switch
         pushes = self._impulses if pushed else self._no_impulses
         torques = self._torque, self._earlier, self._switch, pushes
-        self.step(row, int(world["steps"][0]), False, torques, trace)
-        if world["fully_compiled"][0]:
+        self.step(row, int(settings["steps"][0]), False, torques, trace)
+        if settings["fully_compiled"][0]:
             self._arrays.look_down(row, observing.scan)
         surface = self._arrays.grounds.surface
         pressed = self._scratch.pressed
-        self._finish_step(row, world, surface, pressed, records.motions, episodes, observing)
+        self._finish_step(row, settings, surface, pressed, records.motions, episodes, observing)
 
     def step(
         self, row: int, steps: int, ahead: bool, torques: tuple[object, ...], trace: Array

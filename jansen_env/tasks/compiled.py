@@ -37,7 +37,7 @@ class CompiledTask(CommandedTask):
         base = CompiledTask
         self.fully_compiled = all(getattr(type(self), m) is getattr(base, m) for m in methods)
         super().__init__(settings, threads)
-        self.world.plant.world["fully_compiled"] = self.fully_compiled
+        self.world.plant.engine_settings["fully_compiled"] = self.fully_compiled
 
     def observe(self) -> Mapping[str, Array]:
         """Return the observations that the kernel does not fill. By default there are none."""

@@ -19,7 +19,9 @@ from jansen_env.tasks.information import InfoBuilder
 from jansen_env.uniform import uniform
 from jansen_env.world.observations import Observed
 from jansen_env.world.rendering import Frame
+from jansen_env.world.scenes import frame_of, scene_of
 from jansen_env.world.settings import Check, Values, WorldSettings, flag, option
+from jansen_env.world.state_checks import check_saved_state
 from jansen_env.world.world import Numbers, World
 
 EVERY = slice(None)  # index of all robots, which is faster than an array of all their indices
@@ -392,7 +394,7 @@ class Task(ABC):
         Args:
             i: Index of the robot.
         """
-        return self.world.frame(i, None if self.command is None else self.command[i])
+        return frame_of(self.world, i, None if self.command is None else self.command[i])
 
     def scene(self, i: int) -> Values:
         """Return the arguments of :class:`jansen_env.world.rendering.Renderer` to draw a robot.
@@ -400,7 +402,7 @@ class Task(ABC):
         Args:
             i: Index of the robot.
         """
-        return self.world.scene(i)
+        return scene_of(self.world, i)
 
     def get_state(self, i: int) -> Values:
         """Return everything that the future of a robot depends on, except its random generator.
@@ -424,7 +426,7 @@ class Task(ABC):
         """
         i = robot_index(i, self.num_envs)
         with self.lock:
-            checked = self.world.checked_state(i, state, self._checks_of_state())
+            checked = check_saved_state(self.world, i, state, self._checks_of_state())
             self.world.restore(i, checked)
             self._refresh()
             self._describe(np.array([i]))

@@ -20,10 +20,13 @@ import numpy as np
 
 from jansen_env import checks
 from jansen_env.arrays import Array, Rows
+from jansen_env.engine.episode import look_up_pushes
 from jansen_env.engine.pushes import PUSHES
+from jansen_env.plants.robot_records import RobotRecords
 
 SHORTEST, LONGEST = 1e-3, 1e6  # limits of durations and intervals, in s
 MOST_PUSHES = 1000  # largest number of scheduled pushes per episode
+NO_PUSHES = np.zeros((0, 3))
 
 
 @dataclass(frozen=True)
@@ -99,18 +102,83 @@ def push_settings(push: Push | None, time_step: float) -> Rows:
     return settings
 
 
-def add_push(pushes: Array, push: Array, duration: float) -> Array:
-    """Return a schedule with one more push, without the pushes that are over when it starts.
+class Pushes:
+    """Scheduled and random pushes of n robots.
 
     Args:
-        pushes: Schedule of an episode, shape (k, 3); see :func:`check_schedule`.
-        push: The new push, shape (3,).
-        duration: Duration of a push, in s.
+        records: Records of the robots, which contain the scheduled pushes.
+        push: Random pushes. None for no random pushes.
+        time_step: Time step of the integration, in s.
+        steps: Number of time steps per control step.
 
-    Raises:
-        ValueError: If there are already :data:`MOST_PUSHES` pushes that are not over.
+    Attributes:
+        settings: Settings of random pushes, a record of
+            :data:`jansen_env.engine.pushes.PUSHES`, shape (1,).
     """
-    continuing = pushes[pushes[:, 0] + duration > push[0]]
-    if len(continuing) == MOST_PUSHES:
-        raise ValueError(f"a robot must have at most {MOST_PUSHES} pushes at once, got another one")
-    return np.concatenate([continuing, push[None]])
+
+    def __init__(
+        self, records: RobotRecords, push: Push | None, time_step: float, steps: int
+    ) -> None:
+        self._records = records
+        self._steps = steps
+        self.settings = push_settings(push, time_step)
+
+    def scheduled(self, i: int) -> Array:
+        """Return the scheduled pushes of a robot.
+
+        Returns:
+            Start in s, and impulse in x and y in N s, of each push, shape (k, 3).
+        """
+        count = int(self._records.robots["scheduled"][i])
+        return self._records.schedule[i, :count].copy()
+
+    def has_random(self, i: int) -> bool:
+        """Return whether random pushes act on a robot in addition to its scheduled pushes."""
+        return bool(self._records.robots["random_pushes"][i])
+
+    def schedule(self, i: int, pushes: Array, random: bool) -> None:
+        """Set the pushes of a robot's episode, for which the records must have room.
+
+        Args:
+            i: Index of the robot.
+            pushes: Scheduled pushes, shape (k, 3); see :meth:`scheduled`.
+            random: Whether random pushes act in addition.
+        """
+        records = self._records
+        records.schedule[i, : len(pushes)] = pushes
+        records.robots["scheduled"][i] = len(pushes)
+        records.robots["random_pushes"][i] = random
+
+    def with_push(self, i: int, start: float, impulse: object) -> Array:
+        """Return a robot's schedule with one more push, without the pushes that are then over.
+
+        Args:
+            i: Index of the robot.
+            start: Start of the new push, in s.
+            impulse: Impulse in x and y, in N s.
+
+        Raises:
+            ValueError: If ``impulse`` is not two finite numbers, or there are already
+                :data:`MOST_PUSHES` pushes that are not over.
+        """
+        push = check_schedule("impulse", [(start, *checks.entries("impulse", impulse, "(Jx, Jy)"))])
+        pushes = self.scheduled(i)
+        ends = pushes[:, 0] + float(self.settings["duration"][0])
+        continuing = pushes[ends > push[0, 0]]
+        if len(continuing) == MOST_PUSHES:
+            raise ValueError(
+                f"a robot must have at most {MOST_PUSHES} pushes at once, got another one"
+            )
+        return np.concatenate([continuing, push])
+
+    def next_impulse(self) -> Array | None:
+        """Return the impulse on the first robot's chassis in its next time step.
+
+        Returns:
+            The impulse in x and y, in N s, shape (2,), or None if no push acts in the next control
+            step.
+        """
+        impulses = np.zeros((self._steps, 2))
+        robots = self._records.robots
+        schedule = self._records.schedule
+        return impulses[0] if look_up_pushes(robots, schedule, self.settings, impulses) else None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -18,16 +18,11 @@ from jansen_env.dynamics.gravity import GRAVITY
 from jansen_env.dynamics.joint_forces import JointForces
 from jansen_env.dynamics.pads import pad_layout
 from jansen_env.engine import episode, readings, walk_reward
-from jansen_env.engine.contact_frames import AIR, put_contacts
-from jansen_env.engine.episode import Episodes, Observing, look_up_pushes
+from jansen_env.engine.episode import Episodes, Observing
 from jansen_env.engine.integrator import DIVERGED
 from jansen_env.plants import parameters
 from jansen_env.plants.base import (
     LARGEST,
-    check_deflection,
-    check_fixed_chassis,
-    check_in_contact,
-    check_state,
     static_deflection,
 )
 from jansen_env.plants.batched_plant import BatchedPlant
@@ -44,15 +39,14 @@ from jansen_env.plants.plant import make_batch, plant_time_step
 from jansen_env.plants.robot_records import RobotRecords
 from jansen_env.plants.shape_planes import check_scan
 from jansen_env.robot import Robot
-from jansen_env.robot.robot_file import robot_from_json, robot_to_json
-from jansen_env.terrain import Ground, Shapes, Terrain
+from jansen_env.robot.robot_file import robot_to_json
+from jansen_env.terrain import Ground
 from jansen_env.uniform import draw_seed, uniform
-from jansen_env.world.episode_lengths import Build, EpisodeLengths
+from jansen_env.world.episode_lengths import EpisodeLengths
 from jansen_env.world.episode_parameters import EpisodeParameters, Plan, Progress
 from jansen_env.world.observations import Observed, sensor_errors, world_observations
 from jansen_env.world.onboard import ONBOARD, onboard_columns, toe_paths
-from jansen_env.world.push import add_push, check_schedule, push_settings
-from jansen_env.world.rendering import Frame
+from jansen_env.world.push import NO_PUSHES, Pushes, check_schedule
 from jansen_env.world.saved_states import APPLIED, VERSION, SavedRecords
 from jansen_env.world.settings import (
     Check,
@@ -65,6 +59,7 @@ from jansen_env.world.settings import (
     load_robot,
     option,
 )
+from jansen_env.world.state_checks import Restored
 
 Numbers = dict[str, float]
 Draw = Callable[[int, np.random.Generator, Values], Numbers]
@@ -76,7 +71,6 @@ Its arguments are the index of the robot, the random number generator, and the r
 MOST_DELAYED = 10_000  # longest delay in control steps, which is the number of torques to keep
 START_ANGLE = math.pi  # crank reference at time 0 with a fixed chassis, in rad, as in the paper
 LOST = math.pi  # deviation from the reference, in rad, that ends an episode with a fixed chassis
-NO_PUSHES = np.zeros((0, 3))
 FROM_RESETS = ("delay", "terrain_level")  # changes that take effect at the next reset
 PARTS = ("payload", "motor", "pad_compliance")  # parts of a robot that changes can replace
 KEPT = ("friction", "restitution", *CHANGES)
@@ -104,22 +98,6 @@ class Start(NamedTuple):
     numbers: Numbers
 
 
-class Restored(NamedTuple):
-    """A checked saved state of a robot, to which the robot can be restored.
-
-    Attributes:
-        record: Fields of the robot's record, by name.
-        plan: Parameters, terrain and robot of the episode.
-        level: Level of the robot in the curriculum.
-        in_contact: Whether each pad was on the ground, shape (pads,), or None if that is not known.
-    """
-
-    record: Values
-    plan: Plan
-    level: int
-    in_contact: Bools | None
-
-
 class World:
     """Simulation of n robots together with everything that acts on them.
 
@@ -141,6 +119,10 @@ class World:
         SETTABLE: Names of the values that :meth:`change` accepts.
         records: Records of the robots, with everything that their future depends on.
         plant: Simulation backend that moves the robots.
+        pushes: Scheduled and random pushes.
+        saved: Saver and loader of the records.
+        reward_settings: Weights and limits of the walker's reward, a record of
+            :data:`jansen_env.engine.walk_reward.SETTINGS`, shape (1,). Other tasks do not use it.
         episodes: Parameters and terrain of each robot's current episode.
         lengths: Link lengths of each robot's current episode.
         information: Records of the values that become entries of ``info``, shape (n,); see
@@ -199,33 +181,10 @@ class World:
         pads = len(pad_layout(robots[0]).joint)
         delayed = self._longest_queue(settings.randomize)
         self.records = RobotRecords(n, len(robots[0].toes), pads, delayed, 0, task)
-        self._saved = SavedRecords(self.records, omitted)
+        self.saved = SavedRecords(self.records, omitted)
         self._every = np.arange(n)
-        self.plant: BatchedPlant = make_batch(
-            settings.plant,
-            robots,
-            terrains,
-            self.time_step,
-            threads,
-            self.fixed_chassis,
-            settings.links_collide,
-            settings.joint_play,
-            settings.backlash,
-            self.records,
-        )
-        self.plant.set_control(
-            self.steps,
-            self.control_dt,
-            math.inf if settings.torque_rate is None else settings.torque_rate,
-            is_walk=task == walk_reward.ROW,
-            noisy=settings.noise is not None,
-            onboard=settings.observe == "onboard",
-        )
+        self.plant = self._make_plant(settings, robots, terrains, threads)
         self.track_joint_forces = settings.track_joint_forces
-        if self.track_joint_forces and not self.plant.knows_joint_forces:
-            other = "links_collide=True" if settings.links_collide else "plant='rigid_body'"
-            raise ValueError(f"track_joint_forces must be False with {other}, got True")
-        self.plant.tracing = self.track_joint_forces and not self.fixed_chassis
         self._joint_loads = np.zeros(2)
         self.scan = settings.height_scan
         self._noise = settings.noise
@@ -245,8 +204,8 @@ class World:
             self.SETTABLE = (*SETTABLE, "motor", "pad_compliance")
         self._paths = np.zeros((0, 0, 0, 0), np.float32)
         self._note_paths(self._every)
-        self._push = push_settings(settings.push, self.time_step)
-        self.weights = np.zeros(1, walk_reward.SETTINGS)
+        self.pushes = Pushes(self.records, settings.push, self.time_step, self.steps)
+        self.reward_settings = np.zeros(1, walk_reward.SETTINGS)
         self.truncated = np.zeros(n, bool)
         self._any_truncated = False
         self._actions = np.zeros((n, 1))
@@ -257,6 +216,50 @@ class World:
         )
         self._bind_kernels()
         self._share_arrays()
+
+    def _make_plant(
+        self,
+        settings: WorldSettings,
+        robots: Sequence[Robot],
+        terrains: Sequence[Ground],
+        threads: int | None,
+    ) -> BatchedPlant:
+        """Return the simulation backend.
+
+        Args:
+            settings: Checked arguments of the environment.
+            robots: The robots.
+            terrains: Terrain of each robot.
+            threads: Number of CPU cores to use. If None, it is chosen from the batch size.
+
+        Raises:
+            ValueError: If joint forces are to be tracked, but the backend does not compute them.
+        """
+        plant = make_batch(
+            settings.plant,
+            robots,
+            terrains,
+            self.time_step,
+            threads,
+            self.fixed_chassis,
+            settings.links_collide,
+            settings.joint_play,
+            settings.backlash,
+            self.records,
+        )
+        plant.set_control(
+            self.steps,
+            self.control_dt,
+            math.inf if settings.torque_rate is None else settings.torque_rate,
+            is_walk=self.records.task.dtype == walk_reward.ROW,
+            noisy=settings.noise is not None,
+            onboard=settings.observe == "onboard",
+        )
+        if settings.track_joint_forces and not plant.knows_joint_forces:
+            other = "links_collide=True" if settings.links_collide else "plant='rigid_body'"
+            raise ValueError(f"track_joint_forces must be False with {other}, got True")
+        plant.tracing = settings.track_joint_forces and not self.fixed_chassis
+        return plant
 
     def _bind_kernels(self) -> None:
         """Create kernels with argument buffers that belong to this world."""
@@ -338,7 +341,12 @@ class World:
         is_walk = records.task.dtype == walk_reward.ROW
         walks = records.task if is_walk else np.zeros(0, walk_reward.ROW)
         self._kernel_episodes = Episodes(
-            walks, records.loads, records.torques, records.schedule, self._push, self.weights
+            walks,
+            records.loads,
+            records.torques,
+            records.schedule,
+            self.pushes.settings,
+            self.reward_settings,
         )
 
     def connect(
@@ -399,19 +407,7 @@ class World:
         Raises:
             ValueError: If the simulation backend does not compute joint forces.
         """
-        return self.plant.joint_forces(float(self.torque[0]), self._next_push())
-
-    def _next_push(self) -> Array | None:
-        """Return the impulse on the first robot's chassis in its next time step.
-
-        Returns:
-            The impulse in x and y, in N s, shape (2,), or None if no push acts in the next control
-            step.
-        """
-        impulses = np.zeros((self.steps, 2))
-        robots = self.records.robots
-        schedule = self.records.schedule
-        return impulses[0] if look_up_pushes(robots, schedule, self._push, impulses) else None
+        return self.plant.joint_forces(float(self.torque[0]), self.pushes.next_impulse())
 
     # Episodes.
 
@@ -471,7 +467,7 @@ class World:
         if plant.joints_open:
             records.robots["info"]["joint_gap"][which] = plant.joint_gap[which]
         self._begin_episode(
-            which, plant.world, plant.machines, records.motions, self._kernel_episodes
+            which, plant.engine_settings, plant.machines, records.motions, self._kernel_episodes
         )
 
     def observe(self, which: Ints | None, moved: bool) -> None:
@@ -488,7 +484,7 @@ class World:
         self._observe(
             which,
             moved,
-            plant.world,
+            plant.engine_settings,
             plant.surface,
             self.records.motions,
             self._kernel_episodes,
@@ -503,24 +499,10 @@ class World:
             pushes: Scheduled pushes: start in s, and impulse in x and y in N s, shape (k, 3).
             random: Whether random pushes act in addition.
         """
-        records = self.records
-        count = len(pushes)
-        if count > 0:
-            if records.make_room(count):
-                self.plant.reconnect()
-                self._share_arrays()
-            records.schedule[i, :count] = pushes
-        records.robots["scheduled"][i] = count
-        records.robots["random_pushes"][i] = random
-
-    def scheduled(self, i: int) -> Array:
-        """Return the scheduled pushes of a robot.
-
-        Returns:
-            Start in s, and impulse in x and y in N s, of each push, shape (k, 3).
-        """
-        count = int(self.records.robots["scheduled"][i])
-        return self.records.schedule[i, :count].copy()
+        if self.records.make_room(len(pushes)):
+            self.plant.reconnect()
+            self._share_arrays()
+        self.pushes.schedule(i, pushes, random)
 
     def _plan_start(
         self, i: int, rng: np.random.Generator, options: Values, draw: Draw, progress: Progress
@@ -551,7 +533,7 @@ class World:
                 if self.fixed_chassis
                 else (-LARGEST, LARGEST)
             )
-            delay = option(options, "delay", delay, 0.0, self._longest_delay)
+            delay = option(options, "delay", delay, 0.0, self.longest_delay)
             angle = option(options, "crank_angle", angle, *limits)
             speed = option(options, "crank_speed", speed, -DIVERGED, DIVERGED)
         seed = None  # a robot with a fixed chassis needs no seed unless its lengths are sampled
@@ -603,7 +585,7 @@ class World:
             self._note_paths(np.array([*others], np.int64))
 
     @property
-    def _longest_delay(self) -> float:
+    def longest_delay(self) -> float:
         """Longest delay for which the records have room, in s."""
         return (self.records.torques.shape[1] - 2) * self.control_dt
 
@@ -681,9 +663,8 @@ class World:
         if self.fixed_chassis:
             raise ValueError("a robot whose chassis is fixed cannot be pushed")
         now = float(self.elapsed[i]) * self.control_dt
-        push = check_schedule("impulse", [(now, *checks.entries("impulse", impulse, "(Jx, Jy)"))])
-        pushes = add_push(self.scheduled(i), push[0], float(self._push["duration"][0]))
-        self._set_pushes(i, pushes, bool(self.records.robots["random_pushes"][i]))
+        pushes = self.pushes.with_push(i, now, impulse)
+        self._set_pushes(i, pushes, self.pushes.has_random(i))
 
     def checked(self, i: int, changes: Values) -> Values:
         """Check new values of a robot for :meth:`change`.
@@ -702,7 +683,7 @@ class World:
             "payload": load_payload,
             "motor": load_motor,
             "pad_compliance": load_compliance,
-            "delay": partial(checks.number_range, least=0.0, most=self._longest_delay),
+            "delay": partial(checks.number_range, least=0.0, most=self.longest_delay),
         }
         checked = {k: named.get(k, partial(check, k))(k, value) for k, value in changes.items()}
         for name in FROM_RESETS:
@@ -801,7 +782,7 @@ class World:
         in_contact = self.plant.in_contact
         state: Values = {
             "version": VERSION,
-            "record": self._saved.read(i),
+            "record": self.saved.read(i),
             "in_contact": None if i > 0 or in_contact is None else in_contact.copy(),
             **self.episodes.state(i),
         }
@@ -811,84 +792,12 @@ class World:
             state["lengths"] = dict(changed)
         return state
 
-    def checked_state(self, i: int, state: Values, of_task: Mapping[str, Check]) -> Restored:
-        """Check a saved state for :meth:`restore`.
-
-        Args:
-            i: Index of the robot.
-            state: State that :meth:`get_state` returned.
-            of_task: Checks of fields of the task's part of the record, by path.
-
-        Returns:
-            The checked state.
-
-        Raises:
-            ValueError: If an entry is missing, unknown or out of range.
-        """
-        if state.get("version") != VERSION:
-            raise checks.invalid("state['version']", state.get("version"), VERSION)
-        pads = self.plant.deflection.shape[1]
-        unit = partial(checks.within, low=-1.0, high=1.0)
-        positive = partial(checks.within, low=0.0, high=checks.MOST_SINGLE)
-        special: dict[str, Check] = {
-            "state": self._checked_motion,
-            "statistics.deflection": lambda name, value: check_deflection(value, pads, name),
-            "parameters": lambda name, value: checks.instance(name, value, Mapping),
-            "schedule": check_schedule,
-            "action": unit,
-            "action_before": unit,
-            "ground_load.impulse": positive,
-            "ground_load.unevenness": positive,
-        }
-        record = self._saved.check("state['record']", state["record"], {**special, **of_task})
-        if "state" not in record:
-            raise ValueError("state['record'] must come from get_state(), got one without 'state'")
-        build = self._checked_build(i, state)
-        robot = build.robot if build else self.robots[i]
-        plan, level = self.episodes.planned(i, state, record.get("parameters", {}), robot)
-        delay = plan.values["delay"].item()
-        checks.within("state['record']['parameters']['delay']", delay, 0.0, self._longest_delay)
-        in_contact = check_in_contact(state["in_contact"], pads)
-        return Restored(record, plan._replace(build=build), level, in_contact)
-
-    def _checked_motion(self, name: str, value: object) -> Array:
-        """Return the mechanical state of a saved record as an array, shape (8,).
-
-        Raises:
-            ValueError: If it is not finite, or moves a fixed chassis.
-        """
-        motion = check_state(value, name)
-        if self.fixed_chassis:
-            check_fixed_chassis(motion)
-        return motion
-
-    def _checked_build(self, i: int, state: Values) -> Build | None:
-        """Return the robot of a state, or None if the present robot need not be replaced.
-
-        Raises:
-            ValueError: If the state contains a robot or lengths that this world cannot restore.
-        """
-        robot: Robot = self.lengths.constructed[i]
-        if "robot" in state:
-            if self.fixed_chassis:
-                raise ValueError(
-                    "this environment cannot restore a different robot; remove 'robot' from the "
-                    "state"
-                )
-            with checks.named_errors("state['robot'] is no robot", RecursionError):
-                robot = robot_from_json(state["robot"])
-            load_robot("state['robot']", robot)
-        other = robot if robot != self.lengths.nominal[i] else None
-        if other is not None:
-            self.plant.check_robot(other)
-        return self.lengths.plan(i, state.get("lengths", {}), None, other)
-
     def restore(self, i: int, state: Restored) -> None:
         """Restore a robot to a saved state.
 
         Args:
             i: Index of the robot.
-            state: State that :meth:`checked_state` returned.
+            state: State that :func:`jansen_env.world.state_checks.check_saved_state` returned.
         """
         plant = self.plant
         record = state.record
@@ -900,57 +809,12 @@ class World:
         self.episodes.level[i] = state.level
         if i == 0:
             plant.in_contact = state.in_contact
-        self._saved.clear(i, APPLIED)
+        self.saved.clear(i, APPLIED)
         self.begin_episodes(which)
-        self._saved.write(i, record, APPLIED)
+        self.saved.write(i, record, APPLIED)
         self.truncated[i] = False
         plant.any_diverged = bool(plant.diverged.any())
-        random = bool(self.records.robots["random_pushes"][i])
-        self._set_pushes(i, record.get("schedule", NO_PUSHES), random)
-
-    def scene(self, i: int) -> Values:
-        """Return the arguments of :class:`jansen_env.world.rendering.Renderer` to draw a robot."""
-        if self.fixed_chassis:
-            return {"robot": self.robots[i], "terrain_points": None, "speed_unit": "rad/s"}
-        ground = self.plant.terrains[i]
-        shapes = self.plant.shapes(i)
-        robot = self.episodes.shown_robot(i, self.robots[i])
-        if isinstance(ground, Shapes) and shapes is not None:
-            return {"robot": robot, "terrain_points": shapes.line, "shapes": ground.pieces}
-        assert isinstance(ground, Terrain)
-        return {"robot": robot, "terrain_points": ground.polyline}
-
-    def frame(self, i: int, command: float | None) -> Frame:
-        """Return the data from which a picture of a robot in its present state is drawn.
-
-        Args:
-            i: Index of the robot.
-            command: Commanded value that the picture shows. None for no command.
-        """
-        plant = self.plant
-        state = self.plant.states[i]
-        weight = float(self.weight[i])
-        points = np.zeros((plant.toes, 2))
-        force = np.zeros((plant.toes, 2))
-        contact = np.full(plant.toes, AIR)
-        if not self.fixed_chassis:
-            points, tangents = plant.contact_frames(i)
-            put_contacts(i, self.control_dt, self.records.motions, tangents, contact, force)
-        return Frame(
-            q=state[:4].copy(),
-            contact=contact,
-            contact_point=points,
-            contact_force=force,
-            weight=weight,
-            command=command,
-            speed=float(state[7] if self.fixed_chassis else state[4]),
-            torque=float(self.torque[i]),
-            torque_limit=abs(float(self.full_torque[i])),
-            time=float(self.elapsed[i]) * self.control_dt,
-            load=None
-            if self.fixed_chassis
-            else float(self.records.robots["info"]["ground_load"][i]),
-        )
+        self._set_pushes(i, record.get("schedule", NO_PUSHES), self.pushes.has_random(i))
 
     def __getstate__(self) -> Values:
         views = "_begin_episode", "_observe", "_kernel_episodes"

@@ -128,7 +128,7 @@ CASES = {
     "noise": Case(Noise.only(height=0.1), lambda task, i, info: task.world._noise),
     "push": Case(
         Push(0.5, duration=0.2),
-        lambda task, i, info: task.world._push[0].item(),
+        lambda task, i, info: task.world.pushes.settings[0].item(),
         (0.5, 0.0, 0.2, 5.0, 0.001),
     ),
     "observe_lengths": Case(True, lambda task, i, info: "length_crank" in task.columns),
@@ -145,7 +145,9 @@ CASES = {
     "posture_weight": weight("posture"),
     "load_weight": weight("load"),
     "fall_pitch": Case(1e-6, lambda task, i, info: info["fallen"], True),
-    "fall_contact": Case(False, lambda task, i, info: task.world.weights["fall_contact"][0]),
+    "fall_contact": Case(
+        False, lambda task, i, info: task.world.reward_settings["fall_contact"][0]
+    ),
     "terminate_when_fallen": Case(
         False, lambda task, i, info: bool(task.ended[i]), needs={"fall_pitch": 1e-6}
     ),

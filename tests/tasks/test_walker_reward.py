@@ -118,7 +118,7 @@ def test_rough_ground_has_smaller_weights():
     names = ("slip", "energy", "effort", "smoothness", "posture", "load")
     flat, rough = (1.0,) * 6, (0.2, 0.2, 0.2, 0.5, 0.2, 0.2)
     for name, expected in (("", flat), ("Built", flat), ("Rough", rough), ("Hardcore", rough)):
-        weights = gym.make(f"JansenWalker{name}-v0").unwrapped.task.world.weights
+        weights = gym.make(f"JansenWalker{name}-v0").unwrapped.task.world.reward_settings
         assert tuple(weights[0][factor] for factor in names) == expected, name
 
 

@@ -643,7 +643,9 @@ class RigidBodyBatch(BatchedPlant):
         records = RobotRecords(1, self.toes, self.pads)
         records.robots[:] = self.records.robots
         records.properties["fixed_chassis"] = False
-        arrays = KernelArrays(self.robots, self.terrains, records, self.world, fixed_chassis=False)
+        arrays = KernelArrays(
+            self.robots, self.terrains, records, self.engine_settings, fixed_chassis=False
+        )
         arrays.find_ground(0, x)
         RobotPlacement(arrays).place(rows, crank_angles, x, pitch)
         self._build(records.states[0] + PLACEMENT_DEPTH * np.eye(8)[1])
@@ -724,7 +726,7 @@ class RigidBodyBatch(BatchedPlant):
             meanwhile: Function that is called after the step.
         """
         if len(rows) > 0:
-            steps = int(self.world["steps"][0])
+            steps = int(self.engine_settings["steps"][0])
             motions = self.records.motions
             impulses = np.zeros((steps, 2))
             action = float(actions[0, 0])
@@ -734,7 +736,7 @@ class RigidBodyBatch(BatchedPlant):
             self._run(torque, earlier, switch, impulses)
             self.look_down(rows, observing.scan)
             episode.finish_step(
-                0, self.world, self.surface, self._pressed, motions, episodes, observing
+                0, self.engine_settings, self.surface, self._pressed, motions, episodes, observing
             )
         if meanwhile is not None:
             meanwhile()
@@ -997,7 +999,7 @@ class RigidBodyBatch(BatchedPlant):
             self.joint_play,
             self.backlash,
         )
-        kept = "records", "world", "_torque_rate", "any_diverged", "joint_gap", "_memory"
+        kept = "records", "engine_settings", "_torque_rate", "any_diverged", "joint_gap", "_memory"
         arguments = (*self.robots, *self.terrains, *given)
         return {"arguments": arguments, **{name: getattr(self, name) for name in kept}}
 
@@ -1005,7 +1007,7 @@ class RigidBodyBatch(BatchedPlant):
         records = saved["records"]
         before = records.copy(np.arange(1))
         self.__init__(*saved["arguments"], records=records)  # type: ignore[misc]
-        self.world[:] = saved["world"]
+        self.engine_settings[:] = saved["engine_settings"]
         self._torque_rate = saved["_torque_rate"]
         records.restore(self._every, before)
         self._take_parameters()

@@ -112,7 +112,7 @@ class WalkerTask(CompiledTask):
         super().__init__(settings, threads)
         weights = (getattr(settings, f"{factor}_weight") for factor, _ in walk_reward.WEIGHTED)
         fall = settings.fall_pitch, settings.fall_contact, settings.terminate_when_fallen
-        self.world.weights[0] = (*weights, *fall)
+        self.world.reward_settings[0] = (*weights, *fall)
         intervals = np.array(settings.command_interval, float)  # NaN for None
         steps = np.maximum(1.0, np.rint(intervals / self.control_dt))
         self.data["command_steps"] = np.where(np.isfinite(intervals), steps, 0.0)

@@ -205,12 +205,12 @@ def engine_data() -> Json:
         "gravity": [*task.world.plant.gravity, GRAVITY],
         "room": collision.MARGIN + grounds.FASTEST * env.control_dt,
         # The kernels do the whole step.
-        "world": values_of(task.world.plant.world[0]) | {"fully_compiled": True},
+        "world": values_of(task.world.plant.engine_settings[0]) | {"fully_compiled": True},
         "delayed": task.world.records.torques.shape[1],
         "capacity": [0, batched_plant.PLANES_PER_PAD],
         "workSpace": _work_space(steps),
-        "push": values_of(task.world._push[0]),
-        "settings": values_of(task.world.weights[0]),
+        "push": values_of(task.world.pushes.settings[0]),
+        "settings": values_of(task.world.reward_settings[0]),
     }
 
 

@@ -90,8 +90,10 @@ for command in (float(word) for word in text.split(",")):
     search = cma.CMAEvolutionStrategy(nothing, SPREAD, options)
     search.inject([nothing], force=True)
     for _ in range(GENERATIONS):
-        asked = search.ask()
-        search.tell(asked, -returns(np.array(asked), command, SEED + np.arange(STARTS), with_envs))
+        candidates = search.ask()
+        search.tell(
+            candidates, -returns(np.array(candidates), command, SEED + np.arange(STARTS), with_envs)
+        )
     both = np.array([nothing, search.best.x])
     base, best = returns(both, command, SEED + STARTS + np.arange(OTHERS))
     totals.append((base, max(base, best)))

@@ -92,8 +92,10 @@ def walk(
         angle, rate = plant.state[[3, 7]].tolist()
         if k == first:
             x, crank = plant.x, angle
-        asked, integral = pid.torque(reference - angle, speed - rate, integral, CONTROL_DT, limit)
-        torque = min(limit, max(-limit, float(asked)))
+        commanded, integral = pid.torque(
+            reference - angle, speed - rate, integral, CONTROL_DT, limit
+        )
+        torque = min(limit, max(-limit, float(commanded)))
         reference += speed * CONTROL_DT
         result = plant.step(torque, CONTROL_DT)
         fell = bool(result.non_toe_contact) or abs(plant.state[2]) > FALLEN_PITCH

@@ -94,12 +94,13 @@ class Motor:
         """Winding loss per square of the torque before the loss of the gear, in W/(N m)^2."""
         return self.efficiency / self.slope if self.slope > 0.0 else 0.0
 
-    def torque(self, asked: ArrayLike, speed: ArrayLike) -> Array:
+    def torque(self, commanded: ArrayLike, speed: ArrayLike) -> Array:
         """Return the torque that the motor applies for a commanded torque.
 
         Args:
-            asked: Commanded torque, in N m, any shape.
-            speed: Crank speed, in rad/s, a shape that broadcasts with that of ``asked``.
+            commanded: Commanded torque, in N m, any shape.
+            speed: Crank speed, in rad/s, a shape that broadcasts with that of
+                ``commanded``.
 
         Returns:
             Torque in N m, in the broadcast shape.
@@ -107,7 +108,7 @@ class Motor:
         lost = self.slope * np.asarray(speed, dtype=float)
         high = np.clip(self.stall_torque - lost, -self.most_torque, self.most_torque)
         low = np.clip(-self.stall_torque - lost, -self.most_torque, self.most_torque)
-        return np.minimum(high, np.maximum(low, np.asarray(asked, dtype=float)))
+        return np.minimum(high, np.maximum(low, np.asarray(commanded, dtype=float)))
 
     def electrical_power(self, torque: ArrayLike, speed: ArrayLike) -> Array:
         """Return the electrical power that the motor draws. The motor feeds no power back.

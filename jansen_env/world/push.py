@@ -102,6 +102,23 @@ def push_settings(push: Push | None, time_step: float) -> Rows:
     return settings
 
 
+def add_push(pushes: Array, push: Array, duration: float) -> Array:
+    """Return a schedule with one more push, without the pushes that are over when it starts.
+
+    Args:
+        pushes: Schedule of an episode, shape (k, 3); see :func:`check_schedule`.
+        push: The new push, shape (3,).
+        duration: Duration of a push, in s.
+
+    Raises:
+        ValueError: If there are already :data:`MOST_PUSHES` pushes that are not over.
+    """
+    continuing = pushes[pushes[:, 0] + duration > push[0]]
+    if len(continuing) == MOST_PUSHES:
+        raise ValueError(f"a robot must have at most {MOST_PUSHES} pushes at once, got another one")
+    return np.concatenate([continuing, push[None]])
+
+
 class Pushes:
     """Scheduled and random pushes of n robots.
 
@@ -162,14 +179,7 @@ class Pushes:
                 :data:`MOST_PUSHES` pushes that are not over.
         """
         push = check_schedule("impulse", [(start, *checks.entries("impulse", impulse, "(Jx, Jy)"))])
-        pushes = self.scheduled(i)
-        ends = pushes[:, 0] + float(self.settings["duration"][0])
-        continuing = pushes[ends > push[0, 0]]
-        if len(continuing) == MOST_PUSHES:
-            raise ValueError(
-                f"a robot must have at most {MOST_PUSHES} pushes at once, got another one"
-            )
-        return np.concatenate([continuing, push])
+        return add_push(self.scheduled(i), push[0], float(self.settings["duration"][0]))
 
     def next_impulse(self) -> Array | None:
         """Return the impulse on the first robot's chassis in its next time step.

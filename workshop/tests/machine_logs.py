@@ -50,8 +50,10 @@ def write_log(path, plant, speed, rng, start=0.0, comments=(), pid=PAPER_PID, to
     for k in range(1, round((predict.measured_time(speed) + 2.1) / CONTROL_DT)):
         angle, rate = plant.state[[3, 7]].tolist()
         limit = motor.torque_limit
-        asked, integral = pid.torque(reference - angle, speed - rate, integral, CONTROL_DT, limit)
-        torque = float(motor.torque(min(limit, max(-limit, float(asked))), rate))
+        commanded, integral = pid.torque(
+            reference - angle, speed - rate, integral, CONTROL_DT, limit
+        )
+        torque = float(motor.torque(min(limit, max(-limit, float(commanded))), rate))
         reference += speed * CONTROL_DT
         plant.step(torque, CONTROL_DT)
         x, pitch, crank = plant.state[[0, 2, 3]].tolist()

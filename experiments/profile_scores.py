@@ -55,8 +55,8 @@ def score(episodes: int, commands: tuple[float, ...]) -> dict[str, dict[str, dic
         seeds = FIRST_SEED + i * episodes + np.arange(episodes)
         scores[str(command)] = {}
         for name in CONTROLLERS:
-            given = np.full(episodes, command)
-            run = run_episodes(BASELINES[name](walker), ENV, {"friction": 0.8}, given, seeds)
+            same = np.full(episodes, command)
+            run = run_episodes(BASELINES[name](walker), ENV, {"friction": 0.8}, same, seeds)
             means = point_estimates(WALKER.metrics, run, env)
             scores[str(command)][name] = {
                 "return": means["return"],

@@ -264,7 +264,8 @@ def _pads(robot: Robot) -> list[tuple[str, int, Array]]:
 
 def _stand_on(world: ET.Element, chassis: ET.Element, robot: Robot, terrain: Terrain) -> None:
     """Add a plane as the ground, free the chassis, and place it on the ground."""
-    (x, y), *_ = points = np.array(terrain.points)
+    points = np.array(terrain.points)
+    x, y = points[0]
     slopes = np.diff(points[:, 1]) / np.diff(points[:, 0])
     if np.ptp(slopes) > 1e-9:
         raise ValueError(f"terrain must have one slope, got {slopes.tolist()}")

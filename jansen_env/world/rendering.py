@@ -342,7 +342,8 @@ class Renderer:
             half = min(half, LARGEST_PAYLOAD * self._reach)
             box = half * np.array([[-1.0, -0.6], [1.0, -0.6], [1.0, 0.6], [-1.0, 0.6]])
             corners = self._pixels((box + load.position) @ turn + q[:2])
-            x, y = center = corners.mean(axis=0)
+            center = corners.mean(axis=0)
+            x, y = center
             self._line(legs[0][self.robot.linkage.axis], center, 6.0, MUTED)
             self._polygon(corners, _mix(MUTED, WHITE, 0.6))
             self._polygon(corners, MUTED, round(2.5 * UNIT))
